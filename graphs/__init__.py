@@ -1,0 +1,1 @@
+"""Graphs, scenes and placements that ship with palpate."""

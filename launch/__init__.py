@@ -1,0 +1,1 @@
+"""The launcher: load, check, plan, place, run, record, replay, and the command line."""

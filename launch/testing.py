@@ -1,0 +1,148 @@
+"""FakeBus: one node in a test, with no graph and no sockets.
+
+    bus = FakeBus(Series(), body=Surface(...))
+    first, second = bus.publish(Proximity(...), Proximity(...))
+
+Messages pass through the real wire form both ways. The first input drives: each message of that type runs a step;
+messages of other types are held. `drop`, `late`, `twice`, `swap` and `kill` make bad days.
+"""
+
+from __future__ import annotations
+
+import inspect
+from typing import Any
+
+import msgspec
+
+from palpate.messages import Message, check_finite, pack, unpack
+from palpate.nodes.base import Node, inputs, outputs
+
+
+class FakeBus:
+    """Publishes messages to one node and returns its answers.
+
+    node  a node; it is started here
+    rate  [Hz] base rate: the k-th driving message gets tick k and time k/rate unless it brings its own
+    held  values of the held inputs by port name, to begin with
+    """
+
+    def __init__(self, node: Node, rate: float = 1000.0, **held: Message) -> None:
+        self.node = node
+        self.rate = rate
+        self.ports = {} if node.paced and not inputs(type(node)) else {p.name: p for p in inputs(type(node))}
+        self.kinds = outputs(type(node))
+        self.held: dict[str, Message | None] = dict.fromkeys(self.ports)
+        self.tick = 0
+        self.time: int | None = None
+        self._drop = self._late = 0
+        self._delay = 0.0
+        self._twice = self._swap = False
+        self._waiting: Message | None = None
+        self._dead: set[str] = set()
+        self._takes_dt = "dt" in inspect.signature(type(node).step).parameters
+        node.start()
+        for name, message in held.items():
+            self.hold(name, message)
+
+    @property
+    def driver(self) -> str | None:
+        """Name of the driving port; None for a paced node."""
+        return None if self.node.paced else next(iter(self.ports), None)
+
+    def hold(self, name: str, message: Message | None) -> None:
+        """Set the value of a held input."""
+        if name not in self.ports:
+            raise KeyError(
+                f"{type(self.node).__name__} has no input {name!r}; inputs: {', '.join(self.ports)}"
+            )
+        self.held[name] = None if message is None else unpack(pack(message), self.ports[name].type)
+
+    def drop(self, count: int = 1) -> None:
+        """Lose the next `count` driving messages."""
+        self._drop += count
+
+    def late(self, delay: float, count: int = 1) -> None:
+        """Stamp the next `count` driving messages `delay` seconds later, as if the sender had been held up."""
+        self._delay, self._late = delay, count
+
+    def twice(self) -> None:
+        """Deliver the next driving message twice."""
+        self._twice = True
+
+    def swap(self) -> None:
+        """Deliver the next two driving messages in reverse order."""
+        self._swap = True
+
+    def kill(self, name: str) -> None:
+        """The sender of this input dies: the input is None from now on."""
+        self.hold(name, None)
+        self._dead.add(name)
+
+    def publish(self, *messages: Message) -> list[Any]:
+        """Send messages in order; the answers of the steps that they cause (a tuple where the node has several)."""
+        answers: list[Any] = []
+        for message in messages:
+            port = self._port(message)
+            if port != self.driver:
+                if port not in self._dead:
+                    self.hold(port, message)
+                continue
+            for arrived in self._arrivals(message):
+                answers.append(self._step(arrived))
+        return answers
+
+    def run(self, count: int = 1, **held: Message) -> list[Any]:
+        """Run `count` steps of a paced node, or of a node on its held inputs."""
+        for name, message in held.items():
+            self.hold(name, message)
+        return [self._step(None) for _ in range(count)]
+
+    def _port(self, message: Message) -> str:
+        fitting = [p.name for p in self.ports.values() if isinstance(message, p.type)]
+        if not fitting:
+            takes = ", ".join(f"{p.name}: {p.type.__name__}" for p in self.ports.values())
+            raise TypeError(f"{type(self.node).__name__} takes no {type(message).__name__}; inputs: {takes}")
+        return fitting[0]
+
+    def _arrivals(self, message: Message) -> list[Message]:
+        period = 1e9 / self.rate
+        tick = message.tick if message.tick >= 0 else self.tick
+        time = message.time if message.time >= 0 else round(tick * period)
+        self.tick = tick + 1
+        if self._late:
+            self._late -= 1
+            time += round(self._delay * 1e9)
+        message = msgspec.structs.replace(message, tick=tick, time=time)
+        if self._drop:
+            self._drop -= 1
+            return []
+        if self._swap and self._waiting is None:
+            self._waiting = message
+            return []
+        found = [message]
+        if self._waiting is not None:
+            found, self._waiting, self._swap = [message, self._waiting], None, False
+        if self._twice:
+            self._twice = False
+            found = found * 2
+        return found
+
+    def _step(self, driving: Message | None) -> Any:
+        inbox = dict(self.held)
+        if driving is not None:
+            inbox[next(iter(self.ports))] = unpack(pack(driving), self.ports[next(iter(self.ports))].type)
+            tick, time = driving.tick, driving.time
+        else:
+            tick, time = self.tick, round(self.tick * 1e9 / self.rate)
+            self.tick += 1
+        dt = 1.0 / self.rate if self.time is None else (time - self.time) * 1e-9
+        self.time = time
+        answer = self.node.step(**inbox, **({"dt": dt} if self._takes_dt else {}))
+        many = answer if isinstance(answer, tuple) else () if answer is None else (answer,)
+        used = tuple(-1 if m is None else m.tick for m in inbox.values())
+        sent = []
+        for message, kind in zip(many, self.kinds, strict=True):
+            check_finite(message)
+            header = {"tick": tick, "time": time, "source": type(self.node).__name__, "used": used}
+            sent.append(unpack(pack(msgspec.structs.replace(message, **header)), kind))
+        return tuple(sent) if len(sent) != 1 else sent[0]

@@ -1,0 +1,43 @@
+"""What nodes say to one another: typed messages with units and shapes, and their wire form."""
+
+from palpate.messages.base import (
+    Field,
+    Floats,
+    Ints,
+    Message,
+    MessageError,
+    Vector,
+    Vector2,
+    Vector3,
+    check_finite,
+    fields,
+    pack,
+    unpack,
+)
+from palpate.messages.contact import Contact, Friction, Load, Proximity
+from palpate.messages.device import DeviceState, Force, Pose, Torque
+from palpate.messages.tissue import Surface
+
+__all__ = [
+    "Contact",
+    "DeviceState",
+    "Field",
+    "Floats",
+    "Force",
+    "Friction",
+    "Ints",
+    "Load",
+    "Message",
+    "MessageError",
+    "Pose",
+    "Proximity",
+    "Surface",
+    "Torque",
+    "Vector",
+    "Vector2",
+    "Vector3",
+    "check_finite",
+    "fields",
+    "pack",
+    "unpack",
+]

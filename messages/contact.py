@@ -1,0 +1,77 @@
+"""Messages of the contact between fingertip and tissue, world frame."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from palpate.messages.base import Floats, Ints, Message, Vector2, Vector3
+
+
+class Proximity(Message):
+    """The nearest point of the undeformed surface and how far the finger has come.
+
+    foot         [m]   (3)  nearest point of the surface
+    normal       [1]   (3)  outward unit normal there
+    coordinates  [1]   (2)  surface coordinates of the foot point: (u, v) of a patch, barycentric of a triangle
+    element      [1]   ()   index of the patch or triangle that holds it
+    gap          [m]   ()   signed distance of the bone edge, positive outside
+    approach     [m]   ()   tissue thickness minus gap, 0 when apart
+    slip         [m/s] (3)  velocity of the finger along the surface
+    """
+
+    foot: Annotated[Vector3, "m"]
+    normal: Annotated[Vector3, "1"]
+    coordinates: Annotated[Vector2, "1"]
+    element: Annotated[int, "1"]
+    gap: Annotated[float, "m"]
+    approach: Annotated[float, "m"]
+    slip: Annotated[Vector3, "m/s"]
+
+
+class Contact(Message):
+    """How fingertip and tissue share the approach, and the force that holds them in balance.
+
+    foot              [m]   (3)  point of the undeformed surface
+    normal            [1]   (3)  outward unit normal there
+    force             [N]   ()   magnitude of the normal force, never negative
+    compression       [m]   ()   of the fingertip, s1
+    indentation       [m]   ()   of the tissue, s2
+    compression_rate  [m/s] ()   change of s1 over the step
+    indentation_rate  [m/s] ()   change of s2 over the step
+    """
+
+    foot: Annotated[Vector3, "m"]
+    normal: Annotated[Vector3, "1"]
+    force: Annotated[float, "N"]
+    compression: Annotated[float, "m"]
+    indentation: Annotated[float, "m"]
+    compression_rate: Annotated[float, "m/s"]
+    indentation_rate: Annotated[float, "m/s"]
+
+
+class Friction(Message):
+    """Tangential force of the finger on the tissue; it points along the sliding velocity of the finger.
+
+    force    [N] (3)  tangential to the surface
+    bristle  [m] (3)  mean bristle deflection
+    stick    [1] ()   true while the contact does not slide
+    """
+
+    force: Annotated[Vector3, "N"]
+    bristle: Annotated[Vector3, "m"]
+    stick: Annotated[bool, "1"]
+
+
+class Load(Message):
+    """What a deformable body receives: nodal forces that sum to the contact force on the body.
+
+    nodes   [1] (k)    indices of the loaded surface vertices
+    forces  [N] (k,3)  force on each; the normal part points into the body
+    foot    [m] (3)    centre of the loaded zone on the undeformed surface
+    normal  [1] (3)    outward unit normal there
+    """
+
+    nodes: Annotated[Ints, "1", ("k",)]
+    forces: Annotated[Floats, "N", ("k", 3)]
+    foot: Annotated[Vector3, "m"]
+    normal: Annotated[Vector3, "1"]

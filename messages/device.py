@@ -1,0 +1,57 @@
+"""Messages between the haptic device and the hand side of the graph."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from palpate.messages.base import Message, Vector, Vector3
+
+
+class DeviceState(Message):
+    """What a device reports once a tick. A device fills in what it measures: joint angles, or position, or both.
+
+    joints    [rad] (j)  joint angles; empty where the device reports a position only
+    position  [m]   (p)  position of the grip in the device frame; empty where the device reports joints only
+    buttons   [1]   ()   bit mask of the pressed buttons
+    homed     [1]   ()   true when the joint angles can be trusted
+    """
+
+    joints: Annotated[Vector, "rad", ("j",)] = ()
+    position: Annotated[Vector, "m", ("p",)] = ()
+    buttons: Annotated[int, "1"] = 0
+    homed: Annotated[bool, "1"] = True
+
+
+class Pose(Message):
+    """The fingertip's bone edge in the world frame.
+
+    position  [m]   (3)  where it is
+    velocity  [m/s] (3)  filtered over measured time stamps
+    dt        [s]   ()   time since the previous sample, measured
+    """
+
+    position: Annotated[Vector3, "m"]
+    velocity: Annotated[Vector3, "m/s"]
+    dt: Annotated[float, "s"]
+
+
+class Force(Message):
+    """What the controller asks the device to push with.
+
+    force   [N] (3)  on the hand, world frame
+    state   [1] ()   "free" or "contact"
+    energy  [J] ()   absorbed by the display since the last switch; negative when it has given energy out
+    """
+
+    force: Annotated[Vector3, "N"]
+    state: Annotated[str, "1"]
+    energy: Annotated[float, "J"]
+
+
+class Torque(Message):
+    """Joint torques for the device.
+
+    torques  [N m] (3)  one per leg
+    """
+
+    torques: Annotated[Vector3, "N m"]
