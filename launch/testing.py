@@ -52,9 +52,7 @@ class FakeBus:
     def hold(self, name: str, message: Message | None) -> None:
         """Set the value of a held input."""
         if name not in self.ports:
-            raise KeyError(
-                f"{type(self.node).__name__} has no input {name!r}; inputs: {', '.join(self.ports)}"
-            )
+            raise KeyError(f"{type(self.node).__name__} has no input {name!r}; inputs: {', '.join(self.ports)}")
         self.held[name] = None if message is None else unpack(pack(message), self.ports[name].type)
 
     def drop(self, count: int = 1) -> None:

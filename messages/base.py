@@ -91,9 +91,7 @@ def fields(kind: type[Message]) -> tuple[Field, ...]:
     known = _FIELDS.get(kind)
     if known is None:
         hints = typing.get_type_hints(kind, include_extras=True)
-        known = tuple(
-            _field(kind, name, hints[name]) for name in kind.__struct_fields__ if name not in HEADER
-        )
+        known = tuple(_field(kind, name, hints[name]) for name in kind.__struct_fields__ if name not in HEADER)
         _FIELDS[kind] = known
     return known
 
@@ -196,9 +194,7 @@ def _settle(kind: type[Message]) -> Callable[[Any], None]:
                     msgspec.structs.force_setattr(message, field.name, _number(kind, field, value))
             for field, length, element in vectors:
                 value = getattr(message, field.name)
-                settled = (
-                    type(value) is tuple and {*map(type, value)} <= element and length in (None, len(value))
-                )
+                settled = type(value) is tuple and {*map(type, value)} <= element and length in (None, len(value))
                 if not settled:
                     msgspec.structs.force_setattr(message, field.name, _tuple(kind, field, value))
             if arrays:
@@ -220,9 +216,7 @@ def _number(kind: type, field: Field, value: Any) -> float:
     try:
         return float(value)
     except (TypeError, ValueError):
-        raise MessageError(
-            f"{kind.__name__}.{field.name}: found {value!r}, expected a number [{field.unit}]"
-        ) from None
+        raise MessageError(f"{kind.__name__}.{field.name}: found {value!r}, expected a number [{field.unit}]") from None
 
 
 def _tuple(kind: type, field: Field, value: Any) -> Vector:
@@ -246,17 +240,13 @@ def _array(kind: type, field: Field, value: Any, lengths: dict[str, int]) -> np.
         else:
             found = np.array(value, dtype=field.dtype, order="C")
     except (TypeError, ValueError):
-        raise MessageError(
-            f"{kind.__name__}.{field.name}: not an array of {field.dtype} [{field.unit}]"
-        ) from None
+        raise MessageError(f"{kind.__name__}.{field.name}: not an array of {field.dtype} [{field.unit}]") from None
     fits = found.ndim == len(field.shape) and all(
         length == (lengths.setdefault(want, length) if isinstance(want, str) else want)
         for want, length in zip(field.shape, found.shape, strict=True)
     )
     if not fits:
         want = tuple(lengths.get(s, s) if isinstance(s, str) else s for s in field.shape)
-        raise MessageError(
-            f"{kind.__name__}.{field.name}: found shape {found.shape}, expected {want} [{field.unit}]"
-        )
+        raise MessageError(f"{kind.__name__}.{field.name}: found shape {found.shape}, expected {want} [{field.unit}]")
     found.flags.writeable = False
     return found

@@ -99,7 +99,7 @@ def settings(kind: type[Node]) -> dict[str, Setting]:
     for base in reversed(kind.__mro__):
         if base in (Node, object):
             continue
-        own = base.__dict__.get("__annotations__", {})
+        own = inspect.get_annotations(base)
         hints = typing.get_type_hints(base, include_extras=True) if own else {}
         for name in own:
             hint = hints[name]
@@ -108,9 +108,7 @@ def settings(kind: type[Node]) -> dict[str, Setting]:
             marks = getattr(hint, "__metadata__", ())
             unit = next((m for m in marks if isinstance(m, str)), None)
             if unit is None:
-                raise TypeError(
-                    f"{kind.__name__}.{name}: a setting needs a unit; write Annotated[type, unit]"
-                )
+                raise TypeError(f"{kind.__name__}.{name}: a setting needs a unit; write Annotated[type, unit]")
             limits = [m for m in marks if isinstance(m, msgspec.Meta)]
             plain = typing.get_args(hint)[0]
             bound = Annotated[plain, limits[0]] if limits else plain
@@ -160,16 +158,8 @@ def outputs(kind: type[Node]) -> tuple[type[Message], ...]:
     TypeError: a return annotation that is not a message, a tuple of messages or None.
     """
     hint = typing.get_type_hints(kind.step).get("return")
-    kinds = (
-        typing.get_args(hint)
-        if typing.get_origin(hint) is tuple
-        else ()
-        if hint in (None, type(None))
-        else (hint,)
-    )
+    kinds = typing.get_args(hint) if typing.get_origin(hint) is tuple else () if hint in (None, type(None)) else (hint,)
     for found in kinds:
         if not (isinstance(found, type) and issubclass(found, Message)):
-            raise TypeError(
-                f"{kind.__name__}.step: returns {found!r}, expected a message or a tuple of messages"
-            )
+            raise TypeError(f"{kind.__name__}.step: returns {found!r}, expected a message or a tuple of messages")
     return kinds
