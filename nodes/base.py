@@ -52,8 +52,8 @@ class Node:
 
     Settings are annotated class attributes, `Annotated[type, unit]` with a default or without; the constructor
     takes them by name. The signature of `step` is the wiring: its arguments are the inputs, its return annotation is
-    the output (a tuple of types: several outputs). The first input drives: its arrival runs the step. `dt`, keyword-only,
-    comes from the runner: the time [s] since the previous step of this node on the graph's clock.
+    the output (a tuple of types: several outputs). The first input drives: its arrival runs the step. `dt`,
+    keyword-only, comes from the runner: the time [s] since the previous step of this node on the graph's clock.
 
     A step reads no clock, file, socket or random source without a seed in the settings: its answer depends on its
     inputs and its state alone, and the state is made in `start`, so that a run can be replayed exactly.

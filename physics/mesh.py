@@ -1,0 +1,60 @@
+"""A triangle mesh with what contact needs of it: vertex normals and nodal areas."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """A closed or open surface of triangles, counter-clockwise seen from outside.
+
+    vertices   [m]  (V,3) float64
+    triangles  [1]  (T,3) int32, indices of vertices
+    """
+
+    vertices: np.ndarray
+    triangles: np.ndarray
+
+    @cached_property
+    def face_vectors(self) -> np.ndarray:
+        """Twice the area of each triangle times its outward normal [m²] (T,3)."""
+        a, b, c = (self.vertices[self.triangles[:, i]] for i in range(3))
+        return np.cross(b - a, c - a)
+
+    @cached_property
+    def areas(self) -> np.ndarray:
+        """Nodal area [m²] (V,): a third of the triangles round each vertex; they sum to the area of the surface."""
+        third = np.linalg.norm(self.face_vectors, axis=1) / 6.0
+        return np.bincount(self.triangles.ravel(), np.repeat(third, 3), minlength=len(self.vertices))
+
+    @cached_property
+    def normals(self) -> np.ndarray:
+        """Outward unit normal at each vertex [1] (V,3), weighted by the angle of each triangle there
+        (Baerentzen & Aanaes 2005); (0, 0, 1) at a vertex that only degenerate triangles hold."""
+        total = np.zeros_like(self.vertices)
+        length = np.linalg.norm(self.face_vectors, axis=1)
+        unit = self.face_vectors / np.where(length > 0, length, 1.0)[:, None]
+        corners = self.vertices[self.triangles]
+        for i in range(3):
+            p = corners[:, (i + 1) % 3] - corners[:, i]
+            q = corners[:, (i + 2) % 3] - corners[:, i]
+            angle = np.arctan2(np.linalg.norm(np.cross(p, q), axis=1), np.einsum("ij,ij->i", p, q))
+            np.add.at(total, self.triangles[:, i], angle[:, None] * unit)
+        length = np.linalg.norm(total, axis=1)
+        total[length == 0] = (0.0, 0.0, 1.0)
+        return total / np.where(length > 0, length, 1.0)[:, None]
+
+
+def plane(size: float, count: int) -> Mesh:
+    """A square of side `size` [m] in z = 0, centred on the origin, of about `count` vertices; normal +z."""
+    n = max(2, round(np.sqrt(count)))
+    x = np.linspace(-size / 2, size / 2, n)
+    grid = np.stack([*np.meshgrid(x, x, indexing="ij"), np.zeros((n, n))], axis=-1).reshape(-1, 3)
+    i = (np.arange(n - 1)[:, None] * n + np.arange(n - 1)).ravel()
+    corner = np.stack([i, i + n, i + n + 1, i + 1], axis=1)
+    triangles = np.concatenate([corner[:, [0, 1, 2]], corner[:, [0, 2, 3]]]).astype(np.int32)
+    return Mesh(grid, triangles)
