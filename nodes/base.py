@@ -75,7 +75,7 @@ class Node:
         for name, setting in known.items():
             if name not in given and setting.default is ...:
                 raise SettingError(f"setting {name!r} [{setting.unit}]: missing")
-            setattr(self, name, _convert(setting, given[name]) if name in given else setting.default)
+            setattr(self, name, convert(setting, given[name]) if name in given else setting.default)
 
     def wants(self, field: str) -> bool:
         """Whether somebody reads this field of the output."""
@@ -90,6 +90,19 @@ class Node:
         """Give back what `start` opened."""
 
 
+class Observer(Node):
+    """A node that listens to streams instead of taking part: a logger, a viewer. It gets each message as it travels."""
+
+    sink = True
+
+    def listen(self, streams: dict[str, type[Message]], about: dict[str, Any]) -> None:
+        """Told once, before `start`: the message type of each stream, and what is known of the run."""
+
+    def observe(self, stream: str, tick: int, payload: bytes) -> None:
+        """Take one message in its wire form."""
+        raise NotImplementedError
+
+
 def settings(kind: type[Node]) -> dict[str, Setting]:
     """The settings of a node class by name, base class first.
 
@@ -97,7 +110,7 @@ def settings(kind: type[Node]) -> dict[str, Setting]:
     """
     found = {}
     for base in reversed(kind.__mro__):
-        if base in (Node, object):
+        if base in (Node, Observer, object):
             continue
         own = inspect.get_annotations(base)
         hints = typing.get_type_hints(base, include_extras=True) if own else {}
@@ -116,7 +129,7 @@ def settings(kind: type[Node]) -> dict[str, Setting]:
     return found
 
 
-def _convert(setting: Setting, value: Any) -> Any:
+def convert(setting: Setting, value: Any) -> Any:
     try:
         return msgspec.convert(value, setting.type)
     except msgspec.ValidationError as error:
