@@ -67,7 +67,7 @@ def resolve(
         try:
             value = in_si(setting, value)
             _refuse_nan(value)
-            found[key] = msgspec.to_builtins(check(setting, value))
+            found[key] = _plain(check(setting, value))
         except UnitError as error:
             faults.add(f"[{setting.unit}]: {error}", "", place, node=name, setting=key)
             right = False
@@ -78,7 +78,7 @@ def resolve(
     if right:
         try:
             node = cls(**found)
-            found = {key: msgspec.to_builtins(getattr(node, key)) for key in known}
+            found = {key: _plain(getattr(node, key)) for key in known}
         except (ValueError, TypeError) as error:
             faults.add(str(error), "", line.place(), node=name)
     return found
@@ -192,6 +192,14 @@ def _options(hint: Any) -> list[Any]:
     if typing.get_origin(hint) in (typing.Union, types.UnionType):
         return [o for a in typing.get_args(hint) for o in _options(a)]
     return [hint]
+
+
+def _plain(value: Any) -> Any:
+    """The value as JSON would give it back."""
+    value = msgspec.to_builtins(value)
+    if isinstance(value, dict):
+        return {key: _plain(item) for key, item in value.items()}
+    return [_plain(item) for item in value] if isinstance(value, list | tuple) else value
 
 
 def _refuse_nan(value: Any) -> None:

@@ -1,0 +1,29 @@
+"""`palpate check`: whether a graph can run, with everything that is wrong."""
+
+from __future__ import annotations
+
+from palpate.launch.commands.common import Fused, Graph, Json, PlaceOption, SceneOption, Sets, chosen, console, tell
+
+
+def check(
+    graph: Graph,
+    sets: Sets = None,
+    scene: SceneOption = None,
+    place: PlaceOption = None,
+    fused: Fused = False,
+    as_json: Json = False,
+) -> None:
+    """Check a graph, its scene and its placement; all faults are told at once. Exit code 2 where there are any."""
+    run = chosen(graph, sets, scene, place, fused)
+    plan = run.plan()
+    groups = run.placement(plan).groups
+    edges = [edge for own in plan.edges.values() for edge in own]
+    held = sum(edge.loop for edge in edges)
+    if as_json:
+        tell({"ok": True, "nodes": len(plan.order), "observers": len(plan.observers), "skipped": len(plan.skipped),
+              "edges": len(edges), "loop_edges": held, "processes": len(groups), "rate": plan.graph.rate})  # fmt: skip
+        return
+    console().print(
+        f"[green]ok[/] {len(plan.order)} nodes, {len(plan.observers)} observers, {len(plan.skipped)} skipped; "
+        f"{len(edges)} edges, {held} of them held; {len(groups)} processes; {plan.graph.rate:g} Hz"
+    )
