@@ -137,8 +137,8 @@ def _memory() -> Finding:
 def _usb() -> Iterator[Finding]:
     found = False
     for folder in sorted(USB.glob("*")) if USB.is_dir() else ():
-        ids = tuple(_word(folder / name) for name in ("idVendor", "idProduct"))
-        name = DEVICES.get(ids)  # type: ignore[call-overload]
+        ids = _word(folder / "idVendor"), _word(folder / "idProduct")
+        name = DEVICES.get(ids)
         if name is None:
             continue
         found = True

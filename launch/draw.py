@@ -7,10 +7,11 @@ from __future__ import annotations
 
 from collections import defaultdict
 from html import escape
+from itertools import pairwise
 
 from palpate.launch.plan import Plan
 
-BOX, HIGH, COLUMN, ROW, MARGIN = 140, 44, 250, 84, 30  # pixels
+BOX, HIGH, COLUMN, ROW, MARGIN = 140, 44, 250, 84, 40  # pixels
 INK, RUN, SKIP, HELD = "#1b1f24", "#e8f1fb", "#f2f2f2", "#b3541e"
 
 
@@ -38,10 +39,10 @@ def svg(plan: Plan) -> str:
     """The plan as a stand-alone SVG picture."""
     spots, lanes = _layout(plan)
     rest = [*plan.observers, *plan.skipped]
-    right = max((x for x, _ in spots.values()), default=MARGIN) + BOX + MARGIN
+    right = max((x for x, _ in spots.values()), default=MARGIN) + BOX + 2 * MARGIN
     foot = max((y for _, y in [*spots.values(), *(p for lane in lanes.values() for p in lane)]), default=MARGIN) + HIGH
     loops = [(name, edge) for name, edges in plan.edges.items() for edge in edges if edge.loop]
-    shelf = foot + 34 * (len(loops) + 1)
+    shelf = foot + 26 * (len(loops) + 1)
     per_row = max(1, int((right - MARGIN) // (BOX + 20)))
     for i, name in enumerate(rest):
         spots[name] = (MARGIN + (i % per_row) * (BOX + 20), shelf + (i // per_row) * (HIGH + 16))
@@ -53,7 +54,7 @@ def svg(plan: Plan) -> str:
             if not edge.loop:
                 parts += _direct(lanes[edge.producer, name], kinds[edge.stream].__name__)
     for i, (name, edge) in enumerate(loops):
-        parts += _held(spots[edge.producer], spots[name], foot + 26 + 34 * i, kinds[edge.stream].__name__)
+        parts += _held(spots[edge.producer], spots[name], i, foot + 24 + 26 * i, kinds[edge.stream].__name__)
     for name, (x, y) in spots.items():
         parts += _box(name, plan.graph.nodes[name].use, x, y, name in plan.skipped, name in plan.observers)
     return "\n".join(
@@ -89,7 +90,7 @@ def _layout(plan: Plan) -> tuple[dict[str, Point], dict[tuple[str, str], list[Po
         chain: list[object] = [a, *((a, b, i) for i in range(layer[a] + 1, layer[b])), b]
         for i, way in enumerate(chain[1:-1], layer[a] + 1):
             rows[i].append(way)
-        for one, two in zip(chain, chain[1:], strict=False):
+        for one, two in pairwise(chain):
             near[one].append(two)
             near[two].append(one)
     height: dict[object, float] = {}
@@ -116,22 +117,25 @@ def _layout(plan: Plan) -> tuple[dict[str, Point], dict[tuple[str, str], list[Po
 
 def _direct(way: list[Point], label: str) -> list[str]:
     path = [f"M{way[0][0]:.0f} {way[0][1]:.0f}"]
-    for (xa, ya), (xb, yb) in zip(way, way[1:], strict=False):
+    for (xa, ya), (xb, yb) in pairwise(way):
         bend = (xb - xa) / 2 if ya != yb else 0
         path.append(f"C{xa + bend:.0f} {ya:.0f} {xb - bend:.0f} {yb:.0f} {xb:.0f} {yb:.0f}")
     (xa, ya), (xb, yb) = way[-2:]
     return [
         f'<path d="{" ".join(path)}" fill="none" stroke="{INK}" stroke-width="1.3" marker-end="url(#tip)"/>',
-        _label(xa + 0.62 * (xb - xa), ya + 0.72 * (yb - ya), label, INK),
+        _label(xa + (0.62 if ya != yb else 0.47) * (xb - xa), ya + 0.72 * (yb - ya), label, INK),
     ]
 
 
-def _held(start: Point, end: Point, y: float, label: str) -> list[str]:
-    xa, ya, xb, yb = start[0] + 0.7 * BOX, start[1] + HIGH, end[0] + 0.3 * BOX, end[1] + HIGH
-    path = f"M{xa:.0f} {ya:.0f} L{xa:.0f} {y - 8:.0f} Q{xa:.0f} {y:.0f} {xa - 8:.0f} {y:.0f} "
-    path += f"L{xb + 8:.0f} {y:.0f} Q{xb:.0f} {y:.0f} {xb:.0f} {y - 8:.0f} L{xb:.0f} {yb:.0f}"
+def _held(start: Point, end: Point, lane: int, y: float, label: str) -> list[str]:
+    """Out on the right, down beside the column, back below everything, in from the left."""
+    gutter = 12 + 9 * lane
+    xa, ya, xb, yb = start[0] + BOX, start[1] + 0.75 * HIGH, end[0], end[1] + 0.75 * HIGH
+    right, left = xa + gutter, xb - gutter - 8
+    path = f"M{xa:.0f} {ya:.0f} H{right:.0f} V{y:.0f} H{left:.0f} V{yb:.0f} H{xb:.0f}"
     style = f'fill="none" stroke="{HELD}" stroke-width="1.3" stroke-dasharray="6 4" marker-end="url(#tip)"'
-    return [f'<path d="{path}" {style}/>', _label((xa + xb) / 2, y, f"{label}, tick before", HELD)]
+    style += ' stroke-linejoin="round"'
+    return [f'<path d="{path}" {style}/>', _label((right + left) / 2, y, f"{label}, tick before", HELD)]
 
 
 def _label(x: float, y: float, text: str, colour: str) -> str:
@@ -149,5 +153,6 @@ def _box(name: str, use: str, x: float, y: float, skipped: bool, observer: bool)
         f'<rect x="{x:.0f}" y="{y:.0f}" width="{BOX}" height="{HIGH}" rx="7" fill="{fill}" stroke="{ink}"{dash}/>',
         f'<text x="{middle:.0f}" y="{y + 19:.0f}" text-anchor="middle" font-size="13" font-weight="bold" '
         f'fill="{ink}">{escape(name)}</text>',
-        f'<text x="{middle:.0f}" y="{y + 35:.0f}" text-anchor="middle" font-size="10" fill="{ink}">{escape(use)}</text>',
+        f'<text x="{middle:.0f}" y="{y + 35:.0f}" text-anchor="middle" font-size="10" '
+        f'fill="{ink}">{escape(use)}</text>',
     ]

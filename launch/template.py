@@ -5,7 +5,7 @@ from __future__ import annotations
 import keyword
 import re
 
-from palpate.messages import Message, fields
+from palpate.messages import Field, Message, fields
 
 _NODE = '''"""{title}: says what it does here."""
 
@@ -90,7 +90,7 @@ def _example(kind: type[Message]) -> str:
     return f"{kind.__name__}({', '.join(f'{f.name}={_zero(f)}' for f in fields(kind))})"
 
 
-def _zero(field) -> str:  # type: ignore[no-untyped-def]
+def _zero(field: Field) -> str:
     if field.dtype is not None:
         shape = tuple(0 if isinstance(n, str) else n for n in field.shape)
         return f"np.zeros({shape})"

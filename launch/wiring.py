@@ -150,7 +150,8 @@ def _match(
     if node in unclear:
         return None
     if node not in kinds:
-        faults.add(f"{expects}; there is no node {node!r}", f"{choices('Nodes', node, [*kinds, *sorted(unclear)])} {_who(port, fit, unclear)}", place,
+        cure = f"{choices('Nodes', node, [*kinds, *sorted(unclear)])} {_who(port, fit, unclear)}".strip()
+        faults.add(f"{expects}; there is no node {node!r}", cure, place,
                    node=name, port=port.name)  # fmt: skip
         return None
     own = kinds[node]

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import inspect
 import re
+import sys
 from typing import NamedTuple
+
+from palpate.messages.base import Message
 
 _LINE = re.compile(r"(\w+)\s+\[([^\]]+)\]\s+\(([^)]*)\)\s+(\S.*)")
 
@@ -23,6 +26,13 @@ def documented(kind: type) -> list[Documented]:
     lines = map(str.strip, (inspect.getdoc(kind) or "").splitlines())
     found = [match for match in map(_LINE.fullmatch, lines) if match]
     return [Documented(m[1], m[2], _shape(m[3]), m[4]) for m in found]
+
+
+def message_types() -> dict[str, type[Message]]:
+    """All message types that ship, by name."""
+    package = sys.modules[Message.__module__.rpartition(".")[0]]
+    found = (thing for thing in vars(package).values() if isinstance(thing, type) and issubclass(thing, Message))
+    return {kind.__name__: kind for kind in sorted(found, key=lambda kind: kind.__name__) if kind is not Message}
 
 
 def _shape(text: str) -> tuple[int | str, ...]:

@@ -23,7 +23,8 @@ def check(
         tell({"ok": True, "nodes": len(plan.order), "observers": len(plan.observers), "skipped": len(plan.skipped),
               "edges": len(edges), "loop_edges": held, "processes": len(groups), "rate": plan.graph.rate})  # fmt: skip
         return
-    console().print(
-        f"[green]ok[/] {len(plan.order)} nodes, {len(plan.observers)} observers, {len(plan.skipped)} skipped; "
-        f"{len(edges)} edges, {held} of them held; {len(groups)} processes; {plan.graph.rate:g} Hz"
+    counts = {"nodes": plan.order, "observers": plan.observers, "skipped": plan.skipped, "edges": edges}
+    counted = ", ".join(f"{what} {len(things)}" for what, things in counts.items())
+    console(soft_wrap=True).print(
+        f"[green]ok[/]  {counted} ({held} held), processes {len(groups)}, rate {plan.graph.rate:g} Hz"
     )

@@ -15,17 +15,15 @@ def messages(
     as_json: Json = False,
 ) -> None:
     """List the message types: fields, units and shapes; `(k)` is a length found at run time."""
-    import palpate.messages as package
     from palpate.launch.faults import Fault, GraphError, choices
     from palpate.messages import Message
+    from palpate.messages.docs import message_types
 
-    kinds = {n: k for n, k in sorted(vars(package).items()) if isinstance(k, type) and issubclass(k, Message)}
-    del kinds["Message"]
-    if name is not None:
-        if name not in kinds:
-            raise GraphError([Fault(f"no message type {name!r}", choices("Types", name, kinds))])
-        kinds = {name: kinds[name]}
-    found = [describe(kind) for kind in (Message, *kinds.values())] if name is None else [describe(kinds[name])]
+    kinds = message_types()
+    if name is not None and name not in kinds:
+        raise GraphError([Fault(f"no message type {name!r}", choices("Types", name, kinds))])
+    shown: list[type] = [Message, *kinds.values()] if name is None else [kinds[name]]
+    found = [describe(kind) for kind in shown]
     if as_json:
         tell({"messages": found})
         return
@@ -51,5 +49,5 @@ def describe(kind: type) -> dict[str, Any]:
     """A message type as plain data; the words on each field come from the class's docstring."""
     from palpate.messages.docs import documented
 
-    first = (inspect.getdoc(kind) or "").partition("\n")[0]
+    first = " ".join((inspect.getdoc(kind) or "").partition("\n\n")[0].split()).rstrip(" ,:")
     return {"name": kind.__name__, "about": first, "fields": [field._asdict() for field in documented(kind)]}

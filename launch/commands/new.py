@@ -26,14 +26,12 @@ def node(
     as_json: Json = False,
 ) -> None:
     """Write a node and its test, which runs as it is."""
-    import palpate.messages as package
     from palpate.launch.faults import Faults, choices
     from palpate.launch.template import node_files
-    from palpate.messages import Message
+    from palpate.messages.docs import message_types
 
     faults = Faults()
-    kinds = {n: k for n, k in sorted(vars(package).items()) if isinstance(k, type) and issubclass(k, Message)}
-    del kinds["Message"]
+    kinds = message_types()
     for option, given in (("--takes", takes), ("--sends", sends)):
         if given not in kinds:
             faults.add(f"{option}: no message type {given!r}", choices("Types", given, kinds))

@@ -55,7 +55,11 @@ def plan(
                   for g in placement.groups]  # fmt: skip
         tell(found.to_spec() | {"groups": groups})
     else:
-        console().print(_table(found, placement))
+        out = console()
+        out.print(_running(found, placement))
+        if found.skipped:
+            out.print()
+            out.print(_skipped(found))
 
 
 def _draw(found: Plan, draw: str) -> None:
@@ -70,14 +74,14 @@ def _draw(found: Plan, draw: str) -> None:
         raise typer.BadParameter(f"found {draw!r}, expected a file name ending in .svg or .mmd", param_hint="--draw")
 
 
-def _table(found: Plan, placement: Placement) -> Any:
+def _running(found: Plan, placement: Placement) -> Any:
     from rich.table import Table
     from rich.text import Text
 
     table = Table(
         title=f"{found.graph.path.name}, {found.graph.rate:g} Hz", title_justify="left", box=None, pad_edge=False
     )
-    for column in ("", "node", "class", "every", "inputs (~ held from the tick before)", "process"):
+    for column in ("", "node", "class", "every", "inputs (~ held)", "process"):
         table.add_column(column, overflow="fold")
     for name in (*found.order, *found.observers):
         spec = found.graph.nodes[name]
@@ -96,6 +100,14 @@ def _table(found: Plan, placement: Placement) -> Any:
             Text(wires),
             Text(group.name + core),
         )
+    return table
+
+
+def _skipped(found: Plan) -> Any:
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table(box=None, pad_edge=False, show_header=False)
     for name, reason in found.skipped.items():
-        table.add_row(Text("skip", style="yellow"), Text(name), Text(found.graph.nodes[name].use), "", Text(reason), "")
+        table.add_row(Text("skip", style="yellow"), Text(name), Text(reason))
     return table
