@@ -187,7 +187,7 @@ def test_a_bad_placement_is_told(whole, write, text, words):
 
 def test_a_launch_file_is_one_run(whole, write):
     write("two.yaml", "loop: [near, contact]\n")
-    scene = write("scene.yaml", "tissue: {friction: false, stiffness: 1}\nfinger: {}\n")
+    scene = write("scene.yaml", "tissue: {friction: true, stiffness: 1}\nfinger: {}\n")
     run = find(
         str(
             write(
@@ -201,7 +201,7 @@ def test_a_launch_file_is_one_run(whole, write):
         record: out.mcap
         pace: 2
         wanted: [control]
-        set: {tissue.stiffness: 5 N/m, rate: 500, finger: {radius: 1 mm}, scene: {finger: {}}}
+        set: {tissue.stiffness: 5 N/m, rate: 500, finger: {radius: 1 mm}, scene: {tissue: {friction: off}}}
     """,
             )
         )
