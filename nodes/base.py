@@ -47,6 +47,16 @@ class Port:
     wants: frozenset[str]
 
 
+@dataclass(frozen=True)
+class Stream:
+    """One stream that an observer hears: name, message type, sending node and its divisor of the base rate."""
+
+    name: str
+    type: type[Message]
+    producer: str
+    every: int
+
+
 class Node:
     """One job of the graph.
 
@@ -90,6 +100,20 @@ class Node:
         """Give back what `start` opened."""
 
 
+class Observer(Node):
+    """A node that listens to streams instead of taking part: a logger, a viewer. It gets each message as it travels."""
+
+    sink = True
+
+    def listen(self, streams: tuple[Stream, ...], about: dict[str, Any]) -> None:
+        """Told once, before `start`: what there is to hear, and what is known of the run (plain data)."""
+        self.streams, self.about = streams, about
+
+    def observe(self, stream: str, tick: int, payload: bytes) -> None:
+        """Take one message in its wire form."""
+        raise NotImplementedError
+
+
 def settings(kind: type[Node]) -> dict[str, Setting]:
     """The settings of a node class by name, base class first.
 
@@ -97,7 +121,7 @@ def settings(kind: type[Node]) -> dict[str, Setting]:
     """
     found = {}
     for base in reversed(kind.__mro__):
-        if base in (Node, object):
+        if base in (Node, Observer, object):
             continue
         own = inspect.get_annotations(base)
         hints = typing.get_type_hints(base, include_extras=True) if own else {}

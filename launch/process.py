@@ -1,0 +1,93 @@
+"""The life of a worker process, from its job to its last report."""
+
+from __future__ import annotations
+
+import faulthandler
+import signal
+import sys
+import traceback
+
+import msgspec
+
+from palpate.launch.bus import Bus, PortInUse
+from palpate.launch.clock import real_time
+from palpate.launch.job import Job
+from palpate.launch.slot import NodeFault
+from palpate.launch.worker import Ended, Worker
+
+
+def serve(job: Job, run: str, control: str, reports: str) -> int:
+    """Run a job: build, report ready, connect, report linked, wait for the start, run, report the end.
+
+    Returns the exit code: 0, or 1 after a fault, which has been reported with its traceback.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the launcher decides when to stop
+    faulthandler.register(signal.SIGUSR1, file=sys.__stderr__, all_threads=False)
+    real = job.clock == "real"
+    bus = Bus(run, job.group, control, reports, not real, 1.0 / job.rate if real else 0.1)
+
+    def report(what: dict) -> None:
+        bus.reports.send(msgspec.msgpack.encode({"group": job.group, **what}))
+
+    worker = None
+    try:
+        worker = Worker(job, bus, report)
+        worker.start()
+        refused = real_time(job.core, job.priority if real else None)
+        report({"kind": "ready", "endpoints": bus.bind(job.host), "refused": refused})
+        origin = _link(bus, job, report)
+        if origin is not None:
+            worker.run(origin)
+        worker.stop()
+        report({"kind": "done", "tick": worker.tick})
+        return 0
+    except Ended:
+        return 0
+    except (NodeFault, PortInUse) as error:
+        report(_fault(error))
+        _stop_rest(worker)
+        return 1
+    except Exception as error:
+        report(
+            {"kind": "fault", "node": "", "text": f"{type(error).__name__}: {error}", "trace": traceback.format_exc()}
+        )
+        return 1
+    finally:
+        bus.close()
+
+
+def _link(bus: Bus, job: Job, report) -> int | None:
+    """Connect to the other workers when told where they are; the time of tick 0, or None when told to stop."""
+    while True:
+        told = bus.orders()
+        match told["do"]:
+            case "connect":
+                for address, streams in told["from"]:
+                    bus.connect(address, streams)
+                if not bus.wait_linked(job.external, told["observed"], 10.0):
+                    raise TimeoutError("the readers of its streams did not connect within 10 s")
+                report({"kind": "linked"})
+            case "go":
+                bus.release()
+                return told["origin"]
+            case "stop" | "quit":
+                return None
+
+
+def _fault(error: NodeFault | PortInUse) -> dict:
+    if isinstance(error, PortInUse):
+        return {"kind": "fault", "node": "", "text": str(error), "trace": ""}
+    trace = ""
+    if isinstance(error.cause, BaseException):
+        trace = "".join(traceback.format_exception(error.cause))
+    text = f"{type(error.cause).__name__}: {error.cause}" if isinstance(error.cause, BaseException) else error.cause
+    return {"kind": "fault", "node": error.node, "where": error.where, "text": text, "trace": trace}
+
+
+def _stop_rest(worker: Worker | None) -> None:
+    """After a fault the other nodes still get their stop; a second fault there would hide the first."""
+    if worker is not None:
+        try:
+            worker.stop()
+        except NodeFault as error:
+            print(f"after the fault, too: {error}", file=sys.stderr)
