@@ -106,7 +106,7 @@ class Bus:
                 address, _, port = host.removeprefix("tcp://").partition(":")
                 wanted = f"tcp://{address}:{int(port) + step}" if port else f"tcp://{address}:*"
                 self._bind(socket, wanted)
-                found[name].append(socket.get(zmq.LAST_ENDPOINT).rstrip(b"\0").decode())
+                found[name].append(socket.get_string(zmq.LAST_ENDPOINT).rstrip("\0"))
         return found
 
     def _bind(self, socket: zmq.Socket, address: str) -> None:
@@ -162,7 +162,7 @@ class Bus:
                 break  # real clock: the observers are slow, they count what they miss
         self._kept.clear()
         changed = False
-        while self.observers.get(zmq.EVENTS) & zmq.POLLIN:
+        while int(self.observers.get(zmq.EVENTS)) & zmq.POLLIN:
             changed = True
             self._listener(self.observers.recv())
         return changed
@@ -192,12 +192,12 @@ class Bus:
 
     def waiting(self) -> bool:
         """Whether the inbox holds a frame."""
-        return bool(self._first) or bool(self.inbox.get(zmq.EVENTS) & zmq.POLLIN)
+        return bool(self._first) or bool(int(self.inbox.get(zmq.EVENTS)) & zmq.POLLIN)
 
     def close(self) -> None:
         """Deliver what is under way and close."""
         with contextlib.suppress(zmq.ZMQError):
             self.flush()
-        # The inbox would wait to renew its subscriptions with senders that have gone; only the outlets have to say more.
+        # The inbox would wait to renew its subscriptions with senders that have gone.
         self.inbox.close(linger=0)
         self.context.destroy(linger=LINGER)

@@ -78,3 +78,8 @@ class Job(msgspec.Struct, frozen=True):
     leads: bool = False
     external: dict[str, int] = {}
     about: dict[str, object] = {}
+
+
+def members(job: Job) -> tuple[NodeJob | ObserverJob, ...]:
+    """Nodes and observers of a job."""
+    return job.nodes + job.observers

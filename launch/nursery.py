@@ -92,11 +92,11 @@ def _serve(end: socket.socket) -> None:
     groups: dict[int, str] = {}
     rest = b""
     while True:
-        ready, _, _ = select.select([end, wake], [], [])
+        ready = select.select([end.fileno(), wake], [], [])[0]
         if wake in ready:
             os.read(wake, 4096)
             _reap(end, groups)
-        if end in ready:
+        if end.fileno() in ready:
             data = end.recv(1 << 20)
             if not data:
                 break

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import faulthandler
 import signal
 import sys
@@ -11,9 +12,11 @@ import msgspec
 
 from palpate.launch.bus import Bus, PortInUse
 from palpate.launch.clock import real_time
+from palpate.launch.ended import Ended
+from palpate.launch.fused import death
 from palpate.launch.job import Job
 from palpate.launch.slot import NodeFault
-from palpate.launch.worker import Ended, Worker
+from palpate.launch.worker import Worker
 
 
 def serve(job: Job, run: str, control: str, reports: str) -> int:
@@ -22,7 +25,7 @@ def serve(job: Job, run: str, control: str, reports: str) -> int:
     Returns the exit code: 0, or 1 after a fault, which has been reported with its traceback.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the launcher decides when to stop
-    faulthandler.register(signal.SIGUSR1, file=sys.__stderr__, all_threads=False)
+    faulthandler.register(signal.SIGUSR1, file=2, all_threads=False)
     real = job.clock == "real"
     bus = Bus(run, job.group, control, reports, not real, 1.0 / job.rate if real else 0.1)
 
@@ -77,11 +80,7 @@ def _link(bus: Bus, job: Job, report) -> int | None:
 def _fault(error: NodeFault | PortInUse) -> dict:
     if isinstance(error, PortInUse):
         return {"kind": "fault", "node": "", "text": str(error), "trace": ""}
-    trace = ""
-    if isinstance(error.cause, BaseException):
-        trace = "".join(traceback.format_exception(error.cause))
-    text = f"{type(error.cause).__name__}: {error.cause}" if isinstance(error.cause, BaseException) else error.cause
-    return {"kind": "fault", "node": error.node, "where": error.where, "text": text, "trace": trace}
+    return {"kind": "fault", **dataclasses.asdict(death(error))}
 
 
 def _stop_rest(worker: Worker | None) -> None:

@@ -14,59 +14,20 @@ import time
 import uuid
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
 
 import msgspec
 import zmq
 
 from palpate.launch.bus import endpoint
 from palpate.launch.clock import now
-from palpate.launch.job import Job
+from palpate.launch.job import Job, members
 from palpate.launch.nursery import Nursery
+from palpate.launch.result import Death, Result
 
 START_PATIENCE = 120.0  # [s] for a node's `start`: it may compile kernels or build a basis
 STOP_PATIENCE = 3.0  # [s] for the workers to end once they were told
+HEAD_START = 10_000_000  # [ns] from the order to go to tick 0: every worker has heard it by then
 GRACE = 0.1  # [s] that the others go on after a node died on the real clock: the device gets its zero force
-
-
-@dataclass(frozen=True)
-class Death:
-    """A node or a whole worker that failed: who, where, why, and its traceback or what it printed."""
-
-    node: str
-    where: str
-    text: str
-    trace: str = ""
-
-    def __str__(self) -> str:
-        return f"node {self.node!r}, {self.where}: {self.text}"
-
-
-@dataclass
-class Result:
-    """What is known of a run when it has ended.
-
-    deaths       nodes that failed; empty after a good run
-    health       the counters of each node
-    start        [s] from the launcher's start to tick 0
-    wall         [s] from tick 0 to the end
-    ticks        number of ticks that were run
-    interrupted  true when the user stopped it
-    notes        lines that the user should see: refused priorities, rubbish on the wire
-    """
-
-    deaths: list[Death] = field(default_factory=list)
-    health: dict[str, dict] = field(default_factory=dict)
-    start: float = 0.0
-    wall: float = 0.0
-    ticks: int = 0
-    interrupted: bool = False
-    notes: list[str] = field(default_factory=list)
-
-    @property
-    def ok(self) -> bool:
-        """Whether every node lived to the end."""
-        return not self.deaths
 
 
 class Launcher:
@@ -147,9 +108,7 @@ class Launcher:
         """Start everything, wait for the end, end everything. Returns what happened; Ctrl-C stops the run in order."""
         before = self._catch_interrupts()
         try:
-            modules = {
-                given.cls.rpartition(".")[0] for job in self.jobs.values() for given in (*job.nodes, *job.observers)
-            }
+            modules = {given.cls.rpartition(".")[0] for job in self.jobs.values() for given in members(job)}
             self.nursery.ask({"import": sorted(modules)})
             for group in self.jobs:
                 if group not in self.joined:
@@ -195,8 +154,8 @@ class Launcher:
         ready = dict(self._poller.poll(100))
         if self._control in ready:
             self._control.recv()
-        while self._reports.get(zmq.EVENTS) & zmq.POLLIN:
-            self._take(msgspec.msgpack.decode(self._reports.recv()))
+        while self._reports.poll(0):
+            self._take(_decode(self._reports))
         if self.nursery.output.fileno() in ready:
             self._listen()
         if self.nursery.socket.fileno() in ready:
@@ -291,7 +250,7 @@ class Launcher:
         self._origin_time = time.monotonic()
         self.result.start = self._origin_time - self.begun
         self._seen = dict.fromkeys(self.jobs, self._origin_time)
-        self._origin = now() + 2_000_000
+        self._origin = now() + HEAD_START
         self._tell("*", do="go", origin=self._origin)
         for group in self._state:
             self._state[group] = "running"
@@ -307,7 +266,7 @@ class Launcher:
 
     def _died(self, group: str, report: dict) -> None:
         self._state[group] = "failed"
-        names = [node.name for node in (*self.jobs[group].nodes, *self.jobs[group].observers)]
+        names = [given.name for given in members(self.jobs[group])]
         node = report["node"] or ", ".join(names)
         self.result.deaths.append(Death(node, report.get("where", "process"), report["text"], report["trace"]))
         self._bury(group)
@@ -351,7 +310,7 @@ class Launcher:
             return
         group, status = answer["exited"], answer["status"]
         while self._reports.poll(20):  # its last words come before its end
-            self._take(msgspec.msgpack.decode(self._reports.recv()))
+            self._take(_decode(self._reports))
         state = self._state[group]
         if state in ("starting", "ready", "linked", "running"):
             how = f"killed by {signal.Signals(-status).name}" if status < 0 else f"exit code {status}"
@@ -434,3 +393,7 @@ class Launcher:
                 self._state[group] = "killed" if state not in ("done", "failed") else state
                 if group not in self.pids:
                     self._state[group] = "gone"
+
+
+def _decode(socket: zmq.Socket) -> dict:
+    return msgspec.msgpack.decode(socket.recv())

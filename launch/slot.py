@@ -35,7 +35,7 @@ class Output:
         self.last: Message | None = None
         self.previous: Message | None = None
         self.observed = False
-        self.listeners: list[Observer] = []
+        self.listeners: list[ObserverSlot] = []
 
 
 class Input:

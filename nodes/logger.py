@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import json
 import os
@@ -107,10 +108,8 @@ class Mcap(Observer):
         why = "the disk is full" if error.errno == errno.ENOSPC else error.strerror
         print(f"recording {self.path} ends here: {why}; what was written before can be read", file=sys.stderr)
         descriptor = os.dup(file.fileno())
-        try:
+        with contextlib.suppress(OSError):  # its buffer cannot be written either: back to the last whole chunk
             file.close()
-        except OSError:
-            pass  # its buffer cannot be written either; the file is cut back to its last whole chunk
         os.ftruncate(descriptor, self._good)
         os.close(descriptor)
 
