@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import math
 import time
 from collections import deque
 
@@ -10,7 +11,7 @@ import msgspec
 
 from palpate.launch.health import Health
 from palpate.launch.job import InputJob, NodeJob, ObserverJob
-from palpate.messages import Message, MessageError, check_finite
+from palpate.messages import Message, MessageError, check_finite, fields
 from palpate.nodes.base import Node, Observer, Port, inputs, outputs
 
 _set = msgspec.structs.force_setattr
@@ -128,6 +129,14 @@ class Slot:
         """The input whose arrival runs the step; None where the clock does."""
         return None if self.node.paced or not self.inputs else self.inputs[0]
 
+    def forces(self) -> dict[str, float]:
+        """Magnitude [N] of each force in the last outputs, for the live view, by `stream.field`."""
+        found: dict[str, float] = {}
+        for output in self.outputs:
+            if output.last is not None:
+                found |= {f"{output.stream}.{name}": value for name, value in _forces(output.last).items()}
+        return found
+
     def start(self) -> None:
         """Start the node. NodeFault: it raised."""
         try:
@@ -173,6 +182,16 @@ class Slot:
             _set(message, "source", self.name)
             _set(message, "used", used)
             output.previous, output.last = output.last, message
+
+
+def _forces(message: Message) -> dict[str, float]:
+    """Magnitude [N] of each force in a message that is a number or a vector."""
+    found = {}
+    for field in fields(type(message)):
+        if field.unit == "N" and field.dtype is None:
+            value = getattr(message, field.name)
+            found[field.name] = math.hypot(*value) if isinstance(value, tuple) else abs(value)
+    return found
 
 
 class ObserverSlot:

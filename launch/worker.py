@@ -224,6 +224,6 @@ class Worker:
 
     def _report_health(self) -> None:
         self._reported = now()
-        nodes = {slot.name: slot.health.report() for slot in self.slots}
+        nodes = {slot.name: {**slot.health.report(), "forces": slot.forces()} for slot in self.slots}
         nodes |= {observer.name: observer.health.report() for observer in self.observers}
         self.report({"kind": "health", "tick": self.tick, "nodes": nodes})

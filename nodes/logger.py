@@ -145,6 +145,7 @@ def schema(kind: type[Message]) -> dict[str, Any]:
     about = (kind.__doc__ or "").partition("\n")[0]
     return {
         "title": kind.__name__,
+        "class": f"{kind.__module__}.{kind.__qualname__}",
         "version": SCHEMA_VERSION,
         "description": about,
         "type": "object",
