@@ -21,7 +21,6 @@ from palpate.launch.load import load_class
 from palpate.messages import Message, MessageError, fields, unpack
 from palpate.nodes.logger import PROFILE, SCHEMA_VERSION
 
-
 # What the readers of the format raise on a file that is cut off or damaged.
 _BROKEN = (McapError, EOFError, ValueError, RuntimeError, OSError, KeyError, struct.error, zstandard.ZstdError)
 
@@ -79,7 +78,9 @@ class Recording:
             elif isinstance(record, Metadata) and record.name == "palpate.counts":
                 self.counts = {key: json.loads(value) for key, value in record.metadata.items()}
         if not self.about:
-            raise RecordingError(f"{self.path}: an MCAP file, but not a recording of palpate (no {PROFILE}.about in it)")
+            raise RecordingError(
+                f"{self.path}: an MCAP file, but not a recording of palpate (no {PROFILE}.about in it)"
+            )
 
     def _indexed_head(self) -> list[Any]:
         """Schemas, channels and metadata from the index at the end of a complete file; empty without one."""
@@ -164,4 +165,3 @@ class Recording:
             if name not in self.streams:
                 raise RecordingError(f"{self.path}: no stream {name!r}; streams: {', '.join(self.streams)}")
         return names
-

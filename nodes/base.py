@@ -85,7 +85,7 @@ class Node:
         for name, setting in known.items():
             if name not in given and setting.default is ...:
                 raise SettingError(f"setting {name!r} [{setting.unit}]: missing")
-            setattr(self, name, _convert(setting, given[name]) if name in given else setting.default)
+            setattr(self, name, convert(setting, given[name]) if name in given else setting.default)
 
     def wants(self, field: str) -> bool:
         """Whether somebody reads this field of the output."""
@@ -140,7 +140,7 @@ def settings(kind: type[Node]) -> dict[str, Setting]:
     return found
 
 
-def _convert(setting: Setting, value: Any) -> Any:
+def convert(setting: Setting, value: Any) -> Any:
     try:
         return msgspec.convert(value, setting.type)
     except msgspec.ValidationError as error:
