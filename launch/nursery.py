@@ -73,15 +73,19 @@ class Nursery:
                 return found.decode(errors="replace")
             found += data
 
-    def close(self) -> None:
-        """End the nursery and with it every worker that is left; returns when they are gone."""
+    def close(self) -> str:
+        """End the nursery and with it every worker that is left. Returns what they printed last."""
+        if self.output.closed:
+            return ""
         self.socket.close()
         try:
             self.process.wait(5)
         except subprocess.TimeoutExpired:
             self.process.kill()
             self.process.wait()
+        last = self.printed()
         self.output.close()
+        return last
 
 
 def _serve(end: socket.socket) -> None:

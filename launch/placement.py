@@ -142,9 +142,11 @@ def _group(name: str, line: Source, known: list[str], taken: dict[str, str], fau
         )
         priority = None
     host = data.get("host")
-    address = re.fullmatch(r"(?:tcp://)?([A-Za-z0-9.-]+)", host) if isinstance(host, str) else None
+    address = re.fullmatch(r"(?:tcp://)?([A-Za-z0-9.-]+(?::[0-9]+)?)", host) if isinstance(host, str) else None
     if host is not None and address is None:
         faults.add(
-            f"{about}, host: found {host!r}, expected a name or address such as tcp://10.0.0.2", "", line.place("host")
+            f"{about}, host: found {host!r}, expected a name or address such as tcp://10.0.0.2 or tcp://10.0.0.2:5600",
+            "",
+            line.place("host"),
         )
     return Group(name, found, cores or None, priority, address[1] if address else None)

@@ -119,8 +119,7 @@ class Launcher:
             self.phase = "ended"
             if before is not None:
                 signal.signal(signal.SIGINT, before)
-            self.nursery.close()
-            self.printed(self.nursery.printed() if not self.nursery.output.closed else "")
+            self.printed(self.nursery.close())
             self._context.destroy(linger=200)
         if self._origin_time is not None:
             self.result.wall = self._ended - self._origin_time

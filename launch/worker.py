@@ -189,7 +189,7 @@ class Worker:
                 self.last = given["tick"]
             case "dead" | "alive":
                 self._bury(set(given["nodes"]), set(given["mute"]), given["do"] == "dead")
-            case "quit":
+            case "quit" if self.slots:  # observers go on until they are told that all senders are gone
                 raise Ended
 
     def _bury(self, nodes: set[str], mute: set[str], dead: bool) -> None:

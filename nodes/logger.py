@@ -41,7 +41,7 @@ class Mcap(Observer):
     """
 
     path: Annotated[str, "1"] = "palpate.mcap"
-    every: Annotated[dict[str, int], "1"] = {}
+    thin: Annotated[dict[str, int], "1"] = {}
     """Streams to thin out: name and n, to keep each n-th message."""
     leave_out: Annotated[tuple[str, ...], "1"] = ()
     """Streams not to record."""
@@ -71,7 +71,7 @@ class Mcap(Observer):
             self._channels[stream.name] = self._writer.register_channel(
                 stream.name, "msgpack", schemas[stream.type], about
             )
-            self._divisor[stream.name] = (stream.every, stream.every * self.every.get(stream.name, 1))
+            self._divisor[stream.name] = (stream.every, stream.every * self.thin.get(stream.name, 1))
             self.lost[stream.name] = self.counts[stream.name] = self._next[stream.name] = 0
         self._close_chunk()
 

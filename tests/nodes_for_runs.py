@@ -67,7 +67,7 @@ class Faulty(Spring):
     """Fails in a chosen way at a chosen tick."""
 
     how: Annotated[str, "1"] = "raise"
-    when: Annotated[int, "1"] = 20
+    at: Annotated[int, "1"] = 20
 
     def start(self) -> None:
         if self.how == "start":
@@ -78,7 +78,7 @@ class Faulty(Spring):
 
     def step(self, pose: Pose) -> Force:
         self.count += 1
-        if self.count == self.when:
+        if self.count == self.at:
             match self.how:
                 case "raise":
                     raise RuntimeError("out of luck")
