@@ -6,6 +6,7 @@ import contextlib
 from dataclasses import dataclass
 from pathlib import Path
 
+import msgspec
 from rich.console import Console
 
 from palpate.launch.about import about
@@ -57,10 +58,18 @@ def execute(
     ticks = None if launch.duration is None else max(1, round(launch.duration * graph.rate))
     told = about(found, clock=clock, pace=launch.pace, ticks=ticks, groups={g.name: g.nodes for g in place.groups})
     work = jobs(found, place, clock=clock, ticks=ticks, pace=launch.pace, about=told)
+    joined = frozenset(group.name for group in place.groups if group.join or not is_here(group.host))
+    if joined:
+        if address is None:
+            raise OSError(
+                f"group {min(joined)!r} is started by hand: say where it finds this launcher, --address tcp://HOST:PORT"
+            )
+        here = address.removeprefix("tcp://").rpartition(":")[0]
+        work = [job if job.host else msgspec.structs.replace(job, host=here) for job in work]
     title = (launch.path or launch.graph).stem
     screen = Screen(console, title, graph.rate, ticks) if console is not None else None
     with screen or contextlib.nullcontext():
-        if len(work) == 1 and clock == "simulated" and is_here(work[0].host):
+        if len(work) == 1 and clock == "simulated" and not joined:
             if nursery is not None:
                 nursery.close()
             result = run_fused(work[0], screen.show if screen else lambda _: None)
@@ -68,7 +77,7 @@ def execute(
             launcher = Launcher(
                 work,
                 nursery,
-                joined=frozenset(job.group for job in work if not is_here(job.host)),
+                joined=joined,
                 address=address,
                 patience=patience,
                 restart=frozenset(name for name in found.order if graph.nodes[name].restart),

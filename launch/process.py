@@ -9,8 +9,9 @@ import sys
 import traceback
 
 import msgspec
+import zmq
 
-from palpate.launch.bus import Bus, PortInUse
+from palpate.launch.bus import Bus, PortInUse, order
 from palpate.launch.clock import real_time
 from palpate.launch.ended import Ended
 from palpate.launch.fused import death
@@ -19,8 +20,10 @@ from palpate.launch.slot import NodeFault
 from palpate.launch.worker import Worker
 
 
-def serve(job: Job, run: str, control: str, reports: str) -> int:
+def serve(job: Job, run: str, control: str, reports: str, watch: bool = False) -> int:
     """Run a job: build, report ready, connect, report linked, wait for the start, run, report the end.
+
+    watch  end when nothing is heard of the launcher, for a worker that is not its child
 
     Returns the exit code: 0, or 1 after a fault, which has been reported with its traceback.
     """
@@ -35,6 +38,7 @@ def serve(job: Job, run: str, control: str, reports: str) -> int:
     worker = None
     try:
         worker = Worker(job, bus, report)
+        worker.watch = watch
         worker.start()
         refused = real_time(job.core, job.priority if real else None)
         report({"kind": "ready", "endpoints": bus.bind(job.host), "refused": refused})
@@ -90,3 +94,28 @@ def _stop_rest(worker: Worker | None) -> None:
             worker.stop()
         except NodeFault as error:
             print(f"after the fault, too: {error}", file=sys.stderr)
+
+
+def join(address: str, group: str, patience: float) -> int:
+    """Be the worker of this group for a launcher elsewhere; returns the exit code.
+
+    address   of the launcher, `tcp://host:port`
+    patience  [s] to wait for it
+
+    TimeoutError: no launcher answered there.
+    """
+    host, _, port = address.removeprefix("tcp://").rpartition(":")
+    control, reports = f"tcp://{host}:{port}", f"tcp://{host}:{int(port) + 1}"
+    with zmq.Context() as context, context.socket(zmq.SUB) as heard, context.socket(zmq.PUSH) as said:
+        heard.subscribe(f"~join-{group}".encode() + b"\0")
+        heard.connect(control)
+        said.set(zmq.LINGER, 0)
+        said.connect(reports)
+        for _ in range(max(1, round(patience / 0.25))):
+            said.send(msgspec.msgpack.encode({"group": group, "kind": "hello"}))
+            if heard.poll(250):
+                told = order(heard.recv())
+                break
+        else:
+            raise TimeoutError(f"no launcher at {address} that waits for group {group!r}")
+    return serve(msgspec.convert(told["job"], Job), told["run"], control, reports, watch=True)

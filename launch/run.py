@@ -27,6 +27,7 @@ from palpate.launch.result import Death, Result
 START_PATIENCE = 120.0  # [s] for a node's `start`: it may compile kernels or build a basis
 STOP_PATIENCE = 3.0  # [s] for the workers to end once they were told
 HEAD_START = 10_000_000  # [ns] from the order to go to tick 0: every worker has heard it by then
+BEAT = 0.5  # [s] between signs of life for workers on other machines
 GRACE = 0.1  # [s] that the others go on after a node died on the real clock: the device gets its zero force
 
 
@@ -71,7 +72,9 @@ class Launcher:
         self._interrupts = self._heeded = 0
         self._deadline: float | None = None
         self._tail: list[str] = []
+        self._beat = 0.0
         self._open()
+        self.busy.update({group: f"{group} (palpate join {address} {group})" for group in joined})
 
     # -- sockets -------------------------------------------------------------------------------------------------
 
@@ -201,10 +204,19 @@ class Launcher:
                     self._tell("*", do="end", tick=max(self._paused.values()))
             case "fault":
                 self._died(group, report)
+                self._left(group)
             case "rubbish":
                 self.result.notes.append(f"stream {report['stream']!r}: {report['text']}")
             case "done":
                 self._state[group] = "done"
+                self._left(group)
+
+    def _left(self, group: str) -> None:
+        """A worker on another machine has no process here whose end could be seen: its last report is its end."""
+        if group in self.joined:
+            self._state[group] = "gone"
+            self._ended = time.monotonic()
+            self._after_exit()
 
     def _ready(self, group: str, report: dict) -> None:
         self._endpoints[group] = report["endpoints"]
@@ -360,6 +372,9 @@ class Launcher:
 
     def _check_time(self) -> None:
         moment = time.monotonic()
+        if self.joined and moment - self._beat > BEAT:
+            self._beat = moment
+            self._tell("*", do="beat")
         if self._quit_at is not None and moment >= self._quit_at:
             self._quit_at = None
             self._tell("*", do="quit")
@@ -375,7 +390,8 @@ class Launcher:
         for group, state in self._state.items():
             silent = moment - self._seen[group]
             limit = START_PATIENCE if state == "starting" else self.patience
-            if state in ("starting", "running") and silent > limit and group in self.pids:
+            joining = state == "starting" and group in self.joined
+            if state in ("starting", "running") and silent > limit and not joining:
                 self.nursery.ask({"kill": group, "signal": int(signal.SIGUSR1)})  # prints where it hangs
                 time.sleep(0.05)
                 self._listen()
@@ -384,6 +400,7 @@ class Launcher:
                 text = f"no sign of life for {silent:.0f} s: it hangs"
                 self._died(group, {"node": names, "where": where, "text": text, "trace": "\n".join(self._tail[-12:])})
                 self.nursery.ask({"kill": group, "signal": int(signal.SIGKILL)})
+                self._left(group)
 
     def _kill_rest(self) -> None:
         for group, state in self._state.items():

@@ -21,6 +21,7 @@ from palpate.messages import Message, MessageError, pack, unpack
 from palpate.nodes.base import Node, Observer, Stream
 
 BURST = 16  # ticks between two bursts to the observers
+ORPHANED = 5_000_000_000  # [ns]
 REPORT = 200_000_000  # [ns] between two health reports
 
 
@@ -47,11 +48,13 @@ class Worker:
         self.observers = [ObserverSlot(given, self._observer(given)) for given in job.observers]
         self._names = {id(slot.node): slot.name for slot in self.slots}
         self._names |= {id(observer.node): observer.name for observer in self.observers}
+        self.watch = False
         self.mute: set[str] = set()
         self.stopping = False
         self.last = job.ticks - 1 if job.ticks is not None else None
         self.tick = -1
         self._reported = 0
+        self._beat = now()
         self._burst = 0
         self._started: list[Node] = []
         self._heard: dict[str, Output] = known
@@ -167,6 +170,11 @@ class Worker:
         for port in route[1]:
             port.put(message, arrived)
 
+    def _look_for_launcher(self) -> None:
+        """A worker that was started by hand ends when nothing is heard of the launcher any more."""
+        if self.watch and now() - self._beat > ORPHANED:
+            raise NodeFault("", "launcher", "nothing was heard of it for 5 s")
+
     def take(self, block: bool) -> bytes | None:
         """The next frame; None when none came in time, an empty one after a control frame."""
         assert self.bus is not None
@@ -182,6 +190,7 @@ class Worker:
         return data
 
     def _control(self, given: dict) -> None:
+        self._beat = now()
         match given["do"]:
             case "stop":
                 self.stopping = True
@@ -224,6 +233,7 @@ class Worker:
 
     def _report_health(self) -> None:
         self._reported = now()
+        self._look_for_launcher()
         nodes = {slot.name: {**slot.health.report(), "forces": slot.forces()} for slot in self.slots}
         nodes |= {observer.name: observer.health.report() for observer in self.observers}
         self.report({"kind": "health", "tick": self.tick, "nodes": nodes})

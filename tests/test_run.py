@@ -6,6 +6,9 @@ import os
 import random
 import re
 import signal
+import socket
+import subprocess
+import sys
 import threading
 from pathlib import Path
 
@@ -94,6 +97,28 @@ def test_groups_over_tcp_send_the_same_bytes(tmp_path, reference):
         "a: {nodes: [source, sum], host: 127.0.0.1}\nb: {nodes: [spring, drag, spread], host: 127.0.0.1}\n"
     )
     outcome = go(tmp_path, place=place)
+    assert outcome.result.ok, outcome.result.deaths
+    assert streams(tmp_path / "run.mcap") == reference
+
+
+def test_a_group_that_joins_by_hand_sends_the_same_bytes(tmp_path, reference):
+    place = tmp_path / "joined.yaml"
+    place.write_text("a: {nodes: [source, sum]}\nfar: {nodes: [spring, drag, spread], host: 127.0.0.1, join: true}\n")
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        address = f"tcp://127.0.0.1:{free.getsockname()[1]}"
+    command = [
+        sys.executable,
+        "-c",
+        f"from palpate.launch.process import join; raise SystemExit(join({address!r}, 'far', 30))",
+    ]
+    path = os.pathsep.join([str(Path(__file__).parent), os.environ.get("PYTHONPATH", "")])
+    with subprocess.Popen(command, env={**os.environ, "PYTHONPATH": path}) as far:
+        launch = LaunchFile(
+            graph=write_graph(tmp_path), place=place, duration=TICKS / 1000, record=tmp_path / "run.mcap"
+        )
+        outcome = execute(launch, address=address)
+        assert far.wait(10) == 0
     assert outcome.result.ok, outcome.result.deaths
     assert streams(tmp_path / "run.mcap") == reference
 
