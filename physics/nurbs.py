@@ -238,9 +238,9 @@ def normal_of(data, layout, v, d):
     which has the direction of S_u beside the pole, stands for it; (0, 0, 1) where the patch has no normal."""
     _, _, v0, v1 = bounds(data, layout)
     a0, a1, a2 = d[1, 0], d[1, 1], d[1, 2]
-    if layout[POLE_LOW] and v - v0 < 1e-8 * (v1 - v0):
+    if layout[POLE_LOW] and v - v0 < 2e-8 * (v1 - v0):
         a0, a1, a2 = d[4, 0], d[4, 1], d[4, 2]
-    elif layout[POLE_HIGH] and v1 - v < 1e-8 * (v1 - v0):
+    elif layout[POLE_HIGH] and v1 - v < 2e-8 * (v1 - v0):
         a0, a1, a2 = -d[4, 0], -d[4, 1], -d[4, 2]
     x = a1 * d[2, 2] - a2 * d[2, 1]
     y = a2 * d[2, 0] - a0 * d[2, 2]
