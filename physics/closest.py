@@ -24,7 +24,10 @@ from palpate.physics.nurbs import Nurbs, evaluate, normal_of
 HYSTERESIS = 1e-4
 FAR = 1e9
 """[m] Coordinates beyond this are brought to it, so that squares stay finite."""
-SAMPLES = 1600
+SAMPLES = 2500
+SLACK = 0.1
+"""[1] A sample counts as nearer than its neighbours unless one of them is nearer by this share of the squared cover in squared distance:
+between two minima of nearly one distance the samples may show no rise."""
 STARTS = 8
 """Most starts of Newton's method per step beside the last foot point."""
 FOUND = 9
@@ -140,7 +143,7 @@ def _nearest(seeds, index, p0, p1, p2):
 def _belongs(seeds, index, k, f, x0, x1, x2, least):
     """Whether sample k, at squared distance f, is one of those round a known minimum x at squared distance `least`."""
     cover = seeds[len(seeds) - 1]
-    return f >= least * (1.0 - 1e-9) and _square(seeds, k, x0, x1, x2) < 4.0 * cover * cover
+    return f >= least * (1.0 - 1e-9) and _square(seeds, k, x0, x1, x2) < cover * cover
 
 
 @numba.njit(cache=True)
@@ -153,7 +156,8 @@ def _starts(seeds, index, p0, p1, p2, distance, here, work, at):
     cover = seeds[len(seeds) - 1]
     reach = distance + cover
     limit = reach * reach
-    links = 3 + clusters + 1
+    slack = SLACK * cover * cover
+    links = 3 + clusters
     count = 0
     for c in range(clusters):
         b = 5 * samples + 4 * c
@@ -167,7 +171,7 @@ def _starts(seeds, index, p0, p1, p2, distance, here, work, at):
                 continue
             lowest = True
             for j in range(index[links + k], index[links + k + 1]):
-                if _square(seeds, index[links + samples + 1 + j], p0, p1, p2) < f:
+                if _square(seeds, index[links + samples + 1 + j], p0, p1, p2) < f - slack:
                     lowest = False
                     break
             if not lowest or _belongs(seeds, index, k, f, here[0, 0], here[0, 1], here[0, 2], distance * distance):
