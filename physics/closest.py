@@ -26,8 +26,8 @@ FAR = 1e9
 """[m] Coordinates beyond this are brought to it, so that squares stay finite."""
 SAMPLES = 2500
 SLACK = 0.1
-"""[1] A sample counts as nearer than its neighbours unless one of them is nearer by this share of the squared cover in squared distance:
-between two minima of nearly one distance the samples may show no rise."""
+"""[1] A sample counts as nearest of its neighbours unless one is nearer by this share of the squared cover in squared
+distance: between two minima of nearly one distance the samples may show no rise."""
 STARTS = 8
 """Most starts of Newton's method per step beside the last foot point."""
 FOUND = 9

@@ -4,9 +4,9 @@ With r = S(u,v) - p, minimise r.r / 2:
 
     g = (r.S_u, r.S_v),   H = [[S_u.S_u + r.S_uu, S_u.S_v + r.S_uv], [., S_v.S_v + r.S_vv]]
 
-Where H is not positive definite its part without r stands in (Gauss-Newton). Steps are halved until r.r falls (Armijo).
-An open direction is clamped at its ends and dropped while the gradient pushes outwards; a closed one wraps. A stationary
-point that is no minimum is left along the direction of negative curvature.
+Where H is not positive definite its part without r stands in (Gauss-Newton). Steps are halved until r.r falls
+(Armijo). An open direction is clamped at its ends and dropped while the gradient pushes outwards; a closed one wraps. A
+stationary point that is no minimum is left along the direction of negative curvature.
 
 Beside a pole S_u vanishes, and (u, v) is the wrong chart: steps are taken in polar coordinates rho = |v - v_pole|,
 phi = 2 pi u on the plane (rho cos phi, rho sin phi), whose gradient and Hessian stay finite and which has no border at

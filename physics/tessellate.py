@@ -102,7 +102,7 @@ def _band(lower: int, upper: int, at: int, above: int, shift: float) -> np.ndarr
     """Triangles between a ring of `lower` vertices from index `at` and one of `upper` vertices from index `above`."""
     if lower == 1:
         i = np.arange(upper)
-        return np.stack([np.full(upper, at), above + i, above + (i + 1) % upper], axis=1)
+        return np.stack([np.full(upper, at), above + (i + 1) % upper, above + i], axis=1)
     if upper == 1:
         i = np.arange(lower)
         return np.stack([at + i, at + (i + 1) % lower, np.full(lower, above)], axis=1)
