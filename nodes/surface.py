@@ -36,17 +36,22 @@ PLANE_SIZE = 0.1
 UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
 
 
-class OnSurface(Node):
+class Placed(Node):
     """Settings of a node that works on the scene's surface: give all such nodes of a graph the same ones."""
 
     surface: Annotated[str, "1"] = "kidney"
     """A built-in surface, or the path of a mesh file (.stl, .ply, .obj)."""
-    vertices: Annotated[int, "1", msgspec.Meta(ge=12, le=2_000_000)] = 3000
-    """About how many vertices the mesh of a built-in surface gets; a file has its own."""
     position: Annotated[Vector3, "m"] = PLACE
     """Where the surface's origin lies in the world."""
     rotation: Annotated[Vector3, "rad"] = LEVEL
     """How it is turned about its origin: a rotation vector."""
+
+
+class OnSurface(Placed):
+    """Settings of a node that works on the mesh of the scene's surface."""
+
+    vertices: Annotated[int, "1", msgspec.Meta(ge=12, le=2_000_000)] = 3000
+    """About how many vertices the mesh of a built-in surface gets; a file has its own."""
     file_unit: Annotated[str, "1"] = "m"
     """Unit of the numbers in a mesh file: m, cm or mm."""
 

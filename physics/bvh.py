@@ -39,7 +39,7 @@ class MeshTables:
     star: np.ndarray
 
     @property
-    def arrays(self) -> tuple[np.ndarray, ...]:
+    def arrays(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """In the order in which the kernels take them."""
         return self.points, self.cells, self.discs, self.star_at, self.star
 

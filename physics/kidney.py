@@ -4,17 +4,23 @@ Length pole to pole 110 mm: computed tomography of 2068 kidneys gave 108.5 +- 12
 on the left (B. Glodny et al., BMC Urology 9 (2009) 19). Width 60 mm and thickness 42 mm lie in the usual adult range
 of 50-70 mm and 30-50 mm; as an ellipsoid these give 145 cm3, and sonography of 665 adults found a median volume of
 146 cm3 left, 134 cm3 right (S. A. Emamian et al., Am. J. Roentgenol. 160 (1993) 83-86).
+
+    python -m palpate.physics.kidney kidney.ply --vertices 3000    writes a mesh of it
+
 Shape: a round body bent about its medial side, with a hollow, the hilum, in the middle of that side.
 """
 
 from __future__ import annotations
 
+import argparse
 from functools import lru_cache
 
 import numpy as np
 
+from palpate.physics.mesh import write_ply
 from palpate.physics.nurbs import Nurbs
 from palpate.physics.nurbs_fit import interpolate
+from palpate.physics.tessellate import tessellate
 
 LENGTH, WIDTH, THICKNESS = 0.110, 0.060, 0.042
 
@@ -90,3 +96,21 @@ def _box(surface: Nurbs) -> tuple[np.ndarray, np.ndarray]:
     u, v = np.linspace(0.0, 1.0, 241), np.linspace(0.0, 1.0, 241)
     points = surface(u[:, None], v).reshape(-1, 3)
     return points.min(axis=0), points.max(axis=0)
+
+
+def main() -> None:
+    """Write a mesh of the kidney to a PLY file."""
+    parser = argparse.ArgumentParser(description=main.__doc__)
+    parser.add_argument("file")
+    parser.add_argument("--vertices", type=int, default=3000)
+    for name, default in (("length", LENGTH), ("width", WIDTH), ("thickness", THICKNESS)):
+        parser.add_argument(f"--{name}", type=float, default=default, help="[m]")
+    given = parser.parse_args()
+    try:
+        write_ply(given.file, tessellate(kidney(given.length, given.width, given.thickness), given.vertices))
+    except (ValueError, OSError) as error:
+        parser.error(str(error))
+
+
+if __name__ == "__main__":
+    main()
