@@ -2,9 +2,9 @@
 
     v_k = (x_k - x_{k-N}) / (t_k - t_{k-N})
 
-which equals N differences averaged where the stamps are even. Its magnitude response at rate fs, against the true
-velocity's slow part, is |H(f)| = |sin(N pi f / fs) / (N sin(pi f / fs))|: first null at fs/N, half power at about
-0.446 fs/N (the kidney rendering paper quotes the null as the cut-off), delay N/2 samples.
+which equals N differences averaged where the stamps are even. Its magnitude response at rate fs, against a single
+difference, is |H(f)| = |sin(N pi f / fs) / (N sin(pi f / fs))|: first null at fs/N, half power at about 0.446 fs/N (the
+kidney rendering paper quotes the null as the cut-off), delay N/2 samples with the difference itself.
 """
 
 from __future__ import annotations
