@@ -82,14 +82,11 @@ def _module(use: str, name: str, sends: Iterable[type[Message]]) -> ModuleType:
         return importlib.import_module(full)
     except ModuleNotFoundError as error:
         if error.name is not None and (full == error.name or full.startswith(error.name + ".")):
-            if full.startswith(SHIPPED):
-                known = shipped_modules()
-            else:
-                known = shipped_modules() if "." not in name else []
-            cure = choices("Modules of palpate", name, known) if known else f"Looked in {here} and the Python path."
-            raise ClassError(
-                f"use: {use!r}: module {name!r} not found", f"{cure} {_fitting(use, sends)}".strip()
-            ) from None
+            cure = (
+                choices("Modules of palpate", top, shipped_modules()) + f" Looked in {here} and the Python path, too."
+            )
+            text = f"use: {use!r}: module {name!r} not found"
+            raise ClassError(text, f"{cure} {_fitting(use, sends)}".strip()) from None
         raise _missing(use, error) from None
     except ImportError as error:
         raise _missing(use, error) from None

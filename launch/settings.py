@@ -13,7 +13,7 @@ from typing import Annotated, Any
 import msgspec
 
 from palpate.launch.classes import SHIPPED, catalogue, classes
-from palpate.launch.faults import Faults, Place, choices
+from palpate.launch.faults import Faults, Place, choices, nearest
 from palpate.launch.scene import Scene
 from palpate.launch.source import Source
 from palpate.launch.units import UnitError, convert, is_quantity
@@ -27,6 +27,7 @@ class Offer:
 
     path: str
     key: str
+    value: Any
     node: str
     cls: type[Node]
     place: Place
@@ -46,7 +47,7 @@ def resolve(
     for value, path in _offered(name, line, scene, faults):
         for key in value:
             where = scene.source.place(*path.split("."), key) if path else line.place("with", key)
-            offers.append(Offer(path, key, name, cls, where))
+            offers.append(Offer(path, key, value[key], name, cls, where))
             if key in known:
                 given[key] = (scene.fill(value[key], faults, where, {"node": name, "setting": key}), where)
     for key in own:
@@ -67,7 +68,7 @@ def resolve(
         try:
             value = in_si(setting, value)
             _refuse_nan(value)
-            found[key] = msgspec.to_builtins(check(setting, value))
+            found[key] = _plain(check(setting, value))
         except UnitError as error:
             faults.add(f"[{setting.unit}]: {error}", "", place, node=name, setting=key)
             right = False
@@ -78,7 +79,7 @@ def resolve(
     if right:
         try:
             node = cls(**found)
-            found = {key: msgspec.to_builtins(getattr(node, key)) for key in known}
+            found = {key: _plain(getattr(node, key)) for key in known}
         except (ValueError, TypeError) as error:
             faults.add(str(error), "", line.place(), node=name)
     return found
@@ -110,6 +111,8 @@ def check_offers(offers: list[Offer], scene: Scene, faults: Faults) -> None:
 
     A model takes what it has and leaves the rest to the models that it may be swapped for; so a key is known when a
     class of the node's module, another taker of the same mapping, a `when:` or `$path`, or a shipped class has it.
+    A truth value is also known as an effect of the scene that no node of this graph asks for, unless it looks like a
+    setting that is not spelled right.
     """
     taken: set[tuple[str, str]] = set()
     names: dict[type[Node], dict[str, Setting]] = {}
@@ -124,6 +127,8 @@ def check_offers(offers: list[Offer], scene: Scene, faults: Faults) -> None:
         path = f"{offer.path}.{offer.key}"
         read = offer.path and any(used == path or used.startswith(f"{path}.") for used in scene.used)
         if (offer.path, offer.key) in taken or read or offer.place in told:
+            continue
+        if isinstance(offer.value, bool) and not nearest(offer.key, names[offer.cls]):
             continue
         shipped, missing = catalogue()
         if missing or any(offer.key in settings(entry.cls) for entry in shipped):
@@ -175,9 +180,18 @@ def _in_si(hint: Any, value: Any, unit: str) -> Any:
                 else inner[:1] * len(value)
             )
             return [_in_si(kind, item, unit) for kind, item in zip(kinds, value, strict=True)]
+        if isinstance(value, dict) and isinstance(option, type) and issubclass(option, msgspec.Struct):
+            return {key: _field_in_si(option, key, item) for key, item in value.items()}
         if isinstance(value, dict) and origin is dict and inner:
             return {key: _in_si(inner[1], item, unit) for key, item in value.items()}
     return value
+
+
+def _field_in_si(struct: type[msgspec.Struct], key: str, value: Any) -> Any:
+    """A field of a setting that is a struct; it has a unit of its own, or takes plain values only."""
+    hint = typing.get_type_hints(struct, include_extras=True).get(key)
+    unit = next((m for m in getattr(hint, "__metadata__", ()) if isinstance(m, str)), None)
+    return value if unit is None else _in_si(hint, value, unit)
 
 
 def _whole(value: float, options: list[Any]) -> float | int:
@@ -192,6 +206,14 @@ def _options(hint: Any) -> list[Any]:
     if typing.get_origin(hint) in (typing.Union, types.UnionType):
         return [o for a in typing.get_args(hint) for o in _options(a)]
     return [hint]
+
+
+def _plain(value: Any) -> Any:
+    """The value as JSON would give it back."""
+    value = msgspec.to_builtins(value)
+    if isinstance(value, dict):
+        return {key: _plain(item) for key, item in value.items()}
+    return [_plain(item) for item in value] if isinstance(value, list | tuple) else value
 
 
 def _refuse_nan(value: Any) -> None:

@@ -98,7 +98,7 @@ def wires(
             if driving or not port.optional:
                 role = ", which drives the node," if driving else ""
                 fit = [s for own in kinds.values() for s, kind in own.items() if issubclass(kind, port.type)]
-                faults.add(f"input{role} has no sender; expects {port.type.__name__}", _who(port, fit), place,
+                faults.add(f"input{role} has no sender; expects {port.type.__name__}", _who(port, fit, unclear), place,
                            node=name, port=port.name)  # fmt: skip
             continue
         where = line.place("in", port.name)
@@ -150,12 +150,13 @@ def _match(
     if node in unclear:
         return None
     if node not in kinds:
-        faults.add(f"{expects}; there is no node {node!r}", f"{choices('Nodes', node, kinds)} {_who(port, fit)}", place,
+        cure = f"{choices('Nodes', node, [*kinds, *sorted(unclear)])} {_who(port, fit, unclear)}".strip()
+        faults.add(f"{expects}; there is no node {node!r}", cure, place,
                    node=name, port=port.name)  # fmt: skip
         return None
     own = kinds[node]
     if not own:
-        faults.add(f"{expects}, but {node!r} sends nothing", _who(port, fit), place, node=name, port=port.name)
+        faults.add(f"{expects}, but {node!r} sends nothing", _who(port, fit, unclear), place, node=name, port=port.name)
         return None
     if message and message not in {kind.__name__ for kind in own.values()}:
         sends = [kind.__name__ for kind in own.values()]
@@ -166,7 +167,9 @@ def _match(
     right = [s for s in named if issubclass(own[s], port.type)]
     if not right:
         what = ", ".join(own[s].__name__ for s in named)
-        faults.add(f"{expects}, but {sender!r} sends {what}", _who(port, fit), place, node=name, port=port.name)
+        faults.add(
+            f"{expects}, but {sender!r} sends {what}", _who(port, fit, unclear), place, node=name, port=port.name
+        )
         return None
     if len(right) > 1:
         faults.add(f"{expects}, and {node!r} sends several", f"Write one of: {', '.join(right)}.", place,
@@ -174,10 +177,12 @@ def _match(
     return right[0]
 
 
-def _who(port: Port, fit: list[str]) -> str:
+def _who(port: Port, fit: list[str], unclear: set[str]) -> str:
     kind = port.type.__name__
     if fit:
         return f"Nodes that send {kind}: {', '.join(fit)}."
+    if unclear:
+        return ""  # one of the nodes whose class is not found may send it
     return f"No node sends {kind}. Classes that do: {', '.join(senders(port.type)) or 'none'}."
 
 
