@@ -18,7 +18,7 @@ from palpate.launch.files import PLACES, find_file
 from palpate.launch.plan import Plan
 from palpate.launch.source import Source, read
 
-KEYS = ("nodes", "core", "priority", "host")
+KEYS = ("nodes", "core", "priority", "host", "join")
 FUSED = "fused"
 
 
@@ -29,7 +29,8 @@ class Group:
     nodes     names, in the plan's order, observers last
     core      CPU cores that the process may use, None: any
     priority  of SCHED_FIFO, 1 to 99, None: ordinary scheduling
-    host      name or address of another machine, None: this one
+    host      name or address of the machine, with or without a port; None: this one, no network
+    join      started by hand with `palpate join`, as a group on another machine always is
     """
 
     name: str
@@ -37,6 +38,7 @@ class Group:
     core: tuple[int, ...] | None = None
     priority: int | None = None
     host: str | None = None
+    join: bool = False
 
 
 @dataclass
@@ -142,9 +144,14 @@ def _group(name: str, line: Source, known: list[str], taken: dict[str, str], fau
         )
         priority = None
     host = data.get("host")
-    address = re.fullmatch(r"(?:tcp://)?([A-Za-z0-9.-]+)", host) if isinstance(host, str) else None
+    address = re.fullmatch(r"(?:tcp://)?([A-Za-z0-9.-]+(?::[0-9]+)?)", host) if isinstance(host, str) else None
     if host is not None and address is None:
         faults.add(
-            f"{about}, host: found {host!r}, expected a name or address such as tcp://10.0.0.2", "", line.place("host")
+            f"{about}, host: found {host!r}, expected a name or address such as tcp://10.0.0.2 or tcp://10.0.0.2:5600",
+            "",
+            line.place("host"),
         )
-    return Group(name, found, cores or None, priority, address[1] if address else None)
+    join = data.get("join", False)
+    if not isinstance(join, bool):
+        faults.add(f"{about}, join: found {join!r}, expected true or false", "", line.place("join"))
+    return Group(name, found, cores or None, priority, address[1] if address else None, join is True)

@@ -47,6 +47,16 @@ class Port:
     wants: frozenset[str]
 
 
+@dataclass(frozen=True)
+class Stream:
+    """One stream that an observer hears: name, message type, sending node and its divisor of the base rate."""
+
+    name: str
+    type: type[Message]
+    producer: str
+    every: int
+
+
 class Node:
     """One job of the graph.
 
@@ -95,8 +105,9 @@ class Observer(Node):
 
     sink = True
 
-    def listen(self, streams: dict[str, type[Message]], about: dict[str, Any]) -> None:
-        """Told once, before `start`: the message type of each stream, and what is known of the run."""
+    def listen(self, streams: tuple[Stream, ...], about: dict[str, Any]) -> None:
+        """Told once, before `start`: what there is to hear, and what is known of the run (plain data)."""
+        self.streams, self.about = streams, about
 
     def observe(self, stream: str, tick: int, payload: bytes) -> None:
         """Take one message in its wire form."""
