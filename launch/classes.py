@@ -82,9 +82,7 @@ def _module(use: str, name: str, sends: Iterable[type[Message]]) -> ModuleType:
         return importlib.import_module(full)
     except ModuleNotFoundError as error:
         if error.name is not None and (full == error.name or full.startswith(error.name + ".")):
-            cure = (
-                choices("Modules of palpate", top, shipped_modules()) + f" Looked in {here} and the Python path, too."
-            )
+            cure = choices("Modules of palpate", top, _node_modules()) + f" Looked in {here} and the Python path, too."
             text = f"use: {use!r}: module {name!r} not found"
             raise ClassError(text, f"{cure} {_fitting(use, sends)}".strip()) from None
         raise _missing(use, error) from None
@@ -157,6 +155,12 @@ def classes(module: ModuleType) -> list[type[Node]]:
 def shipped_modules() -> list[str]:
     """Names of palpate's node modules as they stand in `use:`, without importing them."""
     return sorted(m.name for m in pkgutil.iter_modules(palpate.nodes.__path__) if m.name != "base")
+
+
+def _node_modules() -> list[str]:
+    """The modules in which the catalogue has classes, or may have, where a package is missing."""
+    entries, missing = catalogue()
+    return sorted({entry.use.rpartition(".")[0] for entry in entries} | set(missing))
 
 
 @lru_cache(maxsize=1)
