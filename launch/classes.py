@@ -5,9 +5,7 @@ from __future__ import annotations
 import importlib
 import importlib.util
 import inspect
-import os
 import pkgutil
-import sys
 import traceback
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -17,6 +15,7 @@ from types import ModuleType
 import palpate.nodes
 from palpate.launch.extras import extra_of, install
 from palpate.launch.faults import choices, nearest
+from palpate.launch.load import search_here
 from palpate.messages import Message, fields
 from palpate.messages.base import HEADER
 from palpate.nodes.base import Node, Observer, inputs, outputs, settings
@@ -72,9 +71,7 @@ def find_class(use: str, sends: Iterable[type[Message]] = ()) -> type[Node]:
 
 
 def _module(use: str, name: str, sends: Iterable[type[Message]]) -> ModuleType:
-    here = os.getcwd()
-    if here not in sys.path:
-        sys.path.append(here)
+    here = search_here()
     top = name.partition(".")[0]
     own = importlib.util.find_spec(f"{SHIPPED}.{top}") is not None
     full = f"{SHIPPED}.{name}" if own else name

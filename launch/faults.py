@@ -92,10 +92,13 @@ class Faults:
             raise GraphError(self.found)
 
 
-def nearest(name: str, known: Iterable[str], count: int = 3) -> list[str]:
-    """The known names that are most like `name`, best first, upper and lower case alike."""
+def nearest(name: str, known: Iterable[str], count: int = 3, likeness: float = 0.6) -> list[str]:
+    """The known names that are most like `name`, best first, upper and lower case alike.
+
+    likeness  0 to 1, how like they must be: 0.6 for a hint, 0.8 where only a slip of the pen counts
+    """
     by_lower = {str(k).lower(): str(k) for k in known}
-    return [by_lower[k] for k in difflib.get_close_matches(name.lower(), by_lower, n=count, cutoff=0.6)]
+    return [by_lower[k] for k in difflib.get_close_matches(name.lower(), by_lower, n=count, cutoff=likeness)]
 
 
 def choices(label: str, name: str, known: Iterable[str]) -> str:

@@ -128,7 +128,7 @@ def check_offers(offers: list[Offer], scene: Scene, faults: Faults) -> None:
         read = offer.path and any(used == path or used.startswith(f"{path}.") for used in scene.used)
         if (offer.path, offer.key) in taken or read or offer.place in told:
             continue
-        if isinstance(offer.value, bool) and not nearest(offer.key, names[offer.cls]):
+        if isinstance(offer.value, bool) and not nearest(offer.key, names[offer.cls], likeness=0.8):
             continue
         shipped, missing = catalogue()
         if missing or any(offer.key in settings(entry.cls) for entry in shipped):

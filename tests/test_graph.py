@@ -79,6 +79,17 @@ def test_a_users_own_class_takes_what_it_has_of_the_scene(whole, write, monkeypa
     assert load(whole, overrides=["tissue.use=mylab.Liver"]).nodes["tissue"].settings == {"stiffness": 400.0}
 
 
+def test_an_effect_that_no_node_asks_for_is_no_fault_but_a_slip_is(whole):
+    text = (
+        whole.read_text().replace(", when: tissue.friction", "").replace("friction: true", "friction: true, FLAG: on")
+    )
+    whole.write_text(text.replace("FLAG: on", "radios: on"))
+    with pytest.raises(GraphError, match=r"tissue\.radios.*\n.*Did you mean 'radius'"):
+        load(whole)
+    whole.write_text(text.replace("FLAG: on", "adhesion: on"))
+    load(whole)
+
+
 def test_dollar_reads_the_scene_anywhere_in_a_value(whole):
     text = whole.read_text().replace("in: {pose: finger}}", "in: {pose: finger}, offset: [$finger.h0, 1 mm, 0]}")
     whole.write_text(text)

@@ -3,6 +3,7 @@
 import ast
 import subprocess
 import sys
+import tomllib
 from importlib.metadata import requires
 from pathlib import Path
 
@@ -47,6 +48,18 @@ def test_imports_go_one_way(name, file):
             assert top in THEIRS[name], f"{name} imports {module}"
         if name == "nodes":
             assert top != "zmq", "nodes import zmq"
+
+
+def test_the_wheel_holds_every_folder():
+    """setuptools takes only the packages that are listed."""
+    project = tomllib.loads((Path(__file__).parent.parent / "pyproject.toml").read_text(encoding="utf-8"))
+    listed = set(project["tool"]["setuptools"]["packages"])
+    there = {
+        ".".join(["palpate", name, *file.parent.relative_to(folder).parts])
+        for name, folder in FOLDERS.items()
+        for file in folder.rglob("*.py")
+    }
+    assert there <= listed, f"not in pyproject.toml: {', '.join(sorted(there - listed))}"
 
 
 @pytest.mark.parametrize("verb", ["--help", "messages", "check --help", "nodes --help", "new --help"])

@@ -62,6 +62,9 @@ def test_wanted_streams_pull_what_they_need_and_a_listener_of_all_pulls_nothing_
     assert set(planned(path, "wanted=[control]").skipped) == set()
     assert planned(path, wanted=["device"]).order == ["device"]
     assert planned(path, scene={"wanted": "device"}).order == ["device"]
+    assert planned(path, wanted=["contact"], scene={"wanted": "contact"}).order != ["device"]
+    assert planned(path, "wanted=device", wanted=["contact"], scene={"wanted": "contact"}).order == ["device"]
+    assert planned(path, "wanted=all", scene={"wanted": "device"}).skipped == {}
 
 
 def test_a_listener_of_some_streams_pulls_those(write):
