@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import importlib
 import importlib.util
-import inspect
 import pkgutil
 import traceback
 from collections.abc import Iterable
@@ -18,6 +17,7 @@ from palpate.launch.faults import choices, nearest
 from palpate.launch.load import search_here
 from palpate.messages import Message, fields
 from palpate.messages.base import HEADER
+from palpate.messages.docs import summary
 from palpate.nodes.base import Node, Observer, inputs, outputs, settings
 
 SHIPPED = palpate.nodes.__name__
@@ -40,8 +40,8 @@ class Entry:
 
     @property
     def about(self) -> str:
-        """First line of the class's docstring."""
-        return (inspect.getdoc(self.cls) or "").partition("\n")[0]
+        """First sentence of the class's docstring."""
+        return summary(self.cls)
 
 
 def find_class(use: str, sends: Iterable[type[Message]] = ()) -> type[Node]:

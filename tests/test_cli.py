@@ -84,7 +84,8 @@ def test_plan_says_what_runs_and_why_the_rest_does_not(whole):
     assert [line[1] for line in lines if line[0] == "run"][:3] == ["device", "finger", "near"]
     skipped = next(line for line in lines if line[0] == "skip")
     assert skipped[1] == "friction" and "tissue.friction is false" in " ".join(skipped)
-    assert "~tissue" in result.stdout
+    assert "~tissue" in result.stdout and "every" not in result.stdout
+    assert "graph_nodes.Spring, every 10" in run("plan", whole, "--set", "tissue.every=10").stdout
 
 
 def test_plan_as_data(whole, write):

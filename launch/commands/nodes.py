@@ -50,14 +50,15 @@ def nodes(
 
 
 def describe(use: str, cls: type[Node]) -> dict[str, Any]:
-    """A node class as plain data: ports, settings, units, first line of its docstring."""
+    """A node class as plain data: ports, settings, units, first sentence of its docstring."""
     from palpate.launch.classes import sent_by
+    from palpate.messages.docs import summary
     from palpate.nodes.base import Observer, inputs, settings
 
     observer = issubclass(cls, Observer)
     return {
         "use": use,
-        "about": (inspect.getdoc(cls) or "").partition("\n")[0],
+        "about": summary(cls),
         "source": cls.paced,
         "sink": cls.sink,
         "observer": observer,
