@@ -33,10 +33,20 @@ BAD = {
     "unit of a setting": (
         "radius: 6 mm",
         "radius: 6 s",
-        ["setting 'radius': [m]: found '6 s' [s], a time; expected a length"],
+        ["setting 'radius' [m]: found '6 s' [s], a time; expected a length"],
     ),
     "not a number": ("radius: 6 mm", "radius: .nan", ["'radius'", "found nan"]),
-    "missing setting": (SPRING, "{use: graph_nodes.Needy, in: {pose: finger}}", ["setting 'mass': [kg] missing"]),
+    "missing setting": (SPRING, "{use: graph_nodes.Needy, in: {pose: finger}}", ["setting 'mass' [kg]: missing"]),
+    "settings that do not go together": (
+        "motor:    {use",
+        "moody: {use: graph_nodes.Moody, in: {pose: finger}, low: 2}\n  motor:    {use",
+        ["node 'moody': low 2.0 m lies above high 1.0 m"],
+    ),
+    "a constructor that fails": (
+        "motor:    {use",
+        "moody: {use: graph_nodes.Moody, in: {pose: finger}, low: 1}\n  motor:    {use",
+        ["node 'moody': Moody cannot be made: ZeroDivisionError"],
+    ),
     "with is no mapping": ("with: $finger", "with: $finger.h0", ["with: found '$finger.h0'", "expected a mapping"]),
     "with is unknown": ("with: $finger", "with: $fingr", ["'$fingr'", "Did you mean 'finger'"]),
     "dollar is unknown": (
@@ -268,3 +278,13 @@ def test_any_placement_gives_groups_or_faults(write, whole, group):
         assert "place.yaml" in str(error)
         return
     assert sorted(n for g in groups for n in g.nodes) == sorted([*found.order, *found.observers])
+
+
+def test_one_slip_is_one_fault(whole):
+    for old, new in (("with: $finger", "h0: $finger.h1"), ("radius: 6 mm", "radius: 6 s"), ("graph_nodes.Rub", "a.B")):
+        text = whole.read_text()
+        whole.write_text(text.replace(old, new, 1))
+        with pytest.raises(GraphError) as error:
+            load(whole)
+        whole.write_text(text)
+        assert len(error.value.faults) == 1, str(error.value)
