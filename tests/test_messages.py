@@ -162,3 +162,18 @@ def test_a_number_that_is_not_finite_is_told_by_field(kind, data, bad):
             continue
         with pytest.raises(MessageError, match=rf"{kind.__name__}\.{field.name} "):
             check_finite(msgspec.structs.replace(message, **{field.name: wrong}))
+
+
+@pytest.mark.parametrize("kind", KINDS, ids=ids)
+def test_the_largest_numbers_are_finite(kind):
+    """Their sum is not; the check must neither refuse them nor warn."""
+    most = np.finfo(float).max
+
+    def value(field):
+        shape = tuple(3 if isinstance(n, str) else n for n in field.shape)
+        if field.dtype is not None:
+            return np.full(shape, most if field.dtype.kind == "f" else 0, dtype=field.dtype)
+        one = {bool: False, int: 0, str: ""}.get(field.type, most)
+        return (0 if "int" in str(field.type) else most,) * shape[0] if shape else one
+
+    check_finite(kind(**{field.name: value(field) for field in fields(kind)}))
