@@ -119,9 +119,7 @@ class Simulated(Node):
         return points
 
     def _move(self, torques: Vector3, dt: float) -> tuple[float, float, float]:
-        return grip_kernel(
-            self.geometry, self.constants, self.state, self.ends, self.points, self.shapes, *torques, dt
-        )
+        return grip_kernel(self.geometry, self.constants, self.state, self.ends, self.points, self.shapes, *torques, dt)
 
     def step(self, torque: Torque | None, *, dt: float) -> DeviceState:
         self.reports.append(self._move(torque.torques if torque is not None else (0.0, 0.0, 0.0), dt))

@@ -68,9 +68,7 @@ class Falcon(_Tracker):
                 "For a device that reports a position use kinematics.Cartesian."
             )
         return self._pose(
-            *track_falcon(
-                self.cursor, self.times, self.points, self.geometry, self.speed_limit, time, *state.joints
-            )
+            *track_falcon(self.cursor, self.times, self.points, self.geometry, self.speed_limit, time, *state.joints)
         )
 
 

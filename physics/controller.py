@@ -15,8 +15,8 @@ travels that long. The controller acts on the smaller one. At a switch a credit 
 most 10 mJ, so that rounding errors do not pile up): else each bounce of a stiff wall would leave its leak behind.
 
 The velocity v of that damping is the last difference of positions: it is the one that the energy is counted with, and
-a filtered one comes too late for a stiff wall. A way of hardly more than one encoder count is mostly rounding, though, and
-the damping would make noise of it: there the filtered velocity stands in, with less damping for its longer delay.
+a filtered one comes too late for a stiff wall. A way of hardly more than one encoder count is mostly rounding, though,
+and the damping would make noise of it: there the filtered velocity stands in, with less damping for its longer delay.
 """
 
 from __future__ import annotations

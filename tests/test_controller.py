@@ -2,6 +2,7 @@
 
 from collections import deque
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -142,7 +143,7 @@ def test_position_noise_of_one_count_does_not_chatter():
         z = 60e-6 * (k % 2) - 30e-6
         e = max(-z, 0.0)
         states.append(touch(b, z, 400.0 * e, e).state)
-    assert sum(a != c for a, c in zip(states, states[1:], strict=False)) <= 1
+    assert sum(a != c for a, c in pairwise(states)) <= 1
 
 
 def test_the_switch_makes_no_bump():
