@@ -114,11 +114,15 @@ def haptic(gains, state, past, normal_force, n, friction, approach, position, ve
     position      [m]    (3)
     velocity      [m/s]  (3) filtered
     dt            [s]    since the last step; when it is not positive nothing changes
+    An input that is not finite gives no force.
     """
     if not 0.0 < dt < math.inf:
         return state[FORCE, 0], state[FORCE, 1], state[FORCE, 2], state[MODE, 0] == CONTACT, state[ENERGY, 0]
     x, y, z = position
     vx, vy, vz = velocity
+    if not abs(x + y + z + vx + vy + vz + normal_force + approach) < math.inf:
+        state[FORCE, :] = 0.0
+        return 0.0, 0.0, 0.0, state[MODE, 0] == CONTACT, state[ENERGY, 0]
     wx, wy, wz = 0.0, 0.0, 0.0
     if state[MODE, STARTED] == 0.0:
         state[MODE, STARTED] = 1.0

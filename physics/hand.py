@@ -82,11 +82,12 @@ def wanted(time, ends, points, shapes):
 
 
 @numba.njit(cache=True)
-def grip_kernel(geometry, constants, state, ends, points, shapes, t0, t1, t2, dt):
+def grip_kernel(geometry, constants, state, memory, ends, points, shapes, t0, t1, t2, dt):
     """Move the grip of a Falcon by one step under motor torques: its driven angles [rad].
 
     constants  (6)    m [kg], b, k [N/m], c [N s/m], encoder count [rad] (0: not rounded), motor limit [N m]
     state      (3,3)  position [m], velocity [m/s], (time [s], segment, -); changed in place
+    memory     (4,3)  the last propagator, and the length of its step [s]; zeros to begin with
     Beyond the reach of the legs is the end stop: the grip stays at its last place, at rest.
     """
     if 0.0 < dt < math.inf:
@@ -95,7 +96,10 @@ def grip_kernel(geometry, constants, state, ends, points, shapes, t0, t1, t2, dt
         count = int(min(max(math.ceil(dt / SUBSTEP - 1e-6), 1), MOST_SUBSTEPS))
         h = dt / count
         mass, drag = constants[MASS], constants[DRAG]
-        e = propagator((drag + constants[DAMPING]) / mass, constants[STIFFNESS] / mass, h)
+        e = memory[:3]
+        if memory[3, 0] != h:
+            e[:, :] = propagator((drag + constants[DAMPING]) / mass, constants[STIFFNESS] / mass, h)
+            memory[3, 0] = h
         begin = state[CLOCK, 0]
         _, px, py, pz = wanted(begin, ends, points, shapes)
         for i in range(1, count + 1):

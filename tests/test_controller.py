@@ -242,6 +242,16 @@ def test_steps_from_a_microsecond_to_ten_seconds_stay_finite():
             assert np.isfinite(found.energy)
 
 
+def test_an_input_that_is_not_finite_gives_no_force_and_is_forgotten():
+    node = Haptic(slew=1e9)
+    node.start()
+    for bad in (float("nan"), float("inf")):
+        assert node.step(contact(1.0, 1e-3), None, pose(-1e-3), dt=T).force == (0.0, 0.0, 1.0)
+        assert node.step(contact(1.0, 1e-3), None, pose(bad), dt=T).force == (0.0, 0.0, 0.0)
+        assert node.step(contact(bad, 1e-3), None, pose(-1e-3), dt=T).force == (0.0, 0.0, 0.0)
+    assert node.step(contact(1.0, 1e-3), None, pose(-1e-3), dt=T).force == (0.0, 0.0, 1.0)
+
+
 def test_the_energy_is_observed_only_where_somebody_needs_it():
     for wanted, passivity, expected in [({"force"}, False, 0.0), ({"energy"}, False, 1e-3), ({"force"}, True, 1e-3)]:
         node = Haptic(passivity=passivity)

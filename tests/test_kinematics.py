@@ -142,6 +142,13 @@ def test_a_device_that_reports_a_position_gets_the_same_filter():
     assert found[-1].velocity == approx((0.1, 0, 0), abs=1e-9)
 
 
+def test_a_position_that_is_not_finite_is_left_out():
+    bus = FakeBus(Cartesian())
+    for bad in (float("nan"), float("inf")):
+        (found,) = bus.publish(DeviceState(position=(bad, 0.0, 0.0)))
+        assert found.position == (0.0, 0.0, 0.0)
+
+
 def pushed(force, position, **settings) -> np.ndarray:
     node = FakeBus(FalconStatics(**settings), pose=Pose(position=position, velocity=(0, 0, 0), dt=1e-3))
     return np.array(node.publish(Force(force=force, state="contact", energy=0.0))[0].torques)
