@@ -59,8 +59,8 @@ class Simulated(Node):
 
     begin     first point of the path, world frame; `path` goes on from there (see Segment) and ends at rest
     origin    where the device's own frame lies in the world
-    mass      of grip and hand together; damping: of the device alone; hand_stiffness, hand_damping: of the arm. With both
-              of these 0 nobody holds the grip
+    mass      of grip and hand together; damping: of the device alone; hand_stiffness and hand_damping: of the arm,
+              both 0 when nobody holds the grip
     delay     samples by which reports are late; lost: chance that a report repeats the one before; glitches: chance
               that one angle is off by 1000 counts for one report. The same seed gives the same bad days
     """
