@@ -5,16 +5,8 @@ import pytest
 from pytest import approx
 from scipy.linalg import expm
 
-from palpate.physics.passivity import (
-    absorbed,
-    clamp,
-    delayed_damping,
-    dissipation,
-    required_damping,
-    slew,
-    wall_damping,
-    wall_response,
-)
+from palpate.physics.passivity import absorbed, clamp, dissipation, slew
+from palpate.physics.sampled_wall import delayed_damping, required_damping, wall_damping, wall_response
 
 T = 1e-3
 
