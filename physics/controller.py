@@ -34,8 +34,8 @@ FREE, CONTACT = 0.0, 1.0
 FADE = 0.01  # [s] in which the difference of the two laws dies down after a switch
 FILTER_LAG = 8.0  # [1] samples, twice the delay of the velocity filter
 CARRIED = 1e-2  # [J] largest debt carried over a switch
-HEAD = 1  # state[MODE] = mode, place in the ring of past forces, started
-STARTED = 2
+HEAD, STARTED = 1, 2  # state[MODE] = mode, place of the oldest force in the ring, whether there was a step before
+# state[ENERGY] = the two accounts [J]; state[TIMES] = time without movement [s], approach when last touching [m]
 
 
 def buffers(delay: int) -> tuple[np.ndarray, np.ndarray]:
@@ -146,7 +146,7 @@ def haptic(gains, state, past, normal_force, n, friction, approach, position, ve
         debt = min(state[ENERGY, 0], state[ENERGY, 1])
         lag = 2.0 * len(past) - 1.0  # a damper acting d samples late is stable up to about m / ((1 + 2 d) T)
         way = dt * math.sqrt(wx * wx + wy * wy + wz * wz)
-        if way <= 1.5 * gains[RESOLUTION]:
+        if way < 1.5 * gains[RESOLUTION]:
             wx, wy, wz, lag = vx, vy, vz, lag + FILTER_LAG
         alpha = dissipation(debt, dt, wx * wx + wy * wy + wz * wz, gains[MASS] / lag)
         fx, fy, fz = fx - alpha * wx, fy - alpha * wy, fz - alpha * wz

@@ -120,6 +120,13 @@ def test_free_motion_gives_back_no_more_than_it_took():
     assert answers[-1].energy > 0.0
 
 
+def test_spring_and_damper_bring_a_thrown_grip_back():
+    found = press(Haptic(stiffness=100.0, damping=4.0, passivity=False), 0.0, push=0.0, speed=0.2, drag=0.0)
+    reference = np.exp(-20.0 * 0.02) * 0.2 / np.sqrt(600.0) * np.sin(np.sqrt(600.0) * 0.02)
+    assert found.z[19] == approx(-reference, rel=0.15)  # the filter's delay is what is left
+    assert found.z[-1] == approx(found.z[0], abs=1e-6) and np.ptp(found.z[1000:]) < 1e-5
+
+
 def test_zero_state_and_zero_motion_give_zero_force():
     for found in bus().publish(*[contact()] * 5):
         assert found.force == (0.0, 0.0, 0.0) and found.state == "free" and found.energy == 0.0
