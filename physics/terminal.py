@@ -51,6 +51,20 @@ def power_of(x, n):
 
 
 @njit(cache=True)
+def power_slope(x, n):
+    """x^n and n x^(n-1) for x >= 0, n >= 1."""
+    if n == 1.5:
+        root = math.sqrt(x)
+        return x * root, 1.5 * root
+    if n == 1.0:
+        return x, 1.0
+    if n == 2.0:
+        return x * x, 2.0 * x
+    below = x ** (n - 1.0)
+    return x * below, n * below
+
+
+@njit(cache=True)
 def root_of(x, n):
     """x^(1/n) for x >= 0; the usual exponents without a call of pow."""
     if n == 1.5:
@@ -94,21 +108,23 @@ def indentation(force, dt, stiffness, exponent, damping, free, previous):
     if not force > 0.0:
         return least
     inverse = damping / dt
+    goal = force / stiffness
     p = previous - free
     x = p
-    value = 0.0
+    value = slope = 0.0
     if p > 0.0:
-        value = stiffness * power_of(p, exponent)
-    if value < force:
-        bound = root_of(force / stiffness, exponent)
+        value, slope = power_slope(p, exponent)
+    if value < goal:
+        # Newton's point is safe, but far away where the law starts flat; the static root is then nearer.
         if value > 0.0:
-            x = min(bound, p + (force - value) / (exponent * value / p + value * inverse))
-        else:
-            x = bound
+            x = p + (goal - value) / (slope + value * inverse)
+        if not value > 0.1 * goal:
+            bound = root_of(goal, exponent)
+            x = min(x, bound) if value > 0.0 else bound
     for _ in range(100):
-        elastic = stiffness * power_of(x, exponent)
+        value, slope = power_slope(x, exponent)
         rate = 1.0 + inverse * (x - p)
-        step = (elastic * rate - force) / (exponent * elastic / x * rate + elastic * inverse)
+        step = (value * rate - goal) / (slope * rate + value * inverse)
         x -= step
         if not step > 1e-9 * x:
             break
