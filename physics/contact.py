@@ -156,7 +156,9 @@ def series(approach: float, dt: float, compression: float, finger: Law, finger_d
     """
     if not dt > 0.0:
         raise ValueError(f"dt {dt} s: expected a positive step; infinity gives the static split")
-    return series_step(float(approach), float(dt), float(compression), *finger, float(finger_damping), *map(float, body))
+    return series_step(
+        float(approach), float(dt), float(compression), *finger, float(finger_damping), *map(float, body)
+    )
 
 
 def static_split(approach: ArrayLike, finger: Law, body_stiffness: float, body_exponent: float):

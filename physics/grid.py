@@ -158,7 +158,9 @@ def barycentric(p, a, b, c):
 
 
 @njit(cache=True)
-def nearest_triangle(point, normal, longest, origin, side, shape, first, order, points, triangles, corners_first, corners):
+def nearest_triangle(
+    point, normal, longest, origin, side, shape, first, order, points, triangles, corners_first, corners
+):
     """Index of the triangle nearest to `point`, and the barycentric coordinates of its nearest point.
 
     All corners of a triangle lie within the mesh's longest edge of any of its points, so only triangles round the

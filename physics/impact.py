@@ -15,7 +15,7 @@ from scipy.special import lambertw
 
 
 def restitution(y: ArrayLike) -> np.ndarray:
-    """Coefficient of restitution v_out/v_in [1] (...) at y = c v_in >= 0 [1] (...): 1 - 2y/3 for small y, 1/y for large."""
+    """Coefficient of restitution v_out/v_in [1] (...) at y = c v_in >= 0 [1] (...): about 1 - 2y/3, then 1/y."""
     y = np.asarray(y, float)
     small = y < 1e-2
     # Near y = 0 the Lambert function is at its branch point and loses half the digits.

@@ -28,6 +28,15 @@ MOST_STRAIN = 0.8
 
 
 @njit(cache=True)
+def normal_force(forces, normal):
+    """Total of nodal forces [N] (k,3) against the outward unit normal [1] (3): positive pressing, else zero."""
+    total = 0.0
+    for i in range(forces.shape[0]):
+        total -= forces[i, 0] * normal[0] + forces[i, 1] * normal[1] + forces[i, 2] * normal[2]
+    return max(total, 0.0)
+
+
+@njit(cache=True)
 def admit(node, where, active, state, count):
     """Slot of a node in the compact list, appended at rest where it is new; returns the slot and the count."""
     slot = where[node]
@@ -142,16 +151,16 @@ def limit_differences(state, column, count, spans, first, neighbours, where, act
             node = active[slot]
             for at in range(first[node], first[node + 1]):
                 other = where[neighbours[at]]
-                if other >= 0 and other < slot:
+                if 0 <= other < slot:
                     continue
-                x = state[slot, column] - (state[other, column] if other >= 0 else 0.0)
-                y = state[slot, column + 1] - (state[other, column + 1] if other >= 0 else 0.0)
-                z = state[slot, column + 2] - (state[other, column + 2] if other >= 0 else 0.0)
-                length = math.sqrt(x * x + y * y + z * z)
+                x, y, z = state[slot, column], state[slot, column + 1], state[slot, column + 2]
+                if other >= 0:
+                    x, y, z = x - state[other, column], y - state[other, column + 1], z - state[other, column + 2]
+                square = x * x + y * y + z * z
                 limit = MOST_STRAIN * spans[at]
-                if length <= limit:
+                if square <= limit * limit:
                     continue
-                ratio = limit / length
+                ratio = limit / math.sqrt(square)
                 worst = min(worst, ratio)
                 if sweep < 8:
                     shift = (1.0 - ratio) * (0.5 if other >= 0 else 1.0)

@@ -107,7 +107,9 @@ class Spreader:
         self._fixed = (scalars, grid.shape, grid.first, grid.order, near, self.nodes, self.weights, self.forces)
 
     def spread(self, foot: Triple, normal: Triple, force: Triple) -> int:
-        """Fill `nodes`, `weights` [1] and `forces` [N] for a `force` at `foot` [m] with outward normal; returns how many.
+        """Fill `nodes`, `weights` [1] and `forces` [N] for a `force` at `foot` [m]; returns how many.
+
+        normal: outward unit normal [1] (3) of the surface at the foot point
 
         With no node in range, the nodes of the nearest triangle share the force by the barycentric coordinates of its
         point nearest to the foot.
@@ -115,7 +117,10 @@ class Spreader:
         count = spread_kernel(foot, normal, force, *self._fixed)
         if count:
             return count
-        triangle, shares = self.grid.nearest(foot, normal)
+        # From far away only the direction matters; held near the mesh, squares of distances stay finite.
+        low, high = self.grid.points.min(axis=0), self.grid.points.max(axis=0)
+        margin = 10 * (self.grid.longest + float(np.max(high - low)))
+        triangle, shares = self.grid.nearest(np.clip(foot, low - margin, high + margin), normal)
         if triangle < 0:
             return 0
         self.nodes[:3] = self.grid.triangles[triangle]
