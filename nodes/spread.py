@@ -7,16 +7,15 @@ from typing import Annotated, Literal
 import msgspec
 import numpy as np
 
-from palpate.messages import Contact, Friction, Load, Vector3
-from palpate.nodes.base import Node
-from palpate.nodes.surface import surface_mesh
+from palpate.messages import Contact, Friction, Load
+from palpate.nodes.surface import OnSurface
 from palpate.physics.spread import Spreader
 
 NO_NODES = np.zeros(0, dtype=np.int32)
 NO_FORCES = np.zeros((0, 3))
 
 
-class Kernel(Node):
+class Kernel(OnSurface):
     """Spreads the contact force over the nodes round the foot point with a smooth kernel.
 
     The force on the body is -f_n n + f_t; the nodal forces sum to it. Without force the load has no nodes.
@@ -24,13 +23,9 @@ class Kernel(Node):
 
     kernel: Annotated[Literal["biweight", "wendland", "cosine"], "1"] = "biweight"
     radius: Annotated[float, "m", msgspec.Meta(gt=0)] = 8e-3
-    surface: Annotated[str, "1"] = "plane"
-    vertices: Annotated[int, "1", msgspec.Meta(ge=4)] = 10_000
-    position: Annotated[Vector3, "m"] = (0.0, 0.0, 0.0)
 
     def start(self) -> None:
-        mesh = surface_mesh(self.surface, self.vertices, self.position)
-        self._spreader = Spreader(mesh, self.radius, self.kernel)
+        self._spreader = Spreader(self.mesh(), self.radius, self.kernel)
         self._spreader.spread((0.0, 0.0, 0.0), (0.0, 0.0, 1.0), (0.0, 0.0, -1.0))
         # The rarer path, for a foot point without nodes in range.
         self._spreader.grid.nearest((0.0, 0.0, 0.0), (0.0, 0.0, 1.0))

@@ -7,9 +7,8 @@ from typing import Annotated
 import msgspec
 import numpy as np
 
-from palpate.messages import Load, Surface, Vector3
-from palpate.nodes.base import Node
-from palpate.nodes.surface import surface_mesh
+from palpate.messages import Load, Surface
+from palpate.nodes.surface import OnSurface
 from palpate.physics.mass_spring import NodalBody, normal_force
 from palpate.physics.spring_net import NetBody
 from palpate.physics.terminal import indentation
@@ -20,7 +19,7 @@ UP = (0.0, 0.0, 1.0)
 NotNegative = msgspec.Meta(ge=0)
 
 
-class MassSpring(Node):
+class MassSpring(OnSurface):
     """Nodes on springs and dampers in the zone of influence of the contact.
 
     The total normal force moves one indentation s by the law K s^n <1 + c s'>; that law is the terminal law as it
@@ -38,9 +37,6 @@ class MassSpring(Node):
     coupling_damping: Annotated[float, "N s/m", NotNegative] = 0.1
     rings: Annotated[int, "1", msgspec.Meta(ge=0, le=50)] = 3
     """of neighbours round the loaded nodes that move with them in the net"""
-    surface: Annotated[str, "1"] = "plane"
-    vertices: Annotated[int, "1", msgspec.Meta(ge=4)] = 10_000
-    position: Annotated[Vector3, "m"] = (0.0, 0.0, 0.0)
 
     def start(self) -> None:
         self.indentation = 0.0
@@ -49,7 +45,7 @@ class MassSpring(Node):
         indentation(normal_force(NO_FORCES, UP), 1e-3, *self._law, 0.0)
         self._body: NodalBody | NetBody | None = None
         if self.wants("displacement"):
-            mesh = surface_mesh(self.surface, self.vertices, self.position)
+            mesh = self.mesh()
             normal_law = (self.stiffness, self.exponent, self.damping)
             law = (*normal_law, self.tangential_stiffness, self.tangential_damping)
             self._body = (
