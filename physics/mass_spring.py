@@ -6,7 +6,7 @@ Node j of area A_j carries the pressure p_j = f_j/A_j. Its normal law is the con
 
 f [N] the total normal force. So the most loaded node goes in by the contact's own indentation s, and at rest
 u(d) = s (k(d)/k(0))^{1/n} for a force spread by a kernel k. Without load, u <- <u - T/c>. Along the surface a linear
-spring k_t and damper d_t by backward Euler: u_t <- (f_t T p_j/(p_max) + d_t u_t)/(k_t T + d_t), f_t the total.
+spring k_t and damper d_t by backward Euler: u_t <- (f_t T p_j/p_max + d_t u_t)/(k_t T + d_t), f_t the total.
 
 Only nodes under load or not yet recovered are touched; they are kept in a compact list.
 """
@@ -90,8 +90,8 @@ def nodal_step(nodes, forces, normal, dt, law, areas, spans, first, neighbours, 
     stiffness, exponent, damping, k_t, d_t, shortest = law[0], law[1], law[2], law[3], law[4], law[5]
     nx, ny, nz = normal[0], normal[1], normal[2]
     total, peak, count = take_load(nodes, forces, normal, areas, where, active, state, count)
-    keep = d_t / (k_t * dt + d_t)
-    gain = dt / (k_t * dt + d_t)
+    gain = 1.0 / (k_t + d_t / dt)
+    keep = gain * d_t / dt
     widest = 0.0
     for slot in range(count):
         push = -(state[slot, 7] * nx + state[slot, 8] * ny + state[slot, 9] * nz)
