@@ -89,8 +89,7 @@ def ours(turns: int, core: int) -> float:
     names = [f"n{i}" for i in range(COUNT)]
     lines = [f"  n0: {{use: relays.Start, in: {{torque: {names[-1]}}}}}"]
     lines += [
-        f"  {name}: {{use: relays.Relay, in: {{torque: {before}}}}}"
-        for before, name in itertools.pairwise(names)
+        f"  {name}: {{use: relays.Relay, in: {{torque: {before}}}}}" for before, name in itertools.pairwise(names)
     ]
     with tempfile.TemporaryDirectory() as folder:
         graph = Path(folder) / "ring.yaml"
