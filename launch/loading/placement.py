@@ -13,10 +13,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from palpate.launch.faults import Faults, choices
-from palpate.launch.files import PLACES, find_file
-from palpate.launch.plan import Plan
-from palpate.launch.source import Source, read
+from palpate.launch.loading.faults import Faults, choices
+from palpate.launch.loading.files import PLACES, find_file
+from palpate.launch.loading.plan import Plan
+from palpate.launch.loading.source import Source, read
 
 KEYS = ("nodes", "core", "priority", "host", "join")
 FUSED = "fused"

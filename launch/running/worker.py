@@ -8,15 +8,15 @@ from __future__ import annotations
 import gc
 from collections.abc import Callable
 
-from palpate.launch.bus import CONTROL, Bus, order
-from palpate.launch.clock import now
-from palpate.launch.ended import Ended
-from palpate.launch.job import Job, NodeJob, ObserverJob
-from palpate.launch.listen import listen
-from palpate.launch.load import load_class
-from palpate.launch.real import run_real
-from palpate.launch.simulated import run_simulated
-from palpate.launch.slot import Input, NodeFault, ObserverSlot, Output, Slot
+from palpate.launch.loading.load import load_class
+from palpate.launch.running.bus import CONTROL, Bus, order
+from palpate.launch.running.clock import now
+from palpate.launch.running.ended import Ended
+from palpate.launch.running.job import Job, NodeJob, ObserverJob
+from palpate.launch.running.listen import listen
+from palpate.launch.running.real import run_real
+from palpate.launch.running.simulated import run_simulated
+from palpate.launch.running.slot import Input, NodeFault, ObserverSlot, Output, Slot
 from palpate.messages import Message, MessageError, pack, unpack
 from palpate.nodes.base import Node, Observer, Stream
 

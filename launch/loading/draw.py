@@ -9,7 +9,7 @@ from collections import defaultdict
 from html import escape
 from itertools import pairwise
 
-from palpate.launch.plan import Plan
+from palpate.launch.loading.plan import Plan
 
 BOX, HIGH, COLUMN, ROW, MARGIN = 140, 44, 250, 84, 40  # pixels
 INK, RUN, SKIP, HELD = "#1b1f24", "#e8f1fb", "#f2f2f2", "#b3541e"

@@ -15,15 +15,15 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from palpate.launch.faults import Faults, choices
-from palpate.launch.files import GRAPHS, PLACES, SCENES, Override, find_file
-from palpate.launch.graph import Graph, load
-from palpate.launch.placement import FUSED, Placement, load_place
-from palpate.launch.plan import Plan, plan
-from palpate.launch.source import Source, read
-from palpate.launch.units import UnitError, convert
+from palpate.launch.loading.faults import Faults, choices
+from palpate.launch.loading.files import GRAPHS, PLACES, SCENES, Override, find_file
+from palpate.launch.loading.graph import Graph, load
+from palpate.launch.loading.placement import FUSED, Placement, load_place
+from palpate.launch.loading.plan import Plan, plan
+from palpate.launch.loading.source import Source, read
+from palpate.launch.loading.units import UnitError, convert
 
-LAUNCHES = Path(__file__).parent
+LAUNCHES = Path(__file__).parent.parent
 CLOCKS = ("simulated", "real")
 KEYS = ("graph", "scene", "place", "clock", "duration", "record", "set", "wanted", "pace")
 

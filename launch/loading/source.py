@@ -14,7 +14,7 @@ from typing import Any
 
 import yaml
 
-from palpate.launch.faults import Fault, GraphError, Place
+from palpate.launch.loading.faults import Fault, GraphError, Place
 
 Keys = tuple[Any, ...]
 

@@ -7,9 +7,9 @@ import re
 from collections.abc import Iterator
 from typing import Any
 
-from palpate.launch.faults import Faults, Place, choices
-from palpate.launch.source import Source, scalar
-from palpate.launch.units import Dimension, is_quantity, parse, split
+from palpate.launch.loading.faults import Faults, Place, choices
+from palpate.launch.loading.source import Source, scalar
+from palpate.launch.loading.units import Dimension, is_quantity, parse, split
 
 _COMPARE = {
     ">=": operator.ge, "<=": operator.le, "==": operator.eq, "!=": operator.ne, ">": operator.gt, "<": operator.lt,

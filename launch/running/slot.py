@@ -9,8 +9,8 @@ from collections import deque
 
 import msgspec
 
-from palpate.launch.health import Health
-from palpate.launch.job import InputJob, NodeJob, ObserverJob
+from palpate.launch.running.health import Health
+from palpate.launch.running.job import InputJob, NodeJob, ObserverJob
 from palpate.messages import Message, MessageError, check_finite, fields
 from palpate.nodes.base import Node, Observer, Port, inputs, outputs
 

@@ -12,9 +12,9 @@ from functools import lru_cache
 from types import ModuleType
 
 import palpate.nodes
-from palpate.launch.extras import extra_of, install
-from palpate.launch.faults import choices, nearest
-from palpate.launch.load import search_here
+from palpate.launch.loading.extras import extra_of, install
+from palpate.launch.loading.faults import choices, nearest
+from palpate.launch.loading.load import search_here
 from palpate.messages import Message, fields
 from palpate.messages.base import HEADER
 from palpate.messages.docs import summary

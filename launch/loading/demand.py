@@ -9,11 +9,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from palpate.launch.faults import Fault
+from palpate.launch.loading.faults import Fault
 from palpate.nodes.base import inputs
 
 if TYPE_CHECKING:
-    from palpate.launch.graph import Graph, NodeSpec
+    from palpate.launch.loading.graph import Graph, NodeSpec
 
 
 def missing_senders(graph: Graph) -> list[Fault]:

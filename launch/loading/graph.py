@@ -12,15 +12,15 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from palpate.launch.classes import ClassError, find_class
-from palpate.launch.demand import missing_senders
-from palpate.launch.faults import NOWHERE, Fault, Faults, GraphError, Place, choices
-from palpate.launch.files import GRAPHS, Override, apply, find_file, read_extended, read_scene
-from palpate.launch.scene import Scene, condition
-from palpate.launch.settings import Offer, check_offers, resolve
-from palpate.launch.source import Source
-from palpate.launch.units import UnitError, convert
-from palpate.launch.wiring import Edge, Kinds, Wire, close_loops, find_streams, streams_of, wires
+from palpate.launch.loading.classes import ClassError, find_class
+from palpate.launch.loading.demand import missing_senders
+from palpate.launch.loading.faults import NOWHERE, Fault, Faults, GraphError, Place, choices
+from palpate.launch.loading.files import GRAPHS, Override, apply, find_file, read_extended, read_scene
+from palpate.launch.loading.scene import Scene, condition
+from palpate.launch.loading.settings import Offer, check_offers, resolve
+from palpate.launch.loading.source import Source
+from palpate.launch.loading.units import UnitError, convert
+from palpate.launch.loading.wiring import Edge, Kinds, Wire, close_loops, find_streams, streams_of, wires
 from palpate.messages import Message
 from palpate.nodes.base import Node, Observer, inputs, settings
 

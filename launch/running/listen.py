@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from palpate.launch.schedule import needed
+from palpate.launch.running.schedule import needed
 from palpate.messages import Message, unpack
 
 if TYPE_CHECKING:
-    from palpate.launch.worker import Worker
+    from palpate.launch.running.worker import Worker
 
 
 def listen(worker: Worker) -> None:

@@ -9,16 +9,16 @@ from pathlib import Path
 import msgspec
 from rich.console import Console
 
-from palpate.launch.about import about
-from palpate.launch.fused import run_fused
-from palpate.launch.graph import Graph, NodeSpec
-from palpate.launch.jobs import is_here, jobs
-from palpate.launch.launchfile import LaunchFile
-from palpate.launch.nursery import Nursery
-from palpate.launch.plan import Plan, plan
-from palpate.launch.result import Result
-from palpate.launch.run import Launcher
-from palpate.launch.screen import Screen
+from palpate.launch.loading.graph import Graph, NodeSpec
+from palpate.launch.loading.launchfile import LaunchFile
+from palpate.launch.loading.plan import Plan, plan
+from palpate.launch.running.about import about
+from palpate.launch.running.fused import run_fused
+from palpate.launch.running.jobs import is_here, jobs
+from palpate.launch.running.launcher import Launcher
+from palpate.launch.running.nursery import Nursery
+from palpate.launch.running.result import Result
+from palpate.launch.running.screen import Screen
 from palpate.nodes.logger import Mcap
 
 PATIENCE = 5.0  # [s] after which a silent worker counts as hung

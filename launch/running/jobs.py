@@ -6,10 +6,10 @@ import os
 import socket
 from collections.abc import Iterable
 
-from palpate.launch.job import InputJob, Job, NodeJob, ObserverJob, StreamJob
-from palpate.launch.load import full_name
-from palpate.launch.placement import Group, Placement
-from palpate.launch.plan import Plan
+from palpate.launch.loading.load import full_name
+from palpate.launch.loading.placement import Group, Placement
+from palpate.launch.loading.plan import Plan
+from palpate.launch.running.job import InputJob, Job, NodeJob, ObserverJob, StreamJob
 from palpate.nodes.base import inputs
 
 PRIORITY = 60  # of the force path on the real clock, where the system permits it

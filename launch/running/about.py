@@ -9,7 +9,7 @@ import platform
 import subprocess
 import sys
 
-from palpate.launch.plan import Plan
+from palpate.launch.loading.plan import Plan
 
 PACKAGES = ("palpate", "numpy", "scipy", "numba", "pyzmq", "msgspec", "mcap")
 

@@ -15,7 +15,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from palpate.launch.extras import EXTRAS, install
+from palpate.launch.loading.extras import EXTRAS, install
 
 USB = Path("/sys/bus/usb/devices")
 DEVICES = {("0403", "cb48"): "Novint Falcon"}

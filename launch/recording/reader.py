@@ -17,7 +17,7 @@ from mcap.records import Channel, Metadata, Schema
 from mcap.records import Message as Record
 from mcap.stream_reader import StreamReader
 
-from palpate.launch.load import load_class
+from palpate.launch.loading.load import load_class
 from palpate.messages import Message, MessageError, fields, unpack
 from palpate.nodes.logger import PROFILE, SCHEMA_VERSION
 

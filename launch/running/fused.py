@@ -7,11 +7,11 @@ import time
 import traceback
 from collections.abc import Callable
 
-from palpate.launch.clock import now
-from palpate.launch.job import Job
-from palpate.launch.result import Death, Result
-from palpate.launch.slot import NodeFault
-from palpate.launch.worker import Worker
+from palpate.launch.running.clock import now
+from palpate.launch.running.job import Job
+from palpate.launch.running.result import Death, Result
+from palpate.launch.running.slot import NodeFault
+from palpate.launch.running.worker import Worker
 
 
 def run_fused(job: Job, show: Callable[[Result], None] = lambda _: None) -> Result:

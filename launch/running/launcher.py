@@ -18,11 +18,11 @@ from collections.abc import Callable, Sequence
 import msgspec
 import zmq
 
-from palpate.launch.bus import endpoint
-from palpate.launch.clock import now
-from palpate.launch.job import Job, members
-from palpate.launch.nursery import Nursery
-from palpate.launch.result import Death, Result
+from palpate.launch.running.bus import endpoint
+from palpate.launch.running.clock import now
+from palpate.launch.running.job import Job, members
+from palpate.launch.running.nursery import Nursery
+from palpate.launch.running.result import Death, Result
 
 START_PATIENCE = 120.0  # [s] for a node's `start`: it may compile kernels or build a basis
 STOP_PATIENCE = 3.0  # [s] for the workers to end once they were told

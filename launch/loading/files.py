@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import palpate.graphs
-from palpate.launch.faults import NOWHERE, Fault, Faults, GraphError, Place, choices, nearest, short
-from palpate.launch.source import Source, merge, parse, read
+from palpate.launch.loading.faults import NOWHERE, Fault, Faults, GraphError, Place, choices, nearest, short
+from palpate.launch.loading.source import Source, merge, parse, read
 
 GRAPHS = Path(next(iter(palpate.graphs.__path__)))
 SCENES = GRAPHS / "scenes"

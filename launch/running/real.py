@@ -8,14 +8,14 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from palpate.launch.clock import now, sleep_until
-from palpate.launch.ended import Ended
-from palpate.launch.schedule import needed, next_run
-from palpate.launch.slot import Input, Slot
+from palpate.launch.running.clock import now, sleep_until
+from palpate.launch.running.ended import Ended
+from palpate.launch.running.schedule import needed, next_run
+from palpate.launch.running.slot import Input, Slot
 from palpate.messages import Message
 
 if TYPE_CHECKING:
-    from palpate.launch.worker import Worker
+    from palpate.launch.running.worker import Worker
 
 
 def run_real(worker: Worker, origin: int) -> None:

@@ -1,7 +1,7 @@
 """The fork server: one process that has imported everything, from which the workers are forked.
 
-It runs `python -m palpate.launch.nursery FD`, where FD is one end of a socket pair to the launcher, and takes a JSON
-object a line: {"import": [modules]}, {"start": job, "run": ..., "control": ..., "reports": ...}, {"kill": group,
+It runs `python -m palpate.launch.running.nursery FD`, where FD is one end of a socket pair to the launcher, and takes
+a JSON object a line: {"import": [modules]}, {"start": job, "run": ..., "control": ..., "reports": ...}, {"kill": group,
 "signal": n}. It answers {"started": group, "pid": n} and {"exited": group, "status": n}. When the launcher goes, the
 socket closes, and the nursery and all workers end.
 """
@@ -21,8 +21,8 @@ import sys
 
 import msgspec
 
-from palpate.launch.clock import die_with_parent, one_blas_thread
-from palpate.launch.job import Job
+from palpate.launch.running.clock import die_with_parent, one_blas_thread
+from palpate.launch.running.job import Job
 
 
 class Nursery:
@@ -33,7 +33,7 @@ class Nursery:
         path = os.pathsep.join(p for p in sys.path if p)
         with theirs, one_blas_thread():
             self.process = subprocess.Popen(
-                [sys.executable, "-m", "palpate.launch.nursery", str(theirs.fileno())],
+                [sys.executable, "-m", "palpate.launch.running.nursery", str(theirs.fileno())],
                 pass_fds=[theirs.fileno()],
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.PIPE,
@@ -144,7 +144,7 @@ def _worker(end: socket.socket, told: dict) -> None:
         signal.set_wakeup_fd(-1)
         signal.signal(signal.SIGCHLD, signal.SIG_DFL)
         end.close()
-        from palpate.launch.process import serve
+        from palpate.launch.running.process import serve
 
         job = msgspec.convert(told["start"], Job)
         code = serve(job, told["run"], told["control"], told["reports"])
@@ -171,7 +171,7 @@ def _reap(end: socket.socket, groups: dict[int, str]) -> None:
 if __name__ == "__main__":
     die_with_parent()
     # Imported here, before the first request, so that they are shared by all workers.
-    importlib.import_module("palpate.launch.process")
+    importlib.import_module("palpate.launch.running.process")
     with contextlib.suppress(ImportError):
         importlib.import_module("numba")
     _serve(socket.socket(fileno=int(sys.argv[1])))

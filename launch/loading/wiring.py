@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
-from palpate.launch.classes import senders, sent_by
-from palpate.launch.faults import Faults, Place, choices
-from palpate.launch.source import Source
+from palpate.launch.loading.classes import senders, sent_by
+from palpate.launch.loading.faults import Faults, Place, choices
+from palpate.launch.loading.source import Source
 from palpate.messages import Message
 from palpate.nodes.base import Node, Port, inputs
 

@@ -10,12 +10,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from palpate.launch.classes import body
-from palpate.launch.demand import missing_senders, running_nodes, skipped_nodes
-from palpate.launch.faults import Fault, GraphError, Place
-from palpate.launch.graph import Graph, NodeSpec
-from palpate.launch.load import full_name, load_class
-from palpate.launch.wiring import Edge
+from palpate.launch.loading.classes import body
+from palpate.launch.loading.demand import missing_senders, running_nodes, skipped_nodes
+from palpate.launch.loading.faults import Fault, GraphError, Place
+from palpate.launch.loading.graph import Graph, NodeSpec
+from palpate.launch.loading.load import full_name, load_class
+from palpate.launch.loading.wiring import Edge
 from palpate.nodes.base import Node, inputs
 
 

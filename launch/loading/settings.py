@@ -12,11 +12,11 @@ from typing import Annotated, Any
 
 import msgspec
 
-from palpate.launch.classes import SHIPPED, catalogue, classes
-from palpate.launch.faults import Faults, Place, choices, nearest
-from palpate.launch.scene import Scene
-from palpate.launch.source import Source
-from palpate.launch.units import UnitError, convert, is_quantity
+from palpate.launch.loading.classes import SHIPPED, catalogue, classes
+from palpate.launch.loading.faults import Faults, Place, choices, nearest
+from palpate.launch.loading.scene import Scene
+from palpate.launch.loading.source import Source
+from palpate.launch.loading.units import UnitError, convert, is_quantity
 from palpate.nodes.base import Node, Setting, SettingError, settings
 from palpate.nodes.base import convert as check
 

@@ -10,7 +10,7 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
-from palpate.launch.result import Result
+from palpate.launch.running.result import Result
 
 FULL_SCALE = 3.0  # [N] of the force bars, until a force goes beyond
 

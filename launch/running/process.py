@@ -11,13 +11,13 @@ import traceback
 import msgspec
 import zmq
 
-from palpate.launch.bus import Bus, PortInUse, order
-from palpate.launch.clock import real_time
-from palpate.launch.ended import Ended
-from palpate.launch.fused import death
-from palpate.launch.job import Job
-from palpate.launch.slot import NodeFault
-from palpate.launch.worker import Worker
+from palpate.launch.running.bus import Bus, PortInUse, order
+from palpate.launch.running.clock import real_time
+from palpate.launch.running.ended import Ended
+from palpate.launch.running.fused import death
+from palpate.launch.running.job import Job
+from palpate.launch.running.slot import NodeFault
+from palpate.launch.running.worker import Worker
 
 
 def serve(job: Job, run: str, control: str, reports: str, watch: bool = False) -> int:
