@@ -160,7 +160,7 @@ def _solve(normals, first, neighbours, where, active, edges, work, count):
 
 @njit(cache=True)
 def net_step(
-    nodes, forces, normal, dt, law, rings, vertices, normals, areas, spans, first, neighbours, edges, work, share,
+    nodes, forces, normal, dt, law, rings, vertices, normals, per_area, spans, first, neighbours, edges, work, share,
     memory, where, active, state, out, count,
 ):  # fmt: skip
     """One step of the net; returns how many nodes are in its list.
@@ -173,14 +173,14 @@ def net_step(
 
     Other arguments as in `mass_spring.nodal_step`.
     """
-    total, peak, count = take_load(nodes, forces, normal, areas, where, active, state, count)
+    total, peak, count = take_load(nodes, forces, normal, per_area, where, active, state, count)
     if total > 0.0:
         memory[0] = peak / total
     count = grow(rings, first, neighbours, where, active, state, count)
     size = 0.0
     for slot in range(count):
         node = active[slot]
-        share[node] = areas[node] * memory[0]
+        share[node] = memory[0] / per_area[node]
         push = before = 0.0
         for k in range(3):
             state[slot, 4 + k] = state[slot, k]
@@ -242,11 +242,11 @@ class NetBody:
         rings: int = 3,
     ) -> None:
         self.net = net = Net(mesh)
-        size = len(net.areas)
+        size = len(net.per_area)
         law = (stiffness, exponent, damping, tangential_stiffness, tangential_damping, coupling, coupling_damping)
         self._fixed = (
             *(np.array(law, dtype=float), rings, net.vertices, net.normals),
-            *(net.areas, net.spans, net.first, net.neighbours),
+            *(net.per_area, net.spans, net.first, net.neighbours),
             *(np.zeros((len(net.spans), 5)), np.zeros((size, 17)), np.zeros(size), np.zeros(1)),
             *(net.where, net.active, net.state, net.displacement),
         )
