@@ -28,7 +28,7 @@ MOST_STRAIN = 0.8
 """Largest difference of displacement between neighbours, over the length of their edge."""
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def normal_force(forces, normal):
     """Total of nodal forces [N] (k,3) against the outward unit normal [1] (3): positive pressing, else zero."""
     total = 0.0
@@ -37,7 +37,7 @@ def normal_force(forces, normal):
     return max(total, 0.0)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def admit(node, where, active, state, count):
     """Slot of a node in the compact list, appended at rest where it is new; returns the slot and the count."""
     slot = where[node]
@@ -51,7 +51,7 @@ def admit(node, where, active, state, count):
     return slot, count
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def take_load(nodes, forces, normal, per_area, where, active, state, count):
     """Sum the nodal forces [N] into columns 7-9 of `state`; returns total normal force, greatest pressure, count.
 
@@ -76,7 +76,7 @@ def take_load(nodes, forces, normal, per_area, where, active, state, count):
     return max(total, 0.0), peak, count
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def nodal_step(nodes, forces, normal, dt, law, per_area, spans, first, neighbours, where, active, state, out, count):
     """One step of the nodal law; returns how many nodes are displaced.
 
@@ -122,7 +122,7 @@ def nodal_step(nodes, forces, normal, dt, law, per_area, spans, first, neighbour
     return count
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def drop_rested(where, active, state, count):
     """Take nodes without load (columns 7-9) and displacement (0-3) out of the list, in order; returns the count."""
     kept = 0
@@ -142,7 +142,7 @@ def drop_rested(where, active, state, count):
     return kept
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def limit_differences(state, column, count, spans, first, neighbours, where, active):
     """Hold |u_i - u_j| <= 0.8 edge length between neighbours, for the vectors in three columns of `state`.
 

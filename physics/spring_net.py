@@ -26,7 +26,7 @@ from palpate.physics.mesh import Mesh
 from palpate.physics.terminal import indentation, terminal_force
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def grow(rings, first, neighbours, where, active, state, count):
     """Add rings of neighbours round the loaded nodes; returns the count."""
     start, end = 0, count
@@ -42,7 +42,7 @@ def grow(rings, first, neighbours, where, active, state, count):
     return count
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _linearise(law, share, dt, vertices, normals, spans, first, neighbours, where, active, state, edges, work, count):
     """Residual [N] in columns 0-2 of `work`, foundation slopes in 12-13, and the edges' data; see `net_step`."""
     stiffness, exponent, damping, k_t = law[0], law[1], law[2], law[3]
@@ -102,7 +102,7 @@ def _linearise(law, share, dt, vertices, normals, spans, first, neighbours, wher
     return math.sqrt(largest)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _apply(normals, first, neighbours, where, active, edges, work, count):
     """Columns 9-11 of `work` become the matrix times columns 6-8; returns the product of the two."""
     total = 0.0
@@ -128,7 +128,7 @@ def _apply(normals, first, neighbours, where, active, edges, work, count):
     return total
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _solve(normals, first, neighbours, where, active, edges, work, count):
     """Conjugate gradients with the diagonal as preconditioner: columns 3-5 of `work` solve for columns 0-2."""
     rho = 0.0
@@ -158,7 +158,7 @@ def _solve(normals, first, neighbours, where, active, edges, work, count):
                 work[slot, 6 + k] = work[slot, 14 + k] * work[slot, k] + turn * work[slot, 6 + k]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def net_step(
     nodes, forces, normal, dt, law, rings, vertices, normals, per_area, spans, first, neighbours, edges, work, share,
     memory, where, active, state, out, count,

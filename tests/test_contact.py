@@ -25,7 +25,7 @@ from palpate.physics.contact import (
 )
 from palpate.physics.hertz import finger_pair, pair_approach, pair_force, pair_modulus
 from palpate.physics.impact import peak_energy, peak_indentation, restitution
-from palpate.physics.terminal import Terminal
+from palpate.physics.terminal import Terminal, indentation
 
 FINGER, C1 = exponential(26.2641, 1681.06), 8.0
 K, N, C2 = 3.0e3, 1.5, 5.0
@@ -205,6 +205,28 @@ def test_any_path_and_step_gives_a_finite_force_and_never_energy(law, path, c1, 
         else:
             assert a + b >= e
         s1, s2 = a, b
+
+
+sizes = st.sampled_from([0.0, 1e-300, 1e-12, 1e-3, 1.0, 1e6, 1e150])
+
+
+@settings(max_examples=300, deadline=None)
+@given(
+    st.sampled_from(LAWS),
+    sizes,
+    st.sampled_from([1e-12, 1e-9, 1e-3, 1e6, 1e300, math.inf]),
+    st.sampled_from([0.0, 2e-3, 1.0]),
+    sizes,
+    st.sampled_from([1.0, 1.5, 3.0]),
+    st.sampled_from([0.0, 5.0, 1e9]),
+    st.sampled_from([-1e-3, 0.0, 1e-3]),
+    st.sampled_from([-1e-3, 0.0, 4e-3]),
+)
+def test_numbers_out_of_all_reason_still_give_numbers(law, e, dt, s1, stiffness, n, c2, free, previous):
+    f, a, b = series(e, dt, s1, law, C1, Terminal(stiffness, n, c2, free, previous))
+    assert math.isfinite(f) and f >= 0 and math.isfinite(a) and a >= 0 and math.isfinite(b)
+    if stiffness > 0 and f < 1e200:
+        assert math.isfinite(indentation(f, dt, stiffness, n, c2, free, previous))
 
 
 @settings(max_examples=80, deadline=None)
