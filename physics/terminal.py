@@ -108,7 +108,7 @@ def indentation(force, dt, stiffness, exponent, damping, free, previous):
     if not force > 0.0:
         return least
     inverse = damping / dt
-    goal = force / stiffness
+    goal = min(force / stiffness, 1e300)
     p = previous - free
     x = p
     value = slope = 0.0
