@@ -269,16 +269,32 @@ def test_chatter_of_one_count_dissipates_and_adds_no_force():
         f, _, _ = series_path(e, step, FINGER, C1, K, N, C2)
         work = np.add.reduceat(f * np.diff(e, prepend=0.0), np.arange(0, 400, 2))
         assert (work >= -1e-18).all()
-        # Held at that approach, the force falls to the static one; chatter never lifts it above the first touch.
-        assert f.max() <= f[0] * (1 + 1e-12)
+        # Damping may lift the force above the static one by its rate at most, and a cycle never builds on the last.
+        still = float(static_split(lsb, FINGER, K, N)[0])
+        assert f.max() <= still * (1 + max(C1, C2) * lsb / step) and f.max() <= f[0] * (1 + 1e-12)
 
 
-def test_an_impact_at_3_m_per_s_stays_bounded():
-    e = np.concatenate([np.arange(1, 11) * 3e-3, np.full(100, 30e-3), np.zeros(50)])
-    f, _s1, _s2 = series_path(e, 1e-3, FINGER, C1, K, N, C2)
-    assert np.isfinite(f).all() and f.max() < 1e3 and f[-1] == 0.0
-    v_out = 3.0 * float(restitution(C2 * 3.0))
-    assert v_out < 1 / C2
+@pytest.mark.parametrize("step", [1e-5, 1e-4])
+@pytest.mark.parametrize("speed", [0.1, 1.0, 3.0])
+def test_a_mass_that_hits_leaves_slower_than_the_bodies_can_recover(step, speed):
+    x, v, s1, s2, mass, _energy_in, peak = 0.0, speed, 0.0, 0.0, 0.02, 0.0, 0.0
+    for _ in range(round(0.5 / step)):
+        f, s1, s2 = series(max(x, 0.0), step, s1, FINGER, C1, Terminal(K, N, C2, 0.0, s2))
+        v -= f / mass * step
+        x += v * step
+        peak = max(peak, f)
+        if x < 0:
+            break
+    assert x < 0 and math.isfinite(peak)
+    assert 0 < -v < min(speed, 1 / C1 + 1 / C2)
+
+
+def test_jumps_of_30_mm_in_a_step_stay_finite():
+    e = np.concatenate([np.full(50, 30e-3), np.zeros(3), np.full(50, 30e-3), np.zeros(100)])
+    for step in (1e-6, 1e-3, 1.0):
+        f, s1, s2 = series_path(e, step, FINGER, C1, K, N, C2)
+        assert np.isfinite(f).all() and (f >= 0).all() and f[-1] == 0.0
+        assert (s1 >= 0).all() and (s2 >= 0).all()
 
 
 def test_the_hertz_pair_adds_compliances():
