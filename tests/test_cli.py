@@ -8,8 +8,8 @@ from importlib.metadata import version
 import pytest
 from typer.testing import CliRunner
 
-from palpate.launch.commands import examine
 from palpate.launch.__main__ import app
+from palpate.launch.commands import examine
 
 runner = CliRunner()
 

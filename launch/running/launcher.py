@@ -27,6 +27,7 @@ from palpate.launch.running.result import Death, Result
 START_PATIENCE = 120.0  # [s] for a node's `start`: it may compile kernels or build a basis
 STOP_PATIENCE = 3.0  # [s] for the workers to end once they were told
 HEAD_START = 10_000_000  # [ns] from the order to go to tick 0: every worker has heard it by then
+ALIVE = ("starting", "ready", "linked", "running")
 BEAT = 0.5  # [s] between signs of life for workers on other machines
 GRACE = 0.1  # [s] that the others go on after a node died on the real clock: the device gets its zero force
 
@@ -182,6 +183,8 @@ class Launcher:
         group, kind = report["group"], report["kind"]
         if group not in self.jobs:
             return
+        if self._state[group] == "gone" and kind != "health":
+            return  # overtaken by the end of its process, which says the same
         self._seen[group] = time.monotonic()
         match kind:
             case "hello":
@@ -320,10 +323,12 @@ class Launcher:
             self.pids[answer["started"]] = answer["pid"]
             return
         group, status = answer["exited"], answer["status"]
-        while self._reports.poll(20):  # its last words come before its end
+        # Its last words were sent before its end, but may come after the news of it.
+        patience = 500 if status > 0 else 20
+        while self._state[group] in ALIVE and self._reports.poll(patience):
             self._take(_decode(self._reports))
         state = self._state[group]
-        if state in ("starting", "ready", "linked", "running"):
+        if state in ALIVE:
             how = f"killed by {signal.Signals(-status).name}" if status < 0 else f"exit code {status}"
             text = f"its process ended: {how}"
             self._listen()
