@@ -16,6 +16,7 @@ from palpate.messages.base import (
 from palpate.messages.checks import check_finite
 from palpate.messages.contact import Contact, Friction, Load, Proximity
 from palpate.messages.device import DeviceState, Force, Pose, Torque
+from palpate.messages.health import Health
 from palpate.messages.tissue import Surface
 
 __all__ = [
@@ -25,6 +26,7 @@ __all__ = [
     "Floats",
     "Force",
     "Friction",
+    "Health",
     "Ints",
     "Load",
     "Message",

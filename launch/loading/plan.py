@@ -56,6 +56,7 @@ class Plan:
             "path": str(graph.path),
             "rate": graph.rate,
             "scene": graph.scene,
+            "source": graph.source,
             "streams": None if graph.wanted is None else list(graph.wanted),
             "nodes": [_node_spec(node) for node in graph.nodes.values()],
             "order": self.order,
@@ -78,7 +79,7 @@ class Plan:
         if faults:
             raise GraphError(faults)
         wanted = None if spec["streams"] is None else tuple(spec["streams"])
-        graph = Graph(Path(spec["path"]), spec["rate"], spec["scene"], nodes, wanted)
+        graph = Graph(Path(spec["path"]), spec["rate"], spec["scene"], nodes, wanted, spec.get("source", {}))
         return cls(
             graph,
             list(spec["order"]),

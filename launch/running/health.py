@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from palpate import messages
+
 _OCTAVES = 48  # up to 2^48 ns, three days
 
 
@@ -72,3 +74,21 @@ class Health:
             "step": self.step.report(),
             "age": self.age.report(),
         }
+
+    def message(self, node: str, time: int) -> messages.Health:
+        """The counters as observers get them. `time` [ns] on the graph's clock."""
+        step = self.step.report()
+        return messages.Health(
+            tick=self.tick,
+            time=time,
+            source=node,
+            steps=self.step.count,
+            late=self.late,
+            lost=self.lost,
+            held=self.held,
+            state=self.state,
+            median=step["p50"],
+            p99=step["p99"],
+            longest=step["longest"],
+            age=self.age.report()["p50"],
+        )

@@ -41,7 +41,7 @@ def jobs(
         found.append(
             Job(
                 group=group.name,
-                nodes=tuple(_node(plan, name, path) for name in names),
+                nodes=tuple(node_job(plan, name, path) for name in names),
                 observers=tuple(_observer(plan, name) for name in group.nodes if name in plan.observers),
                 clock=clock,
                 rate=plan.graph.rate,
@@ -79,7 +79,8 @@ def _reach(start: Iterable[str], ways: dict[str, set[str]]) -> set[str]:
     return found
 
 
-def _node(plan: Plan, name: str, path: set[str]) -> NodeJob:
+def node_job(plan: Plan, name: str, path: set[str]) -> NodeJob:
+    """What a worker is told of one node. `path`: the nodes of the force path."""
     spec = plan.graph.nodes[name]
     optional = {port.name: port.optional for port in inputs(spec.cls)}
     return NodeJob(

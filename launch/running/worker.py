@@ -9,11 +9,11 @@ import gc
 from collections.abc import Callable
 
 from palpate.launch.loading.load import load_class
-from palpate.launch.running.bus import CONTROL, Bus, order
+from palpate.launch.running.bus import CONTROL, HEALTH, Bus, frame, order
 from palpate.launch.running.clock import now
 from palpate.launch.running.ended import Ended
 from palpate.launch.running.job import Job, NodeJob, ObserverJob
-from palpate.launch.running.listen import listen
+from palpate.launch.running.listen import hand_over, listen
 from palpate.launch.running.real import run_real
 from palpate.launch.running.simulated import run_simulated
 from palpate.launch.running.slot import Input, NodeFault, ObserverSlot, Output, Slot
@@ -105,6 +105,7 @@ class Worker:
             node = self._started.pop()
             try:
                 node.stop()
+                self._pass_notes()
             except Exception as error:
                 fault = fault or NodeFault(self._names[id(node)], "stop", error)
         if fault:
@@ -116,6 +117,7 @@ class Worker:
         NodeFault: a node failed.
         """
         self._mark_heard()
+        self._tell_observers()
         gc.collect()
         gc.freeze()
         if self.job.clock == "real":
@@ -127,12 +129,14 @@ class Worker:
                 run_real(self, origin)
             else:
                 run_simulated(self, origin)
+                if self.bus is not None and self.observers:
+                    listen(self)  # what other groups have sent last
         except Ended:
             pass
         finally:
             gc.enable()
-            self._flush()
             self._report_health()
+            self._flush()
 
     # -- messages ------------------------------------------------------------------------------------------------
 
@@ -158,6 +162,8 @@ class Worker:
         if not data:
             return
         topic, zero, payload = data.partition(b"\0")
+        if self.observers:
+            hand_over(self, data)
         route = self.routes.get(topic + zero)
         if route is None:
             return
@@ -237,3 +243,20 @@ class Worker:
         nodes = {slot.name: {**slot.health.report(), "forces": slot.forces()} for slot in self.slots}
         nodes |= {observer.name: observer.health.report() for observer in self.observers}
         self.report({"kind": "health", "tick": self.tick, "nodes": nodes})
+        self._tell_observers()
+        self._pass_notes()
+
+    def _tell_observers(self) -> None:
+        """How the nodes here are doing, to the observers here and elsewhere."""
+        for slot in self.slots:
+            last = slot.outputs[0].last if slot.outputs else None
+            message = slot.health.message(slot.name, last.time if last is not None else 0)
+            for observer in self.observers:
+                observer.node.health(message)
+            if self.bus is not None:
+                self.bus.keep(frame(HEALTH, pack(message)))
+
+    def _pass_notes(self) -> None:
+        for observer in self.observers:
+            for text in observer.node.notes():
+                self.report({"kind": "note", "text": text})
