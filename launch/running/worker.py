@@ -57,6 +57,7 @@ class Worker:
         self._beat = now()
         self._burst = 0
         self._started: list[Node] = []
+        self._told: list[Observer] = []
         self._heard: dict[str, Output] = known
 
     def _observer(self, job: ObserverJob) -> Observer:
@@ -94,6 +95,7 @@ class Worker:
                 observer.node.start()
             except Exception as error:
                 raise NodeFault(observer.name, "start", error) from error
+            self._told.append(observer.node)
             for stream in observer.streams:
                 if stream in self._heard:
                     self._heard[stream].listeners.append(observer)
@@ -251,12 +253,12 @@ class Worker:
         for slot in self.slots:
             last = slot.outputs[0].last if slot.outputs else None
             message = slot.health.message(slot.name, last.time if last is not None else 0)
-            for observer in self.observers:
-                observer.node.health(message)
+            for observer in self._told:
+                observer.health(message)
             if self.bus is not None:
                 self.bus.keep(frame(HEALTH, pack(message)))
 
     def _pass_notes(self) -> None:
-        for observer in self.observers:
-            for text in observer.node.notes():
+        for observer in self._told:
+            for text in observer.notes():
                 self.report({"kind": "note", "text": text})
