@@ -32,8 +32,13 @@ class Head(msgspec.Struct, frozen=True):
 _HEAD = msgspec.msgpack.Decoder(Head)
 
 
+def head_of(payload: bytes) -> Head:
+    """The header of a message in its wire form."""
+    return _HEAD.decode(payload)
+
+
 class MissingInput(Exception):
-    """A node was computed from a message that the recording does not hold."""
+    """A node was computed from a message that the recording does not hold, which matters where every byte counts."""
 
 
 class _Part:
@@ -95,6 +100,8 @@ class Player:
                 self.history.setdefault(port.stream, History()).readers[(part.name, index)] = -1
                 self._check_input(part, port)
         self.kinds = {s: kind for s, kind in self.played.items() if s in self.history}
+        self.substituted = 0
+        """Inputs for which the message before had to stand in, because the recording lost the step that sent them."""
         self.restarts = {name: list(ticks) for name, ticks in recording.restarted.items()}
 
     def _check_input(self, part: _Part, port: Input) -> None:
@@ -151,14 +158,12 @@ class Player:
         head = None
         if own is not None:
             head = _HEAD.decode(own)
-        elif self._was_recorded(part):
-            return False
-        elif tick % part.slot.every:
+        elif self._was_recorded(part) or tick % part.slot.every:
             return False
         messages: list[Message | None] = []
         for index, port in enumerate(part.slot.inputs):
             found = self._input(part, index, port, tick, head)
-            if found is None and head is None and (port is part.slot.driver or not port.port.optional):
+            if found is None and (port is part.slot.driver or not port.port.optional):
                 return False
             messages.append(found)
         if head is None and messages and messages[0] is not None and messages[0].tick == tick:
@@ -182,8 +187,11 @@ class Player:
             if wanted < 0:
                 return None
             found = history.at(wanted, reader)
-            if found is None:
+            if found is None and not self.live:
                 raise MissingInput(f"{port.stream!r} of tick {wanted}")
+            if found is None:
+                self.substituted += 1
+                found = history.newest(wanted, reader)
             return found
         limit = needed(tick, port.every, port.loop)
         return None if limit < 0 else history.newest(limit, reader)
@@ -205,11 +213,9 @@ def plan_of(recording: Recording) -> Plan:
         return Plan.from_spec(recording.about["plan"])
     except GraphError as error:
         raise RecordingError(
-            f"{recording.path}: {error}. Run from the folder that has it, or read the file with `palpate info`, `export`."
+            f"{recording.path}: {error}. Run from the folder that has it, or read the file with `palpate info`."
         ) from None
     except (KeyError, TypeError) as error:
         raise RecordingError(
             f"{recording.path}: its plan cannot be read ({error!r}); `palpate replay --graph GRAPH` needs none"
         ) from None
-
-

@@ -6,7 +6,7 @@ import json
 import struct
 import zlib
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -116,7 +116,9 @@ class Recording:
                 self.restarted.setdefault(told["node"], []).append(int(told["tick"]))
         if not self.about:
             cut = "cut off before its first message" if not self.complete else f"no {PROFILE}.about in it"
-            raise RecordingError(f"{self.path}: an MCAP file, but not a recording of palpate ({cut}); nothing to recover")
+            raise RecordingError(
+                f"{self.path}: an MCAP file, but not a recording of palpate ({cut}); nothing to recover"
+            )
 
     def _indexed_head(self) -> list[Any]:
         """Schemas, channels and metadata from the index at the end of a complete file; empty without one."""
@@ -247,6 +249,15 @@ class Recording:
         """The first stream of this message type, None where there is none."""
         wanted = full_name(kind)
         return next((name for name, stream in self.streams.items() if stream.schema["class"] == wanted), None)
+
+    def rename(self, old: str, new: str, producer: str) -> None:
+        """Call a stream otherwise, as if this node had sent it."""
+        self.streams[new] = replace(self.streams.pop(old), name=new, producer=producer)
+        self._channels = {key: new if name == old else name for key, name in self._channels.items()}
+
+    def known(self, name: str) -> Channelled:
+        """The stream of this name. RecordingError: there is none; names the nearest."""
+        return self.streams[self._known((name,))[0]]
 
     def _known(self, names: tuple[str, ...]) -> tuple[str, ...]:
         for name in names:

@@ -123,14 +123,16 @@ def verify(
                     continue
                 except NodeFault as fault:
                     own.differing += 1
-                    own.first = own.first or Difference(part.streams[0], tick, "step", "1", "an answer", str(fault.cause))
+                    own.first = own.first or Difference(
+                        part.streams[0], tick, "step", "1", "an answer", str(fault.cause)
+                    )
                     own.stopped = f"from tick {tick} on: the step failed"
                     continue
                 for output in part.slot.outputs:
                     found = payloads.get(output.stream)
                     if found is not None and output.last is not None:
                         own.checked += 1
-                        _compare(own, output.stream, found, output.last, tolerance, scales)
+                        compare_one(own, output.stream, found, output.last, tolerance, scales)
             if not tick % 512:
                 show(tick, last)
     finally:
@@ -151,9 +153,15 @@ def _cannot(recording: Recording, streams: tuple[str, ...], name: str) -> str:
     return ""
 
 
-def _compare(
-    own: NodeReport, stream: str, payload: bytes, message: Message, tolerance: float, scales: dict[tuple[str, str], float]
+def compare_one(
+    own: NodeReport,
+    stream: str,
+    payload: bytes,
+    message: Message,
+    tolerance: float,
+    scales: dict[tuple[str, str], float],
 ) -> None:
+    """Compare one message with its recorded bytes and note a difference. `scales`: magnitudes of the fields so far."""
     if not tolerance and pack(message) == payload:
         return
     try:

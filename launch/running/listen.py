@@ -40,9 +40,9 @@ def hand_over(worker: Worker, data: bytes) -> None:
         worker.report({"kind": "rubbish", "stream": stream, "text": str(error)})
         return
     for observer in worker.observers:
-        if tick >= 0 and stream in observer.streams:
-            if tick > observer.last[stream]:  # a node beside the observer may have it sent a second time
-                observer.observe(stream, tick, payload)
+        # A node beside the observer may have it sent a second time.
+        if tick >= 0 and stream in observer.streams and tick > observer.last[stream]:
+            observer.observe(stream, tick, payload)
     if not worker.slots:
         worker.tick = max(worker.tick, tick)
 

@@ -1,0 +1,115 @@
+"""`palpate compare`: one recorded touch, computed in several ways."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from palpate.launch.commands.common import Json, console, tell
+from palpate.launch.commands.info import File
+
+if TYPE_CHECKING:
+    from palpate.launch.recording.compare import Variant
+
+
+def compare(
+    file: File,
+    sets: Annotated[list[str] | None, typer.Option("--set", help="One variant by one value: tissue.use=...")] = None,
+    variants: Annotated[
+        list[str] | None,
+        typer.Option("--variant", help="One variant by several values, in quotes."),
+    ] = None,
+    reference: Annotated[
+        str | None,
+        typer.Option(help='What the variants are held against: "recorded" or values; the first variant if not given.'),
+    ] = None,
+    picture: Annotated[
+        Path | None, typer.Option(help="File of the picture; beside the recording if not given.")
+    ] = None,
+    no_picture: Annotated[bool, typer.Option("--no-picture", help="Draw none.")] = False,
+    as_json: Json = False,
+) -> None:
+    """Compute one recorded touch with several models or settings: differences in force, indentation and shape, step times.
+
+    A single variant is held against the graph as it was recorded.
+    """
+    import shlex
+
+    from palpate.launch.recording.compare import RECORDED
+    from palpate.launch.recording.compare import compare as work
+    from palpate.launch.recording.reader import Recording
+
+    wanted = [[given] for given in sets or []] + [shlex.split(given) for given in variants or []]
+    wanted = [[] if given == [RECORDED] else given for given in wanted]
+    if not wanted:
+        raise typer.BadParameter("expected --set or --variant, such as --set tissue.use=deformation.Rigid")
+    base = None if reference is None else [] if reference == RECORDED else shlex.split(reference)
+    if base is None and len(wanted) == 1:
+        base = []
+    recording = Recording(file)
+    if as_json:
+        found = work(recording, wanted, reference=base)
+    else:
+        from rich.progress import Progress
+
+        with Progress(console=console(stderr=True), transient=True) as progress:
+            task = progress.add_task("computing", total=None)
+            found = work(
+                recording,
+                wanted,
+                reference=base,
+                show=lambda tick, last: progress.update(task, completed=tick, total=last),
+            )
+    drawn = None if no_picture else _draw(found, picture or file.with_name(f"{file.stem}-compare.png"))
+    if as_json:
+        tell({"ok": True, "complete": recording.complete, "reference": found[0].name,
+              "variants": [variant.report() for variant in found], "picture": drawn and str(drawn)})  # fmt: skip
+        return
+    _print(found)
+    if drawn:
+        console().print(f"picture {drawn}", markup=False)
+
+
+def _draw(found: list[Variant], path: Path) -> Path | None:
+    from palpate.launch.recording.compare import draw
+
+    try:
+        draw(found, path)
+    except ImportError:
+        from palpate.launch.loading.extras import install
+
+        console(stderr=True).print(f"no picture: it needs matplotlib ({install('view')})", markup=False)
+        return None
+    return path
+
+
+def _print(found: list[Variant]) -> None:
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table(
+        title=f"differences from {found[0].name}; steps in us, nodes that were changed and all together", box=None,
+        header_style="bold", pad_edge=False, title_justify="left",
+    )  # fmt: skip
+    table.add_column("variant")
+    titles = ("force rms [N]", "peak [N]", "indentation rms [mm]", "peak [mm]", "shape rms [mm]", "peak [mm]",
+              "step p50", "p99", "all p50", "p99")  # fmt: skip
+    for title in titles:
+        table.add_column(title, justify="right")
+    for variant in found:
+        force, depth, shape = (s.report() for s in (variant.force, variant.indentation, variant.shape))
+        step, whole = variant.step.report(), variant.whole.report()
+        table.add_row(
+            Text(variant.name), *(f"{force[k]:.4f}" for k in ("rms", "peak")),
+            *(f"{s[k] * 1e3:.4f}" for s in (depth, shape) for k in ("rms", "peak")),
+            *(f"{s[k] * 1e6:.1f}" for s in (step, whole) for k in ("p50", "p99")),
+        )  # fmt: skip
+    console().print(table)
+    first = found[0]
+    console().print(
+        f"peak of {first.name}: force {first.force.scale:.3f} N, indentation {first.indentation.scale * 1e3:.3f} mm, "
+        f"surface {first.shape.scale * 1e3:.3f} mm",
+        markup=False,
+    )
