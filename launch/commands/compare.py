@@ -22,8 +22,7 @@ def compare(
         typer.Option("--variant", help="One variant by several values, in quotes."),
     ] = None,
     reference: Annotated[
-        str | None,
-        typer.Option(help='What the variants are held against: "recorded" or values; the first variant if not given.'),
+        str | None, typer.Option(help='What they are held against: "recorded" or values; the first if not given.')
     ] = None,
     picture: Annotated[
         Path | None, typer.Option(help="File of the picture; beside the recording if not given.")
@@ -31,7 +30,7 @@ def compare(
     no_picture: Annotated[bool, typer.Option("--no-picture", help="Draw none.")] = False,
     as_json: Json = False,
 ) -> None:
-    """Compute one recorded touch with several models or settings: differences in force, indentation and shape, step times.
+    """Compute one recorded touch in several ways: differences in force, indentation and shape, and step times.
 
     A single variant is held against the graph as it was recorded.
     """
@@ -89,27 +88,29 @@ def _print(found: list[Variant]) -> None:
     from rich.table import Table
     from rich.text import Text
 
-    table = Table(
-        title=f"differences from {found[0].name}; steps in us, nodes that were changed and all together", box=None,
-        header_style="bold", pad_edge=False, title_justify="left",
-    )  # fmt: skip
-    table.add_column("variant")
-    titles = ("force rms [N]", "peak [N]", "indentation rms [mm]", "peak [mm]", "shape rms [mm]", "peak [mm]",
-              "step p50", "p99", "all p50", "p99")  # fmt: skip
+    out = console()
+    names = [chr(ord("A") + i) if i < 26 else str(i) for i in range(len(found))]
+    for name, variant in zip(names, found, strict=True):
+        changed = f", changes {', '.join(variant.swapped)}" if variant.swapped else ""
+        out.print(Text.assemble((name, "bold"), f"  {variant.name}{changed}"))
+    table = Table(box=None, header_style="bold", pad_edge=False)
+    table.add_column("")
+    titles = ("force [N]\nrms", "\npeak", "indent. [mm]\nrms", "\npeak", "shape [mm]\nrms", "\npeak",
+              "step [us]\np50", "\np99", "all [us]\np50", "\np99")  # fmt: skip
     for title in titles:
         table.add_column(title, justify="right")
-    for variant in found:
+    for name, variant in zip(names, found, strict=True):
         force, depth, shape = (s.report() for s in (variant.force, variant.indentation, variant.shape))
         step, whole = variant.step.report(), variant.whole.report()
         table.add_row(
-            Text(variant.name), *(f"{force[k]:.4f}" for k in ("rms", "peak")),
+            name, *(f"{force[k]:.4f}" for k in ("rms", "peak")),
             *(f"{s[k] * 1e3:.4f}" for s in (depth, shape) for k in ("rms", "peak")),
             *(f"{s[k] * 1e6:.1f}" for s in (step, whole) for k in ("p50", "p99")),
         )  # fmt: skip
-    console().print(table)
+    out.print(table)
     first = found[0]
-    console().print(
-        f"peak of {first.name}: force {first.force.scale:.3f} N, indentation {first.indentation.scale * 1e3:.3f} mm, "
-        f"surface {first.shape.scale * 1e3:.3f} mm",
+    out.print(
+        f"Differences from A, whose peaks are {first.force.scale:.3f} N, {first.indentation.scale * 1e3:.3f} mm and "
+        f"{first.shape.scale * 1e3:.3f} mm. step: the nodes that were changed (of A, or else the body); all: one tick.",
         markup=False,
     )

@@ -55,17 +55,28 @@ def _recorded(file: str, stream: str | None) -> Iterator[Message]:
 
 def _running(stream: str, run: str | None) -> Iterator[Message]:
     """The messages of a running graph, their type being known by the fields that they have."""
-    from palpate.launch.running.watch import find, hear
-    from palpate.messages import MessageError, unpack
+    import msgspec
+
+    from palpate.launch.loading.faults import choices
+    from palpate.launch.running.bus import HEALTH
+    from palpate.launch.running.watch import NoRun, find, hear
+    from palpate.messages import Health, unpack
 
     found = find(run)
-    kind = None
-    for _, payload in hear(found, [stream]):
-        kind = kind or _type_of(payload)
-        try:
+    kind: type[Message] | None = Health if stream == HEALTH else None
+    reports: dict[str, int] = {}
+    heard = False
+    for name, payload in hear(found, list({stream, HEALTH})):
+        if name == stream:
+            heard = True
+            kind = kind or _type_of(payload)
             yield unpack(payload, kind)
-        except MessageError:
-            kind = None
+        elif not heard:
+            # Each node reports five times a second: after some reports a stream of no node is known to be none.
+            source = msgspec.msgpack.decode(payload)["source"]
+            reports[source] = reports.get(source, 0) + 1
+            if reports[source] > 5 and stream.partition(".")[0] not in reports:
+                raise NoRun(f"run {found.name} has no stream {stream!r}. {choices('Nodes', stream, reports)}")
 
 
 def _type_of(payload: bytes) -> type[Message]:

@@ -85,6 +85,8 @@ def _check(recording: Recording, plan: Plan, tolerance: float, as_json: bool) ->
 def _print(recording: Recording, report: Report, tolerance: float) -> None:
     from rich.text import Text
 
+    from palpate.launch.running.about import rounding
+
     out = console(soft_wrap=True)
     checked = sum(node.checked for node in report.nodes.values())
     if report.first is not None:
@@ -94,6 +96,10 @@ def _print(recording: Recording, report: Report, tolerance: float) -> None:
                 out.print(
                     Text(f"  {name}: {node.differing} of {node.checked} messages differ, by {node.largest:.2g} at most")
                 )
+        elsewhere = rounding(recording.about)
+        if elsewhere and not tolerance:
+            why = f"Recorded where numbers may be rounded otherwise ({'; '.join(elsewhere)}); see --tolerance 1e-6."
+            out.print(Text(why, style="dim"))
     elif checked:
         how = f"equal within {tolerance:g}" if tolerance else "bit-equal"
         out.print(Text(f"{checked} messages of {len(report.nodes)} nodes computed again: {how}", style="green"))
@@ -103,7 +109,7 @@ def _print(recording: Recording, report: Report, tolerance: float) -> None:
         if node.stopped:
             out.print(Text(f"not checked: {name}: {node.stopped}", style="yellow"))
     if report.cut:
-        out.print(Text(f"{recording.path} was cut off; checked up to its last whole chunk", style="yellow"))
+        out.print(Text(f"{recording.path} was cut off; its last messages lack some of their inputs", style="yellow"))
 
 
 def _play(

@@ -23,7 +23,7 @@ def top(
     from rich.live import Live
 
     from palpate.launch.running.bus import HEALTH
-    from palpate.launch.running.watch import find, hear
+    from palpate.launch.running.watch import NoRun, find, hear
     from palpate.messages import Health, unpack
 
     found = find(run)
@@ -41,6 +41,8 @@ def top(
                     break
     except KeyboardInterrupt:
         raise typer.Exit from None
+    if not rows:
+        raise NoRun(f"run {found.name} has ended")
     if as_json:
         from palpate.launch.commands.common import tell
 

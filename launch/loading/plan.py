@@ -12,7 +12,7 @@ from typing import Any
 
 from palpate.launch.loading.classes import body
 from palpate.launch.loading.demand import missing_senders, running_nodes, skipped_nodes
-from palpate.launch.loading.faults import Fault, GraphError, Place
+from palpate.launch.loading.faults import Fault, GraphError, Place, short
 from palpate.launch.loading.graph import Graph, NodeSpec
 from palpate.launch.loading.load import full_name, load_class
 from palpate.launch.loading.wiring import Edge
@@ -53,10 +53,10 @@ class Plan:
         """The plan as data that JSON can hold."""
         graph = self.graph
         return {
-            "path": str(graph.path),
+            "path": short(str(graph.path)),
             "rate": graph.rate,
             "scene": graph.scene,
-            "source": graph.source,
+            "source": {key: value for key, value in graph.source.items() if key != "scene"},
             "streams": None if graph.wanted is None else list(graph.wanted),
             "nodes": [_node_spec(node) for node in graph.nodes.values()],
             "order": self.order,
@@ -150,7 +150,7 @@ def _node_spec(node: NodeSpec) -> dict[str, Any]:
         "off": node.off,
         "edges": _edge_specs(node.edges),
         "listen": None if node.listen is None else list(node.listen),
-        "place": [node.place.file, node.place.line, node.place.column],
+        "place": [short(node.place.file), node.place.line, node.place.column],
     }
 
 

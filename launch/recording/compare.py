@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -109,6 +110,8 @@ def compare(
     try:
         for player in players:
             player.start()
+        gc.collect()
+        gc.freeze()  # collections would show as steps of milliseconds
         for tick, payloads in instants(recording, present):
             for variant, player, own in zip(found, players, streams, strict=True):
                 before = sum(part.slot.health.step.total for part in player.parts)
@@ -120,6 +123,7 @@ def compare(
             if not tick % 256:
                 show(tick, last)
     finally:
+        gc.unfreeze()
         for player in players:
             player.stop()
     for variant, player in zip(found, players, strict=True):

@@ -13,7 +13,7 @@ from palpate.nodes.logger import CHUNK_SIZE, PROFILE
 
 
 def recover(path: Path, out: Path | None = None) -> tuple[Path, dict[str, int]]:
-    """Write what can be read of a recording to a complete file, with index and counts.
+    """Write what can be read of a recording to a complete file, with its index.
 
     out  None: beside the file, with `-recovered` in its name
 
@@ -24,14 +24,12 @@ def recover(path: Path, out: Path | None = None) -> tuple[Path, dict[str, int]]:
     if target.exists():
         raise RecordingError(f"{target} exists; name another file with --out")
     counts = dict.fromkeys(recording.streams, 0)
-    following = dict.fromkeys(recording.streams, 0)
-    gaps = dict.fromkeys(recording.streams, 0)
     part = target.with_name(target.name + ".part")
     target.parent.mkdir(parents=True, exist_ok=True)
     with open(part, "wb") as file:
         writer = Writer(file, chunk_size=CHUNK_SIZE, compression=CompressionType.ZSTD)
         writer.start(profile=PROFILE, library="palpate")
-        about = {**recording.about, "recovered from": str(path)}
+        about = {**recording.about, "recovered_from": str(path)}
         writer.add_metadata("palpate.about", {key: json.dumps(value) for key, value in about.items()})
         for node, ticks in recording.restarted.items():
             for tick in ticks:
@@ -47,11 +45,8 @@ def recover(path: Path, out: Path | None = None) -> tuple[Path, dict[str, int]]:
         for name, tick, time, payload in recording.raw():
             writer.add_message(channels[name], time, payload, time, tick)
             counts[name] += 1
-            step = recording.streams[name].every * recording.streams[name].thin
-            gaps[name] += max(0, (tick - following[name]) // step)
-            following[name] = tick + step
-        kept = recording.counts or {name: {"count": counts[name], "lost": gaps[name]} for name in counts}
-        writer.add_metadata("palpate.counts", {name: json.dumps(value) for name, value in kept.items()})
+        if recording.counts:  # what was lost on the way is only known where the file came to its end
+            writer.add_metadata("palpate.counts", {k: json.dumps(v) for k, v in recording.counts.items()})
         writer.finish()
     os.replace(part, target)
     return target, counts

@@ -101,7 +101,7 @@ def verify(
     player = Player(recording, plan, plan.order, live=False)
     report = Report({part.name: NodeReport(stopped=part.broken or "") for part in player.parts if part.streams})
     present = recording.ticks()
-    report.cut = not recording.complete
+    report.cut = not recording.complete or "recovered_from" in recording.about
     for part in player.parts:
         if part.streams and not report.nodes[part.name].stopped:
             report.nodes[part.name].stopped = _cannot(recording, part.streams, part.name)

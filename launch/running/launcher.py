@@ -356,7 +356,7 @@ class Launcher:
         if not left & self._leads() and self._is_real():
             self._tell("*", do="stop")
         if not any(self.jobs[group].nodes for group in left):
-            self._tell("*", do="stop")
+            self._tell("*", do="close")
             if self._deadline is None:
                 self._deadline = time.monotonic() + 20 * STOP_PATIENCE  # a long queue may have to be written
 

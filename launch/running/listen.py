@@ -5,21 +5,26 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from palpate.launch.running.bus import HEALTH
+from palpate.launch.running.clock import now
 from palpate.launch.running.schedule import needed
 from palpate.messages import Health, Message, MessageError, unpack
+
+QUIET = 100_000_000  # [ns] without a frame after which, all senders being gone, none is under way any more
 
 if TYPE_CHECKING:
     from palpate.launch.running.worker import Worker
 
 
 def listen(worker: Worker) -> None:
-    """Hand messages to the observers until all streams have come to their end, or the launcher has stopped the
-    worker and no more frames come."""
+    """Hand messages to the observers until all streams have come to their end, or the launcher has told that all
+    senders are gone and no more frames come."""
+    heard = now()
     while not _heard_all(worker):
         data = worker.take(block=True)
         if data:
+            heard = now()
             hand_over(worker, data)
-        elif data is None and worker.stopping:
+        elif data is None and worker.stopping and now() - heard > QUIET:
             return
         worker.housekeep(worker.tick)
 

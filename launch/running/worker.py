@@ -200,13 +200,15 @@ class Worker:
     def _control(self, given: dict) -> None:
         self._beat = now()
         match given["do"]:
-            case "stop":
+            case "stop" if self.slots:  # observers go on until all senders are gone
+                self.stopping = True
+            case "close":
                 self.stopping = True
             case "end":
                 self.last = given["tick"]
             case "dead" | "alive":
                 self._bury(set(given["nodes"]), set(given["mute"]), given["do"] == "dead")
-            case "quit" if self.slots:  # observers go on until they are told that all senders are gone
+            case "quit" if self.slots:
                 raise Ended
 
     def _bury(self, nodes: set[str], mute: set[str], dead: bool) -> None:
