@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import errno
 import json
-import os
 import time
 import typing
 from pathlib import Path
@@ -65,7 +64,6 @@ class Mcap(Observer):
         self._channels: dict[str, int] = {}
         self._next: dict[str, int] = {}
         self._file: IO[bytes] | None = None
-        self._good = 0
         Path(self.path).parent.mkdir(parents=True, exist_ok=True)
         self._file = open(self.path, "wb", buffering=CHUNK_SIZE)  # noqa: SIM115 - lives until stop
         kinds = {"zstd": CompressionType.ZSTD, "lz4": CompressionType.LZ4, "none": CompressionType.NONE}
@@ -147,7 +145,6 @@ class Mcap(Observer):
         self._writer._Writer__finalize_chunk()  # type: ignore[attr-defined]
         assert self._file is not None
         self._file.flush()
-        self._good = self._file.tell()
         self._due = time.monotonic() + CHUNK_TIME
 
     def _give_up(self, error: OSError) -> None:
@@ -155,12 +152,8 @@ class Mcap(Observer):
         assert file is not None
         why = "the disk is full" if error.errno in _FULL else error.strerror
         self._notes.append(f"recording {self.path} ends here: {why}; what was written before can be read")
-        descriptor = os.dup(file.fileno())
-        with contextlib.suppress(OSError):  # its buffer cannot be written either: back to the last whole chunk
+        with contextlib.suppress(OSError):  # what is in its buffer cannot be written either
             file.close()
-        with contextlib.suppress(OSError):
-            os.ftruncate(descriptor, self._good)
-        os.close(descriptor)
 
     def stop(self) -> None:
         if self._file is None:

@@ -21,6 +21,8 @@ from palpate.launch.running.execute import Outcome, execute
 from palpate.messages import Torque
 
 TICKS = 300
+MARK = f"PALPATE_TEST={os.getpid()}"
+os.environ["PALPATE_TEST"] = str(os.getpid())
 
 
 def go(tmp_path: Path, text: str = GRAPH, ticks: int = TICKS, record: bool = True, **more) -> Outcome:
@@ -48,9 +50,10 @@ def processes() -> set[str]:
         if entry.name.isdigit():
             try:
                 line = (entry / "cmdline").read_bytes().replace(b"\0", b" ").decode(errors="replace")
+                own = MARK.encode() in (entry / "environ").read_bytes()
             except OSError:
                 continue
-            if "palpate.launch.running.nursery" in line:
+            if own and "palpate.launch.running.nursery" in line:
                 found.add(entry.name)
     return found
 

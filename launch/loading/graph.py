@@ -72,7 +72,7 @@ class NodeSpec:
 @dataclass
 class Graph:
     """A checked graph. `rate` [Hz]; `wanted` are streams that must be computed, None where nothing is said; `source`
-    is what the graph's file says, with all that was set from outside."""
+    is what the graph's file says beside the scene, with all that was set from outside."""
 
     path: Path
     rate: float
@@ -157,7 +157,8 @@ def load_source(
     else:
         holder = source if scene_source.data.get("wanted") is None else scene_source
     found_wanted = _wanted(holder, kinds, unclear, faults)
-    graph = Graph(file, rate, world.data, nodes, found_wanted, source.data)
+    said = {key: value for key, value in source.data.items() if key != "scene"}
+    graph = Graph(file, rate, world.data, nodes, found_wanted, said)
     faults.found.extend(missing_senders(graph))
     faults.done()
     return graph

@@ -56,7 +56,7 @@ class Plan:
             "path": short(str(graph.path)),
             "rate": graph.rate,
             "scene": graph.scene,
-            "source": {key: value for key, value in graph.source.items() if key != "scene"},
+            "source": graph.source,
             "streams": None if graph.wanted is None else list(graph.wanted),
             "nodes": [_node_spec(node) for node in graph.nodes.values()],
             "order": self.order,
