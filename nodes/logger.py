@@ -63,6 +63,7 @@ class Mcap(Observer):
         self._notes: list[str] = []
         self._channels: dict[str, int] = {}
         self._next: dict[str, int] = {}
+        self._due_at: dict[str, int] = {}
         self._file: IO[bytes] | None = None
         Path(self.path).parent.mkdir(parents=True, exist_ok=True)
         self._file = open(self.path, "wb", buffering=CHUNK_SIZE)  # noqa: SIM115 - lives until stop
@@ -83,8 +84,8 @@ class Mcap(Observer):
             self._channels[stream.name] = self._writer.register_channel(
                 stream.name, "msgpack", schemas[stream.type], about
             )
-            self._divisor[stream.name] = (stream.every, stream.every * keep)
-            self.counts[stream.name] = self._next[stream.name] = 0
+            self._divisor[stream.name] = (stream.every, stream.every * keep if keep > 1 else 1)
+            self.counts[stream.name] = self._next[stream.name] = self._due_at[stream.name] = 0
             self._heard[stream.name] = self._gaps[stream.name] = 0
         self._close_chunk()
 
@@ -97,8 +98,9 @@ class Mcap(Observer):
             self._gaps[stream] += missing
         self._next[stream] = tick + step
         self._heard[stream] += 1
-        if tick % keep:
+        if tick < self._due_at[stream]:
             return
+        self._due_at[stream] = tick - tick % keep + keep  # also where the clock left out the very tick
         at = max(0, _HEADER.decode(payload).time)
         try:
             self._writer.add_message(self._channels[stream], at, payload, at, tick & 0xFFFFFFFF)
@@ -110,17 +112,17 @@ class Mcap(Observer):
 
     def health(self, message: Health) -> None:
         node = message.source
-        if message.steps == 0 and self._steps.get(node):
-            self._restarted(node)
+        if message.steps == 0:
+            self._begun(node)
         self._steps[node] = message.steps
 
-    def _restarted(self, node: str) -> None:
-        """A node begins anew, with a new state: a replay has to do so at the same place."""
+    def _begun(self, node: str) -> None:
+        """A node begins. Where it does so anew, with a new state, a replay has to do so at the same place."""
         streams = [stream.name for stream in self.streams if stream.producer == node and stream.name in self._heard]
-        if self._file is None or not streams:
+        heard = max((self._heard[name] for name in streams), default=0)
+        if self._file is None or heard <= self._before.get(node, 0):
             return
-        # What the dead one sent last and did not arrive nobody knows.
-        self._before[node] = max(self._heard[name] for name in streams)
+        self._before[node] = heard  # what the dead one sent last and did not arrive nobody knows
         from_tick = max(self._next[name] for name in streams)
         try:
             self._close_chunk()

@@ -54,6 +54,6 @@ class Counting(SlowDrag):
     at: Annotated[int, "1"] = 0
 
     def step(self, pose: Pose, force: Force, *, dt: float) -> Friction:
-        if self.steps + 1 == self.at and pose.time < 5e8:
+        if self.steps + 1 == self.at and pose.time < 3e8:
             os.kill(os.getpid(), 9)
         return super().step(pose, force, dt=dt)

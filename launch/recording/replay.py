@@ -16,6 +16,7 @@ from palpate.launch.running.about import about
 from palpate.launch.running.clock import now, sleep_until
 from palpate.launch.running.job import ObserverJob, StreamJob
 from palpate.launch.running.slot import ObserverSlot
+from palpate.messages import Health
 from palpate.nodes.base import Observer, Stream
 from palpate.nodes.logger import Mcap
 
@@ -62,6 +63,7 @@ class Replay:
         self.present = recording.ticks()
         self.observers = [] if out is None else [self._logger(out)]
         self.observers += self._viewers()
+        self.producers = {s: name for name in plan.order for s in plan.graph.nodes[name].streams}
         self.reports: dict[str, NodeReport] = {}
         self.player: Player | None = None
         self.seconds = self.wall = 0.0
@@ -75,6 +77,8 @@ class Replay:
         player.start()
         for observer in self.observers:
             observer.node.start()
+        sent_by = dict.fromkeys(self.plan.order, 0)
+        begins = {name: list(ticks) for name, ticks in self.recording.restarted.items()}
         try:
             for tick, payloads in instants(self.recording, self.present):
                 time = head_of(next(iter(payloads.values()))).time
@@ -93,18 +97,49 @@ class Replay:
                     first, begun = time, now()
                 if self.speed is not None:
                     sleep_until(begun + round((time - first) / self.speed))
-                for observer in self.observers:
-                    for stream, payload in {**payloads, **sent}.items():
-                        if stream in observer.streams:
-                            observer.observe(stream, tick, payload)
+                for name, ticks in begins.items():
+                    while ticks and tick >= ticks[0]:
+                        ticks.pop(0)
+                        sent_by[name] = 0
+                        self._tell(name, 0)
+                self._show(tick, {**payloads, **sent}, sent_by)
                 if not shown(tick, time, {**payloads, **sent}):
                     break
         finally:
             self.seconds = (time - first) * 1e-9 if first is not None else 0.0
             self.wall = (now() - begun) * 1e-9
             player.stop()
+            for name, count in sent_by.items():
+                if count:
+                    self._tell(name, count)
             for observer in self.observers:
                 observer.node.stop()
+
+    def _show(self, tick: int, messages: dict[str, bytes], sent_by: dict[str, int]) -> None:
+        """Give the messages of one tick to the observers, and count what each node has sent."""
+        for name in {self.producers[stream] for stream in messages if stream in self.producers}:
+            sent_by[name] += 1
+        for observer in self.observers:
+            for stream, payload in messages.items():
+                if stream in observer.streams:
+                    observer.observe(stream, tick, payload)
+
+    def _tell(self, node: str, steps: int) -> None:
+        """What a worker would tell the observers of a node: that it begins (0), or how much it has sent at the end."""
+        message = Health(
+            source=node,
+            steps=steps,
+            late=0,
+            lost=0,
+            held=0,
+            state="replayed",
+            median=0.0,
+            p99=0.0,
+            longest=0.0,
+            age=0.0,
+        )
+        for observer in self.observers:
+            observer.node.health(message)
 
     def _streams(self) -> Iterator[Stream]:
         graph = self.plan.graph
