@@ -26,7 +26,7 @@ DEFORMATION = ["#f3dcd0", "#f2b48c", "#ec7f5b", "#d2434f", "#9c1c5b", "#5b1360",
 SMOOTH = 0.02  # [s] over which drawn lines are averaged
 DPI = 150
 
-LOOK: dict[str, Any] = {
+LOOK: Any = {
     "font.family": "sans-serif",
     "font.size": 11,
     "axes.titlesize": 12,

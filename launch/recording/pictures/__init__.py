@@ -40,6 +40,7 @@ def draw(recording: Path, folder: Path, console: Console | None = None) -> list[
 
 def _draw(recording: Recording, folder: Path, console: Console | None, step: Callable[[str], None]) -> list[Path]:
     from palpate.launch.recording.pictures import compression, deformation, device, force, friction
+    from palpate.launch.recording.pictures.instants import NoMesh
     from palpate.launch.recording.pictures.touch import Touch
 
     touch = Touch(recording)
@@ -52,7 +53,7 @@ def _draw(recording: Recording, folder: Path, console: Console | None, step: Cal
             _tell(console, f"no 3-D picture: pyvista is not installed; {install('view')}")
         else:
             views = deformation.Views(touch)  # it draws while the others are drawn here
-    except deformation.NoMesh as error:
+    except NoMesh as error:
         _tell(console, f"no picture of the surface: {error}")
     try:
         for picture in (force, compression, friction, device):

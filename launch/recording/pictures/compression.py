@@ -19,13 +19,15 @@ def draw(touch: Touch) -> Figure | None:
     if contact is None or not touches(contact["time"], contact["force"]):
         return None
     time, s1, s2 = contact["time"], contact["compression"] * 1e3, contact["indentation"] * 1e3
-    out = figure(11.5, 5.6, "Fingertip and tissue share the approach")
+    out = figure(11.5, 5.6, "How fingertip and tissue share the approach")
     upper, lower = out.subplots(2, 1, sharex=True, height_ratios=(3, 2))
     upper.fill_between(time, s1 + s2, color=TISSUE, alpha=0.07, linewidth=0, label="s1 + s2, the approach")
     upper.plot(time, s2, color=TISSUE, label="s2, indentation of the tissue")
     upper.plot(time, s1, color=FINGER, label="s1, compression of the fingertip")
     upper.set_ylabel("[mm]")
-    upper.set_title("first the soft fingertip gives way; it stiffens, then the tissue goes on")
+    upper.set_title(
+        f"at most {(s1 + s2).max():.1f} mm: the fingertip up to {s1.max():.1f} mm, the tissue up to {s2.max():.1f} mm"
+    )
     upper.legend(loc="upper right", ncols=3)
     upper.set_ylim(0.0, float((s1 + s2).max()) * 1.25)
     lower.axhline(0.0, color="#77777f", linewidth=0.8)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import os
 import subprocess
 import sys
@@ -12,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from palpate.launch.recording.pictures.instants import Instant, NoMesh, instants, surface_mesh
+from palpate.launch.recording.pictures.instants import Instant, instants, surface_mesh
 from palpate.launch.recording.pictures.touch import Touch
 from palpate.launch.recording.style import DEFORMATION, figure
 
@@ -20,10 +21,11 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 NAME = "deformation"
+TITLE = "The surface under the finger  (ball: fingertip; arrow: force on the hand)"
 COUNT = 6
 PATIENCE = 60.0  # [s]
-WINDOWS = (None, "vtkOSOpenGLRenderWindow")
-"""What VTK draws into: its own choice (EGL where there is no display), then OSMesa."""
+WINDOWS = ("", "vtkOSOpenGLRenderWindow")
+"""What VTK draws into: its own choice, which is EGL where there is no display; then OSMesa."""
 CURE = "install Mesa's off-screen drawing (Debian: apt install libosmesa6, or libegl1 libgl1-mesa-dri)"
 
 
@@ -54,9 +56,9 @@ class Views:
         )
         self._process = self._begin(WINDOWS[0])
 
-    def _begin(self, window: str | None) -> subprocess.Popen:
+    def _begin(self, window: str) -> subprocess.Popen:
         environment = {key: value for key, value in os.environ.items() if key != "DISPLAY"}
-        if window is not None:
+        if window:
             environment["VTK_DEFAULT_OPENGL_WINDOW"] = window
         command = [sys.executable, "-m", f"{__package__}.render", str(self._source), str(self._target)]
         return subprocess.Popen(
@@ -65,8 +67,7 @@ class Views:
 
     def pixels(self) -> dict[str, np.ndarray]:
         """Wait for the pictures. NoRendering: this machine cannot draw them."""
-        why = ""
-        for window in WINDOWS[1:] + (None,):
+        for following in (*WINDOWS[1:], None):
             try:
                 _, errors = self._process.communicate(timeout=PATIENCE)
             except subprocess.TimeoutExpired:
@@ -74,13 +75,11 @@ class Views:
             if self._process.returncode == 0 and self._target.is_file():
                 with np.load(self._target) as found:
                     return dict(found)
-            why = _reason(self._process.returncode, errors.decode(errors="replace"))
-            if "No module named" in why:
-                break
-            if window is not None:
-                self._process = self._begin(window)
-        cure = 'pip install "palpate[view]"' if "No module named" in why else CURE
-        raise NoRendering(f"no 3-D picture: {why}; {cure}")
+            if following is not None:
+                self._process = self._begin(following)
+        raise NoRendering(
+            f"no 3-D picture: {_reason(self._process.returncode, errors.decode(errors='replace'))}; {CURE}"
+        )
 
     def close(self) -> None:
         """End the process, remove the files."""
@@ -100,8 +99,12 @@ class Views:
         columns = min(3, count)
         near = sorted(sorted(range(count), key=lambda i: -self.instants[i].depth)[:columns])
         rows = -(-count // columns)
-        out = figure(4.2 * columns + 1.0, 2.75 * rows + 3.3, "How the surface gives way under the finger")
-        grid = out.subplots(rows + 1, columns, squeeze=False, height_ratios=[1.0] * rows + [1.16])
+        out = figure(
+            4.2 * columns + 1.0,
+            2.6 * rows + 3.3,
+            TITLE,
+        )
+        grid = out.subplots(rows + 1, columns, squeeze=False, height_ratios=[1.0] * rows + [1.22])
         for axes in grid.ravel():
             axes.set_axis_off()
         for i, one in enumerate(self.instants):
@@ -124,12 +127,12 @@ def _title(one: Instant) -> str:
 
 
 def _round_up(length: float) -> float:
-    """The next full millimetre, at least 1 mm; for tiny and huge displacements the next of 1, 2, 5 in its decade."""
+    """The next full millimetre up to 20 mm; below 1 mm and above 20 mm the next of 1, 2, 5, 10 in its decade."""
     if 1e-3 < length <= 20e-3:
-        return np.ceil(length * 1e3 - 1e-6) / 1e3
+        return math.ceil(length * 1e3 - 1e-6) / 1e3
     if length <= 0.0:
         return 1e-3
-    decade = 10.0 ** np.floor(np.log10(length))
+    decade = 10.0 ** math.floor(math.log10(length))
     return float(next(step for step in (1.0, 2.0, 5.0, 10.0) if step * decade >= length * (1 - 1e-9)) * decade)
 
 
@@ -139,6 +142,3 @@ def _reason(code: int, errors: str) -> str:
     if code < 0:
         return f"VTK's drawing process was ended by signal {-code}"
     return lines[-1][:200] if lines else f"VTK's drawing process ended with exit code {code}"
-
-
-__all__ = ["CURE", "NAME", "NoMesh", "NoRendering", "Views"]

@@ -24,7 +24,7 @@ def draw(touch: Touch) -> Figure | None:
         return None
     time, size = force["time"], np.linalg.norm(force["force"], axis=1)
     settings = touch.settings(touch.recording.stream_of(Force))
-    out = figure(11.5, 6.4, "The force on the hand stays bounded, and the display gives out no energy")
+    out = figure(11.5, 6.4, "Force on the hand, and the energy that the display has absorbed")
     upper, lower = out.subplots(2, 1, sharex=True, height_ratios=(3, 2))
     for axes in (upper, lower):
         _contact(axes, touch, force)
@@ -35,7 +35,7 @@ def draw(touch: Touch) -> Figure | None:
     upper.set_ylabel("force on the hand [N]")
     limit = settings.get("limit")
     told = f", of the {limit:g} N that the device is held to" if isinstance(limit, float | int) else ""
-    upper.set_title(f"largest {size.max():.2f} N{told}; shaded: the controller is in contact")
+    upper.set_title(f"largest {size.max():.2f} N{told}; shaded: in contact")
     upper.legend(loc="upper left", ncols=4)
     low, high = upper.get_ylim()
     upper.set_ylim(low, high + 0.2 * (high - low))
@@ -43,7 +43,9 @@ def draw(touch: Touch) -> Figure | None:
     lower.plot(time, force["energy"] * 1e3, color=ENERGY)
     lower.set_ylabel("energy [mJ]")
     lower.set_xlabel("time [s]")
-    lower.set_title(f"energy absorbed since the last change of state; least {force['energy'].min() * 1e3:.2f} mJ")
+    lower.set_title(
+        f"since the last change of state, by the passivity observer; least {force['energy'].min() * 1e3:.2f} mJ"
+    )
     lower.set_xlim(time[0], max(time[-1], time[0] + 1e-3))
     return out
 

@@ -15,7 +15,8 @@ if TYPE_CHECKING:
 
 NAME = "force"
 SPAN = 0.012  # [s] of the mean: short beside a press, long beside the noise of the encoders
-STILL = 2e-3  # [m/s] slower changes of the approach are a rest
+RATE_SPAN = 0.04  # [s] of the mean from which the rate is taken
+STILL = 4e-3  # [m/s] slower changes of the approach are a rest
 
 
 def draw(touch: Touch) -> Figure | None:
@@ -25,26 +26,21 @@ def draw(touch: Touch) -> Figure | None:
         return None
     approach = contact["compression"] + contact["indentation"]
     chosen = min(found, key=lambda one: _slid(contact["foot"][one]))
-    out = figure(11.5, 5.2, "Pressing costs work: the force on the way in lies above the force on the way out")
+    out = figure(11.5, 5.2, "Normal force while the finger presses and lets go")
     left, right = out.subplots(1, 2, sharey=True)
-    for axes, way, label in (
-        (left, approach, "approach  e = s1 + s2  [mm]"),
-        (right, contact["indentation"], "indentation of the tissue  s2  [mm]"),
+    for axes, way, whose, label in (
+        (left, approach, "finger and tissue in series", "approach  e = s1 + s2  [mm]"),
+        (right, contact["indentation"], "the tissue alone", "indentation of the tissue  s2  [mm]"),
     ):
         for other in found:
             if other is not chosen:
                 _line(axes, way[other], contact["force"][other], contact["time"][other], FAINT, "other touches")
         _loop(axes, way[chosen], contact["force"][chosen], contact["time"][chosen])
         axes.set_xlabel(label)
+        axes.set_title(f"{whose}: {work(way[chosen], contact['force'][chosen]) * 1e3:.1f} mJ in the loop")
         axes.set_ylim(bottom=0.0)
         axes.set_xlim(left=0.0)
-    loss, share = (
-        work(approach[chosen], contact["force"][chosen]),
-        work(contact["indentation"][chosen], contact["force"][chosen]),
-    )
     left.set_ylabel("normal force [N]")
-    left.set_title(f"finger and tissue in series: {loss * 1e3:.1f} mJ lost in the loop")
-    right.set_title(f"the tissue alone: {share * 1e3:.1f} mJ")
     handles, labels = left.get_legend_handles_labels()
     unique = dict(zip(labels, handles, strict=True))
     left.legend(unique.values(), unique.keys(), loc="upper left")
@@ -64,7 +60,7 @@ def _loop(axes: Axes, way: np.ndarray, force: np.ndarray, time: np.ndarray) -> N
     """One touch: in, rest and out in their colours, arrows along it."""
     axes.plot(way * 1e3, force, ".", color=NORMAL, alpha=0.12, markersize=2.5)
     smooth = mean(force, time, SPAN)
-    rate = np.gradient(mean(way, time), time) if len(time) > 2 else np.zeros(len(time))
+    rate = np.gradient(mean(way, time, RATE_SPAN), time) if len(time) > 2 else np.zeros(len(time))
     for label, colour, part in (
         ("in", TISSUE, rate > STILL),
         ("rest", FINGER, np.abs(rate) <= STILL),

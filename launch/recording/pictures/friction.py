@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 NAME = "friction"
+WIDE = 0.04  # [s] of the mean in the view of region B
 DIPS_FOR = 2.5
 """Friction has stopped falling at this many times the Stribeck speed: e^(-2.5^2) is 0.002."""
 
@@ -55,10 +56,10 @@ def draw(touch: Touch) -> Figure | None:
     data = sliding(touch)
     if data is None or not touches(data[0], data[1]):
         return None
-    time, normal, friction, speed = data
+    time, normal, _, speed = data
     a, b = regions(time, normal, speed, beyond_dip(touch))
     zoomed = a is not None or b is not None
-    out = figure(11.5, 10.2 if zoomed else 6.0, "Friction follows the normal force, and rises with the sliding speed")
+    out = figure(11.5, 10.2 if zoomed else 6.0, "Friction against normal force and sliding speed")
     if zoomed:
         rows = out.subplot_mosaic([["force"] * 2, ["speed"] * 2, ["a", "b"]], height_ratios=(3, 2, 4))
     else:
@@ -108,7 +109,7 @@ def _region_a(axes: Axes, data: tuple, region: slice | None) -> None:
     axes.set_xlabel("normal force [N]")
     axes.set_ylabel("friction force [N]")
     low, high = np.percentile(speed * 1e3, [5, 95])
-    axes.set_title(f"A: at {low:.0f} to {high:.0f} mm/s friction is in proportion\nto the normal force")
+    axes.set_title(f"A: the normal force varies, the speed is steady:\n{low:.0f} to {high:.0f} mm/s")
     axes.legend(loc="upper left")
     return None
 
@@ -116,7 +117,7 @@ def _region_a(axes: Axes, data: tuple, region: slice | None) -> None:
 def _region_b(axes: Axes, data: tuple, region: slice | None) -> None:
     if region is None:
         return _none(axes, "B: nowhere did the speed rise at constant normal force")
-    time, normal, friction, speed = (mean(values, data[0])[region] for values in data)
+    normal, friction, speed = (mean(values[region], data[0][region], WIDE) for values in data[1:])
     axes.set_facecolor(REGION_B)
     axes.grid(color="white")
     axes.plot(speed * 1e3, normal / normal[0], color=NORMAL, label=f"normal force, {normal[0]:.2f} N at the left")
@@ -124,7 +125,7 @@ def _region_b(axes: Axes, data: tuple, region: slice | None) -> None:
     axes.set_xlabel("speed along the surface [mm/s]")
     axes.set_ylabel("force over its value at the left [1]")
     spread = 100 * (normal.max() / normal.min() - 1) / 2
-    axes.set_title(f"B: at a normal force constant within ±{spread:.0f} %\nfriction rises with speed")
+    axes.set_title(f"B: the speed rises, the normal force is steady:\nwithin ±{spread:.0f} %")
     axes.legend(loc="upper left")
     top = max(float((friction / friction[0]).max()), 1.05)
     axes.set_ylim(1.0 - 0.4 * (top - 1.0) - 0.02, 1.0 + 1.5 * (top - 1.0))

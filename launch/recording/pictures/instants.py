@@ -14,6 +14,9 @@ from palpate.launch.recording.reader import RecordingError
 from palpate.messages import MessageError, Surface, unpack
 from palpate.nodes.base import SettingError
 
+SHALLOWEST = 0.35
+"""Instants with less than this share of the deepest indentation show hardly anything."""
+
 
 class _Tick(msgspec.Struct):
     tick: int
@@ -86,6 +89,7 @@ def choose(contact: Columns, count: int) -> list[int]:
     depth, foot = contact["indentation"], contact["foot"]
     rows = np.concatenate([np.arange(one.start, one.stop) for one in found])
     deepest = max(float(depth[rows].max()), 1e-9)
+    rows = rows[depth[rows] >= SHALLOWEST * deepest]
     feature = np.column_stack(
         [depth / deepest, (foot - foot[rows[0]]) / max(float(np.ptp(foot[rows], axis=0).max()), 1e-2)]
     )
@@ -98,7 +102,6 @@ def choose(contact: Columns, count: int) -> list[int]:
     chosen = sorted(peaks, key=lambda row: -depth[row])[: max(1, count // 2)]
     while len(chosen) < min(count, len(rows)):
         away = np.min([np.linalg.norm(feature[rows] - feature[row], axis=1) for row in chosen], axis=0)
-        away[depth[rows] < 0.1 * deepest] *= 0.25  # hardly anything to see
         chosen.append(int(rows[away.argmax()]))
     return [int(contact["tick"][row]) for row in sorted(set(chosen))]
 

@@ -14,9 +14,9 @@ import numpy as np
 
 from palpate.launch.recording.style import mean
 
-SPEED_BAND = 1.3
+SPEED_BAND = 1.25
 """Speed counts as constant while its largest value is at most this many times its smallest."""
-FORCE_BAND = 1.1
+FORCE_BAND = 1.06
 """The same for the normal force."""
 LEAST_CHANGE = 1.5
 """The other quantity has to change by this factor."""

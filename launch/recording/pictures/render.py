@@ -1,4 +1,4 @@
-"""Views of the deformed surface by pyvista, in a process of its own, so that a fault of the graphics driver ends it alone.
+"""Views of the deformed surface by pyvista, in a process of its own: a fault of the graphics driver ends it alone.
 
 python -m palpate.launch.recording.pictures.render views.npz pixels.npz
 """
@@ -12,11 +12,13 @@ import numpy as np
 
 from palpate.launch.recording.style import DEFORMATION
 
-SIZE = (900, 620)
-CLOSE_SIZE = (900, 720)
+SIZE = (900, 520)
+CLOSE_SIZE = (900, 640)
 FINGER_RADIUS = 6e-3  # [m] of the ball that stands for the fingertip
 ARROW = 9e-3  # [m/N] length of the arrow
-VIEW = (0.25, -1.0, 0.80)
+MARGIN = 1.06  # room around the whole surface
+NEAR = 0.46  # share of the height that is seen from near
+VIEW = (0.2, -0.8, 0.95)
 """Direction from the surface to the camera, where the surface's normal is upwards (z)."""
 
 
@@ -32,7 +34,8 @@ def render(views: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     triangles = views["triangles"]
     faces = np.column_stack([np.full(len(triangles), 3), triangles]).ravel()
     deepest = float(views["deepest"])
-    wide, close = [], []
+    wide: list[np.ndarray] = []
+    close: list[np.ndarray] = []
     shots = list(zip(views["displacement"], views["tips"], views["normals"], views["forces"], strict=True))
     for shape, out in ((SIZE, wide), (CLOSE_SIZE, close)):
         plotter = pyvista.Plotter(off_screen=True, window_size=list(shape), lighting="none")
@@ -41,13 +44,14 @@ def render(views: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
             plotter.clear_actors()
             _draw(pyvista, plotter, views["vertices"], faces, *shot, deepest, edges=out is close)
             _camera(plotter, views["vertices"], shot, near=out is close)
+            plotter.render()
             out.append(np.asarray(plotter.screenshot(return_img=True))[..., :3])
         plotter.close()
     return {"wide": np.array(wide), "close": np.array(close)}
 
 
 def _lights(pyvista: Any, plotter: Any) -> None:
-    for place, strength in (((-0.6, -0.8, 1.6), 0.75), ((1.2, -0.3, 0.6), 0.35), ((0.0, 1.0, 0.8), 0.25)):
+    for place, strength in (((-0.6, -0.5, 1.4), 0.62), ((0.9, -1.0, 0.5), 0.42), ((0.0, 1.0, 0.8), 0.2)):
         light = pyvista.Light(position=place, intensity=strength, light_type="scene light")
         light.positional = False
         plotter.add_light(light)
@@ -79,7 +83,9 @@ def _draw(
     if np.isfinite(tip).all():
         centre = tip + FINGER_RADIUS * normal
         ball = pyvista.Sphere(radius=FINGER_RADIUS, center=centre, theta_resolution=48, phi_resolution=48)
-        plotter.add_mesh(ball, color="#7fa8c9", opacity=0.45, smooth_shading=True, ambient=0.3, specular=0.3)
+        plotter.add_mesh(
+            ball, color="#7fa8c9", opacity=0.3 if edges else 0.45, smooth_shading=True, ambient=0.3, specular=0.3
+        )
         size = float(np.linalg.norm(force))
         if size > 0.02:
             arrow = pyvista.Arrow(
@@ -90,21 +96,24 @@ def _draw(
 
 
 def _camera(plotter: Any, vertices: np.ndarray, shot: tuple, near: bool) -> None:
-    low, high = vertices.min(axis=0), vertices.max(axis=0)
-    middle = (low + high) / 2
+    """Look at the whole surface so that it fills the picture, or at the finger from near."""
     direction = np.array(VIEW) / np.linalg.norm(VIEW)
-    extent = float(np.linalg.norm(high - low))
-    _, tip, normal, _ = shot
-    if near:
-        focus = tip if np.isfinite(tip).all() else middle
-        reach = 0.16 * extent
-    else:
-        focus, reach = middle + np.array([0.0, 0.0, 0.06 * extent]), 0.315 * extent
+    right = np.cross((0.0, 0.0, 1.0), direction)
+    right /= np.linalg.norm(right)
+    axes = np.array([right, np.cross(direction, right), direction])
+    seen = vertices @ axes.T
+    low, high = seen.min(axis=0), seen.max(axis=0)
+    focus = (low + high) / 2 @ axes
+    width, height = plotter.window_size
+    reach = MARGIN * max(high[1] - low[1], (high[0] - low[0]) * height / width) / 2
+    tip, force = shot[1], shot[3]
+    if near and np.isfinite(tip).all():
+        focus, reach = tip + 0.4 * ARROW * force, NEAR * reach
     plotter.camera.focal_point = tuple(focus)
-    plotter.camera.position = tuple(focus + 3.0 * extent * direction)
+    plotter.camera.position = tuple(focus + 4.0 * float(np.linalg.norm(high - low)) * direction)
     plotter.camera.up = (0.0, 0.0, 1.0)
     plotter.camera.parallel_projection = True
-    plotter.camera.parallel_scale = reach
+    plotter.camera.parallel_scale = float(reach)
     plotter.reset_camera_clipping_range()
 
 
@@ -113,7 +122,7 @@ def main() -> None:
     source, target = sys.argv[1:3]
     with np.load(source) as views:
         pixels = render(dict(views))
-    np.savez(target, **pixels)
+    np.savez(target, wide=pixels["wide"], close=pixels["close"])
 
 
 if __name__ == "__main__":
