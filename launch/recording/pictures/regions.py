@@ -7,7 +7,6 @@ Both are found from normal force and speed alone, never from the friction that i
 
 from __future__ import annotations
 
-import math
 from collections import deque
 
 import numpy as np
@@ -48,17 +47,19 @@ def regions(
 def _best(
     time: np.ndarray, held: np.ndarray, varied: np.ndarray, allowed: np.ndarray, band: float, *, rising: bool
 ) -> slice | None:
-    """The stretch in which one quantity stays within its band and the other changes by the largest factor."""
-    best, found = math.log(LEAST_CHANGE), None
+    """The stretch in which one quantity stays within its band and the other changes enough: of several that in which
+    it changes most and longest, by range times duration, so that a finger that lifts off in mid-stroke does not win."""
+    best, found = 0.0, None
     for begin, end in _stretches(held, allowed, band):
         part = varied[begin:end]
         if rising:
             top = int(part.argmax())
-            low = int(part[: top + 1].argmin())
-            begin, end = begin + low, begin + top + 1
-        change = math.log(varied[begin:end].max() / varied[begin:end].min())
-        if change > best and time[end - 1] - time[begin] >= SHORTEST:
-            best, found = change, slice(begin, end)
+            bottom = int(part[: top + 1].argmin())
+            begin, end = begin + bottom, begin + top + 1
+        low, high = float(varied[begin:end].min()), float(varied[begin:end].max())
+        duration = float(time[end - 1] - time[begin])
+        if high >= LEAST_CHANGE * low and duration >= SHORTEST and (high - low) * duration > best:
+            best, found = (high - low) * duration, slice(begin, end)
     return found
 
 
