@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 NAME = "deformation"
 TITLE = "The surface under the finger  (ball: fingertip; arrow: force on the hand)"
-COUNT = 6
+COUNT, COLUMNS = 6, 3
 PATIENCE = 60.0  # [s]
 WINDOWS = ("", "vtkOSOpenGLRenderWindow")
 """What VTK draws into: its own choice, which is EGL where there is no display; then OSMesa."""
@@ -39,6 +39,9 @@ class Views:
     def __init__(self, touch: Touch) -> None:
         mesh = surface_mesh(touch)
         self.instants: list[Instant] = instants(touch, len(mesh.vertices), COUNT)
+        count = len(self.instants)
+        self.columns = min(COLUMNS, count)
+        self.near = sorted(sorted(range(count), key=lambda i: -self.instants[i].depth)[: self.columns])
         lengths = np.array([np.linalg.norm(one.displacement, axis=1).max() for one in self.instants])
         self.deepest = _round_up(float(lengths.max()))
         self._folder = tempfile.TemporaryDirectory(prefix="palpate-")
@@ -52,6 +55,7 @@ class Views:
             tips=np.array([nowhere if one.tip is None else one.tip for one in self.instants]),
             normals=np.array([one.normal for one in self.instants]),
             forces=np.array([one.force for one in self.instants]),
+            near=np.array(self.near),
             deepest=self.deepest,
         )
         self._process = self._begin(WINDOWS[0])
@@ -95,10 +99,8 @@ class Views:
         from matplotlib.colors import LinearSegmentedColormap, Normalize
 
         pixels = self.pixels()
-        count = len(self.instants)
-        columns = min(3, count)
-        near = sorted(sorted(range(count), key=lambda i: -self.instants[i].depth)[:columns])
-        rows = -(-count // columns)
+        columns = self.columns
+        rows = -(-len(self.instants) // columns)
         out = figure(
             4.2 * columns + 1.0,
             2.6 * rows + 3.3,
@@ -111,8 +113,8 @@ class Views:
             axes = grid[i // columns][i % columns]
             axes.imshow(pixels["wide"][i])
             axes.set_title(_title(one), fontsize=11, loc="center")
-        for axes, i in zip(grid[rows], near, strict=True):
-            axes.imshow(pixels["close"][i])
+        for axes, i, picture in zip(grid[rows], self.near, pixels["close"], strict=True):
+            axes.imshow(picture)
             axes.set_title(f"the same at {self.instants[i].time:.2f} s, near", fontsize=11, loc="center")
         colours = LinearSegmentedColormap.from_list("deformation", DEFORMATION)
         scale = ScalarMappable(Normalize(0.0, self.deepest * 1e3), colours)

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 
 NAME = "friction"
 WIDE = 0.04  # [s] of the mean in the view of region B
+SLOW = 1.3  # times the least speed of region B
 DIPS_FOR = 2.5
 """Friction has stopped falling at this many times the Stribeck speed: e^(-2.5^2) is 0.002."""
 
@@ -120,14 +121,16 @@ def _region_b(axes: Axes, data: tuple, region: slice | None) -> None:
     normal, friction, speed = (mean(values[region], data[0][region], WIDE) for values in data[1:])
     axes.set_facecolor(REGION_B)
     axes.grid(color="white")
-    axes.plot(speed * 1e3, normal / normal[0], color=NORMAL, label=f"normal force, {normal[0]:.2f} N at the left")
-    axes.plot(speed * 1e3, friction / friction[0], color=FRICTION, label=f"friction force, {friction[0]:.2f} N")
+    slow = speed <= SLOW * speed.min()
+    at = float(normal[slow].mean()), float(friction[slow].mean())
+    axes.plot(speed * 1e3, normal / at[0], color=NORMAL, label=f"normal force, {at[0]:.2f} N where slow")
+    axes.plot(speed * 1e3, friction / at[1], color=FRICTION, label=f"friction force, {at[1]:.2f} N where slow")
     axes.set_xlabel("speed along the surface [mm/s]")
-    axes.set_ylabel("force over its value at the left [1]")
+    axes.set_ylabel("force over its value where slow [1]")
     spread = 100 * (normal.max() / normal.min() - 1) / 2
     axes.set_title(f"B: the speed rises, the normal force is steady:\nwithin ±{spread:.0f} %")
     axes.legend(loc="upper left")
-    top = max(float((friction / friction[0]).max()), 1.05)
+    top = max(float((friction / at[1]).max()), 1.05)
     axes.set_ylim(1.0 - 0.4 * (top - 1.0) - 0.02, 1.0 + 1.5 * (top - 1.0))
     return None
 

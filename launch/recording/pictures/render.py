@@ -23,10 +23,10 @@ VIEW = (0.2, -0.8, 0.95)
 
 
 def render(views: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Pictures of all instants, wide (k, h, w, 3) and close (k, h, w, 3), as bytes of red, green, blue.
+    """Pictures of all instants, wide (k, h, w, 3), and of some from near, close (n, h, w, 3): red, green, blue bytes.
 
     vertices [m] (V,3), triangles (T,3), displacement [m] (k,V,3), tips [m] (k,3; not finite: no finger),
-    normals [1] (k,3), forces [N] (k,3), deepest [m] of the colour scale
+    normals [1] (k,3), forces [N] (k,3), near (n): which instants from near, deepest [m] of the colour scale
     """
     import pyvista
 
@@ -37,10 +37,10 @@ def render(views: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     wide: list[np.ndarray] = []
     close: list[np.ndarray] = []
     shots = list(zip(views["displacement"], views["tips"], views["normals"], views["forces"], strict=True))
-    for shape, out in ((SIZE, wide), (CLOSE_SIZE, close)):
+    for shape, out, which in ((SIZE, wide, range(len(shots))), (CLOSE_SIZE, close, views["near"].tolist())):
         plotter = pyvista.Plotter(off_screen=True, window_size=list(shape), lighting="none")
         _lights(pyvista, plotter)
-        for shot in shots:
+        for shot in (shots[i] for i in which):
             plotter.clear_actors()
             _draw(pyvista, plotter, views["vertices"], faces, *shot, deepest, edges=out is close)
             _camera(plotter, views["vertices"], shot, near=out is close)
