@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import msgspec
 import numpy as np
@@ -57,7 +57,8 @@ class PinArray(Node):
     vertices: Annotated[int, "1", msgspec.Meta(ge=4)] = 10000
     position: Annotated[Vector3, "m"] = (0.0, 0.0, 0.0)
 
-    def start(self) -> None:
+    def __init__(self, **settings: Any) -> None:
+        super().__init__(**settings)
         given = zip((self.pad_b, self.pad_m, self.pad_radius), FINGERPADS[self.pad], strict=True)
         self.finger = Fingerpad(*(named if own is None else own for own, named in given))
         if self.curvature <= -1.0 / self.finger.radius:
@@ -65,20 +66,22 @@ class PinArray(Node):
                 f"setting 'curvature' [1/m]: found {self.curvature}, expected more than {-1.0 / self.finger.radius:g}"
                 f" (-1/pad_radius): the fingerpad does not fit into the hollow"
             )
+
+    def start(self) -> None:
         self.grid = pin_grid(self.rows, self.columns, self.pitch).reshape(-1, 2)
         self.distance = np.hypot(self.grid[:, 0], self.grid[:, 1])
         self.pins = np.zeros(len(self.grid))
         self.shown = np.zeros(len(self.grid))
-        self.wanted = np.zeros(len(self.grid))
+        self.shape = np.zeros(len(self.grid))
         self.actuator = 0.0
         if self.shows != "force":
             mesh = surface_mesh(self.surface, self.vertices, self.position)
             self.points, self.areas = mesh.vertices, mesh.areas
             self.spacing = float(np.sqrt(np.median(mesh.areas)))
             self.moved = np.zeros_like(self.points)
-            self.tree = cKDTree(self.points) if self.shows == "surface" else None
+            self.tree = cKDTree(self.points)
         nothing = np.zeros((1, 2)), np.zeros(1), np.ones(1)
-        heights_from_pressure(self.grid, *nothing, self.finger.b, self.finger.m, self.wanted)
+        heights_from_pressure(self.grid, *nothing, self.finger.b, self.finger.m, self.shape)
         self._from_force(0.0)
         self._drive(0.0, 0.0)
 
@@ -116,7 +119,7 @@ class PinArray(Node):
             1.0 / self.finger.radius,
             (1.0 - self.poisson**2) / self.modulus,
             self.curvature,
-            self.wanted,
+            self.shape,
         )
         return approach, radius <= VALID_RATIO * self.finger.radius
 
@@ -128,7 +131,7 @@ class PinArray(Node):
         self.moved[surface.nodes] = surface.displacement
         tissue = (self.points[near] + self.moved[near] - foot) @ frame.T
         self.moved[surface.nodes] = 0.0
-        self.wanted[:] = heights_from_surface(self.grid, tissue, approach, self.finger.radius, self.spacing)
+        self.shape[:] = heights_from_surface(self.grid, tissue, approach, self.finger.radius, self.spacing)
 
     def _from_pressure(self, contact: Contact, surface: Surface) -> bool:
         if len(surface.pressure) != len(surface.nodes) or not len(surface.nodes):
@@ -138,7 +141,7 @@ class PinArray(Node):
         places = (self.points[surface.nodes] - np.array(contact.foot)) @ tangent_frame(contact.normal)[:2].T
         radii = 1.2 * np.sqrt(area)
         heights_from_pressure(
-            self.grid, places, surface.pressure * area, radii, self.finger.b, self.finger.m, self.wanted
+            self.grid, places, surface.pressure * area, radii, self.finger.b, self.finger.m, self.shape
         )
         return True
 
@@ -152,7 +155,7 @@ class PinArray(Node):
     def _drive(self, approach: float, dt: float) -> bool:
         self.actuator, limited = drive(
             self.pins,
-            self.wanted,
+            self.shape,
             self.actuator,
             approach,
             dt,

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Annotated, ClassVar
+import math
+from typing import Annotated, Any, ClassVar
 
-import msgspec
 import numpy as np
 
 from palpate.messages import Contact, Vector, Vector3
@@ -26,7 +26,8 @@ class ForceSensor(Node):
     foot: Annotated[Vector3, "m"] = (0.0, 0.0, 0.0)
     normal: Annotated[Vector3, "1"] = (0.0, 0.0, 1.0)
 
-    def start(self) -> None:
+    def __init__(self, **given: Any) -> None:
+        super().__init__(**given)
         times, forces = np.asarray(self.times), np.asarray(self.forces)
         if len(times) != len(forces) or not len(times):
             raise SettingError(
@@ -37,10 +38,13 @@ class ForceSensor(Node):
             raise SettingError(f"setting 'times' [s]: found {self.times}, expected finite times that grow")
         if not (np.isfinite(forces).all() and np.all(forces >= 0)):
             raise SettingError(f"setting 'forces' [N]: found {self.forces}, expected finite forces >= 0")
-        length = float(np.linalg.norm(self.normal))
-        if not (np.isfinite(length) and length > 0):
+        length = math.hypot(*self.normal)
+        if not (math.isfinite(length) and length > 0):
             raise SettingError(f"setting 'normal' [1]: found {self.normal}, expected a direction")
-        self.unit = tuple(v / length for v in self.normal)
+        x, y, z = self.normal
+        self.normal = (x / length, y / length, z / length)
+
+    def start(self) -> None:
         self.clock: float | None = None
 
     def step(self, *, dt: float) -> Contact:
@@ -49,7 +53,7 @@ class ForceSensor(Node):
             self.clock = self.times[0] + (self.clock - self.times[0]) % (self.times[-1] - self.times[0])
         return Contact(
             foot=self.foot,
-            normal=self.unit,
+            normal=self.normal,
             force=float(np.interp(self.clock, self.times, self.forces)),
             compression=0.0,
             indentation=0.0,

@@ -184,9 +184,10 @@ def pad_contact(force, modulus, poisson=0.5, radius=np.inf, pad: Fingerpad = FIN
     compliance = (1.0 - given[2] ** 2) / given[1]
     force, compliance, tissue_curvature = np.broadcast_arrays(given[0], compliance, tissue_curvature)
     out = np.empty((7, *force.shape))
-    flat = [np.ascontiguousarray(v).ravel() for v in (force, compliance, tissue_curvature)]
-    _press_all(*flat, float(pad.b), float(pad.m), 1.0 / pad.radius, out.reshape(7, -1))
-    return PadContact(*out, out[2] <= VALID_RATIO * pad.radius)
+    f, c, k = (np.ascontiguousarray(v).ravel() for v in (force, compliance, tissue_curvature))
+    _press_all(f, c, k, float(pad.b), float(pad.m), 1.0 / pad.radius, out.reshape(7, -1))
+    x, approach, a, pad_stiffness, both, share, curvature = out
+    return PadContact(x, approach, a, pad_stiffness, both, share, curvature, a <= VALID_RATIO * pad.radius)
 
 
 def _refuse(name: str, value: np.ndarray, good: np.ndarray, expected: str) -> None:
