@@ -52,6 +52,13 @@ class Fit:
         half = student.ppf(0.5 + 0.5 * level, self.freedom) * self.errors
         return np.stack([self.parameters - half, self.parameters + half], axis=1)
 
+    def ratio(self, above: int, below: int) -> tuple[float, float]:
+        """Value and standard error of one parameter over another, by the first-order propagation of their errors."""
+        p, q = self.parameters[above], self.parameters[below]
+        slope = np.zeros(len(self.parameters))
+        slope[above], slope[below] = 1.0 / q, -p / q**2
+        return float(p / q), float(np.sqrt(max(slope @ self.covariance @ slope, 0.0)))
+
     def rms(self, depth, force, rate=None) -> float:
         """Root mean square error [N] on data that the fit has not seen."""
         return float(np.sqrt(np.mean((np.asarray(force) - self(depth, rate)) ** 2)))
