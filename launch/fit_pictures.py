@@ -16,7 +16,7 @@ from palpate.physics.force_band import truncated_density, truncated_quantile
 
 def draw_choice(result: Chosen, stem: Path) -> list[Path]:
     """Draw force and deviation with their fits, and the density over depth and force; the files written."""
-    name, depths, forces, choice = result.subject.name, result.depths, result.forces, result.choice
+    name, depths, forces, choice = _plain(result.subject.name), result.depths, result.forces, result.choice
     figure = Figure(figsize=(11, 4.2), layout="constrained")
     left, right = figure.subplots(1, 2)
     fine = np.linspace(depths[0], depths[-1], 200)
@@ -48,7 +48,8 @@ def draw_choice(result: Chosen, stem: Path) -> list[Path]:
 def _density(name: str, depths: np.ndarray, mean: Fit, deviation: Fit, path: Path) -> Path:
     figure = Figure(figsize=(6.4, 4.4), layout="constrained")
     axes = figure.subplots()
-    shown = np.linspace(depths[0], depths[-1], 12)[1:]
+    shown = depths[depths > 0]
+    shown = shown if len(shown) <= 12 else np.linspace(shown[0], shown[-1], 11)
     top = 0.0
     for d in shown:
         centre, sigma = float(mean(d)), float(deviation(d))
@@ -77,9 +78,14 @@ def draw_law(result: Fitted, stem: Path) -> list[Path]:
     fine = np.linspace(0.0, float(subject.depth.max()), 200)
     axes.plot(subject.depth * 1e3, subject.force, ".", color="0.45", ms=4, label="data")
     axes.plot(fine * 1e3, fit(fine, 0.0 if at_rest else None), color="tab:blue", label=fit.model.name + at_rest)
-    axes.set(xlabel="depth [mm]", ylabel="force [N]", title=f"Subject {subject.name}: {fit.model.formula}")
+    axes.set(xlabel="depth [mm]", ylabel="force [N]", title=f"Subject {_plain(subject.name)}: {fit.model.formula}")
     axes.legend(frameon=False)
     return [_save(figure, stem.with_name(stem.name + "-law.png"))]
+
+
+def _plain(text: str) -> str:
+    """A label that matplotlib does not read as a formula."""
+    return text.replace("$", r"\$")
 
 
 def _save(figure: Figure, path: Path) -> Path:

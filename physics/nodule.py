@@ -22,12 +22,16 @@ import numpy as np
 
 
 def nodule_centre(vertices, normals, position, depth) -> np.ndarray:
-    """Centre [m] (3) of a nodule that lies `depth` [m] below the surface at the vertex nearest to `position` [m] (3).
+    """Centre [m] (3) of a nodule that lies `depth` [m] below the point of the surface at `position` [m] (3).
+
+    The surface is taken as the tangent plane at the vertex nearest to `position`.
 
     vertices, normals  [m], [1]  (V,3)  undeformed surface and its outward unit normals
     """
     nearest = int(np.argmin(np.sum((np.asarray(vertices) - position) ** 2, axis=1)))
-    return np.asarray(vertices)[nearest] - depth * np.asarray(normals)[nearest]
+    normal = np.asarray(normals)[nearest]
+    above = (np.asarray(position, float) - np.asarray(vertices)[nearest]) @ normal
+    return np.asarray(position, float) - (above + depth) * normal
 
 
 def stiffness_map(vertices, normals, centre, radius, ratio, reach) -> np.ndarray:

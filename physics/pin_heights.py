@@ -7,7 +7,7 @@ import math
 import numba
 import numpy as np
 
-from palpate.physics.hertz import bulge
+from palpate.physics.hertz_surface import bulge
 from palpate.physics.shape_display import deflection_under, press
 
 

@@ -24,7 +24,7 @@ from typing import NamedTuple
 import numba
 import numpy as np
 
-from palpate.physics import hertz
+from palpate.physics import hertz_surface as hertz
 
 VALID_RATIO = 0.5
 """Hertz theory needs a << R_f; a result with a > 0.5 R_f is flagged as outside it."""
