@@ -46,9 +46,9 @@ class PinArray(Node):
     resolution: Annotated[float, "m", msgspec.Meta(ge=0, le=0.1)] = 0.0
 
     pad: Annotated[Literal["canonical", "calibrated"], "1"] = "canonical"
-    pad_b: Annotated[float | None, "Pa/m", msgspec.Meta(gt=0, le=1e12)] = None
-    pad_m: Annotated[float | None, "1/m", msgspec.Meta(gt=0, le=1e5)] = None
-    pad_radius: Annotated[float | None, "m", msgspec.Meta(gt=0, le=1)] = None
+    pad_b: Annotated[Annotated[float, msgspec.Meta(gt=0, le=1e12)] | None, "Pa/m"] = None
+    pad_m: Annotated[Annotated[float, msgspec.Meta(gt=0, le=1e5)] | None, "1/m"] = None
+    pad_radius: Annotated[Annotated[float, msgspec.Meta(gt=0, le=1)] | None, "m"] = None
     modulus: Annotated[float, "Pa", msgspec.Meta(gt=0, le=1e15)] = 15.0e3
     poisson: Annotated[float, "1", msgspec.Meta(gt=-1, le=0.5)] = 0.5
     curvature: Annotated[float, "1/m", msgspec.Meta(le=1e6)] = 0.0

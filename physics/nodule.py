@@ -11,6 +11,9 @@ is `ratio` times stiffer there makes the surface stiffer by
 
     k = 1/(1 - W (1 - 1/ratio))
 
+The strain on the axis is largest at the depth R/sqrt(2) and vanishes at the surface (the load is uniform and the tissue
+incompressible), so a nodule counts most there, and the effect falls with depth below that.
+
 It neglects that the nodule attracts stress, that neighbouring columns shear each other, and that the nodule can move
 as a whole in the soft tissue below it. Trust the place and the trend with depth, size and ratio; for the height of the
 effect use a finite-element model with `modulus_map`.

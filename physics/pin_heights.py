@@ -50,13 +50,16 @@ def local_plane(points, places, values, width):
     Weights are Gaussian in the distance in units of `width`, relative to the nearest place, so that far pins still
     see the nearest ones. A slope that the places do not determine (all on one line) is taken as 0.
     """
-    offset = (places - points[:, None, :]) / width
-    square = np.sum(offset**2, axis=-1)
+    square = np.sum(((places - points[:, None, :]) / width) ** 2, axis=-1)
     weight = np.exp(-(square - square.min(axis=1, keepdims=True)))
-    basis = np.concatenate([np.ones((*square.shape, 1)), offset], axis=-1)
-    normal = np.einsum("nq,nqi,nqj->nij", weight, basis, basis)
-    right = np.einsum("nq,nqi,nq->ni", weight, basis, values)
-    return np.einsum("nij,nj->ni", np.linalg.pinv(normal, rcond=1e-10, hermitian=True), right)[:, 0]
+    weight /= weight.sum(axis=1, keepdims=True)
+    centre = np.einsum("nq,nqi->ni", weight, places)
+    level = np.einsum("nq,nq->n", weight, values)
+    away = (places - centre[:, None, :]) / width
+    spread = np.einsum("nq,nqi,nqj->nij", weight, away, away)
+    along = np.einsum("nq,nqi,nq->ni", weight, away, values - level[:, None])
+    slope = np.einsum("nij,nj->ni", np.linalg.pinv(spread, rcond=1e-10, hermitian=True), along)
+    return level + np.einsum("ni,ni->n", slope, (points - centre) / width)
 
 
 @numba.njit(cache=True)
