@@ -94,7 +94,9 @@ def fit(
 
 
 def write_example(path: Path) -> None:
-    """Write synthetic sessions of two made-up subjects, 20 sessions each."""
+    """Write synthetic sessions of two made-up subjects, 20 sessions each. SessionError: the file is there already."""
+    if path.exists():
+        raise SessionError(f"{path}: is there already; --example writes a new file only")
     lines = [
         "# Synthetic sessions, not measurements: the published mean and deviation of one subject, and the same scaled.",
         "subject,session,depth [mm],force [N]",
