@@ -140,7 +140,7 @@ def test_hunt_crossley_on_sessions_without_speed_fits_the_static_part_and_says_s
 
 def refused(*arguments):
     result = run(*arguments)
-    assert result.exit_code == 1 and result.stdout == "" and "Traceback" not in result.stderr
+    assert result.exit_code == 2 and result.stdout == "" and "Traceback" not in result.stderr
     return result.stderr
 
 
@@ -194,6 +194,18 @@ def test_the_example_does_not_write_over_a_file(example):
     before = example.read_bytes()
     assert "is there already" in refused("--example", example)
     assert example.read_bytes() == before
+
+
+def test_programs_get_faults_as_json(example):
+    result = run(example, "--subject", "Z", "--json")
+    assert result.exit_code == 2 and result.stderr == ""
+    told = json.loads(result.stdout)
+    assert not told["ok"] and "no 'Z'" in told["faults"][0]
+
+
+def test_the_help_names_every_model_and_law():
+    text = " ".join(run("--help").stdout.replace("│", " ").split())
+    assert ", ".join(LAWS) in text and ", ".join(MODELS) in text
 
 
 def test_no_file_and_a_missing_file():

@@ -7,39 +7,27 @@ import sys
 from pathlib import Path
 from typing import Annotated
 
-import numpy as np
 import typer
-from rich.console import Console
 
-from palpate.launch.fit_report import (
-    Chosen,
-    Fitted,
-    choice_data,
-    choice_notes,
-    fit_data,
-    law_tables,
-    law_yaml,
-    model_tables,
-    model_yaml,
-)
-from palpate.launch.sessions import SessionError, Subject, read_sessions
-from palpate.physics.crossvalidation import FOLDS, choose
-from palpate.physics.curve_fit import FitError, fit_curve
-from palpate.physics.force_models import LAWS, MODELS
-from palpate.physics.synthetic_sessions import DEPTHS, synthetic_sessions
+MISUSE = 2
+"""Exit code where file or arguments are wrong."""
 
 
 def fit(
     sessions: Annotated[
         Path | None, typer.Argument(help="CSV with the columns subject, session, depth (mm), force (N)")
     ] = None,
-    law: Annotated[str | None, typer.Option(help=f"Fit a contact law instead: {', '.join(LAWS)}")] = None,
+    law: Annotated[
+        str | None, typer.Option(help="Fit a contact law instead: hertz, power, exponential, hunt-crossley")
+    ] = None,
     subject: Annotated[list[str] | None, typer.Option(help="Only this subject; may be given several times")] = None,
     out: Annotated[Path | None, typer.Option(help="YAML to write; else SESSIONS.model.yaml or .law.yaml")] = None,
     pictures: Annotated[Path | None, typer.Option(help="Folder for pictures of the fits")] = None,
-    mean: Annotated[str | None, typer.Option(help=f"Take this force model: {', '.join(MODELS)}")] = None,
-    deviation: Annotated[str | None, typer.Option(help="Take this model of the standard deviation")] = None,
-    folds: Annotated[int, typer.Option(help="Folds of the cross-validation", min=3)] = FOLDS,
+    mean: Annotated[
+        str | None, typer.Option(help="Take this force model: linear, quadratic, fourier, gaussian, exponential")
+    ] = None,
+    deviation: Annotated[str | None, typer.Option(help="Take this model of the standard deviation, same names")] = None,
+    folds: Annotated[int, typer.Option(help="Folds of the cross-validation", min=3)] = 9,
     depth_limit: Annotated[float | None, typer.Option(help="Leave out rows deeper than this, in mm")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of tables")] = False,
     example: Annotated[Path | None, typer.Option(help="Write a CSV of synthetic sessions, and end")] = None,
@@ -49,137 +37,42 @@ def fit(
     Five models of the force and of its standard deviation are compared by nine-fold cross-validation; the best go into
     a YAML file that the node contact.Probabilistic takes as its `model`.
     """
-    console = Console()
+    from palpate.launch.fitting import fit_sessions, write_example
+    from palpate.launch.sessions import SessionError
+
     try:
         if example is not None:
             write_example(example)
-            if not as_json:
-                console.print(f"Wrote synthetic sessions of two made-up subjects to {example}.", markup=False)
+            text = f"Wrote synthetic sessions of two made-up subjects to {example}."
+            typer.echo(json.dumps({"ok": True, "file": str(example)}) if as_json else text)
             return
         if sessions is None:
             raise SessionError("no file: give SESSIONS.csv, or --example FILE.csv to write one to try")
-        _known(law, LAWS, "--law")
-        _known(mean, MODELS, "--mean")
-        _known(deviation, MODELS, "--deviation")
-        if depth_limit is not None and not depth_limit > 0:
-            raise SessionError(f"--depth-limit: found {depth_limit:g}, expected a depth > 0 [mm]")
-        limit = np.inf if depth_limit is None else depth_limit * 1e-3
-        subjects, ignored = read_sessions(sessions, limit)
-        wanted = _select(subjects, subject or [], sessions)
-        chosen: list[Chosen] = []
-        fitted: list[Fitted] = []
-        if law is None:
-            chosen = [_choose(s, folds, mean, deviation) for s in wanted]
-            data, text = choice_data(chosen), model_yaml(chosen, sessions)
-            tables, notes = model_tables(chosen), choice_notes(chosen)
+        told = fit_sessions(
+            sessions,
+            law=law,
+            subjects=subject or [],
+            out=out,
+            pictures=pictures,
+            mean=mean,
+            deviation=deviation,
+            folds=folds,
+            depth_limit=depth_limit,
+        )
+    except SessionError as error:
+        if as_json:
+            typer.echo(json.dumps({"ok": False, "faults": str(error).split("\n")}, indent=2))
         else:
-            fitted = [_fit_law(s, law) for s in wanted]
-            data, text = fit_data(fitted), law_yaml(fitted, sessions)
-            tables, notes = law_tables(fitted), [f.note for f in fitted if f.note]
-        target = out or sessions.with_suffix(".model.yaml" if law is None else ".law.yaml")
-        drawn = [] if pictures is None else _draw(pictures, chosen, fitted)
-        _write(target, text)
-    except (SessionError, FitError) as error:
-        sys.stderr.write(f"{error}\n")
-        raise typer.Exit(1) from None
+            sys.stderr.write(f"{error}\n")
+        raise typer.Exit(MISUSE) from None
     if as_json:
-        told = {"subjects": data, "file": str(target), "pictures": drawn, "ignored": ignored, "notes": notes}
-        typer.echo(json.dumps(told, indent=2))
+        found = {"ok": True, "subjects": told.data, "notes": told.notes}
+        typer.echo(json.dumps(found | {"file": str(told.file), "pictures": told.pictures}, indent=2))
         return
-    for table in tables:
+    from rich.console import Console
+
+    console = Console()
+    for table in told.tables:
         console.print(table)
-    notes += [f"Ignored columns: {', '.join(ignored)}."] if ignored else []
-    for note in [*notes, f"Wrote {', '.join([str(target), *drawn])}"]:
+    for note in [*told.notes, f"Wrote {', '.join([str(told.file), *told.pictures])}"]:
         console.print(note, markup=False, highlight=False)
-
-
-def write_example(path: Path) -> None:
-    """Write synthetic sessions of two made-up subjects, 20 sessions each. SessionError: the file is there already."""
-    if path.exists():
-        raise SessionError(f"{path}: is there already; --example writes a new file only")
-    lines = [
-        "# Synthetic sessions, not measurements: the published mean and deviation of one subject, and the same scaled.",
-        "subject,session,depth [mm],force [N]",
-    ]
-    for seed, (name, scale) in enumerate({"A": 1.0, "B": 1.3}.items()):
-        forces = scale * synthetic_sessions(seed)
-        for session, row in enumerate(forces, 1):
-            lines += [f"{name},{session},{d * 1e3:g},{f:.4f}" for d, f in zip(DEPTHS, row, strict=True)]
-    _write(path, "\n".join(lines) + "\n")
-
-
-def _write(path: Path, text: str) -> None:
-    try:
-        path.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise SessionError(f"{path}: cannot be written: {error.strerror}") from None
-
-
-def _known(name: str | None, names: dict, option: str) -> None:
-    if name is not None and name not in names:
-        raise SessionError(f"{option}: found {name!r}, expected one of {', '.join(names)}")
-
-
-def _select(subjects: list[Subject], names: list[str], path: Path) -> list[Subject]:
-    known = {s.name: s for s in subjects}
-    missing = [name for name in names if name not in known]
-    if missing:
-        raise SessionError(
-            f"{path}, column 'subject': no {', '.join(map(repr, missing))}; the file has {', '.join(known)}"
-        )
-    return [known[name] for name in names] or subjects
-
-
-def _choose(subject: Subject, folds: int, mean: str | None, deviation: str | None) -> Chosen:
-    depths, forces = subject.grid()
-    if len(subject.sessions) < folds + 2:
-        raise SessionError(
-            f"{subject.file}, row {subject.rows[-1]}, column 'session': subject {subject.name!r} has"
-            f" {len(subject.sessions)} sessions, expected at least {folds + 2}: {folds} folds after the two with the"
-            " smallest and the largest sum of force are dropped (--folds takes fewer)"
-        )
-    where = f"{subject.file}, from row {subject.rows[0]}"
-    pressed = int(np.count_nonzero(depths > 0))
-    if pressed < 6:
-        raise SessionError(
-            f"{where}, column 'depth': subject {subject.name!r} has {pressed} depths above 0, expected at least 6"
-        )
-    try:
-        return Chosen(subject, depths, forces, choose(depths, forces, folds, mean, deviation))
-    except FitError as error:
-        raise SessionError(f"{where}, column 'force': subject {subject.name!r}: {error}") from None
-
-
-def _fit_law(subject: Subject, law: str) -> Fitted:
-    """Fit a law; without two speeds in the data, Hunt-Crossley's keeps its static part only, and a note says so."""
-    model, columns, note = LAWS[law], [subject.depth], ""
-    if model.columns == 2 and (subject.rate is None or np.ptp(subject.rate) == 0):
-        model = LAWS["power"]
-        note = (
-            f"Subject {subject.name}: {'no' if subject.rate is None else 'only one'} speed in the data, so the damping"
-            " is not determined, and the static part K d^n is fitted. For c, give a column rate [mm/s] or time [s]."
-        )
-    elif model.columns == 2 and subject.rate is not None:
-        columns.append(subject.rate)
-    labels = subject.session if len(subject.sessions) > 1 else None
-    try:
-        return Fitted(subject, fit_curve(model, np.stack(columns, axis=1), subject.force, labels), note)
-    except FitError as error:
-        raise SessionError(f"{subject.file}, from row {subject.rows[0]}: subject {subject.name!r}: {error}") from None
-
-
-def _draw(folder: Path, chosen: list[Chosen], fitted: list[Fitted]) -> list[str]:
-    try:
-        from palpate.launch.fit_pictures import draw_choice, draw_law
-    except ImportError:
-        raise SessionError("--pictures: needs matplotlib; install it with pip install 'palpate[view]'") from None
-    paths = []
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        for number, choice in enumerate(chosen, 1):
-            paths += draw_choice(choice, folder / f"subject-{number}")
-        for number, fit in enumerate(fitted, 1):
-            paths += draw_law(fit, folder / f"subject-{number}")
-    except OSError as error:
-        raise SessionError(f"{folder}: cannot be written: {error.strerror}") from None
-    return [str(path) for path in paths]
