@@ -85,6 +85,12 @@ def _log_modulus(x: float, b: float, m: float) -> float:
 
 
 @numba.njit(cache=True)
+def _softplus(z: float) -> float:
+    """ln(1 + e^z)."""
+    return max(z, 0.0) + math.log1p(math.exp(-abs(z)))
+
+
+@numba.njit(cache=True)
 def deflection_of(product: float, b: float, m: float, compliance: float) -> float:
     """The root x [m] of h(ln x) = 0 (see the module), written as
 
@@ -95,14 +101,16 @@ def deflection_of(product: float, b: float, m: float, compliance: float) -> floa
     compliance  [1/Pa]        ()  1/E_t', 0 for a rigid body
     """
     target = math.log(product)
-    y = 0.6 * (target - 2.0 / 3.0 * math.log(2.0 * b))  # E_f* >= 2 b x: this is not below the root
-    for _ in range(200):
+    # Not below the root: E_f* >= 2 b x; and where m x > 1, ln x > -ln m bounds E_f*.
+    stiff = 1.5 * (target + math.log(m)) - math.log(2.0 * b / m)
+    y = min(0.6 * (target - 2.0 / 3.0 * math.log(2.0 * b)), math.log(max(_softplus(stiff), 1.0) / m))
+    for _ in range(100):
         x = math.exp(y)
         log_pad = _log_modulus(x, b, m)
         if compliance > 0.0:
             odds = math.log(compliance) + log_pad
             tissue = 1.0 / (1.0 + math.exp(-odds)) if odds > -700.0 else 0.0
-            soft = max(odds, 0.0) + math.log1p(math.exp(-abs(odds)))
+            soft = _softplus(odds)
         else:
             tissue = soft = 0.0
         t = m * x
@@ -123,8 +131,9 @@ def deflection_under(load: float, b: float, m: float) -> float:
     Newton's method in ln x from above, as for `deflection_of`.
     """
     target = math.log(load)
-    y = 0.5 * (target - math.log(2.0 * b))
-    for _ in range(200):
+    stiff = target + math.log(m) - math.log(2.0 * b / m)
+    y = min(0.5 * (target - math.log(2.0 * b)), math.log(max(_softplus(stiff), 1.0) / m))
+    for _ in range(100):
         x = math.exp(y)
         t = m * x
         slope = t / -math.expm1(-t) if t > 1e-300 else 1.0

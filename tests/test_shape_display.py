@@ -157,12 +157,14 @@ def test_no_force_gives_zeros_and_a_tiny_one_tiny_states():
     assert 0 < tiny.deflection < tiny.approach < 1e-5
 
 
-@pytest.mark.parametrize("force", [1e-300, 1e-30, 1e-9, 1e3, 1e6, 1e12])
+@pytest.mark.parametrize("force", [1e-300, 1e-30, 1e-9, 1e3, 1e6, 1e12, 1e100, 1e300])
 @pytest.mark.parametrize("modulus", [1e-3, 15e3, 1e12, np.inf])
 def test_any_force_gives_finite_states(force, modulus):
     state = pad_contact(force, modulus)
     assert all(np.isfinite(v) for v in state)
     assert state.deflection <= state.approach
+    if 1e-100 < force < 1e100 and modulus > 1:
+        assert float(force_of(state.deflection, modulus)) == approx(force, rel=1e-9)
 
 
 @pytest.mark.parametrize(
