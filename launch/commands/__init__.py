@@ -1,1 +1,1 @@
-"""Verbs of the command line, one file each."""
+"""The verbs of the command line, one file each; `launch/__main__.py` puts them together."""
