@@ -10,8 +10,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from palpate.launch.fit_report import Chosen, Fitted
-from palpate.physics.curve_fit import Fit
-from palpate.physics.force_band import truncated_density, truncated_quantile
+from palpate.nodes.calibration import Fit, truncated_density, truncated_quantile
 
 
 def draw_choice(result: Chosen, stem: Path) -> list[Path]:

@@ -13,9 +13,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from palpate.launch.sessions import Subject
-from palpate.physics.crossvalidation import Choice
-from palpate.physics.curve_fit import Fit
-from palpate.physics.force_models import MODELS
+from palpate.nodes.calibration import MODELS, Choice, Fit, law_settings
 
 
 class Chosen(NamedTuple):
@@ -188,17 +186,17 @@ def model_yaml(found: list[Chosen], source: Path) -> str:
         "subjects:",
     ]
     for subject, depths, _, choice in found:
-        deviation = choice.deviation
-        lines += [
-            f"  {_scalar(subject.name)}:",
-            *_law("mean", choice.mean.model.name, choice.mean.parameters, choice.mean.errors),
-            *(
-                _law("deviation", "linear", np.zeros(2), np.zeros(2))
-                if deviation is None
-                else _law("deviation", deviation.model.name, deviation.parameters, deviation.errors)
-            ),
-            f"    depth_limit: {float(depths[-1])!r}  # [m] deepest that was measured",
-        ]
+        law = law_settings(choice, depths[-1])
+        lines.append(f"  {_scalar(subject.name)}:")
+        for role, fit in (("mean", choice.mean), ("deviation", choice.deviation)):
+            model = MODELS[law[role]]
+            errors = np.zeros(len(model.parameters)) if fit is None else fit.errors
+            lines += [f"    {role}: {model.name}  # {model.formula}", f"    {role}_parameters:"]
+            for (key, unit), value, error in zip(
+                model.parameters.items(), law[f"{role}_parameters"], errors, strict=True
+            ):
+                lines.append(f"      - {_number(value)}  # {key} [{unit}], standard error {error:.3g}")
+        lines.append(f"    depth_limit: {_number(law['depth_limit'])}  # [m] deepest that was measured")
     return "\n".join(lines) + "\n"
 
 
@@ -210,13 +208,6 @@ def law_yaml(found: list[Fitted], source: Path) -> str:
         for key, unit, value, error, _ in _listed(fit):
             lines.append(f"    {key}: {_number(value)}  # [{unit}] standard error {error:.3g}")
     return "\n".join(lines) + "\n"
-
-
-def _law(role: str, name: str, parameters: np.ndarray, errors: np.ndarray) -> list[str]:
-    lines = [f"    {role}: {name}  # {MODELS[name].formula}", f"    {role}_parameters:"]
-    for (key, unit), value, error in zip(MODELS[name].parameters.items(), parameters, errors, strict=True):
-        lines.append(f"      - {_number(float(value))}  # {key} [{unit}], standard error {error:.3g}")
-    return lines
 
 
 def _number(value: float) -> str:

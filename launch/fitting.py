@@ -21,10 +21,7 @@ from palpate.launch.fit_report import (
     model_yaml,
 )
 from palpate.launch.sessions import SessionError, Subject, read_sessions
-from palpate.physics.crossvalidation import choose
-from palpate.physics.curve_fit import FitError, fit_curve
-from palpate.physics.force_models import LAWS, MODELS
-from palpate.physics.synthetic_sessions import DEPTHS, synthetic_sessions
+from palpate.nodes.calibration import DEPTHS, LAWS, MODELS, FitError, choose, fit_curve, synthetic_sessions
 
 
 @dataclass(frozen=True)

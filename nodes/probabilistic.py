@@ -11,10 +11,8 @@ import yaml
 
 from palpate.messages import Contact, ForceBand, Vector
 from palpate.nodes.base import Node, SettingError, Wants
+from palpate.nodes.calibration import LAW_SETTINGS, MODELS
 from palpate.physics.force_band import PUBLISHED, Band, band_at, truncated_quantile, uniform
-from palpate.physics.force_models import MODELS
-
-LAW = ("mean", "mean_parameters", "deviation", "deviation_parameters", "depth_limit")
 
 
 class Probabilistic(Node):
@@ -112,6 +110,8 @@ def read_law(path: Path, subject: str) -> dict[str, Any]:
             f"setting 'subject' [1]: found {subject!r}, expected one of those of {str(path)!r}: {', '.join(known)}"
         )
     law = known[subject]
-    if not isinstance(law, dict) or set(law) != set(LAW):
-        raise SettingError(f"setting 'model' [1]: subject {subject!r} of {str(path)!r}: expected {', '.join(LAW)}")
+    if not isinstance(law, dict) or set(law) != set(LAW_SETTINGS):
+        raise SettingError(
+            f"setting 'model' [1]: subject {subject!r} of {str(path)!r}: expected {', '.join(LAW_SETTINGS)}"
+        )
     return law
