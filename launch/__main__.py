@@ -9,6 +9,7 @@ import typer
 from palpate.launch.commands.check import check
 from palpate.launch.commands.common import Verbs
 from palpate.launch.commands.doctor import doctor
+from palpate.launch.commands.fit import fit
 from palpate.launch.commands.messages import messages
 from palpate.launch.commands.new import new
 from palpate.launch.commands.nodes import nodes
@@ -45,6 +46,7 @@ app.command(cls=PlanCommand)(plan)
 app.command()(nodes)
 app.command()(messages)
 app.command()(doctor)
+app.command()(fit)
 app.add_typer(new, name="new")
 
 

@@ -9,8 +9,8 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from palpate.messages import Contact, Pins, Surface, Vector3
-from palpate.nodes.base import Node, SettingError, Wants
-from palpate.nodes.surface import surface_mesh
+from palpate.nodes.base import SettingError, Wants
+from palpate.nodes.surface import OnSurface
 from palpate.physics.pin_heights import heights_from_force, heights_from_pressure, heights_from_surface
 from palpate.physics.pins import drive, pin_grid
 from palpate.physics.shape_display import FINGERPADS, VALID_RATIO, Fingerpad
@@ -19,13 +19,13 @@ NEIGHBOURS = 9
 """Surface vertices round each pin from which its height is taken: a vertex and its ring on a square mesh."""
 
 
-class PinArray(Node):
+class PinArray(OnSurface):
     """Pins under the fingerpad on a linear actuator (docs/equations/shape-display.md).
 
     `shows` says where the shape comes from. "force": from the normal force alone, by the model of a fingerpad on
     homogeneous tissue. "surface": from the deformed surface of the tissue. "pressure": from the contact pressure of
     the tissue model. The last two show what lies below the surface, and need the input `surface`; while it is None
-    or says nothing, the shape comes from the force, and `valid` is false.
+    or says nothing, the shape comes from the force, and `valid` is false. Only they use the settings of the surface.
 
     Pins stand in the tangent plane at the contact: along a row in the direction of the world's x axis (y where the
     normal lies along x), down a column along normal × row. `pad` names the fingerpad; `pad_b`, `pad_m` and
@@ -53,10 +53,6 @@ class PinArray(Node):
     poisson: Annotated[float, "1", msgspec.Meta(gt=-1, le=0.5)] = 0.5
     curvature: Annotated[float, "1/m", msgspec.Meta(le=1e6)] = 0.0
 
-    surface: Annotated[str, "1"] = "plane"
-    vertices: Annotated[int, "1", msgspec.Meta(ge=4)] = 10000
-    position: Annotated[Vector3, "m"] = (0.0, 0.0, 0.0)
-
     def __init__(self, **settings: Any) -> None:
         super().__init__(**settings)
         given = zip((self.pad_b, self.pad_m, self.pad_radius), FINGERPADS[self.pad], strict=True)
@@ -75,7 +71,7 @@ class PinArray(Node):
         self.shape = np.zeros(len(self.grid))
         self.actuator = 0.0
         if self.shows != "force":
-            mesh = surface_mesh(self.surface, self.vertices, self.position)
+            mesh = self.mesh()
             self.points, self.areas = mesh.vertices, mesh.areas
             self.spacing = float(np.sqrt(np.median(mesh.areas)))
             self.moved = np.zeros_like(self.points)

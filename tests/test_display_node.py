@@ -15,6 +15,7 @@ from palpate.physics.pins import pin_grid
 from palpate.physics.shape_display import FINGERPADS, pad_contact, pad_displacement, pressure
 
 QUICK = {"rate": 1e3, "actuator_rate": 1e3, "stroke": 0.05}
+FLAT = {"surface": "plane", "vertices": 10000, "position": (0.0, 0.0, 0.0)}
 DISTANCE = np.hypot(*pin_grid(6, 6, 2e-3).reshape(-1, 2).T).reshape(6, 6)
 
 
@@ -133,7 +134,7 @@ def test_a_nodule_stands_out_on_the_pins_where_it_lies():
     centre = nodule_centre(mesh.vertices, mesh.normals, [3e-3, 1e-3, 0.0], 6e-3)
     plain, sunk = springs(np.ones(len(mesh.vertices)))
     lumpy, _ = springs(stiffness_map(mesh.vertices, mesh.normals, centre, 3e-3, 10.0, 6e-3))
-    node = {"shows": "surface", "rows": 8, "columns": 8} | QUICK
+    node = {"shows": "surface", "rows": 8, "columns": 8} | QUICK | FLAT
     contact = touch(0.3, 1.8e-3, sunk)
     rise = one(PinArray(**node), contact, lumpy).heights - one(PinArray(**node), contact, plain).heights
     row, column = np.unravel_index(np.argmax(rise), rise.shape)
@@ -144,7 +145,7 @@ def test_a_nodule_stands_out_on_the_pins_where_it_lies():
 
 def test_the_actuator_shows_the_measured_approach_where_a_body_is_simulated():
     plain, sunk = springs(np.ones(10000))
-    pins = one(PinArray(shows="surface", **QUICK), touch(0.3, 1.8e-3, sunk), plain)
+    pins = one(PinArray(shows="surface", **QUICK, **FLAT), touch(0.3, 1.8e-3, sunk), plain)
     assert pins.valid and pins.actuator == approx(1.8e-3 + sunk)
     assert pins.heights[2:4, 2:4] == approx(1.8e-3, rel=0.05)  # the fingerpad gives way by its compression
 
@@ -155,14 +156,14 @@ def test_a_hertz_pressure_on_the_mesh_gives_the_pins_of_the_force():
     r = np.linalg.norm(mesh.vertices, axis=1)
     nodes = np.flatnonzero(r < state.radius)
     sent = body(nodes, np.zeros((len(nodes), 3)), pressure(r[nodes], state))
-    pins = one(PinArray(shows="pressure", **QUICK), touch(1.0, 2e-3, 1e-3), sent)
+    pins = one(PinArray(shows="pressure", **QUICK, **FLAT), touch(1.0, 2e-3, 1e-3), sent)
     assert pins.valid
     assert pins.heights[1:5, 1:5] == approx(pad_displacement(DISTANCE, state)[1:5, 1:5], rel=0.03)
 
 
 @pytest.mark.parametrize("shows", ["surface", "pressure"])
 def test_without_a_body_the_shape_comes_from_the_force_and_is_flagged(shows):
-    bus = FakeBus(PinArray(shows=shows, **QUICK))
+    bus = FakeBus(PinArray(shows=shows, **QUICK, **FLAT))
     (pins,) = bus.publish(touch(0.05, 1e-3, 2e-3))
     assert pins.heights == approx(pad_displacement(DISTANCE, pad_contact(0.05, 15e3))) and not pins.valid
 
@@ -170,7 +171,7 @@ def test_without_a_body_the_shape_comes_from_the_force_and_is_flagged(shows):
 def test_a_body_of_another_mesh_is_refused_with_what_to_do():
     sent = body([20000], [[0.0, 0.0, -1e-3]])
     with pytest.raises(SettingError, match="has 10000 vertices, but the tissue sends vertex 20000"):
-        one(PinArray(shows="surface"), touch(0.3, 1e-3, 1e-3), sent)
+        one(PinArray(shows="surface", **FLAT), touch(0.3, 1e-3, 1e-3), sent)
 
 
 @pytest.mark.parametrize("normal", [(0, 0, 1), (1, 0, 0), (0, -1, 0), (0.6, 0, 0.8), (-0.999, 0.0447101778, 0)])

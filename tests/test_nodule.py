@@ -5,6 +5,7 @@ import pytest
 from pytest import approx
 from scipy.integrate import quad
 
+from palpate.nodes.nodule import WithNodule
 from palpate.nodes.surface import surface_mesh
 from palpate.physics.nodule import modulus_map, nodule_centre, stiffness_map
 
@@ -75,3 +76,23 @@ def test_impossible_nodules_are_refused(name, value):
     given = {"radius": 4e-3, "ratio": 10.0, "reach": 6e-3} | {name: value}
     with pytest.raises(ValueError, match=f"{name}: found {value}, expected"):
         stiffness_map([[0, 0, 0]], UP, [0, 0, -6e-3], **given)
+
+
+class Body(WithNodule):
+    """A body that has nothing but its surface."""
+
+
+FLAT = {"surface": "plane", "vertices": 2500, "position": (0.0, 0.0, 0.1)}
+
+
+def test_a_body_takes_its_nodule_from_its_settings():
+    node = Body(**FLAT, nodule_radius=4e-3, nodule_position=(2e-3, -1e-3, 0.1), nodule_ratio=7.0)
+    vertices = MESH.vertices + [0, 0, 0.1]
+    centre = [2e-3, -1e-3, 0.094]
+    assert node.hardness() == approx(stiffness_map(vertices, MESH.normals, centre, 4e-3, 7.0, 6e-3))
+    assert vertices[np.argmax(node.hardness())][:2] == approx([2e-3, -1e-3], abs=1.1e-3)
+    assert node.modulus_factor(np.array([centre, [0, 0, 0]])).tolist() == [7.0, 1.0]
+
+
+def test_a_body_without_a_nodule_is_homogeneous():
+    assert np.all(Body(**FLAT).hardness() == 1) and Body(**FLAT).modulus_factor(np.zeros((2, 3))).tolist() == [1, 1]

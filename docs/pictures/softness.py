@@ -126,7 +126,8 @@ def shown(mesh, hard: np.ndarray) -> Pins:
         foot=(0, 0, 0), normal=(0, 0, 1), force=force, compression=compression, indentation=float(inward.max()),
         compression_rate=0.0, indentation_rate=0.0,
     )  # fmt: skip
-    node = PinArray(shows="surface", rows=8, columns=8, rate=1e3)
+    flat = {"surface": "plane", "vertices": 10000, "position": (0.0, 0.0, 0.0)}
+    node = PinArray(shows="surface", rows=8, columns=8, rate=1e3, **flat)
     node.start()
     return node.step(contact, surface, dt=1.0)
 
