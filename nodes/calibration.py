@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from palpate.nodes.probabilistic import LAW_SETTINGS
 from palpate.physics.crossvalidation import Choice, choose
 from palpate.physics.curve_fit import Fit, FitError, fit_curve
 from palpate.physics.force_band import truncated_density, truncated_quantile
@@ -16,7 +17,6 @@ from palpate.physics.synthetic_sessions import DEPTHS, synthetic_sessions
 __all__ = [
     "DEPTHS",
     "LAWS",
-    "LAW_SETTINGS",
     "MODELS",
     "Choice",
     "Fit",
@@ -30,9 +30,6 @@ __all__ = [
     "truncated_quantile",
 ]
 
-LAW_SETTINGS = ("mean", "mean_parameters", "deviation", "deviation_parameters", "depth_limit")
-"""The settings of `contact.Probabilistic` that a fit determines."""
-
 
 def law_settings(choice: Choice, deepest: float) -> dict[str, Any]:
     """The settings of `contact.Probabilistic` for a fitted subject; `deepest` [m] is its deepest indentation.
@@ -40,10 +37,11 @@ def law_settings(choice: Choice, deepest: float) -> dict[str, Any]:
     Sessions that do not scatter have the deviation 0.
     """
     spread = choice.deviation
-    return {
-        "mean": choice.mean.model.name,
-        "mean_parameters": choice.mean.parameters.tolist(),
-        "deviation": "linear" if spread is None else spread.model.name,
-        "deviation_parameters": [0.0, 0.0] if spread is None else spread.parameters.tolist(),
-        "depth_limit": float(deepest),
-    }
+    values = (
+        choice.mean.model.name,
+        choice.mean.parameters.tolist(),
+        "linear" if spread is None else spread.model.name,
+        [0.0, 0.0] if spread is None else spread.parameters.tolist(),
+        float(deepest),
+    )
+    return dict(zip(LAW_SETTINGS, values, strict=True))

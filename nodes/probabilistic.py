@@ -11,8 +11,11 @@ import yaml
 
 from palpate.messages import Contact, ForceBand, Vector
 from palpate.nodes.base import Node, SettingError, Wants
-from palpate.nodes.calibration import LAW_SETTINGS, MODELS
 from palpate.physics.force_band import PUBLISHED, Band, band_at, truncated_quantile, uniform
+from palpate.physics.force_models import MODELS
+
+LAW_SETTINGS = ("mean", "mean_parameters", "deviation", "deviation_parameters", "depth_limit")
+"""The settings that a fit determines, in the order of `Band`."""
 
 
 class Probabilistic(Node):
@@ -60,8 +63,7 @@ class Probabilistic(Node):
             raise SettingError(f"setting 'levels' [1]: found {list(self.levels)}, expected up to 16 numbers in (0, 1)")
 
     def start(self) -> None:
-        law = (self.mean, self.mean_parameters, self.deviation, self.deviation_parameters, self.depth_limit)
-        self.band = Band(*law)
+        self.band = Band(*(getattr(self, name) for name in LAW_SETTINGS))
         self.rank = np.array(self.levels)
         self.session = uniform(self.seed, -1)
 
