@@ -25,6 +25,8 @@ UNITS = {
     "rate": {"m/s": 1.0, "mm/s": 1e-3},
     "time": {"s": 1.0, "ms": 1e-3},
 }
+MOST = {"depth": 1.0, "force": 1e4, "rate": 1e3, "time": math.inf}
+"""Largest sizes in SI units that can be meant; beyond them the unit in the header is wrong."""
 LABELS = ("subject", "session")
 NEEDED = (*LABELS, "depth", "force")
 SHOWN = 20
@@ -192,6 +194,8 @@ def _row(
                 faults.append(f"{where}: found {text!r}, expected a finite number")
             elif name in ("depth", "force") and value < 0:
                 faults.append(f"{where}: found {text}, expected a {name} that is not negative")
+            elif abs(value * factors[name]) > MOST[name]:
+                faults.append(f"{where}: found {text}, which cannot be a {name}; is the unit in the header right?")
             else:
                 found[name] = value * factors[name]
     return found if len(faults) == before else None

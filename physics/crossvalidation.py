@@ -120,12 +120,12 @@ def choose(depths, forces, count: int = FOLDS, mean: str | None = None, deviatio
 
 def _fit_mean(name: str, depths: np.ndarray, forces: np.ndarray, rows: np.ndarray) -> Fit:
     labels = np.repeat(np.arange(len(rows)), len(depths))
-    return fit_curve(MODELS[name], np.tile(depths, len(rows)), forces[rows].ravel(), labels)
+    return fit_curve(MODELS[name], np.tile(depths, len(rows)), forces[rows].ravel(), labels, constant=True)
 
 
 def _fit_deviation(name: str, depths: np.ndarray, forces: np.ndarray) -> Fit:
     pressed = depths > 0
-    return fit_curve(MODELS[name], depths[pressed], forces[:, pressed].std(axis=0, ddof=1))
+    return fit_curve(MODELS[name], depths[pressed], forces[:, pressed].std(axis=0, ddof=1), constant=True)
 
 
 def _score(name: str, depths: np.ndarray, forces: np.ndarray, folds: list[Fold]) -> tuple[float, float, float]:

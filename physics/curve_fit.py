@@ -64,13 +64,15 @@ class Fit:
         return float(np.sqrt(np.mean((np.asarray(force) - self(depth, rate)) ** 2)))
 
 
-def fit_curve(model: ForceModel, x, y, sessions=None) -> Fit:
+def fit_curve(model: ForceModel, x, y, sessions=None, *, constant: bool = False) -> Fit:
     """Fit `model` to y [N] (n) at x [m] (n) or (n,k).
 
     sessions  (n)  labels. Forces of one session err together, since the finger lies a little differently each time.
                    With labels the errors allow for that, and for a scatter that grows with depth: the sandwich of
                    A. C. Cameron, D. L. Miller, J. Human Resources 50 (2015), eq. 11, with Student's t of sessions - 1
                    degrees of freedom. Without, all rows count as independent and equally scattered.
+
+    constant       whether one and the same y everywhere is a result, not a sign of a dead sensor
 
     FitError: fewer rows than parameters + 1, fewer than two sessions, not finite, or all y the same.
     """
@@ -83,8 +85,10 @@ def fit_curve(model: ForceModel, x, y, sessions=None) -> Fit:
         raise FitError(f"{model.name}: found {count} rows, expected at least {size + 1} for {size} parameters")
     if not (np.isfinite(x).all() and np.isfinite(y).all()):
         raise FitError(f"{model.name}: found values that are not finite numbers")
-    if np.ptp(x[:, 0]) == 0 or np.ptp(y) == 0:
-        raise FitError(f"{model.name}: found one constant value of the {'depth' if np.ptp(y) else 'force'}")
+    if np.ptp(x[:, 0]) == 0:
+        raise FitError(f"{model.name}: found one constant value of the depth")
+    if np.ptp(y) == 0 and not constant:
+        raise FitError(f"{model.name}: found one constant value of the force")
     parameters, at_limit = _search(model, x, y)
     residual = y - model.predict(x, parameters)
     jacobian = model.jacobian(x, parameters)
@@ -120,7 +124,7 @@ def _search(model: ForceModel, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray
     at_limit = tuple(
         name for name, f, a, b, e in zip(model.nonlinear, found, low, high, near, strict=True) if f < a + e or f > b - e
     )
-    return (parameters if at_limit else _polish(model, x, y, parameters)), at_limit
+    return (parameters if at_limit else _polish(model, x, y, parameters, low, high)), at_limit
 
 
 def _linear(basis: np.ndarray, y: np.ndarray) -> np.ndarray:
@@ -129,12 +133,17 @@ def _linear(basis: np.ndarray, y: np.ndarray) -> np.ndarray:
     return np.linalg.lstsq(basis / scale, y, rcond=None)[0] / scale
 
 
-def _polish(model: ForceModel, x: np.ndarray, y: np.ndarray, parameters: np.ndarray) -> np.ndarray:
-    """Gauss-Newton steps on all parameters while they lower the sum of squares."""
+def _polish(
+    model: ForceModel, x: np.ndarray, y: np.ndarray, parameters: np.ndarray, low: np.ndarray, high: np.ndarray
+) -> np.ndarray:
+    """Gauss-Newton steps on all parameters while they lower the sum of squares and stay within the limits."""
     best = np.sum((y - model.predict(x, parameters)) ** 2)
     for _ in range(20):
         residual = y - model.predict(x, parameters)
         moved = parameters + _linear(model.jacobian(x, parameters), residual)
+        nonlinear = moved[len(model.linear) :]
+        if np.any(nonlinear < low) or np.any(nonlinear > high):
+            break
         squares = np.sum((y - model.predict(x, moved)) ** 2)
         if not squares < best:
             break

@@ -64,7 +64,8 @@ class ForceModel:
 
 
 def _span(x: np.ndarray) -> float:
-    return float(np.ptp(x[:, 0])) or 1.0
+    """The deepest indentation [m], the scale of the searches."""
+    return float(np.max(np.abs(x[:, 0]))) or 1.0
 
 
 def _power(x: np.ndarray, n) -> np.ndarray:

@@ -114,3 +114,9 @@ def test_synthetic_sessions_have_the_laws_they_are_made_of():
     assert forces[:, 2:].std(axis=0, ddof=1) == approx(sigma, rel=0.03)
     assert np.corrcoef(forces[:, 4], forces[:, 9])[0, 1] == approx(0.5, abs=0.03)
     assert forces.min() >= 0 and not forces[:, 0].any()
+
+
+def test_a_scatter_that_is_the_same_at_all_depths_is_a_result():
+    forces = MODELS["fourier"](DEPTHS, PUBLISHED.mean_parameters) + np.tile([[0.0], [0.25]], (10, 1))
+    found = choose(DEPTHS, np.round(forces * 1024) / 1024)
+    assert found.deviation(DEPTHS) == approx(np.full(11, found.deviations[0]), rel=1e-6)

@@ -144,3 +144,17 @@ def test_a_law_with_damping_wants_the_rate():
 def test_one_session_gives_no_errors():
     with pytest.raises(FitError, match="found one session"):
         fit_curve(MODELS["linear"], DEPTHS, DEPTHS**2, np.zeros(11))
+
+
+@pytest.mark.parametrize("model", [*MODELS.values(), *LAWS.values()], ids=lambda m: m.formula)
+@pytest.mark.parametrize(
+    "y",
+    [
+        np.eye(11)[0], np.eye(11)[10], (DEPTHS > 2e-3) * 1.0, np.exp(-2000 * DEPTHS), 1e-12 * DEPTHS,
+        1e4 * DEPTHS[::-1], 1 + 1e-15 * (DEPTHS > 2e-3),
+    ],
+)  # fmt: skip
+def test_data_of_another_shape_give_finite_parameters(model, y):
+    x = np.stack([DEPTHS, np.where(np.arange(11) % 2, 0.02, -0.15)], axis=1)
+    fit = fit_curve(model, x, y)
+    assert np.isfinite(fit.parameters).all() and np.isfinite(fit.rmse) and np.all(fit.errors >= 0)

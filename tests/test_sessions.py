@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 from pytest import approx
 
 from palpate.launch.sessions import SessionError, read_sessions
@@ -66,6 +68,11 @@ def test_deeper_rows_are_left_out_where_a_limit_is_given(file):
         ("a,1,inf,0", "row 3, column 'depth': found 'inf', expected a finite number"),
         ("a,1,1,", "row 3, column 'force': empty, expected a number"),
         ("a,1,1", "row 3, column 'force': empty, expected a number"),
+        ("a,1,1500,1", "row 3, column 'depth': found 1500, which cannot be a depth; is the unit in the header right?"),
+        (
+            "a,1,1,1e300",
+            "row 3, column 'force': found 1e300, which cannot be a force; is the unit in the header right?",
+        ),
         ("a,1,1,much", "row 3, column 'force': found 'much', expected a number with a decimal point"),
         (",1,1,0.1", "row 3, column 'subject': empty, expected a label"),
         ("a, ,1,0.1", "row 3, column 'session': empty, expected a label"),
@@ -113,6 +120,18 @@ def test_files_without_rows_are_refused(file, content, text):
         read_sessions(file)
     with pytest.raises(SessionError, match="cannot be read: No such file"):
         read_sessions(file.with_name("nix.csv"))
+
+
+@given(st.binary(max_size=200) | st.text(alphabet="0123456789.,;-+eE\t\n\"'[]mNa# ", max_size=200).map(str.encode))
+@settings(max_examples=300, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_any_bytes_are_read_or_refused(file, content):
+    for head in (b"", HEAD.encode() + b"\n"):
+        file.write_bytes(head + content)
+        try:
+            for subject in read_sessions(file)[0]:
+                subject.grid()
+        except SessionError:
+            pass
 
 
 def grid_of(file, *rows):
