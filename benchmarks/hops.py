@@ -10,6 +10,7 @@ ZeroMQ's headers (Debian: libzmq3-dev); without them its row is left out.
 from __future__ import annotations
 
 import argparse
+import itertools
 import json
 import multiprocessing
 import os
@@ -88,8 +89,7 @@ def ours(turns: int, core: int) -> float:
     names = [f"n{i}" for i in range(COUNT)]
     lines = [f"  n0: {{use: relays.Start, in: {{torque: {names[-1]}}}}}"]
     lines += [
-        f"  {name}: {{use: relays.Relay, in: {{torque: {before}}}}}"
-        for before, name in zip(names, names[1:], strict=False)
+        f"  {name}: {{use: relays.Relay, in: {{torque: {before}}}}}" for before, name in itertools.pairwise(names)
     ]
     with tempfile.TemporaryDirectory() as folder:
         graph = Path(folder) / "ring.yaml"

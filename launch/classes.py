@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import importlib
 import importlib.util
-import inspect
-import os
 import pkgutil
-import sys
 import traceback
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -17,8 +14,10 @@ from types import ModuleType
 import palpate.nodes
 from palpate.launch.extras import extra_of, install
 from palpate.launch.faults import choices, nearest
+from palpate.launch.load import search_here
 from palpate.messages import Message, fields
 from palpate.messages.base import HEADER
+from palpate.messages.docs import summary
 from palpate.nodes.base import Node, Observer, inputs, outputs, settings
 
 SHIPPED = palpate.nodes.__name__
@@ -41,8 +40,8 @@ class Entry:
 
     @property
     def about(self) -> str:
-        """First line of the class's docstring."""
-        return (inspect.getdoc(self.cls) or "").partition("\n")[0]
+        """First sentence of the class's docstring."""
+        return summary(self.cls)
 
 
 def find_class(use: str, sends: Iterable[type[Message]] = ()) -> type[Node]:
@@ -72,9 +71,7 @@ def find_class(use: str, sends: Iterable[type[Message]] = ()) -> type[Node]:
 
 
 def _module(use: str, name: str, sends: Iterable[type[Message]]) -> ModuleType:
-    here = os.getcwd()
-    if here not in sys.path:
-        sys.path.append(here)
+    here = search_here()
     top = name.partition(".")[0]
     own = importlib.util.find_spec(f"{SHIPPED}.{top}") is not None
     full = f"{SHIPPED}.{name}" if own else name
@@ -82,9 +79,7 @@ def _module(use: str, name: str, sends: Iterable[type[Message]]) -> ModuleType:
         return importlib.import_module(full)
     except ModuleNotFoundError as error:
         if error.name is not None and (full == error.name or full.startswith(error.name + ".")):
-            cure = (
-                choices("Modules of palpate", top, shipped_modules()) + f" Looked in {here} and the Python path, too."
-            )
+            cure = choices("Modules of palpate", top, _node_modules()) + f" Looked in {here} and the Python path, too."
             text = f"use: {use!r}: module {name!r} not found"
             raise ClassError(text, f"{cure} {_fitting(use, sends)}".strip()) from None
         raise _missing(use, error) from None
@@ -157,6 +152,12 @@ def classes(module: ModuleType) -> list[type[Node]]:
 def shipped_modules() -> list[str]:
     """Names of palpate's node modules as they stand in `use:`, without importing them."""
     return sorted(m.name for m in pkgutil.iter_modules(palpate.nodes.__path__) if m.name != "base")
+
+
+def _node_modules() -> list[str]:
+    """The modules in which the catalogue has classes, or may have, where a package is missing."""
+    entries, missing = catalogue()
+    return sorted({entry.use.rpartition(".")[0] for entry in entries} | set(missing))
 
 
 @lru_cache(maxsize=1)

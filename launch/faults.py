@@ -33,7 +33,7 @@ class Fault:
     text   what was found and what was expected
     cure   what would work: the nearest valid name, the valid names, or what to do
     place  file and line
-    node, port, setting  what it is about, where it is about one
+    node, port, setting  what it is about, where it is about one; unit: that of the setting
     """
 
     text: str
@@ -42,6 +42,7 @@ class Fault:
     node: str = ""
     port: str = ""
     setting: str = ""
+    unit: str = ""
 
     def __str__(self) -> str:
         about = []
@@ -50,7 +51,7 @@ class Fault:
         if self.port:
             about.append(f"input {self.port!r}")
         if self.setting:
-            about.append(f"setting {self.setting!r}")
+            about.append(f"setting {self.setting!r}" + (f" [{self.unit}]" if self.unit else ""))
         head = ", ".join(about)
         line = ": ".join(part for part in (str(self.place), head, self.text) if part)
         return f"{line}\n  {self.cure}" if self.cure else line
@@ -92,10 +93,13 @@ class Faults:
             raise GraphError(self.found)
 
 
-def nearest(name: str, known: Iterable[str], count: int = 3) -> list[str]:
-    """The known names that are most like `name`, best first, upper and lower case alike."""
+def nearest(name: str, known: Iterable[str], count: int = 3, likeness: float = 0.6) -> list[str]:
+    """The known names that are most like `name`, best first, upper and lower case alike.
+
+    likeness  0 to 1, how like they must be: 0.6 for a hint, 0.8 where only a slip of the pen counts
+    """
     by_lower = {str(k).lower(): str(k) for k in known}
-    return [by_lower[k] for k in difflib.get_close_matches(name.lower(), by_lower, n=count, cutoff=0.6)]
+    return [by_lower[k] for k in difflib.get_close_matches(name.lower(), by_lower, n=count, cutoff=likeness)]
 
 
 def choices(label: str, name: str, known: Iterable[str]) -> str:

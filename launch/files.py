@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,10 +22,10 @@ def find_file(name: str, folder: Path, beside: Path | None = None, place: Place 
 
     GraphError: there is none; names those that ship.
     """
-    given = Path(name).expanduser()
+    given = Path(os.path.expanduser(name))
     tried = [(beside or Path.cwd()) / given, folder / given, folder / f"{name}.yaml"]
     for path in tried:
-        if path.is_file():
+        if os.path.isfile(path):  # False, not an error, for a name that no file can have
             return path.resolve()
     shipped = [p.stem for p in sorted(folder.glob("*.yaml"))]
     cure = f"{choices('Shipped', given.stem, shipped)} Or give the path of a file."

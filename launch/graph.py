@@ -107,7 +107,7 @@ def load(
     path       of the YAML file, or the name of a graph that ships
     overrides  `target=value` each, the later ones win
     scene      file, name or mapping that takes the place of the graph's own scene
-    wanted     streams to compute, in place of what scene or graph say
+    wanted     streams to compute, in place of what scene or graph say; an override of `wanted` goes before it
 
     GraphError: whatever is wrong, all at once.
     """
@@ -115,7 +115,8 @@ def load(
     file = find_file(str(path), GRAPHS, what="graph")
     source = read_extended(file, GRAPHS)
     scene_source = read_scene(scene, source, faults)
-    apply(_overrides(overrides, faults), source, scene_source, faults)
+    changes = _overrides(overrides, faults)
+    apply(changes, source, scene_source, faults)
     world = Scene(scene_source)
     for key in source.data:
         if key not in KEYS:
@@ -136,7 +137,13 @@ def load(
         nodes[name].edges = tuple(Edge(w.port.name, w.producer, w.stream, w.held) for w in draft.wires)
     if not unclear:
         check_offers(offers, world, faults)
-    found_wanted = _wanted(wanted, source, scene_source, kinds, unclear, faults)
+    if any(change.keys == ("wanted",) for change in changes):
+        holder = source
+    elif wanted is not None:
+        holder = Source({"wanted": list(wanted)}, {(): Place("wanted")})
+    else:
+        holder = source if scene_source.data.get("wanted") is None else scene_source
+    found_wanted = _wanted(holder, kinds, unclear, faults)
     graph = Graph(file, rate, world.data, nodes, found_wanted)
     faults.found.extend(missing_senders(graph))
     faults.done()
@@ -264,16 +271,8 @@ def _listen(name: str, line: Source, kinds: Kinds, unclear: set[str], faults: Fa
     return _streams(given, "in", line, kinds, unclear, faults, name)
 
 
-def _wanted(
-    wanted: Sequence[str] | None, graph: Source, scene: Source, kinds: Kinds,
-    unclear: set[str], faults: Faults,
-) -> tuple[str, ...] | None:  # fmt: skip
-    """The streams wanted: as given, else what the scene says, else what the graph says."""
-    if wanted is not None:
-        holder = Source({"wanted": list(wanted)}, {(): Place("wanted")})
-    else:
-        graph_says_last = graph.place("wanted").file.startswith("--set")
-        holder = scene if scene.data.get("wanted") is not None and not graph_says_last else graph
+def _wanted(holder: Source, kinds: Kinds, unclear: set[str], faults: Faults) -> tuple[str, ...] | None:
+    """The streams wanted; None where nothing is said, or all."""
     given = holder.data.get("wanted")
     if given is None or given == "all":
         return None

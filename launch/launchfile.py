@@ -167,9 +167,10 @@ def _overrides(source: Source, faults: Faults) -> tuple[Override, ...]:
 
 
 def _flat(source: Source, head: tuple[str, ...]) -> list[Override]:
+    """Mappings lead on, except one that is the value of a node's setting."""
     found = []
     for key, value in source.data.items():
         keys = (*head, *key.split("."))
-        whole = not isinstance(value, dict) or keys[0] == "scene" or len(keys) > 1
-        found += [Override(keys, source.sub(key))] if whole else _flat(source.sub(key), keys)
+        leads_on = isinstance(value, dict) and (keys[0] == "scene" or len(keys) == 1 or keys[1:] == ("in",))
+        found += _flat(source.sub(key), keys) if leads_on else [Override(keys, source.sub(key))]
     return found

@@ -8,14 +8,20 @@ import sys
 from typing import Any
 
 
+def search_here() -> str:
+    """Let modules of the working directory be found, after all others; gives that directory."""
+    here = os.getcwd()
+    if here not in sys.path:
+        sys.path.append(here)
+    return here
+
+
 def load_class(name: str) -> Any:
     """The class of this full dotted name; the working directory is searched, too.
 
     ImportError, AttributeError: no such module, no such class.
     """
-    here = os.getcwd()
-    if here not in sys.path:
-        sys.path.append(here)
+    search_here()
     module, _, cls = name.rpartition(".")
     return getattr(importlib.import_module(module), cls)
 

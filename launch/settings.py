@@ -44,45 +44,51 @@ def resolve(
     """
     known = settings(cls)
     given: dict[str, tuple[Any, Place]] = {}
-    for value, path in _offered(name, line, scene, faults):
-        for key in value:
-            where = scene.source.place(*path.split("."), key) if path else line.place("with", key)
-            offers.append(Offer(path, key, value[key], name, cls, where))
+    for mapping, path in _offered(name, line, scene, faults):
+        for key, value in mapping.items():
+            place = scene.source.place(*path.split("."), key) if path else line.place("with", key)
+            offers.append(Offer(path, key, value, name, cls, place))
             if key in known:
-                given[key] = (scene.fill(value[key], faults, where, {"node": name, "setting": key}), where)
+                given[key] = (value, place)
     for key in own:
-        place = line.place(key)
         if key in known:
-            given[key] = (scene.fill(line.data[key], faults, place, {"node": name, "setting": key}), place)
+            given[key] = (line.data[key], line.place(key))
         else:
-            faults.add("unknown", _cure(key, cls, known), place, node=name, setting=key)
+            faults.add("unknown", _cure(key, cls, known), line.place(key), node=name, setting=key)
     found = {}
-    right = True
+    count = len(faults.found)
     for key, setting in known.items():
-        if key not in given:
-            if setting.default is ...:
-                faults.add(f"[{setting.unit}] missing", "It has no default.", line.place(), node=name, setting=key)
-                right = False
-            continue
-        value, place = given[key]
-        try:
-            value = in_si(setting, value)
-            _refuse_nan(value)
-            found[key] = _plain(check(setting, value))
-        except UnitError as error:
-            faults.add(f"[{setting.unit}]: {error}", "", place, node=name, setting=key)
-            right = False
-        except SettingError as error:
-            text = str(error).removeprefix(f"setting {key!r} ")
-            faults.add(text, "", place, node=name, setting=key)
-            right = False
-    if right:
+        about = {"node": name, "setting": key, "unit": setting.unit}
+        if key in given:
+            value, place = given[key]
+            before = len(faults.found)
+            value = scene.fill(value, faults, place, about)
+            if len(faults.found) == before:
+                found[key] = _checked(setting, value, place, about, faults)
+        elif setting.default is ...:
+            faults.add("missing", "It has no default.", line.place(), **about)
+    if len(faults.found) == count:
         try:
             node = cls(**found)
             found = {key: _plain(getattr(node, key)) for key in known}
-        except (ValueError, TypeError) as error:
+        except SettingError as error:
             faults.add(str(error), "", line.place(), node=name)
+        except Exception as error:  # a user's constructor may fail in any way
+            faults.add(f"{cls.__name__} cannot be made: {type(error).__name__}: {error}", "", line.place(), node=name)
     return found
+
+
+def _checked(setting: Setting, value: Any, place: Place, about: dict[str, str], faults: Faults) -> Any:
+    """The value of one setting in its unit, as plain data; what is wrong becomes a fault."""
+    try:
+        value = in_si(setting, value)
+        _refuse_nan(value)
+        return _plain(check(setting, value))
+    except UnitError as error:
+        faults.add(str(error), "", place, **about)
+    except SettingError as error:
+        faults.add(str(error).removeprefix(f"setting {setting.name!r} [{setting.unit}]: "), "", place, **about)
+    return None
 
 
 def _cure(key: str, cls: type[Node], known: dict[str, Setting]) -> str:
@@ -128,7 +134,7 @@ def check_offers(offers: list[Offer], scene: Scene, faults: Faults) -> None:
         read = offer.path and any(used == path or used.startswith(f"{path}.") for used in scene.used)
         if (offer.path, offer.key) in taken or read or offer.place in told:
             continue
-        if isinstance(offer.value, bool) and not nearest(offer.key, names[offer.cls]):
+        if isinstance(offer.value, bool) and not nearest(offer.key, names[offer.cls], likeness=0.8):
             continue
         shipped, missing = catalogue()
         if missing or any(offer.key in settings(entry.cls) for entry in shipped):

@@ -5,6 +5,8 @@ from __future__ import annotations
 import keyword
 import re
 
+import msgspec
+
 from palpate.messages import Field, Message, fields
 
 _NODE = '''"""{title}: says what it does here."""
@@ -71,7 +73,7 @@ def node_files(name: str, takes: type[Message], sends: type[Message]) -> dict[st
     title = class_name(name)
     module = module_name(title)
     port = module_name(takes.__name__)
-    answer, given = _example(sends), _example(takes)
+    answer, given = _example(sends, 8), _example(takes, 4)
     node = _NODE.format(
         title=title, module=module, port=port, takes=takes.__name__, sends=sends.__name__, answer=answer,
         messages=", ".join(sorted({takes.__name__, sends.__name__})),
@@ -85,15 +87,17 @@ def node_files(name: str, takes: type[Message], sends: type[Message]) -> dict[st
     return {f"{module}.py": node, f"test_{module}.py": test}
 
 
-def _example(kind: type[Message]) -> str:
-    """Python text that makes a message of zeros."""
-    return f"{kind.__name__}({', '.join(f'{f.name}={_zero(f)}' for f in fields(kind))})"
+def _example(kind: type[Message], indent: int) -> str:
+    """Python text that makes a message of zeros, one field a line with its unit; fields with a default are left out."""
+    required = {field.name for field in msgspec.structs.fields(kind) if field.required}
+    lines = [f"{' ' * (indent + 4)}{f.name}={_zero(f)},  # [{f.unit}]\n" for f in fields(kind) if f.name in required]
+    return f"{kind.__name__}(\n{''.join(lines)}{' ' * indent})" if lines else f"{kind.__name__}()"
 
 
 def _zero(field: Field) -> str:
     if field.dtype is not None:
         shape = tuple(0 if isinstance(n, str) else n for n in field.shape)
-        return f"np.zeros({shape})"
+        return f"np.zeros({shape if len(shape) > 1 else shape[0]})"
     if field.shape:
         return f"({', '.join(['0.0'] * (0 if isinstance(field.shape[0], str) else field.shape[0]))})"
     return {bool: "False", int: "0", str: '""'}.get(field.type, "0.0")

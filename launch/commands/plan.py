@@ -81,8 +81,8 @@ def _running(found: Plan, placement: Placement) -> Any:
     table = Table(
         title=f"{found.graph.path.name}, {found.graph.rate:g} Hz", title_justify="left", box=None, pad_edge=False
     )
-    for column in ("", "node", "class", "every", "inputs (~ held)", "process"):
-        table.add_column(column, overflow="fold")
+    for column in ("", "node", "class", "inputs (~ held)", "process"):
+        table.add_column(column, overflow="fold", no_wrap=column in ("node", "class"))
     for name in (*found.order, *found.observers):
         spec = found.graph.nodes[name]
         if name in found.observers:
@@ -92,14 +92,8 @@ def _running(found: Plan, placement: Placement) -> Any:
             wires = ", ".join(f"{'~' * edge.loop}{edge.stream}" for edge in found.edges[name])
         group = placement.group_of(name)
         core = "" if group.core is None else f" (core {', '.join(map(str, group.core))})"
-        table.add_row(
-            Text("run", style="green"),
-            Text(name),
-            Text(spec.use),
-            str(spec.every),
-            Text(wires),
-            Text(group.name + core),
-        )
+        use = spec.use if spec.every == 1 else f"{spec.use}, every {spec.every}"
+        table.add_row(Text("run", style="green"), *map(Text, (name, use, wires, group.name + core)))
     return table
 
 
