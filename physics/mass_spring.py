@@ -37,6 +37,18 @@ def normal_force(forces, normal):
 
 
 @njit(cache=True)
+def mean_hardness(nodes, forces, normal, hardness):
+    """Mean of the factor on K over a load, weighted by the normal forces; 1 without load."""
+    total = weighted = 0.0
+    for i in range(nodes.size):
+        if 0 <= nodes[i] < hardness.size:
+            push = max(-(forces[i, 0] * normal[0] + forces[i, 1] * normal[1] + forces[i, 2] * normal[2]), 0.0)
+            total += push
+            weighted += push * hardness[nodes[i]]
+    return weighted / total if total > 0.0 else 1.0
+
+
+@njit(cache=True)
 def admit(node, where, active, state, count):
     """Slot of a node in the compact list, appended at rest where it is new; returns the slot and the count."""
     slot = where[node]
@@ -76,11 +88,14 @@ def take_load(nodes, forces, normal, areas, where, active, state, count):
 
 
 @njit(cache=True)
-def nodal_step(nodes, forces, normal, dt, law, areas, spans, first, neighbours, where, active, state, out, count):
+def nodal_step(
+    nodes, forces, normal, dt, law, hardness, areas, spans, first, neighbours, where, active, state, out, count
+):
     """One step of the nodal law; returns how many nodes are displaced.
 
     nodes (k), forces [N] (k,3)   the load; normal [1] (3): outward at the contact
     law      (6)     K [N/m^n], n, c [s/m], k_t [N/m], d_t [N s/m], shortest edge [m]
+    hardness (V)     factor on K of each node
     areas    (V)     nodal areas [m²];  spans, first, neighbours: edge lengths [m] and neighbours of each node
     where    (V)     slot of each node in the list, -1 outside;  active (V): node of each slot
     state    (V,10)  by slot: u [m], u_t [m] (3), the normal [1] (3) against which it was last pressed, load [N] (3)
@@ -101,7 +116,9 @@ def nodal_step(nodes, forces, normal, dt, law, areas, spans, first, neighbours, 
         state[slot, 3] *= keep
         if push > 0.0:
             scale = total / (areas[active[slot]] * peak)
-            state[slot, 0] = indentation(push * scale, dt, stiffness, exponent, damping, 0.0, u)
+            state[slot, 0] = indentation(
+                push * scale, dt, stiffness * hardness[active[slot]], exponent, damping, 0.0, u
+            )
             state[slot, 4], state[slot, 5], state[slot, 6] = nx, ny, nz
             scale *= gain
             state[slot, 1] += scale * (state[slot, 7] + push * nx)
@@ -213,7 +230,7 @@ class NodalBody:
     """The nodal law on a mesh.
 
     stiffness K [N/m^n], exponent n >= 1, damping c [s/m], tangential_stiffness k_t [N/m] > 0,
-    tangential_damping d_t [N s/m] >= 0
+    tangential_damping d_t [N s/m] >= 0, hardness (V) factor on K of each node
     """
 
     def __init__(
@@ -224,10 +241,12 @@ class NodalBody:
         damping: float,
         tangential_stiffness: float,
         tangential_damping: float,
+        hardness: np.ndarray | None = None,
     ) -> None:
         self.net = net = Net(mesh)
         law = np.array([stiffness, exponent, damping, tangential_stiffness, tangential_damping, net.shortest])
-        self._fixed = (law, net.areas, net.spans, net.first, net.neighbours)
+        hardness = np.ones(len(net.areas)) if hardness is None else np.ascontiguousarray(hardness, float)
+        self._fixed = (law, hardness, net.areas, net.spans, net.first, net.neighbours)
         self._list = (net.where, net.active, net.state, net.displacement)
 
     def step(self, nodes: np.ndarray, forces: np.ndarray, normal: tuple[float, float, float], dt: float):
