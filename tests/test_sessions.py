@@ -6,7 +6,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from pytest import approx
 
-from palpate.launch.sessions import SessionError, read_sessions
+from palpate.launch.fitting.sessions import SessionError, read_sessions
 
 HEAD = "subject,session,depth [mm],force [N]"
 

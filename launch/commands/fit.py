@@ -37,8 +37,8 @@ def fit(
     Five models of the force and of its standard deviation are compared by nine-fold cross-validation; the best go into
     a YAML file that the node contact.Probabilistic takes as its `model`.
     """
-    from palpate.launch.fitting import fit_sessions, write_example
-    from palpate.launch.sessions import SessionError
+    from palpate.launch.fitting.fit import fit_sessions, write_example
+    from palpate.launch.fitting.sessions import SessionError
 
     try:
         if example is not None:

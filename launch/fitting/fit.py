@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from rich.table import Table
 
-from palpate.launch.fit_report import (
+from palpate.launch.fitting.report import (
     Chosen,
     Fitted,
     choice_data,
@@ -20,7 +20,7 @@ from palpate.launch.fit_report import (
     model_tables,
     model_yaml,
 )
-from palpate.launch.sessions import SessionError, Subject, read_sessions
+from palpate.launch.fitting.sessions import SessionError, Subject, read_sessions
 from palpate.nodes.calibration import DEPTHS, LAWS, MODELS, FitError, choose, fit_curve, synthetic_sessions
 
 
@@ -152,7 +152,7 @@ def _fit_law(subject: Subject, law: str) -> Fitted:
 
 def _draw(folder: Path, chosen: list[Chosen], fitted: list[Fitted]) -> list[str]:
     try:
-        from palpate.launch.fit_pictures import draw_choice, draw_law
+        from palpate.launch.fitting.pictures import draw_choice, draw_law
     except ImportError:
         raise SessionError("--pictures: needs matplotlib; install it with pip install 'palpate[view]'") from None
     paths = []

@@ -9,7 +9,7 @@ from matplotlib import colormaps
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from palpate.launch.fit_report import Chosen, Fitted
+from palpate.launch.fitting.report import Chosen, Fitted
 from palpate.nodes.calibration import Fit, truncated_density, truncated_quantile
 
 

@@ -12,7 +12,7 @@ import yaml
 from rich.markup import escape
 from rich.table import Table
 
-from palpate.launch.sessions import Subject
+from palpate.launch.fitting.sessions import Subject
 from palpate.nodes.calibration import MODELS, Choice, Fit, law_settings
 
 
