@@ -1,0 +1,302 @@
+"""The beam bundle: a fingertip as parallel viscoelastic beams between nail and skin, pressed on a plate and slid.
+
+Beams stand along the plate's normal on a square grid; each carries the cell of the grid. Depth d of the fingertip
+shortens beam i by d - z_i, z_i being the height of its skin end at first touch. Normal force: the Voigt chain of the
+beam (`voigt`) times the cell. Lateral force: an elastic spring per beam, in shear as beams confine one another
+(1/k = sum L_j / (G_j A)), or that of a lone cantilever (3 E I / L^3). Skin ends are coupled by the sheet (`skin`) and
+held to the plate by friction (`stick_slip`). What is stated and what assumed: docs/equations/beam-bundle.md.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+
+from palpate.physics.materials import SKIN, TISSUE, Material
+from palpate.physics.skin import Sheet, assemble, grid_triangles, sheet
+from palpate.physics.stick_slip import stick_slip, workspace
+from palpate.physics.voigt import STRAIN_LIMIT, chain_compliance, chain_strain_step
+
+LATERAL = ("shear", "cantilever")
+SHORTEST_STEP = 1e-5
+"""[s] A shorter step is computed as this long: the force of a damper over no time has no bound."""
+FADE = 0.03
+"""[1] Static strain of the softest element at whose pressure a node acts fully on the sheet. Below it the node's part
+falls with the cube of the pressure: the sheet is some forty times stiffer than a beam, so a linear fade acts as a switch."""
+
+
+@dataclass(frozen=True)
+class Bundle:
+    """Beams on a square grid, all that touch at the largest depth.
+
+    points       [m]     (N,2)  skin ends in the plate's plane
+    heights      [m]     (N)    of the skin ends over the plate at first touch; the smallest is 0
+    lengths      [m]     (N,h)  of the elements, from the skin inwards; 0 where a beam lacks one
+    moduli       [Pa]    (h)    viscosities [Pa s] (h)
+    lateral      [N/m]   (N)    lateral stiffness of each beam
+    cell         [m²]    ()     area that a beam stands for
+    sheet                       the skin's triangles; none act where its thickness is 0
+    retardation  [s]     ()     viscosity / modulus of the sheet
+    """
+
+    points: np.ndarray
+    heights: np.ndarray
+    lengths: np.ndarray
+    moduli: np.ndarray
+    viscosities: np.ndarray
+    lateral: np.ndarray
+    cell: float
+    sheet: Sheet
+    retardation: float
+
+    @property
+    def reach(self) -> np.ndarray:
+        """Largest shortening of each beam [m] (N): its softest element then stands at the strain limit."""
+        present = self.lengths > 0
+        softest = np.where(present, self.moduli, np.inf).min(axis=1, keepdims=True)
+        return STRAIN_LIMIT * (self.lengths * softest / self.moduli).sum(axis=1)
+
+
+def bundle(
+    index,
+    pitch: float,
+    heights,
+    lengths,
+    materials: tuple[Material, ...] = (TISSUE,),
+    lateral: str = "shear",
+    lateral_elements: int | None = None,
+    skin: float = 0.0,
+    skin_material: Material = SKIN,
+) -> Bundle:
+    """The bundle of beams at grid places `index` (N,2) int, at a pitch [m].
+
+    heights           [m]  (N)    of the skin ends; any origin
+    lengths           [m]  (N,h)  of the elements, from the skin inwards, one column per material, 0 where absent
+    lateral           "shear" or "cantilever"
+    lateral_elements  how many columns bend, from the skin on; bone ends what bends. None: all
+    skin              [m]  thickness of the sheet; 0: none
+
+    ValueError: no beams, a beam without length or a lateral law that does not exist.
+    """
+    index = np.asarray(index, dtype=np.int64).reshape(-1, 2)
+    heights, lengths = np.asarray(heights, float), np.asarray(lengths, float)
+    if lateral not in LATERAL:
+        raise ValueError(f"lateral: found {lateral!r}, expected one of {', '.join(LATERAL)}")
+    if len(index) == 0:
+        raise ValueError("bundle: found no beams; a larger depth or a smaller pitch gives some")
+    if lengths.shape != (len(index), len(materials)):
+        raise ValueError(
+            f"lengths: found shape {lengths.shape}, expected {(len(index), len(materials))}: beams, materials"
+        )
+    long, short = (0, 1) if np.ptp(index[:, 0]) >= np.ptp(index[:, 1]) else (1, 0)
+    order = np.lexsort((index[:, short], index[:, long]))  # neighbours close in number keep the solver's band narrow
+    index, heights, lengths = index[order], heights[order] - heights.min(), lengths[order]
+    cell = pitch * pitch
+    bends = lengths[:, :lateral_elements]
+    if np.any(lengths < 0) or np.any(bends.sum(axis=1) <= 0) or not np.all(np.isfinite(lengths)):
+        bad = int(np.argmin(np.nan_to_num(bends).sum(axis=1)))
+        raise ValueError(f"beam {bad}: lengths {lengths[bad]} m, expected >= 0 and some of it soft")
+    shear = np.array([m.shear_modulus for m in materials])[: bends.shape[1]]
+    moduli = np.array([m.modulus for m in materials])
+    if lateral == "shear":
+        stiffness = cell / (bends / shear).sum(axis=1)
+    else:
+        length = bends.sum(axis=1)
+        mean = length / (bends / moduli[: bends.shape[1]]).sum(axis=1)
+        stiffness = 3 * mean * (math.pi * pitch**4 / 64) / length**3
+    points = index * pitch
+    triangles = grid_triangles(index) if skin > 0 else np.zeros((0, 3), dtype=np.int64)
+    return Bundle(
+        points=points,
+        heights=heights,
+        lengths=lengths,
+        moduli=moduli,
+        viscosities=np.array([m.viscosity for m in materials]),
+        lateral=stiffness,
+        cell=cell,
+        sheet=sheet(points, triangles, skin_material.modulus, skin_material.poisson, skin),
+        retardation=skin_material.relaxation,
+    )
+
+
+def dome(radius: float, length: float, pitch: float, depth: float, material: Material = TISSUE, **more) -> Bundle:
+    """A paraboloid of the given radius [m] on beams of one length [m] and one material, meshed to a depth [m].
+
+    Without relaxation and sheet it has closed forms: F_n = (E / L) pi R d^2, and F_t / (mu F_n) = 1 - (1 - s/s_g)^2
+    with s_g = 2 (1 + nu) mu d. `more` as in `bundle`.
+    """
+    n = int(math.sqrt(2 * radius * depth) / pitch) + 2
+    index = np.stack(np.meshgrid(np.arange(-n, n + 1), np.arange(-n, n + 1), indexing="ij"), -1).reshape(-1, 2)
+    heights = (index**2).sum(axis=1) * pitch**2 / (2 * radius)
+    touches = heights < depth
+    index, heights = index[touches], heights[touches]
+    return bundle(index, pitch, heights, np.full((len(index), 1), length), (material,), **more)
+
+
+class State:
+    """What a bundle remembers, and its last answers; made at rest, out of contact.
+
+    strains   [1]  (N,h)  of the elements
+    deflection[m]  (N,2)  of the skin ends against the bone, in the plate's plane
+    normal    [N]  (N)    force of the plate on each
+    tangent   [N]  (N,2)  friction of the plate on each
+    slip      [m]  (N,2)  over the plate in the last step
+    path      [m]  (N)    slipped since first touch: the localized displacement
+    slipping  [1]  (N)    bool, slides over the plate in the last step
+    first     [s]  (N)    time of first slip since first touch; -1 where it has not slipped
+    summary        (8)    see SUMMARY
+    """
+
+    def __init__(self, body: Bundle) -> None:
+        count, h = body.lengths.shape
+        self.strains = np.zeros((count, h))
+        self.deflection = np.zeros((count, 2))
+        self.normal = np.zeros(count)
+        self.tangent = np.zeros((count, 2))
+        self.slip = np.zeros((count, 2))
+        self.path = np.zeros(count)
+        self.slipping = np.zeros(count, dtype=np.bool_)
+        self.first = np.full(count, -1.0)
+        self.summary = np.zeros(len(SUMMARY))
+        self.time = 0.0
+        self._length = body.lengths.sum(axis=1)
+        self._shares = body.lengths / self._length[:, None]
+        self._reach = body.reach
+        self._pressure = FADE * float(np.min(body.moduli))
+        self._work = (
+            np.zeros((len(body.sheet.columns), 2, 2)),
+            np.zeros((count, 2)),
+            np.zeros((count, 2)),
+            np.zeros(count),
+            np.zeros(count),
+            *workspace(count, body.sheet.band),
+        )
+
+
+SUMMARY = ("contacts", "slips", "clamped", "tangent_stiffness", "free_depth", "rounds", "residual", "last_step")
+
+
+def step(
+    body: Bundle,
+    state: State,
+    depth: float,
+    shift: tuple[float, float],
+    friction: float,
+    dt: float,
+    tolerance: float = 1e-6,
+    most: int = 50,
+) -> np.ndarray:
+    """Move the fingertip to a depth [m] and by a shift [m] along the plate in dt [s]; force of the plate on it [N] (3).
+
+    The state is changed in place. The normal force never pulls; the tangential force never passes friction times the
+    normal one. A depth beyond a beam's reach is held there and counted (`state.summary[2]`). For dt <= 0 no time
+    passes: nothing changes. The solver takes at most `most` rounds; rounds and residual are in the summary.
+    """
+    s, w, sh = state, state._work, body.sheet
+    force = np.empty(3)
+    state.time = _step(
+        body.heights, s._length, s._shares, s._reach, body.moduli, body.viscosities, body.lateral, body.cell,
+        s._pressure,
+        sh.rows, sh.columns, sh.diagonal, sh.band, sh.triangles, sh.blocks, sh.slots, body.retardation,
+        s.strains, s.deflection, s.normal, s.tangent, s.slip, s.path, s.slipping, s.first, s.summary,
+        w[0], w[1], w[2], w[3], w[4], w[5], w[6], w[7], w[8],
+        depth, shift[0], shift[1], friction, dt, s.time, tolerance, most, force,
+    )  # fmt: skip
+    return force
+
+
+@numba.njit(cache=True)
+def _step(
+    heights, length, shares, reach, moduli, viscosities, lateral, cell, fade,
+    rows, columns, diagonal, band, triangles, blocks, slots, retardation,
+    strains, deflection, normal, tangent, slip, path, slipping, first, summary,
+    matrix, trial, plate, limit, weight, place, nodes, upper, newton,
+    depth, shift_x, shift_y, friction, dt, time, tolerance, most, force,
+):  # fmt: skip
+    count = heights.shape[0]
+    if dt > 0.0:
+        dt = max(dt, SHORTEST_STEP)
+        time += dt
+        ratio = dt / summary[7] if summary[7] > 0.0 else 0.0
+        summary[:] = 0.0
+        summary[7] = dt
+        summary[4] = np.inf
+        for i in range(count):
+            wanted = depth - heights[i]
+            if wanted > reach[i]:
+                wanted = reach[i]
+                summary[2] += 1.0
+            dent = 0.0
+            for j in range(moduli.shape[0]):
+                rate = viscosities[j] / dt
+                dent += shares[i, j] * rate * strains[i, j] / (moduli[j] + rate)
+            summary[4] = min(summary[4], heights[i] + dent * length[i])
+            pressure = chain_strain_step(strains[i], moduli, viscosities, shares[i], wanted / length[i], dt)
+            normal[i] = pressure * cell
+            limit[i] = friction * normal[i]
+            weight[i] = min(pressure / fade, 1.0) ** 3
+            if pressure > 0.0:
+                summary[0] += 1.0
+                compliance = chain_compliance(moduli, viscosities, shares[i], dt)
+                summary[3] += cell / (length[i] * compliance)
+            else:
+                path[i], first[i] = 0.0, -1.0
+        _friction_step(
+            lateral, rows, columns, diagonal, band, triangles, blocks, slots, retardation,
+            deflection, normal, tangent, slip, path, slipping, first, summary,
+            matrix, trial, plate, limit, weight, place, nodes, upper, newton,
+            shift_x, shift_y, dt, time, ratio, tolerance, most,
+        )  # fmt: skip
+    force[:] = 0.0
+    for i in range(count):
+        force[0] += tangent[i, 0]
+        force[1] += tangent[i, 1]
+        force[2] += normal[i]
+    return time
+
+
+@numba.njit(cache=True)
+def _friction_step(
+    lateral, rows, columns, diagonal, band, triangles, blocks, slots, retardation,
+    deflection, normal, tangent, slip, path, slipping, first, summary,
+    matrix, trial, plate, limit, weight, place, nodes, upper, newton,
+    shift_x, shift_y, dt, time, ratio, tolerance, most,
+):  # fmt: skip
+    # With all nodes stuck the deflection would be u_s = u - shift. Elastic and viscous forces of the sheet in the step
+    # are K u_new + (tau/dt) K (u_new - u); a common shift strains nothing, so r = -k u_s - K u.
+    count = lateral.shape[0]
+    viscous = 1.0 + retardation / dt
+    assemble(matrix, triangles, blocks, slots, weight, viscous)
+    for i in range(count):
+        x, y = -lateral[i] * (deflection[i, 0] - shift_x), -lateral[i] * (deflection[i, 1] - shift_y)
+        for s in range(rows[i], rows[i + 1]):
+            j = columns[s]
+            x -= (matrix[s, 0, 0] * deflection[j, 0] + matrix[s, 0, 1] * deflection[j, 1]) / viscous
+            y -= (matrix[s, 1, 0] * deflection[j, 0] + matrix[s, 1, 1] * deflection[j, 1]) / viscous
+        trial[i, 0], trial[i, 1] = x, y
+        slip[i, 0] *= ratio
+        slip[i, 1] *= ratio
+    for i in range(count):
+        matrix[diagonal[i], 0, 0] += lateral[i]
+        matrix[diagonal[i], 1, 1] += lateral[i]
+    rounds, residual = stick_slip(
+        rows, columns, diagonal, matrix, trial, limit, slip, plate, band, place, nodes, upper, newton, tolerance, most
+    )
+    for i in range(count):
+        deflection[i, 0] += slip[i, 0] - shift_x
+        deflection[i, 1] += slip[i, 1] - shift_y
+        # An answer that stopped early may pass the limit by its residual; the force that is sent never does.
+        size = math.hypot(plate[i, 0], plate[i, 1])
+        part = -limit[i] / size if size > limit[i] else -1.0
+        tangent[i, 0], tangent[i, 1] = part * plate[i, 0], part * plate[i, 1]
+        way = math.hypot(slip[i, 0], slip[i, 1])
+        slipping[i] = normal[i] > 0.0 and way > 0.0
+        if slipping[i]:
+            path[i] += way
+            summary[1] += 1.0
+            if first[i] < 0.0:
+                first[i] = time
+    summary[5], summary[6] = rounds, residual
