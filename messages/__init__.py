@@ -16,6 +16,7 @@ from palpate.messages.base import (
 )
 from palpate.messages.contact import Contact, Friction, Load, Proximity
 from palpate.messages.device import DeviceState, Force, Pose, Torque
+from palpate.messages.slip import Slip
 from palpate.messages.tissue import Surface
 
 __all__ = [
@@ -31,6 +32,7 @@ __all__ = [
     "MessageError",
     "Pose",
     "Proximity",
+    "Slip",
     "Surface",
     "Torque",
     "Vector",

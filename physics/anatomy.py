@@ -45,7 +45,7 @@ class Anatomy:
     shaft: float = 0.0025
     tuft: float = 0.0012
     bone_depth: float = 0.0020
-    bone_height: float = 0.0010
+    bone_height: float = 0.0004
     bone_shift: float = 0.0006
 
     def axes(self, name: str, y):
@@ -91,5 +91,7 @@ class Anatomy:
         low = np.array([-self.width / 2 - margin, -margin, -self.palmar - self.bulge - margin])
         high = np.array([self.width / 2 + margin, self.length, self.dorsal + margin])
         count = np.ceil((high - low) / spacing).astype(int) + 1
-        grid = np.stack(np.meshgrid(*(a + spacing * np.arange(n) for a, n in zip(low, count, strict=True)), indexing="ij"), -1)
+        grid = np.stack(
+            np.meshgrid(*(a + spacing * np.arange(n) for a, n in zip(low, count, strict=True)), indexing="ij"), -1
+        )
         return Fingertip(low, np.full(3, spacing), *(self.level(k, grid) for k in ("skin", "tissue", "bone")))

@@ -1,8 +1,8 @@
 """A bed of beams under a surface: the body that a fingertip presses, under given nodal forces.
 
 Below each vertex of the surface stands a beam along its normal, as long as the layers are thick, with the vertex's area
-as its section. Layers are Voigt elements in series (`voigt`), so a nodal force steps its beam alone, whatever the others
-do. Laterally a beam is an elastic spring in shear, A / sum(L/G). Layers stop at the strain limit.
+as its section. Layers are Voigt elements in series (`voigt`), so a nodal force steps its beam alone, whatever the
+others do. Laterally a beam is an elastic spring in shear, A / sum(L/G). Layers stop at the strain limit.
 
 The indentation that the contact sees is the one conjugate to the force: with forces w_j f on nodes that move by u_j
 along the contact's inward normal, s = sum_j w_j u_j, so that f ds is exactly the work done on the beams.
@@ -42,7 +42,9 @@ class Bed:
         self, vertices, normals, areas, layers: tuple[float, ...], materials: tuple[Material, ...], radius: float
     ) -> None:
         if len(layers) != len(materials) or not layers:
-            raise ValueError(f"layers: found {len(layers)} thicknesses and {len(materials)} materials, expected as many")
+            raise ValueError(
+                f"layers: found {len(layers)} thicknesses and {len(materials)} materials, expected as many"
+            )
         if not all(0 < t < math.inf for t in layers) or not 0 < radius < math.inf:
             raise ValueError(f"layers: found {layers} m and a radius of {radius} m, expected all > 0")
         self.vertices, self.normals = np.ascontiguousarray(vertices, float), np.ascontiguousarray(normals, float)
@@ -80,8 +82,10 @@ class Bed:
 
         IndexError: a node that the surface does not have.
         """
-        if len(nodes) and not (0 <= nodes.min() and nodes.max() < len(self.vertices)):
-            raise IndexError(f"found node {int(nodes.max())}, the surface has {len(self.vertices)} vertices")
+        if len(nodes) and (nodes.min() < 0 or nodes.max() >= len(self.vertices)):
+            raise IndexError(
+                f"found nodes {nodes.min()} ... {nodes.max()}, the surface has {len(self.vertices)} vertices"
+            )
         if dt > 0:
             self._law[:] = self._rest
             self.count = _bed_step(

@@ -25,7 +25,7 @@ SHORTEST_STEP = 1e-5
 """[s] A shorter step is computed as this long: the force of a damper over no time has no bound."""
 FADE = 0.03
 """[1] Static strain of the softest element at whose pressure a node acts fully on the sheet. Below it the node's part
-falls with the cube of the pressure: the sheet is some forty times stiffer than a beam, so a linear fade acts as a switch."""
+falls with the cube of pressure: the sheet is some forty times stiffer than a beam, so a linear fade acts as a switch."""
 
 
 @dataclass(frozen=True)
@@ -147,7 +147,9 @@ class State:
     path      [m]  (N)    slipped since first touch: the localized displacement
     slipping  [1]  (N)    bool, slides over the plate in the last step
     first     [s]  (N)    time of first slip since first touch; -1 where it has not slipped
-    summary        (8)    see SUMMARY
+    summary        (9)    as SUMMARY names: nodes in contact and sliding, beams held at their reach, rounds and residual
+                          of the solver, length of the step [s]; and of a next step of the same length at the same
+                          depth its stiffness [N/m], its depth of first touch [m] and its force [N]
     """
 
     def __init__(self, body: Bundle) -> None:
@@ -176,7 +178,9 @@ class State:
         )
 
 
-SUMMARY = ("contacts", "slips", "clamped", "tangent_stiffness", "free_depth", "rounds", "residual", "last_step")
+SUMMARY = (
+    "contacts", "slips", "clamped", "next_stiffness", "next_touch", "rounds", "residual", "last_step", "next_force",
+)  # fmt: skip
 
 
 def step(
@@ -223,27 +227,32 @@ def _step(
         ratio = dt / summary[7] if summary[7] > 0.0 else 0.0
         summary[:] = 0.0
         summary[7] = dt
-        summary[4] = np.inf
+        summary[4], lowest = np.inf, 0.0
         for i in range(count):
             wanted = depth - heights[i]
             if wanted > reach[i]:
                 wanted = reach[i]
                 summary[2] += 1.0
-            dent = 0.0
-            for j in range(moduli.shape[0]):
-                rate = viscosities[j] / dt
-                dent += shares[i, j] * rate * strains[i, j] / (moduli[j] + rate)
-            summary[4] = min(summary[4], heights[i] + dent * length[i])
             pressure = chain_strain_step(strains[i], moduli, viscosities, shares[i], wanted / length[i], dt)
             normal[i] = pressure * cell
             limit[i] = friction * normal[i]
             weight[i] = min(pressure / fade, 1.0) ** 3
             if pressure > 0.0:
                 summary[0] += 1.0
-                compliance = chain_compliance(moduli, viscosities, shares[i], dt)
-                summary[3] += cell / (length[i] * compliance)
             else:
                 path[i], first[i] = 0.0, -1.0
+            stiffness = cell / (length[i] * chain_compliance(moduli, viscosities, shares[i], dt))
+            touch = heights[i]
+            for j in range(moduli.shape[0]):
+                damping = viscosities[j] / dt
+                touch += length[i] * shares[i, j] * damping * strains[i, j] / (moduli[j] + damping)
+            if touch < summary[4]:
+                summary[4], lowest = touch, stiffness
+            if touch < depth:
+                summary[3] += stiffness
+                summary[8] += stiffness * (min(depth, heights[i] + reach[i]) - touch)
+        if summary[3] == 0.0:
+            summary[3] = lowest
         _friction_step(
             lateral, rows, columns, diagonal, band, triangles, blocks, slots, retardation,
             deflection, normal, tangent, slip, path, slipping, first, summary,

@@ -57,7 +57,9 @@ class Fingertip:
             with np.load(path) as found:
                 missing = [k for k in FIELDS if k not in found]
                 if missing:
-                    raise FingertipError(f"{path}: no {', '.join(missing)} in it; `palpate fingertip` writes such files")
+                    raise FingertipError(
+                        f"{path}: no {', '.join(missing)} in it; `palpate fingertip` writes such files"
+                    )
                 tip = Fingertip(*(np.asarray(found[k], float) for k in FIELDS))
         except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
             if isinstance(error, FingertipError):
@@ -179,21 +181,21 @@ def fill(
     if np.any(top - bottom <= depth):
         thin = int(np.argmin(top - bottom))
         raise FingertipError(
-            f"fill: {float((top - bottom)[thin]) * 1e3:.2f} mm between skin and nail at {pitch * 1e3 * index[thin]} mm, "
+            f"fill: {float((top - bottom)[thin]) * 1e3:.2f} mm between skin and nail at {pitch * 1e3 * index[thin]}, "
             f"not more than the depth of {depth * 1e3:.2f} mm. A smaller depth or a smaller angle would do."
         )
     return bundle(index, pitch, height[touches], lengths, materials, lateral, 2, skin, skin_material)
 
 
 def _lowest(tip: Fingertip, angle: float, depth: float) -> tuple[np.ndarray, np.ndarray]:
-    """The lowest point (3) of the skin over the plate, to a tenth of the grid, and a box (2,2) in the plate's plane that
-    holds all that lies less than `depth` above it; metres."""
+    """The lowest point (3) of the skin over the plate, to a tenth of the grid, and a box (2,2) in the plate's plane
+    that holds all that lies less than `depth` above it; metres."""
     size = (np.array(tip.skin.shape) - 1) * tip.spacing
     corners = tip.origin + np.stack(np.meshgrid(*[(0, 1)] * 3, indexing="ij"), -1).reshape(-1, 3) * size
     plane = corners @ plate_axes(angle)[:2].T
     low, high = plane.min(axis=0), plane.max(axis=0)
     step = float(tip.spacing.max())
-    box = None
+    box = np.zeros((0, 2))
     best = np.zeros(3)
     for _ in range(3):
         x, y = np.meshgrid(*(np.arange(a, b + step / 2, step) for a, b in zip(low, high, strict=True)), indexing="ij")
@@ -202,7 +204,7 @@ def _lowest(tip: Fingertip, angle: float, depth: float) -> tuple[np.ndarray, np.
             raise FingertipError("fill: the surface has no inside; expected distances below 0 in the finger")
         k = np.unravel_index(np.nanargmin(bottom), bottom.shape)
         best = np.array([x[k], y[k], bottom[k]])
-        if box is None:
+        if not len(box):
             near = bottom < best[2] + depth
             box = np.array([[x[near].min(), y[near].min()], [x[near].max(), y[near].max()]]) + [[-step], [step]]
         low, high, step = best[:2] - step, best[:2] + step, step / 4
