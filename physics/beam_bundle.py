@@ -25,7 +25,7 @@ SHORTEST_STEP = 1e-5
 """[s] A shorter step is computed as this long: the force of a damper over no time has no bound."""
 FADE = 0.03
 """[1] Static strain of the softest element at whose pressure a node acts fully on the sheet. Below it the node's part
-falls with the cube of pressure: the sheet is some forty times stiffer than a beam, so a linear fade acts as a switch."""
+falls with the cube of pressure: the sheet is forty times stiffer than a beam, so a linear fade acts as a switch."""
 
 
 @dataclass(frozen=True)

@@ -39,7 +39,7 @@ def test_the_hand_presses_holds_and_slides_at_the_given_speeds():
 
 
 def test_the_dome_has_its_closed_force_and_lets_go_from_the_rim(dome_run):
-    contact, friction, slip, surface = dome_run[690]
+    contact, friction, slip, _ = dome_run[690]
     assert contact.force == approx(0.861, abs=5e-4) and friction.force == (0, 0, 0)
     assert slip.contacts == 69 and slip.fraction == 0 and slip.front == approx(np.sqrt(69 / np.pi) * 1.2e-3)
     contact, friction, slip, _ = dome_run[-1]
