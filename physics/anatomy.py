@@ -58,7 +58,7 @@ class Anatomy:
             depth = self.bone_depth * (1 + 0.15 * tuft + 0.5 * base)
             return self.shaft + self.tuft * tuft + 1.1 * self.shaft * base, depth, depth, self.bone_start, self.bone_cap
         less = self.skin if name == "tissue" else 0.0
-        palmar = self.palmar + self.bulge * np.exp(-(((y - self.cap) / 7e-3) ** 2))
+        palmar = self.palmar + self.bulge * np.exp(-(((y - self.cap) / 9e-3) ** 2))
         one = np.ones_like(y)
         return one * (self.width / 2 - less), palmar - less, one * (self.dorsal - less), less, self.cap - less
 
