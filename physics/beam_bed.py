@@ -16,10 +16,9 @@ import numba
 import numpy as np
 
 from palpate.physics.materials import Material
+from palpate.physics.terminal import LEAST_FORCE, fit_terminal
 from palpate.physics.voigt import STRAIN_LIMIT, chain_stress_step
 
-LEAST_FORCE = 1e-3
-"""[N] The response is told at this force where the contact is lighter."""
 NO_FORCE = 1e-9
 """[N] A force below this is none: how it is spread says nothing."""
 STILL = 1e-9
@@ -194,10 +193,7 @@ def _response(
     nodes, normal, dt, normals, areas, length, shares, moduli, viscosities, softness, strains, displacement, force,
     weight, share, total, chain, law,
 ):  # fmt: skip
-    """The law of the next step, of the same length, at the present force: K, n, free and present indentation.
-
-    n = k (s - s_free) / f held in [1, 3] and K = f / (s - s_free)^n, from the next step's indentation s and tangent k.
-    """
+    """The law of the next step, of the same length, at the present force: K, n, free and present indentation."""
     if not share:
         return
     free = deep = previous = compliance = 0.0
@@ -231,7 +227,6 @@ def _response(
     if total > 0.0 and total < least:
         # Lighter than the least force: the linear response, carried up to it.
         deep = free + (deep - free) * least / total
-    compliance = max(compliance, LEAST_COMPLIANCE)
-    depth = max(deep - free, LEAST_COMPLIANCE * least)
-    n = min(max(depth / (compliance * least), 1.0), 3.0)
-    law[0], law[1], law[2], law[3] = least / depth**n, n, free, previous
+    slope = 1.0 / max(compliance, LEAST_COMPLIANCE)
+    law[0], law[1] = fit_terminal(free, max(deep, free + least / slope), slope, least)
+    law[2], law[3] = free, previous

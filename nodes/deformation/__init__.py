@@ -1,5 +1,7 @@
-"""Deformable bodies: each takes `Load` and sends `Surface` with its terminal law, so one line swaps them."""
+"""Deformable bodies. Each takes `Load`, sends `Surface`, and can stand in for any other."""
 
 from palpate.nodes.deformation.beam_bundle import BeamBundle
+from palpate.nodes.deformation.mass_spring import MassSpring
+from palpate.nodes.deformation.rigid import Rigid
 
-__all__ = ["BeamBundle"]
+__all__ = ["BeamBundle", "MassSpring", "Rigid"]

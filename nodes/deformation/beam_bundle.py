@@ -7,22 +7,19 @@ from typing import Annotated
 import msgspec
 import numpy as np
 
-from palpate.messages import Load, Surface, Vector, Vector3
-from palpate.nodes.base import Node, SettingError
-from palpate.nodes.surface import surface_mesh
+from palpate.messages import Load, Surface, Vector
+from palpate.nodes.base import SettingError
+from palpate.nodes.surface import OnSurface
 from palpate.physics.beam_bed import Bed
 from palpate.physics.materials import SKIN, TISSUE, Material
 
 
-class BeamBundle(Node):
+class BeamBundle(OnSurface):
     """Beams of viscoelastic layers below each vertex of a surface (docs/equations/beam-bundle.md).
 
     Layers are listed from the surface inwards. The terminal law is that of the next implicit step.
     """
 
-    surface: Annotated[str, "1"] = "plane"
-    vertices: Annotated[int, "1", msgspec.Meta(ge=4)] = 10_000
-    position: Annotated[Vector3, "m"] = (0.0, 0.0, 0.0)
     layers: Annotated[Vector, "m"] = (1e-3, 9e-3)
     """Thickness of each layer."""
     moduli: Annotated[Vector, "Pa"] = (SKIN.modulus, TISSUE.modulus)
@@ -44,7 +41,7 @@ class BeamBundle(Node):
                 f"layers {self.layers} m, moduli {self.moduli} Pa, relaxations {self.relaxations} s: "
                 f"expected thicknesses and moduli > 0, relaxations >= 0"
             )
-        mesh = surface_mesh(self.surface, self.vertices, self.position)
+        mesh = self.mesh()
         materials = tuple(
             Material(modulus, relaxation, self.poisson)
             for modulus, relaxation in zip(self.moduli, self.relaxations, strict=True)
