@@ -11,7 +11,7 @@ import numpy as np
 from palpate.messages import Contact, Friction, Pose, Slip, Surface, Vector3
 from palpate.nodes.base import Node, SettingError
 from palpate.physics.anatomy import Anatomy
-from palpate.physics.beam_bundle import SUMMARY, Bundle, State, dome, step
+from palpate.physics.beam_bundle import FARTHEST, SHORTEST_STEP, SUMMARY, Bundle, State, dome, step
 from palpate.physics.fingertip import Fingertip, FingertipError, fill
 from palpate.physics.materials import BONE, SKIN, TISSUE, Material
 
@@ -125,9 +125,9 @@ class BundleContact(Node):
         rate = 0.0
         if dt > 0:
             last = self.before or pose.position
-            depth = self.thickness + self.plate - z
+            depth = min(max(self.thickness + self.plate - z, -FARTHEST), FARTHEST)
             shift = (x - last[0], y - last[1])
-            rate = (max(depth, 0.0) - max(self.depth, 0.0)) / dt
+            rate = (max(depth, 0.0) - max(self.depth, 0.0)) / max(dt, SHORTEST_STEP)
             self.before, self.depth = pose.position, depth
             self.reaction = step(self.bundle, self.state, depth, shift, self.friction, dt, most=self.rounds)
             if self.state.summary[CONTACTS] == 0:

@@ -21,6 +21,8 @@ from palpate.physics.voigt import STRAIN_LIMIT, chain_stress_step
 
 NO_FORCE = 1e-9
 """[N] A force below this is none: how it is spread says nothing."""
+LARGEST_FORCE = 1e6
+"""[N] On a node; a larger one counts as this, so that sums stay finite."""
 STILL = 1e-9
 """[1] An unloaded beam whose strains are all below this is at rest."""
 LEAST_COMPLIANCE = 1e-9
@@ -85,6 +87,8 @@ class Bed:
             raise IndexError(
                 f"found nodes {nodes.min()} ... {nodes.max()}, the surface has {len(self.vertices)} vertices"
             )
+        if forces.size and (forces.max() > LARGEST_FORCE or forces.min() < -LARGEST_FORCE):
+            forces = np.clip(forces, -LARGEST_FORCE, LARGEST_FORCE)
         if dt > 0:
             self._law[:] = self._rest
             self.count = _bed_step(

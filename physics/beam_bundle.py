@@ -21,6 +21,8 @@ from palpate.physics.stick_slip import stick_slip, workspace
 from palpate.physics.voigt import STRAIN_LIMIT, chain_compliance, chain_strain_step
 
 LATERAL = ("shear", "cantilever")
+FARTHEST = 1.0
+"""[m] A longer shift is computed as this long: all slips long before, and more digits would be lost than kept."""
 SHORTEST_STEP = 1e-5
 """[s] A shorter step is computed as this long: the force of a damper over no time has no bound."""
 FADE = 0.03
@@ -200,6 +202,9 @@ def step(
     passes: nothing changes. The solver takes at most `most` rounds; rounds and residual are in the summary.
     """
     s, w, sh = state, state._work, body.sheet
+    far = math.hypot(*shift)
+    if far > FARTHEST:
+        shift = (shift[0] * (FARTHEST / far), shift[1] * (FARTHEST / far))
     force = np.empty(3)
     state.time = _step(
         body.heights, s._length, s._shares, s._reach, body.moduli, body.viscosities, body.lateral, body.cell,

@@ -14,8 +14,9 @@ from palpate.physics.voigt import STRAIN_LIMIT
 UP = (0.0, 0.0, 1.0)
 COUNT = 2601
 MESH = surface_mesh("plane", COUNT)
-ELASTIC = dict(vertices=COUNT, layers=(1e-3, 9e-3), moduli=(1.36e5, 3.4e4), relaxations=(0.0, 0.0))
-SOFT = dict(vertices=COUNT)
+PLANE = dict(surface="plane", vertices=COUNT, position=(0.0, 0.0, 0.0))
+ELASTIC = dict(**PLANE, layers=(1e-3, 9e-3), moduli=(1.36e5, 3.4e4), relaxations=(0.0, 0.0))
+SOFT = PLANE
 RADIUS = 8e-3
 COMPLIANCE = 1e-3 / 1.36e5 + 9e-3 / 3.4e4
 
@@ -142,6 +143,13 @@ def test_layers_stop_at_the_strain_limit_and_say_so():
         assert surface.clamped > 0 and 1 <= surface.exponent <= 3
 
 
+@pytest.mark.parametrize("size", [1e-300, 1e-12, 1e6, 1e300])
+def test_any_finite_load_gives_a_finite_answer(size):
+    bus = FakeBus(BeamBundle(**SOFT))
+    for surface in bus.publish(load(size), load(0.0), load(size, tangent=(size, -size)), load(-size), load(0.3)):
+        assert 0 < surface.stiffness < np.inf and 1 <= surface.exponent <= 3
+
+
 def test_duplicate_and_reordered_messages_do_no_harm():
     bus = FakeBus(BeamBundle(**SOFT))
     first = bus.publish(*[load(0.3)] * 3)[-1]
@@ -170,7 +178,7 @@ def test_the_same_inputs_give_the_same_bytes():
         (dict(layers=(1e-3, 0.0)), "> 0"),
         (dict(moduli=(0.0, 1e4)), "> 0"),
         (dict(relaxations=(-1.0, 0.0)), ">= 0"),
-        (dict(surface="cube"), "unknown"),
+        (dict(surface="cube"), "cube"),
     ],
 )
 def test_wrong_settings_are_refused_at_the_start(given, text):
@@ -180,4 +188,4 @@ def test_wrong_settings_are_refused_at_the_start(given, text):
 
 def test_a_load_of_another_mesh_is_refused_with_what_to_do():
     with pytest.raises(SettingError, match="the same surface"):
-        FakeBus(BeamBundle(vertices=16)).publish(load(0.1))
+        FakeBus(BeamBundle(surface="plane", vertices=16)).publish(load(0.1))

@@ -124,6 +124,19 @@ def test_duplicates_reordered_and_late_messages_do_no_harm():
         assert 0 <= np.hypot(*friction.force[:2]) <= 0.7 * contact.force * (1 + 1e-9)
 
 
+@pytest.mark.parametrize("dt", [1e-9, 1e-3, 10.0])
+def test_wild_poses_give_finite_bounded_answers(dt):
+    random = np.random.default_rng(3)
+    bus = FakeBus(BundleContact(), rate=1 / dt)
+    for scale in 10.0 ** random.uniform(-9, 300, 60):
+        x, y, z = scale * random.normal(size=3)
+        contact, friction, slip, _ = bus.publish(Pose(position=(x, y, z), velocity=(0, 0, 0), dt=dt))[0]
+        assert contact.force >= 0 and slip.rounds <= 30
+        assert np.hypot(*friction.force[:2]) <= 0.7 * contact.force * (1 + 1e-9)
+    steady = bus.publish(*[pose(1e-3)] * 20)[-1]
+    assert np.isfinite(steady[0].force) and np.abs(steady[3].displacement).max(initial=0.0) < 0.1
+
+
 def test_zero_friction_slips_everywhere_without_force():
     answers = run(BundleContact(**DOME, friction=0.0), 1.2)
     assert all(np.hypot(*f.force[:2]) < 1e-9 for _, f, _, _ in answers)

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import json
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
-if TYPE_CHECKING:
-    from palpate.physics.fingertip import Fingertip
+from palpate.launch.commands.common import MISUSE, Json, console, tell
+from palpate.launch.extras import install
 
 
 class Side(StrEnum):
@@ -30,15 +29,16 @@ def fingertip(
     ] = None,
     dorsal: Annotated[Side, typer.Option(help="Where the nail is in the images.")] = Side.auto,
     picture: Annotated[Path | None, typer.Option(help="Picture of the result; by default beside the output.")] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON for programs.")] = False,
+    as_json: Json = False,
 ) -> None:
     """Read images of a finger, find skin, tissue and bone, and write the fingertip with a picture of it."""
     try:
         from palpate.scan import read, rebuild, segment
+        from palpate.scan.measures import measures
         from palpate.scan.picture import draw
         from palpate.scan.read import ScanError
     except ImportError as error:
-        raise typer.BadParameter(f"{error.name} is not installed: pip install 'palpate[scan]'") from None
+        raise typer.BadParameter(f"{error.name} is not installed. {install('scan')}") from None
     if output.suffix != ".npz":
         raise typer.BadParameter(f"found {output}, expected a name that ends in .npz", param_hint="--output")
     if skin is not None and not 0.1 <= skin <= 4:
@@ -54,20 +54,20 @@ def fingertip(
         draw(tip, shown)
     except ScanError as error:
         if as_json:
-            typer.echo(json.dumps({"ok": False, "error": str(error)}))
+            tell({"ok": False, "error": "ScanError", "text": str(error)})
         else:
             typer.secho(str(error), fg="red", err=True)
-        raise typer.Exit(2) from None
+        raise typer.Exit(MISUSE) from None
     found = {
         "ok": True,
         "output": str(output),
         "picture": str(shown),
         "slices": len(stack.volume),
         "spacing_mm": [s * 1e3 for s in stack.spacing],
-        **_measures(tip),
+        **measures(tip),
     }
     if as_json:
-        typer.echo(json.dumps(found))
+        tell(found)
         return
     _table(found)
 
@@ -83,27 +83,7 @@ def _spacing(text: str) -> tuple[float, float, float] | None:
     return slice_, row, column
 
 
-def _measures(tip: Fingertip) -> dict[str, float]:
-    import numpy as np
-
-    from palpate.physics.fingertip import cast, fill
-
-    body = fill(tip, 2e-3)
-    inside = np.argwhere(tip.skin < 0)
-    size = (np.ptp(inside, axis=0) + 1) * tip.spacing * 1e3
-    middle = cast(tip, *np.meshgrid(*(tip.origin[k] + tip.spacing[k] * np.arange(tip.skin.shape[k]) for k in (0, 1))))
-    return {
-        "breadth_mm": float(size[0]),
-        "depth_mm": float(size[2]),
-        "skin_mm": float(np.nanmedian(middle.inner - middle.bottom) * 1e3),
-        "soft_volume_mm3": (tip.volume("skin") - tip.volume("bone")) * 1e9,
-        "bone_volume_mm3": tip.volume("bone") * 1e9,
-        "beams_at_2_mm": len(body.heights),
-    }
-
-
 def _table(found: dict) -> None:
-    from rich.console import Console
     from rich.table import Table
 
     table = Table(show_header=False, box=None)
@@ -113,6 +93,6 @@ def _table(found: dict) -> None:
         text = ", ".join(f"{v:g}" for v in value) if isinstance(value, list) else value
         *words, unit = name.split("_")
         unit = {"mm3": "mm³"}.get(unit, unit)
-        label = f"{' '.join(words)} [{unit}]" if unit in ("mm", "mm³") and words != ["beams", "at", "2"] else name
-        table.add_row(label.replace("_", " "), f"{text:.2f}" if isinstance(text, float) else str(text))
-    Console().print(table)
+        label = f"{' '.join(words)} [{unit}]" if unit in ("mm", "mm³") else name
+        table.add_row(label, f"{text:.2f}" if isinstance(text, float) else str(text))
+    console().print(table)
