@@ -16,7 +16,8 @@ import numpy as np
 
 from palpate.messages import Pose
 from palpate.nodes.fingertip import BundleContact
-from palpate.physics.beam_bundle import SUMMARY, State, step
+from palpate.physics.beam_bundle import State, step
+from palpate.physics.bundle_step import SUMMARY
 
 DT, SPEED, DEPTH = 1e-3, 2e-3, 2e-3
 PITCHES = (2.4e-3, 1.2e-3, 0.6e-3, 0.3e-3)

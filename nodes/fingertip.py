@@ -11,12 +11,22 @@ import numpy as np
 from palpate.messages import Contact, Friction, Pose, Slip, Surface, Vector3
 from palpate.nodes.base import Node, SettingError
 from palpate.physics.anatomy import Anatomy
-from palpate.physics.beam_bundle import FARTHEST, SHORTEST_STEP, SUMMARY, Bundle, State, dome, step
+from palpate.physics.beam_bundle import FARTHEST, Bundle, State, dome, step
+from palpate.physics.bundle_step import (
+    CLAMPED,
+    CONTACTS,
+    NEXT_FORCE,
+    NEXT_STIFFNESS,
+    NEXT_TOUCH,
+    RESIDUAL,
+    ROUNDS,
+    SHORTEST_STEP,
+    SLIPS,
+)
 from palpate.physics.fingertip import Fingertip, FingertipError, fill
 from palpate.physics.materials import BONE, SKIN, TISSUE, Material
 
 UP = (0.0, 0.0, 1.0)
-CONTACTS, SLIPS, CLAMPED, STIFFNESS, TOUCH, ROUNDS, RESIDUAL, _, FORCE = range(len(SUMMARY))
 
 
 class Slide(Node):
@@ -178,7 +188,7 @@ class BundleContact(Node):
         moved[:, 2] = self.depth - self.bundle.heights[touching]
         # The next step is a sum of straight laws that set in one after the other: its tangent at this depth is exact
         # for deeper ones until new beams touch, and never above it.
-        stiffness, touch, force = (float(s.summary[k]) for k in (STIFFNESS, TOUCH, FORCE))
+        stiffness, touch, force = (float(s.summary[k]) for k in (NEXT_STIFFNESS, NEXT_TOUCH, NEXT_FORCE))
         free = max(self.depth - force / stiffness, touch) if force > 0 else touch
         return Surface(
             nodes=touching, displacement=moved, stiffness=stiffness, exponent=1.0, damping=0.0,

@@ -23,6 +23,8 @@ NO_FORCE = 1e-9
 """[N] A force below this is none: how it is spread says nothing."""
 LARGEST_FORCE = 1e6
 """[N] On a node; a larger one counts as this, so that sums stay finite."""
+SHORTEST_STEP = 1e-5
+"""[s] A shorter step is computed as this long."""
 STILL = 1e-9
 """[1] An unloaded beam whose strains are all below this is at rest."""
 LEAST_COMPLIANCE = 1e-9
@@ -72,6 +74,11 @@ class Bed:
         compliance = 1.8 * self.length * float((self.shares / self.moduli).sum()) / (math.pi * radius**2)
         self._rest = np.array([1 / compliance, 1.0, 0.0, 0.0, 0.0, 0.0])
         self._law[:] = self._rest
+        self._fixed = (
+            self.vertices, self.normals, self.areas, self.length, self.shares, self.moduli, self.viscosities,
+            self.softness, self.radius, self.strains, self.displacement, self.nodes, self.moved, self._place,
+            self._force, self._weight, self._chain, self._law, self._rest,
+        )  # fmt: skip
 
     def step(self, nodes, forces, foot, normal, dt: float) -> tuple[float, ...]:
         """Step under nodal forces; the response of the next step: stiffness K [N/m^n], exponent n, free and present
@@ -83,20 +90,12 @@ class Bed:
 
         IndexError: a node that the surface does not have.
         """
-        if len(nodes) and (nodes.min() < 0 or nodes.max() >= len(self.vertices)):
-            raise IndexError(
-                f"found nodes {nodes.min()} ... {nodes.max()}, the surface has {len(self.vertices)} vertices"
-            )
-        if forces.size and (forces.max() > LARGEST_FORCE or forces.min() < -LARGEST_FORCE):
-            forces = np.clip(forces, -LARGEST_FORCE, LARGEST_FORCE)
         if dt > 0:
-            self._law[:] = self._rest
-            self.count = _bed_step(
-                nodes, forces, foot, normal, max(dt, 1e-5), self.vertices, self.normals, self.areas, self.length,
-                self.shares, self.moduli, self.viscosities, self.softness, self.radius, self.strains,
-                self.displacement, self.nodes, self.moved, self.count, self._place, self._force, self._weight,
-                self._chain, self._law,
-            )  # fmt: skip
+            count = _bed_step(nodes, forces, foot, normal, max(dt, SHORTEST_STEP), self.count, *self._fixed)
+            if count < 0:
+                found = f"{nodes.min()} ... {nodes.max()}"
+                raise IndexError(f"found nodes {found}, the surface has {len(self.vertices)} vertices")
+            self.count = count
         return tuple(self._law.tolist())
 
 
@@ -106,10 +105,19 @@ def _dot(a, b):
 
 
 @numba.njit(cache=True)
+def _held(force):
+    return min(max(force, -LARGEST_FORCE), LARGEST_FORCE)
+
+
+@numba.njit(cache=True)
 def _bed_step(
-    nodes, forces, foot, normal, dt, vertices, normals, areas, length, shares, moduli, viscosities, softness, radius,
-    strains, displacement, active, moved, count, place, force, weight, chain, law,
+    nodes, forces, foot, normal, dt, count, vertices, normals, areas, length, shares, moduli, viscosities, softness,
+    radius, strains, displacement, active, moved, place, force, weight, chain, law, rest,
 ):  # fmt: skip
+    for k in range(nodes.shape[0]):
+        if not 0 <= nodes[k] < vertices.shape[0]:
+            return -1
+    law[:] = rest
     total = 0.0
     for k in range(nodes.shape[0]):
         j = nodes[k]
@@ -118,8 +126,8 @@ def _bed_step(
             active[count] = j
             count += 1
         for a in range(3):
-            force[j, a] += forces[k, a]
-        total -= _dot(forces[k], normal)
+            force[j, a] += _held(forces[k, a])
+            total -= _held(forces[k, a]) * normal[a]
     total = total if total > NO_FORCE else 0.0
     share = _weights(nodes, forces, foot, normal, vertices, areas, radius, total, weight)
 
@@ -165,7 +173,7 @@ def _weights(nodes, forces, foot, normal, vertices, areas, radius, total, weight
 @numba.njit(cache=True)
 def _part(k, nodes, forces, foot, normal, vertices, areas, radius, total):
     if total > 0.0:
-        return -_dot(forces[k], normal)
+        return -(_held(forces[k, 0]) * normal[0] + _held(forces[k, 1]) * normal[1] + _held(forces[k, 2]) * normal[2])
     j = nodes[k]
     x, y, z = vertices[j, 0] - foot[0], vertices[j, 1] - foot[1], vertices[j, 2] - foot[2]
     q = max(1.0 - (x * x + y * y + z * z) / (radius * radius), 0.0)

@@ -12,19 +12,17 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 
+from palpate.physics.bundle_step import SUMMARY, bundle_step
 from palpate.physics.materials import SKIN, TISSUE, Material
-from palpate.physics.skin import Sheet, assemble, grid_triangles, sheet
-from palpate.physics.stick_slip import stick_slip, workspace
-from palpate.physics.voigt import STRAIN_LIMIT, chain_compliance, chain_strain_step
+from palpate.physics.skin import Sheet, grid_triangles, sheet
+from palpate.physics.stick_slip import workspace
+from palpate.physics.voigt import STRAIN_LIMIT
 
 LATERAL = ("shear", "cantilever")
 FARTHEST = 1.0
 """[m] A longer shift is computed as this long: all slips long before, and more digits would be lost than kept."""
-SHORTEST_STEP = 1e-5
-"""[s] A shorter step is computed as this long: the force of a damper over no time has no bound."""
 FADE = 0.03
 """[1] Static strain of the softest element at whose pressure a node acts fully on the sheet. Below it the node's part
 falls with the cube of pressure: the sheet is forty times stiffer than a beam, so a linear fade acts as a switch."""
@@ -180,11 +178,6 @@ class State:
         )
 
 
-SUMMARY = (
-    "contacts", "slips", "clamped", "next_stiffness", "next_touch", "rounds", "residual", "last_step", "next_force",
-)  # fmt: skip
-
-
 def step(
     body: Bundle,
     state: State,
@@ -198,7 +191,7 @@ def step(
     """Move the fingertip to a depth [m] and by a shift [m] along the plate in dt [s]; force of the plate on it [N] (3).
 
     The state is changed in place. The normal force never pulls; the tangential force never passes friction times the
-    normal one. A depth beyond a beam's reach is held there and counted (`state.summary[2]`). For dt <= 0 no time
+    normal one. A depth beyond a beam's reach is held there and counted (`clamped`). For dt <= 0 no time
     passes: nothing changes. The solver takes at most `most` rounds; rounds and residual are in the summary.
     """
     s, w, sh = state, state._work, body.sheet
@@ -206,7 +199,7 @@ def step(
     if far > FARTHEST:
         shift = (shift[0] * (FARTHEST / far), shift[1] * (FARTHEST / far))
     force = np.empty(3)
-    state.time = _step(
+    state.time = bundle_step(
         body.heights, s._length, s._shares, s._reach, body.moduli, body.viscosities, body.lateral, body.cell,
         s._pressure,
         sh.rows, sh.columns, sh.diagonal, sh.band, sh.triangles, sh.blocks, sh.slots, body.retardation,
@@ -215,102 +208,3 @@ def step(
         depth, shift[0], shift[1], friction, dt, s.time, tolerance, most, force,
     )  # fmt: skip
     return force
-
-
-@numba.njit(cache=True)
-def _step(
-    heights, length, shares, reach, moduli, viscosities, lateral, cell, fade,
-    rows, columns, diagonal, band, triangles, blocks, slots, retardation,
-    strains, deflection, normal, tangent, slip, path, slipping, first, summary,
-    matrix, trial, plate, limit, weight, place, nodes, upper, newton,
-    depth, shift_x, shift_y, friction, dt, time, tolerance, most, force,
-):  # fmt: skip
-    count = heights.shape[0]
-    if dt > 0.0:
-        dt = max(dt, SHORTEST_STEP)
-        time += dt
-        ratio = dt / summary[7] if summary[7] > 0.0 else 0.0
-        summary[:] = 0.0
-        summary[7] = dt
-        summary[4], lowest = np.inf, 0.0
-        for i in range(count):
-            wanted = depth - heights[i]
-            if wanted > reach[i]:
-                wanted = reach[i]
-                summary[2] += 1.0
-            pressure = chain_strain_step(strains[i], moduli, viscosities, shares[i], wanted / length[i], dt)
-            normal[i] = pressure * cell
-            limit[i] = friction * normal[i]
-            weight[i] = min(pressure / fade, 1.0) ** 3
-            if pressure > 0.0:
-                summary[0] += 1.0
-            else:
-                path[i], first[i] = 0.0, -1.0
-            stiffness = cell / (length[i] * chain_compliance(moduli, viscosities, shares[i], dt))
-            touch = heights[i]
-            for j in range(moduli.shape[0]):
-                damping = viscosities[j] / dt
-                touch += length[i] * shares[i, j] * damping * strains[i, j] / (moduli[j] + damping)
-            if touch < summary[4]:
-                summary[4], lowest = touch, stiffness
-            if touch < depth:
-                summary[3] += stiffness
-                summary[8] += stiffness * (min(depth, heights[i] + reach[i]) - touch)
-        if summary[3] == 0.0:
-            summary[3] = lowest
-        _friction_step(
-            lateral, rows, columns, diagonal, band, triangles, blocks, slots, retardation,
-            deflection, normal, tangent, slip, path, slipping, first, summary,
-            matrix, trial, plate, limit, weight, place, nodes, upper, newton,
-            shift_x, shift_y, dt, time, ratio, tolerance, most,
-        )  # fmt: skip
-    force[:] = 0.0
-    for i in range(count):
-        force[0] += tangent[i, 0]
-        force[1] += tangent[i, 1]
-        force[2] += normal[i]
-    return time
-
-
-@numba.njit(cache=True)
-def _friction_step(
-    lateral, rows, columns, diagonal, band, triangles, blocks, slots, retardation,
-    deflection, normal, tangent, slip, path, slipping, first, summary,
-    matrix, trial, plate, limit, weight, place, nodes, upper, newton,
-    shift_x, shift_y, dt, time, ratio, tolerance, most,
-):  # fmt: skip
-    # With all nodes stuck the deflection would be u_s = u - shift. Elastic and viscous forces of the sheet in the step
-    # are K u_new + (tau/dt) K (u_new - u); a common shift strains nothing, so r = -k u_s - K u.
-    count = lateral.shape[0]
-    viscous = 1.0 + retardation / dt
-    assemble(matrix, triangles, blocks, slots, weight, viscous)
-    for i in range(count):
-        x, y = -lateral[i] * (deflection[i, 0] - shift_x), -lateral[i] * (deflection[i, 1] - shift_y)
-        for s in range(rows[i], rows[i + 1]):
-            j = columns[s]
-            x -= (matrix[s, 0, 0] * deflection[j, 0] + matrix[s, 0, 1] * deflection[j, 1]) / viscous
-            y -= (matrix[s, 1, 0] * deflection[j, 0] + matrix[s, 1, 1] * deflection[j, 1]) / viscous
-        trial[i, 0], trial[i, 1] = x, y
-        slip[i, 0] *= ratio
-        slip[i, 1] *= ratio
-    for i in range(count):
-        matrix[diagonal[i], 0, 0] += lateral[i]
-        matrix[diagonal[i], 1, 1] += lateral[i]
-    rounds, residual = stick_slip(
-        rows, columns, diagonal, matrix, trial, limit, slip, plate, band, place, nodes, upper, newton, tolerance, most
-    )
-    for i in range(count):
-        deflection[i, 0] += slip[i, 0] - shift_x
-        deflection[i, 1] += slip[i, 1] - shift_y
-        # An answer that stopped early may pass the limit by its residual; the force that is sent never does.
-        size = math.hypot(plate[i, 0], plate[i, 1])
-        part = -limit[i] / size if size > limit[i] else -1.0
-        tangent[i, 0], tangent[i, 1] = part * plate[i, 0], part * plate[i, 1]
-        way = math.hypot(slip[i, 0], slip[i, 1])
-        slipping[i] = normal[i] > 0.0 and way > 0.0
-        if slipping[i]:
-            path[i] += way
-            summary[1] += 1.0
-            if first[i] < 0.0:
-                first[i] = time
-    summary[5], summary[6] = rounds, residual

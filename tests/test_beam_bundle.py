@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from pytest import approx
 
-from palpate.physics.beam_bundle import SUMMARY, State, bundle, dome, step
+from palpate.physics.beam_bundle import State, bundle, dome, step
+from palpate.physics.bundle_step import SUMMARY
 from palpate.physics.materials import BONE, SKIN, TISSUE, Material
 from palpate.physics.voigt import STRAIN_LIMIT, stress_history
 

@@ -62,9 +62,10 @@ class BeamBundle(OnSurface):
             raise SettingError(
                 f"Load.nodes: {error} ({self.surface!r}); give the node that spreads the load the same surface"
             ) from None
+        count = bed.count if self.wants("displacement") else 0
         return Surface(
-            nodes=bed.nodes[: bed.count],
-            displacement=bed.moved[: bed.count],
+            nodes=bed.nodes[:count],
+            displacement=bed.moved[:count],
             stiffness=stiffness,
             exponent=exponent,
             damping=0.0,
