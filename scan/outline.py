@@ -14,7 +14,7 @@ from itertools import pairwise
 import numpy as np
 from scipy.ndimage import binary_dilation, binary_fill_holes, distance_transform_edt, gaussian_filter, label
 from scipy.spatial import cKDTree
-from skimage.filters import threshold_multiotsu
+from skimage.filters import threshold_otsu
 from skimage.measure import find_contours, points_in_poly
 
 from palpate.scan.read import ScanError, Stack
@@ -28,6 +28,8 @@ LEAST_AREA = 3e-6
 """[m²] A smaller outline is no part of a finger."""
 FINGER = (6e-3, 40e-3)
 """[m] Breadth of a finger."""
+BELOW_SKIN = 0.4e-3
+"""[m] From the inner border of the skin to where bone is looked for."""
 LEAST_BONE = 20e-9
 """[m³] A smaller dark core is no bone."""
 
@@ -51,51 +53,60 @@ def segment(stack: Stack, skin: float | None = None) -> Outlines:
     ScanError: no finger, more than one, a finger of impossible breadth, no bone, no skin to be seen.
     """
     between, *plane = stack.spacing
-    sigma = (0.0, SMOOTHING / plane[0], SMOOTHING / plane[1])
-    image = gaussian_filter(stack.volume.astype(np.float64), sigma)
-    try:
-        low, high = threshold_multiotsu(image, classes=3)
-    except ValueError:
-        raise ScanError(
-            f"{stack.source}: fewer than three levels of brightness, expected air, skin and tissue"
-        ) from None
+    where = stack.source
+    image = gaussian_filter(stack.volume.astype(np.float64), (0.0, SMOOTHING / plane[0], SMOOTHING / plane[1]))
+    low = _foreground(image, where)
     inside = np.stack([binary_fill_holes(s) for s in image > low])
-    inside = _one_finger(inside, between * plane[0] * plane[1], stack.source)
-    _plausible(inside, plane, stack.source)
+    inside = _one_finger(inside, between * plane[0] * plane[1], where)
+    _plausible(inside, plane, where)
     deep = np.stack([distance_transform_edt(s, sampling=plane) for s in inside])
-    air = _level(image[~inside], "air", stack.source)
-    tissue = _level(image[inside & (image > high)], "tissue", stack.source)
-    shell = _level(image[(deep > 0.35e-3) & (deep < 0.75e-3)], "skin", stack.source)
+    air = _level(image[~inside], "air", where)
+    bright = inside & (image > low)
+    tissue = _level(image[bright & (image > threshold_otsu(image[bright]))], "tissue", where)
+    shell = _level(image[(deep > 0.35e-3) & (deep < 0.75e-3)], "skin", where)
     visible = (shell - air) < 0.85 * (tissue - air)
     if not visible and skin is None:
-        raise ScanError(f"{stack.source}: skin is as bright as tissue; give its thickness (--skin, in mm)")
+        raise ScanError(f"{where}: skin is as bright as tissue; give its thickness (--skin, in mm)")
     outer = 0.5 * (air + (shell if visible else tissue))
-    core = _largest_part(inside & (deep > 1.3e-3) & (image < 0.5 * (air + (shell if visible else tissue))))
-    if core.sum() * between * plane[0] * plane[1] < LEAST_BONE:
-        raise ScanError(
-            f"{stack.source}: no bone: no dark core in the finger. Expected images in which tissue is bright"
-        )
-    bone = _level(image[core], "bone", stack.source)
 
-    found = Outlines(between, [], [], [])
     reach = round(0.8e-3 / min(plane))
-    for k in range(len(image)):
-        border = _largest(image[k], outer, plane, inside[k])
-        found.skin.append(border)
-        if border is None:
-            found.tissue.append(None)
-            found.bone.append(None)
-            continue
-        if skin is None:
-            filled = np.where(deep[k] > 1.3e-3, np.maximum(image[k], tissue), image[k])
-            found.tissue.append(_largest(filled, 0.5 * (shell + tissue), plane, inside[k]))
-        else:
-            found.tissue.append(_inner(border, skin, image[k].shape, plane))
-        hollow = np.where(deep[k] > 1.3e-3, -image[k], -tissue)
-        around = binary_dilation(core[k], iterations=reach)
-        found.bone.append(_largest(hollow, -0.5 * (bone + tissue), plane, around))
-    _check(found, stack.source)
+    wide = [binary_dilation(mask, iterations=reach) if mask.any() else mask for mask in inside]
+    borders = [_largest(one, outer, plane, mask) for one, mask in zip(image, wide, strict=True)]
+    if skin is None:
+        both = zip(image, wide, borders, strict=True)
+        inner = [None if b is None else _largest(one, 0.5 * (shell + tissue), plane, mask) for one, mask, b in both]
+    else:
+        inner = [None if b is None else _inner(b, skin, image.shape[1:], plane) for b in borders]
+    core = np.stack([
+        np.zeros(one.shape, bool) if curve is None
+        else (one < 0.5 * (air + tissue)) & (_level_of(curve, one.shape, plane) < -BELOW_SKIN)
+        for one, curve in zip(image, inner, strict=True)
+    ])  # fmt: skip
+    core = _largest_part(core)
+    if core.sum() * between * plane[0] * plane[1] < LEAST_BONE:
+        raise ScanError(f"{where}: no bone: no dark core in the finger. Expected images in which tissue is bright")
+    bone = _level(image[core], "bone", where)
+    cores: list[np.ndarray | None] = []
+    for one, mask in zip(image, core, strict=True):
+        around = binary_dilation(mask, iterations=reach) if mask.any() else mask
+        cores.append(_largest(np.where(around, -one, -tissue), -0.5 * (bone + tissue), plane, around))
+    found = Outlines(between, borders, inner, cores)
+    _check(found, where)
     return found
+
+
+def _foreground(image: np.ndarray, where: str) -> float:
+    """Brightness that parts the finger from air, from the noise of the rim of the images and from what stands out."""
+    wide = max(2, round(0.04 * min(image.shape[1:])))
+    rim = np.concatenate([image[:, :wide].ravel(), image[:, -wide:].ravel(), image[:, :, :wide].ravel(),
+                          image[:, :, -wide:].ravel()])  # fmt: skip
+    air = float(np.median(rim))
+    noise = 1.5 * float(np.median(np.abs(rim - air)))
+    standing = image[image > air + 8 * noise]
+    standing = standing[standing > air + 0.1 * (image.max() - air)]
+    if not len(standing):
+        raise ScanError(f"{where}: nothing stands out from the rim of the images, expected a bright finger in air")
+    return air + max(0.25 * (float(np.median(standing)) - air), 6 * noise)
 
 
 def _one_finger(inside: np.ndarray, voxel: float, where: str) -> np.ndarray:
@@ -166,9 +177,14 @@ def _largest(image: np.ndarray, level: float, plane, mask: np.ndarray) -> np.nda
 
 def _inner(border: np.ndarray, skin: float, shape: tuple[int, ...], plane) -> np.ndarray | None:
     """The outline that lies inside another by the thickness of the skin."""
-    pixels = (np.moveaxis(np.indices(shape), 0, -1).reshape(-1, 2) - (np.array(shape) - 1) / 2) * plane
-    level = -distance(border, pixels).reshape(shape)
+    level = -_level_of(border, shape, plane)
     return _largest(level, skin, plane, level > 0)
+
+
+def _level_of(curve: np.ndarray, shape: tuple[int, ...], plane) -> np.ndarray:
+    """Signed distance [m] of the pixels of an image to an outline, negative inside."""
+    pixels = (np.moveaxis(np.indices(shape), 0, -1).reshape(-1, 2) - (np.array(shape) - 1) / 2) * plane
+    return distance(curve, pixels).reshape(shape)
 
 
 def distance(curve: np.ndarray, points: np.ndarray) -> np.ndarray:

@@ -134,6 +134,35 @@ def test_skin_as_bright_as_tissue_needs_its_thickness(stack, monkeypatch):
     assert rays.inner - rays.bottom == approx(1.1e-3, abs=0.25e-3)
 
 
+@pytest.mark.parametrize(
+    ("shape", "light", "images"),
+    [
+        (Anatomy(width=0.013, palmar=0.0045, dorsal=0.0045, skin=0.0009), {}, {}),
+        (Anatomy(width=0.020, palmar=0.0065, dorsal=0.0065, skin=0.0015, shaft=0.003), {}, {}),
+        (SHAPE, {"skin": 0.6, "bone": 0.3}, {}),
+        (SHAPE, {"skin": 0.3, "bone": 0.05}, {}),
+        (SHAPE, {"air": 0.05, "skin": 0.5, "tissue": 1.0}, {"shading": 0.2, "noise": 0.06}),
+        (SHAPE, {}, {"spacing": (2e-3, 0.4e-3, 0.3e-3), "pixels": 90, "slices": 14}),
+        (SHAPE, {}, {"spacing": (0.6e-3, 0.15e-3, 0.15e-3), "pixels": 170, "slices": 44, "start": -3e-3}),
+    ],
+)
+def test_other_fingers_contrasts_and_resolutions_are_read_as_well(monkeypatch, shape, light, images):
+    for name, value in light.items():
+        monkeypatch.setitem(phantom.BRIGHTNESS, name, value)
+    stack = phantom.scan(shape, **{"start": START, **images})
+    found = segment(stack)
+    centre = phantom.image_centre(shape)
+    for name in ("skin", "tissue", "bone"):
+        errors = []
+        for k, curve in enumerate(getattr(found, name)):
+            if curve is not None:
+                y = np.full(len(curve), images.get("start", START) + k * stack.spacing[0])
+                points = np.stack([curve[:, 1], y, centre - curve[:, 0]], axis=1)
+                errors.append(np.abs(shape.level(name, points)).mean())
+        assert np.median(errors) < 0.15 * max(stack.spacing[1:])
+    assert len(fill(rebuild(found), 2e-3).heights) > 60
+
+
 def test_two_fingers_are_refused(stack):
     both = np.concatenate([stack.volume, stack.volume], axis=2)
     with pytest.raises(ScanError, match="more than one finger"):

@@ -85,6 +85,7 @@ def _spacing(text: str) -> tuple[float, float, float] | None:
 
 def _table(found: dict) -> None:
     from rich.table import Table
+    from rich.text import Text
 
     table = Table(show_header=False, box=None)
     for name, value in found.items():
@@ -94,5 +95,5 @@ def _table(found: dict) -> None:
         *words, unit = name.split("_")
         unit = {"mm3": "mm³"}.get(unit, unit)
         label = f"{' '.join(words)} [{unit}]" if unit in ("mm", "mm³") else name
-        table.add_row(label, f"{text:.2f}" if isinstance(text, float) else str(text))
+        table.add_row(Text(label), f"{text:.2f}" if isinstance(text, float) else str(text))
     console().print(table)
