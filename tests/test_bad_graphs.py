@@ -8,11 +8,11 @@ from conftest import WHOLE
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from palpate.launch.faults import GraphError
-from palpate.launch.graph import load
-from palpate.launch.launchfile import find
-from palpate.launch.placement import load_place
-from palpate.launch.plan import Plan, plan
+from palpate.launch.loading.faults import GraphError
+from palpate.launch.loading.graph import load
+from palpate.launch.loading.launchfile import find
+from palpate.launch.loading.placement import load_place
+from palpate.launch.loading.plan import Plan, plan
 
 SPRING = "{use: graph_nodes.Spring, in: {load: spread}, with: $tissue}"
 BAD = {

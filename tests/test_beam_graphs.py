@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from pytest import approx
 
-from palpate.launch.execute import execute
-from palpate.launch.launchfile import find
-from palpate.launch.recording import Recording
+from palpate.launch.loading.launchfile import find
+from palpate.launch.recording.reader import Recording
+from palpate.launch.running.execute import execute
 from palpate.messages import Contact, Friction, Slip, Surface, unpack
 
 

@@ -8,8 +8,8 @@ from importlib.metadata import version
 import pytest
 from typer.testing import CliRunner
 
-from palpate.launch import doctor
 from palpate.launch.__main__ import app
+from palpate.launch.commands import examine
 
 runner = CliRunner()
 
@@ -184,18 +184,18 @@ def test_doctor_looks_at_the_machine():
 
 
 def test_doctor_finds_a_device(tmp_path, monkeypatch):
-    monkeypatch.setattr(doctor, "USB", tmp_path)
-    assert [f.found for f in doctor._usb()] == ["none on USB"]
+    monkeypatch.setattr(examine, "USB", tmp_path)
+    assert [f.found for f in examine._usb()] == ["none on USB"]
     folder = tmp_path / "1-1"
     folder.mkdir()
     for name, text in {"idVendor": "0403", "idProduct": "cb48", "busnum": "999", "devnum": "7"}.items():
         (folder / name).write_text(f"{text}\n")
-    (found,) = doctor._usb()
+    (found,) = examine._usb()
     assert found.what == "Novint Falcon" and "/dev/bus/usb/999/007" in found.found and "udev" in found.cure
 
 
 def test_doctor_fails_where_a_needed_package_is_missing(monkeypatch):
-    monkeypatch.setattr(doctor, "_version", lambda name: None if name == "msgspec" else "1.0")
+    monkeypatch.setattr(examine, "_version", lambda name: None if name == "msgspec" else "1.0")
     result = run("doctor", "--no-pictures")
     assert result.exit_code == 1 and "pip install msgspec" in result.stdout
 
@@ -204,7 +204,7 @@ def test_trouble_that_nobody_foresaw_is_one_line(monkeypatch, whole):
     def burst(self):
         raise RuntimeError("the pipe burst")
 
-    monkeypatch.setattr("palpate.launch.launchfile.LaunchFile.plan", burst)
+    monkeypatch.setattr("palpate.launch.loading.launchfile.LaunchFile.plan", burst)
     result = run("check", whole)
     assert result.exit_code == 1
     assert "RuntimeError: the pipe burst" in result.stderr and "--debug" in result.stderr

@@ -25,7 +25,7 @@ from palpate.physics.contact import (
 )
 from palpate.physics.hertz import finger_pair, pair_approach, pair_force, pair_modulus
 from palpate.physics.impact import peak_energy, peak_indentation, restitution
-from palpate.physics.terminal import Terminal
+from palpate.physics.terminal import Terminal, indentation
 
 FINGER, C1 = exponential(26.2641, 1681.06), 8.0
 K, N, C2 = 3.0e3, 1.5, 5.0
@@ -207,6 +207,28 @@ def test_any_path_and_step_gives_a_finite_force_and_never_energy(law, path, c1, 
         s1, s2 = a, b
 
 
+sizes = st.sampled_from([0.0, 1e-300, 1e-12, 1e-3, 1.0, 1e6, 1e150])
+
+
+@settings(max_examples=300, deadline=None)
+@given(
+    st.sampled_from(LAWS),
+    sizes,
+    st.sampled_from([1e-12, 1e-9, 1e-3, 1e6, 1e300, math.inf]),
+    st.sampled_from([0.0, 2e-3, 1.0]),
+    sizes,
+    st.sampled_from([1.0, 1.5, 3.0]),
+    st.sampled_from([0.0, 5.0, 1e9]),
+    st.sampled_from([-1e-3, 0.0, 1e-3]),
+    st.sampled_from([-1e-3, 0.0, 4e-3]),
+)
+def test_numbers_out_of_all_reason_still_give_numbers(law, e, dt, s1, stiffness, n, c2, free, previous):
+    f, a, b = series(e, dt, s1, law, C1, Terminal(stiffness, n, c2, free, previous))
+    assert math.isfinite(f) and f >= 0 and math.isfinite(a) and a >= 0 and math.isfinite(b)
+    if stiffness > 0 and f < 1e200:
+        assert math.isfinite(indentation(f, dt, stiffness, n, c2, free, previous))
+
+
 @settings(max_examples=80, deadline=None)
 @given(
     st.floats(1e-9, 0.03),
@@ -247,16 +269,32 @@ def test_chatter_of_one_count_dissipates_and_adds_no_force():
         f, _, _ = series_path(e, step, FINGER, C1, K, N, C2)
         work = np.add.reduceat(f * np.diff(e, prepend=0.0), np.arange(0, 400, 2))
         assert (work >= -1e-18).all()
-        # Held at that approach, the force falls to the static one; chatter never lifts it above the first touch.
-        assert f.max() <= f[0] * (1 + 1e-12)
+        # Damping may lift the force above the static one by its rate at most, and a cycle never builds on the last.
+        still = float(static_split(lsb, FINGER, K, N)[0])
+        assert f.max() <= still * (1 + max(C1, C2) * lsb / step) and f.max() <= f[0] * (1 + 1e-12)
 
 
-def test_an_impact_at_3_m_per_s_stays_bounded():
-    e = np.concatenate([np.arange(1, 11) * 3e-3, np.full(100, 30e-3), np.zeros(50)])
-    f, _s1, _s2 = series_path(e, 1e-3, FINGER, C1, K, N, C2)
-    assert np.isfinite(f).all() and f.max() < 1e3 and f[-1] == 0.0
-    v_out = 3.0 * float(restitution(C2 * 3.0))
-    assert v_out < 1 / C2
+@pytest.mark.parametrize("step", [1e-5, 1e-4])
+@pytest.mark.parametrize("speed", [0.1, 1.0, 3.0])
+def test_a_mass_that_hits_leaves_slower_than_the_bodies_can_recover(step, speed):
+    x, v, s1, s2, mass, _energy_in, peak = 0.0, speed, 0.0, 0.0, 0.02, 0.0, 0.0
+    for _ in range(round(0.5 / step)):
+        f, s1, s2 = series(max(x, 0.0), step, s1, FINGER, C1, Terminal(K, N, C2, 0.0, s2))
+        v -= f / mass * step
+        x += v * step
+        peak = max(peak, f)
+        if x < 0:
+            break
+    assert x < 0 and math.isfinite(peak)
+    assert 0 < -v < min(speed, 1 / C1 + 1 / C2)
+
+
+def test_jumps_of_30_mm_in_a_step_stay_finite():
+    e = np.concatenate([np.full(50, 30e-3), np.zeros(3), np.full(50, 30e-3), np.zeros(100)])
+    for step in (1e-6, 1e-3, 1.0):
+        f, s1, s2 = series_path(e, step, FINGER, C1, K, N, C2)
+        assert np.isfinite(f).all() and (f >= 0).all() and f[-1] == 0.0
+        assert (s1 >= 0).all() and (s2 >= 0).all()
 
 
 def test_the_hertz_pair_adds_compliances():

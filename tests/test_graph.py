@@ -5,8 +5,8 @@ import sys
 
 import pytest
 
-from palpate.launch.faults import GraphError
-from palpate.launch.graph import Edge, load
+from palpate.launch.loading.faults import GraphError
+from palpate.launch.loading.graph import Edge, load
 
 
 def held(graph):

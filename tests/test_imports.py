@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-import palpate.launch.extras
+import palpate.launch.loading.extras
 import palpate.messages
 import palpate.nodes
 import palpate.physics
@@ -83,6 +83,6 @@ def test_the_extras_are_those_of_the_installation():
         if extra:
             name = requirement.partition(">")[0].partition("[")[0]
             declared.setdefault(extra.strip("\"'"), set()).add(name)
-    for extra, packages in palpate.launch.extras.EXTRAS.items():
+    for extra, packages in palpate.launch.loading.extras.EXTRAS.items():
         assert set(packages) == declared[extra]
-    assert set(declared) == {*palpate.launch.extras.EXTRAS, "dev"}
+    assert set(declared) == {*palpate.launch.loading.extras.EXTRAS, "dev"}

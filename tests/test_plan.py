@@ -6,12 +6,12 @@ import sys
 
 import pytest
 
-from palpate.launch.draw import mermaid, svg
-from palpate.launch.faults import GraphError
-from palpate.launch.graph import load
-from palpate.launch.launchfile import LaunchFile, find, names
-from palpate.launch.placement import Group, apart, fused, load_place
-from palpate.launch.plan import Plan, plan
+from palpate.launch.loading.draw import mermaid, svg
+from palpate.launch.loading.faults import GraphError
+from palpate.launch.loading.graph import load
+from palpate.launch.loading.launchfile import LaunchFile, find, names
+from palpate.launch.loading.placement import Group, apart, fused, load_place
+from palpate.launch.loading.plan import Plan, plan
 
 TWO_DISPLAYS = """
 nodes:
@@ -120,7 +120,7 @@ def test_a_plan_of_a_class_that_is_gone_is_refused(whole):
 
 def test_plans_do_not_depend_on_the_order_of_hashes(whole):
     code = (
-        "import json; from palpate.launch.graph import load; from palpate.launch.plan import plan;"
+        "import json; from palpate.launch.loading.graph import load; from palpate.launch.loading.plan import plan;"
         f"print(json.dumps(plan(load({str(whole)!r}, overrides=['wanted=[control, tissue]'])).to_spec()))"
     )
     path = ":".join(sys.path)

@@ -4,9 +4,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from palpate.launch.faults import GraphError, nearest
-from palpate.launch.graph import load
-from palpate.launch.source import merge, parse, scalar
+from palpate.launch.loading.faults import GraphError, nearest
+from palpate.launch.loading.graph import load
+from palpate.launch.loading.source import merge, parse, scalar
 
 
 @pytest.mark.parametrize("text", ["", "3", "[1, 2]", "nodes: {}", "nodes:", "a: &a [*a]", "- - - x", "\x00", "%YAML 9"])

@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from palpate.launch.commands.common import MISUSE, Json, console, tell
-from palpate.launch.extras import install
+from palpate.launch.loading.extras import install
 
 
 class Side(StrEnum):

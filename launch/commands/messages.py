@@ -14,7 +14,7 @@ def messages(
     as_json: Json = False,
 ) -> None:
     """List the message types: fields, units and shapes; `(k)` is a length found at run time."""
-    from palpate.launch.faults import Fault, GraphError, choices
+    from palpate.launch.loading.faults import Fault, GraphError, choices
     from palpate.messages import Message
     from palpate.messages.docs import message_types
 

@@ -11,8 +11,8 @@ from typer.core import TyperCommand
 from palpate.launch.commands.common import Fused, Graph, Json, PlaceOption, SceneOption, Sets, chosen, console, tell
 
 if TYPE_CHECKING:
-    from palpate.launch.placement import Placement
-    from palpate.launch.plan import Plan
+    from palpate.launch.loading.placement import Placement
+    from palpate.launch.loading.plan import Plan
 
 MERMAID = "mermaid"
 _PICTURES = (".svg", ".mmd")
@@ -63,7 +63,7 @@ def plan(
 
 
 def _draw(found: Plan, draw: str) -> None:
-    from palpate.launch.draw import mermaid, svg
+    from palpate.launch.loading.draw import mermaid, svg
 
     if draw == MERMAID:
         typer.echo(mermaid(found), nl=False)
