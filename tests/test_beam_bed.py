@@ -104,6 +104,32 @@ def test_the_work_of_the_contact_is_the_work_on_the_beams():
         s, depth = surface.previous, now
 
 
+def test_on_a_round_body_too_the_work_of_the_contact_is_the_work_on_the_beams():
+    ball = BeamBundle(surface="sphere", vertices=2000)
+    bus = FakeBus(ball)
+    mesh = ball.mesh()
+    top = int(np.argmax(mesh.vertices[:, 2]))
+    foot, normal = mesh.vertices[top], mesh.normals[top]
+    distance = np.linalg.norm(mesh.vertices - foot, axis=1)
+    nodes = np.flatnonzero(distance < RADIUS)
+    w = mesh.areas[nodes] * (1 - (distance[nodes] / RADIUS) ** 2) ** 2
+    w /= w.sum()
+    s, before = 0.0, np.zeros((len(mesh.vertices), 3))
+    for force in (0.1, 0.3, 0.5, 0.5, 0.2, 0.05):
+        forces = -force * w[:, None] * normal
+        (surface,) = bus.publish(Load(nodes=nodes, forces=forces, foot=foot, normal=normal))
+        now = np.zeros_like(before)
+        now[surface.nodes] = surface.displacement
+        assert force * (surface.previous - s) == approx((forces * (now - before)[nodes]).sum(), abs=1e-12)
+        assert np.all(now[nodes] @ normal <= 0)
+        s, before = surface.previous, now
+
+
+def test_beams_longer_than_the_body_is_thick_are_refused():
+    with pytest.raises(SettingError, match="come out on the other side"):
+        BeamBundle(surface="kidney", layers=(1e-3, 60e-3)).start()
+
+
 def test_a_closed_cycle_gives_no_energy():
     bus = FakeBus(BeamBundle(**SOFT))
     work, s = 0.0, 0.0

@@ -42,6 +42,14 @@ class BeamBundle(OnSurface):
                 f"expected thicknesses and moduli > 0, relaxations >= 0"
             )
         mesh = self.mesh()
+        faces = mesh.face_vectors
+        closed = np.abs(faces.sum(axis=0)).max() < 1e-6 * np.abs(faces).sum()
+        thickness = float(np.ptp(mesh.vertices, axis=0).min())
+        if closed and sum(self.layers) > thickness:
+            raise SettingError(
+                f"layers: found {sum(self.layers) * 1e3:g} mm in all, the body is {thickness * 1e3:.1f} mm thick: its "
+                f"beams would come out on the other side"
+            )
         materials = tuple(
             Material(modulus, relaxation, self.poisson)
             for modulus, relaxation in zip(self.moduli, self.relaxations, strict=True)
