@@ -185,7 +185,7 @@ class BundleContact(Node):
         touching = np.flatnonzero(s.normal > 0)
         moved = np.zeros((len(touching), 3))
         moved[:, :2] = s.deflection[touching]
-        moved[:, 2] = self.depth - self.bundle.heights[touching]
+        moved[:, 2] = np.minimum(self.depth - self.bundle.heights[touching], s.reach[touching])
         # The next step is a sum of straight laws that set in one after the other: its tangent at this depth is exact
         # for deeper ones until new beams touch, and never above it.
         stiffness, touch, force = (float(s.summary[k]) for k in (NEXT_STIFFNESS, NEXT_TOUCH, NEXT_FORCE))

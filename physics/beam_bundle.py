@@ -21,6 +21,7 @@ from palpate.physics.stick_slip import workspace
 from palpate.physics.voigt import STRAIN_LIMIT
 
 LATERAL = ("shear", "cantilever")
+MOST_BEAMS = 20_000
 FARTHEST = 1.0
 """[m] A longer shift is computed as this long: all slips long before, and more digits would be lost than kept."""
 FADE = 0.03
@@ -122,12 +123,21 @@ def bundle(
     )
 
 
+def check_count(expected: float) -> None:
+    """ValueError: more beams than a bundle may have."""
+    if not expected <= MOST_BEAMS:
+        raise ValueError(
+            f"about {expected:.3g} beams, at most {MOST_BEAMS}; a larger pitch or a smaller depth would do"
+        )
+
+
 def dome(radius: float, length: float, pitch: float, depth: float, material: Material = TISSUE, **more) -> Bundle:
     """A paraboloid of the given radius [m] on beams of one length [m] and one material, meshed to a depth [m].
 
     Without relaxation and sheet it has closed forms: F_n = (E / L) pi R d^2, and F_t / (mu F_n) = 1 - (1 - s/s_g)^2
     with s_g = 2 (1 + nu) mu d. `more` as in `bundle`.
     """
+    check_count(2 * math.pi * radius * depth / pitch**2)
     n = int(math.sqrt(2 * radius * depth) / pitch) + 2
     index = np.stack(np.meshgrid(np.arange(-n, n + 1), np.arange(-n, n + 1), indexing="ij"), -1).reshape(-1, 2)
     heights = (index**2).sum(axis=1) * pitch**2 / (2 * radius)
@@ -139,17 +149,18 @@ def dome(radius: float, length: float, pitch: float, depth: float, material: Mat
 class State:
     """What a bundle remembers, and its last answers; made at rest, out of contact.
 
-    strains   [1]  (N,h)  of the elements
-    deflection[m]  (N,2)  of the skin ends against the bone, in the plate's plane
-    normal    [N]  (N)    force of the plate on each
-    tangent   [N]  (N,2)  friction of the plate on each
-    slip      [m]  (N,2)  over the plate in the last step
-    path      [m]  (N)    slipped since first touch: the localized displacement
-    slipping  [1]  (N)    bool, slides over the plate in the last step
-    first     [s]  (N)    time of first slip since first touch; -1 where it has not slipped
-    summary        (9)    as SUMMARY names: nodes in contact and sliding, beams held at their reach, rounds and residual
-                          of the solver, length of the step [s]; and of a next step of the same length at the same
-                          depth its stiffness [N/m], its depth of first touch [m] and its force [N]
+    strains    [1]  (N,h)  of the elements
+    reach      [m]  (N)    largest shortening of each beam
+    deflection [m]  (N,2)  of the skin ends against the bone, in the plate's plane
+    normal     [N]  (N)    force of the plate on each
+    tangent    [N]  (N,2)  friction of the plate on each
+    slip       [m]  (N,2)  over the plate in the last step
+    path       [m]  (N)    slipped since first touch: the localized displacement
+    slipping   [1]  (N)    bool, slides over the plate in the last step
+    first      [s]  (N)    time of first slip since first touch; -1 where it has not slipped
+    summary         (9)    as SUMMARY names: nodes in contact and sliding, beams held at their reach, rounds and residual
+                           of the solver, length of the step [s]; and of a next step of the same length at the same
+                           depth its stiffness [N/m], its depth of first touch [m] and its force [N]
     """
 
     def __init__(self, body: Bundle) -> None:
@@ -166,7 +177,7 @@ class State:
         self.time = 0.0
         self._length = body.lengths.sum(axis=1)
         self._shares = body.lengths / self._length[:, None]
-        self._reach = body.reach
+        self.reach = body.reach
         self._pressure = FADE * float(np.min(body.moduli))
         self._work = (
             np.zeros((len(body.sheet.columns), 2, 2)),
@@ -200,7 +211,7 @@ def step(
         shift = (shift[0] * (FARTHEST / far), shift[1] * (FARTHEST / far))
     force = np.empty(3)
     state.time = bundle_step(
-        body.heights, s._length, s._shares, s._reach, body.moduli, body.viscosities, body.lateral, body.cell,
+        body.heights, s._length, s._shares, s.reach, body.moduli, body.viscosities, body.lateral, body.cell,
         s._pressure,
         sh.rows, sh.columns, sh.diagonal, sh.band, sh.triangles, sh.blocks, sh.slots, body.retardation,
         s.strains, s.deflection, s.normal, s.tangent, s.slip, s.path, s.slipping, s.first, s.summary,

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 from scipy.ndimage import map_coordinates
 
-from palpate.physics.beam_bundle import Bundle, bundle
+from palpate.physics.beam_bundle import Bundle, bundle, check_count
 from palpate.physics.materials import BONE, SKIN, TISSUE, Material
 
 MATERIALS = (SKIN, TISSUE, BONE, TISSUE)
@@ -158,12 +158,13 @@ def fill(
     skin   [m]    thickness of the sheet that couples the beams' ends; 0: none
     other arguments as `bundle`
 
-    FingertipError: no contact, or a finger thinner than the depth.
+    ValueError: no contact, a finger thinner than the depth, more beams than a bundle may have.
     """
     if not (depth > 0 and pitch > 0 and math.isfinite(depth + pitch)):
         raise FingertipError(f"fill: found depth {depth} m and pitch {pitch} m, expected both > 0")
     (low_x, low_y, middle), reach = _lowest(tip, angle, depth)
     first, last = np.floor((reach[0] - (low_x, low_y)) / pitch), np.ceil((reach[1] - (low_x, low_y)) / pitch)
+    check_count(float(np.prod(last - first + 1)))
     steps = (np.arange(a, b + 1, dtype=np.int64) for a, b in zip(first, last, strict=True))
     index = np.stack(np.meshgrid(*steps, indexing="ij"), -1).reshape(-1, 2)
     x, y = low_x + index[:, 0] * pitch, low_y + index[:, 1] * pitch

@@ -156,6 +156,8 @@ def test_a_saved_fingertip_feels_as_the_one_it_was_made_of(tmp_path):
         (dict(shape="nowhere.npz"), "cannot be read"),
         (dict(shape="dome", reach=5e-3), "less than the dome"),
         (dict(reach=20e-3), "between skin and nail"),
+        (dict(pitch=1e-6), "larger pitch"),
+        (dict(shape="dome", reach=2e-3, pitch=1e-6), "larger pitch"),
         (dict(lateral="rigid"), "lateral"),
         (dict(angle=2.0), "angle"),
     ],

@@ -36,7 +36,6 @@ def fingertip(
         from palpate.scan import read, rebuild, segment
         from palpate.scan.measures import measures
         from palpate.scan.picture import draw
-        from palpate.scan.read import ScanError
     except ImportError as error:
         raise typer.BadParameter(f"{error.name} is not installed. {install('scan')}") from None
     if output.suffix != ".npz":
@@ -52,9 +51,9 @@ def fingertip(
         tip = rebuild(segment(stack, None if skin is None else skin * 1e-3), dorsal=dorsal.value)
         tip.save(output)
         draw(tip, shown)
-    except ScanError as error:
+    except ValueError as error:
         if as_json:
-            tell({"ok": False, "error": "ScanError", "text": str(error)})
+            tell({"ok": False, "error": type(error).__name__, "text": str(error)})
         else:
             typer.secho(str(error), fg="red", err=True)
         raise typer.Exit(MISUSE) from None
