@@ -158,9 +158,9 @@ class State:
     path       [m]  (N)    slipped since first touch: the localized displacement
     slipping   [1]  (N)    bool, slides over the plate in the last step
     first      [s]  (N)    time of first slip since first touch; -1 where it has not slipped
-    summary         (9)    as SUMMARY names: nodes in contact and sliding, beams held at their reach, rounds and residual
-                           of the solver, length of the step [s]; and of a next step of the same length at the same
-                           depth its stiffness [N/m], its depth of first touch [m] and its force [N]
+    summary         (9)    as SUMMARY names: nodes in contact and sliding, beams held at their reach, rounds and
+                           residual of the solver, length of the step [s]; and of a next step of the same length at
+                           the same depth its stiffness [N/m], its depth of first touch [m] and its force [N]
     """
 
     def __init__(self, body: Bundle) -> None:

@@ -78,19 +78,28 @@ class Input:
         self.arrived = arrived
 
     def at(self, tick: int) -> Message | None:
-        """The message of `tick`, if it is here; older ones are dropped."""
-        if self.output is not None:
-            for message in (self.output.last, self.output.previous):
-                if message is not None and message.tick == tick:
-                    return message
-            return None
+        """The message that a step at `tick` of the simulated clock uses, if it is here; None where it has not come yet,
+        and where there is none (see `absent`). Older ones are dropped."""
+        need = tick - 1 if self.loop else tick
+        if self.every > 1:
+            need -= need % self.every
+        output = self.output
+        if output is not None:
+            message = output.last
+            if message is not None and message.tick != need:
+                message = output.previous
+            return message if message is not None and message.tick == need else None
         queue = self.queue
-        while queue and queue[0].tick < tick:
+        while queue and queue[0].tick < need:
             queue.popleft()
-        if queue and queue[0].tick == tick:
+        if queue and queue[0].tick == need:
             self.message = queue[0]
         message = self.message
-        return message if message is not None and message.tick == tick else None
+        return message if message is not None and message.tick == need else None
+
+    def absent(self, tick: int) -> bool:
+        """Whether no message will come for a step at `tick`: the sender is gone, or it is the first tick of a loop."""
+        return self.dead or (self.loop and tick == 0)
 
     def newest(self, limit: int) -> Message | None:
         """The newest message up to tick `limit`; older ones are dropped."""
@@ -165,23 +174,27 @@ class Slot:
             return
         used = tuple([-1 if m is None else m.tick for m in messages])
         if len(self.outputs) == 1:
-            answer = (answer,)
-        elif answer is None:
-            answer = (None,) * len(self.outputs)
-        for output, message in zip(self.outputs, answer, strict=True):
-            if message is None:  # unchanged
-                if output.last is None:
-                    raise NodeFault(self.name, f"step at tick {tick}", "answered None before it had sent a message")
-                message = msgspec.structs.replace(output.last)
-            try:
-                check_finite(message)
-            except (MessageError, AttributeError, TypeError) as error:
-                raise NodeFault(self.name, f"step at tick {tick}", error) from None
-            _set(message, "tick", tick)
-            _set(message, "time", at)
-            _set(message, "source", self.name)
-            _set(message, "used", used)
-            output.previous, output.last = output.last, message
+            self._put(self.outputs[0], answer, tick, at, used)
+        else:
+            answers = (None,) * len(self.outputs) if answer is None else answer
+            for output, message in zip(self.outputs, answers, strict=True):
+                self._put(output, message, tick, at, used)
+
+    def _put(self, output: Output, message: Message | None, tick: int, at: int, used: tuple[int, ...]) -> None:
+        """Check a message, write its header, and make it the last one of its stream."""
+        if message is None:  # unchanged
+            if output.last is None:
+                raise NodeFault(self.name, f"step at tick {tick}", "answered None before it had sent a message")
+            message = msgspec.structs.replace(output.last)
+        try:
+            check_finite(message)
+        except (MessageError, AttributeError, TypeError) as error:
+            raise NodeFault(self.name, f"step at tick {tick}", error) from None
+        _set(message, "tick", tick)
+        _set(message, "time", at)
+        _set(message, "source", self.name)
+        _set(message, "used", used)
+        output.previous, output.last = output.last, message
 
 
 def _forces(message: Message) -> dict[str, float]:
