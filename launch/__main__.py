@@ -9,6 +9,7 @@ import typer
 from palpate.launch.commands.check import check
 from palpate.launch.commands.common import Verbs
 from palpate.launch.commands.doctor import doctor
+from palpate.launch.commands.fingertip import fingertip
 from palpate.launch.commands.fit import fit
 from palpate.launch.commands.join import join
 from palpate.launch.commands.messages import messages
@@ -51,6 +52,7 @@ app.command()(messages)
 app.command()(doctor)
 app.command()(fit)
 app.command()(join)
+app.command()(fingertip)
 app.add_typer(new, name="new")
 
 
