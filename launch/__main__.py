@@ -9,6 +9,8 @@ import typer
 from palpate.launch.commands.check import check
 from palpate.launch.commands.common import Verbs
 from palpate.launch.commands.doctor import doctor
+from palpate.launch.commands.fingertip import fingertip
+from palpate.launch.commands.fit import fit
 from palpate.launch.commands.join import join
 from palpate.launch.commands.messages import messages
 from palpate.launch.commands.new import new
@@ -50,7 +52,9 @@ app.command()(nodes)
 app.command()(messages)
 app.command()(pictures)
 app.command()(doctor)
+app.command()(fit)
 app.command()(join)
+app.command()(fingertip)
 app.add_typer(new, name="new")
 
 

@@ -324,9 +324,10 @@ class Launcher:
             return
         group, status = answer["exited"], answer["status"]
         # Its last words were sent before its end, but may come after the news of it.
-        patience = 500 if status > 0 else 20
-        while self._state[group] in ALIVE and self._reports.poll(patience):
-            self._take(_decode(self._reports))
+        until = time.monotonic() + (0.5 if status >= 0 else 0.02)
+        while self._state[group] in ALIVE and time.monotonic() < until:
+            if self._reports.poll(10):
+                self._take(_decode(self._reports))
         state = self._state[group]
         if state in ALIVE:
             how = f"killed by {signal.Signals(-status).name}" if status < 0 else f"exit code {status}"
