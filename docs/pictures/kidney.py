@@ -8,6 +8,7 @@ from __future__ import annotations
 import tempfile
 from pathlib import Path
 
+import numpy as np
 from PIL import Image
 from rich.console import Console
 
@@ -33,6 +34,10 @@ def main() -> None:
             size = WIDTH, round(picture.height * WIDTH / picture.width)
             small = picture.convert("RGB").resize(size, Image.Resampling.LANCZOS)
         palette = small.quantize(256, Image.Quantize.MAXCOVERAGE, kmeans=8)
+        colours = palette.getpalette() or []
+        corner = 3 * int(np.asarray(palette)[0, 0])
+        colours[corner : corner + 3] = [255, 255, 255]  # the background
+        palette.putpalette(colours)
         small.quantize(palette=palette, dither=Image.Dither.FLOYDSTEINBERG).save(TARGET, optimize=True)
     print(f"{TARGET}: {TARGET.stat().st_size / 1e3:.0f} kB")
 
