@@ -15,6 +15,7 @@ from palpate.launch.commands.join import join
 from palpate.launch.commands.messages import messages
 from palpate.launch.commands.new import new
 from palpate.launch.commands.nodes import nodes
+from palpate.launch.commands.pictures import pictures
 from palpate.launch.commands.plan import PlanCommand, plan
 from palpate.launch.commands.run import run
 
@@ -49,6 +50,7 @@ app.command()(check)
 app.command(cls=PlanCommand)(plan)
 app.command()(nodes)
 app.command()(messages)
+app.command()(pictures)
 app.command()(doctor)
 app.command()(fit)
 app.command()(join)

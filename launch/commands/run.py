@@ -77,10 +77,15 @@ def run(
 
 def _pictures(outcome: Outcome, folder: Path, silent: bool) -> list[Path]:
     from palpate.launch.recording.pictures import draw
+    from palpate.launch.recording.reader import RecordingError
 
     if outcome.recording is None or not outcome.recording.is_file() or not outcome.result.ticks:
         return []
-    return draw(outcome.recording, folder, console=None if silent else console())
+    try:
+        return draw(outcome.recording, folder, console=None if silent else console())
+    except (RecordingError, OSError) as error:
+        outcome.result.notes.append(f"no pictures: {error}")
+        return []
 
 
 def _summary(outcome: Outcome, name: str, drawn: list[Path]) -> None:
