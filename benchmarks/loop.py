@@ -138,7 +138,8 @@ def main() -> None:
     real = found["real"]
     out.print(
         f"real clock, 1 kHz, {real['ticks']} ticks: {real['late']:.2%} late, {real['held']:.2%} answered after "
-        f"the next tick; latency p50 {real['p50'] * 1e6:.0f}, p99 {real['p99'] * 1e6:.0f}, p99.9 {real['p999'] * 1e6:.0f} us"
+        f"the next tick; latency p50 {real['p50'] * 1e6:.0f}, p99 {real['p99'] * 1e6:.0f}, "
+        f"p99.9 {real['p999'] * 1e6:.0f} us"
     )
     if real["refused"]:
         out.print(f"refused by the system: {real['refused']}")
