@@ -124,6 +124,7 @@ def _data(outcome: Outcome) -> dict[str, Any]:
         "ticks": result.ticks,
         "rate": outcome.plan.graph.rate,
         "start": result.start,
+        "origin": result.origin,
         "wall": result.wall,
         "interrupted": result.interrupted,
         "recording": str(outcome.recording) if outcome.recording else None,
