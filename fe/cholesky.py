@@ -8,6 +8,8 @@ I. S. Duff, J. K. Reid, ACM Trans. Math. Softw. 9 (1983) 302-325; J. W. H. Liu, 
 
 from __future__ import annotations
 
+from typing import Any
+
 import numba
 import numba.experimental.function_type  # lets kernels take the routines of BLAS as arguments, which can be cached
 import numpy as np
@@ -15,6 +17,8 @@ from numba import types
 from numba.extending import get_cython_function_address
 
 from palpate.fe.ordering import Tree, dissect
+
+_LETTERS = np.frombuffer(b"LRTN", dtype=np.uint8)
 
 
 class NotPositive(ArithmeticError):
@@ -35,7 +39,7 @@ class _Routine(types.WrapperAddressProtocol):
     def __wrapper_address__(self) -> int:
         return self.address
 
-    def signature(self) -> types.Type:
+    def signature(self) -> Any:
         return types.void(*[types.uintp] * self.arguments)
 
 
@@ -71,6 +75,7 @@ class Cholesky:
         self._relative = _relative(tree)
         self._blocks = _destinations(tree, indptr, indices)
         self._stack = _stack(tree)
+        self._scale = np.array([1.0, -1.0], dtype=self.dtype)
         self._factor: np.ndarray | None = None
 
     @property
@@ -92,7 +97,7 @@ class Cholesky:
         bad = _factor(
             self._potrf, self._trsm, self._syrk, self._pivots, self._rows, self._children, tree.start,
             self._relative, begin, which, row, column, np.ascontiguousarray(data), self._panel, self._factor,
-            self._front, self._updates,
+            self._front, self._updates, _LETTERS, self._scale, np.zeros(4, dtype=np.int32),
         )  # fmt: skip
         if bad >= 0:
             raise NotPositive(int(tree.order[bad]))
@@ -107,7 +112,7 @@ class Cholesky:
         work = np.empty(largest * x.shape[1], dtype=self.dtype)
         _solve(
             self._trsm, self._gemm, self._pivots, self._rows, self.tree.first, self.tree.start, self.tree.boundary,
-            self._panel, self._factor, x, work,
+            self._panel, self._factor, x, work, _LETTERS, self._scale, np.zeros(4, dtype=np.int32),
         )  # fmt: skip
         found = np.empty((len(self.tree.order), 3, x.shape[1]))
         found[self.tree.order] = x.reshape(-1, 3, x.shape[1])
@@ -167,13 +172,12 @@ def _stack(tree: Tree) -> int:
 @numba.njit(cache=True)
 def _factor(
     potrf, trsm, syrk, pivots, rows, children, start, relative, begin, which, row, column, data, panel, factor,
-    front, updates,
+    front, updates, letter, scale, size,
 ):  # fmt: skip
-    size = np.zeros(4, dtype=np.int32)
-    letter = np.array([76, 82, 84, 78], dtype=np.uint8)  # L R T N
-    scale = np.array([1.0, -1.0], dtype=factor.dtype)
-    low, right, transposed, plain = letter.ctypes.data, letter[1:].ctypes.data, letter[2:].ctypes.data, 0
-    plain = letter[3:].ctypes.data
+    # what BLAS gets the address of is an argument: an array made here could be freed before the last call
+    low, right, transposed, plain = (
+        letter.ctypes.data, letter[1:].ctypes.data, letter[2:].ctypes.data, letter[3:].ctypes.data
+    )  # fmt: skip
     n_at, p_at, u_at, info = size.ctypes.data, size[1:].ctypes.data, size[2:].ctypes.data, size[3:].ctypes.data
     one, minus = scale.ctypes.data, scale[1:].ctypes.data
     waiting = np.zeros(len(pivots), dtype=np.int64)
@@ -226,11 +230,8 @@ def _factor(
 
 
 @numba.njit(cache=True)
-def _solve(trsm, gemm, pivots, rows, first, start, boundary, panel, factor, x, work):
-    size = np.zeros(4, dtype=np.int32)
-    letter = np.array([76, 78, 84], dtype=np.uint8)  # L N T
-    scale = np.array([1.0, -1.0, 0.0], dtype=factor.dtype)
-    low, plain, transposed = letter.ctypes.data, letter[1:].ctypes.data, letter[2:].ctypes.data
+def _solve(trsm, gemm, pivots, rows, first, start, boundary, panel, factor, x, work, letter, scale, size):
+    low, transposed, plain = letter.ctypes.data, letter[2:].ctypes.data, letter[3:].ctypes.data
     n_at, p_at, u_at, m_at = size.ctypes.data, size[1:].ctypes.data, size[2:].ctypes.data, size[3:].ctypes.data
     one, minus = scale.ctypes.data, scale[1:].ctypes.data
     many = x.shape[1]
