@@ -2,6 +2,7 @@
 
 from palpate.fe.materials import Material, MaterialError, hencky, linear, mooney_rivlin, neo_hooke
 from palpate.fe.mesh import MeshError, TetMesh, box, quadratic
+from palpate.fe.pair import Pair
 from palpate.fe.rigid import Rigid, plane, sphere
 from palpate.fe.solver import ConvergenceError, Settings, Solver
 
@@ -10,6 +11,7 @@ __all__ = [
     "Material",
     "MaterialError",
     "MeshError",
+    "Pair",
     "Rigid",
     "Settings",
     "Solver",

@@ -31,7 +31,7 @@ class Tree:
 def dissect(points: np.ndarray, elements: np.ndarray) -> Tree:
     """Elimination tree of a mesh whose elements couple all their nodes.
 
-    Elements are split by planes across the longest axes of their centroids; the nodes that both halves share are
+    Elements are split by planes across the axes; the nodes that both halves share are
     the separator. Of several cuts near the middle the one with the least separator for its balance is taken.
 
     points    [m] (N,3)
@@ -53,9 +53,7 @@ def dissect(points: np.ndarray, elements: np.ndarray) -> Tree:
         inside = elements[part]
         best: tuple[float, np.ndarray] | None = None
         spread = np.ptp(centre[part], axis=0)
-        for axis in np.argsort(-spread)[:2]:
-            if spread[axis] < 0.6 * spread.max():
-                continue
+        for axis in np.flatnonzero(spread > 0.0):
             x = centre[part, axis]
             for share in (0.42, 0.46, 0.5, 0.54, 0.58):
                 left = x < np.quantile(x, share)

@@ -19,13 +19,14 @@ class Pattern:
     indices: np.ndarray
 
     def where(self, elements: np.ndarray) -> np.ndarray:
-        """Place of the block of each pair of nodes of each element (E,k,k).
+        """Place of the block of each pair of nodes of each element (E,k,k); any place where a node is -1.
 
         ValueError: a pair that the pattern does not couple.
         """
         count = len(self.indptr) - 1
         keys = np.repeat(np.arange(count), np.diff(self.indptr)) * count + self.indices
-        wanted = elements[:, :, None] * count + elements[:, None, :]
+        a, b = elements[:, :, None], elements[:, None, :]
+        wanted = np.where((a >= 0) & (b >= 0), a * count + b, keys[0])
         found = np.searchsorted(keys, wanted)
         if (keys[np.minimum(found, len(keys) - 1)] != wanted).any():
             raise ValueError("nodes that the pattern does not couple")
@@ -38,9 +39,12 @@ class Pattern:
 
 
 def pattern(count: int, elements: np.ndarray) -> Pattern:
-    """Pattern of `count` nodes coupled by elements (E,k); -1 fills up an element of fewer nodes."""
-    a, b = np.broadcast_arrays(elements[:, :, None], elements[:, None, :])
-    real = (a >= 0) & (b >= 0)
-    keys = np.unique(np.concatenate([a[real] * count + b[real], np.arange(count) * (count + 1)]))
+    """Pattern of `count` nodes coupled by elements (E,k); -1 fills up the end of an element of fewer nodes."""
+    parts = [np.arange(count) * (count + 1)]
+    filled = (elements >= 0).sum(axis=1)
+    for size in np.unique(filled):
+        own = elements[filled == size, :size]
+        parts.append(np.unique(own[:, :, None] * count + own[:, None, :]))
+    keys = np.unique(np.concatenate(parts))
     indptr = np.searchsorted(keys, np.arange(count + 1) * count)
     return Pattern(indptr.astype(np.int32), (keys % count).astype(np.int32))

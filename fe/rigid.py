@@ -12,13 +12,13 @@ J. C. Simo, T. A. Laursen, Comput. Struct. 42 (1992) 97-116.
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import lru_cache
 from typing import Any
 
 import numba
 import numpy as np
 
 from palpate.fe import faces as face_rule
+from palpate.fe.compiled import SHAPE, compiled
 from palpate.fe.pattern import Pattern
 
 Shape = Callable[..., float]
@@ -46,74 +46,70 @@ def sphere(x, p, normal, curvature):
     return r - p[0]
 
 
-@lru_cache(maxsize=32)
-def _kernel(shape: Shape) -> Callable[..., None]:
-    @numba.njit(cache=True)
-    def run(
-        points, start, faces, value, area, move, before, p, penalty, friction, multiplier, sliding, traction, shear,
-        gap, slip, total, tangent, where, force, data,
-    ):  # fmt: skip
-        normal, curvature, x = np.zeros(3), np.zeros((3, 3)), np.zeros(3)
-        total[:] = 0.0
-        d, s, q, block = np.zeros(3), np.zeros(3), np.zeros(3), np.zeros((3, 3))
-        for f in range(len(faces)):
-            for k in range(value.shape[0]):
-                for i in range(3):
-                    x[i], d[i] = -move[i], before[i] - move[i]
-                    for a in range(6):
-                        x[i] += value[k, a] * points[faces[f, a], i]
-                        d[i] += value[k, a] * (points[faces[f, a], i] - start[faces[f, a], i])
-                g = shape(x, p, normal, curvature)
-                gap[f, k] = g
-                t = multiplier[f, k] - penalty * g
-                shear[f, k] = 0.0
-                slip[f, k] = False
-                if not t > 0.0:
-                    traction[f, k] = 0.0
-                    continue
-                traction[f, k] = t
-                along = normal[0] * d[0] + normal[1] * d[1] + normal[2] * d[2]
-                cut = 0.0
-                length = 0.0
-                if friction > 0.0:
-                    for i in range(3):
-                        s[i] = d[i] - along * normal[i]
-                        q[i] = sliding[f, k, i] - penalty * s[i]
-                    along = normal[0] * q[0] + normal[1] * q[1] + normal[2] * q[2]
-                    for i in range(3):
-                        q[i] -= along * normal[i]
-                    length = np.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2])
-                    cut = 1.0
-                    if length > friction * t:
-                        cut = friction * t / length
-                        slip[f, k] = True
-                    for i in range(3):
-                        shear[f, k, i] = cut * q[i]
-                w = area[f, k]
-                for i in range(3):
-                    total[i] += w * (t * normal[i] + shear[f, k, i])
+@numba.njit(cache=True)
+def _touch(
+    shape, points, start, faces, value, area, move, before, p, penalty, friction, multiplier, sliding, traction, shear,
+    gap, slip, total, tangent, where, force, data,
+):  # fmt: skip
+    normal, curvature, x = np.zeros(3), np.zeros((3, 3)), np.zeros(3)
+    total[:] = 0.0
+    d, s, q, block = np.zeros(3), np.zeros(3), np.zeros(3), np.zeros((3, 3))
+    for f in range(len(faces)):
+        for k in range(value.shape[0]):
+            for i in range(3):
+                x[i], d[i] = -move[i], before[i] - move[i]
                 for a in range(6):
-                    for i in range(3):
-                        force[faces[f, a], i] -= w * value[k, a] * (t * normal[i] + shear[f, k, i])
-                if not tangent:
-                    continue
+                    x[i] += value[k, a] * points[faces[f, a], i]
+                    d[i] += value[k, a] * (points[faces[f, a], i] - start[faces[f, a], i])
+            g = shape(x, p, normal, curvature)
+            gap[f, k] = g
+            t = multiplier[f, k] - penalty * g
+            shear[f, k] = 0.0
+            slip[f, k] = False
+            if not t > 0.0:
+                traction[f, k] = 0.0
+                continue
+            traction[f, k] = t
+            along = normal[0] * d[0] + normal[1] * d[1] + normal[2] * d[2]
+            cut = 0.0
+            length = 0.0
+            if friction > 0.0:
                 for i in range(3):
-                    for j in range(3):
-                        square = normal[i] * normal[j]
-                        block[i, j] = penalty * square - t * curvature[i, j]
-                        if friction > 0.0:
-                            x_ij = (1.0 if i == j else 0.0) - square
-                            if slip[f, k]:
-                                x_ij -= q[i] * q[j] / (length * length)
-                            block[i, j] += penalty * cut * x_ij
-                for a in range(6):
-                    for b in range(6):
-                        scale = w * value[k, a] * value[k, b]
-                        for i in range(3):
-                            for j in range(3):
-                                data[where[f, a, b], i, j] += scale * block[i, j]
-
-    return run
+                    s[i] = d[i] - along * normal[i]
+                    q[i] = sliding[f, k, i] - penalty * s[i]
+                along = normal[0] * q[0] + normal[1] * q[1] + normal[2] * q[2]
+                for i in range(3):
+                    q[i] -= along * normal[i]
+                length = np.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2])
+                cut = 1.0
+                if length > friction * t:
+                    cut = friction * t / length
+                    slip[f, k] = True
+                for i in range(3):
+                    shear[f, k, i] = cut * q[i]
+            w = area[f, k]
+            for i in range(3):
+                total[i] += w * (t * normal[i] + shear[f, k, i])
+            for a in range(6):
+                for i in range(3):
+                    force[faces[f, a], i] -= w * value[k, a] * (t * normal[i] + shear[f, k, i])
+            if not tangent:
+                continue
+            for i in range(3):
+                for j in range(3):
+                    square = normal[i] * normal[j]
+                    block[i, j] = penalty * square - t * curvature[i, j]
+                    if friction > 0.0:
+                        x_ij = (1.0 if i == j else 0.0) - square
+                        if slip[f, k]:
+                            x_ij -= q[i] * q[j] / (length * length)
+                        block[i, j] += penalty * cut * x_ij
+            for a in range(6):
+                for b in range(6):
+                    scale = w * value[k, a] * value[k, b]
+                    for i in range(3):
+                        for j in range(3):
+                            data[where[f, a, b], i, j] += scale * block[i, j]
 
 
 class Rigid:
@@ -146,14 +142,14 @@ class Rigid:
         self.friction = float(friction)
         self.bound = bound
         self.penalty = penalty
-        self._run = _kernel(shape)
+        self._shape = compiled(shape, SHAPE)
         self._value, _ = face_rule.shape(face_rule.POINTS)
 
     def bind(self, points: np.ndarray, pattern: Pattern, stiffness: np.ndarray) -> None:
         """Make the state for a mesh whose nodes have this stiffness [N/m] (N,)."""
         self.points = points
         self.area = face_rule.areas(points, self.faces)
-        self._where = pattern.where(self.faces)
+        self.couple(pattern)
         edge = np.sqrt(2.0 * self.area.sum() / len(self.faces))
         if not self.bound > 0.0:
             self.bound = edge / 2000.0
@@ -172,6 +168,10 @@ class Rigid:
         self._start = points.copy()
         self._before: np.ndarray | None = None
 
+    def couple(self, pattern: Pattern) -> None:
+        """Take up a new pattern."""
+        self._where = pattern.where(self.faces)
+
     def couples(self) -> np.ndarray:
         """Nodes that this contact couples beyond the elements (C,k)."""
         return np.zeros((0, 6), dtype=np.int64)
@@ -189,10 +189,10 @@ class Rigid:
     def add(self, displacement: np.ndarray, load: float, tangent: bool, force: np.ndarray, data: np.ndarray) -> None:
         """Add the contact to the residual (N,3) and, if asked, to the tangent's blocks."""
         move = np.asarray(self.path(load), dtype=np.float64)
-        self._run(
-            self.points + displacement, self._start, self.faces, self._value, self.area, move, self._before,
-            self.parameters, self.penalty, self.friction, self.multiplier, self.sliding, self.traction, self.shear,
-            self.gap, self.slip, self.force, tangent, self._where, force, data,
+        _touch(
+            self._shape, self.points + displacement, self._start, self.faces, self._value, self.area, move,
+            self._before, self.parameters, self.penalty, self.friction, self.multiplier, self.sliding, self.traction,
+            self.shear, self.gap, self.slip, self.force, tangent, self._where, force, data,
         )  # fmt: skip
 
     def settle(self) -> bool:

@@ -10,7 +10,8 @@ from typing import Any, Protocol
 import numpy as np
 
 from palpate.fe.cholesky import Cholesky, NotPositive
-from palpate.fe.elements import gradients, kernel
+from palpate.fe.compiled import LAW, compiled
+from palpate.fe.elements import gradients, integrate
 from palpate.fe.materials import Material
 from palpate.fe.mesh import MeshError, TetMesh
 from palpate.fe.pattern import Pattern, pattern
@@ -24,6 +25,7 @@ class ContactPair(Protocol):
     """What the solver needs of a contact, see `fe.rigid`."""
 
     def bind(self, points: np.ndarray, pattern: Pattern, stiffness: np.ndarray) -> None: ...
+    def couple(self, pattern: Pattern) -> None: ...
     def couples(self) -> np.ndarray: ...
     def begin(self, displacement: np.ndarray, load: float) -> None: ...
     def back(self) -> None: ...
@@ -92,7 +94,6 @@ class Solver:
         loose = np.ones(len(mesh.points), dtype=bool)
         loose[mesh.elements] = False
         self.fixed = fixed | loose[:, None]
-        self._couple()
         self._groups = []
         for region in np.unique(mesh.region):
             own = np.flatnonzero(mesh.region == region)
@@ -100,8 +101,9 @@ class Solver:
             if (det <= 0).any():
                 bad = own[np.argmax((det <= 0).any(axis=1))]
                 raise MeshError(f"element {bad} at {_place(mesh, bad)}: its edges are bent until it turns inside out")
-            material = self.materials[region]
-            self._groups.append((material, own, slope, det / 24.0, mesh.elements[own], self._where[own]))
+            self._groups.append((self.materials[region], own, slope, det / 24.0))
+        self._extra = np.zeros((0, 1), dtype=np.int64)
+        self._couple()
         force, data = np.zeros_like(mesh.points), np.zeros((len(self._pattern.indices), 3, 3))
         self._elements(self.displacement, True, force, data)
         stiffness = np.trace(data[self._diagonal], axis1=1, axis2=2) / 3.0
@@ -114,20 +116,34 @@ class Solver:
     def _couple(self) -> None:
         """Pattern and elimination tree of elements and contacts."""
         mesh = self.mesh
-        extra = [c.couples() for c in self.contacts]
-        width = max([10] + [x.shape[1] for x in extra])
-        cliques = np.concatenate([_widen(x, width) for x in [mesh.elements, *extra]])
+        width = max(10, self._extra.shape[1])
+        cliques = np.concatenate([_widen(mesh.elements, width), _widen(self._extra, width)])
         self._pattern = pattern(len(mesh.points), cliques)
-        self._where = self._pattern.where(mesh.elements)
+        where = self._pattern.where(mesh.elements)
+        self._where = [where[own] for _, own, _, _ in self._groups]
         self._diagonal = self._pattern.where(np.arange(len(mesh.points))[:, None])[:, 0, 0]
         self._solver = Cholesky(mesh.points, cliques, self._pattern.indptr, self._pattern.indices)
 
+    def _recouple(self) -> None:
+        """Widen the pattern where contacts have come to couple other nodes."""
+        found = [c.couples() for c in self.contacts]
+        found = [x for x in found if len(x)]
+        if not found:
+            return
+        width = max(x.shape[1] for x in found)
+        extra = np.concatenate([_widen(x, width) for x in found])
+        if not np.array_equal(extra, self._extra):
+            self._extra = extra
+            self._couple()
+        for contact in self.contacts:
+            contact.couple(self._pattern)
+
     def _elements(self, u: np.ndarray, tangent: bool, force: np.ndarray, data: np.ndarray) -> tuple[float, int]:
         total = 0.0
-        for material, own, slope, weight, elements, where in self._groups:
-            energy, bad = kernel(material.law)(
-                slope, weight, elements, u, np.array(material.parameters), material.mixed, material.small,
-                tangent, where, force, data,
+        for (material, own, slope, weight), where in zip(self._groups, self._where, strict=True):
+            energy, bad = integrate(
+                compiled(material.law, LAW), slope, weight, self.mesh.elements[own], u, np.array(material.parameters),
+                material.mixed, material.small, tangent, where, force, data,
             )  # fmt: skip
             if bad >= 0:
                 return total, int(own[bad])
@@ -175,6 +191,7 @@ class Solver:
         """One load step: None, or why it failed; and the iterations used."""
         for contact in self.contacts:
             contact.begin(self.displacement, self.load)
+        self._recouple()
         fault, used, u = self._newton(load)
         self.iterations += used
         if fault is None:

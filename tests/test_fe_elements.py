@@ -20,7 +20,8 @@ from palpate.fe import (
     quadratic,
 )
 from palpate.fe.cholesky import Cholesky, NotPositive
-from palpate.fe.elements import gradients, kernel
+from palpate.fe.compiled import LAW, compiled
+from palpate.fe.elements import gradients, integrate
 from palpate.fe.materials import Material, shape_invariants, shape_stress
 from palpate.fe.mesh import bricks, grid
 from palpate.fe.pattern import pattern
@@ -49,9 +50,10 @@ def evaluate(mesh, material, u, tangent=True):
     found = pattern(len(mesh.points), mesh.elements)
     slope, det = gradients(mesh.points, mesh.elements)
     force, data = np.zeros_like(u), np.zeros((len(found.indices), 3, 3))
-    energy, bad = kernel(material.law)(
-        slope, det / 24.0, mesh.elements, u, np.array(material.parameters), material.mixed, material.small, tangent,
-        found.where(mesh.elements), force, data,
+    law = compiled(material.law, LAW)
+    energy, bad = integrate(
+        law, slope, det / 24.0, mesh.elements, u, np.array(material.parameters), material.mixed, material.small,
+        tangent, found.where(mesh.elements), force, data,
     )  # fmt: skip
     return energy, force, found.matrix(data), bad
 
