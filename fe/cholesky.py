@@ -44,23 +44,21 @@ class _Routine(types.WrapperAddressProtocol):
 
 
 class Cholesky:
-    """Factor of a symmetric positive definite block matrix whose pattern couples the nodes of each element.
+    """Factor of a symmetric positive definite block matrix.
 
-    points    [m] (N,3)  places of the nodes; the elimination order comes from them
-    elements  (E,k)      node indices of each element, -1 fills up
-    indptr, indices      the block pattern, all of it or its lower half, as in a BSR matrix
+    points    [m] (N,3)  places of the nodes; the elimination order is made with them
+    indptr, indices      the block pattern, both halves, as in a BSR matrix
     single               factor in single precision: half the memory and time, to precondition with
     """
 
     def __init__(
         self,
         points: np.ndarray,
-        elements: np.ndarray,
         indptr: np.ndarray,
         indices: np.ndarray,
         single: bool = False,
     ) -> None:
-        self.tree = tree = dissect(points, elements)
+        self.tree = tree = dissect(points, indptr, indices)
         self.dtype = np.dtype(np.float32 if single else np.float64)
         letter = "s" if single else "d"
         self._potrf = _Routine("lapack", letter + "potrf", 5)

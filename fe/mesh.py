@@ -11,7 +11,7 @@ EDGES = np.array([[0, 1], [1, 2], [2, 0], [0, 3], [1, 3], [2, 3]])
 FACES = np.array([[0, 2, 1, 6, 5, 4], [0, 1, 3, 4, 8, 7], [1, 2, 3, 5, 9, 8], [0, 3, 2, 7, 9, 6]])
 """The local nodes of each face, counter-clockwise seen from outside: three corners, then the nodes between them."""
 
-_KUHN = np.array([[0, 1, 3, 7], [0, 3, 2, 7], [0, 2, 6, 7], [0, 6, 4, 7], [0, 4, 5, 7], [0, 5, 1, 7]])
+_QUADS = np.array([[0, 1, 3, 2], [4, 5, 7, 6], [0, 1, 5, 4], [2, 3, 7, 6], [0, 2, 6, 4], [1, 3, 7, 5]])
 
 
 class MeshError(ValueError):
@@ -99,14 +99,25 @@ def quadratic(points: np.ndarray, corners: np.ndarray, region: np.ndarray | None
 
 
 def bricks(points: np.ndarray, cells: np.ndarray) -> np.ndarray:
-    """Six tetrahedra (6C,4) for each brick (C,8); node order of a brick: x fastest, then y, then z. All are
-    positive, and faces match where bricks share corners in the same order."""
-    tets = cells[:, _KUHN].reshape(-1, 4)
+    """Six tetrahedra (6C,4) for each brick (C,8), whatever way the bricks are joined; node order of a brick: x fastest,
+    then y, then z.
+
+    A face is cut from its lowest node, so that neighbours agree; the brick is the cone from its lowest node over the
+    three faces that do not hold it. J. Dompierre et al., Proc. 8th Int. Meshing Roundtable (1999) 195-204.
+    """
+    quads = cells[:, _QUADS]
+    first = quads.argmin(axis=2)
+    turned = np.take_along_axis(quads, (first[:, :, None] + np.arange(4)) % 4, axis=2)
+    apex = cells.min(axis=1)
+    away = (turned != apex[:, None, None]).all(axis=2)
+    far = turned[away].reshape(-1, 3, 4)
+    top = np.broadcast_to(apex[:, None, None], (len(cells), 3, 1))
+    tets = np.concatenate([np.concatenate([top, far[:, :, k]], axis=2) for k in ([0, 1, 2], [0, 2, 3])], axis=1)
+    tets = tets.reshape(-1, 4)
     a, b, c, d = (points[tets[:, i]] for i in range(4))
-    flat = np.array([len(set(t)) for t in tets.tolist()]) < 4
-    turned = np.einsum("ij,ij->i", np.cross(b - a, c - a), d - a) < 0
-    tets[turned] = tets[turned][:, [0, 2, 1, 3]]
-    return tets[~flat]
+    inside_out = np.einsum("ij,ij->i", np.cross(b - a, c - a), d - a) < 0
+    tets[inside_out] = tets[inside_out][:, [0, 2, 1, 3]]
+    return tets
 
 
 def grid(x: np.ndarray, y: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -257,8 +257,9 @@ class Pair:
         return not touching.any() or float(-self.gap[touching].min()) <= self.bound
 
     def contact_area(self, displacement: np.ndarray) -> float:
-        """Deformed area of the integration points that carry pressure [m²]."""
-        return float(face_rule.areas(self.points + displacement, self.slave)[self.traction > 0.0].sum())
+        """Deformed area of the integration points that carry pressure or are closed to within the bound [m²]."""
+        closed = (self.traction > 0.0) | (self.gap <= self.bound)
+        return float(face_rule.areas(self.points + displacement, self.slave)[closed].sum())
 
     def state(self) -> dict[str, Any]:
         """What `restore` needs."""

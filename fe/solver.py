@@ -91,6 +91,7 @@ class Solver:
         self.reaction = np.zeros_like(mesh.points)
         self.energy = 0.0
         self.factorisations = self.iterations = 0
+        self._last: tuple[float, np.ndarray] | None = None
         loose = np.ones(len(mesh.points), dtype=bool)
         loose[mesh.elements] = False
         self.fixed = fixed | loose[:, None]
@@ -122,7 +123,7 @@ class Solver:
         where = self._pattern.where(mesh.elements)
         self._where = [where[own] for _, own, _, _ in self._groups]
         self._diagonal = self._pattern.where(np.arange(len(mesh.points))[:, None])[:, 0, 0]
-        self._solver = Cholesky(mesh.points, cliques, self._pattern.indptr, self._pattern.indices)
+        self._solver = Cholesky(mesh.points, self._pattern.indptr, self._pattern.indices)
 
     def _recouple(self) -> None:
         """Widen the pattern where contacts have come to couple other nodes."""
@@ -195,8 +196,10 @@ class Solver:
         fault, used, u = self._newton(load)
         self.iterations += used
         if fault is None:
+            self._last = load - self.load, u - self.displacement
             self.displacement, self.load = u, load
         else:
+            self._last = None
             for contact in self.contacts:
                 contact.back()
         return fault, used
@@ -204,11 +207,18 @@ class Solver:
     def _newton(self, load: float) -> tuple[str | None, int, np.ndarray]:
         u = self.displacement.copy()
         goal = np.zeros_like(u) if self.held is None else np.asarray(self.held(load), dtype=np.float64)
-        jump = np.where(self.fixed, goal - u, 0.0)
-        pending = bool(np.abs(jump).max(initial=0.0) > 0.0)
-        force, data, size, bad = self._residual(u, load, True)
+        bad = 0
+        if self._last is not None:  # go on as the last step went
+            guess = np.where(self.fixed, goal, u + (load - self.load) / self._last[0] * self._last[1])
+            force, data, size, bad = self._residual(guess, load, True)
+            if bad < 0:
+                u = guess
+        if bad >= 0:
+            force, data, size, bad = self._residual(u, load, True)
         if bad >= 0:
             return f"element {bad} at {_place(self.mesh, bad)} is inverted", 0, u
+        jump = np.where(self.fixed, goal - u, 0.0)
+        pending = bool(np.abs(jump).max(initial=0.0) > 0.0)
         used = since = 0
         while True:
             if pending:

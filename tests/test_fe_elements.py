@@ -193,7 +193,7 @@ def test_the_factor_solves_as_a_dense_solver_does():
     rhs = rng.standard_normal((3 * len(mesh.points), 4))
     dense = np.linalg.solve(found.matrix(data).toarray(), rhs)
     for single, tolerance in ((False, 1e-11), (True, 1e-3)):
-        factor = Cholesky(mesh.points, mesh.elements, found.indptr, found.indices, single)
+        factor = Cholesky(mesh.points, found.indptr, found.indices, single)
         factor.factor(data)
         assert factor.solve(rhs) == approx(dense, abs=tolerance * np.abs(dense).max())
         assert factor.solve(rhs[:, 0]) == approx(dense[:, 0], abs=tolerance * np.abs(dense).max())
