@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 
 from palpate.fe.materials import Material, hencky, mooney_rivlin
-from palpate.fe.mesh import MeshError, TetMesh, bricks, grid, quadratic
+from palpate.fe.mesh import MeshError, TetMesh, bricks, edge_nodes, grid, quadratic
 from palpate.fe.pair import Pair
 from palpate.fe.rigid import Rigid, plane
 from palpate.fe.solver import Settings, Solver
@@ -68,10 +68,27 @@ class Fingertip:
 
     @cached_property
     def mesh(self) -> TetMesh:
-        """Half of the finger, x >= 0."""
-        points, cells, region = self._lattice()
-        mesh = quadratic(points, bricks(points, cells), np.repeat(region, 6))
-        return TetMesh(self._world(mesh.points), mesh.elements, mesh.region)
+        """Half of the finger, x >= 0; the edges of its elements follow the capsules."""
+        lattice, cells, region = self._lattice()
+        corners = bricks(self._place(lattice), cells)
+        elements, edges = edge_nodes(len(lattice), corners)
+        lattice = np.concatenate([lattice, lattice[edges].mean(axis=1)])
+        return TetMesh(self._world(self._place(lattice)), elements, np.repeat(region, 6))
+
+    def _place(self, lattice: np.ndarray) -> np.ndarray:
+        """Finger frame [m] (N,3) of lattice coordinates (N,4): three in the box, of which the third runs over -1 ... 0
+        along the phalanx and 0 ... 1 in the tip; and 0 ... 1 from the core's surface to the bone's, 1 + depth above it
+        in mm outside."""
+        box, shell = lattice[:, :3], lattice[:, 3]
+        tip = np.maximum(box[:, 2], 0.0)
+        along = self.phalanx * (1.0 + np.minimum(box[:, 2], 0.0))
+        middle = np.stack([0.0 * along, 0.0 * along, along], axis=1)
+        ray = np.stack([box[:, 0], box[:, 1], tip], axis=1)
+        direction = np.tan(np.pi / 4 * ray)
+        direction /= np.maximum(np.linalg.norm(direction, axis=1, keepdims=True), 1e-12)
+        inside = np.minimum(shell, 1.0)[:, None]
+        radius = self.bone + 1e-3 * np.maximum(shell - 1.0, 0.0)[:, None]
+        return middle + (1.0 - inside) * (0.45 * self.bone) * ray + inside * radius * direction
 
     def _world(self, p: np.ndarray) -> np.ndarray:
         s, c = np.sin(self.tilt), np.cos(self.tilt)
@@ -89,14 +106,6 @@ class Fingertip:
         back = np.cumsum(1.35 ** np.arange(max(3, n - 1)))
         z = np.concatenate([-back[::-1] / back[-1], tip])
         u, cells = grid(x, y, z)
-        core = 0.45 * self.bone
-        start = np.maximum(u[:, 2], 0.0)
-        along = self.phalanx * (1.0 + np.minimum(u[:, 2], 0.0))
-        middle = np.stack([0.0 * along, 0.0 * along, along], axis=1)
-        direction = np.tan(np.pi / 4 * np.stack([u[:, 0], u[:, 1], start], axis=1))
-        direction /= np.maximum(np.linalg.norm(direction, axis=1, keepdims=True), 1e-12)
-        inner = middle + core * np.stack([u[:, 0], u[:, 1], start], axis=1)
-
         nx, ny, nz = len(x), len(y), len(z)
         corner = np.array([[0, 1, nx, nx + 1], [0, 1, nx * ny, nx * ny + 1], [0, nx, nx * ny, nx * ny + nx]])
         node = np.arange(len(u)).reshape(nz, ny, nx)
@@ -108,28 +117,22 @@ class Fingertip:
         ]
         upper = len(quads[0]) + len(quads[1]) + np.arange(len(quads[2]))
         skin = np.concatenate(quads)
-        radius = np.concatenate([[np.nan], self._levels()])
-        surface = np.unique(skin)
-        layer = np.full(len(u), -1)
-        layer[surface] = np.arange(len(surface))
-        points, region = [inner], [np.full(len(cells), BONE)]
-        every = [cells]
-        below = skin
-        total = len(u)
-        for k, r in enumerate(radius[1:]):
-            points.append(middle[surface] + r * direction[surface])
-            above = total + layer[skin]
+        surface, on = np.unique(skin, return_inverse=True)
+        on = on.reshape(skin.shape)
+        points = [np.column_stack([u, np.zeros(len(u))])]
+        every, region = [cells], [np.full(len(cells), BONE)]
+        below, total = skin, len(u)
+        for k, r in enumerate(self._levels()):
+            points.append(np.column_stack([u[surface], np.full(len(surface), 1.0 + 1e3 * (r - self.bone))]))
+            every.append(np.concatenate([below, total + on], axis=1))
+            region.append(np.full(len(skin), int(np.searchsorted(self.radii, r - 1e-12)) if k else BONE))
+            below = total + on
             total += len(surface)
-            every.append(np.concatenate([below, above], axis=1))
-            kind = int(np.searchsorted(self.radii, r - 1e-12))
-            region.append(np.full(len(skin), BONE if k == 0 else kind))
-            below = above
-        nailed = below[upper]
-        own, inverse = np.unique(nailed, return_inverse=True)
-        outer = middle[surface] + (self.radii[-1] + self.nail) * direction[surface]
-        points.append(outer[own - (total - len(surface))])
-        every.append(np.concatenate([nailed, total + inverse.reshape(nailed.shape)], axis=1))
-        region.append(np.full(len(nailed), NAIL))
+        own, spot = np.unique(on[upper], return_inverse=True)
+        nail = 1.0 + 1e3 * (self.radii[-1] + self.nail - self.bone)
+        points.append(np.column_stack([u[surface[own]], np.full(len(own), nail)]))
+        every.append(np.concatenate([below[upper], total + spot.reshape(-1, 4)], axis=1))
+        region.append(np.full(len(upper), NAIL))
         return np.concatenate(points), np.concatenate(every), np.concatenate(region)
 
     def _levels(self) -> np.ndarray:

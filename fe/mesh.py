@@ -90,12 +90,17 @@ class TetMesh:
 
 def quadratic(points: np.ndarray, corners: np.ndarray, region: np.ndarray | None = None) -> TetMesh:
     """Quadratic mesh from linear tetrahedra (E,4): a node is put in the middle of each edge."""
+    elements, edges = edge_nodes(len(points), corners)
+    region = np.zeros(len(corners), dtype=np.int64) if region is None else region
+    return TetMesh(np.concatenate([points, points[edges].mean(axis=1)]), elements, region)
+
+
+def edge_nodes(count: int, corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Quadratic elements (E,10) on linear ones (E,4), and the ends (M,2) of the edges whose middles are the new nodes
+    count ... count + M - 1."""
     edges = np.sort(corners[:, EDGES].reshape(-1, 2), axis=1)
     unique, inverse = np.unique(edges, axis=0, return_inverse=True)
-    middle = points[unique].mean(axis=1)
-    elements = np.concatenate([corners, len(points) + inverse.reshape(-1, 6)], axis=1)
-    region = np.zeros(len(corners), dtype=np.int64) if region is None else region
-    return TetMesh(np.concatenate([points, middle]), elements, region)
+    return np.concatenate([corners, count + inverse.reshape(-1, 6)], axis=1), unique
 
 
 def bricks(points: np.ndarray, cells: np.ndarray) -> np.ndarray:

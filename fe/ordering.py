@@ -17,7 +17,9 @@ LEAF = 32
 """Nodes below which a part is eliminated as one dense block."""
 ENDS = 0.32
 """Share of a part that lies for certain on either side of its cut."""
-DIRECTIONS = np.array([[1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 0], [1, -1, 0], [0, 1, 1], [0, 1, -1], [1, 0, 1], [1, 0, -1]])
+DIRECTIONS = np.array(
+    [[1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 0], [1, -1, 0], [0, 1, 1], [0, 1, -1], [1, 0, 1], [1, 0, -1]]
+)
 
 
 @dataclass(frozen=True)
