@@ -9,11 +9,11 @@ from palpate.messages.base import (
     Vector,
     Vector2,
     Vector3,
-    check_finite,
     fields,
     pack,
     unpack,
 )
+from palpate.messages.checks import check_finite
 from palpate.messages.contact import Contact, Friction, Load, Proximity
 from palpate.messages.device import DeviceState, Force, Pose, Torque
 from palpate.messages.tissue import Surface

@@ -47,6 +47,16 @@ class Port:
     wants: frozenset[str]
 
 
+@dataclass(frozen=True)
+class Stream:
+    """One stream that an observer hears: name, message type, sending node and its divisor of the base rate."""
+
+    name: str
+    type: type[Message]
+    producer: str
+    every: int
+
+
 class Node:
     """One job of the graph.
 
@@ -75,7 +85,7 @@ class Node:
         for name, setting in known.items():
             if name not in given and setting.default is ...:
                 raise SettingError(f"setting {name!r} [{setting.unit}]: missing")
-            setattr(self, name, _convert(setting, given[name]) if name in given else setting.default)
+            setattr(self, name, convert(setting, given[name]) if name in given else setting.default)
 
     def wants(self, field: str) -> bool:
         """Whether somebody reads this field of the output."""
@@ -90,6 +100,20 @@ class Node:
         """Give back what `start` opened."""
 
 
+class Observer(Node):
+    """A node that listens to streams instead of taking part: a logger, a viewer. It gets each message as it travels."""
+
+    sink = True
+
+    def listen(self, streams: tuple[Stream, ...], about: dict[str, Any]) -> None:
+        """Told once, before `start`: what there is to hear, and what is known of the run (plain data)."""
+        self.streams, self.about = streams, about
+
+    def observe(self, stream: str, tick: int, payload: bytes) -> None:
+        """Take one message in its wire form."""
+        raise NotImplementedError
+
+
 def settings(kind: type[Node]) -> dict[str, Setting]:
     """The settings of a node class by name, base class first.
 
@@ -97,7 +121,7 @@ def settings(kind: type[Node]) -> dict[str, Setting]:
     """
     found = {}
     for base in reversed(kind.__mro__):
-        if base in (Node, object):
+        if base in (Node, Observer, object):
             continue
         own = inspect.get_annotations(base)
         hints = typing.get_type_hints(base, include_extras=True) if own else {}
@@ -116,7 +140,7 @@ def settings(kind: type[Node]) -> dict[str, Setting]:
     return found
 
 
-def _convert(setting: Setting, value: Any) -> Any:
+def convert(setting: Setting, value: Any) -> Any:
     try:
         return msgspec.convert(value, setting.type)
     except msgspec.ValidationError as error:

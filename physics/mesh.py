@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 
@@ -43,7 +44,8 @@ class Mesh:
             p = corners[:, (i + 1) % 3] - corners[:, i]
             q = corners[:, (i + 2) % 3] - corners[:, i]
             angle = np.arctan2(np.linalg.norm(np.cross(p, q), axis=1), np.einsum("ij,ij->i", p, q))
-            np.add.at(total, self.triangles[:, i], angle[:, None] * unit)
+            for c in range(3):
+                total[:, c] += np.bincount(self.triangles[:, i], angle * unit[:, c], minlength=len(total))
         length = np.linalg.norm(total, axis=1)
         total[length == 0] = (0.0, 0.0, 1.0)
         return total / np.where(length > 0, length, 1.0)[:, None]
@@ -58,3 +60,22 @@ def plane(size: float, count: int) -> Mesh:
     corner = np.stack([i, i + n, i + n + 1, i + 1], axis=1)
     triangles = np.concatenate([corner[:, [0, 1, 2]], corner[:, [0, 2, 3]]]).astype(np.int32)
     return Mesh(grid, triangles)
+
+
+def write_ply(path: str | Path, mesh: Mesh) -> None:
+    """A mesh as a binary PLY file, in metres, with the vertex normals."""
+    names = ("x", "y", "z", "nx", "ny", "nz")
+    header = [
+        "ply",
+        "format binary_little_endian 1.0",
+        "comment metres",
+        f"element vertex {len(mesh.vertices)}",
+        *(f"property double {name}" for name in names),
+        f"element face {len(mesh.triangles)}",
+        "property list uchar int vertex_indices",
+        "end_header",
+    ]
+    faces = np.empty(len(mesh.triangles), dtype=[("count", "u1"), ("corners", "<i4", 3)])
+    faces["count"], faces["corners"] = 3, mesh.triangles
+    points = np.concatenate([mesh.vertices, mesh.normals], axis=1).astype("<f8")
+    Path(path).write_bytes("\n".join(header).encode() + b"\n" + points.tobytes() + faces.tobytes())

@@ -1,0 +1,131 @@
+"""One hop between processes: palpate's nodes against the same pattern in plain pyzmq and in C, in one run.
+
+A message goes round a ring of eight processes on one core; figures are microseconds a hop, median. palpate decodes,
+steps, checks and encodes at each hop; the peers only pass the bytes on. The C program needs a compiler and
+ZeroMQ's headers (Debian: libzmq3-dev); without them its row is left out.
+
+    python benchmarks/hops.py [--turns N] [--json]
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import multiprocessing
+import os
+import shutil
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import zmq
+from rich.console import Console
+from rich.table import Table
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+COUNT, SIZE = 8, 200
+
+
+def plain(turns: int, core: int) -> float:
+    """[us] a hop of bytes through pyzmq: one publisher, one subscriber a process, blocking."""
+    context = multiprocessing.get_context("fork")
+    answer = context.SimpleQueue()
+    workers = [context.Process(target=_pass_on, args=(rank, turns, core, answer, os.getpid())) for rank in range(COUNT)]
+    for worker in workers:
+        worker.start()
+    found = answer.get()
+    for worker in workers:
+        worker.join()
+    return found / COUNT
+
+
+def _pass_on(rank: int, turns: int, core: int, answer, key: int) -> None:
+    os.sched_setaffinity(0, {core})
+    context = zmq.Context()
+    out, inbox = context.socket(zmq.XPUB), context.socket(zmq.SUB)
+    out.bind(f"ipc://@plain-{key}-{rank}")
+    inbox.connect(f"ipc://@plain-{key}-{(rank - 1) % COUNT}")
+    inbox.subscribe(b"r")
+    out.recv()
+    if rank:
+        for _ in range(turns):
+            out.send(inbox.recv())
+    else:
+        data, times = b"r" * SIZE, []
+        for _ in range(turns):
+            begun = time.perf_counter_ns()
+            out.send(data)
+            inbox.recv()
+            times.append(time.perf_counter_ns() - begun)
+        answer.put(statistics.median(times) * 1e-3)
+    context.destroy(linger=500)
+
+
+def in_c(turns: int, core: int) -> float | None:
+    """[us] a hop in C; None where it cannot be built."""
+    compiler = shutil.which("cc")
+    with tempfile.TemporaryDirectory() as folder:
+        program = str(Path(folder) / "ring")
+        source = str(Path(__file__).parent / "ring.c")
+        built = compiler and subprocess.run([compiler, "-O2", source, "-o", program, "-lzmq"], capture_output=True)
+        if not built or built.returncode:
+            return None
+        printed = subprocess.run(
+            [program, str(COUNT), str(turns), str(core)], capture_output=True, text=True, check=True
+        )
+        return float(printed.stdout) / COUNT
+
+
+def ours(turns: int, core: int) -> float:
+    """[us] a hop of a graph of palpate, one process per node: the median tick over the number of nodes."""
+    from palpate.launch.execute import execute
+    from palpate.launch.launchfile import LaunchFile
+
+    names = [f"n{i}" for i in range(COUNT)]
+    lines = [f"  n0: {{use: relays.Start, in: {{torque: {names[-1]}}}}}"]
+    lines += [
+        f"  {name}: {{use: relays.Relay, in: {{torque: {before}}}}}"
+        for before, name in zip(names, names[1:], strict=False)
+    ]
+    with tempfile.TemporaryDirectory() as folder:
+        graph = Path(folder) / "ring.yaml"
+        graph.write_text("nodes:\n" + "\n".join(lines) + "\n")
+        place = Path(folder) / "place.yaml"
+        place.write_text("\n".join(f"{name}: {{nodes: [{name}], core: {core}}}" for name in names) + "\n")
+        outcome = execute(LaunchFile(graph=graph, place=place, duration=turns / 1000.0))
+    if not outcome.result.ok:
+        raise SystemExit(str(outcome.result.deaths[0]))
+    return outcome.result.health["n0"]["age"]["p50"] * 1e6 / COUNT
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--turns", type=int, default=5000)
+    parser.add_argument("--json", action="store_true")
+    given = parser.parse_args()
+    core = max(os.sched_getaffinity(0))
+    found: dict[str, list[float]] = {"C": [], "pyzmq": [], "palpate": []}
+    for _ in range(3):  # interleaved, so that a busy neighbour troubles all of them
+        for name, measure in (("C", in_c), ("pyzmq", plain), ("palpate", ours)):
+            value = measure(given.turns, core)
+            if value is not None:
+                found[name].append(value)
+    best = {name: min(values) for name, values in found.items() if values}
+    base = best.get("C", best["pyzmq"])
+    if given.json:
+        print(json.dumps({"hop_us": best, "ratio": {name: value / base for name, value in best.items()}}))
+        return
+    table = Table(title="one hop between two processes on one core", box=None)
+    for title in ("", "us a hop", "ratio"):
+        table.add_column(title, justify="right")
+    for name, value in best.items():
+        table.add_row(name, f"{value:.1f}", f"{value / base:.2f}")
+    Console().print(table)
+
+
+if __name__ == "__main__":
+    main()

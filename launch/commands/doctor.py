@@ -1,0 +1,36 @@
+"""`palpate doctor`: what this machine has and what to do about the rest."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import Annotated
+
+import typer
+
+from palpate.launch.commands.common import TROUBLE, Json, console, tell
+
+
+def doctor(
+    pictures: Annotated[bool, typer.Option(help="Try to draw a picture, which takes some seconds.")] = True,
+    as_json: Json = False,
+) -> None:
+    """Look at Python, packages, cores, real-time rights, pictures and devices. Exit code 1 if palpate cannot run."""
+    from palpate.launch.doctor import examine
+
+    if as_json:
+        found = list(examine(pictures=pictures))
+        tell({"ok": all(f.state != "fault" for f in found), "findings": [asdict(f) for f in found]})
+    else:
+        from rich.text import Text
+
+        colours = {"ok": "green", "note": "yellow", "fault": "red"}
+        out = console(soft_wrap=True)
+        found = []
+        for finding in examine(pictures=pictures):
+            found.append(finding)
+            line = Text.assemble((f"{finding.state:6}", colours[finding.state]), f"{finding.what:20} {finding.found}")
+            out.print(line)
+            if finding.cure:
+                out.print(Text(f"{'':27}{finding.cure}", style="dim"))
+    if any(f.state == "fault" for f in found):
+        raise typer.Exit(TROUBLE)

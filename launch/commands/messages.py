@@ -1,0 +1,53 @@
+"""`palpate messages`: the message types with units and shapes."""
+
+from __future__ import annotations
+
+import inspect
+from typing import Annotated, Any
+
+import typer
+
+from palpate.launch.commands.common import Json, console, tell
+
+
+def messages(
+    name: Annotated[str | None, typer.Argument(help="One type, such as Contact.", metavar="[TYPE]")] = None,
+    as_json: Json = False,
+) -> None:
+    """List the message types: fields, units and shapes; `(k)` is a length found at run time."""
+    from palpate.launch.faults import Fault, GraphError, choices
+    from palpate.messages import Message
+    from palpate.messages.docs import message_types
+
+    kinds = message_types()
+    if name is not None and name not in kinds:
+        raise GraphError([Fault(f"no message type {name!r}", choices("Types", name, kinds))])
+    shown: list[type] = [Message, *kinds.values()] if name is None else [kinds[name]]
+    found = [describe(kind) for kind in shown]
+    if as_json:
+        tell({"messages": found})
+        return
+    from rich.table import Table
+    from rich.text import Text
+
+    out = console()
+    for data in found:
+        title = f"{data['name']}  {data['about']}"
+        table = Table(
+            box=None, pad_edge=False, title=Text(title, style="bold"), title_justify="left", show_header=False
+        )
+        for column in ("name", "unit", "shape", "text"):
+            table.add_column(column, overflow="fold")
+        for field in data["fields"]:
+            shape = f"({', '.join(map(str, field['shape']))})"
+            table.add_row(*map(Text, (f"  {field['name']}", f"[{field['unit']}]", shape, field["about"])))
+        out.print(table)
+        out.print()
+
+
+def describe(kind: type) -> dict[str, Any]:
+    """A message type as plain data; the words on each field come from the class's docstring."""
+    from palpate.messages.docs import documented
+
+    first = " ".join((inspect.getdoc(kind) or "").partition("\n\n")[0].split()).rstrip(" ,:")
+    return {"name": kind.__name__, "about": first, "fields": [field._asdict() for field in documented(kind)]}

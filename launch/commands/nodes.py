@@ -1,0 +1,121 @@
+"""`palpate nodes`: the catalogue of node classes."""
+
+from __future__ import annotations
+
+import inspect
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from palpate.launch.commands.common import Json, console, tell
+
+if TYPE_CHECKING:
+    from palpate.nodes.base import Node
+
+
+def nodes(
+    name: Annotated[str | None, typer.Argument(help="One class, such as contact.Series.", metavar="[CLASS]")] = None,
+    as_json: Json = False,
+) -> None:
+    """List the node classes, or show one with its inputs, outputs, settings and units."""
+    from palpate.launch.classes import ClassError, catalogue, find_class
+    from palpate.launch.faults import Fault, GraphError
+
+    if name is not None:
+        try:
+            cls = find_class(name)
+        except ClassError as error:
+            raise GraphError([Fault(str(error).removeprefix("use: "), error.cure)]) from None
+        if as_json:
+            tell(describe(name, cls))
+        else:
+            _show(name, cls)
+        return
+    entries, missing = catalogue()
+    if as_json:
+        tell({"nodes": [describe(e.use, e.cls) for e in entries], "missing": missing})
+        return
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table(box=None, pad_edge=False)
+    for column in ("class", "takes (? optional)", "sends", "what it is"):
+        table.add_column(column, overflow="fold")
+    for entry in entries:
+        data = describe(entry.use, entry.cls)
+        takes = ", ".join(p["type"] + "?" * p["optional"] for p in data["inputs"]) or (
+            "streams" if data["observer"] else ""
+        )
+        table.add_row(entry.use, takes, ", ".join(data["outputs"]), Text(entry.about))
+    out = console()
+    out.print(table)
+    for module, why in missing.items():
+        out.print(f"[yellow]{module}[/] cannot be loaded. {why}", markup=True)
+
+
+def describe(use: str, cls: type[Node]) -> dict[str, Any]:
+    """A node class as plain data: ports, settings, units, first line of its docstring."""
+    from palpate.launch.classes import sent_by
+    from palpate.nodes.base import Observer, inputs, settings
+
+    observer = issubclass(cls, Observer)
+    return {
+        "use": use,
+        "about": (inspect.getdoc(cls) or "").partition("\n")[0],
+        "source": cls.paced,
+        "sink": cls.sink,
+        "observer": observer,
+        "inputs": [
+            {"name": p.name, "type": p.type.__name__, "optional": p.optional, "drives": i == 0 and not cls.paced}
+            for i, p in enumerate(() if observer else inputs(cls))
+        ],
+        "outputs": [kind.__name__ for kind in sent_by(cls)],
+        "settings": [
+            {"name": s.name, "unit": s.unit, "type": _type(s.type), "limits": _limits(s.type),
+             "default": None if s.default is ... else s.default, "required": s.default is ...}
+            for s in settings(cls).values()
+        ],
+    }  # fmt: skip
+
+
+def _type(hint: Any) -> str:
+    plain = getattr(hint, "__origin__", hint) if hasattr(hint, "__metadata__") else hint
+    return plain.__name__ if isinstance(plain, type) and not hasattr(plain, "__args__") else str(plain)
+
+
+def _limits(hint: Any) -> str:
+    """The bounds of a setting, "> 0, <= 1"."""
+    signs = {"gt": ">", "ge": ">=", "lt": "<", "le": "<=", "min_length": "length >=", "max_length": "length <="}
+    found = []
+    for meta in getattr(hint, "__metadata__", ()):
+        found += [f"{sign} {getattr(meta, key)}" for key, sign in signs.items() if getattr(meta, key, None) is not None]
+    return ", ".join(found)
+
+
+def _show(name: str, cls: type[Node]) -> None:
+    from rich.table import Table
+    from rich.text import Text
+
+    data = describe(name, cls)
+    out = console()
+    out.print(Text(name, style="bold"))
+    out.print(Text(inspect.getdoc(cls) or ""))
+    kind = "source (the clock runs it)" * data["source"] or "observer (listens to streams)" * data["observer"]
+    if kind:
+        out.print(f"\n{kind}")
+    ports = Table(box=None, pad_edge=False, title="\ninputs", title_justify="left", show_header=False)
+    for port in data["inputs"]:
+        note = "drives" if port["drives"] else "optional" if port["optional"] else "held"
+        ports.add_row(port["name"], port["type"], note)
+    if data["inputs"]:
+        out.print(ports)
+    if data["outputs"]:
+        out.print(f"\nsends {', '.join(data['outputs'])}")
+    table = Table(box=None, pad_edge=False, title="\nsettings", title_justify="left")
+    for column in ("name", "unit", "default", "type", "limits"):
+        table.add_column(column)
+    for s in data["settings"]:
+        default = "required" if s["required"] else str(s["default"])
+        table.add_row(*map(Text, (s["name"], s["unit"], default, s["type"], s["limits"])))
+    if data["settings"]:
+        out.print(table)

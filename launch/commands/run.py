@@ -1,0 +1,129 @@
+"""`palpate run`: one run of a graph, seen live, recorded, and drawn."""
+
+from __future__ import annotations
+
+import dataclasses
+import datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from palpate.launch.commands.common import (
+    TROUBLE,
+    Fused,
+    Graph,
+    Json,
+    PlaceOption,
+    SceneOption,
+    Sets,
+    chosen,
+    console,
+    tell,
+)
+
+if TYPE_CHECKING:
+    from palpate.launch.execute import Outcome
+
+
+def run(
+    graph: Graph = "kidney",
+    sets: Sets = None,
+    scene: SceneOption = None,
+    place: PlaceOption = None,
+    fused: Fused = False,
+    clock: Annotated[str | None, typer.Option(help="simulated or real.")] = None,
+    duration: Annotated[float | None, typer.Option(help="[s] of the graph's clock.", min=0.0)] = None,
+    pace: Annotated[float | None, typer.Option(help="Simulated time at this multiple of real time.", min=0.0)] = None,
+    record: Annotated[Path | None, typer.Option(help="File of the recording.")] = None,
+    no_record: Annotated[bool, typer.Option("--no-record", help="Record nothing.")] = False,
+    out: Annotated[Path | None, typer.Option(help="Folder of recording and pictures.")] = None,
+    pictures: Annotated[bool, typer.Option(help="Draw the pictures of the run at its end.")] = True,
+    patience: Annotated[float, typer.Option(help="[s] after which a silent node counts as hung.", min=0.1)] = 5.0,
+    address: Annotated[str | None, typer.Option(help="tcp://host:port where workers of other hosts join.")] = None,
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No live view.")] = False,
+    as_json: Json = False,
+) -> None:
+    """Run a graph: live view, recording, summary, pictures. Ctrl-C ends it in order. Exit code 1 when a node failed."""
+    from palpate.launch.nursery import Nursery
+
+    nursery = None if fused and clock != "real" else Nursery()  # it imports while the graph is read
+    try:
+        launch = chosen(graph, sets, scene, place, fused)
+        if clock not in (None, "simulated", "real"):
+            raise typer.BadParameter(f"clock: found {clock!r}, expected simulated or real")
+        launch = launch.but(clock=clock, duration=duration or None, pace=pace or None)
+        name = (launch.path or launch.graph).stem
+        folder = out or Path("runs") / f"{name}-{datetime.datetime.now():%Y%m%d-%H%M%S}"
+        keep = not no_record and (record is not None or out is not None or launch.record is not None)
+        file = (record or folder / (launch.record.name if launch.record else f"{name}.mcap")) if keep else None
+        launch = dataclasses.replace(launch, record=file)
+
+        from palpate.launch.execute import execute
+
+        view = None if quiet or as_json else console()
+        outcome = execute(launch, console=view, nursery=nursery, patience=patience, address=address)
+    finally:
+        if nursery is not None:
+            nursery.close()
+    drawn = _pictures(outcome, folder, as_json or quiet) if pictures and file is not None else []
+    if as_json:
+        tell({**_data(outcome), "pictures": [str(p) for p in drawn]})
+    else:
+        _summary(outcome, name, drawn)
+    if not outcome.result.ok:
+        raise typer.Exit(TROUBLE)
+
+
+def _pictures(outcome: Outcome, folder: Path, silent: bool) -> list[Path]:
+    from palpate.launch.pictures import draw
+
+    if outcome.recording is None or not outcome.recording.is_file() or not outcome.result.ticks:
+        return []
+    return draw(outcome.recording, folder, console=None if silent else console())
+
+
+def _summary(outcome: Outcome, name: str, drawn: list[Path]) -> None:
+    from rich.markup import escape
+    from rich.text import Text
+
+    from palpate.launch.screen import table
+
+    out, result = console(), outcome.result
+    seconds = result.ticks / outcome.plan.graph.rate
+    speed = f", {seconds / result.wall:.2f} x real time" if result.wall > 0 else ""
+    out.print(
+        f"[bold]{escape(name)}[/] {'interrupted after ' if result.interrupted else ''}{seconds:.3f} s, "
+        f"{result.ticks} ticks in {result.wall:.2f} s{speed}; first tick {result.start:.2f} s after the start"
+    )
+    if result.health:
+        out.print(table(result))
+    for node, reason in outcome.plan.skipped.items():
+        out.print(Text(f"skipped {node}: {reason}", style="dim"))
+    for note in result.notes:
+        out.print(Text(note, style="yellow"))
+    if outcome.recording is not None and outcome.recording.is_file():
+        out.print(Text(f"recording {outcome.recording} ({outcome.recording.stat().st_size / 1e6:.1f} MB)"))
+    for picture in drawn:
+        out.print(Text(f"picture   {picture}"))
+    for death in result.deaths:
+        out.print(Text(str(death), style="red"))
+        if death.trace:
+            out.print(Text(death.trace.rstrip(), style="dim"))
+
+
+def _data(outcome: Outcome) -> dict[str, Any]:
+    result = outcome.result
+    return {
+        "ok": result.ok,
+        "ticks": result.ticks,
+        "rate": outcome.plan.graph.rate,
+        "start": result.start,
+        "wall": result.wall,
+        "interrupted": result.interrupted,
+        "recording": str(outcome.recording) if outcome.recording else None,
+        "nodes": result.health,
+        "skipped": outcome.plan.skipped,
+        "notes": result.notes,
+        "deaths": [dataclasses.asdict(death) for death in result.deaths],
+    }

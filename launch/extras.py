@@ -1,0 +1,22 @@
+"""Which optional packages belong to which extra of palpate's installation."""
+
+from __future__ import annotations
+
+EXTRAS = {
+    "view": {"matplotlib": "matplotlib", "pyvista": "pyvista"},
+    "scan": {"scikit-image": "skimage", "pydicom": "pydicom", "nibabel": "nibabel", "matplotlib": "matplotlib"},
+    "export": {"pyarrow": "pyarrow"},
+    "fe": {"scikit-fem": "skfem", "meshio": "meshio"},
+}
+"""Extra -> package on the index -> name under which it is imported."""
+
+
+def extra_of(module: str) -> str | None:
+    """The extra that brings a module, None where no extra does."""
+    top = module.partition(".")[0]
+    return next((extra for extra, packages in EXTRAS.items() if top in packages.values()), None)
+
+
+def install(extra: str) -> str:
+    """What to type for an extra."""
+    return f'pip install "palpate[{extra}]"'

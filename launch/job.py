@@ -1,0 +1,85 @@
+"""What a worker process is told: its nodes, their wiring, the clock. Plain typed data that travels as JSON."""
+
+from __future__ import annotations
+
+import msgspec
+
+
+class InputJob(msgspec.Struct, frozen=True):
+    """One connected input port: whose stream it reads and by which rule.
+
+    every     divisor of the producer
+    loop      true for an edge that closes a loop
+    optional  the node does without it when its sender is gone
+    waits     on the real clock, wait up to one period for this tick's message, because the sender is on the force path
+    """
+
+    port: str
+    stream: str
+    producer: str
+    every: int = 1
+    loop: bool = False
+    optional: bool = False
+    waits: bool = True
+
+
+class NodeJob(msgspec.Struct, frozen=True):
+    """One node: full name of its class, settings, inputs, and its output streams with their wanted fields."""
+
+    name: str
+    cls: str
+    settings: dict[str, object]
+    every: int
+    inputs: tuple[InputJob, ...]
+    streams: tuple[str, ...]
+    wanted: tuple[str, ...] | None = None
+
+
+class StreamJob(msgspec.Struct, frozen=True):
+    """One stream that an observer listens to: full name of its message type, sender and its divisor."""
+
+    type: str
+    producer: str
+    every: int = 1
+
+
+class ObserverJob(msgspec.Struct, frozen=True):
+    """One observer and the streams that it listens to."""
+
+    name: str
+    cls: str
+    settings: dict[str, object]
+    streams: dict[str, StreamJob]
+
+
+class Job(msgspec.Struct, frozen=True):
+    """All that one worker process runs.
+
+    rate      [Hz] base rate
+    ticks     number of ticks of the run, None: until stopped
+    pace      simulated time passes at this multiple of real time, None: as fast as the machine allows
+    stale     [s] on the real clock, an input older than this (or three of its periods) counts as absent
+    leads     true where a paced node is among the nodes
+    external  streams of this group that nodes of other groups read, with the number of those groups
+    about     what a recording says of the run: graph, settings, versions, machine
+    """
+
+    group: str
+    nodes: tuple[NodeJob, ...]
+    observers: tuple[ObserverJob, ...] = ()
+    clock: str = "simulated"
+    rate: float = 1000.0
+    ticks: int | None = None
+    pace: float | None = None
+    stale: float = 0.02
+    core: tuple[int, ...] | None = None
+    priority: int | None = None
+    host: str | None = None
+    leads: bool = False
+    external: dict[str, int] = {}
+    about: dict[str, object] = {}
+
+
+def members(job: Job) -> tuple[NodeJob | ObserverJob, ...]:
+    """Nodes and observers of a job."""
+    return job.nodes + job.observers

@@ -1,0 +1,45 @@
+"""What is known of a run when it has ended."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+
+@dataclass(frozen=True)
+class Death:
+    """A node or a whole worker that failed: who, where, why, and its traceback or what it printed."""
+
+    node: str
+    where: str
+    text: str
+    trace: str = ""
+
+    def __str__(self) -> str:
+        return f"node {self.node!r}, {self.where}: {self.text}"
+
+
+@dataclass
+class Result:
+    """What is known of a run when it has ended.
+
+    deaths       nodes that failed; empty after a good run
+    health       the counters of each node
+    start        [s] from the launcher's start to tick 0
+    wall         [s] from tick 0 to the end
+    ticks        number of ticks that were run
+    interrupted  true when the user stopped it
+    notes        lines that the user should see: refused priorities, rubbish on the wire
+    """
+
+    deaths: list[Death] = field(default_factory=list)
+    health: dict[str, dict] = field(default_factory=dict)
+    start: float = 0.0
+    wall: float = 0.0
+    ticks: int = 0
+    interrupted: bool = False
+    notes: list[str] = field(default_factory=list)
+
+    @property
+    def ok(self) -> bool:
+        """Whether every node lived to the end."""
+        return not self.deaths

@@ -1,0 +1,26 @@
+"""Which message a node uses at which tick, and which ticks a node runs at.
+
+Tick k of a graph is at k/rate on its clock. A node runs at the ticks that its divisor `every` divides.
+"""
+
+from __future__ import annotations
+
+
+def needed(tick: int, every: int, loop: bool) -> int:
+    """Tick of the message that a consumer running at `tick` uses from a producer that runs each `every` ticks.
+
+    A forward edge takes the latest tick up to `tick`; a loop edge, which closes a loop, the latest before it.
+    Returns -1 where there is none yet.
+    """
+    last = tick - 1 if loop else tick
+    return last - last % every if last >= 0 else -1
+
+
+def next_run(tick: int, every: int) -> int:
+    """The first tick after `tick` at which a node with this divisor runs."""
+    return tick - tick % every + every
+
+
+def nanoseconds(tick: int, rate: float) -> int:
+    """Time [ns] of a tick on the simulated clock at `rate` [Hz]."""
+    return round(tick * 1e9 / rate)

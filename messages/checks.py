@@ -1,0 +1,160 @@
+"""What a message is held to when it is made and before it is sent.
+
+Both checks run for every message of every tick, so each message type gets its own straight-line function, written out
+from its fields on first use, as dataclasses do; the slow, telling checks run only where that function finds fault.
+"""
+
+from __future__ import annotations
+
+import math
+import typing
+from collections.abc import Callable
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from palpate.messages.fields import Field, MessageError, Vector, fields
+
+_SETTLE: dict[type, Callable[[Any], None]] = {}
+_FINITE: dict[type, Callable[[Any], bool]] = {}
+
+
+def settle(message: Any) -> None:
+    """Bring the fields of a new message into their declared form: numbers become floats, vectors become tuples of the
+    declared length, arrays become read-only and contiguous, of the declared dtype and shape, so that a sender may go
+    on using its own buffers.
+
+    MessageError: a field that cannot be brought into its form.
+    """
+    kind = type(message)
+    known = _SETTLE.get(kind)
+    if known is None:
+        known = _SETTLE[kind] = _write_settle(kind)
+    known(message)
+
+
+def check_finite(message: Any) -> None:
+    """Refuse NaN and infinity in any field.
+
+    MessageError: names the field, the place in it and the value.
+    """
+    kind = type(message)
+    known = _FINITE.get(kind)
+    if known is None:
+        known = _FINITE[kind] = _write_finite(kind)
+    if not known(message):
+        _tell_infinite(message)
+
+
+def _write_settle(kind: type) -> Callable[[Any], None]:
+    lines = ["def settle(m):", "    pass"]
+    names: dict[str, Any] = {"set": msgspec.structs.force_setattr, "kind": kind, "number": _number, "vector": _tuple}
+    arrays = [field for field in fields(kind) if field.dtype is not None]
+    for field in fields(kind):
+        name, known = field.name, f"field_{field.name}"
+        names[known] = field
+        if field.type is float:
+            lines += [f"    v = m.{name}", f"    if type(v) is not float: set(m, {name!r}, number(kind, {known}, v))"]
+        elif field.dtype is None and field.shape:
+            element = _element(field).__name__
+            length = field.shape[0]
+            if isinstance(length, int):
+                wrong = [f"len(v) != {length}", *(f"type(v[{i}]) is not {element}" for i in range(length))]
+            else:
+                wrong = [f"any(type(x) is not {element} for x in v)"]
+            test = " or ".join(["type(v) is not tuple", *wrong])
+            lines += [f"    v = m.{name}", f"    if {test}: set(m, {name!r}, vector(kind, {known}, v))"]
+    if arrays:
+        names |= {"arrays": arrays, "settle_arrays": _settle_arrays}
+        lines.append("    settle_arrays(kind, arrays, m)")
+    return _function("settle", lines, names)
+
+
+def _write_finite(kind: type) -> Callable[[Any], bool]:
+    """True where the sum of all numbers is finite: NaN and infinity survive every sum."""
+    terms, tests = [], []
+    for field in fields(kind):
+        if field.dtype is not None:
+            if field.dtype.kind == "f":
+                tests.append(f"(m.{field.name}.size == 0 or isfinite(m.{field.name}.sum()))")
+        elif field.type is float:
+            terms.append(f"m.{field.name}")
+        elif field.shape and _element(field) is float:
+            terms.append(f"sum(m.{field.name})")
+    tests = ([f"isfinite({' + '.join(terms)})"] if terms else []) + tests
+    lines = ["def finite(m):", f"    return {' and '.join(tests) or 'True'}"]
+    return _function("finite", lines, {"isfinite": math.isfinite, "sum": sum})
+
+
+def _function(name: str, lines: list[str], names: dict[str, Any]) -> Callable:
+    exec("\n".join(lines), names)  # names of fields only: Python identifiers of a class that is already running
+    return names[name]
+
+
+def _tell_infinite(message: Any) -> None:
+    for field in fields(type(message)):
+        value = getattr(message, field.name)
+        if field.type is not float and not field.shape:
+            continue
+        array = np.asarray(value)
+        if array.dtype.kind != "f" or np.isfinite(array).all():
+            continue
+        place = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
+        where = f" at index {place if len(place) > 1 else place[0]}" if place else ""
+        raise MessageError(
+            f"{type(message).__name__}.{field.name} [{field.unit}]: found {float(array[place])}{where}, "
+            f"expected a finite number"
+        )
+
+
+def _element(field: Field) -> type:
+    """The Python type of a vector's numbers."""
+    return next(t for t in typing.get_args(field.type) if t is not Ellipsis)
+
+
+def _number(kind: type, field: Field, value: Any) -> float:
+    try:
+        return float(value)
+    except (TypeError, ValueError):
+        raise MessageError(f"{kind.__name__}.{field.name}: found {value!r}, expected a number [{field.unit}]") from None
+
+
+def _tuple(kind: type, field: Field, value: Any) -> Vector:
+    try:
+        found = tuple(map(_element(field), value))
+    except (TypeError, ValueError):
+        raise MessageError(
+            f"{kind.__name__}.{field.name}: found {value!r}, expected {field.shape} numbers [{field.unit}]"
+        ) from None
+    if isinstance(field.shape[0], int) and len(found) != field.shape[0]:
+        raise MessageError(
+            f"{kind.__name__}.{field.name}: found {len(found)} numbers, expected {field.shape[0]} [{field.unit}]"
+        )
+    return found
+
+
+def _array(kind: type, field: Field, value: Any, lengths: dict[str, int]) -> np.ndarray:
+    try:
+        if isinstance(value, np.ndarray) and not value.flags.writeable and value.dtype == field.dtype:
+            found = np.ascontiguousarray(value)
+        else:
+            found = np.array(value, dtype=field.dtype, order="C")
+    except (TypeError, ValueError):
+        raise MessageError(f"{kind.__name__}.{field.name}: not an array of {field.dtype} [{field.unit}]") from None
+    fits = found.ndim == len(field.shape) and all(
+        length == (lengths.setdefault(want, length) if isinstance(want, str) else want)
+        for want, length in zip(field.shape, found.shape, strict=True)
+    )
+    if not fits:
+        want = tuple(lengths.get(s, s) if isinstance(s, str) else s for s in field.shape)
+        raise MessageError(f"{kind.__name__}.{field.name}: found shape {found.shape}, expected {want} [{field.unit}]")
+    found.flags.writeable = False
+    return found
+
+
+def _settle_arrays(kind: type, arrays: list[Field], message: Any) -> None:
+    lengths: dict[str, int] = {}
+    for field in arrays:
+        value = _array(kind, field, getattr(message, field.name), lengths)
+        msgspec.structs.force_setattr(message, field.name, value)

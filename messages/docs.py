@@ -1,0 +1,40 @@
+"""The words on each field, read from a message's docstring: lines `name  [unit]  (shape)  text`."""
+
+from __future__ import annotations
+
+import inspect
+import re
+import sys
+from typing import NamedTuple
+
+from palpate.messages.base import Message
+
+_LINE = re.compile(r"(\w+)\s+\[([^\]]+)\]\s+\(([^)]*)\)\s+(\S.*)")
+
+
+class Documented(NamedTuple):
+    """One field as the docstring has it."""
+
+    name: str
+    unit: str
+    shape: tuple[int | str, ...]
+    about: str
+
+
+def documented(kind: type) -> list[Documented]:
+    """The fields that a message's docstring describes, in its order."""
+    lines = map(str.strip, (inspect.getdoc(kind) or "").splitlines())
+    found = [match for match in map(_LINE.fullmatch, lines) if match]
+    return [Documented(m[1], m[2], _shape(m[3]), m[4]) for m in found]
+
+
+def message_types() -> dict[str, type[Message]]:
+    """All message types that ship, by name."""
+    package = sys.modules[Message.__module__.rpartition(".")[0]]
+    found = (thing for thing in vars(package).values() if isinstance(thing, type) and issubclass(thing, Message))
+    return {kind.__name__: kind for kind in sorted(found, key=lambda kind: kind.__name__) if kind is not Message}
+
+
+def _shape(text: str) -> tuple[int | str, ...]:
+    parts = [part.strip() for part in text.split(",")]
+    return tuple(int(part) if part.isdigit() else part for part in parts if part)

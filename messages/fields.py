@@ -1,0 +1,70 @@
+"""The declaration of a message's fields: name, unit, shape, type."""
+
+from __future__ import annotations
+
+import typing
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+import numpy as np
+
+Vector = tuple[float, ...]
+Vector2 = tuple[float, float]
+Vector3 = tuple[float, float, float]
+Floats = Annotated[np.ndarray, np.dtype("<f8")]
+Ints = Annotated[np.ndarray, np.dtype("<i4")]
+Shape = tuple[int | str, ...]
+HEADER = ("tick", "time", "source", "used")
+
+
+class MessageError(ValueError):
+    """A message that does not hold what its type declares; says which field, what was found, what is expected."""
+
+
+@dataclass(frozen=True)
+class Field:
+    """One field of a message: name, SI unit, shape (letters are lengths found at run time), Python type, dtype."""
+
+    name: str
+    unit: str
+    shape: Shape
+    type: Any
+    dtype: np.dtype | None
+
+    @property
+    def label(self) -> str:
+        """Name and unit as they stand beside an axis, `force [N]`."""
+        return f"{self.name} [{self.unit}]"
+
+
+_FIELDS: dict[type, tuple[Field, ...]] = {}
+
+
+def fields(kind: Any) -> tuple[Field, ...]:
+    """The declared fields of a message type, without the header, in order of declaration.
+
+    TypeError: a field lacks its unit, or an array its shape.
+    """
+    known = _FIELDS.get(kind)
+    if known is None:
+        hints = typing.get_type_hints(kind, include_extras=True)
+        known = tuple(_field(kind, name, hints[name]) for name in kind.__struct_fields__ if name not in HEADER)
+        _FIELDS[kind] = known
+    return known
+
+
+def _field(kind: type, name: str, hint: Any) -> Field:
+    marks = list(getattr(hint, "__metadata__", ()))
+    plain = typing.get_args(hint)[0] if marks else hint
+    unit = next((m for m in marks if isinstance(m, str)), None)
+    shape = next((m for m in marks if isinstance(m, tuple)), None)
+    dtype = next((m for m in marks if isinstance(m, np.dtype)), None)
+    if unit is None:
+        raise TypeError(f"{kind.__name__}.{name}: no unit; write Annotated[type, unit, shape]")
+    if shape is None and typing.get_origin(plain) is tuple and Ellipsis not in typing.get_args(plain):
+        shape = (len(typing.get_args(plain)),)
+    if shape is None:
+        if plain is np.ndarray or typing.get_origin(plain) is tuple:
+            raise TypeError(f"{kind.__name__}.{name}: no shape; write Annotated[type, unit, shape]")
+        shape = ()
+    return Field(name, unit, shape, plain, dtype)

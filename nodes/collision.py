@@ -1,0 +1,78 @@
+"""Where the finger is against the undeformed surface: foot point, normal, gap, approach, slip.
+
+With p the bone edge of the fingertip, S the nearest point of the surface and n its outward normal, the gap is the
+signed distance d = (p - S).n, and the approach is e = <h0 - d> for a fingertip with tissue of thickness h0 before the
+bone: contact begins at d = h0.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+import msgspec
+import numpy as np
+
+from palpate.messages import Pose, Proximity
+from palpate.nodes.base import SettingError
+from palpate.nodes.surface import OnSurface, Placed, surface_patch
+from palpate.physics.closest import ClosestPoint, track
+from palpate.physics.mesh_closest import MeshClosestPoint, track_mesh
+
+
+class Nurbs(Placed):
+    """The closest point of a smooth patch (docs/equations/surface.md)."""
+
+    thickness: Annotated[float, "m", msgspec.Meta(ge=0.0, le=0.05)] = 4e-3
+    """Fingertip tissue in front of the bone edge, h0."""
+    hysteresis: Annotated[float, "m", msgspec.Meta(ge=0.0, le=0.01)] = 1e-4
+    """Where two parts of the surface are equally near, the foot point stays until the other is nearer by this."""
+
+    def start(self) -> None:
+        closest = ClosestPoint(surface_patch(self.surface, self.position, self.rotation))
+        self.tables = closest.tables
+        self.scratch = closest.scratch()
+        track(*self.tables, 0.0, 0.0, 0.0, self.hysteresis, *self.scratch)
+        self.scratch[0][:] = 0.0
+
+    def step(self, pose: Pose) -> Proximity:
+        track(*self.tables, *pose.position, self.hysteresis, *self.scratch)
+        return _proximity(self.scratch[3], 0, self.thickness, pose)
+
+
+class Mesh(OnSurface):
+    """The closest point of a triangle mesh (docs/equations/surface.md)."""
+
+    thickness: Annotated[float, "m", msgspec.Meta(ge=0.0, le=0.05)] = 4e-3
+    """Fingertip tissue in front of the bone edge, h0."""
+    hysteresis: Annotated[float, "m", msgspec.Meta(ge=0.0, le=0.01)] = 1e-4
+    """Where two parts of the surface are equally near, the foot point stays until the other is nearer by this."""
+
+    def start(self) -> None:
+        closest = MeshClosestPoint(self.mesh())
+        try:
+            self.tables = closest.tables.arrays
+        except ValueError as error:
+            raise SettingError(f"setting 'surface': {self.surface}: {error}") from None
+        self.work, self.found = closest.scratch()
+        track_mesh(*self.tables, 0.0, 0.0, 0.0, self.hysteresis, self.work, self.found)
+        self.work[0] = -1
+
+    def step(self, pose: Pose) -> Proximity:
+        track_mesh(*self.tables, *pose.position, self.hysteresis, self.work, self.found)
+        return _proximity(self.found, int(self.found[9]), self.thickness, pose)
+
+
+def _proximity(found: np.ndarray[Any, Any], element: int, thickness: float, pose: Pose) -> Proximity:
+    """The message of a result: foot (3), normal (3), coordinates (2), signed distance."""
+    f0, f1, f2, n0, n1, n2, u, v, gap, *_ = found.tolist()
+    v0, v1, v2 = pose.velocity
+    out = v0 * n0 + v1 * n1 + v2 * n2
+    return Proximity(
+        foot=(f0, f1, f2),
+        normal=(n0, n1, n2),
+        coordinates=(u, v),
+        element=element,
+        gap=gap,
+        approach=max(thickness - gap, 0.0),
+        slip=(v0 - out * n0, v1 - out * n1, v2 - out * n2),
+    )

@@ -1,0 +1,91 @@
+"""The controller between the computed contact and the device (docs/equations/controller.md)."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import msgspec
+import numpy as np
+
+from palpate.messages import Contact, Force, Friction, Pose
+from palpate.nodes.base import Node, Wants
+from palpate.physics.controller import buffers, haptic
+
+ZERO = (0.0, 0.0, 0.0)
+
+
+class Haptic(Node):
+    """Force on the hand: free motion or contact, kept passive and within the device's limits.
+
+    stiffness, damping   of the spring-damper of free motion (none by default: the hand moves freely)
+    contact_damping      added to the contact force
+    hysteresis           way beyond the point of contact after which contact ends; one step of the device's position
+    passivity            whether damping is added while the display would give out energy
+    mass                 of the device: bounds that damping
+    delay                samples between the motion and the hand's feeling its force, at most; a device that takes a
+                         command while it gives a state has 1
+    resolution           step of the device's position; 0: exact
+    limit, slew          largest force, and its largest change over time
+
+    The force is zero without a contact or a pose; without a friction it is the normal force alone.
+    """
+
+    stiffness: Annotated[float, "N/m", msgspec.Meta(ge=0)] = 0.0
+    damping: Annotated[float, "N s/m", msgspec.Meta(ge=0)] = 0.0
+    contact_damping: Annotated[float, "N s/m", msgspec.Meta(ge=0)] = 0.0
+    hysteresis: Annotated[float, "m", msgspec.Meta(ge=0)] = 60e-6
+    passivity: Annotated[bool, "1"] = True
+    mass: Annotated[float, "kg", msgspec.Meta(gt=0)] = 0.1
+    delay: Annotated[int, "1", msgspec.Meta(ge=0, le=1000)] = 1
+    resolution: Annotated[float, "m", msgspec.Meta(ge=0)] = 60e-6
+    limit: Annotated[float, "N", msgspec.Meta(gt=0)] = 9.0
+    slew: Annotated[float, "N/s", msgspec.Meta(gt=0)] = 5000.0
+
+    def start(self) -> None:
+        observe = self.passivity or self.wants("energy")
+        self.gains = np.array(
+            [
+                self.stiffness,
+                self.damping,
+                self.contact_damping,
+                self.hysteresis,
+                self.mass,
+                self.limit,
+                self.slew,
+                self.resolution,
+                observe,
+                self.passivity,
+            ],
+            dtype=float,
+        )
+        self._reset()
+        haptic(self.gains, self.state, self.past, 0.0, (0.0, 0.0, 1.0), ZERO, 0.0, ZERO, ZERO, 1e-3)
+        self._reset()
+
+    def _reset(self) -> None:
+        self.state, self.past = buffers(self.delay)
+
+    def step(
+        self,
+        contact: Annotated[Contact | None, Wants("normal", "force", "compression", "indentation")],
+        friction: Annotated[Friction | None, Wants("force")],
+        pose: Annotated[Pose | None, Wants("position", "velocity")],
+        *,
+        dt: float,
+    ) -> Force:
+        if contact is None or pose is None:
+            self._reset()
+            return Force(force=ZERO, state="free", energy=0.0)
+        fx, fy, fz, touching, energy = haptic(
+            self.gains,
+            self.state,
+            self.past,
+            contact.force,
+            contact.normal,
+            friction.force if friction is not None else ZERO,
+            contact.compression + contact.indentation,
+            pose.position,
+            pose.velocity,
+            dt,
+        )
+        return Force(force=(fx, fy, fz), state="contact" if touching else "free", energy=energy)

@@ -1,0 +1,117 @@
+"""From what a device measures to the pose of the finger, and from force to torque (docs/equations/falcon.md)."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import msgspec
+
+from palpate.messages import DeviceState, Force, MessageError, Pose, Torque, Vector3
+from palpate.nodes.base import Node, Wants
+from palpate.physics.falcon import FALCON, HOME
+from palpate.physics.falcon_statics import torque_kernel
+from palpate.physics.tracking import buffers, track, track_falcon
+from palpate.physics.velocity import FILLED
+
+ZERO = (0.0, 0.0, 0.0)
+
+
+class _Tracker(Node):
+    """What both kinds of device share: settings, the filter's state, and the clock of the samples."""
+
+    origin: Annotated[Vector3, "m"] = ZERO
+    differences: Annotated[int, "1", msgspec.Meta(ge=1, le=1000)] = 8
+    speed_limit: Annotated[float, "m/s", msgspec.Meta(gt=0)] = 5.0
+
+    def _reset(self, home: Vector3) -> None:
+        self.cursor, self.times, self.points = buffers(self.differences, *home)
+        self.clock = 0
+        self.last = home
+
+    def _stamp(self, state: DeviceState, dt: float) -> int:
+        """Time of the sample [ns]: the message's own, or the sum of the steps where it brings none."""
+        self.clock = state.time if state.time >= 0 else self.clock + max(round(dt * 1e9), 0)
+        return self.clock
+
+    def _pose(self, x: float, y: float, z: float, vx: float, vy: float, vz: float, dt: float) -> Pose:
+        self.last = x, y, z
+        ox, oy, oz = self.origin
+        return Pose(position=(x + ox, y + oy, z + oz), velocity=(vx, vy, vz), dt=dt)
+
+    def _lost(self) -> Pose:
+        """The last position at rest, while the device does not know where it is; then the history begins anew."""
+        self.cursor[FILLED] = 0
+        return self._pose(*self.last, 0.0, 0.0, 0.0, 0.0)
+
+
+class Falcon(_Tracker):
+    """Pose of a Novint Falcon's grip from its three driven angles.
+
+    The velocity is the mean of `differences` backward differences over the stamps of the samples. A sample that would
+    need more than `speed_limit` is refused, unless four in a row agree. A stale or doubled sample leaves the pose as
+    it was, with dt = 0. `origin` is where the device's frame lies in the world.
+    """
+
+    def start(self) -> None:
+        self.geometry = FALCON.geometry
+        self._reset(HOME)
+        track_falcon(self.cursor, self.times, self.points, self.geometry, self.speed_limit, 0, *ZERO)
+        self._reset(HOME)
+
+    def step(self, state: Annotated[DeviceState, Wants("joints", "homed")], *, dt: float) -> Pose:
+        time = self._stamp(state, dt)
+        if not state.homed:
+            return self._lost()
+        if len(state.joints) != 3:
+            raise MessageError(
+                f"DeviceState.joints: found {len(state.joints)} angles, expected 3 [rad]. "
+                "For a device that reports a position use kinematics.Cartesian."
+            )
+        return self._pose(
+            *track_falcon(self.cursor, self.times, self.points, self.geometry, self.speed_limit, time, *state.joints)
+        )
+
+
+class Cartesian(_Tracker):
+    """Pose of a device that reports a position: the same filter and the same refusal of impossible speeds."""
+
+    def start(self) -> None:
+        self._reset(ZERO)
+        track(self.cursor, self.times, self.points, self.speed_limit, 0, *ZERO)
+        self._reset(ZERO)
+
+    def step(self, state: Annotated[DeviceState, Wants("position", "homed")], *, dt: float) -> Pose:
+        time = self._stamp(state, dt)
+        if not state.homed:
+            return self._lost()
+        if len(state.position) != 3:
+            raise MessageError(
+                f"DeviceState.position: found {len(state.position)} numbers, expected 3 [m]. "
+                "For a device that reports the angles of a Falcon use kinematics.Falcon."
+            )
+        return self._pose(*track(self.cursor, self.times, self.points, self.speed_limit, time, *state.position))
+
+
+class FalconStatics(Node):
+    """Torques that make a Falcon push with the wanted force: G^-T F, scaled as a whole to the motors' limit.
+
+    Zero without a force or a pose. `origin` is the same as in kinematics.Falcon.
+    """
+
+    origin: Annotated[Vector3, "m"] = ZERO
+
+    def start(self) -> None:
+        self.geometry = FALCON.geometry
+        torque_kernel(self.geometry, *ZERO, *HOME)
+
+    def step(
+        self,
+        force: Annotated[Force | None, Wants("force")],
+        pose: Annotated[Pose | None, Wants("position")],
+    ) -> Torque:
+        if force is None or pose is None:
+            return Torque(torques=ZERO)
+        x, y, z = pose.position
+        ox, oy, oz = self.origin
+        _, *torques = torque_kernel(self.geometry, *force.force, x - ox, y - oy, z - oz)
+        return Torque(torques=torques)

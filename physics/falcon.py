@@ -1,0 +1,245 @@
+"""Kinematics of the Novint Falcon: three legs at 120 degrees that move a grip without turning it.
+
+Leg i stands at the angle phi_i round the device's z axis (z points to the user). In its own frame
+
+    u =  cos(phi) x + sin(phi) y - r          u = a cos(t1) - c + L cos(t2)
+    v = -sin(phi) x + cos(phi) y - s + f      v = b cos(t3)
+    w =  z                                    w = a sin(t1) + L sin(t2)         L = d + e + b sin(t3)
+
+with t1 the driven angle, t2 the angle of the parallelogram and t3 its sideways tilt. The lengths and the encoder are
+those of the open driver libnifalcon (Machulis, Barrow, Ouellet 2007-2019); the geometry is Stamper's.
+
+R. E. Stamper, "A three degree of freedom parallel manipulator with only translational degrees of freedom",
+PhD thesis, University of Maryland, 1997.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import astuple, dataclass
+
+import numba
+import numpy as np
+
+HOME = (0.0, 0.0, 0.11)
+TOLERANCE = 1e-9  # [rad] forward kinematics stop here
+LONGEST_STEP = 0.020  # [m] of one Newton step
+ITERATIONS = 40
+
+
+@dataclass(frozen=True)
+class Falcon:
+    """Lengths [m], leg angles [rad], encoder and motor limit of the device; equations at the top of this file.
+
+    zero   [rad]  driven angle at zero encoder counts
+    count  [rad]  driven angle of one count: 4 x 320 a motor turn, drum 14.25 mm on a sector of 110 mm
+    limit  [N m]  largest torque on an arm: the motor word of 4096 at 10^4 per N m
+    """
+
+    a: float = 0.060
+    b: float = 0.1025
+    c: float = 0.01443
+    d: float = 0.01125
+    e: float = 0.01125
+    f: float = -0.025
+    r: float = 0.0400
+    s: float = -0.02309
+    phi: tuple[float, float, float] = (math.radians(105.0), math.radians(-15.0), math.radians(-135.0))
+    zero: float = math.radians(35.0)
+    count: float = 2.0 * math.pi / 1280.0 * 0.01425 / 0.110
+    limit: float = 0.4096
+
+    @property
+    def geometry(self) -> np.ndarray:
+        """The constants in the form that the kernels take (17)."""
+        a, b, c, d, e, f, r, s, phi, zero, count, limit = astuple(self)
+        turned = [g(angle) for angle in phi for g in (math.cos, math.sin)]
+        return np.array([a, b, c, d + e, f - s, r, *turned, zero, count, limit])
+
+
+FALCON = Falcon()
+ZERO, COUNT, LIMIT = 12, 13, 14  # places in the geometry array
+
+
+@numba.njit(cache=True)
+def leg(geometry, i, x, y, z):
+    """Closed form for leg i at one point: (reachable, t1, t2, t3) [rad]; zeros where the leg does not reach."""
+    a, b, c, length0, offset, r = geometry[0], geometry[1], geometry[2], geometry[3], geometry[4], geometry[5]
+    cos_phi, sin_phi = geometry[6 + 2 * i], geometry[7 + 2 * i]
+    u = cos_phi * x + sin_phi * y - r
+    v = -sin_phi * x + cos_phi * y + offset
+    if not abs(v) <= b:
+        return False, 0.0, 0.0, 0.0
+    t3 = math.acos(v / b)
+    length = length0 + b * math.sin(t3)
+    across = u + c
+    rho2 = across * across + z * z
+    if not 0.0 < rho2 < 1e6:
+        return False, 0.0, 0.0, 0.0
+    rho = math.sqrt(rho2)
+    cosine = (rho2 + a * a - length * length) / (2.0 * a * rho)
+    if not abs(cosine) <= 1.0:
+        return False, 0.0, 0.0, 0.0
+    t1 = math.atan2(z, across) - math.acos(cosine)
+    if t1 <= -math.pi:
+        t1 += 2.0 * math.pi
+    t2 = math.atan2(z - a * math.sin(t1), across - a * math.cos(t1))
+    return True, t1, t2, t3
+
+
+@numba.njit(cache=True)
+def link(geometry, i, t1, t2, t3):
+    """The unit vector (x, y, z) along the parallelogram of leg i, and its lever a sin(t2 - t1) sin(t3) [m].
+
+    lever * rate of t1 = vector . velocity of the grip: row i of the rates matrix is vector / lever.
+    """
+    cos_phi, sin_phi = geometry[6 + 2 * i], geometry[7 + 2 * i]
+    sin_t3 = math.sin(t3)
+    u, v, w = math.cos(t2) * sin_t3, math.cos(t3), math.sin(t2) * sin_t3
+    lever = geometry[0] * math.sin(t2 - t1) * sin_t3
+    return cos_phi * u - sin_phi * v, sin_phi * u + cos_phi * v, w, lever
+
+
+@numba.njit(cache=True)
+def links(geometry, x, y, z):
+    """The three legs at one point: (reachable, angles t1, vector of leg 1, 2, 3, levers)."""
+    ok0, p0, q0, r0 = leg(geometry, 0, x, y, z)
+    ok1, p1, q1, r1 = leg(geometry, 1, x, y, z)
+    ok2, p2, q2, r2 = leg(geometry, 2, x, y, z)
+    n0x, n0y, n0z, l0 = link(geometry, 0, p0, q0, r0)
+    n1x, n1y, n1z, l1 = link(geometry, 1, p1, q1, r1)
+    n2x, n2y, n2z, l2 = link(geometry, 2, p2, q2, r2)
+    n0, n1, n2 = (n0x, n0y, n0z), (n1x, n1y, n1z), (n2x, n2y, n2z)
+    return ok0 and ok1 and ok2, (p0, p1, p2), n0, n1, n2, (l0, l1, l2)
+
+
+@numba.njit(cache=True)
+def reachable(geometry, x, y, z):
+    """Whether all three legs reach the point."""
+    return leg(geometry, 0, x, y, z)[0] and leg(geometry, 1, x, y, z)[0] and leg(geometry, 2, x, y, z)[0]
+
+
+@numba.njit(cache=True)
+def cross(p, q):
+    """p x q of two triples."""
+    return p[1] * q[2] - p[2] * q[1], p[2] * q[0] - p[0] * q[2], p[0] * q[1] - p[1] * q[0]
+
+
+@numba.njit(cache=True)
+def dot(p, q):
+    """p . q of two triples."""
+    return p[0] * q[0] + p[1] * q[1] + p[2] * q[2]
+
+
+@numba.njit(cache=True)
+def wrap(angle):
+    """The same angle in [-pi, pi] [rad]."""
+    return angle - 2.0 * math.pi * round(angle / (2.0 * math.pi))
+
+
+@numba.njit(cache=True)
+def newton(geometry, t0, t1, t2, x, y, z):
+    """Newton's method from a reachable point: with N the link vectors as rows and D the levers, the step is
+    -N^-1 D (t1(P) - t)."""
+    for _ in range(ITERATIONS):
+        _, found, n0, n1, n2, levers = links(geometry, x, y, z)
+        r0 = wrap(found[0] - t0)
+        r1 = wrap(found[1] - t1)
+        r2 = wrap(found[2] - t2)
+        done = max(abs(r0), abs(r1), abs(r2)) <= TOLERANCE
+        c0, c1, c2 = cross(n1, n2), cross(n2, n0), cross(n0, n1)
+        volume = dot(n0, c0)
+        if not abs(volume) > 1e-6:
+            return done, x, y, z
+        w0, w1, w2 = -levers[0] * r0 / volume, -levers[1] * r1 / volume, -levers[2] * r2 / volume
+        sx = w0 * c0[0] + w1 * c1[0] + w2 * c2[0]
+        sy = w0 * c0[1] + w1 * c1[1] + w2 * c2[1]
+        sz = w0 * c0[2] + w1 * c1[2] + w2 * c2[2]
+        size = math.sqrt(sx * sx + sy * sy + sz * sz)
+        if not size < math.inf:
+            return False, x, y, z
+        scale = min(1.0, LONGEST_STEP / size) if size > 0.0 else 0.0
+        for _ in range(20):
+            if reachable(geometry, x + scale * sx, y + scale * sy, z + scale * sz):
+                break
+            scale *= 0.5
+        else:
+            return done, x, y, z
+        x, y, z = x + scale * sx, y + scale * sy, z + scale * sz
+        if done:  # the step just made leaves far less than a nanometre, near singular places too
+            return True, x, y, z
+    return False, x, y, z
+
+
+@numba.njit(cache=True)
+def forward_kernel(geometry, t0, t1, t2, x, y, z):
+    """(converged, x, y, z) of the grip at the driven angles t0, t1, t2: Newton from (x, y, z), then from HOME."""
+    if reachable(geometry, x, y, z):
+        ok, px, py, pz = newton(geometry, t0, t1, t2, x, y, z)
+        if ok:
+            return ok, px, py, pz
+    return newton(geometry, t0, t1, t2, HOME[0], HOME[1], HOME[2])
+
+
+def inverse(position, falcon: Falcon = FALCON) -> tuple[np.ndarray, np.ndarray]:
+    """Inverse kinematics in closed form: the angles t1, t2, t3 of each leg.
+
+        t3 = acos(v/b)    t1 = atan2(w, X) - acos((rho^2 + a^2 - L^2) / (2 a rho))    X = u + c, rho^2 = X^2 + w^2
+        t2 = atan2(w - a sin t1, X - a cos t1)
+
+    position  [m]    (..., 3)     of the grip, device frame
+    returns   [rad]  (..., 3, 3)  t1, t2, t3 (last axis) of each leg; zeros where the point is out of reach
+              [1]    (...)        whether all legs reach it
+    """
+    points = np.asarray(position, dtype=float)
+    geometry = falcon.geometry
+    angles = np.zeros((*points.shape[:-1], 3, 3))
+    reach = np.zeros(points.shape[:-1], dtype=bool)
+    for index in np.ndindex(points.shape[:-1]):
+        found = [leg(geometry, i, *points[index]) for i in range(3)]
+        reach[index] = all(f[0] for f in found)
+        if reach[index]:
+            angles[index] = [f[1:] for f in found]
+    return angles, reach
+
+
+def rates(position, falcon: Falcon = FALCON) -> np.ndarray:
+    """The matrix G of the driven angles' rates, rates of t1 = G velocity of the grip.
+
+        a sin(t2 - t1) sin(t3) dt1 = cos(t2) sin(t3) du + cos(t3) dv + sin(t2) sin(t3) dw    for each leg
+
+    position  [m]      (3)    of the grip, device frame
+    returns   [rad/m]  (3,3)  one row a leg
+
+    ValueError: out of reach, or a leg is stretched or folded (t1 = t2, t3 = 0 or pi), where G has no bound.
+    """
+    ok, _, n0, n1, n2, levers = links(falcon.geometry, *map(float, position))
+    if not ok:
+        raise ValueError(f"position {tuple(map(float, position))} m: out of the Falcon's reach")
+    if min(map(abs, levers)) < 1e-9:
+        raise ValueError(f"position {tuple(map(float, position))} m: singular, a leg is stretched or folded")
+    return np.array([n0, n1, n2]) / np.array(levers)[:, None]
+
+
+def forward(angles, start=HOME, falcon: Falcon = FALCON) -> tuple[np.ndarray, bool]:
+    """Forward kinematics by Newton's method on t1(P) = angles, with G as the derivative.
+
+    Steps of at most 20 mm, halved while they lead out of reach; ends when each angle fits to 1e-9 rad.
+
+    angles   [rad]  (3)  driven angle of each leg
+    start    [m]    (3)  where to begin: the last known position
+    returns  [m]    (3)  position of the grip, device frame; the last iterate where it failed
+             [1]    ()   whether it converged; false for angles that no position has
+    """
+    ok, *point = forward_kernel(falcon.geometry, *map(float, angles), *map(float, start))
+    return np.array(point), bool(ok)
+
+
+def counts(angles, falcon: Falcon = FALCON) -> np.ndarray:
+    """Encoder counts [1] (...) of driven angles [rad] (...): rounded (t1 - zero) / count."""
+    return np.rint((np.asarray(angles, dtype=float) - falcon.zero) / falcon.count).astype(np.int64)
+
+
+def angles_of(encoder, falcon: Falcon = FALCON) -> np.ndarray:
+    """Driven angles [rad] (...) of encoder counts [1] (...): zero + counts * count."""
+    return falcon.zero + np.asarray(encoder) * falcon.count

@@ -1,0 +1,85 @@
+"""The topology of a triangle mesh: closed or open, manifold or not, and its triangles turned one way round."""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+
+
+def edge_counts(triangles: np.ndarray, vertices: int) -> tuple[int, int]:
+    """Number of edges that one triangle has (the border; 0: closed) and of edges that more than two share."""
+    corners = triangles.astype(np.int64)
+    ends = np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]], corners[:, [2, 0]]])
+    ends.sort(axis=1)
+    key = np.sort(ends[:, 0] * vertices + ends[:, 1])
+    first = np.flatnonzero(np.concatenate([[True], key[1:] != key[:-1]]))
+    count = np.diff(np.concatenate([first, [len(key)]]))
+    return int((count == 1).sum()), int((count > 2).sum())
+
+
+def outward(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+    """The triangles of a closed manifold mesh, each piece turned one way round, the whole with positive volume.
+
+    vertices [m] (V,3), triangles (T,3). Where the pieces are consistent already they keep their sense towards each
+    other, so that a cavity stays a cavity; a piece that had to be mended is turned to positive volume by itself.
+    """
+    found = np.ascontiguousarray(triangles, dtype=np.int32).copy()
+    piece, mended = _one_way(found, _across(found, len(vertices)))
+    a, b, c = (vertices[found[:, i]] for i in range(3))
+    part = np.bincount(piece, np.einsum("ij,ij->i", a, np.cross(b, c)))
+    turn = mended & (part < 0)
+    if np.where(turn, -part, part).sum() < 0:
+        turn = ~turn
+    found[turn[piece]] = found[turn[piece]][:, ::-1]
+    return found
+
+
+def _across(triangles: np.ndarray, vertices: int) -> np.ndarray:
+    """The triangle across each edge, -1 where there is none (T,3)."""
+    corners = triangles.astype(np.int64)
+    other = np.roll(corners, -1, axis=1)
+    key = (np.minimum(corners, other) * vertices + np.maximum(corners, other)).ravel()
+    order = np.argsort(key, kind="stable")
+    pair = np.flatnonzero(key[order][1:] == key[order][:-1])
+    found = np.full(key.size, -1, dtype=np.int64)
+    found[order[pair]], found[order[pair + 1]] = order[pair + 1] // 3, order[pair] // 3
+    return found.reshape(-1, 3)
+
+
+@numba.njit(cache=True)
+def _one_way(triangles, across):
+    """Turns the triangles of each piece to the sense of its first; piece of each, and whether a piece was changed."""
+    count = len(triangles)
+    piece = np.full(count, -1, dtype=np.int64)
+    stack = np.empty(count, dtype=np.int64)
+    mended = np.zeros(count, dtype=np.bool_)
+    pieces = 0
+    for seed in range(count):
+        if piece[seed] >= 0:
+            continue
+        piece[seed] = pieces
+        stack[0] = seed
+        depth = 1
+        while depth > 0:
+            depth -= 1
+            t = stack[depth]
+            for i in range(3):
+                s = across[t, i]
+                if s < 0 or piece[s] >= 0:
+                    continue
+                for e in range(3):
+                    if across[s, e] != t:
+                        continue
+                    for j in range(3):
+                        x, y = triangles[t, j], triangles[t, (j + 1) % 3]
+                        if triangles[s, e] == x and triangles[s, (e + 1) % 3] == y:
+                            triangles[s, 1], triangles[s, 2] = triangles[s, 2], triangles[s, 1]
+                            across[s, 0], across[s, 2] = across[s, 2], across[s, 0]
+                            mended[pieces] = True
+                            break
+                    break
+                piece[s] = pieces
+                stack[depth] = s
+                depth += 1
+        pieces += 1
+    return piece, mended[:pieces]

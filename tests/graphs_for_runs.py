@@ -1,0 +1,30 @@
+"""A small graph of processes for the tests of the launcher: five nodes in a loop, one logger."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+GRAPH = """
+nodes:
+  source: {use: nodes_for_runs.Source, in: {torque: sum}}
+  spring: {use: nodes_for_runs.Spring, in: {pose: source}}
+  drag:   {use: nodes_for_runs.Drag, in: {pose: source, force: spring}}
+  spread: {use: nodes_for_runs.Spread, in: {force: spring, friction: drag}}
+  sum:    {use: nodes_for_runs.Sum, in: {load: spread, friction: drag}}
+  log:    {use: logger.Mcap, in: all}
+"""
+NODES = ("source", "spring", "drag", "spread", "sum")
+
+
+def write_graph(folder: Path, text: str = GRAPH) -> Path:
+    """The graph as a file."""
+    path = folder / "loop.yaml"
+    path.write_text(text)
+    return path
+
+
+def write_place(folder: Path, groups: list[list[str]]) -> Path:
+    """A placement with these groups; the logger runs apart."""
+    path = folder / "place.yaml"
+    path.write_text("\n".join(f"g{i}: {{nodes: [{', '.join(g)}]}}" for i, g in enumerate(groups)))
+    return path

@@ -1,0 +1,108 @@
+"""Small nodes that the tests of the launcher run in processes of their own."""
+
+from __future__ import annotations
+
+import os
+import time
+from typing import Annotated
+
+import numpy as np
+
+from palpate.messages import Force, Friction, Load, Pose, Torque
+from palpate.nodes.base import Node, Observer
+
+
+class Source(Node):
+    """A point that swings, pushed by a torque that comes back round the loop."""
+
+    paced = True
+    sink = True
+    gain: Annotated[float, "1"] = 0.3
+
+    def start(self) -> None:
+        self.x, self.v = 1.0, 0.0
+
+    def step(self, torque: Torque | None, *, dt: float) -> Pose:
+        self.v += dt * (-40.0 * self.x + (self.gain * torque.torques[0] if torque else 0.0))
+        self.x += dt * self.v
+        return Pose(position=(self.x, 0.0, float(torque is None)), velocity=(self.v, 0.0, 0.0), dt=dt)
+
+
+class Spring(Node):
+    """A force from the pose."""
+
+    stiffness: Annotated[float, "N/m"] = 5.0
+
+    def step(self, pose: Pose) -> Force:
+        return Force(force=(-self.stiffness * pose.position[0], 0.0, 0.0), state="free", energy=0.0)
+
+
+class Drag(Node):
+    """Friction from the pose and the force."""
+
+    def step(self, pose: Pose, force: Force) -> Friction:
+        return Friction(force=(0.1 * pose.velocity[0] * force.force[0], 0.0, 0.0), bristle=(0, 0, 0), stick=False)
+
+
+class Spread(Node):
+    """An array message from both."""
+
+    count: Annotated[int, "1"] = 50
+
+    def step(self, force: Force, friction: Friction | None) -> Load:
+        total = force.force[0] + (friction.force[0] if friction else 0.0)
+        forces = np.zeros((self.count, 3))
+        forces[:, 0] = total * np.arange(self.count)
+        return Load(nodes=np.arange(self.count), forces=forces, foot=(0, 0, 0), normal=(0, 0, 1))
+
+
+class Sum(Node):
+    """Back to a torque."""
+
+    def step(self, load: Load, friction: Friction | None) -> Torque:
+        return Torque(torques=(float(load.forces[:, 0].sum()) / 1225.0, float(friction is None), 0.0))
+
+
+class Faulty(Spring):
+    """Fails in a chosen way at a chosen tick."""
+
+    how: Annotated[str, "1"] = "raise"
+    at: Annotated[int, "1"] = 20
+
+    def start(self) -> None:
+        if self.how == "start":
+            raise RuntimeError("cannot start")
+        if self.how == "hang in start":
+            time.sleep(1000)
+        self.count = 0
+
+    def step(self, pose: Pose) -> Force:
+        self.count += 1
+        if self.count == self.at:
+            match self.how:
+                case "raise":
+                    raise RuntimeError("out of luck")
+                case "nan":
+                    return Force(force=(float("nan"), 0.0, 0.0), state="free", energy=0.0)
+                case "hang":
+                    time.sleep(1000)
+                case "exit":
+                    os._exit(7)
+                case "kill":
+                    os.kill(os.getpid(), 9)
+        return super().step(pose)
+
+
+class Collect(Observer):
+    """Writes each payload as a line of hex to a file."""
+
+    path: Annotated[str, "1"] = ""
+
+    def start(self) -> None:
+        self.file = open(self.path, "w")  # noqa: SIM115
+
+    def observe(self, stream: str, tick: int, payload: bytes) -> None:
+        self.file.write(f"{stream} {tick} {payload.hex()}\n")
+
+    def stop(self) -> None:
+        self.file.close()
