@@ -45,8 +45,9 @@ class MeshTables:
 
 
 def mesh_tables(vertices: np.ndarray, triangles: np.ndarray) -> MeshTables:
-    """Tables of a mesh, vertices [m] (V,3) and triangles (T,3). Duplicated triangles are left out; degenerate ones stay
-    as segments, without a normal; vertices that no triangle holds do no harm.
+    """Tables of a mesh, vertices [m] (V,3) and triangles (T,3). Duplicated triangles are left out, and those that are
+    but an edge of another; other degenerate ones stay as segments, without a normal. Vertices that no triangle holds do
+    no harm.
 
     ValueError: no triangle, an index beyond the vertices, a vertex that is not finite.
     """
@@ -59,7 +60,7 @@ def mesh_tables(vertices: np.ndarray, triangles: np.ndarray) -> MeshTables:
     if not np.isfinite(vertices[triangles]).all():
         raise ValueError("a vertex of a triangle is not finite")
     triangles = weld(vertices)[triangles]
-    keep = np.flatnonzero(~_repeated(triangles, *_stars(triangles, len(vertices))))
+    keep = np.flatnonzero(~_superfluous(triangles, *_stars(triangles, len(vertices))))
     triangles = triangles[keep]
     corners = vertices[triangles]
     centre = (corners.min(axis=1) + corners.max(axis=1)) / 2
@@ -107,19 +108,29 @@ def _fill_stars(triangles, place, star):
 
 
 @numba.njit(cache=True)
-def _repeated(triangles, at, star):
-    """Whether an earlier triangle has the same corners in the same sense."""
+def is_segment(triangles, t):
+    """Whether a triangle has less than three different corners."""
+    a, b, c = triangles[t, 0], triangles[t, 1], triangles[t, 2]
+    return a == b or b == c or c == a
+
+
+@numba.njit(cache=True)
+def _superfluous(triangles, at, star):
+    """Whether a triangle repeats an earlier one in the same sense, or is but an edge or a corner of a proper one."""
     found = np.zeros(len(triangles), dtype=np.bool_)
     for t in range(len(triangles)):
-        a, b, c = triangles[t]
+        a, b, c = triangles[t, 0], triangles[t, 1], triangles[t, 2]
+        flat = is_segment(triangles, t)
+        other = b if b != a else c
         for k in range(at[a], at[a + 1]):
             s = star[k]
-            if s >= t:
-                break
-            x, y, z = triangles[s]
-            if (x == a and y == b and z == c) or (x == b and y == c and z == a) or (x == c and y == a and z == b):
+            x, y, z = triangles[s, 0], triangles[s, 1], triangles[s, 2]
+            if flat:
+                found[t] = found[t] or (not is_segment(triangles, s) and (x == other or y == other or z == other))
+            elif s < t and (
+                (x == a and y == b and z == c) or (x == b and y == c and z == a) or (x == c and y == a and z == b)
+            ):
                 found[t] = True
-                break
     return found
 
 
@@ -216,7 +227,7 @@ def _topology(points, cells, star_at, star):
             cells[t, ACROSS + i] = -1
             for k in range(star_at[a], star_at[a + 1]):
                 s = star[k]
-                if s == t:
+                if s == t or is_segment(cells, s):
                     continue
                 for j in range(3):
                     x, y = cells[s, j], cells[s, (j + 1) % 3]

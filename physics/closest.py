@@ -18,7 +18,7 @@ from functools import cached_property
 import numba
 import numpy as np
 
-from palpate.physics.newton import newton
+from palpate.physics.newton import flattest, newton
 from palpate.physics.nurbs import Nurbs, evaluate, normal_of
 
 HYSTERESIS = 1e-4
@@ -26,8 +26,10 @@ FAR = 1e9
 """[m] Coordinates beyond this are brought to it, so that squares stay finite."""
 SAMPLES = 2500
 SLACK = 0.1
-"""[1] A sample counts as nearest of its neighbours unless one is nearer by this share of the squared cover in squared
-distance: between two minima of nearly one distance the samples may show no rise."""
+"""[1] A sample counts as nearest of its neighbours unless one is nearer by this share of the squared cover, and by what
+the sagitta adds, in squared distance: between two minima of nearly one distance the samples may show no rise."""
+FLAT = 0.25
+"""[1] Least 1 - d kappa at a foot point without a look at its neighbourhood."""
 STARTS = 8
 """Most starts of Newton's method per step beside the last foot point."""
 FOUND = 9
@@ -86,6 +88,16 @@ def track(data, layout, seeds, index, p0, p1, p2, hysteresis, state, work, d, fo
     distance = np.sqrt(f)
     signed = (p0 - here[0, 0]) * n0 + (p1 - here[0, 1]) * n1 + (p2 - here[0, 2]) * n2
     best, best_u, best_v = distance, u, v
+    cover = seeds[len(seeds) - 1]
+    curvature, du, dv = flattest(data, layout, p0, p1, p2, v, here)
+    if curvature < FLAT:
+        # Near the end of the medial axis a second minimum may lie between the samples.
+        for side in (-0.7, 0.7):
+            x, y, f = newton(data, layout, p0, p1, p2, u + side * cover * du, v + side * cover * dv, work, there)
+            if f < best * best:
+                best, best_u, best_v = np.sqrt(f), x, y
+                n0, n1, n2 = normal_of(data, layout, y, there)
+                signed = (p0 - there[0, 0]) * n0 + (p1 - there[0, 1]) * n1 + (p2 - there[0, 2]) * n2
     at = len(work) - 6 * STARTS
     count = _starts(seeds, index, p0, p1, p2, distance, here, work, at)
     for c in range(count):
@@ -156,7 +168,7 @@ def _starts(seeds, index, p0, p1, p2, distance, here, work, at):
     cover = seeds[len(seeds) - 1]
     reach = distance + cover
     limit = reach * reach
-    slack = SLACK * cover * cover
+    slack = SLACK * cover * cover + 2.0 * distance * seeds[len(seeds) - 2]
     links = 3 + clusters
     count = 0
     for c in range(clusters):
@@ -189,7 +201,7 @@ def _starts(seeds, index, p0, p1, p2, distance, here, work, at):
 def samples(surface: Nurbs, count: int) -> tuple[np.ndarray, np.ndarray]:
     """About `count` samples of the surface with their neighbours, in clusters, packed for the kernels.
 
-    floats    (5 s) x, y, z, u, v of each sample; (4 c) centre and radius of each cluster; cover
+    floats    (5 s) x, y, z, u, v of each sample; (4 c) centre and radius of each cluster; sagitta; cover
     integers  s, c; (c+1) first sample of each cluster; (s+1) first link of each sample; the links
     """
     u, v = _grid(surface, count)
@@ -204,6 +216,7 @@ def samples(surface: Nurbs, count: int) -> tuple[np.ndarray, np.ndarray]:
     pairs = _links(number, surface.closed_u, surface.closed_v)
     flat = points.reshape(-1, 3)
     cover = 0.75 * np.linalg.norm(flat[pairs[:, 0]] - flat[pairs[:, 1]], axis=1).max()
+    sagitta = _sagitta(surface, u, v)
     groups = _clusters(flat, np.unique(number))
     order = np.concatenate(groups)
     rank = np.full(n * m, -1)
@@ -217,7 +230,7 @@ def samples(surface: Nurbs, count: int) -> tuple[np.ndarray, np.ndarray]:
         spheres.append([*centre, np.linalg.norm(flat[group] - centre, axis=1).max()])
     starts = np.cumsum([0] + [len(g) for g in groups])
     index = np.concatenate([[len(order), len(groups)], starts, first, pairs[:, 1]]).astype(np.int64)
-    return np.concatenate([table.ravel(), np.ravel(spheres), [cover]]), index
+    return np.concatenate([table.ravel(), np.ravel(spheres), [sagitta, cover]]), index
 
 
 def _grid(surface: Nurbs, count: int) -> tuple[np.ndarray, np.ndarray]:
@@ -230,6 +243,14 @@ def _grid(surface: Nurbs, count: int) -> tuple[np.ndarray, np.ndarray]:
     m = max(8, round(count / n))
     u = np.linspace(u0, u1, n, endpoint=not surface.closed_u)
     return u, np.linspace(v0, v1, m, endpoint=not surface.closed_v)
+
+
+def _sagitta(surface: Nurbs, u: np.ndarray, v: np.ndarray) -> float:
+    """How far the surface bulges between samples, at most [m]."""
+    corners = surface(u[:, None], v)
+    chord = (corners[1:, 1:] + corners[:-1, :-1] + corners[1:, :-1] + corners[:-1, 1:]) / 4
+    middle = surface((u[1:, None] + u[:-1, None]) / 2, (v[1:] + v[:-1]) / 2)
+    return float(np.linalg.norm(middle - chord, axis=-1).max())
 
 
 def _links(number: np.ndarray, closed_u: bool, closed_v: bool) -> np.ndarray:

@@ -13,7 +13,7 @@ from functools import cached_property
 import numba
 import numpy as np
 
-from palpate.physics.bvh import ACROSS, KIND, ORIGIN, MeshTables, mesh_tables
+from palpate.physics.bvh import ACROSS, KIND, ORIGIN, MeshTables, is_segment, mesh_tables
 from palpate.physics.closest import FAR
 from palpate.physics.mesh import Mesh
 
@@ -301,6 +301,8 @@ def _signed(points, cells, star_at, star, t, v, w, place, p0, p1, p2, found):
         for k in range(star_at[a], star_at[a + 1]):
             s = star[k]
             for i in range(3):
+                if is_segment(cells, s):
+                    break
                 if (cells[s, i] == a or cells[s, (i + 1) % 3] == a) and cells[s, ACROSS + i] < 0:
                     border = True
     length = np.sqrt(x * x + y * y + z * z)

@@ -4,9 +4,10 @@ With r = S(u,v) - p, minimise r.r / 2:
 
     g = (r.S_u, r.S_v),   H = [[S_u.S_u + r.S_uu, S_u.S_v + r.S_uv], [., S_v.S_v + r.S_vv]]
 
-Where H is not positive definite its part without r stands in (Gauss-Newton). Steps are halved until r.r falls
-(Armijo). An open direction is clamped at its ends and dropped while the gradient pushes outwards; a closed one wraps. A
-stationary point that is no minimum is left along the direction of negative curvature.
+Where H is not positive definite its eigenvalues are taken by size (the Gauss-Newton matrix, which leaves r out, is safe
+as well, but crawls where 1 - d kappa is a little below 0). Steps are halved until r.r falls (Armijo). An open direction
+is clamped at its ends and dropped while the gradient pushes outwards; a closed one wraps. A stationary point that is no
+minimum is left along the direction of negative curvature.
 
 Beside a pole S_u vanishes, and (u, v) is the wrong chart: steps are taken in polar coordinates rho = |v - v_pole|,
 phi = 2 pi u on the plane (rho cos phi, rho sin phi), whose gradient and Hessian stay finite and which has no border at
@@ -25,6 +26,7 @@ from palpate.physics.nurbs import (
     CLOSED_U,
     CLOSED_V,
     POLE_HIGH,
+    POLE_LIMIT,
     POLE_LOW,
     SPANS_V,
     bounds,
@@ -38,7 +40,7 @@ ZERO_COSINE = 1e-9
 """[1] The connection is normal to the surface within this."""
 ZERO_MOVE = 1e-10
 """[m] A last step this short ends the search."""
-POLE_RADIUS = 1e-8
+POLE_RADIUS = 1e-9
 """[1] Share of the domain of v that is kept from a pole, where the direction u has no meaning."""
 LIMIT = 60
 
@@ -94,8 +96,17 @@ def _model(data, layout, side, v, d, r0, r1, r2):
     if side == 0.0:
         return gu, gv, huu, huv, hvv, su, suv, sv
     u0, u1, v0, v1 = bounds(data, layout)
-    i = 1.0 / (v - v0 if side > 0 else v1 - v)
+    rho = v - v0 if side > 0 else v1 - v
+    i = 1.0 / rho
     k = (u1 - u0) / (2.0 * np.pi)
+    if rho < POLE_LIMIT * (v1 - v0):
+        # Differences of nearly equal numbers make S_u here; S_u = rho S_uv. The curvature is taken alike all round.
+        c = side * k
+        x, y, z = c * d[4, 0], c * d[4, 1], c * d[4, 2]
+        a12 = side * (x * d[2, 0] + y * d[2, 1] + z * d[2, 2])
+        a22 = x * x + y * y + z * z
+        bend = hvv / sv if sv > 0.0 else 1.0
+        return side * gv, r0 * x + r1 * y + r2 * z, hvv, a12 * bend, a22 * bend, sv, a12, a22
     g1, g2 = side * gv, k * gu
     h12 = (side * k * huv - g2 * i) * i
     h22 = (k * k * huu * i + g1) * i
@@ -112,6 +123,19 @@ def _downhill(h11, h12, h22):
     if length == 0.0:
         return mean - root, 1.0, 0.0
     return mean - root, e1 / length, e2 / length
+
+
+@numba.njit(cache=True)
+def flattest(data, layout, p0, p1, p2, v, d):
+    """The least eigenvalue of H in units of the metric, 1 - d kappa where (u, v) are orthogonal, and the parameters
+    (du, dv) of a metre along its direction. Beside a pole or where the patch is degenerate: 1 and no direction."""
+    r0, r1, r2 = d[0, 0] - p0, d[0, 1] - p1, d[0, 2] - p2
+    _, _, h11, h12, h22, a11, _, a22 = _model(data, layout, 0.0, v, d, r0, r1, r2)
+    if _polar(data, layout, v) != 0.0 or not (a11 > 0.0 and a22 > 0.0):
+        return 1.0, 0.0, 0.0
+    q1, q2 = 1.0 / np.sqrt(a11), 1.0 / np.sqrt(a22)
+    least, e1, e2 = _downhill(h11 * q1 * q1, h12 * q1 * q2, h22 * q2 * q2)
+    return least, e1 * q1, e2 * q2
 
 
 @numba.njit(cache=True)
@@ -186,16 +210,20 @@ def newton(data, layout, p0, p1, p2, u, v, work, d):
 
 @numba.njit(cache=True)
 def _direction(g1, g2, h11, h12, h22, a11, a12, a22, hold1, hold2, steep):
-    """Newton's step where H is positive definite, else the Gauss-Newton step, each without the held directions;
-    `steep`: along the gradient, scaled."""
+    """Newton's step where H is positive definite, else the one with the sizes of its eigenvalues; without the held
+    directions. `steep`: along the gradient, scaled."""
     if hold1 or hold2 or steep:
         s1 = 0.0 if hold1 or a11 <= 0.0 else -g1 / (h11 if h11 > 0.0 and not steep else a11)
         s2 = 0.0 if hold2 or a22 <= 0.0 else -g2 / (h22 if h22 > 0.0 and not steep else a22)
         return s1, s2
     det = h11 * h22 - h12 * h12
-    if not (h11 > 0.0 and h22 > 0.0 and det > 1e-10 * h11 * h22):
-        h11, h12, h22 = a11, a12, a22
-        det = h11 * h22 - h12 * h12
-        if not det > 1e-12 * h11 * h22:
-            return (-g1 / h11 if h11 > 0.0 else 0.0), (-g2 / h22 if h22 > 0.0 else 0.0)
-    return (h12 * g2 - h22 * g1) / det, (h12 * g1 - h11 * g2) / det
+    if h11 > 0.0 and h22 > 0.0 and det > 1e-10 * h11 * h22:
+        return (h12 * g2 - h22 * g1) / det, (h12 * g1 - h11 * g2) / det
+    if not (a11 > 0.0 and a22 > 0.0):
+        return (-g1 / a11 if a11 > 0.0 else 0.0), (-g2 / a22 if a22 > 0.0 else 0.0)
+    q1, q2 = 1.0 / np.sqrt(a11), 1.0 / np.sqrt(a22)
+    least, e1, e2 = _downhill(h11 * q1 * q1, h12 * q1 * q2, h22 * q2 * q2)
+    most = h11 * q1 * q1 + h22 * q2 * q2 - least
+    along = (g1 * q1 * e1 + g2 * q2 * e2) / max(abs(least), 1e-6)
+    across = (g2 * q2 * e1 - g1 * q1 * e2) / max(abs(most), 1e-6)
+    return -q1 * (along * e1 - across * e2), -q2 * (along * e2 + across * e1)

@@ -15,6 +15,8 @@ import numpy as np
 
 # Places in the header of the packed form; the rest of `layout` is the first control point of each span.
 PU, PV, NU, NV, SPANS_U, SPANS_V, CLOSED_U, CLOSED_V, POLE_LOW, POLE_HIGH, AT_BV, AT_MU, AT_MV, AT_H, HEADER = range(15)
+POLE_LIMIT = 2e-8
+"""[1] Share of the domain of v beside a pole where S_u is lost in rounding and its derivative along v stands for it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -234,13 +236,13 @@ def bounds(data, layout):
 
 @numba.njit(cache=True)
 def normal_of(data, layout, v, d):
-    """Outward unit normal from the derivatives d (6,3) at v. At a pole S_u vanishes and its derivative along v,
-    which has the direction of S_u beside the pole, stands for it; (0, 0, 1) where the patch has no normal."""
+    """Outward unit normal from the derivatives d (6,3) at v. At a pole S_u vanishes and its derivative along v
+    stands for it; (0, 0, 1) where the patch has no normal."""
     _, _, v0, v1 = bounds(data, layout)
     a0, a1, a2 = d[1, 0], d[1, 1], d[1, 2]
-    if layout[POLE_LOW] and v - v0 < 2e-8 * (v1 - v0):
+    if layout[POLE_LOW] and v - v0 < POLE_LIMIT * (v1 - v0):
         a0, a1, a2 = d[4, 0], d[4, 1], d[4, 2]
-    elif layout[POLE_HIGH] and v1 - v < 2e-8 * (v1 - v0):
+    elif layout[POLE_HIGH] and v1 - v < POLE_LIMIT * (v1 - v0):
         a0, a1, a2 = -d[4, 0], -d[4, 1], -d[4, 2]
     x = a1 * d[2, 2] - a2 * d[2, 1]
     y = a2 * d[2, 0] - a0 * d[2, 2]
