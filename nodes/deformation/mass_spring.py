@@ -1,0 +1,77 @@
+"""The mass-spring body (docs/equations/mass-spring.md)."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import msgspec
+import numpy as np
+
+from palpate.messages import Load, Surface
+from palpate.nodes.surface import OnSurface
+from palpate.physics.mass_spring import NodalBody, normal_force
+from palpate.physics.spring_net import NetBody
+from palpate.physics.terminal import indentation
+
+NO_NODES = np.zeros(0, dtype=np.int32)
+NO_FORCES = np.zeros((0, 3))
+UP = (0.0, 0.0, 1.0)
+NotNegative = msgspec.Meta(ge=0)
+
+
+class MassSpring(OnSurface):
+    """Nodes on springs and dampers in the zone of influence of the contact.
+
+    The total normal force moves one indentation s by the law K s^n <1 + c s'>; that law is the terminal law as it
+    stands, so contact and body together solve the same equations as one solver would. The surface follows by the nodal
+    law, or with `coupling` by a net of springs between neighbours, which costs far more and leaves the force as it is.
+    """
+
+    stiffness: Annotated[float, "N/m^n", msgspec.Meta(gt=0)] = 3.0e3
+    exponent: Annotated[float, "1", msgspec.Meta(ge=1, le=3)] = 1.5
+    damping: Annotated[float, "s/m", NotNegative] = 5.0
+    tangential_stiffness: Annotated[float, "N/m", msgspec.Meta(gt=0)] = 300.0
+    tangential_damping: Annotated[float, "N s/m", NotNegative] = 3.0
+    coupling: Annotated[float, "N/m", NotNegative] = 0.0
+    """of a spring between neighbours; 0: none, every node moves by itself"""
+    coupling_damping: Annotated[float, "N s/m", NotNegative] = 0.1
+    rings: Annotated[int, "1", msgspec.Meta(ge=0, le=50)] = 3
+    """of neighbours round the loaded nodes that move with them in the net"""
+
+    def start(self) -> None:
+        self.indentation = 0.0
+        self.last = self._surface(NO_NODES, NO_FORCES)
+        self._law = (self.stiffness, self.exponent, self.damping, 0.0)
+        indentation(normal_force(NO_FORCES, UP), 1e-3, *self._law, 0.0)
+        self._body: NodalBody | NetBody | None = None
+        if self.wants("displacement"):
+            mesh = self.mesh()
+            normal_law = (self.stiffness, self.exponent, self.damping)
+            law = (*normal_law, self.tangential_stiffness, self.tangential_damping)
+            self._body = (
+                NetBody(mesh, *law, self.coupling, self.coupling_damping, self.rings)
+                if self.coupling > 0.0
+                else NodalBody(mesh, *law)
+            )
+            self._body.step(NO_NODES, NO_FORCES, UP, 1e-3)
+
+    def step(self, load: Load, *, dt: float) -> Surface:
+        if dt > 0.0:
+            force = normal_force(load.forces, load.normal)
+            self.indentation = indentation(force, dt, *self._law, self.indentation)
+            nodes, displacement = NO_NODES, NO_FORCES
+            if self._body is not None:
+                nodes, displacement = self._body.step(load.nodes, load.forces, load.normal, dt)
+            self.last = self._surface(nodes, displacement)
+        return self.last
+
+    def _surface(self, nodes: np.ndarray, displacement: np.ndarray) -> Surface:
+        return Surface(
+            nodes=nodes,
+            displacement=displacement,
+            stiffness=self.stiffness,
+            exponent=self.exponent,
+            damping=self.damping,
+            free=0.0,
+            previous=self.indentation,
+        )

@@ -1,0 +1,41 @@
+"""Spreading of the contact force over the surface (docs/equations/spread.md)."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+import msgspec
+import numpy as np
+
+from palpate.messages import Contact, Friction, Load
+from palpate.nodes.surface import OnSurface
+from palpate.physics.spread import Spreader
+
+NO_NODES = np.zeros(0, dtype=np.int32)
+NO_FORCES = np.zeros((0, 3))
+
+
+class Kernel(OnSurface):
+    """Spreads the contact force over the nodes round the foot point with a smooth kernel.
+
+    The force on the body is -f_n n + f_t; the nodal forces sum to it. Without force the load has no nodes.
+    """
+
+    kernel: Annotated[Literal["biweight", "wendland", "cosine"], "1"] = "biweight"
+    radius: Annotated[float, "m", msgspec.Meta(gt=0)] = 8e-3
+
+    def start(self) -> None:
+        self._spreader = Spreader(self.mesh(), self.radius, self.kernel)
+        self._spreader.spread((0.0, 0.0, 0.0), (0.0, 0.0, 1.0), (0.0, 0.0, -1.0))
+        # The rarer path, for a foot point without nodes in range.
+        self._spreader.grid.nearest((0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
+
+    def step(self, contact: Contact, friction: Friction | None) -> Load:
+        nodes, forces = NO_NODES, NO_FORCES
+        if contact.force > 0.0:
+            f, n = contact.force, contact.normal
+            t = (0.0, 0.0, 0.0) if friction is None else friction.force
+            force = (t[0] - f * n[0], t[1] - f * n[1], t[2] - f * n[2])
+            count = self._spreader.spread(contact.foot, n, force)
+            nodes, forces = self._spreader.nodes[:count], self._spreader.forces[:count]
+        return Load(nodes=nodes, forces=forces, foot=contact.foot, normal=contact.normal)
