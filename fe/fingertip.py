@@ -1,7 +1,8 @@
 """The layered fingertip of Battaglia et al. and its plate: geometry, materials, one pressing.
 
 The layers are capsules about one axis: a cylinder with a rounded tip. Half of it is meshed, cut along the plane of
-symmetry. World frame: z up from the plate, origin at the first point of contact, the tip towards -y and lower by `tilt`.
+symmetry. World frame: z up from the plate, origin at the first point of contact, the tip towards -y and lower by
+`tilt`.
 
 E. Battaglia et al., A finite element model of tactile flow for softness perception (2015).
 """
@@ -31,8 +32,8 @@ PAPER = {"steel": ((0.11, 1.24e-3), (0.50, 2.08e-3)), "silicone": ((0.11, 1.28e-
 
 @dataclass(frozen=True)
 class Fingertip:
-    """Dimensions [m] and fineness of the mesh. The paper leaves open: phalanx length, nail thickness, plate size, how far
-    round the upper epidermis is held.
+    """Dimensions [m] and fineness of the mesh. The paper leaves open: phalanx length, nail thickness, plate size, how
+    far round the upper epidermis is held.
 
     bone, subcutis, dermis, epidermis   radius of the bone, then thicknesses
     phalanx    length of the cylinder behind the rounded tip
@@ -136,7 +137,7 @@ class Fingertip:
         return np.concatenate(points), np.concatenate(every), np.concatenate(region)
 
     def _levels(self) -> np.ndarray:
-        """Radii of the shells, from the bone outwards; layers are cut where they are thicker than the faces are wide."""
+        """Radii of the shells, from the bone outwards; a layer is cut where it is thicker than the faces are wide."""
         width = np.pi / 4 * self.radii[-1] / self.cells
         levels = [self.radii[0]]
         for r in self.radii[1:]:

@@ -2,7 +2,8 @@
 
 A part is split by the least set of nodes that parts its two ends: a minimum cut between the nodes that lie first and
 last along some direction, of several directions the one with the smallest cut for its balance.
-A. George, SIAM J. Numer. Anal. 10 (1973) 345-363; A. Schild, C. Sommer, On balanced separators in road networks, SEA 2015.
+A. George, SIAM J. Numer. Anal. 10 (1973) 345-363; A. Schild, C. Sommer, On balanced separators in road networks,
+SEA 2015.
 """
 
 from __future__ import annotations

@@ -13,6 +13,7 @@ from palpate.launch.commands.messages import messages
 from palpate.launch.commands.new import new
 from palpate.launch.commands.nodes import nodes
 from palpate.launch.commands.plan import PlanCommand, plan
+from palpate.launch.commands.reduce import reduce
 
 app = typer.Typer(
     cls=Verbs,
@@ -45,6 +46,7 @@ app.command(cls=PlanCommand)(plan)
 app.command()(nodes)
 app.command()(messages)
 app.command()(doctor)
+app.command()(reduce)
 app.add_typer(new, name="new")
 
 
