@@ -9,22 +9,30 @@ E. Battaglia et al., A finite element model of tactile flow for softness percept
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from functools import cached_property
+from pathlib import Path
 
 import numpy as np
+from scipy.optimize import minimize_scalar
 
+from palpate.fe.elements import gradients
 from palpate.fe.materials import Material, hencky, mooney_rivlin
 from palpate.fe.mesh import MeshError, TetMesh, bricks, edge_nodes, grid, quadratic
 from palpate.fe.pair import Pair
 from palpate.fe.rigid import Rigid, plane
 from palpate.fe.solver import Settings, Solver
+from palpate.physics.tactile import equivalent_strain, isostrain_volume, logarithmic_strain
 
 BONE, SUBCUTIS, DERMIS, EPIDERMIS, NAIL, PLATE = range(6)
 REGIONS = ("bone", "subcutis", "dermis", "epidermis", "nail", "plate")
 
 CALIBRATED = 16.0
 """Common divisor of the finger's moduli that meets the two steel points of the paper's Table III."""
+
+PENETRATION = 2e-6
+"""[m] that the contact may leave."""
 
 PAPER = {"steel": ((0.11, 1.24e-3), (0.50, 2.08e-3)), "silicone": ((0.11, 1.28e-3), (0.50, 2.30e-3))}
 """Table III of the paper: force [N] and indentation [m]."""
@@ -215,7 +223,9 @@ class Pressing:
         if self.plate == "steel":
             fixed = np.repeat(held[:, None], 3, axis=1)
             lift = None
-            self.touch = Rigid(pad, plane, (0.0, 0.0, 1.0), lambda load: np.array([0.0, 0.0, load]), self.friction)
+            self.touch = Rigid(
+                pad, plane, (0.0, 0.0, 1.0), lambda load: np.array([0.0, 0.0, load]), self.friction, PENETRATION
+            )
         else:
             block = self._block()
             count = len(mesh.points)
@@ -233,9 +243,9 @@ class Pressing:
             def lift(load: float) -> np.ndarray:
                 return load * up
 
-            self.touch = Pair(pad, top, self.friction)
+            self.touch = Pair(pad, top, self.friction, PENETRATION)
         fixed[np.abs(mesh.points[:, 0]) < 1e-9, 0] = True
-        steps = Settings(step=5e-5, largest=2e-4, least=1e-7)
+        steps = Settings(tolerance=1e-5, step=5e-5, largest=2e-4, least=1e-7)
         self.solver = Solver(mesh, materials(self.divisor), fixed, lift, contacts=[self.touch], settings=steps)
 
     def _block(self) -> TetMesh:
@@ -254,10 +264,100 @@ class Pressing:
         """Normal force of the whole finger on the plate [N]."""
         return 2.0 * float(self.touch.force[2])
 
+    def strain(self) -> tuple[np.ndarray, np.ndarray]:
+        """Equivalent strain at the corners of the finger's elements [1] (E,4), and their deformed volumes [m³] (E,),
+        both halves together. Effective Poisson ratio: the material's in the elastic layers, 0.5 in the others."""
+        mesh = self.finger.mesh
+        u = self.solver.displacement[: len(mesh.points)]
+        corners = np.array([[0, 0, 0], [1.0, 0, 0], [0, 1.0, 0], [0, 0, 1.0]])
+        slope, _ = gradients(mesh.points, mesh.elements, corners)
+        gradient = np.eye(3) + np.einsum("eai,enaj->enij", u[mesh.elements], slope)
+        elastic = np.isin(mesh.region, (BONE, EPIDERMIS, NAIL))
+        found = equivalent_strain(logarithmic_strain(gradient), np.where(elastic, 0.3, 0.5)[:, None])
+        a, b, c, d = ((mesh.points + u)[mesh.elements[:, i]] for i in range(4))
+        return found, np.einsum("ij,ij->i", np.cross(b - a, c - a), d - a) / 3.0
+
     @property
     def area(self) -> float:
         """Contact area of the whole finger [m²]."""
         return 2.0 * self.touch.contact_area(self.solver.displacement)
+
+
+LEVELS = np.array([0.05, 0.1, 0.15, 0.2, 0.3, 0.4])
+"""Equivalent strains at which volumes are recorded."""
+
+
+@dataclass(frozen=True)
+class Record:
+    """What a pressing gave, row by row from zero force.
+
+    indentation [m] (k,), force [N] (k,), area [m²] (k,), levels [1] (l,), volumes [m³] (k,l)
+    """
+
+    indentation: np.ndarray
+    force: np.ndarray
+    area: np.ndarray
+    levels: np.ndarray
+    volumes: np.ndarray
+
+    def at(self, force: float) -> tuple[float, float, np.ndarray]:
+        """Indentation, area and volumes at a force [N], between the rows.
+
+        ValueError: the record does not reach that force.
+        """
+        if not 0.0 <= force <= self.force[-1]:
+            raise ValueError(f"force {force} N: the record ends at {self.force[-1]:.4g} N")
+        volumes = np.array([np.interp(force, self.force, column) for column in self.volumes.T])
+        first, second = (float(np.interp(force, self.force, x)) for x in (self.indentation, self.area))
+        return first, second, volumes
+
+    def softened(self, divisor: float) -> Record:
+        """The same pressing on a rigid plate with all moduli divided: the same motion, the forces divided."""
+        return replace(self, force=self.force / divisor)
+
+
+def record(
+    pressing: Pressing, end: float, folder: Path | None = None, report: Callable[[float], None] | None = None
+) -> Record:
+    """Press until the plate has risen by `end` [m]. With a folder, each step is kept there and a run that was broken
+    off goes on from its last step.
+
+    ConvergenceError: a step that fails; the steps before it are in the folder.
+    """
+    rows: list[list[float]] = [[0.0] * (3 + len(LEVELS))]
+    state = None if folder is None else folder / "state.npz"
+    table = None if folder is None else folder / "table.npy"
+    if state is not None and table is not None and state.exists() and table.exists():
+        pressing.solver.resume(state)
+        rows = np.load(table).tolist()
+
+    def keep(load: float) -> None:
+        values, volumes = pressing.strain()
+        rows.append([load, pressing.force, pressing.area, *isostrain_volume(values, volumes, LEVELS)])
+        if state is not None and table is not None:
+            state.parent.mkdir(parents=True, exist_ok=True)
+            np.save(table, np.array(rows))
+            pressing.solver.save(state)
+        if report is not None:
+            report(load)
+
+    if pressing.solver.load < end:
+        pressing.solver.advance(end, keep)
+    found = np.array(rows)
+    return Record(found[:, 0], np.maximum.accumulate(found[:, 1]), found[:, 2], LEVELS, found[:, 3:])
+
+
+def fit_divisor(steel: Record) -> float:
+    """The divisor of all moduli whose steel curve passes the paper's two steel points with the least squared error in
+    indentation."""
+    points = PAPER["steel"]
+
+    def miss(log: float) -> float:
+        curve = steel.softened(float(np.exp(log)))
+        ends = [min(f, curve.force[-1]) for f, _ in points]
+        return sum((curve.at(e)[0] - depth) ** 2 + (e - f) ** 2 for e, (f, depth) in zip(ends, points, strict=True))
+
+    return float(np.exp(minimize_scalar(miss, bounds=(np.log(2.0), np.log(100.0)), method="bounded").x))
 
 
 def _graded(fine: float, uniform: float, end: float) -> np.ndarray:

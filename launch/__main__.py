@@ -9,6 +9,7 @@ import typer
 from palpate.launch.commands.check import check
 from palpate.launch.commands.common import Verbs
 from palpate.launch.commands.doctor import doctor
+from palpate.launch.commands.fe import fe
 from palpate.launch.commands.messages import messages
 from palpate.launch.commands.new import new
 from palpate.launch.commands.nodes import nodes
@@ -48,6 +49,7 @@ app.command()(messages)
 app.command()(doctor)
 app.command()(reduce)
 app.add_typer(new, name="new")
+app.add_typer(fe, name="fe")
 
 
 def main() -> None:

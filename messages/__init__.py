@@ -16,6 +16,7 @@ from palpate.messages.base import (
 from palpate.messages.checks import check_finite
 from palpate.messages.contact import Contact, Friction, Load, Proximity
 from palpate.messages.device import DeviceState, Force, Pose, Torque
+from palpate.messages.tactile import Tactile
 from palpate.messages.tissue import Surface
 
 __all__ = [
@@ -32,6 +33,7 @@ __all__ = [
     "Pose",
     "Proximity",
     "Surface",
+    "Tactile",
     "Torque",
     "Vector",
     "Vector2",
