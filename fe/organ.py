@@ -8,12 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.fe import faces as face_rule
+from palpate.fe.bed import Bed
 from palpate.fe.cholesky import Cholesky
 from palpate.fe.compiled import LAW, compiled
 from palpate.fe.elements import gradients, integrate
 from palpate.fe.materials import Material, neo_hooke
 from palpate.fe.mesh import MeshError, TetMesh, quadratic
 from palpate.fe.pattern import Pattern, pattern
+from palpate.fe.solver import Solver
 from palpate.physics.mesh import Mesh
 
 SHELLS = (1.0, 0.9, 0.77, 0.6, 0.38)
@@ -127,10 +129,16 @@ class Organ:
                 compiled(material.law, LAW), slope, det / 24.0, mesh.elements[own], rest,
                 np.array(material.parameters), material.mixed, material.small, True, where[own], rest.copy(), data,
             )  # fmt: skip
-        under = self.under()
-        block = np.einsum("fq,qa,qb->fab", self.area[under], self._value, self._value) * self.bed
-        np.add.at(data, self.pattern.where(self.faces[under]), block[..., None, None] * np.eye(3))
+        bed = Bed(self.faces[self.under()], self.bed)
+        bed.bind(mesh.points, self.pattern, np.zeros(0))
+        bed.add(rest, 0.0, True, rest.copy(), data)
         return data
+
+    def full(self, young: float, loads: Callable[[float], np.ndarray]) -> Solver:
+        """The nonlinear model of this organ at a modulus [Pa] under nodal loads [N], see `fe.Solver`."""
+        bed = Bed(self.faces[self.under()], self.bed * young)
+        fixed = np.zeros(self.mesh.points.shape, dtype=bool)
+        return Solver(self.mesh, self.materials(young), fixed, loads=loads, contacts=[bed])
 
     def hats(self) -> np.ndarray:
         """Nodal loads of a unit force spread over the triangles round each vertex, highest at the vertex (N,V)."""

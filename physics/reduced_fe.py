@@ -14,6 +14,8 @@ step costs what the contact covers, not what the mesh holds.
 
 from __future__ import annotations
 
+import zipfile
+import zlib
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -68,7 +70,7 @@ class Basis:
                 size = 3 * len(vertices)
                 full = np.zeros((size, size), dtype=np.float32)
                 full[np.tril_indices(size)] = found["lower"].astype(np.float32) * np.float32(found["scale"])
-        except (OSError, KeyError, ValueError) as error:
+        except (OSError, KeyError, ValueError, EOFError, zlib.error, zipfile.BadZipFile) as error:
             raise BasisError(f"{path}: not a reduced basis: {error}. Rebuild it with `palpate reduce`") from None
         full += np.tril(full, -1).T
         return cls(vertices, triangles, full)

@@ -62,6 +62,17 @@ def test_condensation_is_exact_for_any_load():
     assert found == approx(hats.T @ u, abs=1e-5 * np.abs(u).max())
 
 
+def test_a_light_touch_agrees_with_the_nonlinear_model():
+    hats = organ().hats()
+    top = int(np.argmax(organ().surface.vertices[:, 2]))
+    push = np.zeros((hats.shape[1], 3))
+    push[top, 2] = -1e-3
+    full = organ().full(YOUNG, lambda load: load * (hats @ push))
+    full.advance(1.0)
+    depth = -(hats[:, top] @ full.displacement)[2]
+    assert -(basis().compliance @ push.ravel())[3 * top + 2] / YOUNG == approx(depth, rel=2e-3)
+
+
 def test_compliance_is_symmetric_and_positive():
     c = basis().compliance.astype(float)
     assert c == approx(c.T)
