@@ -343,6 +343,15 @@ def record(
 
     if pressing.solver.load < end:
         pressing.solver.advance(end, keep)
+    return _record(rows)
+
+
+def read_record(folder: Path) -> Record:
+    """What `record` has kept in a folder."""
+    return _record(np.load(folder / "table.npy").tolist())
+
+
+def _record(rows: list[list[float]]) -> Record:
     found = np.array(rows)
     return Record(found[:, 0], np.maximum.accumulate(found[:, 1]), found[:, 2], LEVELS, found[:, 3:])
 

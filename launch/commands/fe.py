@@ -68,6 +68,26 @@ def fingertip(
         console().print(f"{run / 'finger.vtu'}: displacement and equivalent strain")
 
 
+@fe.command()
+def table(
+    steel: Annotated[Path, typer.Argument(help="folder of a literal run on steel, of `palpate fe fingertip`")],
+    silicone: Annotated[Path, typer.Argument(help="folder of a calibrated run on silicone")],
+    to: Annotated[Path, typer.Option("--to", help="file to write")] = Path("fingertip.npz"),
+) -> None:
+    """Write the table that tactile.Flow reads: area and isostrain volumes against force for both plates."""
+    import numpy as np
+
+    from palpate.fe.fingertip import CALIBRATED, LEVELS, read_record
+
+    found = {"steel": read_record(steel).softened(CALIBRATED), "silicone": read_record(silicone)}
+    data = {"levels": LEVELS}
+    for plate, run in found.items():
+        keep = np.concatenate([[True], np.diff(run.force) > 0])
+        data |= {f"{plate}.{n}": getattr(run, n)[keep] for n in ("force", "area", "volumes", "indentation")}
+    np.savez_compressed(to, allow_pickle=False, **data)
+    console().print(f"{to}: {', '.join(f'{p} to {r.force[-1]:.3g} N' for p, r in found.items())}")
+
+
 def _numbers(plate: str, divisor: float, found: Record) -> dict[str, Any]:
     """The record as plain data, with the paper's points beside it."""
     from palpate.fe.fingertip import PAPER
