@@ -10,6 +10,7 @@ ZeroMQ's headers (Debian: libzmq3-dev); without them its row is left out.
 from __future__ import annotations
 
 import argparse
+import itertools
 import json
 import multiprocessing
 import os
@@ -82,14 +83,13 @@ def in_c(turns: int, core: int) -> float | None:
 
 def ours(turns: int, core: int) -> float:
     """[us] a hop of a graph of palpate, one process per node: the median tick over the number of nodes."""
-    from palpate.launch.execute import execute
-    from palpate.launch.launchfile import LaunchFile
+    from palpate.launch.loading.launchfile import LaunchFile
+    from palpate.launch.running.execute import execute
 
     names = [f"n{i}" for i in range(COUNT)]
     lines = [f"  n0: {{use: relays.Start, in: {{torque: {names[-1]}}}}}"]
     lines += [
-        f"  {name}: {{use: relays.Relay, in: {{torque: {before}}}}}"
-        for before, name in zip(names, names[1:], strict=False)
+        f"  {name}: {{use: relays.Relay, in: {{torque: {before}}}}}" for before, name in itertools.pairwise(names)
     ]
     with tempfile.TemporaryDirectory() as folder:
         graph = Path(folder) / "ring.yaml"

@@ -22,6 +22,10 @@ SHELLS = (1.0, 0.9, 0.77, 0.6, 0.38)
 """Scales of the nested copies of the surface between which prisms are cut into tetrahedra."""
 
 
+SLAB = 0.04
+"""[m] Thickness of the slab under a level surface."""
+
+
 @dataclass(frozen=True)
 class Nodule:
     """A ball of harder tissue: place [m] (3), radius [m], modulus over that of the organ."""
@@ -32,13 +36,20 @@ class Nodule:
 
 
 def fill(surface: Mesh, shells: tuple[float, ...] = SHELLS, nodule: Nodule = Nodule()) -> TetMesh:
-    """Quadratic tetrahedra inside a closed surface whose every triangle is seen from the origin of its frame.
+    """Quadratic tetrahedra inside a closed surface whose every triangle is seen from the origin of its frame, or in the
+    slab of thickness `SLAB` under a level one (all z equal, normals towards +z).
 
     The first nodes are the vertices of the surface, in order. Region 1 is the nodule, 0 the rest.
 
     MeshError: a surface that is open, inverted, or not seen from its origin; says where.
     """
     vertices, triangles = surface.vertices, surface.triangles.astype(np.int64)
+    n = len(vertices)
+    if np.ptp(vertices[:, 2]) < 1e-9 * np.ptp(vertices) and (surface.face_vectors[:, 2] > 0).all():
+        down = SLAB * np.array([(0.0, 0.0, 1.0 - s) for s in (*shells, 0.0)])
+        points = np.concatenate([vertices - d for d in down])
+        corners = np.concatenate([_prisms(triangles + (k + 1) * n, triangles + k * n) for k in range(len(shells))])
+        return _finished(points, corners, nodule)
     edges = np.sort(triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
     _, index, count = np.unique(edges, axis=0, return_index=True, return_counts=True)
     if (count != 2).any():
@@ -57,14 +68,17 @@ def fill(surface: Mesh, shells: tuple[float, ...] = SHELLS, nodule: Nodule = Nod
             f"surface: triangle {worst} at ({at[0]:.4g}, {at[1]:.4g}, {at[2]:.4g}) mm does not face away from the "
             "origin; the volume mesh needs a surface that is seen from its origin everywhere, normals outward"
         )
-    n = len(vertices)
     points = np.concatenate([*(s * vertices for s in shells), np.zeros((1, 3))])
     tets = []
     for k in range(len(shells) - 1):
         tets.append(_prisms(triangles + (k + 1) * n, triangles + k * n))
     last = triangles + (len(shells) - 1) * n
     tets.append(np.column_stack([np.full(len(last), len(points) - 1), last]))
-    corners = np.concatenate(tets)
+    return _finished(points, np.concatenate(tets), nodule)
+
+
+def _finished(points: np.ndarray, corners: np.ndarray, nodule: Nodule) -> TetMesh:
+    """Turn the tetrahedra right side out, mark the nodule, add the nodes on edges."""
     a, b, c, d = (points[corners[:, i]] for i in range(4))
     turned = np.einsum("ij,ij->i", np.cross(b - a, c - a), d - a) < 0
     corners[turned] = corners[turned][:, [0, 2, 1, 3]]
@@ -145,9 +159,10 @@ class Organ:
         count = len(self.surface.vertices)
         x, y = face_rule.POINTS.T
         hat = np.stack([1 - x - y, x, y], axis=1)
-        share = np.einsum("fq,qc,qa->fca", self.area, hat, self._value)
+        touched = (self.faces[:, :3] < count).all(axis=1)
+        share = np.einsum("fq,qc,qa->fca", self.area[touched], hat, self._value)
         loads = np.zeros((len(self.mesh.points), count))
-        np.add.at(loads, (self.faces[:, None, :], self.faces[:, :3, None]), share)
+        np.add.at(loads, (self.faces[touched][:, None, :], self.faces[touched][:, :3, None]), share)
         return loads / loads.sum(axis=0)
 
     def compliance(self, report: Callable[[float], None] | None = None) -> np.ndarray:

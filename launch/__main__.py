@@ -10,11 +10,13 @@ from palpate.launch.commands.check import check
 from palpate.launch.commands.common import Verbs
 from palpate.launch.commands.doctor import doctor
 from palpate.launch.commands.fe import fe
+from palpate.launch.commands.join import join
 from palpate.launch.commands.messages import messages
 from palpate.launch.commands.new import new
 from palpate.launch.commands.nodes import nodes
 from palpate.launch.commands.plan import PlanCommand, plan
 from palpate.launch.commands.reduce import reduce
+from palpate.launch.commands.run import run
 
 app = typer.Typer(
     cls=Verbs,
@@ -42,12 +44,14 @@ def _top(
     """What a fingertip feels on soft tissue: a graph of message-passing nodes."""
 
 
+app.command()(run)
 app.command()(check)
 app.command(cls=PlanCommand)(plan)
 app.command()(nodes)
 app.command()(messages)
 app.command()(doctor)
 app.command()(reduce)
+app.command()(join)
 app.add_typer(new, name="new")
 app.add_typer(fe, name="fe")
 

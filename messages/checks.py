@@ -72,19 +72,22 @@ def _write_settle(kind: type) -> Callable[[Any], None]:
 
 
 def _write_finite(kind: type) -> Callable[[Any], bool]:
-    """True where the sum of all numbers is finite: NaN and infinity survive every sum."""
+    """True where the sum of all numbers, of squares for arrays, is finite: NaN and infinity survive every sum.
+
+    False where a sum of finite numbers overflows, too: the slow check then decides. BLAS gives no warning for that.
+    """
     terms, tests = [], []
     for field in fields(kind):
         if field.dtype is not None:
             if field.dtype.kind == "f":
-                tests.append(f"(m.{field.name}.size == 0 or isfinite(m.{field.name}.sum()))")
+                tests.append(f"isfinite(vdot(m.{field.name}, m.{field.name}))")
         elif field.type is float:
             terms.append(f"m.{field.name}")
         elif field.shape and _element(field) is float:
             terms.append(f"sum(m.{field.name})")
     tests = ([f"isfinite({' + '.join(terms)})"] if terms else []) + tests
     lines = ["def finite(m):", f"    return {' and '.join(tests) or 'True'}"]
-    return _function("finite", lines, {"isfinite": math.isfinite, "sum": sum})
+    return _function("finite", lines, {"isfinite": math.isfinite, "sum": sum, "vdot": np.vdot})
 
 
 def _function(name: str, lines: list[str], names: dict[str, Any]) -> Callable:

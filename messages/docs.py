@@ -28,6 +28,12 @@ def documented(kind: type) -> list[Documented]:
     return [Documented(m[1], m[2], _shape(m[3]), m[4]) for m in found]
 
 
+def summary(thing: object) -> str:
+    """The first sentence of a docstring, in one line."""
+    first = " ".join((inspect.getdoc(thing) or "").partition("\n\n")[0].split())
+    return re.split(r"(?<=[.!?]) ", first, maxsplit=1)[0].rstrip(" ,:")
+
+
 def message_types() -> dict[str, type[Message]]:
     """All message types that ship, by name."""
     package = sys.modules[Message.__module__.rpartition(".")[0]]

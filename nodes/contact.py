@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 import msgspec
 
-from palpate.messages import Contact, Proximity, Surface
+from palpate.messages import Contact, Proximity, Surface, Vector3
 from palpate.nodes.base import Node, Wants
 from palpate.physics.contact import Law, exponential, hertz_exponential, power, series_step
 from palpate.physics.terminal import free_recovery
@@ -40,6 +40,7 @@ class Series(Node):
         self._law = self._finger()
         self._solve(1e-3, 1e-3, 3e3, 1.5, 5.0, 0.0, 0.0)
         free_recovery(0.0, 0.0, self.finger_damping, 1e-3)
+        self._contact((0.0, 0.0, 0.0), (0.0, 0.0, 1.0), 0.0, 0.0, 0.0, 0.0, 0.0)
 
     def _finger(self) -> Law:
         if self.finger_law == "power":
@@ -62,7 +63,7 @@ class Series(Node):
         if not dt > 0.0:
             # A duplicate or reordered message: no time has passed, so nothing has changed.
             if self.last is None:
-                self.last = self._contact(proximity, 0.0, 0.0, 0.0, 0.0, 0.0)
+                self.last = self._contact(proximity.foot, proximity.normal, 0.0, 0.0, 0.0, 0.0, 0.0)
             return self.last
         if body is None:
             force, indentation, indentation_rate = 0.0, 0.0, 0.0
@@ -73,14 +74,18 @@ class Series(Node):
             )
             indentation_rate = (indentation - body.previous) / dt
         rate = (self.compression - before) / dt
-        self.last = self._contact(proximity, force, self.compression, indentation, rate, indentation_rate)
+        self.last = self._contact(
+            proximity.foot, proximity.normal, force, self.compression, indentation, rate, indentation_rate
+        )
         return self.last
 
     @staticmethod
-    def _contact(proximity: Proximity, force: float, s1: float, s2: float, rate1: float, rate2: float) -> Contact:
+    def _contact(
+        foot: Vector3, normal: Vector3, force: float, s1: float, s2: float, rate1: float, rate2: float
+    ) -> Contact:
         return Contact(
-            foot=proximity.foot,
-            normal=proximity.normal,
+            foot=foot,
+            normal=normal,
             force=force,
             compression=s1,
             indentation=s2,

@@ -22,8 +22,9 @@ class Haptic(Node):
     hysteresis           way beyond the point of contact after which contact ends; one step of the device's position
     passivity            whether damping is added while the display would give out energy
     mass                 of the device: bounds that damping
-    delay                samples between the motion and the hand's feeling its force, at most; a device that takes a
-                         command while it gives a state has 1
+    delay                whole samples by which the loop is late, at most: 0 for a force that acts right after the
+                         motion that it was computed from, 1 for a device that takes a command while it gives a state.
+                         Too large a value is safe but damps more than it must
     resolution           step of the device's position; 0: exact
     limit, slew          largest force, and its largest change over time
 
@@ -36,7 +37,7 @@ class Haptic(Node):
     hysteresis: Annotated[float, "m", msgspec.Meta(ge=0)] = 60e-6
     passivity: Annotated[bool, "1"] = True
     mass: Annotated[float, "kg", msgspec.Meta(gt=0)] = 0.1
-    delay: Annotated[int, "1", msgspec.Meta(ge=0, le=1000)] = 1
+    delay: Annotated[int, "1", msgspec.Meta(ge=0, le=1000)] = 0
     resolution: Annotated[float, "m", msgspec.Meta(ge=0)] = 60e-6
     limit: Annotated[float, "N", msgspec.Meta(gt=0)] = 9.0
     slew: Annotated[float, "N/s", msgspec.Meta(gt=0)] = 5000.0

@@ -59,7 +59,8 @@ class Simulated(Node):
 
     begin     first point of the path, world frame; `path` goes on from there (see Segment) and ends at rest
     origin    where the device's own frame lies in the world
-    mass      of grip and hand together; damping: of the device alone; hand_...: of the arm. All zero: nobody holds it
+    mass      of grip and hand together; damping: of the device alone; hand_stiffness and hand_damping: of the arm,
+              both 0 when nobody holds the grip
     delay     samples by which reports are late; lost: chance that a report repeats the one before; glitches: chance
               that one angle is off by 1000 counts for one report. The same seed gives the same bad days
     """
@@ -96,15 +97,14 @@ class Simulated(Node):
             )
 
     def start(self) -> None:
-        geometry = FALCON.geometry
+        self.geometry = FALCON.geometry
         self.constants = np.array(
             [self.mass, self.damping, self.hand_stiffness, self.hand_damping, self.resolution, FALCON.limit]
         )
-        self.geometry = geometry
         self.ends = np.cumsum([s.duration for s in self.path], dtype=float)
         self.points = np.array([self.begin, *self._ways()]) - np.array(self.origin)
         self.shapes = np.array([LINEAR if s.shape == "linear" else MINIMUM_JERK for s in self.path], dtype=np.int64)
-        self.state = np.zeros((3, 3))
+        self.state, self.memory = np.zeros((3, 3)), np.zeros((4, 3))
         self.state[POSITION] = self.points[0]
         self.random = np.random.Generator(np.random.PCG64(self.seed))
         first = self._move((0.0, 0.0, 0.0), 0.0)
@@ -119,7 +119,9 @@ class Simulated(Node):
         return points
 
     def _move(self, torques: Vector3, dt: float) -> tuple[float, float, float]:
-        return grip_kernel(self.geometry, self.constants, self.state, self.ends, self.points, self.shapes, *torques, dt)
+        return grip_kernel(
+            self.geometry, self.constants, self.state, self.memory, self.ends, self.points, self.shapes, *torques, dt
+        )
 
     def step(self, torque: Torque | None, *, dt: float) -> DeviceState:
         self.reports.append(self._move(torque.torques if torque is not None else (0.0, 0.0, 0.0), dt))

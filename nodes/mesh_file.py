@@ -21,7 +21,8 @@ def read_mesh(path: str, scale: float) -> Mesh:
     """The mesh of a file, its numbers times `scale` [m].
 
     Equal vertices are made one (an STL file repeats them), triangles without three corners, repeated triangles and
-    vertices that no triangle holds are left out, and a closed mesh is turned to point outwards.
+    vertices that no triangle holds are left out, and the triangles are turned one way round: a closed mesh outwards, an
+    open one as most of its triangles are.
 
     SettingError: no such file, not a mesh, no triangles, an implausible size, edges of more than two triangles.
     """
@@ -37,13 +38,13 @@ def read_mesh(path: str, scale: float) -> Mesh:
     used, triangles = np.unique(triangles, return_inverse=True)
     vertices, triangles = vertices[used], triangles.reshape(-1, 3).astype(np.int32)
     _plausible(path, vertices)
-    border, shared = edge_counts(triangles, len(vertices))
+    _, shared = edge_counts(triangles, len(vertices))
     if shared:
         raise SettingError(
             f"setting 'surface': {path} has {shared} edges that more than two triangles share: it has no inside. "
             "Mend it in a mesh editor (remove inner faces, make it manifold)."
         )
-    return Mesh(vertices, triangles if border else outward(vertices, triangles))
+    return Mesh(vertices, outward(vertices, triangles))
 
 
 def _load(path: str) -> tuple[np.ndarray, np.ndarray]:

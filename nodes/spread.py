@@ -27,6 +27,7 @@ class Kernel(OnSurface):
     def start(self) -> None:
         self._spreader = Spreader(self.mesh(), self.radius, self.kernel)
         self._spreader.spread((0.0, 0.0, 0.0), (0.0, 0.0, 1.0), (0.0, 0.0, -1.0))
+        Load(nodes=NO_NODES, forces=NO_FORCES, foot=(0.0, 0.0, 0.0), normal=(0.0, 0.0, 1.0))
         # The rarer path, for a foot point without nodes in range.
         self._spreader.grid.nearest((0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
 

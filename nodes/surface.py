@@ -90,6 +90,7 @@ def surface_mesh(
             raise SettingError(f"setting 'file_unit': found {file_unit!r}, expected one of {', '.join(UNITS)}")
         found = read_mesh(surface, UNITS[file_unit])
     turn = _matrix(rotation)
+    _finite("position", position)
     return Mesh(np.ascontiguousarray(found.vertices @ turn.T + np.asarray(position)), found.triangles)
 
 
@@ -104,6 +105,7 @@ def surface_patch(surface: str, position: Vector3 = LEVEL, rotation: Vector3 = L
             f"setting 'surface': {surface!r} is a mesh file, expected one of {', '.join(SURFACES)}. "
             "Use collision.Mesh for a mesh file."
         )
+    _finite("position", position)
     return _patch(surface).moved(_matrix(rotation), np.asarray(position))
 
 
@@ -121,5 +123,11 @@ def _known(surface: str) -> None:
         )
 
 
+def _finite(name: str, vector: Vector3) -> None:
+    if not np.isfinite(vector).all():
+        raise SettingError(f"setting {name!r}: found {vector}, expected three finite numbers")
+
+
 def _matrix(rotation: Vector3) -> np.ndarray:
+    _finite("rotation", rotation)
     return np.eye(3) if tuple(rotation) == LEVEL else Rotation.from_rotvec(rotation).as_matrix()

@@ -14,6 +14,8 @@ import numba
 import numpy as np
 
 LEAF = 4
+PART, WHOLE = 64, 2048
+"""Leaves of the parts that a large node is bounded by, and of the smallest such node."""
 FLAT = 1e-12
 """[1] A triangle whose area is less than this share of its longest edge squared counts as that edge."""
 
@@ -150,91 +152,140 @@ def _morton(centre, low, size):
 
 @numba.njit(cache=True)
 def _discs(vertices, triangles, leaves, discs):
-    """Bounding discs of all nodes: centre, axis, radius, half height."""
+    """Bounding discs of all nodes: centre, axis, radius, half height.
+
+    Small nodes are fitted to their vertices; large ones, from `WHOLE` leaves on, to the discs of the nodes of `PART`
+    leaves below them, which costs a hundredth.
+    """
     count = len(triangles)
-    for node in range(1, 2 * leaves):
-        width = leaves
-        level = 1
-        while 2 * level <= node:
-            level *= 2
-            width //= 2
-        first = (node - level) * width * count // leaves
-        last = (node - level + 1) * width * count // leaves
-        c0 = c1 = c2 = n0 = n1 = n2 = 0.0
-        for t in range(first, last):
-            p, q, r = triangles[t]
-            ux, uy, uz = (
-                vertices[q, 0] - vertices[p, 0],
-                vertices[q, 1] - vertices[p, 1],
-                vertices[q, 2] - vertices[p, 2],
-            )
-            vx, vy, vz = (
-                vertices[r, 0] - vertices[p, 0],
-                vertices[r, 1] - vertices[p, 1],
-                vertices[r, 2] - vertices[p, 2],
-            )
-            n0, n1, n2 = n0 + uy * vz - uz * vy, n1 + uz * vx - ux * vz, n2 + ux * vy - uy * vx
-            c0 += vertices[p, 0] + vertices[q, 0] + vertices[r, 0]
-            c1 += vertices[p, 1] + vertices[q, 1] + vertices[r, 1]
-            c2 += vertices[p, 2] + vertices[q, 2] + vertices[r, 2]
-        share = 1.0 / (3.0 * max(last - first, 1))
-        c0, c1, c2 = c0 * share, c1 * share, c2 * share
-        length = np.sqrt(n0 * n0 + n1 * n1 + n2 * n2)
-        if length > 0.0:
-            n0, n1, n2 = n0 / length, n1 / length, n2 / length
+    sums = np.zeros((2 * leaves, 7))
+    for node in range(2 * leaves - 1, 0, -1):
+        if node >= leaves:
+            for t in range((node - leaves) * count // leaves, (node - leaves + 1) * count // leaves):
+                _add_triangle(vertices, triangles[t], sums[node])
         else:
-            n0, n1, n2 = 0.0, 0.0, 1.0
+            for i in range(7):
+                sums[node, i] = sums[2 * node, i] + sums[2 * node + 1, i]
+        _start_disc(sums[node], discs[node])
+        below = 1
+        while node * below < leaves:
+            below *= 2
         low, high, wide = np.inf, -np.inf, 0.0
-        for t in range(first, last):
-            for k in range(3):
-                v = triangles[t, k]
-                x, y, z = vertices[v, 0] - c0, vertices[v, 1] - c1, vertices[v, 2] - c2
-                along = x * n0 + y * n1 + z * n2
-                low, high = min(low, along), max(high, along)
-                wide = max(wide, x * x + y * y + z * z - along * along)
-        if last == first:
+        if below >= WHOLE:
+            step = below // PART
+            for part in range(node * step, node * step + step):
+                if sums[part, 6] == 0.0:
+                    continue
+                along, across, cosine = _seen(discs[part], discs[node])
+                sine = np.sqrt(max(1.0 - cosine * cosine, 0.0))
+                reach = discs[part, 6] * sine + discs[part, 7] * cosine
+                low, high = min(low, along - reach), max(high, along + reach)
+                wide = max(wide, across + discs[part, 6] + discs[part, 7] * sine)
+        else:
+            first = (node * below - leaves) * count // leaves
+            last = (node * below - leaves + below) * count // leaves
+            for t in range(first, last):
+                for k in range(3):
+                    along, across = _corner(vertices[triangles[t, k]], discs[node])
+                    low, high, wide = min(low, along), max(high, along), max(wide, across)
+        if high < low:
             low = high = 0.0
         middle = 0.5 * (low + high)
-        size = abs(c0) + abs(c1) + abs(c2) + np.sqrt(wide) + high - low
-        discs[node, 0], discs[node, 1], discs[node, 2] = c0 + middle * n0, c1 + middle * n1, c2 + middle * n2
-        discs[node, 3], discs[node, 4], discs[node, 5] = n0, n1, n2
+        size = high - low + wide
+        for i in range(3):
+            discs[node, i] += middle * discs[node, 3 + i]
+            size += abs(discs[node, i])
         # Rounding must not put a vertex outside.
-        discs[node, 6] = np.sqrt(wide) + 1e-9 * size
+        discs[node, 6] = wide + 1e-9 * size
         discs[node, 7] = 0.5 * (high - low) + 1e-12 * size
+
+
+@numba.njit(cache=True)
+def _add_triangle(vertices, triangle, sums):
+    """Adds corners, normal and number of a triangle to the sums of a node."""
+    p, q, r = vertices[triangle[0]], vertices[triangle[1]], vertices[triangle[2]]
+    ux, uy, uz = q[0] - p[0], q[1] - p[1], q[2] - p[2]
+    vx, vy, vz = r[0] - p[0], r[1] - p[1], r[2] - p[2]
+    for i in range(3):
+        sums[i] += p[i] + q[i] + r[i]
+    sums[3] += uy * vz - uz * vy
+    sums[4] += uz * vx - ux * vz
+    sums[5] += ux * vy - uy * vx
+    sums[6] += 3.0
+
+
+@numba.njit(cache=True)
+def _start_disc(sums, disc):
+    """Mean of the corners and mean normal of a node."""
+    length = np.sqrt(sums[3] * sums[3] + sums[4] * sums[4] + sums[5] * sums[5])
+    for i in range(3):
+        disc[i] = sums[i] / max(sums[6], 1.0)
+        disc[3 + i] = sums[3 + i] / length if length > 0.0 else (1.0 if i == 2 else 0.0)
+
+
+@numba.njit(cache=True)
+def _corner(x, disc):
+    """Place of a point along the axis of a disc and its distance from it."""
+    a, b, c = x[0] - disc[0], x[1] - disc[1], x[2] - disc[2]
+    along = a * disc[3] + b * disc[4] + c * disc[5]
+    return along, np.sqrt(max(a * a + b * b + c * c - along * along, 0.0))
+
+
+@numba.njit(cache=True)
+def _seen(part, disc):
+    """Centre of a disc as seen from another: along its axis, across it, and the cosine between both axes."""
+    along, across = _corner(part, disc)
+    return along, across, abs(part[3] * disc[3] + part[4] * disc[4] + part[5] * disc[5])
 
 
 @numba.njit(cache=True)
 def _topology(points, cells, star_at, star):
     """Fills in neighbours, degenerate triangles and the angle-weighted normals of the vertices."""
+    side = np.empty((3, 3))
+    square = np.empty(3)
     for t in range(len(cells)):
-        p = points[cells[t, 0], :3]
-        q = points[cells[t, 1], :3]
-        r = points[cells[t, 2], :3]
-        e = (q - p, r - q, p - r)
-        n = np.cross(e[0], -e[2])
-        length = np.sqrt((n * n).sum())
-        square = np.array([(x * x).sum() for x in e])
-        longest = square.argmax()
-        cells[t, KIND] = 1 + longest if 0.5 * length <= FLAT * square[longest] else 0
-        if cells[t, KIND] == 0:
-            for i in range(3):
-                a, b = e[i], -e[(i + 2) % 3]
-                angle = np.arctan2(length, (a * b).sum())
-                for c in range(3):
-                    points[cells[t, i], 3 + c] += angle * n[c] / length
         for i in range(3):
             a, b = cells[t, i], cells[t, (i + 1) % 3]
-            cells[t, ACROSS + i] = -1
-            for k in range(star_at[a], star_at[a + 1]):
-                s = star[k]
-                if s == t or is_segment(cells, s):
-                    continue
-                for j in range(3):
-                    x, y = cells[s, j], cells[s, (j + 1) % 3]
-                    if (x == b and y == a) or (x == a and y == b and cells[t, ACROSS + i] < 0):
-                        cells[t, ACROSS + i] = s
+            square[i] = 0.0
+            for c in range(3):
+                side[i, c] = points[b, c] - points[a, c]
+                square[i] += side[i, c] * side[i, c]
+            cells[t, ACROSS + i] = _neighbour(cells, star_at, star, t, a, b)
+        x = side[0, 1] * side[1, 2] - side[0, 2] * side[1, 1]
+        y = side[0, 2] * side[1, 0] - side[0, 0] * side[1, 2]
+        z = side[0, 0] * side[1, 1] - side[0, 1] * side[1, 0]
+        length = np.sqrt(x * x + y * y + z * z)
+        longest = 0 if square[0] >= max(square[1], square[2]) else (1 if square[1] >= square[2] else 2)
+        if 0.5 * length <= FLAT * square[longest]:
+            cells[t, KIND] = 1 + longest
+            continue
+        cells[t, KIND] = 0
+        for i in range(3):
+            j = (i + 2) % 3
+            cosine = -(side[i, 0] * side[j, 0] + side[i, 1] * side[j, 1] + side[i, 2] * side[j, 2])
+            weight = np.arctan2(length, cosine) / length
+            points[cells[t, i], 3] += weight * x
+            points[cells[t, i], 4] += weight * y
+            points[cells[t, i], 5] += weight * z
     for v in range(len(points)):
         length = np.sqrt(points[v, 3] ** 2 + points[v, 4] ** 2 + points[v, 5] ** 2)
         if length > 1e-12:
             for c in range(3, 6):
                 points[v, c] /= length
+
+
+@numba.njit(cache=True)
+def _neighbour(cells, star_at, star, t, a, b):
+    """The triangle across the edge from corner a to b of triangle t: one of the same sense if there is one; or -1."""
+    found = -1
+    for k in range(star_at[a], star_at[a + 1]):
+        s = star[k]
+        if s == t or is_segment(cells, s):
+            continue
+        for j in range(3):
+            x, y = cells[s, j], cells[s, (j + 1) % 3]
+            if x == b and y == a:
+                return s
+            if x == a and y == b and found < 0:
+                found = s
+    return found

@@ -18,7 +18,7 @@ from functools import cached_property
 import numba
 import numpy as np
 
-from palpate.physics.newton import flattest, newton
+from palpate.physics.newton import beside, flattest, newton
 from palpate.physics.nurbs import Nurbs, evaluate, normal_of
 
 HYSTERESIS = 1e-4
@@ -30,6 +30,8 @@ SLACK = 0.1
 the sagitta adds, in squared distance: between two minima of nearly one distance the samples may show no rise."""
 FLAT = 0.25
 """[1] Least 1 - d kappa at a foot point without a look at its neighbourhood."""
+ROUND = 9
+"""Directions in which a collapsed border is left."""
 STARTS = 8
 """Most starts of Newton's method per step beside the last foot point."""
 FOUND = 9
@@ -84,20 +86,29 @@ def track(data, layout, seeds, index, p0, p1, p2, hysteresis, state, work, d, fo
         state[0], state[1] = seeds[5 * k + 3], seeds[5 * k + 4]
         hysteresis = 0.0
     u, v, f = newton(data, layout, p0, p1, p2, state[0], state[1], work, here)
-    n0, n1, n2 = normal_of(data, layout, v, here)
+    n0, n1, n2 = normal_of(data, layout, u, v, here)
     distance = np.sqrt(f)
     signed = (p0 - here[0, 0]) * n0 + (p1 - here[0, 1]) * n1 + (p2 - here[0, 2]) * n2
     best, best_u, best_v = distance, u, v
     cover = seeds[len(seeds) - 1]
-    curvature, du, dv = flattest(data, layout, p0, p1, p2, v, here)
-    if curvature < FLAT:
-        # Near the end of the medial axis a second minimum may lie between the samples.
-        for side in (-0.7, 0.7):
-            x, y, f = newton(data, layout, p0, p1, p2, u + side * cover * du, v + side * cover * dv, work, there)
-            if f < best * best:
-                best, best_u, best_v = np.sqrt(f), x, y
-                n0, n1, n2 = normal_of(data, layout, y, there)
-                signed = (p0 - there[0, 0]) * n0 + (p1 - there[0, 1]) * n1 + (p2 - there[0, 2]) * n2
+    curvature, du, dv, collapsed = flattest(data, layout, p0, p1, p2, v, here)
+    starts = 0
+    if collapsed:
+        starts = ROUND
+    elif curvature < FLAT:
+        starts = 2
+    for k in range(starts):
+        if collapsed:
+            # A border that is one point, but not a pole at an end of v: it may be left in any direction.
+            x, y = beside(data, layout, u, v, here, k / (ROUND - 1))
+        else:
+            # Near the end of the medial axis a second minimum may lie between the samples.
+            x, y = u + (1.4 * k - 0.7) * cover * du, v + (1.4 * k - 0.7) * cover * dv
+        x, y, f = newton(data, layout, p0, p1, p2, x, y, work, there)
+        if f < best * best:
+            best, best_u, best_v = np.sqrt(f), x, y
+            n0, n1, n2 = normal_of(data, layout, x, y, there)
+            signed = (p0 - there[0, 0]) * n0 + (p1 - there[0, 1]) * n1 + (p2 - there[0, 2]) * n2
     at = len(work) - 6 * STARTS
     count = _starts(seeds, index, p0, p1, p2, distance, here, work, at)
     for c in range(count):
@@ -115,12 +126,12 @@ def track(data, layout, seeds, index, p0, p1, p2, hysteresis, state, work, d, fo
         other = np.sqrt(f)
         if other < best:
             best, best_u, best_v = other, x, y
-            n0, n1, n2 = normal_of(data, layout, y, there)
+            n0, n1, n2 = normal_of(data, layout, x, y, there)
             signed = (p0 - there[0, 0]) * n0 + (p1 - there[0, 1]) * n1 + (p2 - there[0, 2]) * n2
     if best < distance - hysteresis:
         u, v = best_u, best_v
         evaluate(data, layout, u, v, work, here)
-    n0, n1, n2 = normal_of(data, layout, v, here)
+    n0, n1, n2 = normal_of(data, layout, u, v, here)
     state[0], state[1], state[2] = u, v, 1.0
     found[0], found[1], found[2] = here[0, 0], here[0, 1], here[0, 2]
     found[3], found[4], found[5] = n0, n1, n2

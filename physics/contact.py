@@ -18,6 +18,8 @@ from numpy.typing import ArrayLike
 from palpate.physics.terminal import Terminal, free_recovery, power_of, terminal_force
 
 POWER, EXPONENTIAL, HERTZ = 0, 1, 2
+MOST_FORCE = 1e300
+"""[N] What a force beyond the range of numbers counts as."""
 
 
 class Law(NamedTuple):
@@ -50,7 +52,7 @@ def hertz_exponential(modulus_slope: float, hardening: float, radius: float) -> 
     return Law(HERTZ, float(modulus_slope), float(hardening), float(radius))
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def elastic(s, kind, first, second, radius):
     """g [N] and dg/ds [N/m] at the compression s [m]; zero for s <= 0."""
     if s <= 0.0:
@@ -65,7 +67,7 @@ def elastic(s, kind, first, second, radius):
     return scale * grown * s, scale * (second * (1.0 + grown) * s + 1.5 * grown)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _map_force(s, rate, c, kind, first, second, radius, out):
     for i in range(s.size):
         out[i] = elastic(s[i], kind, first, second, radius)[0] * max(0.0, 1.0 + c * rate[i])
@@ -100,7 +102,7 @@ def energy(law: Law, s: ArrayLike) -> np.ndarray:
     return np.sum(force(law, t * t) * t * weights, axis=-1) * np.sqrt(depth)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def series_step(approach, dt, s1, kind, first, second, radius, c1, stiffness, exponent, c2, free, previous):
     """One step of fingertip and body in series: s1 + s2 = approach, one common force. Returns (f, s1, s2) [N, m, m].
 
@@ -142,11 +144,13 @@ def series_step(approach, dt, s1, kind, first, second, radius, c1, stiffness, ex
             guess = s - math.log(f2 / f1) / (slope2 / f2 + slope1 / f1)
             if low <= guess <= high:
                 following = guess
-        if abs(following - s) <= 2e-16 * abs(s) or abs(f2 - f1) <= 2e-16 * f1:
+            if abs(f2 - f1) <= 2e-16 * f1:
+                break
+        if abs(following - s) <= 2e-16 * abs(s):
             break
         s = following
     # At the root both are equal; away from it by a rounding error, the softer one is the more exact.
-    return (f2 if slope2 < slope1 else f1), approach - s, s
+    return min(f2 if slope2 < slope1 or not f1 < math.inf else f1, MOST_FORCE), approach - s, s
 
 
 def series(approach: float, dt: float, compression: float, finger: Law, finger_damping: float, body: Terminal):
@@ -169,7 +173,7 @@ def static_split(approach: ArrayLike, finger: Law, body_stiffness: float, body_e
     return rows[..., 0], rows[..., 1], rows[..., 2]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _path(approach, dt, kind, first, second, radius, c1, stiffness, exponent, c2, out):
     s1 = s2 = 0.0
     for i in range(approach.size):

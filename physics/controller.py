@@ -15,8 +15,8 @@ travels that long. The controller acts on the smaller one. At a switch a credit 
 most 10 mJ, so that rounding errors do not pile up): else each bounce of a stiff wall would leave its leak behind.
 
 The velocity v of that damping is the last difference of positions: it is the one that the energy is counted with, and
-a filtered one comes too late for a stiff wall. A way of hardly more than one encoder count is mostly rounding, though, and
-the damping would make noise of it: there the filtered velocity stands in, with less damping for its longer delay.
+a filtered one comes too late for a stiff wall. A way of hardly more than one encoder count is mostly rounding, though,
+and the damping would make noise of it: there the filtered velocity stands in, with less damping for its longer delay.
 """
 
 from __future__ import annotations
@@ -34,8 +34,8 @@ FREE, CONTACT = 0.0, 1.0
 FADE = 0.01  # [s] in which the difference of the two laws dies down after a switch
 FILTER_LAG = 8.0  # [1] samples, twice the delay of the velocity filter
 CARRIED = 1e-2  # [J] largest debt carried over a switch
-HEAD = 1  # state[MODE] = mode, place in the ring of past forces, started
-STARTED = 2
+HEAD, STARTED = 1, 2  # state[MODE] = mode, place of the oldest force in the ring, whether there was a step before
+# state[ENERGY] = the two accounts [J]; state[TIMES] = time without movement [s], approach when last touching [m]
 
 
 def buffers(delay: int) -> tuple[np.ndarray, np.ndarray]:
@@ -114,11 +114,15 @@ def haptic(gains, state, past, normal_force, n, friction, approach, position, ve
     position      [m]    (3)
     velocity      [m/s]  (3) filtered
     dt            [s]    since the last step; when it is not positive nothing changes
+    An input that is not finite gives no force.
     """
     if not 0.0 < dt < math.inf:
         return state[FORCE, 0], state[FORCE, 1], state[FORCE, 2], state[MODE, 0] == CONTACT, state[ENERGY, 0]
     x, y, z = position
     vx, vy, vz = velocity
+    if not abs(x + y + z + vx + vy + vz + normal_force + approach) < math.inf:
+        state[FORCE, :] = 0.0
+        return 0.0, 0.0, 0.0, state[MODE, 0] == CONTACT, state[ENERGY, 0]
     wx, wy, wz = 0.0, 0.0, 0.0
     if state[MODE, STARTED] == 0.0:
         state[MODE, STARTED] = 1.0
@@ -142,7 +146,7 @@ def haptic(gains, state, past, normal_force, n, friction, approach, position, ve
         debt = min(state[ENERGY, 0], state[ENERGY, 1])
         lag = 2.0 * len(past) - 1.0  # a damper acting d samples late is stable up to about m / ((1 + 2 d) T)
         way = dt * math.sqrt(wx * wx + wy * wy + wz * wz)
-        if way <= 1.5 * gains[RESOLUTION]:
+        if way < 1.5 * gains[RESOLUTION]:
             wx, wy, wz, lag = vx, vy, vz, lag + FILTER_LAG
         alpha = dissipation(debt, dt, wx * wx + wy * wy + wz * wz, gains[MASS] / lag)
         fx, fy, fz = fx - alpha * wx, fy - alpha * wy, fz - alpha * wz

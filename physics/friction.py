@@ -56,7 +56,7 @@ def steady_friction(speed: ArrayLike, law: LuGre) -> np.ndarray:
     return law.mu_slide + (law.mu_static - law.mu_slide) * dip + law.sigma2 * v
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def turn(zx, zy, zz, ax, ay, az, bx, by, bz):
     """z [m], tangent to the unit normal a, turned with the smallest rotation that takes a to b; length kept.
 
@@ -78,7 +78,7 @@ def turn(zx, zy, zz, ax, ay, az, bx, by, bz):
     return x * scale, y * scale, z * scale
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def lugre_kernel(state, normal, slip, load, dt, mu_c, mu_s, v_s, sigma0, sigma1, sigma2, update, rescale, out):
     """One step of LuGre friction; returns True while the contact sticks.
 
@@ -130,7 +130,7 @@ def lugre_kernel(state, normal, slip, load, dt, mu_c, mu_s, v_s, sigma0, sigma1,
     return v == 0.0 or sigma0 * (ux * vx + uy * vy + uz * vz) < 0.5 * g * v
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def coulomb_kernel(state, normal, slip, load, dt, mu, stiffness, out):
     """One step of Coulomb friction with an elastic stick; returns True while the contact sticks.
 

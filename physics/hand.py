@@ -23,6 +23,7 @@ POSITION, VELOCITY, CLOCK = range(3)  # rows of the state; the clock's row: time
 LINEAR, MINIMUM_JERK = 0, 1
 SUBSTEP = 1e-3  # [s]
 MOST_SUBSTEPS = 1000
+LONGEST = 1e6  # [s] a longer step counts as this one
 
 
 @numba.njit(cache=True)
@@ -35,7 +36,7 @@ def propagator(rate, frequency2, dt):
     """
     p, q = -frequency2 * dt * dt, -rate * dt
     norm = max(1.0, abs(p) + abs(q) + 1.0)
-    halvings = max(0, int(math.ceil(math.log2(4.0 * norm))))
+    halvings = max(0, math.ceil(math.log2(4.0 * norm)))
     scale = 0.5**halvings
     m = np.array([[0.0, scale, 0.0], [p * scale, q * scale, scale], [0.0, 0.0, 0.0]])
     total = np.eye(3)
@@ -81,19 +82,24 @@ def wanted(time, ends, points, shapes):
 
 
 @numba.njit(cache=True)
-def grip_kernel(geometry, constants, state, ends, points, shapes, t0, t1, t2, dt):
+def grip_kernel(geometry, constants, state, memory, ends, points, shapes, t0, t1, t2, dt):
     """Move the grip of a Falcon by one step under motor torques: its driven angles [rad].
 
     constants  (6)    m [kg], b, k [N/m], c [N s/m], encoder count [rad] (0: not rounded), motor limit [N m]
     state      (3,3)  position [m], velocity [m/s], (time [s], segment, -); changed in place
+    memory     (4,3)  the last propagator, and the length of its step [s]; zeros to begin with
     Beyond the reach of the legs is the end stop: the grip stays at its last place, at rest.
     """
     if 0.0 < dt < math.inf:
+        dt = min(dt, LONGEST)
         t0, t1, t2 = saturate(t0, t1, t2, constants[LIMIT])
         count = int(min(max(math.ceil(dt / SUBSTEP - 1e-6), 1), MOST_SUBSTEPS))
         h = dt / count
         mass, drag = constants[MASS], constants[DRAG]
-        e = propagator((drag + constants[DAMPING]) / mass, constants[STIFFNESS] / mass, h)
+        e = memory[:3]
+        if memory[3, 0] != h:
+            e[:, :] = propagator((drag + constants[DAMPING]) / mass, constants[STIFFNESS] / mass, h)
+            memory[3, 0] = h
         begin = state[CLOCK, 0]
         _, px, py, pz = wanted(begin, ends, points, shapes)
         for i in range(1, count + 1):
@@ -146,7 +152,7 @@ def grip_step(position, velocity, force, dt, mass, drag, stiffness=0.0, damping=
         m x'' = F - b x' + k (p - x) - c x'
 
     position, velocity, force, target  [m], [m/s], [N], [m]  (3)
-    dt        [s]      ()  any length
+    dt        [s]      ()  above 0, to 1e6
     mass      [kg]     ()  drag [N s/m], stiffness [N/m] and damping [N s/m] of the hand, not negative
     returns   [m] (3), [m/s] (3)
     """

@@ -6,7 +6,7 @@ Node j of area A_j carries the pressure p_j = f_j/A_j. Its normal law is the con
 
 f [N] the total normal force. So the most loaded node goes in by the contact's own indentation s, and at rest
 u(d) = s (k(d)/k(0))^{1/n} for a force spread by a kernel k. Without load, u <- <u - T/c>. Along the surface a linear
-spring k_t and damper d_t by backward Euler: u_t <- (f_t T p_j/(p_max) + d_t u_t)/(k_t T + d_t), f_t the total.
+spring k_t and damper d_t by backward Euler: u_t <- (f_t T p_j/p_max + d_t u_t)/(k_t T + d_t), f_t the total.
 
 Only nodes under load or not yet recovered are touched; they are kept in a compact list.
 """
@@ -17,6 +17,7 @@ import math
 
 import numpy as np
 from numba import njit
+from scipy.sparse import csr_array
 
 from palpate.physics.mesh import Mesh
 from palpate.physics.terminal import indentation
@@ -27,7 +28,7 @@ MOST_STRAIN = 0.8
 """Largest difference of displacement between neighbours, over the length of their edge."""
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def normal_force(forces, normal):
     """Total of nodal forces [N] (k,3) against the outward unit normal [1] (3): positive pressing, else zero."""
     total = 0.0
@@ -36,7 +37,7 @@ def normal_force(forces, normal):
     return max(total, 0.0)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def admit(node, where, active, state, count):
     """Slot of a node in the compact list, appended at rest where it is new; returns the slot and the count."""
     slot = where[node]
@@ -50,8 +51,8 @@ def admit(node, where, active, state, count):
     return slot, count
 
 
-@njit(cache=True)
-def take_load(nodes, forces, normal, areas, where, active, state, count):
+@njit(cache=True, error_model="numpy")
+def take_load(nodes, forces, normal, per_area, where, active, state, count):
     """Sum the nodal forces [N] into columns 7-9 of `state`; returns total normal force, greatest pressure, count.
 
     Forces on nodes that the mesh does not have are left out.
@@ -71,17 +72,18 @@ def take_load(nodes, forces, normal, areas, where, active, state, count):
     for slot in range(count):
         push = -(state[slot, 7] * normal[0] + state[slot, 8] * normal[1] + state[slot, 9] * normal[2])
         if push > 0.0:
-            peak = max(peak, push / areas[active[slot]])
+            peak = max(peak, push * per_area[active[slot]])
     return max(total, 0.0), peak, count
 
 
-@njit(cache=True)
-def nodal_step(nodes, forces, normal, dt, law, areas, spans, first, neighbours, where, active, state, out, count):
+@njit(cache=True, error_model="numpy")
+def nodal_step(nodes, forces, normal, dt, law, per_area, spans, first, neighbours, where, active, state, out, count):
     """One step of the nodal law; returns how many nodes are displaced.
 
     nodes (k), forces [N] (k,3)   the load; normal [1] (3): outward at the contact
     law      (6)     K [N/m^n], n, c [s/m], k_t [N/m], d_t [N s/m], shortest edge [m]
-    areas    (V)     nodal areas [m²];  spans, first, neighbours: edge lengths [m] and neighbours of each node
+    per_area (V)     inverse nodal areas [1/m²]
+    spans, first, neighbours  edge lengths [m] and neighbours of each node
     where    (V)     slot of each node in the list, -1 outside;  active (V): node of each slot
     state    (V,10)  by slot: u [m], u_t [m] (3), the normal [1] (3) against which it was last pressed, load [N] (3)
     out      (V,3)   displacement [m] by slot
@@ -89,9 +91,10 @@ def nodal_step(nodes, forces, normal, dt, law, areas, spans, first, neighbours, 
     """
     stiffness, exponent, damping, k_t, d_t, shortest = law[0], law[1], law[2], law[3], law[4], law[5]
     nx, ny, nz = normal[0], normal[1], normal[2]
-    total, peak, count = take_load(nodes, forces, normal, areas, where, active, state, count)
-    keep = d_t / (k_t * dt + d_t)
-    gain = dt / (k_t * dt + d_t)
+    total, peak, count = take_load(nodes, forces, normal, per_area, where, active, state, count)
+    gain = 1.0 / (k_t + d_t / dt)
+    keep = gain * d_t / dt
+    share = total / peak if peak > 0.0 else 0.0
     widest = 0.0
     for slot in range(count):
         push = -(state[slot, 7] * nx + state[slot, 8] * ny + state[slot, 9] * nz)
@@ -100,7 +103,7 @@ def nodal_step(nodes, forces, normal, dt, law, areas, spans, first, neighbours, 
         state[slot, 2] *= keep
         state[slot, 3] *= keep
         if push > 0.0:
-            scale = total / (areas[active[slot]] * peak)
+            scale = share * per_area[active[slot]]
             state[slot, 0] = indentation(push * scale, dt, stiffness, exponent, damping, 0.0, u)
             state[slot, 4], state[slot, 5], state[slot, 6] = nx, ny, nz
             scale *= gain
@@ -119,7 +122,7 @@ def nodal_step(nodes, forces, normal, dt, law, areas, spans, first, neighbours, 
     return count
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def drop_rested(where, active, state, count):
     """Take nodes without load (columns 7-9) and displacement (0-3) out of the list, in order; returns the count."""
     kept = 0
@@ -139,7 +142,7 @@ def drop_rested(where, active, state, count):
     return kept
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def limit_differences(state, column, count, spans, first, neighbours, where, active):
     """Hold |u_i - u_j| <= 0.8 edge length between neighbours, for the vectors in three columns of `state`.
 
@@ -179,9 +182,9 @@ def limit_differences(state, column, count, spans, first, neighbours, where, act
 
 
 class Net:
-    """What both forms of the body need of a mesh: areas, neighbours, and room for the compact list.
+    """What both forms of the body need of a mesh: nodal areas, neighbours, and room for the compact list.
 
-    areas       [m²] (V)    nodal areas; a node without area counts as a millionth of the mean
+    per_area    [1/m²] (V)  inverse nodal areas; a node without area counts as a millionth of the mean
     first       [1]  (V+1)  place in `neighbours` of the first neighbour of each node
     neighbours  [1]  (E)    nodes that share an edge with it
     spans       [m]  (E)    length of that edge
@@ -192,17 +195,19 @@ class Net:
         self.vertices = np.ascontiguousarray(mesh.vertices, dtype=float)
         self.normals = np.ascontiguousarray(mesh.normals)
         mean = float(mesh.areas.mean())
-        self.areas = np.maximum(mesh.areas, 1e-6 * mean if mean > 0 else 1.0)
+        self.per_area = 1.0 / np.maximum(mesh.areas, 1e-6 * mean if mean > 0 else 1.0)
         edges = np.concatenate([mesh.triangles[:, [0, 1]], mesh.triangles[:, [1, 2]], mesh.triangles[:, [2, 0]]])
-        both = np.concatenate([edges, edges[:, ::-1]]).astype(np.int64)
-        pairs = np.unique(both[both[:, 0] != both[:, 1]] @ np.array([size, 1]))
-        self.neighbours = (pairs % size).astype(np.int32)
-        self.first = np.zeros(size + 1, np.int64)
-        np.cumsum(np.bincount(pairs // size, minlength=size), out=self.first[1:])
-        spans = np.linalg.norm(self.vertices[pairs // size] - self.vertices[self.neighbours], axis=1)
+        edges = edges[edges[:, 0] != edges[:, 1]]
+        ones = np.ones(len(edges), np.int8)
+        pattern = csr_array((ones, (edges[:, 0], edges[:, 1])), shape=(size, size))
+        pattern = csr_array(pattern + pattern.T)
+        pattern.sort_indices()
+        self.first, self.neighbours = pattern.indptr.astype(np.int64), pattern.indices.astype(np.int32)
+        owner = np.repeat(np.arange(size), np.diff(self.first))
+        spans = np.linalg.norm(self.vertices[owner] - self.vertices[self.neighbours], axis=1)
         self.spans = np.maximum(spans, 1e-9)
         self.shortest = float(self.spans.min(initial=math.inf))
-        self.where = np.full(size, -1, np.int64)
+        self.where = np.full(size, -1, np.int32)
         self.active = np.zeros(size, np.int32)
         self.state = np.zeros((size, 10))
         self.displacement = np.zeros((size, 3))
@@ -227,7 +232,7 @@ class NodalBody:
     ) -> None:
         self.net = net = Net(mesh)
         law = np.array([stiffness, exponent, damping, tangential_stiffness, tangential_damping, net.shortest])
-        self._fixed = (law, net.areas, net.spans, net.first, net.neighbours)
+        self._fixed = (law, net.per_area, net.spans, net.first, net.neighbours)
         self._list = (net.where, net.active, net.state, net.displacement)
 
     def step(self, nodes: np.ndarray, forces: np.ndarray, normal: tuple[float, float, float], dt: float):

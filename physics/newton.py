@@ -127,15 +127,29 @@ def _downhill(h11, h12, h22):
 
 @numba.njit(cache=True)
 def flattest(data, layout, p0, p1, p2, v, d):
-    """The least eigenvalue of H in units of the metric, 1 - d kappa where (u, v) are orthogonal, and the parameters
-    (du, dv) of a metre along its direction. Beside a pole or where the patch is degenerate: 1 and no direction."""
+    """The least eigenvalue of H in units of the metric, 1 - d kappa where (u, v) are orthogonal, the parameters
+    (du, dv) of a metre along its direction, and whether the point lies on a border that is collapsed to a point.
+    Beside a pole: 1 and no direction."""
     r0, r1, r2 = d[0, 0] - p0, d[0, 1] - p1, d[0, 2] - p2
+    if _polar(data, layout, v) != 0.0:
+        return 1.0, 0.0, 0.0, False
     _, _, h11, h12, h22, a11, _, a22 = _model(data, layout, 0.0, v, d, r0, r1, r2)
-    if _polar(data, layout, v) != 0.0 or not (a11 > 0.0 and a22 > 0.0):
-        return 1.0, 0.0, 0.0
+    if min(a11, a22) <= 1e-14 * max(a11, a22):
+        return 1.0, 0.0, 0.0, True
     q1, q2 = 1.0 / np.sqrt(a11), 1.0 / np.sqrt(a22)
     least, e1, e2 = _downhill(h11 * q1 * q1, h12 * q1 * q2, h22 * q2 * q2)
-    return least, e1 * q1, e2 * q2
+    return least, e1 * q1, e2 * q2, False
+
+
+@numba.njit(cache=True)
+def beside(data, layout, u, v, d, share):
+    """Parameters a little inside of a collapsed border, at a share of its length."""
+    u0, u1, v0, v1 = bounds(data, layout)
+    if d[1, 0] ** 2 + d[1, 1] ** 2 + d[1, 2] ** 2 <= d[2, 0] ** 2 + d[2, 1] ** 2 + d[2, 2] ** 2:
+        inside = 0.02 if v - v0 <= v1 - v else -0.02
+        return u0 + share * (u1 - u0), v + inside * (v1 - v0)
+    inside = 0.02 if u - u0 <= u1 - u else -0.02
+    return u + inside * (u1 - u0), v0 + share * (v1 - v0)
 
 
 @numba.njit(cache=True)
@@ -163,9 +177,14 @@ def newton(data, layout, p0, p1, p2, u, v, work, d):
         flat1 = hold1 or g1 * g1 <= ZERO_COSINE**2 * f * a11
         flat2 = hold2 or g2 * g2 <= ZERO_COSINE**2 * f * a22
         if flat1 and flat2:
-            if hold1 or hold2 or escapes == 3 or not (a11 > 0.0 and a22 > 0.0):
+            if (hold1 and hold2) or escapes == 3 or not (a11 > 0.0 and a22 > 0.0):
                 break
-            least, e1, e2 = _downhill(h11 / a11, h12 / np.sqrt(a11 * a22), h22 / a22)
+            if hold1:
+                least, e1, e2 = h22 / a22, 0.0, 1.0
+            elif hold2:
+                least, e1, e2 = h11 / a11, 1.0, 0.0
+            else:
+                least, e1, e2 = _downhill(h11 / a11, h12 / np.sqrt(a11 * a22), h22 / a22)
             if least >= -1e-6:
                 break
             escapes += 1
@@ -213,8 +232,8 @@ def _direction(g1, g2, h11, h12, h22, a11, a12, a22, hold1, hold2, steep):
     """Newton's step where H is positive definite, else the one with the sizes of its eigenvalues; without the held
     directions. `steep`: along the gradient, scaled."""
     if hold1 or hold2 or steep:
-        s1 = 0.0 if hold1 or a11 <= 0.0 else -g1 / (h11 if h11 > 0.0 and not steep else a11)
-        s2 = 0.0 if hold2 or a22 <= 0.0 else -g2 / (h22 if h22 > 0.0 and not steep else a22)
+        s1 = 0.0 if hold1 or a11 <= 0.0 else -g1 / (a11 if steep else max(abs(h11), 1e-6 * a11))
+        s2 = 0.0 if hold2 or a22 <= 0.0 else -g2 / (a22 if steep else max(abs(h22), 1e-6 * a22))
         return s1, s2
     det = h11 * h22 - h12 * h12
     if h11 > 0.0 and h22 > 0.0 and det > 1e-10 * h11 * h22:

@@ -30,7 +30,8 @@ class Nurbs:
     closed_u, closed_v     S is the same at both ends of the direction: the parameter wraps
 
     A row v = const at an end of the domain whose points coincide is a pole where u is closed; it has a tangent plane
-    if the next row of control points lies in one plane with it.
+    if the next row of control points lies in one plane with it. Poles belong at the ends of v: the closest-point search
+    steps over them there.
 
     ValueError: shapes, knots or weights that do not fit together.
     """
@@ -235,18 +236,20 @@ def bounds(data, layout):
 
 
 @numba.njit(cache=True)
-def normal_of(data, layout, v, d):
-    """Outward unit normal from the derivatives d (6,3) at v. At a pole S_u vanishes and its derivative along v
-    stands for it; (0, 0, 1) where the patch has no normal."""
-    _, _, v0, v1 = bounds(data, layout)
+def normal_of(data, layout, u, v, d):
+    """Outward unit normal at (u, v) from the derivatives d (6,3) there. At a pole or a collapsed border one of S_u, S_v
+    vanishes, and its derivative across the border stands for it; (0, 0, 1) where the patch has no normal."""
+    u0, u1, v0, v1 = bounds(data, layout)
     a0, a1, a2 = d[1, 0], d[1, 1], d[1, 2]
-    if layout[POLE_LOW] and v - v0 < POLE_LIMIT * (v1 - v0):
-        a0, a1, a2 = d[4, 0], d[4, 1], d[4, 2]
-    elif layout[POLE_HIGH] and v1 - v < POLE_LIMIT * (v1 - v0):
-        a0, a1, a2 = -d[4, 0], -d[4, 1], -d[4, 2]
-    x = a1 * d[2, 2] - a2 * d[2, 1]
-    y = a2 * d[2, 0] - a0 * d[2, 2]
-    z = a0 * d[2, 1] - a1 * d[2, 0]
+    b0, b1, b2 = d[2, 0], d[2, 1], d[2, 2]
+    twist = d[4, 0] * d[4, 0] + d[4, 1] * d[4, 1] + d[4, 2] * d[4, 2]
+    if a0 * a0 + a1 * a1 + a2 * a2 < (POLE_LIMIT * (v1 - v0)) ** 2 * twist:
+        sign = 1.0 if v - v0 <= v1 - v else -1.0
+        a0, a1, a2 = sign * d[4, 0], sign * d[4, 1], sign * d[4, 2]
+    elif b0 * b0 + b1 * b1 + b2 * b2 < (POLE_LIMIT * (u1 - u0)) ** 2 * twist:
+        sign = 1.0 if u - u0 <= u1 - u else -1.0
+        b0, b1, b2 = sign * d[4, 0], sign * d[4, 1], sign * d[4, 2]
+    x, y, z = a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0
     length = np.sqrt(x * x + y * y + z * z)
     if length <= 1e-300:
         return 0.0, 0.0, 1.0
@@ -268,6 +271,6 @@ def _normals(data, layout, u, v, out):
     work = np.empty(24 + 3 * (layout[PU] + layout[PV] + 2))
     d = np.empty((6, 3))
     for k in range(len(u)):
-        y = wrap(v[k], v0, v1, layout[CLOSED_V])
-        evaluate(data, layout, wrap(u[k], u0, u1, layout[CLOSED_U]), y, work, d)
-        out[k] = normal_of(data, layout, y, d)
+        x, y = wrap(u[k], u0, u1, layout[CLOSED_U]), wrap(v[k], v0, v1, layout[CLOSED_V])
+        evaluate(data, layout, x, y, work, d)
+        out[k] = normal_of(data, layout, x, y, d)

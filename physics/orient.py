@@ -18,18 +18,25 @@ def edge_counts(triangles: np.ndarray, vertices: int) -> tuple[int, int]:
 
 
 def outward(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
-    """The triangles of a closed manifold mesh, each piece turned one way round, the whole with positive volume.
+    """The triangles of a manifold mesh, each piece turned one way round; a closed mesh gets positive volume.
 
-    vertices [m] (V,3), triangles (T,3). Where the pieces are consistent already they keep their sense towards each
-    other, so that a cavity stays a cavity; a piece that had to be mended is turned to positive volume by itself.
+    vertices [m] (V,3), triangles (T,3). Where the pieces of a closed mesh are consistent already they keep their sense
+    towards each other, so that a cavity stays a cavity; a piece that had to be mended is turned to positive volume by
+    itself. An open piece gets the sense that most of its triangles have.
     """
     found = np.ascontiguousarray(triangles, dtype=np.int32).copy()
-    piece, mended = _one_way(found, _across(found, len(vertices)))
-    a, b, c = (vertices[found[:, i]] for i in range(3))
-    part = np.bincount(piece, np.einsum("ij,ij->i", a, np.cross(b, c)))
-    turn = mended & (part < 0)
-    if np.where(turn, -part, part).sum() < 0:
-        turn = ~turn
+    across = _across(found, len(vertices))
+    closed = bool((across >= 0).all())
+    piece, turned = _one_way(found, across)
+    changed = np.bincount(piece, turned)
+    if closed:
+        a, b, c = (vertices[found[:, i]] for i in range(3))
+        part = np.bincount(piece, np.einsum("ij,ij->i", a, np.cross(b, c)))
+        turn = (changed > 0) & (part < 0)
+        if np.where(turn, -part, part).sum() < 0:
+            turn = ~turn
+    else:
+        turn = changed > np.bincount(piece) / 2
     found[turn[piece]] = found[turn[piece]][:, ::-1]
     return found
 
@@ -48,11 +55,11 @@ def _across(triangles: np.ndarray, vertices: int) -> np.ndarray:
 
 @numba.njit(cache=True)
 def _one_way(triangles, across):
-    """Turns the triangles of each piece to the sense of its first; piece of each, and whether a piece was changed."""
+    """Turns the triangles of each piece to the sense of its first; piece of each, and whether it was turned."""
     count = len(triangles)
     piece = np.full(count, -1, dtype=np.int64)
     stack = np.empty(count, dtype=np.int64)
-    mended = np.zeros(count, dtype=np.bool_)
+    turned = np.zeros(count, dtype=np.bool_)
     pieces = 0
     for seed in range(count):
         if piece[seed] >= 0:
@@ -75,11 +82,11 @@ def _one_way(triangles, across):
                         if triangles[s, e] == x and triangles[s, (e + 1) % 3] == y:
                             triangles[s, 1], triangles[s, 2] = triangles[s, 2], triangles[s, 1]
                             across[s, 0], across[s, 2] = across[s, 2], across[s, 0]
-                            mended[pieces] = True
+                            turned[s] = True
                             break
                     break
                 piece[s] = pieces
                 stack[depth] = s
                 depth += 1
         pieces += 1
-    return piece, mended[:pieces]
+    return piece, turned

@@ -1,77 +1,15 @@
-"""When a rendered wall gives out energy, and how to see it and take it back.
+"""Energy that a display gives out: how to see it and take it back, and the limits of a force.
 
-Design: the bound of Colgate & Schenkel on the device damping that makes a sampled wall passive.
-Run time: the observer and controller of Hannaford & Ryu, with the energy exact for a force held over each step.
+The observer and controller of Hannaford & Ryu, with the energy exact for a force held over each step.
 
-J. E. Colgate, G. G. Schenkel, J. Robotic Systems 14 (1997) 37-47.
 B. Hannaford, J.-H. Ryu, IEEE Trans. Robotics Autom. 18 (2002) 1-10.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 
 import numba
-import numpy as np
-from scipy.optimize import minimize_scalar
-
-
-def wall_damping(stiffness: float, damping: float, period: float) -> float:
-    """Device damping above which a sampled wall without delay or filter is passive, b > K T/2 + |B| [N s/m].
-
-    stiffness  [N/m]    K of the wall
-    damping    [N s/m]  B of the wall, from the backward difference; its sign does not matter
-    period     [s]      T of the samples
-    """
-    return stiffness * period / 2.0 + abs(damping)
-
-
-def delayed_damping(stiffness: float, period: float, delay: int) -> float:
-    """The same for a pure spring behind `delay` whole samples, b > K T (1/2 + d) [N s/m]."""
-    return stiffness * period * (0.5 + delay)
-
-
-def wall_response(
-    stiffness: float, damping: float, period: float, delay: int = 0, order: int = 1
-) -> Callable[[np.ndarray], np.ndarray]:
-    """Frequency response [N/m] of a sampled wall, force over position, as a function of frequency [rad/s] (...).
-
-        H = z^-d (K + B (1 - z^-N) / (N T))      z = exp(j w T)
-
-    delay  [1]  d, whole samples between the motion and the force
-    order  [1]  N, differences in the mean that the damping acts on
-    """
-
-    def response(omega: np.ndarray) -> np.ndarray:
-        back = np.exp(-1j * np.asarray(omega) * period)
-        return back**delay * (stiffness + damping * (1.0 - back**order) / (order * period))
-
-    return response
-
-
-def required_damping(response: Callable[[np.ndarray], np.ndarray], period: float, points: int = 4096) -> float:
-    """Device damping [N s/m] above which a sampled wall of any linear law is passive,
-
-        b > max over 0 < w <= pi/T of (T/2) Re[(1 - exp(-jwT)) H(w)] / (1 - cos(wT))
-
-    The fraction is written as Re[j exp(-jwT/2) H] / sin(wT/2), which keeps its digits at low frequency.
-
-    response  [N/m]  H as a function of frequency [rad/s] (...), `wall_response` for instance
-    period    [s]    T
-    points    [1]    of the first search; the best of them is refined
-    """
-
-    def need(phase: np.ndarray) -> np.ndarray:  # phase = w T / 2, in (0, pi/2]
-        return period / 2.0 * np.real(1j * np.exp(-1j * phase) * response(2.0 * phase / period)) / np.sin(phase)
-
-    phases = np.linspace(0.0, np.pi / 2.0, points + 1)
-    phases[0] = 1e-6
-    found = need(phases)
-    best = int(np.argmax(found))
-    low, high = phases[max(best - 1, 0)], phases[min(best + 1, points)]
-    fine = minimize_scalar(lambda p: -need(p), bounds=(low, high), method="bounded", options={"xatol": 1e-12})
-    return float(max(found[best], -fine.fun))
 
 
 @numba.njit(cache=True)

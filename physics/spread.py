@@ -25,7 +25,7 @@ PLANE_INTEGRALS = (math.pi / 3, math.pi / 7, math.pi * (0.5 - 2 / math.pi**2))
 """Integral of each kernel over the plane, in units of R²."""
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def kernel_value(kind, q):
     """k(q), 1 at q = 0, 0 from q = 1 on: 0 biweight (1-q²)², 1 Wendland C² (1-q)⁴(4q+1), 2 raised cosine."""
     if q >= 1.0:
@@ -46,7 +46,7 @@ def kernel(name: str, q: ArrayLike) -> np.ndarray:
     return np.array([kernel_value(kind, float(x)) for x in flat.ravel()]).reshape(flat.shape)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def spread_kernel(foot, normal, force, scalars, shape, first, order, near, nodes, weights, forces):
     """Spread `force` [N] over the nodes round `foot` [m]; returns how many, 0 where no node is in range.
 

@@ -26,7 +26,7 @@ from palpate.physics.mesh import Mesh
 from palpate.physics.terminal import indentation, terminal_force
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def grow(rings, first, neighbours, where, active, state, count):
     """Add rings of neighbours round the loaded nodes; returns the count."""
     start, end = 0, count
@@ -42,7 +42,7 @@ def grow(rings, first, neighbours, where, active, state, count):
     return count
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _linearise(law, share, dt, vertices, normals, spans, first, neighbours, where, active, state, edges, work, count):
     """Residual [N] in columns 0-2 of `work`, foundation slopes in 12-13, and the edges' data; see `net_step`."""
     stiffness, exponent, damping, k_t = law[0], law[1], law[2], law[3]
@@ -102,7 +102,7 @@ def _linearise(law, share, dt, vertices, normals, spans, first, neighbours, wher
     return math.sqrt(largest)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _apply(normals, first, neighbours, where, active, edges, work, count):
     """Columns 9-11 of `work` become the matrix times columns 6-8; returns the product of the two."""
     total = 0.0
@@ -128,7 +128,7 @@ def _apply(normals, first, neighbours, where, active, edges, work, count):
     return total
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _solve(normals, first, neighbours, where, active, edges, work, count):
     """Conjugate gradients with the diagonal as preconditioner: columns 3-5 of `work` solve for columns 0-2."""
     rho = 0.0
@@ -158,9 +158,9 @@ def _solve(normals, first, neighbours, where, active, edges, work, count):
                 work[slot, 6 + k] = work[slot, 14 + k] * work[slot, k] + turn * work[slot, 6 + k]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def net_step(
-    nodes, forces, normal, dt, law, rings, vertices, normals, areas, spans, first, neighbours, edges, work, share,
+    nodes, forces, normal, dt, law, rings, vertices, normals, per_area, spans, first, neighbours, edges, work, share,
     memory, where, active, state, out, count,
 ):  # fmt: skip
     """One step of the net; returns how many nodes are in its list.
@@ -173,14 +173,14 @@ def net_step(
 
     Other arguments as in `mass_spring.nodal_step`.
     """
-    total, peak, count = take_load(nodes, forces, normal, areas, where, active, state, count)
+    total, peak, count = take_load(nodes, forces, normal, per_area, where, active, state, count)
     if total > 0.0:
         memory[0] = peak / total
     count = grow(rings, first, neighbours, where, active, state, count)
     size = 0.0
     for slot in range(count):
         node = active[slot]
-        share[node] = areas[node] * memory[0]
+        share[node] = memory[0] / per_area[node]
         push = before = 0.0
         for k in range(3):
             state[slot, 4 + k] = state[slot, k]
@@ -242,11 +242,11 @@ class NetBody:
         rings: int = 3,
     ) -> None:
         self.net = net = Net(mesh)
-        size = len(net.areas)
+        size = len(net.per_area)
         law = (stiffness, exponent, damping, tangential_stiffness, tangential_damping, coupling, coupling_damping)
         self._fixed = (
             *(np.array(law, dtype=float), rings, net.vertices, net.normals),
-            *(net.areas, net.spans, net.first, net.neighbours),
+            *(net.per_area, net.spans, net.first, net.neighbours),
             *(np.zeros((len(net.spans), 5)), np.zeros((size, 17)), np.zeros(size), np.zeros(1)),
             *(net.where, net.active, net.state, net.displacement),
         )

@@ -38,7 +38,7 @@ class Terminal(NamedTuple):
     previous: float = 0.0
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def power_of(x, n):
     """x^n for x >= 0; the usual exponents without a call of pow."""
     if n == 1.5:
@@ -50,7 +50,7 @@ def power_of(x, n):
     return x**n
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def power_slope(x, n):
     """x^n and n x^(n-1) for x >= 0, n >= 1."""
     if n == 1.5:
@@ -64,7 +64,7 @@ def power_slope(x, n):
     return x * below, n * below
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def root_of(x, n):
     """x^(1/n) for x >= 0; the usual exponents without a call of pow."""
     if n == 1.5:
@@ -77,7 +77,7 @@ def root_of(x, n):
     return x ** (1.0 / n)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def free_recovery(previous, free, damping, dt):
     """Indentation [m] at which the body ends a step of `dt` without load; the largest s with F(s) = 0."""
     if damping > 0.0:
@@ -85,7 +85,7 @@ def free_recovery(previous, free, damping, dt):
     return free
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def terminal_force(s, dt, stiffness, exponent, damping, free, previous):
     """Force [N] and its slope dF/ds [N/m] at the indentation s [m], for a step of dt > 0 [s]."""
     x = s - free
@@ -96,7 +96,7 @@ def terminal_force(s, dt, stiffness, exponent, damping, free, previous):
     return elastic * rate, exponent * elastic / x * rate + elastic * damping / dt
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def indentation(force, dt, stiffness, exponent, damping, free, previous):
     """Indentation s [m] with F(s) = force; the free recovery where force <= 0.
 
@@ -108,7 +108,7 @@ def indentation(force, dt, stiffness, exponent, damping, free, previous):
     if not force > 0.0:
         return least
     inverse = damping / dt
-    goal = force / stiffness
+    goal = min(force / stiffness, 1e300)
     p = previous - free
     x = p
     value = slope = 0.0
@@ -124,14 +124,18 @@ def indentation(force, dt, stiffness, exponent, damping, free, previous):
     for _ in range(100):
         value, slope = power_slope(x, exponent)
         rate = 1.0 + inverse * (x - p)
-        step = (value * rate - goal) / (slope * rate + value * inverse)
+        rise = slope * rate + value * inverse
+        # So little force or so short a step that the law is out of the range of numbers: x is as good as the root.
+        if not 0.0 < rise < math.inf:
+            break
+        step = (value * rate - goal) / rise
         x -= step
         if not step > 1e-9 * x:
             break
     return max(x + free, least)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def fit_terminal(free, s, slope, force):
     """K and n of the terminal law of a body whose next implicit step is known at two points; c is 0.
 

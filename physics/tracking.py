@@ -37,6 +37,8 @@ def track(cursor, times, points, limit, t, x, y, z):
     limit   [m/s] ()       largest believable speed
     """
     ring, places, last = times[:-1], points[:-1], points[-1]
+    if not abs(x + y + z) < math.inf:
+        return hold(cursor, ring, places)
     head = cursor[HEAD]
     elapsed = t - times[head]
     if cursor[FILLED] > 0 and elapsed > 0:

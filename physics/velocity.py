@@ -2,16 +2,13 @@
 
     v_k = (x_k - x_{k-N}) / (t_k - t_{k-N})
 
-which equals N differences averaged where the stamps are even. Its magnitude response at rate fs, against a single
-difference, is |H(f)| = |sin(N pi f / fs) / (N sin(pi f / fs))|: first null at fs/N, half power at about 0.446 fs/N (the
-kidney rendering paper quotes the null as the cut-off), delay N/2 samples with the difference itself.
+which equals N differences averaged where the stamps are even. Its response is in `velocity_response`.
 """
 
 from __future__ import annotations
 
 import numba
 import numpy as np
-from scipy.optimize import brentq
 
 HEAD, FILLED, STALE = 0, 1, 2
 
@@ -88,26 +85,3 @@ def velocity(times, positions, order: int = 8) -> np.ndarray:
         push(*state, int(t), *map(float, point))
         found[k] = mean_velocity(*state)
     return found
-
-
-def magnitude(frequency, rate: float, order: int = 8) -> np.ndarray:
-    """Magnitude of the mean of N samples, |sin(N pi f / fs) / (N sin(pi f / fs))| [1] (...); 1 at zero frequency.
-
-    frequency  [Hz]  (...)
-    rate       [Hz]  ()     sample rate fs
-    order      [1]   ()     N
-    """
-    phase = np.pi * np.asarray(frequency, dtype=float) / rate
-    below = np.sin(phase)
-    even = np.abs(below) < 1e-9  # multiples of the sample rate
-    return np.where(even, 1.0, np.abs(np.sin(order * phase) / (order * np.where(even, 1.0, below))))
-
-
-def half_power(rate: float, order: int = 8) -> float:
-    """Frequency [Hz] at which |H|^2 = 1/2; 0.44596 fs/8 for N = 8.
-
-    ValueError: order below 2, which passes everything.
-    """
-    if order < 2:
-        raise ValueError(f"order {order}: a mean of fewer than 2 differences has no half-power frequency")
-    return float(brentq(lambda f: magnitude(f, rate, order) - np.sqrt(0.5), 0.0, rate / order, xtol=1e-12 * rate))

@@ -6,7 +6,7 @@ import msgspec
 
 from palpate.messages import Contact, DeviceState, Force, Friction, Load, Pose, Proximity, Surface, Torque
 from palpate.nodes import Node, Wants
-from palpate.nodes.base import Observer
+from palpate.nodes.base import Observer, SettingError
 
 
 class Hand(Node):
@@ -189,6 +189,22 @@ class BadWants(Node):
 
     def step(self, body: Annotated[Surface, Wants("stifness")]) -> Pose:
         raise NotImplementedError
+
+
+class Moody(Node):
+    """Its constructor looks at two settings together, and may fail."""
+
+    low: Annotated[float, "m"] = 0.0
+    high: Annotated[float, "m"] = 1.0
+
+    def __init__(self, **given):
+        super().__init__(**given)
+        if self.low > self.high:
+            raise SettingError(f"low {self.low} m lies above high {self.high} m")
+        self.share = 1 / (self.high - self.low)
+
+    def step(self, pose: Pose) -> Pose:
+        return pose
 
 
 class NoStep(Node):

@@ -1,9 +1,18 @@
 """One wrong thing at a time in a right graph: the fault names the culprit and what would work."""
 
-import pytest
+import copy
 
-from palpate.launch.faults import GraphError
-from palpate.launch.graph import load
+import pytest
+import yaml
+from conftest import WHOLE
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from palpate.launch.loading.faults import GraphError
+from palpate.launch.loading.graph import load
+from palpate.launch.loading.launchfile import find
+from palpate.launch.loading.placement import load_place
+from palpate.launch.loading.plan import Plan, plan
 
 SPRING = "{use: graph_nodes.Spring, in: {load: spread}, with: $tissue}"
 BAD = {
@@ -24,10 +33,20 @@ BAD = {
     "unit of a setting": (
         "radius: 6 mm",
         "radius: 6 s",
-        ["setting 'radius': [m]: found '6 s' [s], a time; expected a length"],
+        ["setting 'radius' [m]: found '6 s' [s], a time; expected a length"],
     ),
     "not a number": ("radius: 6 mm", "radius: .nan", ["'radius'", "found nan"]),
-    "missing setting": (SPRING, "{use: graph_nodes.Needy, in: {pose: finger}}", ["setting 'mass': [kg] missing"]),
+    "missing setting": (SPRING, "{use: graph_nodes.Needy, in: {pose: finger}}", ["setting 'mass' [kg]: missing"]),
+    "settings that do not go together": (
+        "motor:    {use",
+        "moody: {use: graph_nodes.Moody, in: {pose: finger}, low: 2}\n  motor:    {use",
+        ["node 'moody': low 2.0 m lies above high 1.0 m"],
+    ),
+    "a constructor that fails": (
+        "motor:    {use",
+        "moody: {use: graph_nodes.Moody, in: {pose: finger}, low: 1}\n  motor:    {use",
+        ["node 'moody': Moody cannot be made: ZeroDivisionError"],
+    ),
     "with is no mapping": ("with: $finger", "with: $finger.h0", ["with: found '$finger.h0'", "expected a mapping"]),
     "with is unknown": ("with: $finger", "with: $fingr", ["'$fingr'", "Did you mean 'finger'"]),
     "dollar is unknown": (
@@ -187,3 +206,85 @@ def test_a_bad_override_is_told_with_culprit_and_cure(whole, given, words):
         load(whole, overrides=[given])
     for word in words:
         assert word in str(error.value), str(error.value)
+
+
+DATA = yaml.safe_load(WHOLE)
+INNER = ["use", "in", "with", "when", "from", "loop", "body", "nodes", "h0", "x"]
+KEYS = ["use", "in", "every", "xyz"]
+LAUNCH = ["graph", "scene", "place", "clock", "duration", "record", "set", "wanted", "pace"]
+ODD = st.recursive(
+    st.one_of(
+        st.none(), st.booleans(), st.integers(-3, 10**30), st.floats(), st.text(max_size=4),
+        st.sampled_from(["$finger", "$finger.h0", "tissue", "tissue.Surface", "all", "6 mm", "graph_nodes.Foam", "."]),
+    ),
+    lambda inner: st.lists(inner, max_size=3)
+    | st.dictionaries(st.sampled_from(INNER), inner),
+    max_leaves=4,
+)  # fmt: skip
+
+
+def _ways(data, head=()):
+    yield head
+    items = data.items() if isinstance(data, dict) else enumerate(data) if isinstance(data, list) else ()
+    for key, value in items:
+        yield from _ways(value, (*head, key))
+
+
+@settings(max_examples=200, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    way=st.sampled_from([w for w in _ways(DATA) if w]),
+    value=ODD,
+    key=st.sampled_from([*KEYS, None]),
+)
+def test_any_change_of_a_graph_gives_a_plan_or_faults(write, way, value, key):
+    """One place of the graph gets an odd value or an odd key: it can be planned, or GraphError tells why not."""
+    data = copy.deepcopy(DATA)
+    spot = data
+    for step in way[:-1]:
+        spot = spot[step]
+    if key is not None and isinstance(spot[way[-1]], dict):
+        spot[way[-1]][key] = value
+    else:
+        spot[way[-1]] = value
+    file = write("odd.yaml", yaml.safe_dump(data, sort_keys=False))
+    try:
+        found = plan(load(file))
+    except GraphError as error:
+        assert error.faults and "odd.yaml" in str(error)
+        return
+    assert Plan.from_spec(found.to_spec()).order == found.order
+
+
+@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    key=st.sampled_from(["graph", "scene", "place", "clock", "duration", "record", "set", "wanted", "pace"]), value=ODD
+)
+def test_any_launch_file_gives_a_run_or_faults(write, whole, key, value):
+    file = write("run.yaml", yaml.safe_dump({"graph": "whole.yaml"} | {key: value}))
+    try:
+        run = find(str(file))
+        run.placement(run.plan())
+    except GraphError as error:
+        assert error.faults
+
+
+@settings(max_examples=100, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(group=st.dictionaries(st.sampled_from(["nodes", "core", "priority", "host", "x"]), ODD, max_size=3) | ODD)
+def test_any_placement_gives_groups_or_faults(write, whole, group):
+    found = plan(load(whole))
+    try:
+        groups = load_place(write("place.yaml", yaml.safe_dump({"g": group})), found).groups
+    except GraphError as error:
+        assert "place.yaml" in str(error)
+        return
+    assert sorted(n for g in groups for n in g.nodes) == sorted([*found.order, *found.observers])
+
+
+def test_one_slip_is_one_fault(whole):
+    for old, new in (("with: $finger", "h0: $finger.h1"), ("radius: 6 mm", "radius: 6 s"), ("graph_nodes.Rub", "a.B")):
+        text = whole.read_text()
+        whole.write_text(text.replace(old, new, 1))
+        with pytest.raises(GraphError) as error:
+            load(whole)
+        whole.write_text(text)
+        assert len(error.value.faults) == 1, str(error.value)

@@ -7,6 +7,7 @@ from scipy.spatial import cKDTree
 from palpate.physics.closest import ClosestPoint, track
 from palpate.physics.kidney import kidney
 from palpate.physics.newton import newton
+from palpate.physics.nurbs import Nurbs
 from palpate.physics.nurbs_fit import interpolate, plane_patch, sphere, torus
 
 
@@ -219,6 +220,30 @@ def test_approaching_the_hilum_from_outside_passes_its_focus():
         assert excess(found[:, 8], path) <= 1e-9
         np.testing.assert_allclose(found[:, 8], closest.find(path)[3], atol=1e-9)
         assert found[-1, 8] < 0 < found[0, 8]
+
+
+def test_a_border_that_is_one_point_is_left_in_any_direction():
+    # A sphere whose poles lie at the ends of u, where no polar steps are taken, and a patch with three sides.
+    ball = sphere(0.03)
+    parts = (np.swapaxes(ball.points, 0, 1)[:, ::-1].copy(), ball.weights.T[:, ::-1].copy(), ball.knots_v, ball.knots_u)
+    lying = Nurbs(*parts, 2, 2, False, True)
+    rng = np.random.default_rng(6)
+    out = directions(rng, 500) * (0.2, 0.2, 1)
+    out /= np.linalg.norm(out, axis=1)[:, None]
+    found = ClosestPoint(lying).find(out * 0.04)
+    np.testing.assert_allclose(found[3], 0.01, atol=1e-9)
+    np.testing.assert_allclose(found[1], out, atol=1e-7)
+    x, y = np.meshgrid(np.linspace(0, 1, 5), np.linspace(0, 1, 4), indexing="ij")
+    knots = [np.repeat([0.0, 1.0], 5), np.repeat([0.0, 1.0], 4)]
+    flat = Nurbs(np.stack([x * y, y, 0 * y], -1) * 0.1, np.ones((5, 4)), *knots, 4, 3)
+    points = rng.uniform(-0.05, 0.15, (1000, 3))
+    a, b = points[:, :2].T  # the triangle 0 <= x <= y <= 0.1
+    tip = np.clip((a + b) / 2, 0, 0.1)
+    inside = (a >= 0) & (a <= b) & (b <= 0.1)
+    edges = [(0 * a, np.clip(b, 0, 0.1)), (np.clip(a, 0, 0.1), 0 * a + 0.1), (tip, tip)]
+    plane = np.where(inside, 0.0, np.min([np.hypot(a - p, b - q) for p, q in edges], axis=0))
+    foot, *_ = ClosestPoint(flat).find(points)
+    np.testing.assert_allclose(np.linalg.norm(points - foot, axis=1), np.hypot(plane, points[:, 2]), atol=1e-9)
 
 
 def test_newton_leaves_a_farthest_point_and_a_saddle():

@@ -175,6 +175,13 @@ def test_an_unknown_surface_is_named_at_the_start(kind):
         kind(surface="kidny").start()
 
 
+@BOTH
+@pytest.mark.parametrize("name", ["position", "rotation"])
+def test_a_place_that_is_not_finite_is_refused(kind, name):
+    with pytest.raises(SettingError, match=f"{name}.*finite"):
+        kind(**{name: (0.0, float("nan"), 0.0)}).start()
+
+
 def test_every_foot_lies_on_the_surface_with_the_connection_along_the_normal():
     path = np.array(PLACE) + np.random.default_rng(2).uniform(-0.07, 0.07, (300, 3))
     closest = ClosestPoint(surface_patch("kidney", PLACE))

@@ -41,7 +41,7 @@ def test_the_kidney_has_the_size_that_is_asked(size):
 
 
 def test_the_volume_lies_in_the_published_range():
-    # Emamian et al. 1993: medians 146 cm3 left and 134 cm3 right, 10th to 90th percentile about 100 to 200 cm3.
+    # Emamian et al. 1993: medians 146 cm3 left and 134 cm3 right.
     assert 1.2e-4 < volume(tessellate(kidney(), 20000)) < 1.7e-4
 
 

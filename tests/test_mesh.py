@@ -235,6 +235,14 @@ def test_triangles_are_turned_outwards_and_a_cavity_stays_one():
     np.testing.assert_array_equal(outward(hollow, shell[:, ::-1]), shell)
 
 
+def test_an_open_sheet_is_turned_as_most_of_its_triangles_are():
+    sheet = plane(0.1, 400)
+    mixed = sheet.triangles.copy()
+    mixed[::3] = mixed[::3, ::-1]
+    assert (Mesh(sheet.vertices, outward(sheet.vertices, mixed)).face_vectors[:, 2] > 0).all()
+    assert (Mesh(sheet.vertices, outward(sheet.vertices, mixed[:, ::-1])).face_vectors[:, 2] < 0).all()
+
+
 def test_borders_and_shared_edges_are_counted():
     assert edge_counts(CUBE.triangles, 8) == (0, 0)
     assert edge_counts(CUBE.triangles[1:], 8) == (3, 0)

@@ -6,12 +6,12 @@ import sys
 
 import pytest
 
-from palpate.launch.draw import mermaid, svg
-from palpate.launch.faults import GraphError
-from palpate.launch.graph import load
-from palpate.launch.launchfile import LaunchFile, find, names
-from palpate.launch.placement import Group, apart, fused, load_place
-from palpate.launch.plan import Plan, plan
+from palpate.launch.loading.draw import mermaid, svg
+from palpate.launch.loading.faults import GraphError
+from palpate.launch.loading.graph import load
+from palpate.launch.loading.launchfile import LaunchFile, find, names
+from palpate.launch.loading.placement import Group, apart, fused, load_place
+from palpate.launch.loading.plan import Plan, plan
 
 TWO_DISPLAYS = """
 nodes:
@@ -62,6 +62,9 @@ def test_wanted_streams_pull_what_they_need_and_a_listener_of_all_pulls_nothing_
     assert set(planned(path, "wanted=[control]").skipped) == set()
     assert planned(path, wanted=["device"]).order == ["device"]
     assert planned(path, scene={"wanted": "device"}).order == ["device"]
+    assert planned(path, wanted=["contact"], scene={"wanted": "contact"}).order != ["device"]
+    assert planned(path, "wanted=device", wanted=["contact"], scene={"wanted": "contact"}).order == ["device"]
+    assert planned(path, "wanted=all", scene={"wanted": "device"}).skipped == {}
 
 
 def test_a_listener_of_some_streams_pulls_those(write):
@@ -117,7 +120,7 @@ def test_a_plan_of_a_class_that_is_gone_is_refused(whole):
 
 def test_plans_do_not_depend_on_the_order_of_hashes(whole):
     code = (
-        "import json; from palpate.launch.graph import load; from palpate.launch.plan import plan;"
+        "import json; from palpate.launch.loading.graph import load; from palpate.launch.loading.plan import plan;"
         f"print(json.dumps(plan(load({str(whole)!r}, overrides=['wanted=[control, tissue]'])).to_spec()))"
     )
     path = ":".join(sys.path)
@@ -187,7 +190,7 @@ def test_a_bad_placement_is_told(whole, write, text, words):
 
 def test_a_launch_file_is_one_run(whole, write):
     write("two.yaml", "loop: [near, contact]\n")
-    scene = write("scene.yaml", "tissue: {friction: false, stiffness: 1}\nfinger: {}\n")
+    scene = write("scene.yaml", "tissue: {friction: true, stiffness: 1}\nfinger: {}\n")
     run = find(
         str(
             write(
@@ -201,7 +204,7 @@ def test_a_launch_file_is_one_run(whole, write):
         record: out.mcap
         pace: 2
         wanted: [control]
-        set: {tissue.stiffness: 5 N/m, rate: 500, finger: {radius: 1 mm}, scene: {finger: {}}}
+        set: {tissue.stiffness: 5 N/m, rate: 500, finger: {radius: 1 mm}, scene: {tissue: {friction: off}}}
     """,
             )
         )

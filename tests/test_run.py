@@ -15,9 +15,9 @@ from pathlib import Path
 import pytest
 from graphs_for_runs import GRAPH, NODES, write_graph, write_place
 
-from palpate.launch.execute import Outcome, execute
-from palpate.launch.launchfile import LaunchFile
-from palpate.launch.recording import Recording
+from palpate.launch.loading.launchfile import LaunchFile
+from palpate.launch.recording.reader import Recording
+from palpate.launch.running.execute import Outcome, execute
 from palpate.messages import Torque
 
 TICKS = 300
@@ -50,7 +50,7 @@ def processes() -> set[str]:
                 line = (entry / "cmdline").read_bytes().replace(b"\0", b" ").decode(errors="replace")
             except OSError:
                 continue
-            if "palpate.launch.nursery" in line:
+            if "palpate.launch.running.nursery" in line:
                 found.add(entry.name)
     return found
 
@@ -110,7 +110,7 @@ def test_a_group_that_joins_by_hand_sends_the_same_bytes(tmp_path, reference):
     command = [
         sys.executable,
         "-c",
-        f"from palpate.launch.process import join; raise SystemExit(join({address!r}, 'far', 30))",
+        f"from palpate.launch.running.process import join; raise SystemExit(join({address!r}, 'far', 30))",
     ]
     path = os.pathsep.join([str(Path(__file__).parent), os.environ.get("PYTHONPATH", "")])
     with subprocess.Popen(command, env={**os.environ, "PYTHONPATH": path}) as far:

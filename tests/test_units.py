@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from palpate.launch.units import UnitError, convert, is_quantity, parse, symbol
+from palpate.launch.loading.units import UnitError, convert, is_quantity, parse, symbol
 
 
 @pytest.mark.parametrize(

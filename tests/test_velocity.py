@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from pytest import approx
 
-from palpate.physics.velocity import buffers, half_power, magnitude, mean_velocity, push, velocity
+from palpate.physics.velocity import buffers, mean_velocity, push, velocity
+from palpate.physics.velocity_response import half_power, magnitude
 
 RATE = 1025.0
 

@@ -13,7 +13,7 @@ from typer.core import TyperGroup
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from palpate.launch.launchfile import LaunchFile
+    from palpate.launch.loading.launchfile import LaunchFile
 
 TROUBLE = 1
 """Exit code of a run that failed."""
@@ -22,7 +22,7 @@ MISUSE = 2
 
 
 def _names(incomplete: str) -> list[str]:
-    from palpate.launch.launchfile import names
+    from palpate.launch.loading.launchfile import names
 
     return [name for name in names() if name.startswith(incomplete)]
 
@@ -51,9 +51,9 @@ def chosen(
     graph: str, sets: list[str] | None = None, scene: str | None = None, place: str | None = None, fused: bool = False
 ) -> LaunchFile:
     """The run that the options describe. GraphError: what is wrong with them."""
-    from palpate.launch.files import PLACES, SCENES, find_file
-    from palpate.launch.launchfile import find
-    from palpate.launch.placement import FUSED
+    from palpate.launch.loading.files import PLACES, SCENES, find_file
+    from palpate.launch.loading.launchfile import find
+    from palpate.launch.loading.placement import FUSED
 
     scene_file = None if scene is None else find_file(scene, SCENES, what="scene")
     place_file: Path | str | None = None
@@ -80,7 +80,7 @@ class Verbs(TyperGroup):
     """The command group: errors are told in red on standard error, without traceback unless `--debug` is given."""
 
     def invoke(self, ctx: Any) -> Any:
-        from palpate.launch.faults import GraphError
+        from palpate.launch.loading.faults import GraphError
 
         try:
             return super().invoke(ctx)

@@ -15,7 +15,7 @@ def doctor(
     as_json: Json = False,
 ) -> None:
     """Look at Python, packages, cores, real-time rights, pictures and devices. Exit code 1 if palpate cannot run."""
-    from palpate.launch.doctor import examine
+    from palpate.launch.commands.examine import examine
 
     if as_json:
         found = list(examine(pictures=pictures))

@@ -13,12 +13,12 @@ def join(
     patience: Annotated[float, typer.Option(help="[s] to wait for the launcher.", min=0.1)] = 60.0,
 ) -> None:
     """Run a group of a placement here, for a launcher on another machine (`palpate run --address ...`)."""
-    from palpate.launch.clock import one_blas_thread
+    from palpate.launch.running.clock import one_blas_thread
 
     host, _, port = address.removeprefix("tcp://").rpartition(":")
     if not host or not port.isdigit():
         raise typer.BadParameter(f"address: found {address!r}, expected tcp://host:port")
     with one_blas_thread():
-        from palpate.launch.process import join as serve
+        from palpate.launch.running.process import join as serve
 
         raise typer.Exit(serve(address, group, patience))

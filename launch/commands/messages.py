@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 from typing import Annotated, Any
 
 import typer
@@ -15,7 +14,7 @@ def messages(
     as_json: Json = False,
 ) -> None:
     """List the message types: fields, units and shapes; `(k)` is a length found at run time."""
-    from palpate.launch.faults import Fault, GraphError, choices
+    from palpate.launch.loading.faults import Fault, GraphError, choices
     from palpate.messages import Message
     from palpate.messages.docs import message_types
 
@@ -47,7 +46,6 @@ def messages(
 
 def describe(kind: type) -> dict[str, Any]:
     """A message type as plain data; the words on each field come from the class's docstring."""
-    from palpate.messages.docs import documented
+    from palpate.messages.docs import documented, summary
 
-    first = " ".join((inspect.getdoc(kind) or "").partition("\n\n")[0].split()).rstrip(" ,:")
-    return {"name": kind.__name__, "about": first, "fields": [field._asdict() for field in documented(kind)]}
+    return {"name": kind.__name__, "about": summary(kind), "fields": [field._asdict() for field in documented(kind)]}

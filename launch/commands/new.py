@@ -26,8 +26,8 @@ def node(
     as_json: Json = False,
 ) -> None:
     """Write a node and its test, which runs as it is."""
-    from palpate.launch.faults import Faults, choices
-    from palpate.launch.template import node_files
+    from palpate.launch.commands.template import node_files
+    from palpate.launch.loading.faults import Faults, choices
     from palpate.messages.docs import message_types
 
     faults = Faults()

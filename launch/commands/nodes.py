@@ -18,8 +18,8 @@ def nodes(
     as_json: Json = False,
 ) -> None:
     """List the node classes, or show one with its inputs, outputs, settings and units."""
-    from palpate.launch.classes import ClassError, catalogue, find_class
-    from palpate.launch.faults import Fault, GraphError
+    from palpate.launch.loading.classes import ClassError, catalogue, find_class
+    from palpate.launch.loading.faults import Fault, GraphError
 
     if name is not None:
         try:
@@ -35,33 +35,30 @@ def nodes(
     if as_json:
         tell({"nodes": [describe(e.use, e.cls) for e in entries], "missing": missing})
         return
-    from rich.table import Table
     from rich.text import Text
 
-    table = Table(box=None, pad_edge=False)
-    for column in ("class", "takes (? optional)", "sends", "what it is"):
-        table.add_column(column, overflow="fold")
+    out = console(soft_wrap=True)
     for entry in entries:
         data = describe(entry.use, entry.cls)
-        takes = ", ".join(p["type"] + "?" * p["optional"] for p in data["inputs"]) or (
-            "streams" if data["observer"] else ""
-        )
-        table.add_row(entry.use, takes, ", ".join(data["outputs"]), Text(entry.about))
-    out = console()
-    out.print(table)
+        takes = ", ".join(p["type"] + "?" * p["optional"] for p in data["inputs"])
+        takes = takes or ("streams" if data["observer"] else "the clock")
+        sends = ", ".join(data["outputs"]) or "nothing"
+        out.print(Text.assemble((f"{entry.use:28}", "bold"), f" {takes} -> {sends}"))
+        out.print(Text(f"    {entry.about}", style="dim"))
     for module, why in missing.items():
         out.print(f"[yellow]{module}[/] cannot be loaded. {why}", markup=True)
 
 
 def describe(use: str, cls: type[Node]) -> dict[str, Any]:
-    """A node class as plain data: ports, settings, units, first line of its docstring."""
-    from palpate.launch.classes import sent_by
+    """A node class as plain data: ports, settings, units, first sentence of its docstring."""
+    from palpate.launch.loading.classes import sent_by
+    from palpate.messages.docs import summary
     from palpate.nodes.base import Observer, inputs, settings
 
     observer = issubclass(cls, Observer)
     return {
         "use": use,
-        "about": (inspect.getdoc(cls) or "").partition("\n")[0],
+        "about": summary(cls),
         "source": cls.paced,
         "sink": cls.sink,
         "observer": observer,

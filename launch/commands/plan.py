@@ -11,8 +11,8 @@ from typer.core import TyperCommand
 from palpate.launch.commands.common import Fused, Graph, Json, PlaceOption, SceneOption, Sets, chosen, console, tell
 
 if TYPE_CHECKING:
-    from palpate.launch.placement import Placement
-    from palpate.launch.plan import Plan
+    from palpate.launch.loading.placement import Placement
+    from palpate.launch.loading.plan import Plan
 
 MERMAID = "mermaid"
 _PICTURES = (".svg", ".mmd")
@@ -63,7 +63,7 @@ def plan(
 
 
 def _draw(found: Plan, draw: str) -> None:
-    from palpate.launch.draw import mermaid, svg
+    from palpate.launch.loading.draw import mermaid, svg
 
     if draw == MERMAID:
         typer.echo(mermaid(found), nl=False)
@@ -81,8 +81,8 @@ def _running(found: Plan, placement: Placement) -> Any:
     table = Table(
         title=f"{found.graph.path.name}, {found.graph.rate:g} Hz", title_justify="left", box=None, pad_edge=False
     )
-    for column in ("", "node", "class", "every", "inputs (~ held)", "process"):
-        table.add_column(column, overflow="fold")
+    for column in ("", "node", "class", "inputs (~ held)", "process"):
+        table.add_column(column, overflow="fold", no_wrap=column in ("node", "class"))
     for name in (*found.order, *found.observers):
         spec = found.graph.nodes[name]
         if name in found.observers:
@@ -92,14 +92,8 @@ def _running(found: Plan, placement: Placement) -> Any:
             wires = ", ".join(f"{'~' * edge.loop}{edge.stream}" for edge in found.edges[name])
         group = placement.group_of(name)
         core = "" if group.core is None else f" (core {', '.join(map(str, group.core))})"
-        table.add_row(
-            Text("run", style="green"),
-            Text(name),
-            Text(spec.use),
-            str(spec.every),
-            Text(wires),
-            Text(group.name + core),
-        )
+        use = spec.use if spec.every == 1 else f"{spec.use}, every {spec.every}"
+        table.add_row(Text("run", style="green"), *map(Text, (name, use, wires, group.name + core)))
     return table
 
 

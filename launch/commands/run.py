@@ -23,7 +23,7 @@ from palpate.launch.commands.common import (
 )
 
 if TYPE_CHECKING:
-    from palpate.launch.execute import Outcome
+    from palpate.launch.running.execute import Outcome
 
 
 def run(
@@ -45,7 +45,7 @@ def run(
     as_json: Json = False,
 ) -> None:
     """Run a graph: live view, recording, summary, pictures. Ctrl-C ends it in order. Exit code 1 when a node failed."""
-    from palpate.launch.nursery import Nursery
+    from palpate.launch.running.nursery import Nursery
 
     nursery = None if fused and clock != "real" else Nursery()  # it imports while the graph is read
     try:
@@ -59,7 +59,7 @@ def run(
         file = (record or folder / (launch.record.name if launch.record else f"{name}.mcap")) if keep else None
         launch = dataclasses.replace(launch, record=file)
 
-        from palpate.launch.execute import execute
+        from palpate.launch.running.execute import execute
 
         view = None if quiet or as_json else console()
         outcome = execute(launch, console=view, nursery=nursery, patience=patience, address=address)
@@ -76,7 +76,7 @@ def run(
 
 
 def _pictures(outcome: Outcome, folder: Path, silent: bool) -> list[Path]:
-    from palpate.launch.pictures import draw
+    from palpate.launch.recording.pictures import draw
 
     if outcome.recording is None or not outcome.recording.is_file() or not outcome.result.ticks:
         return []
@@ -87,7 +87,7 @@ def _summary(outcome: Outcome, name: str, drawn: list[Path]) -> None:
     from rich.markup import escape
     from rich.text import Text
 
-    from palpate.launch.screen import table
+    from palpate.launch.running.screen import table
 
     out, result = console(), outcome.result
     seconds = result.ticks / outcome.plan.graph.rate

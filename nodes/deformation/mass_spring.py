@@ -15,6 +15,8 @@ from palpate.physics.terminal import indentation
 
 NO_NODES = np.zeros(0, dtype=np.int32)
 NO_FORCES = np.zeros((0, 3))
+# As in messages: compiled code for writable arrays would not fit these.
+NO_NODES.flags.writeable = NO_FORCES.flags.writeable = False
 UP = (0.0, 0.0, 1.0)
 NotNegative = msgspec.Meta(ge=0)
 

@@ -13,6 +13,7 @@ from palpate.physics.mass_spring import normal_force
 
 NO_NODES = np.zeros(0, dtype=np.int32)
 NO_VECTORS = np.zeros((0, 3))
+NO_VECTORS.flags.writeable = False  # as in messages: compiled code for writable arrays would not fit these
 
 
 class Rigid(Node):

@@ -1,0 +1,103 @@
+"""A new node with its test, to begin from."""
+
+from __future__ import annotations
+
+import keyword
+import re
+
+import msgspec
+
+from palpate.messages import Field, Message, fields
+
+_NODE = '''"""{title}: says what it does here."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import msgspec
+{numpy}
+from palpate.messages import {messages}
+from palpate.nodes import Node
+
+
+class {title}(Node):
+    """First line: what it computes. It shows in `palpate nodes {module}.{title}`."""
+
+    scale: Annotated[float, "1", msgspec.Meta(ge=0)] = 1.0
+
+    def start(self) -> None:
+        """Make the state here; `start` is also the reset."""
+        self.way = 0.0  # [s] time that has passed
+
+    def step(self, {port}: {takes}, *, dt: float) -> {sends}:
+        """The first input drives; add others as arguments, `name: Type | None` where it may be absent."""
+        self.way += max(dt, 0.0)
+        return {answer}
+'''
+
+_TEST = '''"""{title} on its own, without graph or network."""
+{numpy}
+from palpate.launch.testing import FakeBus
+from palpate.messages import {messages}
+
+from {module} import {title}
+
+
+def test_each_message_gets_an_answer():
+    bus = FakeBus({title}(scale=2.0))
+    given = {given}
+    first, second = bus.publish(given, given)
+    assert isinstance(first, {sends})
+    assert (first.tick, second.tick) == (0, 1)
+'''
+
+
+def class_name(name: str) -> str:
+    """The class's name for what the user typed, "my drag" or "my_drag" or "MyDrag". ValueError: no name."""
+    words = [word for word in re.split(r"[^0-9A-Za-z]+", name) if word]
+    title = "".join(word[0].upper() + word[1:] for word in words)
+    if not title.isidentifier() or keyword.iskeyword(title):
+        raise ValueError(f"{name!r} cannot name a class; expected letters and digits, a letter first, such as MyDrag")
+    return title
+
+
+def module_name(title: str) -> str:
+    """The file's name for a class: MyDrag -> my_drag."""
+    module = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", title).lower()
+    return f"{module}_node" if keyword.iskeyword(module) else module
+
+
+def node_files(name: str, takes: type[Message], sends: type[Message]) -> dict[str, str]:
+    """File names and texts of a new node and its test. ValueError: the name cannot be used."""
+    title = class_name(name)
+    module = module_name(title)
+    port = module_name(takes.__name__)
+    answer, given = _example(sends, 8), _example(takes, 4)
+    node = _NODE.format(
+        title=title, module=module, port=port, takes=takes.__name__, sends=sends.__name__, answer=answer,
+        messages=", ".join(sorted({takes.__name__, sends.__name__})),
+        numpy="import numpy as np\n" if "np." in answer else "",
+    )  # fmt: skip
+    test = _TEST.format(
+        title=title, module=module, given=given, sends=sends.__name__,
+        messages=", ".join(sorted({takes.__name__, sends.__name__})),
+        numpy="\nimport numpy as np\n" if "np." in given else "",
+    )  # fmt: skip
+    return {f"{module}.py": node, f"test_{module}.py": test}
+
+
+def _example(kind: type[Message], indent: int) -> str:
+    """Python text that makes a message of zeros, one field a line with its unit; fields with a default are left out."""
+    required = {field.name for field in msgspec.structs.fields(kind) if field.required}
+    lines = [f"{' ' * (indent + 4)}{f.name}={_zero(f)},  # [{f.unit}]\n" for f in fields(kind) if f.name in required]
+    return f"{kind.__name__}(\n{''.join(lines)}{' ' * indent})" if lines else f"{kind.__name__}()"
+
+
+def _zero(field: Field) -> str:
+    if field.dtype is not None:
+        shape = tuple(0 if isinstance(n, str) else n for n in field.shape)
+        return f"np.zeros({shape if len(shape) > 1 else shape[0]})"
+    if field.shape:
+        return f"({', '.join(['0.0'] * (0 if isinstance(field.shape[0], str) else field.shape[0]))})"
+    return {bool: "False", int: "0", str: '""'}.get(field.type, "0.0")

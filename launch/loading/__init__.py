@@ -1,0 +1,1 @@
+"""Loading, checking and planning of graphs, scenes, placements and launch files."""

@@ -1,0 +1,157 @@
+"""Where nodes run: groups of nodes that share a process, with core, priority and host.
+
+    loop: {nodes: [device, finger, contact, controller], core: 0, priority: 80}
+    rest: {nodes: [tissue, log], core: [1], host: tcp://10.0.0.2}
+
+Placement never changes what is computed.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from palpate.launch.loading.faults import Faults, choices
+from palpate.launch.loading.files import PLACES, find_file
+from palpate.launch.loading.plan import Plan
+from palpate.launch.loading.source import Source, read
+
+KEYS = ("nodes", "core", "priority", "host", "join")
+FUSED = "fused"
+
+
+@dataclass
+class Group:
+    """Nodes that share one process.
+
+    nodes     names, in the plan's order, observers last
+    core      CPU cores that the process may use, None: any
+    priority  of SCHED_FIFO, 1 to 99, None: ordinary scheduling
+    host      name or address of the machine, with or without a port; None: this one, no network
+    join      started by hand with `palpate join`, as a group on another machine always is
+    """
+
+    name: str
+    nodes: list[str]
+    core: tuple[int, ...] | None = None
+    priority: int | None = None
+    host: str | None = None
+    join: bool = False
+
+
+@dataclass
+class Placement:
+    """The groups of a plan; each running node is in exactly one."""
+
+    groups: list[Group] = field(default_factory=list)
+
+    def group_of(self, node: str) -> Group:
+        """The group that runs a node. KeyError: the plan does not run it."""
+        for group in self.groups:
+            if node in group.nodes:
+                return group
+        raise KeyError(node)
+
+
+def fused(plan: Plan) -> Placement:
+    """Everything in one process."""
+    return Placement([Group(FUSED, _names(plan))])
+
+
+def apart(plan: Plan) -> Placement:
+    """Each node in a process of its own."""
+    return Placement([Group(name, [name]) for name in _names(plan)])
+
+
+def load_place(path: str | Path | None, plan: Plan, *, beside: Path | None = None) -> Placement:
+    """The placement of a plan.
+
+    path    a placement file or the name of one that ships, "fused" for one process, None for a process per node
+    beside  folder from which a relative path counts; the working directory where None
+
+    Nodes that the plan skips are left out; running nodes that the file does not name get a process each.
+    GraphError: all that is wrong with the file.
+    """
+    if path is None:
+        return apart(plan)
+    if str(path) == FUSED:
+        return fused(plan)
+    source = read(find_file(str(path), PLACES, beside, what="placement"))
+    faults = Faults()
+    if not isinstance(source.data, dict):
+        faults.add("expected a mapping of group names to {nodes: [...], core: ...}", "", source.place())
+        faults.done()
+    running = _names(plan)
+    known = [*plan.graph.nodes]
+    taken: dict[str, str] = {}
+    groups = []
+    for name in source.data:
+        group = _group(name, source.sub(name), known, taken, faults)
+        group.nodes = [n for n in running if n in group.nodes]
+        groups.append(group)
+    for name in running:
+        if name not in taken:
+            if name in source.data:
+                faults.add(f"group {name!r} has the name of a node that is not in it",
+                           f"Rename the group, or put node {name!r} into a group.", source.place(name))  # fmt: skip
+            groups.append(Group(name, [name]))
+    faults.done()
+    return Placement([g for g in groups if g.nodes])
+
+
+def _names(plan: Plan) -> list[str]:
+    return [*plan.order, *plan.observers]
+
+
+def _group(name: str, line: Source, known: list[str], taken: dict[str, str], faults: Faults) -> Group:
+    data: Any = line.data
+    about = f"group {name!r}"
+    if isinstance(data, list):
+        data = {"nodes": data}
+    if not isinstance(data, dict):
+        faults.add(f"{about}: found {data!r}, expected {{nodes: [...], core: ...}}", "", line.place())
+        return Group(name, [])
+    for key in data:
+        if key not in KEYS:
+            faults.add(f"{about}: unknown key {key!r}", choices("Keys", key, KEYS), line.place(key))
+    nodes = data.get("nodes")
+    if not isinstance(nodes, list) or not nodes:
+        faults.add(f"{about}, nodes: found {nodes!r}, expected a list of node names", "", line.place("nodes"))
+        nodes = []
+    found = []
+    for index, node in enumerate(nodes):
+        place = line.place("nodes", index)
+        if node not in known:
+            faults.add(f"{about}: there is no node {node!r}", choices("Nodes", str(node), known), place)
+        elif node in taken:
+            faults.add(f"{about}: node {node!r} is in group {taken[node]!r} already", "Remove one.", place)
+        else:
+            taken[node] = name
+            found.append(node)
+    core = data.get("core")
+    cores = () if core is None else tuple(core) if isinstance(core, list) else (core,)
+    if core is not None and (not cores or any(type(c) is not int or c < 0 for c in cores)):
+        faults.add(
+            f"{about}, core: found {core!r}, expected the number of a core from 0, or a list", "", line.place("core")
+        )
+        cores = ()
+    priority = data.get("priority")
+    if priority is not None and (type(priority) is not int or not 1 <= priority <= 99):
+        faults.add(
+            f"{about}, priority: found {priority!r}, expected a whole number from 1 to 99", "", line.place("priority")
+        )
+        priority = None
+    host = data.get("host")
+    address = re.fullmatch(r"(?:tcp://)?([A-Za-z0-9.-]+(?::[0-9]+)?)", host) if isinstance(host, str) else None
+    if host is not None and address is None:
+        faults.add(
+            f"{about}, host: found {host!r}, expected a name or address such as tcp://10.0.0.2 or tcp://10.0.0.2:5600",
+            "",
+            line.place("host"),
+        )
+    join = data.get("join", False)
+    if not isinstance(join, bool):
+        faults.add(f"{about}, join: found {join!r}, expected true or false", "", line.place("join"))
+    return Group(name, found, cores or None, priority, address[1] if address else None, join is True)

@@ -1,0 +1,229 @@
+"""The settings of one node: class default, then what the scene offers by `with:`, then the node's own line."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import sys
+import types
+import typing
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+import msgspec
+
+from palpate.launch.loading.classes import SHIPPED, catalogue, classes
+from palpate.launch.loading.faults import Faults, Place, choices, nearest
+from palpate.launch.loading.scene import Scene
+from palpate.launch.loading.source import Source
+from palpate.launch.loading.units import UnitError, convert, is_quantity
+from palpate.nodes.base import Node, Setting, SettingError, settings
+from palpate.nodes.base import convert as check
+
+
+@dataclass(frozen=True)
+class Offer:
+    """One key that a `with:` offers to one node."""
+
+    path: str
+    key: str
+    value: Any
+    node: str
+    cls: type[Node]
+    place: Place
+
+
+def resolve(
+    name: str, cls: type[Node], line: Source, own: list[str], scene: Scene, offers: list[Offer], faults: Faults
+) -> dict[str, Any]:
+    """All settings of a node as plain data in SI units, checked; what is wrong becomes faults.
+
+    line    the node's line of the graph file
+    own     keys of the line that are settings
+    offers  gets what `with:` offers, for `check_offers`
+    """
+    known = settings(cls)
+    given: dict[str, tuple[Any, Place]] = {}
+    for mapping, path in _offered(name, line, scene, faults):
+        for key, value in mapping.items():
+            place = scene.source.place(*path.split("."), key) if path else line.place("with", key)
+            offers.append(Offer(path, key, value, name, cls, place))
+            if key in known:
+                given[key] = (value, place)
+    for key in own:
+        if key in known:
+            given[key] = (line.data[key], line.place(key))
+        else:
+            faults.add("unknown", _cure(key, cls, known), line.place(key), node=name, setting=key)
+    found = {}
+    count = len(faults.found)
+    for key, setting in known.items():
+        about = {"node": name, "setting": key, "unit": setting.unit}
+        if key in given:
+            value, place = given[key]
+            before = len(faults.found)
+            value = scene.fill(value, faults, place, about)
+            if len(faults.found) == before:
+                found[key] = _checked(setting, value, place, about, faults)
+        elif setting.default is ...:
+            faults.add("missing", "It has no default.", line.place(), **about)
+    if len(faults.found) == count:
+        try:
+            node = cls(**found)
+            found = {key: _plain(getattr(node, key)) for key in known}
+        except SettingError as error:
+            faults.add(str(error), "", line.place(), node=name)
+        except Exception as error:  # a user's constructor may fail in any way
+            faults.add(f"{cls.__name__} cannot be made: {type(error).__name__}: {error}", "", line.place(), node=name)
+    return found
+
+
+def _checked(setting: Setting, value: Any, place: Place, about: dict[str, str], faults: Faults) -> Any:
+    """The value of one setting in its unit, as plain data; what is wrong becomes a fault."""
+    try:
+        value = in_si(setting, value)
+        _refuse_nan(value)
+        return _plain(check(setting, value))
+    except UnitError as error:
+        faults.add(str(error), "", place, **about)
+    except SettingError as error:
+        faults.add(str(error).removeprefix(f"setting {setting.name!r} [{setting.unit}]: "), "", place, **about)
+    return None
+
+
+def _cure(key: str, cls: type[Node], known: dict[str, Setting]) -> str:
+    return choices(f"Settings of {cls.__name__}", key, known)
+
+
+def _offered(name: str, line: Source, scene: Scene, faults: Faults) -> list[tuple[dict[str, Any], str]]:
+    """The mappings that `with:` names: value, path in the scene ("" for one written in place)."""
+    given = line.data.get("with")
+    found = []
+    for item in given if isinstance(given, list) else [] if given is None else [given]:
+        place, path = line.place("with"), ""
+        if isinstance(item, str) and item.startswith("$"):
+            path = item[1:]
+        value = scene.fill(item, faults, place, {"node": name}) if path or not isinstance(item, dict) else item
+        if isinstance(value, dict):
+            found.append((value, path))
+        elif not path or scene.has(path):
+            faults.add(f"with: found {item!r}, expected a mapping of the scene, `$name`, or a list of them",
+                       scene.cure(str(item)), place, node=name)  # fmt: skip
+    return found
+
+
+def check_offers(offers: list[Offer], scene: Scene, faults: Faults) -> None:
+    """A fault for each key of a `with:` mapping that nobody has as a setting.
+
+    A model takes what it has and leaves the rest to the models that it may be swapped for; so a key is known when a
+    class of the node's module, another taker of the same mapping, a `when:` or `$path`, or a shipped class has it.
+    A truth value is also known as an effect of the scene that no node of this graph asks for, unless it looks like a
+    setting that is not spelled right.
+    """
+    taken: set[tuple[str, str]] = set()
+    names: dict[type[Node], dict[str, Setting]] = {}
+    sure: dict[type[Node], bool] = {}
+    for offer in offers:
+        if offer.cls not in names:
+            names[offer.cls], sure[offer.cls] = _family(offer.cls)
+        if offer.key in names[offer.cls] or not sure[offer.cls]:
+            taken.add((offer.path, offer.key))
+    told = set()
+    for offer in offers:
+        path = f"{offer.path}.{offer.key}"
+        read = offer.path and any(used == path or used.startswith(f"{path}.") for used in scene.used)
+        if (offer.path, offer.key) in taken or read or offer.place in told:
+            continue
+        if isinstance(offer.value, bool) and not nearest(offer.key, names[offer.cls], likeness=0.8):
+            continue
+        shipped, missing = catalogue()
+        if missing or any(offer.key in settings(entry.cls) for entry in shipped):
+            continue
+        told.add(offer.place)
+        text = f"with: {path.lstrip('.')!r} is a setting of no class of {offer.cls.__module__}"
+        faults.add(text, _cure(offer.key, offer.cls, names[offer.cls]), offer.place, node=offer.node, setting=offer.key)
+
+
+def _family(cls: type[Node]) -> tuple[dict[str, Setting], bool]:
+    """The settings of all node classes of a class's module, or of its folder, and whether all of them could be seen."""
+    names = dict(settings(cls))
+    modules = [cls.__module__]
+    if cls.__module__.startswith(SHIPPED):
+        modules.append(".".join(cls.__module__.split(".")[:3]))
+    seen = True
+    for module in modules:
+        try:
+            others = classes(sys.modules[module])
+        except ImportError:
+            seen = False
+            continue
+        for other in others:
+            with contextlib.suppress(TypeError, NameError):  # a neighbour that is not well formed has no say
+                names |= settings(other)
+    return names, seen
+
+
+def in_si(setting: Setting, value: Any) -> Any:
+    """The value with quantities such as "6 mm" turned into numbers of the setting's unit. UnitError: not possible."""
+    return _in_si(setting.type, value, setting.unit)
+
+
+def _in_si(hint: Any, value: Any, unit: str) -> Any:
+    options = _options(hint)
+    numeric = float in options or int in options
+    if isinstance(value, str):
+        if not numeric or any(value in typing.get_args(o) for o in options if typing.get_origin(o) is typing.Literal):
+            return value
+        return value if str in options and not is_quantity(value) else _whole(convert(value, unit), options)
+    if isinstance(value, float) and numeric:
+        return _whole(value, options)
+    for option in options:
+        origin, inner = typing.get_origin(option), typing.get_args(option)
+        if isinstance(value, list) and origin in (tuple, list) and inner:
+            kinds = (
+                inner
+                if origin is tuple and Ellipsis not in inner and len(inner) == len(value)
+                else inner[:1] * len(value)
+            )
+            return [_in_si(kind, item, unit) for kind, item in zip(kinds, value, strict=True)]
+        if isinstance(value, dict) and isinstance(option, type) and issubclass(option, msgspec.Struct):
+            return {key: _field_in_si(option, key, item) for key, item in value.items()}
+        if isinstance(value, dict) and origin is dict and inner:
+            return {key: _in_si(inner[1], item, unit) for key, item in value.items()}
+    return value
+
+
+def _field_in_si(struct: type[msgspec.Struct], key: str, value: Any) -> Any:
+    """A field of a setting that is a struct; it has a unit of its own, or takes plain values only."""
+    hint = typing.get_type_hints(struct, include_extras=True).get(key)
+    unit = next((m for m in getattr(hint, "__metadata__", ()) if isinstance(m, str)), None)
+    return value if unit is None else _in_si(hint, value, unit)
+
+
+def _whole(value: float, options: list[Any]) -> float | int:
+    """2e3 is a whole number where the setting takes no other."""
+    return int(value) if float not in options and value.is_integer() else value
+
+
+def _options(hint: Any) -> list[Any]:
+    """The alternatives of a type, marks taken off."""
+    if typing.get_origin(hint) is Annotated:
+        return _options(typing.get_args(hint)[0])
+    if typing.get_origin(hint) in (typing.Union, types.UnionType):
+        return [o for a in typing.get_args(hint) for o in _options(a)]
+    return [hint]
+
+
+def _plain(value: Any) -> Any:
+    """The value as JSON would give it back."""
+    value = msgspec.to_builtins(value)
+    if isinstance(value, dict):
+        return {key: _plain(item) for key, item in value.items()}
+    return [_plain(item) for item in value] if isinstance(value, list | tuple) else value
+
+
+def _refuse_nan(value: Any) -> None:
+    if isinstance(value, float) and math.isnan(value):
+        raise UnitError("found nan; expected a number")
+    for item in value if isinstance(value, list) else value.values() if isinstance(value, dict) else ():
+        _refuse_nan(item)

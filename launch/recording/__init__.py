@@ -1,0 +1,1 @@
+"""Recordings: reading, drawing, replaying, comparing, exporting."""

@@ -1,0 +1,420 @@
+"""The launcher: starts the workers of a run, holds the start barrier, watches, and ends them all.
+
+Start: every worker builds its nodes, binds its outlets and reports ready; the launcher tells each whom to read; every
+outlet waits until it has seen its readers; then all get the time of tick 0. No sleeps, no lost first message.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import select
+import signal
+import time
+import uuid
+from collections import Counter
+from collections.abc import Callable, Sequence
+
+import msgspec
+import zmq
+
+from palpate.launch.running.bus import endpoint
+from palpate.launch.running.clock import now
+from palpate.launch.running.job import Job, members
+from palpate.launch.running.nursery import Nursery
+from palpate.launch.running.result import Death, Result
+
+START_PATIENCE = 120.0  # [s] for a node's `start`: it may compile kernels or build a basis
+STOP_PATIENCE = 3.0  # [s] for the workers to end once they were told
+HEAD_START = 10_000_000  # [ns] from the order to go to tick 0: every worker has heard it by then
+ALIVE = ("starting", "ready", "linked", "running")
+BEAT = 0.5  # [s] between signs of life for workers on other machines
+GRACE = 0.1  # [s] that the others go on after a node died on the real clock: the device gets its zero force
+
+
+class Launcher:
+    """Runs the jobs, each in a process.
+
+    jobs      one per worker; those in `joined` are started by hand on another machine (`palpate join`)
+    nursery   the fork server; made here when not given
+    address   where workers on other machines find this launcher: `tcp://host:port`, reports at port + 1
+    patience  [s] without a sign of life after which a worker counts as hung
+    show      called about ten times a second with the launcher, to draw
+    printed   called with what the nodes print
+    """
+
+    def __init__(
+        self,
+        jobs: Sequence[Job],
+        nursery: Nursery | None = None,
+        *,
+        joined: frozenset[str] = frozenset(),
+        address: str | None = None,
+        patience: float = 5.0,
+        restart: frozenset[str] = frozenset(),
+        show: Callable[[Launcher], None] = lambda _: None,
+        printed: Callable[[str], None] = lambda _: None,
+    ) -> None:
+        self.begun = time.monotonic()
+        self.jobs = {job.group: job for job in jobs}
+        self.nursery = nursery or Nursery()
+        self.joined, self.address, self.patience, self.restart = joined, address, patience, restart
+        self.show, self.printed = show, printed
+        self.run_id = f"{os.getpid()}-{uuid.uuid4().hex[:8]}"
+        self.result = Result()
+        self.phase = "starting"
+        self.busy: dict[str, str] = {}
+        """What each worker is doing while it starts, by group."""
+        self.pids: dict[str, int] = {}
+        self._state: dict[str, str] = dict.fromkeys(self.jobs, "starting")
+        self._endpoints: dict[str, dict[str, list[str]]] = {}
+        self._seen = dict.fromkeys(self.jobs, time.monotonic())
+        self._paused: dict[str, int] = {}
+        self._interrupts = self._heeded = 0
+        self._deadline: float | None = None
+        self._tail: list[str] = []
+        self._beat = 0.0
+        self._open()
+        self.busy.update({group: f"{group} (palpate join {address} {group})" for group in joined})
+
+    # -- sockets -------------------------------------------------------------------------------------------------
+
+    def _open(self) -> None:
+        self._context = zmq.Context()
+        self._control = self._context.socket(zmq.XPUB)
+        self._control.set(zmq.XPUB_VERBOSE, 1)
+        self._reports = self._context.socket(zmq.PULL)
+        for socket in (self._control, self._reports):
+            socket.set(zmq.LINGER, 500)
+        self._control.bind(endpoint(self.run_id, "launcher", "control"))
+        self._reports.bind(endpoint(self.run_id, "launcher", "reports"))
+        if self.address:
+            host, _, port = self.address.removeprefix("tcp://").rpartition(":")
+            try:
+                self._control.bind(f"tcp://{host}:{port}")
+                self._reports.bind(f"tcp://{host}:{int(port) + 1}")
+            except zmq.ZMQError as error:
+                self._context.destroy(linger=0)
+                self.nursery.close()
+                raise OSError(f"cannot bind {self.address} (and the port after it): {error.strerror}") from None
+        self._poller = zmq.Poller()
+        self._poller.register(self._reports, zmq.POLLIN)
+        self._poller.register(self._control, zmq.POLLIN)
+        self._poller.register(self.nursery.socket.fileno(), select.POLLIN)
+        self._poller.register(self.nursery.output.fileno(), select.POLLIN)
+
+    def _tell(self, group: str, **what: object) -> None:
+        self._control.send(f"~{group}".encode() + b"\0" + msgspec.json.encode(what))
+
+    # -- the whole run -------------------------------------------------------------------------------------------
+
+    def run(self) -> Result:
+        """Start everything, wait for the end, end everything. Returns what happened; Ctrl-C stops the run in order."""
+        before = self._catch_interrupts()
+        try:
+            modules = {given.cls.rpartition(".")[0] for job in self.jobs.values() for given in members(job)}
+            self.nursery.ask({"import": sorted(modules)})
+            for group in self.jobs:
+                if group not in self.joined:
+                    self._fork(group)
+            while any(state != "gone" for state in self._state.values()):
+                self._turn()
+        finally:
+            self.phase = "ended"
+            if before is not None:
+                signal.signal(signal.SIGINT, before)
+            self.printed(self.nursery.close())
+            self._context.destroy(linger=200)
+        if self._origin_time is not None:
+            self.result.wall = self._ended - self._origin_time
+        self.result.ticks = max((h["tick"] + 1 for h in self.result.health.values()), default=0)
+        return self.result
+
+    _origin_time: float | None = None
+    _ended: float = 0.0
+
+    def _catch_interrupts(self):
+        def interrupted(*_: object) -> None:
+            self._interrupts += 1
+
+        with contextlib.suppress(ValueError):  # not in the main thread: the caller's affair
+            return signal.signal(signal.SIGINT, interrupted)
+        return None
+
+    def _fork(self, group: str) -> None:
+        self._state[group] = "starting"
+        self._seen[group] = time.monotonic()
+        self.nursery.ask(
+            {
+                "start": msgspec.to_builtins(self.jobs[group]),
+                "run": self.run_id,
+                "control": endpoint(self.run_id, "launcher", "control"),
+                "reports": endpoint(self.run_id, "launcher", "reports"),
+            }
+        )
+
+    def _turn(self) -> None:
+        ready = dict(self._poller.poll(100))
+        if self._control in ready:
+            self._control.recv()
+        while self._reports.poll(0):
+            self._take(_decode(self._reports))
+        if self.nursery.output.fileno() in ready:
+            self._listen()
+        if self.nursery.socket.fileno() in ready:
+            for answer in self.nursery.answers():
+                self._answer(answer)
+            if self.nursery.process.poll() is not None:
+                self._lost_nursery()
+        if self._interrupts > self._heeded:
+            self._interrupt()
+        self._check_time()
+        self.show(self)
+
+    def _listen(self) -> None:
+        text = self.nursery.printed()
+        if text:
+            self._tail = (self._tail + text.splitlines())[-40:]
+            self.printed(text)
+
+    # -- reports -------------------------------------------------------------------------------------------------
+
+    def _take(self, report: dict) -> None:
+        group, kind = report["group"], report["kind"]
+        if group not in self.jobs:
+            return
+        if self._state[group] == "gone" and kind != "health":
+            return  # overtaken by the end of its process, which says the same
+        self._seen[group] = time.monotonic()
+        match kind:
+            case "hello":
+                self._tell(f"join-{group}", do="job", job=msgspec.to_builtins(self.jobs[group]), run=self.run_id)
+            case "starting":
+                self.busy[group] = report["node"]
+            case "ready":
+                self._ready(group, report)
+            case "linked":
+                self._state[group] = "linked"
+                if self.phase == "linking" and all(s == "linked" for s in self._state.values()):
+                    self._go()
+                elif self.phase == "running":
+                    self._back(group)
+            case "health":
+                self.result.health.update(report["nodes"])
+            case "paused":
+                self._paused[group] = report["tick"]
+                if len(self._paused) == len(self._leads()):
+                    self._tell("*", do="end", tick=max(self._paused.values()))
+            case "fault":
+                self._died(group, report)
+                self._left(group)
+            case "rubbish":
+                self.result.notes.append(f"stream {report['stream']!r}: {report['text']}")
+            case "done":
+                self._state[group] = "done"
+                self._left(group)
+
+    def _left(self, group: str) -> None:
+        """A worker on another machine has no process here whose end could be seen: its last report is its end."""
+        if group in self.joined:
+            self._state[group] = "gone"
+            self._ended = time.monotonic()
+            self._after_exit()
+
+    def _ready(self, group: str, report: dict) -> None:
+        self._endpoints[group] = report["endpoints"]
+        self.busy.pop(group, None)
+        self._state[group] = "ready"
+        self.result.notes += [n for n in report["refused"] if n not in self.result.notes]
+        if self.phase == "running":
+            self._link(group)
+        elif all(state == "ready" for state in self._state.values()):
+            self.phase = "linking"
+            for each in self.jobs:
+                self._link(each)
+
+    def _link(self, group: str) -> None:
+        job = self.jobs[group]
+        observes = {stream for observer in job.observers for stream in observer.streams}
+        reads = {given.stream for node in job.nodes for given in node.inputs}
+        sources = []
+        for other, theirs in self.jobs.items():
+            if other == group or other not in self._endpoints:
+                continue
+            sent = {stream for node in theirs.nodes for stream in node.streams}
+            for outlet, wanted in (("force", reads), ("observers", observes)):
+                if sent & wanted:
+                    sources.append((self._nearest(group, other, outlet), sorted(sent & wanted)))
+        observed = Counter(
+            stream
+            for other, theirs in self.jobs.items()
+            if other != group
+            for stream in {stream for observer in theirs.observers for stream in observer.streams}
+        )
+        own = {stream: observed[stream] for node in job.nodes for stream in node.streams if observed[stream]}
+        self._tell(group, **{"do": "connect", "from": sources, "observed": own})
+
+    def _nearest(self, group: str, other: str, outlet: str) -> str:
+        """The local address of an outlet where both are on one machine, else the one that the network reaches."""
+        addresses = self._endpoints[other][outlet]
+        return addresses[0] if (group in self.joined) == (other in self.joined) else addresses[-1]
+
+    def _go(self) -> None:
+        self.phase = "running"
+        self._origin_time = time.monotonic()
+        self.result.start = self._origin_time - self.begun
+        self._seen = dict.fromkeys(self.jobs, self._origin_time)
+        self._origin = now() + HEAD_START
+        self._tell("*", do="go", origin=self._origin)
+        for group in self._state:
+            self._state[group] = "running"
+
+    def _back(self, group: str) -> None:
+        """A worker that was started again joins the run."""
+        self._tell(group, do="go", origin=self._origin)
+        self._state[group] = "running"
+        nodes = {node.name for node in self.jobs[group].nodes}
+        self._tell("*", do="alive", nodes=sorted(nodes), mute=sorted(self._mute(nodes)))
+
+    # -- trouble -------------------------------------------------------------------------------------------------
+
+    def _died(self, group: str, report: dict) -> None:
+        self._state[group] = "failed"
+        names = [given.name for given in members(self.jobs[group])]
+        node = report["node"] or ", ".join(names)
+        self.result.deaths.append(Death(node, report.get("where", "process"), report["text"], report["trace"]))
+        self._bury(group)
+
+    def _bury(self, group: str) -> None:
+        """Tell the others, so that their inputs from this group become None; then end the run, or start it again."""
+        dead = {node.name for node in self.jobs[group].nodes}
+        self._tell("*", do="dead", nodes=sorted(dead), mute=sorted(self._mute(dead)))
+        again = self.phase == "running" and dead and dead <= self.restart and self._deadline is None
+        if again:
+            self._state[group] = "restarting"
+        elif dead or self.phase != "running":
+            self._end_after(GRACE if self.phase == "running" and self._is_real() else 0.0)
+
+    def _mute(self, dead: set[str]) -> set[str]:
+        """Nodes that cannot go on without these, directly or through others."""
+        mute: set[str] = set()
+        while True:
+            more = {
+                node.name
+                for job in self.jobs.values()
+                for node in job.nodes
+                if node.name not in dead | mute
+                and any(g.producer in dead | mute and not g.optional for g in node.inputs)
+            }
+            if not more:
+                return mute
+            mute |= more
+
+    def _end_after(self, seconds: float) -> None:
+        if self._deadline is None:
+            self.phase = "ending" if self.phase == "running" else self.phase
+            self._quit_at = time.monotonic() + seconds
+            self._deadline = self._quit_at + STOP_PATIENCE
+
+    _quit_at: float | None = None
+
+    def _answer(self, answer: dict) -> None:
+        if "started" in answer:
+            self.pids[answer["started"]] = answer["pid"]
+            return
+        group, status = answer["exited"], answer["status"]
+        # Its last words were sent before its end, but may come after the news of it.
+        patience = 500 if status > 0 else 20
+        while self._state[group] in ALIVE and self._reports.poll(patience):
+            self._take(_decode(self._reports))
+        state = self._state[group]
+        if state in ALIVE:
+            how = f"killed by {signal.Signals(-status).name}" if status < 0 else f"exit code {status}"
+            text = f"its process ended: {how}"
+            self._listen()
+            self._died(group, {"node": "", "text": text, "trace": "\n".join(self._tail) if status != -9 else ""})
+            state = self._state[group]
+        if state == "restarting":
+            self._fork(group)
+            return
+        self._state[group] = "gone"
+        self._ended = time.monotonic()
+        self._after_exit()
+
+    def _after_exit(self) -> None:
+        """When the paced workers are gone the rest has nothing to follow; when all nodes are gone, the observers."""
+        left = {group for group, state in self._state.items() if state != "gone"}
+        if not left & self._leads() and self._is_real():
+            self._tell("*", do="stop")
+        if not any(self.jobs[group].nodes for group in left):
+            self._tell("*", do="stop")
+            if self._deadline is None:
+                self._deadline = time.monotonic() + 20 * STOP_PATIENCE  # a long queue may have to be written
+
+    def _leads(self) -> set[str]:
+        return {job.group for job in self.jobs.values() if job.leads}
+
+    def _is_real(self) -> bool:
+        return any(job.clock == "real" for job in self.jobs.values())
+
+    def _lost_nursery(self) -> None:
+        self.result.deaths.append(Death("all", "process", "the fork server ended", "\n".join(self._tail)))
+        self._state = dict.fromkeys(self._state, "gone")
+
+    def _interrupt(self) -> None:
+        """The first Ctrl-C stops the run in order, a second one at once."""
+        self._heeded = self._interrupts
+        if self.result.interrupted:
+            self._kill_rest()
+            return
+        self.result.interrupted = True
+        if self.phase in ("starting", "linking"):
+            self._end_after(0.0)
+        else:
+            self.phase = "ending"
+            self._tell("*", do="stop")
+            self._deadline = time.monotonic() + STOP_PATIENCE
+
+    def _check_time(self) -> None:
+        moment = time.monotonic()
+        if self.joined and moment - self._beat > BEAT:
+            self._beat = moment
+            self._tell("*", do="beat")
+        if self._quit_at is not None and moment >= self._quit_at:
+            self._quit_at = None
+            self._tell("*", do="quit")
+            if self.phase in ("starting", "linking"):
+                self._deadline = moment + 0.5
+        if self._deadline is not None and moment >= self._deadline:
+            self._kill_rest()
+            self._deadline = moment + STOP_PATIENCE
+        if self._deadline is None:
+            self._check_hung(moment)
+
+    def _check_hung(self, moment: float) -> None:
+        for group, state in self._state.items():
+            silent = moment - self._seen[group]
+            limit = START_PATIENCE if state == "starting" else self.patience
+            joining = state == "starting" and group in self.joined
+            if state in ("starting", "running") and silent > limit and not joining:
+                self.nursery.ask({"kill": group, "signal": int(signal.SIGUSR1)})  # prints where it hangs
+                time.sleep(0.05)
+                self._listen()
+                names = self.busy.get(group) or ", ".join(n.name for n in self.jobs[group].nodes)
+                where = "start" if state == "starting" else "step"
+                text = f"no sign of life for {silent:.0f} s: it hangs"
+                self._died(group, {"node": names, "where": where, "text": text, "trace": "\n".join(self._tail[-12:])})
+                self.nursery.ask({"kill": group, "signal": int(signal.SIGKILL)})
+                self._left(group)
+
+    def _kill_rest(self) -> None:
+        for group, state in self._state.items():
+            if state != "gone":
+                self.nursery.ask({"kill": group, "signal": int(signal.SIGKILL)})
+                self._state[group] = "killed" if state not in ("done", "failed") else state
+                if group not in self.pids:
+                    self._state[group] = "gone"
+
+
+def _decode(socket: zmq.Socket) -> dict:
+    return msgspec.msgpack.decode(socket.recv())

@@ -1,0 +1,122 @@
+"""The loop on the real clock: the paced node keeps the time, the others follow the arrival of their driving input.
+
+A node waits up to one period for inputs of the same tick from the force path and holds the newest message of all
+others; the header's `used` records which. A tick that could not begin within its period is left out and counted.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from palpate.launch.running.clock import now, sleep_until
+from palpate.launch.running.ended import Ended
+from palpate.launch.running.schedule import needed, next_run
+from palpate.launch.running.slot import Input, Slot
+from palpate.messages import Message
+
+if TYPE_CHECKING:
+    from palpate.launch.running.worker import Worker
+
+
+def run_real(worker: Worker, origin: int) -> None:
+    """Run until the worker's last tick or until it is stopped. `origin` [ns]: when tick 0 is."""
+    rate = worker.job.rate
+    period = round(1e9 / rate)
+    paced = next((slot for slot in worker.slots if slot.node.paced), None)
+    lead = paced or worker.slots[0]
+    while worker.last is None or worker.tick < worker.last:
+        started = _pace(worker, lead, origin, 1e9 / rate) if paced else _follow(worker, lead)
+        if started is None:
+            continue
+        tick, at = started
+        worker.tick = tick
+        deadline = now() + period
+        for slot in worker.slots:
+            if tick < slot.due or slot.name in worker.mute:
+                continue
+            messages = _gather(worker, slot, tick, deadline, slot is lead)
+            if messages is None:
+                slot.health.lost += 1
+                continue
+            slot.due = next_run(tick, slot.every)
+            driving = messages[0] if slot.driver is not None else None
+            slot.step(tick, driving.time if driving is not None else at, messages, slot.every / rate)
+            worker.send(slot)
+            slot.health.age.add(max(0, now() - origin - at))
+        worker.housekeep(tick)
+
+
+def _pace(worker: Worker, lead: Slot, origin: int, period: float) -> tuple[int, int] | None:
+    """Wait for the next tick of the clock; returns tick and time. Ticks whose whole period has passed are left out."""
+    tick = worker.tick + 1
+    late = sleep_until(origin + round(tick * period))
+    if late > period:
+        skipped = int(late // period)
+        if worker.tick >= 0:  # a worker that was started again begins where the run is
+            lead.health.late += skipped
+        tick += skipped
+    if worker.stopping:
+        raise Ended
+    _drain(worker)
+    return tick, now() - origin
+
+
+def _follow(worker: Worker, lead: Slot) -> tuple[int, int] | None:
+    """Wait for the next driving message; of several that wait, the newest counts and the others are lost."""
+    port = lead.inputs[0]
+    while port.dead or lead.name in worker.mute or not port.queue:
+        worker.receive(block=True)
+        if worker.stopping:
+            raise Ended
+    _drain(worker)
+    newest = port.queue[-1]
+    if newest.tick <= worker.tick:  # a duplicate, or out of order
+        lead.health.lost += len(port.queue)
+        port.queue.clear()
+        return None
+    lead.health.lost += len(port.queue) - 1
+    return newest.tick, newest.time
+
+
+def _drain(worker: Worker) -> None:
+    while worker.bus is not None and worker.bus.waiting():
+        worker.receive(block=False)
+
+
+def _gather(worker: Worker, slot: Slot, tick: int, deadline: int, leading: bool) -> list[Message | None] | None:
+    """The inputs of a step; None when one that it cannot do without has not come in time."""
+    messages: list[Message | None] = []
+    for port in slot.inputs:
+        drives = port is slot.driver
+        found = _pick(worker, port, tick, deadline, waits=(port.waits or drives) and not (leading and drives))
+        if found is not None and found.tick < needed(tick, port.every, port.loop):
+            if drives:
+                return None
+            slot.health.held += 1
+            if _age(port, found, tick, worker.job.rate) > max(worker.job.stale, 3 * port.every / worker.job.rate):
+                found = None
+        if found is None and not port.port.optional:
+            return None
+        messages.append(found)
+    return messages
+
+
+def _pick(worker: Worker, port: Input, tick: int, deadline: int, waits: bool) -> Message | None:
+    """The message of this tick, waited for until the deadline, or the newest one before it."""
+    if port.dead:
+        return None
+    found = port.newest(tick - 1 if port.loop else tick)
+    need = needed(tick, port.every, port.loop)
+    if not waits or port.loop or port.output is not None:
+        return found
+    while (found is None or found.tick < need) and now() < deadline:
+        worker.receive(block=True)
+        if port.dead or worker.stopping:
+            return None
+        found = port.newest(tick)
+    return found
+
+
+def _age(port: Input, found: Message, tick: int, rate: float) -> float:
+    """[s] since a held message came, or, inside a worker, since its tick."""
+    return (now() - port.arrived) * 1e-9 if port.output is None else (tick - found.tick) / rate

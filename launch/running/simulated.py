@@ -1,0 +1,69 @@
+"""The loop on the simulated clock: as fast as the machine allows, or paced.
+
+Each node waits for exactly the messages that the rules of `schedule` name, so that the answer does not depend on the
+placement. Every worker runs its nodes in the graph's order, which excludes deadlock.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from palpate.launch.running.clock import now, sleep_until
+from palpate.launch.running.ended import Ended
+from palpate.launch.running.schedule import nanoseconds, needed
+from palpate.launch.running.slot import Input, Slot
+from palpate.messages import Message
+
+if TYPE_CHECKING:
+    from palpate.launch.running.worker import Worker
+
+
+def run_simulated(worker: Worker, origin: int) -> None:
+    """Run the ticks from 0 to the worker's last. `origin` [ns]: when tick 0 is, where the run is paced."""
+    rate, pace = worker.job.rate, worker.job.pace
+    lead = next((slot for slot in worker.slots if slot.node.paced), None)
+    tick, begun = 0, now()
+    while worker.last is None or tick <= worker.last:
+        worker.tick = tick
+        if pace is not None and lead is not None:
+            sleep_until(origin + round(nanoseconds(tick, rate) / pace))
+        at = nanoseconds(tick, rate)
+        for slot in worker.slots:
+            if tick % slot.every or slot.name in worker.mute:
+                continue
+            messages: list[Message | None] = []
+            for port in slot.inputs:
+                need = -1 if port.dead else needed(tick, port.every, port.loop)
+                messages.append(None if need < 0 else port.at(need) or _await(worker, slot, port, need))
+            if slot.name not in worker.mute:
+                slot.step(tick, at, messages, slot.every / rate)
+                worker.send(slot)
+        worker.housekeep(tick)
+        if lead is not None:
+            ended = now()
+            lead.health.age.add(ended - begun)
+            begun = ended
+            if worker.stopping:
+                _agree_on_the_end(worker, tick)
+        tick += 1
+
+
+def _await(worker: Worker, slot: Slot, port: Input, need: int) -> Message | None:
+    while True:
+        worker.receive(block=True)
+        if port.dead or slot.name in worker.mute:
+            return None
+        found = port.at(need)
+        if found is not None:
+            return found
+        if worker.last is not None and worker.tick > worker.last:
+            raise Ended
+
+
+def _agree_on_the_end(worker: Worker, tick: int) -> None:
+    """Every paced worker tells where it is and waits; the launcher names the last tick, the largest of these."""
+    worker.stopping = False
+    worker.last = tick if worker.bus is None else None
+    worker.report({"kind": "paused", "tick": tick})
+    while worker.last is None:
+        worker.receive(block=True)

@@ -1,0 +1,239 @@
+"""What one worker process holds: its nodes, the ways between them and the bus, its observers, its reports.
+
+The loops over the ticks are apart, one for each clock: `simulated`, `real`; `listen` serves observers alone.
+"""
+
+from __future__ import annotations
+
+import gc
+from collections.abc import Callable
+
+from palpate.launch.loading.load import load_class
+from palpate.launch.running.bus import CONTROL, Bus, order
+from palpate.launch.running.clock import now
+from palpate.launch.running.ended import Ended
+from palpate.launch.running.job import Job, NodeJob, ObserverJob
+from palpate.launch.running.listen import listen
+from palpate.launch.running.real import run_real
+from palpate.launch.running.simulated import run_simulated
+from palpate.launch.running.slot import Input, NodeFault, ObserverSlot, Output, Slot
+from palpate.messages import Message, MessageError, pack, unpack
+from palpate.nodes.base import Node, Observer, Stream
+
+BURST = 16  # ticks between two bursts to the observers
+ORPHANED = 5_000_000_000  # [ns]
+REPORT = 200_000_000  # [ns] between two health reports
+
+
+class Worker:
+    """The nodes of one group.
+
+    job     what to run
+    bus     sockets to the other workers; None when all nodes are here
+    report  takes a report (a dict with `kind`) for the launcher
+    """
+
+    def __init__(self, job: Job, bus: Bus | None, report: Callable[[dict], None]) -> None:
+        self.job, self.bus, self.report = job, bus, report
+        self.slots = [Slot(given, self._node(given), job.external) for given in job.nodes]
+        known = {output.stream: output for slot in self.slots for output in slot.outputs}
+        for slot in self.slots:
+            slot.wire(known)
+        self.routes: dict[bytes, tuple[type[Message], list[Input]]] = {}
+        for slot in self.slots:
+            for port in slot.inputs:
+                if not port.dead and port.output is None:
+                    topic = port.stream.encode() + b"\0"
+                    self.routes.setdefault(topic, (port.kind, []))[1].append(port)
+        self.observers = [ObserverSlot(given, self._observer(given)) for given in job.observers]
+        self._names = {id(slot.node): slot.name for slot in self.slots}
+        self._names |= {id(observer.node): observer.name for observer in self.observers}
+        self.watch = False
+        self.mute: set[str] = set()
+        self.stopping = False
+        self.last = job.ticks - 1 if job.ticks is not None else None
+        self.tick = -1
+        self._reported = 0
+        self._beat = now()
+        self._burst = 0
+        self._started: list[Node] = []
+        self._heard: dict[str, Output] = known
+
+    def _observer(self, job: ObserverJob) -> Observer:
+        node = self._node(job)
+        if not isinstance(node, Observer):
+            raise NodeFault(job.name, "use", f"{job.cls} is not an observer")
+        return node
+
+    @staticmethod
+    def _node(job: NodeJob | ObserverJob) -> Node:
+        try:
+            node = load_class(job.cls)(**job.settings)
+        except Exception as error:
+            raise NodeFault(job.name, "settings", error) from error
+        if isinstance(job, NodeJob) and job.wanted is not None:
+            node.wanted = frozenset(job.wanted)
+        return node
+
+    # -- life ----------------------------------------------------------------------------------------------------
+
+    def start(self) -> None:
+        """Start all nodes. NodeFault: one raised."""
+        for slot in self.slots:
+            self.report({"kind": "starting", "node": slot.name})
+            self._started.append(slot.node)
+            slot.start()
+        for observer in self.observers:
+            self._started.append(observer.node)
+            heard = tuple(
+                Stream(stream, load_class(given.type), given.producer, given.every)
+                for stream, given in observer.streams.items()
+            )
+            try:
+                observer.node.listen(heard, self.job.about)
+                observer.node.start()
+            except Exception as error:
+                raise NodeFault(observer.name, "start", error) from error
+            for stream in observer.streams:
+                if stream in self._heard:
+                    self._heard[stream].listeners.append(observer)
+
+    def stop(self) -> None:
+        """Stop all nodes that were started, the last one first. The first fault is raised when all have stopped."""
+        fault = None
+        while self._started:
+            node = self._started.pop()
+            try:
+                node.stop()
+            except Exception as error:
+                fault = fault or NodeFault(self._names[id(node)], "stop", error)
+        if fault:
+            raise fault
+
+    def run(self, origin: int) -> None:
+        """Run all ticks. `origin` [ns] is the time of tick 0 on the machine's monotonic clock.
+
+        NodeFault: a node failed.
+        """
+        self._mark_heard()
+        gc.collect()
+        gc.freeze()
+        if self.job.clock == "real":
+            gc.disable()
+        try:
+            if not self.slots:
+                listen(self)
+            elif self.job.clock == "real":
+                run_real(self, origin)
+            else:
+                run_simulated(self, origin)
+        except Ended:
+            pass
+        finally:
+            gc.enable()
+            self._flush()
+            self._report_health()
+
+    # -- messages ------------------------------------------------------------------------------------------------
+
+    def send(self, slot: Slot) -> None:
+        for output in slot.outputs:
+            if not (output.external or output.observed or output.listeners):
+                continue
+            message = output.last
+            assert message is not None
+            payload = pack(message)
+            for observer in output.listeners:
+                observer.observe(output.stream, message.tick, payload)
+            if self.bus is not None and (output.external or output.observed):
+                data = output.topic + payload
+                if output.external:
+                    self.bus.force.send(data)
+                if output.observed:
+                    self.bus.keep(data)
+
+    def receive(self, block: bool) -> None:
+        """Take one frame from the inbox and hand it to its ports; control frames act at once."""
+        data = self.take(block)
+        if not data:
+            return
+        topic, zero, payload = data.partition(b"\0")
+        route = self.routes.get(topic + zero)
+        if route is None:
+            return
+        try:
+            message = unpack(payload, route[0])
+        except MessageError as error:
+            self.report({"kind": "rubbish", "stream": topic.decode(errors="replace"), "text": str(error)})
+            return
+        arrived = now() if self.job.clock == "real" else 0
+        for port in route[1]:
+            port.put(message, arrived)
+
+    def _look_for_launcher(self) -> None:
+        """A worker that was started by hand ends when nothing is heard of the launcher any more."""
+        if self.watch and now() - self._beat > ORPHANED:
+            raise NodeFault("", "launcher", "nothing was heard of it for 5 s")
+
+    def take(self, block: bool) -> bytes | None:
+        """The next frame; None when none came in time, an empty one after a control frame."""
+        assert self.bus is not None
+        data = self.bus.receive(block)
+        if data is None:
+            if now() - self._reported > REPORT:
+                self._flush()
+                self._report_health()
+            return None
+        if data[:1] == CONTROL:
+            self._control(order(data))
+            return b""
+        return data
+
+    def _control(self, given: dict) -> None:
+        self._beat = now()
+        match given["do"]:
+            case "stop":
+                self.stopping = True
+            case "end":
+                self.last = given["tick"]
+            case "dead" | "alive":
+                self._bury(set(given["nodes"]), set(given["mute"]), given["do"] == "dead")
+            case "quit" if self.slots:  # observers go on until they are told that all senders are gone
+                raise Ended
+
+    def _bury(self, nodes: set[str], mute: set[str], dead: bool) -> None:
+        """These nodes are gone, or back again: their streams end. Nodes that cannot do without them fall silent."""
+        self.mute = self.mute | mute if dead else self.mute - mute
+        for slot in self.slots:
+            for port in slot.inputs:
+                if port.producer in nodes | mute:
+                    port.dead = dead
+                    port.queue.clear()
+                    port.message = None
+
+    # -- housekeeping --------------------------------------------------------------------------------------------
+
+    def housekeep(self, tick: int) -> None:
+        self._burst += 1
+        if self._burst < BURST:
+            return
+        self._burst = 0
+        self._flush()
+        if now() - self._reported > REPORT:
+            self._report_health()
+
+    def _flush(self) -> None:
+        if self.bus is not None and self.bus.flush():
+            self._mark_heard()
+
+    def _mark_heard(self) -> None:
+        if self.bus is not None:
+            for output in self._heard.values():
+                output.observed = self.bus.heard(output.topic)
+
+    def _report_health(self) -> None:
+        self._reported = now()
+        self._look_for_launcher()
+        nodes = {slot.name: {**slot.health.report(), "forces": slot.forces()} for slot in self.slots}
+        nodes |= {observer.name: observer.health.report() for observer in self.observers}
+        self.report({"kind": "health", "tick": self.tick, "nodes": nodes})

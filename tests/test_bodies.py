@@ -1,0 +1,144 @@
+"""One contract for every deformable body: a body can stand in for any other in a graph.
+
+Every class that `palpate.nodes.deformation` exports is found and tried with its default settings on a small plane.
+"""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pytest import approx
+
+from palpate.launch.testing import FakeBus
+from palpate.messages import Load, Proximity, Surface
+from palpate.nodes import deformation
+from palpate.nodes.base import inputs, outputs
+from palpate.nodes.base import settings as settings_of
+from palpate.nodes.contact import Series
+from palpate.nodes.spread import Kernel
+
+BODIES = [getattr(deformation, name) for name in deformation.__all__]
+PLANE = {"surface": "plane", "vertices": 900, "position": (0.0, 0.0, 0.0)}
+UP = (0.0, 0.0, 1.0)
+every_body = pytest.mark.parametrize("kind", BODIES, ids=lambda k: k.__name__)
+
+
+def make(kind):
+    return kind(**{k: v for k, v in PLANE.items() if k in settings_of(kind)})
+
+
+class Loop:
+    """Contact, spreading and one body, step by step; the body of the last step answers the contact of the next."""
+
+    def __init__(self, kind):
+        self.contact, self.spread, self.body = Series(), Kernel(**PLANE), make(kind)
+        for node in (self.contact, self.spread, self.body):
+            node.start()
+        self.surface = self.body.step(nothing(), dt=1e-3)
+
+    def press(self, approach, dt=1e-3):
+        proximity = Proximity(
+            foot=(0, 0, 0), normal=UP, coordinates=(0, 0), element=0, gap=0, approach=approach, slip=(0, 0, 0)
+        )
+        contact = self.contact.step(proximity, self.surface, dt=dt)
+        self.surface = self.body.step(self.spread.step(contact, None), dt=dt)
+        return contact
+
+
+def nothing():
+    return Load(nodes=[], forces=np.zeros((0, 3)), foot=(0, 0, 0), normal=UP)
+
+
+def check_law(surface):
+    numbers = (surface.stiffness, surface.exponent, surface.damping, surface.free, surface.previous)
+    assert all(map(math.isfinite, numbers))
+    assert surface.stiffness > 0 and 1 <= surface.exponent <= 3 and surface.damping >= 0
+    assert np.isfinite(surface.displacement).all()
+    assert (surface.nodes >= 0).all()
+
+
+@every_body
+def test_it_takes_a_load_and_sends_a_surface(kind):
+    assert inputs(kind)[0].type is Load and outputs(kind) == (Surface,)
+    (surface,) = FakeBus(make(kind)).publish(nothing())
+    check_law(surface)
+
+
+@every_body
+def test_without_load_nothing_moves(kind):
+    for surface in FakeBus(make(kind)).publish(*[nothing()] * 5):
+        assert np.abs(surface.displacement).max(initial=0.0) == 0.0
+        assert surface.free == approx(0.0, abs=1e-12) and surface.previous == approx(0.0, abs=1e-12)
+
+
+@every_body
+def test_pressing_holding_and_releasing_stays_finite_and_dissipates(kind):
+    loop = Loop(kind)
+    t = np.arange(1, 501) * 1e-3
+    path = np.interp(t, [0, 0.1, 0.3, 0.4], [0, 6e-3, 6e-3, 0])
+    forces = []
+    for e in path:
+        answer = loop.press(float(e))
+        forces.append(answer.force)
+        assert math.isfinite(answer.force) and answer.force >= 0
+        assert answer.compression >= 0
+        check_law(loop.surface)
+    forces = np.array(forces)
+    assert forces.max() > 0.1 and (forces[400:] == 0).all()
+    assert forces @ np.diff(path, prepend=0.0) > 0
+    assert forces[299] <= forces[99] * (1 + 1e-9)
+
+
+@every_body
+def test_the_surface_goes_in_under_the_finger_and_comes_back(kind):
+    loop = Loop(kind)
+    for _ in range(200):
+        loop.press(6e-3)
+    pressed = loop.surface
+    if pressed.nodes.size:
+        assert pressed.displacement[:, 2].min() < -1e-4
+    for _ in range(400):
+        loop.press(0.0, dt=0.05)
+    assert np.abs(loop.surface.displacement).max(initial=0.0) < 1e-4
+    assert abs(loop.surface.free) < 1e-4
+
+
+@every_body
+@settings(max_examples=10, deadline=None)
+@given(st.lists(st.tuples(st.floats(0, 10e-3), st.floats(-6, -1)), min_size=1, max_size=15))
+def test_random_jumps_and_steps_stay_finite(kind, path):
+    loop = Loop(kind)
+    for e, exponent in path:
+        answer = loop.press(e, dt=10.0**exponent)
+        assert math.isfinite(answer.force) and answer.force >= 0
+        check_law(loop.surface)
+
+
+@every_body
+@pytest.mark.parametrize("dt", [1e-6, 1e-4, 1e-3, 1e-2, 0.1])
+def test_a_closed_cycle_never_gives_energy_whatever_the_step(kind, dt):
+    loop = Loop(kind)
+    path = np.concatenate([np.linspace(0, 5e-3, 20)[1:], np.linspace(5e-3, 0, 20)[1:], np.zeros(3)])
+    forces = np.array([loop.press(float(e), dt).force for e in path])
+    assert forces @ np.diff(path, prepend=0.0) >= -1e-12
+    assert (forces[-3:] == 0).all()
+
+
+@every_body
+def test_a_duplicate_message_changes_nothing(kind):
+    bus = FakeBus(make(kind))
+    on = Load(nodes=[3, 4], forces=[[0, 0, -0.5], [0, 0, -0.5]], foot=(0, 0, 0), normal=UP)
+    bus.twice()
+    first, second = bus.publish(on)
+    assert first.previous == second.previous and (first.displacement == second.displacement).all()
+
+
+@every_body
+def test_starting_again_is_a_reset(kind):
+    node = make(kind)
+    on = Load(nodes=[3, 4], forces=[[0, 0, -0.5], [0, 0, -0.5]], foot=(0, 0, 0), normal=UP)
+    (first,) = FakeBus(node).publish(on)
+    (again,) = FakeBus(node).publish(on)
+    assert first.previous == again.previous and (first.displacement == again.displacement).all()

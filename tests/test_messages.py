@@ -1,0 +1,179 @@
+"""The contract of every message type that ships: words and annotations agree, the wire form is plain msgpack."""
+
+import math
+
+import msgpack
+import msgspec
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from palpate.messages import Message, MessageError, check_finite, fields, pack, unpack
+from palpate.messages.docs import documented, message_types
+
+KINDS = list(message_types().values())
+ids = [kind.__name__ for kind in KINDS]
+
+
+ODD_TYPES = ["<f8", "<i4", "O", "(2,)f8", "f8,f8", "M8", "V0", "U0"]
+
+
+def value_of(field, lengths, draw):
+    """A value that fits a field; lengths of arrays agree where their letters do."""
+    shape = tuple(lengths[n] if isinstance(n, str) else n for n in field.shape)
+    number = st.floats(allow_nan=False, allow_infinity=False)
+    count = math.prod(shape)
+    if field.dtype is not None:
+        one = st.integers(-(2**31), 2**31 - 1) if field.dtype.kind == "i" else number
+        return np.array(draw(st.lists(one, min_size=count, max_size=count)), dtype=field.dtype).reshape(shape)
+    if shape:
+        whole = "int" in str(field.type)
+        one = st.integers(-(2**63), 2**63 - 1) if whole else number
+        return tuple(draw(st.lists(one, min_size=count, max_size=count)))
+    kinds = {bool: st.booleans(), int: st.integers(-(2**63), 2**63 - 1), str: st.text(max_size=8), float: number}
+    return draw(kinds[field.type])
+
+
+@st.composite
+def messages(draw, kind):
+    letters = {n for field in fields(kind) for n in field.shape if isinstance(n, str)}
+    lengths = {n: draw(st.integers(0, 5)) for n in sorted(letters)}
+    values = {field.name: value_of(field, lengths, draw) for field in fields(kind)}
+    header = {
+        "tick": draw(st.integers(-1, 2**60)),
+        "time": draw(st.integers(-1, 2**62)),
+        "source": draw(st.text(max_size=10)),
+        "used": tuple(draw(st.lists(st.integers(-1, 2**60), max_size=4))),
+    }
+    return kind(**values, **header)
+
+
+def same(a, b):
+    for name in a.__struct_fields__:
+        one, two = getattr(a, name), getattr(b, name)
+        if isinstance(one, np.ndarray):
+            assert one.dtype == two.dtype and one.shape == two.shape and one.tobytes() == two.tobytes(), name
+        else:
+            assert one == two and type(one) is type(two), name
+
+
+def test_there_are_messages():
+    assert {"Contact", "Surface", "Force"} <= set(ids)
+
+
+@pytest.mark.parametrize("kind", KINDS, ids=ids)
+def test_the_docstring_says_what_the_annotations_say(kind):
+    declared = [(f.name, f.unit, f.shape) for f in fields(kind)]
+    described = {d.name: (d.name, d.unit, d.shape) for d in documented(kind)}
+    for field in declared:
+        assert described.pop(field[0], None) == field
+    assert not described, "the docstring describes a field that there is not"
+    assert (kind.__doc__ or "").strip()[0].isupper()
+
+
+def test_the_header_is_described():
+    assert [d.name for d in documented(Message)] == ["tick", "time", "source", "used"]
+
+
+@pytest.mark.parametrize("kind", KINDS, ids=ids)
+@settings(max_examples=25, deadline=None)
+@given(data=st.data())
+def test_what_is_sent_arrives(kind, data):
+    message = data.draw(messages(kind))
+    wire = pack(message)
+    same(unpack(wire, kind), message)
+    assert pack(unpack(wire, kind)) == wire
+    check_finite(message)
+
+
+@pytest.mark.parametrize("kind", KINDS, ids=ids)
+@settings(max_examples=10, deadline=None)
+@given(data=st.data())
+def test_any_msgpack_reader_can_read_it(kind, data):
+    message = data.draw(messages(kind))
+    plain = msgpack.unpackb(pack(message))
+    assert (plain["tick"], plain["source"], tuple(plain["used"])) == (message.tick, message.source, message.used)
+    for field in fields(kind):
+        sent, read = getattr(message, field.name), plain[field.name]
+        if field.dtype is not None:
+            array = np.frombuffer(read["data"], dtype=read["dtype"]).reshape(read["shape"])
+            assert array.tobytes() == sent.tobytes() and array.shape == sent.shape
+        else:
+            assert (tuple(read) if isinstance(read, list) else read) == sent
+
+
+@pytest.mark.parametrize("kind", KINDS, ids=ids)
+@settings(max_examples=60, deadline=None)
+@given(data=st.data())
+def test_rubbish_is_refused_or_read_but_never_breaks(kind, data):
+    rubbish = data.draw(st.one_of(st.binary(max_size=80), st.builds(msgpack.packb, nested())))
+    try:
+        unpack(rubbish, kind)
+    except MessageError as error:
+        assert kind.__name__ in str(error)
+
+
+@pytest.mark.parametrize("kind", KINDS, ids=ids)
+@settings(max_examples=60, deadline=None)
+@given(data=st.data())
+def test_a_damaged_message_is_refused_or_read_but_never_breaks(kind, data):
+    """A true message with one field replaced, or cut, or with a flipped byte."""
+    message = data.draw(messages(kind))
+    plain = msgpack.unpackb(pack(message))
+    name = data.draw(st.sampled_from(sorted(plain)))
+    odd = st.fixed_dictionaries(
+        {"dtype": st.one_of(st.text(max_size=6), st.sampled_from(ODD_TYPES)),
+         "shape": st.lists(st.integers(-3, 2**40), max_size=3), "data": st.binary(max_size=24)}
+    )  # fmt: skip
+    plain[name] = data.draw(st.one_of(nested(), odd))
+    whole = bytearray(msgpack.packb(plain))
+    cut = data.draw(st.integers(0, len(whole)))
+    flipped = bytearray(pack(message))
+    flipped[data.draw(st.integers(0, len(flipped) - 1))] ^= data.draw(st.integers(1, 255))
+    for wire in (whole, whole[:cut], flipped):
+        try:
+            unpack(bytes(wire), kind)
+        except MessageError as error:
+            assert kind.__name__ in str(error)
+
+
+def nested():
+    leaf = st.one_of(st.none(), st.booleans(), st.integers(-(2**63), 2**64 - 1), st.floats(), st.text(max_size=5),
+                     st.binary(max_size=9))  # fmt: skip
+    return st.recursive(leaf, lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=6), inner))
+
+
+@pytest.mark.parametrize("kind", KINDS, ids=ids)
+@settings(max_examples=10, deadline=None)
+@given(data=st.data(), bad=st.sampled_from([math.nan, math.inf, -math.inf]))
+def test_a_number_that_is_not_finite_is_told_by_field(kind, data, bad):
+    message = data.draw(messages(kind))
+    for field in fields(kind):
+        value = getattr(message, field.name)
+        if field.type is float:
+            wrong = bad
+        elif isinstance(value, tuple) and value and isinstance(value[0], float):
+            wrong = (*value[:-1], bad)
+        elif field.dtype is not None and field.dtype.kind == "f" and value.size:
+            wrong = value.copy()
+            wrong.flat[-1] = bad
+        else:
+            continue
+        with pytest.raises(MessageError, match=rf"{kind.__name__}\.{field.name} "):
+            check_finite(msgspec.structs.replace(message, **{field.name: wrong}))
+
+
+@pytest.mark.parametrize("kind", KINDS, ids=ids)
+def test_the_largest_numbers_are_finite(kind):
+    """Their sum is not; the check must neither refuse them nor warn."""
+    most = np.finfo(float).max
+
+    def value(field):
+        shape = tuple(3 if isinstance(n, str) else n for n in field.shape)
+        if field.dtype is not None:
+            return np.full(shape, most if field.dtype.kind == "f" else 0, dtype=field.dtype)
+        one = {bool: False, int: 0, str: ""}.get(field.type, most)
+        return (0 if "int" in str(field.type) else most,) * shape[0] if shape else one
+
+    check_finite(kind(**{field.name: value(field) for field in fields(kind)}))
