@@ -71,7 +71,7 @@ def hertz(poisson: float, near: int, growth: float, ratio: float) -> dict[str, o
     a = np.sqrt(radius * depth)
     h = 1.25 * a / near
     x = [h * i for i in range(near + 1)]
-    while x[-1] < 100 * a:
+    while x[-1] < 400 * a:
         h *= growth
         x.append(x[-1] + h)
     points, cells = grid(np.array(x), np.array(x), -np.array(x[::-1]))
@@ -187,7 +187,7 @@ def main() -> None:
     if given.only in (None, "block"):
         tables["block"] = block(given.cells, not given.no_peers)
     if given.only in (None, "hertz"):
-        tables["hertz"] = [hertz(0.3, 5, 2.0, 4e-4), hertz(0.45, 5, 2.0, 4e-4), hertz(0.45, 5, 2.0, 1e-2)]
+        tables["hertz"] = [hertz(0.3, 4, 2.2, 1e-4), hertz(0.45, 4, 2.2, 1e-4), hertz(0.3, 4, 2.2, 1e-2)]
     if given.only in (None, "reduced"):
         tables["reduced"] = reduced(given.touches)
     if given.json:

@@ -28,8 +28,9 @@ from palpate.physics.tactile import equivalent_strain, isostrain_volume, logarit
 BONE, SUBCUTIS, DERMIS, EPIDERMIS, NAIL, PLATE = range(6)
 REGIONS = ("bone", "subcutis", "dermis", "epidermis", "nail", "plate")
 
-CALIBRATED = 16.0
-"""Common divisor of the finger's moduli that meets the two steel points of the paper's Table III."""
+CALIBRATED = 36.4
+"""Common divisor of the finger's moduli: the best fit to the two steel points of the paper's Table III, see
+`fit_divisor` and docs/equations/finite-elements.md."""
 
 PENETRATION = 2e-6
 """[m] that the contact may leave."""

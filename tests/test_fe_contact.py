@@ -104,7 +104,7 @@ def hertz(poisson, near, growth, ratio=1e-3, law=linear):
     a = np.sqrt(radius * depth)
     h = 1.25 * a / near
     x = [h * i for i in range(near + 1)]
-    while x[-1] < 100 * a:
+    while x[-1] < 400 * a:
         h *= growth
         x.append(x[-1] + h)
     points, found = grid(np.array(x), np.array(x), -np.array(x[::-1]))
@@ -122,12 +122,12 @@ def hertz(poisson, near, growth, ratio=1e-3, law=linear):
 
 
 def test_hertz_on_a_coarse_mesh():
-    force, _ = hertz(0.45, 3, 2.6)
+    force, _ = hertz(0.45, 3, 3.0)
     assert force == approx(1.0, abs=0.04)
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("poisson", [0.3, 0.45])
 def test_hertz_within_one_per_cent(poisson):
-    force, area = hertz(poisson, 5, 2.0, 4e-4)  # theory holds to the order of (contact radius)/(sphere radius)
+    force, area = hertz(poisson, 4, 2.2, 1e-4)  # theory holds to the order of (contact radius)/(sphere radius)
     assert force == approx(1.0, abs=0.01) and area == approx(1.0, abs=0.1)
