@@ -172,6 +172,8 @@ def test_surfaces_that_hold_no_volume_are_refused_with_a_place():
         fill(Mesh(mesh.vertices, mesh.triangles[1:]))
     with pytest.raises(MeshError, match="does not face away"):
         fill(Mesh(mesh.vertices, mesh.triangles[:, ::-1]))
+    with pytest.raises(MeshError, match="is its unit right"):
+        Organ(Mesh(1e3 * mesh.vertices, mesh.triangles))
     with pytest.raises(MeshError, match="expected a positive"):
         Organ(mesh, bed=0.0)
 
