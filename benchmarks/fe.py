@@ -25,6 +25,8 @@ from palpate.fe import Rigid, Settings, Solver, TetMesh, box, linear, neo_hooke,
 from palpate.fe.mesh import bricks, grid
 
 YOUNG, POISSON, SQUEEZE = 1e4, 0.3, 0.3
+FORCES = (0.1, 0.25, 0.5, 1.0)
+"""[N] of the touches of the reduced body."""
 
 
 def block(cells: int, peers: bool) -> list[dict[str, object]]:
@@ -119,7 +121,7 @@ def reduced(touches: int) -> list[dict[str, object]]:
         np.add.at(coarse, body.corners[nodes], body.weights[nodes][:, :, None] * unit[:, None])
         weight = np.linalg.norm(unit, axis=1)
         full = organ.full(node.young, lambda load, coarse=coarse: load * (hats @ coarse))
-        for force in (0.1, 0.5, 1.0, 2.0):
+        for force in FORCES:
             begun = time.perf_counter()
             full.advance(force)
             long = time.perf_counter() - begun
@@ -133,7 +135,7 @@ def reduced(touches: int) -> list[dict[str, object]]:
             rows.append({"force": force, "full mm": 1e3 * depth, "error": found / depth - 1.0, "full seconds": long})
     times = step_times(node, nodes, unit, foot, tuple(n))
     table = []
-    for force in (0.1, 0.5, 1.0, 2.0):
+    for force in FORCES:
         own_rows = [r for r in rows if r["force"] == force]
         table.append(
             {

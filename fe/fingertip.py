@@ -312,6 +312,10 @@ class Record:
         first, second = (float(np.interp(force, self.force, x)) for x in (self.indentation, self.area))
         return first, second, volumes
 
+    def at_depth(self, indentation: float) -> float:
+        """Force [N] at an indentation [m], between the rows."""
+        return float(np.interp(indentation, self.indentation, self.force))
+
     def softened(self, divisor: float) -> Record:
         """The same pressing on a rigid plate with all moduli divided: the same motion, the forces divided."""
         return replace(self, force=self.force / divisor)
