@@ -10,6 +10,7 @@ from palpate.launch.commands.check import check
 from palpate.launch.commands.common import Verbs
 from palpate.launch.commands.doctor import doctor
 from palpate.launch.commands.fe import fe
+from palpate.launch.commands.fit import fit
 from palpate.launch.commands.join import join
 from palpate.launch.commands.messages import messages
 from palpate.launch.commands.new import new
@@ -51,6 +52,7 @@ app.command()(nodes)
 app.command()(messages)
 app.command()(doctor)
 app.command()(reduce)
+app.command()(fit)
 app.command()(join)
 app.add_typer(new, name="new")
 app.add_typer(fe, name="fe")

@@ -16,8 +16,10 @@ from palpate.messages.base import (
 from palpate.messages.checks import check_finite
 from palpate.messages.contact import Contact, Friction, Load, Proximity
 from palpate.messages.device import DeviceState, Force, Pose, Torque
+from palpate.messages.display import Pins
 from palpate.messages.tactile import Tactile
 from palpate.messages.tissue import Surface
+from palpate.messages.uncertainty import ForceBand
 
 __all__ = [
     "Contact",
@@ -25,11 +27,13 @@ __all__ = [
     "Field",
     "Floats",
     "Force",
+    "ForceBand",
     "Friction",
     "Ints",
     "Load",
     "Message",
     "MessageError",
+    "Pins",
     "Pose",
     "Proximity",
     "Surface",
