@@ -14,7 +14,8 @@ import json
 import sys
 from pathlib import Path
 
-from palpate.fe.fingertip import CALIBRATED, PAPER, Record, fit_divisor, read_record
+from palpate.fe.fingertip import CALIBRATED, PAPER
+from palpate.fe.record import Record, fit_divisor, read_record
 from palpate.physics.tactile import growth
 
 LOW, HIGH = 0.11, 0.50

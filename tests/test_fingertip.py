@@ -7,8 +7,9 @@ import pytest
 from pytest import approx
 
 from palpate.fe.elements import POINTS, gradients
-from palpate.fe.fingertip import BONE, DERMIS, EPIDERMIS, LEVELS, SUBCUTIS, Fingertip, Pressing, materials, record
+from palpate.fe.fingertip import BONE, DERMIS, EPIDERMIS, SUBCUTIS, Fingertip, Pressing, materials
 from palpate.fe.mesh import MeshError
+from palpate.fe.record import LEVELS, record
 from palpate.fe.vtk import write_vtu
 from palpate.launch.testing import FakeBus
 from palpate.messages import Contact, Friction

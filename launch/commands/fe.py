@@ -10,7 +10,7 @@ import typer
 from palpate.launch.commands.common import Json, Verbs, console, tell
 
 if TYPE_CHECKING:
-    from palpate.fe.fingertip import Record
+    from palpate.fe.record import Record
 
 fe = typer.Typer(cls=Verbs, no_args_is_help=True, help="Run the full finite-element models.")
 
@@ -37,7 +37,8 @@ def fingertip(
     """Press the layered fingertip on a plate: force, contact area and isostrain volumes; fields as VTK."""
     from rich.progress import Progress, TextColumn
 
-    from palpate.fe.fingertip import CALIBRATED, Fingertip, Pressing, record
+    from palpate.fe.fingertip import CALIBRATED, Fingertip, Pressing
+    from palpate.fe.record import record
     from palpate.fe.vtk import write_vtu
     from palpate.nodes.base import SettingError
 
@@ -77,7 +78,8 @@ def table(
     """Write the table that tactile.Flow reads: area and isostrain volumes against force for both plates."""
     import numpy as np
 
-    from palpate.fe.fingertip import CALIBRATED, LEVELS, read_record
+    from palpate.fe.fingertip import CALIBRATED
+    from palpate.fe.record import LEVELS, read_record
 
     found = {"steel": read_record(steel).softened(CALIBRATED), "silicone": read_record(silicone)}
     data = {"levels": LEVELS}
