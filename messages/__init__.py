@@ -17,6 +17,7 @@ from palpate.messages.checks import check_finite
 from palpate.messages.contact import Contact, Friction, Load, Proximity
 from palpate.messages.device import DeviceState, Force, Pose, Torque
 from palpate.messages.display import Pins
+from palpate.messages.slip import Slip
 from palpate.messages.tactile import Tactile
 from palpate.messages.tissue import Surface
 from palpate.messages.uncertainty import ForceBand
@@ -36,6 +37,7 @@ __all__ = [
     "Pins",
     "Pose",
     "Proximity",
+    "Slip",
     "Surface",
     "Tactile",
     "Torque",

@@ -17,12 +17,14 @@ import palpate.physics
 
 PACKAGES = (palpate.physics, palpate.fe, palpate.messages, palpate.nodes, palpate.launch)
 FOLDERS = {package.__name__.rpartition(".")[2]: Path(next(iter(package.__path__))) for package in PACKAGES}
+FOLDERS["scan"] = FOLDERS["physics"].parent / "scan"  # imports libraries of its extra, so it is not imported here
 OURS = {
     "physics": {"physics"},
     "fe": {"fe", "physics"},
     "messages": {"messages"},
     "nodes": {"nodes", "messages", "physics"},
-    "launch": {"launch", "nodes", "messages", "graphs", "fe", "physics"},
+    "scan": {"scan", "physics"},
+    "launch": {"launch", "nodes", "messages", "graphs", "scan", "fe", "physics"},
 }
 THEIRS = {"physics": {"numpy", "scipy", "numba"}, "fe": {"numpy", "scipy", "numba"}, "messages": {"numpy", "msgspec"}}
 FILES = [(name, file) for name, folder in FOLDERS.items() for file in sorted(folder.rglob("*.py"))]

@@ -42,15 +42,16 @@ def streams(path: Path) -> dict[str, list[bytes]]:
 
 
 def processes() -> set[str]:
-    """Processes of runs of this test session, as the kernel lists them."""
+    """Fork servers that this process has started and workers that lost theirs, as the kernel lists them."""
     found = set()
     for entry in Path("/proc").iterdir():
         if entry.name.isdigit():
             try:
                 line = (entry / "cmdline").read_bytes().replace(b"\0", b" ").decode(errors="replace")
+                parent = (entry / "stat").read_text().rpartition(")")[2].split()[1]
             except OSError:
                 continue
-            if "palpate.launch.running.nursery" in line:
+            if "palpate.launch.running.nursery" in line and parent in ("1", str(os.getpid())):
                 found.add(entry.name)
     return found
 
