@@ -48,7 +48,7 @@ class ReducedFE(OnSurface):
     """About how many vertices the condensed surface has."""
     radius: Annotated[float, "m", msgspec.Meta(gt=0)] = 8e-3
     """Of the patch that the terminal law is taken over before the first load."""
-    reach: Annotated[float, "m", msgspec.Meta(gt=0)] = 30e-3
+    reach: Annotated[float, "m", msgspec.Meta(gt=0)] = 20e-3
     """From the foot point within which displacements are sent."""
 
     def start(self) -> None:
