@@ -9,6 +9,7 @@ import typer
 from palpate.launch.commands.check import check
 from palpate.launch.commands.common import Verbs
 from palpate.launch.commands.doctor import doctor
+from palpate.launch.commands.fe import fe
 from palpate.launch.commands.fingertip import fingertip
 from palpate.launch.commands.fit import fit
 from palpate.launch.commands.join import join
@@ -17,6 +18,7 @@ from palpate.launch.commands.new import new
 from palpate.launch.commands.nodes import nodes
 from palpate.launch.commands.pictures import pictures
 from palpate.launch.commands.plan import PlanCommand, plan
+from palpate.launch.commands.reduce import reduce
 from palpate.launch.commands.run import run
 
 app = typer.Typer(
@@ -52,10 +54,12 @@ app.command()(nodes)
 app.command()(messages)
 app.command()(pictures)
 app.command()(doctor)
+app.command()(reduce)
 app.command()(fit)
 app.command()(join)
 app.command()(fingertip)
 app.add_typer(new, name="new")
+app.add_typer(fe, name="fe")
 
 
 def main() -> None:

@@ -18,6 +18,7 @@ from palpate.messages.contact import Contact, Friction, Load, Proximity
 from palpate.messages.device import DeviceState, Force, Pose, Torque
 from palpate.messages.display import Pins
 from palpate.messages.slip import Slip
+from palpate.messages.tactile import Tactile
 from palpate.messages.tissue import Surface
 from palpate.messages.uncertainty import ForceBand
 
@@ -38,6 +39,7 @@ __all__ = [
     "Proximity",
     "Slip",
     "Surface",
+    "Tactile",
     "Torque",
     "Vector",
     "Vector2",
