@@ -87,4 +87,4 @@ def test_the_extras_are_those_of_the_installation():
             declared.setdefault(extra.strip("\"'"), set()).add(name)
     for extra, packages in palpate.launch.loading.extras.EXTRAS.items():
         assert set(packages) == declared[extra]
-    assert set(declared) == {*palpate.launch.loading.extras.EXTRAS, "dev"}
+    assert set(declared) == {*palpate.launch.loading.extras.EXTRAS, "all", "dev"}
