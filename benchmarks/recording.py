@@ -1,4 +1,4 @@
-"""What recording and replaying cost: rate of the kidney graph with and without recording, bytes a second, speed of replay
+"""What recording and replaying cost: rate of the kidney graph with and without, bytes a second, speed of replay
 and of the check, and the memory of a replay of a long file beside that of a short one.
 
     python benchmarks/recording.py [--minutes M] [--seconds S] [--json]

@@ -16,8 +16,12 @@ from palpate.messages.base import (
 from palpate.messages.checks import check_finite
 from palpate.messages.contact import Contact, Friction, Load, Proximity
 from palpate.messages.device import DeviceState, Force, Pose, Torque
+from palpate.messages.display import Pins
 from palpate.messages.health import Health
+from palpate.messages.slip import Slip
+from palpate.messages.tactile import Tactile
 from palpate.messages.tissue import Surface
+from palpate.messages.uncertainty import ForceBand
 
 __all__ = [
     "Contact",
@@ -25,15 +29,19 @@ __all__ = [
     "Field",
     "Floats",
     "Force",
+    "ForceBand",
     "Friction",
     "Health",
     "Ints",
     "Load",
     "Message",
     "MessageError",
+    "Pins",
     "Pose",
     "Proximity",
+    "Slip",
     "Surface",
+    "Tactile",
     "Torque",
     "Vector",
     "Vector2",

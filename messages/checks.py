@@ -39,12 +39,17 @@ def check_finite(message: Any) -> None:
 
     MessageError: names the field, the place in it and the value.
     """
-    kind = type(message)
+    if not finite_check(type(message))(message):
+        _tell_infinite(message)
+
+
+def finite_check(kind: type) -> Callable[[Any], bool]:
+    """The quick check of a message type: true where all numbers are finite and, for numbers near the largest ones,
+    in rare cases false; `check_finite` then tells."""
     known = _FINITE.get(kind)
     if known is None:
         known = _FINITE[kind] = _write_finite(kind)
-    if not known(message):
-        _tell_infinite(message)
+    return known
 
 
 def _write_settle(kind: type) -> Callable[[Any], None]:

@@ -26,6 +26,7 @@ class Surface(Message):
     damping       [s/m]   ()     c
     free          [m]     ()     indentation of the next step at zero force
     previous      [m]     ()     indentation at the end of this step
+    clamped       [1]     ()     elements held at the limit of their law, where the model has one; 0 where all is well
     """
 
     nodes: Annotated[Ints, "1", ("k",)]
@@ -37,3 +38,4 @@ class Surface(Message):
     previous: Annotated[float, "m"]
     pressure: Annotated[Floats, "Pa", ("p",)] = NO_FLOATS
     slipped: Annotated[Ints, "1", ("q",)] = NO_INTS
+    clamped: Annotated[int, "1"] = 0

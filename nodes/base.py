@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar
 
 import msgspec
+import numpy as np
 
 from palpate.messages import Health, Message
 
@@ -149,6 +150,8 @@ def settings(kind: type[Node]) -> dict[str, Setting]:
 
 
 def convert(setting: Setting, value: Any) -> Any:
+    if isinstance(value, np.ndarray | np.generic):  # from a notebook
+        value = value.tolist()
     try:
         return msgspec.convert(value, setting.type)
     except msgspec.ValidationError as error:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import msgspec
 
@@ -11,7 +11,18 @@ from palpate.nodes.base import Node, Wants
 from palpate.physics.contact import Law, exponential, hertz_exponential, power, series_step
 from palpate.physics.terminal import free_recovery
 
+__all__ = ["Probabilistic", "Series"]  # noqa: F822  (Probabilistic comes by __getattr__)
+
 Positive = msgspec.Meta(gt=0)
+
+
+def __getattr__(name: str) -> Any:
+    """`contact.Probabilistic`, brought in when it is asked for: the force path does not need what it imports."""
+    if name == "Probabilistic":
+        from palpate.nodes.probabilistic import Probabilistic
+
+        return Probabilistic
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
 class Series(Node):

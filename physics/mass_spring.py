@@ -38,6 +38,18 @@ def normal_force(forces, normal):
 
 
 @njit(cache=True, error_model="numpy")
+def mean_hardness(nodes, forces, normal, hardness):
+    """Mean of the factor on K over a load, weighted by the normal forces; 1 without load."""
+    total = weighted = 0.0
+    for i in range(nodes.size):
+        if 0 <= nodes[i] < hardness.size:
+            push = max(-(forces[i, 0] * normal[0] + forces[i, 1] * normal[1] + forces[i, 2] * normal[2]), 0.0)
+            total += push
+            weighted += push * hardness[nodes[i]]
+    return weighted / total if total > 0.0 else 1.0
+
+
+@njit(cache=True, error_model="numpy")
 def admit(node, where, active, state, count):
     """Slot of a node in the compact list, appended at rest where it is new; returns the slot and the count."""
     slot = where[node]
@@ -77,11 +89,14 @@ def take_load(nodes, forces, normal, per_area, where, active, state, count):
 
 
 @njit(cache=True, error_model="numpy")
-def nodal_step(nodes, forces, normal, dt, law, per_area, spans, first, neighbours, where, active, state, out, count):
+def nodal_step(
+    nodes, forces, normal, dt, law, hardness, per_area, spans, first, neighbours, where, active, state, out, count
+):
     """One step of the nodal law; returns how many nodes are displaced.
 
     nodes (k), forces [N] (k,3)   the load; normal [1] (3): outward at the contact
     law      (6)     K [N/m^n], n, c [s/m], k_t [N/m], d_t [N s/m], shortest edge [m]
+    hardness (V)     factor on K of each node
     per_area (V)     inverse nodal areas [1/m²]
     spans, first, neighbours  edge lengths [m] and neighbours of each node
     where    (V)     slot of each node in the list, -1 outside;  active (V): node of each slot
@@ -104,7 +119,8 @@ def nodal_step(nodes, forces, normal, dt, law, per_area, spans, first, neighbour
         state[slot, 3] *= keep
         if push > 0.0:
             scale = share * per_area[active[slot]]
-            state[slot, 0] = indentation(push * scale, dt, stiffness, exponent, damping, 0.0, u)
+            local = stiffness * hardness[active[slot]]
+            state[slot, 0] = indentation(push * scale, dt, local, exponent, damping, 0.0, u)
             state[slot, 4], state[slot, 5], state[slot, 6] = nx, ny, nz
             scale *= gain
             state[slot, 1] += scale * (state[slot, 7] + push * nx)
@@ -218,7 +234,7 @@ class NodalBody:
     """The nodal law on a mesh.
 
     stiffness K [N/m^n], exponent n >= 1, damping c [s/m], tangential_stiffness k_t [N/m] > 0,
-    tangential_damping d_t [N s/m] >= 0
+    tangential_damping d_t [N s/m] >= 0, hardness (V) factor on K of each node
     """
 
     def __init__(
@@ -229,10 +245,12 @@ class NodalBody:
         damping: float,
         tangential_stiffness: float,
         tangential_damping: float,
+        hardness: np.ndarray | None = None,
     ) -> None:
         self.net = net = Net(mesh)
         law = np.array([stiffness, exponent, damping, tangential_stiffness, tangential_damping, net.shortest])
-        self._fixed = (law, net.per_area, net.spans, net.first, net.neighbours)
+        hardness = np.ones(len(net.per_area)) if hardness is None else np.ascontiguousarray(hardness, float)
+        self._fixed = (law, hardness, net.per_area, net.spans, net.first, net.neighbours)
         self._list = (net.where, net.active, net.state, net.displacement)
 
     def step(self, nodes: np.ndarray, forces: np.ndarray, normal: tuple[float, float, float], dt: float):

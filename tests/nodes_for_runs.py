@@ -84,6 +84,10 @@ class Faulty(Spring):
                     raise RuntimeError("out of luck")
                 case "nan":
                     return Force(force=(float("nan"), 0.0, 0.0), state="free", energy=0.0)
+                case "type":
+                    return {"force": 1.0}
+                case "input":
+                    return pose
                 case "hang":
                     time.sleep(1000)
                 case "exit":

@@ -92,10 +92,15 @@ def _thin(given: list[str]) -> dict[str, int]:
 
 def _pictures(outcome: Outcome, folder: Path, silent: bool) -> list[Path]:
     from palpate.launch.recording.pictures import draw
+    from palpate.launch.recording.reader import RecordingError
 
     if outcome.recording is None or not outcome.recording.is_file() or not outcome.result.ticks:
         return []
-    return draw(outcome.recording, folder, console=None if silent else console())
+    try:
+        return draw(outcome.recording, folder, console=None if silent else console())
+    except (RecordingError, OSError) as error:
+        outcome.result.notes.append(f"no pictures: {error}")
+        return []
 
 
 def _summary(outcome: Outcome, name: str, drawn: list[Path]) -> None:
@@ -134,6 +139,7 @@ def _data(outcome: Outcome) -> dict[str, Any]:
         "ticks": result.ticks,
         "rate": outcome.plan.graph.rate,
         "start": result.start,
+        "origin": result.origin,
         "wall": result.wall,
         "interrupted": result.interrupted,
         "recording": str(outcome.recording) if outcome.recording else None,

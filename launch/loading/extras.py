@@ -6,7 +6,7 @@ EXTRAS = {
     "view": {"matplotlib": "matplotlib", "pyvista": "pyvista"},
     "scan": {"scikit-image": "skimage", "pydicom": "pydicom", "nibabel": "nibabel", "matplotlib": "matplotlib"},
     "export": {"pyarrow": "pyarrow"},
-    "fe": {"scikit-fem": "skfem", "meshio": "meshio"},
+    "mesh": {"trimesh": "trimesh"},
 }
 """Extra -> package on the index -> name under which it is imported."""
 

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
+import msgspec
 import numpy as np
 
 from palpate.launch.loading.plan import Plan
@@ -169,14 +170,20 @@ def compare_one(
     except MessageError as error:
         found: Difference | None = Difference(stream, message.tick, "type", "1", str(error), type(message).__name__)
     else:
-        found = _first(own, stream, recorded, message, tolerance, scales)
+        found = _first(own, stream, payload, recorded, message, tolerance, scales)
     if found is not None:
         own.differing += 1
         own.first = own.first or found
 
 
 def _first(
-    own: NodeReport, stream: str, a: Message, b: Message, tolerance: float, scales: dict[tuple[str, str], float]
+    own: NodeReport,
+    stream: str,
+    payload: bytes,
+    a: Message,
+    b: Message,
+    tolerance: float,
+    scales: dict[tuple[str, str], float],
 ) -> Difference | None:
     """The first field that differs beyond the tolerance."""
     found = None
@@ -208,5 +215,14 @@ def _first(
             label = each.name + (f"[{', '.join(map(str, index))}]" if index else "")
             found = found or Difference(stream, b.tick, label, each.unit, repr(float(p[index])), repr(float(q[index])))
     if found is None and not tolerance:
-        found = Difference(stream, b.tick, "bytes", "1", "another encoding", "of equal values")
+        found = _other_fields(stream, payload, b)
     return found
+
+
+def _other_fields(stream: str, payload: bytes, message: Message) -> Difference:
+    """Equal values in other bytes: the type has got or lost a field since, or its encoding has changed."""
+    before = list(msgspec.msgpack.decode(payload))
+    now = list(msgspec.msgpack.decode(pack(message)))
+    only = ([name for name in before if name not in now], [name for name in now if name not in before])
+    told = ["fields " + ", ".join(names) if names else "no other fields" for names in only]
+    return Difference(stream, message.tick, "of the encoding", "1", *told)

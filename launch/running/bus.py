@@ -76,6 +76,9 @@ class Bus:
         self.reports.connect(reports)
         self.force = self._outlet()
         self.observers = self._outlet()
+        # The plain send of the binding, without the layer that looks for multipart and tracking options.
+        self.send = zmq.backend.Socket.send.__get__(self.force)
+        """Send a frame to the nodes that read it."""
         self.listeners: dict[bytes, int] = {}
         self._kept: list[bytes] = []
         self._early: deque[bytes] = deque()

@@ -39,27 +39,31 @@ def die_with_parent(signal: int = 9) -> None:
 def real_time(core: tuple[int, ...] | None, priority: int | None) -> list[str]:
     """Pin this process, raise its priority, lock its memory and sharpen its timers, as far as that is permitted.
 
+    It holds for all threads that exist: ZeroMQ's own thread has to be woken for every message, and would otherwise
+    be woken on another core.
+
     core      the cores that it may run on, None: leave it
     priority  of the FIFO scheduler, 1 to 99, None: leave it. Without pinning it does more harm than good.
 
     Returns what was refused, a line each.
     """
-    refused = []
+    refused: list[str] = []
     libc = ctypes.CDLL(None, use_errno=True)
     libc.prctl(_PR_SET_TIMERSLACK, 1)
-    if core is not None:
-        try:
-            os.sched_setaffinity(0, core)
-        except OSError as error:
-            refused.append(f"core {','.join(map(str, core))}: {error.strerror}")
-    if priority is not None:
-        try:
-            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
-        except OSError:
-            refused.append("SCHED_FIFO: not permitted (needs CAP_SYS_NICE, or an rtprio line in limits.conf)")
-        if libc.mlockall(_MCL_CURRENT | _MCL_FUTURE) != 0:
-            refused.append("locked memory: not permitted (needs CAP_IPC_LOCK, or a memlock line in limits.conf)")
-    return refused
+    for thread in map(int, os.listdir("/proc/self/task")):
+        if core is not None:
+            try:
+                os.sched_setaffinity(thread, core)
+            except OSError as error:
+                refused.append(f"core {','.join(map(str, core))}: {error.strerror}")
+        if priority is not None:
+            try:
+                os.sched_setscheduler(thread, os.SCHED_FIFO, os.sched_param(priority))
+            except OSError:
+                refused.append("SCHED_FIFO: not permitted (needs CAP_SYS_NICE, or an rtprio line in limits.conf)")
+    if priority is not None and libc.mlockall(_MCL_CURRENT | _MCL_FUTURE) != 0:
+        refused.append("locked memory: not permitted (needs CAP_IPC_LOCK, or a memlock line in limits.conf)")
+    return sorted(set(refused))
 
 
 @contextlib.contextmanager

@@ -90,6 +90,8 @@ def execute(
                 printed=screen.print if screen else lambda _: None,
             )
             result = launcher.run()
+    names = [*found.order, *found.observers]
+    result.health = {name: result.health[name] for name in names if name in result.health}
     return Outcome(found, result, launch.record)
 
 

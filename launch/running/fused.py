@@ -45,6 +45,7 @@ def run_fused(job: Job, show: Callable[[Result], None] = lambda _: None) -> Resu
         before = _on_interrupt(interrupted)
         started = time.monotonic()
         result.start = started - begun
+        result.origin = started
         try:
             worker.run(now())
         finally:

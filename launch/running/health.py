@@ -26,10 +26,7 @@ class Histogram:
             self.longest = nanoseconds
         # Octave by bit length, place in the octave by the next three bits: no logarithm, no array.
         octave = nanoseconds.bit_length() - 1
-        if octave >= 3:
-            self.bins[8 * octave + (nanoseconds >> (octave - 3)) - 8] += 1
-        else:
-            self.bins[0] += 1
+        self.bins[8 * octave + (nanoseconds >> (octave - 3)) - 8 if octave >= 3 else 0] += 1
 
     def report(self) -> dict[str, float]:
         """Mean, quantiles and longest duration [s]."""

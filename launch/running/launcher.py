@@ -26,7 +26,7 @@ from palpate.launch.running.result import Death, Result
 
 START_PATIENCE = 120.0  # [s] for a node's `start`: it may compile kernels or build a basis
 STOP_PATIENCE = 3.0  # [s] for the workers to end once they were told
-HEAD_START = 10_000_000  # [ns] from the order to go to tick 0: every worker has heard it by then
+HEAD_START = 40_000_000  # [ns] from the order to go to tick 0: every worker has heard it by then
 ALIVE = ("starting", "ready", "linked", "running")
 BEAT = 0.5  # [s] between signs of life for workers on other machines
 GRACE = 0.1  # [s] that the others go on after a node died on the real clock: the device gets its zero force
@@ -271,8 +271,9 @@ class Launcher:
         self.phase = "running"
         self._origin_time = time.monotonic()
         self.result.start = self._origin_time - self.begun
+        self.result.origin = self._origin_time
         self._seen = dict.fromkeys(self.jobs, self._origin_time)
-        self._origin = now() + HEAD_START
+        self._origin = now() + (HEAD_START if self._is_real() else 0)
         self._tell("*", do="go", origin=self._origin)
         for group in self._state:
             self._state[group] = "running"
@@ -333,8 +334,8 @@ class Launcher:
         group, status = answer["exited"], answer["status"]
         # Its last words were sent before its end, but may come after the news of it.
         until = time.monotonic() + (0.5 if status >= 0 else 0.02)
-        while self._state[group] in ALIVE and (left := until - time.monotonic()) > 0:
-            if self._reports.poll(int(left * 1000) + 1):
+        while self._state[group] in ALIVE and time.monotonic() < until:
+            if self._reports.poll(10):
                 self._take(_decode(self._reports))
         state = self._state[group]
         if state in ALIVE:

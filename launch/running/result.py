@@ -25,6 +25,7 @@ class Result:
     deaths       nodes that failed; empty after a good run
     health       the counters of each node
     start        [s] from the launcher's start to tick 0
+    origin       [s] of the machine's monotonic clock at tick 0
     wall         [s] from tick 0 to the end
     ticks        number of ticks that were run
     interrupted  true when the user stopped it
@@ -34,6 +35,7 @@ class Result:
     deaths: list[Death] = field(default_factory=list)
     health: dict[str, dict] = field(default_factory=dict)
     start: float = 0.0
+    origin: float = 0.0
     wall: float = 0.0
     ticks: int = 0
     interrupted: bool = False

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from palpate.launch.running.clock import now, sleep_until
 from palpate.launch.running.ended import Ended
-from palpate.launch.running.schedule import nanoseconds, needed
+from palpate.launch.running.schedule import nanoseconds
 from palpate.launch.running.slot import Input, Slot
 from palpate.messages import Message
 
@@ -33,8 +33,10 @@ def run_simulated(worker: Worker, origin: int) -> None:
                 continue
             messages: list[Message | None] = []
             for port in slot.inputs:
-                need = -1 if port.dead else needed(tick, port.every, port.loop)
-                messages.append(None if need < 0 else port.at(need) or _await(worker, slot, port, need))
+                message = None if port.dead else port.at(tick)
+                if message is None and not port.absent(tick):
+                    message = _await(worker, slot, port, tick)
+                messages.append(message)
             if slot.name not in worker.mute:
                 slot.step(tick, at, messages, slot.every / rate)
                 worker.send(slot)
@@ -48,12 +50,12 @@ def run_simulated(worker: Worker, origin: int) -> None:
         tick += 1
 
 
-def _await(worker: Worker, slot: Slot, port: Input, need: int) -> Message | None:
+def _await(worker: Worker, slot: Slot, port: Input, tick: int) -> Message | None:
     while True:
         worker.receive(block=True)
         if port.dead or slot.name in worker.mute:
             return None
-        found = port.at(need)
+        found = port.at(tick)
         if found is not None:
             return found
         if worker.last is not None and worker.tick > worker.last:

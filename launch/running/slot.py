@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import inspect
 import math
-import time
 from collections import deque
+from time import perf_counter_ns
 
 import msgspec
 
 from palpate.launch.running.health import Health
 from palpate.launch.running.job import InputJob, NodeJob, ObserverJob
 from palpate.messages import Message, MessageError, check_finite, fields
+from palpate.messages.checks import finite_check
 from palpate.nodes.base import Node, Observer, Port, inputs, outputs
 
 _set = msgspec.structs.force_setattr
@@ -28,10 +29,11 @@ class NodeFault(Exception):
 class Output:
     """One output stream: its last two messages, and who reads it."""
 
-    __slots__ = ("external", "last", "listeners", "observed", "previous", "stream", "topic")
+    __slots__ = ("external", "finite", "kind", "last", "listeners", "observed", "previous", "stream", "topic")
 
-    def __init__(self, stream: str, external: bool) -> None:
-        self.stream, self.external = stream, external
+    def __init__(self, stream: str, kind: type[Message], external: bool) -> None:
+        self.stream, self.kind, self.external = stream, kind, external
+        self.finite = finite_check(kind)
         self.topic = stream.encode() + b"\0"
         self.last: Message | None = None
         self.previous: Message | None = None
@@ -78,19 +80,28 @@ class Input:
         self.arrived = arrived
 
     def at(self, tick: int) -> Message | None:
-        """The message of `tick`, if it is here; older ones are dropped."""
-        if self.output is not None:
-            for message in (self.output.last, self.output.previous):
-                if message is not None and message.tick == tick:
-                    return message
-            return None
+        """The message that a step at `tick` of the simulated clock uses, if it is here; None where it has not come yet,
+        and where there is none (see `absent`). Older ones are dropped."""
+        need = tick - 1 if self.loop else tick
+        if self.every > 1:
+            need -= need % self.every
+        output = self.output
+        if output is not None:
+            message = output.last
+            if message is not None and message.tick != need:
+                message = output.previous
+            return message if message is not None and message.tick == need else None
         queue = self.queue
-        while queue and queue[0].tick < tick:
+        while queue and queue[0].tick < need:
             queue.popleft()
-        if queue and queue[0].tick == tick:
+        if queue and queue[0].tick == need:
             self.message = queue[0]
         message = self.message
-        return message if message is not None and message.tick == tick else None
+        return message if message is not None and message.tick == need else None
+
+    def absent(self, tick: int) -> bool:
+        """Whether no message will come for a step at `tick`: the sender is gone, or it is the first tick of a loop."""
+        return self.dead or (self.loop and tick == 0)
 
     def newest(self, limit: int) -> Message | None:
         """The newest message up to tick `limit`; older ones are dropped."""
@@ -108,13 +119,16 @@ class Slot:
     def __init__(self, job: NodeJob, node: Node, external: dict[str, int]) -> None:
         self.name, self.node, self.every, self.job = job.name, node, job.every, job
         kinds = outputs(type(node))
-        self.outputs = [Output(stream, stream in external) for stream in job.streams]
-        if len(kinds) != len(self.outputs):
-            raise NodeFault(job.name, "streams", f"found {len(self.outputs)}, expected {len(kinds)}")
+        if len(kinds) != len(job.streams):
+            raise NodeFault(job.name, "streams", f"found {len(job.streams)}, expected {len(kinds)}")
+        self.outputs = [
+            Output(stream, kind, stream in external) for stream, kind in zip(job.streams, kinds, strict=True)
+        ]
         self.inputs: list[Input] = []
         self.health = Health()
         self.due = 0
         self._time: int | None = None
+        self._step = node.step
         self._takes_dt = "dt" in inspect.signature(type(node).step).parameters
 
     def wire(self, known: dict[str, Output]) -> None:
@@ -161,34 +175,57 @@ class Slot:
         """
         dt = nominal if self._time is None else (at - self._time) * 1e-9
         self._time = at
-        begun = time.perf_counter_ns()
+        begun = perf_counter_ns()
         try:
-            answer = self.node.step(*messages, dt=dt) if self._takes_dt else self.node.step(*messages)
+            answer = self._step(*messages, dt=dt) if self._takes_dt else self._step(*messages)
         except Exception as error:
             raise NodeFault(self.name, f"step at tick {tick}", error) from error
         self.health.tick = tick
-        self.health.step.add(time.perf_counter_ns() - begun)
-        if not self.outputs:
+        self.health.step.add(perf_counter_ns() - begun)
+        outputs = self.outputs
+        if not outputs:
             return
-        used = tuple([-1 if m is None else m.tick for m in messages])
-        if len(self.outputs) == 1:
-            answer = (answer,)
-        elif answer is None:
-            answer = (None,) * len(self.outputs)
-        for output, message in zip(self.outputs, answer, strict=True):
-            if message is None:  # unchanged
-                if output.last is None:
-                    raise NodeFault(self.name, f"step at tick {tick}", "answered None before it had sent a message")
-                message = msgspec.structs.replace(output.last)
-            try:
-                check_finite(message)
-            except (MessageError, AttributeError, TypeError) as error:
-                raise NodeFault(self.name, f"step at tick {tick}", error) from None
+        used = (-1 if messages[0] is None else messages[0].tick,) if len(messages) == 1 else _ticks(messages)
+        answers = (answer,) if len(outputs) == 1 else self._several(answer, tick)
+        for output, message in zip(outputs, answers, strict=True):
+            if type(message) is not output.kind or message.tick != -1:
+                message = self._other(output, message, tick)
+            if not output.finite(message):
+                self._check(message, tick)
             _set(message, "tick", tick)
             _set(message, "time", at)
             _set(message, "source", self.name)
             _set(message, "used", used)
             output.previous, output.last = output.last, message
+
+    def _several(self, answer: object, tick: int) -> tuple:
+        """The answers of a node with several outputs."""
+        if answer is None:
+            return (None,) * len(self.outputs)
+        if not isinstance(answer, tuple) or len(answer) != len(self.outputs):
+            kinds = ", ".join(output.kind.__name__ for output in self.outputs)
+            found = f"{len(answer)} of them" if isinstance(answer, tuple) else type(answer).__name__
+            raise NodeFault(self.name, f"step at tick {tick}", f"answered {found}, expected a tuple of {kinds}")
+        return answer
+
+    def _other(self, output: Output, message: object, tick: int) -> Message:
+        """A message to send where the answer is not a new one of the right type: a copy, or the last one again."""
+        if isinstance(message, output.kind):  # it has been sent before, as a node's input, say
+            return msgspec.structs.replace(message)
+        if message is None and output.last is not None:
+            return msgspec.structs.replace(output.last)
+        found = "None before it had sent a message" if message is None else f"a {type(message).__name__}"
+        raise NodeFault(self.name, f"step at tick {tick}", f"answered {found}, expected a {output.kind.__name__}")
+
+    def _check(self, message: Message, tick: int) -> None:
+        try:
+            check_finite(message)
+        except MessageError as error:
+            raise NodeFault(self.name, f"step at tick {tick}", error) from None
+
+
+def _ticks(messages: list[Message | None]) -> tuple[int, ...]:
+    return tuple([-1 if message is None else message.tick for message in messages])
 
 
 def _forces(message: Message) -> dict[str, float]:
@@ -211,11 +248,11 @@ class ObserverSlot:
 
     def observe(self, stream: str, tick: int, payload: bytes) -> None:
         """Hand over one message. NodeFault: the observer raised."""
-        begun = time.perf_counter_ns()
+        begun = perf_counter_ns()
         try:
             self.node.observe(stream, tick, payload)
         except Exception as error:
             raise NodeFault(self.name, f"stream {stream!r} at tick {tick}", error) from error
         self.health.tick = tick
-        self.health.step.add(time.perf_counter_ns() - begun)
+        self.health.step.add(perf_counter_ns() - begun)
         self.last[stream] = tick

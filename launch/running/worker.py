@@ -48,6 +48,7 @@ class Worker:
         self.observers = [ObserverSlot(given, self._observer(given)) for given in job.observers]
         self._names = {id(slot.node): slot.name for slot in self.slots}
         self._names |= {id(observer.node): observer.name for observer in self.observers}
+        self._real = job.clock == "real"
         self.watch = False
         self.mute: set[str] = set()
         self.stopping = False
@@ -154,7 +155,7 @@ class Worker:
             if self.bus is not None and (output.external or output.observed):
                 data = output.topic + payload
                 if output.external:
-                    self.bus.force.send(data)
+                    self.bus.send(data)
                 if output.observed:
                     self.bus.keep(data)
 
@@ -163,18 +164,18 @@ class Worker:
         data = self.take(block)
         if not data:
             return
-        topic, zero, payload = data.partition(b"\0")
         if self.observers:
             hand_over(self, data)
-        route = self.routes.get(topic + zero)
+        at = data.find(0)
+        route = self.routes.get(data[: at + 1])
         if route is None:
             return
         try:
-            message = unpack(payload, route[0])
+            message = unpack(data[at + 1 :], route[0])
         except MessageError as error:
-            self.report({"kind": "rubbish", "stream": topic.decode(errors="replace"), "text": str(error)})
+            self.report({"kind": "rubbish", "stream": data[:at].decode(errors="replace"), "text": str(error)})
             return
-        arrived = now() if self.job.clock == "real" else 0
+        arrived = now() if self._real else 0
         for port in route[1]:
             port.put(message, arrived)
 
@@ -191,8 +192,7 @@ class Worker:
             if now() - self._reported > REPORT:
                 self._flush()
                 self._report_health()
-            return None
-        if data[:1] == CONTROL:
+        elif data[0] == CONTROL[0]:
             self._control(order(data))
             return b""
         return data

@@ -8,8 +8,8 @@ import msgspec
 import numpy as np
 
 from palpate.messages import Load, Surface
-from palpate.nodes.surface import OnSurface
-from palpate.physics.mass_spring import NodalBody, normal_force
+from palpate.nodes.nodule import WithNodule
+from palpate.physics.mass_spring import NodalBody, mean_hardness, normal_force
 from palpate.physics.spring_net import NetBody
 from palpate.physics.terminal import indentation
 
@@ -21,7 +21,7 @@ UP = (0.0, 0.0, 1.0)
 NotNegative = msgspec.Meta(ge=0)
 
 
-class MassSpring(OnSurface):
+class MassSpring(WithNodule):
     """Nodes on springs and dampers in the zone of influence of the contact.
 
     The total normal force moves one indentation s by the law K s^n <1 + c s'>; that law is the terminal law as it
@@ -42,8 +42,11 @@ class MassSpring(OnSurface):
 
     def start(self) -> None:
         self.indentation = 0.0
-        self.last = self._surface(NO_NODES, NO_FORCES)
         self._law = (self.stiffness, self.exponent, self.damping, 0.0)
+        self.last = self._surface(NO_NODES, NO_FORCES)
+        self._hardness = self.hardness() if self.nodule_radius > 0.0 else None
+        if self._hardness is not None:
+            mean_hardness(NO_NODES, NO_FORCES, UP, self._hardness)
         indentation(normal_force(NO_FORCES, UP), 1e-3, *self._law, 0.0)
         self._body: NodalBody | NetBody | None = None
         if self.wants("displacement"):
@@ -53,13 +56,16 @@ class MassSpring(OnSurface):
             self._body = (
                 NetBody(mesh, *law, self.coupling, self.coupling_damping, self.rings)
                 if self.coupling > 0.0
-                else NodalBody(mesh, *law)
+                else NodalBody(mesh, *law, self._hardness)
             )
             self._body.step(NO_NODES, NO_FORCES, UP, 1e-3)
 
     def step(self, load: Load, *, dt: float) -> Surface:
         if dt > 0.0:
             force = normal_force(load.forces, load.normal)
+            if self._hardness is not None and len(load.nodes):
+                harder = self.stiffness * mean_hardness(load.nodes, load.forces, load.normal, self._hardness)
+                self._law = (harder, self.exponent, self.damping, 0.0)
             self.indentation = indentation(force, dt, *self._law, self.indentation)
             nodes, displacement = NO_NODES, NO_FORCES
             if self._body is not None:
@@ -71,7 +77,7 @@ class MassSpring(OnSurface):
         return Surface(
             nodes=nodes,
             displacement=displacement,
-            stiffness=self.stiffness,
+            stiffness=self._law[0],
             exponent=self.exponent,
             damping=self.damping,
             free=0.0,

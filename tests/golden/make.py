@@ -6,7 +6,7 @@ Run it where a change is meant to alter what is computed, and say so in the CHAN
 that no path of this machine gets into the files.
 
     plane    a plane, fused, simulated time          kidney   the kidney, fused, simulated time
-    smooth   the plane without friction              live     the plane on the real clock, a process per node, with
+    smooth   the plane without friction              live     the plane on the real clock, in three processes, with
                                                               whatever late, lost and held messages the machine gives
 """
 
@@ -25,7 +25,7 @@ RUNS: dict[str, LaunchFile] = {
     "plane": LaunchFile(graph=HERE / "plane.yaml", place="fused"),
     "kidney": LaunchFile(graph=HERE / "kidney.yaml", place="fused"),
     "smooth": LaunchFile(graph=HERE / "plane.yaml", place="fused", overrides=("scene.tissue.friction=off",)),
-    "live": LaunchFile(graph=HERE / "plane.yaml", clock="real"),
+    "live": LaunchFile(graph=HERE / "plane.yaml", clock="real", place=HERE / "place.yaml"),
 }
 
 

@@ -1,0 +1,99 @@
+"""Cost of a step of the beam bundle against the number of beams: python benchmarks/beam_bundle.py [--json]
+
+The default fingertip is pressed 2 mm on a plate at 20° and slid at 2 mm/s, at 1 kHz. Each row has a pitch: `solver` is
+the physics alone while the contact goes from stick to gross slip, `node` the whole step of fingertip.BundleContact with
+its four messages. CPU time of the thread, in ms, so that busy neighbours do not count; the goal is a node step within
+1 ms at 1.2 mm.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+
+import numpy as np
+
+from palpate.messages import Pose
+from palpate.nodes.fingertip import BundleContact
+from palpate.physics.beam_bundle import State, step
+from palpate.physics.bundle_step import SUMMARY
+
+DT, SPEED, DEPTH = 1e-3, 2e-3, 2e-3
+PITCHES = (2.4e-3, 1.2e-3, 0.6e-3, 0.3e-3)
+
+
+def measure(pitch: float, steps: int) -> dict[str, float]:
+    """Times [ms] of one pitch [m] over a slide of so many steps."""
+    node = BundleContact(pitch=pitch, reach=DEPTH)
+    begin = time.perf_counter()
+    node.start()
+    start = time.perf_counter() - begin
+    top = node.thickness
+    press = [pose(top - DEPTH * k / 20, 0.0) for k in range(1, 21)]
+    slide = [pose(top - DEPTH, SPEED * DT * k) for k in range(1, steps + 1)]
+
+    bundle, state = node.bundle, State(node.bundle)
+    for one in press:
+        step(bundle, state, top - one.position[2], (0, 0), node.friction, 0.1)
+    solver, rounds, residual = [], [], []
+    for _ in slide:
+        begin = time.thread_time_ns()
+        step(bundle, state, DEPTH, (0, SPEED * DT), node.friction, DT, most=node.rounds)
+        solver.append(time.thread_time_ns() - begin)
+        rounds.append(state.summary[SUMMARY.index("rounds")])
+        residual.append(state.summary[SUMMARY.index("residual")])
+
+    for one in press:
+        node.step(one, dt=0.1)
+    whole = []
+    for one in slide:
+        begin = time.thread_time_ns()
+        node.step(one, dt=DT)
+        whole.append(time.thread_time_ns() - begin)
+    return {
+        "pitch_mm": pitch * 1e3,
+        "beams": len(bundle.heights),
+        "start_s": start,
+        "solver_p50_ms": float(np.percentile(solver, 50)) * 1e-6,
+        "solver_p99_ms": float(np.percentile(solver, 99)) * 1e-6,
+        "node_p50_ms": float(np.percentile(whole, 50)) * 1e-6,
+        "node_p99_ms": float(np.percentile(whole, 99)) * 1e-6,
+        "node_max_ms": float(np.max(whole)) * 1e-6,
+        "rounds_mean": float(np.mean(rounds)),
+        "rounds_max": float(np.max(rounds)),
+        "residual_max": float(np.max(residual)),
+    }
+
+
+def pose(height: float, way: float) -> Pose:
+    """The bone edge at a height and a way along the plate [m]."""
+    return Pose(position=(0, way, height), velocity=(0, 0, 0), dt=DT)
+
+
+def main() -> None:
+    """Measure every pitch and print one table."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--json", action="store_true", help="print JSON for programs")
+    parser.add_argument("--fast", action="store_true", help="leave out the finest pitch")
+    given = parser.parse_args()
+    measure(PITCHES[0], 100)  # compiles
+    rows = [measure(p, 1200) for p in (PITCHES[:-1] if given.fast else PITCHES)]
+    if given.json:
+        print(json.dumps(rows))
+        return
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(title="Beam bundle: time of a step")
+    for name in rows[0]:
+        *words, unit = name.split("_")
+        table.add_column(" ".join(words) + (f" [{unit}]" if unit in ("mm", "ms", "s") else f" {unit}"), justify="right")
+    for row in rows:
+        table.add_row(*(f"{v:.3g}" for v in row.values()))
+    Console(width=130).print(table)
+    print("Goal: node p99 within 1 ms at 1.2 mm. One finger, one angle; residual relative to the largest limit.")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,152 @@
+"""The whole kidney loop: rate fused and as processes, late ticks and latency on the real clock, start, memory.
+
+    python benchmarks/loop.py [--seconds S] [--json]
+
+Rates are the best of three runs, interleaved, because neighbours on the machine only ever make a run slower; the
+median is beside it. Nothing is recorded. Latency is from the time of a tick to the torque that answers it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import json
+import platform
+import re
+import statistics
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+from rich.console import Console
+from rich.progress import track
+from rich.table import Table
+
+from palpate.launch.loading.launchfile import LaunchFile, find
+from palpate.launch.loading.plan import plan
+from palpate.launch.running.execute import execute
+from palpate.launch.running.jobs import jobs
+from palpate.launch.running.launcher import Launcher
+from palpate.launch.running.result import Result
+
+
+def run(place: str | None, clock: str, seconds: float) -> Result:
+    """One run of the kidney graph without a recording."""
+    launch = find("kidney").but(place=place, clock=clock, duration=seconds)
+    result = execute(_unrecorded(launch)).result
+    if not result.ok:
+        raise SystemExit(str(result.deaths[0]))
+    return result
+
+
+def _unrecorded(launch: LaunchFile) -> LaunchFile:
+    return dataclasses.replace(launch, record=None)
+
+
+def rates(seconds: float) -> dict[str, dict[str, float]]:
+    """[Hz] of simulated time as fast as the machine allows."""
+    found: dict[str, list[Result]] = {"fused": [], "processes": []}
+    for _ in track(range(3), "rates", transient=True):
+        for name, place in (("fused", "fused"), ("processes", None)):
+            found[name].append(run(place, "simulated", seconds))
+    answer = {}
+    for name, results in found.items():
+        hertz = [result.ticks / result.wall for result in results]
+        age = min((result.health["device"]["age"] for result in results), key=lambda age: age["p50"])
+        answer[name] = {
+            "best": max(hertz),
+            "median": statistics.median(hertz),
+            **{k: age[k] for k in ("p50", "p99", "p999")},
+        }
+    best = max(found["fused"], key=lambda result: result.ticks / result.wall)
+    answer["steps"] = {name: health["step"]["p50"] for name, health in best.health.items()}
+    return answer
+
+
+def real_time(seconds: float) -> dict[str, float]:
+    """Late ticks, ticks whose torque came after the next one had begun, and latency at 1 kHz on the real clock."""
+    result = run(None, "real", seconds)
+    device, statics = result.health["device"], result.health["statics"]
+    ticks = device["steps"] + device["late"]
+    return {
+        "ticks": ticks,
+        "late": device["late"] / ticks,
+        "held": device["held"] / ticks,
+        **{key: statics["age"][key] for key in ("p50", "p99", "p999", "longest")},
+        "refused": "; ".join(result.notes),
+    }
+
+
+def first_tick() -> float:
+    """[s] from the command to the first tick, all caches warm."""
+    command = [sys.executable, "-m", "palpate.launch", "run", "kidney", "--no-record", "--json", "--duration", "0.05"]
+    times = []
+    for _ in track(range(3), "start", transient=True):
+        begun = time.monotonic()
+        told = subprocess.run(command, capture_output=True, text=True, check=True)
+        times.append(json.loads(told.stdout)["origin"] - begun)
+    return min(times)
+
+
+def memory() -> dict[str, float]:
+    """[MB] proportional set size of each process in the middle of a run: shared pages count once."""
+    launch = _unrecorded(find("kidney").but(duration=1.5))
+    graph = launch.load()
+    graph.nodes["log"].off = "nothing is recorded"
+    found: dict[str, float] = {}
+
+    def look(launcher: Launcher) -> None:
+        if launcher.phase == "running" and len(found) < len(launcher.pids):
+            for group, pid in launcher.pids.items():
+                text = Path(f"/proc/{pid}/smaps_rollup")
+                match = re.search(r"Pss:\s+(\d+)", text.read_text() if text.exists() else "")
+                if match:
+                    found[group] = int(match[1]) / 1024
+
+    steps = plan(graph)
+    Launcher(jobs(steps, launch.placement(steps), ticks=1500), show=look).run()
+    return found
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--seconds", type=float, default=6.0, help="simulated time of each run")
+    parser.add_argument("--json", action="store_true")
+    given = parser.parse_args()
+    found = {
+        "machine": platform.platform(),
+        "rates": rates(given.seconds),
+        "real": real_time(given.seconds),
+        "first tick": first_tick(),
+        "memory": memory(),
+    }
+    if given.json:
+        print(json.dumps(found))
+        return
+    out = Console()
+    table = Table(title="kidney loop, simulated time as fast as possible", box=None)
+    for title in ("", "best [Hz]", "median [Hz]", "tick p50 [us]", "p99 [us]", "p99.9 [us]"):
+        table.add_column(title, justify="right")
+    for name in ("fused", "processes"):
+        row = found["rates"][name]
+        times = (f"{row[key] * 1e6:.0f}" for key in ("p50", "p99", "p999"))
+        table.add_row(name, f"{row['best']:.0f}", f"{row['median']:.0f}", *times)
+    out.print(table)
+    steps = found["rates"]["steps"]
+    out.print("step p50 \\[us]:", ", ".join(f"{name} {value * 1e6:.1f}" for name, value in steps.items()))
+    real = found["real"]
+    out.print(
+        f"real clock, 1 kHz, {real['ticks']} ticks: {real['late']:.2%} late, {real['held']:.2%} answered after "
+        f"the next tick; latency p50 {real['p50'] * 1e6:.0f}, p99 {real['p99'] * 1e6:.0f}, "
+        f"p99.9 {real['p999'] * 1e6:.0f} us"
+    )
+    if real["refused"]:
+        out.print(f"refused by the system: {real['refused']}")
+    out.print(f"from the command to the first tick: {found['first tick']:.2f} s")
+    sizes = found["memory"]
+    out.print(f"memory \\[MB]: {sum(sizes.values()):.0f} in all;", ", ".join(f"{n} {s:.0f}" for n, s in sizes.items()))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,98 @@
+"""`palpate fingertip`: from images of a finger to the file that a beam bundle is filled from."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from palpate.launch.commands.common import MISUSE, Json, console, tell
+from palpate.launch.loading.extras import install
+
+
+class Side(StrEnum):
+    """Where the nail is in the images."""
+
+    auto = "auto"
+    up = "up"
+    down = "down"
+
+
+def fingertip(
+    scan: Annotated[Path, typer.Argument(help="DICOM folder, .nii(.gz), or folder of numbered .png or .tif.")],
+    output: Annotated[Path, typer.Option("--output", "-o", help="File to write.")] = Path("finger.npz"),
+    spacing: Annotated[str, typer.Option(help="Slice,row,column spacing in mm, such as 1.2,0.23,0.23.")] = "",
+    skin: Annotated[
+        float | None, typer.Option(help="Thickness of the skin in mm, where images do not show it.")
+    ] = None,
+    dorsal: Annotated[Side, typer.Option(help="Where the nail is in the images.")] = Side.auto,
+    picture: Annotated[Path | None, typer.Option(help="Picture of the result; by default beside the output.")] = None,
+    as_json: Json = False,
+) -> None:
+    """Read images of a finger, find skin, tissue and bone, and write the fingertip with a picture of it."""
+    try:
+        from palpate.scan import read, rebuild, segment
+        from palpate.scan.measures import measures
+        from palpate.scan.picture import draw
+    except ImportError as error:
+        raise typer.BadParameter(f"{error.name} is not installed. {install('scan')}") from None
+    if output.suffix != ".npz":
+        raise typer.BadParameter(f"found {output}, expected a name that ends in .npz", param_hint="--output")
+    if skin is not None and not 0.1 <= skin <= 4:
+        raise typer.BadParameter(f"found {skin} mm, expected 0.1 ... 4", param_hint="--skin")
+    shown = picture or output.with_suffix(".png")
+    for place in (output, shown):
+        if not place.absolute().parent.is_dir():
+            raise typer.BadParameter(f"{place.parent}: no such folder", param_hint="--output")
+    try:
+        stack = read(scan, _spacing(spacing))
+        tip = rebuild(segment(stack, None if skin is None else skin * 1e-3), dorsal=dorsal.value)
+        tip.save(output)
+        draw(tip, shown)
+    except ValueError as error:
+        if as_json:
+            tell({"ok": False, "error": type(error).__name__, "text": str(error)})
+        else:
+            typer.secho(str(error), fg="red", err=True)
+        raise typer.Exit(MISUSE) from None
+    found = {
+        "ok": True,
+        "output": str(output),
+        "picture": str(shown),
+        "slices": len(stack.volume),
+        "spacing_mm": [s * 1e3 for s in stack.spacing],
+        **measures(tip),
+    }
+    if as_json:
+        tell(found)
+        return
+    _table(found)
+
+
+def _spacing(text: str) -> tuple[float, float, float] | None:
+    if not text:
+        return None
+    try:
+        slice_, row, column = (float(part) * 1e-3 for part in text.split(","))
+    except ValueError:
+        raise typer.BadParameter(f"found {text!r}, expected three numbers in mm: 1.2,0.23,0.23",
+                                 param_hint="--spacing") from None  # fmt: skip
+    return slice_, row, column
+
+
+def _table(found: dict) -> None:
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table(show_header=False, box=None)
+    for name, value in found.items():
+        if name == "ok":
+            continue
+        text = ", ".join(f"{v:g}" for v in value) if isinstance(value, list) else value
+        *words, unit = name.split("_")
+        unit = {"mm3": "mm³"}.get(unit, unit)
+        label = f"{' '.join(words)} [{unit}]" if unit in ("mm", "mm³") else name
+        table.add_row(Text(label), f"{text:.2f}" if isinstance(text, float) else str(text))
+    console().print(table)

@@ -1,0 +1,30 @@
+"""`palpate pictures`: the pictures of a recording."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from palpate.launch.commands.common import TROUBLE, Json, console, tell
+
+
+def pictures(
+    file: Annotated[Path, typer.Argument(help="A recording (.mcap).", metavar="FILE")],
+    out: Annotated[Path | None, typer.Option("-o", "--out", help="Folder; the recording's own if left out.")] = None,
+    as_json: Json = False,
+) -> None:
+    """Draw the pictures of a recording. Exit code 1 if there was nothing that could be drawn."""
+    from palpate.launch.recording.pictures import draw
+
+    made = draw(file, out or file.parent, console=None if as_json else console())
+    if as_json:
+        tell({"ok": bool(made), "pictures": [str(path) for path in made]})
+    else:
+        for path in made:
+            typer.echo(path)
+        if not made:
+            typer.echo(f"{file}: nothing that could be drawn", err=True)
+    if not made:
+        raise typer.Exit(TROUBLE)

@@ -1,0 +1,22 @@
+"""Message of a tactile shape display."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from palpate.messages.base import Floats, Message
+
+
+class Pins(Message):
+    """Command of a pin display: the shape on the fingerpad and the rigid-body motion below it.
+
+    heights   [m] (rows,columns)  of the pins, positive towards the finger
+    actuator  [m] ()              position of the linear actuator, positive away from the finger
+    limited   [1] ()              true where a stroke limits the surface that is asked for
+    valid     [1] ()              true while the contact model holds: contact radius at most half the fingerpad's
+    """
+
+    heights: Annotated[Floats, "m", ("rows", "columns")]
+    actuator: Annotated[float, "m"]
+    limited: Annotated[bool, "1"]
+    valid: Annotated[bool, "1"]

@@ -1,0 +1,89 @@
+"""The deformable body as a bed of viscoelastic beams under its surface."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import msgspec
+import numpy as np
+
+from palpate.messages import Load, Surface, Vector
+from palpate.nodes.base import SettingError
+from palpate.nodes.surface import OnSurface
+from palpate.physics.beam_bed import Bed
+from palpate.physics.materials import SKIN, TISSUE, Material
+
+
+class BeamBundle(OnSurface):
+    """Beams of viscoelastic layers below each vertex of a surface (docs/equations/beam-bundle.md).
+
+    Layers are listed from the surface inwards. The terminal law is that of the next implicit step.
+    """
+
+    layers: Annotated[Vector, "m"] = (1e-3, 9e-3)
+    """Thickness of each layer."""
+    moduli: Annotated[Vector, "Pa"] = (SKIN.modulus, TISSUE.modulus)
+    relaxations: Annotated[Vector, "s"] = (SKIN.relaxation, TISSUE.relaxation)
+    """Viscosity over modulus of each layer."""
+    poisson: Annotated[float, "1", msgspec.Meta(gt=-1, le=0.5)] = TISSUE.poisson
+    radius: Annotated[float, "m", msgspec.Meta(gt=0)] = 6e-3
+    """Of the patch whose response is told before a force acts."""
+
+    def start(self) -> None:
+        """The beams at rest."""
+        if not len(self.layers) == len(self.moduli) == len(self.relaxations) > 0:
+            raise SettingError(
+                f"layers, moduli, relaxations: found {len(self.layers)}, {len(self.moduli)}, {len(self.relaxations)} "
+                f"numbers, expected one of each for every layer"
+            )
+        if min(self.layers) <= 0 or min(self.moduli) <= 0 or min(self.relaxations) < 0:
+            raise SettingError(
+                f"layers {self.layers} m, moduli {self.moduli} Pa, relaxations {self.relaxations} s: "
+                f"expected thicknesses and moduli > 0, relaxations >= 0"
+            )
+        mesh = self.mesh()
+        faces = mesh.face_vectors
+        closed = np.abs(faces.sum(axis=0)).max() < 1e-6 * np.abs(faces).sum()
+        thickness = float(np.ptp(mesh.vertices, axis=0).min())
+        if closed and sum(self.layers) > thickness:
+            raise SettingError(
+                f"layers: found {sum(self.layers) * 1e3:g} mm in all, the body is {thickness * 1e3:.1f} mm thick: its "
+                f"beams would come out on the other side"
+            )
+        materials = tuple(
+            Material(modulus, relaxation, self.poisson)
+            for modulus, relaxation in zip(self.moduli, self.relaxations, strict=True)
+        )
+        make = (mesh.vertices, mesh.normals, mesh.areas, self.layers, materials, self.radius)
+        node = np.zeros(1, dtype=np.int32)
+        Bed(*make).step(_sealed(node), _sealed(np.zeros((1, 3))), (0.0, 0.0, 0.0), (0.0, 0.0, 1.0), 1e-3)
+        self.bed = Bed(*make)
+
+    def step(self, load: Load, *, dt: float) -> Surface:
+        """Step the beams under the load; the indentation told is conjugate to the force."""
+        bed = self.bed
+        try:
+            stiffness, exponent, free, previous, clamped, _ = bed.step(
+                load.nodes, load.forces, load.foot, load.normal, dt
+            )
+        except IndexError as error:
+            raise SettingError(
+                f"Load.nodes: {error} ({self.surface!r}); give the node that spreads the load the same surface"
+            ) from None
+        count = bed.count if self.wants("displacement") else 0
+        return Surface(
+            nodes=bed.nodes[:count],
+            displacement=bed.moved[:count],
+            stiffness=stiffness,
+            exponent=exponent,
+            damping=0.0,
+            free=free,
+            previous=previous,
+            clamped=int(clamped),
+        )
+
+
+def _sealed(array: np.ndarray) -> np.ndarray:
+    """As arrays come in messages: read-only, which numba compiles for on its own."""
+    array.flags.writeable = False
+    return array

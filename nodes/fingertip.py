@@ -1,0 +1,197 @@
+"""A fingertip of many beams on a rigid plate: the scripted hand that moves it, and its contact."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Literal
+
+import msgspec
+import numpy as np
+
+from palpate.messages import Contact, Friction, Pose, Slip, Surface, Vector3
+from palpate.nodes.base import Node, SettingError
+from palpate.physics.anatomy import Anatomy
+from palpate.physics.beam_bundle import FARTHEST, Bundle, State, dome, step
+from palpate.physics.bundle_step import (
+    CLAMPED,
+    CONTACTS,
+    NEXT_FORCE,
+    NEXT_STIFFNESS,
+    NEXT_TOUCH,
+    RESIDUAL,
+    ROUNDS,
+    SHORTEST_STEP,
+    SLIPS,
+)
+from palpate.physics.fingertip import Fingertip, FingertipError, fill
+from palpate.physics.materials import BONE, SKIN, TISSUE, Material
+
+UP = (0.0, 0.0, 1.0)
+
+
+class Slide(Node):
+    """A hand that presses a fingertip on a plate, holds, and slides it along, at constant speeds."""
+
+    paced = True
+
+    thickness: Annotated[float, "m", msgspec.Meta(ge=0)] = 5e-3
+    """Of the tissue in front of the bone edge: contact starts when the bone edge is so far from the plate."""
+    plate: Annotated[float, "m"] = 0.0
+    """Height of the plate."""
+    depth: Annotated[float, "m", msgspec.Meta(ge=0)] = 2e-3
+    press: Annotated[float, "m/s", msgspec.Meta(gt=0)] = 4e-3
+    hold: Annotated[float, "s", msgspec.Meta(ge=0)] = 1.0
+    speed: Annotated[float, "m/s", msgspec.Meta(ge=0)] = 2e-3
+    direction: Annotated[float, "rad"] = math.pi / 2
+    """In the plane of the plate, from x (across the finger); pi/2 draws the finger back, -pi/2 pushes it on."""
+    distance: Annotated[float, "m", msgspec.Meta(ge=0)] = 5e-3
+
+    def start(self) -> None:
+        """At first touch."""
+        self.time = 0.0
+        self.place: Vector3 = (0.0, 0.0, self.thickness + self.plate)
+
+    def step(self, *, dt: float) -> Pose:
+        """Where the bone edge is."""
+        self.time += max(dt, 0.0)
+        depth = min(self.press * self.time, self.depth)
+        way = min(self.speed * max(self.time - self.depth / self.press - self.hold, 0.0), self.distance)
+        place = (way * math.cos(self.direction), way * math.sin(self.direction), self.thickness + self.plate - depth)
+        velocity: Vector3 = (0.0, 0.0, 0.0)
+        if dt > 0:
+            x, y, z = self.place
+            velocity = ((place[0] - x) / dt, (place[1] - y) / dt, (place[2] - z) / dt)
+            self.place = place
+        return Pose(position=place, velocity=velocity, dt=dt)
+
+
+class BundleContact(Node):
+    """A fingertip as a beam bundle on a rigid plate: normal force, friction, stick and slip of every node.
+
+    The bundle is filled at the start, from a scan that `palpate fingertip` has read, or from the default anatomy, and
+    meshed once for `reach`. Deeper pressing is answered within it, and flagged. See docs/equations/beam-bundle.md.
+    """
+
+    shape: Annotated[str, "1"] = "anatomy"
+    """"anatomy", "dome", or the path of a fingertip file (.npz)."""
+    angle: Annotated[float, "rad", msgspec.Meta(ge=0, le=math.pi / 2)] = math.radians(20)
+    """Inclination of the finger to the plate; the dome has none."""
+    pitch: Annotated[float, "m", msgspec.Meta(gt=0)] = 1.2e-3
+    reach: Annotated[float, "m", msgspec.Meta(gt=0)] = 2.5e-3
+    """Largest depth: the pad is meshed for it."""
+    thickness: Annotated[float, "m", msgspec.Meta(ge=0)] = 5e-3
+    """Of the tissue in front of the bone edge, whose place the pose tells."""
+    plate: Annotated[float, "m"] = 0.0
+    """Height of the plate, which is z = constant, the finger above it."""
+    friction: Annotated[float, "1", msgspec.Meta(ge=0)] = 0.7
+    lateral: Annotated[Literal["shear", "cantilever"], "1"] = "shear"
+    tissue_modulus: Annotated[float, "Pa", msgspec.Meta(gt=0)] = TISSUE.modulus
+    tissue_relaxation: Annotated[float, "s", msgspec.Meta(ge=0)] = TISSUE.relaxation
+    skin_modulus: Annotated[float, "Pa", msgspec.Meta(gt=0)] = SKIN.modulus
+    skin_relaxation: Annotated[float, "s", msgspec.Meta(ge=0)] = SKIN.relaxation
+    bone_modulus: Annotated[float, "Pa", msgspec.Meta(gt=0)] = BONE.modulus
+    poisson: Annotated[float, "1", msgspec.Meta(gt=-1, lt=0.5)] = TISSUE.poisson
+    sheet: Annotated[float, "m", msgspec.Meta(ge=0)] = 1e-3
+    """Thickness of the skin that couples the beams' ends; 0: none."""
+    dome_radius: Annotated[float, "m", msgspec.Meta(gt=0)] = 8e-3
+    dome_length: Annotated[float, "m", msgspec.Meta(gt=0)] = 4e-3
+    warning: Annotated[float, "1", msgspec.Meta(gt=0, le=1)] = 0.1
+    """Part of the contact that slides when incipient slip is told."""
+    rounds: Annotated[int, "1", msgspec.Meta(ge=1, le=1000)] = 30
+    """At most so many of the solver in a step."""
+
+    def start(self) -> None:
+        """Fill the fingertip with beams, out of contact."""
+        try:
+            self.bundle = self._bundle()
+        except ValueError as error:
+            raise SettingError(f"shape {self.shape!r}, angle {math.degrees(self.angle):.1f}°: {error}") from None
+        self.state = State(self.bundle)
+        # Compiles what the steps need, and tells the response before touch.
+        step(self.bundle, self.state, -1.0, (0.0, 0.0), self.friction, 1e-3)
+        self.state.time = 0.0
+        self.before: Vector3 | None = None
+        self.depth = 0.0
+        self.onset = -1.0
+        self.reaction = np.zeros(3)
+
+    def _bundle(self) -> Bundle:
+        tissue = Material(self.tissue_modulus, self.tissue_relaxation, self.poisson)
+        skin = Material(self.skin_modulus, self.skin_relaxation, self.poisson)
+        bone = Material(self.bone_modulus, 0.0, self.poisson)
+        if self.shape == "dome":
+            if self.reach >= self.dome_length:
+                raise FingertipError(f"reach {self.reach} m: expected less than the dome's beams, {self.dome_length} m")
+            return dome(self.dome_radius, self.dome_length, self.pitch, self.reach, tissue,
+                        lateral=self.lateral, skin=self.sheet, skin_material=skin)  # fmt: skip
+        tip = Anatomy().fingertip() if self.shape == "anatomy" else Fingertip.load(self.shape)
+        return fill(
+            tip, self.reach, self.pitch, self.angle, (skin, tissue, bone, tissue), self.lateral, self.sheet, skin
+        )
+
+    def step(self, pose: Pose, *, dt: float) -> tuple[Contact, Friction, Slip, Surface]:
+        """Press and slide the bundle to the pose."""
+        x, y, z = pose.position
+        rate = 0.0
+        if dt > 0:
+            last = self.before or pose.position
+            depth = min(max(self.thickness + self.plate - z, -FARTHEST), FARTHEST)
+            shift = (x - last[0], y - last[1])
+            rate = (max(depth, 0.0) - max(self.depth, 0.0)) / max(dt, SHORTEST_STEP)
+            self.before, self.depth = pose.position, depth
+            self.reaction = step(self.bundle, self.state, depth, shift, self.friction, dt, most=self.rounds)
+            if self.state.summary[CONTACTS] == 0:
+                self.onset = -1.0
+            elif self.onset < 0 and shift != (0.0, 0.0):
+                self.onset = self.state.time - dt
+        foot = (x, y, self.plate)
+        force = float(self.reaction[2])
+        compression = max(self.depth, 0.0)
+        contact = Contact(foot=foot, normal=UP, force=force, compression=compression, indentation=0.0,
+                          compression_rate=rate, indentation_rate=0.0)  # fmt: skip
+        slip = self._slip()
+        return contact, self._friction(slip), slip, self._surface()
+
+    def _friction(self, slip: Slip) -> Friction:
+        touching = self.state.normal > 0
+        bristle = -self.state.deflection[touching].mean(axis=0) if slip.contacts else np.zeros(2)
+        return Friction(
+            force=(-self.reaction[0], -self.reaction[1], 0.0), bristle=(*bristle, 0.0), stick=not slip.gross
+        )
+
+    def _slip(self) -> Slip:
+        s = self.state
+        contacts, slips = int(s.summary[CONTACTS]), int(s.summary[SLIPS])
+        fraction = slips / contacts if contacts else 0.0
+        gross = 0 < contacts == slips
+        return Slip(
+            contacts=contacts,
+            fraction=fraction,
+            front=math.sqrt((contacts - slips) * self.bundle.cell / math.pi),
+            incipient=fraction >= self.warning and not gross,
+            gross=gross,
+            state=(s.normal > 0).astype("<i4") + s.slipping,
+            first=np.where(s.first < 0, -1.0, np.maximum(s.first - max(self.onset, 0.0), 0.0)),
+            path=s.path,
+            points=self.bundle.points,
+            clamped=int(s.summary[CLAMPED]),
+            rounds=int(s.summary[ROUNDS]),
+            residual=float(s.summary[RESIDUAL]),
+        )
+
+    def _surface(self) -> Surface:
+        """The pad, and the fingertip's own law for its next step: depth against normal force."""
+        s = self.state
+        touching = np.flatnonzero(s.normal > 0)
+        moved = np.zeros((len(touching), 3))
+        moved[:, :2] = s.deflection[touching]
+        moved[:, 2] = np.minimum(self.depth - self.bundle.heights[touching], s.reach[touching])
+        # The next step is a sum of straight laws that set in one after the other: its tangent at this depth is exact
+        # for deeper ones until new beams touch, and never above it.
+        stiffness, touch, force = (float(s.summary[k]) for k in (NEXT_STIFFNESS, NEXT_TOUCH, NEXT_FORCE))
+        free = max(self.depth - force / stiffness, touch) if force > 0 else touch
+        return Surface(
+            nodes=touching, displacement=moved, stiffness=stiffness, exponent=1.0, damping=0.0,
+            free=free, previous=max(self.depth, 0.0), pressure=s.normal[touching] / self.bundle.cell,
+            slipped=s.slipping[touching], clamped=int(s.summary[CLAMPED]),
+        )  # fmt: skip

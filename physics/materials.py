@@ -1,0 +1,46 @@
+"""Materials of the fingertip, with where each number comes from.
+
+The moduli of tissue and skin stand in Table I of the beam bundle paper and agree with Maeno, Kobayashi & Yamazaki,
+"Relationship between the structure of human finger tissue and the location of tactile receptors" (1998), recalled,
+not read again. Those of bone and nail are the best reading of a damaged table and only matter as "rigid". The printed
+viscosities (0.1, 10, 1 Pa s) give relaxation within 3 to 74 microseconds, against the seconds that the paper shows;
+here the viscosity is E times a relaxation time after Pawluk & Howe (1999). Full account: docs/equations/beam-bundle.md.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Material:
+    """A linear viscoelastic material.
+
+    modulus     [Pa]  E
+    relaxation  [s]   viscosity / modulus: the retardation time of one Voigt element
+    poisson     [1]   nu
+    status      where the numbers come from: "stated", "literature", "inferred" or "assumed", in that order of trust
+    """
+
+    modulus: float
+    relaxation: float
+    poisson: float = 0.48
+    status: str = "assumed"
+
+    @property
+    def viscosity(self) -> float:
+        """c [Pa s]."""
+        return self.modulus * self.relaxation
+
+    @property
+    def shear_modulus(self) -> float:
+        """G = E / 2(1 + nu) [Pa]."""
+        return self.modulus / (2 * (1 + self.poisson))
+
+
+TISSUE = Material(3.4e4, 1.4, status="modulus stated, relaxation assumed (slow part of Pawluk & Howe)")
+SKIN = Material(1.36e5, 0.07, status="modulus stated, relaxation assumed (middle part of Pawluk & Howe)")
+BONE = Material(1.5e10, 0.0, status="modulus inferred, no relaxation")
+NAIL = Material(4.3e9, 0.0, status="modulus inferred, no relaxation; rigid in the bundle")
+PRINTED_VISCOSITY = {"tissue": 0.1, "skin": 10.0, "bone": 1.0}
+"""Table I as printed [Pa s]; not used, see above."""

@@ -1,0 +1,136 @@
+"""Generalised Voigt chain: spring-damper elements in series, by backward Euler in closed form.
+
+One beam is h elements in series. Element j has length L_j, modulus E_j [Pa] and viscosity c_j [Pa s]:
+
+    sigma = E_j e_j + c_j de_j/dt,        e = sum_j phi_j e_j,        phi_j = L_j / L
+
+Compression is positive. A step of length T from the strains e_j to the imposed strain e has the answer
+
+    b_j = E_j + c_j/T,   sigma = (e - sum_j phi_j (c_j/T) e_j / b_j) / sum_j phi_j / b_j,
+    e_j <- ((c_j/T) e_j + sigma) / b_j
+
+which is unconditionally stable, first order in T, and holds for c_j = 0 and for any T > 0.
+
+V. A. Ho, S. Hirai, "Beam bundle model of human fingertip", eq. 2-5; there phi_j = 1, which holds for strains counted on
+equal lengths only.
+"""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+
+STRAIN_LIMIT = 0.9
+"""Largest compressive strain of an element [1]; the linear law has no meaning beyond, and at 1 the length is gone."""
+
+
+@numba.njit(cache=True)
+def chain_strain_step(strains, moduli, viscosities, shares, strain, dt):
+    """Step one chain to an imposed strain; `strains` is changed in place. Stress [Pa], >= 0: a plate pushes only.
+
+    A chain that would pull lets go and recovers freely (stress 0). An element that would pass STRAIN_LIMIT is held
+    there, and the others take the rest. Elements of share 0 are absent.
+
+    strains     [1]    (h)  of the elements, compression positive
+    moduli      [Pa]   (h)  viscosities [Pa s] (h)   shares [1] (h)  L_j / L, sum 1
+    strain      [1]    ()   imposed on the whole chain
+    dt          [s]    ()   > 0
+    """
+    h = strains.shape[0]
+    held = 0
+    for _ in range(h + 1):
+        rest = strain
+        compliance = 0.0
+        for j in range(h):
+            if shares[j] == 0.0:
+                continue
+            if held >> j & 1:
+                rest -= shares[j] * STRAIN_LIMIT
+            else:
+                rate = viscosities[j] / dt
+                compliance += shares[j] / (moduli[j] + rate)
+                rest -= shares[j] * rate * strains[j] / (moduli[j] + rate)
+        if compliance == 0.0:
+            break
+        stress = max(rest, 0.0) / compliance
+        passed = 0
+        for j in range(h):
+            if shares[j] > 0.0 and not held >> j & 1:
+                rate = viscosities[j] / dt
+                if (rate * strains[j] + stress) / (moduli[j] + rate) > STRAIN_LIMIT:
+                    passed |= 1 << j
+        if passed == 0:
+            for j in range(h):
+                rate = viscosities[j] / dt
+                if held >> j & 1:
+                    strains[j] = STRAIN_LIMIT
+                elif shares[j] > 0.0:
+                    strains[j] = (rate * strains[j] + stress) / (moduli[j] + rate)
+            return stress
+        held |= passed
+    stress = 0.0
+    for j in range(h):
+        if shares[j] > 0.0:
+            stress = max(stress, moduli[j] * STRAIN_LIMIT + viscosities[j] / dt * (STRAIN_LIMIT - strains[j]))
+            strains[j] = STRAIN_LIMIT
+    return stress
+
+
+@numba.njit(cache=True)
+def chain_stress_step(strains, moduli, viscosities, shares, stress, dt):
+    """Step one chain under an imposed stress >= 0; `strains` is changed in place. Strain [1] of the whole chain.
+
+    No element passes STRAIN_LIMIT. Arguments as `chain_strain_step`, `stress` [Pa].
+    """
+    total = 0.0
+    for j in range(strains.shape[0]):
+        if shares[j] > 0.0:
+            rate = viscosities[j] / dt
+            strains[j] = min((rate * strains[j] + stress) / (moduli[j] + rate), STRAIN_LIMIT)
+            total += shares[j] * strains[j]
+    return total
+
+
+@numba.njit(cache=True)
+def chain_compliance(moduli, viscosities, shares, dt):
+    """d strain / d stress [1/Pa] of the next step of length dt > 0 [s], no element at its limit."""
+    total = 0.0
+    for j in range(moduli.shape[0]):
+        if shares[j] > 0.0:
+            total += shares[j] / (moduli[j] + viscosities[j] / dt)
+    return total
+
+
+@numba.njit(cache=True)
+def _history(time, strain, moduli, viscosities, shares):
+    strains = np.zeros(moduli.shape[0])
+    stress = np.zeros(time.shape[0])
+    for k in range(1, time.shape[0]):
+        stress[k] = chain_strain_step(strains, moduli, viscosities, shares, strain[k], time[k] - time[k - 1])
+    return stress
+
+
+def stress_history(time, strain, moduli, viscosities, shares=None):
+    """Stress [Pa] (n) of a chain that starts at rest at time[0] and follows a strain history.
+
+    time    [s]    (n)  increasing
+    strain  [1]    (n)  compression positive
+    moduli  [Pa]   (h)  > 0    viscosities [Pa s] (h)  >= 0
+    shares  [1]    (h)  L_j / L; None: 1/h each
+
+    ValueError: time that does not increase, or a modulus or viscosity out of range.
+
+        >>> t = np.linspace(0.0, 1.0, 1001)
+        >>> round(float(stress_history(t, np.minimum(t / 0.5, 1.0) * 0.2, [3.4e4], [0.0])[-1]))
+        6800
+    """
+    time, strain = np.asarray(time, float), np.asarray(strain, float)
+    moduli, viscosities = np.atleast_1d(np.asarray(moduli, float)), np.atleast_1d(np.asarray(viscosities, float))
+    shares = np.full(moduli.shape, 1.0 / moduli.size) if shares is None else np.atleast_1d(np.asarray(shares, float))
+    if time.shape != strain.shape or time.ndim != 1 or np.any(np.diff(time) <= 0):
+        raise ValueError("time and strain: expected two histories of one length, time increasing")
+    if not (moduli.shape == viscosities.shape == shares.shape):
+        raise ValueError(f"found {moduli.size} moduli, {viscosities.size} viscosities, {shares.size} shares")
+    if np.any(moduli <= 0) or np.any(viscosities < 0) or np.any(shares < 0):
+        raise ValueError("expected moduli > 0, viscosities >= 0, shares >= 0")
+    return _history(time, strain, moduli, viscosities, shares)

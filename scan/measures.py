@@ -1,0 +1,25 @@
+"""What a fingertip that was read measures, for the eye of the user."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from palpate.physics.fingertip import Fingertip, cast, fill
+
+
+def measures(tip: Fingertip, depth: float = 2e-3, pitch: float = 1.2e-3) -> dict[str, float]:
+    """Sizes [mm], volumes [mm³], and the number of beams that touch a plate at a depth [m], with their units in the
+    names."""
+    inside = np.argwhere(tip.skin < 0)
+    size = (np.ptp(inside, axis=0) + 1) * tip.spacing * 1e3
+    x, y = np.meshgrid(*(tip.origin[k] + tip.spacing[k] * np.arange(tip.skin.shape[k]) for k in (0, 1)))
+    rays = cast(tip, x, y)
+    return {
+        "breadth_mm": float(size[0]),
+        "length_mm": float(size[1]),
+        "depth_mm": float(size[2]),
+        "skin_mm": float(np.nanmedian(rays.inner - rays.bottom) * 1e3),
+        "soft_volume_mm3": (tip.volume("skin") - tip.volume("bone")) * 1e9,
+        "bone_volume_mm3": tip.volume("bone") * 1e9,
+        "beams": len(fill(tip, depth, pitch).heights),
+    }

@@ -1,0 +1,42 @@
+#!/bin/sh
+# Set palpate up in .venv with everything it can do: ./setup.sh
+# Needs Python 3.11 or newer. Debian packages are installed where this user may; else they are named.
+set -eu
+cd "$(dirname "$0")"
+
+python=""
+for found in "${PYTHON:-}" python3 python3.13 python3.12 python3.11; do
+    if [ -n "$found" ] && "$found" -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null; then
+        python=$found
+        break
+    fi
+done
+if [ -z "$python" ]; then
+    echo "setup: no Python 3.11 or newer found. Install one, or name it: PYTHON=/path/to/python3.11 ./setup.sh" >&2
+    exit 1
+fi
+
+# Off-screen 3-D pictures need OSMesa; python3-venv is a package of its own on Debian.
+packages=""
+ldconfig -p 2>/dev/null | grep -q 'libOSMesa\.so' || packages="libosmesa6"
+"$python" -c 'import ensurepip' 2>/dev/null || packages="$packages python3-venv"
+if [ -n "$packages" ] && command -v apt-get >/dev/null 2>&1; then
+    if [ "$(id -u)" = 0 ]; then
+        root=""
+    elif command -v sudo >/dev/null 2>&1 && sudo -n true 2>/dev/null; then
+        root="sudo"
+    else
+        root="no"
+    fi
+    if [ "$root" = "no" ]; then
+        echo "setup: not allowed to install Debian packages; for all pictures: sudo apt-get install $packages" >&2
+    else
+        # shellcheck disable=SC2086
+        { $root apt-get update -qq && $root apt-get install -y -qq $packages; } >/dev/null 2>&1 ||
+            echo "setup: apt-get could not install: $packages (3-D pictures may be missing)" >&2
+    fi
+fi
+
+[ -x .venv/bin/python ] || "$python" -m venv .venv
+.venv/bin/python -m pip install --quiet --disable-pip-version-check -e ".[all,dev]"
+echo "palpate is ready: .venv/bin/palpate"
