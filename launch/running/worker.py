@@ -12,6 +12,7 @@ from palpate.launch.loading.load import load_class
 from palpate.launch.running.bus import CONTROL, HEALTH, Bus, frame, order
 from palpate.launch.running.clock import now
 from palpate.launch.running.ended import Ended
+from palpate.launch.running.health import message
 from palpate.launch.running.job import Job, NodeJob, ObserverJob
 from palpate.launch.running.listen import hand_over, listen
 from palpate.launch.running.real import run_real
@@ -120,7 +121,7 @@ class Worker:
         NodeFault: a node failed.
         """
         self._mark_heard()
-        self._tell_observers()
+        self._tell_observers({slot.name: slot.health.report() for slot in self.slots})
         gc.collect()
         gc.freeze()
         if self.job.clock == "real":
@@ -247,18 +248,21 @@ class Worker:
         nodes = {slot.name: {**slot.health.report(), "forces": slot.forces()} for slot in self.slots}
         nodes |= {observer.name: observer.health.report() for observer in self.observers}
         self.report({"kind": "health", "tick": self.tick, "nodes": nodes})
-        self._tell_observers()
+        self._tell_observers(nodes)
         self._pass_notes()
 
-    def _tell_observers(self) -> None:
+    def _tell_observers(self, nodes: dict[str, dict]) -> None:
         """How the nodes here are doing, to the observers here and elsewhere."""
+        far = self.bus is not None and self.bus.heard(HEALTH.encode() + b"\0")
+        if not far and not self._told:
+            return
         for slot in self.slots:
             last = slot.outputs[0].last if slot.outputs else None
-            message = slot.health.message(slot.name, last.time if last is not None else 0)
+            told = message(slot.name, last.time if last is not None else 0, nodes[slot.name])
             for observer in self._told:
-                observer.health(message)
-            if self.bus is not None:
-                self.bus.keep(frame(HEALTH, pack(message)))
+                observer.health(told)
+            if far and self.bus is not None:
+                self.bus.keep(frame(HEALTH, pack(told)))
 
     def _pass_notes(self) -> None:
         for observer in self._told:
