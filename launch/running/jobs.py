@@ -35,7 +35,7 @@ def jobs(
     path = force_path(plan)
     place = {name: group.name for group in placement.groups for name in group.nodes}
     found = []
-    for group in placement.groups:
+    for phase, group in enumerate(placement.groups):
         names = [name for name in plan.order if name in group.nodes]
         on_path = any(name in path for name in names)
         found.append(
@@ -50,6 +50,7 @@ def jobs(
                 core=group.core or _cores(on_path, len(placement.groups)),
                 priority=group.priority or (PRIORITY if on_path else None),
                 host=group.host,
+                phase=phase,
                 leads=any(plan.graph.nodes[name].cls.paced for name in names),
                 external=_external(plan, place, group),
                 about=about or {},

@@ -57,7 +57,7 @@ class Worker:
         self.tick = -1
         self._reported = 0
         self._beat = now()
-        self._burst = 0
+        self._burst = job.phase % BURST
         self._started: list[Node] = []
         self._told: list[Observer] = []
         self._heard: dict[str, Output] = known
