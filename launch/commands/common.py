@@ -115,8 +115,6 @@ def _is_told(error: Exception) -> bool:
 def _code(error: Exception) -> int:
     """A wrong setting or a file that is not there is misuse; the rest is trouble of the run."""
     base = sys.modules.get("palpate.nodes.base")
-    if _is_told(error):
-        return MISUSE
     misuse = (FileNotFoundError, FileExistsError) + ((base.SettingError,) if base else ())
     return MISUSE if isinstance(error, misuse) else TROUBLE
 
