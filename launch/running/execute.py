@@ -72,7 +72,8 @@ def execute(
         here = address.removeprefix("tcp://").rpartition(":")[0]
         work = [job if job.host else msgspec.structs.replace(job, host=here) for job in work]
     title = (launch.path or launch.graph).stem
-    screen = Screen(console, title, graph.rate, ticks) if console is not None else None
+    names = [*found.order, *found.observers]
+    screen = Screen(console, title, graph.rate, ticks, names) if console is not None else None
     with screen or contextlib.nullcontext():
         if len(work) == 1 and clock == "simulated" and not joined:
             if nursery is not None:
@@ -90,7 +91,6 @@ def execute(
                 printed=screen.print if screen else lambda _: None,
             )
             result = launcher.run()
-    names = [*found.order, *found.observers]
     result.health = {name: result.health[name] for name in names if name in result.health}
     return Outcome(found, result, launch.record)
 
