@@ -27,10 +27,12 @@ from palpate.physics.fingertip import Fingertip, FingertipError, fill
 from palpate.physics.materials import BONE, SKIN, TISSUE, Material
 
 UP = (0.0, 0.0, 1.0)
+CLEAR = 1e-3
+"""[m] How far above the plate a lifted finger stops."""
 
 
 class Slide(Node):
-    """A hand that presses a fingertip on a plate, holds, and slides it along, at constant speeds."""
+    """A hand that presses a fingertip on a plate, holds, slides it along and lifts it, at constant speeds."""
 
     paced = True
 
@@ -45,6 +47,9 @@ class Slide(Node):
     direction: Annotated[float, "rad"] = math.pi / 2
     """In the plane of the plate, from x (across the finger); pi/2 draws the finger back, -pi/2 pushes it on."""
     distance: Annotated[float, "m", msgspec.Meta(ge=0)] = 5e-3
+    """Of the slide; 0: the hand only presses and holds."""
+    lift: Annotated[float, "m/s", msgspec.Meta(ge=0)] = 0.0
+    """Speed of lifting once the slide has ended; 0: the finger stays."""
 
     def start(self) -> None:
         """At first touch."""
@@ -54,8 +59,12 @@ class Slide(Node):
     def step(self, *, dt: float) -> Pose:
         """Where the bone edge is."""
         self.time += max(dt, 0.0)
+        sliding = max(self.time - self.depth / self.press - self.hold, 0.0)
+        way = min(self.speed * sliding, self.distance)
         depth = min(self.press * self.time, self.depth)
-        way = min(self.speed * max(self.time - self.depth / self.press - self.hold, 0.0), self.distance)
+        if self.lift > 0 and way >= self.distance:
+            since = sliding - (self.distance / self.speed if self.distance > 0 else 0.0)
+            depth = max(depth - self.lift * since, -CLEAR)
         place = (way * math.cos(self.direction), way * math.sin(self.direction), self.thickness + self.plate - depth)
         velocity: Vector3 = (0.0, 0.0, 0.0)
         if dt > 0:
