@@ -76,7 +76,7 @@ def _band(axes: Axes, both: tuple[Columns, Columns], depth: str) -> None:
     levels, quantiles = band["levels"][0], band["quantiles"][order]
     if len(levels) > 1:
         low, high = int(np.argmin(levels)), int(np.argmax(levels))
-        text = f"{100 * (levels[high] - levels[low]):.0f} % of its sessions"
+        text = f"{100 * (levels[high] - levels[low]):.0f} % of its forces"
         axes.fill_between(way, quantiles[:, low], quantiles[:, high], color=REGION_A, linewidth=0, label=text)
     axes.plot(way, band["mean"][order], color=NORMAL, label="measured subject, mean")
     axes.plot(way, contact["force"][order], ".", color=TISSUE, markersize=3, label="this run")
