@@ -78,7 +78,8 @@ class BundleContact(Node):
     """A fingertip as a beam bundle on a rigid plate: normal force, friction, stick and slip of every node.
 
     The bundle is filled at the start, from a scan that `palpate fingertip` has read, or from the default anatomy, and
-    meshed once for `reach`. Deeper pressing is answered within it, and flagged. See docs/equations/beam-bundle.md.
+    meshed once for `reach`. Deeper pressing is answered by the beams that there are, and flagged (`Slip.deeper`); the
+    force then stays bounded and is too small. See docs/equations/beam-bundle.md.
     """
 
     shape: Annotated[str, "1"] = "anatomy"
@@ -114,7 +115,8 @@ class BundleContact(Node):
         try:
             self.bundle = self._bundle()
         except ValueError as error:
-            raise SettingError(f"shape {self.shape!r}, angle {math.degrees(self.angle):.1f}°: {error}") from None
+            where = f"shape {self.shape!r}, angle {math.degrees(self.angle):.1f}°, reach {self.reach * 1e3:g} mm"
+            raise SettingError(f"{where}: {error}") from None
         self.state = State(self.bundle)
         # Compiles what the steps need, and tells the response before touch.
         step(self.bundle, self.state, -1.0, (0.0, 0.0), self.friction, 1e-3)
@@ -184,6 +186,7 @@ class BundleContact(Node):
             path=s.path,
             points=self.bundle.points,
             clamped=int(s.summary[CLAMPED]),
+            deeper=self.depth > self.reach * (1 + 1e-9),
             rounds=int(s.summary[ROUNDS]),
             residual=float(s.summary[RESIDUAL]),
         )

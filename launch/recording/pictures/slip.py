@@ -67,7 +67,7 @@ def draw(touch: Touch) -> Figure | None:
         _shade(axes, time, at, named=axes is middle)
     upper.plot(time, normal, color=NORMAL)
     upper.set_ylabel("normal force [N]")
-    upper.set_title(_relaxation(normal, contact["compression"], at))
+    upper.set_title(_relaxation(normal, contact["compression"], at) + _flags(slip))
     deep = upper.twinx()
     deep.plot(time, np.maximum(contact["compression"], 0.0) * 1e3, color=FINGER, linestyle=(0, (4, 2)), linewidth=1.2)
     deep.set_ylabel("depth [mm]  (dashed)", color=FINGER)
@@ -111,6 +111,16 @@ def _relaxation(normal: np.ndarray, depth: np.ndarray, at: Phases) -> str:
     if later <= pressed:
         return f"{normal.max():.2f} N at most"
     return f"{normal[pressed]:.2f} N when pressed {depth[pressed] * 1e3:.1f} mm deep, relaxed to {normal[later]:.2f} N"
+
+
+def _flags(slip: Columns) -> str:
+    """What the model says of its own limits."""
+    told = ""
+    if slip["deeper"].any():
+        told += "; deeper than the pad is meshed for: too small a force"
+    if slip["clamped"].any():
+        told += f"; up to {slip['clamped'].max()} beams held at their limit"
+    return told
 
 
 def _lead(time: np.ndarray, size: np.ndarray, at: Phases) -> str:
