@@ -122,13 +122,13 @@ def _summary(outcome: Outcome, name: str, drawn: list[Path]) -> None:
         out.print(Text(f"skipped {node}: {reason}", style="dim"))
     for note in result.notes:
         out.print(Text(note, style="yellow"))
-    if outcome.recording is not None and outcome.recording.is_file():
+    if outcome.recording is not None and outcome.recording.is_file() and result.ticks:
         out.print(Text(f"recording {outcome.recording} ({outcome.recording.stat().st_size / 1e6:.1f} MB)"))
     for picture in drawn:
         out.print(Text(f"picture   {picture}"))
     for death in result.deaths:
         out.print(Text(str(death), style="red"))
-        if death.trace:
+        if death.trace and not death.text.startswith("SettingError"):  # that one says by itself what to change
             out.print(Text(death.trace.rstrip(), style="dim"))
 
 
