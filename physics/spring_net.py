@@ -198,7 +198,23 @@ def net_step(
             for k in range(3):
                 state[slot, k] -= (u - before) * normals[node, k]
     goal = 1e-6 * size + 1e-12
-    fixed = (law, hardness, share, dt, vertices, normals, spans, first, neighbours, where, active, state, edges, work, count)
+    fixed = (
+        law,
+        hardness,
+        share,
+        dt,
+        vertices,
+        normals,
+        spans,
+        first,
+        neighbours,
+        where,
+        active,
+        state,
+        edges,
+        work,
+        count,
+    )
     residual = _linearise(*fixed)
     for _ in range(20):
         if residual <= goal:

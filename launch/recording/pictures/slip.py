@@ -36,8 +36,10 @@ def phases(normal: np.ndarray, friction: np.ndarray, incipient: np.ndarray, gros
     begin = int(rubbing[0]) if len(rubbing) else None
 
     def first(flag: np.ndarray) -> int | None:
-        at = np.flatnonzero(flag[begin : end + 1]) if begin is not None else []
-        return begin + int(at[0]) if begin is not None and len(at) else None
+        if begin is None:
+            return None
+        at = np.flatnonzero(flag[begin : end + 1])
+        return begin + int(at[0]) if len(at) else None
 
     return Phases(begin, first(incipient), first(gross), end)
 
