@@ -163,8 +163,8 @@ def _solve(normals, first, neighbours, where, active, edges, work, count):
 
 @njit(cache=True, error_model="numpy")
 def net_step(
-    nodes, forces, normal, dt, law, hardness, rings, vertices, normals, per_area, spans, first, neighbours, edges, work, share,
-    memory, where, active, state, out, count,
+    nodes, forces, normal, dt, law, hardness, rings, vertices, normals, per_area, spans, first, neighbours, edges, work,
+    share, memory, where, active, state, out, count,
 ):  # fmt: skip
     """One step of the net; returns how many nodes are in its list.
 
@@ -198,7 +198,23 @@ def net_step(
             for k in range(3):
                 state[slot, k] -= (u - before) * normals[node, k]
     goal = 1e-6 * size + 1e-12
-    fixed = (law, hardness, share, dt, vertices, normals, spans, first, neighbours, where, active, state, edges, work, count)
+    fixed = (
+        law,
+        hardness,
+        share,
+        dt,
+        vertices,
+        normals,
+        spans,
+        first,
+        neighbours,
+        where,
+        active,
+        state,
+        edges,
+        work,
+        count,
+    )
     residual = _linearise(*fixed)
     for _ in range(20):
         if residual <= goal:

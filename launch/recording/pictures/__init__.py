@@ -65,7 +65,9 @@ def _draw(recording: Recording, folder: Path, console: Console | None, step: Cal
         else:
             views = deformation.Views(touch)  # it draws while the others are drawn here
     except NoMesh as error:
-        if recording.stream_of(Surface) is not None and touch.slip is None:  # else there is none to draw, or it is a pad
+        if (
+            recording.stream_of(Surface) is not None and touch.slip is None
+        ):  # else there is none to draw, or it is a pad
             _tell(console, f"no picture of the surface: {error}")
     try:
         for picture in (force, compression, friction, device, slip, pad, pins, softness):

@@ -32,7 +32,8 @@ def draw(touch: Touch) -> Figure | None:
     settings = touch.settings(touch.recording.stream_of(Pins))
     below = settings.get("shows", "force") != "force"
     out = figure(2.6 * len(rows) + 1.2, 9.4 if below else 7.2, "What the pins show")
-    top, bottom = out.subfigures(2, 1, height_ratios=(5 if below else 2.6, 4))
+    panels: Any = out.subfigures(2, 1, height_ratios=(5 if below else 2.6, 4))
+    top, bottom = panels
     grid = top.subplots(1 + below, len(rows), squeeze=False, sharex=True, sharey=True)
     places, pitch = _places(heights.shape[1:], settings)
     most = max(float(heights[rows].max()), 1e-6)
@@ -80,7 +81,9 @@ def _places(shape: tuple[int, ...], settings: dict[str, Any]) -> tuple[np.ndarra
     return np.stack(np.meshgrid(x, y), axis=-1), pitch
 
 
-def _map(axes: Axes, values: np.ndarray, places: np.ndarray, pitch: float, colours: str, low: float, high: float) -> Any:
+def _map(
+    axes: Axes, values: np.ndarray, places: np.ndarray, pitch: float, colours: str, low: float, high: float
+) -> Any:
     (left, down), (right, up) = places[0, 0] - pitch / 2, places[-1, -1] + pitch / 2
     axes.grid(visible=False)
     return axes.imshow(
@@ -88,7 +91,9 @@ def _map(axes: Axes, values: np.ndarray, places: np.ndarray, pitch: float, colou
     )
 
 
-def _circle(axes: Axes, nodule: dict[str, Any], foot: np.ndarray, normal: np.ndarray, places: Any, pitch: float) -> None:
+def _circle(
+    axes: Axes, nodule: dict[str, Any], foot: np.ndarray, normal: np.ndarray, places: Any, pitch: float
+) -> None:
     """Outline of the nodule below."""
     radius, position = nodule.get("nodule_radius", 0.0), nodule.get("nodule_position")
     if not radius or position is None:

@@ -36,14 +36,15 @@ def phases(normal: np.ndarray, friction: np.ndarray, incipient: np.ndarray, gros
     begin = int(rubbing[0]) if len(rubbing) else None
 
     def first(flag: np.ndarray) -> int | None:
-        at = np.flatnonzero(flag[begin : end + 1]) if begin is not None else []
-        return begin + int(at[0]) if begin is not None and len(at) else None
+        if begin is None or not flag[begin : end + 1].any():
+            return None
+        return begin + int(flag[begin : end + 1].argmax())
 
     return Phases(begin, first(incipient), first(gross), end)
 
 
 def slides(touch: Touch) -> tuple[Columns, Columns, Columns, Phases] | None:
-    """Contact, friction and slip at common ticks, and the phases; None where one was not recorded or nothing touched."""
+    """Contact, friction and slip at common ticks, and the phases; None where one is missing or nothing touched."""
     if touch.slip is None or touch.contact is None or touch.friction is None:
         return None
     contact, friction, slip = together(touch.contact, touch.friction, touch.slip)

@@ -50,7 +50,9 @@ def draw(touch: Touch) -> Figure | None:
     middle.axvspan(force[last].max(), most, color=FAINT, alpha=0.45, linewidth=0, zorder=0, label=OUTSIDE)
     right.axhspan(limit * 1e3, 1e3, color=FAINT, alpha=0.45, linewidth=0, zorder=0, label=OUTSIDE)
     slow = slice(None, None, max(len(pins["tick"]) // 150, 1))
-    right.plot(contact["force"][slow], pins["actuator"][slow] * 1e3, ".", color=NORMAL, ms=3, label="this run, actuator")
+    right.plot(
+        contact["force"][slow], pins["actuator"][slow] * 1e3, ".", color=NORMAL, ms=3, label="this run, actuator"
+    )
     top = float(max(node.theory(most, modulus).approach for modulus in OTHERS)) * 1e3
     middle.set(xlabel="force [N]", ylabel="largest deformation x [mm]", xlim=(0, most), ylim=(0, None))
     right.set(xlabel="force [N]", ylabel="rigid motion δ [mm]", xlim=(0, most), ylim=(0, 1.05 * max(top, limit * 1e3)))

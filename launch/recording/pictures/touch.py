@@ -10,7 +10,19 @@ import numpy as np
 
 from palpate.launch.loading.load import load_class
 from palpate.launch.recording.reader import Recording, RecordingError
-from palpate.messages import Contact, Force, ForceBand, Friction, Message, MessageError, Pins, Pose, Proximity, Slip, unpack
+from palpate.messages import (
+    Contact,
+    Force,
+    ForceBand,
+    Friction,
+    Message,
+    MessageError,
+    Pins,
+    Pose,
+    Proximity,
+    Slip,
+    unpack,
+)
 
 Columns = dict[str, np.ndarray]
 GAP = 0.05  # [s] shorter losses of contact do not end a touch
