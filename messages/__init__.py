@@ -17,7 +17,9 @@ from palpate.messages.checks import check_finite
 from palpate.messages.contact import Contact, Friction, Load, Proximity
 from palpate.messages.device import DeviceState, Force, Pose, Torque
 from palpate.messages.display import Pins
+from palpate.messages.health import Health
 from palpate.messages.slip import Slip
+from palpate.messages.tactile import Tactile
 from palpate.messages.tissue import Surface
 from palpate.messages.uncertainty import ForceBand
 
@@ -29,6 +31,7 @@ __all__ = [
     "Force",
     "ForceBand",
     "Friction",
+    "Health",
     "Ints",
     "Load",
     "Message",
@@ -38,6 +41,7 @@ __all__ = [
     "Proximity",
     "Slip",
     "Surface",
+    "Tactile",
     "Torque",
     "Vector",
     "Vector2",

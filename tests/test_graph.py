@@ -288,14 +288,14 @@ def test_conditions(whole, when, runs):
 
 def test_a_package_that_is_not_installed_is_told_with_its_extra(whole, write, monkeypatch):
     write("needs.py", "import skfem_that_is_missing\n")
-    write("needs_fe.py", "raise ModuleNotFoundError(\"No module named 'skfem'\", name='skfem')\n")
+    write("needs_scan.py", "raise ModuleNotFoundError(\"No module named 'pydicom'\", name='pydicom')\n")
     write("broken.py", "1/0\n")
     write("wrong.py", "def f(:\n")
     monkeypatch.chdir(whole.parent)
     monkeypatch.setattr(sys, "path", [*sys.path])
     for use, words in {
         "needs.Node": ["cannot be imported", "skfem_that_is_missing"],
-        "needs_fe.Node": ["needs the package 'skfem'", 'pip install "palpate[fe]"'],
+        "needs_scan.Node": ["needs the package 'pydicom'", 'pip install "palpate[scan]"'],
         "broken.Node": ["importing 'broken' failed", "ZeroDivisionError", "broken.py:1"],
         "wrong.Node": ["SyntaxError", "wrong.py:1"],
     }.items():

@@ -1,4 +1,4 @@
-"""Who may import whom: physics and messages nothing of ours, nodes both but never ZeroMQ, launch nodes and messages."""
+"""Who may import whom: physics and messages nothing of ours, fe physics, nodes both first but never ZeroMQ."""
 
 import ast
 import subprocess
@@ -9,22 +9,24 @@ from pathlib import Path
 
 import pytest
 
+import palpate.fe
 import palpate.launch.loading.extras
 import palpate.messages
 import palpate.nodes
 import palpate.physics
 
-PACKAGES = (palpate.physics, palpate.messages, palpate.nodes, palpate.launch)
+PACKAGES = (palpate.physics, palpate.fe, palpate.messages, palpate.nodes, palpate.launch)
 FOLDERS = {package.__name__.rpartition(".")[2]: Path(next(iter(package.__path__))) for package in PACKAGES}
 FOLDERS["scan"] = FOLDERS["physics"].parent / "scan"  # imports libraries of its extra, so it is not imported here
 OURS = {
     "physics": {"physics"},
+    "fe": {"fe", "physics"},
     "messages": {"messages"},
     "nodes": {"nodes", "messages", "physics"},
     "scan": {"scan", "physics"},
-    "launch": {"launch", "nodes", "messages", "graphs", "scan"},
+    "launch": {"launch", "nodes", "messages", "graphs", "scan", "fe", "physics"},
 }
-THEIRS = {"physics": {"numpy", "scipy", "numba"}, "messages": {"numpy", "msgspec"}}
+THEIRS = {"physics": {"numpy", "scipy", "numba"}, "fe": {"numpy", "scipy", "numba"}, "messages": {"numpy", "msgspec"}}
 FILES = [(name, file) for name, folder in FOLDERS.items() for file in sorted(folder.rglob("*.py"))]
 
 
@@ -85,4 +87,4 @@ def test_the_extras_are_those_of_the_installation():
             declared.setdefault(extra.strip("\"'"), set()).add(name)
     for extra, packages in palpate.launch.loading.extras.EXTRAS.items():
         assert set(packages) == declared[extra]
-    assert set(declared) == {*palpate.launch.loading.extras.EXTRAS, "dev"}
+    assert set(declared) == {*palpate.launch.loading.extras.EXTRAS, "all", "dev"}

@@ -227,6 +227,12 @@ def test_the_deformation_lands_on_its_vertices(tmp_path):
         assert one.tip == pytest.approx([0.0, 0.0, 0.105 - depths[tick]], abs=1e-12)  # on the bottom of the dent
 
 
+def test_a_surface_that_never_moved_is_not_drawn(tmp_path):
+    streams = {"contact": [press(1e-3)] * 5, "body": [surface()] * 5}
+    with pytest.raises(NoMesh, match="no displacement was recorded"):
+        instants(Touch(Recording(record(tmp_path / "r.mcap", streams))), 100)
+
+
 def test_a_vertex_that_the_mesh_does_not_have_is_told():
     with pytest.raises(NoMesh, match="vertex 12 is displaced, but the mesh has only 12"):
         displaced(surface([12], np.ones((1, 3))), 12)

@@ -7,7 +7,6 @@ EXTRAS = {
     "scan": {"scikit-image": "skimage", "pydicom": "pydicom", "nibabel": "nibabel", "matplotlib": "matplotlib"},
     "export": {"pyarrow": "pyarrow"},
     "mesh": {"trimesh": "trimesh"},
-    "fe": {"scikit-fem": "skfem", "meshio": "meshio"},
 }
 """Extra -> package on the index -> name under which it is imported."""
 

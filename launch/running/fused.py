@@ -28,6 +28,8 @@ def run_fused(job: Job, show: Callable[[Result], None] = lambda _: None) -> Resu
         if what["kind"] == "health":
             result.health.update(what["nodes"])
             show(result)
+        elif what["kind"] == "note":
+            result.notes.append(what["text"])
 
     worker = None
     before = None

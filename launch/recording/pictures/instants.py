@@ -98,7 +98,7 @@ def choose(contact: Columns, count: int) -> list[int]:
 
 
 def instants(touch: Touch, vertices: int, count: int = 6) -> list[Instant]:
-    """Up to `count` instants. NoMesh: no contact or no surface was recorded, or the surface does not fit the mesh."""
+    """Up to `count` instants. NoMesh: no contact, surface or displacement was recorded, or it does not fit the mesh."""
     stream = touch.recording.stream_of(Surface)
     if stream is None or touch.contact is None:
         raise NoMesh("the recording has no contact on a surface")
@@ -123,6 +123,8 @@ def instants(touch: Touch, vertices: int, count: int = 6) -> list[Instant]:
                 depth=float(contact["indentation"]),
             )
         )
+    if not any(one.displacement.any() for one in found):
+        raise NoMesh("no displacement was recorded")
     return found
 
 

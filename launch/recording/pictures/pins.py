@@ -32,8 +32,7 @@ def draw(touch: Touch) -> Figure | None:
     settings = touch.settings(touch.recording.stream_of(Pins))
     below = settings.get("shows", "force") != "force"
     out = figure(2.6 * len(rows) + 1.2, 9.4 if below else 7.2, "What the pins show")
-    panels: Any = out.subfigures(2, 1, height_ratios=(5 if below else 2.6, 4))
-    top, bottom = panels
+    top, bottom = np.ravel(out.subfigures(2, 1, height_ratios=(5 if below else 2.6, 4)))
     grid = top.subplots(1 + below, len(rows), squeeze=False, sharex=True, sharey=True)
     places, pitch = _places(heights.shape[1:], settings)
     most = max(float(heights[rows].max()), 1e-6)

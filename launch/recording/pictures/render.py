@@ -15,8 +15,9 @@ from palpate.launch.recording.style import DEFORMATION
 SIZE = (900, 520)
 CLOSE_SIZE = (900, 640)
 FINGER_RADIUS = 6e-3  # [m] of the ball that stands for the fingertip
-ARROW = 9e-3  # [m/N] length of the arrow
+ARROW = 26e-3  # [m] length of the arrow of the greatest force
 MARGIN = 1.06  # room around the whole surface
+LEAST_FORCE = 0.05  # [N] smaller forces get no longer arrows
 NEAR = 0.46  # share of the height that is seen from near
 VIEW = (0.2, -0.8, 0.95)
 """Direction from the surface to the camera, where the surface's normal is upwards (z)."""
@@ -36,7 +37,9 @@ def render(views: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     deepest = float(views["deepest"])
     wide: list[np.ndarray] = []
     close: list[np.ndarray] = []
-    shots = list(zip(views["displacement"], views["tips"], views["normals"], views["forces"], strict=True))
+    greatest = max(float(np.linalg.norm(views["forces"], axis=1).max(initial=0.0)), LEAST_FORCE)
+    arrows = views["forces"] * (ARROW / greatest)
+    shots = list(zip(views["displacement"], views["tips"], views["normals"], arrows, strict=True))
     for shape, out, which in ((SIZE, wide, range(len(shots))), (CLOSE_SIZE, close, views["near"].tolist())):
         plotter = pyvista.Plotter(off_screen=True, window_size=list(shape), lighting="none")
         _lights(pyvista, plotter)
@@ -65,7 +68,7 @@ def _draw(
     displacement: np.ndarray,
     tip: np.ndarray,
     normal: np.ndarray,
-    force: np.ndarray,
+    arrow: np.ndarray,
     deepest: float,
     edges: bool,
 ) -> None:
@@ -86,13 +89,14 @@ def _draw(
         plotter.add_mesh(
             ball, color="#7fa8c9", opacity=0.3 if edges else 0.45, smooth_shading=True, ambient=0.3, specular=0.3
         )
-        size = float(np.linalg.norm(force))
-        if size > 0.02:
-            arrow = pyvista.Arrow(
-                start=centre, direction=force, scale=ARROW * size, tip_length=min(0.9, 0.5 / max(size, 0.6)),
-                tip_radius=min(0.2, 0.17 / max(size, 0.6)), shaft_radius=min(0.08, 0.06 / max(size, 0.6)),
+        length = float(np.linalg.norm(arrow))
+        if length > 0.5e-3:
+            head = min(1.0, 5e-3 / length)
+            pointer = pyvista.Arrow(
+                start=centre, direction=arrow, scale=length, tip_length=head, tip_radius=min(0.25, 1.6e-3 / length),
+                shaft_radius=min(0.1, 0.55e-3 / length),
             )  # fmt: skip
-            plotter.add_mesh(arrow, color="#1f3b57", ambient=0.3)
+            plotter.add_mesh(pointer, color="#1f3b57", ambient=0.3)
 
 
 def _camera(plotter: Any, vertices: np.ndarray, shot: tuple, near: bool) -> None:
@@ -106,9 +110,9 @@ def _camera(plotter: Any, vertices: np.ndarray, shot: tuple, near: bool) -> None
     focus = (low + high) / 2 @ axes
     width, height = plotter.window_size
     reach = MARGIN * max(high[1] - low[1], (high[0] - low[0]) * height / width) / 2
-    tip, force = shot[1], shot[3]
+    tip, arrow = shot[1], shot[3]
     if near and np.isfinite(tip).all():
-        focus, reach = tip + 0.4 * ARROW * force, NEAR * reach
+        focus, reach = tip + 0.4 * arrow, NEAR * reach
     plotter.camera.focal_point = tuple(focus)
     plotter.camera.position = tuple(focus + 4.0 * float(np.linalg.norm(high - low)) * direction)
     plotter.camera.up = (0.0, 0.0, 1.0)

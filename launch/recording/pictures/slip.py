@@ -36,15 +36,16 @@ def phases(normal: np.ndarray, friction: np.ndarray, incipient: np.ndarray, gros
     begin = int(rubbing[0]) if len(rubbing) else None
 
     def first(flag: np.ndarray) -> int | None:
-        if begin is None or not flag[begin : end + 1].any():
+        if begin is None:
             return None
-        return begin + int(flag[begin : end + 1].argmax())
+        at = np.flatnonzero(flag[begin : end + 1])
+        return begin + int(at[0]) if len(at) else None
 
     return Phases(begin, first(incipient), first(gross), end)
 
 
 def slides(touch: Touch) -> tuple[Columns, Columns, Columns, Phases] | None:
-    """Contact, friction and slip at common ticks, and the phases; None where one is missing or nothing touched."""
+    """Contact, friction and slip at common ticks, and the phases; None where one was not recorded or nothing touched."""
     if touch.slip is None or touch.contact is None or touch.friction is None:
         return None
     contact, friction, slip = together(touch.contact, touch.friction, touch.slip)

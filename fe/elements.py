@@ -1,0 +1,152 @@
+"""The quadratic tetrahedron, total Lagrangian: energy, nodal forces and tangent, compiled.
+
+The plain element integrates W(F) + U(J) at four points. The mixed one takes U at the mean volume ratio of the element
+(displacement quadratic, pressure constant, the pressure eliminated): no locking near incompressibility, and the tangent
+stays symmetric. J. C. Simo, R. L. Taylor, K. S. Pister, Comput. Methods Appl. Mech. Eng. 51 (1985) 177-208.
+"""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+
+_A, _B = (5.0 + 3.0 * np.sqrt(5.0)) / 20.0, (5.0 - np.sqrt(5.0)) / 20.0
+POINTS = np.array([[_B, _B, _B], [_A, _B, _B], [_B, _A, _B], [_B, _B, _A]])
+"""Integration points, natural coordinates; each weighs a quarter of the element. Exact to degree 2."""
+
+
+def shape(at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Shape functions (n,10) and their natural gradients (n,10,3) at natural coordinates (n,3)."""
+    x, y, z = at.T
+    corner = np.stack([1.0 - x - y - z, x, y, z], axis=1)
+    slope = np.array([[-1.0, -1.0, -1.0], [1.0, 0, 0], [0, 1.0, 0], [0, 0, 1.0]])
+    value = np.empty((len(at), 10))
+    gradient = np.empty((len(at), 10, 3))
+    value[:, :4] = corner * (2.0 * corner - 1.0)
+    gradient[:, :4] = (4.0 * corner - 1.0)[:, :, None] * slope
+    for k, (i, j) in enumerate(((0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3))):
+        value[:, 4 + k] = 4.0 * corner[:, i] * corner[:, j]
+        gradient[:, 4 + k] = 4.0 * (corner[:, i, None] * slope[j] + corner[:, j, None] * slope[i])
+    return value, gradient
+
+
+def gradients(points: np.ndarray, elements: np.ndarray, at: np.ndarray = POINTS) -> tuple[np.ndarray, np.ndarray]:
+    """Gradients of the shape functions in the undeformed body [1/m] (E,n,10,3), and det dX/dxi (E,n)."""
+    _, natural = shape(at)
+    jacobian = np.einsum("eai,nak->enik", points[elements], natural)
+    return np.einsum("nak,enki->enai", natural, np.linalg.inv(jacobian)), np.linalg.det(jacobian)
+
+
+@numba.njit(cache=True)
+def integrate(law, gradient, weight, elements, displacement, p, mixed, small, tangent, where, force, data):
+    """Energy, forces and tangent of elements of one material; returns the energy and the first element with a volume
+    ratio that is not positive, or -1.
+
+    law      from `compiled`; p its parameters
+    gradient [1/m] (E,n,10,3), weight [m³] (E,n), elements (E,10), displacement [m] (N,3)
+    where    (E,10,10) place in `data` of the block of each pair of nodes; read if `tangent`
+    force    [N]   (N,3)    gets the internal forces added
+    data     [N/m] (B,3,3)  gets the tangent added
+    """
+    total = 0.0
+    many = weight.shape[1]
+    P, A, F = np.zeros((3, 3)), np.zeros((9, 9)), np.zeros((many, 3, 3))
+    C, J = np.zeros((many, 3, 3)), np.zeros(many)
+    u, f = np.zeros((10, 3)), np.zeros((10, 3))
+    K, T, V = np.zeros((10, 3, 10, 3)), np.zeros((10, 3, 9)), np.zeros((10, 3))
+    for e in range(len(elements)):
+        for a in range(10):
+            for i in range(3):
+                u[a, i] = displacement[elements[e, a], i]
+        volume, mean = 0.0, 0.0
+        for q in range(many):
+            for i in range(3):
+                for j in range(3):
+                    x = 1.0 if i == j else 0.0
+                    for a in range(10):
+                        x += u[a, i] * gradient[e, q, a, j]
+                    F[q, i, j] = x
+            if small:
+                J[q] = F[q, 0, 0] + F[q, 1, 1] + F[q, 2, 2] - 2.0
+                for i in range(3):
+                    C[q, i, i] = 1.0
+            else:
+                for i in range(3):
+                    i1, i2 = (i + 1) % 3, (i + 2) % 3
+                    for j in range(3):
+                        j1, j2 = (j + 1) % 3, (j + 2) % 3
+                        C[q, i, j] = F[q, i1, j1] * F[q, i2, j2] - F[q, i1, j2] * F[q, i2, j1]
+                J[q] = F[q, 0, 0] * C[q, 0, 0] + F[q, 0, 1] * C[q, 0, 1] + F[q, 0, 2] * C[q, 0, 2]
+                if not J[q] > 0.0:
+                    return total, e
+            volume += weight[e, q]
+            mean += weight[e, q] * J[q]
+        mean /= volume
+        f[:] = 0.0
+        V[:] = 0.0
+        if tangent:
+            K[:] = 0.0
+        curve = 0.0
+        for q in range(many):
+            w = weight[e, q]
+            W, U, dU, ddU = law(F[q], mean if mixed else J[q], p, P, A)
+            total += w * (W + U)
+            curve = ddU
+            for i in range(3):
+                for j in range(3):
+                    P[i, j] += dU * C[q, i, j]
+            for a in range(10):
+                for i in range(3):
+                    x, y = 0.0, 0.0
+                    for j in range(3):
+                        x += P[i, j] * gradient[e, q, a, j]
+                        y += C[q, i, j] * gradient[e, q, a, j]
+                    f[a, i] += w * x
+                    V[a, i] += w * y
+            if not tangent:
+                continue
+            if not small:
+                for i in range(3):  # second derivative of J: d2J/dF_ij dF_kl = eps_ikm eps_jln F_mn
+                    k, m = (i + 1) % 3, (i + 2) % 3
+                    for j in range(3):
+                        l, n = (j + 1) % 3, (j + 2) % 3
+                        A[3 * i + j, 3 * k + l] += dU * F[q, m, n]
+                        A[3 * k + l, 3 * i + j] += dU * F[q, m, n]
+                        A[3 * i + l, 3 * k + j] -= dU * F[q, m, n]
+                        A[3 * k + j, 3 * i + l] -= dU * F[q, m, n]
+            if not mixed:
+                for i in range(3):
+                    for j in range(3):
+                        for k in range(3):
+                            for l in range(3):
+                                A[3 * i + j, 3 * k + l] += ddU * C[q, i, j] * C[q, k, l]
+            for a in range(10):
+                for i in range(3):
+                    for s in range(9):
+                        x = 0.0
+                        for j in range(3):
+                            x += gradient[e, q, a, j] * A[3 * i + j, s]
+                        T[a, i, s] = w * x
+            for a in range(10):
+                for i in range(3):
+                    for b in range(a + 1):
+                        for k in range(3):
+                            x = 0.0
+                            for l in range(3):
+                                x += T[a, i, 3 * k + l] * gradient[e, q, b, l]
+                            K[a, i, b, k] += x
+        for a in range(10):
+            for i in range(3):
+                force[elements[e, a], i] += f[a, i]
+        if tangent:
+            for a in range(10):
+                for b in range(a + 1):
+                    for i in range(3):
+                        for k in range(3):
+                            x = K[a, i, b, k]
+                            if mixed:
+                                x += curve / volume * V[a, i] * V[b, k]
+                            data[where[e, a, b], i, k] += x
+                            if a != b:
+                                data[where[e, b, a], k, i] += x
+    return total, -1

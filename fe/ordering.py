@@ -1,0 +1,138 @@
+"""Nested dissection of a mesh: the elimination order of its sparse factor, and the tree of dense fronts.
+
+A part is split by the least set of nodes that parts its two ends: a minimum cut between the nodes that lie first and
+last along some direction, of several directions the one with the smallest cut for its balance.
+A. George, SIAM J. Numer. Anal. 10 (1973) 345-363; A. Schild, C. Sommer, On balanced separators in road networks,
+SEA 2015.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import breadth_first_order, maximum_flow
+
+LEAF = 32
+"""Nodes below which a part is eliminated as one dense block."""
+ENDS = 0.32
+"""Share of a part that lies for certain on either side of its cut."""
+DIRECTIONS = np.array(
+    [[1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 0], [1, -1, 0], [0, 1, 1], [0, 1, -1], [1, 0, 1], [1, 0, -1]]
+)
+
+
+@dataclass(frozen=True)
+class Tree:
+    """Fronts of a multifrontal factor in postorder; front t eliminates the nodes `order[first[t]:first[t + 1]]`.
+
+    order     (N,)    nodes in order of elimination
+    first     (T+1,)  pivots of each front, as positions in `order`
+    parent    (T,)    front that takes the update of front t, -1 at a root
+    boundary  (B,)    positions coupled to the pivots of each front and eliminated later, sorted
+    start     (T+1,)  where the boundary of front t stands in `boundary`
+    """
+
+    order: np.ndarray
+    first: np.ndarray
+    parent: np.ndarray
+    boundary: np.ndarray
+    start: np.ndarray
+
+
+def dissect(points: np.ndarray, indptr: np.ndarray, indices: np.ndarray) -> Tree:
+    """Elimination tree of nodes at `points` [m] (N,3), coupled as the rows of a symmetric pattern say."""
+    graph = csr_array((np.ones(len(indices), dtype=np.int32), indices, indptr), shape=(len(points), len(points)))
+    pivots: list[np.ndarray] = []
+    parents: list[int] = []
+
+    def visit(part: np.ndarray, inner: csr_array) -> int:
+        cut = _cut(points[part], inner) if len(part) > LEAF else None
+        children = []
+        own = part
+        if cut is not None:
+            for side in (0, 1):
+                keep = np.flatnonzero(cut == side)
+                children.append(visit(part[keep], inner[keep][:, keep]))
+            own = part[cut == 2]
+        pivots.append(own)
+        parents.append(-1)
+        for child in children:
+            parents[child] = len(pivots) - 1
+        return len(pivots) - 1
+
+    visit(np.arange(len(points)), graph)
+    return _boundaries(graph, pivots, parents)
+
+
+def _cut(points: np.ndarray, graph: csr_array) -> np.ndarray | None:
+    """Side of each node: 0, 1, or 2 for the separator; None where there is no cut."""
+    best, found = np.inf, None
+    count = len(points)
+    for direction in DIRECTIONS if count > 150 else DIRECTIONS[:3]:
+        rank = np.empty(count)
+        rank[np.argsort(points @ direction, kind="stable")] = np.arange(count) / count
+        side = _minimum_cut(graph, rank < ENDS, rank >= 1.0 - ENDS)
+        if side is None:
+            continue
+        sizes = np.bincount(side, minlength=3)
+        cost = sizes[2] * (1.0 + 0.5 * abs(sizes[0] - sizes[1]) / count)
+        if cost < best and sizes[2] < count:
+            best, found = cost, side
+    return found
+
+
+def _minimum_cut(graph: csr_array, first: np.ndarray, last: np.ndarray) -> np.ndarray | None:
+    """Least set of nodes that parts `first` from `last`. Each node is an arc of capacity 1; the ends are merged."""
+    count = len(first)
+    i = np.repeat(np.arange(count), np.diff(graph.indptr))
+    j = graph.indices
+    source, sink, endless = 2 * count, 2 * count + 1, count
+    enter, leave = np.arange(count), np.arange(count) + count
+    enter, leave = np.where(first, source, enter), np.where(first, source, leave)
+    enter, leave = np.where(last, sink, enter), np.where(last, sink, leave)
+    middle = np.flatnonzero(~first & ~last)
+    a, b = leave[i], enter[j]
+    crossing = (a != b) & (a != sink) & (b != source)
+    if (crossing & (a == source) & (b == sink)).any():
+        # ends that touch: the touching nodes of one end become free
+        touching = np.unique(i[first[i] & last[j]])
+        smaller = first.copy()
+        smaller[touching] = False
+        return _minimum_cut(graph, smaller, last) if smaller.any() else None
+    rows = np.concatenate([middle, a[crossing]])
+    columns = np.concatenate([middle + count, b[crossing]])
+    capacity = np.concatenate([np.ones(len(middle)), np.full(crossing.sum(), endless)]).astype(np.int32)
+    net = csr_array((capacity, (rows, columns)), shape=(2 * count + 2, 2 * count + 2))
+    net.data = np.minimum(net.data, endless)
+    flow = maximum_flow(net, source, sink).flow
+    left = (net - flow).tocsr()
+    left.data = (left.data > 0).astype(np.int32)
+    left.eliminate_zeros()
+    reached = np.zeros(2 * count + 2, dtype=bool)
+    reached[breadth_first_order(left, source, return_predecessors=False)] = True
+    side = np.ones(count, dtype=np.int64)
+    side[first] = 0
+    inside, outside = reached[middle], reached[middle + count]
+    side[middle[outside]] = 0
+    side[middle[inside & ~outside]] = 2
+    return side
+
+
+def _boundaries(graph: csr_array, pivots: list[np.ndarray], parents: list[int]) -> Tree:
+    order = np.concatenate(pivots)
+    place = np.empty(len(order), dtype=np.int64)
+    place[order] = np.arange(len(order))
+    first = np.concatenate([[0], np.cumsum([len(p) for p in pivots])])
+    passed: list[list[np.ndarray]] = [[] for _ in pivots]
+    rows = []
+    for t, own in enumerate(pivots):
+        near = place[graph[own].indices] if len(own) else np.zeros(0, dtype=np.int64)
+        found = np.unique(np.concatenate([near, *passed[t]]))
+        found = found[found >= first[t + 1]]
+        rows.append(found)
+        if parents[t] >= 0:
+            passed[parents[t]].append(found)
+    start = np.concatenate([[0], np.cumsum([len(r) for r in rows])])
+    return Tree(order, first, np.array(parents), np.concatenate(rows), start)

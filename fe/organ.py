@@ -1,0 +1,193 @@
+"""A homogeneous organ from its closed surface, and its static condensation to that surface."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from palpate.fe import faces as face_rule
+from palpate.fe.bed import Bed
+from palpate.fe.cholesky import Cholesky
+from palpate.fe.compiled import LAW, compiled
+from palpate.fe.elements import gradients, integrate
+from palpate.fe.materials import Material, neo_hooke
+from palpate.fe.mesh import MeshError, TetMesh, quadratic
+from palpate.fe.pattern import Pattern, pattern
+from palpate.fe.solver import Solver
+from palpate.physics.mesh import Mesh
+
+SHELLS = (1.0, 0.9, 0.77, 0.6, 0.38)
+"""Scales of the nested copies of the surface between which prisms are cut into tetrahedra."""
+
+
+SLAB = 0.04
+"""[m] Thickness of the slab under a level surface."""
+
+
+@dataclass(frozen=True)
+class Nodule:
+    """A ball of harder tissue: place [m] (3), radius [m], modulus over that of the organ."""
+
+    centre: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    radius: float = 0.0
+    ratio: float = 10.0
+
+
+def fill(surface: Mesh, shells: tuple[float, ...] = SHELLS, nodule: Nodule = Nodule()) -> TetMesh:
+    """Quadratic tetrahedra inside a closed surface whose every triangle is seen from the origin of its frame, or in the
+    slab of thickness `SLAB` under a level one (all z equal, normals towards +z).
+
+    The first nodes are the vertices of the surface, in order. Region 1 is the nodule, 0 the rest.
+
+    MeshError: a surface that is open, inverted, or not seen from its origin; says where.
+    """
+    vertices, triangles = surface.vertices, surface.triangles.astype(np.int64)
+    n = len(vertices)
+    if np.ptp(vertices[:, 2]) < 1e-9 * np.ptp(vertices) and (surface.face_vectors[:, 2] > 0).all():
+        down = SLAB * np.array([(0.0, 0.0, 1.0 - s) for s in (*shells, 0.0)])
+        points = np.concatenate([vertices - d for d in down])
+        corners = np.concatenate([_prisms(triangles + (k + 1) * n, triangles + k * n) for k in range(len(shells))])
+        return _finished(points, corners, nodule)
+    edges = np.sort(triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
+    _, index, count = np.unique(edges, axis=0, return_index=True, return_counts=True)
+    if (count != 2).any():
+        bad = edges[index[np.argmax(count != 2)]]
+        at = vertices[bad].mean(axis=0) * 1e3
+        raise MeshError(
+            f"surface: {int((count != 2).sum())} edges without two triangles, the first at ({at[0]:.4g}, {at[1]:.4g}, "
+            f"{at[2]:.4g}) mm: not closed. Close its holes or join its double vertices"
+        )
+    corner = vertices[triangles]
+    seen = np.einsum("ij,ij->i", np.cross(corner[:, 0], corner[:, 1]), corner[:, 2])
+    if (seen <= 1e-3 * np.abs(seen).mean()).any():
+        worst = int(seen.argmin())
+        at = corner[worst].mean(axis=0) * 1e3
+        raise MeshError(
+            f"surface: triangle {worst} at ({at[0]:.4g}, {at[1]:.4g}, {at[2]:.4g}) mm does not face away from the "
+            "origin; the volume mesh needs a surface that is seen from its origin everywhere, normals outward"
+        )
+    points = np.concatenate([*(s * vertices for s in shells), np.zeros((1, 3))])
+    tets = []
+    for k in range(len(shells) - 1):
+        tets.append(_prisms(triangles + (k + 1) * n, triangles + k * n))
+    last = triangles + (len(shells) - 1) * n
+    tets.append(np.column_stack([np.full(len(last), len(points) - 1), last]))
+    return _finished(points, np.concatenate(tets), nodule)
+
+
+def _finished(points: np.ndarray, corners: np.ndarray, nodule: Nodule) -> TetMesh:
+    """Turn the tetrahedra right side out, mark the nodule, add the nodes on edges."""
+    a, b, c, d = (points[corners[:, i]] for i in range(4))
+    turned = np.einsum("ij,ij->i", np.cross(b - a, c - a), d - a) < 0
+    corners[turned] = corners[turned][:, [0, 2, 1, 3]]
+    inside = np.linalg.norm(points[corners].mean(axis=1) - nodule.centre, axis=1) < nodule.radius
+    return quadratic(points, corners, inside.astype(np.int64))
+
+
+def _prisms(low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """Three tetrahedra for each prism; the diagonals of its sides follow the order of the vertices, so that neighbours
+    agree."""
+    a, b = np.sort(low, axis=1), np.sort(high, axis=1)
+    cuts = [[a[:, 0], a[:, 1], a[:, 2], b[:, 2]], [a[:, 0], a[:, 1], b[:, 1], b[:, 2]], [a[:, 0], *b.T]]
+    return np.concatenate([np.column_stack(cut) for cut in cuts])
+
+
+@dataclass
+class Organ:
+    """A linear organ of modulus 1 Pa on a bed, ready to be solved for surface loads.
+
+    surface  closed triangle mesh in its own frame, seen from its origin
+    poisson  [1] below 0.5
+    bed      [1/m] stiffness per area of what the underside (normals towards -z) lies on, over the organ's modulus
+    nodule   harder ball
+    """
+
+    surface: Mesh
+    poisson: float = 0.45
+    bed: float = 50.0
+    nodule: Nodule = Nodule()
+
+    def __post_init__(self) -> None:
+        if not self.bed > 0:
+            raise MeshError(f"bed: found {self.bed} 1/m, expected a positive number, or the organ is not held")
+        across = float(np.ptp(self.surface.vertices, axis=0).max())
+        if not 1e-3 <= across <= 3.0:
+            raise MeshError(f"surface: found {across:.4g} m across, expected 1 mm ... 3 m; is its unit right?")
+        self.mesh = fill(self.surface, nodule=self.nodule)
+        self.pattern: Pattern = pattern(len(self.mesh.points), self.mesh.elements)
+        self.faces = self.mesh.faces
+        self.area = face_rule.areas(self.mesh.points, self.faces)
+        self._value, _ = face_rule.shape(face_rule.POINTS)
+
+    def materials(self, young: float) -> dict[int, Material]:
+        """Neo-Hookean materials of an organ with this modulus [Pa]."""
+        return {0: neo_hooke(young, self.poisson), 1: neo_hooke(young * self.nodule.ratio, self.poisson)}
+
+    def under(self) -> np.ndarray:
+        """Faces that lie on the bed (F,) bool."""
+        corner = self.mesh.points[self.faces[:, :3]]
+        normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+        return normal[:, 2] < -0.5 * np.linalg.norm(normal, axis=1)
+
+    def stiffness(self) -> np.ndarray:
+        """Blocks of the stiffness at rest for a modulus of 1 Pa, bed included [N/m] (B,3,3)."""
+        mesh = self.mesh
+        data = np.zeros((len(self.pattern.indices), 3, 3))
+        where = self.pattern.where(mesh.elements)
+        rest = np.zeros_like(mesh.points)
+        for region, material in self.materials(1.0).items():
+            own = np.flatnonzero(mesh.region == region)
+            if len(own) == 0:
+                continue
+            slope, det = gradients(mesh.points, mesh.elements[own])
+            integrate(
+                compiled(material.law, LAW), slope, det / 24.0, mesh.elements[own], rest,
+                np.array(material.parameters), material.mixed, material.small, True, where[own], rest.copy(), data,
+            )  # fmt: skip
+        bed = Bed(self.faces[self.under()], self.bed)
+        bed.bind(mesh.points, self.pattern, np.zeros(0))
+        bed.add(rest, 0.0, True, rest.copy(), data)
+        return data
+
+    def full(self, young: float, loads: Callable[[float], np.ndarray]) -> Solver:
+        """The nonlinear model of this organ at a modulus [Pa] under nodal loads [N], see `fe.Solver`."""
+        bed = Bed(self.faces[self.under()], self.bed * young)
+        fixed = np.zeros(self.mesh.points.shape, dtype=bool)
+        return Solver(self.mesh, self.materials(young), fixed, loads=loads, contacts=[bed])
+
+    def hats(self) -> np.ndarray:
+        """Nodal loads of a unit force spread over the triangles round each vertex, highest at the vertex (N,V)."""
+        count = len(self.surface.vertices)
+        x, y = face_rule.POINTS.T
+        hat = np.stack([1 - x - y, x, y], axis=1)
+        touched = (self.faces[:, :3] < count).all(axis=1)
+        share = np.einsum("fq,qc,qa->fca", self.area[touched], hat, self._value)
+        loads = np.zeros((len(self.mesh.points), count))
+        np.add.at(loads, (self.faces[touched][:, None, :], self.faces[touched][:, :3, None]), share)
+        return loads / loads.sum(axis=0)
+
+    def compliance(self, report: Callable[[float], None] | None = None) -> np.ndarray:
+        """Displacement under each vertex (mean under its hat) for a unit force on each, modulus 1 Pa [m/N] (3V,3V).
+
+        Symmetric and positive: work of any load on the displacement that it causes is what the full model stores.
+        `report` hears the share done.
+        """
+        solver = Cholesky(self.mesh.points, self.pattern.indptr, self.pattern.indices)
+        solver.factor(self.stiffness())
+        hats = self.hats()
+        count = hats.shape[1]
+        found = np.empty((count, 3, count, 3))
+        for start in range(0, count, 16):
+            part = hats[:, start : start + 16]
+            size = part.shape[1]
+            rhs = np.zeros((len(hats), 3, size, 3))
+            for axis in range(3):
+                rhs[:, axis, :, axis] = part
+            u = solver.solve(rhs.reshape(3 * len(hats), -1)).reshape(len(hats), 3 * size * 3)
+            found[:, :, start : start + size] = (hats.T @ u).reshape(count, 3, size, 3)
+            if report is not None:
+                report((start + size) / count)
+        full = found.reshape(3 * count, 3 * count)
+        return 0.5 * (full + full.T)

@@ -1,0 +1,50 @@
+"""The block pattern of a tangent matrix, made once for a set of coupled nodes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import bsr_array
+
+
+@dataclass(frozen=True)
+class Pattern:
+    """Block rows and columns of the nodes that some element couples.
+
+    indptr (N+1,), indices (B,)  as in a BSR matrix of 3 by 3 blocks, columns sorted
+    """
+
+    indptr: np.ndarray
+    indices: np.ndarray
+
+    def where(self, elements: np.ndarray) -> np.ndarray:
+        """Place of the block of each pair of nodes of each element (E,k,k); any place where a node is -1.
+
+        ValueError: a pair that the pattern does not couple.
+        """
+        count = len(self.indptr) - 1
+        keys = np.repeat(np.arange(count), np.diff(self.indptr)) * count + self.indices
+        a, b = elements[:, :, None], elements[:, None, :]
+        wanted = np.where((a >= 0) & (b >= 0), a * count + b, keys[0])
+        found = np.searchsorted(keys, wanted)
+        if (keys[np.minimum(found, len(keys) - 1)] != wanted).any():
+            raise ValueError("nodes that the pattern does not couple")
+        return found
+
+    def matrix(self, data: np.ndarray) -> bsr_array:
+        """The sparse matrix with these blocks (B,3,3)."""
+        size = 3 * (len(self.indptr) - 1)
+        return bsr_array((data, self.indices, self.indptr), shape=(size, size))
+
+
+def pattern(count: int, elements: np.ndarray) -> Pattern:
+    """Pattern of `count` nodes coupled by elements (E,k); -1 fills up the end of an element of fewer nodes."""
+    parts = [np.arange(count) * (count + 1)]
+    filled = (elements >= 0).sum(axis=1)
+    for size in np.unique(filled):
+        own = elements[filled == size, :size]
+        parts.append(np.unique(own[:, :, None] * count + own[:, None, :]))
+    keys = np.unique(np.concatenate(parts))
+    indptr = np.searchsorted(keys, np.arange(count + 1) * count)
+    return Pattern(indptr.astype(np.int32), (keys % count).astype(np.int32))

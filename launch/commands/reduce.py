@@ -1,0 +1,73 @@
+"""`palpate reduce`: build the basis of a reduced finite-element body and store it."""
+
+from __future__ import annotations
+
+import time
+from typing import Annotated
+
+import typer
+
+from palpate.launch.commands.common import Json, console, tell
+
+
+def reduce(
+    sets: Annotated[
+        list[str] | None,
+        typer.Option("--set", help="A setting of deformation.ReducedFE: surface=liver.stl, poisson=0.48, bed=30."),
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Build it even if it is stored.")] = False,
+    folder: Annotated[str | None, typer.Option("--to", help="Folder to store it in; by default the cache.")] = None,
+    as_json: Json = False,
+) -> None:
+    """Build the basis of deformation.ReducedFE for a surface and a material, once; the cache keeps it."""
+    from pathlib import Path
+
+    import yaml
+
+    from palpate.nodes.base import SettingError
+    from palpate.nodes.deformation.reduced_fe import SHIPPED, ReducedFE, cache
+
+    given = {}
+    for text in sets or []:
+        name, sign, value = text.partition("=")
+        if not sign:
+            raise SettingError(f"--set {text}: expected name=value")
+        given[name.removeprefix("tissue.")] = yaml.safe_load(value)
+    node = ReducedFE(**given)
+    target = Path(folder) if folder else cache()
+    path = target / f"{node.key()}.npz"
+    known = [p for p in (SHIPPED / path.name, path) if p.exists()]
+    if known and not force:
+        _say(as_json, str(known[0]), None)
+        return
+    started = time.perf_counter()
+    from rich.progress import Progress, TextColumn, TimeRemainingColumn
+
+    from palpate.fe.mesh import MeshError
+    from palpate.fe.organ import Nodule, Organ
+    from palpate.physics.reduced_fe import Basis
+
+    surface = node.coarse_mesh()
+    try:
+        nodule = Nodule(node.nodule_centre, node.nodule_radius, node.nodule_ratio)
+        organ = Organ(surface, node.poisson, node.bed, nodule)
+    except MeshError as error:
+        raise SettingError(f"setting 'surface': {node.surface!r}: {error}") from None
+    columns = (*Progress.get_default_columns()[:3], TextColumn("{task.fields[note]}"), TimeRemainingColumn())
+    with Progress(*columns, console=console(stderr=True), disable=as_json) as bar:
+        task = bar.add_task("condensing", total=1.0, note=f"{3 * len(organ.mesh.points)} degrees of freedom")
+        compliance = organ.compliance(lambda share: bar.update(task, completed=share))
+    Basis(surface.vertices, surface.triangles, compliance).save(path)
+    _say(as_json, str(path), time.perf_counter() - started)
+
+
+def _say(as_json: bool, path: str, seconds: float | None) -> None:
+    from pathlib import Path
+
+    size = Path(path).stat().st_size
+    if as_json:
+        tell({"path": path, "bytes": size, "built": seconds is not None, "seconds": seconds})
+    elif seconds is None:
+        console().print(f"stored already: {path} ({size / 1e6:.1f} MB)")
+    else:
+        console().print(f"built in {seconds:.0f} s: {path} ({size / 1e6:.1f} MB)")

@@ -1,0 +1,140 @@
+"""The reduced finite-element body (docs/equations/reduced-fe.md)."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from pathlib import Path
+from typing import Annotated
+
+import msgspec
+import numpy as np
+
+from palpate.messages import Load, Surface, Vector3
+from palpate.nodes.base import SettingError
+from palpate.nodes.surface import SURFACES, OnSurface, surface_mesh
+from palpate.physics.mesh import Mesh
+from palpate.physics.reduced_fe import Basis, BasisError, CondensedBody
+
+SHIPPED = Path(__file__).parent / "bases"
+FORM = 1
+"""Number of the form of stored bases; a new one makes all old ones unknown."""
+NO_NODES = np.zeros(0, dtype=np.int32)
+NO_FORCES = np.zeros((0, 3))
+LEAST = 1e-9
+"""[m/N] Compliance below which the body counts as rigid."""
+
+
+class ReducedFE(OnSurface):
+    """A finite-element organ condensed to its surface, on a soft bed; optionally with a hard nodule.
+
+    `palpate reduce` builds its basis once for a surface, Poisson's ratio, bed and nodule; that of the default kidney
+    ships. Modulus and retardation time may be changed without building it again.
+    """
+
+    young: Annotated[float, "Pa", msgspec.Meta(ge=10, le=1e9)] = 19e3
+    poisson: Annotated[float, "1", msgspec.Meta(gt=-1, lt=0.5)] = 0.45
+    retardation: Annotated[float, "s", msgspec.Meta(ge=0)] = 0.02
+    """Kelvin-Voigt: viscosity over modulus."""
+    bed: Annotated[float, "1/m", msgspec.Meta(gt=0)] = 50.0
+    """Stiffness per area of what the underside lies on, over `young`."""
+    nodule_centre: Annotated[Vector3, "m"] = (0.0, 0.0, 0.0)
+    """In the surface's own frame."""
+    nodule_radius: Annotated[float, "m", msgspec.Meta(ge=0)] = 0.0
+    nodule_ratio: Annotated[float, "1", msgspec.Meta(gt=0)] = 10.0
+    """Modulus of the nodule over that of the organ."""
+    coarse: Annotated[int, "1", msgspec.Meta(ge=50, le=2000)] = 600
+    """About how many vertices the condensed surface has."""
+    radius: Annotated[float, "m", msgspec.Meta(gt=0)] = 8e-3
+    """Of the patch that the terminal law is taken over before the first load."""
+    reach: Annotated[float, "m", msgspec.Meta(gt=0)] = 20e-3
+    """From the foot point within which displacements are sent."""
+
+    def start(self) -> None:
+        basis = self.basis()
+        own = surface_mesh(self.surface, self.vertices, file_unit=self.file_unit)
+        placed = self.mesh()
+        turn = _rotation(own, placed)
+        origin = placed.vertices[0] - turn @ own.vertices[0]
+        held = Mesh(basis.vertices @ turn.T + origin, basis.triangles)
+        count = len(basis.vertices)
+        blocks = basis.compliance.reshape(count, 3, count, 3)
+        if not np.allclose(turn, np.eye(3), atol=1e-12):
+            blocks = np.einsum("ij,ajbk,lk->aibl", turn, blocks, turn, optimize=True)
+        turned = Basis(held.vertices, held.triangles, np.ascontiguousarray(blocks.reshape(3 * count, -1), np.float32))
+        self._body = CondensedBody(turned, placed, self.young, self.retardation, self.radius, self.reach)
+        foot, normal = tuple(placed.vertices[0].tolist()), tuple(placed.normals[0].tolist())
+        push = -1e-3 * placed.normals[:1]
+        for nodes, forces in ((NO_NODES, NO_FORCES), (np.zeros(1, dtype=np.int32), push)):  # compiles both ways
+            law = self._body.step(nodes, forces, foot, normal, 1e-3)
+            self._body.displaced(foot)
+        self._body = CondensedBody(turned, placed, self.young, self.retardation, self.radius, self.reach)
+        law = self._body.step(NO_NODES, NO_FORCES, foot, normal, 1e-3)
+        self.last = self._surface(NO_NODES, NO_FORCES, *law)
+
+    def step(self, load: Load, *, dt: float) -> Surface:
+        if dt > 0.0:
+            law = self._body.step(load.nodes, load.forces, load.foot, load.normal, dt)
+            nodes, moved = self._body.displaced(load.foot) if self.wants("displacement") else (NO_NODES, NO_FORCES)
+            self.last = self._surface(nodes, moved, *law)
+        return self.last
+
+    def _surface(self, nodes: np.ndarray, moved: np.ndarray, compliance: float, free: float, now: float) -> Surface:
+        return Surface(
+            nodes=nodes,
+            displacement=moved,
+            stiffness=1.0 / max(compliance, LEAST),
+            exponent=1.0,
+            damping=0.0,
+            free=free,
+            previous=now,
+        )
+
+    def coarse_mesh(self) -> Mesh:
+        """The surface that the organ is condensed to, in its own frame."""
+        return surface_mesh(self.surface, self.coarse, file_unit=self.file_unit)
+
+    def key(self) -> str:
+        """What the basis depends on, as a hash."""
+        surface: object = [self.surface, self.coarse]
+        if self.surface not in SURFACES:
+            try:
+                surface = [hashlib.sha256(Path(self.surface).read_bytes()).hexdigest(), self.file_unit]
+            except OSError as error:
+                raise SettingError(f"setting 'surface': {self.surface!r}: {error.strerror}") from None
+        nodule = [self.nodule_centre, self.nodule_radius, self.nodule_ratio] if self.nodule_radius > 0 else []
+        given = [FORM, surface, self.poisson, self.bed, nodule]
+        return hashlib.sha256(json.dumps(given).encode()).hexdigest()[:16]
+
+    def basis(self) -> Basis:
+        """The stored basis.
+
+        SettingError: none is stored for these settings, or it cannot be read.
+        """
+        for folder in (SHIPPED, cache()):
+            path = folder / f"{self.key()}.npz"
+            if path.exists():
+                try:
+                    return Basis.load(path)
+                except BasisError as error:
+                    raise SettingError(str(error)) from None
+        given = [f"--set {n}={getattr(self, n)}" for n in ("surface", "poisson", "bed", "coarse", "nodule_radius")]
+        raise SettingError(
+            "no reduced basis is stored for these settings of surface, poisson, bed, coarse and nodule. "
+            f"Build it once: palpate reduce {' '.join(given)}"
+        )
+
+
+def cache() -> Path:
+    """Folder of the bases built on this machine."""
+    base = os.environ.get("XDG_CACHE_HOME")
+    return (Path(base) if base else Path.home() / ".cache") / "palpate" / "bases"
+
+
+def _rotation(own: Mesh, placed: Mesh) -> np.ndarray:
+    """The rotation that took the vertices of one mesh to those of the other (Kabsch)."""
+    a = own.vertices - own.vertices.mean(axis=0)
+    b = placed.vertices - placed.vertices.mean(axis=0)
+    left, _, right = np.linalg.svd(b.T @ a)
+    return left @ np.diag([1.0, 1.0, np.sign(np.linalg.det(left @ right))]) @ right

@@ -1,0 +1,71 @@
+"""What the fingertip's skin feels beyond force (docs/equations/tactile-flow.md)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import msgspec
+import numpy as np
+
+from palpate.messages import Contact, Friction, Tactile
+from palpate.nodes.base import Node, SettingError
+from palpate.physics.tactile import stick_radius
+
+TABLE = Path(__file__).parent / "tables" / "fingertip.npz"
+
+
+class Flow(Node):
+    """Contact area and isostrain volumes of the fingertip under the normal force, and how fast they grow with it.
+
+    They are read from curves that the layered fingertip gave against a plate (`palpate fe fingertip`); between the
+    recorded forces they are linear, beyond the last one they stay. Only what somebody reads is computed.
+    """
+
+    plate: Annotated[Literal["steel", "silicone"], "1"] = "silicone"
+    """The plate that the curves were computed on: hard or soft."""
+    friction: Annotated[float, "1", msgspec.Meta(gt=0)] = 0.5
+    """Coefficient above which the contact slides."""
+    table: Annotated[str, "1"] = ""
+    """Path of a table in place of the shipped one."""
+
+    def start(self) -> None:
+        path = Path(self.table) if self.table else TABLE
+        try:
+            with np.load(path) as found:
+                self._force = found[f"{self.plate}.force"]
+                columns = np.column_stack([found[f"{self.plate}.area"], found[f"{self.plate}.volumes"]])
+                self._levels = found["levels"]
+        except (OSError, ValueError, KeyError) as error:
+            raise SettingError(f"setting 'table': {path}: {error}. `palpate fe table` writes one") from None
+        self._columns = columns
+        self._slopes = np.diff(columns, axis=0) / np.diff(self._force)[:, None]
+        self._volumes = self.wants("volumes") or self.wants("volume_rates")
+        self._area = self.wants("area") or self.wants("area_rate") or self.wants("stick_radius")
+
+    def step(self, contact: Contact, friction: Friction | None) -> Tactile:
+        force = contact.force
+        row = int(np.searchsorted(self._force, force, side="right")) - 1
+        last = len(self._force) - 1
+        if row >= last:
+            value, slope = self._columns[last], 0.0 * self._slopes[-1]
+        else:
+            slope = self._slopes[row]
+            value = self._columns[row] + (force - self._force[row]) * slope
+        area = rate = stick = 0.0
+        if self._area:
+            area, rate = float(value[0]), float(slope[0])
+            if self.wants("stick_radius"):
+                f = (0.0, 0.0, 0.0) if friction is None else friction.force
+                aside = (f[0] * f[0] + f[1] * f[1] + f[2] * f[2]) ** 0.5
+                stick = stick_radius((area / np.pi) ** 0.5, aside, force, self.friction)
+        if not self._volumes:
+            return Tactile(area=area, area_rate=rate, stick_radius=stick)
+        return Tactile(
+            area=area,
+            area_rate=rate,
+            levels=self._levels,
+            volumes=value[1:],
+            volume_rates=slope[1:],
+            stick_radius=stick,
+        )

@@ -1,0 +1,265 @@
+"""A finite-element organ condensed to its surface, one implicit viscoelastic step at a time.
+
+Full model: K u = f, linear, u displacements, f surface loads. Condensed to the vertices of a coarse surface mesh (loads
+spread over the triangles round a vertex, displacements averaged the same way) it is
+
+    u = C h/E,        tau dh/dt + h = f
+
+C [m/N] (3V,3V) is the compliance for a modulus of 1 Pa, E the organ's modulus, tau the retardation time of a
+Kelvin-Voigt solid whose damping is proportional to its stiffness. Backward Euler: h <- (tau h + T f)/(T + tau). C is
+symmetric and positive, so a step is passive whatever its length: the work done on the body is at least the growth of
+the energy h.C h/(2E) that it stores. Only the vertices that carry load now or did a few tau ago hold any h, so that a
+step costs what the contact covers, not what the mesh holds.
+"""
+
+from __future__ import annotations
+
+import zipfile
+import zlib
+from dataclasses import dataclass
+from pathlib import Path
+
+import numba
+import numpy as np
+
+from palpate.physics.mesh import Mesh
+from palpate.physics.mesh_closest import MeshClosestPoint
+from palpate.physics.spread import Spreader
+
+FORGOTTEN = 1e-9
+"""[N] Remaining load below which a vertex is dropped."""
+
+
+class BasisError(ValueError):
+    """A stored basis that cannot be used; says why."""
+
+
+@dataclass(frozen=True)
+class Basis:
+    """Static condensation of an organ to its surface.
+
+    vertices    [m]   (V,3) of the coarse surface, in the organ's frame
+    triangles   [1]   (T,3)
+    compliance  [m/N] (3V,3V) float32, for a modulus of 1 Pa
+    """
+
+    vertices: np.ndarray
+    triangles: np.ndarray
+    compliance: np.ndarray
+
+    def save(self, path: Path) -> None:
+        """Write the lower half in half precision: two bytes a number."""
+        scale = float(np.abs(self.compliance).max()) / 3e4
+        lower = (self.compliance[np.tril_indices(len(self.compliance))] / scale).astype(np.float16)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        part = path.with_name(path.name + ".part.npz")
+        np.savez_compressed(
+            part, vertices=self.vertices, triangles=self.triangles, lower=lower, scale=np.float64(scale)
+        )
+        part.replace(path)
+
+    @classmethod
+    def load(cls, path: Path) -> Basis:
+        """Read a stored basis.
+
+        BasisError: not a basis, or a damaged one.
+        """
+        try:
+            with np.load(path) as found:
+                vertices, triangles = found["vertices"], found["triangles"]
+                size = 3 * len(vertices)
+                full = np.zeros((size, size), dtype=np.float32)
+                full[np.tril_indices(size)] = found["lower"].astype(np.float32) * np.float32(found["scale"])
+        except (OSError, KeyError, ValueError, EOFError, zlib.error, zipfile.BadZipFile) as error:
+            raise BasisError(f"{path}: not a reduced basis: {error}. Rebuild it with `palpate reduce`") from None
+        full += np.tril(full, -1).T
+        return cls(vertices, triangles, full)
+
+
+class CondensedBody:
+    """The state of a condensed organ under the contact.
+
+    basis     compliance of the coarse surface
+    mesh      the surface that loads and displacements are given on, in the same frame as `basis`
+    young     [Pa] > 0, modulus E
+    retardation  [s] >= 0, tau
+    radius    [m] of the patch that the terminal law is taken over while nothing is loaded
+    reach     [m] from the foot point within which displacements are computed
+    """
+
+    def __init__(self, basis: Basis, mesh: Mesh, young: float, retardation: float, radius: float, reach: float) -> None:
+        coarse = Mesh(basis.vertices, basis.triangles)
+        foot, _, triangle, _ = MeshClosestPoint(coarse).find(mesh.vertices)
+        self.corners, self.weights = _barycentric(coarse, triangle, foot)
+        self.basis, self.mesh = basis, mesh
+        self._spreader = Spreader(mesh, radius, "biweight")
+        self.young, self.retardation, self.reach = young, retardation, reach
+        count = len(basis.vertices)
+        edges = coarse.vertices[coarse.triangles]
+        self._margin = float(np.linalg.norm(edges - np.roll(edges, 1, axis=1), axis=2).max())
+        self.held = np.zeros((count, 3))
+        """[N] (V,3) loads that the displacement follows, h."""
+        self._active = np.zeros(count, dtype=np.int64)
+        self._state = np.zeros(count, dtype=np.int64)
+        self._count = 0
+        self._work = np.zeros((3, count, 3))
+        self._found = np.zeros(3)
+        self._nodes = np.zeros(len(mesh.vertices), dtype=np.int32)
+        self._moved = np.zeros((len(mesh.vertices), 3))
+
+    def step(
+        self, nodes: np.ndarray, forces: np.ndarray, foot: tuple, normal: tuple, dt: float
+    ) -> tuple[float, float, float]:
+        """One step of dt > 0 [s] under nodal forces [N] (k,3): (c, s_free, s), the next step's compliance [m/N] and
+        free indentation [m] under the patch, and the indentation now [m].
+
+        The indentation is the mean of -n.u over the patch, weighted as the force is, so that force times indentation
+        is the work done on the body.
+        """
+        if len(nodes) == 0:
+            count = self._spreader.spread(foot, normal, (-normal[0], -normal[1], -normal[2]))
+            patch, pull, share = self._spreader.nodes[:count], self._spreader.forces[:count], 0.0
+        else:
+            patch, pull, share = nodes, forces, 1.0
+        self._count = _step(
+            self.basis.compliance, self.corners, self.weights, patch, pull, share, normal, dt, self.young,
+            self.retardation, self.held, self._active, self._state, self._count, self._work, self._found,
+        )  # fmt: skip
+        return float(self._found[0]), float(self._found[1]), float(self._found[2])
+
+    def displaced(self, foot: tuple) -> tuple[np.ndarray, np.ndarray]:
+        """Vertices of the mesh within reach of the foot point, and their displacements [m] (k,3)."""
+        count = _displaced(
+            self.basis.compliance, self.basis.vertices, self.corners, self.weights, self.mesh.vertices, foot,
+            self.reach, self._margin, self.young, self.held, self._active, self._count, self._work[0], self._nodes,
+            self._moved,
+        )  # fmt: skip
+        return self._nodes[:count], self._moved[:count]
+
+
+def _barycentric(mesh: Mesh, triangle: np.ndarray, foot: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Corners (k,3) of these triangles and weights (k,3) of points on them; weights in [0, 1] that sum to 1."""
+    corners = mesh.triangles[triangle].astype(np.int64)
+    a, b, c = (mesh.vertices[corners[:, i]] for i in range(3))
+    normal = np.cross(b - a, c - a)
+    square = np.maximum(np.einsum("ij,ij->i", normal, normal), 1e-300)
+    w1 = np.einsum("ij,ij->i", np.cross(foot - a, c - a), normal) / square
+    w2 = np.einsum("ij,ij->i", np.cross(b - a, foot - a), normal) / square
+    weights = np.clip(np.stack([1.0 - w1 - w2, w1, w2], axis=1), 0.0, 1.0)
+    return corners, weights / weights.sum(axis=1, keepdims=True)
+
+
+@numba.njit(cache=True)
+def _step(
+    compliance, corners, weights, patch, pull, share, normal, dt, young, retardation, held, active, state, count,
+    work, found,
+):  # fmt: skip
+    """`share` is 1 where `pull` is a load, 0 where it only marks the patch. Returns how many vertices hold load."""
+    load, measure = work[0], work[1]
+    touched = 0
+    order = work[2, :, 0]
+    total = 0.0
+    for k in range(len(patch)):
+        total -= pull[k, 0] * normal[0] + pull[k, 1] * normal[1] + pull[k, 2] * normal[2]
+    even = not total > 0.0
+    for k in range(len(patch)):
+        p = patch[k]
+        part = 1.0 / len(patch)
+        if not even:
+            part = -(pull[k, 0] * normal[0] + pull[k, 1] * normal[1] + pull[k, 2] * normal[2]) / total
+        for a in range(3):
+            v = corners[p, a]
+            if state[v] < 2:  # 1: holds load, 2: touched now
+                state[v] += 2
+                order[touched] = v
+                touched += 1
+                load[v] = 0.0
+                measure[v] = 0.0
+            w = weights[p, a]
+            measure[v, 0] += w * part
+            for i in range(3):
+                load[v, i] += share * w * pull[k, i]
+    keep, take = retardation / (dt + retardation), dt / (dt + retardation)
+    for k in range(count):
+        for i in range(3):
+            held[active[k], i] *= keep
+    for k in range(touched):
+        v = int(order[k])
+        state[v] -= 2
+        if share > 0.0:
+            for i in range(3):
+                held[v, i] += take * load[v, i]
+            if state[v] == 0:
+                state[v] = 1
+                active[count] = v
+                count += 1
+    # drop what has faded
+    kept = 0
+    for k in range(count):
+        v = active[k]
+        if abs(held[v, 0]) + abs(held[v, 1]) + abs(held[v, 2]) < FORGOTTEN:
+            held[v] = 0.0
+            state[v] = 0
+        else:
+            active[kept] = v
+            kept += 1
+    count = kept
+    now, static, own = 0.0, 0.0, 0.0
+    for k in range(touched):
+        v = int(order[k])
+        for i in range(3):
+            side = -measure[v, 0] * normal[i]
+            if side == 0.0:
+                continue
+            row = compliance[3 * v + i]
+            for m in range(count):
+                b = active[m]
+                now += side * (row[3 * b] * held[b, 0] + row[3 * b + 1] * held[b, 1] + row[3 * b + 2] * held[b, 2])
+            for m in range(touched):
+                b = int(order[m])
+                push = measure[b, 0]
+                own -= side * push * (row[3 * b] * normal[0] + row[3 * b + 1] * normal[1] + row[3 * b + 2] * normal[2])
+                if share > 0.0:
+                    static += side * (
+                        row[3 * b] * load[b, 0] + row[3 * b + 1] * load[b, 1] + row[3 * b + 2] * load[b, 2]
+                    )
+    now /= young
+    static /= young
+    own /= young
+    aside = static - own * total if share > 0.0 and not even else 0.0  # what the tangential load adds
+    found[0] = take * own
+    found[1] = keep * now + take * aside
+    found[2] = now
+    return count
+
+
+@numba.njit(cache=True)
+def _displaced(
+    compliance, points, corners, weights, vertices, foot, reach, margin, young, held, active, count, u, nodes, moved
+):  # fmt: skip
+    far = (reach + 1.5 * margin) ** 2
+    for v in range(len(points)):
+        d0, d1, d2 = points[v, 0] - foot[0], points[v, 1] - foot[1], points[v, 2] - foot[2]
+        if d0 * d0 + d1 * d1 + d2 * d2 > far:
+            continue
+        for i in range(3):
+            total = 0.0
+            row = compliance[3 * v + i]
+            for k in range(count):
+                b = active[k]
+                total += row[3 * b] * held[b, 0] + row[3 * b + 1] * held[b, 1] + row[3 * b + 2] * held[b, 2]
+            u[v, i] = total / young
+    near = reach * reach
+    found = 0
+    for p in range(len(vertices)):
+        d0, d1, d2 = vertices[p, 0] - foot[0], vertices[p, 1] - foot[1], vertices[p, 2] - foot[2]
+        if d0 * d0 + d1 * d1 + d2 * d2 > near:
+            continue
+        nodes[found] = p
+        for i in range(3):
+            total = 0.0
+            for a in range(3):
+                total += weights[p, a] * u[corners[p, a], i]
+            moved[found, i] = total
+        found += 1
+    return found

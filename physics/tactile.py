@@ -1,0 +1,116 @@
+"""Tactile flow: equivalent strain, isostrain volumes and their growth with force, flow of the isostrain surfaces."""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+
+
+def equivalent_strain(strain: np.ndarray, poisson: float | np.ndarray = 0.5) -> np.ndarray:
+    """Equivalent (von Mises) strain [1] (...).
+
+        e = [((e1 - e2)² + (e2 - e3)² + (e3 - e1)²)/2]^(1/2)/(1 + nu)
+
+    strain   [1] (...,3,3) symmetric
+    poisson  [1] () or (...) effective ratio, in (-1, 0.5]: the material's for an elastic material (then e is stress/E),
+             0.5 for an incompressible or plastic one
+
+    ANSYS Mechanical APDL Theory Reference, "Combined strains".
+    """
+    strain = np.asarray(strain, dtype=np.float64)
+    spherical = np.trace(strain, axis1=-2, axis2=-1) / 3.0
+    shape = strain - spherical[..., None, None] * np.eye(3)
+    return np.sqrt(1.5 * np.sum(shape * shape, axis=(-2, -1))) / (1.0 + np.asarray(poisson))
+
+
+def logarithmic_strain(gradient: np.ndarray) -> np.ndarray:
+    """Hencky strain ln U [1] (...,3,3) of deformation gradients (...,3,3); rigid motion gives 0.
+
+    ValueError: a gradient that turns the material inside out.
+    """
+    if (np.linalg.det(gradient) <= 0).any():
+        raise ValueError("deformation gradient with a determinant <= 0: the material is turned inside out")
+    squares, axes = np.linalg.eigh(np.swapaxes(gradient, -1, -2) @ gradient)
+    return (axes * (0.5 * np.log(squares))[..., None, :]) @ np.swapaxes(axes, -1, -2)
+
+
+def isostrain_volume(values: np.ndarray, volumes: np.ndarray, levels: np.ndarray) -> np.ndarray:
+    """Volume in which the strain is at least a level [m³] (L,), exact for a strain that is linear in each tetrahedron.
+
+    values   [1]  (E,4) strain at the corners of each tetrahedron
+    volumes  [m³] (E,)
+    levels   [1]  (L,)
+    """
+    values = np.sort(np.asarray(values, dtype=np.float64), axis=1)
+    return _volume(values, np.asarray(volumes, dtype=np.float64), np.atleast_1d(np.asarray(levels, dtype=np.float64)))
+
+
+@numba.njit(cache=True)
+def _volume(values, volumes, levels):
+    found = np.zeros(len(levels))
+    for k in range(len(levels)):
+        c = levels[k]
+        for e in range(len(values)):
+            v0, v1, v2, v3 = values[e, 0], values[e, 1], values[e, 2], values[e, 3]
+            if c <= v0:
+                share = 1.0
+            elif c > v3:
+                share = 0.0
+            elif c <= v1:
+                share = 1.0 - (c - v0) / (v1 - v0) * (c - v0) / (v2 - v0) * (c - v0) / (v3 - v0)
+            elif c <= v2:
+                # the part above is a wedge on the edge from corner 2 to corner 3, cut into three tetrahedra
+                a, b = (v2 - c) / (v2 - v0), (v2 - c) / (v2 - v1)
+                p, q = (v3 - c) / (v3 - v0), (v3 - c) / (v3 - v1)
+                share = p * q + a * b * (1.0 - q) + a * q * (1.0 - p)
+            else:
+                share = (v3 - c) / (v3 - v0) * (v3 - c) / (v3 - v1) * (v3 - c) / (v3 - v2)
+            found[k] += share * volumes[e]
+    return found
+
+
+def growth(low: np.ndarray, high: np.ndarray, force_low: float, force_high: float) -> np.ndarray:
+    """Growth with force, (high - low)/(force_high - force_low): of volumes [m³/N], or of the contact area [m²/N].
+
+    ValueError: the forces are the same.
+    """
+    if not force_high != force_low:
+        raise ValueError(f"growth between equal forces, {force_low} N: expected two different ones")
+    return (np.asarray(high) - np.asarray(low)) / (force_high - force_low)
+
+
+def tactile_flow(
+    points: np.ndarray, low: np.ndarray, high: np.ndarray, force_low: float, force_high: float, floor: float = 1e-3
+) -> np.ndarray:
+    """Motion of the isostrain surfaces with force, along the strain's gradient, in each tetrahedron [m/N] (E,3).
+
+        phi = -(de/dP) grad e/max(|grad e|², g²)
+
+    Only this component follows from the strain; any motion within a surface may be added to it.
+
+    points     [m] (E,4,3) corners of the tetrahedra
+    low, high  [1] (E,4)   strain at the corners at the two forces
+    floor      [1] ()      g as a share of the greatest gradient: where the strain is flat the flow is not determined
+
+    A. Bicchi et al., Brain Res. Bull. 75 (2008) 737-741.
+    """
+    points = np.asarray(points, dtype=np.float64)
+    middle = 0.5 * (np.asarray(low) + np.asarray(high))
+    edges = points[:, 1:] - points[:, :1]
+    slope = np.linalg.solve(edges, (middle[:, 1:] - middle[:, :1])[..., None])[..., 0]
+    square = np.sum(slope * slope, axis=1)
+    change = np.mean(growth(low, high, force_low, force_high), axis=1)
+    least = max(floor**2 * float(square.max(initial=0.0)), 1e-300)
+    return -(change / np.maximum(square, least))[:, None] * slope
+
+
+def stick_radius(radius: float, tangential: float, normal: float, friction: float) -> float:
+    """Radius of the part of a contact circle that still sticks [m]: a (1 - Q/(mu P))^(1/3), 0 when all slides.
+
+    radius [m] a, tangential [N] Q >= 0, normal [N] P >= 0, friction [1] mu > 0.
+
+    R. D. Mindlin, J. Appl. Mech. 16 (1949) 259-268.
+    """
+    if not normal > 0.0:
+        return 0.0
+    return radius * max(0.0, 1.0 - tangential / (friction * normal)) ** (1.0 / 3.0)
