@@ -163,8 +163,8 @@ def _solve(normals, first, neighbours, where, active, edges, work, count):
 
 @njit(cache=True, error_model="numpy")
 def net_step(
-    nodes, forces, normal, dt, law, hardness, rings, vertices, normals, per_area, spans, first, neighbours, edges, work, share,
-    memory, where, active, state, out, count,
+    nodes, forces, normal, dt, law, hardness, rings, vertices, normals, per_area, spans, first, neighbours, edges, work,
+    share, memory, where, active, state, out, count,
 ):  # fmt: skip
     """One step of the net; returns how many nodes are in its list.
 

@@ -1,8 +1,8 @@
-"""Run the softness and nodule graphs, and keep pictures that the runs end with: python docs/pictures/softness.py [folder]
+"""Run softness and nodule, and keep pictures that the runs end with: python docs/pictures/softness.py [folder]
 
 softness.png          a fingerpad on soft tissue, where Hertz theory holds and where not: `palpate run softness`
 softness-nodule.png   a finger slides over a hard nodule, force and pins: `palpate run nodule`
-softness-band.png     the force of the kidney run beside a measured subject's: `palpate run kidney --set scene.finger.band=true`
+softness-band.png     force of the kidney beside a subject's: `palpate run kidney --set scene.finger.band=true`
 """
 
 from __future__ import annotations

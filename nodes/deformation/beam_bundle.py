@@ -10,7 +10,7 @@ import numpy as np
 from palpate.messages import Load, Surface, Vector
 from palpate.nodes.base import SettingError
 from palpate.nodes.nodule import WithNodule
-from palpate.physics.beam_bed import Bed
+from palpate.physics.beam_bed import LARGEST_FORCE, Bed
 from palpate.physics.materials import SKIN, TISSUE, Material
 
 NO_PRESSURE = np.zeros(0)
@@ -65,9 +65,12 @@ class BeamBundle(WithNodule):
         self.facing = mesh.normals
         self.areas = mesh.areas
         self.push = np.zeros(len(mesh.areas))
+        self.last: Surface | None = None
 
     def step(self, load: Load, *, dt: float) -> Surface:
         """Step the beams under the load; the indentation told is conjugate to the force."""
+        if not dt > 0.0 and self.last is not None:
+            return self.last
         bed = self.bed
         try:
             stiffness, exponent, free, previous, clamped, _ = bed.step(
@@ -79,7 +82,7 @@ class BeamBundle(WithNodule):
             ) from None
         told = self.wants("displacement") or self.wants("pressure")
         nodes = bed.nodes[: bed.count if told else 0]
-        return Surface(
+        self.last = Surface(
             nodes=nodes,
             displacement=bed.moved[: len(nodes)],
             pressure=self._pressure(load, nodes) if self.wants("pressure") else NO_PRESSURE,
@@ -90,10 +93,12 @@ class BeamBundle(WithNodule):
             previous=previous,
             clamped=int(clamped),
         )
+        return self.last
 
     def _pressure(self, load: Load, nodes: np.ndarray) -> np.ndarray:
         """Of the displaced nodes; 0 for those that still recover."""
-        inward = -np.einsum("ka,ka->k", load.forces, self.facing[load.nodes])
+        held = np.clip(load.forces, -LARGEST_FORCE, LARGEST_FORCE)  # as the beams take it
+        inward = -np.einsum("ka,ka->k", held, self.facing[load.nodes])
         np.add.at(self.push, load.nodes, inward)
         found = np.maximum(self.push[nodes], 0.0) / self.areas[nodes]
         self.push[load.nodes] = 0.0

@@ -29,7 +29,7 @@ def draw(touch: Touch) -> Figure | None:
     rows = moments(contact["force"], contact["compression"], phase)
     ticks = contact["tick"][rows].tolist()
     slips, surfaces = touch.at(Slip, ticks), touch.at(Surface, ticks)
-    if not set(ticks) <= set(slips):
+    if not set(ticks) <= set(slips) or not len(slips[ticks[0]].points):
         return None
     out = figure(2.7 * len(rows) + 1.2, 6.6, "The pad of the fingertip, seen through the plate")
     grid = out.subplots(2, len(rows), squeeze=False, sharex=True, sharey=True)

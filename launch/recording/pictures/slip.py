@@ -45,7 +45,7 @@ def phases(normal: np.ndarray, friction: np.ndarray, incipient: np.ndarray, gros
 
 
 def slides(touch: Touch) -> tuple[Columns, Columns, Columns, Phases] | None:
-    """Contact, friction and slip at common ticks, and the phases; None where one was not recorded or nothing touched."""
+    """Contact, friction and slip at common ticks, and the phases; None where one is missing or nothing touched."""
     if touch.slip is None or touch.contact is None or touch.friction is None:
         return None
     contact, friction, slip = together(touch.contact, touch.friction, touch.slip)
