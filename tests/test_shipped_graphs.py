@@ -4,10 +4,14 @@ from pathlib import Path
 
 import pytest
 import yaml
+from typer.testing import CliRunner
 
 import palpate.launch
+from palpate.launch.__main__ import app
 from palpate.launch.loading.files import GRAPHS, PLACES, SCENES
 from palpate.launch.loading.launchfile import LaunchFile, find
+from palpate.launch.recording.reader import Recording
+from palpate.launch.running.execute import execute
 
 LAUNCH = Path(next(iter(palpate.launch.__path__)))
 NAMES = sorted(p.stem for p in GRAPHS.glob("*.yaml"))
@@ -80,3 +84,23 @@ def test_the_band_is_left_out_of_the_kidney_unless_the_scene_asks_for_it():
     plan = find("kidney").but(overrides=("scene.finger.band=true",)).plan()
     assert "band" in plan.order and "band" in find("nodule").plan().order
     assert not any("band" in edges for node, edges in plan.edges.items() if node != "band")
+
+
+def test_the_band_changes_no_byte_of_the_other_streams(tmp_path):
+    found = []
+    for wanted in ("true", "false"):
+        file = tmp_path / f"{wanted}.mcap"
+        sets = (f"scene.finger.band={wanted}", "scene.surface.vertices=1500", "scene.hand.begin=[0, 0, 0.107]")
+        assert execute(find("kidney").but(record=file, place="fused", duration=0.4, overrides=sets)).result.ok
+        streams: dict[str, list[bytes]] = {}
+        for name, _, payload in Recording(file).payloads():
+            streams.setdefault(name, []).append(payload)
+        found.append(streams)
+    assert len(found[0].pop("band")) == 40
+    assert found[0] == found[1] and len(found[1]["contact"]) == 400
+
+
+def test_a_setting_that_cannot_be_is_told_without_a_traceback():
+    command = ["run", "fingertip-slide", "--fused", "-q", "--no-record", "--set", "scene.finger.shape=nowhere.npz"]
+    result = CliRunner().invoke(app, command)
+    assert result.exit_code == 1 and "nowhere.npz" in result.output and "Traceback" not in result.output
