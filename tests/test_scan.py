@@ -285,4 +285,4 @@ def test_the_command_writes_images_to_try_that_it_can_read(tmp_path, name):
     made = CliRunner().invoke(app(), ["--phantom", str(tmp_path / name), "--json"])
     assert made.exit_code == 0 and len(read(tmp_path / name).volume) == 23
     again = CliRunner().invoke(app(), ["--phantom", str(tmp_path / name)])
-    assert again.exit_code == 2 and "there already" in again.stderr
+    assert again.exit_code == 2 and "already" in again.stderr
