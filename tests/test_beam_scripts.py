@@ -1,4 +1,4 @@
-"""The scripts that draw and time the beam bundle, and those that draw softness, run, and their figures are of the right kind."""
+"""The scripts that draw and time the beam bundle, and draw softness: they run, their figures are of the right kind."""
 
 import json
 import runpy
