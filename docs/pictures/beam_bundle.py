@@ -132,7 +132,7 @@ def localized(path: Path) -> None:
             touching = slip.state > 0
             (x, y), way = slip.points[touching].T * 1e3, slip.path[touching] * 1e3
             stuck = way == 0
-            # Lone nodes of the rim, which no triangle holds, run ahead of the skin: the scale leaves them out.
+            # Lightly pressed nodes of the rim, which the skin hardly holds, run ahead: the scale leaves them out.
             most = np.percentile(way[~stuck], 90)
             shown = axes.scatter(x[~stuck], y[~stuck], c=way[~stuck], s=22, marker="s", cmap="turbo", vmin=0, vmax=most)
             axes.scatter(x[stuck], y[stuck], c="0.8", s=22, marker="s")

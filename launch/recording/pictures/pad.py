@@ -35,7 +35,7 @@ def draw(touch: Touch) -> Figure | None:
     grid = out.subplots(2, len(rows), squeeze=False, sharex=True, sharey=True)
     pressures = [_pressure(slips[tick], surfaces.get(tick)) * 1e-3 for tick in ticks]
     most = max(float(p.max()) for p in pressures) or 1.0
-    # Lone nodes of the rim, which no triangle of the skin holds, run far ahead of the others: they get the last colour.
+    # Lightly pressed nodes of the rim, which the skin hardly holds, run far ahead: they get the last colour.
     slid = slips[ticks[-1]].path
     way = float(np.percentile(slid[slid > 0.0], 90)) * 1e3 if (slid > 0.0).any() else 1.0
     for column, (row, tick, pressure) in enumerate(zip(rows, ticks, pressures, strict=True)):
