@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import contextlib
+import errno
+import os
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -58,6 +60,8 @@ def execute(
     ticks = None if launch.duration is None else max(1, round(launch.duration * graph.rate))
     told = about(found, clock=clock, pace=launch.pace, ticks=ticks, groups={g.name: g.nodes for g in place.groups})
     work = jobs(found, place, clock=clock, ticks=ticks, pace=launch.pace, about=told)
+    if launch.record is not None:
+        _check_writable(launch.record)
     joined = frozenset(group.name for group in place.groups if group.join or not is_here(group.host))
     if joined:
         if address is None:
@@ -72,7 +76,7 @@ def execute(
         if len(work) == 1 and clock == "simulated" and not joined:
             if nursery is not None:
                 nursery.close()
-            result = run_fused(work[0], screen.show if screen else lambda _: None)
+            result = run_fused(work[0], screen.show if screen else lambda _: None, patience)
         else:
             launcher = Launcher(
                 work,
@@ -88,6 +92,18 @@ def execute(
     names = [*found.order, *found.observers]
     result.health = {name: result.health[name] for name in names if name in result.health}
     return Outcome(found, result, launch.record)
+
+
+def _check_writable(file: Path) -> None:
+    """OSError: the recording cannot be written there."""
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        if file.is_dir():
+            raise IsADirectoryError(errno.EISDIR, "this is a folder, expected the name of a file")
+        if not os.access(file if file.exists() else file.parent, os.W_OK):
+            raise PermissionError(errno.EACCES, "no permission to write there")
+    except OSError as error:
+        raise OSError(f"recording {file}: {error.strerror}; --record FILE takes another place") from None
 
 
 def _set_recording(graph: Graph, file: Path | None) -> None:

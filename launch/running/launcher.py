@@ -6,7 +6,6 @@ outlet waits until it has seen its readers; then all get the time of tick 0. No 
 
 from __future__ import annotations
 
-import contextlib
 import os
 import select
 import signal
@@ -20,11 +19,12 @@ import zmq
 
 from palpate.launch.running.bus import endpoint
 from palpate.launch.running.clock import now
+from palpate.launch.running.interrupts import interrupts
 from palpate.launch.running.job import Job, members
 from palpate.launch.running.nursery import Nursery
 from palpate.launch.running.result import Death, Result
+from palpate.launch.running.watchdog import START_PATIENCE
 
-START_PATIENCE = 120.0  # [s] for a node's `start`: it may compile kernels or build a basis
 STOP_PATIENCE = 3.0  # [s] for the workers to end once they were told
 HEAD_START = 40_000_000  # [ns] from the order to go to tick 0: every worker has heard it by then
 ALIVE = ("starting", "ready", "linked", "running")
@@ -109,8 +109,16 @@ class Launcher:
     # -- the whole run -------------------------------------------------------------------------------------------
 
     def run(self) -> Result:
-        """Start everything, wait for the end, end everything. Returns what happened; Ctrl-C stops the run in order."""
-        before = self._catch_interrupts()
+        """Start everything, wait for the end, end everything; Ctrl-C or SIGTERM stops the run in order. Returns what
+        happened."""
+        with interrupts(self._interrupted):
+            self._run()
+        if self._origin_time is not None:
+            self.result.wall = self._ended - self._origin_time
+        self.result.ticks = max((h["tick"] + 1 for h in self.result.health.values()), default=0)
+        return self.result
+
+    def _run(self) -> None:
         try:
             modules = {given.cls.rpartition(".")[0] for job in self.jobs.values() for given in members(job)}
             self.nursery.ask({"import": sorted(modules)})
@@ -121,25 +129,14 @@ class Launcher:
                 self._turn()
         finally:
             self.phase = "ended"
-            if before is not None:
-                signal.signal(signal.SIGINT, before)
             self.printed(self.nursery.close())
             self._context.destroy(linger=200)
-        if self._origin_time is not None:
-            self.result.wall = self._ended - self._origin_time
-        self.result.ticks = max((h["tick"] + 1 for h in self.result.health.values()), default=0)
-        return self.result
 
     _origin_time: float | None = None
     _ended: float = 0.0
 
-    def _catch_interrupts(self):
-        def interrupted(*_: object) -> None:
-            self._interrupts += 1
-
-        with contextlib.suppress(ValueError):  # not in the main thread: the caller's affair
-            return signal.signal(signal.SIGINT, interrupted)
-        return None
+    def _interrupted(self) -> None:
+        self._interrupts += 1
 
     def _fork(self, group: str) -> None:
         self._state[group] = "starting"
@@ -209,7 +206,9 @@ class Launcher:
                 self._died(group, report)
                 self._left(group)
             case "rubbish":
-                self.result.notes.append(f"stream {report['stream']!r}: {report['text']}")
+                note = f"stream {report['stream']!r}: {report['text']}"
+                if note not in self.result.notes:
+                    self.result.notes.append(note)
             case "done":
                 self._state[group] = "done"
                 self._left(group)
