@@ -290,3 +290,30 @@ def test_the_closed_loop_survives_a_bad_day():
     assert np.all(np.isfinite(forces)) and np.linalg.norm(forces, axis=1).max() < 6.0
     assert np.abs(np.diff(forces[:, 2])).max() < 2.0  # no spike
     assert np.all(forces[-100:] == 0.0)
+
+
+def test_a_grip_dragged_along_an_even_way_is_the_solution_of_its_equation_of_motion():
+    """m x'' = -b x' + k (p - x) + c (p' - x') with p moving evenly, by a general solver for differential equations."""
+    mass, drag, k, c = 0.2, 3.0, 400.0, 2.0
+    begin, end, time = np.array(HOME) - (0, 0, 0.02), np.array(HOME) - (0.02, -0.01, 0.03), 0.2
+    node = Simulated(
+        **{
+            "begin": tuple(begin.tolist()),
+            "path": ({"to": tuple(end.tolist()), "time": time, "shape": "linear"},),
+            "resolution": 0.0,
+        },
+        **{"mass": mass, "damping": drag, "hand_stiffness": k, "hand_damping": c},
+    )
+    bus = FakeBus(node)
+    bus.run(151)
+    speed = (end - begin) / time
+
+    def motion(t: float, y: np.ndarray) -> np.ndarray:
+        x, v = y[:3], y[3:]
+        return np.concatenate([v, (-drag * v + k * (begin + speed * t - x) + c * (speed - v)) / mass])
+
+    ran = node.state[2, 0]
+    found = solve_ivp(motion, (0.0, ran), np.concatenate([begin, np.zeros(3)]), rtol=1e-10, atol=1e-13).y[:, -1]
+    assert ran == pytest.approx(0.151, abs=1e-9)
+    assert np.abs(node.state[0] - found[:3]).max() < 1e-9
+    assert np.abs(node.state[1] - found[3:]).max() < 1e-7

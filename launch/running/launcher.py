@@ -324,9 +324,9 @@ class Launcher:
             return
         group, status = answer["exited"], answer["status"]
         # Its last words were sent before its end, but may come after the news of it.
-        until = time.monotonic() + (0.5 if status >= 0 else 0.02)
+        until = time.monotonic() + (0.5 if status >= 0 else 0.002)
         while self._state[group] in ALIVE and time.monotonic() < until:
-            if self._reports.poll(10):
+            if self._reports.poll(1):
                 self._take(_decode(self._reports))
         state = self._state[group]
         if state in ALIVE:
