@@ -297,12 +297,8 @@ def test_a_grip_dragged_along_an_even_way_is_the_solution_of_its_equation_of_mot
     mass, drag, k, c = 0.2, 3.0, 400.0, 2.0
     begin, end, time = np.array(HOME) - (0, 0, 0.02), np.array(HOME) - (0.02, -0.01, 0.03), 0.2
     node = Simulated(
-        **{
-            "begin": tuple(begin.tolist()),
-            "path": ({"to": tuple(end.tolist()), "time": time, "shape": "linear"},),
-            "resolution": 0.0,
-        },
-        **{"mass": mass, "damping": drag, "hand_stiffness": k, "hand_damping": c},
+        begin=tuple(begin.tolist()), path=({"to": tuple(end.tolist()), "time": time, "shape": "linear"},), resolution=0.0,
+        mass=mass, damping=drag, hand_stiffness=k, hand_damping=c,
     )
     bus = FakeBus(node)
     bus.run(151)

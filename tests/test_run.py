@@ -124,6 +124,15 @@ def test_a_group_that_joins_by_hand_sends_the_same_bytes(tmp_path, reference):
     assert streams(tmp_path / "run.mcap") == reference
 
 
+def test_a_logger_beside_nodes_hears_the_nodes_of_other_groups_too(tmp_path, reference):
+    place = tmp_path / "place.yaml"
+    place.write_text("a: [source, spring, log]\nb: [drag, spread, sum]\n")
+    outcome = go(tmp_path, place=place)
+    assert outcome.result.ok, outcome.result.deaths
+    assert streams(tmp_path / "run.mcap") == reference
+    assert Recording(tmp_path / "run.mcap").counts["sum"] == {"count": TICKS, "lost": 0}
+
+
 def test_a_slower_node_is_held_at_its_own_ticks(tmp_path):
     text = GRAPH.replace("nodes_for_runs.Drag,", "nodes_for_runs.Drag, every: 7,")
     results = []

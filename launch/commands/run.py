@@ -39,6 +39,8 @@ def run(
     ] = None,
     record: Annotated[Path | None, typer.Option(help="File of the recording.")] = None,
     no_record: Annotated[bool, typer.Option("--no-record", help="Record nothing.")] = False,
+    leave_out: Annotated[list[str] | None, typer.Option("--leave-out", help="Stream not to record.")] = None,
+    thin: Annotated[list[str] | None, typer.Option(help="STREAM=N: record each N-th message only.")] = None,
     out: Annotated[Path | None, typer.Option(help="Folder of recording and pictures.")] = None,
     pictures: Annotated[bool, typer.Option(help="Draw the pictures of the run at its end.")] = True,
     patience: Annotated[float, typer.Option(help="[s] after which a silent node counts as hung.", min=0.1)] = 5.0,
@@ -67,7 +69,10 @@ def run(
         from palpate.launch.running.execute import execute
 
         view = None if quiet or as_json else console()
-        outcome = execute(launch, console=view, nursery=nursery, patience=patience, address=address)
+        outcome = execute(
+            launch, console=view, nursery=nursery, patience=patience, address=address,
+            leave_out=leave_out or (), thin=_thin(thin or []),
+        )  # fmt: skip
     finally:
         if nursery is not None:
             nursery.close()
@@ -78,6 +83,16 @@ def run(
         _summary(outcome, name, drawn)
     if not outcome.result.ok:
         raise typer.Exit(TROUBLE)
+
+
+def _thin(given: list[str]) -> dict[str, int]:
+    found = {}
+    for text in given:
+        stream, _, number = text.partition("=")
+        if not number.isdigit() or int(number) < 1:
+            raise typer.BadParameter(f"--thin: found {text!r}, expected STREAM=N with N from 1")
+        found[stream] = int(number)
+    return found
 
 
 def _pictures(outcome: Outcome, folder: Path, silent: bool) -> list[Path]:
@@ -112,14 +127,14 @@ def _summary(outcome: Outcome, name: str, drawn: list[Path]) -> None:
         out.print(Text(f"skipped {node}: {reason}", style="dim"))
     for note in result.notes:
         out.print(Text(note, style="yellow"))
-    if outcome.recording is not None and outcome.recording.is_file():
+    if outcome.recording is not None and outcome.recording.is_file() and result.ticks:
         out.print(Text(f"recording {outcome.recording} ({outcome.recording.stat().st_size / 1e6:.1f} MB)"))
     for picture in drawn:
         out.print(Text(f"picture   {picture}"))
     wrong = console(stderr=True, soft_wrap=True)
     for death in result.deaths:
         wrong.print(Text(str(death), style="red"))
-        if death.trace:
+        if death.trace and not death.text.startswith("SettingError"):  # that one says by itself what to change
             wrong.print(Text(death.trace.rstrip(), style="dim"))
 
 

@@ -34,6 +34,8 @@ def run_fused(job: Job, show: Callable[[Result], None] = lambda _: None, patienc
         if what["kind"] == "health":
             result.health.update(what["nodes"])
             show(result)
+        elif what["kind"] == "note":
+            result.notes.append(what["text"])
 
     def interrupted() -> None:
         if result.interrupted or not result.start:

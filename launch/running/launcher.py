@@ -17,7 +17,7 @@ from collections.abc import Callable, Sequence
 import msgspec
 import zmq
 
-from palpate.launch.running.bus import endpoint
+from palpate.launch.running.bus import HEALTH, endpoint
 from palpate.launch.running.clock import now
 from palpate.launch.running.interrupts import interrupts
 from palpate.launch.running.job import Job, members
@@ -205,6 +205,9 @@ class Launcher:
             case "fault":
                 self._died(group, report)
                 self._left(group)
+            case "note":
+                self.result.notes.append(report["text"])
+                self.printed(report["text"] + "\n")
             case "rubbish":
                 note = f"stream {report['stream']!r}: {report['text']}"
                 if note not in self.result.notes:
@@ -242,8 +245,11 @@ class Launcher:
                 continue
             sent = {stream for node in theirs.nodes for stream in node.streams}
             for outlet, wanted in (("force", reads), ("observers", observes)):
-                if sent & wanted:
-                    sources.append((self._nearest(group, other, outlet), sorted(sent & wanted)))
+                streams = sorted(sent & wanted)
+                if outlet == "observers" and job.observers and sent:
+                    streams.append(HEALTH)
+                if streams:
+                    sources.append((self._nearest(group, other, outlet), streams))
         observed = Counter(
             stream
             for other, theirs in self.jobs.items()
@@ -251,6 +257,8 @@ class Launcher:
             for stream in {stream for observer in theirs.observers for stream in observer.streams}
         )
         own = {stream: observed[stream] for node in job.nodes for stream in node.streams if observed[stream]}
+        if any(node.streams for node in job.nodes):
+            own[HEALTH] = sum(bool(other.observers) for name, other in self.jobs.items() if name != group)
         self._tell(group, **{"do": "connect", "from": sources, "observed": own})
 
     def _nearest(self, group: str, other: str, outlet: str) -> str:
@@ -348,7 +356,7 @@ class Launcher:
         if not left & self._leads() and self._is_real():
             self._tell("*", do="stop")
         if not any(self.jobs[group].nodes for group in left):
-            self._tell("*", do="stop")
+            self._tell("*", do="close")
             if self._deadline is None:
                 self._deadline = time.monotonic() + 20 * STOP_PATIENCE  # a long queue may have to be written
 

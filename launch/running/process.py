@@ -80,7 +80,7 @@ def _link(bus: Bus, job: Job, report) -> int | None:
             case "go":
                 bus.release()
                 return told["origin"]
-            case "stop" | "quit":
+            case "stop" | "quit" | "close":
                 return None
 
 

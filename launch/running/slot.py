@@ -158,6 +158,13 @@ class Slot:
         except BaseException as error:
             raise NodeFault(self.name, "start", error) from error
 
+    def begin(self) -> None:
+        """Start the node anew, as a new process would: without a step before. NodeFault: it raised."""
+        self._time = None
+        for output in self.outputs:
+            output.previous = output.last = None
+        self.start()
+
     def step(self, tick: int, at: int, messages: list[Message | None], nominal: float) -> None:
         """Run the node on these inputs and set its outputs.
 

@@ -9,11 +9,12 @@ import gc
 from collections.abc import Callable
 
 from palpate.launch.loading.load import load_class
-from palpate.launch.running.bus import CONTROL, Bus, order
+from palpate.launch.running.bus import CONTROL, HEALTH, Bus, frame, order
 from palpate.launch.running.clock import now
 from palpate.launch.running.ended import Ended
+from palpate.launch.running.health import message
 from palpate.launch.running.job import Job, NodeJob, ObserverJob
-from palpate.launch.running.listen import listen
+from palpate.launch.running.listen import hand_over, listen
 from palpate.launch.running.real import run_real
 from palpate.launch.running.simulated import run_simulated
 from palpate.launch.running.slot import Input, NodeFault, ObserverSlot, Output, Slot
@@ -56,8 +57,9 @@ class Worker:
         self.tick = -1
         self._reported = 0
         self._beat = now()
-        self._burst = 0
+        self._burst = job.phase % BURST
         self._started: list[Node] = []
+        self._told: list[Observer] = []
         self._heard: dict[str, Output] = known
 
     def _observer(self, job: ObserverJob) -> Observer:
@@ -95,6 +97,7 @@ class Worker:
                 observer.node.start()
             except BaseException as error:
                 raise NodeFault(observer.name, "start", error) from error
+            self._told.append(observer.node)
             for stream in observer.streams:
                 if stream in self._heard:
                     self._heard[stream].listeners.append(observer)
@@ -111,6 +114,7 @@ class Worker:
             node = self._started.pop()
             try:
                 node.stop()
+                self._pass_notes()
             except BaseException as error:
                 fault = fault or NodeFault(self._names[id(node)], "stop", error)
         if fault:
@@ -122,6 +126,7 @@ class Worker:
         NodeFault: a node failed.
         """
         self._mark_heard()
+        self._tell_observers({slot.name: slot.health.report() for slot in self.slots})
         gc.collect()
         gc.freeze()
         if self.job.clock == "real":
@@ -133,12 +138,14 @@ class Worker:
                 run_real(self, origin)
             else:
                 run_simulated(self, origin)
+                if self.bus is not None and self.observers:
+                    listen(self)  # what other groups have sent last
         except Ended:
             pass
         finally:
             gc.enable()
-            self._flush()
             self._report_health()
+            self._flush()
 
     # -- messages ------------------------------------------------------------------------------------------------
 
@@ -166,6 +173,8 @@ class Worker:
         data = self.take(block)
         if not data:
             return
+        if self.observers:
+            hand_over(self, data)
         at = data.find(0)
         route = self.routes.get(data[: at + 1])
         if route is None:
@@ -203,13 +212,15 @@ class Worker:
     def _control(self, given: dict) -> None:
         self._beat = now()
         match given["do"]:
-            case "stop":
+            case "stop" if self.slots:  # observers go on until all senders are gone
+                self.stopping = True
+            case "close":
                 self.stopping = True
             case "end":
                 self.last = given["tick"]
             case "dead" | "alive":
                 self._bury(set(given["nodes"]), set(given["mute"]), given["do"] == "dead")
-            case "quit" if self.slots:  # observers go on until they are told that all senders are gone
+            case "quit" if self.slots:
                 raise Ended
 
     def _bury(self, nodes: set[str], mute: set[str], dead: bool) -> None:
@@ -249,3 +260,23 @@ class Worker:
         nodes = {slot.name: {**slot.health.report(), "forces": slot.forces()} for slot in self.slots}
         nodes |= {observer.name: observer.health.report() for observer in self.observers}
         self.report({"kind": "health", "tick": self.tick, "nodes": nodes})
+        self._tell_observers(nodes)
+        self._pass_notes()
+
+    def _tell_observers(self, nodes: dict[str, dict]) -> None:
+        """How the nodes here are doing, to the observers here and elsewhere."""
+        far = self.bus is not None and self.bus.heard(HEALTH.encode() + b"\0")
+        if not far and not self._told:
+            return
+        for slot in self.slots:
+            last = slot.outputs[0].last if slot.outputs else None
+            told = message(slot.name, last.time if last is not None else 0, nodes[slot.name])
+            for observer in self._told:
+                observer.health(told)
+            if far and self.bus is not None:
+                self.bus.keep(frame(HEALTH, pack(told)))
+
+    def _pass_notes(self) -> None:
+        for observer in self._told:
+            for text in observer.notes():
+                self.report({"kind": "note", "text": text})
