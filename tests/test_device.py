@@ -237,9 +237,14 @@ class Loop:
         pose = finger.step(state, dt=T)
         e = max(0.11 - pose.position[2], 0.0)
         contact = Contact(
-            foot=(0, 0, 0.11), normal=(0, 0, 1), force=self.stiffness * e, compression=e, indentation=0.0,
-            compression_rate=0.0, indentation_rate=0.0,
-        )  # fmt: skip
+            foot=(0, 0, 0.11),
+            normal=(0, 0, 1),
+            force=self.stiffness * e,
+            compression=e,
+            indentation=0.0,
+            compression_rate=0.0,
+            indentation_rate=0.0,
+        )
         force = controller.step(contact, None, pose, dt=T)
         self.torque = statics.step(force, pose)
         self.tick += 1
@@ -271,9 +276,14 @@ def test_the_closed_loop_presses_holds_and_releases_with_a_balanced_account():
 def test_a_wall_of_three_newtons_a_millimetre_needs_the_controller():
     def swing(passivity):
         device = Simulated(
-            begin=(0, 0, 0.111), path=[{"to": [0, 0, 0.1095], "time": 0.1}], mass=0.1, hand_damping=0.0,
-            hand_stiffness=300.0, damping=0.2, delay=1,
-        )  # fmt: skip
+            begin=(0, 0, 0.111),
+            path=[{"to": [0, 0, 0.1095], "time": 0.1}],
+            mass=0.1,
+            hand_damping=0.0,
+            hand_stiffness=300.0,
+            damping=0.2,
+            delay=1,
+        )
         loop = Loop(3000.0, device, Haptic(passivity=passivity, delay=1))
         z = np.array([loop.step()[1][2] for _ in range(2000)])
         return np.ptp(z[1000:1500]), np.ptp(z[1500:])
@@ -296,10 +306,9 @@ def test_a_grip_dragged_along_an_even_way_is_the_solution_of_its_equation_of_mot
     """m x'' = -b x' + k (p - x) + c (p' - x') with p moving evenly, by a general solver for differential equations."""
     mass, drag, k, c = 0.2, 3.0, 400.0, 2.0
     begin, end, time = np.array(HOME) - (0, 0, 0.02), np.array(HOME) - (0.02, -0.01, 0.03), 0.2
-    node = Simulated(
-        begin=tuple(begin.tolist()), path=({"to": tuple(end.tolist()), "time": time, "shape": "linear"},), resolution=0.0,
-        mass=mass, damping=drag, hand_stiffness=k, hand_damping=c,
-    )
+    way = ({"to": tuple(end.tolist()), "time": time, "shape": "linear"},)
+    hand = {"mass": mass, "damping": drag, "hand_stiffness": k, "hand_damping": c, "resolution": 0.0}
+    node = Simulated(begin=tuple(begin.tolist()), path=way, **hand)
     bus = FakeBus(node)
     bus.run(151)
     speed = (end - begin) / time
