@@ -11,16 +11,16 @@ import select
 import signal
 import time
 import uuid
-from collections import Counter
 from collections.abc import Callable, Sequence
 
 import msgspec
 import zmq
 
-from palpate.launch.running.bus import HEALTH, endpoint
+from palpate.launch.running.bus import endpoint
 from palpate.launch.running.clock import now
 from palpate.launch.running.interrupts import interrupts
 from palpate.launch.running.job import Job, members
+from palpate.launch.running.links import heard, listeners, muted
 from palpate.launch.running.nursery import Nursery
 from palpate.launch.running.result import Death, Result
 from palpate.launch.running.watchdog import START_PATIENCE
@@ -236,35 +236,14 @@ class Launcher:
                 self._link(each)
 
     def _link(self, group: str) -> None:
-        job = self.jobs[group]
-        observes = {stream for observer in job.observers for stream in observer.streams}
-        reads = {given.stream for node in job.nodes for given in node.inputs}
-        sources = []
-        for other, theirs in self.jobs.items():
-            if other == group or other not in self._endpoints:
-                continue
-            sent = {stream for node in theirs.nodes for stream in node.streams}
-            for outlet, wanted in (("force", reads), ("observers", observes)):
-                streams = sorted(sent & wanted)
-                if outlet == "observers" and job.observers and sent:
-                    streams.append(HEALTH)
-                if streams:
-                    sources.append((self._nearest(group, other, outlet), streams))
-        observed = Counter(
-            stream
-            for other, theirs in self.jobs.items()
-            if other != group
-            for stream in {stream for observer in theirs.observers for stream in observer.streams}
-        )
-        own = {stream: observed[stream] for node in job.nodes for stream in node.streams if observed[stream]}
-        if any(node.streams for node in job.nodes):
-            own[HEALTH] = sum(bool(other.observers) for name, other in self.jobs.items() if name != group)
-        self._tell(group, **{"do": "connect", "from": sources, "observed": own})
+        def nearest(other: str, outlet: str) -> str:
+            """The local address where both are on one machine, else the one that the network reaches."""
+            addresses = self._endpoints[other][outlet]
+            return addresses[0] if (group in self.joined) == (other in self.joined) else addresses[-1]
 
-    def _nearest(self, group: str, other: str, outlet: str) -> str:
-        """The local address of an outlet where both are on one machine, else the one that the network reaches."""
-        addresses = self._endpoints[other][outlet]
-        return addresses[0] if (group in self.joined) == (other in self.joined) else addresses[-1]
+        others = {name: job for name, job in self.jobs.items() if name != group}
+        sources = [(nearest(o, outlet), s) for o, outlet, s in heard(self.jobs[group], others) if o in self._endpoints]
+        self._tell(group, **{"do": "connect", "from": sources, "observed": listeners(self.jobs[group], others)})
 
     def _go(self) -> None:
         self.phase = "running"
@@ -282,7 +261,7 @@ class Launcher:
         self._tell(group, do="go", origin=self._origin)
         self._state[group] = "running"
         nodes = {node.name for node in self.jobs[group].nodes}
-        self._tell("*", do="alive", nodes=sorted(nodes), mute=sorted(self._mute(nodes)))
+        self._tell("*", do="alive", nodes=sorted(nodes), mute=sorted(muted(self.jobs.values(), nodes)))
 
     # -- trouble -------------------------------------------------------------------------------------------------
 
@@ -296,27 +275,12 @@ class Launcher:
     def _bury(self, group: str) -> None:
         """Tell the others, so that their inputs from this group become None; then end the run, or start it again."""
         dead = {node.name for node in self.jobs[group].nodes}
-        self._tell("*", do="dead", nodes=sorted(dead), mute=sorted(self._mute(dead)))
+        self._tell("*", do="dead", nodes=sorted(dead), mute=sorted(muted(self.jobs.values(), dead)))
         again = self.phase == "running" and dead and dead <= self.restart and self._deadline is None
         if again:
             self._state[group] = "restarting"
         elif dead or self.phase != "running":
             self._end_after(GRACE if self.phase == "running" and self._is_real() else 0.0)
-
-    def _mute(self, dead: set[str]) -> set[str]:
-        """Nodes that cannot go on without these, directly or through others."""
-        mute: set[str] = set()
-        while True:
-            more = {
-                node.name
-                for job in self.jobs.values()
-                for node in job.nodes
-                if node.name not in dead | mute
-                and any(g.producer in dead | mute and not g.optional for g in node.inputs)
-            }
-            if not more:
-                return mute
-            mute |= more
 
     def _end_after(self, seconds: float) -> None:
         if self._deadline is None:
