@@ -10,6 +10,7 @@ import socket
 import subprocess
 import sys
 import threading
+import time
 from pathlib import Path
 
 import pytest
@@ -215,7 +216,13 @@ def test_when_a_node_dies_the_torque_goes_to_none_within_20_ms(tmp_path):
 
 
 def test_ctrl_c_ends_all_streams_at_the_same_tick(tmp_path):
-    threading.Timer(1.2, lambda: os.kill(os.getpid(), signal.SIGINT)).start()
+    def interrupt() -> None:
+        record = tmp_path / "run.mcap"
+        while not record.is_file() or record.stat().st_size < 5000:
+            time.sleep(0.05)
+        os.kill(os.getpid(), signal.SIGINT)
+
+    threading.Thread(target=interrupt, daemon=True).start()
     outcome = go(tmp_path, ticks=0)
     assert outcome.result.interrupted and outcome.result.ok
     found = streams(tmp_path / "run.mcap")

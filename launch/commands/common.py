@@ -56,6 +56,8 @@ def chosen(
     from palpate.launch.loading.placement import FUSED
 
     scene_file = None if scene is None else find_file(scene, SCENES, what="scene")
+    if fused and place not in (None, FUSED):
+        raise typer.BadParameter(f"--fused puts everything in one process, --place {place} says otherwise: take one")
     place_file: Path | str | None = None
     if fused or place == FUSED:
         place_file = FUSED

@@ -33,8 +33,10 @@ def run(
     place: PlaceOption = None,
     fused: Fused = False,
     clock: Annotated[str | None, typer.Option(help="simulated or real.")] = None,
-    duration: Annotated[float | None, typer.Option(help="[s] of the graph's clock.", min=0.0)] = None,
-    pace: Annotated[float | None, typer.Option(help="Simulated time at this multiple of real time.", min=0.0)] = None,
+    duration: Annotated[float | None, typer.Option(help="[s] of the graph's clock.", min=1e-9, max=1e9)] = None,
+    pace: Annotated[
+        float | None, typer.Option(help="Simulated time at this multiple of real time.", min=1e-3, max=1e6)
+    ] = None,
     record: Annotated[Path | None, typer.Option(help="File of the recording.")] = None,
     no_record: Annotated[bool, typer.Option("--no-record", help="Record nothing.")] = False,
     leave_out: Annotated[list[str] | None, typer.Option("--leave-out", help="Stream not to record.")] = None,
@@ -46,7 +48,10 @@ def run(
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No live view.")] = False,
     as_json: Json = False,
 ) -> None:
-    """Run a graph: live view, recording, summary, pictures. Ctrl-C ends it in order. Exit code 1 when a node failed."""
+    """Run a graph: live view, recording, summary, pictures.
+
+    Ctrl-C or SIGTERM ends it in order. Exit code 1 when a node failed.
+    """
     from palpate.launch.running.nursery import Nursery
 
     nursery = None if fused and clock != "real" else Nursery()  # it imports while the graph is read
@@ -54,7 +59,7 @@ def run(
         launch = chosen(graph, sets, scene, place, fused)
         if clock not in (None, "simulated", "real"):
             raise typer.BadParameter(f"clock: found {clock!r}, expected simulated or real")
-        launch = launch.but(clock=clock, duration=duration or None, pace=pace or None)
+        launch = launch.but(clock=clock, duration=duration, pace=pace)
         name = (launch.path or launch.graph).stem
         folder = out or Path("runs") / f"{name}-{datetime.datetime.now():%Y%m%d-%H%M%S}"
         keep = not no_record and (record is not None or out is not None or launch.record is not None)
@@ -126,10 +131,11 @@ def _summary(outcome: Outcome, name: str, drawn: list[Path]) -> None:
         out.print(Text(f"recording {outcome.recording} ({outcome.recording.stat().st_size / 1e6:.1f} MB)"))
     for picture in drawn:
         out.print(Text(f"picture   {picture}"))
+    wrong = console(stderr=True, soft_wrap=True)
     for death in result.deaths:
-        out.print(Text(str(death), style="red"))
+        wrong.print(Text(str(death), style="red"))
         if death.trace and not death.text.startswith("SettingError"):  # that one says by itself what to change
-            out.print(Text(death.trace.rstrip(), style="dim"))
+            wrong.print(Text(death.trace.rstrip(), style="dim"))
 
 
 def _data(outcome: Outcome) -> dict[str, Any]:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import contextlib
+import errno
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -63,6 +65,8 @@ def execute(
     ticks = None if launch.duration is None else max(1, round(launch.duration * graph.rate))
     told = about(found, clock=clock, pace=launch.pace, ticks=ticks, groups={g.name: g.nodes for g in place.groups})
     work = jobs(found, place, clock=clock, ticks=ticks, pace=launch.pace, about=told)
+    if launch.record is not None:
+        _check_writable(launch.record)
     joined = frozenset(group.name for group in place.groups if group.join or not is_here(group.host))
     if joined:
         if address is None:
@@ -78,7 +82,7 @@ def execute(
         if len(work) == 1 and clock == "simulated" and not joined:
             if nursery is not None:
                 nursery.close()
-            result = run_fused(work[0], screen.show if screen else lambda _: None)
+            result = run_fused(work[0], screen.show if screen else lambda _: None, patience)
         else:
             launcher = Launcher(
                 work,
@@ -93,6 +97,18 @@ def execute(
             result = launcher.run()
     result.health = {name: result.health[name] for name in names if name in result.health}
     return Outcome(found, result, launch.record)
+
+
+def _check_writable(file: Path) -> None:
+    """OSError: the recording cannot be written there."""
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        if file.is_dir():
+            raise IsADirectoryError(errno.EISDIR, "this is a folder, expected the name of a file")
+        if not os.access(file if file.exists() else file.parent, os.W_OK):
+            raise PermissionError(errno.EACCES, "no permission to write there")
+    except OSError as error:
+        raise OSError(f"recording {file}: {error.strerror}; --record FILE takes another place") from None
 
 
 def set_recording(

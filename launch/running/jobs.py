@@ -12,7 +12,9 @@ from palpate.launch.loading.plan import Plan
 from palpate.launch.running.job import InputJob, Job, NodeJob, ObserverJob, StreamJob
 from palpate.nodes.base import inputs
 
-PRIORITY = 60  # of the force path on the real clock, where the system permits it
+PRIORITY = 60
+"""Of the force path on the real clock, where the system permits it; one more for those who keep the time, so that no
+other node can hold up the device when its torque has to go to zero."""
 
 
 def jobs(
@@ -38,6 +40,7 @@ def jobs(
     for phase, group in enumerate(placement.groups):
         names = [name for name in plan.order if name in group.nodes]
         on_path = any(name in path for name in names)
+        leads = any(plan.graph.nodes[name].cls.paced for name in names)
         found.append(
             Job(
                 group=group.name,
@@ -48,10 +51,10 @@ def jobs(
                 ticks=ticks,
                 pace=pace,
                 core=group.core or _cores(on_path, len(placement.groups)),
-                priority=group.priority or (PRIORITY if on_path else None),
+                priority=group.priority or (PRIORITY + leads if on_path else None),
                 host=group.host,
                 phase=phase,
-                leads=any(plan.graph.nodes[name].cls.paced for name in names),
+                leads=leads,
                 external=_external(plan, place, group),
                 about=about or {},
             )

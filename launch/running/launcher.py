@@ -6,25 +6,25 @@ outlet waits until it has seen its readers; then all get the time of tick 0. No 
 
 from __future__ import annotations
 
-import contextlib
 import os
 import select
 import signal
 import time
 import uuid
-from collections import Counter
 from collections.abc import Callable, Sequence
 
 import msgspec
 import zmq
 
-from palpate.launch.running.bus import HEALTH, endpoint
+from palpate.launch.running.bus import endpoint
 from palpate.launch.running.clock import now
+from palpate.launch.running.interrupts import interrupts
 from palpate.launch.running.job import Job, members
+from palpate.launch.running.links import heard, listeners, muted
 from palpate.launch.running.nursery import Nursery
 from palpate.launch.running.result import Death, Result
+from palpate.launch.running.watchdog import START_PATIENCE
 
-START_PATIENCE = 120.0  # [s] for a node's `start`: it may compile kernels or build a basis
 STOP_PATIENCE = 3.0  # [s] for the workers to end once they were told
 HEAD_START = 40_000_000  # [ns] from the order to go to tick 0: every worker has heard it by then
 ALIVE = ("starting", "ready", "linked", "running")
@@ -109,8 +109,16 @@ class Launcher:
     # -- the whole run -------------------------------------------------------------------------------------------
 
     def run(self) -> Result:
-        """Start everything, wait for the end, end everything. Returns what happened; Ctrl-C stops the run in order."""
-        before = self._catch_interrupts()
+        """Start everything, wait for the end, end everything; Ctrl-C or SIGTERM stops the run in order. Returns what
+        happened."""
+        with interrupts(self._interrupted):
+            self._run()
+        if self._origin_time is not None:
+            self.result.wall = self._ended - self._origin_time
+        self.result.ticks = max((h["tick"] + 1 for h in self.result.health.values()), default=0)
+        return self.result
+
+    def _run(self) -> None:
         try:
             modules = {given.cls.rpartition(".")[0] for job in self.jobs.values() for given in members(job)}
             self.nursery.ask({"import": sorted(modules)})
@@ -121,25 +129,14 @@ class Launcher:
                 self._turn()
         finally:
             self.phase = "ended"
-            if before is not None:
-                signal.signal(signal.SIGINT, before)
             self.printed(self.nursery.close())
             self._context.destroy(linger=200)
-        if self._origin_time is not None:
-            self.result.wall = self._ended - self._origin_time
-        self.result.ticks = max((h["tick"] + 1 for h in self.result.health.values()), default=0)
-        return self.result
 
     _origin_time: float | None = None
     _ended: float = 0.0
 
-    def _catch_interrupts(self):
-        def interrupted(*_: object) -> None:
-            self._interrupts += 1
-
-        with contextlib.suppress(ValueError):  # not in the main thread: the caller's affair
-            return signal.signal(signal.SIGINT, interrupted)
-        return None
+    def _interrupted(self) -> None:
+        self._interrupts += 1
 
     def _fork(self, group: str) -> None:
         self._state[group] = "starting"
@@ -212,7 +209,9 @@ class Launcher:
                 self.result.notes.append(report["text"])
                 self.printed(report["text"] + "\n")
             case "rubbish":
-                self.result.notes.append(f"stream {report['stream']!r}: {report['text']}")
+                note = f"stream {report['stream']!r}: {report['text']}"
+                if note not in self.result.notes:
+                    self.result.notes.append(note)
             case "done":
                 self._state[group] = "done"
                 self._left(group)
@@ -237,35 +236,14 @@ class Launcher:
                 self._link(each)
 
     def _link(self, group: str) -> None:
-        job = self.jobs[group]
-        observes = {stream for observer in job.observers for stream in observer.streams}
-        reads = {given.stream for node in job.nodes for given in node.inputs}
-        sources = []
-        for other, theirs in self.jobs.items():
-            if other == group or other not in self._endpoints:
-                continue
-            sent = {stream for node in theirs.nodes for stream in node.streams}
-            for outlet, wanted in (("force", reads), ("observers", observes)):
-                streams = sorted(sent & wanted)
-                if outlet == "observers" and job.observers and sent:
-                    streams.append(HEALTH)
-                if streams:
-                    sources.append((self._nearest(group, other, outlet), streams))
-        observed = Counter(
-            stream
-            for other, theirs in self.jobs.items()
-            if other != group
-            for stream in {stream for observer in theirs.observers for stream in observer.streams}
-        )
-        own = {stream: observed[stream] for node in job.nodes for stream in node.streams if observed[stream]}
-        if any(node.streams for node in job.nodes):
-            own[HEALTH] = sum(bool(other.observers) for name, other in self.jobs.items() if name != group)
-        self._tell(group, **{"do": "connect", "from": sources, "observed": own})
+        def nearest(other: str, outlet: str) -> str:
+            """The local address where both are on one machine, else the one that the network reaches."""
+            addresses = self._endpoints[other][outlet]
+            return addresses[0] if (group in self.joined) == (other in self.joined) else addresses[-1]
 
-    def _nearest(self, group: str, other: str, outlet: str) -> str:
-        """The local address of an outlet where both are on one machine, else the one that the network reaches."""
-        addresses = self._endpoints[other][outlet]
-        return addresses[0] if (group in self.joined) == (other in self.joined) else addresses[-1]
+        others = {name: job for name, job in self.jobs.items() if name != group}
+        sources = [(nearest(o, outlet), s) for o, outlet, s in heard(self.jobs[group], others) if o in self._endpoints]
+        self._tell(group, **{"do": "connect", "from": sources, "observed": listeners(self.jobs[group], others)})
 
     def _go(self) -> None:
         self.phase = "running"
@@ -283,7 +261,7 @@ class Launcher:
         self._tell(group, do="go", origin=self._origin)
         self._state[group] = "running"
         nodes = {node.name for node in self.jobs[group].nodes}
-        self._tell("*", do="alive", nodes=sorted(nodes), mute=sorted(self._mute(nodes)))
+        self._tell("*", do="alive", nodes=sorted(nodes), mute=sorted(muted(self.jobs.values(), nodes)))
 
     # -- trouble -------------------------------------------------------------------------------------------------
 
@@ -297,27 +275,12 @@ class Launcher:
     def _bury(self, group: str) -> None:
         """Tell the others, so that their inputs from this group become None; then end the run, or start it again."""
         dead = {node.name for node in self.jobs[group].nodes}
-        self._tell("*", do="dead", nodes=sorted(dead), mute=sorted(self._mute(dead)))
+        self._tell("*", do="dead", nodes=sorted(dead), mute=sorted(muted(self.jobs.values(), dead)))
         again = self.phase == "running" and dead and dead <= self.restart and self._deadline is None
         if again:
             self._state[group] = "restarting"
         elif dead or self.phase != "running":
             self._end_after(GRACE if self.phase == "running" and self._is_real() else 0.0)
-
-    def _mute(self, dead: set[str]) -> set[str]:
-        """Nodes that cannot go on without these, directly or through others."""
-        mute: set[str] = set()
-        while True:
-            more = {
-                node.name
-                for job in self.jobs.values()
-                for node in job.nodes
-                if node.name not in dead | mute
-                and any(g.producer in dead | mute and not g.optional for g in node.inputs)
-            }
-            if not more:
-                return mute
-            mute |= more
 
     def _end_after(self, seconds: float) -> None:
         if self._deadline is None:
@@ -333,9 +296,9 @@ class Launcher:
             return
         group, status = answer["exited"], answer["status"]
         # Its last words were sent before its end, but may come after the news of it.
-        until = time.monotonic() + (0.5 if status >= 0 else 0.02)
+        until = time.monotonic() + (0.5 if status >= 0 else 0.002)
         while self._state[group] in ALIVE and time.monotonic() < until:
-            if self._reports.poll(10):
+            if self._reports.poll(1):
                 self._take(_decode(self._reports))
         state = self._state[group]
         if state in ALIVE:

@@ -19,7 +19,7 @@ _set = msgspec.structs.force_setattr
 
 
 class NodeFault(Exception):
-    """A node of the user's failed; the cause is its own error."""
+    """A node of the user's failed; the cause is its own error, `sys.exit` included: a node does not end a run."""
 
     def __init__(self, node: str, where: str, cause: BaseException | str) -> None:
         super().__init__(f"node {node!r}, {where}: {cause}")
@@ -155,7 +155,7 @@ class Slot:
         """Start the node. NodeFault: it raised."""
         try:
             self.node.start()
-        except Exception as error:
+        except BaseException as error:
             raise NodeFault(self.name, "start", error) from error
 
     def begin(self) -> None:
@@ -178,7 +178,7 @@ class Slot:
         begun = perf_counter_ns()
         try:
             answer = self._step(*messages, dt=dt) if self._takes_dt else self._step(*messages)
-        except Exception as error:
+        except BaseException as error:
             raise NodeFault(self.name, f"step at tick {tick}", error) from error
         self.health.tick = tick
         self.health.step.add(perf_counter_ns() - begun)
@@ -251,7 +251,7 @@ class ObserverSlot:
         begun = perf_counter_ns()
         try:
             self.node.observe(stream, tick, payload)
-        except Exception as error:
+        except BaseException as error:
             raise NodeFault(self.name, f"stream {stream!r} at tick {tick}", error) from error
         self.health.tick = tick
         self.health.step.add(perf_counter_ns() - begun)

@@ -72,7 +72,7 @@ class Worker:
     def _node(job: NodeJob | ObserverJob) -> Node:
         try:
             node = load_class(job.cls)(**job.settings)
-        except Exception as error:
+        except BaseException as error:
             raise NodeFault(job.name, "settings", error) from error
         if isinstance(job, NodeJob) and job.wanted is not None:
             node.wanted = frozenset(job.wanted)
@@ -95,12 +95,17 @@ class Worker:
             try:
                 observer.node.listen(heard, self.job.about)
                 observer.node.start()
-            except Exception as error:
+            except BaseException as error:
                 raise NodeFault(observer.name, "start", error) from error
             self._told.append(observer.node)
             for stream in observer.streams:
                 if stream in self._heard:
                     self._heard[stream].listeners.append(observer)
+
+    @property
+    def started(self) -> int:
+        """Number of nodes that were started and not stopped yet."""
+        return len(self._started)
 
     def stop(self) -> None:
         """Stop all nodes that were started, the last one first. The first fault is raised when all have stopped."""
@@ -110,7 +115,7 @@ class Worker:
             try:
                 node.stop()
                 self._pass_notes()
-            except Exception as error:
+            except BaseException as error:
                 fault = fault or NodeFault(self._names[id(node)], "stop", error)
         if fault:
             raise fault
@@ -150,7 +155,10 @@ class Worker:
                 continue
             message = output.last
             assert message is not None
-            payload = pack(message)
+            try:
+                payload = pack(message)
+            except Exception as error:  # a type of the user's own may hold anything
+                raise NodeFault(slot.name, f"step at tick {message.tick}", error) from error
             for observer in output.listeners:
                 observer.observe(output.stream, message.tick, payload)
             if self.bus is not None and (output.external or output.observed):
@@ -174,7 +182,10 @@ class Worker:
         try:
             message = unpack(data[at + 1 :], route[0])
         except MessageError as error:
-            self.report({"kind": "rubbish", "stream": data[:at].decode(errors="replace"), "text": str(error)})
+            stream = data[:at].decode(errors="replace")
+            if not self._real:  # somebody would wait for this message for ever
+                raise NodeFault(route[1][0].producer, f"stream {stream!r}", error) from error
+            self.report({"kind": "rubbish", "stream": stream, "text": str(error)})
             return
         arrived = now() if self._real else 0
         for port in route[1]:
@@ -226,11 +237,12 @@ class Worker:
 
     def housekeep(self, tick: int) -> None:
         self._burst += 1
-        if self._burst < BURST:
+        due = now() - self._reported > REPORT  # slow nodes, too, have to give signs of life
+        if self._burst < BURST and not due:
             return
         self._burst = 0
         self._flush()
-        if now() - self._reported > REPORT:
+        if due:
             self._report_health()
 
     def _flush(self) -> None:
