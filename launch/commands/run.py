@@ -112,7 +112,7 @@ def _summary(outcome: Outcome, name: str, drawn: list[Path]) -> None:
     from rich.markup import escape
     from rich.text import Text
 
-    from palpate.launch.running.screen import table
+    from palpate.launch.running.screen import table, tell
 
     out, result = console(), outcome.result
     seconds = result.ticks / outcome.plan.graph.rate
@@ -131,11 +131,8 @@ def _summary(outcome: Outcome, name: str, drawn: list[Path]) -> None:
         out.print(Text(f"recording {outcome.recording} ({outcome.recording.stat().st_size / 1e6:.1f} MB)"))
     for picture in drawn:
         out.print(Text(f"picture   {picture}"))
-    wrong = console(stderr=True, soft_wrap=True)
     for death in result.deaths:
-        wrong.print(Text(str(death), style="red"))
-        if death.trace and not death.text.startswith("SettingError"):  # that one says by itself what to change
-            wrong.print(Text(death.trace.rstrip(), style="dim"))
+        tell(death, console(stderr=True, soft_wrap=True))
 
 
 def _data(outcome: Outcome) -> dict[str, Any]:

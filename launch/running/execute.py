@@ -93,6 +93,7 @@ def execute(
                 restart=frozenset(name for name in found.order if graph.nodes[name].restart),
                 show=(lambda it: screen.show(it.result, it.phase, it.busy)) if screen else lambda _: None,
                 printed=screen.print if screen else lambda _: None,
+                died=screen.died if screen else lambda _: None,
             )
             result = launcher.run()
     result.health = {name: result.health[name] for name in names if name in result.health}

@@ -41,6 +41,7 @@ class Launcher:
     patience  [s] without a sign of life after which a worker counts as hung
     show      called about ten times a second with the launcher, to draw
     printed   called with what the nodes print
+    died      called at once when a node has failed
     """
 
     def __init__(
@@ -54,14 +55,17 @@ class Launcher:
         restart: frozenset[str] = frozenset(),
         show: Callable[[Launcher], None] = lambda _: None,
         printed: Callable[[str], None] = lambda _: None,
+        died: Callable[[Death], None] = lambda _: None,
     ) -> None:
         self.begun = time.monotonic()
         self.jobs = {job.group: job for job in jobs}
         self.nursery = nursery or Nursery()
         self.joined, self.address, self.patience, self.restart = joined, address, patience, restart
-        self.show, self.printed = show, printed
+        self.show, self.printed, self.died = show, printed, died
         self.run_id = f"{os.getpid()}-{uuid.uuid4().hex[:8]}"
         self.result = Result()
+        self.origin = 0
+        """[ns] of the machine's monotonic clock at tick 0, once the run has begun."""
         self.phase = "starting"
         self.busy: dict[str, str] = {}
         """What each worker is doing while it starts, by group."""
@@ -251,14 +255,14 @@ class Launcher:
         self.result.start = self._origin_time - self.begun
         self.result.origin = self._origin_time
         self._seen = dict.fromkeys(self.jobs, self._origin_time)
-        self._origin = now() + (HEAD_START if self._is_real() else 0)
-        self._tell("*", do="go", origin=self._origin)
+        self.origin = now() + (HEAD_START if self._is_real() else 0)
+        self._tell("*", do="go", origin=self.origin)
         for group in self._state:
             self._state[group] = "running"
 
     def _back(self, group: str) -> None:
         """A worker that was started again joins the run."""
-        self._tell(group, do="go", origin=self._origin)
+        self._tell(group, do="go", origin=self.origin)
         self._state[group] = "running"
         nodes = {node.name for node in self.jobs[group].nodes}
         self._tell("*", do="alive", nodes=sorted(nodes), mute=sorted(muted(self.jobs.values(), nodes)))
@@ -269,8 +273,10 @@ class Launcher:
         self._state[group] = "failed"
         names = [given.name for given in members(self.jobs[group])]
         node = report["node"] or ", ".join(names)
-        self.result.deaths.append(Death(node, report.get("where", "process"), report["text"], report["trace"]))
+        death = Death(node, report.get("where", "process"), report["text"], report["trace"])
+        self.result.deaths.append(death)
         self._bury(group)
+        self.died(death)
 
     def _bury(self, group: str) -> None:
         """Tell the others, so that their inputs from this group become None; then end the run, or start it again."""

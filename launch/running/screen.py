@@ -11,7 +11,7 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
-from palpate.launch.running.result import Result
+from palpate.launch.running.result import Death, Result
 
 FULL_SCALE = 3.0  # [N] of the force bars, until a force goes beyond
 
@@ -56,6 +56,10 @@ class Screen:
         if text.strip():
             self.console.print(Text(text.rstrip("\n"), style="dim"))
 
+    def died(self, death: Death) -> None:
+        """A node that failed, with its traceback, above the view."""
+        tell(death, self.console)
+
     def _count(self, result: Result, moment: float) -> None:
         for name, health in result.health.items():
             steps, then = self._before.get(name, (0, self._begun))
@@ -84,6 +88,13 @@ class Screen:
                 self._scale = max(self._scale, value)
                 grid.add_row(name, ProgressBar(total=self._scale, completed=value, width=40), f"{value:6.3f} N")
         return grid
+
+
+def tell(death: Death, console: Console) -> None:
+    """Print a death and its traceback."""
+    console.print(Text(str(death), style="red"))
+    if death.trace and not death.text.startswith("SettingError"):  # that one says by itself what to change
+        console.print(Text(death.trace.rstrip(), style="dim"))
 
 
 def table(result: Result, speed: dict[str, float] | None = None) -> Table:
