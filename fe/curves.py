@@ -16,23 +16,33 @@ D. G. Anderson, J. ACM 12 (1965) 547-560; H. F. Walker, P. Ni, SIAM J. Numer. An
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
+from scipy.interpolate import RBFInterpolator
 
-from palpate.fe.bed import Bed
+from palpate.fe import faces as face_rule
 from palpate.fe.cholesky import Cholesky
 from palpate.fe.compiled import LAW, compiled
 from palpate.fe.elements import gradients, integrate
 from palpate.fe.materials import linear
 from palpate.fe.organ import Organ
+from palpate.physics.dents import SPACING, hat_moments, patch_radius
+from palpate.physics.mesh import Mesh
 
-LINEAR = 0.01
+PLACES = 48
+"""Places of the surface at which the nonlinear organ is pressed."""
+RADIUS = 8e-3
+"""[m] Of the patch that it is pressed with."""
+LEVELS = 6
+"""Load levels p = f/(E R²) up to LEVELS SPACING."""
+LINEAR = 0.02
 """Greatest entry of the displacement gradient at the largest load below which an element counts as linear."""
 TOLERANCE = 2e-4
 """Residual, as the linear indentation that it would cause over the indentation."""
 MOST = 40
 """Iterations of a load level; a place that needs more has come to its limit load."""
-MEMORY = 6
+MEMORY = 10
 
 
 class _Place:
@@ -44,8 +54,8 @@ class _Place:
         self.compliance = float(np.sum(load * unit))
         self._steep = np.abs(np.einsum("eai,eqaj->eqij", unit[elements], slope)).max(axis=(1, 2, 3))
         self._organ, self._slope, self._weight = organ, slope, weight
-        self.u = np.zeros_like(unit)
-        self.done: list[float] = []
+        self.force, self.u = 0.0, np.zeros_like(unit)
+        self.slope = unit
         self.lost = False
 
     def choose(self, force: float) -> None:
@@ -59,10 +69,12 @@ class _Place:
                 rest = linear(ratio, organ.poisson)
                 self._groups.append((material, rest, organ.mesh.elements[own], self._slope[own], self._weight[own]))
 
-    def begin(self, force: float, before: float) -> None:
-        """Start a load level from the last one's end, in proportion."""
+    def begin(self, force: float) -> None:
+        """Start a load level, going on as the last one went."""
         self.choose(force)
-        self.u = self.unit * force if not self.done else self.u + (force - before) * self.unit
+        self.start = self.u
+        self.goal = force
+        self.u = self.u + (force - self.force) * self.slope
         self._steps: list[np.ndarray] = []
         self._points: list[np.ndarray] = []
 
@@ -81,6 +93,26 @@ class _Place:
                     return None
                 force += sign * part
         return force
+
+    def end(self) -> float:
+        """Keep what was found at this level; the dent [m] there."""
+        self.slope = (self.u - self.start) / (self.goal - self.force)
+        self.force = self.goal
+        return float(np.sum(self.load * self.u)) - self.compliance * self.force
+
+    def residual(self, rest: Any) -> np.ndarray | None:
+        """Unbalanced force (N,3), or None."""
+        extra = self.beyond(self.u)
+        if extra is None:
+            return None
+        found: np.ndarray = self.goal * self.load - (rest @ self.u.ravel()).reshape(-1, 3) - extra
+        return found
+
+    def settled(self, step: np.ndarray) -> bool:
+        """Whether a step of the iteration is small: in the indentation, and overall."""
+        miss = abs(float(np.sum(self.load * step))) / (self.compliance * self.goal)
+        size = float(np.linalg.norm(step)) / float(np.linalg.norm(self.u))
+        return max(miss, 0.3 * size) < TOLERANCE
 
     def mix(self, step: np.ndarray) -> None:
         """Next iterate from the step K0⁻¹ times the residual here, and those before."""
@@ -104,7 +136,7 @@ def dents(
     """Indentation (P,L) [m] of the nonlinear organ of modulus 1 Pa less that of the linear one, under growing loads.
 
     patches  (P,V,3)  unit loads at each place, by the vertices of the surface
-    levels   [N] (L,) growing forces on them
+    levels   [N] (P,L) growing forces on them
     report   hears the share done
 
     NaN from the level on at which a place gives way.
@@ -124,38 +156,90 @@ def dents(
 
     units = solve(loads)
     places = [_Place(organ, slope, det / 24.0, loads[:, p], units[p]) for p in range(len(patches))]
-    found = np.full((len(places), len(levels)), np.nan)
-    before = 0.0
-    for k, force in enumerate(levels):
-        open_ = [p for p in range(len(places)) if not places[p].lost]
+    found = np.full(levels.shape, np.nan)
+    for k in range(levels.shape[1]):
+        open_ = [p for p, place in enumerate(places) if not place.lost]
         for p in open_:
-            places[p].begin(force, before)
+            places[p].begin(levels[p, k])
         for _ in range(MOST):
-            steps, left = [], []
-            for p in open_:
-                place = places[p]
-                extra = place.beyond(place.u)
-                if extra is None:
-                    place.lost = True
-                    continue
-                steps.append(force * place.load - (rest @ place.u.ravel()).reshape(-1, 3) - extra)
-                left.append(p)
-            if not left:
+            rests = [places[p].residual(rest) for p in open_]
+            for p, step in zip(open_, rests, strict=True):
+                places[p].lost = step is None
+            open_ = [p for p in open_ if not places[p].lost]
+            if not open_:
                 break
-            open_ = []
-            for p, step in zip(left, solve(np.stack(steps, axis=1)), strict=True):
-                place = places[p]
-                miss = abs(float(np.sum(place.load * step)))
-                size = float(np.linalg.norm(step)) / float(np.linalg.norm(place.u))
-                if max(miss / (place.compliance * force), 0.3 * size) < TOLERANCE:
-                    place.done.append(force)
-                    found[p, k] = float(np.sum(place.load * place.u)) - place.compliance * force
+            steps = solve(np.stack([x for x in rests if x is not None], axis=1))
+            left = []
+            for p, step in zip(open_, steps, strict=True):
+                if places[p].settled(step):
+                    found[p, k] = places[p].end()
                 else:
-                    place.mix(step)
-                    open_.append(p)
+                    places[p].mix(step)
+                    left.append(p)
+            open_ = left
+            if report is not None:
+                report((k + 1 - len(open_) / len(places)) / levels.shape[1])
         for p in open_:
             places[p].lost = True
-        before = force
-        if report is not None:
-            report((k + 1) / len(levels))
     return found
+
+
+def patch(surface: Mesh, foot: np.ndarray, normal: np.ndarray, radius: float) -> np.ndarray:
+    """Unit force (V,3) on the vertices of a surface: pressure (1 - d²/R²)² round a foot point, against its normal.
+
+    ValueError: no part of the surface within the radius faces the normal.
+    """
+    corner = surface.vertices[surface.triangles]
+    face = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+    x, y = face_rule.POINTS.T
+    hat = np.stack([1.0 - x - y, x, y], axis=1)
+    away = np.linalg.norm(np.einsum("qc,fci->fqi", hat, corner) - foot, axis=2) / radius
+    weight = np.where(away < 1.0, (1.0 - away * away) ** 2, 0.0) * face_rule.WEIGHTS
+    weight *= (np.linalg.norm(face, axis=1) * (face @ normal > 0.0))[:, None]
+    share = np.zeros(len(surface.vertices))
+    np.add.at(share, surface.triangles, np.einsum("fq,qc->fc", weight, hat))
+    if not share.sum() > 0.0:
+        raise ValueError(f"no surface within {radius} m of {foot}")
+    return -np.outer(share / share.sum(), normal)
+
+
+def scattered(points: np.ndarray, count: int) -> np.ndarray:
+    """Indices of points (N,3) far from one another: each the one farthest from those before, the highest first."""
+    chosen = [int(np.argmax(points[:, 2]))]
+    away = np.linalg.norm(points - points[chosen[0]], axis=1)
+    for _ in range(min(count, len(points)) - 1):
+        chosen.append(int(np.argmax(away)))
+        away = np.minimum(away, np.linalg.norm(points - points[chosen[-1]], axis=1))
+    return np.array(chosen)
+
+
+def dent_table(
+    organ: Organ, places: int = PLACES, radius: float = RADIUS, report: Callable[[float], None] | None = None
+) -> np.ndarray:
+    """Dents (V,L) [1] at every vertex of the organ's surface and every level p = SPACING, 2 SPACING ..., see
+    `physics.dents`: found at scattered vertices, a biharmonic spline through these between."""
+    surface = organ.surface
+    chosen = scattered(surface.vertices, places)
+    patches = np.stack([patch(surface, surface.vertices[v], surface.normals[v], radius) for v in chosen])
+    moments, every = hat_moments(surface), np.arange(len(surface.vertices))
+    across = np.array(
+        [patch_radius(surface.vertices, moments, every, len(every), -p @ n[:, None])
+         for p, n in zip(patches, surface.normals[chosen], strict=True)]
+    )  # fmt: skip
+    levels = SPACING * np.arange(1, LEVELS + 1)
+    found = dents(organ, patches, across[:, None] ** 2 * levels, report) / across[:, None]
+    return spread_out(surface.vertices[chosen], straight(found), surface.vertices)
+
+
+def straight(found: np.ndarray) -> np.ndarray:
+    """Rows (P,L) whose missing ends go on straight from the last two values, the first being 0 at level 0."""
+    out = np.concatenate([np.zeros((len(found), 1)), found], axis=1)
+    for k in range(1, out.shape[1]):
+        lost = ~np.isfinite(out[:, k])
+        out[lost, k] = 2.0 * out[lost, k - 1] - out[lost, k - 2] if k > 1 else 0.0
+    return out[:, 1:]
+
+
+def spread_out(places: np.ndarray, values: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Values (P,L) at places (P,3) carried to points (N,3) by the biharmonic spline in space through them."""
+    return RBFInterpolator(places, values, kernel="linear")(points)
