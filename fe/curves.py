@@ -19,7 +19,6 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from scipy.interpolate import RBFInterpolator
 
 from palpate.fe import faces as face_rule
 from palpate.fe.cholesky import Cholesky
@@ -30,19 +29,24 @@ from palpate.fe.organ import Organ
 from palpate.physics.dents import SPACING, hat_moments, patch_radius
 from palpate.physics.mesh import Mesh
 
-PLACES = 48
+PLACES = 40
 """Places of the surface at which the nonlinear organ is pressed."""
 RADIUS = 8e-3
 """[m] Of the patch that it is pressed with."""
 LEVELS = 6
 """Load levels p = f/(E R²) up to LEVELS SPACING."""
+INSIDE = np.array([0.5, 0.3, 0.2])
+"""Where in a triangle the organ is pressed: a place like any other; at corners a load is narrower than elsewhere."""
 LINEAR = 0.02
 """Greatest entry of the displacement gradient at the largest load below which an element counts as linear."""
 TOLERANCE = 2e-4
 """Residual, as the linear indentation that it would cause over the indentation."""
-MOST = 40
+MOST = 25
 """Iterations of a load level; a place that needs more has come to its limit load."""
 MEMORY = 10
+"""Iterates that are mixed."""
+BACKS = 4
+"""Times that an iteration of one level may be taken back."""
 
 
 class _Place:
@@ -77,6 +81,7 @@ class _Place:
         self.u = self.u + (force - self.force) * self.slope
         self._steps: list[np.ndarray] = []
         self._points: list[np.ndarray] = []
+        self._backed = 0
 
     def beyond(self, u: np.ndarray) -> np.ndarray | None:
         """Inner forces less those of the organ at rest's stiffness (N,3); None where an element turns inside out."""
@@ -101,10 +106,15 @@ class _Place:
         return float(np.sum(self.load * self.u)) - self.compliance * self.force
 
     def residual(self, rest: Any) -> np.ndarray | None:
-        """Unbalanced force (N,3), or None."""
+        """Unbalanced force (N,3); None where elements turn inside out even halfway back to the last level."""
         extra = self.beyond(self.u)
-        if extra is None:
-            return None
+        while extra is None:
+            if self._backed == BACKS:
+                return None
+            self._backed += 1
+            self._steps, self._points = [], []
+            self.u = 0.5 * (self.u + self.start)
+            extra = self.beyond(self.u)
         found: np.ndarray = self.goal * self.load - (rest @ self.u.ravel()).reshape(-1, 3) - extra
         return found
 
@@ -217,18 +227,26 @@ def dent_table(
     organ: Organ, places: int = PLACES, radius: float = RADIUS, report: Callable[[float], None] | None = None
 ) -> np.ndarray:
     """Dents (V,L) [1] at every vertex of the organ's surface and every level p = SPACING, 2 SPACING ..., see
-    `physics.dents`: found at scattered vertices, a biharmonic spline through these between."""
+    `physics.dents`: found for patches at scattered places, a biharmonic spline through these between."""
     surface = organ.surface
-    chosen = scattered(surface.vertices, places)
-    patches = np.stack([patch(surface, surface.vertices[v], surface.normals[v], radius) for v in chosen])
+    feet, normals = pressed_places(surface, places)
+    patches = np.stack([patch(surface, foot, n, radius) for foot, n in zip(feet, normals, strict=True)])
+    shares = -np.einsum("pvi,pi->pv", patches, normals)
     moments, every = hat_moments(surface), np.arange(len(surface.vertices))
-    across = np.array(
-        [patch_radius(surface.vertices, moments, every, len(every), -p @ n[:, None])
-         for p, n in zip(patches, surface.normals[chosen], strict=True)]
-    )  # fmt: skip
-    levels = SPACING * np.arange(1, LEVELS + 1)
-    found = dents(organ, patches, across[:, None] ** 2 * levels, report) / across[:, None]
-    return spread_out(surface.vertices[chosen], straight(found), surface.vertices)
+    across = np.array([patch_radius(surface.vertices, moments, every, len(every), m[:, None]) for m in shares])
+    levels = 0.5 * SPACING * np.arange(1, 2 * LEVELS + 1)  # half steps, so that the iteration starts close
+    found = dents(organ, patches, across[:, None] ** 2 * levels, report)[:, 1::2] / across[:, None]
+    return spread_out(surface.vertices, shares, straight(found))
+
+
+def pressed_places(surface: Mesh, places: int) -> tuple[np.ndarray, np.ndarray]:
+    """Points [m] (P,3) scattered over the part of a surface that does not look down on the bed, and normals there."""
+    normals = surface.normals[surface.triangles].transpose(0, 2, 1) @ INSIDE
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    feet = surface.vertices[surface.triangles].transpose(0, 2, 1) @ INSIDE
+    seen = np.flatnonzero(normals[:, 2] > -0.5)
+    chosen = seen[scattered(feet[seen], places)]
+    return feet[chosen], normals[chosen]
 
 
 def straight(found: np.ndarray) -> np.ndarray:
@@ -240,6 +258,15 @@ def straight(found: np.ndarray) -> np.ndarray:
     return out[:, 1:]
 
 
-def spread_out(places: np.ndarray, values: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Values (P,L) at places (P,3) carried to points (N,3) by the biharmonic spline in space through them."""
-    return RBFInterpolator(places, values, kernel="linear")(points)
+def spread_out(points: np.ndarray, shares: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Values (N,L) at points (N,3) whose means with weights (P,N) are the given ones (P,L).
+
+    Of all such functions the biharmonic spline: a constant and distances from the weighted points.
+    """
+    kernel = -np.linalg.norm(points[:, None] - points[None], axis=2) @ shares.T
+    many = len(shares)
+    system = np.ones((many + 1, many + 1))
+    system[:many, :many], system[many, many] = shares @ kernel, 0.0
+    found = np.linalg.solve(system, np.concatenate([values, np.zeros((1, values.shape[1]))]))
+    out: np.ndarray = kernel @ found[:many] + found[many]
+    return out
