@@ -35,6 +35,8 @@ RADIUS = 8e-3
 """[m] Of the patch that it is pressed with."""
 LEVELS = 6
 """Load levels p = f/(E R²) up to LEVELS SPACING."""
+STEEPEST = 3.0
+"""Greatest power of the level with which dents go on beyond the level that was reached."""
 INSIDE = np.array([0.5, 0.3, 0.2])
 """Where in a triangle the organ is pressed: a place like any other; at corners a load is narrower than elsewhere."""
 LINEAR = 0.02
@@ -213,49 +215,76 @@ def patch(surface: Mesh, foot: np.ndarray, normal: np.ndarray, radius: float) ->
     return -np.outer(share / share.sum(), normal)
 
 
-def scattered(points: np.ndarray, count: int) -> np.ndarray:
-    """Indices of points (N,3) far from one another: each the one farthest from those before, the highest first."""
+def scattered(points: np.ndarray, count: int, apart: float) -> np.ndarray:
+    """Indices of up to `count` points (N,3) at least `apart` [m] from one another: each the one farthest from those
+    before, the highest first."""
     chosen = [int(np.argmax(points[:, 2]))]
     away = np.linalg.norm(points - points[chosen[0]], axis=1)
     for _ in range(min(count, len(points)) - 1):
+        if away.max() < apart:
+            break
         chosen.append(int(np.argmax(away)))
         away = np.minimum(away, np.linalg.norm(points - points[chosen[-1]], axis=1))
     return np.array(chosen)
 
 
 def dent_table(
-    organ: Organ, places: int = PLACES, radius: float = RADIUS, report: Callable[[float], None] | None = None
+    organ: Organ,
+    places: int = PLACES,
+    radius: float = RADIUS,
+    report: Callable[[float], None] | None = None,
+    levels: int = LEVELS,
 ) -> np.ndarray:
     """Dents (V,L) [1] at every vertex of the organ's surface and every level p = SPACING, 2 SPACING ..., see
     `physics.dents`: found for patches at scattered places, a biharmonic spline through these between."""
     surface = organ.surface
-    feet, normals = pressed_places(surface, places)
+    feet, normals = pressed_places(surface, places, radius)
     patches = np.stack([patch(surface, foot, n, radius) for foot, n in zip(feet, normals, strict=True)])
     shares = -np.einsum("pvi,pi->pv", patches, normals)
     moments, every = hat_moments(surface), np.arange(len(surface.vertices))
     across = np.array([patch_radius(surface.vertices, moments, every, len(every), m[:, None]) for m in shares])
-    levels = 0.5 * SPACING * np.arange(1, 2 * LEVELS + 1)  # half steps, so that the iteration starts close
-    found = dents(organ, patches, across[:, None] ** 2 * levels, report)[:, 1::2] / across[:, None]
-    return spread_out(surface.vertices, shares, straight(found))
+    loads = 0.5 * SPACING * np.arange(1, 2 * levels + 1)  # half steps, so that the iteration starts close
+    found = dents(organ, patches, across[:, None] ** 2 * loads, report) / across[:, None]
+    return spread_out(surface.vertices, shares, continued(loads, found)[:, 1::2])
 
 
-def pressed_places(surface: Mesh, places: int) -> tuple[np.ndarray, np.ndarray]:
-    """Points [m] (P,3) scattered over the part of a surface that does not look down on the bed, and normals there."""
+def pressed_places(surface: Mesh, places: int, radius: float) -> tuple[np.ndarray, np.ndarray]:
+    """Points [m] (P,3) scattered over the part of a surface that does not look down on the bed, and normals there;
+    twice the radius away from its edge where it has one."""
     normals = surface.normals[surface.triangles].transpose(0, 2, 1) @ INSIDE
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     feet = surface.vertices[surface.triangles].transpose(0, 2, 1) @ INSIDE
-    seen = np.flatnonzero(normals[:, 2] > -0.5)
-    chosen = seen[scattered(feet[seen], places)]
+    seen = normals[:, 2] > -0.5
+    edges, count = np.unique(
+        np.sort(surface.triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1), axis=0, return_counts=True
+    )
+    if (count == 1).any():
+        rim = surface.vertices[np.unique(edges[count == 1])]
+        inner = seen & (np.linalg.norm(feet[:, None] - rim[None], axis=2).min(axis=1) > 2.0 * radius)
+        seen = inner if inner.any() else seen
+    own = np.flatnonzero(seen)
+    chosen = own[scattered(feet[own], places, radius)]
     return feet[chosen], normals[chosen]
 
 
-def straight(found: np.ndarray) -> np.ndarray:
-    """Rows (P,L) whose missing ends go on straight from the last two values, the first being 0 at level 0."""
-    out = np.concatenate([np.zeros((len(found), 1)), found], axis=1)
-    for k in range(1, out.shape[1]):
-        lost = ~np.isfinite(out[:, k])
-        out[lost, k] = 2.0 * out[lost, k - 1] - out[lost, k - 2] if k > 1 else 0.0
-    return out[:, 1:]
+def continued(levels: np.ndarray, found: np.ndarray) -> np.ndarray:
+    """Rows (P,L) at levels (L,) whose missing ends go on as the power of the level that the last two follow, held
+    between 1 and `STEEPEST`; straight on where these have no power, from 0 where there is but one."""
+    out = found.copy()
+    for row in out:
+        lost = np.flatnonzero(~np.isfinite(row))
+        if len(lost) == 0:
+            continue
+        k = int(lost[0])
+        last, before = (row[k - 1] if k > 0 else 0.0), (row[k - 2] if k > 1 else 0.0)
+        at = levels[k - 1] if k > 0 else levels[0]
+        if before > 0.0 and last > before:
+            power = np.log(last / before) / np.log(at / levels[k - 2])
+            row[k:] = last * (levels[k:] / at) ** min(max(power, 1.0), STEEPEST)
+        else:
+            slope = (last - before) / (at - levels[k - 2]) if k > 1 else last / at
+            row[k:] = last + slope * (levels[k:] - at)
+    return out
 
 
 def spread_out(points: np.ndarray, shares: np.ndarray, values: np.ndarray) -> np.ndarray:

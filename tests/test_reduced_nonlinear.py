@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from pytest import approx
 from scipy.optimize import brentq
 
-from palpate.fe.curves import dent_table, dents, patch, scattered, spread_out, straight
+from palpate.fe.curves import continued, dent_table, dents, patch, pressed_places, scattered, spread_out
 from palpate.fe.organ import Organ
 from palpate.launch.testing import FakeBus
 from palpate.messages import Load
@@ -22,19 +22,21 @@ from palpate.physics.reduced_fe import Basis, CondensedBody
 from palpate.physics.terminal import Terminal
 
 YOUNG = 2e4
-RADIUS = 10e-3
-PRESSED = 14
+RADIUS = 12e-3
+PRESSED = 12
+UP = (0.0, 0.0, 1.0)
+SHAPE = ("plane", 80)
 
 
 @lru_cache
 def organ():
-    return Organ(surface_mesh("sphere", 60))
+    return Organ(surface_mesh(*SHAPE))
 
 
 @lru_cache
 def basis():
     mesh = organ().surface
-    table = dent_table(organ(), PRESSED, RADIUS)
+    table = dent_table(organ(), PRESSED, RADIUS, levels=4)
     return Basis(mesh.vertices, mesh.triangles, organ().compliance().astype(np.float32), table)
 
 
@@ -70,16 +72,15 @@ def full_indentation(nodes, push, *forces):
     return straight_on * np.array(forces) + found
 
 
-def newly_placed(count):
-    """Vertices where the organ was not pressed for its basis."""
-    mesh = organ().surface
-    pressed = set(scattered(mesh.vertices, PRESSED).tolist())
-    return [v for v in range(len(mesh.vertices)) if v not in pressed][:: len(mesh.vertices) // count][:count]
+def unseen(count):
+    """Vertices well inside the slab; no patch of the basis was centred at a vertex."""
+    inside = np.flatnonzero(np.abs(organ().surface.vertices[:, :2]).max(axis=1) < 0.03)
+    return inside[:: len(inside) // count][:count]
 
 
 @pytest.mark.long
 def test_dents_are_what_newton_finds_beyond_the_linear_organ():
-    _, _, nodes, push = at_vertex(5)
+    _, _, nodes, push = at_vertex(40)
     load = np.zeros((len(organ().surface.vertices), 3))
     load[nodes] = push
     hats = organ().hats()
@@ -90,15 +91,18 @@ def test_dents_are_what_newton_finds_beyond_the_linear_organ():
 
 
 def test_where_the_organ_was_pressed_the_body_repeats_the_full_model():
-    foot, n, nodes, push = at_vertex(int(scattered(organ().surface.vertices, PRESSED)[3]))
+    feet, normals = pressed_places(organ().surface, PRESSED, RADIUS)
+    k = int(np.argmax(normals[:, 2]))
+    nodes, push = unit(feet[k], normals[k])
     forces = (0.4, 0.8)
     for force, truth in zip(forces, full_indentation(nodes, push, *forces), strict=True):
-        assert settled(body(), foot, n, nodes, push, force)[2] == approx(truth, rel=3e-3)
+        found = settled(body(), tuple(feet[k]), tuple(normals[k]), nodes, push, force)[2]
+        assert found == approx(truth, rel=3e-3)
 
 
 def test_where_it_was_not_pressed_the_error_is_below_two_percent_and_a_fraction_of_the_linear_ones():
     missed, linear = [], []
-    for v in newly_placed(4):
+    for v in unseen(4):
         foot, n, nodes, push = at_vertex(v)
         truth = full_indentation(nodes, push, 0.5, 1.0)[1]
         missed.append(abs(settled(body(), foot, n, nodes, push, 1.0)[2] / truth - 1))
@@ -108,20 +112,20 @@ def test_where_it_was_not_pressed_the_error_is_below_two_percent_and_a_fraction_
 
 
 def test_a_light_touch_is_linear():
-    foot, n, nodes, push = at_vertex(7)
+    foot, n, nodes, push = at_vertex(40)
     a, b = (settled(body(dented=d), foot, n, nodes, push, 1e-3)[2] for d in (True, False))
     assert a == approx(b, rel=1e-3)
 
 
 def test_half_the_modulus_under_half_the_force_indents_the_same():
-    foot, n, nodes, push = at_vertex(7)
+    foot, n, nodes, push = at_vertex(40)
     one = settled(body(), foot, n, nodes, push, 1.5)[2]
     soft = CondensedBody(basis(), organ().surface, YOUNG / 2, 0.0, RADIUS, 1.0)
     assert soft.step(nodes, 0.75 * push, foot, n, 1e3)[2] == approx(one, rel=1e-9)
 
 
 def test_the_mean_displacement_of_the_patch_is_the_indentation():
-    foot, n, nodes, push = at_vertex(9)
+    foot, n, nodes, push = at_vertex(49)
     it = body()
     s = settled(it, foot, n, nodes, push, 1.4)[2]
     found, moved = it.displaced(foot)
@@ -133,7 +137,7 @@ def test_the_mean_displacement_of_the_patch_is_the_indentation():
 def test_random_presses_at_a_place_never_give_back_more_than_they_took():
     """The stored energy is the Legendre transform of V*, its derivative the indentation: so it is the integral of f ds
     at rest."""
-    foot, n, nodes, push = at_vertex(9)
+    foot, n, nodes, push = at_vertex(49)
     it, rng = body(0.02), np.random.default_rng(4)
     work = before = 0.0
     for _ in range(300):
@@ -151,7 +155,7 @@ def test_random_presses_at_a_place_never_give_back_more_than_they_took():
 
 @pytest.mark.parametrize("dt", [1e-5, 1e-3, 0.1, 100.0])
 def test_a_closed_cycle_of_indentation_against_a_finger_costs_energy(dt):
-    foot, n, nodes, push = at_vertex(9)
+    foot, n, nodes, push = at_vertex(49)
     finger, it = exponential(60.0, 900.0), body(0.02)
     law, s1, gained = it.step(nodes[:0], push[:0], foot, n, dt), 0.0, 0.0
     way = np.concatenate([np.linspace(0, 12e-3, 60), np.linspace(12e-3, 0, 60)])
@@ -167,7 +171,7 @@ def test_a_closed_cycle_of_indentation_against_a_finger_costs_energy(dt):
 
 
 def test_contact_in_series_settles_at_the_static_force():
-    foot, n, nodes, push = at_vertex(9)
+    foot, n, nodes, push = at_vertex(49)
     finger, it = exponential(60.0, 900.0), body()
     law, s1 = it.step(nodes[:0], push[:0], foot, n, 1e3), 0.0
     for _ in range(60):
@@ -182,21 +186,16 @@ def test_contact_in_series_settles_at_the_static_force():
 
 
 def test_a_loaded_finger_that_slides_meets_no_jump():
-    it, mesh = body(0.02), surface_mesh("sphere", 400)
-    moving = CondensedBody(basis(), mesh, YOUNG, 0.02, RADIUS, 1.0)
-    found = []
-    for a in np.linspace(-0.5, 0.5, 601):
-        n = np.array([np.sin(a), 0.0, np.cos(a)])
-        foot = 0.021 * n
+    mesh = surface_mesh("plane", 2500)
+    it, found = CondensedBody(basis(), mesh, YOUNG, 0.02, RADIUS, 1.0), []
+    for x in np.linspace(-0.02, 0.02, 801):
+        foot = np.array([x, 0.3 * x, 0.0])
         q = np.linalg.norm(mesh.vertices - foot, axis=1) / RADIUS
         nodes = np.flatnonzero(q < 1).astype(np.int32)
         share = (1 - q[nodes] ** 2) ** 2
-        law = moving.step(nodes, -1.5 * np.outer(share / share.sum(), n), tuple(foot), tuple(n), 1e-3)
-        found.append(law)
+        found.append(it.step(nodes, np.outer(share / share.sum(), (0, 0, -2.5)), tuple(foot), UP, 1e-3))
     later = np.array(found[200:])
-    change = np.abs(np.diff(later, axis=0)).max(axis=0)
-    assert (change < 0.02 * later.mean(axis=0)).all()
-    assert it is not moving
+    assert (np.abs(np.diff(later, axis=0)).max(axis=0) < 0.01 * later.mean(axis=0)).all()
 
 
 def test_unknown_scraps_of_load_stay_finite():
@@ -245,7 +244,7 @@ def test_a_patch_has_the_radius_of_its_pressure():
 def test_the_moment_of_a_hat_is_its_mean_square_distance():
     mesh = organ().surface
     rng = np.random.default_rng(0)
-    v = 7
+    v = 31
     total = weight = 0.0
     for tri in mesh.triangles[(mesh.triangles == v).any(axis=1)]:
         x = mesh.vertices[tri]
@@ -260,7 +259,7 @@ def test_the_moment_of_a_hat_is_its_mean_square_distance():
 
 def test_values_are_carried_over_the_surface_and_kept_where_they_were_found():
     mesh = organ().surface
-    chosen = scattered(mesh.vertices, 20)
+    chosen = scattered(mesh.vertices, 20, 12e-3)
     shares = np.stack([-patch(mesh, mesh.vertices[v], mesh.normals[v], 12e-3) @ mesh.normals[v] for v in chosen])
     values = np.stack([np.ones(20), shares @ mesh.vertices[:, 0]], axis=1)
     found = spread_out(mesh.vertices, shares, values)
@@ -269,26 +268,29 @@ def test_values_are_carried_over_the_surface_and_kept_where_they_were_found():
     assert found[:, 1] == approx(mesh.vertices[:, 0], abs=5e-3)
 
 
-def test_levels_beyond_a_limit_load_go_on_straight():
-    lost = np.array([[0.1, 0.3, np.nan, np.nan], [np.nan, np.nan, np.nan, np.nan]])
-    assert straight(lost) == approx(np.array([[0.1, 0.3, 0.5, 0.7], [0, 0, 0, 0]]))
+def test_levels_that_were_not_reached_go_on_as_the_last_two_went():
+    levels = np.array([1.0, 2.0, 3.0, 4.0])
+    lost = np.array([[1, 4, np.nan, np.nan], [0.5, np.nan, np.nan, np.nan], [-1, -3, np.nan, 0], [np.nan] * 4])
+    expected = np.array([[1, 4, 9, 16], [0.5, 1, 1.5, 2], [-1, -3, -5, -7], [0, 0, 0, 0]])
+    assert continued(levels, lost) == approx(expected)
+    assert continued(levels, np.array([[1e-6, 1.0, np.nan, np.nan]]))[0, 2:] == approx([1.5**3, 2.0**3])
 
 
 def test_a_basis_without_dents_serves_the_linear_model_only(monkeypatch, tmp_path):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    node = ReducedFE(surface="sphere", coarse=60, model="linear")
+    node = ReducedFE(surface="plane", coarse=80, model="linear")
     given = basis()
     Basis(given.vertices, given.triangles, given.compliance).save(tmp_path / "palpate/bases" / f"{node.key()}.npz")
     FakeBus(node)
     with pytest.raises(SettingError, match="palpate reduce"):
-        FakeBus(ReducedFE(surface="sphere", coarse=60))
+        FakeBus(ReducedFE(surface="plane", coarse=80))
 
 
 def test_the_node_is_softer_than_its_linear_model_under_a_hard_press(monkeypatch, tmp_path):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     found = []
     for model in ("nonlinear", "linear"):
-        node = ReducedFE(surface="sphere", coarse=60, model=model, vertices=400, position=(0, 0, 0))
+        node = ReducedFE(surface="plane", coarse=80, model=model, vertices=400, position=(0, 0, 0))
         basis().save(tmp_path / "palpate/bases" / f"{node.key()}.npz")
         bus, mesh = FakeBus(node), node.mesh()
         top = mesh.vertices[np.argmax(mesh.vertices[:, 2])]
