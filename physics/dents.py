@@ -48,21 +48,23 @@ def patch_radius(points, moments, nodes, count, share):
     """Radius R [m] of a patch: twice the root mean square distance of its force from its centre, which is the radius
     of a uniform or biweight patch to within 1.42 and 1.
 
-    nodes (>= count) vertices of the patch, share (V,3) whose first column holds their parts, which sum to 1
+    nodes (>= count) vertices of the patch, share (V,3) whose first column holds their parts, taken without sign
     """
-    x0 = x1 = x2 = 0.0
+    total = x0 = x1 = x2 = 0.0
     for k in range(count):
         v = int(nodes[k])
-        w = share[v, 0]
+        w = abs(share[v, 0])
+        total += w
         x0 += w * points[v, 0]
         x1 += w * points[v, 1]
         x2 += w * points[v, 2]
+    x0, x1, x2 = x0 / total, x1 / total, x2 / total
     square = 0.0
     for k in range(count):
         v = int(nodes[k])
         d0, d1, d2 = points[v, 0] - x0, points[v, 1] - x1, points[v, 2] - x2
-        square += share[v, 0] * (d0 * d0 + d1 * d1 + d2 * d2 + moments[v])
-    return 2.0 * np.sqrt(max(square, 0.0))
+        square += abs(share[v, 0]) * (d0 * d0 + d1 * d1 + d2 * d2 + moments[v])
+    return 2.0 * np.sqrt(square / total)
 
 
 @numba.njit(cache=True)
@@ -92,7 +94,8 @@ def rise(table, nodes, count, share, linear, knots, slopes):
         if k == 0:
             slopes[k] = min(linear, 3.0 * right)
         elif k == levels:
-            slopes[k] = left
+            before = (knots[k - 1] - knots[max(k - 2, 0)]) / SPACING if k > 1 else linear
+            slopes[k] = min(max(1.5 * left - 0.5 * before, 0.5 * left), 3.0 * left)
         else:
             slopes[k] = min(0.5 * (left + right), 3.0 * min(left, right))
 

@@ -80,6 +80,8 @@ class Basis:
                 full = np.zeros((size, size), dtype=np.float32)
                 full[np.tril_indices(size)] = found["lower"].astype(np.float32) * np.float32(found["scale"])
                 dents = found["dents"].astype(np.float64) if "dents" in found else np.zeros((0, 0))
+                if dents.size and (len(dents) != len(vertices) or not np.isfinite(dents).all()):
+                    raise ValueError(f"dents of shape {dents.shape} for {len(vertices)} vertices")
         except (OSError, KeyError, ValueError, EOFError, zlib.error, zipfile.BadZipFile) as error:
             raise BasisError(f"{path}: not a reduced basis: {error}. Rebuild it with `palpate reduce`") from None
         full += np.tril(full, -1).T

@@ -23,7 +23,7 @@ from palpate.physics.terminal import Terminal
 
 YOUNG = 2e4
 RADIUS = 12e-3
-PRESSED = 12
+PRESSED = 9
 UP = (0.0, 0.0, 1.0)
 SHAPE = ("plane", 80)
 
@@ -36,7 +36,7 @@ def organ():
 @lru_cache
 def basis():
     mesh = organ().surface
-    table = dent_table(organ(), PRESSED, RADIUS, levels=4)
+    table = dent_table(organ(), PRESSED, RADIUS, levels=3)
     return Basis(mesh.vertices, mesh.triangles, organ().compliance().astype(np.float32), table)
 
 
@@ -73,9 +73,11 @@ def full_indentation(nodes, push, *forces):
 
 
 def unseen(count):
-    """Vertices well inside the slab; no patch of the basis was centred at a vertex."""
-    inside = np.flatnonzero(np.abs(organ().surface.vertices[:, :2]).max(axis=1) < 0.03)
-    return inside[:: len(inside) // count][:count]
+    """Random places well inside the slab: foot point, normal, nodes and forces of a unit load."""
+    rng = np.random.default_rng(6)
+    for _ in range(count):
+        foot = np.array([*rng.uniform(-0.03, 0.03, 2), 0.0])
+        yield tuple(foot.tolist()), UP, *unit(foot, np.array(UP))
 
 
 @pytest.mark.long
@@ -97,13 +99,12 @@ def test_where_the_organ_was_pressed_the_body_repeats_the_full_model():
     forces = (0.4, 0.8)
     for force, truth in zip(forces, full_indentation(nodes, push, *forces), strict=True):
         found = settled(body(), tuple(feet[k]), tuple(normals[k]), nodes, push, force)[2]
-        assert found == approx(truth, rel=3e-3)
+        assert found == approx(truth, rel=5e-3)
 
 
 def test_where_it_was_not_pressed_the_error_is_below_two_percent_and_a_fraction_of_the_linear_ones():
     missed, linear = [], []
-    for v in unseen(4):
-        foot, n, nodes, push = at_vertex(v)
+    for foot, n, nodes, push in unseen(4):
         truth = full_indentation(nodes, push, 0.5, 1.0)[1]
         missed.append(abs(settled(body(), foot, n, nodes, push, 1.0)[2] / truth - 1))
         linear.append(abs(settled(body(dented=False), foot, n, nodes, push, 1.0)[2] / truth - 1))
@@ -175,12 +176,12 @@ def test_contact_in_series_settles_at_the_static_force():
     finger, it = exponential(60.0, 900.0), body()
     law, s1 = it.step(nodes[:0], push[:0], foot, n, 1e3), 0.0
     for _ in range(60):
-        f, s1, _ = series(9e-3, 1e3, s1, finger, 0.0, Terminal(1 / law[0], 1.0, 0.0, law[1], law[2]))
+        f, s1, _ = series(6e-3, 1e3, s1, finger, 0.0, Terminal(1 / law[0], 1.0, 0.0, law[1], law[2]))
         law = it.step(nodes, f * push, foot, n, 1e3)
 
     def miss(force):
         own = np.log1p(force * 900.0 / 60.0) / 900.0
-        return own + settled(body(), foot, n, nodes, push, force)[2] - 9e-3
+        return own + settled(body(), foot, n, nodes, push, force)[2] - 6e-3
 
     assert f == approx(brentq(miss, 1e-6, 3.0, xtol=1e-12), rel=1e-4)
 
@@ -203,7 +204,7 @@ def test_unknown_scraps_of_load_stay_finite():
     mesh = organ().surface
     for _ in range(200):
         nodes = rng.choice(len(mesh.vertices), 5, replace=False).astype(np.int32)
-        law = it.step(nodes, 3.0 * rng.standard_normal((5, 3)), tuple(mesh.vertices[0]), (0, 0, 1.0), 1e-2)
+        law = it.step(nodes, 3.0 * rng.standard_normal((5, 3)), tuple(mesh.vertices[0]), UP, 1e-2)
         assert np.isfinite(law).all() and law[0] > 0
 
 
@@ -293,7 +294,7 @@ def test_the_node_is_softer_than_its_linear_model_under_a_hard_press(monkeypatch
         node = ReducedFE(surface="plane", coarse=80, model=model, vertices=400, position=(0, 0, 0))
         basis().save(tmp_path / "palpate/bases" / f"{node.key()}.npz")
         bus, mesh = FakeBus(node), node.mesh()
-        top = mesh.vertices[np.argmax(mesh.vertices[:, 2])]
+        top = mesh.vertices[np.argmin(np.linalg.norm(mesh.vertices, axis=1))]
         q = np.linalg.norm(mesh.vertices - top, axis=1) / RADIUS
         nodes = np.flatnonzero(q < 1)
         share = (1 - q[nodes] ** 2) ** 2
