@@ -89,6 +89,8 @@ def integrate(law, gradient, weight, elements, displacement, p, mixed, small, ta
         curve = 0.0
         for q in range(many):
             w = weight[e, q]
+            if not tangent:
+                A[0, 0] = np.nan
             W, U, dU, ddU = law(F[q], mean if mixed else J[q], p, P, A)
             total += w * (W + U)
             curve = ddU

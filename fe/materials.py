@@ -9,7 +9,8 @@ so that the mixed element can take one mean volume ratio for a whole element. As
     law(F, J, p, P, A) -> (W, U, U', U'')
 
 F  [1]  (3,3)  deformation gradient        P [Pa] (3,3)  gets dW/dF, first Piola-Kirchhoff
-J  [1]  ()     volume ratio                A [Pa] (9,9)  gets d2W/dF2, row 3i + j for F[i, j]
+J  [1]  ()     volume ratio                A [Pa] (9,9)  gets d2W/dF2, row 3i + j for F[i, j]; NaN at
+                                               A[0, 0] says that nobody wants it
 p       (n,)   the parameters of the material
 
 compiled with `numba.njit`. A law in the invariants of the isochoric strain needs its derivatives only: see
@@ -48,10 +49,34 @@ class Material:
 
 
 @numba.njit(cache=True)
+def cofactor(F, G):
+    """Write the cofactors of F (3,3) into G; returns det F."""
+    for i in range(3):
+        i1, i2 = (i + 1) % 3, (i + 2) % 3
+        for j in range(3):
+            j1, j2 = (j + 1) % 3, (j + 2) % 3
+            G[i, j] = F[i1, j1] * F[i2, j2] - F[i1, j2] * F[i2, j1]
+    return F[0, 0] * G[0, 0] + F[0, 1] * G[0, 1] + F[0, 2] * G[0, 2]
+
+
+@numba.njit(cache=True)
+def products(F, C, B):
+    """Write F'F into C and FF' into B."""
+    for i in range(3):
+        for j in range(3):
+            x = y = 0.0
+            for k in range(3):
+                x += F[k, i] * F[k, j]
+                y += F[i, k] * F[j, k]
+            C[i, j], B[i, j] = x, y
+
+
+@numba.njit(cache=True)
 def shape_invariants(F):
     """J and the isochoric invariants less 3: J, J^(-2/3) I1 - 3, J^(-4/3) I2 - 3."""
-    J = np.linalg.det(F)
-    C = F.T @ F
+    C, B = np.empty((3, 3)), np.empty((3, 3))
+    J = cofactor(F, C)
+    products(F, C, B)
     i1 = C[0, 0] + C[1, 1] + C[2, 2]
     i2 = 0.5 * (i1 * i1 - np.sum(C * C))
     return J, J ** (-2.0 / 3.0) * i1 - 3.0, J ** (-4.0 / 3.0) * i2 - 3.0
@@ -59,18 +84,30 @@ def shape_invariants(F):
 
 @numba.njit(cache=True)
 def shape_stress(F, w1, w2, w11, w12, w22, P, A):
-    """Stress and tangent of an energy W(I, II) in the isochoric invariants, from its first and second derivatives."""
-    J = np.linalg.det(F)
-    G = np.linalg.inv(F).T
-    C = F.T @ F
-    B = F @ F.T
+    """Stress and tangent of an energy W(I, II) in the isochoric invariants, from its first and second derivatives; no
+    tangent where it is not wanted."""
+    C, B, G, H = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
+    D1, D2 = np.empty((3, 3)), np.empty((3, 3))
+    J = cofactor(F, G)
+    products(F, C, B)
     i1 = C[0, 0] + C[1, 1] + C[2, 2]
-    i2 = 0.5 * (i1 * i1 - np.sum(C * C))
-    a1, a2 = J ** (-2.0 / 3.0), J ** (-4.0 / 3.0)
-    H = 2.0 * (i1 * F - F @ C)
-    D1 = a1 * (2.0 * F - (2.0 / 3.0) * i1 * G)
-    D2 = a2 * (H - (4.0 / 3.0) * i2 * G)
-    P[:] = w1 * D1 + w2 * D2
+    i2 = 0.0
+    for i in range(3):
+        for j in range(3):
+            G[i, j] /= J
+            i2 -= 0.5 * C[i, j] * C[i, j]
+    i2 += 0.5 * i1 * i1
+    a1 = J ** (-2.0 / 3.0)
+    a2 = a1 * a1
+    for i in range(3):
+        for j in range(3):
+            x = F[i, 0] * C[0, j] + F[i, 1] * C[1, j] + F[i, 2] * C[2, j]
+            H[i, j] = 2.0 * (i1 * F[i, j] - x)
+            D1[i, j] = a1 * (2.0 * F[i, j] - (2.0 / 3.0) * i1 * G[i, j])
+            D2[i, j] = a2 * (H[i, j] - (4.0 / 3.0) * i2 * G[i, j])
+            P[i, j] = w1 * D1[i, j] + w2 * D2[i, j]
+    if np.isnan(A[0, 0]):
+        return
     for i in range(3):
         for j in range(3):
             for k in range(3):

@@ -10,24 +10,30 @@ Kelvin-Voigt solid whose damping is proportional to its stiffness. Backward Eule
 symmetric and positive, so a step is passive whatever its length: the work done on the body is at least the growth of
 the energy h.C h/(2E) that it stores. Only the vertices that carry load now or did a few tau ago hold any h, so that a
 step costs what the contact covers, not what the mesh holds.
+
+With dents (`physics.dents`) the organ is nonlinear under the patch: u = dV*/dh instead of C h/E. Its V* is convex, so
+the same step stays passive at a place: the load's work is at least the growth of h.u - V*.
 """
 
 from __future__ import annotations
 
 import zipfile
 import zlib
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numba
 import numpy as np
 
+from palpate.physics.dents import hat_moments, patch_radius, rise, risen
 from palpate.physics.mesh import Mesh
 from palpate.physics.mesh_closest import MeshClosestPoint
 from palpate.physics.spread import Spreader
 
 FORGOTTEN = 1e-9
 """[N] Remaining load below which a vertex is dropped."""
+LEAST_FORCE = 1e-3
+"""[N] Least force that the terminal law is taken at."""
 
 
 class BasisError(ValueError):
@@ -41,11 +47,13 @@ class Basis:
     vertices    [m]   (V,3) of the coarse surface, in the organ's frame
     triangles   [1]   (T,3)
     compliance  [m/N] (3V,3V) float32, for a modulus of 1 Pa
+    dents       [1]   (V,L) see `physics.dents`; L = 0 where only the linear organ is known
     """
 
     vertices: np.ndarray
     triangles: np.ndarray
     compliance: np.ndarray
+    dents: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
 
     def save(self, path: Path) -> None:
         """Write the lower half in half precision: two bytes a number."""
@@ -54,8 +62,9 @@ class Basis:
         path.parent.mkdir(parents=True, exist_ok=True)
         part = path.with_name(path.name + ".part.npz")
         np.savez_compressed(
-            part, vertices=self.vertices, triangles=self.triangles, lower=lower, scale=np.float64(scale)
-        )
+            part, vertices=self.vertices, triangles=self.triangles, lower=lower, scale=np.float64(scale),
+            dents=self.dents.astype(np.float32),
+        )  # fmt: skip
         part.replace(path)
 
     @classmethod
@@ -70,10 +79,13 @@ class Basis:
                 size = 3 * len(vertices)
                 full = np.zeros((size, size), dtype=np.float32)
                 full[np.tril_indices(size)] = found["lower"].astype(np.float32) * np.float32(found["scale"])
+                dents = found["dents"].astype(np.float64) if "dents" in found else np.zeros((0, 0))
+                if dents.size and (len(dents) != len(vertices) or not np.isfinite(dents).all()):
+                    raise ValueError(f"dents of shape {dents.shape} for {len(vertices)} vertices")
         except (OSError, KeyError, ValueError, EOFError, zlib.error, zipfile.BadZipFile) as error:
             raise BasisError(f"{path}: not a reduced basis: {error}. Rebuild it with `palpate reduce`") from None
         full += np.tril(full, -1).T
-        return cls(vertices, triangles, full)
+        return cls(vertices, triangles, full, dents)
 
 
 class CondensedBody:
@@ -103,7 +115,12 @@ class CondensedBody:
         self._state = np.zeros(count, dtype=np.int64)
         self._count = 0
         self._work = np.zeros((3, count, 3))
-        self._found = np.zeros(3)
+        self._dents = basis.dents if basis.dents.size else np.zeros((count, 0))
+        self._moments = hat_moments(coarse)
+        self._curve = np.zeros((2, self._dents.shape[1] + 1))
+        self._found = np.zeros(4)
+        self._touched = 0
+        self._normal = (0.0, 0.0, 0.0)
         self._nodes = np.zeros(len(mesh.vertices), dtype=np.int32)
         self._moved = np.zeros((len(mesh.vertices), 3))
 
@@ -114,25 +131,28 @@ class CondensedBody:
         free indentation [m] under the patch, and the indentation now [m].
 
         The indentation is the mean of -n.u over the patch, weighted as the force is, so that force times indentation
-        is the work done on the body.
+        is the work done on the body. With dents c is that of the chord to the next step's indentation at the present
+        force (at least `LEAST_FORCE`), so that force and indentation there are the body's own.
         """
         if len(nodes) == 0:
             count = self._spreader.spread(foot, normal, (-normal[0], -normal[1], -normal[2]))
             patch, pull, share = self._spreader.nodes[:count], self._spreader.forces[:count], 0.0
         else:
             patch, pull, share = nodes, forces, 1.0
-        self._count = _step(
+        self._count, self._touched = _step(
             self.basis.compliance, self.corners, self.weights, patch, pull, share, normal, dt, self.young,
             self.retardation, self.held, self._active, self._state, self._count, self._work, self._found,
+            self.basis.vertices, self._moments, self._dents, self._curve,
         )  # fmt: skip
+        self._normal = normal
         return float(self._found[0]), float(self._found[1]), float(self._found[2])
 
     def displaced(self, foot: tuple) -> tuple[np.ndarray, np.ndarray]:
         """Vertices of the mesh within reach of the foot point, and their displacements [m] (k,3)."""
         count = _displaced(
             self.basis.compliance, self.basis.vertices, self.corners, self.weights, self.mesh.vertices, foot,
-            self.reach, self._margin, self.young, self.held, self._active, self._count, self._work[0], self._nodes,
-            self._moved,
+            self.reach, self._margin, self.young, self.held, self._active, self._count, self._work, self._nodes,
+            self._moved, self._touched, self._normal, float(self._found[3]),
         )  # fmt: skip
         return self._nodes[:count], self._moved[:count]
 
@@ -152,9 +172,10 @@ def _barycentric(mesh: Mesh, triangle: np.ndarray, foot: np.ndarray) -> tuple[np
 @numba.njit(cache=True)
 def _step(
     compliance, corners, weights, patch, pull, share, normal, dt, young, retardation, held, active, state, count,
-    work, found,
+    work, found, points, moments, dents, curve,
 ):  # fmt: skip
-    """`share` is 1 where `pull` is a load, 0 where it only marks the patch. Returns how many vertices hold load."""
+    """`share` is 1 where `pull` is a load, 0 where it only marks the patch. Returns how many vertices hold load, and
+    how many the patch touches."""
     load, measure = work[0], work[1]
     touched = 0
     order = work[2, :, 0]
@@ -227,16 +248,29 @@ def _step(
     static /= young
     own /= young
     aside = static - own * total if share > 0.0 and not even else 0.0  # what the tangential load adds
-    found[0] = take * own
-    found[1] = keep * now + take * aside
-    found[2] = now
-    return count
+    free = keep * now + take * aside
+    found[0], found[1], found[2], found[3] = take * own, free, now, 0.0
+    if dents.shape[1] == 0 or not own > 0.0:
+        return count, touched
+    radius = patch_radius(points, moments, order, touched, measure)
+    knots, slopes = curve[0], curve[1]
+    rise(dents, order, touched, measure, own * young * radius, knots, slopes)
+    unit = 1.0 / (own * young * radius * radius)  # p of an indentation
+    force = max(total * share, LEAST_FORCE)
+    found[2] = radius * risen(unit * now, knots, slopes)[0]
+    found[1] = radius * risen(unit * free, knots, slopes)[0]
+    found[0] = (radius * risen(unit * (free + take * own * force), knots, slopes)[0] - found[1]) / force
+    found[3] = (found[2] - now) / own
+    return count, touched
 
 
 @numba.njit(cache=True)
 def _displaced(
-    compliance, points, corners, weights, vertices, foot, reach, margin, young, held, active, count, u, nodes, moved
+    compliance, points, corners, weights, vertices, foot, reach, margin, young, held, active, count, work, nodes, moved,
+    touched, normal, more,
 ):  # fmt: skip
+    """`more` [N] is the load on the patch that large displacement adds; the patch is the last step's, in `work`."""
+    u, share, order = work[0], work[1], work[2, :, 0]
     far = (reach + 1.5 * margin) ** 2
     for v in range(len(points)):
         d0, d1, d2 = points[v, 0] - foot[0], points[v, 1] - foot[1], points[v, 2] - foot[2]
@@ -248,6 +282,11 @@ def _displaced(
             for k in range(count):
                 b = active[k]
                 total += row[3 * b] * held[b, 0] + row[3 * b + 1] * held[b, 1] + row[3 * b + 2] * held[b, 2]
+            if more != 0.0:
+                for k in range(touched):
+                    b = int(order[k])
+                    along = row[3 * b] * normal[0] + row[3 * b + 1] * normal[1] + row[3 * b + 2] * normal[2]
+                    total -= more * share[b, 0] * along
             u[v, i] = total / young
     near = reach * reach
     found = 0

@@ -103,13 +103,12 @@ def test_only_fields_that_somebody_reads_are_wanted(whole):
     assert "displacement" in heard.wanted["tissue"]
 
 
-def test_a_plan_goes_through_json_and_back(whole):
+def test_a_plan_goes_through_json_and_back(whole, monkeypatch):
+    monkeypatch.chdir("/usr/lib")  # from here no file below another root is told by a shorter, relative path
     for sets in ((), ("scene.tissue.friction=off", "wanted=[control]", "near.offset=[1 mm, 0, 0]")):
         found = planned(whole, *sets)
         spec = json.loads(json.dumps(found.to_spec()))
         again = Plan.from_spec(spec)
-        assert again.graph.path.resolve() == found.graph.path.resolve()  # told as seen from where the command runs
-        again.graph.path = found.graph.path
         assert again == found
         assert again.make("finger").radius == 0.006
 

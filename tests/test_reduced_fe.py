@@ -184,7 +184,7 @@ def press(mesh, force):
 
 
 def test_the_node_takes_loads_and_sends_a_law():
-    node = ReducedFE(vertices=1000)
+    node = ReducedFE(vertices=1000, model="linear")
     bus = FakeBus(node)
     mesh = node.mesh()
     first, *_, last = bus.publish(*[press(mesh, 1.0)] * 300)
@@ -196,7 +196,7 @@ def test_the_node_takes_loads_and_sends_a_law():
     bus.twice()
     same = bus.publish(press(mesh, 1.0))
     assert same[0].previous == same[1].previous
-    soft = FakeBus(ReducedFE(vertices=1000, young=9.5e3))
+    soft = FakeBus(ReducedFE(vertices=1000, young=9.5e3, model="linear"))
     assert soft.publish(*[press(mesh, 1.0)] * 300)[-1].previous == approx(2 * last.previous, rel=1e-6)
 
 

@@ -36,13 +36,15 @@ def reduce(
     node = ReducedFE(**given)
     target = Path(folder) if folder else cache()
     path = target / f"{node.key()}.npz"
-    known = [p for p in (SHIPPED / path.name, path) if p.exists()]
-    if known and not force:
+    known = None if force else node.stored(SHIPPED, target)
+    if known is not None:
         _say(as_json, str(known[0]), None)
         return
     started = time.perf_counter()
+    import numpy as np
     from rich.progress import Progress, TextColumn, TimeRemainingColumn
 
+    from palpate.fe.curves import LEVELS, PLACES, dent_table
     from palpate.fe.mesh import MeshError
     from palpate.fe.organ import Nodule, Organ
     from palpate.physics.reduced_fe import Basis
@@ -57,7 +59,11 @@ def reduce(
     with Progress(*columns, console=console(stderr=True), disable=as_json) as bar:
         task = bar.add_task("condensing", total=1.0, note=f"{3 * len(organ.mesh.points)} degrees of freedom")
         compliance = organ.compliance(lambda share: bar.update(task, completed=share))
-    Basis(surface.vertices, surface.triangles, compliance).save(path)
+        dents = np.zeros((len(surface.vertices), 0))
+        if node.model == "nonlinear":
+            pressed = bar.add_task("pressing", total=1.0, note=f"{PLACES} places, {LEVELS} loads")
+            dents = dent_table(organ, report=lambda share: bar.update(pressed, completed=share))
+    Basis(surface.vertices, surface.triangles, compliance, dents).save(path)
     _say(as_json, str(path), time.perf_counter() - started)
 
 

@@ -6,7 +6,7 @@ import hashlib
 import json
 import os
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import msgspec
 import numpy as np
@@ -27,12 +27,15 @@ LEAST = 1e-9
 
 
 class ReducedFE(OnSurface):
-    """A finite-element organ condensed to its surface, on a soft bed; optionally with a hard nodule.
+    """A finite-element organ condensed to its surface, with what large displacement adds, on a soft bed; optionally
+    with a hard nodule.
 
     `palpate reduce` builds its basis once for a surface, Poisson's ratio, bed and nodule; that of the default kidney
     ships. Modulus and retardation time may be changed without building it again.
     """
 
+    model: Annotated[Literal["nonlinear", "linear"], "1"] = "nonlinear"
+    """Whether the indentation under the patch follows the organ at large displacement."""
     young: Annotated[float, "Pa", msgspec.Meta(ge=10, le=1e9)] = 19e3
     poisson: Annotated[float, "1", msgspec.Meta(gt=-1, lt=0.5)] = 0.45
     retardation: Annotated[float, "s", msgspec.Meta(ge=0)] = 0.02
@@ -62,7 +65,9 @@ class ReducedFE(OnSurface):
         blocks = basis.compliance.reshape(count, 3, count, 3)
         if not np.allclose(turn, np.eye(3), atol=1e-12):
             blocks = np.einsum("ij,ajbk,lk->aibl", turn, blocks, turn, optimize=True)
-        turned = Basis(held.vertices, held.triangles, np.ascontiguousarray(blocks.reshape(3 * count, -1), np.float32))
+        compliance = np.ascontiguousarray(blocks.reshape(3 * count, -1), np.float32)
+        dents = basis.dents if self.model == "nonlinear" else np.zeros((count, 0))
+        turned = Basis(held.vertices, held.triangles, compliance, dents)
         self._body = CondensedBody(turned, placed, self.young, self.retardation, self.radius, self.reach)
         foot, normal = tuple(placed.vertices[0].tolist()), tuple(placed.normals[0].tolist())
         push = -1e-3 * placed.normals[:1]
@@ -112,18 +117,31 @@ class ReducedFE(OnSurface):
 
         SettingError: none is stored for these settings, or it cannot be read.
         """
-        for folder in (SHIPPED, cache()):
-            path = folder / f"{self.key()}.npz"
-            if path.exists():
-                try:
-                    return Basis.load(path)
-                except BasisError as error:
-                    raise SettingError(str(error)) from None
+        found = self.stored(SHIPPED, cache())
+        if found is not None:
+            return found[1]
         given = [f"--set {n}={getattr(self, n)}" for n in ("surface", "poisson", "bed", "coarse", "nodule_radius")]
         raise SettingError(
             "no reduced basis is stored for these settings of surface, poisson, bed, coarse and nodule. "
             f"Build it once: palpate reduce {' '.join(given)}"
         )
+
+    def stored(self, *folders: Path) -> tuple[Path, Basis] | None:
+        """The basis for these settings in the first of the folders that holds one, and its path; a basis without dents
+        serves the linear model only.
+
+        SettingError: one that cannot be read.
+        """
+        for folder in folders:
+            path = folder / f"{self.key()}.npz"
+            if path.exists():
+                try:
+                    found = Basis.load(path)
+                except BasisError as error:
+                    raise SettingError(str(error)) from None
+                if found.dents.size or self.model == "linear":
+                    return path, found
+        return None
 
 
 def cache() -> Path:

@@ -1,0 +1,119 @@
+"""What large displacement adds to the indentation of a linear organ under a patch load.
+
+At a place of the surface a load f spread over a patch of radius R indents the linear organ of modulus E by c f and the
+nonlinear one by
+
+    s(f) = c f + R delta(p),    p = f/(E R²)
+
+delta [1], the dent, is taken from the full model at some places and between them by interpolation over the surface;
+being free of units it serves any modulus and patches of other radii (exact on a half-space, where no other length is).
+
+An organ under loads h of any kind is seen by the patch g through y = gCh/gCg: the force on the patch alone that would
+indent it as much. With the linear organ's complementary energy hCh/2E the nonlinear one has
+
+    V*(h) = hCh/2E + psi(y),    dpsi/df = R delta(f/(E R²))
+
+whose displacement dV*/dh = (C/E)(h + k g), k = R delta/c, is that of the linear organ under k more load on the patch.
+V* is convex as long as s(f) rises, whatever C: so the body is passive. `rise` holds it to that.
+"""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+
+from palpate.physics.mesh import Mesh
+
+SPACING = 0.1
+"""[1] Of the values of p at which dents are kept, from SPACING on; beyond the last they go on straight."""
+STIFFEST = 0.1
+"""Least tangent compliance, over that at rest, that dents may lead to."""
+
+
+def hat_moments(mesh: Mesh) -> np.ndarray:
+    """Mean square distance [m²] (V,) from each vertex of a force spread over its triangles, highest at the vertex."""
+    corner = mesh.vertices[mesh.triangles]
+    area = 0.5 * np.linalg.norm(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), axis=1)
+    moment, weight = np.zeros(len(mesh.vertices)), np.zeros(len(mesh.vertices))
+    for k in range(3):
+        first, second = (corner[:, (k + i) % 3] - corner[:, k] for i in (1, 2))
+        square = np.sum(first * first + second * second + first * second, axis=1)
+        np.add.at(moment, mesh.triangles[:, k], area * square / 30.0)
+        np.add.at(weight, mesh.triangles[:, k], area / 3.0)
+    return moment / weight
+
+
+@numba.njit(cache=True)
+def patch_radius(points, moments, nodes, count, share):
+    """Radius R [m] of a patch: twice the root mean square distance of its force from its centre, which is the radius
+    of a uniform or biweight patch to within 1.42 and 1.
+
+    nodes (>= count) vertices of the patch, share (V,3) whose first column holds their parts, taken without sign
+    """
+    total = x0 = x1 = x2 = 0.0
+    for k in range(count):
+        v = int(nodes[k])
+        w = abs(share[v, 0])
+        total += w
+        x0 += w * points[v, 0]
+        x1 += w * points[v, 1]
+        x2 += w * points[v, 2]
+    x0, x1, x2 = x0 / total, x1 / total, x2 / total
+    square = 0.0
+    for k in range(count):
+        v = int(nodes[k])
+        d0, d1, d2 = points[v, 0] - x0, points[v, 1] - x1, points[v, 2] - x2
+        square += abs(share[v, 0]) * (d0 * d0 + d1 * d1 + d2 * d2 + moments[v])
+    return 2.0 * np.sqrt(square / total)
+
+
+@numba.njit(cache=True)
+def rise(table, nodes, count, share, linear, knots, slopes):
+    """Make s/R against p at a patch: `knots` and `slopes` (L+1,) at p = 0, SPACING, 2 SPACING ...
+
+    table (V,L) dents, averaged over the patch; linear: c E R [1], the linear organ's s/R over p. Where the dents would
+    let s fall, it rises with `STIFFEST` of the linear slope instead. Slopes are those of a parabola through the
+    neighbours, held below three times either chord: so the cubic between rises too.
+    F. N. Fritsch, R. E. Carlson, SIAM J. Numer. Anal. 17 (1980) 238-246.
+    """
+    levels = table.shape[1]
+    knots[0] = 0.0
+    before = 0.0
+    for k in range(levels):
+        dent = 0.0
+        for m in range(count):
+            v = int(nodes[m])
+            dent += share[v, 0] * table[v, k]
+        step = linear * SPACING + dent - before
+        knots[k + 1] = knots[k] + max(step, STIFFEST * linear * SPACING)
+        before = dent
+    slopes[0] = linear
+    for k in range(levels + 1):
+        left = (knots[k] - knots[max(k - 1, 0)]) / SPACING
+        right = (knots[min(k + 1, levels)] - knots[k]) / SPACING
+        if k == 0:
+            slopes[k] = min(linear, 3.0 * right)
+        elif k == levels:
+            before = (knots[k - 1] - knots[max(k - 2, 0)]) / SPACING if k > 1 else linear
+            slopes[k] = min(max(1.5 * left - 0.5 * before, 0.5 * left), 3.0 * left)
+        else:
+            slopes[k] = min(0.5 * (left + right), 3.0 * min(left, right))
+
+
+@numba.njit(cache=True)
+def risen(p, knots, slopes):
+    """s/R at p, and its slope; straight below 0 and beyond the last value."""
+    last = len(knots) - 1
+    if not p > 0.0:
+        return slopes[0] * p, slopes[0]
+    x = p / SPACING
+    if not x < last:
+        return knots[last] + slopes[last] * (p - last * SPACING), slopes[last]
+    k = int(x)
+    t = x - k
+    u = 1.0 - t
+    rise_ = knots[k + 1] - knots[k]
+    a, b = slopes[k] * SPACING, slopes[k + 1] * SPACING
+    value = knots[k] + rise_ * t * t * (3.0 - 2.0 * t) + a * t * u * u - b * t * t * u
+    slope = 6.0 * rise_ * t * u + a * u * (1.0 - 3.0 * t) + b * t * (3.0 * t - 2.0)
+    return value, slope / SPACING
