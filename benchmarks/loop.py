@@ -22,6 +22,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.progress import track
 from rich.table import Table
+from rich.text import Text
 
 from palpate.launch.loading.launchfile import LaunchFile, find
 from palpate.launch.loading.plan import plan
@@ -127,7 +128,7 @@ def main() -> None:
     out = Console()
     table = Table(title="kidney loop, simulated time as fast as possible", box=None)
     for title in ("", "best [Hz]", "median [Hz]", "tick p50 [us]", "p99 [us]", "p99.9 [us]"):
-        table.add_column(title, justify="right")
+        table.add_column(Text(title), justify="right")
     for name in ("fused", "processes"):
         row = found["rates"][name]
         times = (f"{row[key] * 1e6:.0f}" for key in ("p50", "p99", "p999"))

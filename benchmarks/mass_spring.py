@@ -16,6 +16,7 @@ import time
 from rich.console import Console
 from rich.progress import track
 from rich.table import Table
+from rich.text import Text
 
 from palpate.messages import Contact
 from palpate.nodes.deformation import MassSpring
@@ -74,7 +75,7 @@ def main() -> None:
         return
     table = Table(title="one step with about 200 loaded vertices", box=None)
     for title in ("vertices", "loaded", "spread [us]", "body [us]", "start [s]"):
-        table.add_column(title, justify="right")
+        table.add_column(Text(title), justify="right")
     for row in rows:
         table.add_row(
             f"{row['vertices']}",

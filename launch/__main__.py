@@ -8,18 +8,25 @@ import typer
 
 from palpate.launch.commands.check import check
 from palpate.launch.commands.common import Verbs
+from palpate.launch.commands.compare import compare
 from palpate.launch.commands.doctor import doctor
+from palpate.launch.commands.echo import echo
+from palpate.launch.commands.export import export
 from palpate.launch.commands.fe import fe
 from palpate.launch.commands.fingertip import fingertip
 from palpate.launch.commands.fit import fit
+from palpate.launch.commands.info import info
 from palpate.launch.commands.join import join
 from palpate.launch.commands.messages import messages
 from palpate.launch.commands.new import new
 from palpate.launch.commands.nodes import nodes
 from palpate.launch.commands.pictures import pictures
 from palpate.launch.commands.plan import PlanCommand, plan
+from palpate.launch.commands.recover import recover
 from palpate.launch.commands.reduce import reduce
+from palpate.launch.commands.replay import replay
 from palpate.launch.commands.run import run
+from palpate.launch.commands.top import top
 
 app = typer.Typer(
     cls=Verbs,
@@ -49,6 +56,13 @@ def _top(
 
 app.command()(run)
 app.command()(check)
+app.command()(replay)
+app.command()(compare)
+app.command()(info)
+app.command()(echo)
+app.command()(top)
+app.command()(export)
+app.command()(recover)
 app.command(cls=PlanCommand)(plan)
 app.command()(nodes)
 app.command()(messages)

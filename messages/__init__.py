@@ -17,6 +17,7 @@ from palpate.messages.checks import check_finite
 from palpate.messages.contact import Contact, Friction, Load, Proximity
 from palpate.messages.device import DeviceState, Force, Pose, Torque
 from palpate.messages.display import Pins
+from palpate.messages.health import Health
 from palpate.messages.slip import Slip
 from palpate.messages.tactile import Tactile
 from palpate.messages.tissue import Surface
@@ -30,6 +31,7 @@ __all__ = [
     "Force",
     "ForceBand",
     "Friction",
+    "Health",
     "Ints",
     "Load",
     "Message",

@@ -54,13 +54,22 @@ def finite_check(kind: type) -> Callable[[Any], bool]:
 
 def _write_settle(kind: type) -> Callable[[Any], None]:
     lines = ["def settle(m):", "    pass"]
-    names: dict[str, Any] = {"set": msgspec.structs.force_setattr, "kind": kind, "number": _number, "vector": _tuple}
+    names: dict[str, Any] = {
+        "set": msgspec.structs.force_setattr,
+        "kind": kind,
+        "number": _number,
+        "vector": _tuple,
+        "other": _plain,
+    }
     arrays = [field for field in fields(kind) if field.dtype is not None]
     for field in fields(kind):
         name, known = field.name, f"field_{field.name}"
         names[known] = field
         if field.type is float:
             lines += [f"    v = m.{name}", f"    if type(v) is not float: set(m, {name!r}, number(kind, {known}, v))"]
+        elif field.type in (str, int, bool):
+            test = f"type(v) is not {field.type.__name__}"
+            lines += [f"    v = m.{name}", f"    if {test}: set(m, {name!r}, other(kind, {known}, v))"]
         elif field.dtype is None and field.shape:
             element = _element(field).__name__
             length = field.shape[0]
@@ -126,6 +135,14 @@ def _number(kind: type, field: Field, value: Any) -> float:
         return float(value)
     except (TypeError, ValueError):
         raise MessageError(f"{kind.__name__}.{field.name}: found {value!r}, expected a number [{field.unit}]") from None
+
+
+def _plain(kind: type, field: Field, value: Any) -> Any:
+    """Text, whole numbers and flags; numpy's own kinds of them count, too."""
+    found = value.item() if isinstance(value, np.generic) else value
+    if (isinstance(found, str) and field.type is str) or type(found) is field.type:
+        return field.type(found)
+    raise MessageError(f"{kind.__name__}.{field.name}: found {value!r}, expected {field.type.__name__} [{field.unit}]")
 
 
 def _tuple(kind: type, field: Field, value: Any) -> Vector:

@@ -20,6 +20,7 @@ class Slip(Message):
     path       [m] (n)    of each, way slipped since it touched: the localized displacement
     points     [m] (n,2)  of each, place in the plane of the plate, from the lowest point of the finger
     clamped    [1] ()     beams pressed beyond their reach, and held there
+    deeper     [1] ()     pressed deeper than the pad was meshed for: rim beams are missing, the force is too small
     rounds     [1] ()     that the solver took
     residual   [1] ()     largest violation of the law of friction, over the largest friction of a node
     """
@@ -34,5 +35,6 @@ class Slip(Message):
     path: Annotated[Floats, "m", ("n",)]
     points: Annotated[Floats, "m", ("n", 2)]
     clamped: Annotated[int, "1"] = 0
+    deeper: Annotated[bool, "1"] = False
     rounds: Annotated[int, "1"] = 0
     residual: Annotated[float, "1"] = 0.0

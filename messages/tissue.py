@@ -17,10 +17,10 @@ class Surface(Message):
 
         F(s) = stiffness <s - free>^exponent <1 + damping (s - previous)/T>
 
-    nodes         [1]     (k)    indices of the displaced vertices
+    nodes         [1]     (k)    indices of the displaced vertices, of the sender's own mesh
     displacement  [m]     (k,3)  of each
-    pressure      [Pa]    (p)    contact pressure at the contact nodes, where the model has it
-    slipped       [1]     (q)    1 for each contact node that slides, where the model has it
+    pressure      [Pa]    (p)    contact pressure at each of `nodes`; empty where the model has none
+    slipped       [1]     (q)    1 for each of `nodes` that slides; empty where the model does not know
     stiffness     [N/m^n] ()     K of the terminal law
     exponent      [1]     ()     n, in [1, 3]
     damping       [s/m]   ()     c

@@ -11,7 +11,7 @@ from typing import Annotated, Any, ClassVar
 import msgspec
 import numpy as np
 
-from palpate.messages import Message
+from palpate.messages import Health, Message
 
 
 class SettingError(ValueError):
@@ -113,6 +113,14 @@ class Observer(Node):
     def observe(self, stream: str, tick: int, payload: bytes) -> None:
         """Take one message in its wire form."""
         raise NotImplementedError
+
+    def health(self, message: Health) -> None:
+        """Told a few times a second how each node is doing: before its first message, with `steps` 0, and last after
+        its last message. A second start of a node shows as `steps` 0 again."""
+
+    def notes(self) -> list[str]:
+        """Lines that the user should see; asked a few times a second, and each line is given once."""
+        return []
 
 
 def settings(kind: type[Node]) -> dict[str, Setting]:

@@ -4,12 +4,17 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Iterator
 from typing import Annotated, Any, Literal
 
 import msgspec
 import numpy as np
+from mcap.exceptions import McapError
+from mcap.records import Channel
+from mcap.records import Message as Record
+from mcap.stream_reader import StreamReader
 
-from palpate.messages import DeviceState, Torque, Vector3
+from palpate.messages import DeviceState, MessageError, Torque, Vector3, unpack
 from palpate.nodes.base import Node, SettingError
 from palpate.physics.falcon import FALCON, HOME, reachable
 from palpate.physics.hand import CLOCK, LINEAR, MINIMUM_JERK, POSITION, grip_kernel
@@ -131,3 +136,54 @@ class Simulated(Node):
         if self.glitches and self.random.random() < self.glitches:
             joints = (joints[0] + GLITCH, joints[1], joints[2])
         return DeviceState(joints=joints, buttons=self.path[int(self.state[CLOCK, 1])].buttons if self.path else 0)
+
+
+class Replayed(Node):
+    """A device whose states come from a recording, one a tick, in their order; at the end it stays where it is.
+
+    path    of the recording
+    stream  name of the stream of `DeviceState` in it
+    repeat  from the beginning again at the end
+
+    The clock is that of the graph. `palpate replay` plays a recording with the time stamps that it was made with.
+    """
+
+    paced = True
+    sink = True
+
+    path: Annotated[str, "1"]
+    stream: Annotated[str, "1"] = "device"
+    repeat: Annotated[bool, "1"] = False
+
+    def start(self) -> None:
+        self.states = self._read()
+        self.last = next(self.states, None)
+        if self.last is None:
+            raise SettingError(f"setting 'stream': {self.path} has no messages of a stream {self.stream!r}")
+        self.first = True
+
+    def _read(self) -> Iterator[DeviceState]:
+        # Read as it goes: a recording of hours does not have to fit into memory, and may be cut off.
+        channel = None
+        with open(self.path, "rb") as file:
+            try:
+                for record in StreamReader(file, validate_crcs=True).records:
+                    if isinstance(record, Channel) and record.topic == self.stream:
+                        channel = record.id
+                    elif isinstance(record, Record) and record.channel_id == channel:
+                        yield unpack(record.data, DeviceState)
+            except (McapError, EOFError):
+                return
+            except MessageError as error:
+                raise SettingError(f"setting 'stream': {self.path}, stream {self.stream!r}: {error}") from None
+
+    def step(self, torque: Torque | None) -> DeviceState:
+        if not self.first:
+            state = next(self.states, None)
+            if state is None and self.repeat:
+                self.states = self._read()
+                state = next(self.states, None)
+            self.last = state or self.last
+        self.first = False
+        assert self.last is not None
+        return msgspec.structs.replace(self.last)

@@ -13,7 +13,7 @@ from palpate.nodes.base import SettingError, Wants
 from palpate.nodes.surface import OnSurface
 from palpate.physics.pin_heights import heights_from_force, heights_from_pressure, heights_from_surface
 from palpate.physics.pins import drive, pin_grid
-from palpate.physics.shape_display import FINGERPADS, VALID_RATIO, Fingerpad
+from palpate.physics.shape_display import FINGERPADS, VALID_RATIO, Fingerpad, PadContact, pad_contact, pad_displacement
 
 NEIGHBOURS = 9
 """Surface vertices round each pin from which its height is taken: a vertex and its ring on a square mesh."""
@@ -80,6 +80,15 @@ class PinArray(OnSurface):
         heights_from_pressure(self.grid, *nothing, self.finger.b, self.finger.m, self.shape)
         self._from_force(0.0)
         self._drive(0.0, 0.0)
+
+    def theory(self, force: np.ndarray | float, modulus: np.ndarray | float | None = None) -> PadContact:
+        """States of the fingerpad under forces [N] on tissue of this modulus [Pa], or of the node's own: a table."""
+        curved = np.inf if self.curvature == 0.0 else 1.0 / self.curvature
+        return pad_contact(force, self.modulus if modulus is None else modulus, self.poisson, curved, self.finger)
+
+    def theory_profile(self, distance: np.ndarray, force: float) -> np.ndarray:
+        """Deformation of the fingerpad [m] at these distances [m] from the axis, under a force [N]."""
+        return pad_displacement(distance, self.theory(force))
 
     def step(
         self,

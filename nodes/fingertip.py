@@ -27,10 +27,12 @@ from palpate.physics.fingertip import Fingertip, FingertipError, fill
 from palpate.physics.materials import BONE, SKIN, TISSUE, Material
 
 UP = (0.0, 0.0, 1.0)
+CLEAR = 1e-3
+"""[m] How far above the plate a lifted finger stops."""
 
 
 class Slide(Node):
-    """A hand that presses a fingertip on a plate, holds, and slides it along, at constant speeds."""
+    """A hand that presses a fingertip on a plate, holds, slides it along and lifts it, at constant speeds."""
 
     paced = True
 
@@ -45,6 +47,9 @@ class Slide(Node):
     direction: Annotated[float, "rad"] = math.pi / 2
     """In the plane of the plate, from x (across the finger); pi/2 draws the finger back, -pi/2 pushes it on."""
     distance: Annotated[float, "m", msgspec.Meta(ge=0)] = 5e-3
+    """Of the slide; 0: the hand only presses and holds."""
+    lift: Annotated[float, "m/s", msgspec.Meta(ge=0)] = 0.0
+    """Speed of lifting once the slide has ended; 0: the finger stays."""
 
     def start(self) -> None:
         """At first touch."""
@@ -54,8 +59,12 @@ class Slide(Node):
     def step(self, *, dt: float) -> Pose:
         """Where the bone edge is."""
         self.time += max(dt, 0.0)
+        sliding = max(self.time - self.depth / self.press - self.hold, 0.0)
+        way = min(self.speed * sliding, self.distance)
         depth = min(self.press * self.time, self.depth)
-        way = min(self.speed * max(self.time - self.depth / self.press - self.hold, 0.0), self.distance)
+        if self.lift > 0 and way >= self.distance:
+            since = sliding - (self.distance / self.speed if self.distance > 0 else 0.0)
+            depth = max(depth - self.lift * since, -CLEAR)
         place = (way * math.cos(self.direction), way * math.sin(self.direction), self.thickness + self.plate - depth)
         velocity: Vector3 = (0.0, 0.0, 0.0)
         if dt > 0:
@@ -69,7 +78,8 @@ class BundleContact(Node):
     """A fingertip as a beam bundle on a rigid plate: normal force, friction, stick and slip of every node.
 
     The bundle is filled at the start, from a scan that `palpate fingertip` has read, or from the default anatomy, and
-    meshed once for `reach`. Deeper pressing is answered within it, and flagged. See docs/equations/beam-bundle.md.
+    meshed once for `reach`. Deeper pressing is answered by the beams that there are, and flagged (`Slip.deeper`); the
+    force then stays bounded and is too small. See docs/equations/beam-bundle.md.
     """
 
     shape: Annotated[str, "1"] = "anatomy"
@@ -105,7 +115,8 @@ class BundleContact(Node):
         try:
             self.bundle = self._bundle()
         except ValueError as error:
-            raise SettingError(f"shape {self.shape!r}, angle {math.degrees(self.angle):.1f}°: {error}") from None
+            where = f"shape {self.shape!r}, angle {math.degrees(self.angle):.1f}°, reach {self.reach * 1e3:g} mm"
+            raise SettingError(f"{where}: {error}") from None
         self.state = State(self.bundle)
         # Compiles what the steps need, and tells the response before touch.
         step(self.bundle, self.state, -1.0, (0.0, 0.0), self.friction, 1e-3)
@@ -175,6 +186,7 @@ class BundleContact(Node):
             path=s.path,
             points=self.bundle.points,
             clamped=int(s.summary[CLAMPED]),
+            deeper=self.depth > self.reach * (1 + 1e-9),
             rounds=int(s.summary[ROUNDS]),
             residual=float(s.summary[RESIDUAL]),
         )

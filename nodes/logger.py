@@ -5,8 +5,6 @@ from __future__ import annotations
 import contextlib
 import errno
 import json
-import os
-import sys
 import time
 import typing
 from pathlib import Path
@@ -15,14 +13,15 @@ from typing import IO, Annotated, Any
 import msgspec
 from mcap.writer import CompressionType, Writer
 
-from palpate.messages import Message, fields
+from palpate.messages import Health, Message, fields
 from palpate.messages.base import HEADER
-from palpate.nodes.base import Observer
+from palpate.nodes.base import Observer, SettingError, Stream
 
 CHUNK_TIME = 0.5  # [s] a chunk is closed at the latest after this time, so that a killed run loses no more
 CHUNK_SIZE = 1 << 20  # [B]
 PROFILE = "palpate"
 SCHEMA_VERSION = "1"
+_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
 class _Header(msgspec.Struct):
@@ -36,8 +35,9 @@ _HEADER = msgspec.msgpack.Decoder(_Header)
 class Mcap(Observer):
     """Writes what it hears to an MCAP file: channels with units in their schemas, and the run's provenance.
 
-    A message that did not arrive (a gap in a stream's ticks) is counted in the file. A full disk ends the recording
-    with one line and leaves a file that opens up to its last chunk; the run goes on.
+    What it did not get is counted in the file, per stream: messages that their node sent and that did not come. A full
+    disk ends the recording with one line and leaves a file that opens up to its last chunk; the run goes on. So does
+    a run that is killed: no more than the last second is lost.
     """
 
     path: Annotated[str, "1"] = "palpate.mcap"
@@ -48,10 +48,22 @@ class Mcap(Observer):
     compression: Annotated[typing.Literal["zstd", "lz4", "none"], "1"] = "zstd"
 
     def start(self) -> None:
-        self.lost: dict[str, int] = {}
+        known = {stream.name for stream in self.streams}
+        for name in (*self.thin, *self.leave_out):
+            if name not in known:
+                raise SettingError(f"there is no stream {name!r} to thin or leave out; streams: {', '.join(known)}")
+        for name, keep in self.thin.items():
+            if keep < 1:
+                raise SettingError(f"thin: {name}: found {keep}, expected to keep each n-th message, n from 1")
         self.counts: dict[str, int] = {}
+        self._heard: dict[str, int] = {}
+        self._gaps: dict[str, int] = {}
+        self._steps: dict[str, int] = {}
+        self._before: dict[str, int] = {}
+        self._notes: list[str] = []
         self._channels: dict[str, int] = {}
         self._next: dict[str, int] = {}
+        self._due_at: dict[str, int] = {}
         self._file: IO[bytes] | None = None
         Path(self.path).parent.mkdir(parents=True, exist_ok=True)
         self._file = open(self.path, "wb", buffering=CHUNK_SIZE)  # noqa: SIM115 - lives until stop
@@ -67,12 +79,14 @@ class Mcap(Observer):
             if stream.type not in schemas:
                 text = json.dumps(schema(stream.type)).encode()
                 schemas[stream.type] = self._writer.register_schema(stream.type.__name__, "jsonschema", text)
-            about = {"producer": stream.producer, "every": str(stream.every)}
+            keep = self.thin.get(stream.name, 1)
+            about = {"producer": stream.producer, "every": str(stream.every), "thin": str(keep)}
             self._channels[stream.name] = self._writer.register_channel(
                 stream.name, "msgpack", schemas[stream.type], about
             )
-            self._divisor[stream.name] = (stream.every, stream.every * self.thin.get(stream.name, 1))
-            self.lost[stream.name] = self.counts[stream.name] = self._next[stream.name] = 0
+            self._divisor[stream.name] = (stream.every, stream.every * keep if keep > 1 else 1)
+            self.counts[stream.name] = self._next[stream.name] = self._due_at[stream.name] = 0
+            self._heard[stream.name] = self._gaps[stream.name] = 0
         self._close_chunk()
 
     def observe(self, stream: str, tick: int, payload: bytes) -> None:
@@ -81,10 +95,12 @@ class Mcap(Observer):
         step, keep = self._divisor[stream]
         missing = (tick - self._next[stream]) // step
         if missing > 0:
-            self.lost[stream] += missing
+            self._gaps[stream] += missing
         self._next[stream] = tick + step
-        if tick % keep:
+        self._heard[stream] += 1
+        if tick < self._due_at[stream]:
             return
+        self._due_at[stream] = tick - tick % keep + keep  # also where the clock left out the very tick
         at = max(0, _HEADER.decode(payload).time)
         try:
             self._writer.add_message(self._channels[stream], at, payload, at, tick & 0xFFFFFFFF)
@@ -94,37 +110,71 @@ class Mcap(Observer):
         except OSError as error:
             self._give_up(error)
 
+    def health(self, message: Health) -> None:
+        node = message.source
+        if message.steps == 0:
+            self._begun(node)
+        self._steps[node] = message.steps
+
+    def _begun(self, node: str) -> None:
+        """A node begins. Where it does so anew, with a new state, a replay has to do so at the same place."""
+        streams = [stream.name for stream in self.streams if stream.producer == node and stream.name in self._heard]
+        heard = max((self._heard[name] for name in streams), default=0)
+        if self._file is None or heard <= self._before.get(node, 0):
+            return
+        self._before[node] = heard  # what the dead one sent last and did not arrive nobody knows
+        from_tick = max(self._next[name] for name in streams)
+        try:
+            self._close_chunk()
+            self._writer.add_metadata("palpate.restarted", {"node": node, "tick": str(from_tick)})
+        except OSError as error:
+            self._give_up(error)
+
+    def notes(self) -> list[str]:
+        found, self._notes = self._notes, []
+        return found
+
+    def lost(self, stream: Stream) -> int:
+        """How many messages of a stream were sent and did not come. Where the sender did not tell how many it sent,
+        the ticks without a message count."""
+        steps = self._steps.get(stream.producer)
+        if steps is None:
+            return self._gaps[stream.name]
+        return max(0, self._before.get(stream.producer, 0) + steps - self._heard[stream.name])
+
     def _close_chunk(self) -> None:
         # The writer closes a chunk by its size only; by its name-mangled method it closes one by time, too.
         self._writer._Writer__finalize_chunk()  # type: ignore[attr-defined]
         assert self._file is not None
         self._file.flush()
-        self._good = self._file.tell()
         self._due = time.monotonic() + CHUNK_TIME
 
     def _give_up(self, error: OSError) -> None:
         file, self._file = self._file, None
         assert file is not None
-        why = "the disk is full" if error.errno == errno.ENOSPC else error.strerror
-        print(f"recording {self.path} ends here: {why}; what was written before can be read", file=sys.stderr)
-        descriptor = os.dup(file.fileno())
-        with contextlib.suppress(OSError):  # its buffer cannot be written either: back to the last whole chunk
+        why = "the disk is full" if error.errno in _FULL else error.strerror
+        self._notes.append(f"recording {self.path} ends here: {why}; what was written before can be read")
+        with contextlib.suppress(OSError):  # what is in its buffer cannot be written either
             file.close()
-        os.ftruncate(descriptor, self._good)
-        os.close(descriptor)
 
     def stop(self) -> None:
         if self._file is None:
             return
         try:
-            counts = {name: json.dumps({"count": self.counts[name], "lost": self.lost[name]}) for name in self.counts}
+            known = [stream for stream in self.streams if stream.name in self._channels]
+            counts = {s.name: {"count": self.counts[s.name], "lost": self.lost(s)} for s in known}
             self._close_chunk()
-            self._writer.add_metadata("palpate.counts", counts)
+            self._writer.add_metadata("palpate.counts", {name: json.dumps(value) for name, value in counts.items()})
             self._writer.finish()
             self._file.close()
         except OSError as error:
             self._give_up(error)
+            return
         self._file = None
+        lost = {name: value["lost"] for name, value in counts.items() if value["lost"]}
+        if lost:
+            told = ", ".join(f"{name} {number}" for name, number in lost.items())
+            self._notes.append(f"recording {self.path} lacks messages that did not reach it in time: {told}")
 
 
 def schema(kind: type[Message]) -> dict[str, Any]:

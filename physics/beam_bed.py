@@ -2,7 +2,8 @@
 
 Below each vertex of the surface stands a beam along its normal, as long as the layers are thick, with the vertex's area
 as its section. Layers are Voigt elements in series (`voigt`), so a nodal force steps its beam alone, whatever the
-others do. Laterally a beam is an elastic spring in shear, A / sum(L/G). Layers stop at the strain limit.
+others do. Laterally a beam is an elastic spring in shear, A / sum(L/G). Layers, and the shear of a beam, stop at the
+strain limit.
 
 The indentation that the contact sees is the one conjugate to the force: with forces w_j f on nodes that move by u_j
 along the contact's inward normal, s = sum_j w_j u_j, so that f ds is exactly the work done on the beams.
@@ -194,10 +195,19 @@ def _beam(j, dt, normals, areas, length, shares, moduli, viscosities, softness, 
         displacement[j, :] = 0.0
         return 0.0
     along = _dot(force[j], normals[j])
+    held = _shear_left(force[j], along, softness / areas[j], length)
     for a in range(3):
         tangent = force[j, a] - along * normals[j, a]
-        displacement[j, a] = softness * tangent / areas[j] - strain * length * normals[j, a]
-    return 1.0 if most >= STRAIN_LIMIT else 0.0
+        displacement[j, a] = held * softness * tangent / areas[j] - strain * length * normals[j, a]
+    return 1.0 if most >= STRAIN_LIMIT or held < 1.0 else 0.0
+
+
+@numba.njit(cache=True)
+def _shear_left(force, along, softness, length):
+    """The share [1] of the free sideways displacement softness |f_t| [m] that the limit of the shear leaves."""
+    sideways = softness * math.sqrt(max(_dot(force, force) - along * along, 0.0))
+    limit = STRAIN_LIMIT * length
+    return 1.0 if sideways <= limit else limit / sideways
 
 
 @numba.njit(cache=True)
@@ -225,9 +235,10 @@ def _response(
         if total > 0.0:
             push = max(-_dot(force[j], normals[j]), 0.0)
         deep += w * face * length * chain_stress_step(chain, moduli, viscosities, shares, push / areas[j], dt)
-        side = w * softness / areas[j] * (1.0 - face * face)
+        held = _shear_left(force[j], _dot(force[j], normals[j]), softness / areas[j], length)
+        side = held * w * softness / areas[j] * (1.0 - face * face)
         if total > 0.0:
-            deep -= w * softness / areas[j] * (_dot(force[j], normal) - _dot(force[j], normals[j]) * face)
+            deep -= held * w * softness / areas[j] * (_dot(force[j], normal) - _dot(force[j], normals[j]) * face)
         else:
             deep += w * least * side
         compliance += w * side

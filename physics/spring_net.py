@@ -43,7 +43,9 @@ def grow(rings, first, neighbours, where, active, state, count):
 
 
 @njit(cache=True, error_model="numpy")
-def _linearise(law, share, dt, vertices, normals, spans, first, neighbours, where, active, state, edges, work, count):
+def _linearise(
+    law, hardness, share, dt, vertices, normals, spans, first, neighbours, where, active, state, edges, work, count
+):
     """Residual [N] in columns 0-2 of `work`, foundation slopes in 12-13, and the edges' data; see `net_step`."""
     stiffness, exponent, damping, k_t = law[0], law[1], law[2], law[3]
     d_t, coupling, edge_damping = law[4], law[5], law[6]
@@ -58,7 +60,8 @@ def _linearise(law, share, dt, vertices, normals, spans, first, neighbours, wher
         before = -(bx * mx + by * my + bz * mz)
         rest = max(0.0, before - dt / damping) if damping > 0.0 else 0.0
         if u > rest:
-            value, slope = terminal_force(u, dt, stiffness, exponent, damping, 0.0, before)
+            local = stiffness * hardness[node]
+            value, slope = terminal_force(u, dt, local, exponent, damping, 0.0, before)
         else:
             # Outwards of its free recovery the node is drawn back to it.
             value, slope = k_t * (u - rest), k_t
@@ -160,12 +163,13 @@ def _solve(normals, first, neighbours, where, active, edges, work, count):
 
 @njit(cache=True, error_model="numpy")
 def net_step(
-    nodes, forces, normal, dt, law, rings, vertices, normals, per_area, spans, first, neighbours, edges, work, share,
-    memory, where, active, state, out, count,
+    nodes, forces, normal, dt, law, hardness, rings, vertices, normals, per_area, spans, first, neighbours, edges, work,
+    share, memory, where, active, state, out, count,
 ):  # fmt: skip
     """One step of the net; returns how many nodes are in its list.
 
     law     (7)     K, n, c, k_t, d_t, coupling [N/m], damping along the edges [N s/m]
+    hardness (V)    factor on K of each node
     rings           of neighbours that are added round loaded and moving nodes
     normals (V,3)   of the vertices
     edges (E,5), work (V,17), share (V)  room;  memory (1): greatest pressure over total force [1/m²] so far
@@ -190,11 +194,27 @@ def net_step(
         state[slot, 3] = 0.0
         if push > 0.0 and not before > 0.0:
             # A node at rest has no stiffness to start from: it starts at the answer of the nodal law.
-            u = indentation(push / share[node], dt, law[0], law[1], law[2], 0.0, 0.0)
+            u = indentation(push / share[node], dt, law[0] * hardness[node], law[1], law[2], 0.0, 0.0)
             for k in range(3):
                 state[slot, k] -= (u - before) * normals[node, k]
     goal = 1e-6 * size + 1e-12
-    fixed = (law, share, dt, vertices, normals, spans, first, neighbours, where, active, state, edges, work, count)
+    fixed = (
+        law,
+        hardness,
+        share,
+        dt,
+        vertices,
+        normals,
+        spans,
+        first,
+        neighbours,
+        where,
+        active,
+        state,
+        edges,
+        work,
+        count,
+    )
     residual = _linearise(*fixed)
     for _ in range(20):
         if residual <= goal:
@@ -227,6 +247,7 @@ class NetBody:
     tangential_damping d_t [N s/m] >= 0: of a node at the centre of the contact, as in `NodalBody`
     coupling [N/m] > 0, coupling_damping [N s/m] >= 0: of a spring between neighbours
     rings: of neighbours round the loaded nodes that move along
+    hardness (V): factor on K of each node, None: 1; the springs between neighbours are as everywhere
     """
 
     def __init__(
@@ -240,12 +261,14 @@ class NetBody:
         coupling: float,
         coupling_damping: float,
         rings: int = 3,
+        hardness: np.ndarray | None = None,
     ) -> None:
         self.net = net = Net(mesh)
         size = len(net.per_area)
         law = (stiffness, exponent, damping, tangential_stiffness, tangential_damping, coupling, coupling_damping)
+        hardness = np.ones(size) if hardness is None else np.ascontiguousarray(hardness, float)
         self._fixed = (
-            *(np.array(law, dtype=float), rings, net.vertices, net.normals),
+            *(np.array(law, dtype=float), hardness, rings, net.vertices, net.normals),
             *(net.per_area, net.spans, net.first, net.neighbours),
             *(np.zeros((len(net.spans), 5)), np.zeros((size, 17)), np.zeros(size), np.zeros(1)),
             *(net.where, net.active, net.state, net.displacement),

@@ -169,6 +169,15 @@ def test_layers_stop_at_the_strain_limit_and_say_so():
         assert surface.clamped > 0 and 1 <= surface.exponent <= 3
 
 
+def test_the_shear_of_a_beam_stops_at_the_limit_and_says_so():
+    light, heavy = FakeBus(BeamBundle(**ELASTIC)).publish(
+        load(0.1, tangent=(0.05, 0.0)), load(0.1, tangent=(30.0, 0.0))
+    )
+    sideways = np.hypot(heavy.displacement[:, 0], heavy.displacement[:, 1])
+    assert light.clamped == 0 and heavy.clamped > 0
+    assert sideways.max() == approx(STRAIN_LIMIT * 10e-3) and np.all(heavy.displacement[:, 0] >= 0)
+
+
 @pytest.mark.parametrize("size", [1e-300, 1e-12, 1e6, 1e300])
 def test_any_finite_load_gives_a_finite_answer(size):
     bus = FakeBus(BeamBundle(**SOFT))

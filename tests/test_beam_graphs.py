@@ -33,13 +33,14 @@ def test_the_fingertip_presses_relaxes_and_lets_go(slide):
     contact = decoded(slide, "finger.Contact", Contact)
     friction = decoded(slide, "finger.Friction", Friction)
     slip = decoded(slide, "finger.Slip", Slip)
-    assert len(contact) == 4000
+    assert len(contact) == 5000
     assert contact[499].compression == approx(2e-3, abs=1e-5)
     force = np.array([c.force for c in contact])
     assert force[499] == force.max() and np.all(np.diff(force[501:1500]) <= 1e-9)
     tangential = np.array([f.force[1] for f in friction])
     assert not tangential[:1499].any()
-    assert tangential[-1] == approx(0.7 * force[-1], rel=1e-3)
+    assert tangential[2999] == approx(0.7 * force[2999], rel=1e-3)
+    assert np.all(np.diff(force[3000:]) <= 1e-9) and force[-1] == 0 and tangential[-1] == 0
     warned = next(k for k, s in enumerate(slip) if s.incipient)
     gross = next(k for k, s in enumerate(slip) if s.gross)
     assert 1500 < warned < gross - 300

@@ -1,4 +1,4 @@
-"""The scripts that draw and time the beam bundle run, and their figures are of the right kind."""
+"""The scripts that draw and time the beam bundle, and draw softness: they run, their figures are of the right kind."""
 
 import json
 import runpy
@@ -16,7 +16,14 @@ def test_the_pictures_are_drawn(tmp_path):
     pytest.importorskip("matplotlib")
     runpy.run_path(str(ROOT / "docs/pictures/beam_bundle.py"))["main"](tmp_path)
     sizes = {p.name: p.stat().st_size for p in tmp_path.glob("*.png")}
-    assert len(sizes) == 4 and min(sizes.values()) > 20_000
+    assert len(sizes) == 5 and min(sizes.values()) > 20_000
+
+
+@pytest.mark.long
+def test_the_pictures_of_softness_are_drawn(tmp_path):
+    pytest.importorskip("matplotlib")
+    made = runpy.run_path(str(ROOT / "docs/pictures/softness.py"))["main"](tmp_path)
+    assert len(made) == 3 and min(path.stat().st_size for path in made) > 20_000
 
 
 @pytest.mark.long

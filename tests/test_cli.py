@@ -177,7 +177,7 @@ def test_doctor_looks_at_the_machine():
     code, data = spoken("doctor", "--no-pictures")
     findings = {f["what"]: f for f in data["findings"]}
     assert code == 0 and data["ok"]
-    assert {"python", "pyzmq", "extra view", "cores", "SCHED_FIFO", "locked memory"} <= set(findings)
+    assert {"python", "pyzmq", "extra view", "cores", "SCHED_RR", "locked memory"} <= set(findings)
     assert "ZeroMQ" in findings["pyzmq"]["found"]
     for finding in findings.values():
         assert finding["state"] == "ok" or finding["cure"]

@@ -237,9 +237,14 @@ class Loop:
         pose = finger.step(state, dt=T)
         e = max(0.11 - pose.position[2], 0.0)
         contact = Contact(
-            foot=(0, 0, 0.11), normal=(0, 0, 1), force=self.stiffness * e, compression=e, indentation=0.0,
-            compression_rate=0.0, indentation_rate=0.0,
-        )  # fmt: skip
+            foot=(0, 0, 0.11),
+            normal=(0, 0, 1),
+            force=self.stiffness * e,
+            compression=e,
+            indentation=0.0,
+            compression_rate=0.0,
+            indentation_rate=0.0,
+        )
         force = controller.step(contact, None, pose, dt=T)
         self.torque = statics.step(force, pose)
         self.tick += 1
@@ -271,9 +276,14 @@ def test_the_closed_loop_presses_holds_and_releases_with_a_balanced_account():
 def test_a_wall_of_three_newtons_a_millimetre_needs_the_controller():
     def swing(passivity):
         device = Simulated(
-            begin=(0, 0, 0.111), path=[{"to": [0, 0, 0.1095], "time": 0.1}], mass=0.1, hand_damping=0.0,
-            hand_stiffness=300.0, damping=0.2, delay=1,
-        )  # fmt: skip
+            begin=(0, 0, 0.111),
+            path=[{"to": [0, 0, 0.1095], "time": 0.1}],
+            mass=0.1,
+            hand_damping=0.0,
+            hand_stiffness=300.0,
+            damping=0.2,
+            delay=1,
+        )
         loop = Loop(3000.0, device, Haptic(passivity=passivity, delay=1))
         z = np.array([loop.step()[1][2] for _ in range(2000)])
         return np.ptp(z[1000:1500]), np.ptp(z[1500:])
@@ -290,3 +300,25 @@ def test_the_closed_loop_survives_a_bad_day():
     assert np.all(np.isfinite(forces)) and np.linalg.norm(forces, axis=1).max() < 6.0
     assert np.abs(np.diff(forces[:, 2])).max() < 2.0  # no spike
     assert np.all(forces[-100:] == 0.0)
+
+
+def test_a_grip_dragged_along_an_even_way_is_the_solution_of_its_equation_of_motion():
+    """m x'' = -b x' + k (p - x) + c (p' - x') with p moving evenly, by a general solver for differential equations."""
+    mass, drag, k, c = 0.2, 3.0, 400.0, 2.0
+    begin, end, time = np.array(HOME) - (0, 0, 0.02), np.array(HOME) - (0.02, -0.01, 0.03), 0.2
+    way = ({"to": tuple(end.tolist()), "time": time, "shape": "linear"},)
+    hand = {"mass": mass, "damping": drag, "hand_stiffness": k, "hand_damping": c, "resolution": 0.0}
+    node = Simulated(begin=tuple(begin.tolist()), path=way, **hand)
+    bus = FakeBus(node)
+    bus.run(151)
+    speed = (end - begin) / time
+
+    def motion(t: float, y: np.ndarray) -> np.ndarray:
+        x, v = y[:3], y[3:]
+        return np.concatenate([v, (-drag * v + k * (begin + speed * t - x) + c * (speed - v)) / mass])
+
+    ran = node.state[2, 0]
+    found = solve_ivp(motion, (0.0, ran), np.concatenate([begin, np.zeros(3)]), rtol=1e-10, atol=1e-13).y[:, -1]
+    assert ran == pytest.approx(0.151, abs=1e-9)
+    assert np.abs(node.state[0] - found[:3]).max() < 1e-9
+    assert np.abs(node.state[1] - found[3:]).max() < 1e-7

@@ -110,6 +110,27 @@ def test_pressing_beyond_the_reach_is_bounded_and_flagged():
     assert inside[0].force < beyond[0].force <= 69 * 0.9 * 3.4e4 * 1.2e-3**2 * (1 + 1e-9)
 
 
+def test_pressing_deeper_than_the_pad_is_meshed_for_is_flagged_before_any_beam_is_at_its_limit():
+    """There the rim beams are missing: the force is finite, and smaller than that of a pad that has them."""
+    seen = [FakeBus(BundleContact(reach=reach)).publish(*[pose(3e-3)] * 3)[-1] for reach in (2e-3, 3e-3, 4e-3)]
+    assert [s[2].deeper for s in seen] == [True, False, False]
+    assert not any(s[2].clamped for s in seen)
+    assert 0 < seen[0][0].force < 0.95 * seen[1][0].force
+    assert seen[1][0].force == approx(seen[2][0].force, rel=0.05)
+
+
+def test_the_hand_lifts_the_finger_once_the_slide_has_ended():
+    poses = FakeBus(Slide(hold=0.2, distance=1e-3, lift=1e-3)).run(5000)
+    z = np.array([p.position[2] for p in poses])
+    time = np.arange(1, 5001) * 1e-3
+    assert 5e-3 - z == approx(
+        np.where(time < 1.2, np.minimum(4e-3 * time, 2e-3), np.maximum(3.2e-3 - 1e-3 * time, -1e-3))
+    )
+    still = FakeBus(Slide(hold=0.1, distance=0.0, lift=2e-3)).run(1700)
+    assert still[599].position[2] == approx(3e-3) and still[-1].position[2] == approx(5e-3 + 2e-4)
+    assert FakeBus(Slide(speed=0.0, lift=1e-3)).run(5000)[-1].position[2] == approx(3e-3)
+
+
 def test_duplicates_reordered_and_late_messages_do_no_harm():
     bus = FakeBus(BundleContact(**DOME))
     bus.publish(*[pose(1e-3, 1e-5 * k) for k in range(50)])

@@ -211,3 +211,8 @@ def test_the_help_names_every_model_and_law():
 def test_no_file_and_a_missing_file():
     assert "no file: give SESSIONS.csv, or --example" in refused()
     assert "nix.csv: cannot be read: No such file" in refused("nix.csv")
+
+
+def test_the_tables_of_a_narrow_terminal_keep_every_number(example):
+    result = CliRunner(env={"COLUMNS": "80"}).invoke(APP, [str(example), "--out", str(example.parent / "narrow.yaml")])
+    assert "…" not in result.stdout and max(map(len, result.stdout.splitlines())) <= 80

@@ -79,7 +79,8 @@ def test_an_effect_that_the_scene_lacks_is_left_out_with_the_reason(whole):
     assert [e.port for e in found.edges["spread"]] == ["contact"]
     assert [e.port for e in found.edges["control"]] == ["contact"]
     compared = planned(whole, "friction.when=tissue.cells > 20")
-    assert compared.skipped["friction"] == f"tissue.cells > 20 is false: tissue.cells is 12 ({whole}:3)"
+    reason = compared.skipped["friction"]  # the file's path is shown from where the command runs
+    assert reason.startswith("tissue.cells > 20 is false: tissue.cells is 12 (") and reason.endswith("whole.yaml:3)")
 
 
 def test_pruning_leaves_the_held_edges_as_they_are(whole):

@@ -10,6 +10,7 @@ import socket
 import subprocess
 import sys
 import threading
+import time
 from pathlib import Path
 
 import pytest
@@ -124,6 +125,15 @@ def test_a_group_that_joins_by_hand_sends_the_same_bytes(tmp_path, reference):
     assert streams(tmp_path / "run.mcap") == reference
 
 
+def test_a_logger_beside_nodes_hears_the_nodes_of_other_groups_too(tmp_path, reference):
+    place = tmp_path / "place.yaml"
+    place.write_text("a: [source, spring, log]\nb: [drag, spread, sum]\n")
+    outcome = go(tmp_path, place=place)
+    assert outcome.result.ok, outcome.result.deaths
+    assert streams(tmp_path / "run.mcap") == reference
+    assert Recording(tmp_path / "run.mcap").counts["sum"] == {"count": TICKS, "lost": 0}
+
+
 def test_a_slower_node_is_held_at_its_own_ticks(tmp_path):
     text = GRAPH.replace("nodes_for_runs.Drag,", "nodes_for_runs.Drag, every: 7,")
     results = []
@@ -206,7 +216,13 @@ def test_when_a_node_dies_the_torque_goes_to_none_within_20_ms(tmp_path):
 
 
 def test_ctrl_c_ends_all_streams_at_the_same_tick(tmp_path):
-    threading.Timer(1.2, lambda: os.kill(os.getpid(), signal.SIGINT)).start()
+    def interrupt() -> None:
+        record = tmp_path / "run.mcap"
+        while not record.is_file() or record.stat().st_size < 5000:
+            time.sleep(0.05)
+        os.kill(os.getpid(), signal.SIGINT)
+
+    threading.Thread(target=interrupt, daemon=True).start()
     outcome = go(tmp_path, ticks=0)
     assert outcome.result.interrupted and outcome.result.ok
     found = streams(tmp_path / "run.mcap")

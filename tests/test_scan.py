@@ -278,3 +278,11 @@ def test_the_command_tells_what_is_wrong(tmp_path):
     for options in (["--spacing", "1,2"], ["-o", "finger.txt"], ["--skin", "40"], ["-o", "nowhere/finger.npz"]):
         result = CliRunner().invoke(app(), [str(tmp_path), *options])
         assert result.exit_code == 2
+
+
+@pytest.mark.parametrize("name", ["scan", "scan.nii.gz"])
+def test_the_command_writes_images_to_try_that_it_can_read(tmp_path, name):
+    made = CliRunner().invoke(app(), ["--phantom", str(tmp_path / name), "--json"])
+    assert made.exit_code == 0 and len(read(tmp_path / name).volume) == 23
+    again = CliRunner().invoke(app(), ["--phantom", str(tmp_path / name)])
+    assert again.exit_code == 2 and "already" in again.stderr

@@ -1,14 +1,23 @@
-"""Pictures of the beam bundle fingertip, as the paper shows them: python docs/pictures/beam_bundle.py [folder]
+"""Run the sliding fingertip at several angles, directions and speeds, and draw what the paper shows of it.
 
+python docs/pictures/beam_bundle.py [folder]
+
+beam-bundle-run.png      press, hold, slide and lift as shipped: what `palpate run fingertip-slide` draws
 beam-bundle-normal.png   normal force on the pad at three angles
-beam-bundle-press.png    load, hold, unload at three speeds, with relaxation
+beam-bundle-press.png    load, hold, unload at four speeds, with relaxation
 beam-bundle-slide.png    friction over time: three angles, four directions, stick and slip
 beam-bundle-local.png    localized displacement over time, two directions
+
+Every curve is a run of the graph `fingertip-slide` with a few settings changed, as `--set` changes them.
 """
 
 from __future__ import annotations
 
+import shutil
 import sys
+import tempfile
+from functools import cache
+from itertools import count
 from pathlib import Path
 
 import matplotlib
@@ -17,146 +26,137 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 
-from palpate.physics.anatomy import Anatomy
-from palpate.physics.beam_bundle import Bundle, State, step
-from palpate.physics.fingertip import fill
+from palpate.launch.loading.launchfile import find
+from palpate.launch.recording.pictures import draw
+from palpate.launch.recording.pictures.slip import slides
+from palpate.launch.recording.pictures.touch import Touch
+from palpate.launch.recording.reader import Recording
+from palpate.launch.running.execute import execute
+from palpate.messages import Slip, Surface
 
-DEPTH, FRICTION, SPEED = 2e-3, 0.7, 2e-3
-DT = 2e-3
-TIP = Anatomy().fingertip()
-
-
-def bundle(angle: float, pitch: float = 1.2e-3) -> Bundle:
-    """The default anatomy at an angle [deg]."""
-    return fill(TIP, DEPTH, pitch, np.radians(angle))
+NUMBER = count()
+SCRATCH = tempfile.TemporaryDirectory(prefix="palpate-")
 
 
-def pressed(body: Bundle, hold: float = 1.0) -> State:
-    """Pressed in half a second and held."""
-    state = State(body)
-    for depth in np.linspace(0, DEPTH, round(0.5 / DT)):
-        step(body, state, depth, (0, 0), FRICTION, DT)
-    for _ in range(round(hold / DT)):
-        step(body, state, DEPTH, (0, 0), FRICTION, DT)
-    return state
+@cache
+def run(*sets: str, duration: float = 3.0) -> Touch:
+    """The recording of one run; `sets` are as behind --set, of the scene's finger."""
+    file = Path(SCRATCH.name) / f"{next(NUMBER)}.mcap"
+    overrides = [one if one.startswith("finger.") else f"scene.finger.{one}" for one in sets]
+    launch = find("fingertip-slide").but(place="fused", record=file, overrides=overrides, duration=duration)
+    outcome = execute(launch)
+    if not outcome.result.ok:
+        raise SystemExit("\n".join(map(str, outcome.result.deaths)))
+    return Touch(Recording(file))
 
 
-def slide(body: Bundle, direction: float, seconds: float = 1.6):
-    """Friction [N] along the slide, share of nodes that slip, normal force, and localized displacement by time."""
-    state = pressed(body)
-    way = SPEED * DT * np.array([np.cos(direction), np.sin(direction)])
-    rows, paths = [], []
-    for _ in range(round(seconds / DT)):
-        force = step(body, state, DEPTH, (way[0], way[1]), FRICTION, DT)
-        along = -(force[0] * np.cos(direction) + force[1] * np.sin(direction))
-        rows.append((along, state.summary[1] / state.summary[0], force[2]))
-        paths.append(state.path.copy())
-    return DT * np.arange(1, len(rows) + 1), np.array(rows), np.array(paths)
+def sliding(angle: float, direction: float = 90):
+    """Time since sliding began [s], friction and normal force [N], phases of one run."""
+    contact, friction, _, at = slides(run(f"angle='{angle} deg'", f"direction='{direction} deg'"))
+    time = contact["time"] - contact["time"][at.begin]
+    return time, np.linalg.norm(friction["force"], axis=1), contact["force"], at
 
 
-def dots(axes, body: Bundle, values, **more):
-    """The pad's nodes coloured by a value."""
-    found = axes.scatter(body.points[:, 0] * 1e3, body.points[:, 1] * 1e3, c=values, s=95, marker="s", **more)
-    axes.set(aspect="equal", xlabel="across x [mm]", facecolor="0.93")
-    return found
+def as_shipped(path: Path) -> None:
+    """The picture that a run ends with."""
+    touch = run(duration=5.0)
+    made = {file.stem: file for file in draw(touch.recording.path, Path(SCRATCH.name))}
+    shutil.copyfile(made["slip"], path)
 
 
 def normal_force(path: Path) -> None:
-    """Where the pad carries how much."""
+    """Where the pad carries how much, held for a second."""
     figure, all_axes = plt.subplots(1, 3, figsize=(12, 4.6), layout="constrained", sharey=True, sharex=True)
-    largest = 0.0
     found = []
     for angle in (20, 40, 60):
-        body = bundle(angle)
-        state = pressed(body)
-        largest = max(largest, state.normal.max())
-        found.append((angle, body, state))
-    for axes, (angle, body, state) in zip(all_axes, found, strict=True):
-        shown = dots(axes, body, state.normal * 1e3, cmap="inferno", vmin=0, vmax=largest * 1e3)
-        centre = (body.points * state.normal[:, None]).sum(axis=0) / state.normal.sum() * 1e3
-        axes.plot(*centre, "w+", markersize=12, markeredgewidth=2)
-        axes.set_title(f"{angle}°: {state.normal.sum():.2f} N on {len(body.heights)} beams")
+        touch = run(f"angle='{angle} deg'", "direction='90 deg'")
+        tick = 1499
+        slip, surface = touch.at(Slip, [tick])[tick], touch.at(Surface, [tick])[tick]
+        cell = touch.contact["force"][tick] / surface.pressure.sum()
+        found.append((angle, slip.points[surface.nodes] * 1e3, surface.pressure * cell * 1e3))
+    largest = max(force.max() for _, _, force in found)
+    for axes, (angle, (x, y), force) in zip(all_axes, ((a, p.T, f) for a, p, f in found), strict=True):
+        shown = axes.scatter(x, y, c=force, s=95, marker="s", cmap="inferno", vmin=0, vmax=largest)
+        axes.plot((x * force).sum() / force.sum(), (y * force).sum() / force.sum(), "w+", ms=12, mew=2)
+        axes.set(aspect="equal", xlabel="across x [mm]", facecolor="0.93")
+        axes.set_title(f"{angle}°: {force.sum() * 1e-3:.2f} N on {len(force)} beams")
     all_axes[0].set_ylabel("tip ← along y [mm] → hand")
     figure.colorbar(shown, ax=all_axes, label="normal force of a beam [mN]")
     figure.suptitle("Normal force at 2 mm, held 1 s (+ centre of pressure)")
-    figure.savefig(path, dpi=110)
-    plt.close(figure)
+    save(figure, path)
 
 
 def press(path: Path) -> None:
-    """Load, hold, unload."""
-    body = bundle(20)
+    """Load, hold 4 s, unload, at the same speed in and out."""
     figure, axes = plt.subplots(figsize=(8, 4.5), layout="constrained")
-    for speed in (0.25e-3, 0.5e-3, 1e-3, 2e-3):
-        ramp = np.linspace(0, DEPTH, round(DEPTH / speed / DT) + 1)[1:]
-        depth = np.concatenate([ramp, np.full(round(4 / DT), DEPTH), ramp[::-1], np.zeros(round(0.5 / DT))])
-        state = State(body)
-        force = [step(body, state, d, (0, 0), FRICTION, DT)[2] for d in depth]
-        axes.plot(DT * np.arange(1, len(force) + 1), force, label=f"{speed * 1e3:g} mm/s")
-    axes.set(
-        xlabel="time [s]", ylabel="normal force [N]", title="Load, hold 4 s, unload at 20°, depth 2 mm", ylim=(0, None)
-    )
+    for speed in (0.25, 0.5, 1.0, 2.0):
+        motion = f"press='{speed} mm/s'", f"lift='{speed} mm/s'", "hold='4 s'", "distance=0"
+        contact = run(*motion, duration=4.5 + 4 / speed).contact
+        axes.plot(contact["time"], contact["force"], label=f"{speed:g} mm/s")
+    axes.set(xlabel="time [s]", ylabel="normal force [N]", title="Load, hold 4 s, unload at 20°, depth 2 mm")
+    axes.set_ylim(bottom=0)
     axes.legend(title="loading and unloading")
-    figure.savefig(path, dpi=110)
-    plt.close(figure)
+    save(figure, path)
 
 
 def friction(path: Path) -> None:
     """Friction over time."""
     figure, (left, right) = plt.subplots(1, 2, figsize=(13, 4.8), layout="constrained")
     for angle, colour in ((20, "C0"), (40, "C1"), (60, "C2")):
-        time, rows, _ = slide(bundle(angle), np.pi / 2)
-        left.plot(time, rows[:, 0], colour, label=f"{angle}°")
-        all_slip = np.argmax(rows[:, 1] == 1)
-        first = np.argmax(rows[:, 1] >= 0.1)
-        left.plot(time[first], rows[first, 0], colour, marker="o", fillstyle="none")
-        left.plot(time[all_slip], rows[all_slip, 0], colour, marker="o")
-    left.plot([], [], "ko", fillstyle="none", label="a tenth of the nodes slips")
-    left.plot([], [], "ko", label="every node slips")
+        time, force, _, at = sliding(angle)
+        left.plot(time, force, colour, label=f"{angle}°")
+        left.plot(time[at.warned], force[at.warned], colour, marker="o", fillstyle="none")
+        left.plot(time[at.gross], force[at.gross], colour, marker="o")
+    left.plot([], [], "ko", fillstyle="none", label="warning: a tenth of the nodes slides")
+    left.plot([], [], "ko", label="every node slides")
     left.set(title="Three angles, drawn back", xlabel="time since sliding began [s]", ylabel="friction [N]")
-    left.legend()
-    body = bundle(40)
-    for name, direction in (("X+", 0), ("X−", np.pi), ("Y+ (back)", np.pi / 2), ("Y− (on)", -np.pi / 2)):
-        time, rows, _ = slide(body, direction)
-        right.plot(time, rows[:, 0], label=name, linestyle="--" if "−" in name else "-", linewidth=2)
-    right.plot(time, FRICTION * rows[:, 2], "k:", label="μ times normal force")
+    for name, direction in (("X+", 0), ("X−", 180), ("Y+ (back)", 90), ("Y− (on)", -90)):
+        time, force, normal, _ = sliding(40, direction)
+        right.plot(time, force, label=name, linestyle="--" if "−" in name else "-", linewidth=2)
+    right.plot(time, 0.7 * normal, "k:", label="0.7 × normal force")
     right.set(title="Four directions at 40°", xlabel="time since sliding began [s]", ylabel="friction [N]")
-    right.legend()
-    figure.savefig(path, dpi=110)
-    plt.close(figure)
+    for axes in (left, right):
+        axes.set(xlim=(-0.1, 1.4), ylim=(0, 0.4))
+        axes.legend(loc="lower right")
+    save(figure, path)
 
 
 def localized(path: Path) -> None:
-    """How slip eats into the contact."""
+    """How slip eats into the contact, on a finer grid."""
     moments = (0.1, 0.25, 0.4, 0.55, 0.7, 0.85)
     figure, grid = plt.subplots(2, len(moments), figsize=(16, 5.4), layout="constrained", sharex=True, sharey=True)
-    body = fill(TIP, DEPTH, 0.6e-3, np.radians(40))
-    for line, (name, direction) in zip(grid, (("back (Y+)", np.pi / 2), ("across (X+)", 0.0)), strict=True):
-        _, rows, paths = slide(body, direction, moments[-1] + DT)
-        for axes, moment in zip(line, moments, strict=True):
-            k = round(moment / DT) - 1
-            path_mm = paths[k] * 1e3
-            stuck = path_mm == 0
-            # Lone nodes of the rim, which no triangle holds, run ahead of the skin: the scale leaves them out.
-            most = np.percentile(path_mm[~stuck], 90)
-            shown = axes.scatter(body.points[~stuck, 0] * 1e3, body.points[~stuck, 1] * 1e3, c=path_mm[~stuck], s=22,
-                                 marker="s", cmap="turbo", vmin=0, vmax=most)  # fmt: skip
-            axes.scatter(body.points[stuck, 0] * 1e3, body.points[stuck, 1] * 1e3, c="0.8", s=22, marker="s")
+    for line, (name, direction) in zip(grid, (("back (Y+)", 90), ("across (X+)", 0)), strict=True):
+        touch = run("angle='40 deg'", f"direction='{direction} deg'", "finger.pitch='0.6 mm'", duration=2.5)
+        slips = touch.at(Slip, [1500 + round(1e3 * moment) for moment in moments])
+        for axes, moment, slip in zip(line, moments, slips.values(), strict=True):
+            touching = slip.state > 0
+            (x, y), way = slip.points[touching].T * 1e3, slip.path[touching] * 1e3
+            stuck = way == 0
+            # Lightly pressed nodes of the rim, which the skin hardly holds, run ahead: the scale leaves them out.
+            most = np.percentile(way[~stuck], 90)
+            shown = axes.scatter(x[~stuck], y[~stuck], c=way[~stuck], s=22, marker="s", cmap="turbo", vmin=0, vmax=most)
+            axes.scatter(x[stuck], y[stuck], c="0.8", s=22, marker="s")
             figure.colorbar(shown, ax=axes, location="bottom", shrink=0.8)
-            axes.set(aspect="equal", title=f"{moment:g} s, {rows[k, 1] * 100:.0f} % slip")
+            axes.set(aspect="equal", title=f"{moment:g} s, {slip.fraction * 100:.0f} % slides")
         line[0].set_ylabel(f"{name}, y [mm]")
     for axes in grid[1]:
         axes.set_xlabel("x [mm]")
     figure.suptitle("Localized displacement [mm] (grey: has not slipped; a colour scale to each map)")
+    save(figure, path)
+
+
+def save(figure, path: Path) -> None:
     figure.savefig(path, dpi=100)
     plt.close(figure)
 
 
 def main(folder: Path) -> None:
-    """Draw all four."""
+    """Draw all."""
     folder.mkdir(parents=True, exist_ok=True)
-    for name, draw in (("normal", normal_force), ("press", press), ("slide", friction), ("local", localized)):
-        draw(folder / f"beam-bundle-{name}.png")
+    pictures = {"run": as_shipped, "normal": normal_force, "press": press, "slide": friction, "local": localized}
+    for name, make in pictures.items():
+        make(folder / f"beam-bundle-{name}.png")
+        print(folder / f"beam-bundle-{name}.png")
 
 
 if __name__ == "__main__":

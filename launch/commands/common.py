@@ -56,6 +56,8 @@ def chosen(
     from palpate.launch.loading.placement import FUSED
 
     scene_file = None if scene is None else find_file(scene, SCENES, what="scene")
+    if fused and place not in (None, FUSED):
+        raise typer.BadParameter(f"--fused puts everything in one process, --place {place} says otherwise: take one")
     place_file: Path | str | None = None
     if fused or place == FUSED:
         place_file = FUSED
@@ -99,9 +101,17 @@ class Verbs(TyperGroup):
             text = str(error) or "no more is known"
             if ctx.find_root().meta.get("palpate.json"):
                 tell({"ok": False, "error": type(error).__name__, "text": text})
+            elif _is_told(error):
+                _complain(text, "")
             else:
                 _complain(f"{type(error).__name__}: {text}", "`palpate --debug ...` shows the traceback.")
             raise typer.Exit(_code(error)) from None
+
+
+def _is_told(error: Exception) -> bool:
+    """Whether the text of an error says all that a user needs."""
+    told = (("palpate.launch.recording.reader", "RecordingError"), ("palpate.launch.running.watch", "NoRun"))
+    return any(module in sys.modules and isinstance(error, getattr(sys.modules[module], name)) for module, name in told)
 
 
 def _code(error: Exception) -> int:
@@ -116,4 +126,5 @@ def _complain(text: str, hint: str) -> None:
 
     out = console(stderr=True, soft_wrap=True)
     out.print(Text(text, style="red"))
-    out.print(Text(hint, style="dim"))
+    if hint:
+        out.print(Text(hint, style="dim"))

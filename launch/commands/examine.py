@@ -114,12 +114,12 @@ def _fifo() -> Finding:
     """Whether this process may take real-time priority; it is given back at once."""
     policy, given = os.sched_getscheduler(0), os.sched_getparam(0)
     try:
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))
+        os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(1))
     except PermissionError:
         cure = "Add `@realtime - rtprio 99` to /etc/security/limits.conf and yourself to that group; log in again."
-        return Finding("SCHED_FIFO", "note", "not permitted: ticks may be late under load", cure)
+        return Finding("SCHED_RR", "note", "not permitted: ticks may be late under load", cure)
     os.sched_setscheduler(0, policy, given)
-    return Finding("SCHED_FIFO", "ok", "permitted")
+    return Finding("SCHED_RR", "ok", "permitted")
 
 
 def _memory() -> Finding:

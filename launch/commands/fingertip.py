@@ -21,7 +21,9 @@ class Side(StrEnum):
 
 
 def fingertip(
-    scan: Annotated[Path, typer.Argument(help="DICOM folder, .nii(.gz), or folder of numbered .png or .tif.")],
+    scan: Annotated[
+        Path | None, typer.Argument(help="DICOM folder, .nii(.gz), or folder of numbered .png or .tif.")
+    ] = None,
     output: Annotated[Path, typer.Option("--output", "-o", help="File to write.")] = Path("finger.npz"),
     spacing: Annotated[str, typer.Option(help="Slice,row,column spacing in mm, such as 1.2,0.23,0.23.")] = "",
     skin: Annotated[
@@ -29,6 +31,9 @@ def fingertip(
     ] = None,
     dorsal: Annotated[Side, typer.Option(help="Where the nail is in the images.")] = Side.auto,
     picture: Annotated[Path | None, typer.Option(help="Picture of the result; by default beside the output.")] = None,
+    phantom: Annotated[
+        Path | None, typer.Option(help="Write images of a made-up finger to try, and end: a new folder, or .nii.gz.")
+    ] = None,
     as_json: Json = False,
 ) -> None:
     """Read images of a finger, find skin, tissue and bone, and write the fingertip with a picture of it."""
@@ -38,6 +43,11 @@ def fingertip(
         from palpate.scan.picture import draw
     except ImportError as error:
         raise typer.BadParameter(f"{error.name} is not installed. {install('scan')}") from None
+    if phantom is not None:
+        _phantom(phantom, as_json)
+        return
+    if scan is None:
+        raise typer.BadParameter("no images: give SCAN, or --phantom FOLDER to write some to try")
     if output.suffix != ".npz":
         raise typer.BadParameter(f"found {output}, expected a name that ends in .npz", param_hint="--output")
     if skin is not None and not 0.1 <= skin <= 4:
@@ -69,6 +79,23 @@ def fingertip(
         tell(found)
         return
     _table(found)
+
+
+def _phantom(path: Path, as_json: bool) -> None:
+    """Images of the default anatomy, with noise: a DICOM series in a new folder, or a NIfTI file."""
+    from palpate.scan.phantom import scan, write_dicom, write_nifti
+
+    file = path.name.endswith((".nii", ".nii.gz"))
+    if path.exists():
+        raise typer.BadParameter(f"{path} is there already; give a new name", param_hint="--phantom")
+    try:
+        (write_nifti if file else write_dicom)(scan(), path)
+    except OSError as error:
+        raise typer.BadParameter(f"{path}: {error.strerror or error}", param_hint="--phantom") from None
+    if as_json:
+        tell({"ok": True, "phantom": str(path)})
+    else:
+        typer.echo(f"Wrote images of a made-up finger to {path}; read them with `palpate fingertip {path}`.")
 
 
 def _spacing(text: str) -> tuple[float, float, float] | None:

@@ -33,10 +33,14 @@ def run(
     place: PlaceOption = None,
     fused: Fused = False,
     clock: Annotated[str | None, typer.Option(help="simulated or real.")] = None,
-    duration: Annotated[float | None, typer.Option(help="[s] of the graph's clock.", min=0.0)] = None,
-    pace: Annotated[float | None, typer.Option(help="Simulated time at this multiple of real time.", min=0.0)] = None,
+    duration: Annotated[float | None, typer.Option(help="[s] of the graph's clock.", min=1e-9, max=1e9)] = None,
+    pace: Annotated[
+        float | None, typer.Option(help="Simulated time at this multiple of real time.", min=1e-3, max=1e6)
+    ] = None,
     record: Annotated[Path | None, typer.Option(help="File of the recording.")] = None,
     no_record: Annotated[bool, typer.Option("--no-record", help="Record nothing.")] = False,
+    leave_out: Annotated[list[str] | None, typer.Option("--leave-out", help="Stream not to record.")] = None,
+    thin: Annotated[list[str] | None, typer.Option(help="STREAM=N: record each N-th message only.")] = None,
     out: Annotated[Path | None, typer.Option(help="Folder of recording and pictures.")] = None,
     pictures: Annotated[bool, typer.Option(help="Draw the pictures of the run at its end.")] = True,
     patience: Annotated[float, typer.Option(help="[s] after which a silent node counts as hung.", min=0.1)] = 5.0,
@@ -44,7 +48,10 @@ def run(
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No live view.")] = False,
     as_json: Json = False,
 ) -> None:
-    """Run a graph: live view, recording, summary, pictures. Ctrl-C ends it in order. Exit code 1 when a node failed."""
+    """Run a graph: live view, recording, summary, pictures.
+
+    Ctrl-C or SIGTERM ends it in order. Exit code 1 when a node failed.
+    """
     from palpate.launch.running.nursery import Nursery
 
     nursery = None if fused and clock != "real" else Nursery()  # it imports while the graph is read
@@ -52,7 +59,7 @@ def run(
         launch = chosen(graph, sets, scene, place, fused)
         if clock not in (None, "simulated", "real"):
             raise typer.BadParameter(f"clock: found {clock!r}, expected simulated or real")
-        launch = launch.but(clock=clock, duration=duration or None, pace=pace or None)
+        launch = launch.but(clock=clock, duration=duration, pace=pace)
         name = (launch.path or launch.graph).stem
         folder = out or Path("runs") / f"{name}-{datetime.datetime.now():%Y%m%d-%H%M%S}"
         keep = not no_record and (record is not None or out is not None or launch.record is not None)
@@ -62,7 +69,10 @@ def run(
         from palpate.launch.running.execute import execute
 
         view = None if quiet or as_json else console()
-        outcome = execute(launch, console=view, nursery=nursery, patience=patience, address=address)
+        outcome = execute(
+            launch, console=view, nursery=nursery, patience=patience, address=address,
+            leave_out=leave_out or (), thin=_thin(thin or []),
+        )  # fmt: skip
     finally:
         if nursery is not None:
             nursery.close()
@@ -73,6 +83,16 @@ def run(
         _summary(outcome, name, drawn)
     if not outcome.result.ok:
         raise typer.Exit(TROUBLE)
+
+
+def _thin(given: list[str]) -> dict[str, int]:
+    found = {}
+    for text in given:
+        stream, _, number = text.partition("=")
+        if not number.isdigit() or int(number) < 1:
+            raise typer.BadParameter(f"--thin: found {text!r}, expected STREAM=N with N from 1")
+        found[stream] = int(number)
+    return found
 
 
 def _pictures(outcome: Outcome, folder: Path, silent: bool) -> list[Path]:
@@ -92,7 +112,7 @@ def _summary(outcome: Outcome, name: str, drawn: list[Path]) -> None:
     from rich.markup import escape
     from rich.text import Text
 
-    from palpate.launch.running.screen import table
+    from palpate.launch.running.screen import table, tell
 
     out, result = console(), outcome.result
     seconds = result.ticks / outcome.plan.graph.rate
@@ -107,14 +127,12 @@ def _summary(outcome: Outcome, name: str, drawn: list[Path]) -> None:
         out.print(Text(f"skipped {node}: {reason}", style="dim"))
     for note in result.notes:
         out.print(Text(note, style="yellow"))
-    if outcome.recording is not None and outcome.recording.is_file():
+    if outcome.recording is not None and outcome.recording.is_file() and result.ticks:
         out.print(Text(f"recording {outcome.recording} ({outcome.recording.stat().st_size / 1e6:.1f} MB)"))
     for picture in drawn:
         out.print(Text(f"picture   {picture}"))
     for death in result.deaths:
-        out.print(Text(str(death), style="red"))
-        if death.trace:
-            out.print(Text(death.trace.rstrip(), style="dim"))
+        tell(death, console(stderr=True, soft_wrap=True))
 
 
 def _data(outcome: Outcome) -> dict[str, Any]:

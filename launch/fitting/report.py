@@ -41,22 +41,16 @@ def model_tables(found: list[Chosen]) -> Iterator[Table]:
     if all(c.choice.spread for c in found):
         yield _rmse("RMSE of the standard deviation, training sessions [mN]", found, lambda c, m: c.spread[m][0])
         yield _rmse("RMSE of the standard deviation, all sessions [mN]", found, lambda c, m: c.spread[m][1])
-    table = _parameters("Chosen models, fitted to all kept sessions")
     for subject, _, _, choice in found:
-        _rows(table, subject.name, "force", choice.mean)
-        if choice.deviation is None:
-            table.add_row(escape(subject.name), "deviation", "none: the sessions do not scatter", *[""] * 5)
-        else:
-            _rows(table, subject.name, "deviation", choice.deviation)
-    yield table
+        yield _parameters(f"Subject {subject.name}, force, all kept sessions: ", choice.mean)
+        if choice.deviation is not None:
+            yield _parameters(f"Subject {subject.name}, standard deviation: ", choice.deviation)
 
 
 def law_tables(found: list[Fitted]) -> Iterator[Table]:
     """Parameters of a contact law for each subject."""
-    table = _parameters("Contact law")
     for subject, fit, _ in found:
-        _rows(table, subject.name, "force", fit)
-    yield table
+        yield _parameters(f"Subject {subject.name}: ", fit)
 
 
 def _rmse(title: str, found: list[Chosen], value: Callable[[Choice, str], float]) -> Table:
@@ -73,31 +67,23 @@ def _rmse(title: str, found: list[Chosen], value: Callable[[Choice, str], float]
     return table
 
 
-def _parameters(title: str) -> Table:
-    table = Table(title=escape(title), title_justify="left")
-    for column in ("subject", "of", "model"):
-        table.add_column(column)
+def _parameters(title: str, fit: Fit) -> Table:
+    """Parameters of one fit; its model in the title."""
+    model = f"{fit.model.name}, {fit.model.formula}; RMSE {fit.rmse * 1e3:.3g} mN"
+    table = Table(title=escape(title + model), title_justify="left", min_width=78)
     table.add_column("parameter")
     for column in ("value", "std. error", "95 % interval"):
         table.add_column(column, justify="right")
-    table.add_column("RMSE", justify="right")
-    return table
-
-
-def _rows(table: Table, subject: str, of: str, fit: Fit) -> None:
-    first = [escape(subject), of, f"{fit.model.name}: {fit.model.formula}"]
     for name, unit, value, error, (low, high) in _listed(fit):
         known = math.isfinite(error)
         limit = "  at the end of its range" if name in fit.at_limit else ""
         table.add_row(
-            *first,
             escape(f"{name} [{unit}]"),
             f"{value:.5g}",
             f"{error:.2g}" if known else "-",
             (f"{low:.5g} .. {high:.5g}" if known else "not determined") + limit,
-            f"{fit.rmse * 1e3:.3g} mN" if first[0] else "",
         )
-        first = ["", "", ""]
+    return table
 
 
 def _listed(fit: Fit) -> list[tuple[str, str, float, float, tuple[float, float]]]:
@@ -122,6 +108,8 @@ def choice_notes(found: list[Chosen]) -> list[str]:
     for subject, _, _, choice in found:
         low, high = _dropped(subject, choice).values()
         test = choice.force[choice.mean.model.name][2]
+        if choice.deviation is None:
+            notes.append(f"Subject {subject.name}: the sessions do not scatter, so there is no standard deviation.")
         notes.append(
             f"Subject {subject.name}: dropped session {low} (smallest sum of force) and {high} (largest); test error"
             f" {test * 1e3:.1f} mN, {100 * choice.test_share:.1f} % of the mean force."

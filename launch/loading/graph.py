@@ -71,13 +71,15 @@ class NodeSpec:
 
 @dataclass
 class Graph:
-    """A checked graph. `rate` [Hz]; `wanted` are streams that must be computed, None where nothing is said."""
+    """A checked graph. `rate` [Hz]; `wanted` are streams that must be computed, None where nothing is said; `source`
+    is what the graph's file says beside the scene, with all that was set from outside."""
 
     path: Path
     rate: float
     scene: dict[str, Any]
     nodes: dict[str, NodeSpec]
     wanted: tuple[str, ...] | None = None
+    source: dict[str, Any] = field(default_factory=dict)
 
     @property
     def streams(self) -> dict[str, type[Message]]:
@@ -111,9 +113,20 @@ def load(
 
     GraphError: whatever is wrong, all at once.
     """
-    faults = Faults()
     file = find_file(str(path), GRAPHS, what="graph")
-    source = read_extended(file, GRAPHS)
+    return load_source(read_extended(file, GRAPHS), file, overrides=overrides, scene=scene, wanted=wanted)
+
+
+def load_source(
+    source: Source,
+    file: Path,
+    *,
+    overrides: Sequence[str | Override] = (),
+    scene: str | Path | Mapping[str, Any] | None = None,
+    wanted: Sequence[str] | None = None,
+) -> Graph:
+    """The same from a graph that has been read already; `file` is what it is called."""
+    faults = Faults()
     scene_source = read_scene(scene, source, faults)
     changes = _overrides(overrides, faults)
     apply(changes, source, scene_source, faults)
@@ -144,7 +157,8 @@ def load(
     else:
         holder = source if scene_source.data.get("wanted") is None else scene_source
     found_wanted = _wanted(holder, kinds, unclear, faults)
-    graph = Graph(file, rate, world.data, nodes, found_wanted)
+    said = {key: value for key, value in source.data.items() if key != "scene"}
+    graph = Graph(file, rate, world.data, nodes, found_wanted, said)
     faults.found.extend(missing_senders(graph))
     faults.done()
     return graph

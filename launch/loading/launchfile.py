@@ -10,7 +10,6 @@ set: {tissue.stiffness: 2e3, rate: 500}
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -121,7 +120,7 @@ def _read(path: Path) -> LaunchFile:
         clock=clock,
         duration=_positive("duration", "s", source, faults),
         record=None if record is None else Path(record),
-        pace=_positive("pace", "1", source, faults),
+        pace=_positive("pace", "1", source, faults, least=1e-3, most=1e6),
         wanted=None if wanted is None else tuple(wanted),
         overrides=_overrides(source, faults),
     )
@@ -139,14 +138,16 @@ def _file(key: str, source: Source, folder: Path, path: Path, faults: Faults) ->
     return faults.keep(find_file, given, folder, path.parent, source.place(key), key)
 
 
-def _positive(key: str, unit: str, source: Source, faults: Faults) -> float | None:
+def _positive(
+    key: str, unit: str, source: Source, faults: Faults, least: float = 1e-9, most: float = 1e9
+) -> float | None:
     given = source.data.get(key)
     if given is None:
         return None
     try:
         value = convert(given, unit) if isinstance(given, str) else given
-        if isinstance(value, bool) or not isinstance(value, int | float) or not (0 < value < math.inf):
-            raise UnitError(f"found {given!r}; expected a number above 0")
+        if isinstance(value, bool) or not isinstance(value, int | float) or not (least <= value <= most):
+            raise UnitError(f"found {given!r}; expected a number above 0, from {least:g} to {most:g}")
         return float(value)
     except UnitError as error:
         faults.add(f"{key} [{unit}]: {error}", "", source.place(key))

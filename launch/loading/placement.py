@@ -28,7 +28,7 @@ class Group:
 
     nodes     names, in the plan's order, observers last
     core      CPU cores that the process may use, None: any
-    priority  of SCHED_FIFO, 1 to 99, None: ordinary scheduling
+    priority  of SCHED_RR, 1 to 99, None: ordinary scheduling
     host      name or address of the machine, with or without a port; None: this one, no network
     join      started by hand with `palpate join`, as a group on another machine always is
     """

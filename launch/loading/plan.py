@@ -12,7 +12,7 @@ from typing import Any
 
 from palpate.launch.loading.classes import body
 from palpate.launch.loading.demand import missing_senders, running_nodes, skipped_nodes
-from palpate.launch.loading.faults import Fault, GraphError, Place
+from palpate.launch.loading.faults import Fault, GraphError, Place, short
 from palpate.launch.loading.graph import Graph, NodeSpec
 from palpate.launch.loading.load import full_name, load_class
 from palpate.launch.loading.wiring import Edge
@@ -53,9 +53,10 @@ class Plan:
         """The plan as data that JSON can hold."""
         graph = self.graph
         return {
-            "path": str(graph.path),
+            "path": short(str(graph.path)),
             "rate": graph.rate,
             "scene": graph.scene,
+            "source": graph.source,
             "streams": None if graph.wanted is None else list(graph.wanted),
             "nodes": [_node_spec(node) for node in graph.nodes.values()],
             "order": self.order,
@@ -78,7 +79,7 @@ class Plan:
         if faults:
             raise GraphError(faults)
         wanted = None if spec["streams"] is None else tuple(spec["streams"])
-        graph = Graph(Path(spec["path"]), spec["rate"], spec["scene"], nodes, wanted)
+        graph = Graph(Path(spec["path"]), spec["rate"], spec["scene"], nodes, wanted, spec.get("source", {}))
         return cls(
             graph,
             list(spec["order"]),
@@ -149,7 +150,7 @@ def _node_spec(node: NodeSpec) -> dict[str, Any]:
         "off": node.off,
         "edges": _edge_specs(node.edges),
         "listen": None if node.listen is None else list(node.listen),
-        "place": [node.place.file, node.place.line, node.place.column],
+        "place": [short(node.place.file), node.place.line, node.place.column],
     }
 
 

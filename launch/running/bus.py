@@ -16,6 +16,8 @@ from collections import deque
 import zmq
 
 CONTROL = b"~"
+HEALTH = "!health"
+"""Stream of each outlet for observers on which its worker tells how the nodes are doing."""
 HIGH_WATER = 20_000  # frames held for a slow reader
 LINGER = 2_000  # [ms] that a closing socket goes on delivering
 

@@ -43,7 +43,8 @@ def real_time(core: tuple[int, ...] | None, priority: int | None) -> list[str]:
     be woken on another core.
 
     core      the cores that it may run on, None: leave it
-    priority  of the FIFO scheduler, 1 to 99, None: leave it. Without pinning it does more harm than good.
+    priority  of the round-robin real-time scheduler, 1 to 99, None: leave it. A node that computes without end then
+              shares the core with its equals. Without pinning it does more harm than good.
 
     Returns what was refused, a line each.
     """
@@ -58,9 +59,9 @@ def real_time(core: tuple[int, ...] | None, priority: int | None) -> list[str]:
                 refused.append(f"core {','.join(map(str, core))}: {error.strerror}")
         if priority is not None:
             try:
-                os.sched_setscheduler(thread, os.SCHED_FIFO, os.sched_param(priority))
+                os.sched_setscheduler(thread, os.SCHED_RR, os.sched_param(priority))
             except OSError:
-                refused.append("SCHED_FIFO: not permitted (needs CAP_SYS_NICE, or an rtprio line in limits.conf)")
+                refused.append("SCHED_RR: not permitted (needs CAP_SYS_NICE, or an rtprio line in limits.conf)")
     if priority is not None and libc.mlockall(_MCL_CURRENT | _MCL_FUTURE) != 0:
         refused.append("locked memory: not permitted (needs CAP_IPC_LOCK, or a memlock line in limits.conf)")
     return sorted(set(refused))

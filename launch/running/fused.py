@@ -2,72 +2,81 @@
 
 from __future__ import annotations
 
-import signal
+import faulthandler
+import sys
 import time
 import traceback
 from collections.abc import Callable
 
 from palpate.launch.running.clock import now
+from palpate.launch.running.interrupts import interrupts
 from palpate.launch.running.job import Job
 from palpate.launch.running.result import Death, Result
 from palpate.launch.running.slot import NodeFault
+from palpate.launch.running.watchdog import START_PATIENCE, watched
 from palpate.launch.running.worker import Worker
 
 
-def run_fused(job: Job, show: Callable[[Result], None] = lambda _: None) -> Result:
+def run_fused(job: Job, show: Callable[[Result], None] = lambda _: None, patience: float | None = None) -> Result:
     """Run a job whose nodes and observers are all in it.
 
-    show  called about five times a second with what is known so far
+    show      called about five times a second with what is known so far
+    patience  [s] that a node's call may take before it counts as hung; None: for ever, for a debugger
 
-    A node's fault ends the run and is in the result; Ctrl-C ends it at the end of the tick.
+    A node's fault ends the run and is in the result. Ctrl-C or SIGTERM ends it at the end of the tick, a second one
+    at once.
     """
     result = Result()
     begun = time.monotonic()
+    worker: Worker | None = None
 
     def report(what: dict) -> None:
         if what["kind"] == "health":
             result.health.update(what["nodes"])
             show(result)
+        elif what["kind"] == "note":
+            result.notes.append(what["text"])
 
-    worker = None
-    before = None
-    try:
-        worker = Worker(job, None, report)
-        worker.start()
-
-        def interrupted(*_: object) -> None:
+    def interrupted() -> None:
+        if result.interrupted or not result.start:
             result.interrupted = True
-            assert worker is not None
-            worker.stopping = True
+            raise KeyboardInterrupt
+        result.interrupted = True
+        assert worker is not None
+        worker.stopping = True
 
-        before = _on_interrupt(interrupted)
-        started = time.monotonic()
-        result.start = started - begun
-        result.origin = started
+    if sys.__stderr__ is not None and not faulthandler.is_enabled():
+        faulthandler.enable(file=sys.__stderr__, all_threads=False)  # a crash in compiled code tells where
+    with interrupts(interrupted):
         try:
-            worker.run(now())
-        finally:
-            result.wall = time.monotonic() - started
-            worker.stop()
-    except NodeFault as fault:
-        result.deaths.append(death(fault))
-        if worker is not None:
-            try:
-                worker.stop()
-            except NodeFault as second:
-                result.deaths.append(death(second))
-    finally:
-        if before is not None:
-            signal.signal(signal.SIGINT, before)
+            worker = Worker(job, None, report)
+            with watched(None if patience is None else START_PATIENCE):
+                worker.start()
+            started = time.monotonic()
+            result.start = started - begun
+            result.origin = started
+            with watched(patience):
+                try:
+                    worker.run(now())
+                finally:
+                    result.wall = time.monotonic() - started
+                    worker.stop()
+        except (NodeFault, KeyboardInterrupt) as error:
+            _note(result, error)
+            if worker is not None:
+                try:
+                    worker.stop()
+                except NodeFault as second:
+                    _note(result, second)
     result.ticks = worker.tick + 1 if worker is not None else 0
     return result
 
 
-def _on_interrupt(handler):
-    try:
-        return signal.signal(signal.SIGINT, handler)
-    except ValueError:  # not in the main thread: the caller's affair
-        return None
+def _note(result: Result, error: NodeFault | KeyboardInterrupt) -> None:
+    """A second Ctrl-C shows up as an error of the node that was running; it is nobody's fault."""
+    cause = error.cause if isinstance(error, NodeFault) else error
+    if isinstance(error, NodeFault) and not (result.interrupted and isinstance(cause, KeyboardInterrupt)):
+        result.deaths.append(death(error))
 
 
 def death(fault: NodeFault) -> Death:
@@ -75,5 +84,5 @@ def death(fault: NodeFault) -> Death:
     cause = fault.cause
     if isinstance(cause, BaseException):
         trace = "".join(traceback.format_exception(cause))
-        return Death(fault.node, fault.where, f"{type(cause).__name__}: {cause}", trace)
+        return Death(fault.node, fault.where, f"{type(cause).__name__}: {cause}".removesuffix(": "), trace)
     return Death(fault.node, fault.where, cause)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from palpate import messages
+
 _OCTAVES = 48  # up to 2^48 ns, three days
 
 
@@ -69,3 +71,22 @@ class Health:
             "step": self.step.report(),
             "age": self.age.report(),
         }
+
+
+def message(node: str, time: int, told: dict) -> messages.Health:
+    """A report as observers get it. `time` [ns] on the graph's clock; `told`: what `Health.report` gave."""
+    step = told["step"]
+    return messages.Health(
+        tick=told["tick"],
+        time=time,
+        source=node,
+        steps=told["steps"],
+        late=told["late"],
+        lost=told["lost"],
+        held=told["held"],
+        state=told["state"],
+        median=step["p50"],
+        p99=step["p99"],
+        longest=step["longest"],
+        age=told["age"]["p50"],
+    )

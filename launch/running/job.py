@@ -58,7 +58,9 @@ class Job(msgspec.Struct, frozen=True):
     rate      [Hz] base rate
     ticks     number of ticks of the run, None: until stopped
     pace      simulated time passes at this multiple of real time, None: as fast as the machine allows
-    stale     [s] on the real clock, an input older than this (or three of its periods) counts as absent
+    stale     [s] on the real clock, an input older than this (or three of its periods) counts as absent: with
+              the tick that notices it, the force is gone 20 ms after its sender
+    phase     tells the workers apart, so that they do not all send their bursts to the observers in the same tick
     leads     true where a paced node is among the nodes
     external  streams of this group that nodes of other groups read, with the number of those groups
     about     what a recording says of the run: graph, settings, versions, machine
@@ -71,10 +73,11 @@ class Job(msgspec.Struct, frozen=True):
     rate: float = 1000.0
     ticks: int | None = None
     pace: float | None = None
-    stale: float = 0.02
+    stale: float = 0.017
     core: tuple[int, ...] | None = None
     priority: int | None = None
     host: str | None = None
+    phase: int = 0
     leads: bool = False
     external: dict[str, int] = {}
     about: dict[str, object] = {}

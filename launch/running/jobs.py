@@ -12,7 +12,9 @@ from palpate.launch.loading.plan import Plan
 from palpate.launch.running.job import InputJob, Job, NodeJob, ObserverJob, StreamJob
 from palpate.nodes.base import inputs
 
-PRIORITY = 60  # of the force path on the real clock, where the system permits it
+PRIORITY = 60
+"""Of the force path on the real clock, where the system permits it; one more for those who keep the time, so that no
+other node can hold up the device when its torque has to go to zero."""
 
 
 def jobs(
@@ -35,22 +37,24 @@ def jobs(
     path = force_path(plan)
     place = {name: group.name for group in placement.groups for name in group.nodes}
     found = []
-    for group in placement.groups:
+    for phase, group in enumerate(placement.groups):
         names = [name for name in plan.order if name in group.nodes]
         on_path = any(name in path for name in names)
+        leads = any(plan.graph.nodes[name].cls.paced for name in names)
         found.append(
             Job(
                 group=group.name,
-                nodes=tuple(_node(plan, name, path) for name in names),
+                nodes=tuple(node_job(plan, name, path) for name in names),
                 observers=tuple(_observer(plan, name) for name in group.nodes if name in plan.observers),
                 clock=clock,
                 rate=plan.graph.rate,
                 ticks=ticks,
                 pace=pace,
                 core=group.core or _cores(on_path, len(placement.groups)),
-                priority=group.priority or (PRIORITY if on_path else None),
+                priority=group.priority or (PRIORITY + leads if on_path else None),
                 host=group.host,
-                leads=any(plan.graph.nodes[name].cls.paced for name in names),
+                phase=phase,
+                leads=leads,
                 external=_external(plan, place, group),
                 about=about or {},
             )
@@ -79,7 +83,8 @@ def _reach(start: Iterable[str], ways: dict[str, set[str]]) -> set[str]:
     return found
 
 
-def _node(plan: Plan, name: str, path: set[str]) -> NodeJob:
+def node_job(plan: Plan, name: str, path: set[str]) -> NodeJob:
+    """What a worker is told of one node. `path`: the nodes of the force path."""
     spec = plan.graph.nodes[name]
     optional = {port.name: port.optional for port in inputs(spec.cls)}
     return NodeJob(

@@ -6,13 +6,11 @@ outlet waits until it has seen its readers; then all get the time of tick 0. No 
 
 from __future__ import annotations
 
-import contextlib
 import os
 import select
 import signal
 import time
 import uuid
-from collections import Counter
 from collections.abc import Callable, Sequence
 
 import msgspec
@@ -20,11 +18,13 @@ import zmq
 
 from palpate.launch.running.bus import endpoint
 from palpate.launch.running.clock import now
+from palpate.launch.running.interrupts import interrupts
 from palpate.launch.running.job import Job, members
+from palpate.launch.running.links import heard, listeners, muted
 from palpate.launch.running.nursery import Nursery
 from palpate.launch.running.result import Death, Result
+from palpate.launch.running.watchdog import START_PATIENCE
 
-START_PATIENCE = 120.0  # [s] for a node's `start`: it may compile kernels or build a basis
 STOP_PATIENCE = 3.0  # [s] for the workers to end once they were told
 HEAD_START = 40_000_000  # [ns] from the order to go to tick 0: every worker has heard it by then
 ALIVE = ("starting", "ready", "linked", "running")
@@ -41,6 +41,7 @@ class Launcher:
     patience  [s] without a sign of life after which a worker counts as hung
     show      called about ten times a second with the launcher, to draw
     printed   called with what the nodes print
+    died      called at once when a node has failed
     """
 
     def __init__(
@@ -54,14 +55,17 @@ class Launcher:
         restart: frozenset[str] = frozenset(),
         show: Callable[[Launcher], None] = lambda _: None,
         printed: Callable[[str], None] = lambda _: None,
+        died: Callable[[Death], None] = lambda _: None,
     ) -> None:
         self.begun = time.monotonic()
         self.jobs = {job.group: job for job in jobs}
         self.nursery = nursery or Nursery()
         self.joined, self.address, self.patience, self.restart = joined, address, patience, restart
-        self.show, self.printed = show, printed
+        self.show, self.printed, self.died = show, printed, died
         self.run_id = f"{os.getpid()}-{uuid.uuid4().hex[:8]}"
         self.result = Result()
+        self.origin = 0
+        """[ns] of the machine's monotonic clock at tick 0, once the run has begun."""
         self.phase = "starting"
         self.busy: dict[str, str] = {}
         """What each worker is doing while it starts, by group."""
@@ -109,8 +113,16 @@ class Launcher:
     # -- the whole run -------------------------------------------------------------------------------------------
 
     def run(self) -> Result:
-        """Start everything, wait for the end, end everything. Returns what happened; Ctrl-C stops the run in order."""
-        before = self._catch_interrupts()
+        """Start everything, wait for the end, end everything; Ctrl-C or SIGTERM stops the run in order. Returns what
+        happened."""
+        with interrupts(self._interrupted):
+            self._run()
+        if self._origin_time is not None:
+            self.result.wall = self._ended - self._origin_time
+        self.result.ticks = max((h["tick"] + 1 for h in self.result.health.values()), default=0)
+        return self.result
+
+    def _run(self) -> None:
         try:
             modules = {given.cls.rpartition(".")[0] for job in self.jobs.values() for given in members(job)}
             self.nursery.ask({"import": sorted(modules)})
@@ -121,25 +133,14 @@ class Launcher:
                 self._turn()
         finally:
             self.phase = "ended"
-            if before is not None:
-                signal.signal(signal.SIGINT, before)
             self.printed(self.nursery.close())
             self._context.destroy(linger=200)
-        if self._origin_time is not None:
-            self.result.wall = self._ended - self._origin_time
-        self.result.ticks = max((h["tick"] + 1 for h in self.result.health.values()), default=0)
-        return self.result
 
     _origin_time: float | None = None
     _ended: float = 0.0
 
-    def _catch_interrupts(self):
-        def interrupted(*_: object) -> None:
-            self._interrupts += 1
-
-        with contextlib.suppress(ValueError):  # not in the main thread: the caller's affair
-            return signal.signal(signal.SIGINT, interrupted)
-        return None
+    def _interrupted(self) -> None:
+        self._interrupts += 1
 
     def _fork(self, group: str) -> None:
         self._state[group] = "starting"
@@ -208,8 +209,13 @@ class Launcher:
             case "fault":
                 self._died(group, report)
                 self._left(group)
+            case "note":
+                self.result.notes.append(report["text"])
+                self.printed(report["text"] + "\n")
             case "rubbish":
-                self.result.notes.append(f"stream {report['stream']!r}: {report['text']}")
+                note = f"stream {report['stream']!r}: {report['text']}"
+                if note not in self.result.notes:
+                    self.result.notes.append(note)
             case "done":
                 self._state[group] = "done"
                 self._left(group)
@@ -234,30 +240,14 @@ class Launcher:
                 self._link(each)
 
     def _link(self, group: str) -> None:
-        job = self.jobs[group]
-        observes = {stream for observer in job.observers for stream in observer.streams}
-        reads = {given.stream for node in job.nodes for given in node.inputs}
-        sources = []
-        for other, theirs in self.jobs.items():
-            if other == group or other not in self._endpoints:
-                continue
-            sent = {stream for node in theirs.nodes for stream in node.streams}
-            for outlet, wanted in (("force", reads), ("observers", observes)):
-                if sent & wanted:
-                    sources.append((self._nearest(group, other, outlet), sorted(sent & wanted)))
-        observed = Counter(
-            stream
-            for other, theirs in self.jobs.items()
-            if other != group
-            for stream in {stream for observer in theirs.observers for stream in observer.streams}
-        )
-        own = {stream: observed[stream] for node in job.nodes for stream in node.streams if observed[stream]}
-        self._tell(group, **{"do": "connect", "from": sources, "observed": own})
+        def nearest(other: str, outlet: str) -> str:
+            """The local address where both are on one machine, else the one that the network reaches."""
+            addresses = self._endpoints[other][outlet]
+            return addresses[0] if (group in self.joined) == (other in self.joined) else addresses[-1]
 
-    def _nearest(self, group: str, other: str, outlet: str) -> str:
-        """The local address of an outlet where both are on one machine, else the one that the network reaches."""
-        addresses = self._endpoints[other][outlet]
-        return addresses[0] if (group in self.joined) == (other in self.joined) else addresses[-1]
+        others = {name: job for name, job in self.jobs.items() if name != group}
+        sources = [(nearest(o, outlet), s) for o, outlet, s in heard(self.jobs[group], others) if o in self._endpoints]
+        self._tell(group, **{"do": "connect", "from": sources, "observed": listeners(self.jobs[group], others)})
 
     def _go(self) -> None:
         self.phase = "running"
@@ -265,17 +255,17 @@ class Launcher:
         self.result.start = self._origin_time - self.begun
         self.result.origin = self._origin_time
         self._seen = dict.fromkeys(self.jobs, self._origin_time)
-        self._origin = now() + (HEAD_START if self._is_real() else 0)
-        self._tell("*", do="go", origin=self._origin)
+        self.origin = now() + (HEAD_START if self._is_real() else 0)
+        self._tell("*", do="go", origin=self.origin)
         for group in self._state:
             self._state[group] = "running"
 
     def _back(self, group: str) -> None:
         """A worker that was started again joins the run."""
-        self._tell(group, do="go", origin=self._origin)
+        self._tell(group, do="go", origin=self.origin)
         self._state[group] = "running"
         nodes = {node.name for node in self.jobs[group].nodes}
-        self._tell("*", do="alive", nodes=sorted(nodes), mute=sorted(self._mute(nodes)))
+        self._tell("*", do="alive", nodes=sorted(nodes), mute=sorted(muted(self.jobs.values(), nodes)))
 
     # -- trouble -------------------------------------------------------------------------------------------------
 
@@ -283,33 +273,20 @@ class Launcher:
         self._state[group] = "failed"
         names = [given.name for given in members(self.jobs[group])]
         node = report["node"] or ", ".join(names)
-        self.result.deaths.append(Death(node, report.get("where", "process"), report["text"], report["trace"]))
+        death = Death(node, report.get("where", "process"), report["text"], report["trace"])
+        self.result.deaths.append(death)
         self._bury(group)
+        self.died(death)
 
     def _bury(self, group: str) -> None:
         """Tell the others, so that their inputs from this group become None; then end the run, or start it again."""
         dead = {node.name for node in self.jobs[group].nodes}
-        self._tell("*", do="dead", nodes=sorted(dead), mute=sorted(self._mute(dead)))
+        self._tell("*", do="dead", nodes=sorted(dead), mute=sorted(muted(self.jobs.values(), dead)))
         again = self.phase == "running" and dead and dead <= self.restart and self._deadline is None
         if again:
             self._state[group] = "restarting"
         elif dead or self.phase != "running":
             self._end_after(GRACE if self.phase == "running" and self._is_real() else 0.0)
-
-    def _mute(self, dead: set[str]) -> set[str]:
-        """Nodes that cannot go on without these, directly or through others."""
-        mute: set[str] = set()
-        while True:
-            more = {
-                node.name
-                for job in self.jobs.values()
-                for node in job.nodes
-                if node.name not in dead | mute
-                and any(g.producer in dead | mute and not g.optional for g in node.inputs)
-            }
-            if not more:
-                return mute
-            mute |= more
 
     def _end_after(self, seconds: float) -> None:
         if self._deadline is None:
@@ -325,9 +302,9 @@ class Launcher:
             return
         group, status = answer["exited"], answer["status"]
         # Its last words were sent before its end, but may come after the news of it.
-        until = time.monotonic() + (0.5 if status >= 0 else 0.02)
+        until = time.monotonic() + (0.5 if status >= 0 else 0.002)
         while self._state[group] in ALIVE and time.monotonic() < until:
-            if self._reports.poll(10):
+            if self._reports.poll(1):
                 self._take(_decode(self._reports))
         state = self._state[group]
         if state in ALIVE:
@@ -349,7 +326,7 @@ class Launcher:
         if not left & self._leads() and self._is_real():
             self._tell("*", do="stop")
         if not any(self.jobs[group].nodes for group in left):
-            self._tell("*", do="stop")
+            self._tell("*", do="close")
             if self._deadline is None:
                 self._deadline = time.monotonic() + 20 * STOP_PATIENCE  # a long queue may have to be written
 

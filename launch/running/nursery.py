@@ -108,12 +108,12 @@ def _serve(end: socket.socket) -> None:
             *lines, rest = rest.split(b"\n")
             for line in lines:
                 _do(end, json.loads(line), groups)
-    for pid in groups:
-        with contextlib.suppress(ProcessLookupError):
-            os.kill(pid, signal.SIGKILL)
-    for pid in groups:
-        with contextlib.suppress(ChildProcessError):
-            os.waitpid(pid, 0)
+    _end_all()
+
+
+def _end_all(*_: object) -> None:
+    """End every process of this session: the workers, whatever their nodes have started, and the nursery itself."""
+    os.killpg(0, signal.SIGKILL)
 
 
 def _do(end: socket.socket, told: dict, groups: dict[int, str]) -> None:
@@ -169,7 +169,8 @@ def _reap(end: socket.socket, groups: dict[int, str]) -> None:
 
 
 if __name__ == "__main__":
-    die_with_parent()
+    signal.signal(signal.SIGTERM, _end_all)
+    die_with_parent(signal.SIGTERM)
     # Imported here, before the first request, so that they are shared by all workers.
     importlib.import_module("palpate.launch.running.process")
     with contextlib.suppress(ImportError):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import faulthandler
+import os
 import signal
 import sys
 import traceback
@@ -12,7 +13,7 @@ import msgspec
 import zmq
 
 from palpate.launch.running.bus import Bus, PortInUse, order
-from palpate.launch.running.clock import real_time
+from palpate.launch.running.clock import die_with_parent, real_time
 from palpate.launch.running.ended import Ended
 from palpate.launch.running.fused import death
 from palpate.launch.running.job import Job
@@ -28,7 +29,9 @@ def serve(job: Job, run: str, control: str, reports: str, watch: bool = False) -
     Returns the exit code: 0, or 1 after a fault, which has been reported with its traceback.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the launcher decides when to stop
+    faulthandler.enable(file=2, all_threads=False)  # a crash in compiled code tells where
     faulthandler.register(signal.SIGUSR1, file=2, all_threads=False)
+    os.register_at_fork(after_in_child=die_with_parent)  # what a node forks ends with it
     real = job.clock == "real"
     bus = Bus(run, job.group, control, reports, not real, 1.0 / job.rate if real else 0.1)
 
@@ -77,7 +80,7 @@ def _link(bus: Bus, job: Job, report) -> int | None:
             case "go":
                 bus.release()
                 return told["origin"]
-            case "stop" | "quit":
+            case "stop" | "quit" | "close":
                 return None
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 
 from rich.console import Console, Group, RenderableType
 from rich.live import Live
@@ -10,7 +11,7 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
-from palpate.launch.running.result import Result
+from palpate.launch.running.result import Death, Result
 
 FULL_SCALE = 3.0  # [N] of the force bars, until a force goes beyond
 
@@ -21,10 +22,11 @@ class Screen:
     title  what runs
     rate   [Hz] base rate
     ticks  of the run, None: until stopped
+    order  in which the nodes are listed
     """
 
-    def __init__(self, console: Console, title: str, rate: float, ticks: int | None) -> None:
-        self.console, self.title, self.rate, self.ticks = console, title, rate, ticks
+    def __init__(self, console: Console, title: str, rate: float, ticks: int | None, order: Sequence[str]) -> None:
+        self.console, self.title, self.rate, self.ticks, self.order = console, title, rate, ticks, order
         self._live = Live(console=console, refresh_per_second=8, transient=True)
         self._begun = time.monotonic()
         self._before: dict[str, tuple[int, float]] = {}
@@ -46,12 +48,17 @@ class Screen:
             return
         self._drawn = moment
         self._count(result, moment)
+        result.health = {name: result.health[name] for name in self.order if name in result.health}
         self._live.update(self._draw(result, phase, busy or {}, moment))
 
     def print(self, text: str) -> None:
         """Lines that the nodes print, above the view."""
         if text.strip():
             self.console.print(Text(text.rstrip("\n"), style="dim"))
+
+    def died(self, death: Death) -> None:
+        """A node that failed, with its traceback, above the view."""
+        tell(death, self.console)
 
     def _count(self, result: Result, moment: float) -> None:
         for name, health in result.health.items():
@@ -68,7 +75,9 @@ class Screen:
             waiting = ", ".join(sorted(busy.values())) or "workers"
             parts.append(Text(f"  {phase}: {waiting} ({moment - self._begun:.1f} s)", style="dim"))
         if self.ticks:
-            parts.append(ProgressBar(total=self.ticks, completed=tick + 1, width=60))
+            bar = Table.grid()  # a bar by itself does not end its line
+            bar.add_row(ProgressBar(total=self.ticks, completed=tick + 1, width=60))
+            parts.append(bar)
         parts += [table(result, self._speed), self._forces(result)]
         return Group(*parts)
 
@@ -81,12 +90,19 @@ class Screen:
         return grid
 
 
+def tell(death: Death, console: Console) -> None:
+    """Print a death and its traceback."""
+    console.print(Text(str(death), style="red"))
+    if death.trace and not death.text.startswith("SettingError"):  # that one says by itself what to change
+        console.print(Text(death.trace.rstrip(), style="dim"))
+
+
 def table(result: Result, speed: dict[str, float] | None = None) -> Table:
     """One row per node; `speed` [Hz] while it runs, else the mean over the run."""
     found = Table(box=None, header_style="bold", pad_edge=False)
     found.add_column("node")
     for title in ("steps", "rate [Hz]", "p50 [us]", "p99 [us]", "longest [us]", "late", "lost", "held"):
-        found.add_column(title, justify="right")
+        found.add_column(Text(title), justify="right")  # as text: brackets are no markup here
     for name, health in result.health.items():
         rate = speed.get(name, 0.0) if speed is not None else health["steps"] / result.wall if result.wall else 0.0
         step = health["step"]

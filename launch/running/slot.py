@@ -19,7 +19,7 @@ _set = msgspec.structs.force_setattr
 
 
 class NodeFault(Exception):
-    """A node of the user's failed; the cause is its own error."""
+    """A node of the user's failed; the cause is its own error, `sys.exit` included: a node does not end a run."""
 
     def __init__(self, node: str, where: str, cause: BaseException | str) -> None:
         super().__init__(f"node {node!r}, {where}: {cause}")
@@ -155,8 +155,15 @@ class Slot:
         """Start the node. NodeFault: it raised."""
         try:
             self.node.start()
-        except Exception as error:
+        except BaseException as error:
             raise NodeFault(self.name, "start", error) from error
+
+    def begin(self) -> None:
+        """Start the node anew, as a new process would: without a step before. NodeFault: it raised."""
+        self._time = None
+        for output in self.outputs:
+            output.previous = output.last = None
+        self.start()
 
     def step(self, tick: int, at: int, messages: list[Message | None], nominal: float) -> None:
         """Run the node on these inputs and set its outputs.
@@ -171,7 +178,7 @@ class Slot:
         begun = perf_counter_ns()
         try:
             answer = self._step(*messages, dt=dt) if self._takes_dt else self._step(*messages)
-        except Exception as error:
+        except BaseException as error:
             raise NodeFault(self.name, f"step at tick {tick}", error) from error
         self.health.tick = tick
         self.health.step.add(perf_counter_ns() - begun)
@@ -244,7 +251,7 @@ class ObserverSlot:
         begun = perf_counter_ns()
         try:
             self.node.observe(stream, tick, payload)
-        except Exception as error:
+        except BaseException as error:
             raise NodeFault(self.name, f"stream {stream!r} at tick {tick}", error) from error
         self.health.tick = tick
         self.health.step.add(perf_counter_ns() - begun)

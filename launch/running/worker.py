@@ -9,11 +9,12 @@ import gc
 from collections.abc import Callable
 
 from palpate.launch.loading.load import load_class
-from palpate.launch.running.bus import CONTROL, Bus, order
+from palpate.launch.running.bus import CONTROL, HEALTH, Bus, frame, order
 from palpate.launch.running.clock import now
 from palpate.launch.running.ended import Ended
+from palpate.launch.running.health import message
 from palpate.launch.running.job import Job, NodeJob, ObserverJob
-from palpate.launch.running.listen import listen
+from palpate.launch.running.listen import hand_over, listen
 from palpate.launch.running.real import run_real
 from palpate.launch.running.simulated import run_simulated
 from palpate.launch.running.slot import Input, NodeFault, ObserverSlot, Output, Slot
@@ -56,8 +57,9 @@ class Worker:
         self.tick = -1
         self._reported = 0
         self._beat = now()
-        self._burst = 0
+        self._burst = job.phase % BURST
         self._started: list[Node] = []
+        self._told: list[Observer] = []
         self._heard: dict[str, Output] = known
 
     def _observer(self, job: ObserverJob) -> Observer:
@@ -70,7 +72,7 @@ class Worker:
     def _node(job: NodeJob | ObserverJob) -> Node:
         try:
             node = load_class(job.cls)(**job.settings)
-        except Exception as error:
+        except BaseException as error:
             raise NodeFault(job.name, "settings", error) from error
         if isinstance(job, NodeJob) and job.wanted is not None:
             node.wanted = frozenset(job.wanted)
@@ -93,11 +95,17 @@ class Worker:
             try:
                 observer.node.listen(heard, self.job.about)
                 observer.node.start()
-            except Exception as error:
+            except BaseException as error:
                 raise NodeFault(observer.name, "start", error) from error
+            self._told.append(observer.node)
             for stream in observer.streams:
                 if stream in self._heard:
                     self._heard[stream].listeners.append(observer)
+
+    @property
+    def started(self) -> int:
+        """Number of nodes that were started and not stopped yet."""
+        return len(self._started)
 
     def stop(self) -> None:
         """Stop all nodes that were started, the last one first. The first fault is raised when all have stopped."""
@@ -106,7 +114,8 @@ class Worker:
             node = self._started.pop()
             try:
                 node.stop()
-            except Exception as error:
+                self._pass_notes()
+            except BaseException as error:
                 fault = fault or NodeFault(self._names[id(node)], "stop", error)
         if fault:
             raise fault
@@ -117,6 +126,7 @@ class Worker:
         NodeFault: a node failed.
         """
         self._mark_heard()
+        self._tell_observers({slot.name: slot.health.report() for slot in self.slots})
         gc.collect()
         gc.freeze()
         if self.job.clock == "real":
@@ -128,12 +138,14 @@ class Worker:
                 run_real(self, origin)
             else:
                 run_simulated(self, origin)
+                if self.bus is not None and self.observers:
+                    listen(self)  # what other groups have sent last
         except Ended:
             pass
         finally:
             gc.enable()
-            self._flush()
             self._report_health()
+            self._flush()
 
     # -- messages ------------------------------------------------------------------------------------------------
 
@@ -143,7 +155,10 @@ class Worker:
                 continue
             message = output.last
             assert message is not None
-            payload = pack(message)
+            try:
+                payload = pack(message)
+            except Exception as error:  # a type of the user's own may hold anything
+                raise NodeFault(slot.name, f"step at tick {message.tick}", error) from error
             for observer in output.listeners:
                 observer.observe(output.stream, message.tick, payload)
             if self.bus is not None and (output.external or output.observed):
@@ -158,6 +173,8 @@ class Worker:
         data = self.take(block)
         if not data:
             return
+        if self.observers:
+            hand_over(self, data)
         at = data.find(0)
         route = self.routes.get(data[: at + 1])
         if route is None:
@@ -165,7 +182,10 @@ class Worker:
         try:
             message = unpack(data[at + 1 :], route[0])
         except MessageError as error:
-            self.report({"kind": "rubbish", "stream": data[:at].decode(errors="replace"), "text": str(error)})
+            stream = data[:at].decode(errors="replace")
+            if not self._real:  # somebody would wait for this message for ever
+                raise NodeFault(route[1][0].producer, f"stream {stream!r}", error) from error
+            self.report({"kind": "rubbish", "stream": stream, "text": str(error)})
             return
         arrived = now() if self._real else 0
         for port in route[1]:
@@ -192,13 +212,15 @@ class Worker:
     def _control(self, given: dict) -> None:
         self._beat = now()
         match given["do"]:
-            case "stop":
+            case "stop" if self.slots:  # observers go on until all senders are gone
+                self.stopping = True
+            case "close":
                 self.stopping = True
             case "end":
                 self.last = given["tick"]
             case "dead" | "alive":
                 self._bury(set(given["nodes"]), set(given["mute"]), given["do"] == "dead")
-            case "quit" if self.slots:  # observers go on until they are told that all senders are gone
+            case "quit" if self.slots:
                 raise Ended
 
     def _bury(self, nodes: set[str], mute: set[str], dead: bool) -> None:
@@ -215,11 +237,12 @@ class Worker:
 
     def housekeep(self, tick: int) -> None:
         self._burst += 1
-        if self._burst < BURST:
+        due = now() - self._reported > REPORT  # slow nodes, too, have to give signs of life
+        if self._burst < BURST and not due:
             return
         self._burst = 0
         self._flush()
-        if now() - self._reported > REPORT:
+        if due:
             self._report_health()
 
     def _flush(self) -> None:
@@ -237,3 +260,23 @@ class Worker:
         nodes = {slot.name: {**slot.health.report(), "forces": slot.forces()} for slot in self.slots}
         nodes |= {observer.name: observer.health.report() for observer in self.observers}
         self.report({"kind": "health", "tick": self.tick, "nodes": nodes})
+        self._tell_observers(nodes)
+        self._pass_notes()
+
+    def _tell_observers(self, nodes: dict[str, dict]) -> None:
+        """How the nodes here are doing, to the observers here and elsewhere."""
+        far = self.bus is not None and self.bus.heard(HEALTH.encode() + b"\0")
+        if not far and not self._told:
+            return
+        for slot in self.slots:
+            last = slot.outputs[0].last if slot.outputs else None
+            told = message(slot.name, last.time if last is not None else 0, nodes[slot.name])
+            for observer in self._told:
+                observer.health(told)
+            if far and self.bus is not None:
+                self.bus.keep(frame(HEALTH, pack(told)))
+
+    def _pass_notes(self) -> None:
+        for observer in self._told:
+            for text in observer.notes():
+                self.report({"kind": "note", "text": text})

@@ -9,15 +9,18 @@ import numpy as np
 
 from palpate.messages import Load, Surface, Vector
 from palpate.nodes.base import SettingError
-from palpate.nodes.surface import OnSurface
-from palpate.physics.beam_bed import Bed
+from palpate.nodes.nodule import WithNodule
+from palpate.physics.beam_bed import LARGEST_FORCE, Bed
 from palpate.physics.materials import SKIN, TISSUE, Material
 
+NO_PRESSURE = np.zeros(0)
 
-class BeamBundle(OnSurface):
+
+class BeamBundle(WithNodule):
     """Beams of viscoelastic layers below each vertex of a surface (docs/equations/beam-bundle.md).
 
-    Layers are listed from the surface inwards. The terminal law is that of the next implicit step.
+    Layers are listed from the surface inwards. The terminal law is that of the next implicit step. The pressure told
+    is the load of each node over its area. A nodule makes the beams above it stiffer.
     """
 
     layers: Annotated[Vector, "m"] = (1e-3, 9e-3)
@@ -54,13 +57,20 @@ class BeamBundle(OnSurface):
             Material(modulus, relaxation, self.poisson)
             for modulus, relaxation in zip(self.moduli, self.relaxations, strict=True)
         )
-        make = (mesh.vertices, mesh.normals, mesh.areas, self.layers, materials, self.radius)
+        # A beam k times stiffer is one of k times the section.
+        make = (mesh.vertices, mesh.normals, mesh.areas * self.hardness(), self.layers, materials, self.radius)
         node = np.zeros(1, dtype=np.int32)
         Bed(*make).step(_sealed(node), _sealed(np.zeros((1, 3))), (0.0, 0.0, 0.0), (0.0, 0.0, 1.0), 1e-3)
         self.bed = Bed(*make)
+        self.facing = mesh.normals
+        self.areas = mesh.areas
+        self.push = np.zeros(len(mesh.areas))
+        self.last: Surface | None = None
 
     def step(self, load: Load, *, dt: float) -> Surface:
         """Step the beams under the load; the indentation told is conjugate to the force."""
+        if not dt > 0.0 and self.last is not None:
+            return self.last
         bed = self.bed
         try:
             stiffness, exponent, free, previous, clamped, _ = bed.step(
@@ -70,10 +80,12 @@ class BeamBundle(OnSurface):
             raise SettingError(
                 f"Load.nodes: {error} ({self.surface!r}); give the node that spreads the load the same surface"
             ) from None
-        count = bed.count if self.wants("displacement") else 0
-        return Surface(
-            nodes=bed.nodes[:count],
-            displacement=bed.moved[:count],
+        told = self.wants("displacement") or self.wants("pressure")
+        nodes = bed.nodes[: bed.count if told else 0]
+        self.last = Surface(
+            nodes=nodes,
+            displacement=bed.moved[: len(nodes)],
+            pressure=self._pressure(load, nodes) if self.wants("pressure") else NO_PRESSURE,
             stiffness=stiffness,
             exponent=exponent,
             damping=0.0,
@@ -81,6 +93,16 @@ class BeamBundle(OnSurface):
             previous=previous,
             clamped=int(clamped),
         )
+        return self.last
+
+    def _pressure(self, load: Load, nodes: np.ndarray) -> np.ndarray:
+        """Of the displaced nodes; 0 for those that still recover."""
+        held = np.clip(load.forces, -LARGEST_FORCE, LARGEST_FORCE)  # as the beams take it
+        inward = -np.einsum("ka,ka->k", held, self.facing[load.nodes])
+        np.add.at(self.push, load.nodes, inward)
+        found = np.maximum(self.push[nodes], 0.0) / self.areas[nodes]
+        self.push[load.nodes] = 0.0
+        return found
 
 
 def _sealed(array: np.ndarray) -> np.ndarray:

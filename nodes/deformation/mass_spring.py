@@ -54,7 +54,7 @@ class MassSpring(WithNodule):
             normal_law = (self.stiffness, self.exponent, self.damping)
             law = (*normal_law, self.tangential_stiffness, self.tangential_damping)
             self._body = (
-                NetBody(mesh, *law, self.coupling, self.coupling_damping, self.rings)
+                NetBody(mesh, *law, self.coupling, self.coupling_damping, self.rings, self._hardness)
                 if self.coupling > 0.0
                 else NodalBody(mesh, *law, self._hardness)
             )

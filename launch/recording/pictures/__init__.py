@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 from palpate.launch.loading.extras import install
 from palpate.launch.recording.reader import Recording
+from palpate.messages import Surface
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -39,7 +40,17 @@ def draw(recording: Path, folder: Path, console: Console | None = None) -> list[
 
 
 def _draw(recording: Recording, folder: Path, console: Console | None, step: Callable[[str], None]) -> list[Path]:
-    from palpate.launch.recording.pictures import compression, deformation, device, force, friction
+    from palpate.launch.recording.pictures import (
+        compression,
+        deformation,
+        device,
+        force,
+        friction,
+        pad,
+        pins,
+        slip,
+        softness,
+    )
     from palpate.launch.recording.pictures.instants import NoMesh
     from palpate.launch.recording.pictures.touch import Touch
 
@@ -54,9 +65,12 @@ def _draw(recording: Recording, folder: Path, console: Console | None, step: Cal
         else:
             views = deformation.Views(touch)  # it draws while the others are drawn here
     except NoMesh as error:
-        _tell(console, f"no picture of the surface: {error}")
+        if (
+            recording.stream_of(Surface) is not None and touch.slip is None
+        ):  # else there is none to draw, or it is a pad
+            _tell(console, f"no picture of the surface: {error}")
     try:
-        for picture in (force, compression, friction, device):
+        for picture in (force, compression, friction, device, slip, pad, pins, softness):
             step(picture.NAME)
             found = picture.draw(touch)
             if found is not None:
@@ -77,7 +91,7 @@ def _draw(recording: Recording, folder: Path, console: Console | None, step: Cal
     return made
 
 
-STEPS = 6
+STEPS = 10
 
 
 @contextmanager

@@ -14,9 +14,11 @@ NAME = "compression"
 
 
 def draw(touch: Touch) -> Figure | None:
-    """None where the recording holds no contact."""
+    """None where the recording holds no contact, or where only one of the two gives way."""
     contact = touch.contact
     if contact is None or not touches(contact["time"], contact["force"]):
+        return None
+    if not contact["compression"].any() or not contact["indentation"].any():
         return None
     time, s1, s2 = contact["time"], contact["compression"] * 1e3, contact["indentation"] * 1e3
     out = figure(11.5, 5.6, "How fingertip and tissue share the approach")

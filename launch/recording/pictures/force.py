@@ -1,4 +1,4 @@
-"""Normal force against approach and against the tissue's indentation: the loop of loading and unloading."""
+"""Normal force against approach and indentation: the loop of loading and unloading; beside it the band of a subject."""
 
 from __future__ import annotations
 
@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from palpate.launch.recording.pictures.touch import Touch, touches, work
-from palpate.launch.recording.style import FAINT, FINGER, INK, NORMAL, TISSUE, figure, mean
+from palpate.launch.recording.pictures.touch import Columns, Touch, together, touches, work
+from palpate.launch.recording.style import FAINT, FINGER, INK, NORMAL, REGION_A, TISSUE, figure, mean
+from palpate.messages import ForceBand
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -16,22 +17,31 @@ if TYPE_CHECKING:
 NAME = "force"
 SPAN = 0.012  # [s] of the mean: short beside a press, long beside the noise of the encoders
 RATE_SPAN = 0.04  # [s] of the mean from which the rate is taken
-STILL = 4e-3  # [m/s] slower changes of the approach are a rest
+STILL = 4e-3  # [m/s] slower changes of the approach are a rest, in a touch that is all slow
+SLOW = 0.2  # those slower than this part of its fastest
 
 
 def draw(touch: Touch) -> Figure | None:
-    """None where the recording holds no contact."""
+    """None where the recording holds no contact, or a force alone."""
     contact = touch.contact
     if contact is None or not (found := touches(contact["time"], contact["force"])):
         return None
     approach = contact["compression"] + contact["indentation"]
+    if not approach.any():
+        return None
     chosen = min(found, key=lambda one: _slid(contact["foot"][one]))
-    out = figure(11.5, 5.2, "Normal force while the finger presses and lets go")
-    left, right = out.subplots(1, 2, sharey=True)
-    for axes, way, whose, label in (
-        (left, approach, "finger and tissue in series", "approach  e = s1 + s2  [mm]"),
-        (right, contact["indentation"], "the tissue alone", "indentation of the tissue  s2  [mm]"),
-    ):
+    ways = [
+        ("finger and tissue in series", approach, "approach  e = s1 + s2  [mm]"),
+        ("the tissue alone", contact["indentation"], "indentation of the tissue  s2  [mm]"),
+    ]
+    if not contact["indentation"].any():
+        ways = [("the fingertip", contact["compression"], "compression of the fingertip  s1  [mm]")]
+    band = beside(touch)
+    count = len(ways) + (band is not None)
+    out = figure(5.75 * max(count, 1.4), 5.2, "Normal force while the finger presses and lets go")
+    every = out.subplots(1, count, sharey=True, squeeze=False)[0]
+    left = every[0]
+    for axes, (whose, way, label) in zip(every, ways, strict=False):
         for other in found:
             if other is not chosen:
                 _line(axes, way[other], contact["force"][other], contact["time"][other], FAINT, "other touches")
@@ -44,7 +54,39 @@ def draw(touch: Touch) -> Figure | None:
     handles, labels = left.get_legend_handles_labels()
     unique = dict(zip(labels, handles, strict=True))
     left.legend(unique.values(), unique.keys(), loc="upper left")
+    if band is not None:
+        _band(every[-1], band, touch.settings(touch.recording.stream_of(ForceBand)).get("depth", "compression"))
     return out
+
+
+def beside(touch: Touch) -> tuple[Columns, Columns] | None:
+    """The band of force and the contact at its ticks; None without a band or a touch in it."""
+    if touch.band is None or touch.contact is None:
+        return None
+    band, contact = together(touch.band, touch.contact)
+    return (band, contact) if (band["mean"] > 0.0).any() else None
+
+
+def _band(axes: Axes, both: tuple[Columns, Columns], depth: str) -> None:
+    """What the measured subject's finger gives at this depth, and the force of this run."""
+    band, contact = both
+    order = np.argsort(contact[depth], kind="stable")
+    order = order[band["mean"][order] > 0.0]
+    way = contact[depth][order] * 1e3
+    levels, quantiles = band["levels"][0], band["quantiles"][order]
+    if len(levels) > 1:
+        low, high = int(np.argmin(levels)), int(np.argmax(levels))
+        text = f"{100 * (levels[high] - levels[low]):.0f} % of its forces"
+        axes.fill_between(way, quantiles[:, low], quantiles[:, high], color=REGION_A, linewidth=0, label=text)
+    axes.plot(way, band["mean"][order], color=NORMAL, label="measured subject, mean")
+    axes.plot(way, contact["force"][order], ".", color=TISSUE, markersize=3, label="this run")
+    beyond = ~band["valid"][order]
+    if beyond.any():
+        axes.axvspan(way[beyond].min(), way.max(), color=FAINT, alpha=0.4, linewidth=0, label="deeper than measured")
+    whose = "fingertip  s1" if depth == "compression" else "tissue  s2"
+    axes.set(xlabel=f"{depth} of the {whose}  [mm]", title="how sure: beside a subject's band", xlim=(0.0, None))
+    axes.tick_params(labelleft=True)
+    axes.legend(loc="upper left")
 
 
 def _slid(foot: np.ndarray) -> float:
@@ -61,10 +103,11 @@ def _loop(axes: Axes, way: np.ndarray, force: np.ndarray, time: np.ndarray) -> N
     axes.plot(way * 1e3, force, ".", color=NORMAL, alpha=0.12, markersize=2.5)
     smooth = mean(force, time, SPAN)
     rate = np.gradient(mean(way, time, RATE_SPAN), time) if len(time) > 2 else np.zeros(len(time))
+    still = min(STILL, SLOW * float(np.abs(rate).max(initial=0.0)))
     for label, colour, part in (
-        ("in", TISSUE, rate > STILL),
-        ("rest", FINGER, np.abs(rate) <= STILL),
-        ("out", NORMAL, rate < -STILL),
+        ("in", TISSUE, rate > still),
+        ("rest", FINGER, np.abs(rate) <= still),
+        ("out", NORMAL, rate < -still),
     ):
         x = np.where(part, way, np.nan) * 1e3
         axes.plot(x, smooth, color=colour, linewidth=2.4, label=label)

@@ -5,24 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-import msgspec
 import numpy as np
 
 from palpate.launch.loading.load import load_class
 from palpate.launch.recording.pictures.touch import Columns, Touch, together, touches
-from palpate.launch.recording.reader import RecordingError
-from palpate.messages import MessageError, Surface, unpack
+from palpate.messages import Surface
 from palpate.nodes.base import SettingError
 
 SHALLOWEST = 0.35
 """Instants with less than this share of the deepest indentation show hardly anything."""
-
-
-class _Tick(msgspec.Struct):
-    tick: int
-
-
-_TICK = msgspec.msgpack.Decoder(_Tick)
 
 
 @dataclass(frozen=True)
@@ -111,14 +102,14 @@ def instants(touch: Touch, vertices: int, count: int = 6) -> list[Instant]:
     stream = touch.recording.stream_of(Surface)
     if stream is None or touch.contact is None:
         raise NoMesh("the recording has no contact on a surface")
-    surfaces = _at(touch, stream, set(choose(touch.contact, count)))
+    surfaces = touch.at(Surface, choose(touch.contact, count))
     if not surfaces:
         raise NoMesh("nothing was touched")
     rows = {int(tick): row for row, tick in enumerate(touch.contact["tick"])}
     tips = _tips(touch)
     forces = {} if touch.force is None else dict(zip(touch.force["tick"].tolist(), touch.force["force"], strict=True))
     found = []
-    for tick, surface in surfaces:
+    for tick, surface in surfaces.items():
         row = rows[tick]
         contact = {name: values[row] for name, values in touch.contact.items()}
         found.append(
@@ -134,19 +125,6 @@ def instants(touch: Touch, vertices: int, count: int = 6) -> list[Instant]:
         )
     if not any(one.displacement.any() for one in found):
         raise NoMesh("no displacement was recorded")
-    return found
-
-
-def _at(touch: Touch, stream: str, ticks: set[int]) -> list[tuple[int, Surface]]:
-    """The surfaces of these ticks; the others are not decoded."""
-    found = []
-    for _, _, payload in touch.recording.payloads(stream):
-        try:
-            tick = _TICK.decode(payload).tick
-            if tick in ticks:
-                found.append((tick, unpack(payload, Surface)))
-        except (MessageError, msgspec.DecodeError) as error:
-            raise RecordingError(f"{touch.recording.path}: stream {stream!r}: {error}") from None
     return found
 
 

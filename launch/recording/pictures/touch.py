@@ -5,13 +5,34 @@ from __future__ import annotations
 from functools import cached_property
 from typing import Any
 
+import msgspec
 import numpy as np
 
-from palpate.launch.recording.reader import Recording
-from palpate.messages import Contact, Force, Friction, Message, Pose, Proximity
+from palpate.launch.loading.load import load_class
+from palpate.launch.recording.reader import Recording, RecordingError
+from palpate.messages import (
+    Contact,
+    Force,
+    ForceBand,
+    Friction,
+    Message,
+    MessageError,
+    Pins,
+    Pose,
+    Proximity,
+    Slip,
+    unpack,
+)
 
 Columns = dict[str, np.ndarray]
 GAP = 0.05  # [s] shorter losses of contact do not end a touch
+
+
+class _Tick(msgspec.Struct):
+    tick: int
+
+
+_TICK = msgspec.msgpack.Decoder(_Tick)
 
 
 class Touch:
@@ -41,6 +62,18 @@ class Touch:
         return self._columns(Force)
 
     @cached_property
+    def slip(self) -> Columns | None:
+        return self._columns(Slip)
+
+    @cached_property
+    def pins(self) -> Columns | None:
+        return self._columns(Pins)
+
+    @cached_property
+    def band(self) -> Columns | None:
+        return self._columns(ForceBand)
+
+    @cached_property
     def touching(self) -> np.ndarray | None:
         """Per message of the force, whether the controller was in contact."""
         name = self.recording.stream_of(Force)
@@ -51,6 +84,30 @@ class Touch:
     def settings(self, stream: str | None) -> dict[str, Any]:
         """Settings of the node that sent a stream; empty where the recording does not tell."""
         return self.node(stream).get("settings", {})
+
+    def make(self, stream: str | None) -> Any:
+        """The node that sent a stream, made again with its settings; None where it cannot be made here."""
+        node = self.node(stream)
+        try:
+            return load_class(node["class"])(**node.get("settings", {}))
+        except (KeyError, ImportError, AttributeError, TypeError, ValueError, OSError):
+            return None
+
+    def at(self, kind: type[Message], ticks: list[int]) -> dict[int, Any]:
+        """The messages of a type at these ticks; the others are not decoded."""
+        stream = self.recording.stream_of(kind)
+        found: dict[int, Any] = {}
+        if stream is None:
+            return found
+        wanted = set(ticks)
+        for _, _, payload in self.recording.payloads(stream):
+            try:
+                tick = _TICK.decode(payload).tick
+                if tick in wanted:
+                    found[tick] = unpack(payload, kind)
+            except (MessageError, msgspec.DecodeError) as error:
+                raise RecordingError(f"{self.recording.path}: stream {stream!r}: {error}") from None
+        return found
 
     def node(self, stream: str | None) -> dict[str, Any]:
         """What the plan says of the node that sent a stream; empty where the recording does not tell."""

@@ -1,0 +1,49 @@
+"""Read a stream of a running graph with nothing but pyzmq and msgpack (pip install pyzmq msgpack).
+
+python listen.py contact          # until Ctrl-C
+python listen.py contact 10       # ten messages
+"""
+
+import re
+import struct
+import sys
+
+import msgpack
+import zmq
+
+
+def outlets():
+    """Addresses at which the runs on this machine can be heard. They lie in Linux' abstract name space."""
+    with open("/proc/net/unix") as sockets:
+        found = re.findall(r"@(palpate/\S+/observers)$", sockets.read(), re.MULTILINE)
+    return [f"ipc://@{name}" for name in dict.fromkeys(found)]
+
+
+def array(value):
+    """A large array travels as {dtype, shape, data}: here as a flat tuple of numbers."""
+    code = {"<f8": "d", "<f4": "f", "<i4": "i", "<i8": "q"}[value["dtype"]]
+    return struct.unpack(f"<{len(value['data']) // struct.calcsize(code)}{code}", value["data"])
+
+
+def listen(stream, count):
+    socket = zmq.Context.instance().socket(zmq.SUB)
+    socket.subscribe(stream.encode() + b"\0")  # with the zero byte, or `contact` would match `contact-2`, too
+    addresses = outlets()
+    if not addresses:
+        sys.exit("no run goes on; start one: palpate run kidney --clock real")
+    for address in addresses:
+        socket.connect(address)
+    while count != 0:
+        topic, _, payload = socket.recv().partition(b"\0")
+        message = msgpack.unpackb(payload)
+        values = {
+            name: array(value) if isinstance(value, dict) else value
+            for name, value in message.items()
+            if name not in ("source", "used")
+        }
+        print(topic.decode(), values, flush=True)
+        count -= 1
+
+
+if __name__ == "__main__":
+    listen(sys.argv[1], int(sys.argv[2]) if len(sys.argv) > 2 else -1)

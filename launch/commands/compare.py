@@ -1,0 +1,116 @@
+"""`palpate compare`: one recorded touch, computed in several ways."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from palpate.launch.commands.common import Json, console, tell
+from palpate.launch.commands.info import File
+
+if TYPE_CHECKING:
+    from palpate.launch.recording.compare import Variant
+
+
+def compare(
+    file: File,
+    sets: Annotated[list[str] | None, typer.Option("--set", help="One variant by one value: tissue.use=...")] = None,
+    variants: Annotated[
+        list[str] | None,
+        typer.Option("--variant", help="One variant by several values, in quotes."),
+    ] = None,
+    reference: Annotated[
+        str | None, typer.Option(help='What they are held against: "recorded" or values; the first if not given.')
+    ] = None,
+    picture: Annotated[
+        Path | None, typer.Option(help="File of the picture; beside the recording if not given.")
+    ] = None,
+    no_picture: Annotated[bool, typer.Option("--no-picture", help="Draw none.")] = False,
+    as_json: Json = False,
+) -> None:
+    """Compute one recorded touch in several ways: differences in force, indentation and shape, and step times.
+
+    A single variant is held against the graph as it was recorded.
+    """
+    import shlex
+
+    from palpate.launch.recording.compare import RECORDED
+    from palpate.launch.recording.compare import compare as work
+    from palpate.launch.recording.reader import Recording
+
+    wanted = [[given] for given in sets or []] + [shlex.split(given) for given in variants or []]
+    wanted = [[] if given == [RECORDED] else given for given in wanted]
+    if not wanted:
+        raise typer.BadParameter("expected --set or --variant, such as --set tissue.use=deformation.Rigid")
+    base = None if reference is None else [] if reference == RECORDED else shlex.split(reference)
+    if base is None and len(wanted) == 1:
+        base = []
+    recording = Recording(file)
+    if as_json:
+        found = work(recording, wanted, reference=base)
+    else:
+        from rich.progress import Progress
+
+        with Progress(console=console(stderr=True), transient=True) as progress:
+            task = progress.add_task("computing", total=None)
+            found = work(
+                recording,
+                wanted,
+                reference=base,
+                show=lambda tick, last: progress.update(task, completed=tick, total=last),
+            )
+    drawn = None if no_picture else _draw(found, picture or file.with_name(f"{file.stem}-compare.png"))
+    if as_json:
+        tell({"ok": True, "complete": recording.complete, "reference": found[0].name,
+              "variants": [variant.report() for variant in found], "picture": drawn and str(drawn)})  # fmt: skip
+        return
+    _print(found)
+    if drawn:
+        console().print(f"picture {drawn}", markup=False)
+
+
+def _draw(found: list[Variant], path: Path) -> Path | None:
+    from palpate.launch.recording.compare import draw
+
+    try:
+        draw(found, path)
+    except ImportError:
+        from palpate.launch.loading.extras import install
+
+        console(stderr=True).print(f"no picture: it needs matplotlib ({install('view')})", markup=False)
+        return None
+    return path
+
+
+def _print(found: list[Variant]) -> None:
+    from rich.table import Table
+    from rich.text import Text
+
+    out = console()
+    names = [chr(ord("A") + i) if i < 26 else str(i) for i in range(len(found))]
+    for name, variant in zip(names, found, strict=True):
+        changed = f", changes {', '.join(variant.swapped)}" if variant.swapped else ""
+        out.print(Text.assemble((name, "bold"), f"  {variant.name}{changed}"))
+    table = Table(box=None, header_style="bold", pad_edge=False)
+    table.add_column("")
+    titles = ("force [N]\nrms", "\npeak", "indent. [mm]\nrms", "\npeak", "shape [mm]\nrms", "\npeak",
+              "step [us]\np50", "\np99", "all [us]\np50", "\np99")  # fmt: skip
+    for title in titles:
+        table.add_column(title, justify="right")
+    for name, variant in zip(names, found, strict=True):
+        force, depth, shape = (s.report() for s in (variant.force, variant.indentation, variant.shape))
+        step, whole = variant.step.report(), variant.whole.report()
+        table.add_row(
+            name, *(f"{force[k]:.4f}" for k in ("rms", "peak")),
+            *(f"{s[k] * 1e3:.4f}" for s in (depth, shape) for k in ("rms", "peak")),
+            *(f"{s[k] * 1e6:.1f}" for s in (step, whole) for k in ("p50", "p99")),
+        )  # fmt: skip
+    out.print(table)
+    first = found[0]
+    out.print(
+        f"Differences from A, whose peaks are {first.force.scale:.3f} N, {first.indentation.scale * 1e3:.3f} mm and "
+        f"{first.shape.scale * 1e3:.3f} mm. step: the nodes that were changed (of A, or else the body); all: one tick.",
+        markup=False,
+    )

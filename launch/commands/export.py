@@ -1,0 +1,39 @@
+"""`palpate export`: a recording in the formats of other tools."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from palpate.launch.commands.common import Json, console, tell
+from palpate.launch.commands.info import File
+
+
+def export(
+    file: File,
+    to: Annotated[str, typer.Option(help="foxglove, parquet, csv or vtk.")],
+    out: Annotated[
+        Path | None, typer.Option(help="File (foxglove) or folder; beside the recording if not given.")
+    ] = None,
+    stream: Annotated[list[str] | None, typer.Option(help="Only this stream; may be repeated.")] = None,
+    every: Annotated[int, typer.Option(help="Only each n-th message.", min=1)] = 1,
+    as_json: Json = False,
+) -> None:
+    """Write a recording as MCAP of JSON (Foxglove, PlotJuggler), Parquet, CSV, or VTK (ParaView)."""
+    from palpate.launch.recording.export import export as write
+    from palpate.launch.recording.reader import Recording
+
+    recording = Recording(file)
+    written = write(recording, to, out, stream or (), every=every)
+    if as_json:
+        tell({"ok": True, "files": [str(path) for path in written], "complete": recording.complete})
+        return
+    from rich.text import Text
+
+    size = sum(path.stat().st_size for path in written)
+    where = written[0] if len(written) == 1 else written[0].parent
+    console().print(Text(f"{where}: {len(written)} file{'s' * (len(written) != 1)}, {size / 1e6:.2f} MB"))
+    if not recording.complete:
+        console().print(Text("the recording was cut off; exported up to its last whole chunk", style="yellow"))

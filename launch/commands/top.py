@@ -1,0 +1,91 @@
+"""`palpate top`: how the nodes of a running graph are doing."""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from palpate.launch.commands.common import console
+
+if TYPE_CHECKING:
+    from palpate.messages import Health
+
+
+def top(
+    run: Annotated[str | None, typer.Option(help="Name of the run, where several go on.")] = None,
+    once: Annotated[bool, typer.Option("--once", help="Look for a second, print, and end.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Look for a second, print JSON, and end.")] = False,
+) -> None:
+    """Show a running graph: rate, step times, late, lost and held messages of each node. Ctrl-C ends it."""
+    from rich.live import Live
+
+    from palpate.launch.running.bus import HEALTH
+    from palpate.launch.running.watch import NoRun, find, hear
+    from palpate.messages import Health, unpack
+
+    found = find(run)
+    rows: dict[str, Row] = {}
+    until = time.monotonic() + 1.0 if once or as_json else None
+    view = Live(console=console(), refresh_per_second=4, transient=until is not None)
+    try:
+        with view if until is None else contextlib.nullcontext():
+            for _, payload in hear(found, [HEALTH]):
+                message = unpack(payload, Health)
+                rows.setdefault(message.source, Row()).take(message, time.monotonic())
+                if until is None:
+                    view.update(_table(found.name, rows))
+                elif time.monotonic() > until:
+                    break
+    except KeyboardInterrupt:
+        raise typer.Exit from None
+    if not rows:
+        raise NoRun(f"run {found.name} has ended")
+    if as_json:
+        from palpate.launch.commands.common import tell
+
+        tell({"run": found.name, "nodes": {name: row.data() for name, row in rows.items()}})
+    elif until is not None:
+        console().print(_table(found.name, rows))
+
+
+class Row:
+    """What is known of one node: its last report, and its rate between reports."""
+
+    def __init__(self) -> None:
+        self.last: Health | None = None
+        self.then = self.rate = 0.0
+
+    def take(self, message: Health, moment: float) -> None:
+        """A new report. The rate [Hz] is measured over half a second at least, since reports come in bursts."""
+        if self.last is None or message.steps < self.last.steps:
+            self.steps, self.then = message.steps, moment
+        elif moment - self.then > 0.5:
+            self.rate = (message.steps - self.steps) / (moment - self.then)
+            self.steps, self.then = message.steps, moment
+        self.last = message
+
+    def data(self) -> dict[str, Any]:
+        """Plain data, SI units."""
+        assert self.last is not None
+        names = ("tick", "steps", "late", "lost", "held", "median", "p99", "longest", "age")
+        return {"rate": self.rate, **{name: getattr(self.last, name) for name in names}}
+
+
+def _table(run: str, rows: dict[str, Row]) -> Any:
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table(title=f"run {run}", box=None, header_style="bold", pad_edge=False, title_justify="left")
+    table.add_column("node")
+    for title in ("tick", "rate [Hz]", "p50 [us]", "p99 [us]", "longest [us]", "answer [us]", "late", "lost", "held"):
+        table.add_column(title, justify="right")
+    for name, row in rows.items():
+        it = row.last
+        assert it is not None
+        troubles = [Text(str(n), style="yellow" if n else "dim") for n in (it.late, it.lost, it.held)]
+        times = [f"{value * 1e6:.1f}" for value in (it.median, it.p99, it.longest, it.age)]
+        table.add_row(name, str(it.tick), f"{row.rate:.0f}", *times, *troubles)
+    return table

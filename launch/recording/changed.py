@@ -1,0 +1,84 @@
+"""The plan of a replay: that of the recording, with other settings, or that of another graph."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Sequence
+from pathlib import Path
+
+from palpate.launch.loading.faults import Place
+from palpate.launch.loading.graph import Graph, load_source
+from palpate.launch.loading.launchfile import find
+from palpate.launch.loading.load import full_name
+from palpate.launch.loading.plan import Plan, plan
+from palpate.launch.loading.source import Source
+from palpate.launch.recording.player import plan_of
+from palpate.launch.recording.reader import Recording, RecordingError
+from palpate.launch.running.execute import set_recording
+
+
+def changed(recording: Recording, overrides: Sequence[str] = (), graph: str | None = None) -> Plan:
+    """The plan to replay.
+
+    overrides  `tissue.use=deformation.Rigid`, `scene.tissue.friction=off`, ... as for `palpate run`
+    graph      another graph in place of the recorded one: its device is played from the recording
+
+    RecordingError, GraphError: what does not fit.
+    """
+    if graph is not None:
+        loaded = find(graph).but(overrides=overrides).load()
+        _match_devices(recording, loaded)
+    elif overrides:
+        loaded = _recorded_graph(recording, overrides)
+    else:
+        return plan_of(recording)
+    set_recording(loaded, recording.path)  # every stream is heard, as in a recorded run: nodes leave nothing out
+    return plan(loaded)
+
+
+def _recorded_graph(recording: Recording, overrides: Sequence[str]) -> Graph:
+    told = recording.about.get("plan", {})
+    if not told.get("source"):
+        raise RecordingError(f"{recording.path}: it does not hold its graph; give one with --graph GRAPH")
+    name = f"the graph in {recording.path}"
+    return load_source(
+        Source(copy.deepcopy(told["source"]), {(): Place(name)}),
+        Path(told["path"]),
+        overrides=overrides,
+        scene=copy.deepcopy(told["scene"]),
+        wanted=told["streams"],
+    )
+
+
+def _match_devices(recording: Recording, graph: Graph) -> None:
+    """Play each source of the graph from the stream of its name, or else from the only stream of its type."""
+    for name, spec in graph.nodes.items():
+        if not spec.cls.paced:
+            continue
+        for stream, kind in spec.streams.items():
+            wanted = full_name(kind)
+            fitting = [s.name for s in recording.streams.values() if s.schema["class"] == wanted]
+            if stream in fitting:
+                continue
+            if len(fitting) != 1:
+                found = ", ".join(fitting) if fitting else "none"
+                raise RecordingError(
+                    f"{recording.path}: the source {name!r} of {graph.path.name} sends {kind.__name__}; streams of "
+                    f"that type in the recording: {found}. Expected one, or one with the name {stream!r}."
+                )
+            recording.rename(fitting[0], stream, name)
+
+
+def sources(recording: Recording, found: Plan) -> list[str]:
+    """The paced nodes of a plan. RecordingError: their streams are not all in the recording."""
+    paced = [name for name in found.order if found.graph.nodes[name].cls.paced]
+    for name in paced:
+        for stream in found.graph.nodes[name].streams:
+            given = recording.streams.get(stream)
+            if given is None or given.thin > 1:
+                what = "was left out of the recording" if given is None else "was thinned out"
+                raise RecordingError(
+                    f"{recording.path}: the stream {stream!r} of the source {name!r}, which drives the graph, {what}; "
+                    "the other streams can be read and exported (`palpate info`, `echo`, `export`)"
+                )
+    return paced

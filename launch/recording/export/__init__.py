@@ -1,0 +1,49 @@
+"""Recordings in the formats that other tools open."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from palpate.launch.recording.reader import Recording, RecordingError
+
+FORMATS = ("foxglove", "parquet", "csv", "vtk")
+
+
+def export(
+    recording: Recording,
+    to: str,
+    out: Path | None = None,
+    streams: Sequence[str] = (),
+    *,
+    every: int = 1,
+) -> list[Path]:
+    """Write a recording in another format; the files written.
+
+    to       one of FORMATS: foxglove (MCAP with JSON channels), parquet, csv (a file per stream), vtk (a series of
+             surfaces for ParaView)
+    out      file or folder; None: beside the recording
+    streams  to write; none: all that fit
+    every    each n-th message only
+
+    RecordingError: what does not fit, or which package is missing.
+    """
+    if to not in FORMATS:
+        raise RecordingError(f"--to: found {to!r}, expected one of {', '.join(FORMATS)}")
+    for name in streams:
+        recording.known(name)
+    writers: dict[str, Callable[..., list[Path]]] = {}
+    if to == "foxglove":
+        from palpate.launch.recording.export.foxglove import write_foxglove
+
+        writers[to] = write_foxglove
+    elif to == "vtk":
+        from palpate.launch.recording.export.vtk import write_vtk
+
+        writers[to] = write_vtk
+    else:
+        from palpate.launch.recording.export.tables import write_csv, write_parquet
+
+        writers |= {"csv": write_csv, "parquet": write_parquet}
+    target = out or recording.path.with_name(recording.path.stem + (".foxglove.mcap" if to == "foxglove" else f"-{to}"))
+    return writers[to](recording, target, tuple(streams) or tuple(recording.streams), every)

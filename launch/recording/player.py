@@ -1,0 +1,221 @@
+"""Running the nodes of a plan again on what a recording holds.
+
+A node that was recorded steps at the ticks of its own recorded messages, at their times, and takes of each input the
+message of the tick that their `used` names. So late, held, lost and absent messages of a live run come again
+exactly, whatever the placement was. A node that was not recorded follows the rules of simulated time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import msgspec
+
+from palpate.launch.loading.plan import Plan
+from palpate.launch.recording.history import History
+from palpate.launch.recording.reader import Recording, RecordingError
+from palpate.launch.running.jobs import force_path, node_job
+from palpate.launch.running.schedule import needed
+from palpate.launch.running.slot import Input, NodeFault, Slot
+from palpate.messages import Message, MessageError, pack, unpack
+from palpate.nodes.base import SettingError, inputs
+
+
+class Head(msgspec.Struct, frozen=True):
+    """The part of a header that a replay follows."""
+
+    tick: int
+    time: int
+    used: tuple[int, ...]
+
+
+_HEAD = msgspec.msgpack.Decoder(Head)
+
+
+def head_of(payload: bytes) -> Head:
+    """The header of a message in its wire form."""
+    return _HEAD.decode(payload)
+
+
+class MissingInput(Exception):
+    """A node was computed from a message that the recording does not hold, which matters where every byte counts."""
+
+
+class _Part:
+    """One running node: its slot, and how its inputs are found."""
+
+    def __init__(self, plan: Plan, name: str, path: set[str], recorded: Plan) -> None:
+        job = node_job(plan, name, path)
+        self.name = name
+        try:
+            self.slot = Slot(job, plan.make(name), {})
+            self.slot.wire({})
+        except (NodeFault, SettingError, TypeError) as error:
+            raise RecordingError(
+                f"node {name!r} ({job.cls}) no longer fits the recording: {error}. "
+                "Its streams can still be played (--only the others), read and exported."
+            ) from None
+        self.streams = job.streams
+        self.places = self._places(recorded)
+        """Of each input the place of its tick in `used`; None where the recorded node read something else there."""
+        self.broken: str | None = None
+
+    def _places(self, recorded: Plan) -> list[int | None]:
+        spec = recorded.graph.nodes.get(self.name)
+        if spec is None or self.name not in recorded.edges:
+            return [None] * len(self.slot.inputs)
+        edges = {edge.port: edge.stream for edge in recorded.edges[self.name]}
+        order = [port.name for port in inputs(spec.cls)]
+        return [
+            order.index(port.port.name)
+            if port.port.name in order and edges.get(port.port.name, "") == port.stream
+            else None
+            for port in self.slot.inputs
+        ]
+
+
+class Player:
+    """Nodes of a plan that run on a recording.
+
+    plan     whose nodes run: the recorded one, the recorded one with other settings, or another one
+    running  names of those nodes; the streams of the others are played
+    live     whether a running node hears what the other running nodes compute now (True), or what was recorded (False)
+
+    RecordingError: a node that no longer fits, or that needs a stream which is neither played nor computed.
+    """
+
+    def __init__(self, recording: Recording, plan: Plan, running: Iterable[str], live: bool) -> None:
+        self.recording, self.plan, self.live = recording, plan, live
+        self.recorded = plan_of(recording)
+        chosen = set(running)
+        path = force_path(plan)
+        self.parts = [_Part(plan, name, path, self.recorded) for name in plan.order if name in chosen]
+        self.computed = {stream for part in self.parts for stream in part.streams} if live else set()
+        self.played = {name: s.type for name, s in recording.streams.items() if name not in self.computed}
+        self.history: dict[str, History] = {}
+        for part in self.parts:
+            for index, port in enumerate(part.slot.inputs):
+                if port.dead:
+                    continue
+                self.history.setdefault(port.stream, History()).readers[(part.name, index)] = -1
+                self._check_input(part, port)
+        self.kinds = {s: kind for s, kind in self.played.items() if s in self.history}
+        self.substituted = 0
+        """Inputs for which the message before had to stand in, because the recording lost the step that sent them."""
+        self.restarts = {name: list(ticks) for name, ticks in recording.restarted.items()}
+
+    def _check_input(self, part: _Part, port: Input) -> None:
+        stream = self.recording.streams.get(port.stream)
+        if port.stream in self.computed or (stream is not None and (stream.thin == 1 or not self.live)):
+            return
+        if not self.live:
+            part.broken = f"stream {port.stream!r}, which it reads, was left out of the recording"
+            return
+        what = "was left out of the recording" if stream is None else "was thinned out"
+        raise RecordingError(
+            f"node {part.name!r} reads the stream {port.stream!r}, which {what}. Let {port.producer!r} run as well "
+            f"(--only ... {port.producer}), or replay the whole graph."
+        )
+
+    def start(self) -> None:
+        """Start all nodes. NodeFault: one raised."""
+        for part in self.parts:
+            part.slot.start()
+
+    def stop(self) -> None:
+        """Stop all nodes."""
+        for part in self.parts:
+            part.slot.node.stop()
+
+    def hear(self, tick: int, payloads: dict[str, bytes]) -> None:
+        """Take the recorded messages of one tick. RecordingError: bytes that do not fit their type."""
+        for stream, kind in self.kinds.items():
+            payload = payloads.get(stream)
+            if payload is not None:
+                try:
+                    message = unpack(payload, kind)
+                except MessageError as error:
+                    raise RecordingError(f"{self.recording.path}: stream {stream!r}, tick {tick}: {error}") from None
+                self.history[stream].add(message)
+
+    def step(self, tick: int, payloads: dict[str, bytes]) -> dict[str, bytes]:
+        """Run all nodes that step at this tick; what they send, in its wire form. NodeFault: one raised."""
+        self.hear(tick, payloads)
+        now = min((_HEAD.decode(payload).time for payload in payloads.values()), default=0)
+        sent = {}
+        for part in self.parts:
+            if self.step_one(part, tick, payloads, now):
+                for output in part.slot.outputs:
+                    assert output.last is not None
+                    sent[output.stream] = pack(output.last)
+                    if self.live and output.stream in self.history:
+                        self.history[output.stream].add(output.last)
+        return sent
+
+    def step_one(self, part: _Part, tick: int, payloads: dict[str, bytes], now: int) -> bool:
+        """Run one node, if it steps at this tick. MissingInput, NodeFault."""
+        own = next((payloads[s] for s in part.streams if s in payloads), None)
+        head = None
+        if own is not None:
+            head = _HEAD.decode(own)
+        elif self._was_recorded(part) or tick % part.slot.every:
+            return False
+        messages: list[Message | None] = []
+        for index, port in enumerate(part.slot.inputs):
+            found = self._input(part, index, port, tick, head)
+            if found is None and (port is part.slot.driver or not port.port.optional):
+                return False
+            messages.append(found)
+        if head is None and messages and messages[0] is not None and messages[0].tick == tick:
+            now = messages[0].time
+        self._restart(part, tick)
+        part.slot.step(tick, head.time if head else now, messages, part.slot.every / self.plan.graph.rate)
+        return True
+
+    def _was_recorded(self, part: _Part) -> bool:
+        """Whether each of its steps can be seen in the file."""
+        streams = [self.recording.streams.get(s) for s in part.streams]
+        return any(stream is not None and stream.thin == 1 for stream in streams)
+
+    def _input(self, part: _Part, index: int, port: Input, tick: int, head: Head | None) -> Message | None:
+        if port.dead:
+            return None
+        history, reader = self.history[port.stream], (part.name, index)
+        place = part.places[index]
+        if head is not None and place is not None and place < len(head.used):
+            wanted = head.used[place]
+            if wanted < 0:
+                return None
+            found = history.at(wanted, reader)
+            if found is None and not self.live:
+                raise MissingInput(f"{port.stream!r} of tick {wanted}")
+            if found is None:
+                self.substituted += 1
+                found = history.newest(wanted, reader)
+            return found
+        limit = needed(tick, port.every, port.loop)
+        return None if limit < 0 else history.newest(limit, reader)
+
+    def _restart(self, part: _Part, tick: int) -> None:
+        """Where the node was started again in the run, with a new state, so it is here."""
+        due = self.restarts.get(part.name)
+        if due and tick >= due[0]:
+            due.pop(0)
+            part.slot.node.stop()
+            part.slot.begin()
+
+
+def plan_of(recording: Recording) -> Plan:
+    """The plan that a recording was made with. RecordingError: a class that is not there any more."""
+    from palpate.launch.loading.graph import GraphError
+
+    try:
+        return Plan.from_spec(recording.about["plan"])
+    except GraphError as error:
+        raise RecordingError(
+            f"{recording.path}: {error}. Run from the folder that has it, or read the file with `palpate info`."
+        ) from None
+    except (KeyError, TypeError) as error:
+        raise RecordingError(
+            f"{recording.path}: its plan cannot be read ({error!r}); `palpate replay --graph GRAPH` needs none"
+        ) from None

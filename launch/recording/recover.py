@@ -1,0 +1,52 @@
+"""Making a complete recording of one that was cut off."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+
+from mcap.writer import CompressionType, Writer
+
+from palpate.launch.recording.reader import Recording, RecordingError
+from palpate.nodes.logger import CHUNK_SIZE, PROFILE
+
+
+def recover(path: Path, out: Path | None = None) -> tuple[Path, dict[str, int]]:
+    """Write what can be read of a recording to a complete file, with its index.
+
+    out  None: beside the file, with `-recovered` in its name
+
+    Returns the new file and the number of messages per stream. RecordingError: there is nothing to recover.
+    """
+    recording = Recording(path)
+    target = out or path.with_name(f"{path.stem}-recovered{path.suffix}")
+    if target.exists():
+        raise RecordingError(f"{target} exists; name another file with --out")
+    counts = dict.fromkeys(recording.streams, 0)
+    part = target.with_name(target.name + ".part")
+    target.parent.mkdir(parents=True, exist_ok=True)
+    with open(part, "wb") as file:
+        writer = Writer(file, chunk_size=CHUNK_SIZE, compression=CompressionType.ZSTD)
+        writer.start(profile=PROFILE, library="palpate")
+        about = {**recording.about, "recovered_from": str(path)}
+        writer.add_metadata("palpate.about", {key: json.dumps(value) for key, value in about.items()})
+        for node, ticks in recording.restarted.items():
+            for tick in ticks:
+                writer.add_metadata("palpate.restarted", {"node": node, "tick": str(tick)})
+        schemas: dict[str, int] = {}
+        channels = {}
+        for name, stream in recording.streams.items():
+            title = stream.schema["title"]
+            if title not in schemas:
+                schemas[title] = writer.register_schema(title, "jsonschema", json.dumps(stream.schema).encode())
+            told = {"producer": stream.producer, "every": str(stream.every), "thin": str(stream.thin)}
+            channels[name] = writer.register_channel(name, "msgpack", schemas[title], told)
+        for name, tick, time, payload in recording.raw():
+            writer.add_message(channels[name], time, payload, time, tick)
+            counts[name] += 1
+        if recording.counts:  # what was lost on the way is only known where the file came to its end
+            writer.add_metadata("palpate.counts", {k: json.dumps(v) for k, v in recording.counts.items()})
+        writer.finish()
+    os.replace(part, target)
+    return target, counts

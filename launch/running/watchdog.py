@@ -1,0 +1,72 @@
+"""Ends a node that hangs where no launcher watches: in a run that is one process."""
+
+from __future__ import annotations
+
+import contextlib
+import faulthandler
+import signal
+from collections.abc import Iterator
+from types import FrameType
+
+from palpate.launch.running.slot import ObserverSlot, Slot
+from palpate.launch.running.worker import Worker
+
+START_PATIENCE = 120.0  # [s] for a node's `start`: it may compile kernels or build a basis
+GLANCES = 4  # looks in the time that a node is given
+
+
+class Hangs(Exception):
+    """A node has been in one call for too long."""
+
+
+@contextlib.contextmanager
+def watched(patience: float | None) -> Iterator[None]:
+    """A node's call that takes longer than `patience` [s] while the block runs gets `Hangs` raised inside it.
+    None: nothing is watched.
+
+    A timer's signal looks at the call that runs, so that the loop itself pays nothing. Compiled code that never
+    returns lets no handler run: then the process ends at twice the time, after telling on standard error where it was.
+    Outside the main thread nothing is watched.
+    """
+    before: tuple[object, int] = (None, 0)
+    last = 2.0 * patience if patience is not None else 0.0
+
+    def glance(_: int, frame: FrameType | None) -> None:
+        nonlocal before
+        with contextlib.suppress(OSError, ValueError):  # a standard error that is no file
+            faulthandler.dump_traceback_later(last, exit=True)
+        here, glances = _running(frame), before[1] + 1
+        if here is None or here != before[0]:
+            before = (here, 0)
+        elif glances >= GLANCES:
+            raise Hangs(f"no sign of life for {patience:.3g} s")
+        else:
+            before = (here, glances)
+
+    try:
+        known = None if patience is None else signal.signal(signal.SIGALRM, glance)
+    except ValueError:
+        known = None
+    if known is None or patience is None:
+        yield
+        return
+    left, _ = signal.setitimer(signal.ITIMER_REAL, patience / GLANCES, patience / GLANCES)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        faulthandler.cancel_dump_traceback_later()
+        signal.signal(signal.SIGALRM, known)
+        signal.setitimer(signal.ITIMER_REAL, left)
+
+
+def _running(frame: FrameType | None) -> object:
+    """Which node's call is under way, and which call of it; None between two."""
+    while frame is not None:
+        if frame.f_code in (Slot.step.__code__, ObserverSlot.observe.__code__):
+            slot = frame.f_locals["self"]
+            return id(slot), slot.health.step.count
+        if frame.f_code in (Worker.start.__code__, Worker.stop.__code__):
+            return frame.f_code, frame.f_locals["self"].started
+        frame = frame.f_back
+    return None

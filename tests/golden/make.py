@@ -1,0 +1,43 @@
+"""Make the golden recordings anew: small runs that every change of the code is replayed against.
+
+    python tests/golden/make.py [NAME...]
+
+Run it where a change is meant to alter what is computed, and say so in the CHANGELOG. From the repository's root, so
+that no path of this machine gets into the files.
+
+    plane    a plane, fused, simulated time          kidney   the kidney, fused, simulated time
+    smooth   the plane without friction              live     the plane on the real clock, in three processes, with
+                                                              whatever late, lost and held messages the machine gives
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+
+from palpate.launch.loading.launchfile import LaunchFile
+from palpate.launch.running.execute import execute
+
+HERE = Path(__file__).parent
+DURATION = 0.12  # [s]
+RUNS: dict[str, LaunchFile] = {
+    "plane": LaunchFile(graph=HERE / "plane.yaml", place="fused"),
+    "kidney": LaunchFile(graph=HERE / "kidney.yaml", place="fused"),
+    "smooth": LaunchFile(graph=HERE / "plane.yaml", place="fused", overrides=("scene.tissue.friction=off",)),
+    "live": LaunchFile(graph=HERE / "plane.yaml", clock="real", place=HERE / "place.yaml"),
+}
+
+
+def main(names: list[str]) -> None:
+    os.chdir(HERE.parent.parent)
+    for name in names or RUNS:
+        path = HERE / f"{name}.mcap"
+        outcome = execute(RUNS[name].but(duration=DURATION, record=path))
+        if not outcome.result.ok:
+            raise SystemExit("\n".join(map(str, outcome.result.deaths)))
+        print(f"{path.relative_to(Path.cwd())}: {path.stat().st_size / 1e3:.0f} kB")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
