@@ -9,6 +9,7 @@ Rates are medians of interleaved runs on simulated time, as fast as the machine 
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import json
 import os
 import statistics
@@ -29,7 +30,7 @@ ROUNDS = 3
 
 def rate(seconds: float, record: Path | None, place: str | None) -> float:
     """[Hz] ticks a second of one run of the kidney graph."""
-    outcome = execute(find("kidney").but(duration=seconds, record=record, place=place))
+    outcome = execute(dataclasses.replace(find("kidney").but(duration=seconds, place=place), record=record))
     if not outcome.result.ok:
         raise SystemExit(str(outcome.result.deaths[0]))
     return outcome.result.ticks / outcome.result.wall
