@@ -87,9 +87,10 @@ def test_dents_are_what_newton_finds_beyond_the_linear_organ():
     load[nodes] = push
     hats = organ().hats()
     model = organ().full(YOUNG, lambda f: f * (hats @ load))
+    # elements below 2 % of strain count as linear: half a per cent is what is claimed
     for force, found in zip((0.4, 0.8), full_indentation(nodes, push, 0.4, 0.8), strict=True):
         model.advance(force)
-        assert found == approx(float(np.sum(load * (hats.T @ model.displacement))), rel=1e-3)
+        assert found == approx(float(np.sum(load * (hats.T @ model.displacement))), rel=5e-3)
 
 
 def test_where_the_organ_was_pressed_the_body_repeats_the_full_model():
