@@ -121,13 +121,13 @@ def show(title: str, rows: list[dict[str, object]]) -> None:
     from rich.console import Console
     from rich.table import Table
 
-    table = Table(title=title, title_justify="left")
+    table = Table(title=title, title_justify="left", box=None, padding=(0, 1))
     names = list(dict.fromkeys(n for row in rows for n in row))
     for name in names:
         table.add_column(name, justify="right")
     for row in rows:
         cells = [row.get(n, "") for n in names]
-        table.add_row(*(f"{c:.3g}" if isinstance(c, float) else str(c) for c in cells))
+        table.add_row(*(f"{c:.2g}" if isinstance(c, float) else str(c) for c in cells))
     Console().print(table)
 
 
