@@ -251,6 +251,14 @@ def test_a_node_with_restart_comes_back(tmp_path):
     assert max(ticks) > 400, "it did not come back"
 
 
+def test_on_simulated_time_a_death_ends_the_run_in_spite_of_restart(tmp_path):
+    """What the node has missed would never come again."""
+    text = GRAPH.replace("nodes_for_runs.Spring,", "nodes_for_runs.Faulty, how: kill, restart: true,")
+    outcome = go(tmp_path, text, ticks=200_000)
+    assert [death.node for death in outcome.result.deaths] == ["spring"]
+    assert outcome.result.health["source"]["tick"] < 200_000 - 1
+
+
 def test_the_recording_tells_of_its_run(tmp_path):
     go(tmp_path, place="fused")
     recording = Recording(tmp_path / "run.mcap")

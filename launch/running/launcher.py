@@ -282,7 +282,7 @@ class Launcher:
         """Tell the others, so that their inputs from this group become None; then end the run, or start it again."""
         dead = {node.name for node in self.jobs[group].nodes}
         self._tell("*", do="dead", nodes=sorted(dead), mute=sorted(muted(self.jobs.values(), dead)))
-        again = self.phase == "running" and dead and dead <= self.restart and self._deadline is None
+        again = self._is_real() and self.phase == "running" and dead and dead <= self.restart and self._deadline is None
         if again:
             self._state[group] = "restarting"
         elif dead or self.phase != "running":

@@ -241,6 +241,10 @@ class Worker:
         if self._burst < BURST and not due:
             return
         self._burst = 0
+        if self.slots and self.bus is not None and self.bus.waiting():
+            # A worker that never has to wait would not hear the launcher. One frame a burst is fewer than it uses up,
+            # so that a slow worker still holds back its senders.
+            self.receive(block=False)
         self._flush()
         if due:
             self._report_health()
