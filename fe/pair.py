@@ -7,13 +7,12 @@ or the softer side. T. A. Laursen, Computational Contact and Impact Mechanics, S
 
 from __future__ import annotations
 
-from typing import Any
-
 import numba
 import numpy as np
 from scipy.spatial import cKDTree
 
 from palpate.fe import faces as face_rule
+from palpate.fe.augmented import Augmented
 from palpate.fe.pattern import Pattern
 
 
@@ -164,7 +163,7 @@ def _touch(
                             data[where[c, spot[a], spot[b]], i, j] += scale * block[i, j]
 
 
-class Pair:
+class Pair(Augmented):
     """Two surfaces of the mesh that may touch.
 
     slave, master  (F,6), (G,6) outward boundary faces
@@ -249,22 +248,7 @@ class Pair:
             self.traction, self.shear, self.gap, self.slip, self.force, tangent, self._where, force, data,
         )  # fmt: skip
 
-    def settle(self) -> bool:
-        """Whether the penetration is below the bound; if not, raise the multipliers."""
-        self.multiplier = self.traction.copy()
-        self.sliding = self.shear.copy()
-        touching = self.traction > 0.0
-        return not touching.any() or float(-self.gap[touching].min()) <= self.bound
-
     def contact_area(self, displacement: np.ndarray) -> float:
         """Deformed area of the integration points that carry pressure or are closed to within the bound [m²]."""
         closed = (self.traction > 0.0) | (self.gap <= self.bound)
         return float(face_rule.areas(self.points + displacement, self.slave)[closed].sum())
-
-    def state(self) -> dict[str, Any]:
-        """What `restore` needs."""
-        return {"multiplier": self.multiplier, "sliding": self.sliding}
-
-    def restore(self, state: dict[str, Any]) -> None:
-        """Go on from a saved state."""
-        self.multiplier, self.sliding = np.array(state["multiplier"]), np.array(state["sliding"])

@@ -12,12 +12,12 @@ J. C. Simo, T. A. Laursen, Comput. Struct. 42 (1992) 97-116.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 import numba
 import numpy as np
 
 from palpate.fe import faces as face_rule
+from palpate.fe.augmented import Augmented
 from palpate.fe.compiled import SHAPE, compiled
 from palpate.fe.pattern import Pattern
 
@@ -112,7 +112,7 @@ def _touch(
                             data[where[f, a, b], i, j] += scale * block[i, j]
 
 
-class Rigid:
+class Rigid(Augmented):
     """A rigid body that moves along `path` and touches some faces of the mesh.
 
     faces       (F,6) outward boundary faces that may touch
@@ -195,22 +195,7 @@ class Rigid:
             self.shear, self.gap, self.slip, self.force, tangent, self._where, force, data,
         )  # fmt: skip
 
-    def settle(self) -> bool:
-        """Whether the penetration is below the bound; if not, raise the multipliers."""
-        self.multiplier = self.traction.copy()
-        self.sliding = self.shear.copy()
-        touching = self.traction > 0.0
-        return not touching.any() or float(-self.gap[touching].min()) <= self.bound
-
     def contact_area(self, displacement: np.ndarray) -> float:
         """Deformed area of the integration points that carry pressure or are closed to within the bound [m²]."""
         closed = (self.traction > 0.0) | (self.gap <= self.bound)
         return float(face_rule.areas(self.points + displacement, self.faces)[closed].sum())
-
-    def state(self) -> dict[str, Any]:
-        """What `restore` needs."""
-        return {"multiplier": self.multiplier, "sliding": self.sliding}
-
-    def restore(self, state: dict[str, Any]) -> None:
-        """Go on from a saved state."""
-        self.multiplier, self.sliding = np.array(state["multiplier"]), np.array(state["sliding"])
