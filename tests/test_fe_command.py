@@ -45,4 +45,4 @@ def test_fe_fingertip_reports_the_run_beside_the_paper(tmp_path):
     wrong = run("fe", "fingertip", "--material", "stone", "--to", str(tmp_path))
     assert wrong.exit_code == 2 and "literal, calibrated or a number" in wrong.output
     wrong = run("fe", "fingertip", "--plate", "rubber", "--to", str(tmp_path))
-    assert wrong.exit_code != 0 and "steel, silicone" in wrong.output
+    assert wrong.exit_code == 2 and "steel, silicone" in wrong.output

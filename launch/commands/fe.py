@@ -48,7 +48,10 @@ def fingertip(
     except ValueError:
         raise SettingError(f"--material {material}: expected literal, calibrated or a number") from None
     run = folder / f"{plate}-{material}-{cells}-{friction:g}"
-    pressing = Pressing(Fingertip(cells=cells), plate, divisor, friction)
+    try:
+        pressing = Pressing(Fingertip(cells=cells), plate, divisor, friction)
+    except ValueError as error:
+        raise SettingError(str(error)) from None
     count = 3 * len(pressing.solver.mesh.points)
     columns = (*Progress.get_default_columns()[:3], TextColumn("{task.fields[note]}"))
     with Progress(*columns, console=console(stderr=True), disable=as_json) as bar:
