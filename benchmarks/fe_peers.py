@@ -1,19 +1,20 @@
 """One solver on one problem, in a process of its own, so that its peak of memory is its own:
 
-    python benchmarks/fe_peers.py palpate|felupe|calculix block|ball CELLS
+    python benchmarks/fe_peers.py palpate|felupe|felupe-faces|calculix block|ball CELLS
 
-Prints a JSON object: force [N] on the driven nodes, seconds, peak memory [MB]. The peers are for the user to install:
+Prints a JSON object: force [N] on the driven nodes, processor seconds from the mesh to the result, seconds on the
+clock, peak memory [MB]. All take one core and the same steps and tolerance. The peers are for the user to install:
 FElupe with `pip install felupe pypardiso` (without PARDISO it takes SuperLU, which is much slower), CalculiX with
 `apt install calculix-ccx`. Exit status 3 and a line that says so where one is missing.
 
-What differs where the ball touches the plane: palpate and CalculiX integrate a pressure over the faces, at six and at
-seven points a face, palpate raising multipliers until the penetration is below its bound, CalculiX with a stiff
-penalty; FElupe holds back the nodes with a stiff penalty.
+What differs where the ball touches the plane: palpate and CalculiX integrate a pressure over the faces, palpate at six
+points each; FElupe's own contact holds back nodes, which is softer on quadratic faces, whose corner nodes carry nothing
+under an even pressure. `felupe-faces` gives FElupe the six points. All have the same stiff penalty, and palpate
+raises multipliers where the penetration would be above its bound.
 """
 
 from __future__ import annotations
 
-import importlib.metadata
 import json
 import os
 import resource
@@ -22,31 +23,33 @@ import subprocess
 import sys
 import tempfile
 import time
+from functools import partial
 from pathlib import Path
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("MKL_NUM_THREADS", "1")
 
 import numpy as np
-from fe_problems import POISSON, RADIUS, STEPS, YOUNG, Problem, ball, block
+from fe_felupe import felupe
+from fe_problems import PENALTY, POISSON, RADIUS, STEPS, YOUNG, Problem, ball, block
 
 from palpate.fe import Rigid, Settings, Solver, neo_hooke, plane
 from palpate.fe.mesh import FACES
 
 MISSING = 3
-PENALTY = 2e4
-"""[1] Penalty of the peers' contact, Young's moduli per radius: a penetration of about 1e-5 of the radius."""
 
 
 def palpate(problem: Problem) -> dict[str, object]:
     """With palpate; what numba compiles is compiled before, on a mesh of a few elements."""
     _palpate(ball(2) if len(problem.skin) else block(1))
     begun = time.perf_counter()
+    used = time.process_time()
     body = _palpate(problem)
     return {
         "solver": "palpate",
         "force": float(body.reaction[problem.driven, 2].sum()),
-        "seconds": time.perf_counter() - begun,
+        "CPU s": time.process_time() - used,
+        "clock s": time.perf_counter() - begun,
         "iterations": body.iterations,
         "penetration/travel": -float(body.contacts[0].gap.min()) / problem.travel if body.contacts else None,
     }
@@ -55,78 +58,15 @@ def palpate(problem: Problem) -> dict[str, object]:
 def _palpate(problem: Problem) -> Solver:
     down = np.outer(problem.driven, (0.0, 0.0, -problem.travel))
     place = np.array([0.0, 0.0, problem.floor])
-    contacts = [Rigid(problem.skin, plane, (0.0, 0.0, 1.0), lambda load: place)] if len(problem.skin) else []
+    contacts = []
+    if len(problem.skin):
+        contacts.append(Rigid(problem.skin, plane, (0.0, 0.0, 1.0), lambda load: place, penalty=PENALTY))
     body = Solver(
         problem.mesh, {0: neo_hooke(YOUNG, POISSON)}, problem.fixed, lambda load: load * down, contacts=contacts,
         settings=Settings(step=1 / STEPS, largest=1 / STEPS),
     )  # fmt: skip
     body.advance(1.0)
     return body
-
-
-def felupe(problem: Problem) -> dict[str, object] | None:
-    """With FElupe; None where it is not installed."""
-    try:
-        import felupe as fem
-    except ImportError:
-        return None
-    name, spsolve = _direct()
-    begun = time.perf_counter()
-    mesh, count = problem.mesh, len(problem.mesh.points)
-    points = np.concatenate([mesh.points, [[0.0, 0.0, problem.floor]]])  # the last point carries the plane
-    field = fem.FieldContainer([fem.Field(fem.RegionQuadraticTetra(fem.Mesh(points, mesh.elements, "tetra10")), dim=3)])
-    shear, bulk = neo_hooke(YOUNG, POISSON).parameters
-    items = [fem.SolidBody(fem.NeoHooke(mu=shear, bulk=bulk), field)]
-    if len(problem.skin):
-        nodes, stiffness = np.unique(problem.skin), PENALTY * YOUNG / RADIUS
-        area = np.pi / 4 * (0.3 * RADIUS) ** 2 / np.sum(np.linalg.norm(points[nodes, :2], axis=1) < 0.3 * RADIUS)
-        normal = np.array([0.0, 0.0, 1.0])
-        items.append(fem.ContactRigidPlane(field, nodes, count, normal, multiplier=stiffness * area))
-    held = np.concatenate([problem.fixed, [[True] * 3]])
-    move = np.concatenate([problem.driven, [False]])
-    held[move, 2] = False
-    bounds = {
-        f"held{k}": fem.Boundary(field[0], mask=held[:, k], skip=tuple(int(k != i) for i in range(3))) for k in range(3)
-    }
-    bounds["move"] = fem.Boundary(field[0], mask=move, skip=(1, 1, 0))
-    iterations = 0
-    for step in range(1, STEPS + 1):
-        bounds["move"].update(-problem.travel * step / STEPS)
-        dof0, dof1 = fem.dof.partition(field, bounds)
-        ext0 = fem.dof.apply(field, bounds, dof0)
-        found = fem.newtonraphson(
-            items=items, dof0=dof0, dof1=dof1, ext0=ext0, solver=lambda a, b: spsolve(a.tocsr(), b), verbose=0,
-            tol=1e-6, maxiter=40,
-        )  # fmt: skip
-        iterations += found.iterations
-    reaction = items[0].assemble.vector(field).toarray().reshape(-1, 3)
-    return {
-        "solver": f"FElupe, {name}",
-        "force": float(reaction[move, 2].sum()),
-        "seconds": time.perf_counter() - begun,
-        "iterations": iterations,
-        "penetration/travel": -float((points + field[0].values)[np.unique(problem.skin), 2].min() - problem.floor)
-        / problem.travel
-        if len(problem.skin)
-        else None,
-    }
-
-
-def _direct():
-    """The fastest sparse solver that is there: PARDISO, or SuperLU. pypardiso finds no MKL outside the environment that
-    it is installed in, so it is shown where it lies."""
-    try:
-        if "PYPARDISO_MKL_RT" not in os.environ:
-            parts = importlib.metadata.files("mkl") or []
-            found = [str(p.locate().resolve()) for p in parts if "mkl_rt" in p.name and p.locate().exists()]
-            os.environ.update({"PYPARDISO_MKL_RT": found[0]} if found else {})
-        from pypardiso import spsolve
-
-        return "PARDISO", spsolve
-    except ImportError:
-        from scipy.sparse.linalg import spsolve
-
-        return "SuperLU", spsolve
 
 
 def calculix(problem: Problem) -> dict[str, object] | None:
@@ -139,14 +79,21 @@ def calculix(problem: Problem) -> dict[str, object] | None:
         begun = time.perf_counter()
         told = subprocess.run([program, "run"], cwd=folder, capture_output=True, text=True, timeout=3600)
         seconds = time.perf_counter() - begun
-        peak = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024
+        child = resource.getrusage(resource.RUSAGE_CHILDREN)
         rows = [r.split() for r in Path(folder, "run.dat").read_text().splitlines()] if told.returncode == 0 else []
         forces = [float(r[2]) for r in rows if len(r) == 3]
         if len(forces) != STEPS:
             raise SystemExit(f"ccx ended after {len(forces)} of {STEPS} steps:\n{told.stdout[-2000:]}")
         steps = [r.split() for r in Path(folder, "run.sta").read_text().splitlines()]
     used = sum(int(r[3]) for r in steps if len(r) >= 7 and r[0].isdigit())
-    return {"solver": "CalculiX", "force": forces[-1], "seconds": seconds, "iterations": used, "peak MB": peak}
+    return {
+        "solver": "CalculiX",
+        "force": forces[-1],
+        "CPU s": child.ru_utime + child.ru_stime,
+        "clock s": seconds,
+        "iterations": used,
+        "peak MB": child.ru_maxrss / 1024,
+    }
 
 
 def _deck(problem: Problem) -> list[str]:
@@ -177,7 +124,7 @@ def _deck(problem: Problem) -> list[str]:
         sides = [key[tuple(sorted(f[:3]))] for f in problem.skin.tolist()]
         lines += ["*SURFACE, NAME=SLAVE, TYPE=ELEMENT", *(f"{s // 4 + 1}, S{s % 4 + 1}" for s in sides)]
         lines += ["*SURFACE INTERACTION, NAME=TOUCH", "*SURFACE BEHAVIOR, PRESSURE-OVERCLOSURE=LINEAR"]
-        lines += [f"{PENALTY * YOUNG / RADIUS:.12g}"]
+        lines += [f"{PENALTY:.12g}"]
         lines += ["*CONTACT PAIR, INTERACTION=TOUCH, TYPE=SURFACE TO SURFACE", "SLAVE, MASTER"]
     lines += ["*BOUNDARY", *(f"HELD{k}, {k + 1}, {k + 1}" for k in range(3))]
     lines += ["PLANE, 1, 3"] if len(problem.skin) else []
@@ -195,9 +142,11 @@ def _deck(problem: Problem) -> list[str]:
 def main() -> None:
     solver, name, cells = sys.argv[1:]
     problem = {"block": block, "ball": ball}[name](int(cells))
-    found = {"palpate": palpate, "felupe": felupe, "calculix": calculix}[solver](problem)
+    own = {"palpate": palpate, "felupe": felupe, "felupe-faces": partial(felupe, faces=True), "calculix": calculix}
+    found = own[solver](problem)
     if found is None:
-        print(f"{solver} is not installed: {__doc__.split('The peers')[1].split('Exit')[0]}", file=sys.stderr)
+        how = "apt install calculix-ccx" if solver == "calculix" else "pip install felupe pypardiso"
+        print(f"{solver} is left out, as it is not installed: {how}", file=sys.stderr)
         raise SystemExit(MISSING)
     found.setdefault("peak MB", resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
     print(json.dumps(found | {"degrees of freedom": 3 * len(problem.mesh.points)}))

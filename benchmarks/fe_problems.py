@@ -16,6 +16,8 @@ YOUNG, POISSON = 1e4, 0.3
 STEPS = 4
 RADIUS = 0.01
 """[m] of the ball."""
+PENALTY = 2e4 * YOUNG / RADIUS
+"""[Pa/m] of the peers' contact: a penetration of about 1e-5 of the radius."""
 
 
 @dataclass(frozen=True)

@@ -96,7 +96,7 @@ def main() -> None:
     if given.json:
         json.dump(tables | {"divisor": fit_divisor(steel)}, sys.stdout, indent=2)
         return
-    from fe import show
+    from tables import show
 
     for title, rows in tables.items():
         show(title, rows)

@@ -82,11 +82,13 @@ def contact_area(nodes: np.ndarray, gap: np.ndarray, traction: np.ndarray) -> fl
     far = RATIO**1.5
 
     def measured(level: float) -> tuple[float, float, float]:
-        """Areas within the two levels, and the distance of their lines; inf where there is no line."""
+        """Areas within the two levels, and the distance of their lines; inf where the outer has left the faces."""
         (inner, short), (outer, long) = levels.at(level), levels.at(far * level)
-        return inner, outer, 2.0 * (outer - inner) / (short + long) if short + long > 0.0 else 0.0
+        if long == 0.0:
+            return inner, outer, np.inf if outer > 0.0 else 0.0
+        return inner, outer, 2.0 * (outer - inner) / (short + long)
 
-    low, high = 1e-6 * apart, apart
+    low, high = max(1e-6 * apart, float(gap[traction > 0.0].max())), apart
     for _ in range(40):
         level = np.sqrt(low * high)
         if measured(level)[2] < apart:
