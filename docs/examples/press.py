@@ -20,7 +20,7 @@ BALL, DEPTH = 4e-3, 2e-3  # [m]
 
 @numba.njit(cache=True)
 def stiffening(F, J, p, P, A):
-    """W = mu/(2b) (exp(b I) - 1) with I = J^(-2/3) I1 - 3, U = kappa/2 (J - 1)²: skin that grows stiffer when stretched.
+    """W = mu/(2b) (exp(b I) - 1) with I = J^(-2/3) I1 - 3, U = kappa/2 (J - 1)²: skin, stiffer when stretched.
 
     Y. C. Fung, Am. J. Physiol. 213 (1967) 1532-1544.
     """
