@@ -242,6 +242,8 @@ class Pair(Augmented):
     def skew(self, change: np.ndarray, force: np.ndarray) -> None:
         """Add to `force` (N,3) what the part of the tangent that `add` leaves out gives for a change (N,3) of the
         displacement: sliding friction grows with the pressure."""
+        if not self.slip.any():
+            return
         own = np.einsum("qa,fai->fqi", self.value, change[self.faces])
         other = np.einsum("fqa,fqai->fqi", self._feet, change[self.master[self._hit]])
         pull = self.area[..., None] * self.friction_slope(np.einsum("fqi,fqi->fq", self.normal, own - other))

@@ -224,6 +224,8 @@ class Rigid(Augmented):
     def skew(self, change: np.ndarray, force: np.ndarray) -> None:
         """Add to `force` (N,3) what the part of the tangent that `add` leaves out gives for a change (N,3) of the
         displacement: sliding friction grows with the pressure."""
+        if not self.slip.any():
+            return
         pressed = np.einsum("fqi,qa,fai->fq", self.normal, self.value, change[self.faces])
         pull = self.area[..., None] * self.friction_slope(pressed) @ self._turn.T
         np.add.at(force, self.faces, np.einsum("qa,fqi->fai", self.value, pull))

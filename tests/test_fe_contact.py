@@ -158,6 +158,19 @@ def test_the_area_of_all_faces_and_of_none():
     assert contact_area(nodes, rim, np.where(rim < 1.0, 1.0, 0.0)) == approx(0.5)
 
 
+def test_the_area_grows_smoothly_with_the_load():
+    mesh = box((1.0, 1.0, 0.5), (6, 6, 2))
+    fixed = np.repeat(mesh.points[:, 2:] < 1e-9, 3, axis=1)
+    touch = Rigid(top_faces(mesh, 0.5), sphere, (0.8,), lambda load: np.array([0.48, 0.53, 1.3 - 0.12 * load]))
+    body = Solver(mesh, {0: neo_hooke(1e4, 0.3)}, fixed, contacts=[touch], settings=Settings(largest=0.1))
+    loads, areas = [], []
+    body.advance(1.0, lambda load: (loads.append(load), areas.append(touch.contact_area(body.displacement))))
+    loads, areas = np.array(loads), np.array(areas)
+    assert (np.diff(areas) > 0).all()
+    smooth = np.polyval(np.polyfit(loads, areas, 3), loads)
+    assert np.abs(areas - smooth).max() < 0.02 * areas[-1]
+
+
 def boussinesq(p, force, young, poisson):
     """Displacement of the half-space z < 0 by a force into it; K. L. Johnson, Contact Mechanics, eq. 3.18."""
     r, down = np.linalg.norm(p, axis=1), -p[:, 2]
