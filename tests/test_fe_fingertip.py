@@ -7,8 +7,10 @@ import pytest
 from pytest import approx
 
 from palpate.fe.elements import POINTS, gradients
-from palpate.fe.fingertip import BONE, DERMIS, EPIDERMIS, SUBCUTIS, Fingertip, Pressing, materials
+from palpate.fe.fingertip import Fingertip, materials
+from palpate.fe.layers import BONE, DERMIS, EPIDERMIS, SUBCUTIS
 from palpate.fe.mesh import MeshError
+from palpate.fe.pressing import Pressing
 from palpate.fe.record import LEVELS, record
 from palpate.fe.vtk import write_vtu
 from palpate.launch.testing import FakeBus
@@ -39,7 +41,7 @@ def test_the_finger_first_touches_at_the_origin_with_its_tip_lower():
     assert points[:, 2].min() == approx(0.0, abs=3e-5)
     assert np.linalg.norm(points[np.argmin(points[:, 2])]) < 2e-3
     assert points[:, 0].min() == approx(0.0, abs=1e-12)
-    rear = points[tip._rear]
+    rear = points[tip.rear]
     assert rear[:, 1].min() > 0 and rear[:, 2].mean() > 0.01
 
 

@@ -1,0 +1,61 @@
+"""The paper's statements about hard and soft plates, and what the model gives for them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from palpate.fe.fingertip import PAPER
+from palpate.fe.record import Record
+from palpate.physics.tactile import growth
+
+LOW, HIGH = 0.11, 0.50
+"""[N] The two forces of the paper's Table III."""
+
+LEAST = 1e-12
+"""[m³/N] A smaller growth of an isostrain volume on both plates: the level is not reached."""
+
+
+def points(sets: dict[str, dict[str, Record]]) -> list[dict[str, Any]]:
+    """Table III: indentations [mm] of the paper and of records by set ("literal", ...) and plate; None: not reached."""
+    rows = []
+    for plate, marks in PAPER.items():
+        for force, paper in marks:
+            row: dict[str, Any] = {"plate": plate, "force N": force, "paper mm": 1e3 * paper}
+            for name, records in sets.items():
+                found = records[plate]
+                row[f"{name} mm"] = 1e3 * found.at(force)[0] if force <= found.force[-1] else None
+            rows.append(row)
+    return rows
+
+
+def statements(steel: Record, silicone: Record) -> list[dict[str, Any]]:
+    """What the paper says of both plates, the figures between its two forces, and whether it holds; None: not reached.
+    Of a record that ends below the higher force there are only the rows that it reaches."""
+    rows: list[dict[str, Any]] = []
+
+    def tell(statement: str, first: float | None, second: float | None, less: bool = False) -> None:
+        holds = None if first is None or second is None else (second < first if less else second > first)
+        rows.append({"statement": statement, "steel": first, "silicone": second, "holds": holds})
+
+    for force in (LOW, HIGH):
+        if steel.force[-1] < force:
+            continue
+        depth = steel.at(force)[0]
+        other = silicone.at_depth(depth) if depth <= silicone.indentation[-1] else None
+        tell(f"force at {1e3 * depth:.2f} mm [N]: lower on silicone", force, other, less=True)
+    if min(steel.force[-1], silicone.force[-1]) < HIGH:
+        return rows
+    ends = [(r.at(LOW), r.at(HIGH)) for r in (steel, silicone)]
+    hard, soft = (1e6 * float(growth(np.array(a[1]), np.array(b[1]), LOW, HIGH)) for a, b in ends)
+    tell("area growth [mm²/N]: faster on silicone", hard, soft)
+    first, second = (growth(a[2], b[2], LOW, HIGH) for a, b in ends)
+    for level, x, y in zip(steel.levels, first, second, strict=True):
+        reached = max(x, y) > LEAST
+        tell(
+            f"ΔV/ΔP at strain {level:g} [mm³/N]: larger on silicone",
+            1e9 * float(x) if reached else None,
+            1e9 * float(y) if reached else None,
+        )
+    return rows
