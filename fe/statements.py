@@ -13,6 +13,9 @@ from palpate.physics.tactile import growth
 LOW, HIGH = 0.11, 0.50
 """[N] The two forces of the paper's Table III."""
 
+WEAK = 0.1
+"""[1] The strain whose volume says on which plate the finger is strained more at the same indentation."""
+
 LEAST = 1e-12
 """[m³/N] A smaller growth of an isostrain volume on both plates: the level is not reached."""
 
@@ -36,7 +39,7 @@ def statements(steel: Record, silicone: Record) -> list[dict[str, Any]]:
     rows: list[dict[str, Any]] = []
 
     def tell(statement: str, first: float | None, second: float | None, less: bool = False) -> None:
-        holds = None if first is None or second is None else (second < first if less else second > first)
+        holds = None if first is None or second is None else bool(second < first if less else second > first)
         rows.append({"statement": statement, "steel": first, "silicone": second, "holds": holds})
 
     for force in (LOW, HIGH):
@@ -44,17 +47,21 @@ def statements(steel: Record, silicone: Record) -> list[dict[str, Any]]:
             continue
         depth = steel.at(force)[0]
         other = silicone.at_depth(depth) if depth <= silicone.indentation[-1] else None
-        tell(f"force at {1e3 * depth:.2f} mm [N]: lower on silicone", force, other, less=True)
+        tell(f"force at {1e3 * depth:.2f} mm, N: lower on silicone", force, other, less=True)
+    depth = float(min(steel.indentation[-1], silicone.indentation[-1]))
+    k = int(np.argmin(np.abs(steel.levels - WEAK)))
+    hard, soft = (1e9 * float(np.interp(depth, r.indentation, r.volumes[:, k])) for r in (steel, silicone))
+    tell(f"V at strain {steel.levels[k]:g} and {1e3 * depth:.2f} mm, mm³: less on silicone", hard, soft, less=True)
     if min(steel.force[-1], silicone.force[-1]) < HIGH:
         return rows
     ends = [(r.at(LOW), r.at(HIGH)) for r in (steel, silicone)]
     hard, soft = (1e6 * float(growth(np.array(a[1]), np.array(b[1]), LOW, HIGH)) for a, b in ends)
-    tell("area growth [mm²/N]: faster on silicone", hard, soft)
+    tell("area growth, mm²/N: faster on silicone", hard, soft)
     first, second = (growth(a[2], b[2], LOW, HIGH) for a, b in ends)
     for level, x, y in zip(steel.levels, first, second, strict=True):
         reached = max(x, y) > LEAST
         tell(
-            f"ΔV/ΔP at strain {level:g} [mm³/N]: larger on silicone",
+            f"ΔV/ΔP at strain {level:g}, mm³/N: larger on silicone",
             1e9 * float(x) if reached else None,
             1e9 * float(y) if reached else None,
         )

@@ -15,13 +15,14 @@ from palpate.fe.isostrain import cross, smooth, strain
 from palpate.fe.record import Run
 from palpate.fe.section import finger, flow, section
 from palpate.fe.statements import HIGH, LOW
+from palpate.launch.recording.style import DEFORMATION, FAINT, FRICTION, INK, LOOK, NORMAL, figure
 from palpate.physics.tactile import growth, isostrain_volume
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-COLOURS = {"steel": "#2f5d8a", "silicone": "#d0672f"}
+COLOURS = {"steel": NORMAL, "silicone": FRICTION}
 LEVELS = np.linspace(0.02, 0.5, 25)
 """Equivalent strains of the isostrain pictures."""
 SHEET = 0.06
@@ -38,45 +39,43 @@ def draw(runs: dict[str, Run], folder: Path) -> list[Path]:
 
     ModuleNotFoundError: no matplotlib. RunError: a run that cannot be read.
     """
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
+    from matplotlib import rc_context
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
 
     pictures = {"force.png": force, "strain.png": strains}
     if all(run.record().force[-1] >= HIGH for run in runs.values()):
         pictures |= {"isostrain.png": isostrain, "flow.png": flows}
     made = []
     for name, picture in pictures.items():
-        figure = picture(runs)
-        figure.savefig(folder / name, dpi=130)
-        plt.close(figure)
+        with rc_context(LOOK):
+            shown = picture(runs)
+            FigureCanvasAgg(shown)
+            shown.savefig(folder / name)
         made.append(folder / name)
     return made
 
 
 def force(runs: dict[str, Run]) -> Figure:
-    """Force against indentation with the paper's points, and contact area against force."""
-    figure, (left, right) = _axes(1, 2, (10.5, 4.2))
-    top = 0.0
-    for plate, run in runs.items():
-        found, colour = run.record(), COLOURS[plate]
-        left.plot(1e3 * found.indentation, found.force, color=colour, label=plate, lw=2)
-        depths, forces = [1e3 * d for _, d in PAPER[plate]], [f for f, _ in PAPER[plate]]
-        left.plot(depths, forces, "o", mfc="white", mec=colour, mew=1.8, ms=7, zorder=5,
-                  label=f"{plate}, Table III of the paper")  # fmt: skip
-        right.plot(found.force, 1e6 * found.area, color=colour, label=plate, lw=2)
-        top = max(top, float(found.force[-1]))
-    top = min(TOP, 1.05 * top)
-    left.set(xlabel="indentation [mm]", ylabel="force [N]", ylim=(0, max(top, 0.55)), xlim=(0, None))
-    within = [1e6 * np.interp(top, r.force, r.area) for r in (run.record() for run in runs.values())]
-    right.set(xlabel="force [N]", ylabel="contact area [mm²]", xlim=(0, top), ylim=(0, 1.08 * max(within)))
-    for mark in (LOW, HIGH):
-        if mark < top:
-            right.axvline(mark, color="0.75", lw=0.8, ls="--", zorder=0)
-    left.legend(frameon=False, loc="upper left")
-    right.legend(frameon=False, loc="lower right")
-    return figure
+    """Force against indentation, with the paper's points where it is the paper's finger, and contact area against
+    force."""
+    found, (left, right) = _axes(2, 11.0, 4.6, "Force and contact area")
+    records = {plate: run.record() for plate, run in runs.items()}
+    top = min(TOP, 1.05 * max(float(record.force[-1]) for record in records.values()))
+    for plate, record in records.items():
+        colour = COLOURS[plate]
+        left.plot(1e3 * record.indentation, record.force, color=colour, label=plate)
+        right.plot(record.force, 1e6 * record.area, color=colour, label=plate)
+        if "measured" not in runs[plate].settings()["finger"]:
+            depths, forces = [1e3 * d for _, d in PAPER[plate]], [f for f, _ in PAPER[plate]]
+            left.plot(depths, forces, "o", mfc="white", mec=colour, mew=1.8, ms=7, zorder=5,
+                      label=f"{plate}, the paper's Table III")  # fmt: skip
+            top = max(top, 0.55)
+    left.set(xlabel="indentation [mm]", ylabel="force [N]", ylim=(0, top), xlim=(0, None))
+    within = max(1e6 * float(np.interp(top, r.force, r.area)) for r in records.values())
+    right.set(xlabel="force [N]", ylabel="contact area [mm²]", xlim=(0, top), ylim=(0, 1.08 * within))
+    for axis in (left, right):
+        axis.legend()
+    return found
 
 
 def strains(runs: dict[str, Run]) -> Figure:
@@ -89,22 +88,22 @@ def strains(runs: dict[str, Run]) -> Figure:
         solid = finger(mesh)
         cuts[plate] = section(mesh, u, smooth(solid, strain(solid, u)[0]))
     top = np.ceil(20 * max(np.percentile(cut.values, 99.7) for cut in cuts.values())) / 20
-    figure, axes = _axes(1, len(runs), (4.8 * len(runs) + 0.9, 4.6))
+    title = f"Strain in the plane of symmetry at {1e3 * depth:.2f} mm"
+    found, axes = _axes(len(runs), 5.0 * len(runs) + 0.8, 4.7, title)
     for axis, (plate, cut) in zip(axes, cuts.items(), strict=True):
         shown = _filled(axis, cut.triangles, cut.values, top)
         _shape(axis, cut, plate, depth)
         load = runs[plate].record().at_depth(depth)
-        axis.set_title(f"{plate}: {1e3 * depth:.2f} mm, {load:.2f} N")
-    figure.colorbar(shown, ax=list(axes), label="equivalent strain", shrink=0.8, pad=0.015, extend="max")
-    return figure
+        axis.set_title(f"{plate}, {load:.2g} N")
+    found.colorbar(shown, ax=list(axes), label="equivalent strain", shrink=0.8, pad=0.015, extend="max")
+    return found
 
 
 def isostrain(runs: dict[str, Run]) -> Figure:
     """Growth of the isostrain volumes between the paper's two forces, and the volumes over strain and force."""
-    figure = _figure((11.0, 4.6))
-    left = figure.add_subplot(1, 2, 1)
-    _plain(left)
-    right: Any = figure.add_subplot(1, 2, 2, projection="3d")
+    found = figure(11.0, 4.8, "Isostrain volumes: tissue strained at least that much")
+    left = found.add_subplot(1, 2, 1)
+    right: Any = found.add_subplot(1, 2, 2, projection="3d")
     for plate, run in runs.items():
         forces, volumes = _volumes(run)
         low, high = (np.array([np.interp(f, forces, v) for v in volumes.T]) for f in (LOW, HIGH))
@@ -113,23 +112,24 @@ def isostrain(runs: dict[str, Run]) -> Figure:
         shown = LEVELS >= SHEET
         sheet = np.stack([np.interp(steps, forces, v) for v in volumes[:, shown].T], axis=1)
         x, y = np.meshgrid(LEVELS[shown], steps)
-        right.plot_surface(x, y, 1e9 * sheet, color=COLOURS[plate], alpha=0.55, rstride=2, cstride=2,
-                           edgecolor=COLOURS[plate], linewidth=0.4)  # fmt: skip
+        right.plot_surface(x, y, 1e9 * sheet, color=COLOURS[plate], alpha=0.5, rstride=2, cstride=2,
+                           edgecolor=COLOURS[plate], linewidth=0.5)  # fmt: skip
     left.set(xlabel="equivalent strain", ylabel="ΔV/ΔP [mm³/N]", xlim=(0, None), ylim=(0, None))
-    left.set_title(f"growth of the volume strained at least that much, {LOW:g} to {HIGH:g} N", fontsize=10)
-    left.legend(frameon=False)
-    right.set(xlabel="equivalent strain", ylabel="force [N]", zlabel="V [mm³]")
-    right.view_init(elev=24, azim=48)
-    right.set_box_aspect((1.15, 1.0, 0.8), zoom=0.9)
-    right.set_title("isostrain volume", fontsize=10)
-    return figure
+    left.set_title(f"growth of the volume from {LOW:g} to {HIGH:g} N")
+    left.legend()
+    right.set(xlabel="equivalent strain", ylabel="force [N]", zlabel="volume [mm³]", xlim=(0.5, SHEET), ylim=(0, HIGH))
+    right.set(xticks=(0.1, 0.2, 0.3, 0.4), yticks=(0.1, 0.2, 0.3, 0.4, 0.5))
+    right.view_init(elev=22, azim=-128)
+    right.set_box_aspect((1.2, 1.05, 0.8), zoom=0.95)
+    return found
 
 
 def flows(runs: dict[str, Run]) -> Figure:
     """Isostrain lines in the plane of symmetry midway between the paper's two forces, and how fast they move."""
     from matplotlib.collections import LineCollection
 
-    figure, axes = _axes(1, len(runs), (5.4 * len(runs) + 0.9, 3.5))
+    title = f"Tactile flow: how fast the isostrain lines move, {LOW:g} to {HIGH:g} N"
+    found, axes = _axes(len(runs), 5.6 * len(runs) + 0.8, 3.7, title)
     top = 1.25 * LINES[-1]
     for axis, (plate, run) in zip(axes, runs.items(), strict=True):
         mesh, _ = run.mesh()
@@ -148,14 +148,10 @@ def flows(runs: dict[str, Run]) -> Figure:
             at, way = _spaced(1e3 * ends.mean(axis=1), pace.mean(axis=1), 0.75)
             arrows = axis.quiver(*at.T, *way.T, angles="xy", scale_units="xy", scale=5.0, width=0.0032, color="black",
                                  zorder=6)  # fmt: skip
-        axis.quiverkey(arrows, 0.9, 0.9, 10.0, "10 mm/N", labelpos="N", coordinates="axes")
-        axis.set_title(
-            f"{plate}: flow of the lines {', '.join(f'{x:g}' for x in LINES)}, {LOW:g} to {HIGH:g} N", fontsize=10
-        )
-    figure.colorbar(
-        shown, ax=list(axes), label="equivalent strain, mean of both forces", shrink=0.8, pad=0.015, extend="max"
-    )
-    return figure
+        axis.quiverkey(arrows, 0.93, 1.06, 10.0, "10 mm/N", labelpos="W", coordinates="axes")
+        axis.set_title(f"{plate}, lines of {', '.join(f'{x:g}' for x in LINES)}")
+    found.colorbar(shown, ax=list(axes), label="equivalent strain", shrink=0.9, pad=0.015, extend="max")
+    return found
 
 
 def _volumes(run: Run) -> tuple[np.ndarray, np.ndarray]:
@@ -180,13 +176,19 @@ def _spaced(at: np.ndarray, way: np.ndarray, apart: float) -> tuple[np.ndarray, 
     return at[kept], way[kept]
 
 
+def _colours() -> Any:
+    from matplotlib.colors import LinearSegmentedColormap
+
+    return LinearSegmentedColormap.from_list("deformation", DEFORMATION)
+
+
 def _filled(axis: Axes, triangles: np.ndarray, values: np.ndarray, top: float) -> Any:
     from matplotlib.tri import Triangulation
 
     flat = 1e3 * triangles.reshape(-1, 2)
     return axis.tripcolor(
         Triangulation(flat[:, 0], flat[:, 1], np.arange(len(flat)).reshape(-1, 3)), values.ravel(),
-        shading="gouraud", cmap="YlOrRd", vmin=0.0, vmax=top, rasterized=True,
+        shading="gouraud", cmap=_colours(), vmin=0.0, vmax=top, rasterized=True,
     )  # fmt: skip
 
 
@@ -194,14 +196,19 @@ def _shape(axis: Axes, cut: Any, plate: str, depth: float) -> None:
     """Borders of the layers, and the plate."""
     from matplotlib.collections import LineCollection
 
-    axis.add_collection(LineCollection(list(1e3 * cut.borders), colors="0.25", linewidths=0.6))
+    axis.add_collection(LineCollection(list(1e3 * cut.borders), colors=INK, linewidths=0.6))
     low, high = 1e3 * cut.triangles.reshape(-1, 2).min(axis=0), 1e3 * cut.triangles.reshape(-1, 2).max(axis=0)
     span = (low[0] - 1.5, high[0] + 1.5)
     if len(cut.plate):
+        ends = 1e3 * cut.plate.reshape(-1, 2)
+        upper = ends[(ends[:, 1] > 0.5 * ends[:, 1].min()) & (np.abs(ends[:, 0]) < 0.95 * ends[:, 0].max())]
+        upper = upper[np.argsort(upper[:, 0])]
+        axis.fill_between(upper[:, 0], upper[:, 1], low[1] - 3.0, color=FAINT, alpha=0.5, lw=0)
         axis.add_collection(LineCollection(list(1e3 * cut.plate), colors=COLOURS[plate], linewidths=1.6))
     else:
-        axis.fill_between(span, 1e3 * depth, low[1] - 3.0, color="0.8", lw=0)
+        axis.fill_between(span, 1e3 * depth, low[1] - 3.0, color=FAINT, alpha=0.5, lw=0)
         axis.axhline(1e3 * depth, color=COLOURS[plate], lw=1.6)
+    axis.grid(visible=False)
     axis.set(
         xlim=span,
         ylim=(low[1] - 2.5, high[1] + 0.8),
@@ -211,19 +218,6 @@ def _shape(axis: Axes, cut: Any, plate: str, depth: float) -> None:
     )
 
 
-def _figure(size: tuple[float, float]) -> Figure:
-    import matplotlib.pyplot as plt
-
-    return plt.figure(figsize=size, layout="constrained")
-
-
-def _axes(rows: int, columns: int, size: tuple[float, float]) -> tuple[Figure, Any]:
-    figure = _figure(size)
-    axes = figure.subplots(rows, columns, squeeze=False).ravel()
-    for axis in axes:
-        _plain(axis)
-    return figure, axes
-
-
-def _plain(axis: Axes) -> None:
-    axis.spines[["top", "right"]].set_visible(False)
+def _axes(columns: int, width: float, height: float, title: str) -> tuple[Figure, Any]:
+    found = figure(width, height, title)
+    return found, found.subplots(1, columns, squeeze=False).ravel()
