@@ -87,13 +87,13 @@ class Run:
             )
             self._put("run.json", json.dumps(plain, indent=2).encode())
             return [first]
-        found = self.settings()
-        for name in plain | found:
-            if plain.get(name) != found.get(name):
-                raise RunError(
-                    f"{self.folder}: holds a run with {name} {found.get(name)}, this one has {plain.get(name)}. "
-                    "Another folder, or that one removed, would do"
-                )
+        other = differing(self.settings(), plain)
+        if other is not None:
+            name, there, here = other
+            raise RunError(
+                f"{self.folder}: holds a run with {name} {there}, this one has {here}. Another folder, or that one "
+                "removed, would do"
+            )
         if not (self.folder / "state.npz").exists():
             return [first]
         try:
@@ -120,8 +120,8 @@ class Run:
             found = json.loads((self.folder / "run.json").read_text())
         except (OSError, ValueError) as error:
             raise self._damaged("run.json", error) from None
-        if not isinstance(found, dict):
-            raise self._damaged("run.json", "found no settings in it")
+        if not isinstance(found, dict) or not {"plate", "divisor", "friction", "finger"} <= set(found):
+            raise self._damaged("run.json", "found no settings of a pressing in it")
         return found
 
     def table(self) -> np.ndarray:
@@ -189,6 +189,19 @@ class Run:
                 f"{self.folder}: no {name} in it. Expected a folder that `palpate fe fingertip` has written"
             )
         return RunError(f"{path}: damaged: {reason}. Remove {self.folder} and run again")
+
+
+def differing(first: dict[str, Any], second: dict[str, Any]) -> tuple[str, Any, Any] | None:
+    """The first setting in which two runs differ, and its values; None: they are alike."""
+    for name in first | second:
+        there, here = first.get(name), second.get(name)
+        if there == here:
+            continue
+        if isinstance(there, dict) and isinstance(here, dict):
+            inner = differing(there, here)
+            return None if inner is None else (f"{name}.{inner[0]}", *inner[1:])
+        return name, there, here
+    return None
 
 
 DAMAGED = (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile)

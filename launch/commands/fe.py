@@ -211,19 +211,22 @@ def _press(pressing: Pressing, end: float, run: Run, quiet: bool) -> Record:
 
     count = 3 * len(pressing.solver.mesh.points)
     columns = (*Progress.get_default_columns()[:3], TextColumn("{task.fields[note]}"))
-    with Progress(*columns, console=console(stderr=True), disable=quiet) as bar:
-        task = bar.add_task("pressing", total=1e3 * end, note=f"{count} degrees of freedom")
+    bar = Progress(*columns, console=console(stderr=True), disable=quiet)
+    task = bar.add_task("pressing", total=1e3 * end, note=f"{count} degrees of freedom")
 
-        def tick(load: float) -> None:
-            bar.update(task, completed=1e3 * load, note=f"{1e3 * load:.2f} mm, {pressing.force:.3g} N")
+    def tick(load: float) -> None:
+        bar.start()  # not before the folder has been read, so that what is wrong with it stands alone
+        bar.update(task, completed=1e3 * load, note=f"{1e3 * load:.2f} mm, {pressing.force:.3g} N")
 
-        try:
-            return record(pressing, end, run, tick)
-        except KeyboardInterrupt:
-            bar.stop()
-            done = f"stopped at {1e3 * pressing.solver.load:.2f} mm; the same command goes on from there ({run.folder})"
-            typer.secho(done, fg="red", err=True)
-            raise typer.Exit(INTERRUPTED) from None
+    try:
+        return record(pressing, end, run, tick)
+    except KeyboardInterrupt:
+        bar.stop()
+        done = f"stopped at {1e3 * pressing.solver.load:.2f} mm; the same command goes on from there ({run.folder})"
+        typer.secho(done, fg="red", err=True)
+        raise typer.Exit(INTERRUPTED) from None
+    finally:
+        bar.stop()
 
 
 def _fields(pressing: Pressing, path: Path) -> None:
@@ -249,16 +252,17 @@ def _pictures(runs: dict[str, Run], folder: Path) -> list[Path]:
 def _check_pair(runs: dict[str, Run], scaled: bool = False) -> float:
     """Whether the runs are of one finger on these plates; the ratio of the divisors, which is 1 unless it may be
     scaled. RunError: they are not."""
-    from palpate.fe.record import RunError
+    from palpate.fe.record import RunError, differing
 
     found = {plate: run.settings() for plate, run in runs.items()}
     for plate, settings in found.items():
         if settings.get("plate") != plate:
             raise RunError(f"{runs[plate].folder}: a run on {settings.get('plate')}, expected one on {plate}")
-    hard, soft = found["steel"], found["silicone"]
-    for name in ("friction", "finger") + (() if scaled else ("divisor",)):
-        if hard.get(name) != soft.get(name):
-            raise RunError(
-                f"{name}: {hard.get(name)} on steel, {soft.get(name)} on silicone; expected the same in both runs"
-            )
-    return float(soft["divisor"]) / float(hard["divisor"])
+    hard, soft = ({k: v for k, v in s.items() if k != "plate"} for s in found.values())
+    ratio = float(soft["divisor"]) / float(hard["divisor"])
+    if scaled:
+        hard |= {"divisor": soft["divisor"]}
+    other = differing(hard, soft)
+    if other is not None:
+        raise RunError(f"{other[0]} is {other[1]} on steel, {other[2]} on silicone; expected two runs that are alike")
+    return ratio
