@@ -35,7 +35,7 @@ class Scanned(Layers):
 
     tip        its surfaces; x across, y from the tip to the hand, z from the pulp to the nail
     dermis, epidermis, nail  [m] thicknesses
-    phalanx    [m] length behind the centre of the bone's rounded tip, or as much of it as was measured
+    phalanx    [m] length behind the centre of the bone's rounded tip, if the bone goes on that far
     tilt       [rad] between the y axis and the plate
     plate      [m] half-widths of a deformable plate and its thickness
     cells      elements across an eighth of the circumference, 3 and more
@@ -167,9 +167,10 @@ class Axis:
 
 def bone_axis(tip: measured.Fingertip, phalanx: float) -> Axis:
     """The line through the centres of the bone's sections. The tip's centre lies as far behind the bone's end as the
-    section there is wide, as in a half ball; `phalanx` [m] behind it, or as much as was measured, is taken.
+    section there is wide, as in a half ball; `phalanx` [m] behind it is taken, or what there is up to the bone's other
+    end or the last image.
 
-    MeshError: no bone, or one that ends within that length.
+    MeshError: no bone, or one that is too short.
     """
     h = tip.spacing
     x, y, z = (tip.origin[k] + h[k] * np.arange(tip.bone.shape[k]) for k in range(3))
@@ -187,13 +188,14 @@ def bone_axis(tip: measured.Fingertip, phalanx: float) -> Axis:
     wide = ahead >= 0.0
     k = int(np.argmax(wide))
     centre = float(y[k] - h[1] * ahead[k] / (ahead[k] - ahead[k - 1]))
-    last = min(centre + phalanx, float(y[-1]))
+    gone = np.flatnonzero(deepest[first:] >= 0.0)
+    close = float(y[first + gone[0] - 1]) if len(gone) else float(y[-1])
+    last = min(centre + phalanx, close)
     used = (y >= end) & (y <= last + 1e-9)
-    if not wide.any() or last - centre < SHORT or (area[used] <= 0.0).any():
+    if not wide.any() or last - centre < SHORT:
         raise MeshError(
-            f"measured finger: bone from {1e3 * (end - y[0]):.1f} to {1e3 * (y[deepest < 0.0][-1] - y[0]):.1f} mm of "
-            f"{1e3 * (y[-1] - y[0]):.1f} mm along it; expected bone up to the last image, and {1e3 * SHORT:g} mm or "
-            "more of it behind its rounded tip"
+            f"measured finger: bone from {1e3 * (end - y[0]):.1f} to {1e3 * (close - y[0]):.1f} mm of "
+            f"{1e3 * (y[-1] - y[0]):.1f} mm along it; expected {1e3 * SHORT:g} mm or more of it behind its rounded tip"
         )
     middle = np.stack([(share.sum(axis=2) * x[:, None]).sum(axis=0), (share.sum(axis=0) * z).sum(axis=1)])
     middle = middle[:, used] * h[0] * h[2] / area[used]

@@ -78,6 +78,24 @@ def test_fe_fingertip_draws_what_the_run_has(steel):
     assert min(path.stat().st_size for path in folder.rglob("*.png")) > 20_000
 
 
+def test_without_matplotlib_the_run_is_kept_and_says_what_to_install(steel, monkeypatch):
+    folder, _ = steel
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    again = fingertip("--depth", "0.1", "--material", "20", "--to", str(folder))
+    assert again.exit_code == 0 and 'pip install "palpate[view]"' in again.output, again.output
+    assert "0.11 N: not reached" in again.output
+
+
+@pytest.mark.long
+def test_a_run_beyond_the_papers_forces_has_all_four_pictures(tmp_path):
+    pytest.importorskip("matplotlib")
+    found = json.loads(fingertip("--material", "literal", "--depth", "0.9", "--to", str(tmp_path), "--json").stdout)
+    names = [path.rpartition("/")[2] for path in found["pictures"]]
+    assert names == ["force.png", "strain.png", "isostrain.png", "flow.png"]
+    assert min(path.stat().st_size for path in tmp_path.rglob("*.png")) > 20_000
+    assert found["paper"][1]["found"] == pytest.approx(0.77e-3, abs=0.03e-3)  # 0.76 mm on finer meshes
+
+
 def test_the_same_command_again_computes_nothing(steel):
     folder, found = steel
     before = (folder / "steel-20-3-0.2" / "state.npz").stat().st_mtime_ns

@@ -78,8 +78,17 @@ def test_the_axis_of_the_bone_is_found(sampled):
     assert axis.at(np.array([5e-3, 20e-3]))[:, [0, 2]] == approx(0.0, abs=5e-5)
     assert axis.centre == approx(RADII["skin"], abs=1e-4)
     assert axis.length == approx(12e-3)
+    short = dataclasses.replace(sampled, bone=np.maximum(sampled.bone, joint(sampled, 18e-3)))
+    assert bone_axis(short, 12e-3).length == approx(18e-3 - RADII["skin"], abs=1.5 * sampled.spacing[1])
+    with pytest.raises(MeshError, match="5 mm or more"):
+        bone_axis(dataclasses.replace(sampled, bone=np.maximum(sampled.bone, joint(sampled, 13e-3))), 12e-3)
     bent = bone_axis(Anatomy(bone_shift=1e-3).fingertip(), 12e-3)
     assert bent.at(np.array([10e-3]))[0, 0] == approx(1e-3, abs=1e-4)
+
+
+def joint(tip, y):
+    """Distance to a plane across the finger, behind which there is no bone."""
+    return (tip.origin[1] + tip.spacing[1] * np.arange(tip.bone.shape[1]) - y)[None, :, None]
 
 
 @pytest.mark.parametrize("cells", [3, 5])
