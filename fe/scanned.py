@@ -78,12 +78,15 @@ class Scanned(Layers):
     @cached_property
     def _core(self) -> float:
         """Half width of the lattice's core [m]."""
-        return CORE * float(self._surfaces(_under(9, -1.0, 1.0))[0].min())
+        palmar = _palmar(9)
+        left = palmar[:, [1, 0, 2]]
+        every = [palmar, palmar * [1, -1, 1], left, left * [-1, 1, 1], _front(9)]
+        return CORE * float(self._surfaces(np.concatenate(every))[0].min())
 
     @cached_property
     def radii(self) -> np.ndarray:
         """Outer radius of bone, subcutis, dermis and epidermis on the palmar side [m] (4,), medians."""
-        bone, skin, _ = self._surfaces(_under(9, -0.5, 0.5)[:81])
+        bone, skin, _ = self._surfaces(0.5 * _palmar(9) + [0.0, -0.5, 0.0])
         outer = float(np.median(skin))
         inner = outer - self.epidermis - self.dermis
         return np.array([float(np.median(bone)), inner, inner + self.dermis, outer])
@@ -144,7 +147,7 @@ class Scanned(Layers):
     @cached_property
     def _lowest(self) -> np.ndarray:
         """Point of the skin that touches the plate first [m] (3)."""
-        box = _under(61, -1.0, 1.0)
+        box = np.concatenate([_palmar(61), _front(61)])
         origin, direction = self._rays(box)
         skin = origin + crossing(self.tip, "skin", origin, direction)[:, None] * direction
         return skin[int(np.argmin(skin @ measured.plate_axes(self.tilt)[2]))]
@@ -227,13 +230,15 @@ def crossing(tip: measured.Fingertip, name: str, origin: np.ndarray, direction: 
     return way[first - 1] + step * a / (a - b)
 
 
-def _under(count: int, low: float, high: float) -> np.ndarray:
-    """Points of the box (count²,3) spread over its palmar face, and (count²,3) over its front."""
-    across, along = np.meshgrid(np.linspace(-1, 1, count), np.linspace(low, high, count), indexing="ij")
-    one = np.ones(count * count)
-    palmar = np.column_stack([across.ravel(), -one, along.ravel()])
-    front = np.column_stack([across.ravel(), np.linspace(-1, 1, count)[np.arange(count * count) % count], one])
-    return np.concatenate([palmar, front])
+def _palmar(count: int) -> np.ndarray:
+    """Points (count²,3) spread over the box's palmar face."""
+    across, along = np.meshgrid(np.linspace(-1, 1, count), np.linspace(-1, 1, count), indexing="ij")
+    return np.column_stack([across.ravel(), np.full(count * count, -1.0), along.ravel()])
+
+
+def _front(count: int) -> np.ndarray:
+    """Points (count²,3) spread over the box's front."""
+    return _palmar(count)[:, [0, 2, 1]] * [1.0, 1.0, -1.0]
 
 
 def _where(at: np.ndarray) -> str:

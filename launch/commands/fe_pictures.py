@@ -50,7 +50,7 @@ def draw(runs: dict[str, Run], folder: Path) -> list[Path]:
         with rc_context(LOOK):
             shown = picture(runs)
             FigureCanvasAgg(shown)
-            shown.savefig(folder / name)
+            shown.savefig(folder / name, bbox_inches="tight")
         made.append(folder / name)
     return made
 
@@ -88,8 +88,9 @@ def strains(runs: dict[str, Run]) -> Figure:
         solid = finger(mesh)
         cuts[plate] = section(mesh, u, smooth(solid, strain(solid, u)[0]))
     top = np.ceil(20 * max(np.percentile(cut.values, 99.7) for cut in cuts.values())) / 20
-    title = f"Strain in the plane of symmetry at {1e3 * depth:.2f} mm"
+    title = f"Strain in the middle of the finger at {1e3 * depth:.2f} mm"
     found, axes = _axes(len(runs), 5.0 * len(runs) + 0.8, 4.7, title)
+    found.set_layout_engine("compressed")
     for axis, (plate, cut) in zip(axes, cuts.items(), strict=True):
         shown = _filled(axis, cut.triangles, cut.values, top)
         _shape(axis, cut, plate, depth)
@@ -112,8 +113,8 @@ def isostrain(runs: dict[str, Run]) -> Figure:
         shown = LEVELS >= SHEET
         sheet = np.stack([np.interp(steps, forces, v) for v in volumes[:, shown].T], axis=1)
         x, y = np.meshgrid(LEVELS[shown], steps)
-        right.plot_surface(x, y, 1e9 * sheet, color=COLOURS[plate], alpha=0.5, rstride=2, cstride=2,
-                           edgecolor=COLOURS[plate], linewidth=0.5)  # fmt: skip
+        right.plot_surface(x, y, 1e9 * sheet, color=COLOURS[plate], alpha=0.15, shade=False)
+        right.plot_wireframe(x, y, 1e9 * sheet, color=COLOURS[plate], rstride=5, cstride=2, linewidth=1.0)
     left.set(xlabel="equivalent strain", ylabel="ΔV/ΔP [mm³/N]", xlim=(0, None), ylim=(0, None))
     left.set_title(f"growth of the volume from {LOW:g} to {HIGH:g} N")
     left.legend()
@@ -128,8 +129,9 @@ def flows(runs: dict[str, Run]) -> Figure:
     """Isostrain lines in the plane of symmetry midway between the paper's two forces, and how fast they move."""
     from matplotlib.collections import LineCollection
 
-    title = f"Tactile flow: how fast the isostrain lines move, {LOW:g} to {HIGH:g} N"
+    title = f"Tactile flow from {LOW:g} to {HIGH:g} N"
     found, axes = _axes(len(runs), 5.6 * len(runs) + 0.8, 3.7, title)
+    found.set_layout_engine("compressed")
     top = 1.25 * LINES[-1]
     for axis, (plate, run) in zip(axes, runs.items(), strict=True):
         mesh, _ = run.mesh()
