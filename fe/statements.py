@@ -16,8 +16,8 @@ LOW, HIGH = 0.11, 0.50
 WEAK = 0.1
 """[1] The strain whose volume says on which plate the finger is strained more at the same indentation."""
 
-LEAST = 1e-12
-"""[m³/N] A smaller growth of an isostrain volume on both plates: the level is not reached."""
+LEAST = 1e-3
+"""[mm³, mm³/N] A smaller isostrain volume, or growth of it, on both plates: the level is not reached."""
 
 
 def points(sets: dict[str, dict[str, Record]]) -> list[dict[str, Any]]:
@@ -51,18 +51,19 @@ def statements(steel: Record, silicone: Record) -> list[dict[str, Any]]:
     depth = float(min(steel.indentation[-1], silicone.indentation[-1]))
     k = int(np.argmin(np.abs(steel.levels - WEAK)))
     hard, soft = (1e9 * float(np.interp(depth, r.indentation, r.volumes[:, k])) for r in (steel, silicone))
-    tell(f"V at strain {steel.levels[k]:g} and {1e3 * depth:.2f} mm, mm³: less on silicone", hard, soft, less=True)
+    first, second = _seen(hard, soft)
+    tell(f"V at strain {steel.levels[k]:g} and {1e3 * depth:.2f} mm, mm³: less on silicone", first, second, less=True)
     if min(steel.force[-1], silicone.force[-1]) < HIGH:
         return rows
     ends = [(r.at(LOW), r.at(HIGH)) for r in (steel, silicone)]
     hard, soft = (1e6 * float(growth(np.array(a[1]), np.array(b[1]), LOW, HIGH)) for a, b in ends)
     tell("area growth, mm²/N: faster on silicone", hard, soft)
-    first, second = (growth(a[2], b[2], LOW, HIGH) for a, b in ends)
-    for level, x, y in zip(steel.levels, first, second, strict=True):
-        reached = max(x, y) > LEAST
-        tell(
-            f"ΔV/ΔP at strain {level:g}, mm³/N: larger on silicone",
-            1e9 * float(x) if reached else None,
-            1e9 * float(y) if reached else None,
-        )
+    rates = (1e9 * growth(a[2], b[2], LOW, HIGH) for a, b in ends)
+    for level, x, y in zip(steel.levels, *rates, strict=True):
+        first, second = _seen(float(x), float(y))
+        tell(f"ΔV/ΔP at strain {level:g}, mm³/N: larger on silicone", first, second)
     return rows
+
+
+def _seen(hard: float, soft: float) -> tuple[float, float] | tuple[None, None]:
+    return (hard, soft) if max(hard, soft) > LEAST else (None, None)

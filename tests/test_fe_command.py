@@ -184,6 +184,22 @@ def test_ctrl_c_keeps_the_steps_and_the_same_command_goes_on(tmp_path):
 
 
 @pytest.mark.long
+def test_fe_compare_puts_both_plates_side_by_side(steel, tmp_path):
+    """Short runs: what they do not reach is left out, not made up."""
+    pytest.importorskip("matplotlib")
+    folder, _ = steel
+    words = ["--plate", "silicone", "--material", "20", "--depth", "0.1", "--to", str(tmp_path), "--json"]
+    soft = json.loads(fingertip(*words).stdout)
+    both = (str(folder / "steel-20-3-0.2"), soft["folder"])
+    found = json.loads(run("fe", "compare", *both, "--to", str(tmp_path / "both"), "--json").stdout)
+    (row,) = found["statements"]
+    assert "strain 0.1" in row["statement"] and row["steel"] is None and row["holds"] is None
+    assert [path.rpartition("/")[2] for path in found["pictures"]] == ["force.png", "strain.png"]
+    shown = run("fe", "compare", *both, "--to", str(tmp_path / "both"))
+    assert shown.exit_code == 0 and "less on silicone" in shown.output
+
+
+@pytest.mark.long
 def test_a_users_table_is_a_setting_of_the_node(steel, tmp_path):
     """From two runs by `fe table` to `tactile.Flow`, which reads what the runs hold; a steel run is scaled to the
     material of the other."""
