@@ -13,6 +13,7 @@ from palpate.launch.running.bus import CONTROL, HEALTH, Bus, frame, order
 from palpate.launch.running.clock import now
 from palpate.launch.running.ended import Ended
 from palpate.launch.running.health import message
+from palpate.launch.running.inbox import LARGEST, post
 from palpate.launch.running.job import Job, NodeJob, ObserverJob
 from palpate.launch.running.listen import hand_over, listen
 from palpate.launch.running.real import run_real
@@ -61,6 +62,7 @@ class Worker:
         self._started: list[Node] = []
         self._told: list[Observer] = []
         self._heard: dict[str, Output] = known
+        self._address()
 
     def _observer(self, job: ObserverJob) -> Observer:
         node = self._node(job)
@@ -163,10 +165,26 @@ class Worker:
                 observer.observe(output.stream, message.tick, payload)
             if self.bus is not None and (output.external or output.observed):
                 data = output.topic + payload
-                if output.external:
+                if output.external and not (output.boxes and self._post(output, data)):
                     self.bus.send(data)
                 if output.observed:
                     self.bus.keep(data)
+
+    @staticmethod
+    def _post(output: Output, data: bytes) -> bool:
+        """Write to the readers' inboxes. Returns whether they have taken it. Where one was full, its stream stays with
+        ZeroMQ, which holds far more and then holds back the sender."""
+        if len(data) > LARGEST:
+            return False
+        if not post(output.boxes, data):
+            output.boxes = ()
+        return bool(output.boxes)
+
+    def _address(self) -> None:
+        """Look up the inboxes of those who read the outputs."""
+        if self.bus is not None:
+            for stream, groups in self.job.external.items():
+                self._heard[stream].boxes = self.bus.boxes(groups)
 
     def receive(self, block: bool) -> None:
         """Take one frame from the inbox and hand it to its ports; control frames act at once."""
@@ -232,6 +250,8 @@ class Worker:
                     port.dead = dead
                     port.queue.clear()
                     port.message = None
+        if not dead:
+            self._address()
 
     # -- housekeeping --------------------------------------------------------------------------------------------
 
