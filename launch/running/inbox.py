@@ -66,21 +66,29 @@ class Inbox:
 
     def receive(self, block: bool) -> bytes | None:
         """The next frame; None when none has come."""
+        if self._more and self._turn:
+            self._turn = False
+            data = self._sent()
+            if data is not None:
+                return data
         ready = self._poll.poll(self._patience if block and not self._more else 0)
         written = bool(ready) and ready[0][0] == self._number
         self._more = self._more or len(ready) > written
-        if self._more and (self._turn or not written):
-            self._turn = False
-            try:
-                return self._heard.recv(zmq.NOBLOCK)
-            except zmq.Again:
-                self._more = False
         self._turn = True
-        return self._written() if written else None
+        if written:
+            return self._written()
+        return self._sent() if self._more else None
 
     def waiting(self) -> bool:
         """Whether a frame may have come."""
         return self._more or bool(self._poll.poll(0))
+
+    def _sent(self) -> bytes | None:
+        try:
+            return self._heard.recv(zmq.NOBLOCK)
+        except zmq.Again:
+            self._more = False
+            return None
 
     def _written(self) -> bytes | None:
         try:
