@@ -78,7 +78,7 @@ def test_an_order_of_the_launcher_does_not_wait_behind_the_messages(bus, control
     while post(bus.boxes(["b"]), frame("pose", b"0")):
         pass
     control.send(frame("~*", b'{"do": "stop"}'))
-    assert bus.inbox.poll(5000)
+    assert bus.subscriber.poll(5000)
     heard = [read(bus) for _ in range(3)]
     assert {"do": "stop"} in [order(data) for data in heard if data[:1] == b"~"]
 

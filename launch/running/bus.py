@@ -76,14 +76,14 @@ class Bus:
         self.context = zmq.Context()
         self.run, self.group = run, group
         self.wait_for_slow = wait_for_slow
-        self.inbox = self._socket(zmq.SUB)
-        self.inbox.set(zmq.RCVHWM, HIGH_WATER)
+        self.subscriber = self._socket(zmq.SUB)
+        self.subscriber.set(zmq.RCVHWM, HIGH_WATER)
         milliseconds = max(1, round(patience * 1000))
-        self.inbox.set(zmq.RCVTIMEO, milliseconds)
-        self.inbox.set(zmq.RECONNECT_IVL, 5)
-        self.inbox.connect(control)
+        self.subscriber.set(zmq.RCVTIMEO, milliseconds)
+        self.subscriber.set(zmq.RECONNECT_IVL, 5)
+        self.subscriber.connect(control)
         for topic in (f"~{group}", "~*"):
-            self.inbox.subscribe(topic.encode() + b"\0")
+            self.subscriber.subscribe(topic.encode() + b"\0")
         self.reports = self._socket(zmq.PUSH)
         self.reports.connect(reports)
         self.force = self._outlet()
@@ -93,7 +93,7 @@ class Bus:
         """Send a frame to the nodes that read it."""
         self.listeners: dict[bytes, int] = {}
         self._boxes = {name: write for name, (_, write) in inboxes.items()}
-        self._box = Inbox(inboxes[group][0], self.inbox, milliseconds) if group in inboxes else None
+        self._inbox = Inbox(inboxes[group][0], self.subscriber, milliseconds) if group in inboxes else None
         self._kept: list[bytes] = []
         self._early: deque[bytes] = deque()
         self._first: deque[bytes] = deque()
@@ -136,9 +136,9 @@ class Bus:
 
     def connect(self, address: str, streams: list[str]) -> None:
         """Read these streams from the outlet at `address`."""
-        self.inbox.connect(address)
+        self.subscriber.connect(address)
         for stream in streams:
-            self.inbox.subscribe(stream.encode() + b"\0")
+            self.subscriber.subscribe(stream.encode() + b"\0")
 
     def boxes(self, groups: Sequence[str]) -> tuple[Box, ...]:
         """The inboxes of these workers; empty where one of them has none."""
@@ -205,26 +205,28 @@ class Bus:
         self._first, self._early = self._early, deque()
 
     def receive(self, block: bool) -> bytes | None:
-        """The next frame of the inbox; None when none has come."""
+        """The next frame; None when none has come."""
         if self._first:
             return self._first.popleft()
-        if self._box is not None:
-            return self._box.receive(block)
+        if self._inbox is not None:
+            return self._inbox.receive(block)
         try:
-            return self.inbox.recv() if block else self.inbox.recv(zmq.NOBLOCK)
+            return self.subscriber.recv() if block else self.subscriber.recv(zmq.NOBLOCK)
         except zmq.Again:
             return None
 
     def waiting(self) -> bool:
         """Whether a frame may have come."""
-        if self._first or (self._box is not None and self._box.waiting()):
+        if self._first:
             return True
-        return self._box is None and bool(int(self.inbox.get(zmq.EVENTS)) & zmq.POLLIN)
+        if self._inbox is not None:
+            return self._inbox.waiting()
+        return bool(int(self.subscriber.get(zmq.EVENTS)) & zmq.POLLIN)
 
     def close(self) -> None:
         """Deliver what is under way and close."""
         with contextlib.suppress(zmq.ZMQError):
             self.flush()
-        # The inbox would wait to renew its subscriptions with senders that have gone.
-        self.inbox.close(linger=0)
+        # It would wait to renew its subscriptions with senders that have gone.
+        self.subscriber.close(linger=0)
         self.context.destroy(linger=LINGER)

@@ -13,7 +13,7 @@ from time import perf_counter_ns
 import msgspec
 
 from palpate.launch.running.health import Health
-from palpate.launch.running.inbox import Box
+from palpate.launch.running.inbox import LARGEST, Box, post
 from palpate.launch.running.job import InputJob, NodeJob, ObserverJob
 from palpate.messages import Message, MessageError, check_finite, fields
 from palpate.messages.checks import finite_check
@@ -48,6 +48,15 @@ class Output:
         self.observed = False
         self.boxes: tuple[Box, ...] = ()
         self.listeners: list[ObserverSlot] = []
+
+    def post(self, data: bytes) -> bool:
+        """Write a frame to the readers' inboxes. Returns whether all have taken it. When one was full, the stream stays
+        with ZeroMQ, which holds far more, and then holds back the sender."""
+        if not self.boxes or len(data) > LARGEST:
+            return False
+        if not post(self.boxes, data):
+            self.boxes = ()
+        return bool(self.boxes)
 
 
 class Input:

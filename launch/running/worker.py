@@ -13,7 +13,6 @@ from palpate.launch.running.bus import CONTROL, HEALTH, Bus, frame, order
 from palpate.launch.running.clock import now
 from palpate.launch.running.ended import Ended
 from palpate.launch.running.health import message
-from palpate.launch.running.inbox import LARGEST, post
 from palpate.launch.running.job import Job, NodeJob, ObserverJob
 from palpate.launch.running.listen import hand_over, listen
 from palpate.launch.running.real import run_real
@@ -165,20 +164,10 @@ class Worker:
                 observer.observe(output.stream, message.tick, payload)
             if self.bus is not None and (output.external or output.observed):
                 data = output.topic + payload
-                if output.external and not (output.boxes and self._post(output, data)):
+                if output.external and not output.post(data):
                     self.bus.send(data)
                 if output.observed:
                     self.bus.keep(data)
-
-    @staticmethod
-    def _post(output: Output, data: bytes) -> bool:
-        """Write to the readers' inboxes. Returns whether they have taken it. Where one was full, its stream stays with
-        ZeroMQ, which holds far more and then holds back the sender."""
-        if len(data) > LARGEST:
-            return False
-        if not post(output.boxes, data):
-            output.boxes = ()
-        return bool(output.boxes)
 
     def _address(self) -> None:
         """Look up the inboxes of those who read the outputs."""
