@@ -17,6 +17,7 @@ from palpate.launch.running.inbox import LARGEST, pair, post
 from palpate.launch.running.job import InputJob, Job, NodeJob, ObserverJob
 from palpate.launch.running.links import inboxes
 from palpate.launch.running.slot import Input
+from palpate.launch.running.worker import Worker
 from palpate.messages import Pose
 from palpate.nodes.base import inputs
 
@@ -40,9 +41,8 @@ def control() -> Iterator[zmq.Socket]:
 
 @pytest.fixture
 def bus(control) -> Iterator[Bus]:
-    """The sockets of a worker `b` whose inbox holds a frame for its predecessor."""
+    """The sockets of a worker `b`."""
     ends = pair()
-    post([ends[1]], frame("old", b"0"))
     found = Bus("test", "b", "ipc://@palpate-test-inbox", "ipc://@palpate-test-reports", True, {"b": ends})
     for _ in range(2):
         control.recv()  # it has subscribed
@@ -55,13 +55,27 @@ def read(bus: Bus) -> bytes:
     return next(filter(None, (bus.receive(block=True) for _ in range(100))))
 
 
-def test_frames_come_whole_and_in_order_and_not_those_for_a_predecessor(bus):
+def test_frames_come_whole_and_in_order(bus):
     sent = [frame("pose", bytes([i]) * size) for i, size in enumerate((1, 200, LARGEST - 5, 0, 3000))]
     for data in sent:
         assert post(bus.boxes(("b",)), data)
     assert bus.waiting()
     assert [read(bus) for _ in sent] == sent
     assert bus.receive(block=False) is None
+
+
+def test_what_was_sent_to_a_predecessor_is_thrown_away(bus, control):
+    boxes = bus.boxes(["b"])
+    post(boxes, frame("pose", b"while it was down"))
+    control.send(frame("~b", b'{"do": "connect"}'))
+    assert bus.orders() == {"do": "connect"}
+    post(boxes, frame("pose", b"before it has connected"))
+    bus.forget()
+    post(boxes, frame("pose", b"new"))
+    control.send(frame("~b", b'{"do": "go"}'))
+    assert bus.orders() == {"do": "go"}
+    bus.release()
+    assert read(bus) == frame("pose", b"new")
 
 
 def test_a_full_inbox_takes_nothing_and_loses_nothing(bus):
@@ -85,6 +99,20 @@ def test_an_order_of_the_launcher_does_not_wait_behind_the_messages(bus, control
 
 def test_where_one_reader_has_no_inbox_the_stream_goes_through_zeromq(bus):
     assert bus.boxes(["b", "far"]) == ()
+
+
+def test_a_stream_that_found_an_inbox_full_uses_inboxes_again_when_a_node_has_come_back(bus, control):
+    node = NodeJob("source", "nodes_for_runs.Source", {}, 1, (), ("source",))
+    worker = Worker(Job(group="a", nodes=(node,), external={"source": ("b",)}), bus, lambda _: None)
+    (output,) = worker.slots[0].outputs
+    while output.post(frame("source", b"0")):
+        pass
+    bus.forget()
+    assert not output.post(frame("source", b"0"))
+    control.send(frame("~*", b'{"do": "alive", "nodes": ["reader"], "mute": []}'))
+    while not output.boxes:
+        worker.receive(block=True)
+    assert output.post(frame("source", b"0"))
 
 
 def test_those_on_other_machines_and_those_with_observers_have_no_inbox():

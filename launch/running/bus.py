@@ -140,6 +140,12 @@ class Bus:
         for stream in streams:
             self.subscriber.subscribe(stream.encode() + b"\0")
 
+    def forget(self) -> None:
+        """Throw away what was sent to a predecessor that has died, and since."""
+        self._early.clear()
+        if self._inbox is not None:
+            self._inbox.clear()
+
     def boxes(self, groups: Sequence[str]) -> tuple[Box, ...]:
         """The inboxes of these workers; empty where one of them has none."""
         return tuple(self._boxes[group] for group in groups) if self._boxes.keys() >= set(groups) else ()

@@ -61,8 +61,6 @@ class Inbox:
         """ZeroMQ may hold frames: its descriptor only tells that something has changed."""
         self._turn = True
         """It is ZeroMQ's turn."""
-        while self._written() is not None:  # it was meant for a worker that has died
-            pass
 
     def receive(self, block: bool) -> bytes | None:
         """The next frame; None when none has come."""
@@ -78,6 +76,11 @@ class Inbox:
         if written:
             return self._written()
         return self._sent() if self._more else None
+
+    def clear(self) -> None:
+        """Throw away what has been written."""
+        while self._written() is not None:
+            pass
 
     def waiting(self) -> bool:
         """Whether a frame may have come."""

@@ -76,6 +76,7 @@ def _link(bus: Bus, job: Job, report) -> int | None:
         told = bus.orders()
         match told["do"]:
             case "connect":
+                bus.forget()
                 for address, streams in told["from"]:
                     bus.connect(address, streams)
                 if not bus.wait_linked(readers, told["observed"], 10.0):
