@@ -56,6 +56,18 @@ class Spread(Node):
         return Load(nodes=np.arange(self.count), forces=forces, foot=(0, 0, 0), normal=(0, 0, 1))
 
 
+class Swell(Spread):
+    """Some of its messages are larger than an inbox takes."""
+
+    def start(self) -> None:
+        self.steps = 0
+
+    def step(self, force: Force, friction: Friction | None) -> Load:
+        self.steps += 1
+        self.count = 4000 if self.steps % 7 in (2, 3, 6) else 50
+        return super().step(force, friction)
+
+
 class Sum(Node):
     """Back to a torque."""
 
@@ -90,6 +102,11 @@ class Faulty(Spring):
                     return pose
                 case "hang":
                     time.sleep(1000)
+                case "doze":
+                    time.sleep(1.0)
+                case "doze and die":
+                    time.sleep(1.0)
+                    os.kill(os.getpid(), 9)
                 case "exit":
                     os._exit(7)
                 case "kill":

@@ -1,4 +1,4 @@
-"""The ZeroMQ side of a worker process: one inbox, one outlet for the nodes of the graph, one for observers.
+"""The sockets of a worker process: what it reads, one outlet for the nodes of the graph, one for observers.
 
 A frame is the stream's name, a zero byte, and the message as one msgpack map. The outlets are publishers, so that any
 program can subscribe by the stream's name. Observers have an outlet of their own: frames for them are kept back and
@@ -12,8 +12,11 @@ from __future__ import annotations
 import contextlib
 import json
 from collections import deque
+from collections.abc import Mapping, Sequence
 
 import zmq
+
+from palpate.launch.running.inbox import Box, Inbox, Pair
 
 CONTROL = b"~"
 HEALTH = "!health"
@@ -56,22 +59,31 @@ class Bus:
     control        endpoint of the launcher's control publisher
     reports        endpoint where the launcher takes reports
     wait_for_slow  true on the simulated clock
+    inboxes        of the workers of this machine, by name
     patience       [s] after which a blocking receive gives up once, so that the caller can look round
     """
 
     def __init__(
-        self, run: str, group: str, control: str, reports: str, wait_for_slow: bool, patience: float = 0.1
+        self,
+        run: str,
+        group: str,
+        control: str,
+        reports: str,
+        wait_for_slow: bool,
+        inboxes: Mapping[str, Pair],
+        patience: float = 0.1,
     ) -> None:
         self.context = zmq.Context()
         self.run, self.group = run, group
         self.wait_for_slow = wait_for_slow
-        self.inbox = self._socket(zmq.SUB)
-        self.inbox.set(zmq.RCVHWM, HIGH_WATER)
-        self.inbox.set(zmq.RCVTIMEO, max(1, round(patience * 1000)))
-        self.inbox.set(zmq.RECONNECT_IVL, 5)
-        self.inbox.connect(control)
+        self.subscriber = self._socket(zmq.SUB)
+        self.subscriber.set(zmq.RCVHWM, HIGH_WATER)
+        milliseconds = max(1, round(patience * 1000))
+        self.subscriber.set(zmq.RCVTIMEO, milliseconds)
+        self.subscriber.set(zmq.RECONNECT_IVL, 5)
+        self.subscriber.connect(control)
         for topic in (f"~{group}", "~*"):
-            self.inbox.subscribe(topic.encode() + b"\0")
+            self.subscriber.subscribe(topic.encode() + b"\0")
         self.reports = self._socket(zmq.PUSH)
         self.reports.connect(reports)
         self.force = self._outlet()
@@ -80,6 +92,8 @@ class Bus:
         self.send = zmq.backend.Socket.send.__get__(self.force)
         """Send a frame to the nodes that read it."""
         self.listeners: dict[bytes, int] = {}
+        self._boxes = {name: write for name, (_, write) in inboxes.items()}
+        self._inbox = Inbox(inboxes[group][0], self.subscriber, milliseconds) if group in inboxes else None
         self._kept: list[bytes] = []
         self._early: deque[bytes] = deque()
         self._first: deque[bytes] = deque()
@@ -122,9 +136,19 @@ class Bus:
 
     def connect(self, address: str, streams: list[str]) -> None:
         """Read these streams from the outlet at `address`."""
-        self.inbox.connect(address)
+        self.subscriber.connect(address)
         for stream in streams:
-            self.inbox.subscribe(stream.encode() + b"\0")
+            self.subscriber.subscribe(stream.encode() + b"\0")
+
+    def forget(self) -> None:
+        """Throw away what was sent to a predecessor that has died, and since."""
+        self._early.clear()
+        if self._inbox is not None:
+            self._inbox.clear()
+
+    def boxes(self, groups: Sequence[str]) -> tuple[Box, ...]:
+        """The inboxes of these workers; empty where one of them has none."""
+        return tuple(self._boxes[group] for group in groups) if self._boxes.keys() >= set(groups) else ()
 
     def wait_linked(self, nodes: dict[str, int], observers: dict[str, int], timeout: float) -> bool:
         """Wait until each stream has its readers, at the outlet for nodes and at that for observers.
@@ -187,22 +211,28 @@ class Bus:
         self._first, self._early = self._early, deque()
 
     def receive(self, block: bool) -> bytes | None:
-        """The next frame of the inbox; None when none has come."""
+        """The next frame; None when none has come."""
         if self._first:
             return self._first.popleft()
+        if self._inbox is not None:
+            return self._inbox.receive(block)
         try:
-            return self.inbox.recv() if block else self.inbox.recv(zmq.NOBLOCK)
+            return self.subscriber.recv() if block else self.subscriber.recv(zmq.NOBLOCK)
         except zmq.Again:
             return None
 
     def waiting(self) -> bool:
-        """Whether the inbox holds a frame."""
-        return bool(self._first) or bool(int(self.inbox.get(zmq.EVENTS)) & zmq.POLLIN)
+        """Whether a frame may have come."""
+        if self._first:
+            return True
+        if self._inbox is not None:
+            return self._inbox.waiting()
+        return bool(int(self.subscriber.get(zmq.EVENTS)) & zmq.POLLIN)
 
     def close(self) -> None:
         """Deliver what is under way and close."""
         with contextlib.suppress(zmq.ZMQError):
             self.flush()
-        # The inbox would wait to renew its subscriptions with senders that have gone.
-        self.inbox.close(linger=0)
+        # It would wait to renew its subscriptions with senders that have gone.
+        self.subscriber.close(linger=0)
         self.context.destroy(linger=LINGER)

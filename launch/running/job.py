@@ -62,7 +62,7 @@ class Job(msgspec.Struct, frozen=True):
               the tick that notices it, the force is gone 20 ms after its sender
     phase     tells the workers apart, so that they do not all send their bursts to the observers in the same tick
     leads     true where a paced node is among the nodes
-    external  streams of this group that nodes of other groups read, with the number of those groups
+    external  streams of this group that nodes of other groups read, with the names of those groups
     about     what a recording says of the run: graph, settings, versions, machine
     """
 
@@ -79,7 +79,7 @@ class Job(msgspec.Struct, frozen=True):
     host: str | None = None
     phase: int = 0
     leads: bool = False
-    external: dict[str, int] = {}
+    external: dict[str, tuple[str, ...]] = {}
     about: dict[str, object] = {}
 
 

@@ -123,14 +123,14 @@ def _observer(plan: Plan, name: str) -> ObserverJob:
     return ObserverJob(name=name, cls=full_name(spec.cls), settings=spec.settings, streams=streams)
 
 
-def _external(plan: Plan, place: dict[str, str], group: Group) -> dict[str, int]:
-    """Streams of a group that nodes of other groups read, and how many groups read each."""
-    readers: dict[str, set[str]] = {}
+def _external(plan: Plan, place: dict[str, str], group: Group) -> dict[str, tuple[str, ...]]:
+    """Streams of a group that nodes of other groups read, and which groups read each."""
+    readers: dict[str, dict[str, None]] = {}
     for name in plan.order:
         for edge in plan.edges[name]:
             if place[edge.producer] == group.name != place[name]:
-                readers.setdefault(edge.stream, set()).add(place[name])
-    return {stream: len(groups) for stream, groups in readers.items()}
+                readers.setdefault(edge.stream, {})[place[name]] = None
+    return {stream: tuple(groups) for stream, groups in readers.items()}
 
 
 def _cores(on_path: bool, groups: int) -> tuple[int, ...] | None:

@@ -20,7 +20,7 @@ from palpate.launch.running.bus import endpoint
 from palpate.launch.running.clock import now
 from palpate.launch.running.interrupts import interrupts
 from palpate.launch.running.job import Job, members
-from palpate.launch.running.links import heard, listeners, muted
+from palpate.launch.running.links import heard, inboxes, listeners, muted
 from palpate.launch.running.nursery import Nursery
 from palpate.launch.running.result import Death, Result
 from palpate.launch.running.watchdog import START_PATIENCE
@@ -125,7 +125,7 @@ class Launcher:
     def _run(self) -> None:
         try:
             modules = {given.cls.rpartition(".")[0] for job in self.jobs.values() for given in members(job)}
-            self.nursery.ask({"import": sorted(modules)})
+            self.nursery.ask({"import": sorted(modules), "inboxes": inboxes(self.jobs, self.joined)})
             for group in self.jobs:
                 if group not in self.joined:
                     self._fork(group)

@@ -36,6 +36,15 @@ def listeners(job: Job, others: Mapping[str, Job]) -> dict[str, int]:
     return own
 
 
+def inboxes(jobs: Mapping[str, Job], joined: Collection[str]) -> list[str]:
+    """Which workers have an inbox: those of this machine that read what nodes of others send.
+
+    One with observers has none: they must get a stream by one way only, or a message could overtake another.
+    """
+    readers = {group for job in jobs.values() for groups in job.external.values() for group in groups}
+    return sorted(group for group in readers if group not in joined and not jobs[group].observers)
+
+
 def muted(jobs: Collection[Job], dead: set[str]) -> set[str]:
     """Nodes that cannot go on without the dead ones, directly or through others."""
     mute: set[str] = set()

@@ -1,9 +1,9 @@
 """The fork server: one process that has imported everything, from which the workers are forked.
 
 It runs `python -m palpate.launch.running.nursery FD`, where FD is one end of a socket pair to the launcher, and takes
-a JSON object a line: {"import": [modules]}, {"start": job, "run": ..., "control": ..., "reports": ...}, {"kill": group,
-"signal": n}. It answers {"started": group, "pid": n} and {"exited": group, "status": n}. When the launcher goes, the
-socket closes, and the nursery and all workers end.
+a JSON object a line: {"import": [modules], "inboxes": [groups]}, {"start": job, "run": ..., "control": ..., "reports":
+...}, {"kill": group, "signal": n}. It answers {"started": group, "pid": n} and {"exited": group, "status": n}. When the
+launcher goes, the socket closes, and the nursery and all workers end.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ import sys
 import msgspec
 
 from palpate.launch.running.clock import die_with_parent, one_blas_thread
+from palpate.launch.running.inbox import Pair, pair
 from palpate.launch.running.job import Job
 
 
@@ -94,6 +95,7 @@ def _serve(end: socket.socket) -> None:
     signal.signal(signal.SIGCHLD, lambda *_: None)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     groups: dict[int, str] = {}
+    inboxes: dict[str, Pair] = {}
     rest = b""
     while True:
         ready = select.select([end.fileno(), wake], [], [])[0]
@@ -107,7 +109,7 @@ def _serve(end: socket.socket) -> None:
             rest += data
             *lines, rest = rest.split(b"\n")
             for line in lines:
-                _do(end, json.loads(line), groups)
+                _do(end, json.loads(line), groups, inboxes)
     _end_all()
 
 
@@ -116,8 +118,9 @@ def _end_all(*_: object) -> None:
     os.killpg(0, signal.SIGKILL)
 
 
-def _do(end: socket.socket, told: dict, groups: dict[int, str]) -> None:
+def _do(end: socket.socket, told: dict, groups: dict[int, str], inboxes: dict[str, Pair]) -> None:
     if "import" in told:
+        inboxes.update({group: pair() for group in told["inboxes"]})
         for name in told["import"]:
             with contextlib.suppress(Exception):  # the worker meets the same error and reports it
                 importlib.import_module(name)
@@ -126,7 +129,7 @@ def _do(end: socket.socket, told: dict, groups: dict[int, str]) -> None:
     elif "start" in told:
         pid = os.fork()
         if pid == 0:
-            _worker(end, told)
+            _worker(end, told, inboxes)
         groups[pid] = told["start"]["group"]
         end.sendall(json.dumps({"started": told["start"]["group"], "pid": pid}).encode() + b"\n")
     elif "kill" in told:
@@ -136,7 +139,7 @@ def _do(end: socket.socket, told: dict, groups: dict[int, str]) -> None:
                     os.kill(pid, told["signal"])
 
 
-def _worker(end: socket.socket, told: dict) -> None:
+def _worker(end: socket.socket, told: dict, inboxes: dict[str, Pair]) -> None:
     """In the forked child: run the job and exit; never returns."""
     code = 1
     try:
@@ -147,7 +150,7 @@ def _worker(end: socket.socket, told: dict) -> None:
         from palpate.launch.running.process import serve
 
         job = msgspec.convert(told["start"], Job)
-        code = serve(job, told["run"], told["control"], told["reports"])
+        code = serve(job, told["run"], told["control"], told["reports"], inboxes)
     finally:
         sys.stdout.flush()
         sys.stderr.flush()

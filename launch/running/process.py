@@ -8,6 +8,7 @@ import os
 import signal
 import sys
 import traceback
+from collections.abc import Mapping
 
 import msgspec
 import zmq
@@ -16,15 +17,17 @@ from palpate.launch.running.bus import Bus, PortInUse, order
 from palpate.launch.running.clock import die_with_parent, real_time
 from palpate.launch.running.ended import Ended
 from palpate.launch.running.fused import death
+from palpate.launch.running.inbox import Pair
 from palpate.launch.running.job import Job
 from palpate.launch.running.slot import NodeFault
 from palpate.launch.running.worker import Worker
 
 
-def serve(job: Job, run: str, control: str, reports: str, watch: bool = False) -> int:
+def serve(job: Job, run: str, control: str, reports: str, inboxes: Mapping[str, Pair], watch: bool = False) -> int:
     """Run a job: build, report ready, connect, report linked, wait for the start, run, report the end.
 
-    watch  end when nothing is heard of the launcher, for a worker that is not its child
+    inboxes  of the workers of this machine, by name
+    watch    end when nothing is heard of the launcher, for a worker that is not its child
 
     Returns the exit code: 0, or 1 after a fault, which has been reported with its traceback.
     """
@@ -33,7 +36,7 @@ def serve(job: Job, run: str, control: str, reports: str, watch: bool = False) -
     faulthandler.register(signal.SIGUSR1, file=2, all_threads=False)
     os.register_at_fork(after_in_child=die_with_parent)  # what a node forks ends with it
     real = job.clock == "real"
-    bus = Bus(run, job.group, control, reports, not real, 1.0 / job.rate if real else 0.1)
+    bus = Bus(run, job.group, control, reports, not real, inboxes, 1.0 / job.rate if real else 0.1)
 
     def report(what: dict) -> None:
         bus.reports.send(msgspec.msgpack.encode({"group": job.group, **what}))
@@ -68,13 +71,15 @@ def serve(job: Job, run: str, control: str, reports: str, watch: bool = False) -
 
 def _link(bus: Bus, job: Job, report) -> int | None:
     """Connect to the other workers when told where they are; the time of tick 0, or None when told to stop."""
+    readers = {stream: len(groups) for stream, groups in job.external.items()}
     while True:
         told = bus.orders()
         match told["do"]:
             case "connect":
+                bus.forget()
                 for address, streams in told["from"]:
                     bus.connect(address, streams)
-                if not bus.wait_linked(job.external, told["observed"], 10.0):
+                if not bus.wait_linked(readers, told["observed"], 10.0):
                     raise TimeoutError("the readers of its streams did not connect within 10 s")
                 report({"kind": "linked"})
             case "go":
@@ -121,4 +126,4 @@ def join(address: str, group: str, patience: float) -> int:
                 break
         else:
             raise TimeoutError(f"no launcher at {address} that waits for group {group!r}")
-    return serve(msgspec.convert(told["job"], Job), told["run"], control, reports, watch=True)
+    return serve(msgspec.convert(told["job"], Job), told["run"], control, reports, {}, watch=True)

@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
+import bisect
 import inspect
 import math
 from collections import deque
+from collections.abc import Collection
+from operator import attrgetter
 from time import perf_counter_ns
 
 import msgspec
 
 from palpate.launch.running.health import Health
+from palpate.launch.running.inbox import LARGEST, Box, post
 from palpate.launch.running.job import InputJob, NodeJob, ObserverJob
 from palpate.messages import Message, MessageError, check_finite, fields
 from palpate.messages.checks import finite_check
 from palpate.nodes.base import Node, Observer, Port, inputs, outputs
 
 _set = msgspec.structs.force_setattr
+_tick = attrgetter("tick")
 
 
 class NodeFault(Exception):
@@ -27,9 +32,12 @@ class NodeFault(Exception):
 
 
 class Output:
-    """One output stream: its last two messages, and who reads it."""
+    """One output stream: its last two messages, and who reads it.
 
-    __slots__ = ("external", "finite", "kind", "last", "listeners", "observed", "previous", "stream", "topic")
+    boxes  the inboxes of all workers that read it; empty where it goes through ZeroMQ
+    """
+
+    __slots__ = ("boxes", "external", "finite", "kind", "last", "listeners", "observed", "previous", "stream", "topic")
 
     def __init__(self, stream: str, kind: type[Message], external: bool) -> None:
         self.stream, self.kind, self.external = stream, kind, external
@@ -38,7 +46,17 @@ class Output:
         self.last: Message | None = None
         self.previous: Message | None = None
         self.observed = False
+        self.boxes: tuple[Box, ...] = ()
         self.listeners: list[ObserverSlot] = []
+
+    def post(self, data: bytes) -> bool:
+        """Write a frame to the readers' inboxes. Returns whether all have taken it. When one was full, the stream stays
+        with ZeroMQ, which holds far more, and then holds back the sender."""
+        if not self.boxes or len(data) > LARGEST:
+            return False
+        if not post(self.boxes, data):
+            self.boxes = ()
+        return bool(self.boxes)
 
 
 class Input:
@@ -75,9 +93,22 @@ class Input:
         self.arrived = 0
 
     def put(self, message: Message, arrived: int) -> None:
-        """Take a message from the inbox."""
-        self.queue.append(message)
-        self.arrived = arrived
+        """Take a message that has come."""
+        queue = self.queue
+        last = queue[-1] if queue else self.message
+        if last is None or last.tick < message.tick:
+            queue.append(message)
+            self.arrived = arrived
+        else:
+            self._sort_in(message)
+
+    def _sort_in(self, message: Message) -> None:
+        """One that came another way than those before it: into its place, a second copy nowhere."""
+        if self.message is not None and self.message.tick == message.tick:
+            return
+        place = bisect.bisect_left(self.queue, message.tick, key=_tick)
+        if place == len(self.queue) or self.queue[place].tick != message.tick:
+            self.queue.insert(place, message)
 
     def at(self, tick: int) -> Message | None:
         """The message that a step at `tick` of the simulated clock uses, if it is here; None where it has not come yet,
@@ -116,7 +147,7 @@ class Input:
 class Slot:
     """A node in a worker."""
 
-    def __init__(self, job: NodeJob, node: Node, external: dict[str, int]) -> None:
+    def __init__(self, job: NodeJob, node: Node, external: Collection[str]) -> None:
         self.name, self.node, self.every, self.job = job.name, node, job.every, job
         kinds = outputs(type(node))
         if len(kinds) != len(job.streams):

@@ -61,6 +61,7 @@ class Worker:
         self._started: list[Node] = []
         self._told: list[Observer] = []
         self._heard: dict[str, Output] = known
+        self._address()
 
     def _observer(self, job: ObserverJob) -> Observer:
         node = self._node(job)
@@ -163,10 +164,16 @@ class Worker:
                 observer.observe(output.stream, message.tick, payload)
             if self.bus is not None and (output.external or output.observed):
                 data = output.topic + payload
-                if output.external:
+                if output.external and not output.post(data):
                     self.bus.send(data)
                 if output.observed:
                     self.bus.keep(data)
+
+    def _address(self) -> None:
+        """Look up the inboxes of those who read the outputs."""
+        if self.bus is not None:
+            for stream, groups in self.job.external.items():
+                self._heard[stream].boxes = self.bus.boxes(groups)
 
     def receive(self, block: bool) -> None:
         """Take one frame from the inbox and hand it to its ports; control frames act at once."""
@@ -232,6 +239,8 @@ class Worker:
                     port.dead = dead
                     port.queue.clear()
                     port.message = None
+        if not dead:
+            self._address()
 
     # -- housekeeping --------------------------------------------------------------------------------------------
 
