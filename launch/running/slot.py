@@ -103,8 +103,9 @@ class Input:
             self._sort_in(message)
 
     def _sort_in(self, message: Message) -> None:
-        """One that came another way than those before it: into its place, a second copy nowhere."""
-        if self.message is not None and self.message.tick == message.tick:
+        """One that came another way than those before it: into its place; a second copy, or one older than what was
+        used last, nowhere."""
+        if self.message is not None and message.tick <= self.message.tick:
             return
         place = bisect.bisect_left(self.queue, message.tick, key=_tick)
         if place == len(self.queue) or self.queue[place].tick != message.tick:
