@@ -59,7 +59,7 @@ def main() -> None:
     if given.json:
         json.dump(tables | {"divisor": divisor}, sys.stdout, indent=2, ensure_ascii=False)
         return
-    from fe import show
+    from tables import show
 
     for title, rows in tables.items():
         show(title, rows)
