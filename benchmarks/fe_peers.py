@@ -1,73 +1,156 @@
-"""The same compressed block in FElupe and in CalculiX, peers that a user may have installed."""
+"""One solver on one problem, in a process of its own, so that its peak of memory is its own:
+
+    python benchmarks/fe_peers.py palpate|felupe|felupe-faces|calculix block|ball CELLS
+
+Prints a JSON object: force [N] on the driven nodes, processor seconds from the mesh to the result, seconds on the
+clock, peak memory [MB]. All take one core and the same steps and tolerance. The peers are for the user to install:
+FElupe with `pip install felupe pypardiso` (without PARDISO it takes SuperLU, which is much slower), CalculiX with
+`apt install calculix-ccx`. Exit status 3 and a line that says so where one is missing.
+
+What differs where the ball touches the plane: palpate and CalculiX integrate a pressure over the faces, palpate at six
+points each; FElupe's own contact holds back nodes, which is softer on quadratic faces, whose corner nodes carry nothing
+under an even pressure. `felupe-faces` gives FElupe the six points. All have the same stiff penalty, and palpate
+raises multipliers where the penetration would be above its bound.
+"""
 
 from __future__ import annotations
 
+import json
+import os
+import resource
 import shutil
 import subprocess
+import sys
 import tempfile
 import time
+from functools import partial
 from pathlib import Path
 
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+os.environ.setdefault("MKL_NUM_THREADS", "1")
+
 import numpy as np
+from fe_felupe import felupe
+from fe_problems import PENALTY, POISSON, RADIUS, STEPS, YOUNG, Problem, ball, block
 
-from palpate.fe import TetMesh
+from palpate.fe import Rigid, Settings, Solver, neo_hooke, plane
+from palpate.fe.mesh import FACES
 
-STEPS = 4
+MISSING = 3
 
 
-def felupe(mesh: TetMesh, shear: float, bulk: float, squeeze: float) -> dict[str, object] | None:
-    """Force on the top [N] and time [s] with FElupe; None where it is not installed."""
-    try:
-        import felupe as fem
-    except ImportError:
-        return None
-    try:
-        from pypardiso import spsolve
-
-        solver = "PARDISO"
-    except ImportError:
-        from scipy.sparse.linalg import spsolve
-
-        solver = "SuperLU"
+def palpate(problem: Problem) -> dict[str, object]:
+    """With palpate; what numba compiles is compiled before, on a mesh of a few elements."""
+    _palpate(ball(2) if len(problem.skin) else block(1))
     begun = time.perf_counter()
-    body = fem.Mesh(mesh.points, mesh.elements, "tetra10")
-    field = fem.FieldContainer([fem.Field(fem.RegionQuadraticTetra(body), dim=3)])
-    solid = fem.SolidBody(fem.NeoHooke(mu=shear, bulk=bulk), field)
-    bounds, _ = fem.dof.uniaxial(field, move=0.0, axis=2, clamped=True, sym=False)
-    for step in range(1, STEPS + 1):
-        bounds["move"].update(-squeeze * step / STEPS)
-        dof0, dof1 = fem.dof.partition(field, bounds)
-        ext0 = fem.dof.apply(field, bounds, dof0)
-        fem.newtonrhapson(
-            items=[solid], dof0=dof0, dof1=dof1, ext0=ext0, solver=lambda a, b: spsolve(a.tocsr(), b), verbose=0
-        )
-    top = mesh.points[:, 2] > 1 - 1e-9
-    force = solid.assemble.vector(field).toarray().reshape(-1, 3)[top, 2].sum()
-    return {"solver": f"FElupe, {solver}", "force": float(force), "seconds": time.perf_counter() - begun}
+    used = time.process_time()
+    body = _palpate(problem)
+    return {
+        "solver": "palpate",
+        "force": float(body.reaction[problem.driven, 2].sum()),
+        "CPU s": time.process_time() - used,
+        "clock s": time.perf_counter() - begun,
+        "iterations": body.iterations,
+        "penetration/travel": -float(body.contacts[0].gap.min()) / problem.travel if body.contacts else None,
+    }
 
 
-def calculix(mesh: TetMesh, shear: float, bulk: float, squeeze: float) -> dict[str, object] | None:
-    """Force on the top [N] and time [s] with CalculiX; None where `ccx` is not installed."""
+def _palpate(problem: Problem) -> Solver:
+    down = np.outer(problem.driven, (0.0, 0.0, -problem.travel))
+    place = np.array([0.0, 0.0, problem.floor])
+    contacts = []
+    if len(problem.skin):
+        contacts.append(Rigid(problem.skin, plane, (0.0, 0.0, 1.0), lambda load: place, penalty=PENALTY))
+    body = Solver(
+        problem.mesh, {0: neo_hooke(YOUNG, POISSON)}, problem.fixed, lambda load: load * down, contacts=contacts,
+        settings=Settings(step=1 / STEPS, largest=1 / STEPS),
+    )  # fmt: skip
+    body.advance(1.0)
+    return body
+
+
+def calculix(problem: Problem) -> dict[str, object] | None:
+    """With CalculiX; None where `ccx` is not installed."""
     program = shutil.which("ccx")
     if program is None:
         return None
-    z = mesh.points[:, 2]
-    low, top = np.flatnonzero(z < 1e-9) + 1, np.flatnonzero(z > 1 - 1e-9) + 1
+    with tempfile.TemporaryDirectory() as folder:
+        Path(folder, "run.inp").write_text("\n".join(_deck(problem)) + "\n")
+        begun = time.perf_counter()
+        told = subprocess.run([program, "run"], cwd=folder, capture_output=True, text=True, timeout=3600)
+        seconds = time.perf_counter() - begun
+        child = resource.getrusage(resource.RUSAGE_CHILDREN)
+        rows = [r.split() for r in Path(folder, "run.dat").read_text().splitlines()] if told.returncode == 0 else []
+        forces = [float(r[2]) for r in rows if len(r) == 3]
+        if len(forces) != STEPS:
+            raise SystemExit(f"ccx ended after {len(forces)} of {STEPS} steps:\n{told.stdout[-2000:]}")
+        steps = [r.split() for r in Path(folder, "run.sta").read_text().splitlines()]
+    used = sum(int(r[3]) for r in steps if len(r) >= 7 and r[0].isdigit())
+    return {
+        "solver": "CalculiX",
+        "force": forces[-1],
+        "CPU s": child.ru_utime + child.ru_stime,
+        "clock s": seconds,
+        "iterations": used,
+        "peak MB": child.ru_maxrss / 1024,
+    }
+
+
+def _deck(problem: Problem) -> list[str]:
+    """The input file of CalculiX; the plane is a held brick, whose top is the master surface."""
+    mesh, count = problem.mesh, len(problem.mesh.points)
+    shear, bulk = neo_hooke(YOUNG, POISSON).parameters
     lines = ["*NODE, NSET=ALL"]
-    lines += [f"{i + 1}, {p[0]:.12g}, {p[1]:.12g}, {p[2]:.12g}" for i, p in enumerate(mesh.points)]
+    lines += [f"{i + 1}, {p[0]:.14g}, {p[1]:.14g}, {p[2]:.14g}" for i, p in enumerate(mesh.points)]
     lines.append("*ELEMENT, TYPE=C3D10, ELSET=BODY")
     lines += [f"{i + 1}, " + ", ".join(str(n + 1) for n in e) for i, e in enumerate(mesh.elements)]
-    for name, nodes in (("LOW", low), ("TOP", top)):
-        lines += [f"*NSET, NSET={name}", *(f"{n}," for n in nodes)]
     lines += ["*MATERIAL, NAME=M", "*HYPERELASTIC, NEO HOOKE", f"{shear / 2:.12g}, {2 / bulk:.12g}"]
-    lines += ["*SOLID SECTION, ELSET=BODY, MATERIAL=M", "*BOUNDARY", "LOW, 1, 3", "TOP, 1, 2"]
-    lines += ["*STEP, NLGEOM, INC=100", "*STATIC, DIRECT", f"{1 / STEPS:g}, 1.0", "*BOUNDARY", f"TOP, 3, 3, {-squeeze}"]
-    lines += ["*NODE PRINT, NSET=TOP, TOTALS=ONLY", "RF", "*END STEP"]
-    with tempfile.TemporaryDirectory() as folder:
-        Path(folder, "block.inp").write_text("\n".join(lines) + "\n")
-        begun = time.perf_counter()
-        subprocess.run([program, "block"], cwd=folder, capture_output=True, check=True, timeout=3600)
-        seconds = time.perf_counter() - begun
-        rows = [r.split() for r in Path(folder, "block.dat").read_text().splitlines()]
-    force = [float(r[2]) for r in rows if len(r) == 3][-1]
-    return {"solver": "CalculiX", "force": force, "seconds": seconds}
+    lines += ["*SOLID SECTION, ELSET=BODY, MATERIAL=M"]
+    lines += ["*NSET, NSET=TOP", *(f"{n + 1}," for n in np.flatnonzero(problem.driven))]
+    for k in range(3):
+        held = np.flatnonzero(problem.fixed[:, k] & ~(problem.driven & (k == 2)))
+        lines += [f"*NSET, NSET=HELD{k}", *(f"{n + 1}," for n in held)]
+    if len(problem.skin):
+        low, high, wide = problem.floor - RADIUS, problem.floor, 3 * RADIUS
+        corners = [
+            (x, y, z) for z in (low, high) for x, y in ((-wide, -wide), (wide, -wide), (wide, wide), (-wide, wide))
+        ]
+        lines += ["*NODE, NSET=PLANE", *(f"{count + 1 + i}, {x}, {y}, {z}" for i, (x, y, z) in enumerate(corners))]
+        last = len(mesh.elements) + 1
+        lines += ["*ELEMENT, TYPE=C3D8, ELSET=FLOOR", f"{last}, " + ", ".join(str(count + 1 + i) for i in range(8))]
+        lines += ["*SOLID SECTION, ELSET=FLOOR, MATERIAL=M", "*SURFACE, NAME=MASTER, TYPE=ELEMENT", f"{last}, S2"]
+        every = np.sort(mesh.elements[:, FACES[:, :3]], axis=2).reshape(-1, 3)
+        key = {tuple(f): k for k, f in enumerate(every.tolist())}
+        sides = [key[tuple(sorted(f[:3]))] for f in problem.skin.tolist()]
+        lines += ["*SURFACE, NAME=SLAVE, TYPE=ELEMENT", *(f"{s // 4 + 1}, S{s % 4 + 1}" for s in sides)]
+        lines += ["*SURFACE INTERACTION, NAME=TOUCH", "*SURFACE BEHAVIOR, PRESSURE-OVERCLOSURE=LINEAR"]
+        lines += [f"{PENALTY:.12g}"]
+        lines += ["*CONTACT PAIR, INTERACTION=TOUCH, TYPE=SURFACE TO SURFACE", "SLAVE, MASTER"]
+    lines += ["*BOUNDARY", *(f"HELD{k}, {k + 1}, {k + 1}" for k in range(3))]
+    lines += ["PLANE, 1, 3"] if len(problem.skin) else []
+    lines += ["*STEP, NLGEOM, INC=100", "*STATIC, DIRECT", f"{1 / STEPS:g}, 1.0"]
+    lines += [
+        "*BOUNDARY",
+        f"TOP, 3, 3, {-problem.travel:.12g}",
+        "*NODE PRINT, NSET=TOP, TOTALS=ONLY",
+        "RF",
+        "*END STEP",
+    ]
+    return lines
+
+
+def main() -> None:
+    solver, name, cells = sys.argv[1:]
+    problem = {"block": block, "ball": ball}[name](int(cells))
+    own = {"palpate": palpate, "felupe": felupe, "felupe-faces": partial(felupe, faces=True), "calculix": calculix}
+    found = own[solver](problem)
+    if found is None:
+        how = "apt install calculix-ccx" if solver == "calculix" else "pip install felupe pypardiso"
+        print(f"{solver} is left out, as it is not installed: {how}", file=sys.stderr)
+        raise SystemExit(MISSING)
+    found.setdefault("peak MB", resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
+    print(json.dumps(found | {"degrees of freedom": 3 * len(problem.mesh.points)}))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,10 +1,9 @@
-"""The layered fingertip beside the paper's Table III, and which of its statements hold.
+"""The layered fingertip beside the paper's Table III, and which of the paper's statements hold under which material.
 
-    palpate fe fingertip --plate steel --material literal --to runs/fingertip
-    palpate fe fingertip --plate silicone --to runs/fingertip
-    python benchmarks/fingertip.py runs/fingertip/steel-literal-6-0.2 runs/fingertip/silicone-calibrated-6-0.2
+    python benchmarks/fingertip.py runs/fingertip [--cells 5] [--pictures folder] [--json]
 
-One run on steel serves every divisor of the moduli: on a rigid plate the motion is the same and the force is divided.
+Presses the literal and the calibrated finger on both plates, into folders as `palpate fe fingertip` makes them: what is
+there is read, what was broken off goes on. From nothing it takes about an hour on one core.
 """
 
 from __future__ import annotations
@@ -14,93 +13,57 @@ import json
 import sys
 from pathlib import Path
 
-from palpate.fe.fingertip import CALIBRATED, PAPER
-from palpate.fe.record import Record, fit_divisor, read_record
-from palpate.physics.tactile import growth
+from palpate.fe.fingertip import CALIBRATED, Fingertip
+from palpate.fe.pressing import Pressing
+from palpate.fe.record import Record, Run, fit_divisor, record
+from palpate.fe.statements import points, statements
 
-LOW, HIGH = 0.11, 0.50
-
-
-def depth(record: Record, force: float) -> float | None:
-    """Indentation [mm] at a force; None where the record does not reach it."""
-    return 1e3 * record.at(force)[0] if force <= record.force[-1] else None
+SETS = {"literal": (1.0, {"steel": 0.85e-3, "silicone": 1.3e-3}),
+        "calibrated": (CALIBRATED, {"steel": 2.4e-3, "silicone": 2.4e-3})}  # fmt: skip
+"""Divisor of the moduli, and how far each plate rises [m]: past the paper's greater force, or as far as the paper's."""
 
 
-def statements(steel: Record, silicone: Record) -> list[dict[str, object]]:
-    """The paper's statements and what the model gives for both plates between the two forces of Table III."""
-    rows: list[dict[str, object]] = []
-    at = 1.3e-3
-    forces = [r.at_depth(at) for r in (steel, silicone)]
-    rows.append({"statement": "force at 1.3 mm, N (lower on silicone)", "steel": forces[0], "silicone": forces[1],
-                 "holds": forces[1] < forces[0]})  # fmt: skip
-    ends = [(r.at(LOW), r.at(HIGH)) for r in (steel, silicone)]
-    area = [1e6 * float(growth(a[1], b[1], LOW, HIGH)) for a, b in ends]
-    rows.append({"statement": "area growth, mm²/N (faster on silicone)", "steel": area[0], "silicone": area[1],
-                 "holds": area[1] > area[0]})  # fmt: skip
-    for k, level in enumerate(steel.levels):
-        rate = [1e9 * float(growth(a[2][k], b[2][k], LOW, HIGH)) for a, b in ends]
-        rows.append({"statement": f"dV/dP at strain {level:g}, mm³/N (larger on silicone)", "steel": rate[0],
-                     "silicone": rate[1], "holds": rate[1] > rate[0]})  # fmt: skip
-    return rows
+def press(name: str, plate: str, cells: int, folder: Path) -> tuple[Run, Record]:
+    """One pressing, or what is left of it."""
+    divisor, ends = SETS[name]
+    run = Run(folder / f"{plate}-{name}-{cells}-0.2")
 
+    def tell(load: float) -> None:
+        print(f"\r{run.folder.name}: {1e3 * load:.2f} mm", end="", file=sys.stderr, flush=True)
 
-def points(steel: Record, silicone: Record) -> list[dict[str, object]]:
-    """Table III: literal, calibrated, paper, in mm."""
-    rows: list[dict[str, object]] = []
-    for plate, record in (("steel", steel.softened(CALIBRATED)), ("silicone", silicone)):
-        for force, paper in PAPER[plate]:
-            rows.append({
-                "plate": plate, "force N": force, "paper mm": 1e3 * paper, "calibrated mm": depth(record, force),
-                "literal mm": depth(steel, force) if plate == "steel" else None,
-            })  # fmt: skip
-    return rows
-
-
-def picture(steel: Record, silicone: Record, path: Path) -> None:
-    """Force and area curves, and growth of volume against strain, as the paper's Figures 3 and 5."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
-    _, axes = plt.subplots(1, 3, figsize=(13, 4))
-    for name, record, colour in (("steel", steel, "tab:blue"), ("silicone", silicone, "tab:orange")):
-        axes[0].plot(1e3 * record.indentation, record.force, color=colour, label=name)
-        axes[0].plot([1e3 * d for _, d in PAPER[name]], [f for f, _ in PAPER[name]], "o", color=colour,
-                     label=f"{name}, paper")  # fmt: skip
-        axes[1].plot(record.force, 1e6 * record.area, color=colour, label=name)
-        low, high = record.at(LOW)[2], record.at(HIGH)[2]
-        axes[2].plot(record.levels, 1e9 * growth(low, high, LOW, HIGH), "o-", color=colour, label=name)
-    for axis, labels in zip(axes, (("indentation [mm]", "force [N]"), ("force [N]", "area [mm²]"),
-                                   ("equivalent strain", "dV/dP [mm³/N]")), strict=True):  # fmt: skip
-        axis.set_xlabel(labels[0])
-        axis.set_ylabel(labels[1])
-        axis.legend()
-    axes[0].set_ylim(0, 0.8)
-    axes[1].set_xlim(0, 0.6)
-    plt.tight_layout()
-    plt.savefig(path, dpi=110)
+    found = record(Pressing(Fingertip(cells=cells), plate, divisor), ends[plate], run, tell)
+    print(file=sys.stderr)
+    return run, found
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("steel", type=Path, help="folder of the literal run on steel")
-    parser.add_argument("silicone", type=Path, help="folder of the calibrated run on silicone")
-    parser.add_argument("--picture", type=Path)
+    parser.add_argument("folder", type=Path, help="of the runs")
+    parser.add_argument("--cells", type=int, default=5)
+    parser.add_argument("--pictures", type=Path, help="folder for the pictures of the calibrated set")
     parser.add_argument("--json", action="store_true")
     given = parser.parse_args()
-    steel, silicone = read_record(given.steel), read_record(given.silicone)
-    tables = {"Table III": points(steel, silicone), "statements": statements(steel.softened(CALIBRATED), silicone)}
-    if given.picture:
-        picture(steel.softened(CALIBRATED), silicone, given.picture)
+    every = {
+        name: {plate: press(name, plate, given.cells, given.folder) for plate in ends}
+        for name, (_, ends) in SETS.items()
+    }
+    found = {name: {plate: pair[1] for plate, pair in plates.items()} for name, plates in every.items()}
+    tables = {"Table III": points(found)}
+    tables |= {f"statements, {name}": statements(**plates) for name, plates in found.items()}
+    divisor = fit_divisor(found["calibrated"]["steel"].softened(1.0 / CALIBRATED))
+    if given.pictures:
+        from palpate.launch.commands.fe_pictures import draw
+
+        given.pictures.mkdir(parents=True, exist_ok=True)
+        draw({plate: pair[0] for plate, pair in every["calibrated"].items()}, given.pictures)
     if given.json:
-        json.dump(tables | {"divisor": fit_divisor(steel)}, sys.stdout, indent=2)
+        json.dump(tables | {"divisor": divisor}, sys.stdout, indent=2, ensure_ascii=False)
         return
-    from fe import show
+    from tables import show
 
     for title, rows in tables.items():
         show(title, rows)
-    print(f"divisor fitted to the steel points: {fit_divisor(steel):.3g} (the calibrated set has {CALIBRATED})")
+    print(f"divisor fitted to the steel points: {divisor:.3g} (the calibrated set has {CALIBRATED})")
 
 
 if __name__ == "__main__":

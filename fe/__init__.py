@@ -2,8 +2,9 @@
 
 from palpate.fe.materials import Material, MaterialError, hencky, linear, mooney_rivlin, neo_hooke
 from palpate.fe.mesh import MeshError, TetMesh, box, quadratic
+from palpate.fe.meshed import meshed
 from palpate.fe.pair import Pair
-from palpate.fe.rigid import Rigid, plane, sphere
+from palpate.fe.rigid import Rigid, capsule, plane, sphere
 from palpate.fe.solver import ConvergenceError, Settings, Solver
 
 __all__ = [
@@ -17,8 +18,10 @@ __all__ = [
     "Solver",
     "TetMesh",
     "box",
+    "capsule",
     "hencky",
     "linear",
+    "meshed",
     "mooney_rivlin",
     "neo_hooke",
     "plane",

@@ -37,6 +37,14 @@ class Bed:
         """No nodes beyond those of the elements."""
         return np.zeros((0, 6), dtype=np.int64)
 
+    def nodes(self) -> np.ndarray:
+        """Nodes that it holds (F,6)."""
+        return self.faces
+
+    def touches(self) -> bool:
+        """Always."""
+        return True
+
     def begin(self, displacement: np.ndarray, load: float) -> None:
         """Nothing to remember."""
 
@@ -49,9 +57,15 @@ class Bed:
         if tangent:
             np.add.at(data, self._where, self._block[..., None, None] * np.eye(3))
 
-    def settle(self) -> bool:
-        """Always."""
-        return True
+    def skew(self, change: np.ndarray, force: np.ndarray) -> None:
+        """Nothing is left out of the tangent."""
+
+    def deep(self) -> bool:
+        """Never."""
+        return False
+
+    def settle(self) -> None:
+        """Nothing to raise."""
 
     def state(self) -> dict[str, Any]:
         """Nothing."""

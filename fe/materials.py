@@ -28,6 +28,10 @@ import numpy as np
 Law = Callable[..., tuple[float, float, float, float]]
 
 
+RUBBER = 1e9
+"""[Pa] Young's modulus above which no solid is rubber-like: ten times that of the hardest rubber."""
+
+
 class MaterialError(ValueError):
     """Constants that no stable material has; says which, what was found and what is expected."""
 
@@ -212,8 +216,12 @@ def neo_hooke(young: float, poisson: float) -> Material:
     """W = (mu/2) (J^(-2/3) I1 - 3), U = (kappa/2) (J - 1)².
 
     young [Pa] > 0, poisson [1] in (-1, 0.5): of the small-strain limit. The mixed element is used from 0.45 on.
+
+    MaterialError: see `moduli`; a modulus above `RUBBER`.
     """
-    return Material(_neo_hooke, moduli(young, poisson), mixed=poisson >= 0.45)
+    found = moduli(young, poisson)
+    _rubberlike("neo-Hooke", young)
+    return Material(_neo_hooke, found, mixed=poisson >= 0.45)
 
 
 def hencky(young: float, poisson: float) -> Material:
@@ -239,13 +247,22 @@ def mooney_rivlin(c10: float, c01: float, c20: float, c11: float, c02: float, d1
 
     c.. [Pa], d1 [1/Pa] > 0. Small-strain moduli: shear 2 (c10 + c01), bulk 2/d1.
 
-    MaterialError: a shear or bulk modulus that is not positive.
+    MaterialError: a shear or bulk modulus that is not positive; Young's modulus above `RUBBER`.
     """
     found = tuple(map(float, (c10, c01, c20, c11, c02, d1)))
     shear = 2.0 * (found[0] + found[1])
     if not all(np.isfinite(found)) or shear <= 0 or d1 <= 0:
         raise MaterialError(f"Mooney-Rivlin constants {found}: expected c10 + c01 > 0 [Pa] and d1 > 0 [1/Pa]")
+    _rubberlike("Mooney-Rivlin", 9.0 * shear / (3.0 + 0.5 * shear * d1))
     return Material(_mooney_rivlin, found, mixed=2.0 / d1 > 9.0 * shear)
+
+
+def _rubberlike(law: str, young: float) -> None:
+    if young > RUBBER:
+        raise MaterialError(
+            f"{law}, Young's modulus {young:.4g} Pa: no rubber-like solid has more than {RUBBER:g} Pa. Moduli are in "
+            f"pascals ({young:.4g} Pa is {1e-3 * young:.4g} kPa); for bone, metal or glass take `hencky`"
+        )
 
 
 def moduli(young: float, poisson: float) -> tuple[float, float]:

@@ -40,9 +40,14 @@ class TetMesh:
         if elements.ndim != 2 or elements.shape[1] != 10 or len(elements) == 0:
             raise MeshError(f"elements: found shape {elements.shape}, expected (E, 10) with E > 0")
         if not np.isfinite(points).all():
-            raise MeshError(f"point {int(np.argwhere(~np.isfinite(points))[0][0])}: not finite")
-        if elements.min() < 0 or elements.max() >= len(points):
-            raise MeshError(f"elements: found a node outside 0 ... {len(points) - 1}")
+            bad = int(np.argwhere(~np.isfinite(points))[0][0])
+            raise MeshError(f"point {bad}: found {points[bad].tolist()}, expected finite numbers")
+        missing = (elements < 0) | (elements >= len(points))
+        if missing.any():
+            bad = int(np.argmax(missing.any(axis=1)))
+            raise MeshError(
+                f"element {bad}: refers to node {elements[bad][missing[bad]][0]}, expected 0 ... {len(points) - 1}"
+            )
         if len(region) == 0:
             region = np.zeros(len(elements), dtype=np.int64)
         if region.shape != (len(elements),):
@@ -52,10 +57,9 @@ class TetMesh:
         volume = self.corner_volumes
         if (volume <= 0).any():
             bad = int(np.argmax(volume <= 0))
-            where = points[elements[bad, :4]].mean(axis=0)
             raise MeshError(
-                f"element {bad} at ({where[0]:.4g}, {where[1]:.4g}, {where[2]:.4g}) m: volume {volume[bad]:.3g} m³, "
-                "expected a positive one; swap two of its corners if it is inverted, drop it if it is flat"
+                f"element {bad} at {self.place(bad)}: volume {volume[bad]:.3g} m³, expected a positive one; swap two "
+                "of its corners if it is inverted, drop it if it is flat"
             )
 
     @cached_property
@@ -82,10 +86,19 @@ class TetMesh:
             raise MeshError(f"the face of nodes {bad[:3].tolist()} belongs to more than two elements")
         return every[np.sort(index[count == 1])]
 
+    def place(self, element: int) -> str:
+        """Where an element is, for messages."""
+        return point_text(self.points[self.elements[element, :4]].mean(axis=0))
+
     @cached_property
     def size(self) -> float:
         """Diagonal of the bounding box [m]."""
         return float(np.linalg.norm(np.ptp(self.points, axis=0)))
+
+
+def point_text(at: np.ndarray) -> str:
+    """A point [m] (3,) in words."""
+    return f"({at[0]:.4g}, {at[1]:.4g}, {at[2]:.4g}) m"
 
 
 def quadratic(points: np.ndarray, corners: np.ndarray, region: np.ndarray | None = None) -> TetMesh:

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from palpate.fe import faces as face_rule
-from palpate.fe.augmented import Augmented
+from palpate.fe.augmented import STIFF, Augmented, checked_faces, stiffness_per_area
 from palpate.fe.pattern import Pattern
 
 
@@ -82,7 +82,7 @@ def _project(point, points, face, value, slope, normal):
 @numba.njit(cache=True)
 def _touch(
     points, start, slave, master, candidates, cliques, value, area, penalty, friction, reach, multiplier, sliding,
-    traction, shear, gap, slip, total, tangent, where, force, data,
+    traction, shear, gap, normals, slip, hits, feet, total, tangent, where, force, data,
 ):  # fmt: skip
     n, best_n, x, s, q = np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3)
     m, slope, best_m, block = np.zeros(6), np.zeros((6, 2)), np.zeros(6), np.zeros((3, 3))
@@ -116,6 +116,9 @@ def _touch(
             if not t > 0.0:
                 continue
             traction[f, k] = t
+            normals[f, k] = best_n
+            feet[f, k] = best_m
+            hits[f, k] = hit
             for a in range(6):
                 share[a], share[6 + a] = value[k, a], -best_m[a]
                 for b in range(cliques.shape[1]):
@@ -175,35 +178,22 @@ class Pair(Augmented):
     def __init__(
         self, slave: np.ndarray, master: np.ndarray, friction: float = 0.0, bound: float = 0.0, penalty: float = 0.0
     ) -> None:
-        if not friction >= 0.0:
-            raise ValueError(f"friction {friction}: expected a number >= 0")
-        self.slave, self.master = np.ascontiguousarray(slave), np.ascontiguousarray(master)
-        self.friction, self.bound, self.penalty = float(friction), bound, penalty
-        self._value, _ = face_rule.shape(face_rule.POINTS)
+        super().__init__(slave, friction, bound, penalty)
+        self.master = checked_faces(master)
         self._candidates = np.zeros((0, 2), dtype=np.int64)
         self._cliques = np.zeros((0, 12), dtype=np.int64)
 
     def bind(self, points: np.ndarray, pattern: Pattern, stiffness: np.ndarray) -> None:
         """Make the state for a mesh whose nodes have this stiffness [N/m] (N,)."""
-        self.points = points
-        self.area = face_rule.areas(points, self.slave)
-        edge = np.sqrt(2.0 * self.area.sum() / len(self.slave))
-        wide = np.sqrt(2.0 * face_rule.areas(points, self.master).sum() / len(self.master))
+        self.clear(points)
+        area = face_rule.areas(points, self.master)
+        edge, wide = (np.sqrt(2.0 * x.sum() / len(x)) for x in (self.area, area))
         self._reach = 2.0 * max(edge, wide)
-        if not self.bound > 0.0:
-            self.bound = edge / 2000.0
         if not self.penalty > 0.0:
-            nodes = np.unique(self.slave)
-            own = float(np.median(stiffness[nodes])) * len(nodes) / self.area.sum()
-            others = np.unique(self.master)
-            area = face_rule.areas(points, self.master).sum()
-            self.penalty = 10.0 * min(own, float(np.median(stiffness[others])) * len(others) / area)
+            sides = (self.faces, self.area), (self.master, area)
+            self.penalty = STIFF * min(stiffness_per_area(f, a, stiffness) for f, a in sides)
         size = self.area.shape
-        self.multiplier, self.traction, self.gap = np.zeros(size), np.zeros(size), np.full(size, np.inf)
-        self.sliding, self.shear = np.zeros((*size, 3)), np.zeros((*size, 3))
-        self.slip = np.zeros(size, dtype=bool)
-        self.force = np.zeros(3)
-        """Force of the master on the slave [N]."""
+        self._hit, self._feet = np.zeros(size, dtype=np.int64), np.zeros((*size, 6))
         self.couple(pattern)
 
     def couple(self, pattern: Pattern) -> None:
@@ -214,12 +204,16 @@ class Pair(Augmented):
         """Nodes that this contact couples beyond the elements (C,k), -1 fills up."""
         return self._cliques
 
+    def nodes(self) -> np.ndarray:
+        """Nodes that it may hold (F + G,6)."""
+        return np.concatenate([self.faces, self.master])
+
     def begin(self, displacement: np.ndarray, load: float) -> None:
         """Start of a load step from a converged state: find the faces that may touch."""
+        self.remember()
         self._start = self.points + displacement
-        self._saved = self.multiplier.copy(), self.sliding.copy()
         tree = cKDTree(self._start[self.master[:, :3]].mean(axis=1))
-        middle = self._start[self.slave[:, :3]].mean(axis=1)
+        middle = self._start[self.faces[:, :3]].mean(axis=1)
         found = tree.query_ball_point(middle, self._reach)
         near = [f for f, hits in enumerate(found) if hits]
         width = max((len(found[f]) for f in near), default=1)
@@ -228,27 +222,30 @@ class Pair(Augmented):
         for row, f in enumerate(near):
             candidates[row, 0] = f
             candidates[row, 1 : 1 + len(found[f])] = sorted(found[f])
-            groups.append(np.unique(np.concatenate([self.slave[f], self.master[found[f]].ravel()])))
+            groups.append(np.unique(np.concatenate([self.faces[f], self.master[found[f]].ravel()])))
         long = max((len(g) for g in groups), default=1)
         cliques = np.full((len(near), long), -1, dtype=np.int64)
         for row, group in enumerate(groups):
             cliques[row, : len(group)] = group
         self._candidates, self._cliques = candidates, cliques
 
-    def back(self) -> None:
-        """Forget a load step that failed."""
-        self.multiplier, self.sliding = (x.copy() for x in self._saved)
-
     def add(self, displacement: np.ndarray, load: float, tangent: bool, force: np.ndarray, data: np.ndarray) -> None:
         """Add the contact to the residual (N,3) and, if asked, to the tangent's blocks."""
-        self.traction[:], self.shear[:], self.gap[:] = 0.0, 0.0, np.inf
+        self.traction[:], self.shear[:], self.gap[:], self.slip[:] = 0.0, 0.0, np.inf, False
         _touch(
-            self.points + displacement, self._start, self.slave, self.master, self._candidates, self._cliques,
-            self._value, self.area, self.penalty, self.friction, self._reach, self.multiplier, self.sliding,
-            self.traction, self.shear, self.gap, self.slip, self.force, tangent, self._where, force, data,
+            self.points + displacement, self._start, self.faces, self.master, self._candidates, self._cliques,
+            self.value, self.area, self.penalty, self.friction, self._reach, self.multiplier, self.sliding,
+            self.traction, self.shear, self.gap, self.normal, self.slip, self._hit, self._feet,
+            self.force, tangent, self._where, force, data,
         )  # fmt: skip
 
-    def contact_area(self, displacement: np.ndarray) -> float:
-        """Deformed area of the integration points that carry pressure or are closed to within the bound [m²]."""
-        closed = (self.traction > 0.0) | (self.gap <= self.bound)
-        return float(face_rule.areas(self.points + displacement, self.slave)[closed].sum())
+    def skew(self, change: np.ndarray, force: np.ndarray) -> None:
+        """Add to `force` (N,3) what the part of the tangent that `add` leaves out gives for a change (N,3) of the
+        displacement: sliding friction grows with the pressure."""
+        if not self.slip.any():
+            return
+        own = np.einsum("qa,fai->fqi", self.value, change[self.faces])
+        other = np.einsum("fqa,fqai->fqi", self._feet, change[self.master[self._hit]])
+        pull = self.area[..., None] * self.friction_slope(np.einsum("fqi,fqi->fq", self.normal, own - other))
+        np.add.at(force, self.faces, np.einsum("qa,fqi->fai", self.value, pull))
+        np.add.at(force, self.master[self._hit], -self._feet[..., None] * pull[:, :, None])

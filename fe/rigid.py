@@ -4,20 +4,21 @@ At each integration point of a face, with gap g, normal n and multiplier l, the 
 
     t = <l - e g>,      after convergence  l <- t,      until  max <-g>  is below the stated bound.
 
-Tangential traction: trial q = l_T - e s with the slip s of the load step; |q| is cut off at mu t. The cut-off's
-dependence on t is left out of the tangent, which stays symmetric.
+Tangential traction: trial q = l_T - e s with the slip s of the load step against the rigid body; |q| is cut off at mu
+t. The rigid body moves and turns; slip and q are taken in its frame, so that a common rotation makes neither. The
+cut-off's dependence on t is left out of the tangent, which stays symmetric; `skew` adds it to Newton's direction.
 J. C. Simo, T. A. Laursen, Comput. Struct. 42 (1992) 97-116.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import numba
 import numpy as np
 
-from palpate.fe import faces as face_rule
-from palpate.fe.augmented import Augmented
+from palpate.fe.augmented import STIFF, Augmented, stiffness_per_area
 from palpate.fe.compiled import SHAPE, compiled
 from palpate.fe.pattern import Pattern
 
@@ -47,36 +48,48 @@ def sphere(x, p, normal, curvature):
 
 
 @numba.njit(cache=True)
+def capsule(x, p, normal, curvature):
+    """Cylinder of radius p[0] along z with rounded ends, its axis from z = -p[1] to p[1]."""
+    z = x[2] - min(max(x[2], -p[1]), p[1])
+    round_end = z != 0.0
+    r = max(np.sqrt(x[0] * x[0] + x[1] * x[1] + z * z), 1e-300)
+    normal[0], normal[1], normal[2] = x[0] / r, x[1] / r, z / r
+    for i in range(3):
+        for j in range(3):
+            flat = (1.0 if i == j else 0.0) - normal[i] * normal[j]
+            curvature[i, j] = flat / r if round_end or (i < 2 and j < 2) else 0.0
+    return r - p[0]
+
+
+@numba.njit(cache=True)
 def _touch(
-    shape, points, start, faces, value, area, move, before, p, penalty, friction, multiplier, sliding, traction, shear,
-    gap, slip, total, tangent, where, force, data,
+    shape, points, faces, value, area, move, turn, before, p, penalty, friction, multiplier, sliding, traction,
+    shear, gap, normals, slip, total, tangent, where, force, data,
 ):  # fmt: skip
-    normal, curvature, x = np.zeros(3), np.zeros((3, 3)), np.zeros(3)
+    normal, curvature, x, y = np.zeros(3), np.zeros((3, 3)), np.zeros(3), np.zeros(3)
+    d, q, pull, block, half = np.zeros(3), np.zeros(3), np.zeros(3), np.zeros((3, 3)), np.zeros((3, 3))
     total[:] = 0.0
-    d, s, q, block = np.zeros(3), np.zeros(3), np.zeros(3), np.zeros((3, 3))
     for f in range(len(faces)):
         for k in range(value.shape[0]):
             for i in range(3):
-                x[i], d[i] = -move[i], before[i] - move[i]
+                x[i] = -move[i]
                 for a in range(6):
                     x[i] += value[k, a] * points[faces[f, a], i]
-                    d[i] += value[k, a] * (points[faces[f, a], i] - start[faces[f, a], i])
-            g = shape(x, p, normal, curvature)
+            for i in range(3):  # in the frame of the rigid body
+                y[i] = turn[0, i] * x[0] + turn[1, i] * x[1] + turn[2, i] * x[2]
+            g = shape(y, p, normal, curvature)
             gap[f, k] = g
             t = multiplier[f, k] - penalty * g
             shear[f, k] = 0.0
             slip[f, k] = False
+            traction[f, k] = max(t, 0.0)
             if not t > 0.0:
-                traction[f, k] = 0.0
                 continue
-            traction[f, k] = t
-            along = normal[0] * d[0] + normal[1] * d[1] + normal[2] * d[2]
-            cut = 0.0
-            length = 0.0
+            cut = length = 0.0
             if friction > 0.0:
                 for i in range(3):
-                    s[i] = d[i] - along * normal[i]
-                    q[i] = sliding[f, k, i] - penalty * s[i]
+                    d[i] = y[i] - before[f, k, i]
+                    q[i] = sliding[f, k, i] - penalty * d[i]
                 along = normal[0] * q[0] + normal[1] * q[1] + normal[2] * q[2]
                 for i in range(3):
                     q[i] -= along * normal[i]
@@ -89,10 +102,16 @@ def _touch(
                     shear[f, k, i] = cut * q[i]
             w = area[f, k]
             for i in range(3):
-                total[i] += w * (t * normal[i] + shear[f, k, i])
-            for a in range(6):
-                for i in range(3):
-                    force[faces[f, a], i] -= w * value[k, a] * (t * normal[i] + shear[f, k, i])
+                pull[i] = normals[f, k, i] = 0.0
+                for j in range(3):
+                    pull[i] += w * turn[i, j] * (t * normal[j] + shear[f, k, j])
+                    normals[f, k, i] += turn[i, j] * normal[j]
+            for i in range(3):
+                i1, i2 = (i + 1) % 3, (i + 2) % 3
+                total[0, i] += pull[i]
+                total[1, i] += x[i1] * pull[i2] - x[i2] * pull[i1]
+                for a in range(6):
+                    force[faces[f, a], i] -= value[k, a] * pull[i]
             if not tangent:
                 continue
             for i in range(3):
@@ -100,10 +119,16 @@ def _touch(
                     square = normal[i] * normal[j]
                     block[i, j] = penalty * square - t * curvature[i, j]
                     if friction > 0.0:
-                        x_ij = (1.0 if i == j else 0.0) - square
+                        part = (1.0 if i == j else 0.0) - square
                         if slip[f, k]:
-                            x_ij -= q[i] * q[j] / (length * length)
-                        block[i, j] += penalty * cut * x_ij
+                            part -= q[i] * q[j] / (length * length)
+                        block[i, j] += penalty * cut * part
+            for i in range(3):
+                for j in range(3):
+                    half[i, j] = turn[i, 0] * block[0, j] + turn[i, 1] * block[1, j] + turn[i, 2] * block[2, j]
+            for i in range(3):
+                for j in range(3):
+                    block[i, j] = half[i, 0] * turn[j, 0] + half[i, 1] * turn[j, 1] + half[i, 2] * turn[j, 2]
             for a in range(6):
                 for b in range(6):
                     scale = w * value[k, a] * value[k, b]
@@ -116,57 +141,42 @@ class Rigid(Augmented):
     """A rigid body that moves along `path` and touches some faces of the mesh.
 
     faces       (F,6) outward boundary faces that may touch
-    shape       signed distance, see `Shape`; `plane`, `sphere` or an own function
+    shape       signed distance, see `Shape`; `plane`, `sphere`, `capsule`, `fe.meshed` or an own function
     parameters  its numbers
-    path        load -> place of the body's origin [m] (3)
+    path        load -> place of the body's origin [m] (3); or that and its rotation [1] (3,3), from its frame to the
+                world's
     friction    Coulomb's coefficient [1] >= 0
     bound       [m] greatest penetration that is left; 0: 1/2000 of the mean edge of the faces
     penalty     [Pa/m] to begin with; 0: from the stiffness of the faces
+
+    `shear` is in the frame of the rigid body.
     """
 
     def __init__(
         self,
         faces: np.ndarray,
         shape: Shape,
-        parameters: tuple[float, ...],
-        path: Callable[[float], np.ndarray],
+        parameters: Sequence[float] | np.ndarray,
+        path: Callable[[float], Any],
         friction: float = 0.0,
         bound: float = 0.0,
         penalty: float = 0.0,
     ) -> None:
-        if not friction >= 0.0:
-            raise ValueError(f"friction {friction}: expected a number >= 0")
-        self.faces = np.ascontiguousarray(faces)
+        super().__init__(faces, friction, bound, penalty)
         self.parameters = np.array(parameters, dtype=np.float64)
         self.path = path
-        self.friction = float(friction)
-        self.bound = bound
-        self.penalty = penalty
         self._shape = compiled(shape, SHAPE)
-        self._value, _ = face_rule.shape(face_rule.POINTS)
+        self._turn = np.eye(3)
 
     def bind(self, points: np.ndarray, pattern: Pattern, stiffness: np.ndarray) -> None:
         """Make the state for a mesh whose nodes have this stiffness [N/m] (N,)."""
-        self.points = points
-        self.area = face_rule.areas(points, self.faces)
+        self.clear(points)
         self.couple(pattern)
-        edge = np.sqrt(2.0 * self.area.sum() / len(self.faces))
-        if not self.bound > 0.0:
-            self.bound = edge / 2000.0
         if not self.penalty > 0.0:
-            nodes = np.unique(self.faces)
-            self.penalty = 10.0 * float(np.median(stiffness[nodes])) * len(nodes) / self.area.sum()
-        size = self.area.shape
-        self.multiplier = np.zeros(size)
-        self.sliding = np.zeros((*size, 3))
-        self.traction = np.zeros(size)
-        self.shear = np.zeros((*size, 3))
-        self.gap = np.full(size, np.inf)
-        self.slip = np.zeros(size, dtype=bool)
-        self.force = np.zeros(3)
-        """Force of the rigid body on the mesh [N]."""
-        self._start = points.copy()
-        self._before: np.ndarray | None = None
+            self.penalty = STIFF * stiffness_per_area(self.faces, self.area, stiffness)
+        self.moment = np.zeros(3)
+        """Moment of `force` about the rigid body's origin [N m]."""
+        self._before = np.zeros((*self.area.shape, 3))
 
     def couple(self, pattern: Pattern) -> None:
         """Take up a new pattern."""
@@ -178,24 +188,44 @@ class Rigid(Augmented):
 
     def begin(self, displacement: np.ndarray, load: float) -> None:
         """Start of a load step from a converged state."""
-        self._start = self.points + displacement
-        self._before = np.asarray(self.path(load), dtype=np.float64)
-        self._saved = self.multiplier.copy(), self.sliding.copy()
+        self.remember()
+        origin, turn = self.placed(load)
+        start = np.einsum("qa,fai->fqi", self.value, (self.points + displacement)[self.faces])
+        self._before = (start - origin) @ turn
 
-    def back(self) -> None:
-        """Forget a load step that failed."""
-        self.multiplier, self.sliding = (x.copy() for x in self._saved)
+    def placed(self, load: float) -> tuple[np.ndarray, np.ndarray]:
+        """Place of the rigid body's origin [m] (3) and its rotation (3,3).
+
+        ValueError: the path gives something else.
+        """
+        found = self.path(load)
+        origin, turn = found if isinstance(found, tuple) else (found, np.eye(3))
+        origin, turn = np.array(origin, dtype=np.float64), np.array(turn, dtype=np.float64)
+        if origin.shape != (3,) or turn.shape != (3, 3) or not (np.isfinite(origin).all() and np.isfinite(turn).all()):
+            raise ValueError(
+                f"path at load {load:.6g}: found {found!r}, expected a place [m] (3), or a place and a rotation (3,3), "
+                "all finite"
+            )
+        if np.abs(turn @ turn.T - np.eye(3)).max() > 1e-6 or np.linalg.det(turn) < 0:
+            raise ValueError(f"path at load {load:.6g}: {turn.tolist()} is not a rotation")
+        return origin, turn
 
     def add(self, displacement: np.ndarray, load: float, tangent: bool, force: np.ndarray, data: np.ndarray) -> None:
         """Add the contact to the residual (N,3) and, if asked, to the tangent's blocks."""
-        move = np.asarray(self.path(load), dtype=np.float64)
+        total = np.zeros((2, 3))
+        origin, self._turn = self.placed(load)
         _touch(
-            self._shape, self.points + displacement, self._start, self.faces, self._value, self.area, move,
+            self._shape, self.points + displacement, self.faces, self.value, self.area, origin, self._turn,
             self._before, self.parameters, self.penalty, self.friction, self.multiplier, self.sliding, self.traction,
-            self.shear, self.gap, self.slip, self.force, tangent, self._where, force, data,
+            self.shear, self.gap, self.normal, self.slip, total, tangent, self._where, force, data,
         )  # fmt: skip
+        self.force, self.moment = total
 
-    def contact_area(self, displacement: np.ndarray) -> float:
-        """Deformed area of the integration points that carry pressure or are closed to within the bound [m²]."""
-        closed = (self.traction > 0.0) | (self.gap <= self.bound)
-        return float(face_rule.areas(self.points + displacement, self.faces)[closed].sum())
+    def skew(self, change: np.ndarray, force: np.ndarray) -> None:
+        """Add to `force` (N,3) what the part of the tangent that `add` leaves out gives for a change (N,3) of the
+        displacement: sliding friction grows with the pressure."""
+        if not self.slip.any():
+            return
+        pressed = np.einsum("fqi,qa,fai->fq", self.normal, self.value, change[self.faces])
+        pull = self.area[..., None] * self.friction_slope(pressed) @ self._turn.T
+        np.add.at(force, self.faces, np.einsum("qa,fqi->fai", self.value, pull))

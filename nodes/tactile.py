@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zipfile
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -33,22 +34,32 @@ class Flow(Node):
         path = Path(self.table) if self.table else TABLE
         try:
             with np.load(path) as found:
-                self._force = found[f"{self.plate}.force"]
-                columns = np.column_stack([found[f"{self.plate}.area"], found[f"{self.plate}.volumes"]])
+                force, area, volumes = (found[f"{self.plate}.{name}"] for name in ("force", "area", "volumes"))
                 self._levels = found["levels"]
-        except (OSError, ValueError, KeyError) as error:
+        except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
             raise SettingError(f"setting 'table': {path}: {error}. `palpate fe table` writes one") from None
-        self._columns = columns
-        self._slopes = np.diff(columns, axis=0) / np.diff(self._force)[:, None]
-        self._volumes = self.wants("volumes") or self.wants("volume_rates")
+        rows = force.size
+        alike = force.shape == area.shape == (rows,) and volumes.shape == (rows, self._levels.size)
+        every = np.column_stack([force, area, volumes]) if alike else np.full((1, 1), np.nan)
+        if not np.isfinite(every).all() or rows < 2 or force[0] != 0.0 or (np.diff(force) <= 0).any():
+            raise SettingError(
+                f"setting 'table': {path}: expected finite curves over forces that rise from 0. `palpate fe table` "
+                "writes such a table"
+            )
         self._area = self.wants("area") or self.wants("area_rate") or self.wants("stick_radius")
+        self._volumes = self.wants("volumes") or self.wants("volume_rates")
+        self._force = force
+        curves = [area[:, None]] * self._area + [volumes] * self._volumes
+        self._columns = np.column_stack(curves) if curves else np.zeros((rows, 0))
+        self._slopes = np.diff(self._columns, axis=0) / np.diff(force)[:, None]
+        self._flat = np.zeros(self._columns.shape[1])
 
     def step(self, contact: Contact, friction: Friction | None) -> Tactile:
         force = contact.force
         row = int(np.searchsorted(self._force, force, side="right")) - 1
         last = len(self._force) - 1
         if row >= last:
-            value, slope = self._columns[last], 0.0 * self._slopes[-1]
+            value, slope = self._columns[last], self._flat
         else:
             slope = self._slopes[row]
             value = self._columns[row] + (force - self._force[row]) * slope
@@ -65,7 +76,7 @@ class Flow(Node):
             area=area,
             area_rate=rate,
             levels=self._levels,
-            volumes=value[1:],
-            volume_rates=slope[1:],
+            volumes=value[int(self._area) :],
+            volume_rates=slope[int(self._area) :],
             stick_radius=stick,
         )

@@ -6,9 +6,6 @@ import pytest
 from pytest import approx
 
 from palpate.fe import (
-    ConvergenceError,
-    MaterialError,
-    MeshError,
     Settings,
     Solver,
     TetMesh,
@@ -152,7 +149,7 @@ def octant(cells):
 
 
 def lame(poisson, cells, material):
-    """Displacement of the inner wall of a hollow sphere under unit inner pressure: found and exact."""
+    """Displacement of the inner wall of a hollow sphere of 10 kPa under 1 Pa inside, times 1e4: found and exact."""
     from palpate.fe import faces as rule
 
     mesh, r = octant(cells)
@@ -164,7 +161,7 @@ def lame(poisson, cells, material):
     out /= np.linalg.norm(out, axis=-1, keepdims=True)
     push = np.zeros_like(mesh.points)
     np.add.at(push, inner, np.einsum("qa,fq,fqi->fai", value, area, out))
-    body = Solver(mesh, {0: material}, fixed, loads=lambda load: load * 1e-4 * push, settings=Settings(step=1.0))
+    body = Solver(mesh, {0: material}, fixed, loads=lambda load: load * push, settings=Settings(step=1.0))
     body.advance(1.0)
     wall = r < 1 + 1e-9
     found = np.linalg.norm(body.displacement[wall], axis=1).mean() / 1e-4
@@ -176,7 +173,7 @@ def lame(poisson, cells, material):
 def test_a_hollow_sphere_does_not_lock(poisson):
     errors = []
     for cells in (2, 4):
-        found, exact = lame(poisson, cells, linear(1.0, poisson))
+        found, exact = lame(poisson, cells, linear(1e4, poisson))
         errors.append(abs(found / exact - 1.0))
     assert errors[1] < 0.01
     assert errors[1] < errors[0] / 3.0  # second order at least: a fourth, less what the coarse mesh's luck takes
@@ -200,43 +197,3 @@ def test_the_factor_solves_as_a_dense_solver_does():
     data[diagonal[7]] -= 100.0 * np.eye(3)
     with pytest.raises(NotPositive):
         factor.factor(data)
-
-
-def test_what_no_material_has_is_refused():
-    for make in (neo_hooke, hencky, linear):
-        with pytest.raises(MaterialError, match=r"below 0\.5"):
-            make(1e4, 0.5)
-        with pytest.raises(MaterialError, match="positive"):
-            make(-1.0, 0.3)
-    with pytest.raises(MaterialError, match="d1 > 0"):
-        mooney_rivlin(1.0, 1.0, 0, 0, 0, 0.0)
-
-
-def test_a_mesh_that_is_inverted_or_has_no_material_is_refused_with_its_place():
-    mesh = box((1, 1, 1), (1, 1, 1))
-    turned = mesh.elements.copy()
-    turned[3] = turned[3][[1, 0, 2, 3, 4, 6, 5, 8, 7, 9]]
-    with pytest.raises(MeshError, match="element 3 at"):
-        TetMesh(mesh.points, turned)
-    with pytest.raises(MeshError, match=r"regions \[0\] have no material"):
-        Solver(mesh, {1: neo_hooke(1.0, 0.3)}, np.zeros_like(mesh.points, dtype=bool))
-
-
-def test_a_step_that_cannot_converge_says_where_and_keeps_the_last_state():
-    mesh = box((1, 1, 1), (2, 2, 2))
-    z = mesh.points[:, 2]
-    fixed = np.repeat(((z < 1e-9) | (z > 1 - 1e-9))[:, None], 3, axis=1)
-    body = Solver(mesh, {0: neo_hooke(1e4, 0.3)}, fixed, lambda load: -load * np.outer(z > 1 - 1e-9, (0, 0, 1.0)),
-                  settings=Settings(least=0.02))  # fmt: skip
-    with pytest.raises(ConvergenceError, match=r"load step from .* at node .* \(.*\) m"):
-        body.advance(1.5)
-    assert 0.3 < body.load < 1.0
-    assert body.displacement[z > 1 - 1e-9, 2] == approx(-body.load)
-
-
-def test_a_body_that_nothing_holds_is_refused():
-    mesh = box((1, 1, 1), (1, 1, 1))
-    body = Solver(mesh, {0: linear(1.0, 0.3)}, np.zeros_like(mesh.points, dtype=bool),
-                  loads=lambda load: load * np.ones_like(mesh.points))  # fmt: skip
-    with pytest.raises(ConvergenceError):
-        body.advance(1.0)

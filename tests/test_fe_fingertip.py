@@ -7,8 +7,10 @@ import pytest
 from pytest import approx
 
 from palpate.fe.elements import POINTS, gradients
-from palpate.fe.fingertip import BONE, DERMIS, EPIDERMIS, SUBCUTIS, Fingertip, Pressing, materials
+from palpate.fe.fingertip import Fingertip, materials
+from palpate.fe.layers import BONE, DERMIS, EPIDERMIS, SUBCUTIS
 from palpate.fe.mesh import MeshError
+from palpate.fe.pressing import Pressing
 from palpate.fe.record import LEVELS, record
 from palpate.fe.vtk import write_vtu
 from palpate.launch.testing import FakeBus
@@ -39,7 +41,7 @@ def test_the_finger_first_touches_at_the_origin_with_its_tip_lower():
     assert points[:, 2].min() == approx(0.0, abs=3e-5)
     assert np.linalg.norm(points[np.argmin(points[:, 2])]) < 2e-3
     assert points[:, 0].min() == approx(0.0, abs=1e-12)
-    rear = points[tip._rear]
+    rear = points[tip.rear]
     assert rear[:, 1].min() > 0 and rear[:, 2].mean() > 0.01
 
 
@@ -140,6 +142,45 @@ def test_flow_computes_only_what_is_wanted(tmp_path):
     node.wanted = frozenset({"area"})
     sent = FakeBus(node).publish(contact(0.3))[0]
     assert sent.area > 0 and len(sent.volumes) == 0 and sent.stick_radius == 0.0
+
+
+@pytest.mark.parametrize(
+    ("wanted", "columns"),
+    [
+        ({"area"}, 1),
+        ({"area_rate"}, 1),
+        ({"stick_radius"}, 1),
+        ({"volumes"}, 2),
+        ({"volume_rates", "area"}, 3),
+        (None, 3),
+    ],
+)
+def test_flow_holds_no_curve_that_nobody_reads(tmp_path, wanted, columns):
+    """What is wanted is the same as in the full node; of the rest there is not even a column to be read."""
+    node, full = Flow(table=table(tmp_path)), FakeBus(Flow(table=table(tmp_path)))
+    if wanted is not None:
+        node.wanted = frozenset(wanted)
+    few = FakeBus(node)
+    for force in (0.0, 0.07, 0.3, 9.0):
+        part, whole = few.publish(contact(force))[0], full.publish(contact(force))[0]
+        for name in wanted or ("area", "area_rate", "volumes", "volume_rates", "stick_radius"):
+            assert getattr(part, name) == approx(getattr(whole, name))
+    assert node._columns.shape[1] == columns
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [{"force": [0.0, 0.5, 0.5]}, {"force": [0.1, 0.2, 0.5]}, {"area": [0.0, np.nan, 1.0]}, {"area": [0.0, 1.0]}],
+)
+def test_flow_refuses_a_table_that_is_no_curve(tmp_path, wrong):
+    with np.load(table(tmp_path)) as found:
+        data = {name: found[name] for name in found.files}
+    np.savez(tmp_path / "wrong.npz", **(data | {f"silicone.{name}": values for name, values in wrong.items()}))
+    with pytest.raises(SettingError, match="forces that rise from 0"):
+        FakeBus(Flow(table=str(tmp_path / "wrong.npz")))
+    (tmp_path / "cut.npz").write_bytes((tmp_path / "wrong.npz").read_bytes()[:200])
+    with pytest.raises(SettingError, match=r"cut\.npz"):
+        FakeBus(Flow(table=str(tmp_path / "cut.npz")))
 
 
 def test_flow_refuses_a_table_that_is_not_there(tmp_path):

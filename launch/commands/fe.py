@@ -2,15 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, NoReturn
 
 import typer
 
-from palpate.launch.commands.common import Json, Verbs, console, tell
+from palpate.launch.commands.common import MISUSE, TROUBLE, Json, Verbs, console, tell
+from palpate.launch.commands.fe_report import numbers, show, show_statements
+from palpate.launch.loading.extras import install
 
 if TYPE_CHECKING:
-    from palpate.fe.record import Record
+    from palpate.fe.layers import Layers
+    from palpate.fe.pressing import Pressing
+    from palpate.fe.record import Record, Run
+
+INTERRUPTED = 130
+"""Exit code of a run that Ctrl-C ended."""
 
 fe = typer.Typer(cls=Verbs, no_args_is_help=True, help="Run the full finite-element models.")
 
@@ -29,104 +38,231 @@ def fingertip(
     depth: Annotated[float, typer.Option(help="how far the plate rises, mm")] = 2.4,
     cells: Annotated[int, typer.Option(help="elements across an eighth of the circumference")] = 6,
     friction: Annotated[float, typer.Option(help="Coulomb's coefficient")] = 0.2,
+    finger: Annotated[
+        Path | None, typer.Option(help="a measured finger in place of the paper's, of `palpate fingertip SCAN -o FILE`")
+    ] = None,
     folder: Annotated[Path, typer.Option("--to", help="folder for the results; a broken run goes on there")] = Path(
         "runs/fingertip"
     ),
     as_json: Json = False,
 ) -> None:
-    """Press the layered fingertip on a plate: force, contact area and isostrain volumes; fields as VTK."""
-    from rich.progress import Progress, TextColumn
+    """Press the layered fingertip on a plate: force, contact area, isostrain volumes; fields as VTK; pictures."""
+    with _plainly(as_json):
+        divisor = _divisor(material)
+        tip = _finger(finger, cells)
+        _check_depth(depth, tip)
+        shape = "" if finger is None else f"-{finger.stem}"
+        place = folder / f"{plate}-{material}-{cells}-{friction:g}{shape}"
+        pressing, run = _pressing(tip, plate, divisor, friction, place)
+        found = _press(pressing, 1e-3 * depth, run, as_json)
+        _fields(pressing, place / "finger.vtu")
+        made = _pictures({plate: run}, place)
+        if as_json:
+            data = {"ok": True} | numbers(plate, divisor, found, finger is None)
+            tell(data | {"folder": str(place), "pictures": [str(path) for path in made]})
+            return
+        show(plate, divisor, found, finger is None)
+        typer.echo(f"{place / 'finger.vtu'}: displacement and equivalent strain")
+        for path in made:
+            typer.echo(path)
 
-    from palpate.fe.fingertip import CALIBRATED, Fingertip, Pressing
-    from palpate.fe.record import record
-    from palpate.fe.vtk import write_vtu
-    from palpate.nodes.base import SettingError
 
-    named = {"literal": 1.0, "calibrated": CALIBRATED}
-    try:
-        divisor = named[material] if material in named else float(material)
-    except ValueError:
-        raise SettingError(f"--material {material}: expected literal, calibrated or a number") from None
-    run = folder / f"{plate}-{material}-{cells}-{friction:g}"
-    try:
-        pressing = Pressing(Fingertip(cells=cells), plate, divisor, friction)
-    except ValueError as error:
-        raise SettingError(str(error)) from None
-    count = 3 * len(pressing.solver.mesh.points)
-    columns = (*Progress.get_default_columns()[:3], TextColumn("{task.fields[note]}"))
-    with Progress(*columns, console=console(stderr=True), disable=as_json) as bar:
-        task = bar.add_task("pressing", total=depth, note=f"{count} degrees of freedom")
+@fe.command()
+def compare(
+    steel: Annotated[Path, typer.Argument(help="folder of a run on steel, of `palpate fe fingertip`")],
+    silicone: Annotated[Path, typer.Argument(help="folder of a run on silicone")],
+    to: Annotated[Path, typer.Option("--to", help="folder for the pictures")] = Path("runs/fingertip"),
+    as_json: Json = False,
+) -> None:
+    """Both plates side by side: which of the paper's statements hold, and pictures like its Figures 3 to 5."""
+    from palpate.fe.record import Run
+    from palpate.fe.statements import statements
 
-        def tick(load: float) -> None:
-            bar.update(task, completed=1e3 * load, note=f"{1e3 * load:.2f} mm, {pressing.force:.3g} N")
-
-        found = record(pressing, 1e-3 * depth, run, tick)
-    values, _ = pressing.strain()
-    finger = pressing.finger.mesh
-    moved = pressing.solver.displacement[: len(finger.points)]
-    write_vtu(run / "finger.vtu", finger, {"displacement": moved}, {"equivalent_strain": values.mean(axis=1)})
-    if as_json:
-        tell(_numbers(plate, divisor, found) | {"folder": str(run)})
-    else:
-        _show(plate, divisor, found)
-        console().print(f"{run / 'finger.vtu'}: displacement and equivalent strain")
+    with _plainly(as_json):
+        runs = {"steel": Run(steel), "silicone": Run(silicone)}
+        _check_pair(runs)
+        rows = statements(*(run.record() for run in runs.values()))
+        to.mkdir(parents=True, exist_ok=True)
+        made = _pictures(runs, to)
+        if as_json:
+            tell({"ok": True, "statements": rows, "pictures": [str(path) for path in made]})
+            return
+        show_statements(rows)
+        for path in made:
+            typer.echo(path)
 
 
 @fe.command()
 def table(
-    steel: Annotated[Path, typer.Argument(help="folder of a literal run on steel, of `palpate fe fingertip`")],
-    silicone: Annotated[Path, typer.Argument(help="folder of a calibrated run on silicone")],
+    steel: Annotated[Path, typer.Argument(help="folder of a run on steel, of `palpate fe fingertip`")],
+    silicone: Annotated[Path, typer.Argument(help="folder of a run on silicone with the same material")],
     to: Annotated[Path, typer.Option("--to", help="file to write")] = Path("fingertip.npz"),
+    as_json: Json = False,
 ) -> None:
-    """Write the table that tactile.Flow reads: area and isostrain volumes against force for both plates."""
+    """Write the table that tactile.Flow reads: area and isostrain volumes against force for both plates.
+
+    A steel run of another material is scaled: on a rigid plate all moduli divided by one number divide the force by it.
+    """
     import numpy as np
 
-    from palpate.fe.fingertip import CALIBRATED
-    from palpate.fe.record import LEVELS, read_record
+    from palpate.fe.record import LEVELS, Run, RunError
 
-    found = {"steel": read_record(steel).softened(CALIBRATED), "silicone": read_record(silicone)}
-    data = {"levels": LEVELS}
-    for plate, run in found.items():
-        keep = np.concatenate([[True], np.diff(run.force) > 0])
-        data |= {f"{plate}.{n}": getattr(run, n)[keep] for n in ("force", "area", "volumes", "indentation")}
-    np.savez_compressed(to, allow_pickle=False, **data)
-    console().print(f"{to}: {', '.join(f'{p} to {r.force[-1]:.3g} N' for p, r in found.items())}")
-
-
-def _numbers(plate: str, divisor: float, found: Record) -> dict[str, Any]:
-    """The record as plain data, with the paper's points beside it."""
-    from palpate.fe.fingertip import PAPER
-
-    return {
-        "plate": plate,
-        "divisor": divisor,
-        "indentation": found.indentation.tolist(),
-        "force": found.force.tolist(),
-        "area": found.area.tolist(),
-        "levels": found.levels.tolist(),
-        "volumes": found.volumes.tolist(),
-        "paper": [
-            {"force": f, "indentation": d, "found": found.at(f)[0] if f <= found.force[-1] else None}
-            for f, d in PAPER[plate]
-        ],
-    }
-
-
-def _show(plate: str, divisor: float, found: Record) -> None:
-    from rich.table import Table
-
-    from palpate.fe.fingertip import PAPER
-
-    out = console()
-    table = Table(box=None, pad_edge=False, title=f"{plate}, moduli / {divisor:g}", title_justify="left")
-    for name in ("indentation mm", "force N", "area mm²", *(f"V({x:g}) mm³" for x in found.levels)):
-        table.add_column(name, justify="right")
-    for k in range(0, len(found.force), max(1, len(found.force) // 15)):
-        row = (1e3 * found.indentation[k], found.force[k], 1e6 * found.area[k], *(1e9 * found.volumes[k]))
-        table.add_row(*(f"{x:.4g}" for x in row))
-    out.print(table)
-    for force, depth in PAPER[plate]:
-        if force > found.force[-1]:
-            out.print(f"{force} N: not reached (paper: {1e3 * depth:.2f} mm)")
+    with _plainly(as_json):
+        runs = {"steel": Run(steel), "silicone": Run(silicone)}
+        ratio = _check_pair(runs, scaled=True)
+        if to.suffix != ".npz":
+            raise RunError(f"--to {to}: expected a name that ends in .npz")
+        found = {"steel": runs["steel"].record().softened(ratio), "silicone": runs["silicone"].record()}
+        data = {"levels": LEVELS}
+        for plate, one in found.items():
+            keep = np.concatenate([[True], np.diff(one.force) > 0])
+            data |= {f"{plate}.{n}": getattr(one, n)[keep] for n in ("force", "area", "volumes", "indentation")}
+        np.savez_compressed(to, allow_pickle=False, **data)
+        if as_json:
+            tell({"ok": True, "table": str(to), "force": {p: r.force[-1] for p, r in found.items()}})
         else:
-            out.print(f"{force} N: {1e3 * found.at(force)[0]:.2f} mm (paper: {1e3 * depth:.2f} mm)")
+            typer.echo(f"{to}: {', '.join(f'{p} to {r.force[-1]:.3g} N' for p, r in found.items())}")
+
+
+@contextmanager
+def _plainly(as_json: bool) -> Iterator[None]:
+    """Errors that a user can do something about: one line, or JSON, and an exit code."""
+    from palpate.fe.mesh import MeshError
+    from palpate.fe.record import RunError
+    from palpate.fe.solver import ConvergenceError
+    from palpate.physics.fingertip import FingertipError
+
+    def end(error: Exception, text: str, code: int) -> NoReturn:
+        if as_json:
+            tell({"ok": False, "error": type(error).__name__, "text": text})
+        else:
+            typer.secho(text, fg="red", err=True)
+        raise typer.Exit(code) from None
+
+    try:
+        yield
+    except (MeshError, RunError, FingertipError) as error:
+        end(error, str(error), MISUSE)
+    except OSError as error:
+        end(error, f"{error.filename}: {error.strerror}" if error.strerror else str(error), MISUSE)
+    except ConvergenceError as error:
+        end(error, str(error), TROUBLE)
+
+
+def _divisor(material: str) -> float:
+    """The divisor of the finger's moduli that a material means."""
+    from palpate.fe.fingertip import CALIBRATED
+    from palpate.fe.mesh import MeshError
+
+    named = {"literal": 1.0, "calibrated": CALIBRATED}
+    try:
+        found = named[material] if material in named else float(material)
+    except ValueError:
+        found = 0.0
+    if not 0.0 < found < float("inf"):
+        raise MeshError(f"--material {material}: expected literal, calibrated or a number above 0")
+    return found
+
+
+def _finger(path: Path | None, cells: int) -> Layers:
+    from palpate.fe.fingertip import Fingertip
+    from palpate.fe.mesh import MeshError
+    from palpate.fe.scanned import Scanned
+    from palpate.physics import fingertip as measured
+
+    if not 3 <= cells <= 20:
+        raise MeshError(f"--cells {cells}: expected 3 ... 20")
+    if path is None:
+        return Fingertip(cells=cells)
+    return Scanned(measured.Fingertip.load(path), cells=cells)
+
+
+def _check_depth(depth: float, tip: Layers) -> None:
+    from palpate.fe.mesh import MeshError
+
+    most = 1e3 * float(tip.radii[-1] - tip.radii[0])
+    if not 0.0 < depth < most:
+        raise MeshError(f"--depth {depth:g}: expected more than 0 and less than {most:.2f} mm, from skin to bone")
+
+
+def _pressing(tip: Layers, plate: str, divisor: float, friction: float, place: Path) -> tuple[Pressing, Run]:
+    """The pressing, and its folder, which can be written."""
+    from palpate.fe.mesh import MeshError
+    from palpate.fe.pressing import Pressing
+    from palpate.fe.record import Run
+
+    try:
+        pressing = Pressing(tip, plate, divisor, friction)
+    except MeshError:
+        raise
+    except ValueError as error:
+        raise MeshError(f"--{error}") from None
+    place.mkdir(parents=True, exist_ok=True)
+    (place / "next").write_bytes(b"")
+    (place / "next").unlink()
+    return pressing, Run(place)
+
+
+def _press(pressing: Pressing, end: float, run: Run, quiet: bool) -> Record:
+    """The pressing, with a bar; Ctrl-C keeps what is done."""
+    from rich.progress import Progress, TextColumn
+
+    from palpate.fe.record import record
+
+    count = 3 * len(pressing.solver.mesh.points)
+    columns = (*Progress.get_default_columns()[:3], TextColumn("{task.fields[note]}"))
+    bar = Progress(*columns, console=console(stderr=True), disable=quiet)
+    task = bar.add_task("pressing", total=1e3 * end, note=f"{count} degrees of freedom")
+
+    def tick(load: float) -> None:
+        bar.start()  # not before the folder has been read, so that what is wrong with it stands alone
+        bar.update(task, completed=1e3 * load, note=f"{1e3 * load:.2f} mm, {pressing.force:.3g} N")
+
+    try:
+        return record(pressing, end, run, tick)
+    except KeyboardInterrupt:
+        bar.stop()
+        done = f"stopped at {1e3 * pressing.solver.load:.2f} mm; the same command goes on from there ({run.folder})"
+        typer.secho(done, fg="red", err=True)
+        raise typer.Exit(INTERRUPTED) from None
+    finally:
+        bar.stop()
+
+
+def _fields(pressing: Pressing, path: Path) -> None:
+    from palpate.fe.vtk import write_vtu
+
+    values, _ = pressing.strain()
+    mesh = pressing.finger.mesh
+    moved = pressing.solver.displacement[: len(mesh.points)]
+    write_vtu(path, mesh, {"displacement": moved}, {"equivalent_strain": values.mean(axis=1)})
+
+
+def _pictures(runs: dict[str, Run], folder: Path) -> list[Path]:
+    """The pictures, or a line that says what is missing."""
+    from palpate.launch.commands.fe_pictures import draw
+
+    try:
+        return draw(runs, folder)
+    except ModuleNotFoundError as error:
+        typer.secho(f"{error.name} is not installed, so no pictures. {install('view')}", err=True)
+        return []
+
+
+def _check_pair(runs: dict[str, Run], scaled: bool = False) -> float:
+    """Whether the runs are of one finger on these plates; the ratio of the divisors, which is 1 unless it may be
+    scaled. RunError: they are not."""
+    from palpate.fe.record import RunError, differing
+
+    found = {plate: run.settings() for plate, run in runs.items()}
+    for plate, settings in found.items():
+        if settings.get("plate") != plate:
+            raise RunError(f"{runs[plate].folder}: a run on {settings.get('plate')}, expected one on {plate}")
+    hard, soft = ({k: v for k, v in s.items() if k != "plate"} for s in found.values())
+    ratio = float(soft["divisor"]) / float(hard["divisor"])
+    if scaled:
+        hard |= {"divisor": soft["divisor"]}
+    other = differing(hard, soft)
+    if other is not None:
+        raise RunError(f"{other[0]} is {other[1]} on steel, {other[2]} on silicone; expected two runs that are alike")
+    return ratio

@@ -1,0 +1,113 @@
+"""The two problems with FElupe, which a user may have installed, with its own contact of nodes or with one of faces."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import os
+import time
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+from fe_problems import PENALTY, POISSON, RADIUS, STEPS, YOUNG, Problem
+from scipy.sparse import csr_matrix
+
+from palpate.fe import faces as rule
+from palpate.fe import neo_hooke
+
+
+class FacePlane:
+    """An item for FElupe: faces (F,6) held above a rigid plane by a penalty [Pa/m] at six points each."""
+
+    def __init__(self, field: Any, problem: Problem) -> None:
+        self.field, self.faces, self.floor = field, problem.skin, problem.floor
+        self.points = field.region.mesh.points
+        self.area = rule.areas(self.points, self.faces)
+        self.value, _ = rule.shape(rule.POINTS)
+        self.assemble = SimpleNamespace(vector=self._vector, matrix=self._matrix, multiplier=None)
+        self.results = SimpleNamespace(update_statevars=lambda: None)
+
+    def _gap(self) -> np.ndarray:
+        height: np.ndarray = (self.points + self.field[0].values)[self.faces][..., 2] @ self.value.T - self.floor
+        return height
+
+    def _vector(self, field: Any = None, **_: Any) -> csr_matrix:
+        push = self.area * PENALTY * np.maximum(-self._gap(), 0.0)
+        found = np.zeros(self.points.shape)
+        np.add.at(found[:, 2], self.faces, -push @ self.value)
+        return csr_matrix(found.reshape(-1, 1))
+
+    def _matrix(self, field: Any = None, **_: Any) -> csr_matrix:
+        stiff = PENALTY * np.where(self._gap() < 0.0, self.area, 0.0)
+        block = np.einsum("fq,qa,qb->fab", stiff, self.value, self.value)
+        row, column = np.broadcast_arrays(self.faces[:, :, None], self.faces[:, None, :])
+        size = (self.points.size, self.points.size)
+        return csr_matrix((block.ravel(), (3 * row.ravel() + 2, 3 * column.ravel() + 2)), shape=size)
+
+
+def felupe(problem: Problem, faces: bool = False) -> dict[str, object] | None:
+    """With FElupe; None where it is not installed."""
+    try:
+        import felupe as fem
+    except ImportError:
+        return None
+    name, spsolve = _direct()
+    begun, used = time.perf_counter(), time.process_time()
+    mesh, count = problem.mesh, len(problem.mesh.points)
+    points = np.concatenate([mesh.points, [[0.0, 0.0, problem.floor]]])  # the last point carries the plane
+    field = fem.FieldContainer([fem.Field(fem.RegionQuadraticTetra(fem.Mesh(points, mesh.elements, "tetra10")), dim=3)])
+    shear, bulk = neo_hooke(YOUNG, POISSON).parameters
+    items = [fem.SolidBody(fem.NeoHooke(mu=shear, bulk=bulk), field)]
+    if faces and len(problem.skin):
+        items.append(FacePlane(field, problem))
+    elif len(problem.skin):
+        nodes = np.unique(problem.skin)
+        area = np.pi / 4 * (0.3 * RADIUS) ** 2 / np.sum(np.linalg.norm(points[nodes, :2], axis=1) < 0.3 * RADIUS)
+        normal = np.array([0.0, 0.0, 1.0])
+        items.append(fem.ContactRigidPlane(field, nodes, count, normal, multiplier=PENALTY * area))
+    held = np.concatenate([problem.fixed, [[True] * 3]])
+    move = np.concatenate([problem.driven, [False]])
+    held[move, 2] = False
+    bounds = {
+        f"held{k}": fem.Boundary(field[0], mask=held[:, k], skip=tuple(int(k != i) for i in range(3))) for k in range(3)
+    }
+    bounds["move"] = fem.Boundary(field[0], mask=move, skip=(1, 1, 0))
+    iterations = 0
+    for step in range(1, STEPS + 1):
+        bounds["move"].update(-problem.travel * step / STEPS)
+        dof0, dof1 = fem.dof.partition(field, bounds)
+        ext0 = fem.dof.apply(field, bounds, dof0)
+        found = fem.newtonraphson(
+            items=items, dof0=dof0, dof1=dof1, ext0=ext0, solver=lambda a, b: spsolve(a.tocsr(), b), verbose=0,
+            tol=1e-6, maxiter=40,
+        )  # fmt: skip
+        iterations += found.iterations
+    reaction = items[0].assemble.vector(field).toarray().reshape(-1, 3)
+    return {
+        "solver": f"FElupe, {name}, contact of faces" if faces else f"FElupe, {name}",
+        "force": float(reaction[move, 2].sum()),
+        "CPU s": time.process_time() - used,
+        "clock s": time.perf_counter() - begun,
+        "iterations": iterations,
+        "penetration/travel": -float((points + field[0].values)[np.unique(problem.skin), 2].min() - problem.floor)
+        / problem.travel
+        if len(problem.skin)
+        else None,
+    }
+
+
+def _direct():
+    """The fastest sparse solver that is there: PARDISO, or SuperLU. pypardiso finds no MKL outside the environment that
+    it is installed in, so it is shown where it lies."""
+    try:
+        if "PYPARDISO_MKL_RT" not in os.environ:
+            parts = importlib.metadata.files("mkl") or []
+            found = [str(p.locate().resolve()) for p in parts if "mkl_rt" in p.name and p.locate().exists()]
+            os.environ.update({"PYPARDISO_MKL_RT": found[0]} if found else {})
+        from pypardiso import spsolve
+
+        return "PARDISO", spsolve
+    except ImportError:
+        from scipy.sparse.linalg import spsolve
+
+        return "SuperLU", spsolve

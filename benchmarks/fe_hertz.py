@@ -1,0 +1,72 @@
+"""A rigid sphere on an elastic block, and an elastic ball on a rigid plane, against Hertz's theory."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from palpate.fe import Rigid, Settings, Solver, linear, plane, quadratic, sphere
+from palpate.fe.mesh import bricks, grid
+
+YOUNG, RADIUS = 1e4, 0.01
+
+
+SIZE = 30.0
+"""[1] Of the meshed part, in radii of contact."""
+
+
+def indented(poisson: float, faces: int, ratio: float, ball: bool = False) -> dict[str, float]:
+    """Force and area over theory; `ratio` is approach over radius, `faces` are over the radius of contact.
+
+    A quarter of the body is meshed up to `SIZE`. There it is held to the field of a point force on a half-space
+    (Boussinesq), which is what is left of Hertz's field so far away: so it is as good as a half-space, or, with `ball`,
+    as the ball that the theory means (one held at its equator is stiffer).
+    """
+    depth = ratio * RADIUS
+    a = np.sqrt(RADIUS * depth)
+    h = a / faces
+    x = h * np.arange(int(1.4 * faces) + 1)
+    z = [0.0]
+    while x[-1] < SIZE * a:
+        x = np.append(x, x[-1] + 2.2 * (x[-1] - x[-2]))
+    while z[-1] < SIZE * a:
+        z.append(z[-1] + h)
+        h *= 1.8
+    points, cells = grid(x, x, -np.array(z[::-1]))
+    mesh = quadratic(points, bricks(points, cells))
+    p, near = mesh.points, 1e-9 * a
+    far = (p[:, 0] > x[-1] - near) | (p[:, 1] > x[-1] - near) | (p[:, 2] < near - z[-1])
+    fixed = np.stack([(p[:, 0] < near) | far, (p[:, 1] < near) | far, far], axis=1)
+    top = mesh.faces[(p[mesh.faces][:, :, 2] > -near).all(axis=1)]
+    if ball:
+        away = np.hypot(p[:, 0], p[:, 1])
+        p[:, 2] -= (RADIUS - np.sqrt(RADIUS**2 - away**2)) * (1 + p[:, 2] / z[-1])
+    theory = 4.0 / 3.0 * YOUNG / (1 - poisson**2) * np.sqrt(RADIUS) * depth**1.5
+    held = np.zeros_like(p)
+    held[far] = boussinesq(p[far], theory, poisson)
+    top = top[np.linalg.norm(p[top[:, :3]].mean(axis=1), axis=1) < 2.2 * a]
+    if ball:
+        touch = Rigid(top, plane, (0, 0, -1.0), lambda load: np.array([0, 0, -load * depth]), bound=depth / 1000)
+    else:
+        touch = Rigid(top, sphere, (RADIUS,), lambda load: np.array([0, 0, RADIUS - load * depth]), bound=depth / 1000)
+    steps = Settings(step=1.0, largest=1.0)
+    body = Solver(mesh, {0: linear(YOUNG, poisson)}, fixed, lambda load: load * held, contacts=[touch], settings=steps)
+    body.advance(1.0)
+    return {
+        "degrees of freedom": 3 * len(p),
+        "force/Hertz": 4 * abs(float(touch.force[2])) / theory,
+        "area/Hertz": 4 * touch.contact_area(body.displacement) / (np.pi * a**2),
+        "penetration/depth": float(-touch.gap.min()) / depth,
+    }
+
+
+def boussinesq(points: np.ndarray, force: float, poisson: float) -> np.ndarray:
+    """Displacement [m] (n,3) of the half-space z < 0 by a force [N] at the origin, into it.
+
+    K. L. Johnson, Contact Mechanics, Cambridge 1985, eq. 3.18, with z turned upwards.
+    """
+    shear = YOUNG / (2 * (1 + poisson))
+    r, down = np.linalg.norm(points, axis=1), -points[:, 2]
+    out = down / r**3 - (1 - 2 * poisson) / (r * (r + down))
+    sink = down**2 / r**3 + 2 * (1 - poisson) / r
+    found: np.ndarray = force / (4 * np.pi * shear) * np.stack([out * points[:, 0], out * points[:, 1], -sink], axis=1)
+    return found

@@ -1,0 +1,93 @@
+"""The two problems that the solvers share: a block squeezed between clamps, and a ball pressed on a rigid plane.
+
+Both are neo-Hookean, W = (mu/2) (J^(-2/3) I1 - 3) + (kappa/2) (J - 1)², and take `STEPS` equal load steps.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from palpate.fe import TetMesh, box
+from palpate.fe.mesh import bricks, edge_nodes, grid
+
+YOUNG, POISSON = 1e4, 0.3
+STEPS = 4
+RADIUS = 0.01
+"""[m] of the ball."""
+PENALTY = 2e4 * YOUNG / RADIUS
+"""[Pa/m] of the peers' contact: a penetration of about 1e-5 of the radius."""
+
+
+@dataclass(frozen=True)
+class Problem:
+    """A body whose `driven` nodes go down by `travel` [m] (fixed directions of a node: `fixed`), and whose faces `skin`
+    (F,6) touch a rigid plane at the height `floor` [m] with the normal (0, 0, 1); no plane where the skin is empty."""
+
+    mesh: TetMesh
+    fixed: np.ndarray
+    driven: np.ndarray
+    travel: float
+    skin: np.ndarray
+    floor: float = 0.0
+
+
+def block(cells: int) -> Problem:
+    """A unit cube, both ends clamped, squeezed by 30 %."""
+    mesh = box((1.0, 1.0, 1.0), (cells, cells, cells))
+    z = mesh.points[:, 2]
+    top = z > 1 - 1e-9
+    fixed = np.repeat((top | (z < 1e-9))[:, None], 3, axis=1)
+    return Problem(mesh, fixed, top, 0.3, np.zeros((0, 6), dtype=np.int64))
+
+
+def ball(cells: int) -> Problem:
+    """The lower half of a ball, a quarter of it between two planes of symmetry: its equator goes down by 10 % of the
+    radius, with no friction. It is half of a ball pressed between two planes."""
+    mesh = _octant(cells)
+    x, y, z = mesh.points.T
+    near = 1e-9 * RADIUS
+    top = z > -near
+    fixed = np.stack([x < near, y < near, top], axis=1)
+    corner = mesh.points[mesh.faces[:, :3]]
+    outer = (np.linalg.norm(corner, axis=2) > (1 - 1e-9) * RADIUS).all(axis=1)
+    skin = mesh.faces[outer & (corner[:, :, 2].mean(axis=1) < -0.7 * RADIUS)]
+    return Problem(mesh, fixed, top, 0.1 * RADIUS, skin, -RADIUS)
+
+
+def _octant(cells: int) -> TetMesh:
+    """The part x, y > 0 > z of a ball with curved faces: a core of bricks and shells round it, finest at the pole."""
+    t = np.linspace(0.0, 1.0, cells + 1)
+    fine = 0.5 * t + 0.5 * t**2
+    core, found = grid(fine, fine, t)
+    n = cells + 1
+    node = np.arange(len(core)).reshape(n, n, n)
+    quad = np.array([[0, 1, n, n + 1], [0, 1, n * n, n * n + 1], [0, n, n * n, n * n + n]])
+    outer = [
+        node[-1, :-1, :-1].reshape(-1, 1) + quad[0],
+        node[:-1, -1, :-1].reshape(-1, 1) + quad[1],
+        node[:-1, :-1, -1].reshape(-1, 1) + quad[2],
+    ]
+    surface, on = np.unique(np.concatenate(outer), return_inverse=True)
+    on = on.reshape(-1, 4)
+    points, every, below = [np.column_stack([core, np.zeros(len(core))])], [found], surface[on]
+    levels = 1.0 - (1.0 - np.linspace(0.0, 1.0, cells + 1)[1:]) ** 1.5
+    for k, level in enumerate(levels):
+        above = len(core) + k * len(surface) + on
+        points.append(np.column_stack([core[surface], np.full(len(surface), level)]))
+        every.append(np.concatenate([below, above], axis=1))
+        below = above
+    lattice = np.concatenate(points)
+    corners = bricks(_place(lattice), np.concatenate(every))
+    elements, edges = edge_nodes(len(lattice), corners)
+    return TetMesh(_place(np.concatenate([lattice, lattice[edges].mean(axis=1)])), elements)
+
+
+def _place(lattice: np.ndarray) -> np.ndarray:
+    """Points [m] (N,3) of lattice coordinates (N,4): three in the core's cube, then 0 ... 1 from there to the skin."""
+    cube, shell = lattice[:, :3], lattice[:, 3:]
+    ray = np.tan(np.pi / 4 * cube)
+    ray /= np.maximum(np.linalg.norm(ray, axis=1, keepdims=True), 1e-12)
+    found: np.ndarray = RADIUS * ((1.0 - shell) * 0.5 * cube + shell * ray) * (1.0, 1.0, -1.0)
+    return found

@@ -1,0 +1,65 @@
+"""Press the layered fingertip on both plates, and keep the pictures:
+
+python docs/pictures/fingertip.py runs/fingertip [folder]
+
+fingertip-force.png      force and contact area, with the paper's four points
+fingertip-strain.png     strain in the plane of symmetry, deformed
+fingertip-isostrain.png  growth of the isostrain volumes, and the volumes over strain and force
+fingertip-flow.png       tactile flow on isostrain lines
+fingertip-measured.png   strain in a finger that was read from images: the made-up one of `palpate fingertip --phantom`
+
+The first folder holds the runs. What is there is read; from nothing it takes about an hour on one core.
+"""
+
+from __future__ import annotations
+
+import shutil
+import sys
+import tempfile
+from pathlib import Path
+
+from palpate.fe.fingertip import CALIBRATED, Fingertip
+from palpate.fe.layers import Layers
+from palpate.fe.pressing import Pressing
+from palpate.fe.record import Run, record
+from palpate.fe.scanned import Scanned
+from palpate.launch.commands.fe_pictures import draw
+from palpate.scan import rebuild, segment
+from palpate.scan.phantom import scan
+
+CELLS = 5
+MEASURED = 4
+"""Cells of the measured finger, of which both sides are meshed."""
+
+
+def press(finger: Layers, plate: str, depth: float, folder: Path) -> Run:
+    """The calibrated finger on a plate that rises by `depth` [m]."""
+    run = Run(folder)
+    record(Pressing(finger, plate, CALIBRATED), depth, run)
+    return run
+
+
+def main(runs: Path, folder: Path) -> list[Path]:
+    """Press, draw, copy."""
+    folder.mkdir(parents=True, exist_ok=True)
+    both = {
+        plate: press(Fingertip(cells=CELLS), plate, 2.4e-3, runs / f"{plate}-calibrated-{CELLS}-0.2")
+        for plate in ("steel", "silicone")
+    }
+    tip = Scanned(rebuild(segment(scan())), cells=MEASURED)
+    measured = {"steel": press(tip, "steel", 2.4e-3, runs / f"steel-calibrated-{MEASURED}-0.2-finger")}
+    made = []
+    with tempfile.TemporaryDirectory(prefix="palpate-") as scratch:
+        for path in draw(both, Path(scratch)):
+            made.append(folder / f"fingertip-{path.name}")
+            shutil.copyfile(path, made[-1])
+        (strain,) = (path for path in draw(measured, Path(scratch)) if path.name == "strain.png")
+        made.append(folder / "fingertip-measured.png")
+        shutil.copyfile(strain, made[-1])
+    return made
+
+
+if __name__ == "__main__":
+    place = Path(sys.argv[2]) if len(sys.argv) > 2 else Path(__file__).parent
+    for written in main(Path(sys.argv[1]), place):
+        print(written)
