@@ -4,7 +4,7 @@
 
 Four tables. Error of the indentation under a spread load and error of the force with a fingertip in series
 (contact.Series' own, the approach given), each by load and by the number of modes that the dents are cut to; no mode is
-the linear body. The pressing (`fe.press`) that both are measured against, itself against `fe.Solver` at one touch.
+the linear body. The pressing (`fe.indent`) that both are measured against, itself against `fe.Solver` at one touch.
 Times of a step against a load step of that solver. Takes some minutes on one core, all of it for the full model.
 """
 

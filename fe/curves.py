@@ -1,6 +1,6 @@
 """What the nonlinear organ does that the linear one does not, place by place: the dents of `physics.dents`.
 
-The full model is pressed at scattered places (`fe.press`), every time to the same indentations over the radius of the
+The full model is pressed at scattered places (`fe.indent`), every time to the same indentations over the radius of the
 patch; between the places the dents are carried over the surface by a spline.
 """
 
@@ -11,8 +11,8 @@ from collections.abc import Callable
 import numpy as np
 
 from palpate.fe import faces as face_rule
+from palpate.fe.indent import Press
 from palpate.fe.organ import Organ
-from palpate.fe.press import Press
 from palpate.physics.dents import SOFTEST, SPACING, hat_moments, patch_radius
 from palpate.physics.mesh import Mesh
 

@@ -11,8 +11,8 @@ from scipy.integrate import cumulative_simpson
 from scipy.optimize import brentq
 
 from palpate.fe.curves import continued, dent_table, patch, press, pressed_places, scattered, spread_out
+from palpate.fe.indent import Press
 from palpate.fe.organ import Organ
-from palpate.fe.press import Press
 from palpate.launch.testing import FakeBus
 from palpate.messages import Load
 from palpate.nodes.base import SettingError
