@@ -1,199 +1,56 @@
-"""What the nonlinear organ adds to the linear one under a patch load, place by place.
+"""What the nonlinear organ does that the linear one does not, place by place: the dents of `physics.dents`.
 
-The load f g grows at a place, g the unit load of a patch of radius R. The full model gives its indentation s(f), the
-linear one c f. The dent that the linear model misses is
-
-    d(f) = s(f) - c f = R delta(f/(E R²))
-
-with delta free of units. All places are solved together: the factor at rest preconditions a fixed-point iteration
-
-    u <- u + K0⁻¹ (f g - r(u)),    r(u) inner forces of the nonlinear model and its bed,
-
-sped up by mixing earlier iterates. Elements that strain and turn by less than `LINEAR` keep their tangent at rest.
-D. G. Anderson, J. ACM 12 (1965) 547-560; H. F. Walker, P. Ni, SIAM J. Numer. Anal. 49 (2011) 1715-1735.
+The full model is pressed at scattered places (`fe.indent`), every time to the same indentations over the radius of the
+patch; between the places the dents are carried over the surface by a spline.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 
 from palpate.fe import faces as face_rule
-from palpate.fe.cholesky import Cholesky
-from palpate.fe.compiled import LAW, compiled
-from palpate.fe.elements import gradients, integrate
-from palpate.fe.materials import linear
+from palpate.fe.indent import Press
 from palpate.fe.organ import Organ
-from palpate.physics.dents import SPACING, hat_moments, patch_radius
+from palpate.physics.dents import SOFTEST, SPACING, hat_moments, patch_radius
 from palpate.physics.mesh import Mesh
 
-PLACES = 40
+PLACES = 60
 """Places of the surface at which the nonlinear organ is pressed."""
 RADIUS = 8e-3
 """[m] Of the patch that it is pressed with."""
-LEVELS = 6
-"""Load levels p = f/(E R²) up to LEVELS SPACING."""
-STEEPEST = 3.0
-"""Greatest power of the level with which dents go on beyond the level that was reached."""
+LEVELS = 9
+"""Indentations s/R up to LEVELS SPACING."""
 INSIDE = np.array([0.5, 0.3, 0.2])
 """Where in a triangle the organ is pressed: a place like any other; at corners a load is narrower than elsewhere."""
-LINEAR = 0.02
-"""Greatest entry of the displacement gradient at the largest load below which an element counts as linear."""
-TOLERANCE = 2e-4
-"""Residual, as the linear indentation that it would cause over the indentation."""
-MOST = 25
-"""Iterations of a load level; a place that needs more has come to its limit load."""
-MEMORY = 10
-"""Iterates that are mixed."""
-BACKS = 4
-"""Times that an iteration of one level may be taken back."""
 
 
-class _Place:
-    """The nonlinear elements under one patch, and the iterates of its load level."""
-
-    def __init__(self, organ: Organ, slope: np.ndarray, weight: np.ndarray, load: np.ndarray, unit: np.ndarray) -> None:
-        elements = organ.mesh.elements
-        self.load, self.unit = load, unit
-        self.compliance = float(np.sum(load * unit))
-        self._steep = np.abs(np.einsum("eai,eqaj->eqij", unit[elements], slope)).max(axis=(1, 2, 3))
-        self._organ, self._slope, self._weight = organ, slope, weight
-        self.force, self.u = 0.0, np.zeros_like(unit)
-        self.slope = unit
-        self.lost = False
-
-    def choose(self, force: float) -> None:
-        """Take the elements that this force strains or turns beyond `LINEAR`."""
-        organ = self._organ
-        self._groups = []
-        for region, material in organ.materials(1.0).items():
-            ratio = organ.nodule.ratio if region == 1 else 1.0
-            own = np.flatnonzero((organ.mesh.region == region) & (force * self._steep > LINEAR))
-            if len(own):
-                rest = linear(ratio, organ.poisson)
-                self._groups.append((material, rest, organ.mesh.elements[own], self._slope[own], self._weight[own]))
-
-    def begin(self, force: float) -> None:
-        """Start a load level, going on as the last one went."""
-        self.choose(force)
-        self.start = self.u
-        self.goal = force
-        self.u = self.u + (force - self.force) * self.slope
-        self._steps: list[np.ndarray] = []
-        self._points: list[np.ndarray] = []
-        self._backed = 0
-
-    def beyond(self, u: np.ndarray) -> np.ndarray | None:
-        """Inner forces less those of the organ at rest's stiffness (N,3); None where an element turns inside out."""
-        force = np.zeros_like(u)
-        nothing, blocks = np.zeros((0, 10, 10), dtype=np.int64), np.zeros((0, 3, 3))
-        for material, rest, elements, slope, weight in self._groups:
-            for sign, law in ((1.0, material), (-1.0, rest)):
-                part = np.zeros_like(u)
-                _, bad = integrate(
-                    compiled(law.law, LAW), slope, weight, elements, u, np.array(law.parameters), law.mixed, law.small,
-                    False, nothing, part, blocks,
-                )  # fmt: skip
-                if bad >= 0:
-                    return None
-                force += sign * part
-        return force
-
-    def end(self) -> float:
-        """Keep what was found at this level; the dent [m] there."""
-        self.slope = (self.u - self.start) / (self.goal - self.force)
-        self.force = self.goal
-        return float(np.sum(self.load * self.u)) - self.compliance * self.force
-
-    def residual(self, rest: Any) -> np.ndarray | None:
-        """Unbalanced force (N,3); None where elements turn inside out even halfway back to the last level."""
-        extra = self.beyond(self.u)
-        while extra is None:
-            if self._backed == BACKS:
-                return None
-            self._backed += 1
-            self._steps, self._points = [], []
-            self.u = 0.5 * (self.u + self.start)
-            extra = self.beyond(self.u)
-        found: np.ndarray = self.goal * self.load - (rest @ self.u.ravel()).reshape(-1, 3) - extra
-        return found
-
-    def settled(self, step: np.ndarray) -> bool:
-        """Whether a step of the iteration is small: in the indentation, and overall."""
-        miss = abs(float(np.sum(self.load * step))) / (self.compliance * self.goal)
-        size = float(np.linalg.norm(step)) / float(np.linalg.norm(self.u))
-        return max(miss, 0.3 * size) < TOLERANCE
-
-    def mix(self, step: np.ndarray) -> None:
-        """Next iterate from the step K0⁻¹ times the residual here, and those before."""
-        self._steps.append(step)
-        self._points.append(self.u)
-        del self._steps[: -MEMORY - 1], self._points[: -MEMORY - 1]
-        self.u = self.u + step
-        if len(self._steps) > 1:
-            steps, points = np.diff(self._steps, axis=0), np.diff(self._points, axis=0)
-            many = len(steps)
-            share = np.linalg.lstsq(steps.reshape(many, -1).T, step.ravel(), rcond=1e-10)[0]
-            self.u = self.u - np.tensordot(share, steps + points, axes=1)
-
-
-def dents(
+def press(
     organ: Organ,
     patches: np.ndarray,
-    levels: np.ndarray,
+    depths: np.ndarray,
     report: Callable[[float], None] | None = None,
-) -> np.ndarray:
-    """Indentation (P,L) [m] of the nonlinear organ of modulus 1 Pa less that of the linear one, under growing loads.
+) -> tuple[np.ndarray, np.ndarray]:
+    """What presses the organ of modulus 1 Pa at places: stiffness of the linear one [N/m] (P,), and force [N] (P,L)
+    that the nonlinear one takes, NaN from where no equilibrium was found.
 
     patches  (P,V,3)  unit loads at each place, by the vertices of the surface
-    levels   [N] (P,L) growing forces on them
+    depths   [m] (P,L) growing indentations, each the mean displacement along the load, weighted as it is
     report   hears the share done
-
-    NaN from the level on at which a place gives way.
     """
-    mesh = organ.mesh
-    stiffness = organ.stiffness()
-    solver = Cholesky(mesh.points, organ.pattern.indptr, organ.pattern.indices)
-    solver.factor(stiffness)
-    rest = organ.pattern.matrix(stiffness)
-    hats = organ.hats()
-    slope, det = gradients(mesh.points, mesh.elements)
-    loads = np.einsum("nv,pvi->npi", hats, patches)
+    model, hats = Press(organ), organ.hats()
+    done = 0
 
-    def solve(many: np.ndarray) -> np.ndarray:
-        found: np.ndarray = solver.solve(many.transpose(0, 2, 1).reshape(3 * len(many), -1))
-        return found.reshape(len(many), 3, -1).transpose(2, 0, 1)
+    def count(levels: int) -> None:
+        nonlocal done
+        done += levels
+        if report is not None:
+            report(done / depths.size)
 
-    units = solve(loads)
-    places = [_Place(organ, slope, det / 24.0, loads[:, p], units[p]) for p in range(len(patches))]
-    found = np.full(levels.shape, np.nan)
-    for k in range(levels.shape[1]):
-        open_ = [p for p, place in enumerate(places) if not place.lost]
-        for p in open_:
-            places[p].begin(levels[p, k])
-        for _ in range(MOST):
-            rests = [places[p].residual(rest) for p in open_]
-            for p, step in zip(open_, rests, strict=True):
-                places[p].lost = step is None
-            open_ = [p for p in open_ if not places[p].lost]
-            if not open_:
-                break
-            steps = solve(np.stack([x for x in rests if x is not None], axis=1))
-            left = []
-            for p, step in zip(open_, steps, strict=True):
-                if places[p].settled(step):
-                    found[p, k] = places[p].end()
-                else:
-                    places[p].mix(step)
-                    left.append(p)
-            open_ = left
-            if report is not None:
-                report((k + 1 - len(open_) / len(places)) / levels.shape[1])
-        for p in open_:
-            places[p].lost = True
-    return found
+    works = [model.curve(hats @ one, deep, count) for one, deep in zip(patches, depths, strict=True)]
+    found = model.run(works)
+    return np.array([curve.stiffness for curve in found]), np.array([curve.force for curve in found])
 
 
 def patch(surface: Mesh, foot: np.ndarray, normal: np.ndarray, radius: float) -> np.ndarray:
@@ -235,17 +92,18 @@ def dent_table(
     report: Callable[[float], None] | None = None,
     levels: int = LEVELS,
 ) -> np.ndarray:
-    """Dents (V,L) [1] at every vertex of the organ's surface and every level p = SPACING, 2 SPACING ..., see
-    `physics.dents`: found for patches at scattered places, a biharmonic spline through these between."""
+    """Dents (V,L) [1] at every vertex of the organ's surface and every indentation s/R = SPACING, 2 SPACING ..., see
+    `physics.dents`: found for patches at scattered places, a spline through these between."""
     surface = organ.surface
     feet, normals = pressed_places(surface, places, radius)
     patches = np.stack([patch(surface, foot, n, radius) for foot, n in zip(feet, normals, strict=True)])
     shares = -np.einsum("pvi,pi->pv", patches, normals)
     moments, every = hat_moments(surface), np.arange(len(surface.vertices))
     across = np.array([patch_radius(surface.vertices, moments, every, len(every), m[:, None]) for m in shares])
-    loads = 0.5 * SPACING * np.arange(1, 2 * levels + 1)  # half steps, so that the iteration starts close
-    found = dents(organ, patches, across[:, None] ** 2 * loads, report) / across[:, None]
-    return spread_out(surface.vertices, shares, continued(loads, found)[:, 1::2])
+    deep = SPACING * np.arange(1, levels + 1)
+    stiffness, force = press(organ, patches, across[:, None] * deep, report)
+    linear = force / (stiffness * across)[:, None]  # x of `physics.dents`
+    return spread_out(surface.vertices, shares, continued(linear) / deep - 1.0)
 
 
 def pressed_places(surface: Mesh, places: int, radius: float) -> tuple[np.ndarray, np.ndarray]:
@@ -267,35 +125,32 @@ def pressed_places(surface: Mesh, places: int, radius: float) -> tuple[np.ndarra
     return feet[chosen], normals[chosen]
 
 
-def continued(levels: np.ndarray, found: np.ndarray) -> np.ndarray:
-    """Rows (P,L) at levels (L,) whose missing ends go on as the power of the level that the last two follow, held
-    between 1 and `STEEPEST`; straight on where these have no power, from 0 where there is but one."""
-    out = found.copy()
+def continued(rising: np.ndarray) -> np.ndarray:
+    """Rows (P,L) of x at s/R = SPACING, 2 SPACING ... whose missing ends go on as the parabola through the last three
+    (rest, and the linear organ pulled, come before the first), at least with `SOFTEST` of the linear slope."""
+    out = rising.copy()
     for row in out:
-        lost = np.flatnonzero(~np.isfinite(row))
-        if len(lost) == 0:
-            continue
-        k = int(lost[0])
-        last, before = (row[k - 1] if k > 0 else 0.0), (row[k - 2] if k > 1 else 0.0)
-        at = levels[k - 1] if k > 0 else levels[0]
-        if before > 0.0 and last > before:
-            power = np.log(last / before) / np.log(at / levels[k - 2])
-            row[k:] = last * (levels[k:] / at) ** min(max(power, 1.0), STEEPEST)
-        else:
-            slope = (last - before) / (at - levels[k - 2]) if k > 1 else last / at
-            row[k:] = last + slope * (levels[k:] - at)
+        for k in np.flatnonzero(~np.isfinite(row)).tolist():
+            a, b, c = np.concatenate([(-2.0 * SPACING, -SPACING, 0.0), row[:k]])[-3:]
+            row[k] = c + max(2.0 * (c - b) - (b - a), SOFTEST * SPACING)
     return out
 
 
 def spread_out(points: np.ndarray, shares: np.ndarray, values: np.ndarray) -> np.ndarray:
     """Values (N,L) at points (N,3) whose means with weights (P,N) are the given ones (P,L).
 
-    Of all such functions the biharmonic spline: a constant and distances from the weighted points.
+    Of all such functions the polyharmonic spline of cubes: a linear function of place and cubes of the distances from
+    the weighted points. J. Duchon, in Constructive Theory of Functions of Several Variables (Springer, 1977) 85-100.
     """
-    kernel = -np.linalg.norm(points[:, None] - points[None], axis=2) @ shares.T
+    kernel = np.linalg.norm(points[:, None] - points[None], axis=2) ** 3 @ shares.T
+    line = np.column_stack([np.ones(len(points)), (points - points.mean(axis=0)) / np.ptp(points)])
     many = len(shares)
-    system = np.ones((many + 1, many + 1))
-    system[:many, :many], system[many, many] = shares @ kernel, 0.0
-    found = np.linalg.solve(system, np.concatenate([values, np.zeros((1, values.shape[1]))]))
-    out: np.ndarray = kernel @ found[:many] + found[many]
+    size = float(np.abs(kernel).max())
+    system = np.zeros((many + 4, many + 4))
+    system[:many, :many] = shares @ kernel / size
+    system[:many, many:] = shares @ line
+    system[many:, :many] = system[:many, many:].T
+    given = np.concatenate([values, np.zeros((4, values.shape[1]))])
+    found = np.linalg.lstsq(system, given, rcond=1e-12)[0]  # points in a plane leave one slope open
+    out: np.ndarray = kernel @ found[:many] / size + line @ found[many:]
     return out

@@ -1,9 +1,10 @@
-"""A homogeneous organ from its closed surface, and its static condensation to that surface."""
+"""An organ from its closed surface, homogeneous or with a capsule or a nodule, and its static condensation to that
+surface."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -20,8 +21,9 @@ from palpate.physics.mesh import Mesh
 
 SHELLS = (1.0, 0.9, 0.77, 0.6, 0.38)
 """Scales of the nested copies of the surface between which prisms are cut into tetrahedra."""
-
-
+MIXED = 0.47
+"""Poisson's ratio from which the mixed element is used. Below, pressure that follows each point of an element keeps its
+parts from trading volume under a deep press, which ends the press early."""
 SLAB = 0.04
 """[m] Thickness of the slab under a level surface."""
 
@@ -35,21 +37,35 @@ class Nodule:
     ratio: float = 10.0
 
 
-def fill(surface: Mesh, shells: tuple[float, ...] = SHELLS, nodule: Nodule = Nodule()) -> TetMesh:
+@dataclass(frozen=True)
+class Capsule:
+    """A skin of other tissue: thickness [m], modulus over that of the organ; no skin where the thickness is 0."""
+
+    thickness: float = 0.0
+    ratio: float = 10.0
+
+
+def fill(
+    surface: Mesh,
+    shells: tuple[float, ...] = SHELLS,
+    nodule: Nodule = Nodule(),
+    capsule: Capsule = Capsule(),
+) -> TetMesh:
     """Quadratic tetrahedra inside a closed surface whose every triangle is seen from the origin of its frame, or in the
     slab of thickness `SLAB` under a level one (all z equal, normals towards +z).
 
-    The first nodes are the vertices of the surface, in order. Region 1 is the nodule, 0 the rest.
+    The first nodes are the vertices of the surface, in order. Region 2 is the capsule, a layer of even thickness; 1 is
+    the nodule, 0 the rest.
 
-    MeshError: a surface that is open, inverted, or not seen from its origin; says where.
+    MeshError: a surface that is open, inverted, or not seen from its origin, or a capsule too thick for it; says where.
     """
     vertices, triangles = surface.vertices, surface.triangles.astype(np.int64)
-    n = len(vertices)
     if np.ptp(vertices[:, 2]) < 1e-9 * np.ptp(vertices) and (surface.face_vectors[:, 2] > 0).all():
-        down = SLAB * np.array([(0.0, 0.0, 1.0 - s) for s in (*shells, 0.0)])
-        points = np.concatenate([vertices - d for d in down])
-        corners = np.concatenate([_prisms(triangles + (k + 1) * n, triangles + k * n) for k in range(len(shells))])
-        return _finished(points, corners, nodule)
+        if not capsule.thickness < SLAB:
+            raise MeshError(f"capsule: found {capsule.thickness} m, expected less than the slab's {SLAB} m")
+        depths = [capsule.thickness + (SLAB - capsule.thickness) * (1.0 - s) for s in (*shells, 0.0)]
+        layers = [vertices - (0.0, 0.0, d) for d in ([0.0, *depths] if capsule.thickness > 0.0 else depths)]
+        return _layered(triangles, layers, nodule, capsule)
     edges = np.sort(triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
     _, index, count = np.unique(edges, axis=0, return_index=True, return_counts=True)
     if (count != 2).any():
@@ -68,22 +84,45 @@ def fill(surface: Mesh, shells: tuple[float, ...] = SHELLS, nodule: Nodule = Nod
             f"surface: triangle {worst} at ({at[0]:.4g}, {at[1]:.4g}, {at[2]:.4g}) mm does not face away from the "
             "origin; the volume mesh needs a surface that is seen from its origin everywhere, normals outward"
         )
-    points = np.concatenate([*(s * vertices for s in shells), np.zeros((1, 3))])
-    tets = []
-    for k in range(len(shells) - 1):
-        tets.append(_prisms(triangles + (k + 1) * n, triangles + k * n))
-    last = triangles + (len(shells) - 1) * n
-    tets.append(np.column_stack([np.full(len(last), len(points) - 1), last]))
-    return _finished(points, np.concatenate(tets), nodule)
+    inner = vertices - capsule.thickness * surface.normals
+    _fits(inner, surface, capsule)
+    layers = [s * inner for s in shells]
+    return _layered(triangles, [vertices, *layers] if capsule.thickness > 0.0 else layers, nodule, capsule, hub=True)
 
 
-def _finished(points: np.ndarray, corners: np.ndarray, nodule: Nodule) -> TetMesh:
-    """Turn the tetrahedra right side out, mark the nodule, add the nodes on edges."""
+def _fits(inner: np.ndarray, surface: Mesh, capsule: Capsule) -> None:
+    """MeshError where the inner side of the capsule folds, or is not seen from the origin."""
+    corner = inner[surface.triangles]
+    face = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+    bad = (np.einsum("ij,ij->i", face, surface.face_vectors) <= 0.0) | (
+        np.einsum("ij,ij->i", face, corner[:, 0]) <= 1e-3 * np.abs(np.einsum("ij,ij->i", face, corner[:, 0])).mean()
+    )
+    if bad.any():
+        at = surface.vertices[surface.triangles[np.argmax(bad)]].mean(axis=0) * 1e3
+        raise MeshError(
+            f"capsule: {capsule.thickness} m does not fit under the surface at ({at[0]:.4g}, {at[1]:.4g}, "
+            f"{at[2]:.4g}) mm; a thinner one would"
+        )
+
+
+def _layered(
+    triangles: np.ndarray, layers: list[np.ndarray], nodule: Nodule, capsule: Capsule, hub: bool = False
+) -> TetMesh:
+    """Prisms between layers cut into tetrahedra, the last layer joined to the origin if that is the `hub`; nodule and
+    capsule marked, nodes on edges added."""
+    n = len(layers[0])
+    points = np.concatenate([*layers, np.zeros((1, 3))] if hub else layers)
+    tets = [_prisms(triangles + (k + 1) * n, triangles + k * n) for k in range(len(layers) - 1)]
+    if hub:
+        tets.append(np.column_stack([np.full(len(triangles), len(points) - 1), triangles + (len(layers) - 1) * n]))
+    corners = np.concatenate(tets)
     a, b, c, d = (points[corners[:, i]] for i in range(4))
     turned = np.einsum("ij,ij->i", np.cross(b - a, c - a), d - a) < 0
     corners[turned] = corners[turned][:, [0, 2, 1, 3]]
-    inside = np.linalg.norm(points[corners].mean(axis=1) - nodule.centre, axis=1) < nodule.radius
-    return quadratic(points, corners, inside.astype(np.int64))
+    region = (np.linalg.norm(points[corners].mean(axis=1) - nodule.centre, axis=1) < nodule.radius).astype(np.int64)
+    if capsule.thickness > 0.0:
+        region[: len(tets[0])] = 2
+    return quadratic(points, corners, region)
 
 
 def _prisms(low: np.ndarray, high: np.ndarray) -> np.ndarray:
@@ -102,12 +141,14 @@ class Organ:
     poisson  [1] below 0.5
     bed      [1/m] stiffness per area of what the underside (normals towards -z) lies on, over the organ's modulus
     nodule   harder ball
+    capsule  harder skin
     """
 
     surface: Mesh
     poisson: float = 0.45
     bed: float = 50.0
     nodule: Nodule = Nodule()
+    capsule: Capsule = Capsule()
 
     def __post_init__(self) -> None:
         if not self.bed > 0:
@@ -115,7 +156,12 @@ class Organ:
         across = float(np.ptp(self.surface.vertices, axis=0).max())
         if not 1e-3 <= across <= 3.0:
             raise MeshError(f"surface: found {across:.4g} m across, expected 1 mm ... 3 m; is its unit right?")
-        self.mesh = fill(self.surface, nodule=self.nodule)
+        self.mesh = fill(self.surface, nodule=self.nodule, capsule=self.capsule)
+        if self.nodule.radius > 0.0 and not (self.mesh.region == 1).any():
+            raise MeshError(
+                f"nodule: no element has its centre within {self.nodule.radius} m of {tuple(self.nodule.centre)} m, "
+                "under the capsule, in the surface's frame; a larger one, another place, or a finer surface would do"
+            )
         self.pattern: Pattern = pattern(len(self.mesh.points), self.mesh.elements)
         self.faces = self.mesh.faces
         self.area = face_rule.areas(self.mesh.points, self.faces)
@@ -123,7 +169,9 @@ class Organ:
 
     def materials(self, young: float) -> dict[int, Material]:
         """Neo-Hookean materials of an organ with this modulus [Pa]."""
-        return {0: neo_hooke(young, self.poisson), 1: neo_hooke(young * self.nodule.ratio, self.poisson)}
+        ratios = {0: 1.0, 1: self.nodule.ratio, 2: self.capsule.ratio}
+        mixed = self.poisson >= MIXED
+        return {region: replace(neo_hooke(young * r, self.poisson), mixed=mixed) for region, r in ratios.items()}
 
     def under(self) -> np.ndarray:
         """Faces that lie on the bed (F,) bool."""

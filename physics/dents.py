@@ -1,20 +1,21 @@
-"""What large displacement adds to the indentation of a linear organ under a patch load.
+"""What large displacement does to the force that indents a linear organ under a patch.
 
-At a place of the surface a load f spread over a patch of radius R indents the linear organ of modulus E by c f and the
-nonlinear one by
+At a place of the surface a load f spread over a patch of radius R indents the linear organ of modulus E by c f. The
+nonlinear one takes, for an indentation s,
 
-    s(f) = c f + R delta(p),    p = f/(E R²)
+    f(s) = s/c (1 + rho(s/R))
 
-delta [1], the dent, is taken from the full model at some places and between them by interpolation over the surface;
+rho [1], the dent, is taken from the full model at some places and between them by interpolation over the surface;
 being free of units it serves any modulus and patches of other radii (exact on a half-space, where no other length is).
+It is kept by the indentation, not by the force, as the force has an end (a limit load) where the indentation goes on.
 
 An organ under loads h of any kind is seen by the patch g through y = gCh/gCg: the force on the patch alone that would
 indent it as much. With the linear organ's complementary energy hCh/2E the nonlinear one has
 
-    V*(h) = hCh/2E + psi(y),    dpsi/df = R delta(f/(E R²))
+    V*(h) = hCh/2E + psi(y),    dpsi/df = s(f) - c f
 
-whose displacement dV*/dh = (C/E)(h + k g), k = R delta/c, is that of the linear organ under k more load on the patch.
-V* is convex as long as s(f) rises, whatever C: so the body is passive. `rise` holds it to that.
+whose displacement dV*/dh = (C/E)(h + k g), k = (s(y) - c y)/c, is that of the linear organ under k more load on the
+patch. V* is convex as long as f(s) rises, whatever C: so the body is passive. `rise` holds it to that.
 """
 
 from __future__ import annotations
@@ -25,9 +26,9 @@ import numpy as np
 from palpate.physics.mesh import Mesh
 
 SPACING = 0.1
-"""[1] Of the values of p at which dents are kept, from SPACING on; beyond the last they go on straight."""
-STIFFEST = 0.1
-"""Least tangent compliance, over that at rest, that dents may lead to."""
+"""[1] Of the values of s/R at which dents are kept, from SPACING on; beyond the last the force goes on straight."""
+SOFTEST = 0.05
+"""Least tangent stiffness, over that at rest, that dents may lead to."""
 
 
 def hat_moments(mesh: Mesh) -> np.ndarray:
@@ -68,52 +69,63 @@ def patch_radius(points, moments, nodes, count, share):
 
 
 @numba.njit(cache=True)
-def rise(table, nodes, count, share, linear, knots, slopes):
-    """Make s/R against p at a patch: `knots` and `slopes` (L+1,) at p = 0, SPACING, 2 SPACING ...
+def rise(table, nodes, count, share, knots, slopes):
+    """Make x against s/R at a patch, x = c f/R the linear organ's s/R: `knots` and `slopes` (L+1,) at s/R = 0, SPACING,
+    2 SPACING ...
 
-    table (V,L) dents, averaged over the patch; linear: c E R [1], the linear organ's s/R over p. Where the dents would
-    let s fall, it rises with `STIFFEST` of the linear slope instead. Slopes are those of a parabola through the
-    neighbours, held below three times either chord: so the cubic between rises too.
-    F. N. Fritsch, R. E. Carlson, SIAM J. Numer. Anal. 17 (1980) 238-246.
+    table (V,L) dents, averaged over the patch. Where they would let the force fall, it rises with `SOFTEST` of the
+    linear slope instead, until they are above that. Slopes are those of a parabola through the neighbours, held below
+    twice either chord: so the cubic between rises too. F. N. Fritsch, R. E. Carlson, SIAM J. Numer. Anal. 17 (1980)
+    238-246.
     """
     levels = table.shape[1]
     knots[0] = 0.0
-    before = 0.0
     for k in range(levels):
         dent = 0.0
         for m in range(count):
             v = int(nodes[m])
             dent += share[v, 0] * table[v, k]
-        step = linear * SPACING + dent - before
-        knots[k + 1] = knots[k] + max(step, STIFFEST * linear * SPACING)
-        before = dent
-    slopes[0] = linear
+        knots[k + 1] = max((k + 1) * SPACING * (1.0 + dent), knots[k] + SOFTEST * SPACING)
     for k in range(levels + 1):
         left = (knots[k] - knots[max(k - 1, 0)]) / SPACING
         right = (knots[min(k + 1, levels)] - knots[k]) / SPACING
         if k == 0:
-            slopes[k] = min(linear, 3.0 * right)
+            slopes[k] = min(1.0, 2.0 * right) if levels > 0 else 1.0
         elif k == levels:
-            before = (knots[k - 1] - knots[max(k - 2, 0)]) / SPACING if k > 1 else linear
-            slopes[k] = min(max(1.5 * left - 0.5 * before, 0.5 * left), 3.0 * left)
+            further = (knots[k - 1] - knots[k - 2]) / SPACING if k > 1 else 1.0
+            slopes[k] = min(max(1.5 * left - 0.5 * further, SOFTEST), 2.0 * left)
         else:
-            slopes[k] = min(0.5 * (left + right), 3.0 * min(left, right))
+            slopes[k] = min(0.5 * (left + right), 2.0 * min(left, right))
 
 
 @numba.njit(cache=True)
-def risen(p, knots, slopes):
-    """s/R at p, and its slope; straight below 0 and beyond the last value."""
+def risen(x, knots, slopes):
+    """s/R where the linear organ's is x, and its slope; straight below 0 and beyond the last value."""
     last = len(knots) - 1
-    if not p > 0.0:
-        return slopes[0] * p, slopes[0]
-    x = p / SPACING
-    if not x < last:
-        return knots[last] + slopes[last] * (p - last * SPACING), slopes[last]
-    k = int(x)
-    t = x - k
-    u = 1.0 - t
-    rise_ = knots[k + 1] - knots[k]
+    if not x > 0.0:
+        return x / slopes[0], 1.0 / slopes[0]
+    if not x < knots[last]:
+        return last * SPACING + (x - knots[last]) / slopes[last], 1.0 / slopes[last]
+    k = 0
+    while x >= knots[k + 1]:
+        k += 1
+    climb, goal = knots[k + 1] - knots[k], x - knots[k]
     a, b = slopes[k] * SPACING, slopes[k + 1] * SPACING
-    value = knots[k] + rise_ * t * t * (3.0 - 2.0 * t) + a * t * u * u - b * t * t * u
-    slope = 6.0 * rise_ * t * u + a * u * (1.0 - 3.0 * t) + b * t * (3.0 * t - 2.0)
-    return value, slope / SPACING
+    low, high = 0.0, 1.0
+    t = goal / climb
+    slope = climb
+    for _ in range(60):  # Newton's method within a bracket
+        u = 1.0 - t
+        miss = climb * t * t * (3.0 - 2.0 * t) + a * t * u * u - b * t * t * u - goal
+        slope = 6.0 * climb * t * u + a * u * (1.0 - 3.0 * t) + b * t * (3.0 * t - 2.0)
+        if miss > 0.0:
+            high = t
+        else:
+            low = t
+        after = t - miss / slope
+        if not low <= after <= high:
+            after = 0.5 * (low + high)
+        if abs(after - t) < 1e-14:
+            break
+        t = after
+    return (k + t) * SPACING, SPACING / slope

@@ -56,13 +56,15 @@ class Basis:
     dents: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
 
     def save(self, path: Path) -> None:
-        """Write the lower half in half precision: two bytes a number."""
-        scale = float(np.abs(self.compliance).max()) / 3e4
-        lower = (self.compliance[np.tril_indices(len(self.compliance))] / scale).astype(np.float16)
+        """Write the lower half in steps of the largest entry over 32767, high bytes and low ones apart: so they
+        pack."""
+        step = float(np.abs(self.compliance).max()) / 32767
+        lower = np.rint(self.compliance[np.tril_indices(len(self.compliance))] / step).astype("<i2")
         path.parent.mkdir(parents=True, exist_ok=True)
         part = path.with_name(path.name + ".part.npz")
         np.savez_compressed(
-            part, vertices=self.vertices, triangles=self.triangles, lower=lower, scale=np.float64(scale),
+            part, vertices=self.vertices, triangles=self.triangles, step=np.float64(step),
+            lower=np.ascontiguousarray(lower.view(np.uint8).reshape(-1, 2).T),
             dents=self.dents.astype(np.float32),
         )  # fmt: skip
         part.replace(path)
@@ -78,7 +80,8 @@ class Basis:
                 vertices, triangles = found["vertices"], found["triangles"]
                 size = 3 * len(vertices)
                 full = np.zeros((size, size), dtype=np.float32)
-                full[np.tril_indices(size)] = found["lower"].astype(np.float32) * np.float32(found["scale"])
+                lower = np.ascontiguousarray(found["lower"].T).view("<i2").ravel()
+                full[np.tril_indices(size)] = lower * np.float32(found["step"])
                 dents = found["dents"].astype(np.float64) if "dents" in found else np.zeros((0, 0))
                 if dents.size and (len(dents) != len(vertices) or not np.isfinite(dents).all()):
                     raise ValueError(f"dents of shape {dents.shape} for {len(vertices)} vertices")
@@ -132,7 +135,8 @@ class CondensedBody:
 
         The indentation is the mean of -n.u over the patch, weighted as the force is, so that force times indentation
         is the work done on the body. With dents c is that of the chord to the next step's indentation at the present
-        force (at least `LEAST_FORCE`), so that force and indentation there are the body's own.
+        force (at least `LEAST_FORCE`), or that of the tangent there if it is greater, with the s_free that goes with
+        it: so force and indentation there are the body's own, and contact that is solved against it settles.
         """
         if len(nodes) == 0:
             count = self._spreader.spread(foot, normal, (-normal[0], -normal[1], -normal[2]))
@@ -254,12 +258,15 @@ def _step(
         return count, touched
     radius = patch_radius(points, moments, order, touched, measure)
     knots, slopes = curve[0], curve[1]
-    rise(dents, order, touched, measure, own * young * radius, knots, slopes)
-    unit = 1.0 / (own * young * radius * radius)  # p of an indentation
+    rise(dents, order, touched, measure, knots, slopes)
     force = max(total * share, LEAST_FORCE)
-    found[2] = radius * risen(unit * now, knots, slopes)[0]
-    found[1] = radius * risen(unit * free, knots, slopes)[0]
-    found[0] = (radius * risen(unit * (free + take * own * force), knots, slopes)[0] - found[1]) / force
+    found[2] = radius * risen(now / radius, knots, slopes)[0]
+    found[1] = radius * risen(free / radius, knots, slopes)[0]
+    then, slope = risen((free + take * own * force) / radius, knots, slopes)
+    found[0] = (radius * then - found[1]) / force
+    if slope * take * own > found[0]:  # of a convex s(f): so contact comes to its force from above, and does not swing
+        found[0] = slope * take * own
+        found[1] = radius * then - found[0] * force
     found[3] = (found[2] - now) / own
     return count, touched
 

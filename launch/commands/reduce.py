@@ -46,22 +46,23 @@ def reduce(
 
     from palpate.fe.curves import LEVELS, PLACES, dent_table
     from palpate.fe.mesh import MeshError
-    from palpate.fe.organ import Nodule, Organ
+    from palpate.fe.organ import Capsule, Nodule, Organ
     from palpate.physics.reduced_fe import Basis
 
     surface = node.coarse_mesh()
     try:
         nodule = Nodule(node.nodule_centre, node.nodule_radius, node.nodule_ratio)
-        organ = Organ(surface, node.poisson, node.bed, nodule)
+        capsule = Capsule(node.capsule_thickness, node.capsule_ratio)
+        organ = Organ(surface, node.poisson, node.bed, nodule, capsule)
     except MeshError as error:
-        raise SettingError(f"setting 'surface': {node.surface!r}: {error}") from None
+        raise SettingError(f"surface {node.surface!r}: {error}") from None
     columns = (*Progress.get_default_columns()[:3], TextColumn("{task.fields[note]}"), TimeRemainingColumn())
     with Progress(*columns, console=console(stderr=True), disable=as_json) as bar:
         task = bar.add_task("condensing", total=1.0, note=f"{3 * len(organ.mesh.points)} degrees of freedom")
         compliance = organ.compliance(lambda share: bar.update(task, completed=share))
         dents = np.zeros((len(surface.vertices), 0))
         if node.model == "nonlinear":
-            pressed = bar.add_task("pressing", total=1.0, note=f"{PLACES} places, {LEVELS} loads")
+            pressed = bar.add_task("pressing", total=1.0, note=f"{PLACES} places, {LEVELS} indentations")
             dents = dent_table(organ, report=lambda share: bar.update(pressed, completed=share))
     Basis(surface.vertices, surface.triangles, compliance, dents).save(path)
     _say(as_json, str(path), time.perf_counter() - started)

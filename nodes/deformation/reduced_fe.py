@@ -18,20 +18,25 @@ from palpate.physics.mesh import Mesh
 from palpate.physics.reduced_fe import Basis, BasisError, CondensedBody
 
 SHIPPED = Path(__file__).parent / "bases"
-FORM = 1
+FORM = 2
 """Number of the form of stored bases; a new one makes all old ones unknown."""
 NO_NODES = np.zeros(0, dtype=np.int32)
 NO_FORCES = np.zeros((0, 3))
+BUILT_FROM = (
+    "model", "surface", "file_unit", "poisson", "bed", "coarse", "nodule_centre", "nodule_radius", "nodule_ratio",
+    "capsule_thickness", "capsule_ratio",
+)  # fmt: skip
+"""Settings that the basis depends on, or whether it needs dents."""
 LEAST = 1e-9
 """[m/N] Compliance below which the body counts as rigid."""
 
 
 class ReducedFE(OnSurface):
     """A finite-element organ condensed to its surface, with what large displacement adds, on a soft bed; optionally
-    with a hard nodule.
+    with a hard nodule and a stiffer capsule.
 
-    `palpate reduce` builds its basis once for a surface, Poisson's ratio, bed and nodule; that of the default kidney
-    ships. Modulus and retardation time may be changed without building it again.
+    `palpate reduce` builds its basis once for a surface, Poisson's ratio, bed, nodule and capsule; that of the default
+    kidney ships. Modulus and retardation time may be changed without building it again.
     """
 
     model: Annotated[Literal["nonlinear", "linear"], "1"] = "nonlinear"
@@ -47,6 +52,10 @@ class ReducedFE(OnSurface):
     nodule_radius: Annotated[float, "m", msgspec.Meta(ge=0)] = 0.0
     nodule_ratio: Annotated[float, "1", msgspec.Meta(gt=0)] = 10.0
     """Modulus of the nodule over that of the organ."""
+    capsule_thickness: Annotated[float, "m", msgspec.Meta(ge=0)] = 0.0
+    """Of a skin of other modulus; 0 is a homogeneous organ."""
+    capsule_ratio: Annotated[float, "1", msgspec.Meta(gt=0)] = 10.0
+    """Modulus of the skin over that of the organ."""
     coarse: Annotated[int, "1", msgspec.Meta(ge=50, le=2000)] = 600
     """About how many vertices the condensed surface has."""
     radius: Annotated[float, "m", msgspec.Meta(gt=0)] = 8e-3
@@ -109,7 +118,8 @@ class ReducedFE(OnSurface):
             except OSError as error:
                 raise SettingError(f"setting 'surface': {self.surface!r}: {error.strerror}") from None
         nodule = [self.nodule_centre, self.nodule_radius, self.nodule_ratio] if self.nodule_radius > 0 else []
-        given = [FORM, surface, self.poisson, self.bed, nodule]
+        capsule = [self.capsule_thickness, self.capsule_ratio] if self.capsule_thickness > 0 else []
+        given = [FORM, surface, self.poisson, self.bed, nodule, capsule]
         return hashlib.sha256(json.dumps(given).encode()).hexdigest()[:16]
 
     def basis(self) -> Basis:
@@ -120,9 +130,10 @@ class ReducedFE(OnSurface):
         found = self.stored(SHIPPED, cache())
         if found is not None:
             return found[1]
-        given = [f"--set {n}={getattr(self, n)}" for n in ("surface", "poisson", "bed", "coarse", "nodule_radius")]
+        usual = type(self)()
+        given = [f"--set {n}={_text(getattr(self, n))}" for n in BUILT_FROM if getattr(self, n) != getattr(usual, n)]
         raise SettingError(
-            "no reduced basis is stored for these settings of surface, poisson, bed, coarse and nodule. "
+            "no reduced basis is stored for these settings of surface, poisson, bed, coarse, nodule and capsule. "
             f"Build it once: palpate reduce {' '.join(given)}"
         )
 
@@ -142,6 +153,11 @@ class ReducedFE(OnSurface):
                 if found.dents.size or self.model == "linear":
                     return path, found
         return None
+
+
+def _text(value: object) -> str:
+    """A setting's value as a command takes it."""
+    return "'[" + ", ".join(map(str, value)) + "]'" if isinstance(value, tuple) else str(value)
 
 
 def cache() -> Path:

@@ -1,0 +1,249 @@
+"""Pressing the nonlinear organ at many places at once, the indentation prescribed.
+
+At a place a load f g acts, g a unit load that keeps its shape and direction, and the indentation g.u = s is given. The
+displacement u makes the energy least under that condition, and f is its multiplier,
+
+    r(u) = f g,    g.u = s,    r inner forces of the organ and its bed,
+
+so that a curve goes on where the force alone has no further equilibrium (a limit load). Newton's method; its linear
+systems are solved by conjugate gradients among the displacements that leave s alone,
+
+    z = K0⁻¹ r - m K0⁻¹ g,    m = (g.K0⁻¹ r)/(g.K0⁻¹ g)
+
+with the factor at rest K0, which all places share: what they want of it is solved together, many right sides at once.
+Only the preconditioner and the tangent's products are in single precision.
+
+N. I. M. Gould, M. E. Hribar, J. Nocedal, SIAM J. Sci. Comput. 23 (2001) 1376-1395.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from palpate.fe.bed import Bed
+from palpate.fe.cholesky import Cholesky
+from palpate.fe.compiled import LAW, compiled
+from palpate.fe.elements import gradients, integrate
+from palpate.fe.organ import Organ
+
+TOLERANCE = 1e-3
+"""Unbalanced force over that of the load, both as the displacements that they would cause at rest (energy norm)."""
+NEWTON = 8
+"""Iterations of a step before it is cut in half."""
+HALVES = 2
+"""Times that a step may be cut in half."""
+INNER = 40
+"""Iterations of conjugate gradients."""
+FORCING = 0.1
+"""What they leave of the residual (energy norm)."""
+STALE = 0.25
+"""Reduction of the residual by one Newton iteration above which the tangent is made again."""
+TOGETHER = 40
+"""Places that are pressed at the same time; each holds a tangent."""
+
+
+@dataclass(frozen=True)
+class Curve:
+    """What a place does while it is pressed.
+
+    stiffness  [N/m]    of the linear organ
+    force      [N] (L,)  that brings it to each indentation; NaN from where no equilibrium was found
+    energy     [J] (L,)  that the organ and its bed then hold
+    """
+
+    stiffness: float
+    force: np.ndarray
+    energy: np.ndarray
+
+
+Asking = Generator[np.ndarray, np.ndarray, Any]
+"""Yields right sides (3N,), is sent K0⁻¹ of them."""
+
+
+class Press:
+    """The nonlinear organ of modulus 1 Pa, and its factor at rest."""
+
+    def __init__(self, organ: Organ) -> None:
+        self.organ = organ
+        mesh, self.pattern = organ.mesh, organ.pattern
+        self._parts = []
+        for region, material in organ.materials(1.0).items():
+            own = np.flatnonzero(mesh.region == region)
+            if len(own):
+                slope, det = gradients(mesh.points, mesh.elements[own])
+                where = self.pattern.where(mesh.elements[own])
+                self._parts.append((material, mesh.elements[own], slope, det / 24.0, where))
+        self._bed = Bed(organ.faces[organ.under()], organ.bed)
+        self._bed.bind(mesh.points, self.pattern, np.zeros(0))
+        self._blocks = np.zeros((len(self.pattern.indices), 3, 3))
+        self._none = np.zeros((0, 3, 3))
+        self._factor = Cholesky(mesh.points, self.pattern.indptr, self.pattern.indices, single=True)
+        self.tangent(np.zeros_like(mesh.points))
+        self._factor.factor(self._blocks)
+
+    def forces(self, u: np.ndarray, tangent: bool = False) -> tuple[float, np.ndarray] | None:
+        """Energy and inner forces (N,3) at displacements [m] (N,3); None where an element turns inside out."""
+        energy, force = 0.0, np.zeros_like(u)
+        blocks = self._blocks if tangent else self._none
+        blocks[:] = 0.0
+        for material, elements, slope, weight, where in self._parts:
+            part, bad = integrate(
+                compiled(material.law, LAW), slope, weight, elements, u, np.array(material.parameters),
+                material.mixed, material.small, tangent, where, force, blocks,
+            )  # fmt: skip
+            if bad >= 0:
+                return None
+            energy += part
+        springs = np.zeros_like(u)
+        self._bed.add(u, 0.0, tangent, springs, blocks)
+        return energy + 0.5 * float(np.sum(springs * u)), force + springs
+
+    def tangent(self, u: np.ndarray) -> Any:
+        """Tangent there, single precision."""
+        self.forces(u, True)
+        return self.pattern.matrix(self._blocks.astype(np.float32))
+
+    def run(self, works: list[Asking]) -> list[Any]:
+        """What each returns in the end."""
+        found: list[Any] = [None] * len(works)
+        todo = list(range(len(works)))[::-1]
+        wanted: dict[int, np.ndarray] = {}
+        while todo or wanted:
+            while todo and len(wanted) < TOGETHER:
+                k = todo.pop()
+                wanted[k] = next(works[k])
+            own = list(wanted)
+            solved = self._factor.solve(np.stack([wanted[k] for k in own], axis=1))
+            for column, k in enumerate(own):
+                try:
+                    wanted[k] = works[k].send(np.ascontiguousarray(solved[:, column]))
+                except StopIteration as end:
+                    found[k] = end.value
+                    del wanted[k]
+        return found
+
+    def curve(self, load: np.ndarray, depths: np.ndarray, count: Callable[[int], None] = lambda done: None) -> Asking:
+        """Work that presses a place with a unit load (N,3) to growing indentations [m] (L,) and returns its `Curve`;
+        `count` hears how many indentations are done."""
+        place = _Place(self, load)
+        place.unit = yield load.ravel()
+        place.compliance = float(load.ravel() @ place.unit)
+        force, energy = np.full((2, len(depths)), np.nan)
+        for k, depth in enumerate(depths):
+            held = yield from place.carry(float(depth))
+            if not held:
+                count(len(depths) - k)
+                break
+            force[k], energy[k] = place.force, place.energy
+            count(1)
+        return Curve(1.0 / place.compliance, force, energy)
+
+
+class _Place:
+    """State of one place while its indentation grows."""
+
+    def __init__(self, press: Press, load: np.ndarray) -> None:
+        self._press, self._load = press, load.ravel()
+        self.unit = self._load
+        self.compliance = self.force = self.energy = 0.0
+        self._past: list[tuple[float, np.ndarray]] = [(0.0, np.zeros(self._load.shape))]
+        self._matrix: Any = None
+
+    def carry(self, depth: float) -> Asking:
+        """Go on to this indentation; whether it was reached."""
+        step, halves = depth - self._past[-1][0], 0
+        while self._past[-1][0] < depth:
+            goal = min(self._past[-1][0] + step, depth)
+            if depth - goal < 1e-9 * depth:
+                goal = depth
+            held = yield from self._newton(goal)
+            if not held:
+                halves += 1
+                if halves > HALVES:
+                    return False
+                step *= 0.5
+        return True
+
+    def _guess(self, depth: float) -> np.ndarray:
+        """The parabola through the last three states (or what there is), on which g.u = s."""
+        past = self._past
+        if len(past) == 1:
+            return depth / self.compliance * self.unit
+        found = np.zeros_like(self.unit)
+        for i, (a, u) in enumerate(past):
+            share = 1.0
+            for j, (b, _) in enumerate(past):
+                if i != j:
+                    share *= (depth - b) / (a - b)
+            found += share * u
+        return found
+
+    def _inner(self, u: np.ndarray) -> tuple[float, np.ndarray] | None:
+        found = self._press.forces(u.reshape(-1, 3))
+        return None if found is None else (found[0], found[1].ravel())
+
+    def _newton(self, depth: float) -> Asking:
+        """Equilibrium at an indentation, from those before; whether it was found."""
+        u = self._guess(depth)
+        now = self._inner(u)
+        if now is None:  # turns over: from the last state, pushed on as the linear organ
+            start, before = self._past[-1]
+            u = before + (depth - start) / self.compliance * self.unit
+            now = self._inner(u)
+            if now is None:
+                return False
+        self._matrix, last = None, np.inf
+        for _ in range(NEWTON):
+            energy, inner = now
+            solved = yield inner
+            self.force = float(self._load @ solved) / self.compliance
+            step = solved - self.force * self.unit
+            rest = inner - self.force * self._load
+            size = max(float(step @ rest), 0.0) ** 0.5
+            if size < TOLERANCE * abs(self.force) * self.compliance**0.5:
+                self.energy = energy
+                self._past = [*self._past[-2:], (depth, u)]
+                return True
+            if self._matrix is None or size > STALE * last:
+                self._matrix = self._press.tangent(u.reshape(-1, 3))
+            last = size
+            way = yield from self._direction(rest, step)
+            if way is None:
+                return False
+            slope = float(way @ rest)
+            for cut in (1.0, 0.5, 0.25, 0.1, 0.03):
+                then = self._inner(u + cut * way)
+                if then is not None and then[0] <= energy + 1e-4 * cut * slope + 1e-9 * abs(energy):
+                    break
+            else:
+                return False
+            u, now = u + cut * way, then
+        return False
+
+    def _direction(self, rest: np.ndarray, step: np.ndarray) -> Asking:
+        """Newton direction (3N,) that leaves the indentation alone, from the residual and K0⁻¹ of it; None where the
+        energy is no minimum among such displacements."""
+        found = np.zeros_like(rest)
+        left, move = -rest, -step
+        way, size = move.copy(), float(step @ rest)
+        goal = FORCING * FORCING * size
+        for _ in range(INNER):
+            pulled = (self._matrix @ way.astype(np.float32)).astype(np.float64)
+            curvature = float(way @ pulled)
+            if curvature <= 0.0:
+                return None
+            share = size / curvature
+            found += share * way
+            left = left - share * pulled
+            solved = yield left
+            move = solved - (self._load @ solved) / self.compliance * self.unit
+            before, size = size, float(move @ left)
+            if size <= goal:
+                break
+            way = move + size / before * way
+        found -= (self._load @ found) / self.compliance * self.unit
+        return found
