@@ -152,3 +152,17 @@ def box(size: tuple[float, float, float], cells: tuple[int, int, int]) -> TetMes
     x, y, z = (np.linspace(0.0, s, n + 1) for s, n in zip(size, cells, strict=True))
     points, found = grid(x, y, z)
     return quadratic(points, bricks(points, found))
+
+
+def check_closed(points: np.ndarray, triangles: np.ndarray) -> None:
+    """MeshError: triangles (T,3) of points [m] (N,3) with an edge that does not have two of them; says where."""
+    edges, count = np.unique(
+        np.sort(triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1), axis=0, return_counts=True
+    )
+    open_ = edges[count != 2]
+    if len(open_):
+        at = 1e3 * points[open_[0]].mean(axis=0)
+        raise MeshError(
+            f"surface: {len(open_)} edges without two triangles, the first at ({at[0]:.4g}, {at[1]:.4g}, {at[2]:.4g}) "
+            "mm: not closed. Close its holes or join its double vertices"
+        )

@@ -10,7 +10,7 @@ import numba
 import numpy as np
 from scipy.ndimage import spline_filter
 
-from palpate.fe.mesh import MeshError
+from palpate.fe.mesh import MeshError, check_closed
 from palpate.fe.rigid import Shape
 from palpate.physics.mesh import Mesh
 from palpate.physics.mesh_closest import MeshClosestPoint
@@ -93,15 +93,7 @@ def meshed(surface: Mesh, spacing: float = 0.0) -> tuple[Shape, np.ndarray]:
     large for.
     """
     points, triangles = surface.vertices, surface.triangles
-    edges, count = np.unique(
-        np.sort(triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1), axis=0, return_counts=True
-    )
-    if (count != 2).any():
-        at = 1e3 * points[edges[np.argmax(count != 2)]].mean(axis=0)
-        raise MeshError(
-            f"surface: {int((count != 2).sum())} edges without two triangles, the first at ({at[0]:.4g}, {at[1]:.4g}, "
-            f"{at[2]:.4g}) mm: not closed. Close its holes or join its double vertices"
-        )
+    check_closed(points, triangles)
     if float(np.einsum("ij,ij->", surface.face_vectors, points[triangles[:, 0]])) <= 0.0:
         raise MeshError("surface: it is inside out; its triangles must be counter-clockwise seen from outside")
     low, size = points.min(axis=0), np.ptp(points, axis=0)

@@ -14,7 +14,7 @@ from palpate.fe.cholesky import Cholesky
 from palpate.fe.compiled import LAW, compiled
 from palpate.fe.elements import gradients, integrate
 from palpate.fe.materials import Material, neo_hooke
-from palpate.fe.mesh import MeshError, TetMesh, quadratic
+from palpate.fe.mesh import MeshError, TetMesh, check_closed, quadratic
 from palpate.fe.pattern import Pattern, pattern
 from palpate.fe.solver import Solver
 from palpate.physics.mesh import Mesh
@@ -66,15 +66,7 @@ def fill(
         depths = [capsule.thickness + (SLAB - capsule.thickness) * (1.0 - s) for s in (*shells, 0.0)]
         layers = [vertices - (0.0, 0.0, d) for d in ([0.0, *depths] if capsule.thickness > 0.0 else depths)]
         return _layered(triangles, layers, nodule, capsule)
-    edges = np.sort(triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
-    _, index, count = np.unique(edges, axis=0, return_index=True, return_counts=True)
-    if (count != 2).any():
-        bad = edges[index[np.argmax(count != 2)]]
-        at = vertices[bad].mean(axis=0) * 1e3
-        raise MeshError(
-            f"surface: {int((count != 2).sum())} edges without two triangles, the first at ({at[0]:.4g}, {at[1]:.4g}, "
-            f"{at[2]:.4g}) mm: not closed. Close its holes or join its double vertices"
-        )
+    check_closed(vertices, triangles)
     corner = vertices[triangles]
     seen = np.einsum("ij,ij->i", np.cross(corner[:, 0], corner[:, 1]), corner[:, 2])
     if (seen <= 1e-3 * np.abs(seen).mean()).any():
