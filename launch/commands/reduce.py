@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 import time
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from palpate.launch.commands.common import Json, console, tell
+
+if TYPE_CHECKING:
+    from rich.progress import Progress
+
+    from palpate.nodes.deformation.reduced_fe import ReducedFE
+    from palpate.physics.sampled import SampledBasis
 
 
 def reduce(
@@ -49,13 +55,18 @@ def reduce(
     from palpate.fe.organ import Nodule, Organ
     from palpate.physics.reduced_fe import Basis
 
+    columns = (*Progress.get_default_columns()[:3], TextColumn("{task.fields[note]}"), TimeRemainingColumn())
+    if node.model == "sampled":
+        with Progress(*columns, console=console(stderr=True), disable=as_json) as bar:
+            _sampled(node, bar).save(path)
+        _say(as_json, str(path), time.perf_counter() - started)
+        return
     surface = node.coarse_mesh()
     try:
         nodule = Nodule(node.nodule_centre, node.nodule_radius, node.nodule_ratio)
         organ = Organ(surface, node.poisson, node.bed, nodule)
     except MeshError as error:
         raise SettingError(f"setting 'surface': {node.surface!r}: {error}") from None
-    columns = (*Progress.get_default_columns()[:3], TextColumn("{task.fields[note]}"), TimeRemainingColumn())
     with Progress(*columns, console=console(stderr=True), disable=as_json) as bar:
         task = bar.add_task("condensing", total=1.0, note=f"{3 * len(organ.mesh.points)} degrees of freedom")
         compliance = organ.compliance(lambda share: bar.update(task, completed=share))
@@ -65,6 +76,31 @@ def reduce(
             dents = dent_table(organ, report=lambda share: bar.update(pressed, completed=share))
     Basis(surface.vertices, surface.triangles, compliance, dents).save(path)
     _say(as_json, str(path), time.perf_counter() - started)
+
+
+def _sampled(node: ReducedFE, bar: Progress) -> SampledBasis:
+    """Press the full model and reduce it to modes."""
+    from palpate.fe.fingertip import Fingertip
+    from palpate.fe.mesh import MeshError
+    from palpate.fe.organ import Nodule, Organ
+    from palpate.fe.reducible import of_finger, of_organ
+    from palpate.fe.reduction import CELLS, build, finger_pressed, organ_pressed
+    from palpate.nodes.base import SettingError
+
+    if node.surface == "fingertip":
+        body, pressed = of_finger(Fingertip(cells=CELLS)), finger_pressed
+    else:
+        try:
+            nodule = Nodule(node.nodule_centre, node.nodule_radius, node.nodule_ratio)
+            body, pressed = of_organ(Organ(node.coarse_mesh(), node.poisson, node.bed, nodule)), organ_pressed
+        except MeshError as error:
+            raise SettingError(f"setting 'surface': {node.surface!r}: {error}") from None
+    task = bar.add_task("pressing", total=1.0, note=f"{3 * len(body.mesh.points)} degrees of freedom")
+    found = pressed(body, lambda share: bar.update(task, completed=share))
+    sampled = bar.add_task("sampling", total=1.0, note=f"{node.modes} modes")
+    basis = build(body, found, node.modes, lambda share: bar.update(sampled, completed=share))
+    bar.update(sampled, completed=1.0)
+    return basis
 
 
 def _say(as_json: bool, path: str, seconds: float | None) -> None:
