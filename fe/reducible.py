@@ -133,8 +133,8 @@ def of_organ(organ: Organ) -> Reducible:
 def of_finger(finger: Fingertip) -> Reducible:
     """The soft layers of the fingertip, pulp up, tip towards +y, origin on its axis where the rounded tip begins.
 
-    Both halves; held at the bone, at the rear and under the nail. The bone is a million times as stiff as the pulp:
-    held or meshed, the pulp's indentation differs by 2e-4 of itself.
+    Both halves; held at the bone, at the rear and under the nail. The bone is far stiffer than the pulp: held or
+    meshed, the pulp's indentation differs by less than 1e-3 of itself up to 0.5 N.
     """
     half = finger.mesh
     away = np.abs(half.points[:, 0]) > 1e-9
