@@ -92,7 +92,7 @@ class Solver:
         check_held(mesh, fixed, [contact.nodes() for contact in contacts])
         self.mesh, self.materials, self.settings = mesh, dict(materials), settings
         self.contacts = list(contacts)
-        self.held, self.loads = held, loads
+        self.held = held
         self.load = 0.0
         self.displacement = np.zeros_like(mesh.points)
         self.reaction = np.zeros_like(mesh.points)

@@ -74,6 +74,10 @@ class Tangent:
                 shift += more
         raise UnheldError("the tangent is not positive definite; is the body held against rigid motion?")
 
+    def solve(self, rhs: np.ndarray) -> np.ndarray:
+        """Displacements (3N,) or (3N,k) for forces of that shape, by the last factor."""
+        return self._factor.solve(rhs)
+
     def hold(self, data: np.ndarray) -> None:
         """Take the fixed rows and columns out of the blocks; their diagonal keeps its size."""
         indptr, indices, fixed = self.pattern.indptr, self.pattern.indices, self.fixed

@@ -5,6 +5,7 @@ Every built-in surface has its own frame: +z up out of it, origin at its centre.
     kidney  long axis along x, hilum towards -y, 42 mm thick along z; touched from above it is convex
     sphere  42 mm across
     plane   a square of 0.1 m, z = 0
+    fingertip  pulp up, tip towards +y: a capsule of radius 9.84 mm, its straight part 12 mm long behind the origin
 
 `PLACE` is the default place. It puts the top of the kidney and of the sphere at z = 105 mm, under the centre of a
 Falcon's workspace, (0, 0, 110 mm): a finger at the centre is free, and one with 4 mm of tissue in front of its bone
@@ -26,13 +27,15 @@ from palpate.nodes.base import Node, SettingError
 from palpate.physics.kidney import THICKNESS, kidney
 from palpate.physics.mesh import Mesh, plane
 from palpate.physics.nurbs import Nurbs
-from palpate.physics.nurbs_fit import plane_patch, sphere
+from palpate.physics.nurbs_fit import capsule, plane_patch, sphere
 from palpate.physics.tessellate import tessellate
 
-SURFACES = ("kidney", "sphere", "plane")
+SURFACES = ("kidney", "sphere", "plane", "fingertip")
 PLACE: Vector3 = (0.0, 0.0, 0.084)
 LEVEL: Vector3 = (0.0, 0.0, 0.0)
 PLANE_SIZE = 0.1
+FINGER_RADIUS, FINGER_LENGTH = 9.84e-3, 12e-3
+"""[m] Skin of the layered fingertip, see `fe.fingertip`."""
 UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
 
 
@@ -112,6 +115,9 @@ def surface_patch(surface: str, position: Vector3 = LEVEL, rotation: Vector3 = L
 def _patch(surface: str) -> Nurbs:
     if surface == "kidney":
         return kidney()
+    if surface == "fingertip":
+        forward = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
+        return capsule(FINGER_RADIUS, FINGER_LENGTH).moved(forward, np.array([0.0, -FINGER_LENGTH, 0.0]))
     return sphere(THICKNESS / 2) if surface == "sphere" else plane_patch(PLANE_SIZE)
 
 

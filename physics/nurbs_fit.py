@@ -132,6 +132,16 @@ def sphere(radius: float) -> Nurbs:
     return _revolved(arc[:, 1] * radius, -arc[:, 0] * radius, weights, knots, False)
 
 
+def capsule(radius: float, length: float) -> Nurbs:
+    """The exact capsule [m]: a cylinder of this length from the origin along z, with a half sphere at either end; poles
+    at both ends of v."""
+    half = np.sqrt(0.5)
+    across = radius * np.array([0.0, 1.0, 1.0, 1.0, 1.0, 1.0, 0.0])
+    along = np.array([-radius, -radius, 0.0, length / 2, length, length + radius, length + radius])
+    knots = np.array([0.0, 0.0, 0.0, 1.0, 1.0, 2.0, 2.0, 3.0, 3.0, 3.0]) / 3.0
+    return _revolved(across, along, np.array([1.0, half, 1.0, 1.0, 1.0, half, 1.0]), knots, False)
+
+
 def torus(major: float, minor: float) -> Nurbs:
     """The exact torus [m] round the z axis; u goes round the axis, v round the tube.
 

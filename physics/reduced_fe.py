@@ -105,7 +105,7 @@ class CondensedBody:
     def __init__(self, basis: Basis, mesh: Mesh, young: float, retardation: float, radius: float, reach: float) -> None:
         coarse = Mesh(basis.vertices, basis.triangles)
         foot, _, triangle, _ = MeshClosestPoint(coarse).find(mesh.vertices)
-        self.corners, self.weights = _barycentric(coarse, triangle, foot)
+        self.corners, self.weights = barycentric(coarse, triangle, foot)
         self.basis, self.mesh = basis, mesh
         self._spreader = Spreader(mesh, radius, "biweight")
         self.young, self.retardation, self.reach = young, retardation, reach
@@ -161,7 +161,7 @@ class CondensedBody:
         return self._nodes[:count], self._moved[:count]
 
 
-def _barycentric(mesh: Mesh, triangle: np.ndarray, foot: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def barycentric(mesh: Mesh, triangle: np.ndarray, foot: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Corners (k,3) of these triangles and weights (k,3) of points on them; weights in [0, 1] that sum to 1."""
     corners = mesh.triangles[triangle].astype(np.int64)
     a, b, c = (mesh.vertices[corners[:, i]] for i in range(3))

@@ -19,9 +19,10 @@ from palpate.fe import (
 from palpate.fe.cholesky import Cholesky, NotPositive
 from palpate.fe.compiled import LAW, compiled
 from palpate.fe.elements import gradients, integrate
-from palpate.fe.materials import Material, shape_invariants, shape_stress
+from palpate.fe.materials import Material
 from palpate.fe.mesh import bricks, grid
 from palpate.fe.pattern import pattern
+from palpate.physics.strain_energy import shape_invariants, shape_stress
 
 DERMIS = (2430.0, 5420.0, 239000.0, 262000.0, 74700.0, 13.3e-6)
 FINITE = {

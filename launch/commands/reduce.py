@@ -3,11 +3,18 @@
 from __future__ import annotations
 
 import time
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from palpate.launch.commands.common import Json, console, tell
+
+if TYPE_CHECKING:
+    from rich.progress import Progress
+
+    from palpate.fe.organ import Organ
+    from palpate.nodes.deformation.reduced_fe import ReducedFE
+    from palpate.physics.sampled import SampledBasis
 
 
 def reduce(
@@ -45,27 +52,56 @@ def reduce(
     from rich.progress import Progress, TextColumn, TimeRemainingColumn
 
     from palpate.fe.curves import LEVELS, PLACES, dent_table
-    from palpate.fe.mesh import MeshError
-    from palpate.fe.organ import Capsule, Nodule, Organ
     from palpate.physics.reduced_fe import Basis
 
-    surface = node.coarse_mesh()
-    try:
-        nodule = Nodule(node.nodule_centre, node.nodule_radius, node.nodule_ratio)
-        capsule = Capsule(node.capsule_thickness, node.capsule_ratio)
-        organ = Organ(surface, node.poisson, node.bed, nodule, capsule)
-    except MeshError as error:
-        raise SettingError(f"surface {node.surface!r}: {error}") from None
     columns = (*Progress.get_default_columns()[:3], TextColumn("{task.fields[note]}"), TimeRemainingColumn())
+    if node.model == "sampled":
+        with Progress(*columns, console=console(stderr=True), disable=as_json) as bar:
+            _sampled(node, bar).save(path)
+        _say(as_json, str(path), time.perf_counter() - started)
+        return
+    organ = _organ(node)
     with Progress(*columns, console=console(stderr=True), disable=as_json) as bar:
         task = bar.add_task("condensing", total=1.0, note=f"{3 * len(organ.mesh.points)} degrees of freedom")
         compliance = organ.compliance(lambda share: bar.update(task, completed=share))
-        dents = np.zeros((len(surface.vertices), 0))
+        dents = np.zeros((len(organ.surface.vertices), 0))
         if node.model == "nonlinear":
             pressed = bar.add_task("pressing", total=1.0, note=f"{PLACES} places, {LEVELS} indentations")
             dents = dent_table(organ, report=lambda share: bar.update(pressed, completed=share))
-    Basis(surface.vertices, surface.triangles, compliance, dents).save(path)
+    Basis(organ.surface.vertices, organ.surface.triangles, compliance, dents).save(path)
     _say(as_json, str(path), time.perf_counter() - started)
+
+
+def _organ(node: ReducedFE) -> Organ:
+    """The full model of the node's organ."""
+    from palpate.fe.mesh import MeshError
+    from palpate.fe.organ import Capsule, Nodule, Organ
+    from palpate.nodes.base import SettingError
+
+    try:
+        nodule = Nodule(node.nodule_centre, node.nodule_radius, node.nodule_ratio)
+        capsule = Capsule(node.capsule_thickness, node.capsule_ratio)
+        return Organ(node.coarse_mesh(), node.poisson, node.bed, nodule, capsule)
+    except MeshError as error:
+        raise SettingError(f"surface {node.surface!r}: {error}") from None
+
+
+def _sampled(node: ReducedFE, bar: Progress) -> SampledBasis:
+    """Press the full model and reduce it to modes."""
+    from palpate.fe.fingertip import Fingertip
+    from palpate.fe.reducible import of_finger, of_organ
+    from palpate.fe.reduction import CELLS, build, finger_pressed, organ_pressed
+
+    if node.surface == "fingertip":
+        body, pressed = of_finger(Fingertip(cells=CELLS)), finger_pressed
+    else:
+        body, pressed = of_organ(_organ(node)), organ_pressed
+    task = bar.add_task("pressing", total=1.0, note=f"{3 * len(body.mesh.points)} degrees of freedom")
+    found = pressed(body, lambda share: bar.update(task, completed=share))
+    sampled = bar.add_task("sampling", total=1.0, note=f"{node.modes} modes")
+    basis = build(body, found, node.modes, lambda share: bar.update(sampled, completed=share))
+    bar.update(sampled, completed=1.0)
+    return basis
 
 
 def _say(as_json: bool, path: str, seconds: float | None) -> None:

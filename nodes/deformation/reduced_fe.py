@@ -16,6 +16,7 @@ from palpate.nodes.base import SettingError
 from palpate.nodes.surface import SURFACES, OnSurface, surface_mesh
 from palpate.physics.mesh import Mesh
 from palpate.physics.reduced_fe import Basis, BasisError, CondensedBody
+from palpate.physics.sampled import SampledBasis, SampledBody
 
 SHIPPED = Path(__file__).parent / "bases"
 FORM = 2
@@ -23,8 +24,8 @@ FORM = 2
 NO_NODES = np.zeros(0, dtype=np.int32)
 NO_FORCES = np.zeros((0, 3))
 BUILT_FROM = (
-    "model", "surface", "file_unit", "poisson", "bed", "coarse", "nodule_centre", "nodule_radius", "nodule_ratio",
-    "capsule_thickness", "capsule_ratio",
+    "model", "modes", "surface", "file_unit", "poisson", "bed", "coarse", "nodule_centre", "nodule_radius",
+    "nodule_ratio", "capsule_thickness", "capsule_ratio",
 )  # fmt: skip
 """Settings that the basis depends on, or whether it needs dents."""
 LEAST = 1e-9
@@ -36,11 +37,15 @@ class ReducedFE(OnSurface):
     with a hard nodule and a stiffer capsule.
 
     `palpate reduce` builds its basis once for a surface, Poisson's ratio, bed, nodule and capsule; that of the default
-    kidney ships. Modulus and retardation time may be changed without building it again.
+    kidney ships. Modulus and retardation time may be changed without building it again. The fingertip is of layers: its
+    `young` is that of the subcutis at rest, 160 Pa as calibrated, and poisson, bed, nodule and capsule are not read.
     """
 
-    model: Annotated[Literal["nonlinear", "linear"], "1"] = "nonlinear"
-    """Whether the indentation under the patch follows the organ at large displacement."""
+    model: Annotated[Literal["nonlinear", "linear", "sampled"], "1"] = "nonlinear"
+    """How it follows large displacement: by dents under the patch, not at all, or in modes of the whole body with its
+    energy sampled; the fingertip has the last."""
+    modes: Annotated[int, "1", msgspec.Meta(ge=4, le=200)] = 40
+    """Of the sampled model."""
     young: Annotated[float, "Pa", msgspec.Meta(ge=10, le=1e9)] = 19e3
     poisson: Annotated[float, "1", msgspec.Meta(gt=-1, lt=0.5)] = 0.45
     retardation: Annotated[float, "s", msgspec.Meta(ge=0)] = 0.02
@@ -64,42 +69,65 @@ class ReducedFE(OnSurface):
     """From the foot point within which displacements are sent."""
 
     def start(self) -> None:
+        self._body = self._made()
+        mesh = self._body.mesh
+        foot, normal = tuple(mesh.vertices[0].tolist()), tuple(mesh.normals[0].tolist())
+        push = -1e-3 * mesh.normals[:1]
+        for nodes, forces in ((NO_NODES, NO_FORCES), (np.zeros(1, dtype=np.int32), push)):  # compiles both ways
+            self._answer(nodes, forces, foot, normal, 1e-3)
+            self._body.displaced(foot)
+        self._body = self._made()
+        self.last = self._surface(NO_NODES, NO_FORCES, *self._answer(NO_NODES, NO_FORCES, foot, normal, 1e-3))
+
+    def _made(self) -> CondensedBody | SampledBody:
+        """The body at its place, at rest."""
         basis = self.basis()
         own = surface_mesh(self.surface, self.vertices, file_unit=self.file_unit)
         placed = self.mesh()
         turn = _rotation(own, placed)
         origin = placed.vertices[0] - turn @ own.vertices[0]
-        held = Mesh(basis.vertices @ turn.T + origin, basis.triangles)
-        count = len(basis.vertices)
-        blocks = basis.compliance.reshape(count, 3, count, 3)
-        if not np.allclose(turn, np.eye(3), atol=1e-12):
-            blocks = np.einsum("ij,ajbk,lk->aibl", turn, blocks, turn, optimize=True)
-        compliance = np.ascontiguousarray(blocks.reshape(3 * count, -1), np.float32)
+        vertices, count = basis.vertices @ turn.T + origin, len(basis.vertices)
+        same = np.allclose(turn, np.eye(3), atol=1e-12)
+
+        def turned(matrix: np.ndarray) -> np.ndarray:
+            blocks = matrix.reshape(count, 3, count, 3)
+            if not same:
+                blocks = np.einsum("ij,ajbk,lk->aibl", turn, blocks, turn, optimize=True)
+            return np.ascontiguousarray(blocks.reshape(3 * count, -1), np.float32)
+
+        given = (placed, self.young, self.retardation, self.radius, self.reach)
+        if isinstance(basis, SampledBasis):
+            modes = np.einsum("ij,ajk->aik", turn, basis.modes.reshape(count, 3, -1)).reshape(3 * count, -1)
+            missed = turned(basis.missed)
+            own_basis = SampledBasis(vertices, basis.triangles, missed, modes, basis.elements, basis.bend)
+            return SampledBody(own_basis, *given)
         dents = basis.dents if self.model == "nonlinear" else np.zeros((count, 0))
-        turned = Basis(held.vertices, held.triangles, compliance, dents)
-        self._body = CondensedBody(turned, placed, self.young, self.retardation, self.radius, self.reach)
-        foot, normal = tuple(placed.vertices[0].tolist()), tuple(placed.normals[0].tolist())
-        push = -1e-3 * placed.normals[:1]
-        for nodes, forces in ((NO_NODES, NO_FORCES), (np.zeros(1, dtype=np.int32), push)):  # compiles both ways
-            law = self._body.step(nodes, forces, foot, normal, 1e-3)
-            self._body.displaced(foot)
-        self._body = CondensedBody(turned, placed, self.young, self.retardation, self.radius, self.reach)
-        law = self._body.step(NO_NODES, NO_FORCES, foot, normal, 1e-3)
-        self.last = self._surface(NO_NODES, NO_FORCES, *law)
+        return CondensedBody(Basis(vertices, basis.triangles, turned(basis.compliance), dents), *given)
+
+    def _answer(
+        self, nodes: np.ndarray, forces: np.ndarray, foot: tuple, normal: tuple, dt: float
+    ) -> tuple[float, float, float, float]:
+        """K, n and s_free of the next step's terminal law, and the indentation now [m]."""
+        if isinstance(self._body, SampledBody):
+            return self._body.step(nodes, forces, foot, normal, dt)
+        compliance, free, now = self._body.step(nodes, forces, foot, normal, dt)
+        return 1.0 / max(compliance, LEAST), 1.0, free, now
 
     def step(self, load: Load, *, dt: float) -> Surface:
         if dt > 0.0:
-            law = self._body.step(load.nodes, load.forces, load.foot, load.normal, dt)
+            law = self._answer(load.nodes, load.forces, load.foot, load.normal, dt)
             nodes, moved = self._body.displaced(load.foot) if self.wants("displacement") else (NO_NODES, NO_FORCES)
             self.last = self._surface(nodes, moved, *law)
         return self.last
 
-    def _surface(self, nodes: np.ndarray, moved: np.ndarray, compliance: float, free: float, now: float) -> Surface:
+    def _surface(
+        self, nodes: np.ndarray, moved: np.ndarray, stiffness: float, exponent: float, free: float, now: float
+    ) -> Surface:
         return Surface(
             nodes=nodes,
             displacement=moved,
-            stiffness=1.0 / max(compliance, LEAST),
-            exponent=1.0,
+            stiffness=stiffness,
+            exponent=exponent,
             damping=0.0,
             free=free,
             previous=now,
@@ -111,6 +139,8 @@ class ReducedFE(OnSurface):
 
     def key(self) -> str:
         """What the basis depends on, as a hash."""
+        if self.surface == "fingertip" and self.model == "sampled":
+            return hashlib.sha256(json.dumps([FORM, self.surface, self.modes]).encode()).hexdigest()[:16]
         surface: object = [self.surface, self.coarse]
         if self.surface not in SURFACES:
             try:
@@ -120,9 +150,11 @@ class ReducedFE(OnSurface):
         nodule = [self.nodule_centre, self.nodule_radius, self.nodule_ratio] if self.nodule_radius > 0 else []
         capsule = [self.capsule_thickness, self.capsule_ratio] if self.capsule_thickness > 0 else []
         given = [FORM, surface, self.poisson, self.bed, nodule, capsule]
+        if self.model == "sampled":
+            given += [self.modes]
         return hashlib.sha256(json.dumps(given).encode()).hexdigest()[:16]
 
-    def basis(self) -> Basis:
+    def basis(self) -> Basis | SampledBasis:
         """The stored basis.
 
         SettingError: none is stored for these settings, or it cannot be read.
@@ -133,11 +165,11 @@ class ReducedFE(OnSurface):
         usual = type(self)()
         given = [f"--set {n}={_text(getattr(self, n))}" for n in BUILT_FROM if getattr(self, n) != getattr(usual, n)]
         raise SettingError(
-            "no reduced basis is stored for these settings of surface, poisson, bed, coarse, nodule and capsule. "
+            "no reduced basis is stored for these settings of model, surface, poisson, bed, coarse, nodule, capsule. "
             f"Build it once: palpate reduce {' '.join(given)}"
         )
 
-    def stored(self, *folders: Path) -> tuple[Path, Basis] | None:
+    def stored(self, *folders: Path) -> tuple[Path, Basis | SampledBasis] | None:
         """The basis for these settings in the first of the folders that holds one, and its path; a basis without dents
         serves the linear model only.
 
@@ -147,6 +179,8 @@ class ReducedFE(OnSurface):
             path = folder / f"{self.key()}.npz"
             if path.exists():
                 try:
+                    if self.model == "sampled":
+                        return path, SampledBasis.load(path)
                     found = Basis.load(path)
                 except BasisError as error:
                     raise SettingError(str(error)) from None

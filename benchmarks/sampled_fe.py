@@ -1,0 +1,170 @@
+"""The sampled fingertip against its full model, on touches that it was not made from.
+
+    python benchmarks/sampled_fe.py [--touches 6] [--modes 40] [--json]
+
+Error of the indentation under patch loads (3 to 6 mm, some with a tangential part, to about 2 mm deep), error of the
+force with another fingertip in series (contact.Series' own, the approach given), by the share of the greatest load;
+size of the basis; times of a step while the load presses, holds and slides at 1 kHz, against one of the full model.
+Some minutes on one core, nearly all of it for the full model.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+import time
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+import numpy as np
+
+from palpate.fe.fingertip import CALIBRATED, Fingertip
+from palpate.fe.reducible import SUBCUTIS_MODULUS, Reducible, of_finger
+from palpate.fe.reduction import CELLS, finger_touches
+from palpate.fe.snapshots import STIFFENING, Pressed, press
+from palpate.messages import Load
+from palpate.nodes.contact import Series
+from palpate.nodes.deformation import ReducedFE
+from palpate.physics.contact import exponential
+from palpate.physics.sampled import SampledBasis, SampledBody
+from palpate.physics.spread import Spreader
+
+YOUNG = SUBCUTIS_MODULUS / CALIBRATED
+Row = dict[str, object]
+
+
+def settled(body: SampledBody, own: Pressed, nodes: np.ndarray, force: float) -> tuple[float, float, float, float]:
+    """The body's law after a long step under this force."""
+    push, foot, normal = own.touch.load[nodes], tuple(own.touch.foot), tuple(own.touch.normal)
+    law = body.step(nodes, force * push, foot, normal, 1e6)
+    for _ in range(5):
+        if body.settled:
+            break
+        law = body.step(nodes, force * push, foot, normal, 1e6)
+    return law
+
+
+def errors(full: Reducible, found: list[Pressed], basis: SampledBasis) -> list[Row]:
+    """Error of the indentation and, at the same approach, of the force with a finger in series."""
+    finger = exponential(Series().finger_stiffness, Series().finger_hardening)
+    missed: list[list[float]] = [[] for _ in STIFFENING]
+    forces: list[list[float]] = [[] for _ in STIFFENING]
+    depths: list[list[float]] = [[] for _ in STIFFENING]
+    for own in found:
+        body = SampledBody(basis, full.surface, YOUNG, 0.0, 5e-3, 1.0)
+        nodes = np.flatnonzero(np.abs(own.touch.load).max(axis=1) > 0).astype(np.int32)
+        along = -(own.touch.load @ own.touch.normal)
+        levels = own.touch.levels[: len(own.solutions)] * YOUNG
+        means = np.einsum("nv,lni->lvi", full.hats, own.solutions)
+        deep = np.array([float(-along @ (u @ own.touch.normal)) for u in means])
+        for k, level in enumerate(levels):
+            missed[k].append(abs(settled(body, own, nodes, float(level))[3] / deep[k] - 1.0))
+            depths[k].append(deep[k])
+            approach = deep[k] + np.log1p(level * finger.second / finger.first) / finger.second
+            low, high = 0.0, 4.0 * float(level)
+            for _ in range(40):  # the force at which finger and body together have come as far
+                force = 0.5 * (low + high)
+                own_depth = np.log1p(force * finger.second / finger.first) / finger.second
+                further = settled(body, own, nodes, force)[3] + own_depth > approach
+                low, high = (low, force) if further else (force, high)
+            forces[k].append(abs(force / level - 1.0))
+    return [
+        {
+            "share of load": float(STIFFENING[k]),
+            "touches": len(missed[k]),
+            "depth mm": 1e3 * float(np.mean(depths[k])),
+            "indentation mean %": 1e2 * float(np.mean(missed[k])),
+            "worst %": 1e2 * float(np.max(missed[k])),
+            "force in series mean %": 1e2 * float(np.mean(forces[k])),
+            "worst % ": 1e2 * float(np.max(forces[k])),
+        }
+        for k in range(len(STIFFENING))
+        if missed[k]
+    ]
+
+
+def times(node: ReducedFE, full_seconds: float) -> list[Row]:
+    """Steps of the node: pressing to 0.5 N in 0.3 s, holding, sliding at 20 mm/s, letting go."""
+    mesh = node.mesh()
+    spread = Spreader(mesh, 5e-3, "biweight")
+    spent, busy, evaluations, done = [], [], [], 0
+    for k in range(3000):
+        t = k * 1e-3
+        force = float(np.interp(t, [0, 0.3, 2.6, 2.9], [0, 0.5, 0.5, 0]))
+        y = float(np.interp(t, [0.6, 1.1, 1.6], [-5e-3, 5e-3, -5e-3]))
+        top = mesh.vertices[
+            np.argmin(
+                np.abs(mesh.vertices[:, 0]) + np.abs(mesh.vertices[:, 1] - node.position[1] - y) - mesh.normals[:, 2]
+            )
+        ]
+        foot = (float(node.position[0]), float(node.position[1]) + y, float(top[2]))
+        normal = (0.0, 0.0, 1.0)
+        count = spread.spread(foot, normal, (0.0, 0.0, -force)) if force > 0 else 0
+        load = Load(nodes=spread.nodes[:count].copy(), forces=spread.forces[:count].copy(), foot=foot, normal=normal)
+        begun, worked = time.perf_counter(), time.thread_time()
+        node.step(load, dt=1e-3)
+        spent.append(time.perf_counter() - begun)
+        busy.append(time.thread_time() - worked)
+        evaluations.append(node._body.evaluations)
+        done += node._body.settled
+    middle = float(np.percentile(spent, 50))
+    return [
+        {
+            "step p50 us": 1e6 * middle,
+            "step p99 us": 1e6 * float(np.percentile(spent, 99)),
+            "of the core's time p50 us": 1e6 * float(np.percentile(busy, 50)),
+            "p99 us": 1e6 * float(np.percentile(busy, 99)),
+            "evaluations mean": float(np.mean(evaluations)),
+            "settled %": 1e2 * done / len(spent),
+            "full model s a load step": full_seconds,
+            "ratio": full_seconds / middle,
+        }
+    ]
+
+
+def show(title: str, rows: list[Row]) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(title=title, title_justify="left", box=None, padding=(0, 1))
+    for name in rows[0]:
+        table.add_column(name, justify="right")
+    for row in rows:
+        table.add_row(*(f"{c:.3g}" if isinstance(c, float) else str(c) for c in row.values()))
+    Console().print(table)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--touches", type=int, default=6)
+    parser.add_argument("--modes", type=int, default=40)
+    parser.add_argument("--seed", type=int, default=77)
+    parser.add_argument("--json", action="store_true")
+    given = parser.parse_args()
+    node = ReducedFE(surface="fingertip", model="sampled", modes=given.modes, young=160.0, radius=5e-3, reach=12e-3)
+    basis = node.basis()
+    assert isinstance(basis, SampledBasis)
+    full = of_finger(Fingertip(cells=CELLS))
+    begun = time.perf_counter()
+    found = press(full, finger_touches(full, given.touches, given.seed))
+    seconds = (time.perf_counter() - begun) / max(sum(len(p.solutions) for p in found), 1)
+    node.start()
+    shown = {
+        "error by load": errors(full, found, basis),
+        "times": times(node, seconds),
+        "basis": [
+            {"modes": basis.modes.shape[1], "elements": len(basis.elements.kinds), "of": len(full.mesh.elements)}
+        ],
+    }
+    if given.json:
+        json.dump(shown, sys.stdout, indent=2)
+    else:
+        for title, rows in shown.items():
+            show(title, rows)
+
+
+if __name__ == "__main__":
+    main()
