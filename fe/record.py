@@ -185,8 +185,10 @@ class Run:
     def _damaged(self, name: str, reason: object) -> RunError:
         path = self.folder / name
         if not path.exists():
+            inside = sorted(found.parent for found in self.folder.glob(f"*/{name}"))
+            such = f", such as {inside[0]}" if inside else ""
             return RunError(
-                f"{self.folder}: no {name} in it. Expected a folder that `palpate fe fingertip` has written"
+                f"{self.folder}: no {name} in it. Expected a folder that `palpate fe fingertip` has written{such}"
             )
         return RunError(f"{path}: damaged: {reason}. Remove {self.folder} and run again")
 

@@ -124,7 +124,12 @@ def test_the_catalogue_lists_every_class_that_ships():
     for entry in data["nodes"]:
         assert entry["about"], f"{entry['use']} has no docstring"
         for setting in entry["settings"]:
-            assert setting["unit"]
+            assert setting["unit"] and "typing" not in setting["type"]
+
+
+def test_a_setting_of_a_few_words_lists_them():
+    code, data = spoken("nodes", "tactile.Flow")
+    assert code == 0 and data["settings"][0]["type"] == "steel or silicone"
 
 
 def test_messages_have_units_and_shapes():

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from palpate.fe.record import Run
 from palpate.launch.__main__ import app
 from palpate.launch.testing import FakeBus
 from palpate.messages import Contact
@@ -76,6 +77,16 @@ def test_fe_fingertip_draws_what_the_run_has(steel):
     folder, found = steel
     assert [path.rpartition("/")[2] for path in found["pictures"]] == ["force.png", "strain.png"]
     assert min(path.stat().st_size for path in folder.rglob("*.png")) > 20_000
+
+
+def test_the_area_of_a_light_run_fills_its_picture_beside_the_papers_greater_forces(steel):
+    pytest.importorskip("matplotlib")
+    from palpate.launch.commands.fe_pictures import force
+
+    folder, found = steel
+    left, right = force({"steel": Run(folder / "steel-20-3-0.2")}).axes
+    assert left.get_ylim()[1] > 0.5
+    assert right.get_xlim()[1] == pytest.approx(1.05 * found["force"][-1])
 
 
 def test_without_matplotlib_the_run_is_kept_and_says_what_to_install(steel, monkeypatch):
@@ -162,6 +173,7 @@ def test_fe_table_and_compare_say_what_is_no_run(steel, tmp_path):
     folder, _ = steel
     mine = str(folder / "steel-20-3-0.2")
     one_line(run("fe", "table", mine, str(tmp_path)), 2, "no run.json", "palpate fe fingertip")
+    one_line(run("fe", "table", mine, str(folder)), 2, "no run.json", f"such as {mine}")
     one_line(run("fe", "compare", mine, mine), 2, "a run on steel, expected one on silicone")
     one_line(run("fe", "compare", str(tmp_path / "no"), mine), 2, "no run.json")
 

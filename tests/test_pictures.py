@@ -6,6 +6,7 @@ import importlib.util
 import io
 import math
 import sys
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from typer.testing import CliRunner
 
 from palpate.launch.__main__ import app
 from palpate.launch.loading.launchfile import find
-from palpate.launch.recording.pictures import deformation, draw
+from palpate.launch.recording.pictures import deformation, draw, render
 from palpate.launch.recording.pictures.instants import NoMesh, choose, displaced, instants, surface_mesh
 from palpate.launch.recording.pictures.regions import _stretches, regions
 from palpate.launch.recording.pictures.touch import Touch, together, touches, work
@@ -259,6 +260,25 @@ def test_instants_are_in_contact_and_the_deepest_is_one_of_them():
 )
 def test_the_colour_scale_ends_at_a_round_number(length, scale):
     assert deformation._round_up(length) == pytest.approx(scale, rel=1e-12)
+
+
+def test_the_finger_on_a_surface_as_small_as_itself_is_not_cut_off():
+    """Seen whole, along the camera's own axes, every point of the ball is within the picture."""
+    rng = np.random.default_rng(7)
+    around = rng.normal(size=(500, 3))
+    around /= np.linalg.norm(around, axis=1)[:, None]
+    tip = np.array([0.0, 0.0, 8e-3])
+    centre = tip + render.FINGER_RADIUS * np.array(UP)
+    plotter = SimpleNamespace(window_size=render.SIZE, camera=SimpleNamespace(), reset_camera_clipping_range=int)
+    render._camera(plotter, 8e-3 * around, centre[None], (None, tip, np.array(UP), np.zeros(3)), near=False)
+    camera = plotter.camera
+    ahead = np.subtract(camera.focal_point, camera.position)
+    right = np.cross(ahead, camera.up)
+    up = np.cross(right, ahead)
+    seen = np.concatenate([8e-3 * around, centre + render.FINGER_RADIUS * around]) - camera.focal_point
+    height, width = (np.abs(seen @ axis / np.linalg.norm(axis)).max() for axis in (up, right))
+    assert 0.8 * camera.parallel_scale < height < camera.parallel_scale
+    assert width < camera.parallel_scale * render.SIZE[0] / render.SIZE[1]
 
 
 # That it is drawn

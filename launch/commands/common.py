@@ -110,7 +110,11 @@ class Verbs(TyperGroup):
 
 def _is_told(error: Exception) -> bool:
     """Whether the text of an error says all that a user needs."""
-    told = (("palpate.launch.recording.reader", "RecordingError"), ("palpate.launch.running.watch", "NoRun"))
+    told = (
+        ("palpate.launch.recording.reader", "RecordingError"),
+        ("palpate.launch.running.watch", "NoRun"),
+        ("palpate.nodes.base", "SettingError"),
+    )
     return any(module in sys.modules and isinstance(error, getattr(sys.modules[module], name)) for module, name in told)
 
 

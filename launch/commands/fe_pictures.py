@@ -60,7 +60,7 @@ def force(runs: dict[str, Run]) -> Figure:
     force."""
     found, (left, right) = _axes(2, 11.0, 4.6, "Force and contact area")
     records = {plate: run.record() for plate, run in runs.items()}
-    top = min(TOP, 1.05 * max(float(record.force[-1]) for record in records.values()))
+    top = reached = min(TOP, 1.05 * max(float(record.force[-1]) for record in records.values()))
     for plate, record in records.items():
         colour = COLOURS[plate]
         left.plot(1e3 * record.indentation, record.force, color=colour, label=plate)
@@ -71,8 +71,8 @@ def force(runs: dict[str, Run]) -> Figure:
                       label=f"{plate}, the paper's Table III")  # fmt: skip
             top = max(top, 0.55)
     left.set(xlabel="indentation [mm]", ylabel="force [N]", ylim=(0, top), xlim=(0, None))
-    within = max(1e6 * float(np.interp(top, r.force, r.area)) for r in records.values())
-    right.set(xlabel="force [N]", ylabel="contact area [mm²]", xlim=(0, top), ylim=(0, 1.08 * within))
+    within = max(1e6 * float(np.interp(reached, r.force, r.area)) for r in records.values())
+    right.set(xlabel="force [N]", ylabel="contact area [mm²]", xlim=(0, reached), ylim=(0, 1.08 * within))
     for axis in (left, right):
         axis.legend()
     return found

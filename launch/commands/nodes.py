@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import inspect
-from typing import TYPE_CHECKING, Annotated, Any
+from types import UnionType
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Union, get_args, get_origin
 
 import typer
 
@@ -76,7 +77,12 @@ def describe(use: str, cls: type[Node]) -> dict[str, Any]:
 
 
 def _type(hint: Any) -> str:
+    """A setting's type as a user writes it: "float", "steel or silicone", "float or none"."""
     plain = getattr(hint, "__origin__", hint) if hasattr(hint, "__metadata__") else hint
+    if get_origin(plain) is Literal:
+        return " or ".join(map(str, get_args(plain)))
+    if get_origin(plain) in (Union, UnionType):
+        return " or ".join("none" if one is type(None) else _type(one) for one in get_args(plain))
     return plain.__name__ if isinstance(plain, type) and not hasattr(plain, "__args__") else str(plain)
 
 

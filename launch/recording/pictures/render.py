@@ -15,7 +15,8 @@ from palpate.launch.recording.style import DEFORMATION
 SIZE = (900, 520)
 CLOSE_SIZE = (900, 640)
 FINGER_RADIUS = 6e-3  # [m] of the ball that stands for the fingertip
-ARROW = 26e-3  # [m] length of the arrow of the greatest force
+ARROW = 26e-3  # [m] length of the arrow of the greatest force, on a surface large enough
+ARROW_SHARE = 0.4  # of the surface's longest side, at most
 MARGIN = 1.06  # room around the whole surface
 LEAST_FORCE = 0.05  # [N] smaller forces get no longer arrows
 NEAR = 0.46  # share of the height that is seen from near
@@ -38,7 +39,10 @@ def render(views: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     wide: list[np.ndarray] = []
     close: list[np.ndarray] = []
     greatest = max(float(np.linalg.norm(views["forces"], axis=1).max(initial=0.0)), LEAST_FORCE)
-    arrows = views["forces"] * (ARROW / greatest)
+    longest = min(ARROW, ARROW_SHARE * float(np.ptp(views["vertices"], axis=0).max()))
+    arrows = views["forces"] * (longest / greatest)
+    balls = views["tips"] + FINGER_RADIUS * views["normals"]
+    balls = balls[np.isfinite(balls).all(axis=1)]
     shots = list(zip(views["displacement"], views["tips"], views["normals"], arrows, strict=True))
     for shape, out, which in ((SIZE, wide, range(len(shots))), (CLOSE_SIZE, close, views["near"].tolist())):
         plotter = pyvista.Plotter(off_screen=True, window_size=list(shape), lighting="none")
@@ -46,7 +50,7 @@ def render(views: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
         for shot in (shots[i] for i in which):
             plotter.clear_actors()
             _draw(pyvista, plotter, views["vertices"], faces, *shot, deepest, edges=out is close)
-            _camera(plotter, views["vertices"], shot, near=out is close)
+            _camera(plotter, views["vertices"], balls, shot, near=out is close)
             plotter.render()
             out.append(np.asarray(plotter.screenshot(return_img=True))[..., :3])
         plotter.close()
@@ -99,14 +103,15 @@ def _draw(
             plotter.add_mesh(pointer, color="#1f3b57", ambient=0.3)
 
 
-def _camera(plotter: Any, vertices: np.ndarray, shot: tuple, near: bool) -> None:
-    """Look at the whole surface so that it fills the picture, or at the finger from near."""
+def _camera(plotter: Any, vertices: np.ndarray, balls: np.ndarray, shot: tuple, near: bool) -> None:
+    """Look at the whole surface and the finger's places so that they fill the picture, or at the finger from near."""
     direction = np.array(VIEW) / np.linalg.norm(VIEW)
     right = np.cross((0.0, 0.0, 1.0), direction)
     right /= np.linalg.norm(right)
     axes = np.array([right, np.cross(direction, right), direction])
-    seen = vertices @ axes.T
-    low, high = seen.min(axis=0), seen.max(axis=0)
+    seen, round_it = vertices @ axes.T, balls @ axes.T
+    low = np.concatenate([seen, round_it - FINGER_RADIUS]).min(axis=0)
+    high = np.concatenate([seen, round_it + FINGER_RADIUS]).max(axis=0)
     focus = (low + high) / 2 @ axes
     width, height = plotter.window_size
     reach = MARGIN * max(high[1] - low[1], (high[0] - low[0]) * height / width) / 2
