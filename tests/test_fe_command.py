@@ -17,6 +17,7 @@ from palpate.messages import Contact
 from palpate.nodes.deformation import ReducedFE
 from palpate.nodes.tactile import Flow
 from palpate.physics.anatomy import Anatomy
+from palpate.physics.reduced_fe import Basis
 
 
 def run(*words):
@@ -43,6 +44,33 @@ def test_reduce_says_what_it_cannot_use(tmp_path):
     wrong = run("reduce", "--set", f"surface={tmp_path / 'no.stl'}")
     assert wrong.exit_code != 0 and "no.stl" in wrong.output
     assert "Traceback" not in wrong.output
+
+
+def ball(path, corners):
+    """A ball of 40 mm, in mm, as an STL file."""
+    trimesh = pytest.importorskip("trimesh")
+    trimesh.creation.icosphere(corners, 20.0).export(path)
+    return ["--set", f"surface={path}", "--set", "file_unit=mm"]
+
+
+def test_reduce_refuses_in_one_line_before_the_minutes_of_the_build(tmp_path):
+    one_line(run("reduce", "--set", "poisson=["), 2, "--set poisson=[", "expected a number")
+    one_line(run("reduce", "--set", "nosuch=1"), 2, "'nosuch'", "unknown")
+    one_line(run("reduce", *ball(tmp_path / "fine.stl", 4)), 2, "2562 vertices, expected at most 2500")
+    (tmp_path / "file").write_text("")
+    small = ["--set", "surface=sphere", "--set", "coarse=61"]
+    one_line(run("reduce", *small, "--to", str(tmp_path / "file" / "bases")), 2, "Not a directory", "--to bases")
+
+
+def test_reduce_that_is_stopped_leaves_nothing(tmp_path, monkeypatch):
+    def stopped(self, path):
+        path.with_name(f"{path.name}.part.npz").write_bytes(b"half")
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Basis, "save", stopped)
+    small = ["--set", "surface=sphere", "--set", "coarse=60", "--set", "model=linear", "--to", str(tmp_path), "--json"]
+    one_line(run("reduce", *small), 130, "nothing is stored")
+    assert list(tmp_path.iterdir()) == []
 
 
 def fingertip(*words):

@@ -10,9 +10,10 @@ import numba
 import numpy as np
 
 from palpate.fe import Material, Rigid, Settings, Solver, TetMesh, neo_hooke, quadratic, sphere
-from palpate.fe.materials import moduli, shape_invariants, shape_stress
+from palpate.fe.materials import moduli
 from palpate.fe.mesh import bricks, grid
 from palpate.fe.vtk import write_vtu
+from palpate.physics.strain_energy import shape_invariants, shape_stress
 
 SIDE, FAT, SKIN = 16e-3, 9e-3, 1e-3  # [m]; a quarter of the block is meshed
 BALL, DEPTH = 4e-3, 2e-3  # [m]
@@ -60,6 +61,8 @@ def press(law: Material, depths: np.ndarray, cells: int = 6) -> tuple[Solver, li
 
 def main() -> None:
     folder = Path(sys.argv[1] if len(sys.argv) > 1 else ".")
+    if not folder.is_dir():
+        sys.exit(f"{folder}: no such folder")
     shear, bulk = moduli(30e3, 0.48)
     skins = {"neo-Hookean": neo_hooke(30e3, 0.48), "stiffening": Material(stiffening, (shear, bulk, 10.0), mixed=True)}
     depths = np.linspace(0.0, DEPTH, 5)[1:]

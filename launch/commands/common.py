@@ -19,6 +19,8 @@ TROUBLE = 1
 """Exit code of a run that failed."""
 MISUSE = 2
 """Exit code of a wrong graph, setting or command line."""
+INTERRUPTED = 130
+"""Exit code of a run that Ctrl-C ended."""
 
 
 def _names(incomplete: str) -> list[str]:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, NoReturn
 
 import typer
 
-from palpate.launch.commands.common import MISUSE, TROUBLE, Json, Verbs, console, tell
+from palpate.launch.commands.common import INTERRUPTED, MISUSE, TROUBLE, Json, Verbs, console, tell
 from palpate.launch.commands.fe_report import numbers, show, show_statements
 from palpate.launch.loading.extras import install
 
@@ -17,9 +17,6 @@ if TYPE_CHECKING:
     from palpate.fe.layers import Layers
     from palpate.fe.pressing import Pressing
     from palpate.fe.record import Record, Run
-
-INTERRUPTED = 130
-"""Exit code of a run that Ctrl-C ended."""
 
 fe = typer.Typer(cls=Verbs, no_args_is_help=True, help="Run the full finite-element models.")
 

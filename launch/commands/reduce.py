@@ -3,18 +3,23 @@
 from __future__ import annotations
 
 import time
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from palpate.launch.commands.common import Json, console, tell
+from palpate.launch.commands.common import INTERRUPTED, Json, console, tell
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from rich.progress import Progress
 
     from palpate.fe.organ import Organ
     from palpate.nodes.deformation.reduced_fe import ReducedFE
     from palpate.physics.sampled import SampledBasis
+
+MOST = 2500
+"""Vertices of a surface that is condensed: with these the dense compliance takes half a gigabyte."""
 
 
 def reduce(
@@ -29,25 +34,63 @@ def reduce(
     """Build the basis of deformation.ReducedFE for a surface and a material, once; the cache keeps it."""
     from pathlib import Path
 
-    import yaml
-
-    from palpate.nodes.base import SettingError
     from palpate.nodes.deformation.reduced_fe import SHIPPED, ReducedFE, cache
 
-    given = {}
-    for text in sets or []:
-        name, sign, value = text.partition("=")
-        if not sign:
-            raise SettingError(f"--set {text}: expected name=value")
-        given[name.removeprefix("tissue.")] = yaml.safe_load(value)
-    node = ReducedFE(**given)
+    node = ReducedFE(**_given(sets or []))
     target = Path(folder) if folder else cache()
     path = target / f"{node.key()}.npz"
     known = None if force else node.stored(SHIPPED, target)
     if known is not None:
         _say(as_json, str(known[0]), None)
         return
+    _check_writable(target)
     started = time.perf_counter()
+    try:
+        _build(node, path, as_json)
+    except KeyboardInterrupt:
+        typer.secho("stopped: nothing is stored; the same command begins anew", fg="red", err=True)
+        raise typer.Exit(INTERRUPTED) from None
+    finally:
+        path.with_name(f"{path.name}.part.npz").unlink(missing_ok=True)
+    _say(as_json, str(path), time.perf_counter() - started)
+
+
+def _given(sets: list[str]) -> dict[str, Any]:
+    """Values by name of the texts "name=value". SettingError: another text, or a value that is no YAML."""
+    import yaml
+
+    from palpate.nodes.base import SettingError
+
+    found = {}
+    for text in sets:
+        name, sign, value = text.partition("=")
+        if not sign:
+            raise SettingError(f"--set {text}: expected name=value")
+        try:
+            found[name.removeprefix("tissue.")] = yaml.safe_load(value)
+        except yaml.YAMLError:
+            raise SettingError(f"--set {text}: expected a number, a name or a list such as '[0, 0, 0.012]'") from None
+    return found
+
+
+def _check_writable(folder: Path) -> None:
+    """SettingError: nothing can be written there. Said before the minutes that a basis takes."""
+    import tempfile
+
+    from palpate.nodes.base import SettingError
+
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        raise SettingError(
+            f"folder {folder}: {error.strerror}; expected one that can be written, such as --to bases"
+        ) from None
+
+
+def _build(node: ReducedFE, path: Path, quiet: bool) -> None:
+    """Press and condense the full model, and write its basis, whole or not at all."""
     import numpy as np
     from rich.progress import Progress, TextColumn, TimeRemainingColumn
 
@@ -56,12 +99,11 @@ def reduce(
 
     columns = (*Progress.get_default_columns()[:3], TextColumn("{task.fields[note]}"), TimeRemainingColumn())
     if node.model == "sampled":
-        with Progress(*columns, console=console(stderr=True), disable=as_json) as bar:
+        with Progress(*columns, console=console(stderr=True), disable=quiet) as bar:
             _sampled(node, bar).save(path)
-        _say(as_json, str(path), time.perf_counter() - started)
         return
     organ = _organ(node)
-    with Progress(*columns, console=console(stderr=True), disable=as_json) as bar:
+    with Progress(*columns, console=console(stderr=True), disable=quiet) as bar:
         task = bar.add_task("condensing", total=1.0, note=f"{3 * len(organ.mesh.points)} degrees of freedom")
         compliance = organ.compliance(lambda share: bar.update(task, completed=share))
         dents = np.zeros((len(organ.surface.vertices), 0))
@@ -69,19 +111,24 @@ def reduce(
             pressed = bar.add_task("pressing", total=1.0, note=f"{PLACES} places, {LEVELS} indentations")
             dents = dent_table(organ, report=lambda share: bar.update(pressed, completed=share))
     Basis(organ.surface.vertices, organ.surface.triangles, compliance, dents).save(path)
-    _say(as_json, str(path), time.perf_counter() - started)
 
 
 def _organ(node: ReducedFE) -> Organ:
-    """The full model of the node's organ."""
+    """The full model of the node's organ. SettingError: a surface that it cannot be made of."""
     from palpate.fe.mesh import MeshError
     from palpate.fe.organ import Capsule, Nodule, Organ
     from palpate.nodes.base import SettingError
 
+    surface = node.coarse_mesh()
+    if len(surface.vertices) > MOST:
+        raise SettingError(
+            f"surface {node.surface!r}: {len(surface.vertices)} vertices, expected at most {MOST}, as the body keeps a "
+            "number for each pair of them. Coarsen it in a mesh editor"
+        )
     try:
         nodule = Nodule(node.nodule_centre, node.nodule_radius, node.nodule_ratio)
         capsule = Capsule(node.capsule_thickness, node.capsule_ratio)
-        return Organ(node.coarse_mesh(), node.poisson, node.bed, nodule, capsule)
+        return Organ(surface, node.poisson, node.bed, nodule, capsule)
     except MeshError as error:
         raise SettingError(f"surface {node.surface!r}: {error}") from None
 
@@ -111,6 +158,6 @@ def _say(as_json: bool, path: str, seconds: float | None) -> None:
     if as_json:
         tell({"path": path, "bytes": size, "built": seconds is not None, "seconds": seconds})
     elif seconds is None:
-        console().print(f"stored already: {path} ({size / 1e6:.1f} MB)")
+        console().print(f"stored already: {path} ({size / 1e6:.1f} MB)", soft_wrap=True)
     else:
-        console().print(f"built in {seconds:.0f} s: {path} ({size / 1e6:.1f} MB)")
+        console().print(f"built in {seconds:.0f} s: {path} ({size / 1e6:.1f} MB)", soft_wrap=True)
