@@ -163,7 +163,7 @@ class Rigid(Augmented):
         penalty: float = 0.0,
     ) -> None:
         super().__init__(faces, friction, bound, penalty)
-        self.parameters = np.array(parameters, dtype=np.float64)
+        self.parameters = _checked(shape, np.array(parameters, dtype=np.float64))
         self.path = path
         self._shape = compiled(shape, SHAPE)
         self._turn = np.eye(3)
@@ -229,3 +229,16 @@ class Rigid(Augmented):
         pressed = np.einsum("fqi,qa,fai->fq", self.normal, self.value, change[self.faces])
         pull = self.area[..., None] * self.friction_slope(pressed) @ self._turn.T
         np.add.at(force, self.faces, np.einsum("qa,fqi->fai", self.value, pull))
+
+
+NUMBERS: dict[Any, int] = {plane: 3, sphere: 1, capsule: 2}
+"""How many numbers the shapes here take; a compiled function reads beyond a shorter list."""
+
+
+def _checked(shape: Shape, parameters: np.ndarray) -> np.ndarray:
+    """The numbers of a shape. ValueError: too few or too many for one of this file, or not finite."""
+    count = NUMBERS.get(shape, parameters.size)
+    if parameters.shape != (count,) or not np.isfinite(parameters).all():
+        name = getattr(shape, "__name__", "shape")
+        raise ValueError(f"{name}: found parameters {parameters.tolist()}, expected {count} finite numbers")
+    return parameters

@@ -233,11 +233,11 @@ class Solver:
         u = u + best * du
         return u, found if best == length else self._body.balance(u, load)
 
-    def save(self, path: Path) -> None:
+    def save(self, path: str | Path) -> None:
         """Write what `resume` needs."""
         write_state(path, self.load, self.displacement, self.contacts)
 
-    def resume(self, path: Path) -> None:
+    def resume(self, path: str | Path) -> None:
         """Go on from a saved state of the same model.
 
         ValueError: the file is of another model, or is none of `save`.

@@ -15,11 +15,13 @@ from palpate.fe import (
     Solver,
     TetMesh,
     box,
+    capsule,
     hencky,
     linear,
     mooney_rivlin,
     neo_hooke,
     plane,
+    sphere,
 )
 from palpate.fe.materials import Material
 
@@ -175,6 +177,16 @@ def test_a_contact_that_cannot_be_is_refused():
         Rigid(top(CUBE), lambda x, p, n, c: 0.0, (), lambda load: place)
 
 
+@pytest.mark.parametrize(
+    ("shape", "given", "count"), [(sphere, (), 1), (sphere, (1e-3, 2e-3), 1), (capsule, (1e-3,), 2), (plane, (1.0,), 3)]
+)
+def test_a_shape_gets_as_many_numbers_as_it_reads(shape, given, count):
+    with pytest.raises(ValueError, match=rf"{shape.__name__}: .* expected {count} finite numbers"):
+        Rigid(top(CUBE), shape, given, path=lambda load: np.zeros(3))
+    with pytest.raises(ValueError, match="finite"):
+        Rigid(top(CUBE), shape, (np.nan,) * count, path=lambda load: np.zeros(3))
+
+
 def test_functions_of_the_load_are_checked_at_their_load():
     fixed = clamped(CUBE)
     none = np.full((27, 3), np.nan)
@@ -261,5 +273,8 @@ def test_a_state_of_another_model_or_none_is_refused(tmp_path):
     touched = Solver(CUBE, {0: SOFT}, clamped(CUBE),
                      contacts=[Rigid(top(CUBE), plane, (0, 0, -1.0), lambda load: np.ones(3))])  # fmt: skip
     other.save(tmp_path / "bare.npz")
-    with pytest.raises(ValueError, match=r"contact 0 has {}, the model's .*another model"):
+    with pytest.raises(ValueError, match=r"a state of 0 contacts, the model has 1; .*another model"):
         touched.resume(tmp_path / "bare.npz")
+    touched.save(str(tmp_path / "touched.npz"))
+    with pytest.raises(ValueError, match="a state of 1 contacts, the model has 0"):
+        other.resume(str(tmp_path / "touched.npz"))
