@@ -74,6 +74,9 @@ class ReducedFE(OnSurface):
         foot, normal = tuple(mesh.vertices[0].tolist()), tuple(mesh.normals[0].tolist())
         push = -1e-3 * mesh.normals[:1]
         for nodes, forces in ((NO_NODES, NO_FORCES), (np.zeros(1, dtype=np.int32), push)):  # compiles both ways
+            nodes, forces = nodes.view(), forces.view()
+            nodes.setflags(write=False)  # as messages carry them
+            forces.setflags(write=False)
             self._answer(nodes, forces, foot, normal, 1e-3)
             self._body.displaced(foot)
         self._body = self._made()
