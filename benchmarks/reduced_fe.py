@@ -21,6 +21,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.optimize import brentq
+from tables import show
 
 from palpate.fe.curves import press
 from palpate.fe.organ import Organ
@@ -147,20 +148,6 @@ def times(node: ReducedFE, touch: Touch, full: float) -> list[dict[str, object]]
     ]
 
 
-def show(title: str, rows: list[dict[str, object]]) -> None:
-    from rich.console import Console
-    from rich.table import Table
-
-    table = Table(title=title, title_justify="left", box=None, padding=(0, 1))
-    names = list(dict.fromkeys(n for row in rows for n in row))
-    for name in names:
-        table.add_column(name, justify="right")
-    for row in rows:
-        cells = [row.get(n, "") for n in names]
-        table.add_row(*(f"{c:.2g}" if isinstance(c, float) else str(c) for c in cells))
-    Console().print(table)
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--touches", type=int, default=6)
@@ -200,7 +187,7 @@ def main() -> None:
         json.dump(shown, sys.stdout, indent=2)
     else:
         for title, rows in shown.items():
-            show(title, rows)
+            show(title, rows, digits=2)
 
 
 if __name__ == "__main__":

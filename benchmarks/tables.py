@@ -6,7 +6,7 @@ from rich.console import Console
 from rich.table import Table
 
 
-def show(title: str, rows: list[dict[str, object]]) -> None:
+def show(title: str, rows: list[dict[str, object]], digits: int = 4) -> None:
     """Print rows, their keys as columns in the order in which they first come."""
     table = Table(title=title, title_justify="left", box=None, padding=(0, 1))
     names = list(dict.fromkeys(name for row in rows for name in row))
@@ -14,5 +14,5 @@ def show(title: str, rows: list[dict[str, object]]) -> None:
         table.add_column(name, justify="right")
     for row in rows:
         cells = ["" if row.get(name) is None else row[name] for name in names]
-        table.add_row(*(f"{cell:.4g}" if isinstance(cell, float) else str(cell) for cell in cells))
+        table.add_row(*(f"{cell:.{digits}g}" if isinstance(cell, float) else str(cell) for cell in cells))
     Console().print(table)

@@ -25,6 +25,7 @@ from pathlib import Path
 import numba
 import numpy as np
 
+from palpate.physics.coarse import barycentric, carried
 from palpate.physics.dents import hat_moments, patch_radius, rise, risen
 from palpate.physics.mesh import Mesh
 from palpate.physics.mesh_closest import MeshClosestPoint
@@ -161,18 +162,6 @@ class CondensedBody:
         return self._nodes[:count], self._moved[:count]
 
 
-def barycentric(mesh: Mesh, triangle: np.ndarray, foot: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Corners (k,3) of these triangles and weights (k,3) of points on them; weights in [0, 1] that sum to 1."""
-    corners = mesh.triangles[triangle].astype(np.int64)
-    a, b, c = (mesh.vertices[corners[:, i]] for i in range(3))
-    normal = np.cross(b - a, c - a)
-    square = np.maximum(np.einsum("ij,ij->i", normal, normal), 1e-300)
-    w1 = np.einsum("ij,ij->i", np.cross(foot - a, c - a), normal) / square
-    w2 = np.einsum("ij,ij->i", np.cross(b - a, foot - a), normal) / square
-    weights = np.clip(np.stack([1.0 - w1 - w2, w1, w2], axis=1), 0.0, 1.0)
-    return corners, weights / weights.sum(axis=1, keepdims=True)
-
-
 @numba.njit(cache=True)
 def _step(
     compliance, corners, weights, patch, pull, share, normal, dt, young, retardation, held, active, state, count,
@@ -295,17 +284,4 @@ def _displaced(
                     along = row[3 * b] * normal[0] + row[3 * b + 1] * normal[1] + row[3 * b + 2] * normal[2]
                     total -= more * share[b, 0] * along
             u[v, i] = total / young
-    near = reach * reach
-    found = 0
-    for p in range(len(vertices)):
-        d0, d1, d2 = vertices[p, 0] - foot[0], vertices[p, 1] - foot[1], vertices[p, 2] - foot[2]
-        if d0 * d0 + d1 * d1 + d2 * d2 > near:
-            continue
-        nodes[found] = p
-        for i in range(3):
-            total = 0.0
-            for a in range(3):
-                total += weights[p, a] * u[corners[p, a], i]
-            moved[found, i] = total
-        found += 1
-    return found
+    return carried(corners, weights, u, vertices, foot, reach, nodes, moved)

@@ -24,9 +24,10 @@ from pathlib import Path
 import numba
 import numpy as np
 
+from palpate.physics.coarse import barycentric, carried
 from palpate.physics.mesh import Mesh
 from palpate.physics.mesh_closest import MeshClosestPoint
-from palpate.physics.reduced_fe import FORGOTTEN, LEAST_FORCE, BasisError, barycentric
+from palpate.physics.reduced_fe import FORGOTTEN, LEAST_FORCE, BasisError
 from palpate.physics.sampled_energy import Elements, scratch
 from palpate.physics.sampled_solve import settle
 from palpate.physics.spread import Spreader
@@ -349,17 +350,4 @@ def _displaced(
             for k in range(len(q)):
                 total += modes[3 * v + i, k] * q[k]
             u[v, i] = total
-    near = reach * reach
-    many = 0
-    for k in range(len(vertices)):
-        d0, d1, d2 = vertices[k, 0] - foot[0], vertices[k, 1] - foot[1], vertices[k, 2] - foot[2]
-        if d0 * d0 + d1 * d1 + d2 * d2 > near:
-            continue
-        nodes[many] = k
-        for i in range(3):
-            total = 0.0
-            for a in range(3):
-                total += weights[k, a] * u[corners[k, a], i]
-            moved[many, i] = total
-        many += 1
-    return many
+    return carried(corners, weights, u, vertices, foot, reach, nodes, moved)
