@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.stats import qmc
@@ -45,8 +46,6 @@ SEED = 1
 BEYOND = 4.0
 """Squared size of q at which the barrier begins, over the greatest in the snapshots."""
 UNBOUND = 1e300
-KEPT = 160
-"""States that the elements are sampled at, at most."""
 
 
 def finger_touches(body: Reducible, count: int = TOUCHES, seed: int = SEED) -> list[Touch]:
@@ -83,6 +82,48 @@ def organ_pressed(body: Reducible, report: Callable[[float], None] | None = None
     return [p for p in press_from_rest(body, organ_touches(body), report) if len(p.solutions)]
 
 
+@dataclass(frozen=True)
+class InModes:
+    """A body in its modes, all elements counted.
+
+    surface_modes  [m]   (3V,r) of the vertices of the surface
+    missed         [m/N] (3V,3V), what of the compliance at rest the modes miss
+    whole          every element, with weight 1
+    states         q (r,) at every level of every touch: what the elements are sampled at
+    """
+
+    surface_modes: np.ndarray
+    missed: np.ndarray
+    whole: Elements
+    states: list[np.ndarray]
+
+
+def in_modes(body: Reducible, pressed: list[Pressed], count: int) -> InModes:
+    """A body in `count` modes of its full solutions."""
+    phi = modes(body, pressed, count)
+    surface_modes = np.einsum("nv,nia->via", body.hats, phi, optimize=True).reshape(-1, phi.shape[2])
+    missed = body.compliance() - surface_modes @ surface_modes.T
+    states, *_ = answers(elements_of(body, phi, UNBOUND), surface_modes, missed, body, pressed)
+    whole = elements_of(body, phi, BEYOND * max(float(q @ q) for q in states))
+    return InModes(surface_modes, missed, whole, states)
+
+
+def sampled(
+    body: Reducible,
+    pressed: list[Pressed],
+    full: InModes,
+    tolerance: float = SAMPLING,
+    report: Callable[[float], None] | None = None,
+) -> SampledBasis:
+    """The basis of a body whose elements are sampled to a tolerance; `report` hears the share done."""
+    which, weights = sample(full.whole, full.states, tolerance, report=report)
+    elements = at_rest(chosen(full.whole, which, weights))
+    _, w, pull, weight = answers(elements, full.surface_modes, full.missed, body, pressed)
+    bend = (*bent(w, pull, weight), np.sqrt(BEYOND) * float(w.max()))
+    surface, missed = body.surface, full.missed.astype(np.float32)
+    return SampledBasis(surface.vertices, surface.triangles, missed, full.surface_modes, elements, bend)
+
+
 def build(
     body: Reducible,
     pressed: list[Pressed],
@@ -92,20 +133,7 @@ def build(
 ) -> SampledBasis:
     """The sampled basis of a body in `count` modes, its elements sampled to a tolerance; `report` hears the
     share done."""
-    phi = modes(body, pressed, count)
-    r = phi.shape[2]
-    surface_modes = np.einsum("nv,nia->via", body.hats, phi, optimize=True).reshape(-1, r)
-    missed = body.compliance() - surface_modes @ surface_modes.T
-    every = elements_of(body, phi, UNBOUND)
-    states, _, _, _ = answers(every, surface_modes, missed, body, pressed)
-    whole = elements_of(body, phi, BEYOND * max(float(q @ q) for q in states))
-    some = states[:: -(-len(states) // KEPT)]
-    which, weights = sample(whole, some, tolerance, report=report)
-    elements = at_rest(chosen(whole, which, weights))
-    _, w, pull, weight = answers(elements, surface_modes, missed, body, pressed)
-    bend = (*bent(w, pull, weight), np.sqrt(BEYOND) * float(w.max()))
-    surface = body.surface
-    return SampledBasis(surface.vertices, surface.triangles, missed.astype(np.float32), surface_modes, elements, bend)
+    return sampled(body, pressed, in_modes(body, pressed, count), tolerance, report)
 
 
 def answers(
