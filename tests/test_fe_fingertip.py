@@ -11,7 +11,7 @@ from palpate.fe.fingertip import Fingertip, materials
 from palpate.fe.layers import BONE, DERMIS, EPIDERMIS, SUBCUTIS
 from palpate.fe.mesh import MeshError
 from palpate.fe.pressing import Pressing
-from palpate.fe.record import LEVELS, record
+from palpate.fe.record import LEVELS, Run, record
 from palpate.fe.vtk import write_vtu
 from palpate.launch.testing import FakeBus
 from palpate.messages import Contact, Friction
@@ -86,8 +86,8 @@ def test_dividing_all_moduli_divides_the_force_on_a_rigid_plate():
 
 @pytest.mark.long
 def test_a_broken_run_goes_on_from_its_last_step(tmp_path):
-    record(Pressing(Fingertip(cells=3), "steel"), 1.25e-4, tmp_path)
-    again = record(Pressing(Fingertip(cells=3), "steel"), 2.5e-4, tmp_path)
+    record(Pressing(Fingertip(cells=3), "steel"), 1.25e-4, Run(tmp_path))
+    again = record(Pressing(Fingertip(cells=3), "steel"), 2.5e-4, Run(tmp_path))
     _, whole = pressed()
     assert again.indentation[-1] == approx(2.5e-4)
     assert again.force[-1] == approx(whole.force[-1], rel=5e-3)
