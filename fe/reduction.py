@@ -20,7 +20,6 @@ from palpate.fe.snapshots import (
     mirror,
     mirrored,
     press,
-    press_from_rest,
     scatter,
     touch,
 )
@@ -75,11 +74,6 @@ def organ_touches(body: Reducible, count: int = TOUCHES, seed: int = SEED) -> li
     surface = body.surface
     region = surface.face_vectors[:, 2] > -0.5 * np.linalg.norm(surface.face_vectors, axis=1)
     return scatter(surface, count, region, ORGAN_RADIUS, SOFTEST * ORGAN_RADIUS**2 * MILD, seed)
-
-
-def organ_pressed(body: Reducible, report: Callable[[float], None] | None = None) -> list[Pressed]:
-    """Full solutions of an organ's touches."""
-    return [p for p in press_from_rest(body, organ_touches(body), report) if len(p.solutions)]
 
 
 @dataclass(frozen=True)

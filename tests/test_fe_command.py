@@ -255,3 +255,10 @@ def test_a_users_table_is_a_setting_of_the_node(steel, tmp_path):
     sent = FakeBus(Flow(table=str(written), plate="steel")).publish(touch)[0]
     assert sent.area == pytest.approx(hard["area"][-1], rel=1e-6)
     assert sent.levels == pytest.approx(hard["levels"]) and sent.volumes == pytest.approx(hard["volumes"][-1])
+
+
+def test_organs_are_not_reduced_to_sampled_modes(tmp_path):
+    told = run("reduce", "--set", "model=sampled", "--to", str(tmp_path))
+    assert told.exit_code != 0
+    assert "surface 'kidney'" in str(told.output) + str(told.exception)
+    assert not list(tmp_path.iterdir())
