@@ -60,7 +60,6 @@ class Touch:
         known = np.isfinite(curve.force)
         force, self.multipliers = young * curve.force, young * curve.multipliers[known]
         self.most = float(force[known].max(initial=0.0))
-        self.deepest = float(DEPTHS[known].max(initial=0.0))
         if known.any():
             self.depths, self.forces = np.append(0.0, DEPTHS[known]), np.append(0.0, force[known])
             self.full = CubicSpline(self.forces, self.depths)
