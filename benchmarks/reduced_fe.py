@@ -13,8 +13,10 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import pickle
 import sys
 import time
+from pathlib import Path
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
@@ -23,7 +25,8 @@ from scipy.interpolate import CubicSpline
 from scipy.optimize import brentq
 from tables import show
 
-from palpate.fe.curves import press
+from palpate.fe.curves import press, sticking
+from palpate.fe.indent import Curve
 from palpate.fe.organ import Organ
 from palpate.messages import Load
 from palpate.nodes.contact import Series
@@ -32,11 +35,11 @@ from palpate.physics.contact import Law, exponential
 from palpate.physics.reduced_fe import Basis, CondensedBody
 from palpate.physics.spread import Spreader
 
-DEPTHS = 0.5e-3 * np.arange(1, 21)
-"""[m] To which the full model is pressed, or until it gives way."""
-SHOWN = (0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 2.0, 2.5)
-CHECKED = (0.5, 0.6, 0.7)
-"""[N] Loads at which the pressing is held against `fe.Solver`."""
+DEPTHS = 0.5e-3 * np.arange(1, 22)
+"""[m] To which the full model is pressed."""
+SHOWN = (0.25, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0)
+CHECKED = (2e-3, 2.5e-3, 3e-3)
+"""[m] Indentations at which the pressing is held against `fe.Solver`."""
 
 
 class Touch:
@@ -52,12 +55,14 @@ class Touch:
         np.add.at(self.load, body.corners[self.nodes], body.weights[self.nodes][:, :, None] * self.push[:, None])
         self.most = 0.0
 
-    def pressed(self, force: np.ndarray) -> None:
-        """Take the forces [N] that the full model answers at `DEPTHS`."""
-        known = np.isfinite(force)
+    def pressed(self, young: float, curve: Curve) -> None:
+        """Take what the full model of modulus 1 Pa answers at `DEPTHS`."""
+        known = np.isfinite(curve.force)
+        force, self.multipliers = young * curve.force, young * curve.multipliers[known]
         self.most = float(force[known].max(initial=0.0))
         if known.any():
-            self.full = CubicSpline(np.append(0.0, force[known]), np.append(0.0, DEPTHS[known]))
+            self.depths, self.forces = np.append(0.0, DEPTHS[known]), np.append(0.0, force[known])
+            self.full = CubicSpline(self.forces, self.depths)
 
     def settled(self, body: CondensedBody, force: float) -> tuple[float, float, float]:
         """The body's law after a long step under this force."""
@@ -108,21 +113,30 @@ def _common(touch: Touch, body: CondensedBody, finger: Law, force: float) -> flo
 
 
 def solved(organ: Organ, young: float, touch: Touch) -> tuple[list[dict[str, object]], float]:
-    """The pressing against `fe.Solver` under the same load, and the seconds of a load step of the latter."""
-    load = organ.hats() @ touch.load
-    model = organ.full(young, lambda f: f * load)
+    """The pressing against `fe.Solver` under the forces that the pressing found, and the seconds of a load step of the
+    latter."""
+    hats = organ.hats()
+    load, held = hats @ touch.load, sticking(hats, touch.load)
+    follow = CubicSpline(touch.depths, np.vstack([np.zeros(touch.multipliers.shape[1]), touch.multipliers]))
+    force = CubicSpline(touch.depths, touch.forces)
+
+    def loads(share: float) -> np.ndarray:
+        own = follow(CHECKED[0] * share)
+        return np.asarray(own[0] * load + (own[1:] @ held).reshape(-1, 3))
+
+    model = organ.full(young, loads)
     rows: list[dict[str, object]] = []
     spent = []
-    for force in CHECKED:
+    for depth in CHECKED:
         begun, before = time.perf_counter(), model.iterations
-        model.advance(force)
+        model.advance(depth / CHECKED[0])
         spent.append(time.perf_counter() - begun)
-        found = float(np.sum(load * model.displacement))
         rows.append(
             {
-                "force N": force,
-                "fe.Solver mm": 1e3 * found,
-                "pressing off by": float(touch.full(force)) / found - 1,
+                "mm": 1e3 * depth,
+                "force N": float(force(depth)),
+                "normal force over it": float(follow(depth)[0] / force(depth)),
+                "fe.Solver off by": float(np.sum(load * model.displacement)) / depth - 1,
                 "Newton iterations": model.iterations - before,
             }
         )
@@ -153,6 +167,7 @@ def main() -> None:
     parser.add_argument("--touches", type=int, default=6)
     parser.add_argument("--radius", type=float, default=8e-3, help="[m] of the spread load")
     parser.add_argument("--seed", type=int, default=11)
+    parser.add_argument("--keep", type=Path, help="file of the full model's curves, written or, if there, read")
     parser.add_argument("--json", action="store_true")
     given = parser.parse_args()
     node = ReducedFE(position=(0.0, 0.0, 0.0))
@@ -173,9 +188,14 @@ def main() -> None:
     places = np.random.default_rng(given.seed).choice(upper, given.touches, replace=False)
     touches = [Touch(node, bodies["linear"], int(p), given.radius) for p in places]
     organ = Organ(node.coarse_mesh(), node.poisson, node.bed)
-    _, forces = press(organ, np.stack([t.load for t in touches]), np.tile(DEPTHS, (len(touches), 1)))
-    for touch, force in zip(touches, forces, strict=True):
-        touch.pressed(node.young * force)
+    if given.keep is not None and given.keep.exists():
+        curves: list[Curve] = pickle.loads(given.keep.read_bytes())
+    else:
+        curves = press(organ, np.stack([t.load for t in touches]), np.tile(DEPTHS, (len(touches), 1)))
+        if given.keep is not None:
+            given.keep.write_bytes(pickle.dumps(curves))
+    for touch, curve in zip(touches, curves, strict=True):
+        touch.pressed(node.young, curve)
     against, seconds = solved(organ, node.young, touches[0])
     shown = {
         "error of the indentation": indentations(touches, bodies),

@@ -9,9 +9,10 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+from scipy.sparse import csr_array, kron
 
 from palpate.fe import faces as face_rule
-from palpate.fe.indent import Press
+from palpate.fe.indent import Curve, Press
 from palpate.fe.organ import Organ
 from palpate.physics.dents import SOFTEST, SPACING, hat_moments, patch_radius
 from palpate.physics.mesh import Mesh
@@ -20,7 +21,7 @@ PLACES = 60
 """Places of the surface at which the nonlinear organ is pressed."""
 RADIUS = 8e-3
 """[m] Of the patch that it is pressed with."""
-LEVELS = 9
+LEVELS = 10
 """Indentations s/R up to LEVELS SPACING."""
 INSIDE = np.array([0.5, 0.3, 0.2])
 """Where in a triangle the organ is pressed: a place like any other; at corners a load is narrower than elsewhere."""
@@ -31,9 +32,8 @@ def press(
     patches: np.ndarray,
     depths: np.ndarray,
     report: Callable[[float], None] | None = None,
-) -> tuple[np.ndarray, np.ndarray]:
-    """What presses the organ of modulus 1 Pa at places: stiffness of the linear one [N/m] (P,), and force [N] (P,L)
-    that the nonlinear one takes, NaN from where no equilibrium was found.
+) -> list[Curve]:
+    """What presses the organ of modulus 1 Pa at places (P,) whose surface sticks to what presses it.
 
     patches  (P,V,3)  unit loads at each place, by the vertices of the surface
     depths   [m] (P,L) growing indentations, each the mean displacement along the load, weighted as it is
@@ -48,9 +48,24 @@ def press(
         if report is not None:
             report(done / depths.size)
 
-    works = [model.curve(hats @ one, deep, count) for one, deep in zip(patches, depths, strict=True)]
-    found = model.run(works)
-    return np.array([curve.stiffness for curve in found]), np.array([curve.force for curve in found])
+    return model.run(
+        [model.curve(hats @ one, deep, sticking(hats, one), count) for one, deep in zip(patches, depths, strict=True)]
+    )
+
+
+def sticking(hats: np.ndarray, load: np.ndarray) -> csr_array:
+    """Means of displacement (M,3N) that a finger under this load (V,3) holds: how far the surface slides across the
+    load under each vertex that carries some of it, less the mean of that with the load's weights. So the surface keeps
+    its shape in the finger's plane, moves along it as one, and has no force along it in all.
+
+    hats  (N,V) see `Organ.hats`
+    """
+    resultant = load.sum(axis=0)
+    _, _, axes = np.linalg.svd(resultant[None])
+    own = np.flatnonzero(np.abs(load).max(axis=1) > 0.0)
+    share = load[own] @ resultant / (resultant @ resultant)
+    relative = np.delete(np.eye(len(own)) - share, np.argmax(share), axis=0)  # the heaviest follows from the others
+    return csr_array(kron(csr_array(relative @ hats[:, own].T), axes[1:], format="csr"))
 
 
 def patch(surface: Mesh, foot: np.ndarray, normal: np.ndarray, radius: float) -> np.ndarray:
@@ -101,8 +116,10 @@ def dent_table(
     moments, every = hat_moments(surface), np.arange(len(surface.vertices))
     across = np.array([patch_radius(surface.vertices, moments, every, len(every), m[:, None]) for m in shares])
     deep = SPACING * np.arange(1, levels + 1)
-    stiffness, force = press(organ, patches, across[:, None] * deep, report)
-    linear = force / (stiffness * across)[:, None]  # x of `physics.dents`
+    curves = press(organ, patches, across[:, None] * deep, report)
+    linear = np.array(
+        [c.force / (c.stiffness * r) for c, r in zip(curves, across, strict=True)]
+    )  # x of `physics.dents`
     return spread_out(surface.vertices, shares, continued(linear) / deep - 1.0)
 
 

@@ -1,17 +1,23 @@
 """Pressing the nonlinear organ at many places at once, the indentation prescribed.
 
-At a place a load f g acts, g a unit load that keeps its shape and direction, and the indentation g.u = s is given. The
-displacement u makes the energy least under that condition, and f is its multiplier,
+At a place the unit load g, which keeps its shape and direction, presses to the indentation g.u = s. The surface under
+it sticks to the finger: further means of displacement, along the surface, are held where the linear organ has them,
 
-    r(u) = f g,    g.u = s,    r inner forces of the organ and its bed,
+    B'u = b s,    b = B'K0⁻¹g/(g.K0⁻¹g),    B (3N,1+M) of columns g, h1 ... hM
 
-so that a curve goes on where the force alone has no further equilibrium (a limit load). Newton's method; its linear
-systems are solved by conjugate gradients among the displacements that leave s alone,
+The displacement u makes the energy W(s) least under that condition, with multipliers l, and the force is what does the
+work,
 
-    z = K0⁻¹ r - m K0⁻¹ g,    m = (g.K0⁻¹ r)/(g.K0⁻¹ g)
+    r(u) = B l,    f = dW/ds = b.l,    r inner forces of the organ and its bed
+
+so that a curve goes on where a force has no further equilibrium (a limit load), and does not end where a surface that
+is free to slide gives way sideways (docs/equations/reduced-fe.md). Newton's method; its linear systems are solved by
+conjugate gradients among the displacements that leave all means alone,
+
+    z = (1 - U (B'U)⁻¹ B') K0⁻¹ r,    U = K0⁻¹ B
 
 with the factor at rest K0, which all places share: what they want of it is solved together, many right sides at once.
-Only the preconditioner and the tangent's products are in single precision.
+Only the preconditioner, U and the tangent's products are in single precision.
 
 N. I. M. Gould, M. E. Hribar, J. Nocedal, SIAM J. Sci. Comput. 23 (2001) 1376-1395.
 """
@@ -23,6 +29,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.sparse import csr_array, vstack
 
 from palpate.fe.bed import Bed
 from palpate.fe.cholesky import Cholesky
@@ -48,16 +55,18 @@ TOGETHER = 40
 
 @dataclass(frozen=True)
 class Curve:
-    """What a place does while it is pressed.
+    """What a place does while it is pressed; NaN from where no equilibrium was found.
 
-    stiffness  [N/m]    of the linear organ
-    force      [N] (L,)  that brings it to each indentation; NaN from where no equilibrium was found
-    energy     [J] (L,)  that the organ and its bed then hold
+    stiffness    [N/m]      of the linear organ
+    force        [N] (L,)    that does the work of bringing it to each indentation
+    energy       [J] (L,)    that the organ and its bed then hold
+    multipliers  [N] (L,1+M) forces of the load and of each mean that is held
     """
 
     stiffness: float
     force: np.ndarray
     energy: np.ndarray
+    multipliers: np.ndarray
 
 
 Asking = Generator[np.ndarray, np.ndarray, Any]
@@ -126,32 +135,63 @@ class Press:
                     del wanted[k]
         return found
 
-    def curve(self, load: np.ndarray, depths: np.ndarray, count: Callable[[int], None] = lambda done: None) -> Asking:
-        """Work that presses a place with a unit load (N,3) to growing indentations [m] (L,) and returns its `Curve`;
-        `count` hears how many indentations are done."""
-        place = _Place(self, load)
-        place.unit = yield load.ravel()
-        place.compliance = float(load.ravel() @ place.unit)
+    def curve(
+        self,
+        load: np.ndarray,
+        depths: np.ndarray,
+        held: csr_array | None = None,
+        count: Callable[[int], None] = lambda done: None,
+    ) -> Asking:
+        """Work that presses a place to growing indentations [m] (L,) and returns its `Curve`.
+
+        load   (N,3) unit load
+        held   (M,3N) means of displacement that are held; none by default, the surface is free to slide then
+        count  hears how many indentations are done
+        """
+        place = _Place(self, load, held)
+        yield from place.begin()
         force, energy = np.full((2, len(depths)), np.nan)
+        multipliers = np.full((len(depths), len(place.shares)), np.nan)
         for k, depth in enumerate(depths):
-            held = yield from place.carry(float(depth))
-            if not held:
+            found = yield from place.carry(float(depth))
+            if not found:
                 count(len(depths) - k)
                 break
-            force[k], energy[k] = place.force, place.energy
+            force[k], energy[k], multipliers[k] = place.force, place.energy, place.multipliers
             count(1)
-        return Curve(1.0 / place.compliance, force, energy)
+        return Curve(1.0 / place.compliance, force, energy, multipliers)
 
 
 class _Place:
     """State of one place while its indentation grows."""
 
-    def __init__(self, press: Press, load: np.ndarray) -> None:
-        self._press, self._load = press, load.ravel()
-        self.unit = self._load
-        self.compliance = self.force = self.energy = 0.0
-        self._past: list[tuple[float, np.ndarray]] = [(0.0, np.zeros(self._load.shape))]
+    def __init__(self, press: Press, load: np.ndarray, held: csr_array | None) -> None:
+        self._press = press
+        own = csr_array(load.reshape(1, -1))
+        self._means = own if held is None else vstack([own, held], format="csr")
+        self._past: list[tuple[float, np.ndarray]] = [(0.0, np.zeros(load.size))]
         self._matrix: Any = None
+        self.force = self.energy = self.compliance = 0.0
+        self.shares = self.multipliers = np.zeros(self._means.shape[0])
+
+    def begin(self) -> Asking:
+        """What the linear organ does under the load and under a unit force on each mean."""
+        count, size = self._means.shape
+        self._units = np.empty((count, size), np.float32)
+        for k in range(count):
+            found = yield self._means[[k]].toarray().ravel()
+            if k == 0:
+                self.unit = found
+            self._units[k] = found
+        moved = self._means @ self.unit
+        self.compliance = float(moved[0])
+        self.shares = moved / self.compliance
+        self._inverse = np.linalg.inv(self._means @ self._units.T.astype(np.float64))
+
+    def _left(self, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """K0⁻¹ of forces less what moves the means, and the multipliers that take it out."""
+        multipliers = self._inverse @ (self._means @ u)
+        return u - multipliers.astype(np.float32) @ self._units, multipliers
 
     def carry(self, depth: float) -> Asking:
         """Go on to this indentation; whether it was reached."""
@@ -169,7 +209,7 @@ class _Place:
         return True
 
     def _guess(self, depth: float) -> np.ndarray:
-        """The parabola through the last three states (or what there is), on which g.u = s."""
+        """The parabola through the last three states (or what there is), on which B'u = b s."""
         past = self._past
         if len(past) == 1:
             return depth / self.compliance * self.unit
@@ -200,9 +240,9 @@ class _Place:
         for _ in range(NEWTON):
             energy, inner = now
             solved = yield inner
-            self.force = float(self._load @ solved) / self.compliance
-            step = solved - self.force * self.unit
-            rest = inner - self.force * self._load
+            step, self.multipliers = self._left(solved)
+            self.force = float(self.shares @ self.multipliers)
+            rest = inner - self.multipliers @ self._means
             size = max(float(step @ rest), 0.0) ** 0.5
             if size < TOLERANCE * abs(self.force) * self.compliance**0.5:
                 self.energy = energy
@@ -225,7 +265,7 @@ class _Place:
         return False
 
     def _direction(self, rest: np.ndarray, step: np.ndarray) -> Asking:
-        """Newton direction (3N,) that leaves the indentation alone, from the residual and K0⁻¹ of it; None where the
+        """Newton direction (3N,) that leaves the means alone, from the residual and K0⁻¹ of it; None where the
         energy is no minimum among such displacements."""
         found = np.zeros_like(rest)
         left, move = -rest, -step
@@ -240,10 +280,9 @@ class _Place:
             found += share * way
             left = left - share * pulled
             solved = yield left
-            move = solved - (self._load @ solved) / self.compliance * self.unit
+            move, _ = self._left(solved)
             before, size = size, float(move @ left)
             if size <= goal:
                 break
             way = move + size / before * way
-        found -= (self._load @ found) / self.compliance * self.unit
-        return found
+        return self._left(found)[0]

@@ -7,11 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pytest import approx
-from scipy.integrate import cumulative_simpson
 from scipy.optimize import brentq
 
-from palpate.fe.curves import continued, dent_table, patch, press, pressed_places, scattered, spread_out
-from palpate.fe.indent import Press
+from palpate.fe.curves import patch
 from palpate.fe.organ import Organ
 from palpate.launch.testing import FakeBus
 from palpate.messages import Load
@@ -19,7 +17,7 @@ from palpate.nodes.base import SettingError
 from palpate.nodes.deformation import ReducedFE
 from palpate.nodes.surface import surface_mesh
 from palpate.physics.contact import exponential, series
-from palpate.physics.dents import SOFTEST, SPACING, hat_moments, patch_radius, rise, risen
+from palpate.physics.dents import SOFTEST, SPACING, rise, risen
 from palpate.physics.reduced_fe import Basis, CondensedBody
 from palpate.physics.terminal import Terminal
 
@@ -37,8 +35,9 @@ def organ():
 
 @lru_cache
 def basis():
+    """The slab with dents that soften it on one side, at a deep press to a limit load, and stiffen it on the other."""
     mesh = organ().surface
-    table = dent_table(organ(), PRESSED, RADIUS, levels=4)
+    table = np.outer(0.5 * np.sin(mesh.vertices[:, 0] / 0.02) - 0.2, 4.0 * (SPACING * np.arange(1, 7)) ** 2)
     return Basis(mesh.vertices, mesh.triangles, organ().compliance().astype(np.float32), table)
 
 
@@ -63,65 +62,6 @@ def at_vertex(v, radius=RADIUS):
 def settled(it, foot, n, nodes, push, force):
     """Static answer of the body to a force."""
     return it.step(nodes, force * push, foot, n, 1e3)
-
-
-def full_force(nodes, push, *depths):
-    """Force that presses the nonlinear model to growing indentations."""
-    load = np.zeros((1, len(organ().surface.vertices), 3))
-    load[0, nodes] = push
-    return press(organ(), load, np.array([depths]))[1][0] * YOUNG
-
-
-def unseen(count):
-    """Random places well inside the slab: foot point, normal, nodes and forces of a unit load."""
-    rng = np.random.default_rng(6)
-    for _ in range(count):
-        foot = np.array([*rng.uniform(-0.03, 0.03, 2), 0.0])
-        yield tuple(foot.tolist()), UP, *unit(foot, np.array(UP))
-
-
-@pytest.mark.long
-def test_pressing_by_indentation_finds_what_newtons_method_finds_by_load():
-    _, _, nodes, push = at_vertex(40)
-    load = np.zeros((len(organ().surface.vertices), 3))
-    load[nodes] = push
-    hats = organ().hats()
-    model = organ().full(YOUNG, lambda f: f * (hats @ load))
-    depths = (2e-3, 4e-3, 6e-3)
-    for depth, force in zip(depths, full_force(nodes, push, *depths), strict=True):
-        model.advance(force)
-        assert float(np.sum(load * (hats.T @ model.displacement))) == approx(depth, rel=1e-3)
-
-
-def test_the_work_of_pressing_is_what_the_organ_and_its_bed_hold():
-    _, _, nodes, push = at_vertex(40, 5e-3)
-    load = np.zeros((len(organ().surface.vertices), 3))
-    load[nodes] = push
-    depths = np.linspace(0.5e-3, 7e-3, 14)
-    model = Press(organ())
-    (curve,) = model.run([model.curve(organ().hats() @ load, depths)])
-    work = cumulative_simpson(np.append(0, curve.force), x=np.append(0, depths))
-    assert curve.energy == approx(work, rel=2e-3)
-
-
-def test_where_the_organ_was_pressed_the_body_repeats_the_full_model():
-    feet, normals = pressed_places(organ().surface, PRESSED, RADIUS)
-    k = int(np.argmax(normals[:, 2]))
-    nodes, push = unit(feet[k], normals[k])
-    depths = (1.5e-3, 3e-3, 5e-3)
-    for depth, force in zip(depths, full_force(nodes, push, *depths), strict=True):
-        found = settled(body(), tuple(feet[k]), tuple(normals[k]), nodes, push, force)[2]
-        assert found == approx(depth, rel=5e-3)
-
-
-def test_where_it_was_not_pressed_the_error_is_below_two_percent_and_a_fraction_of_the_linear_ones():
-    missed, linear = [], []
-    for foot, n, nodes, push in unseen(4):
-        for depth, force in zip((2e-3, 5e-3), full_force(nodes, push, 2e-3, 5e-3), strict=True):
-            missed.append(abs(settled(body(), foot, n, nodes, push, force)[2] / depth - 1))
-            linear.append(abs(settled(body(dented=False), foot, n, nodes, push, force)[2] / depth - 1))
-    assert max(missed) < 0.02
-    assert max(missed) < 0.5 * max(linear)
 
 
 def test_a_light_touch_is_linear():
@@ -320,50 +260,6 @@ def test_past_a_limit_load_the_force_stays_until_the_curve_is_above_it_again():
     assert knots == approx([0, 0.1, 0.19, 0.25, 0.25 + plateau, 0.25 + 2 * plateau, 0.3])
 
 
-def test_a_patch_has_the_radius_of_its_pressure():
-    mesh = surface_mesh("plane", 4000)
-    every = np.arange(len(mesh.vertices))
-    for radius in (6e-3, 15e-3):
-        share = patch(mesh, np.zeros(3), np.array([0, 0, 1.0]), radius)
-        found = patch_radius(mesh.vertices, hat_moments(mesh), every, len(every), -share[:, 2:])
-        assert found == approx(radius, rel=0.12 if radius < 0.01 else 0.03)
-        assert share.sum(axis=0) == approx([0, 0, -1])
-
-
-def test_the_moment_of_a_hat_is_its_mean_square_distance():
-    mesh = organ().surface
-    rng = np.random.default_rng(0)
-    v = 31
-    total = weight = 0.0
-    for tri in mesh.triangles[(mesh.triangles == v).any(axis=1)]:
-        x = mesh.vertices[tri]
-        area = np.linalg.norm(np.cross(x[1] - x[0], x[2] - x[0]))
-        w = rng.dirichlet((1, 1, 1), 40000)
-        hat = w[:, list(tri).index(v)]
-        away = np.sum((w @ x - mesh.vertices[v]) ** 2, axis=1)
-        total += area * np.mean(hat * away)
-        weight += area * np.mean(hat)
-    assert hat_moments(mesh)[v] == approx(total / weight, rel=0.02)
-
-
-def test_values_are_carried_over_the_surface_and_kept_where_they_were_found():
-    mesh = organ().surface
-    chosen = scattered(mesh.vertices, 20, 12e-3)
-    shares = np.stack([-patch(mesh, mesh.vertices[v], mesh.normals[v], 12e-3) @ mesh.normals[v] for v in chosen])
-    values = np.stack([np.ones(20), shares @ mesh.vertices[:, 0]], axis=1)
-    found = spread_out(mesh.vertices, shares, values)
-    assert found[:, 0] == approx(np.ones(len(mesh.vertices)))
-    assert shares @ found == approx(values)
-    assert found[:, 1] == approx(mesh.vertices[:, 0], abs=5e-3)
-
-
-def test_indentations_that_were_not_reached_go_on_as_the_parabola_of_the_last_three():
-    lost = np.array([[0.1, 0.19, np.nan, np.nan], [0.09, np.nan, np.nan, 0], [0.1, 0.14, np.nan, np.nan], [np.nan] * 4])
-    least = SOFTEST * SPACING
-    expected = [[0.1, 0.19, 0.27, 0.34], [0.09, 0.17, 0.24, 0], [0.1, 0.14, 0.14 + least, 0.14 + 2 * least]]
-    assert continued(lost) == approx(np.array([*expected, [0.1, 0.2, 0.3, 0.4]]))
-
-
 def test_a_basis_without_dents_serves_the_linear_model_only(monkeypatch, tmp_path):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     node = ReducedFE(surface="plane", coarse=80, model="linear")
@@ -374,12 +270,13 @@ def test_a_basis_without_dents_serves_the_linear_model_only(monkeypatch, tmp_pat
         FakeBus(ReducedFE(surface="plane", coarse=80))
 
 
-def test_the_node_is_softer_than_its_linear_model_under_a_hard_press(monkeypatch, tmp_path):
+def test_the_node_with_dents_of_a_fifth_is_softer_than_its_linear_model_by_a_quarter(monkeypatch, tmp_path):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    found = []
+    given, found = basis(), []
+    even = Basis(given.vertices, given.triangles, given.compliance, np.full_like(given.dents, -0.2))
     for model in ("nonlinear", "linear"):
         node = ReducedFE(surface="plane", coarse=80, model=model, vertices=400, position=(0, 0, 0))
-        basis().save(tmp_path / "palpate/bases" / f"{node.key()}.npz")
+        even.save(tmp_path / "palpate/bases" / f"{node.key()}.npz")
         bus, mesh = FakeBus(node), node.mesh()
         top = mesh.vertices[np.argmin(np.linalg.norm(mesh.vertices, axis=1))]
         q = np.linalg.norm(mesh.vertices - top, axis=1) / RADIUS
@@ -389,4 +286,4 @@ def test_the_node_is_softer_than_its_linear_model_under_a_hard_press(monkeypatch
         last = bus.publish(*[Load(nodes=nodes, forces=press, foot=top, normal=(0, 0, 1))] * 200)[-1]
         assert last.stiffness * (last.previous - last.free) > 0
         found.append(last.previous)
-    assert found[0] > 1.01 * found[1]
+    assert found[0] == approx(1.25 * found[1], rel=0.02)

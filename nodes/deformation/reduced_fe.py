@@ -21,6 +21,8 @@ from palpate.physics.sampled import SampledBasis, SampledBody
 SHIPPED = Path(__file__).parent / "bases"
 FORM = 2
 """Number of the form of stored bases; a new one makes all old ones unknown."""
+PRESSED = 2
+"""Number of the way in which organs are pressed; a new one makes all their old bases unknown."""
 NO_NODES = np.zeros(0, dtype=np.int32)
 NO_FORCES = np.zeros((0, 3))
 BUILT_FROM = (
@@ -153,8 +155,7 @@ class ReducedFE(OnSurface):
         nodule = [self.nodule_centre, self.nodule_radius, self.nodule_ratio] if self.nodule_radius > 0 else []
         capsule = [self.capsule_thickness, self.capsule_ratio] if self.capsule_thickness > 0 else []
         given = [FORM, surface, self.poisson, self.bed, nodule, capsule]
-        if self.model == "sampled":
-            given += [self.modes]
+        given += [self.modes] if self.model == "sampled" else [PRESSED]
         return hashlib.sha256(json.dumps(given).encode()).hexdigest()[:16]
 
     def basis(self) -> Basis | SampledBasis:
