@@ -65,7 +65,7 @@ def fingertip(given: argparse.Namespace) -> None:
     for count in given.modes:
         whole = in_modes(full, seen, count)
         for tolerance in given.sampling:
-            basis = sampled(full, seen, whole, tolerance)
+            basis = sampled(full, whole, tolerance)
             missed = errors(full, unseen, basis)
             node = ReducedFE(surface="fingertip", model="sampled", modes=count, young=160.0, radius=5e-3, reach=12e-3)
             node.basis = lambda basis=basis: basis  # type: ignore[method-assign]
@@ -176,7 +176,7 @@ def organ(given: argparse.Namespace) -> None:
     for count in given.modes:
         whole = in_modes(full, seen, count)
         for tolerance in given.sampling:
-            own = sampled(full, seen, whole, tolerance)
+            own = sampled(full, whole, tolerance)
             name = f"{count} modes, {tolerance:g}"
             rows.append({"body": name, "elements": len(own.elements.kinds), **row(full, fine, unseen, own)})
             print(rows[-1], flush=True)
