@@ -22,7 +22,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
-from sampled_fe import Row, errors, settled, times
+from sampled_fe import Row, errors, times
 from tables import show
 
 from palpate.fe.curves import dent_table
@@ -31,6 +31,7 @@ from palpate.fe.organ import Organ
 from palpate.fe.reducible import Reducible, of_finger, of_organ
 from palpate.fe.reduction import CELLS, ORGAN_RADIUS, TOUCHES, finger_touches, in_modes, organ_touches, sampled
 from palpate.fe.snapshots import MILD, Pressed, Touch, mirror, mirrored, press, press_from_rest, scatter
+from palpate.fe.unseen import settled
 from palpate.nodes.deformation import ReducedFE
 from palpate.nodes.surface import surface_mesh
 from palpate.physics.mesh import Mesh

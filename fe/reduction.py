@@ -21,6 +21,7 @@ from palpate.fe.snapshots import (
     mirror,
     mirrored,
     press,
+    press_from_rest,
     scatter,
     touch,
 )
@@ -46,6 +47,8 @@ SEED = 1
 BEYOND = 4.0
 """Squared size of q at which the barrier begins, over the greatest in the snapshots."""
 UNBOUND = 1e300
+UNSEEN = 8
+"""Touches that a basis is not made from and is compared with the full model on."""
 FOLDS = 4
 """Parts of the touches that are left out in turn to find gamma."""
 
@@ -77,6 +80,11 @@ def organ_touches(body: Reducible, count: int = TOUCHES, seed: int = SEED) -> li
     surface = body.surface
     region = surface.face_vectors[:, 2] > -0.5 * np.linalg.norm(surface.face_vectors, axis=1)
     return scatter(surface, count, region, ORGAN_RADIUS, SOFTEST * ORGAN_RADIUS**2 * MILD, seed)
+
+
+def organ_pressed(body: Reducible, report: Callable[[float], None] | None = None) -> list[Pressed]:
+    """Full solutions of an organ's touches."""
+    return [p for p in press_from_rest(body, organ_touches(body), report) if len(p.solutions)]
 
 
 @dataclass(frozen=True)
