@@ -105,13 +105,15 @@ class InModes:
     bend: tuple[float, float, float]
 
 
-def in_modes(body: Reducible, pressed: list[Pressed], count: int) -> InModes:
-    """A body in `count` modes of its full solutions.
+def in_modes(
+    body: Reducible, pressed: list[Pressed], count: int, report: Callable[[float], None] | None = None
+) -> InModes:
+    """A body in `count` modes of its full solutions; `report` hears the share done.
 
     ValueError: they are all of one place, so that nothing tells what touches elsewhere do.
     """
     compliance, product = body.compliance(), inner(body, pressed)
-    bend = left_out(body, pressed, count, compliance, product)
+    bend = left_out(body, pressed, count, compliance, product, report)
     phi, surface_modes, missed = _split(body, pressed, count, compliance, product)
     states, *_ = answers(elements_of(body, phi, UNBOUND), surface_modes, missed, body, pressed)
     whole = elements_of(body, phi, BEYOND * max(float(q @ q) for q in states))
@@ -119,9 +121,15 @@ def in_modes(body: Reducible, pressed: list[Pressed], count: int) -> InModes:
 
 
 def left_out(
-    body: Reducible, pressed: list[Pressed], count: int, compliance: np.ndarray, product: csr_array
+    body: Reducible,
+    pressed: list[Pressed],
+    count: int,
+    compliance: np.ndarray,
+    product: csr_array,
+    report: Callable[[float], None] | None = None,
 ) -> tuple[float, float, float]:
-    """w0 and m of gamma, and w from which on gamma w is constant, from touches that made no mode.
+    """w0 and m of gamma, and w from which on gamma w is constant, from touches that made no mode; `report` hears the
+    share done.
 
     Each part of the touches answers in the modes of the other parts. Modes fit the touches that they are made of: what
     they miss there is small and follows no law, and a gamma fitted to it drops what they miss elsewhere. Touches of one
@@ -136,6 +144,8 @@ def left_out(
         phi, surface_modes, missed = _split(body, others, count, compliance, product)
         mine = [p for p, own in zip(pressed, part.tolist(), strict=True) if own == k]
         parts.append(answers(elements_of(body, phi, UNBOUND), surface_modes, missed, body, mine)[1:])
+        if report is not None:
+            report((k + 1) / (part.max() + 1))
     w, pull, weight = (np.concatenate(found) for found in zip(*parts, strict=True))
     return (*bent(w, pull, weight), float(np.sqrt(BEYOND) * w.max()))
 

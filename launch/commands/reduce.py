@@ -143,28 +143,41 @@ def _sampled(node: ReducedFE, bar: Progress) -> tuple[SampledBasis, dict[str, fl
     from palpate.fe.reducible import of_finger, of_organ
     from palpate.fe.reduction import (
         CELLS,
+        FOLDS,
         SEED,
+        TOUCHES,
         UNSEEN,
-        build,
         finger_pressed,
         finger_touches,
+        in_modes,
         organ_pressed,
         organ_touches,
+        sampled,
     )
     from palpate.fe.snapshots import press, press_from_rest
     from palpate.fe.unseen import errors
+    from palpate.nodes.base import SettingError
 
     finger = node.surface == "fingertip"
     body = of_finger(Fingertip(cells=CELLS)) if finger else of_organ(_organ(node))
     task = bar.add_task("pressing", total=1.0, note=f"{3 * len(body.mesh.points)} degrees of freedom")
     found = (finger_pressed if finger else organ_pressed)(body, lambda share: bar.update(task, completed=share))
-    sampled = bar.add_task("sampling", total=1.0, note=f"{node.modes} modes")
-    basis = build(body, found, node.modes, lambda share: bar.update(sampled, completed=share))
-    bar.update(sampled, completed=1.0)
+    if len(found) < FOLDS:
+        raise SettingError(
+            f"surface {node.surface!r}, bed {node.bed}: the full model settled under {len(found)} touches, expected "
+            f"{FOLDS} or more of {TOUCHES}. A greater `bed` would hold it"
+        )
+    reducing = bar.add_task("reducing", total=1.0, note=f"{node.modes} modes")
+    full = in_modes(body, found, node.modes, lambda share: bar.update(reducing, completed=share))
+    sampling = bar.add_task("sampling", total=1.0, note=f"{len(full.states)} states")
+    basis = sampled(body, full, report=lambda share: bar.update(sampling, completed=share))
+    bar.update(sampling, completed=1.0)
     checked = bar.add_task("checking", total=1.0, note=f"{UNSEEN} touches that it was not made from")
     touches = (finger_touches if finger else organ_touches)(body, UNSEEN, SEED + 1)
     others = (press if finger else press_from_rest)(body, touches, lambda share: bar.update(checked, completed=share))
-    own, linear = (abs(found) for found in errors(body, basis, others))
+    if not any(len(other.solutions) for other in others):
+        return basis, {}
+    own, linear = (abs(miss) for miss in errors(body, basis, others))
     return basis, {
         "mean": float(own.mean()),
         "worst": float(own.max()),
