@@ -16,12 +16,13 @@ if TYPE_CHECKING:
 
     from palpate.fe.organ import Organ
     from palpate.nodes.deformation.reduced_fe import ReducedFE
+    from palpate.physics.mesh import Mesh
     from palpate.physics.sampled import SampledBasis
 
 MOST = 2500
 """Vertices of a surface that is condensed: with these the dense compliance takes half a gigabyte."""
-MOST_SAMPLED = 700
-"""The same of an organ in sampled modes: with these the products of its elements take four gigabytes."""
+MOST_ELEMENTS = 18_000
+"""Elements of a body that is sampled: their products take four gigabytes."""
 
 
 def reduce(
@@ -36,6 +37,9 @@ def reduce(
     """Build the basis of deformation.ReducedFE for a surface and a material, once; the cache keeps it."""
     from pathlib import Path
 
+    from palpate.launch.running.clock import few_threads
+
+    few_threads()
     from palpate.nodes.deformation.reduced_fe import SHIPPED, ReducedFE, cache
 
     node = ReducedFE(**_given(sets or []))
@@ -123,18 +127,27 @@ def _organ(node: ReducedFE) -> Organ:
     from palpate.fe.organ import Capsule, Nodule, Organ
     from palpate.nodes.base import SettingError
 
-    surface, most = node.coarse_mesh(), MOST_SAMPLED if node.model == "sampled" else MOST
-    if len(surface.vertices) > most:
-        raise SettingError(
-            f"surface {node.surface!r}: {len(surface.vertices)} vertices, expected at most {most} for model "
-            f"{node.model!r}, as numbers are kept for each pair of them. Set `coarse`, or coarsen a file in an editor"
-        )
+    surface = node.coarse_mesh()
+    _check_size(node, surface)
     try:
         nodule = Nodule(node.nodule_centre, node.nodule_radius, node.nodule_ratio)
         capsule = Capsule(node.capsule_thickness, node.capsule_ratio)
-        return Organ(surface, node.poisson, node.bed, nodule, capsule)
+        organ = Organ(surface, node.poisson, node.bed, nodule, capsule)
     except MeshError as error:
         raise SettingError(f"surface {node.surface!r}: {error}") from None
+    _check_size(node, organ.surface)
+    return organ
+
+
+def _check_size(node: ReducedFE, surface: Mesh) -> None:
+    """SettingError: more vertices than can be condensed."""
+    from palpate.nodes.base import SettingError
+
+    if len(surface.vertices) > MOST:
+        raise SettingError(
+            f"surface {node.surface!r}: {len(surface.vertices)} vertices, expected at most {MOST}, as the body keeps a "
+            "number for each pair of them. Coarsen it in a mesh editor"
+        )
 
 
 def _sampled(node: ReducedFE, bar: Progress) -> tuple[SampledBasis, dict[str, float]]:
@@ -160,6 +173,11 @@ def _sampled(node: ReducedFE, bar: Progress) -> tuple[SampledBasis, dict[str, fl
 
     finger = node.surface == "fingertip"
     body = of_finger(Fingertip(cells=CELLS)) if finger else of_organ(_organ(node))
+    if len(body.mesh.elements) > MOST_ELEMENTS:
+        raise SettingError(
+            f"surface {node.surface!r}: {len(body.mesh.elements)} elements, expected at most {MOST_ELEMENTS} for model "
+            "'sampled'. Fewer vertices make fewer: set `coarse`, or coarsen a file in a mesh editor"
+        )
     task = bar.add_task("pressing", total=1.0, note=f"{3 * len(body.mesh.points)} degrees of freedom")
     found = (finger_pressed if finger else organ_pressed)(body, lambda share: bar.update(task, completed=share))
     if len(found) < FOLDS:
