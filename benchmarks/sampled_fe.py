@@ -25,6 +25,7 @@ from palpate.fe.fingertip import CALIBRATED, Fingertip
 from palpate.fe.reducible import SUBCUTIS_MODULUS, Reducible, of_finger
 from palpate.fe.reduction import CELLS, finger_touches
 from palpate.fe.snapshots import STIFFENING, Pressed, press
+from palpate.fe.unseen import settled
 from palpate.messages import Load
 from palpate.nodes.contact import Series
 from palpate.nodes.deformation import ReducedFE
@@ -34,17 +35,6 @@ from palpate.physics.spread import Spreader
 
 YOUNG = SUBCUTIS_MODULUS / CALIBRATED
 Row = dict[str, object]
-
-
-def settled(body: SampledBody, own: Pressed, nodes: np.ndarray, force: float) -> tuple[float, float, float, float]:
-    """The body's law after a long step under this force."""
-    push, foot, normal = own.touch.load[nodes], tuple(own.touch.foot), tuple(own.touch.normal)
-    law = body.step(nodes, force * push, foot, normal, 1e6)
-    for _ in range(5):
-        if body.settled:
-            break
-        law = body.step(nodes, force * push, foot, normal, 1e6)
-    return law
 
 
 def errors(full: Reducible, found: list[Pressed], basis: SampledBasis) -> list[Row]:

@@ -22,7 +22,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
-from sampled_fe import Row, errors, settled, times
+from sampled_fe import Row, errors, times
 from tables import show
 
 from palpate.fe.curves import dent_table
@@ -31,6 +31,7 @@ from palpate.fe.organ import Organ
 from palpate.fe.reducible import Reducible, of_finger, of_organ
 from palpate.fe.reduction import CELLS, ORGAN_RADIUS, TOUCHES, finger_touches, in_modes, organ_touches, sampled
 from palpate.fe.snapshots import MILD, Pressed, Touch, mirror, mirrored, press, press_from_rest, scatter
+from palpate.fe.unseen import settled
 from palpate.nodes.deformation import ReducedFE
 from palpate.nodes.surface import surface_mesh
 from palpate.physics.mesh import Mesh
@@ -65,7 +66,7 @@ def fingertip(given: argparse.Namespace) -> None:
     for count in given.modes:
         whole = in_modes(full, seen, count)
         for tolerance in given.sampling:
-            basis = sampled(full, seen, whole, tolerance)
+            basis = sampled(full, whole, tolerance)
             missed = errors(full, unseen, basis)
             node = ReducedFE(surface="fingertip", model="sampled", modes=count, young=160.0, radius=5e-3, reach=12e-3)
             node.basis = lambda basis=basis: basis  # type: ignore[method-assign]
@@ -176,7 +177,7 @@ def organ(given: argparse.Namespace) -> None:
     for count in given.modes:
         whole = in_modes(full, seen, count)
         for tolerance in given.sampling:
-            own = sampled(full, seen, whole, tolerance)
+            own = sampled(full, whole, tolerance)
             name = f"{count} modes, {tolerance:g}"
             rows.append({"body": name, "elements": len(own.elements.kinds), **row(full, fine, unseen, own)})
             print(rows[-1], flush=True)

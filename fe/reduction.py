@@ -6,11 +6,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.sparse import csr_array
 from scipy.stats import qmc
 
 from palpate.fe.fingertip import CALIBRATED
 from palpate.fe.reducible import SUBCUTIS_MODULUS, Reducible
-from palpate.fe.sampling import SAMPLING, at_rest, bent, chosen, elements_of, modes, sample
+from palpate.fe.sampling import SAMPLING, at_rest, bent, chosen, elements_of, inner, modes, sample
 from palpate.fe.snapshots import (
     MILD,
     STIFFENING,
@@ -20,6 +21,7 @@ from palpate.fe.snapshots import (
     mirror,
     mirrored,
     press,
+    press_from_rest,
     scatter,
     touch,
 )
@@ -45,6 +47,10 @@ SEED = 1
 BEYOND = 4.0
 """Squared size of q at which the barrier begins, over the greatest in the snapshots."""
 UNBOUND = 1e300
+UNSEEN = 8
+"""Touches that a basis is not made from and is compared with the full model on."""
+FOLDS = 4
+"""Parts of the touches that are left out in turn to find gamma."""
 
 
 def finger_touches(body: Reducible, count: int = TOUCHES, seed: int = SEED) -> list[Touch]:
@@ -76,6 +82,11 @@ def organ_touches(body: Reducible, count: int = TOUCHES, seed: int = SEED) -> li
     return scatter(surface, count, region, ORGAN_RADIUS, SOFTEST * ORGAN_RADIUS**2 * MILD, seed)
 
 
+def organ_pressed(body: Reducible, report: Callable[[float], None] | None = None) -> list[Pressed]:
+    """Full solutions of an organ's touches."""
+    return [p for p in press_from_rest(body, organ_touches(body), report) if len(p.solutions)]
+
+
 @dataclass(frozen=True)
 class InModes:
     """A body in its modes, all elements counted.
@@ -84,27 +95,72 @@ class InModes:
     missed         [m/N] (3V,3V), what of the compliance at rest the modes miss
     whole          every element, with weight 1
     states         q (r,) at every level of every touch: what the elements are sampled at
+    bend           [1]   (w0, m) of gamma, and w from which on gamma w is constant
     """
 
     surface_modes: np.ndarray
     missed: np.ndarray
     whole: Elements
     states: list[np.ndarray]
+    bend: tuple[float, float, float]
 
 
-def in_modes(body: Reducible, pressed: list[Pressed], count: int) -> InModes:
-    """A body in `count` modes of its full solutions."""
-    phi = modes(body, pressed, count)
-    surface_modes = np.einsum("nv,nia->via", body.hats, phi, optimize=True).reshape(-1, phi.shape[2])
-    missed = body.compliance() - surface_modes @ surface_modes.T
+def in_modes(
+    body: Reducible, pressed: list[Pressed], count: int, report: Callable[[float], None] | None = None
+) -> InModes:
+    """A body in `count` modes of its full solutions; `report` hears the share done.
+
+    ValueError: they are all of one place, so that nothing tells what touches elsewhere do.
+    """
+    compliance, product = body.compliance(), inner(body, pressed)
+    bend = left_out(body, pressed, count, compliance, product, report)
+    phi, surface_modes, missed = _split(body, pressed, count, compliance, product)
     states, *_ = answers(elements_of(body, phi, UNBOUND), surface_modes, missed, body, pressed)
     whole = elements_of(body, phi, BEYOND * max(float(q @ q) for q in states))
-    return InModes(surface_modes, missed, whole, states)
+    return InModes(surface_modes, missed, whole, states, bend)
+
+
+def left_out(
+    body: Reducible,
+    pressed: list[Pressed],
+    count: int,
+    compliance: np.ndarray,
+    product: csr_array,
+    report: Callable[[float], None] | None = None,
+) -> tuple[float, float, float]:
+    """w0 and m of gamma, and w from which on gamma w is constant, from touches that made no mode; `report` hears the
+    share done.
+
+    Each part of the touches answers in the modes of the other parts. Modes fit the touches that they are made of: what
+    they miss there is small and follows no law, and a gamma fitted to it drops what they miss elsewhere. Touches of one
+    place and of its mirror image in x are left out together.
+    """
+    _, place = np.unique([np.abs(p.touch.foot) for p in pressed], axis=0, return_inverse=True)
+    part, parts = place.ravel() % FOLDS, []
+    for k in np.unique(part).tolist():
+        others = [p for p, own in zip(pressed, part.tolist(), strict=True) if own != k]
+        if not others:
+            raise ValueError("all touches are of one place, expected two places or more")
+        phi, surface_modes, missed = _split(body, others, count, compliance, product)
+        mine = [p for p, own in zip(pressed, part.tolist(), strict=True) if own == k]
+        parts.append(answers(elements_of(body, phi, UNBOUND), surface_modes, missed, body, mine)[1:])
+        if report is not None:
+            report((k + 1) / (part.max() + 1))
+    w, pull, weight = (np.concatenate(found) for found in zip(*parts, strict=True))
+    return (*bent(w, pull, weight), float(np.sqrt(BEYOND) * w.max()))
+
+
+def _split(
+    body: Reducible, pressed: list[Pressed], count: int, compliance: np.ndarray, product: csr_array
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Modes (N,3,r) of these solutions, the same of the surface (3V,r), and what of its compliance they miss."""
+    phi = modes(body, pressed, count, product)
+    surface_modes = np.einsum("nv,nia->via", body.hats, phi, optimize=True).reshape(-1, phi.shape[2])
+    return phi, surface_modes, compliance - surface_modes @ surface_modes.T
 
 
 def sampled(
     body: Reducible,
-    pressed: list[Pressed],
     full: InModes,
     tolerance: float = SAMPLING,
     report: Callable[[float], None] | None = None,
@@ -112,10 +168,8 @@ def sampled(
     """The basis of a body whose elements are sampled to a tolerance; `report` hears the share done."""
     which, weights = sample(full.whole, full.states, tolerance, report=report)
     elements = at_rest(chosen(full.whole, which, weights))
-    _, w, pull, weight = answers(elements, full.surface_modes, full.missed, body, pressed)
-    bend = (*bent(w, pull, weight), np.sqrt(BEYOND) * float(w.max()))
     surface, missed = body.surface, full.missed.astype(np.float32)
-    return SampledBasis(surface.vertices, surface.triangles, missed, full.surface_modes, elements, bend)
+    return SampledBasis(surface.vertices, surface.triangles, missed, full.surface_modes, elements, full.bend)
 
 
 def build(
@@ -127,7 +181,7 @@ def build(
 ) -> SampledBasis:
     """The sampled basis of a body in `count` modes, its elements sampled to a tolerance; `report` hears the
     share done."""
-    return sampled(body, pressed, in_modes(body, pressed, count), tolerance, report)
+    return sampled(body, in_modes(body, pressed, count), tolerance, report)
 
 
 def answers(

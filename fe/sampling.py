@@ -21,6 +21,7 @@ from collections.abc import Callable
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
+from scipy.sparse import csr_array
 
 from palpate.fe.elements import gradients
 from palpate.fe.materials import Material
@@ -35,16 +36,23 @@ GOAL = 4.0
 """How much more the indentation counts than the rest."""
 
 
-def modes(body: Reducible, pressed: list[Pressed], count: int) -> np.ndarray:
-    """Modes (N,3,r) of all snapshots, each counted alike, orthonormal in the stiffness at rest."""
+def inner(body: Reducible, pressed: list[Pressed]) -> csr_array:
+    """Inner product (3N,3N) of the decomposition: the mean tangent of loaded states, each over the energy at work."""
     mean = None
     for own in pressed:
         for u in own.solutions[[len(own.solutions) // 2, -1]]:
             matrix = body.pattern.matrix(body.tangent(u)).tocsr()
             part = matrix / float(u.ravel() @ (matrix @ u.ravel()))
             mean = part if mean is None else mean + part
+    return mean
+
+
+def modes(body: Reducible, pressed: list[Pressed], count: int, product: csr_array | None = None) -> np.ndarray:
+    """Modes (N,3,r) of all snapshots, each counted alike, orthonormal in the stiffness at rest; `product` is `inner`
+    where it is known."""
+    product = inner(body, pressed) if product is None else product
     every = np.concatenate([own.solutions for own in pressed]).reshape(-1, body.fixed.size)
-    gram = every @ (mean @ every.T)
+    gram = every @ (product @ every.T)
     size = 1.0 / np.sqrt(np.diag(gram))
     values, vectors = np.linalg.eigh(gram * size[:, None] * size)
     kept = vectors[:, ::-1][:, :count] / np.sqrt(np.maximum(values[::-1][:count], 1e-12 * values[-1]))

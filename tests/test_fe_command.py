@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from palpate.nodes.deformation import ReducedFE
 from palpate.nodes.tactile import Flow
 from palpate.physics.anatomy import Anatomy
 from palpate.physics.reduced_fe import Basis
+from palpate.physics.sampled import SampledBasis
 
 
 def run(*words):
@@ -57,6 +59,10 @@ def test_reduce_refuses_in_one_line_before_the_minutes_of_the_build(tmp_path):
     one_line(run("reduce", "--set", "poisson=["), 2, "--set poisson=[", "expected a number")
     one_line(run("reduce", "--set", "nosuch=1"), 2, "'nosuch'", "unknown")
     one_line(run("reduce", *ball(tmp_path / "fine.stl", 4)), 2, "2562 vertices, expected at most 2500")
+    fine = json.loads(
+        run("reduce", "--set", "model=sampled", "--set", "coarse=900", "--to", str(tmp_path), "--json").stdout
+    )
+    assert "expected at most 18000" in fine["text"] and "`coarse`" in fine["text"]
     (tmp_path / "file").write_text("")
     small = ["--set", "surface=sphere", "--set", "coarse=61"]
     one_line(run("reduce", *small, "--to", str(tmp_path / "file" / "bases")), 2, "Not a directory", "--to bases")
@@ -257,8 +263,11 @@ def test_a_users_table_is_a_setting_of_the_node(steel, tmp_path):
     assert sent.levels == pytest.approx(hard["levels"]) and sent.volumes == pytest.approx(hard["volumes"][-1])
 
 
-def test_organs_are_not_reduced_to_sampled_modes(tmp_path):
-    told = run("reduce", "--set", "model=sampled", "--to", str(tmp_path))
-    assert told.exit_code != 0
-    assert "surface 'kidney'" in str(told.output) + str(told.exception)
-    assert not list(tmp_path.iterdir())
+def test_an_organ_in_modes_says_how_far_it_is_off_where_it_was_not_pressed(tmp_path):
+    sets = ["--set", "model=sampled", "--set", "modes=8", "--set", "coarse=50"]
+    told = json.loads(run("reduce", *sets, "--to", str(tmp_path), "--json").stdout)
+    unseen = told["unseen"]
+    assert 0.0 < unseen["mean"] < unseen["worst"] < 0.1 and 0.0 < unseen["linear_mean"] < unseen["linear_worst"]
+    assert SampledBasis.load(Path(told["path"])).modes.shape[1] == 8
+    loose = run("reduce", *sets, "--set", "bed=0.01", "--to", str(tmp_path), "--json")
+    assert loose.exit_code == 2 and "under 0 touches" in json.loads(loose.stdout)["text"]

@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 
 MOST = 2500
 """Vertices of a surface that is condensed: with these the dense compliance takes half a gigabyte."""
+MOST_ELEMENTS = 18_000
+"""Elements of a body that is sampled: their products take four gigabytes."""
 
 
 def reduce(
@@ -38,15 +40,9 @@ def reduce(
     from palpate.launch.running.clock import few_threads
 
     few_threads()
-    from palpate.nodes.base import SettingError
     from palpate.nodes.deformation.reduced_fe import SHIPPED, ReducedFE, cache
 
     node = ReducedFE(**_given(sets or []))
-    if node.model == "sampled" and node.surface != "fingertip":
-        raise SettingError(
-            f"model 'sampled' with surface {node.surface!r}: expected surface 'fingertip'; of organs its answer was "
-            "measured to be worse than the linear one. Take model=nonlinear, which is meant for them"
-        )
     target = Path(folder) if folder else cache()
     path = target / f"{node.key()}.npz"
     known = None if force else node.stored(SHIPPED, target)
@@ -56,13 +52,13 @@ def reduce(
     _check_writable(target)
     started = time.perf_counter()
     try:
-        _build(node, path, as_json)
+        missed = _build(node, path, as_json)
     except KeyboardInterrupt:
         typer.secho("stopped: nothing is stored; the same command begins anew", fg="red", err=True)
         raise typer.Exit(INTERRUPTED) from None
     finally:
         path.with_name(f"{path.name}.part.npz").unlink(missing_ok=True)
-    _say(as_json, str(path), time.perf_counter() - started)
+    _say(as_json, str(path), time.perf_counter() - started, missed)
 
 
 def _given(sets: list[str]) -> dict[str, Any]:
@@ -99,8 +95,8 @@ def _check_writable(folder: Path) -> None:
         ) from None
 
 
-def _build(node: ReducedFE, path: Path, quiet: bool) -> None:
-    """Press and condense the full model, and write its basis, whole or not at all."""
+def _build(node: ReducedFE, path: Path, quiet: bool) -> dict[str, float]:
+    """Press and condense the full model, and write its basis, whole or not at all; what was found of its error."""
     import numpy as np
     from rich.progress import Progress, TextColumn, TimeRemainingColumn
 
@@ -110,8 +106,9 @@ def _build(node: ReducedFE, path: Path, quiet: bool) -> None:
     columns = (*Progress.get_default_columns()[:3], TextColumn("{task.fields[note]}"), TimeRemainingColumn())
     if node.model == "sampled":
         with Progress(*columns, console=console(stderr=True), disable=quiet) as bar:
-            _sampled(node, bar).save(path)
-        return
+            basis, missed = _sampled(node, bar)
+        basis.save(path)
+        return missed
     organ = _organ(node)
     with Progress(*columns, console=console(stderr=True), disable=quiet) as bar:
         task = bar.add_task("condensing", total=1.0, note=f"{3 * len(organ.mesh.points)} degrees of freedom")
@@ -121,6 +118,7 @@ def _build(node: ReducedFE, path: Path, quiet: bool) -> None:
             pressed = bar.add_task("pressing", total=1.0, note=f"{PLACES} places, {LEVELS} indentations")
             dents = dent_table(organ, report=lambda share: bar.update(pressed, completed=share))
     Basis(organ.surface.vertices, organ.surface.triangles, compliance, dents).save(path)
+    return {}
 
 
 def _organ(node: ReducedFE) -> Organ:
@@ -152,28 +150,75 @@ def _check_size(node: ReducedFE, surface: Mesh) -> None:
         )
 
 
-def _sampled(node: ReducedFE, bar: Progress) -> SampledBasis:
-    """Press the full fingertip and reduce it to modes."""
+def _sampled(node: ReducedFE, bar: Progress) -> tuple[SampledBasis, dict[str, float]]:
+    """Press the full model, reduce it to modes, and press it at other places: the basis and its error there."""
     from palpate.fe.fingertip import Fingertip
-    from palpate.fe.reducible import of_finger
-    from palpate.fe.reduction import CELLS, build, finger_pressed
+    from palpate.fe.reducible import of_finger, of_organ
+    from palpate.fe.reduction import (
+        CELLS,
+        FOLDS,
+        SEED,
+        TOUCHES,
+        UNSEEN,
+        finger_pressed,
+        finger_touches,
+        in_modes,
+        organ_pressed,
+        organ_touches,
+        sampled,
+    )
+    from palpate.fe.snapshots import press, press_from_rest
+    from palpate.fe.unseen import errors
+    from palpate.nodes.base import SettingError
 
-    body = of_finger(Fingertip(cells=CELLS))
+    finger = node.surface == "fingertip"
+    body = of_finger(Fingertip(cells=CELLS)) if finger else of_organ(_organ(node))
+    if len(body.mesh.elements) > MOST_ELEMENTS:
+        raise SettingError(
+            f"surface {node.surface!r}: {len(body.mesh.elements)} elements, expected at most {MOST_ELEMENTS} for model "
+            "'sampled'. Fewer vertices make fewer: set `coarse`, or coarsen a file in a mesh editor"
+        )
     task = bar.add_task("pressing", total=1.0, note=f"{3 * len(body.mesh.points)} degrees of freedom")
-    found = finger_pressed(body, lambda share: bar.update(task, completed=share))
-    sampled = bar.add_task("sampling", total=1.0, note=f"{node.modes} modes")
-    basis = build(body, found, node.modes, lambda share: bar.update(sampled, completed=share))
-    bar.update(sampled, completed=1.0)
-    return basis
+    found = (finger_pressed if finger else organ_pressed)(body, lambda share: bar.update(task, completed=share))
+    if len(found) < FOLDS:
+        raise SettingError(
+            f"surface {node.surface!r}, bed {node.bed}: the full model settled under {len(found)} touches, expected "
+            f"{FOLDS} or more of {TOUCHES}. A greater `bed` would hold it"
+        )
+    reducing = bar.add_task("reducing", total=1.0, note=f"{node.modes} modes")
+    full = in_modes(body, found, node.modes, lambda share: bar.update(reducing, completed=share))
+    sampling = bar.add_task("sampling", total=1.0, note=f"{len(full.states)} states")
+    basis = sampled(body, full, report=lambda share: bar.update(sampling, completed=share))
+    bar.update(sampling, completed=1.0)
+    checked = bar.add_task("checking", total=1.0, note=f"{UNSEEN} touches that it was not made from")
+    touches = (finger_touches if finger else organ_touches)(body, UNSEEN, SEED + 1)
+    others = (press if finger else press_from_rest)(body, touches, lambda share: bar.update(checked, completed=share))
+    if not any(len(other.solutions) for other in others):
+        return basis, {}
+    own, linear = (abs(miss) for miss in errors(body, basis, others))
+    return basis, {
+        "mean": float(own.mean()),
+        "worst": float(own.max()),
+        "linear_mean": float(linear.mean()),
+        "linear_worst": float(linear.max()),
+    }
 
 
-def _say(as_json: bool, path: str, seconds: float | None) -> None:
+def _say(as_json: bool, path: str, seconds: float | None, missed: dict[str, float] | None = None) -> None:
     from pathlib import Path
 
     size = Path(path).stat().st_size
     if as_json:
-        tell({"path": path, "bytes": size, "built": seconds is not None, "seconds": seconds})
+        built = {"path": path, "bytes": size, "built": seconds is not None, "seconds": seconds}
+        tell({**built, "unseen": missed} if missed else built)
     elif seconds is None:
         console().print(f"stored already: {path} ({size / 1e6:.1f} MB)", soft_wrap=True)
     else:
         console().print(f"built in {seconds:.0f} s: {path} ({size / 1e6:.1f} MB)", soft_wrap=True)
+    if missed and not as_json:
+        console().print(
+            f"indentation on touches that it was not made from: off by {missed['mean']:.1%} in the mean, "
+            f"{missed['worst']:.1%} at worst; the linear body by {missed['linear_mean']:.1%}, "
+            f"{missed['linear_worst']:.1%}",
+            soft_wrap=True,
+        )

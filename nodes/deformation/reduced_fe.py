@@ -45,7 +45,7 @@ class ReducedFE(OnSurface):
 
     model: Annotated[Literal["nonlinear", "linear", "sampled"], "1"] = "nonlinear"
     """How it follows large displacement: by dents under the patch, not at all, or in modes of the whole body with its
-    energy sampled; the fingertip has the last."""
+    energy sampled; the last is meant for the fingertip."""
     modes: Annotated[int, "1", msgspec.Meta(ge=4, le=200)] = 40
     """Of the sampled model."""
     young: Annotated[float, "Pa", msgspec.Meta(ge=10, le=1e9)] = 19e3
