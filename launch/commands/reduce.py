@@ -54,7 +54,8 @@ def reduce(
     try:
         _build(node, path, as_json)
     except KeyboardInterrupt:
-        typer.secho("stopped: nothing is stored; the same command begins anew", fg="red", err=True)
+        again = "goes on from the touches that were pressed" if node.model == "sampled" else "begins anew"
+        typer.secho(f"stopped: nothing is stored; the same command {again}", fg="red", err=True)
         raise typer.Exit(INTERRUPTED) from None
     finally:
         path.with_name(f"{path.name}.part.npz").unlink(missing_ok=True)
@@ -144,12 +145,13 @@ def _sampled(node: ReducedFE, bar: Progress) -> SampledBasis:
     from palpate.fe.fingertip import Fingertip
     from palpate.fe.reducible import of_finger
     from palpate.fe.reduction import CELLS, build, finger_pressed
+    from palpate.nodes.deformation.reduced_fe import touches
 
     body = of_finger(Fingertip(cells=CELLS))
     task = bar.add_task("pressing", total=1.0, note=f"{3 * len(body.mesh.points)} degrees of freedom")
-    found = finger_pressed(body, lambda share: bar.update(task, completed=share))
+    seen, held = finger_pressed(body, lambda share: bar.update(task, completed=share), touches())
     sampled = bar.add_task("sampling", total=1.0, note=f"{node.modes} modes")
-    basis = build(body, found, node.modes, lambda share: bar.update(sampled, completed=share))
+    basis = build(body, seen, held, node.modes, lambda share: bar.update(sampled, completed=share))
     bar.update(sampled, completed=1.0)
     return basis
 
