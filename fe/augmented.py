@@ -8,6 +8,7 @@ import numpy as np
 
 from palpate.fe import faces as face_rule
 from palpate.fe.area import contact_area
+from palpate.fe.mesh import point_text
 
 STIFF = 10.0
 """Penalty over the stiffness per area of the faces. Ten times as much needs fewer rounds but more iterations where
@@ -43,7 +44,7 @@ class Augmented:
         self.points = points
         self.area = face_rule.areas(points, self.faces)
         if not self.bound > 0.0:
-            self.bound = float(np.sqrt(2.0 * self.area.sum() / len(self.faces))) / 2000.0
+            self.bound = self.edge / 2000.0
         size = self.area.shape
         self.multiplier, self.traction, self.gap = np.zeros(size), np.zeros(size), np.full(size, np.inf)
         self.sliding, self.shear, self.normal = (np.zeros((*size, 3)) for _ in range(3))
@@ -58,6 +59,21 @@ class Augmented:
     def touches(self) -> bool:
         """Whether a point carried pressure at the last evaluation."""
         return bool((self.traction > 0.0).any())
+
+    @property
+    def edge(self) -> float:
+        """Mean edge of the faces [m]."""
+        return float(np.sqrt(2.0 * self.area.sum() / len(self.faces)))
+
+    def leapt(self, start: np.ndarray, load: float, end: np.ndarray, target: float) -> str:
+        """Whether a step ended with the other body pressing from behind, through the faces."""
+        outward = np.einsum("fqi,fqi->fq", self.normal, face_rule.normals(self.points + end, self.faces))
+        behind = (self.traction > 0.0) & (outward > 0.0)
+        if not behind.any():
+            return ""
+        f, q = np.unravel_index(int(np.argmax(np.where(behind, self.traction, 0.0))), behind.shape)
+        at = self.value[q] @ self.points[self.faces[f]]
+        return f"the other body passes through the surface at {point_text(at)} and presses on it from behind"
 
     def remember(self) -> None:
         """Keep the multipliers, that a load step which fails may be forgotten."""

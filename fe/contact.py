@@ -11,7 +11,7 @@ from palpate.fe.pattern import Pattern
 
 class ContactPair(Protocol):
     """Calls in their order: `bind` once; `begin`, `couples` and `couple` at each load step; `add`, `skew`, `deep` and
-    `settle` in its iterations; `back` where it fails."""
+    `settle` in its iterations; `leapt` at its end; `back` where it fails."""
 
     def bind(self, points: np.ndarray, pattern: Pattern, stiffness: np.ndarray) -> None:
         """Make the state for a mesh (N,3) whose nodes have this stiffness [N/m] (N,)."""
@@ -45,6 +45,9 @@ class ContactPair(Protocol):
 
     def settle(self) -> None:
         """Take the tractions as multipliers of the next round."""
+
+    def leapt(self, start: np.ndarray, load: float, end: np.ndarray, target: float) -> str:
+        """Why a step between two loads and their displacements (N,3) was too long, empty where it was not."""
 
     def state(self) -> dict[str, Any]:
         """What `restore` needs."""

@@ -27,8 +27,14 @@ def shape(at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return value, gradient
 
 
-def areas(points: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """Area of each integration point [m²] (F,6)."""
+def normals(points: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """Outward normals at the integration points (F,6,3), as long as the face is large there: twice its area [m²] where
+    it is flat."""
     _, gradient = shape(POINTS)
     tangents = np.einsum("fai,qak->fqik", points[faces], gradient)
-    return np.linalg.norm(np.cross(tangents[..., 0], tangents[..., 1]), axis=-1) * WEIGHTS
+    return np.cross(tangents[..., 0], tangents[..., 1])
+
+
+def areas(points: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """Area of each integration point [m²] (F,6)."""
+    return np.linalg.norm(normals(points, faces), axis=-1) * WEIGHTS

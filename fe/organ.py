@@ -14,9 +14,11 @@ from palpate.fe.cholesky import Cholesky
 from palpate.fe.compiled import LAW, compiled
 from palpate.fe.elements import gradients, integrate
 from palpate.fe.materials import Material, neo_hooke
-from palpate.fe.mesh import MeshError, TetMesh, check_closed, quadratic
+from palpate.fe.mesh import MeshError, TetMesh, quadratic
 from palpate.fe.pattern import Pattern, pattern
+from palpate.fe.seen import seen_from
 from palpate.fe.solver import Solver
+from palpate.fe.wild import solid
 from palpate.physics.mesh import Mesh
 
 SHELLS = (1.0, 0.9, 0.77, 0.6, 0.38)
@@ -51,39 +53,38 @@ def fill(
     nodule: Nodule = Nodule(),
     capsule: Capsule = Capsule(),
 ) -> TetMesh:
-    """Quadratic tetrahedra inside a closed surface whose every triangle is seen from the origin of its frame, or in the
-    slab of thickness `SLAB` under a level one (all z equal, normals towards +z).
+    """Quadratic tetrahedra inside a closed surface whose every triangle is seen from one point inside, or in the slab
+    of thickness `SLAB` under a level one (all z equal, normals towards +z).
 
     The first nodes are the vertices of the surface, in order. Region 2 is the capsule, a layer of even thickness; 1 is
     the nodule, 0 the rest.
 
-    MeshError: a surface that is open, inverted, or not seen from its origin, or a capsule too thick for it; says where.
+    MeshError: a surface that is open, inverted, or seen from no point, or a capsule too thick for it; says where.
     """
     vertices, triangles = surface.vertices, surface.triangles.astype(np.int64)
-    if np.ptp(vertices[:, 2]) < 1e-9 * np.ptp(vertices) and (surface.face_vectors[:, 2] > 0).all():
+    if level(surface):
         if not capsule.thickness < SLAB:
             raise MeshError(f"capsule: found {capsule.thickness} m, expected less than the slab's {SLAB} m")
         depths = [capsule.thickness + (SLAB - capsule.thickness) * (1.0 - s) for s in (*shells, 0.0)]
         layers = [vertices - (0.0, 0.0, d) for d in ([0.0, *depths] if capsule.thickness > 0.0 else depths)]
         return _layered(triangles, layers, nodule, capsule)
-    check_closed(vertices, triangles)
-    corner = vertices[triangles]
-    seen = np.einsum("ij,ij->i", np.cross(corner[:, 0], corner[:, 1]), corner[:, 2])
-    if (seen <= 1e-3 * np.abs(seen).mean()).any():
-        worst = int(seen.argmin())
-        at = corner[worst].mean(axis=0) * 1e3
-        raise MeshError(
-            f"surface: triangle {worst} at ({at[0]:.4g}, {at[1]:.4g}, {at[2]:.4g}) mm does not face away from the "
-            "origin; the volume mesh needs a surface that is seen from its origin everywhere, normals outward"
-        )
+    hub = seen_from(surface)
+    if hub is None:
+        raise MeshError("surface: no point inside sees all of its triangles, so nested shells do not fill it")
     inner = vertices - capsule.thickness * surface.normals
-    _fits(inner, surface, capsule)
-    layers = [s * inner for s in shells]
-    return _layered(triangles, [vertices, *layers] if capsule.thickness > 0.0 else layers, nodule, capsule, hub=True)
+    _fits(inner - hub, surface, capsule)
+    layers = [hub + s * (inner - hub) for s in shells]
+    return _layered(triangles, [vertices, *layers] if capsule.thickness > 0.0 else layers, nodule, capsule, hub)
+
+
+def level(surface: Mesh) -> bool:
+    """Whether a surface is flat and looks up, so that it stands for the slab below."""
+    height = np.ptp(surface.vertices[:, 2])
+    return bool(height < 1e-9 * np.ptp(surface.vertices) and (surface.face_vectors[:, 2] > 0).all())
 
 
 def _fits(inner: np.ndarray, surface: Mesh, capsule: Capsule) -> None:
-    """MeshError where the inner side of the capsule folds, or is not seen from the origin."""
+    """MeshError where the inner side of the capsule, in a frame about the hub, folds, or is not seen from there."""
     corner = inner[surface.triangles]
     face = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
     bad = (np.einsum("ij,ij->i", face, surface.face_vectors) <= 0.0) | (
@@ -98,23 +99,28 @@ def _fits(inner: np.ndarray, surface: Mesh, capsule: Capsule) -> None:
 
 
 def _layered(
-    triangles: np.ndarray, layers: list[np.ndarray], nodule: Nodule, capsule: Capsule, hub: bool = False
+    triangles: np.ndarray, layers: list[np.ndarray], nodule: Nodule, capsule: Capsule, hub: np.ndarray | None = None
 ) -> TetMesh:
-    """Prisms between layers cut into tetrahedra, the last layer joined to the origin if that is the `hub`; nodule and
-    capsule marked, nodes on edges added."""
+    """Prisms between layers cut into tetrahedra, the last layer joined to the `hub` if there is one; nodule and capsule
+    marked, nodes on edges added."""
     n = len(layers[0])
-    points = np.concatenate([*layers, np.zeros((1, 3))] if hub else layers)
+    points = np.concatenate(layers if hub is None else [*layers, hub[None]])
     tets = [_prisms(triangles + (k + 1) * n, triangles + k * n) for k in range(len(layers) - 1)]
-    if hub:
+    if hub is not None:
         tets.append(np.column_stack([np.full(len(triangles), len(points) - 1), triangles + (len(layers) - 1) * n]))
     corners = np.concatenate(tets)
     a, b, c, d = (points[corners[:, i]] for i in range(4))
     turned = np.einsum("ij,ij->i", np.cross(b - a, c - a), d - a) < 0
     corners[turned] = corners[turned][:, [0, 2, 1, 3]]
-    region = (np.linalg.norm(points[corners].mean(axis=1) - nodule.centre, axis=1) < nodule.radius).astype(np.int64)
+    region = inside(nodule, points[corners]).astype(np.int64)
     if capsule.thickness > 0.0:
         region[: len(tets[0])] = 2
     return quadratic(points, corners, region)
+
+
+def inside(nodule: Nodule, corners: np.ndarray) -> np.ndarray:
+    """Tetrahedra with these corners [m] (E,4,3) whose centre is in the nodule (E,) bool."""
+    return np.linalg.norm(corners.mean(axis=1) - nodule.centre, axis=1) < nodule.radius
 
 
 def _prisms(low: np.ndarray, high: np.ndarray) -> np.ndarray:
@@ -129,7 +135,7 @@ def _prisms(low: np.ndarray, high: np.ndarray) -> np.ndarray:
 class Organ:
     """A linear organ of modulus 1 Pa on a bed, ready to be solved for surface loads.
 
-    surface  closed triangle mesh in its own frame, seen from its origin
+    surface  closed triangle mesh in its own frame; meshed anew where no point inside sees all of it, see `fe.wild`
     poisson  [1] below 0.5
     bed      [1/m] stiffness per area of what the underside (normals towards -z) lies on, over the organ's modulus
     nodule   harder ball
@@ -148,7 +154,13 @@ class Organ:
         across = float(np.ptp(self.surface.vertices, axis=0).max())
         if not 1e-3 <= across <= 3.0:
             raise MeshError(f"surface: found {across:.4g} m across, expected 1 mm ... 3 m; is its unit right?")
-        self.mesh = fill(self.surface, nodule=self.nodule, capsule=self.capsule)
+        if level(self.surface) or seen_from(self.surface) is not None:
+            self.mesh = fill(self.surface, nodule=self.nodule, capsule=self.capsule)
+        else:
+            if self.capsule.thickness > 0.0:
+                raise MeshError("capsule: expected a surface that one point inside sees all of; this has none")
+            self.mesh, self.surface = solid(self.surface)
+            self.mesh.region[inside(self.nodule, self.mesh.points[self.mesh.elements[:, :4]])] = 1
         if self.nodule.radius > 0.0 and not (self.mesh.region == 1).any():
             raise MeshError(
                 f"nodule: no element has its centre within {self.nodule.radius} m of {tuple(self.nodule.centre)} m, "

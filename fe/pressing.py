@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,6 +11,7 @@ import numpy as np
 from palpate.fe.fingertip import PAPER, materials
 from palpate.fe.isostrain import strain
 from palpate.fe.layers import PLATE, Layers
+from palpate.fe.materials import Material
 from palpate.fe.mesh import TetMesh, bricks, grid, quadratic
 from palpate.fe.pair import Pair
 from palpate.fe.rigid import Rigid, plane
@@ -24,12 +26,14 @@ class Pressing:
     """A fingertip against a plate that rises: `solver.advance(z)` brings the plate up by z [m].
 
     plate    "steel" (200 GPa on tissue of kPa: taken as rigid) or "silicone"
+    laws     divisor of the finger's moduli -> material of each layer
     """
 
     finger: Layers
     plate: str = "steel"
     divisor: float = 1.0
     friction: float = 0.2
+    laws: Callable[[float], dict[int, Material]] = materials
 
     def __post_init__(self) -> None:
         if self.plate not in PAPER:
@@ -64,7 +68,7 @@ class Pressing:
         if not self.finger.whole:
             fixed[np.abs(mesh.points[:, 0]) < 1e-9, 0] = True
         steps = Settings(tolerance=1e-5, step=5e-5, largest=1e-4, least=1e-7)
-        self.solver = Solver(mesh, materials(self.divisor), fixed, lift, contacts=[self.touch], settings=steps)
+        self.solver = Solver(mesh, self.laws(self.divisor), fixed, lift, contacts=[self.touch], settings=steps)
 
     def _block(self) -> TetMesh:
         """The plate, or the half of it under half a finger; finest under the finger."""

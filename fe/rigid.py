@@ -20,7 +20,13 @@ import numpy as np
 
 from palpate.fe.augmented import STIFF, Augmented, stiffness_per_area
 from palpate.fe.compiled import SHAPE, compiled
+from palpate.fe.mesh import point_text
 from palpate.fe.pattern import Pattern
+
+LEAP = 0.1
+"""Edges of the faces that a rigid body may be deeper in them on its way than at either end of a load step."""
+LOOKS = 200
+"""Places on that way, at most."""
 
 Shape = Callable[..., float]
 """gap = shape(x, p, normal, curvature): signed distance [m] of the point x (3,) from the body, positive outside, with
@@ -137,6 +143,22 @@ def _touch(
                             data[where[f, a, b], i, j] += scale * block[i, j]
 
 
+@numba.njit(cache=True)
+def _deepest(shape, points, move, turn, p):
+    """The point (N,3) that lies deepest in the rigid body, and its gap [m]."""
+    normal, curvature, y = np.zeros(3), np.zeros((3, 3)), np.zeros(3)
+    found, least = 0, np.inf
+    for k in range(len(points)):
+        for i in range(3):
+            y[i] = 0.0
+            for j in range(3):
+                y[i] += turn[j, i] * (points[k, j] - move[j])
+        g = shape(y, p, normal, curvature)
+        if g < least:
+            found, least = k, g
+    return found, least
+
+
 class Rigid(Augmented):
     """A rigid body that moves along `path` and touches some faces of the mesh.
 
@@ -186,12 +208,37 @@ class Rigid(Augmented):
         """Nodes that this contact couples beyond the elements (C,k)."""
         return np.zeros((0, 6), dtype=np.int64)
 
+    def leapt(self, start: np.ndarray, load: float, end: np.ndarray, target: float) -> str:
+        """Whether the rigid body pressed from behind at the end, or passed through the faces on its way: deeper in
+        between than at either end, by `LEAP` of an edge, as seen from the start."""
+        fault = super().leapt(start, load, end, target)
+        if fault:
+            return fault
+        found = self._touching_points(start)
+        ends = [self.placed(load), self.placed(target)]
+        before, after = ((found - origin) @ turn for origin, turn in ends)
+        pieces = min(int(np.ceil(2.0 * np.linalg.norm(after - before, axis=2).max() / self.edge)), LOOKS)
+        if pieces < 2:
+            return ""
+        points = found.reshape(-1, 3)
+        least = min(_deepest(self._shape, points, *place, self.parameters)[1] for place in ends)
+        for k in range(1, pieces):
+            place = self.placed(load + k / pieces * (target - load))
+            worst, gap = _deepest(self._shape, points, *place, self.parameters)
+            if gap < least - LEAP * self.edge:
+                return f"the rigid body passes through the surface at {point_text(points[worst])} on its way"
+        return ""
+
+    def _touching_points(self, displacement: np.ndarray) -> np.ndarray:
+        """Where the points of the faces are [m] (F,6,3)."""
+        found: np.ndarray = np.einsum("qa,fai->fqi", self.value, (self.points + displacement)[self.faces])
+        return found
+
     def begin(self, displacement: np.ndarray, load: float) -> None:
         """Start of a load step from a converged state."""
         self.remember()
         origin, turn = self.placed(load)
-        start = np.einsum("qa,fai->fqi", self.value, (self.points + displacement)[self.faces])
-        self._before = (start - origin) @ turn
+        self._before = (self._touching_points(displacement) - origin) @ turn
 
     def placed(self, load: float) -> tuple[np.ndarray, np.ndarray]:
         """Place of the rigid body's origin [m] (3) and its rotation (3,3).

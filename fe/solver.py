@@ -14,7 +14,7 @@ from palpate.fe.checks import check_held, check_units, checked
 from palpate.fe.contact import ContactPair
 from palpate.fe.materials import Material
 from palpate.fe.mesh import MeshError, TetMesh, point_text
-from palpate.fe.state import read_state, write_state
+from palpate.fe.state import State, read_state, write_state
 from palpate.fe.tangent import UnheldError
 
 
@@ -97,6 +97,7 @@ class Solver:
         self.displacement = np.zeros_like(mesh.points)
         self.reaction = np.zeros_like(mesh.points)
         self.iterations = 0
+        self._step = settings.step
         self._last: tuple[float, np.ndarray] | None = None
         loose = np.ones(len(mesh.points), dtype=bool)
         loose[mesh.elements] = False
@@ -104,26 +105,27 @@ class Solver:
         self._body = Assembly(mesh, self.materials, self.fixed, loads, self.contacts)
 
     def advance(self, load: float, report: Callable[[float], None] | None = None) -> None:
-        """Carry the body to this load in as many steps as it takes; `report` hears the load after each.
+        """Carry the body to this load in as many steps as it takes; `report` hears the load after each. The first
+        step is as large as the one before would have gone on with.
 
         ConvergenceError: a step of the least size fails; the last converged state is kept.
         ValueError: a load that is not finite.
         """
         if not np.isfinite(load):
             raise ValueError(f"load {load}: expected a finite number")
-        step = min(self.settings.step, abs(load - self.load))
         while abs(load - self.load) > 1e-12 * max(1.0, abs(load)):
             left = load - self.load
-            target = load if abs(left) < 1.01 * step else self.load + np.copysign(step, left)
+            target = load if abs(left) < 1.01 * self._step else self.load + np.copysign(self._step, left)
             fault, used = self._try(target)
             if not fault:
                 if used <= 8:
-                    step = min(1.5 * step, self.settings.largest)
+                    self._step = min(1.5 * self._step, self.settings.largest)
                 if report is not None:
                     report(self.load)
                 continue
-            step = 0.5 * abs(target - self.load)
-            if step < self.settings.least:
+            self._step = 0.5 * abs(target - self.load)
+            if self._step < self.settings.least:
+                self._step = self.settings.step
                 raise ConvergenceError(
                     f"load step from {self.load:.6g} to {target:.6g}: {fault}{self._apart()}. The state at load "
                     f"{self.load:.6g} is kept. A finer mesh where it fails, a smaller load or stiffer material would "
@@ -145,6 +147,10 @@ class Solver:
         self._body.recouple()
         try:
             u = self._newton(load)
+            for contact in self.contacts:
+                fault = contact.leapt(self.displacement, self.load, u, load)
+                if fault:
+                    raise _Fault(fault)
         except (_Fault, Inverted, UnheldError) as error:
             self._last = None
             for contact in self.contacts:
@@ -234,13 +240,15 @@ class Solver:
         return u, found if best == length else self._body.balance(u, load)
 
     def save(self, path: str | Path) -> None:
-        """Write what `resume` needs."""
-        write_state(path, self.load, self.displacement, self.contacts)
+        """Write what `resume` needs: a run that is resumed takes the steps that it would have taken."""
+        last = (0.0, np.zeros_like(self.displacement)) if self._last is None else self._last
+        write_state(path, State(self.load, self.displacement, self._step, *last), self.contacts)
 
     def resume(self, path: str | Path) -> None:
         """Go on from a saved state of the same model.
 
         ValueError: the file is of another model, or is none of `save`.
         """
-        self.load, self.displacement = read_state(path, self.displacement, self.contacts)
-        self._last = None
+        found = read_state(path, self.displacement, self.contacts)
+        self.load, self.displacement, self._step = found.load, found.displacement, found.step
+        self._last = (found.moved, found.change) if found.moved else None

@@ -246,7 +246,7 @@ def test_a_contact_that_is_lost_is_named_and_the_run_until_then_is_kept():
     body.advance(1.0)
     assert touch.force[2] == approx(100.0, rel=1e-4)
     with pytest.raises(
-        ConvergenceError, match=r"load step from 1\.9\d* to 2.*nothing touches contact 0: contact is lost"
+        ConvergenceError, match=r"load step from (1\.9\d*|2) to 2.*nothing touches contact 0: contact is lost"
     ):
         body.advance(3.0)
     assert 1.9 < body.load <= 2.0

@@ -75,6 +75,35 @@ def stacked(cells_below, cells_above):
     return TetMesh(points, np.concatenate([low.elements, high.elements + len(low.points)])), len(low.points)
 
 
+def test_a_run_that_is_resumed_takes_the_steps_of_an_unbroken_one(tmp_path):
+    def dragged():
+        mesh = box((1.0, 1.0, 0.5), (2, 2, 1))
+        fixed = np.repeat(mesh.points[:, 2:] < 1e-9, 3, axis=1)
+        touch = Rigid(top_faces(mesh, 0.5), plane, (0.0, 0.0, -1.0),
+                      lambda load: np.array([0.2 * load, 0.0, 0.5 - 0.05 * load]), friction=0.3)  # fmt: skip
+        return Solver(mesh, {0: neo_hooke(1e4, 0.3)}, fixed, contacts=[touch])
+
+    class Broken(Exception):
+        pass
+
+    def broken(load):
+        loads.append(load)
+        body.save(tmp_path / "state.npz")
+        if len(loads) == 3:
+            raise Broken
+
+    whole, loads, every = dragged(), [], []
+    whole.advance(1.0, every.append)
+    body = dragged()
+    with pytest.raises(Broken):
+        body.advance(1.0, broken)
+    body = dragged()
+    body.resume(tmp_path / "state.npz")
+    body.advance(1.0, loads.append)
+    assert loads == every and len(every) > 4
+    assert (body.displacement == whole.displacement).all()
+
+
 def test_pressure_passes_between_meshes_that_do_not_match():
     mesh, split = stacked((2, 2, 1), (3, 3, 1))
     node = np.arange(len(mesh.points))

@@ -4,7 +4,19 @@ import numpy as np
 import pytest
 from pytest import approx
 
-from palpate.fe import MeshError, Rigid, Settings, Solver, box, capsule, meshed, neo_hooke, plane, sphere
+from palpate.fe import (
+    ConvergenceError,
+    MeshError,
+    Rigid,
+    Settings,
+    Solver,
+    box,
+    capsule,
+    meshed,
+    neo_hooke,
+    plane,
+    sphere,
+)
 from palpate.physics.mesh import Mesh
 
 SOFT = neo_hooke(1e4, 0.3)
@@ -175,3 +187,43 @@ def test_steps_of_the_load_hardly_change_what_friction_gives():
     few, many = forces(0.25), forces(0.0625)
     assert few[2] == approx(many[2], rel=0.01)
     assert few[0] == approx(many[0], rel=0.1)
+
+
+def test_a_step_does_not_carry_an_indenter_through_the_body():
+    mesh = box((1.0, 1.0, 0.5), (3, 3, 2))
+    fixed = np.repeat(mesh.points[:, 2:] < 1e-9, 3, axis=1)
+    touch = Rigid(mesh.faces[~(mesh.points[mesh.faces][:, :, 2] < 1e-9).all(axis=1)], sphere, (0.25,),
+                  lambda load: np.array([0.5, 0.5, 0.8 - 3.0 * load]))  # fmt: skip
+    body = Solver(mesh, {0: SOFT}, fixed, contacts=[touch], settings=Settings(step=0.5, largest=0.5))
+    with pytest.raises(ConvergenceError):
+        body.advance(1.0)
+    deep = 3.0 * body.load - 0.05  # of the ball's lowest point below the top face
+    assert 0.0 < deep < 0.5 and touch.touches() and touch.force[2] < 0.0
+    assert body.displacement[:, 2].min() == approx(-deep, rel=0.1)
+
+
+def test_a_step_too_long_says_where_the_indenter_would_pass():
+    mesh = box((1.0, 1.0, 0.5), (3, 3, 2))
+    fixed = np.repeat(mesh.points[:, 2:] < 1e-9, 3, axis=1)
+    steps = Settings(step=1.0, largest=1.0, least=0.9)
+    top = mesh.faces[(mesh.points[mesh.faces][:, :, 2] > 0.5 - 1e-9).all(axis=1)]
+    start = np.array([0.5, 0.5, 0.7])
+    for end, through in (((0.5, 0.5, -1.0), True), ((0.5, 0.5, 2.0), False), ((3.0, 0.5, 0.7), False)):
+        touch = Rigid(top, sphere, (0.1,), lambda load, end=end: start + load * (np.array(end) - start))
+        body = Solver(mesh, {0: SOFT}, fixed, contacts=[touch], settings=steps)
+        if through:
+            with pytest.raises(ConvergenceError, match=r"passes through the surface at \(0\.\d+, 0\.\d+, 0\.5\) m"):
+                body.advance(1.0)
+        else:
+            body.advance(1.0)
+        assert body.load == (0.0 if through else 1.0)
+        assert not body.displacement.any()
+
+
+def test_a_long_slide_is_no_leap():
+    body, touch = pressed(
+        sphere, (0.3,), lambda load: np.array([0.4 + 0.2 * max(load - 1.0, 0.0), 0.5, 0.8 - 0.06 * min(load, 1.0)])
+    )
+    body.advance(1.0)
+    u = body.displacement
+    assert touch.leapt(u, 1.0, u, 2.0) == ""

@@ -27,6 +27,8 @@ OURS = {
     "launch": {"launch", "nodes", "messages", "graphs", "scan", "fe", "physics"},
 }
 THEIRS = {"physics": {"numpy", "scipy", "numba"}, "fe": {"numpy", "scipy", "numba"}, "messages": {"numpy", "msgspec"}}
+OF_AN_EXTRA = {"wild.py": {"pytetwild"}}
+"""What a file of fe imports when it is called, and asks for where it is missing."""
 FILES = [(name, file) for name, folder in FOLDERS.items() for file in sorted(folder.rglob("*.py"))]
 
 
@@ -49,7 +51,7 @@ def test_imports_go_one_way(name, file):
         if top == "palpate":
             assert not rest or rest.partition(".")[0] in OURS[name], f"{name} imports {module}"
         elif name in THEIRS and top not in sys.stdlib_module_names:
-            assert top in THEIRS[name], f"{name} imports {module}"
+            assert top in THEIRS[name] | OF_AN_EXTRA.get(file.name, set()), f"{name} imports {module}"
         if name == "nodes":
             assert top != "zmq", "nodes import zmq"
 

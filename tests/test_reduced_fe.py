@@ -219,7 +219,7 @@ def test_surfaces_that_hold_no_volume_are_refused_with_a_place():
     mesh = organ().surface
     with pytest.raises(MeshError, match="not closed"):
         fill(Mesh(mesh.vertices, mesh.triangles[1:]))
-    with pytest.raises(MeshError, match="does not face away"):
+    with pytest.raises(MeshError, match="normals point inwards"):
         fill(Mesh(mesh.vertices, mesh.triangles[:, ::-1]))
     with pytest.raises(MeshError, match="is its unit right"):
         Organ(Mesh(1e3 * mesh.vertices, mesh.triangles))

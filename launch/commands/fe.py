@@ -24,6 +24,9 @@ fe = typer.Typer(cls=Verbs, no_args_is_help=True, help="Run the full finite-elem
 @fe.callback()
 def _group() -> None:
     """Run the full finite-element models."""
+    from palpate.launch.running.clock import few_threads
+
+    few_threads()
 
 
 @fe.command()

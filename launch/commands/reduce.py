@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
     from palpate.fe.organ import Organ
     from palpate.nodes.deformation.reduced_fe import ReducedFE
+    from palpate.physics.mesh import Mesh
     from palpate.physics.sampled import SampledBasis
 
 MOST = 2500
@@ -34,6 +35,9 @@ def reduce(
     """Build the basis of deformation.ReducedFE for a surface and a material, once; the cache keeps it."""
     from pathlib import Path
 
+    from palpate.launch.running.clock import few_threads
+
+    few_threads()
     from palpate.nodes.base import SettingError
     from palpate.nodes.deformation.reduced_fe import SHIPPED, ReducedFE, cache
 
@@ -127,17 +131,26 @@ def _organ(node: ReducedFE) -> Organ:
     from palpate.nodes.base import SettingError
 
     surface = node.coarse_mesh()
+    _check_size(node, surface)
+    try:
+        nodule = Nodule(node.nodule_centre, node.nodule_radius, node.nodule_ratio)
+        capsule = Capsule(node.capsule_thickness, node.capsule_ratio)
+        organ = Organ(surface, node.poisson, node.bed, nodule, capsule)
+    except MeshError as error:
+        raise SettingError(f"surface {node.surface!r}: {error}") from None
+    _check_size(node, organ.surface)
+    return organ
+
+
+def _check_size(node: ReducedFE, surface: Mesh) -> None:
+    """SettingError: more vertices than can be condensed."""
+    from palpate.nodes.base import SettingError
+
     if len(surface.vertices) > MOST:
         raise SettingError(
             f"surface {node.surface!r}: {len(surface.vertices)} vertices, expected at most {MOST}, as the body keeps a "
             "number for each pair of them. Coarsen it in a mesh editor"
         )
-    try:
-        nodule = Nodule(node.nodule_centre, node.nodule_radius, node.nodule_ratio)
-        capsule = Capsule(node.capsule_thickness, node.capsule_ratio)
-        return Organ(surface, node.poisson, node.bed, nodule, capsule)
-    except MeshError as error:
-        raise SettingError(f"surface {node.surface!r}: {error}") from None
 
 
 def _sampled(node: ReducedFE, bar: Progress) -> SampledBasis:

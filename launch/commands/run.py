@@ -67,6 +67,7 @@ def run(
         launch = dataclasses.replace(launch, record=file)
 
         from palpate.launch.running.execute import execute
+        from palpate.launch.running.screen import tell as fault
 
         view = None if quiet or as_json else console()
         outcome = execute(
@@ -80,7 +81,10 @@ def run(
     if as_json:
         tell({**_data(outcome), "pictures": [str(p) for p in drawn]})
     else:
-        _summary(outcome, name, drawn)
+        if outcome.result.ticks or outcome.result.ok:
+            _summary(outcome, name, drawn)
+        for death in outcome.result.deaths:
+            fault(death, console(stderr=True, soft_wrap=True))
     if not outcome.result.ok:
         raise typer.Exit(TROUBLE)
 
@@ -112,7 +116,7 @@ def _summary(outcome: Outcome, name: str, drawn: list[Path]) -> None:
     from rich.markup import escape
     from rich.text import Text
 
-    from palpate.launch.running.screen import table, tell
+    from palpate.launch.running.screen import table
 
     out, result = console(), outcome.result
     seconds = result.ticks / outcome.plan.graph.rate
@@ -131,8 +135,6 @@ def _summary(outcome: Outcome, name: str, drawn: list[Path]) -> None:
         out.print(Text(f"recording {outcome.recording} ({outcome.recording.stat().st_size / 1e6:.1f} MB)"))
     for picture in drawn:
         out.print(Text(f"picture   {picture}"))
-    for death in result.deaths:
-        tell(death, console(stderr=True, soft_wrap=True))
 
 
 def _data(outcome: Outcome) -> dict[str, Any]:

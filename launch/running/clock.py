@@ -67,12 +67,24 @@ def real_time(core: tuple[int, ...] | None, priority: int | None) -> list[str]:
     return sorted(set(refused))
 
 
+BLAS_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
+
+
+def few_threads() -> None:
+    """Linear algebra of this process in one thread, unless the user has said how many; before numpy is imported.
+
+    The fronts of the sparse factor are small: more threads gain little, and wait for one another on a busy machine
+    (10 x slower was seen).
+    """
+    for name in BLAS_THREADS:
+        os.environ.setdefault(name, "1")
+
+
 @contextlib.contextmanager
 def one_blas_thread() -> Iterator[None]:
     """Processes started inside use one thread for linear algebra: sums in a fixed order, no fight over cores."""
-    names = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
-    before = {name: os.environ.get(name) for name in names}
-    os.environ.update(dict.fromkeys(names, "1"))
+    before = {name: os.environ.get(name) for name in BLAS_THREADS}
+    os.environ.update(dict.fromkeys(BLAS_THREADS, "1"))
     try:
         yield
     finally:
