@@ -127,10 +127,8 @@ def sample(
     most: int = 1000,
     report: Callable[[float], None] | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Points and their weights > 0 that give the generalised forces at states q (S,r) to a tolerance.
-
-    ArithmeticError: a point is inverted at one of them.
-    """
+    """Points and their weights > 0 that give the generalised forces at states q (S,r) to a tolerance; a state that so
+    few modes cannot take without inverting a point is left out."""
     r, many, rng = points.modes.shape[1], len(points.kinds), np.random.default_rng(SEED)
     work, g, hessian = scratch(points), np.zeros(r), np.zeros((r, r))
     few = chosen(points, np.arange(0, many, FEW), np.full(-(-many // FEW), float(FEW)))
@@ -139,7 +137,7 @@ def sample(
     mixed = np.zeros((ROWS, many), dtype=np.float32)
     for q in rng.permutation(states)[:STATES]:
         if not (forces(points, q, work, g) < np.inf and tangent(few, q, own_few, hessian)):
-            raise ArithmeticError("a point is inverted")
+            continue
         values, vectors = np.linalg.eigh(hessian)
         values = np.maximum(values, 1e-3 * float(np.median(values)))
         rows = (vectors / np.sqrt(values)).T @ np.einsum("pka,pk->ap", own_modes, own_forces)
