@@ -1,13 +1,14 @@
 """Error and time of a sampled body against its number of modes and the tolerance of its elements.
 
-    python benchmarks/sampled_modes.py fingertip [--modes 20 40 60 80] [--sampling 3e-2 1e-2 3e-3] [--keep FILE]
+    python benchmarks/sampled_modes.py fingertip [--modes 40 64 80] [--sampling 1e-2 5e-3 3e-3]
     python benchmarks/sampled_modes.py kidney [--modes 10 20 40 80 160] [--sampling 3e-3] [--touches 60]
     python benchmarks/sampled_modes.py slab [--modes 24 40 80] [--sampling 3e-2 1e-2 3e-3] [--touches 42]
 
 Errors on ten touches that the basis was not made from, at their greatest load and over all loads; a step's time while a
 finger presses and slides at 1 kHz. The fingertip: force of another fingertip in series, too, as in `sampled_fe.py`. The
-kidney, coarse (200 vertices): beside the linear body and dents of 40 places; the slab of the tests. `--keep` stores the
-full solutions in a file, or takes them from it.
+kidney, coarse (200 vertices), and the slab of the tests: beside the linear body. `--keep` stores the
+full solutions of an organ in a file, or takes them from it; those of the fingertip are where `palpate reduce` keeps
+them.
 """
 
 from __future__ import annotations
@@ -25,14 +26,14 @@ import numpy as np
 from sampled_fe import Row, errors, times
 from tables import show
 
-from palpate.fe.curves import dent_table
 from palpate.fe.fingertip import Fingertip
 from palpate.fe.organ import Organ
 from palpate.fe.reducible import Reducible, of_finger, of_organ
-from palpate.fe.reduction import CELLS, ORGAN_RADIUS, TOUCHES, finger_touches, in_modes, organ_touches, sampled
-from palpate.fe.snapshots import MILD, Pressed, Touch, mirror, mirrored, press, press_from_rest, scatter
+from palpate.fe.reduction import CELLS, ORGAN_RADIUS, finger_pressed, finger_touches, in_modes, organ_touches, sampled
+from palpate.fe.snapshots import MILD, Pressed, Touch, press, press_from_rest, scatter
 from palpate.fe.unseen import settled
 from palpate.nodes.deformation import ReducedFE
+from palpate.nodes.deformation.reduced_fe import touches
 from palpate.nodes.surface import surface_mesh
 from palpate.physics.mesh import Mesh
 from palpate.physics.mesh_closest import MeshClosestPoint
@@ -40,7 +41,7 @@ from palpate.physics.reduced_fe import Basis, CondensedBody
 from palpate.physics.sampled import SampledBasis, SampledBody
 from palpate.physics.spread import Spreader
 
-UNSEEN, SEED, PLACES = 10, 77, 40
+UNSEEN, SEED = 10, 77
 YOUNG = 19e3
 
 
@@ -56,17 +57,13 @@ def kept(file: Path | None, solve) -> tuple[list[Pressed], list[Pressed]]:
 
 def fingertip(given: argparse.Namespace) -> None:
     full = of_finger(Fingertip(cells=CELLS))
-    seen, unseen = kept(
-        given.keep,
-        lambda: (press(full, finger_touches(full, given.touches)), press(full, finger_touches(full, UNSEEN, SEED))),
-    )
-    seen = seen[: given.touches]
-    seen = seen + mirrored(seen, mirror(full.mesh.points), mirror(full.surface.vertices))
+    seen, held = finger_pressed(full, folder=touches())
+    unseen = press(full, finger_touches(full, UNSEEN, SEED), folder=touches())
     rows: list[Row] = []
     for count in given.modes:
         whole = in_modes(full, seen, count)
         for tolerance in given.sampling:
-            basis = sampled(full, whole, tolerance)
+            basis = sampled(full, held, whole, tolerance)
             missed = errors(full, unseen, basis)
             node = ReducedFE(surface="fingertip", model="sampled", modes=count, young=160.0, radius=5e-3, reach=12e-3)
             node.basis = lambda basis=basis: basis  # type: ignore[method-assign]
@@ -77,7 +74,7 @@ def fingertip(given: argparse.Namespace) -> None:
                     "touches": len(seen) // 2,
                     "modes": count,
                     "sampling": tolerance,
-                    "elements": len(basis.elements.kinds),
+                    "points": len(basis.points.kinds),
                     **{f"{name} {row['share of load']:g}": row[name] for row in missed[-2:] for name in list(row)[3:]},
                     "p50 us": timed["of the core's time p50 us"],
                     "p99 us": timed["p99 us"],
@@ -145,15 +142,15 @@ def organ(given: argparse.Namespace) -> None:
     slab = given.body == "slab"
     name, coarse = ("plane", 80) if slab else ("kidney", 200)
     shape, fine = Organ(surface_mesh(name, coarse)), surface_mesh(name, 3000)
-    touches = on_slab if slab else organ_touches
+    spots = on_slab if slab else organ_touches
     full = of_organ(shape)
     print(f"{3 * len(full.mesh.points)} degrees of freedom, {len(full.mesh.elements)} elements", flush=True)
     begun = time.perf_counter()
     seen, unseen = kept(
         given.keep,
         lambda: (
-            press_from_rest(full, touches(full, given.touches)),
-            press_from_rest(full, touches(full, UNSEEN, SEED)),
+            press_from_rest(full, spots(full, given.touches)),
+            press_from_rest(full, spots(full, UNSEEN, SEED)),
         ),
     )
     seen, unseen = ([p for p in found if len(p.solutions)] for found in (seen[: given.touches], unseen))
@@ -161,25 +158,17 @@ def organ(given: argparse.Namespace) -> None:
         print(f"{name}: {sum(len(p.solutions) for p in found)} solutions of {len(found)} touches")
     print(f"{time.perf_counter() - begun:.0f} s", flush=True)
     surface, compliance = full.surface, full.compliance().astype(np.float32)
-    tables = {"linear": np.zeros((len(surface.vertices), 0))}
-    if not slab:
-        tables["dents"] = dent_table(shape, PLACES)
+    nothing = np.zeros((len(surface.vertices), 0))
     rows: list[Row] = []
-    for name, table in tables.items():
-        rows.append(
-            {
-                "body": name,
-                "elements": 0,
-                **row(full, fine, unseen, Basis(surface.vertices, surface.triangles, compliance, table)),
-            }
-        )
-        print(rows[-1], flush=True)
+    linear = Basis(surface.vertices, surface.triangles, compliance, nothing)
+    rows.append({"body": "linear", "points": 0, **row(full, fine, unseen, linear)})
+    print(rows[-1], flush=True)
     for count in given.modes:
-        whole = in_modes(full, seen, count)
+        whole = in_modes(full, seen[UNSEEN:], count)
         for tolerance in given.sampling:
-            own = sampled(full, whole, tolerance)
+            own = sampled(full, seen[:UNSEEN], whole, tolerance)
             name = f"{count} modes, {tolerance:g}"
-            rows.append({"body": name, "elements": len(own.elements.kinds), **row(full, fine, unseen, own)})
+            rows.append({"body": name, "points": len(own.points.kinds), **row(full, fine, unseen, own)})
             print(rows[-1], flush=True)
     show(f"{given.body}, error against the number of modes", rows)
 
@@ -193,7 +182,7 @@ def main() -> None:
     parser.add_argument("--keep", type=Path)
     given = parser.parse_args()
     usual = {
-        "fingertip": ([20, 40, 60, 80], [3e-2, 1e-2, 3e-3], TOUCHES),
+        "fingertip": ([40, 64, 80], [1e-2, 5e-3, 3e-3], 0),
         "kidney": ([10, 20, 40, 80, 160], [3e-3], 60),
         "slab": ([24, 40, 80], [3e-2, 1e-2, 3e-3], 42),
     }

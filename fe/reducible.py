@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -43,6 +44,20 @@ class Reducible:
     surface: Mesh
     hats: np.ndarray
     beds: Callable[[float], list[Bed]] = lambda young: []
+
+    @cached_property
+    def digest(self) -> bytes:
+        """A hash of all that its answers depend on."""
+        found = hashlib.sha256()
+        for law, own, slope, weight in self.groups:
+            found.update(repr((law.law.__name__, law.parameters, law.mixed, law.small)).encode())
+            for part in (own, slope, weight):
+                found.update(np.ascontiguousarray(part).tobytes())
+        for bed in self.springs:
+            found.update(repr(bed.stiffness).encode() + np.ascontiguousarray(bed.faces).tobytes())
+        for part in (self.mesh.points, self.mesh.elements, self.fixed, self.hats):
+            found.update(np.ascontiguousarray(part).tobytes())
+        return found.digest()
 
     @cached_property
     def springs(self) -> list[Bed]:
@@ -167,7 +182,7 @@ def of_finger(finger: Fingertip) -> Reducible:
     fixed = np.repeat(held[nodes][:, None], 3, axis=1)
 
     def laws(young: float) -> dict[int, Material]:
-        return materials(SUBCUTIS_MODULUS / young)
+        return {region: replace(law, mixed=False) for region, law in materials(SUBCUTIS_MODULUS / young).items()}
 
     return Reducible(mesh, laws, fixed, surface, _hats(mesh, skin, corners))
 

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import hashlib
+import os
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -22,7 +26,8 @@ TOLERANCE, MOST, MEMORY = 3e-4, 40, 8
 """Step of the iteration from rest, over the displacement, at which it has settled; its length; iterates mixed."""
 YOUNG = 1e3
 """[Pa] Modulus that the full model is solved with; displacements do not depend on it."""
-STEPS = Settings(tolerance=1e-4, step=0.01, largest=1.0, least=1e-2, iterations=25)
+STEPS = Settings(tolerance=1e-4, step=1.0, largest=1.0, least=0.1, iterations=12)
+"""Steps count levels, see `press`."""
 
 
 @dataclass(frozen=True)
@@ -91,23 +96,60 @@ def scatter(
     return found
 
 
-def press(body: Reducible, touches: list[Touch], report: Callable[[float], None] | None = None) -> list[Pressed]:
-    """The full model's answers; `report` hears the share done."""
+def press(
+    body: Reducible, touches: list[Touch], report: Callable[[float], None] | None = None, folder: Path | None = None
+) -> list[Pressed]:
+    """The full model's answers; `report` hears the share done. A folder keeps each as soon as it is found: what it
+    holds is not computed again."""
     found = []
     for k, own in enumerate(touches):
-        load, greatest = body.hats @ own.load, float(own.levels[-1])
-        solver = body.solver(YOUNG, lambda share, load=YOUNG * greatest * load: share * load, STEPS)  # type: ignore[misc]
-        kept = []
-        for level in own.levels:
-            try:
-                solver.advance(float(level) / greatest)
-            except ConvergenceError:
-                break
-            kept.append(solver.displacement.copy())
-        found.append(Pressed(own, np.array(kept).reshape(-1, *body.mesh.points.shape)))
+        found.append(pressed(body, own) if folder is None else _kept(body, own, folder))
         if report is not None:
             report((k + 1) / len(touches))
     return found
+
+
+def _kept(body: Reducible, own: Touch, folder: Path) -> Pressed:
+    """`pressed`, or what the folder holds of it: its file is named by all that it follows from."""
+    name = hashlib.sha256(body.digest + repr(STEPS).encode())
+    for part in (own.load, own.levels):
+        name.update(np.ascontiguousarray(part).tobytes())
+    path = folder / f"{name.hexdigest()[:24]}.npy"
+    with suppress(OSError, ValueError, EOFError):  # none yet, or one that was damaged
+        return Pressed(own, np.load(path))
+    found = pressed(body, own)
+    folder.mkdir(parents=True, exist_ok=True)
+    half = path.with_suffix(f".{os.getpid()}.part")
+    try:
+        with half.open("wb") as file:
+            np.save(file, found.solutions)
+        half.replace(path)
+    finally:
+        half.unlink(missing_ok=True)
+    return found
+
+
+def pressed(body: Reducible, own: Touch) -> Pressed:
+    """The full model's answer to one touch.
+
+    The load is stepped by the number of its level, geometrically between levels: the displacement of a body that
+    stiffens grows about as the logarithm of the load, so that a step that is carried on straight from the last one
+    starts near its end.
+    """
+    load, number = body.hats @ own.load, np.arange(1.0, len(own.levels) + 1.0)
+
+    def loads(step: float) -> np.ndarray:
+        size = np.exp(np.interp(step, number, np.log(own.levels))) if step > 1.0 else step * own.levels[0]
+        return YOUNG * float(size) * load
+
+    solver, kept = body.solver(YOUNG, loads, STEPS), []
+    for level in number:
+        try:
+            solver.advance(float(level))
+        except ConvergenceError:
+            break
+        kept.append(solver.displacement.copy())
+    return Pressed(own, np.array(kept).reshape(-1, *body.mesh.points.shape))
 
 
 def press_from_rest(

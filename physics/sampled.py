@@ -20,6 +20,7 @@ import zipfile
 import zlib
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numba
 import numpy as np
@@ -28,7 +29,7 @@ from palpate.physics.coarse import barycentric, carried
 from palpate.physics.mesh import Mesh
 from palpate.physics.mesh_closest import MeshClosestPoint
 from palpate.physics.reduced_fe import FORGOTTEN, LEAST_FORCE, BasisError
-from palpate.physics.sampled_energy import Elements, scratch
+from palpate.physics.sampled_energy import Points, scratch
 from palpate.physics.sampled_solve import settle
 from palpate.physics.spread import Spreader
 from palpate.physics.terminal import LEAST_DEPTH, fit_terminal
@@ -36,13 +37,13 @@ from palpate.physics.terminal import LEAST_DEPTH, fit_terminal
 
 @dataclass(frozen=True)
 class SampledBasis:
-    """Modes of a body, its sampled elements and its surface.
+    """Modes of a body, its sampled points and its surface.
 
     vertices   [m]   (V,3) of the coarse surface, in the body's frame
     triangles  [1]   (T,3)
     missed     [m/N] (3V,3V) float32, R for a modulus of 1 Pa
     modes      [m]   (3V,r), Phi
-    elements   see `physics.sampled_energy`
+    points     see `physics.sampled_energy`
     bend       [1]   (w0, m) of gamma, and w from which on gamma w is constant
     """
 
@@ -50,45 +51,51 @@ class SampledBasis:
     triangles: np.ndarray
     missed: np.ndarray
     modes: np.ndarray
-    elements: Elements
+    points: Points
     bend: tuple[float, float, float]
 
     def save(self, path: Path) -> None:
-        """Write R's lower half in half precision, modes in single."""
+        """Write it, R's lower half and all modes in half precision."""
         kept = np.flatnonzero(np.abs(self.missed).sum(axis=1) > 0.0)  # held vertices have none
         block = self.missed[np.ix_(kept, kept)]
-        scale = max(float(np.abs(block).max(initial=0.0)), 1e-300) / 3e4
-        lower = (block[np.tril_indices(len(kept))] / scale).astype(np.float16)
+        halves = {"lower": block[np.tril_indices(len(kept))], "surface_modes": self.modes, "modes": self.points.modes}
+        found: dict[str, Any] = {}
+        for name, value in halves.items():
+            scale = max(float(np.abs(value).max(initial=0.0)), 1e-300) / 3e4
+            found |= {name: (value / scale).astype(np.float16), f"{name}_scale": np.float64(scale)}
         path.parent.mkdir(parents=True, exist_ok=True)
         part = path.with_name(path.name + ".part.npz")
-        own = {name: value for name, value in self.elements._asdict().items() if name not in ("modes", "limit")}
+        found |= {name: value for name, value in self.points._asdict().items() if name != "modes"}
         np.savez_compressed(
-            part, vertices=self.vertices, triangles=self.triangles, kept=kept, lower=lower, scale=np.float64(scale),
-            surface_modes=self.modes.astype(np.float32), element_modes=self.elements.modes.astype(np.float32),
-            limit=np.float64(self.elements.limit), bend=np.array(self.bend), **own,
-        )  # fmt: skip
+            part, vertices=self.vertices, triangles=self.triangles, kept=kept, bend=np.array(self.bend), **found
+        )
         part.replace(path)
 
     @classmethod
     def load(cls, path: Path) -> SampledBasis:
         """Read a stored basis.
 
-        BasisError: not a basis with sampled elements, or a damaged one.
+        BasisError: not a basis with sampled points, or a damaged one.
         """
         try:
             with np.load(path) as found:
                 size, kept = 3 * len(found["vertices"]), found["kept"]
+                lower, surface_modes, modes = (
+                    found[name].astype(np.float32) * np.float32(found[f"{name}_scale"])
+                    for name in ("lower", "surface_modes", "modes")
+                )
                 half = np.zeros((len(kept), len(kept)), dtype=np.float32)
-                half[np.tril_indices(len(kept))] = found["lower"].astype(np.float32) * np.float32(found["scale"])
+                half[np.tril_indices(len(kept))] = lower
                 missed = np.zeros((size, size), dtype=np.float32)
                 missed[np.ix_(kept, kept)] = half + np.tril(half, -1).T
-                elements = Elements(
-                    found["element_modes"].astype(np.float64), found["slopes"], found["weights"], found["kinds"],
-                    found["constants"], found["mixed"], found["springs"], float(found["limit"]),
-                )  # fmt: skip
+                points = Points(
+                    modes, found["weights"], found["kinds"], found["constants"], found["springs"], float(found["limit"])
+                )
                 scale, power, most = found["bend"].tolist()
-                modes = found["surface_modes"].astype(np.float64)
-                return cls(found["vertices"], found["triangles"], missed, modes, elements, (scale, power, most))
+                return cls(
+                    found["vertices"], found["triangles"], missed, surface_modes.astype(np.float64), points,
+                    (scale, power, most),
+                )  # fmt: skip
         except (OSError, KeyError, ValueError, EOFError, zlib.error, zipfile.BadZipFile) as error:
             raise BasisError(f"{path}: not a sampled basis: {error}. Rebuild it with `palpate reduce`") from None
 
@@ -96,7 +103,7 @@ class SampledBasis:
 class SampledBody:
     """The state of a sampled body under the contact.
 
-    basis     its modes and elements
+    basis     its modes and points
     mesh      the surface that loads and displacements are given on, in the same frame
     young     [Pa] > 0, modulus E: all moduli of the body are E times those of the basis
     retardation  [s] >= 0, tau
@@ -122,7 +129,7 @@ class SampledBody:
         self._active = np.zeros(count, dtype=np.int64)
         size = len(self._spreader.nodes)
         self._patch, self._pull = np.zeros(size, dtype=np.int32), np.zeros((size, 3))
-        self._scratch = scratch(basis.elements)
+        self._scratch = scratch(basis.points)
         self.q, self._p, self._g = np.zeros(r), np.zeros(r), np.zeros(r)
         self._inverse, self._square, self._factor = np.eye(r), np.zeros((r, r)), np.zeros((r, r))
         self._vectors = np.zeros((6, r))
@@ -151,7 +158,7 @@ class SampledBody:
             self._patch[:count], self._pull[:count] = nodes, forces  # one type of array, whoever sends them
             patch, pull, share = self._patch[:count], self._pull[:count], 1.0
         self.evaluations, self.settled = _step(
-            self.basis.missed, self.basis.modes, self.basis.elements, self.basis.bend, self.corners, self.weights,
+            self.basis.missed, self.basis.modes, self.basis.points, self.basis.bend, self.corners, self.weights,
             patch, pull, share, normal, dt, self.young, self.retardation, self.held, self._load, self._measure,
             self._bent, self._active, self._scratch, self._p, self.q, self._g, self._inverse, self._square,
             self._factor, self._vectors, self._found,
@@ -202,17 +209,25 @@ def _gather(corners, weights, patch, pull, share, normal, load, measure):
 
 
 @numba.njit(cache=True, error_model="numpy")
+def _missing_at(missed, x, active, count, v):
+    """R x at one vertex, x (V,3) zero but where it is active."""
+    row0, row1, row2 = missed[3 * v], missed[3 * v + 1], missed[3 * v + 2]
+    out0 = out1 = out2 = 0.0
+    for k in range(count):
+        b = 3 * active[k]
+        x0, x1, x2 = x[active[k], 0], x[active[k], 1], x[active[k], 2]
+        out0 += row0[b] * x0 + row0[b + 1] * x1 + row0[b + 2] * x2
+        out1 += row1[b] * x0 + row1[b + 1] * x1 + row1[b + 2] * x2
+        out2 += row2[b] * x0 + row2[b + 1] * x1 + row2[b + 2] * x2
+    return out0, out1, out2
+
+
+@numba.njit(cache=True, error_model="numpy")
 def _missing(missed, x, active, count, out):
     """R x (V,3) at the vertices where the measure or the load is."""
     for k in range(count):
         v = active[k]
-        for i in range(3):
-            row = missed[3 * v + i]
-            total = 0.0
-            for m in range(count):
-                b = active[m]
-                total += row[3 * b] * x[b, 0] + row[3 * b + 1] * x[b, 1] + row[3 * b + 2] * x[b, 2]
-            out[v, i] = total
+        out[v, 0], out[v, 1], out[v, 2] = _missing_at(missed, x, active, count, v)
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -238,7 +253,7 @@ def _dot(x, y, active, count):
 
 @numba.njit(cache=True, error_model="numpy")
 def _step(
-    missed, modes, elements, bend, corners, weights, patch, pull, share, normal, dt, young, retardation, held, load,
+    missed, modes, points, bend, corners, weights, patch, pull, share, normal, dt, young, retardation, held, load,
     measure, bent, active, work, p, q, g, inverse, square, factor, vectors, found,
 ):  # fmt: skip
     force = _gather(corners, weights, patch, pull, share, normal, load, measure)
@@ -263,7 +278,7 @@ def _step(
         _project(modes, held, active, count, p)
         for k in range(r):
             p[k] /= young
-        found[5], used, settled = settle(elements, work, p, q, g, inverse, square, factor, vectors, found[5])
+        found[5], used, settled = settle(points, work, p, q, g, inverse, square, factor, vectors, found[5])
     else:  # at rest the tangent is known
         for k in range(r):
             p[k] = q[k] = g[k] = 0.0
@@ -275,16 +290,14 @@ def _step(
     strain = max(_dot(held, bent, active, count), 0.0) / (young * young)
     gam, turn = gamma(strain, bend[0], bend[1], bend[2])
     along = _dot(measure, bent, active, count) / young  # measure.R h/E
+    across = _dot(load, bent, active, count) / young
     mine = vectors[4]
     _project(modes, measure, active, count, mine)
     reached = own = rest = 0.0
     lean = vectors[5]
+    np.dot(inverse, mine, lean)
     for k in range(r):
-        x = 0.0
-        for m in range(r):
-            x += inverse[k, m] * mine[m]
-        lean[k] = x
-        own += mine[k] * x
+        own += mine[k] * lean[k]
         reached += mine[k] * q[k]
         rest += mine[k] * p[k]
     now = reached + gam * along
@@ -299,8 +312,7 @@ def _step(
     aside = 0.0
     if force > 0.0:
         by_load = gam * _dot(load, bent, active, count) / young
-        _missing(missed, held, active, count, bent)
-        by_load += turn * along * _dot(load, bent, active, count) / (young * young)
+        by_load += turn * along * across / young
         _project(modes, load, active, count, mine)
         for k in range(r):
             by_load += lean[k] * mine[k] / young
@@ -335,19 +347,14 @@ def _displaced(
         if held[v, 0] != 0.0 or held[v, 1] != 0.0 or held[v, 2] != 0.0:
             active[count] = v
             count += 1
+    np.dot(modes, q, u.reshape(-1))
     far = (reach + 1.5 * margin) ** 2
     for v in range(len(points)):
         d0, d1, d2 = points[v, 0] - foot[0], points[v, 1] - foot[1], points[v, 2] - foot[2]
         if d0 * d0 + d1 * d1 + d2 * d2 > far:
             continue
-        for i in range(3):
-            total = 0.0
-            row = missed[3 * v + i]
-            for k in range(count):
-                b = active[k]
-                total += row[3 * b] * held[b, 0] + row[3 * b + 1] * held[b, 1] + row[3 * b + 2] * held[b, 2]
-            total *= found[4] / young
-            for k in range(len(q)):
-                total += modes[3 * v + i, k] * q[k]
-            u[v, i] = total
+        out0, out1, out2 = _missing_at(missed, held, active, count, v)
+        u[v, 0] += found[4] / young * out0
+        u[v, 1] += found[4] / young * out1
+        u[v, 2] += found[4] / young * out2
     return carried(corners, weights, u, vertices, foot, reach, nodes, moved)

@@ -1,13 +1,13 @@
-"""The strain energy of a body in a few modes, summed over a few of its elements with weights of their own.
+"""The strain energy of a body in a few modes, summed over a few of its integration points with weights of their own.
 
-    W(q) = sum_e w_e W_e(Phi_e q) + 1/2 q.S q + B(q),    w_e > 0
+    W(q) = sum_p w_p [W + U](F_p) + 1/2 q.S q + B(q),    F_p = 1 + G_p q,    w_p > 0
 
-Phi_e (30,r) are the modes at the nodes of element e, a quadratic tetrahedron; S the springs that the body stands on; B
-a barrier: zero up to the size |q| that the modes were made for, rising without bound towards twice that size. All
-forces derive from W, so that the sampled body is as elastic as the full one. C. Farhat, P. Avery, T. Chapman,
-J. Cortial, Int. J. Numer. Methods Eng. 98 (2014) 625-662 (energy-conserving sampling and weighting).
+G_p (9,r) are the gradients of the modes at point p; S the springs that the body stands on; B a barrier: zero up to the
+size |q| that the modes were made for, rising without bound towards twice that size. All forces derive from W, so that
+the sampled body is as elastic as the full one. J. A. Hernandez, M. A. Caicedo, A. Ferrer, Comput. Methods Appl. Mech.
+Eng. 313 (2017) 687-722 (empirical cubature).
 
-Elements are those of `fe.elements`: energy at four points, U at the mean volume ratio where `mixed`.
+Each point has its own volume ratio: what elements with one mean ratio (`fe.elements`, mixed) hold is no such sum.
 """
 
 from __future__ import annotations
@@ -20,94 +20,83 @@ import numpy as np
 from palpate.physics.strain_energy import hencky, mooney_rivlin, neo_hooke
 
 LAWS = ("neo_hooke", "mooney_rivlin", "hencky")
-"""Names of the laws of `physics.strain_energy` that elements may have, by number."""
+"""Names of the laws of `physics.strain_energy` that points may have, by number."""
 ROOM = 3.0
 """Squared size of q at which the barrier is infinite, less 1, over the squared size at which it begins."""
+NEAR = 64
+"""Points whose modes are worked on together."""
 
 
-class Elements(NamedTuple):
-    """Sampled elements and their modes; modulus 1 Pa.
+class Points(NamedTuple):
+    """Sampled points and their modes; modulus 1 Pa.
 
-    modes      [m]     (30E,r) displacement of node a in direction i of element e at row 30e + 3a + i
-    slopes     [1/m]   (E,4,10,3) gradients of the shape functions
-    weights    [m³]    (E,4) of the points, with the element's own weight
-    kinds      [1]     (E,) numbers in `LAWS`
-    constants  [Pa..]  (E,6) parameters of the law, padded with 0
-    mixed      [1]     (E,) bool
+    modes      [1]     (9P,r) du_i/dX_j of each mode at row 9p + 3i + j of point p; products with them are taken in
+                       their own precision, single to be fast (then forces are the energy's slope to about 1e-7)
+    weights    [m³]    (P,)
+    kinds      [1]     (P,) numbers in `LAWS`
+    constants  [Pa..]  (P,6) parameters of the law, padded with 0
     springs    [J]     (r,r)
     limit      [1]     |q|² at which the barrier begins
     """
 
     modes: np.ndarray
-    slopes: np.ndarray
     weights: np.ndarray
     kinds: np.ndarray
     constants: np.ndarray
-    mixed: np.ndarray
     springs: np.ndarray
     limit: float
 
 
 class Scratch(NamedTuple):
-    """Memory that the kernels work in."""
+    """Memory that the kernels work in; x, D, f, g in the precision of the modes."""
 
-    u: np.ndarray
+    x: np.ndarray
+    D: np.ndarray
     f: np.ndarray
+    g: np.ndarray
     F: np.ndarray
     C: np.ndarray
-    J: np.ndarray
     P: np.ndarray
     A: np.ndarray
-    K: np.ndarray
+    M: np.ndarray
     T: np.ndarray
-    V: np.ndarray
-    R: np.ndarray
-    Q: np.ndarray
+    K: np.ndarray
 
 
-def scratch(elements: Elements) -> Scratch:
-    """Memory for these elements."""
-    rows, r = elements.modes.shape
+def scratch(points: Points) -> Scratch:
+    """Memory for these points."""
+    rows, r = points.modes.shape
+    x, D, f, g = (np.zeros(size, dtype=points.modes.dtype) for size in (r, rows, rows, r))
     return Scratch(
-        np.zeros(rows), np.zeros(rows), np.zeros((4, 3, 3)), np.zeros((4, 3, 3)), np.zeros(4), np.zeros((3, 3)),
-        np.zeros((9, 9)), np.zeros((30, 30)), np.zeros((30, 9)), np.zeros(30), np.zeros((30, r)), np.zeros((r, r)),
+        x, D, f, g, np.zeros((3, 3)), np.zeros((3, 3)), np.zeros((3, 3)), np.zeros((9, 9)), np.zeros((9 * NEAR, r)),
+        np.zeros((9 * NEAR, r)), np.zeros((r, r)),
     )  # fmt: skip
 
 
-@numba.njit(cache=True, error_model="numpy")
+@numba.njit(inline="always")
 def _law(kind, F, J, p, P, A):
     if kind == 0:
-        return neo_hooke(F, J, p, P, A)
-    if kind == 1:
-        return mooney_rivlin(F, J, p, P, A)
-    return hencky(F, J, p, P, A)
+        found = neo_hooke(F, J, p, P, A)
+    elif kind == 1:
+        found = mooney_rivlin(F, J, p, P, A)
+    else:
+        found = hencky(F, J, p, P, A)
+    return found
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _deform(slope, weight, u, F, C, J):
-    """F, its cofactors and determinants at the points of an element; its mean volume ratio, 0 where one is inverted."""
-    volume = mean = 0.0
-    for q in range(4):
-        for i in range(3):
-            x, y, z = 0.0, 0.0, 0.0
-            for a in range(10):
-                d = u[3 * a + i]
-                x += d * slope[q, a, 0]
-                y += d * slope[q, a, 1]
-                z += d * slope[q, a, 2]
-            F[q, i, 0], F[q, i, 1], F[q, i, 2] = x, y, z
-            F[q, i, i] += 1.0
-        for i in range(3):
-            i1, i2 = (i + 1) % 3, (i + 2) % 3
-            for j in range(3):
-                j1, j2 = (j + 1) % 3, (j + 2) % 3
-                C[q, i, j] = F[q, i1, j1] * F[q, i2, j2] - F[q, i1, j2] * F[q, i2, j1]
-        J[q] = F[q, 0, 0] * C[q, 0, 0] + F[q, 0, 1] * C[q, 0, 1] + F[q, 0, 2] * C[q, 0, 2]
-        if not J[q] > 0.0:
-            return 0.0
-        volume += weight[q]
-        mean += weight[q] * J[q]
-    return mean / volume
+def _deform(displacement, F, C):
+    """F of a point from its displacement gradient (9,), and F's cofactors; det F."""
+    for i in range(3):
+        for j in range(3):
+            F[i, j] = displacement[3 * i + j]
+        F[i, i] += 1.0
+    for i in range(3):
+        i1, i2 = (i + 1) % 3, (i + 2) % 3
+        for j in range(3):
+            j1, j2 = (j + 1) % 3, (j + 2) % 3
+            C[i, j] = F[i1, j1] * F[i2, j2] - F[i1, j2] * F[i2, j1]
+    return F[0, 0] * C[0, 0] + F[0, 1] * C[0, 1] + F[0, 2] * C[0, 2]
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -126,96 +115,71 @@ def barrier(square, limit):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def forces(elements, q, work, g):
-    """W(q) [J], and its gradient [J] (r,) into `g`; infinite where an element is inverted or q is out of bounds."""
-    u, f, F, C, J, P, A = work.u, work.f, work.F, work.C, work.J, work.P, work.A
-    total, pull, _ = barrier(np.dot(q, q), elements.limit)
+def forces(points, q, work, g):
+    """W(q) [J], and its gradient [J] (r,) into `g`; infinite where a point is inverted or q is out of bounds."""
+    D, f, F, C, P, A = work.D, work.f, work.F, work.C, work.P, work.A
+    total, pull, _ = barrier(np.dot(q, q), points.limit)
     if not total < np.inf:
         return np.inf
-    np.dot(elements.modes, q, u)
-    for e in range(len(elements.kinds)):
-        at = 30 * e
-        slope, weight = elements.slopes[e], elements.weights[e]
-        mean = _deform(slope, weight, u[at : at + 30], F, C, J)
-        if not mean > 0.0:
-            return np.inf
-        for k in range(30):
-            f[at + k] = 0.0
-        for s in range(4):
+    work.x[:] = q
+    g[:] = 0.0
+    for start in range(0, len(points.kinds), NEAR):  # the modes of so many points stay in the cache for both products
+        end = min(start + NEAR, len(points.kinds))
+        own = points.modes[9 * start : 9 * end]
+        np.dot(own, work.x, D[9 * start : 9 * end])
+        for p in range(start, end):
+            at = 9 * p
+            J = _deform(D[at : at + 9], F, C)
+            if not J > 0.0:
+                return np.inf
             A[0, 0] = np.nan
-            w = weight[s]
-            ratio = mean if elements.mixed[e] else J[s]
-            W, U, dU, _ = _law(elements.kinds[e], F[s], ratio, elements.constants[e], P, A)
+            w = points.weights[p]
+            W, U, dU, _ = _law(points.kinds[p], F, J, points.constants[p], P, A)
             total += w * (W + U)
             for i in range(3):
-                x = w * (P[i, 0] + dU * C[s, i, 0])
-                y = w * (P[i, 1] + dU * C[s, i, 1])
-                z = w * (P[i, 2] + dU * C[s, i, 2])
-                for a in range(10):
-                    f[at + 3 * a + i] += x * slope[s, a, 0] + y * slope[s, a, 1] + z * slope[s, a, 2]
-    np.dot(f, elements.modes, g)
+                for j in range(3):
+                    f[at + 3 * i + j] = w * (P[i, j] + dU * C[i, j])
+        np.dot(f[9 * start : 9 * end], own, work.g)
+        g += work.g
     for i in range(len(q)):
         along = 0.0
         for j in range(len(q)):
-            along += elements.springs[i, j] * q[j]
+            along += points.springs[i, j] * q[j]
         total += 0.5 * q[i] * along
         g[i] += along + 2.0 * pull * q[i]
     return total
 
 
 @numba.njit(cache=True, error_model="numpy")
-def tangent(elements, q, work, hessian):
-    """d²W/dq² [J] (r,r) into `hessian`; whether no element is inverted."""
-    u, F, C, J, P, A, K, T, V = work.u, work.F, work.C, work.J, work.P, work.A, work.K, work.T, work.V
-    _, pull, curve = barrier(np.dot(q, q), elements.limit)
+def tangent(points, q, work, hessian):
+    """d²W/dq² [J] (r,r) into `hessian`; whether no point is inverted."""
+    D, F, C, P, A, M, T = work.D, work.F, work.C, work.P, work.A, work.M, work.T
+    _, pull, curve = barrier(np.dot(q, q), points.limit)
     if not pull < np.inf:
         return False
+    work.x[:] = q
+    np.dot(points.modes, work.x, D)
     for i in range(len(q)):
         for j in range(len(q)):
-            hessian[i, j] = elements.springs[i, j] + 4.0 * curve * q[i] * q[j]
+            hessian[i, j] = points.springs[i, j] + 4.0 * curve * q[i] * q[j]
         hessian[i, i] += 2.0 * pull
-    np.dot(elements.modes, q, u)
-    for e in range(len(elements.kinds)):
-        at = 30 * e
-        slope, weight, mixed = elements.slopes[e], elements.weights[e], elements.mixed[e]
-        mean = _deform(slope, weight, u[at : at + 30], F, C, J)
-        if not mean > 0.0:
-            return False
-        K[:] = 0.0
-        V[:] = 0.0
-        volume = last = 0.0
-        for s in range(4):
+    for start in range(0, len(points.kinds), NEAR):
+        end = min(start + NEAR, len(points.kinds))
+        rows = 9 * (end - start)
+        M[:rows] = points.modes[9 * start : 9 * end]
+        for p in range(start, end):
+            at = 9 * p
+            J = _deform(D[at : at + 9], F, C)
+            if not J > 0.0:
+                return False
             A[0, 0] = 0.0
-            w = weight[s]
-            volume += w
-            _, _, dU, ddU = _law(elements.kinds[e], F[s], mean if mixed else J[s], elements.constants[e], P, A)
-            last = ddU
-            _volume_part(A, F[s], C[s], dU, 0.0 if mixed else ddU)
-            for a in range(10):
-                for i in range(3):
-                    row = 3 * a + i
-                    for j in range(3):
-                        V[row] += w * C[s, i, j] * slope[s, a, j]
-                    for m in range(9):
-                        x = 0.0
-                        for j in range(3):
-                            x += slope[s, a, j] * A[3 * i + j, m]
-                        T[row, m] = w * x
-            for row in range(30):
-                for b in range(10):
-                    for k in range(3):
-                        x = 0.0
-                        for j in range(3):
-                            x += T[row, 3 * k + j] * slope[s, b, j]
-                        K[row, 3 * b + k] += x
-        if mixed:
-            for i in range(30):
-                for j in range(30):
-                    K[i, j] += last / volume * V[i] * V[j]
-        own = elements.modes[at : at + 30]
-        np.dot(K, own, work.R)
-        np.dot(own.T, work.R, work.Q)
-        hessian += work.Q
+            _, _, dU, ddU = _law(points.kinds[p], F, J, points.constants[p], P, A)
+            _volume_part(A, F, C, dU, ddU)
+            A *= points.weights[p]
+            at = 9 * (p - start)
+            np.dot(A, M[at : at + 9], T[at : at + 9])
+        np.dot(M[:rows].T, T[:rows], work.K)
+        hessian += work.K
     return True
 
 
@@ -230,8 +194,6 @@ def _volume_part(A, F, C, dU, ddU):
             A[3 * k + l, 3 * i + j] += dU * F[m, n]
             A[3 * i + l, 3 * k + j] -= dU * F[m, n]
             A[3 * k + j, 3 * i + l] -= dU * F[m, n]
-    if ddU == 0.0:
-        return
     for i in range(3):
         for j in range(3):
             for k in range(3):

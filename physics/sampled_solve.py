@@ -65,7 +65,7 @@ def invert(K, L, H):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def settle(elements, work, p, q, g, H, K, L, vectors, energy):
+def settle(points, work, p, q, g, H, K, L, vectors, energy):
     """Bring q (r,) to the equilibrium under p (r,): W there, evaluations, and whether it has settled.
 
     g (r,) and `energy` hold the gradient of W and W at q, before and after; H (r,r) the inverse of the tangent; K, L
@@ -75,23 +75,20 @@ def settle(elements, work, p, q, g, H, K, L, vectors, energy):
     d, trial, slope, lean = vectors[0], vectors[1], vectors[2], vectors[3]
     used, anew = 0, False
     while True:
-        reached = 0.0
+        reached, along = 0.0, 0.0
         for i in range(r):
             reached += p[i] * q[i]
-        along = 0.0
+            trial[i] = p[i] - g[i]
+        np.dot(H, trial, d)
         for i in range(r):
-            x = 0.0
-            for j in range(r):
-                x -= H[i, j] * (g[j] - p[j])
-            d[i] = x
-            along += x * (g[i] - p[i])
+            along -= d[i] * trial[i]
         if not -along > TOLERANCE * TOLERANCE * abs(reached):
             return energy, used, True
         if used >= MOST:
             return energy, used, False
         if used >= STALLED and not anew:
             anew = True
-            if tangent(elements, q, work, K):
+            if tangent(points, q, work, K):
                 invert(K, L, H)
                 continue
         length, before = 1.0, energy - reached
@@ -100,7 +97,7 @@ def settle(elements, work, p, q, g, H, K, L, vectors, energy):
             for i in range(r):
                 trial[i] = q[i] + length * d[i]
                 after -= p[i] * trial[i]
-            found = forces(elements, trial, work, slope)
+            found = forces(points, trial, work, slope)
             used += 1
             after += found
             if found < np.inf:
@@ -133,15 +130,12 @@ def settle(elements, work, p, q, g, H, K, L, vectors, energy):
 def _improve(H, s, y, Hy, curve):
     """The update of Broyden, Fletcher, Goldfarb and Shanno of the inverse; Hy is memory."""
     r = len(s)
-    yHy = 0.0
+    np.dot(H, y, Hy)
+    own = (1.0 + np.dot(Hy, y) / curve) / curve
     for i in range(r):
-        x = 0.0
-        for j in range(r):
-            x += H[i, j] * y[j]
-        Hy[i] = x
-        yHy += x * y[i]
-    own = (1.0 + yHy / curve) / curve
-    for i in range(r):
+        a, b = own * s[i], s[i] / curve
+        c, row = Hy[i] / curve, H[i]
         for j in range(i + 1):
-            H[i, j] += own * s[i] * s[j] - (s[i] * Hy[j] + Hy[i] * s[j]) / curve
-            H[j, i] = H[i, j]
+            row[j] += a * s[j] - (b * Hy[j] + c * s[j])
+        for j in range(i):
+            H[j, i] = row[j]

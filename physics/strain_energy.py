@@ -89,13 +89,18 @@ def _shape_stress_alone(F, w1, w2, P):
         P[i, 2] = along * z + across * P[i, 2] + over * (x * c02 + y * c12 + z * c22)
 
 
-@numba.njit(cache=True)
+@numba.njit(inline="always")
 def shape_stress(F, w1, w2, w11, w12, w22, P, A):
     """Stress and tangent of an energy W(I, II) in the isochoric invariants, from its first and second derivatives; no
     tangent where it is not wanted."""
     if np.isnan(A[0, 0]):
         _shape_stress_alone(F, w1, w2, P)
-        return
+    else:
+        _shape_stress_and_tangent(F, w1, w2, w11, w12, w22, P, A)
+
+
+@numba.njit(cache=True)
+def _shape_stress_and_tangent(F, w1, w2, w11, w12, w22, P, A):
     C, B, G, H = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
     D1, D2 = np.empty((3, 3)), np.empty((3, 3))
     J = cofactor(F, G)
@@ -188,32 +193,89 @@ def _principal(C, N):
 
 
 @numba.njit(cache=True)
-def _hencky_alone(F, J, p, P, A):
-    """`hencky` without its tangent: A lends the memory."""
-    shear, bulk = p[0], p[1]
-    C, N, S = A[0:3, 0:3], A[0:3, 3:6], A[0:3, 6:9]
-    for i in range(3):
-        for j in range(3):
-            C[i, j] = F[0, i] * F[0, j] + F[1, i] * F[1, j] + F[2, i] * F[2, j]
+def log_stretch(F, C, N, E):
+    """ln U of F = R U into E (3,3); C and N (3,3) are memory.
+
+    ln U = atanh Z = Z (1 + Y/3 + Y²/5 + ...), Z = (C - 1)(C + 1)^-1, Y = Z², C = F'F: where strains are moderate,
+    tr Y < 0.12 (stretches of 0.7 to 1.4), to 1e-13. The powers of Y are taken by its own characteristic equation, so
+    that the series is one of three numbers. Beyond, by the eigenvectors of C.
+    """
+    c00, c11, c22, c01, c02, c12, _ = _squares(F)
+    b00, b11, b22 = c00 + 1.0, c11 + 1.0, c22 + 1.0
+    i00, i11, i22 = b11 * b22 - c12 * c12, b00 * b22 - c02 * c02, b00 * b11 - c01 * c01
+    i01, i02, i12 = c02 * c12 - c01 * b22, c01 * c12 - c02 * b11, c01 * c02 - c12 * b00
+    over = -2.0 / (b00 * i00 + c01 * i01 + c02 * i02)
+    z00, z11, z22 = 1.0 + over * i00, 1.0 + over * i11, 1.0 + over * i22
+    z01, z02, z12 = over * i01, over * i02, over * i12
+    y00 = z00 * z00 + z01 * z01 + z02 * z02
+    y11 = z01 * z01 + z11 * z11 + z12 * z12
+    y22 = z02 * z02 + z12 * z12 + z22 * z22
+    first = y00 + y11 + y22
+    if first < 0.12:
+        y01 = z00 * z01 + z01 * z11 + z02 * z12
+        y02 = z00 * z02 + z01 * z12 + z02 * z22
+        y12 = z01 * z02 + z11 * z12 + z12 * z22
+        m00, m11, m22 = y11 * y22 - y12 * y12, y00 * y22 - y02 * y02, y00 * y11 - y01 * y01
+        second = m00 + m11 + m22
+        third = y00 * m00 + y01 * (y02 * y12 - y01 * y22) + y02 * (y01 * y12 - y02 * y11)
+        a, b, c = 1.0 / 25.0, 0.0, 0.0
+        for k in range(12):
+            a, b, c = 1.0 / (23.0 - 2.0 * k) + c * third, a - c * second, b + c * first
+        # p = a + b Y + c Y²
+        p00 = a + b * y00 + c * (y00 * y00 + y01 * y01 + y02 * y02)
+        p11 = a + b * y11 + c * (y01 * y01 + y11 * y11 + y12 * y12)
+        p22 = a + b * y22 + c * (y02 * y02 + y12 * y12 + y22 * y22)
+        p01 = b * y01 + c * (y00 * y01 + y01 * y11 + y02 * y12)
+        p02 = b * y02 + c * (y00 * y02 + y01 * y12 + y02 * y22)
+        p12 = b * y12 + c * (y01 * y02 + y11 * y12 + y12 * y22)
+        E[0, 0] = z00 * p00 + z01 * p01 + z02 * p02
+        E[1, 1] = z01 * p01 + z11 * p11 + z12 * p12
+        E[2, 2] = z02 * p02 + z12 * p12 + z22 * p22
+        E[0, 1] = E[1, 0] = z00 * p01 + z01 * p11 + z02 * p12
+        E[0, 2] = E[2, 0] = z00 * p02 + z01 * p12 + z02 * p22
+        E[1, 2] = E[2, 1] = z01 * p02 + z11 * p12 + z12 * p22
+        return
+    C[0, 0], C[1, 1], C[2, 2] = c00, c11, c22
+    C[0, 1] = C[1, 0] = c01
+    C[0, 2] = C[2, 0] = c02
+    C[1, 2] = C[2, 1] = c12
     _principal(C, N)
     e0, e1, e2 = 0.5 * np.log(C[0, 0]), 0.5 * np.log(C[1, 1]), 0.5 * np.log(C[2, 2])
-    mean = (e0 + e1 + e2) / 3.0
-    e0, e1, e2 = e0 - mean, e1 - mean, e2 - mean
-    s0, s1, s2 = 2.0 * shear * e0 / C[0, 0], 2.0 * shear * e1 / C[1, 1], 2.0 * shear * e2 / C[2, 2]
     for i in range(3):
         for j in range(3):
-            S[i, j] = s0 * N[i, 0] * N[j, 0] + s1 * N[i, 1] * N[j, 1] + s2 * N[i, 2] * N[j, 2]
+            E[i, j] = e0 * N[i, 0] * N[j, 0] + e1 * N[i, 1] * N[j, 1] + e2 * N[i, 2] * N[j, 2]
+
+
+@numba.njit(cache=True)
+def _hencky_alone(F, J, p, P, A):
+    """`hencky` without its tangent: A lends the memory. As ln U commutes with C, P = F 2 mu dev(ln U) C^-1 is
+    2 mu F^-T dev(ln U)."""
+    shear, bulk = p[0], p[1]
+    E = A[6:9, 0:3]
+    log_stretch(F, A[0:3, 0:3], A[3:6, 0:3], E)
+    mean = (E[0, 0] + E[1, 1] + E[2, 2]) / 3.0
+    E[0, 0] -= mean
+    E[1, 1] -= mean
+    E[2, 2] -= mean
+    factor, size = 2.0 * shear / cofactor(F, P), 0.0
     for i in range(3):
+        x, y, z = factor * P[i, 0], factor * P[i, 1], factor * P[i, 2]
         for j in range(3):
-            P[i, j] = F[i, 0] * S[0, j] + F[i, 1] * S[1, j] + F[i, 2] * S[2, j]
+            P[i, j] = x * E[0, j] + y * E[1, j] + z * E[2, j]
+            size += E[i, j] * E[i, j]
     log = np.log(J)
-    return shear * (e0 * e0 + e1 * e1 + e2 * e2), 0.5 * bulk * log * log, bulk * log / J, bulk * (1.0 - log) / (J * J)
+    return shear * size, 0.5 * bulk * log * log, bulk * log / J, bulk * (1.0 - log) / (J * J)
 
 
 @numba.njit(cache=True)
 def hencky(F, J, p, P, A):
     if np.isnan(A[0, 0]):
         return _hencky_alone(F, J, p, P, A)
+    return _hencky_and_tangent(F, J, p, P, A)
+
+
+@numba.njit(cache=True)
+def _hencky_and_tangent(F, J, p, P, A):
     shear, bulk = p[0], p[1]
     c, N = np.linalg.eigh(F.T @ F)
     e = 0.5 * np.log(c)

@@ -4,6 +4,7 @@ import numba
 import numpy as np
 import pytest
 from pytest import approx
+from scipy.linalg import expm, logm
 
 from palpate.fe import (
     Settings,
@@ -22,7 +23,7 @@ from palpate.fe.elements import gradients, integrate
 from palpate.fe.materials import Material
 from palpate.fe.mesh import bricks, grid
 from palpate.fe.pattern import pattern
-from palpate.physics.strain_energy import shape_invariants, shape_stress
+from palpate.physics.strain_energy import log_stretch, shape_invariants, shape_stress
 
 DERMIS = (2430.0, 5420.0, 239000.0, 262000.0, 74700.0, 13.3e-6)
 FINITE = {
@@ -198,3 +199,26 @@ def test_the_factor_solves_as_a_dense_solver_does():
     data[diagonal[7]] -= 100.0 * np.eye(3)
     with pytest.raises(NotPositive):
         factor.factor(data)
+
+
+def test_the_logarithmic_strain_of_series_and_of_eigenvectors_is_one():
+    """Random stretches and turns on both sides of where the series ends; the matrix logarithm is scipy's."""
+    rng, C, N, E = np.random.default_rng(8), np.zeros((3, 3)), np.zeros((3, 3)), np.zeros((3, 3))
+    for size in np.geomspace(1e-4, 0.6, 60):
+        turn, _ = np.linalg.qr(rng.standard_normal((3, 3)))
+        F = np.sign(np.linalg.det(turn)) * turn @ expm(size * (lambda x: x + x.T)(rng.uniform(-0.5, 0.5, (3, 3))))
+        log_stretch(F, C, N, E)
+        assert approx(0.5 * logm(F.T @ F), abs=1e-9 * size) == E
+
+
+def test_hencky_stress_alone_is_that_beside_the_tangent():
+    rng, law = np.random.default_rng(9), hencky(1e4, 0.3)
+    for size in (1e-3, 0.05, 0.15, 0.4):
+        F = np.eye(3) + size * rng.uniform(-1.0, 1.0, (3, 3))
+        found = []
+        for wanted in (np.nan, 0.0):
+            P, A = np.zeros((3, 3)), np.zeros((9, 9))
+            A[0, 0] = wanted
+            found.append((law.law(F, float(np.linalg.det(F)), np.array(law.parameters), P, A), P))
+        assert found[0][0] == approx(found[1][0], rel=1e-8)
+        assert found[0][1] == approx(found[1][1], abs=1e-8 * np.abs(found[1][1]).max())

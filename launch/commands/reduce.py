@@ -21,8 +21,6 @@ if TYPE_CHECKING:
 
 MOST = 2500
 """Vertices of a surface that is condensed: with these the dense compliance takes half a gigabyte."""
-MOST_ELEMENTS = 18_000
-"""Elements of a body that is sampled: their products take four gigabytes."""
 
 
 def reduce(
@@ -40,9 +38,15 @@ def reduce(
     from palpate.launch.running.clock import few_threads
 
     few_threads()
+    from palpate.nodes.base import SettingError
     from palpate.nodes.deformation.reduced_fe import SHIPPED, ReducedFE, cache
 
     node = ReducedFE(**_given(sets or []))
+    if node.surface == "fingertip" and node.model != "sampled":
+        raise SettingError(
+            f"model {node.model!r} with surface 'fingertip': expected 'sampled', as its layers stiffen a hundredfold. "
+            "Take --set model=sampled"
+        )
     target = Path(folder) if folder else cache()
     path = target / f"{node.key()}.npz"
     known = None if force else node.stored(SHIPPED, target)
@@ -54,7 +58,8 @@ def reduce(
     try:
         missed = _build(node, path, as_json)
     except KeyboardInterrupt:
-        typer.secho("stopped: nothing is stored; the same command begins anew", fg="red", err=True)
+        again = "goes on from the touches that were pressed" if node.surface == "fingertip" else "begins anew"
+        typer.secho(f"stopped: nothing is stored; the same command {again}", fg="red", err=True)
         raise typer.Exit(INTERRUPTED) from None
     finally:
         path.with_name(f"{path.name}.part.npz").unlink(missing_ok=True)
@@ -153,49 +158,50 @@ def _check_size(node: ReducedFE, surface: Mesh) -> None:
 def _sampled(node: ReducedFE, bar: Progress) -> tuple[SampledBasis, dict[str, float]]:
     """Press the full model, reduce it to modes, and press it at other places: the basis and its error there."""
     from palpate.fe.fingertip import Fingertip
+    from palpate.fe.organ import MIXED
     from palpate.fe.reducible import of_finger, of_organ
     from palpate.fe.reduction import (
         CELLS,
-        FOLDS,
-        SEED,
-        TOUCHES,
         UNSEEN,
+        UNSEEN_SEED,
+        build,
         finger_pressed,
         finger_touches,
-        in_modes,
         organ_pressed,
         organ_touches,
-        sampled,
     )
     from palpate.fe.snapshots import press, press_from_rest
     from palpate.fe.unseen import errors
     from palpate.nodes.base import SettingError
+    from palpate.nodes.deformation.reduced_fe import touches
 
     finger = node.surface == "fingertip"
     body = of_finger(Fingertip(cells=CELLS)) if finger else of_organ(_organ(node))
-    if len(body.mesh.elements) > MOST_ELEMENTS:
+    if any(law.mixed for law in body.materials(1.0).values()):
         raise SettingError(
-            f"surface {node.surface!r}: {len(body.mesh.elements)} elements, expected at most {MOST_ELEMENTS} for model "
-            "'sampled'. Fewer vertices make fewer: set `coarse`, or coarsen a file in a mesh editor"
+            f"poisson {node.poisson} with model 'sampled': expected less than {MIXED}: from there on the points of "
+            "an element share their pressure and cannot be sampled one by one. Take model=nonlinear"
         )
     task = bar.add_task("pressing", total=1.0, note=f"{3 * len(body.mesh.points)} degrees of freedom")
-    found = (finger_pressed if finger else organ_pressed)(body, lambda share: bar.update(task, completed=share))
-    if len(found) < FOLDS:
+
+    def pressing(share: float) -> None:
+        bar.update(task, completed=share)
+
+    seen, held = finger_pressed(body, pressing, touches()) if finger else organ_pressed(body, pressing)
+    if len(seen) < 2 or not held:
         raise SettingError(
-            f"surface {node.surface!r}, bed {node.bed}: the full model settled under {len(found)} touches, expected "
-            f"{FOLDS} or more of {TOUCHES}. A greater `bed` would hold it"
+            f"surface {node.surface!r}, bed {node.bed}: the full model settled under {len(seen) + len(held)} touches, "
+            "too few to make modes of. A greater `bed` would hold it"
         )
-    reducing = bar.add_task("reducing", total=1.0, note=f"{node.modes} modes")
-    full = in_modes(body, found, node.modes, lambda share: bar.update(reducing, completed=share))
-    sampling = bar.add_task("sampling", total=1.0, note=f"{len(full.states)} states")
-    basis = sampled(body, full, report=lambda share: bar.update(sampling, completed=share))
+    sampling = bar.add_task("sampling", total=1.0, note=f"{node.modes} modes")
+    basis = build(body, seen, held, node.modes, lambda share: bar.update(sampling, completed=share))
     bar.update(sampling, completed=1.0)
     checked = bar.add_task("checking", total=1.0, note=f"{UNSEEN} touches that it was not made from")
-    touches = (finger_touches if finger else organ_touches)(body, UNSEEN, SEED + 1)
-    others = (press if finger else press_from_rest)(body, touches, lambda share: bar.update(checked, completed=share))
-    if not any(len(other.solutions) for other in others):
+    others = (finger_touches if finger else organ_touches)(body, UNSEEN, UNSEEN_SEED)
+    found = (press if finger else press_from_rest)(body, others, lambda share: bar.update(checked, completed=share))
+    if not any(len(other.solutions) for other in found):
         return basis, {}
-    own, linear = (abs(miss) for miss in errors(body, basis, others))
+    own, linear = (abs(miss) for miss in errors(body, basis, found))
     return basis, {
         "mean": float(own.mean()),
         "worst": float(own.max()),

@@ -19,10 +19,9 @@ from palpate.physics.reduced_fe import Basis, BasisError, CondensedBody
 from palpate.physics.sampled import SampledBasis, SampledBody
 
 SHIPPED = Path(__file__).parent / "bases"
-FORM = 2
-"""Number of the form of stored bases; a new one makes all old ones unknown."""
-PRESSED = 2
-"""Number of the way in which organs are pressed; a new one makes all their old bases unknown."""
+FORM, SAMPLED_FORM, PRESSED = 2, 1, 2
+"""Numbers of the forms of stored bases and of sampled ones, and of the way in which organs are pressed for dents; a new
+one makes all old ones unknown."""
 NO_NODES = np.zeros(0, dtype=np.int32)
 NO_FORCES = np.zeros((0, 3))
 BUILT_FROM = (
@@ -46,7 +45,7 @@ class ReducedFE(OnSurface):
     model: Annotated[Literal["nonlinear", "linear", "sampled"], "1"] = "nonlinear"
     """How it follows large displacement: by dents under the patch, not at all, or in modes of the whole body with its
     energy sampled; the last is meant for the fingertip."""
-    modes: Annotated[int, "1", msgspec.Meta(ge=4, le=200)] = 40
+    modes: Annotated[int, "1", msgspec.Meta(ge=4, le=200)] = 80
     """Of the sampled model."""
     young: Annotated[float, "Pa", msgspec.Meta(ge=10, le=1e9)] = 19e3
     poisson: Annotated[float, "1", msgspec.Meta(gt=-1, lt=0.5)] = 0.45
@@ -104,7 +103,7 @@ class ReducedFE(OnSurface):
         if isinstance(basis, SampledBasis):
             modes = np.einsum("ij,ajk->aik", turn, basis.modes.reshape(count, 3, -1)).reshape(3 * count, -1)
             missed = turned(basis.missed)
-            own_basis = SampledBasis(vertices, basis.triangles, missed, modes, basis.elements, basis.bend)
+            own_basis = SampledBasis(vertices, basis.triangles, missed, modes, basis.points, basis.bend)
             return SampledBody(own_basis, *given)
         dents = basis.dents if self.model == "nonlinear" else np.zeros((count, 0))
         return CondensedBody(Basis(vertices, basis.triangles, turned(basis.compliance), dents), *given)
@@ -145,7 +144,7 @@ class ReducedFE(OnSurface):
     def key(self) -> str:
         """What the basis depends on, as a hash."""
         if self.surface == "fingertip" and self.model == "sampled":
-            return hashlib.sha256(json.dumps([FORM, self.surface, self.modes]).encode()).hexdigest()[:16]
+            return hashlib.sha256(json.dumps([FORM, SAMPLED_FORM, self.surface, self.modes]).encode()).hexdigest()[:16]
         surface: object = [self.surface, self.coarse]
         if self.surface not in SURFACES:
             try:
@@ -155,7 +154,7 @@ class ReducedFE(OnSurface):
         nodule = [self.nodule_centre, self.nodule_radius, self.nodule_ratio] if self.nodule_radius > 0 else []
         capsule = [self.capsule_thickness, self.capsule_ratio] if self.capsule_thickness > 0 else []
         given = [FORM, surface, self.poisson, self.bed, nodule, capsule]
-        given += [self.modes] if self.model == "sampled" else [PRESSED]
+        given += [SAMPLED_FORM, self.modes] if self.model == "sampled" else [PRESSED]
         return hashlib.sha256(json.dumps(given).encode()).hexdigest()[:16]
 
     def basis(self) -> Basis | SampledBasis:
@@ -202,6 +201,11 @@ def cache() -> Path:
     """Folder of the bases built on this machine."""
     base = os.environ.get("XDG_CACHE_HOME")
     return (Path(base) if base else Path.home() / ".cache") / "palpate" / "bases"
+
+
+def touches() -> Path:
+    """Folder of the full solutions that `palpate reduce` keeps while it builds."""
+    return cache().with_name("touches")
 
 
 def _rotation(own: Mesh, placed: Mesh) -> np.ndarray:
