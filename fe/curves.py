@@ -17,7 +17,7 @@ from palpate.fe.organ import Organ
 from palpate.physics.dents import SOFTEST, SPACING, hat_moments, patch_radius
 from palpate.physics.mesh import Mesh
 
-PLACES = 60
+PLACES = 100
 """Places of the surface at which the nonlinear organ is pressed."""
 RADIUS = 8e-3
 """[m] Of the patch that it is pressed with."""
