@@ -22,6 +22,9 @@ if TYPE_CHECKING:
 MOST = 2500
 """Vertices of a surface that is condensed: with these the dense compliance takes half a gigabyte."""
 
+MOST_ELEMENTS = 18_000
+"""Elements of a body that is sampled: what its points are chosen from takes three gigabytes."""
+
 
 def reduce(
     sets: Annotated[
@@ -177,6 +180,11 @@ def _sampled(node: ReducedFE, bar: Progress) -> tuple[SampledBasis, dict[str, fl
 
     finger = node.surface == "fingertip"
     body = of_finger(Fingertip(cells=CELLS)) if finger else of_organ(_organ(node))
+    if len(body.mesh.elements) > MOST_ELEMENTS:
+        raise SettingError(
+            f"surface {node.surface!r}: {len(body.mesh.elements)} elements, expected at most {MOST_ELEMENTS} for model "
+            "'sampled'. Fewer vertices make fewer: set `coarse`, or coarsen a file in a mesh editor"
+        )
     if any(law.mixed for law in body.materials(1.0).values()):
         raise SettingError(
             f"poisson {node.poisson} with model 'sampled': expected less than {MIXED}: from there on the points of "
