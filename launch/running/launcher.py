@@ -73,6 +73,9 @@ class Launcher:
         self._state: dict[str, str] = dict.fromkeys(self.jobs, "starting")
         self._endpoints: dict[str, dict[str, list[str]]] = {}
         self._seen = dict.fromkeys(self.jobs, time.monotonic())
+        self._starts = {group: int(group in joined) for group in self.jobs}
+        self._hear = dict.fromkeys(self.jobs, 0)
+        self._early: dict[str, dict] = {}
         self._paused: dict[str, int] = {}
         self._interrupts = self._heeded = 0
         self._deadline: float | None = None
@@ -144,6 +147,8 @@ class Launcher:
 
     def _fork(self, group: str) -> None:
         self._state[group] = "starting"
+        self._starts[group] += 1
+        self._early.pop(group, None)
         self._seen[group] = time.monotonic()
         self.nursery.ask(
             {
@@ -156,8 +161,8 @@ class Launcher:
 
     def _turn(self) -> None:
         ready = dict(self._poller.poll(100))
-        if self._control in ready:
-            self._control.recv()
+        while self._control.poll(0):
+            self._heard(self._control.recv())
         while self._reports.poll(0):
             self._take(_decode(self._reports))
         if self.nursery.output.fileno() in ready:
@@ -171,6 +176,14 @@ class Launcher:
             self._interrupt()
         self._check_time()
         self.show(self)
+
+    def _heard(self, note: bytes) -> None:
+        """A worker that has subscribed hears what it is told; before, it is lost."""
+        group = note[2:-1].decode(errors="replace")
+        if note[:2] == b"\x01~" and group in self._hear:
+            self._hear[group] += 1
+            if group in self._early:
+                self._ready(group, self._early.pop(group))
 
     def _listen(self) -> None:
         text = self.nursery.printed()
@@ -228,6 +241,9 @@ class Launcher:
             self._after_exit()
 
     def _ready(self, group: str, report: dict) -> None:
+        if self._hear[group] < self._starts[group]:  # its report has overtaken its subscription
+            self._early[group] = report
+            return
         self._endpoints[group] = report["endpoints"]
         self.busy.pop(group, None)
         self._state[group] = "ready"
