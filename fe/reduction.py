@@ -48,7 +48,8 @@ HARDEST = 4e4 * CALIBRATED / SUBCUTIS_MODULUS
 ROUND, BEHIND = float(np.deg2rad(65.0)), 7e-3
 """[rad], [m] How far round the pulp and over the tip, and how far behind the tip's beginning, touches go."""
 ORGAN_RADIUS, SOFTEST = 8e-3, 0.82
-"""[m], [1] The same of an organ: 1 N on 8 mm at 19 kPa; beyond, organs give way (docs/equations/reduced-fe.md)."""
+"""[m], [1] The same of an organ: 1 N on 8 mm at 19 kPa; beyond, a surface that is free to slide gives way
+(docs/equations/reduced-fe.md)."""
 ASIDE = 0.5
 """[1] Greatest tangential force over the normal one."""
 BEYOND = 4.0
