@@ -16,7 +16,6 @@ from collections.abc import Callable, Sequence
 import msgspec
 import zmq
 
-from palpate.launch.running.bus import endpoint
 from palpate.launch.running.clock import now
 from palpate.launch.running.interrupts import interrupts
 from palpate.launch.running.job import Job, members
@@ -24,6 +23,7 @@ from palpate.launch.running.links import heard, inboxes, listeners, muted
 from palpate.launch.running.nursery import Nursery
 from palpate.launch.running.result import Death, Result
 from palpate.launch.running.watchdog import START_PATIENCE
+from palpate.launch.running.wires import Wires
 
 STOP_PATIENCE = 3.0  # [s] for the workers to end once they were told
 HEAD_START = 40_000_000  # [ns] from the order to go to tick 0: every worker has heard it by then
@@ -73,45 +73,24 @@ class Launcher:
         self._state: dict[str, str] = dict.fromkeys(self.jobs, "starting")
         self._endpoints: dict[str, dict[str, list[str]]] = {}
         self._seen = dict.fromkeys(self.jobs, time.monotonic())
-        self._starts = {group: int(group in joined) for group in self.jobs}
-        self._hear = dict.fromkeys(self.jobs, 0)
         self._early: dict[str, dict] = {}
         self._paused: dict[str, int] = {}
         self._interrupts = self._heeded = 0
         self._deadline: float | None = None
         self._tail: list[str] = []
         self._beat = 0.0
-        self._open()
-        self.busy.update({group: f"{group} (palpate join {address} {group})" for group in joined})
-
-    # -- sockets -------------------------------------------------------------------------------------------------
-
-    def _open(self) -> None:
-        self._context = zmq.Context()
-        self._control = self._context.socket(zmq.XPUB)
-        self._control.set(zmq.XPUB_VERBOSE, 1)
-        self._reports = self._context.socket(zmq.PULL)
-        for socket in (self._control, self._reports):
-            socket.set(zmq.LINGER, 500)
-        self._control.bind(endpoint(self.run_id, "launcher", "control"))
-        self._reports.bind(endpoint(self.run_id, "launcher", "reports"))
-        if self.address:
-            host, _, port = self.address.removeprefix("tcp://").rpartition(":")
-            try:
-                self._control.bind(f"tcp://{host}:{port}")
-                self._reports.bind(f"tcp://{host}:{int(port) + 1}")
-            except zmq.ZMQError as error:
-                self._context.destroy(linger=0)
-                self.nursery.close()
-                raise OSError(f"cannot bind {self.address} (and the port after it): {error.strerror}") from None
+        try:
+            self._wires = Wires(self.run_id, self.jobs, address)
+        except OSError:
+            self.nursery.close()
+            raise
+        for group in joined:
+            self._wires.expect(group)
         self._poller = zmq.Poller()
-        self._poller.register(self._reports, zmq.POLLIN)
-        self._poller.register(self._control, zmq.POLLIN)
+        self._wires.register(self._poller)
         self._poller.register(self.nursery.socket.fileno(), select.POLLIN)
         self._poller.register(self.nursery.output.fileno(), select.POLLIN)
-
-    def _tell(self, group: str, **what: object) -> None:
-        self._control.send(f"~{group}".encode() + b"\0" + msgspec.json.encode(what))
+        self.busy.update({group: f"{group} (palpate join {address} {group})" for group in joined})
 
     # -- the whole run -------------------------------------------------------------------------------------------
 
@@ -137,7 +116,7 @@ class Launcher:
         finally:
             self.phase = "ended"
             self.printed(self.nursery.close())
-            self._context.destroy(linger=200)
+            self._wires.close(200)
 
     _origin_time: float | None = None
     _ended: float = 0.0
@@ -147,24 +126,25 @@ class Launcher:
 
     def _fork(self, group: str) -> None:
         self._state[group] = "starting"
-        self._starts[group] += 1
+        self._wires.expect(group)
         self._early.pop(group, None)
         self._seen[group] = time.monotonic()
         self.nursery.ask(
             {
                 "start": msgspec.to_builtins(self.jobs[group]),
                 "run": self.run_id,
-                "control": endpoint(self.run_id, "launcher", "control"),
-                "reports": endpoint(self.run_id, "launcher", "reports"),
+                "control": self._wires.control,
+                "reports": self._wires.reports,
             }
         )
 
     def _turn(self) -> None:
         ready = dict(self._poller.poll(100))
-        while self._control.poll(0):
-            self._heard(self._control.recv())
-        while self._reports.poll(0):
-            self._take(_decode(self._reports))
+        for group in self._wires.new():
+            if group in self._early:
+                self._ready(group, self._early.pop(group))
+        while (report := self._wires.report()) is not None:
+            self._take(report)
         if self.nursery.output.fileno() in ready:
             self._listen()
         if self.nursery.socket.fileno() in ready:
@@ -176,14 +156,6 @@ class Launcher:
             self._interrupt()
         self._check_time()
         self.show(self)
-
-    def _heard(self, note: bytes) -> None:
-        """A worker that has subscribed hears what it is told; before, it is lost."""
-        group = note[2:-1].decode(errors="replace")
-        if note[:2] == b"\x01~" and group in self._hear:
-            self._hear[group] += 1
-            if group in self._early:
-                self._ready(group, self._early.pop(group))
 
     def _listen(self) -> None:
         text = self.nursery.printed()
@@ -202,7 +174,7 @@ class Launcher:
         self._seen[group] = time.monotonic()
         match kind:
             case "hello":
-                self._tell(f"join-{group}", do="job", job=msgspec.to_builtins(self.jobs[group]), run=self.run_id)
+                self._wires.tell(f"join-{group}", do="job", job=msgspec.to_builtins(self.jobs[group]), run=self.run_id)
             case "starting":
                 self.busy[group] = report["node"]
             case "ready":
@@ -218,7 +190,7 @@ class Launcher:
             case "paused":
                 self._paused[group] = report["tick"]
                 if len(self._paused) == len(self._leads()):
-                    self._tell("*", do="end", tick=max(self._paused.values()))
+                    self._wires.tell("*", do="end", tick=max(self._paused.values()))
             case "fault":
                 self._died(group, report)
                 self._left(group)
@@ -241,7 +213,7 @@ class Launcher:
             self._after_exit()
 
     def _ready(self, group: str, report: dict) -> None:
-        if self._hear[group] < self._starts[group]:  # its report has overtaken its subscription
+        if not self._wires.hears(group):  # its report has overtaken its subscription
             self._early[group] = report
             return
         self._endpoints[group] = report["endpoints"]
@@ -263,7 +235,7 @@ class Launcher:
 
         others = {name: job for name, job in self.jobs.items() if name != group}
         sources = [(nearest(o, outlet), s) for o, outlet, s in heard(self.jobs[group], others) if o in self._endpoints]
-        self._tell(group, **{"do": "connect", "from": sources, "observed": listeners(self.jobs[group], others)})
+        self._wires.tell(group, **{"do": "connect", "from": sources, "observed": listeners(self.jobs[group], others)})
 
     def _go(self) -> None:
         self.phase = "running"
@@ -272,16 +244,16 @@ class Launcher:
         self.result.origin = self._origin_time
         self._seen = dict.fromkeys(self.jobs, self._origin_time)
         self.origin = now() + (HEAD_START if self._is_real() else 0)
-        self._tell("*", do="go", origin=self.origin)
+        self._wires.tell("*", do="go", origin=self.origin)
         for group in self._state:
             self._state[group] = "running"
 
     def _back(self, group: str) -> None:
         """A worker that was started again joins the run."""
-        self._tell(group, do="go", origin=self.origin)
+        self._wires.tell(group, do="go", origin=self.origin)
         self._state[group] = "running"
         nodes = {node.name for node in self.jobs[group].nodes}
-        self._tell("*", do="alive", nodes=sorted(nodes), mute=sorted(muted(self.jobs.values(), nodes)))
+        self._wires.tell("*", do="alive", nodes=sorted(nodes), mute=sorted(muted(self.jobs.values(), nodes)))
 
     # -- trouble -------------------------------------------------------------------------------------------------
 
@@ -297,7 +269,7 @@ class Launcher:
     def _bury(self, group: str) -> None:
         """Tell the others, so that their inputs from this group become None; then end the run, or start it again."""
         dead = {node.name for node in self.jobs[group].nodes}
-        self._tell("*", do="dead", nodes=sorted(dead), mute=sorted(muted(self.jobs.values(), dead)))
+        self._wires.tell("*", do="dead", nodes=sorted(dead), mute=sorted(muted(self.jobs.values(), dead)))
         again = self._is_real() and self.phase == "running" and dead and dead <= self.restart and self._deadline is None
         if again:
             self._state[group] = "restarting"
@@ -320,8 +292,9 @@ class Launcher:
         # Its last words were sent before its end, but may come after the news of it.
         until = time.monotonic() + (0.5 if status >= 0 else 0.002)
         while self._state[group] in ALIVE and time.monotonic() < until:
-            if self._reports.poll(1):
-                self._take(_decode(self._reports))
+            report = self._wires.report(1)
+            if report is not None:
+                self._take(report)
         state = self._state[group]
         if state in ALIVE:
             how = f"killed by {signal.Signals(-status).name}" if status < 0 else f"exit code {status}"
@@ -340,9 +313,9 @@ class Launcher:
         """When the paced workers are gone the rest has nothing to follow; when all nodes are gone, the observers."""
         left = {group for group, state in self._state.items() if state != "gone"}
         if not left & self._leads() and self._is_real():
-            self._tell("*", do="stop")
+            self._wires.tell("*", do="stop")
         if not any(self.jobs[group].nodes for group in left):
-            self._tell("*", do="close")
+            self._wires.tell("*", do="close")
             if self._deadline is None:
                 self._deadline = time.monotonic() + 20 * STOP_PATIENCE  # a long queue may have to be written
 
@@ -367,17 +340,17 @@ class Launcher:
             self._end_after(0.0)
         else:
             self.phase = "ending"
-            self._tell("*", do="stop")
+            self._wires.tell("*", do="stop")
             self._deadline = time.monotonic() + STOP_PATIENCE
 
     def _check_time(self) -> None:
         moment = time.monotonic()
         if self.joined and moment - self._beat > BEAT:
             self._beat = moment
-            self._tell("*", do="beat")
+            self._wires.tell("*", do="beat")
         if self._quit_at is not None and moment >= self._quit_at:
             self._quit_at = None
-            self._tell("*", do="quit")
+            self._wires.tell("*", do="quit")
             if self.phase in ("starting", "linking"):
                 self._deadline = moment + 0.5
         if self._deadline is not None and moment >= self._deadline:
@@ -409,7 +382,3 @@ class Launcher:
                 self._state[group] = "killed" if state not in ("done", "failed") else state
                 if group not in self.pids:
                     self._state[group] = "gone"
-
-
-def _decode(socket: zmq.Socket) -> dict:
-    return msgspec.msgpack.decode(socket.recv())
