@@ -1,8 +1,16 @@
 """What several tests of the launcher share: graphs written for one test, of the small nodes in graph_nodes.py."""
 
+import signal
 import textwrap
 
 import pytest
+
+# Whoever starts the tests in the background may have them, and all that they start, ignore these signals: Ctrl-C would
+# reach nobody.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 WHOLE = """
 scene:
