@@ -113,6 +113,11 @@ def test_with_all_modes_and_all_points_it_is_the_full_model():
         tangent(points, q, scratch(points), K)
         invert(K, L, H)
     assert done
+    for _ in range(3):  # what the iteration leaves over, by Newton's method
+        tangent(points, q, scratch(points), K)
+        invert(K, L, H)
+        q += H @ (p - g)
+        assert forces(points, q, scratch(points), g) < np.inf
     found = (phi.reshape(-1, r) @ q).reshape(-1, 3)
     linear = (phi.reshape(-1, r) @ p).reshape(-1, 3)
     size = np.abs(full.displacement).max()
