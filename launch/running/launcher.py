@@ -41,7 +41,7 @@ class Launcher:
     patience  [s] without a sign of life after which a worker counts as hung
     show      called about ten times a second with the launcher, to draw
     printed   called with what the nodes print
-    died      called at once when a node has failed
+    died      called at once when a node has failed in a run that goes on; a run that never began has it in its result
     """
 
     def __init__(
@@ -264,7 +264,8 @@ class Launcher:
         death = Death(node, report.get("where", "process"), report["text"], report["trace"])
         self.result.deaths.append(death)
         self._bury(group)
-        self.died(death)
+        if self.phase == "running":
+            self.died(death)
 
     def _bury(self, group: str) -> None:
         """Tell the others, so that their inputs from this group become None; then end the run, or start it again."""

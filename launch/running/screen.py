@@ -57,10 +57,8 @@ class Screen:
             self.console.print(Text(text.rstrip("\n"), style="dim"))
 
     def died(self, death: Death) -> None:
-        """A node that failed, with its traceback, above the view; one that fails in `start` ends the run, which says
-        so."""
-        if death.where != "start":
-            tell(death, self.console)
+        """A node that failed, with its traceback, above the view."""
+        tell(death, self.console)
 
     def _count(self, result: Result, moment: float) -> None:
         for name, health in result.health.items():
