@@ -21,6 +21,23 @@ def barycentric(mesh: Mesh, triangle: np.ndarray, foot: np.ndarray) -> tuple[np.
 
 
 @numba.njit(cache=True)
+def normal_force(pull, normal):
+    """Force [N] of nodal forces (k,3) against the outward normal (3)."""
+    total = 0.0
+    for k in range(len(pull)):
+        total -= pull[k, 0] * normal[0] + pull[k, 1] * normal[1] + pull[k, 2] * normal[2]
+    return total
+
+
+@numba.njit(cache=True)
+def share_of(k, pull, normal, total):
+    """Share [1] of node k in the normal force `total`; even shares where that does not press."""
+    if not total > 0.0:
+        return 1.0 / len(pull)
+    return -(pull[k, 0] * normal[0] + pull[k, 1] * normal[1] + pull[k, 2] * normal[2]) / total
+
+
+@numba.njit(cache=True)
 def carried(corners, weights, u, vertices, foot, reach, nodes, moved):
     """Displacements of the fine mesh within reach of a point, from those of the coarse vertices.
 

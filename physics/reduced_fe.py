@@ -25,7 +25,7 @@ from pathlib import Path
 import numba
 import numpy as np
 
-from palpate.physics.coarse import barycentric, carried
+from palpate.physics.coarse import barycentric, carried, normal_force, share_of
 from palpate.physics.dents import hat_moments, patch_radius, rise, risen
 from palpate.physics.mesh import Mesh
 from palpate.physics.mesh_closest import MeshClosestPoint
@@ -172,15 +172,10 @@ def _step(
     load, measure = work[0], work[1]
     touched = 0
     order = work[2, :, 0]
-    total = 0.0
-    for k in range(len(patch)):
-        total -= pull[k, 0] * normal[0] + pull[k, 1] * normal[1] + pull[k, 2] * normal[2]
-    even = not total > 0.0
+    total = normal_force(pull, normal)
     for k in range(len(patch)):
         p = patch[k]
-        part = 1.0 / len(patch)
-        if not even:
-            part = -(pull[k, 0] * normal[0] + pull[k, 1] * normal[1] + pull[k, 2] * normal[2]) / total
+        part = share_of(k, pull, normal, total)
         for a in range(3):
             v = corners[p, a]
             if state[v] < 2:  # 1: holds load, 2: touched now
@@ -240,7 +235,7 @@ def _step(
     now /= young
     static /= young
     own /= young
-    aside = static - own * total if share > 0.0 and not even else 0.0  # what the tangential load adds
+    aside = static - own * total if share > 0.0 and total > 0.0 else 0.0  # what the tangential load adds
     free = keep * now + take * aside
     found[0], found[1], found[2], found[3] = take * own, free, now, 0.0
     if dents.shape[1] == 0 or not own > 0.0:

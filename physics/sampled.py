@@ -25,7 +25,7 @@ from typing import Any
 import numba
 import numpy as np
 
-from palpate.physics.coarse import barycentric, carried
+from palpate.physics.coarse import barycentric, carried, normal_force, share_of
 from palpate.physics.mesh import Mesh
 from palpate.physics.mesh_closest import MeshClosestPoint
 from palpate.physics.reduced_fe import FORGOTTEN, LEAST_FORCE, BasisError
@@ -191,15 +191,10 @@ def _gather(corners, weights, patch, pull, share, normal, load, measure):
     """Load and shares of the normal force on the coarse vertices; the normal force [N]."""
     load[:] = 0.0
     measure[:] = 0.0
-    total = 0.0
-    for k in range(len(patch)):
-        total -= pull[k, 0] * normal[0] + pull[k, 1] * normal[1] + pull[k, 2] * normal[2]
-    even = not total > 0.0
+    total = normal_force(pull, normal)
     for k in range(len(patch)):
         v = patch[k]
-        part = 1.0 / len(patch)
-        if not even:
-            part = -(pull[k, 0] * normal[0] + pull[k, 1] * normal[1] + pull[k, 2] * normal[2]) / total
+        part = share_of(k, pull, normal, total)
         for a in range(3):
             w = weights[v, a]
             for i in range(3):
