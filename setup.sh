@@ -16,9 +16,10 @@ if [ -z "$python" ]; then
     exit 1
 fi
 
-# Off-screen 3-D pictures need OSMesa; python3-venv is a package of its own on Debian.
+# Off-screen 3-D pictures need OSMesa, devices on USB libusb; python3-venv is a package of its own on Debian.
 packages=""
 ldconfig -p 2>/dev/null | grep -q 'libOSMesa\.so' || packages="libosmesa6"
+ldconfig -p 2>/dev/null | grep -q 'libusb-1\.0\.so' || packages="$packages libusb-1.0-0"
 "$python" -c 'import ensurepip' 2>/dev/null || packages="$packages python3-venv"
 if [ -n "$packages" ] && command -v apt-get >/dev/null 2>&1; then
     if [ "$(id -u)" = 0 ]; then
@@ -29,17 +30,13 @@ if [ -n "$packages" ] && command -v apt-get >/dev/null 2>&1; then
         root="no"
     fi
     if [ "$root" = "no" ]; then
-        echo "setup: not allowed to install Debian packages; for all pictures: sudo apt-get install $packages" >&2
+        echo "setup: not allowed to install Debian packages; for all pictures and devices: sudo apt-get install $packages" >&2
     else
         # shellcheck disable=SC2086
         { $root apt-get update -qq && $root apt-get install -y -qq $packages; } >/dev/null 2>&1 ||
-            echo "setup: apt-get could not install: $packages (3-D pictures may be missing)" >&2
+            echo "setup: apt-get could not install: $packages (3-D pictures or USB devices may be missing)" >&2
     fi
 fi
-
-# A compiled kernel notices changes of its own file alone. One from before the last change of any may name what is gone.
-newest=$(ls -t physics/*.py fe/*.py | head -n 1)
-find physics fe -name '*.nb[ic]' ! -newer "$newest" -delete
 
 [ -x .venv/bin/python ] || "$python" -m venv .venv
 .venv/bin/python -m pip install --quiet --disable-pip-version-check -e ".[all,dev]"

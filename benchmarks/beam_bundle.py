@@ -16,8 +16,7 @@ import numpy as np
 
 from palpate.messages import Pose
 from palpate.nodes.fingertip import BundleContact
-from palpate.physics.beam_bundle import State, step
-from palpate.physics.bundle_step import SUMMARY
+from palpate.physics.fingertip.beam_bundle import State, step
 
 DT, SPEED, DEPTH = 1e-3, 2e-3, 2e-3
 PITCHES = (2.4e-3, 1.2e-3, 0.6e-3, 0.3e-3)
@@ -41,8 +40,8 @@ def measure(pitch: float, steps: int) -> dict[str, float]:
         begin = time.thread_time_ns()
         step(bundle, state, DEPTH, (0, SPEED * DT), node.friction, DT, most=node.rounds)
         solver.append(time.thread_time_ns() - begin)
-        rounds.append(state.summary[SUMMARY.index("rounds")])
-        residual.append(state.summary[SUMMARY.index("residual")])
+        rounds.append(state.summary.rounds)
+        residual.append(state.summary.residual)
 
     for one in press:
         node.step(one, dt=0.1)

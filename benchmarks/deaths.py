@@ -1,8 +1,9 @@
-"""What happens when a process of the kidney loop is killed while the finger presses, on the real clock.
+"""What happens when a process of the kidney loop is killed or stopped while the finger presses, on the real clock.
 
-    python benchmarks/deaths.py [--json]
+    python benchmarks/deaths.py [--carrier zmq|local] [--json]
 
-For each node: time from the kill until the launcher reports the death, and until the device works without torque.
+For each node: time from the kill until the launcher reports the death, and until the device works without torque; and
+the latter after SIGSTOP, which looks to the others like a node that hangs. Without `friction` the others go on.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import json
+import math
 import os
 import signal
 import tempfile
@@ -22,20 +24,21 @@ from rich.table import Table
 from rich.text import Text
 
 from palpate.launch.loading.launchfile import find
+from palpate.launch.loading.placement import CARRIERS
 from palpate.launch.loading.plan import plan
 from palpate.launch.recording.reader import Recording
-from palpate.launch.running.about import about
+from palpate.launch.running.assign import jobs
 from palpate.launch.running.execute import set_recording
-from palpate.launch.running.jobs import jobs
 from palpate.launch.running.launcher import Launcher
+from palpate.launch.running.provenance import about
 
 KILL_AT = 0.9  # [s] of the graph's clock: the hand holds the finger in the tissue
 NODES = ("finger", "collision", "contact", "friction", "spread", "tissue", "controller", "statics")
 
 
-def kill(node: str, file: Path) -> dict[str, float | None]:
-    """[s] from the kill to the report, and to the first sample of the device without torque (None: never)."""
-    launch = dataclasses.replace(find("kidney"), record=file)
+def fault(node: str, number: int, carrier: str, file: Path) -> dict[str, float | None]:
+    """[s] from the signal to the report, and to the first sample of the device without torque (None: never)."""
+    launch = dataclasses.replace(find("kidney"), record=file, carrier=carrier)
     graph = launch.load()
     set_recording(graph, file)
     found = plan(graph)
@@ -43,38 +46,53 @@ def kill(node: str, file: Path) -> dict[str, float | None]:
     times: dict[str, float] = {}
 
     def look(launcher: Launcher) -> None:
+        if launcher.result.deaths:
+            times.setdefault("report", time.monotonic())
         origin = launcher.result.origin
         if origin and "kill" not in times and time.monotonic() > origin + KILL_AT:
             times["kill"] = time.monotonic()
-            os.kill(launcher.pids[node], signal.SIGKILL)
+            os.kill(launcher.pids[node], number)
 
-    launcher = Launcher(work, show=look, died=lambda _: times.setdefault("report", time.monotonic()))
+    launcher = Launcher(work, patience=0.5, show=look)
     launcher.run()
     recording = Recording(file)
     first = next(iter(recording.messages("device")))
     # The graph's clock and the machine's differ by the tick 0; the device's samples carry the graph's.
     killed = times["kill"] - launcher.origin * 1e-9
-    last = [m.time * 1e-9 for m in recording.messages("device") if m.used == (-1,) and m.time > first.time]
+    torque = {m.tick: max(map(abs, m.torques)) for m in recording.messages("statics")}
+    last = [
+        m.time * 1e-9
+        for m in recording.messages("device")
+        if m.time > first.time and (m.used == (-1,) or torque.get(m.used[0], 1.0) == 0.0)
+    ]
     after = [t for t in last if t > killed]
-    return {"report": times["report"] - times["kill"], "no torque": after[0] - killed if after else None}
+    return {"report": times.get("report", math.nan) - times["kill"], "no torque": after[0] - killed if after else None}
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--carrier", choices=CARRIERS, default="zmq")
     parser.add_argument("--json", action="store_true")
     given = parser.parse_args()
+    rows = {}
     with tempfile.TemporaryDirectory() as folder:
-        rows = {node: kill(node, Path(folder) / "run.mcap") for node in track(NODES, "kills", transient=True)}
+        for node in track(NODES, "faults", transient=True):
+            killed, stopped = (
+                fault(node, number, given.carrier, Path(folder) / "run.mcap")
+                for number in (signal.SIGKILL, signal.SIGSTOP)
+            )
+            rows[node] = {**killed, "no torque, stopped": stopped["no torque"]}
     if given.json:
         print(json.dumps(rows))
         return
-    table = Table(title="after a kill", box=None)
-    for title in ("node", "reported [ms]", "no torque [ms]"):
+    table = Table(title=f"after a kill, and after a stop; carrier {given.carrier}", box=None)
+    for title in ("node", "kill reported [ms]", "killed: no torque [ms]", "stopped: no torque [ms]"):
         table.add_column(Text(title), justify="right")
     for node, row in rows.items():
-        gone = "stays" if row["no torque"] is None else f"{row['no torque'] * 1e3:.1f}"
-        table.add_row(node, f"{row['report'] * 1e3:.1f}", gone)
+        gone = ("stays" if row[key] is None else f"{row[key] * 1e3:.1f}" for key in ("no torque", "no torque, stopped"))
+        table.add_row(node, f"{row['report'] * 1e3:.1f}", *gone)
     Console().print(table)
+    print(f"load of the machine at the end: {os.getloadavg()[0]:.1f}")
 
 
 if __name__ == "__main__":

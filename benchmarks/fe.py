@@ -1,11 +1,12 @@
 """The full finite elements against peers on two problems, and against Hertz.
 
-    python benchmarks/fe.py [--cells 10] [--ball 6] [--only block|ball|hertz] [--json]
+    python benchmarks/fe.py [--cells 10] [--ball 6] [--step 16] [--only block|step|pressed|ball|hertz] [--json]
 
-Block: a cube clamped at both ends and squeezed by 30 %. Ball: a ball pressed on a rigid plane, no friction. Each solver
-has the same mesh, steps and tolerance and runs in a process of its own on one core; `fe_peers.py` says how peers are
-installed and what differs in their contact. A peer that is missing is left out. Seconds of the processor depend less on
-what else the machine does than seconds on the clock.
+Block: a cube clamped at both ends and squeezed by 30 % in four steps. Step: a larger one, by 5 % in one step.
+Pressed: a cube clamped at its top and pressed on a rigid plane by 30 % in ten steps, no friction. Ball: a ball pressed
+on a rigid plane, no friction. Each solver has the same mesh, steps and tolerance and runs in a process of its own on
+one core; `fe_peers.py` says how peers are installed and what differs in their contact. A peer that is missing is left
+out. Seconds of the processor depend less on what else the machine does than seconds on the clock.
 
 Hertz: a rigid sphere on a block and an elastic ball on a rigid plane, force and area of contact over theory.
 """
@@ -24,13 +25,15 @@ from fe_peers import MISSING
 from tables import show
 
 SOLVERS = {
-    "block": ("palpate", "felupe", "calculix"),
-    "ball": ("palpate", "felupe", "felupe-faces", "calculix"),
+    "block": ("palpate", "felupe", "felupe-cholmod", "calculix"),
+    "step": ("palpate", "felupe", "felupe-cholmod"),
+    "pressed": ("palpate", "felupe", "felupe-cholmod", "felupe-faces"),
+    "ball": ("palpate", "felupe", "felupe-cholmod", "felupe-faces", "calculix"),
 }
 
 
 def against_peers(problem: str, cells: int) -> list[dict[str, object]]:
-    """Force, time and peak memory of each solver on one of the two problems, and its ratios to ours."""
+    """Force, time and peak memory of each solver on one of the problems, and its ratios to ours."""
     rows = []
     for solver in SOLVERS[problem]:
         words = [sys.executable, str(Path(__file__).with_name("fe_peers.py")), solver, problem, str(cells)]
@@ -67,14 +70,15 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--cells", type=int, default=10, help="of the block, along an edge")
     parser.add_argument("--ball", type=int, default=6, help="cells across an eighth of the ball's circumference")
-    parser.add_argument("--only", choices=("block", "ball", "hertz"))
+    parser.add_argument("--only", choices=("block", "step", "pressed", "ball", "hertz"))
     parser.add_argument("--json", action="store_true")
+    parser.add_argument("--step", type=int, default=16, help="cells of the larger block, along an edge")
     given = parser.parse_args()
     tables: dict[str, list[dict[str, object]]] = {}
-    if given.only in (None, "block"):
-        tables["block"] = against_peers("block", given.cells)
-    if given.only in (None, "ball"):
-        tables["ball"] = against_peers("ball", given.ball)
+    cells = {"block": given.cells, "step": given.step, "pressed": given.cells, "ball": given.ball}
+    for problem, count in cells.items():
+        if given.only in (None, problem):
+            tables[problem] = against_peers(problem, count)
     if given.only in (None, "hertz"):
         tables["hertz"] = hertz()
     if given.json:

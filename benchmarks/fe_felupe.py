@@ -9,11 +9,11 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-from fe_problems import PENALTY, POISSON, RADIUS, STEPS, YOUNG, Problem
+from fe_problems import POISSON, YOUNG, Problem
 from scipy.sparse import csr_matrix
 
-from palpate.fe import faces as rule
 from palpate.fe import neo_hooke
+from palpate.fe.element import faces as rule
 
 
 class FacePlane:
@@ -21,6 +21,7 @@ class FacePlane:
 
     def __init__(self, field: Any, problem: Problem) -> None:
         self.field, self.faces, self.floor = field, problem.skin, problem.floor
+        self.penalty = problem.penalty
         self.points = field.region.mesh.points
         self.area = rule.areas(self.points, self.faces)
         self.value, _ = rule.shape(rule.POINTS)
@@ -32,26 +33,29 @@ class FacePlane:
         return height
 
     def _vector(self, field: Any = None, **_: Any) -> csr_matrix:
-        push = self.area * PENALTY * np.maximum(-self._gap(), 0.0)
+        push = self.area * self.penalty * np.maximum(-self._gap(), 0.0)
         found = np.zeros(self.points.shape)
         np.add.at(found[:, 2], self.faces, -push @ self.value)
         return csr_matrix(found.reshape(-1, 1))
 
     def _matrix(self, field: Any = None, **_: Any) -> csr_matrix:
-        stiff = PENALTY * np.where(self._gap() < 0.0, self.area, 0.0)
+        stiff = self.penalty * np.where(self._gap() < 0.0, self.area, 0.0)
         block = np.einsum("fq,qa,qb->fab", stiff, self.value, self.value)
         row, column = np.broadcast_arrays(self.faces[:, :, None], self.faces[:, None, :])
         size = (self.points.size, self.points.size)
         return csr_matrix((block.ravel(), (3 * row.ravel() + 2, 3 * column.ravel() + 2)), shape=size)
 
 
-def felupe(problem: Problem, faces: bool = False) -> dict[str, object] | None:
+def felupe(problem: Problem, faces: bool = False, cholmod: bool = False) -> dict[str, object] | None:
     """With FElupe; None where it is not installed."""
     try:
         import felupe as fem
     except ImportError:
         return None
-    name, spsolve = _direct()
+    try:
+        name, spsolve = _cholmod() if cholmod else _direct()
+    except ImportError:
+        return None
     begun, used = time.perf_counter(), time.process_time()
     mesh, count = problem.mesh, len(problem.mesh.points)
     points = np.concatenate([mesh.points, [[0.0, 0.0, problem.floor]]])  # the last point carries the plane
@@ -62,9 +66,8 @@ def felupe(problem: Problem, faces: bool = False) -> dict[str, object] | None:
         items.append(FacePlane(field, problem))
     elif len(problem.skin):
         nodes = np.unique(problem.skin)
-        area = np.pi / 4 * (0.3 * RADIUS) ** 2 / np.sum(np.linalg.norm(points[nodes, :2], axis=1) < 0.3 * RADIUS)
         normal = np.array([0.0, 0.0, 1.0])
-        items.append(fem.ContactRigidPlane(field, nodes, count, normal, multiplier=PENALTY * area))
+        items.append(fem.ContactRigidPlane(field, nodes, count, normal, multiplier=problem.penalty * problem.share))
     held = np.concatenate([problem.fixed, [[True] * 3]])
     move = np.concatenate([problem.driven, [False]])
     held[move, 2] = False
@@ -73,8 +76,8 @@ def felupe(problem: Problem, faces: bool = False) -> dict[str, object] | None:
     }
     bounds["move"] = fem.Boundary(field[0], mask=move, skip=(1, 1, 0))
     iterations = 0
-    for step in range(1, STEPS + 1):
-        bounds["move"].update(-problem.travel * step / STEPS)
+    for step in range(1, problem.steps + 1):
+        bounds["move"].update(-problem.travel * step / problem.steps)
         dof0, dof1 = fem.dof.partition(field, bounds)
         ext0 = fem.dof.apply(field, bounds, dof0)
         found = fem.newtonraphson(
@@ -94,6 +97,23 @@ def felupe(problem: Problem, faces: bool = False) -> dict[str, object] | None:
         if len(problem.skin)
         else None,
     }
+
+
+def _cholmod():
+    """CHOLMOD, with the analysis of the first matrix kept for all of the same pattern."""
+    from sksparse.cholmod import analyze
+
+    kept: dict[str, Any] = {}
+
+    def solve(matrix: Any, rhs: Any) -> np.ndarray:
+        matrix = matrix.tocsc()
+        if "factor" not in kept or kept["size"] != matrix.nnz:
+            kept.update(factor=analyze(matrix), size=matrix.nnz)
+        kept["factor"].cholesky_inplace(matrix)
+        found: np.ndarray = kept["factor"](np.asarray(rhs).ravel())
+        return found
+
+    return "CHOLMOD", solve
 
 
 def _direct():

@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from palpate.fe import Rigid, Settings, Solver, linear, plane, quadratic, sphere
-from palpate.fe.mesh import bricks, grid
+from palpate.fe.contact.pressure import HATS, nodal_pressure
+from palpate.fe.element import faces as face_rule
+from palpate.fe.element.mesh import bricks, grid
 
 YOUNG, RADIUS = 1e4, 0.01
 
@@ -51,11 +53,21 @@ def indented(poisson: float, faces: int, ratio: float, ball: bool = False) -> di
     steps = Settings(step=1.0, largest=1.0)
     body = Solver(mesh, {0: linear(YOUNG, poisson)}, fixed, lambda load: load * held, contacts=[touch], settings=steps)
     body.advance(1.0)
+    value, _ = face_rule.shape(face_rule.POINTS)
+    place = np.einsum("qa,fai->fqi", value, p[touch.faces])
+    right = 1.5 * theory / (np.pi * a * a) * np.sqrt(np.maximum(1.0 - (np.linalg.norm(place, axis=2) / a) ** 2, 0.0))
+    field = nodal_pressure(touch, body.displacement)[touch.faces[:, :3]] @ HATS.T
+    norm = (touch.area * right**2).sum()
+    points_off, field_off = (
+        float(np.sqrt((touch.area * (found - right) ** 2).sum() / norm)) for found in (touch.traction, field)
+    )
     return {
         "degrees of freedom": 3 * len(p),
         "force/Hertz": 4 * abs(float(touch.force[2])) / theory,
         "area/Hertz": 4 * touch.contact_area(body.displacement) / (np.pi * a**2),
         "penetration/depth": float(-touch.gap.min()) / depth,
+        "pressure at the points, L2": points_off,
+        "pressure field, L2": field_off,
     }
 
 

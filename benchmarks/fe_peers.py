@@ -1,10 +1,12 @@
 """One solver on one problem, in a process of its own, so that its peak of memory is its own:
 
-    python benchmarks/fe_peers.py palpate|felupe|felupe-faces|calculix block|ball CELLS
+    python benchmarks/fe_peers.py palpate|felupe|felupe-cholmod|felupe-faces|calculix block|step|pressed|ball CELLS
 
 Prints a JSON object: force [N] on the driven nodes, processor seconds from the mesh to the result, seconds on the
 clock, peak memory [MB]. All take one core and the same steps and tolerance. The peers are for the user to install:
-FElupe with `pip install felupe pypardiso` (without PARDISO it takes SuperLU, which is much slower), CalculiX with
+FElupe with `pip install felupe pypardiso` (without PARDISO it takes SuperLU, which is much slower), and for CHOLMOD
+`pip install 'scikit-sparse<0.5'` where the headers of SuiteSparse 5 are, with OpenBLAS as the system's BLAS (the
+reference BLAS makes it several times slower); CalculiX with
 `apt install calculix-ccx`. Exit status 3 and a line that says so where one is missing.
 
 What differs where the ball touches the plane: palpate and CalculiX integrate a pressure over the faces, palpate at six
@@ -31,10 +33,10 @@ os.environ.setdefault("MKL_NUM_THREADS", "1")
 
 import numpy as np
 from fe_felupe import felupe
-from fe_problems import PENALTY, POISSON, RADIUS, STEPS, YOUNG, Problem, ball, block
+from fe_problems import POISSON, RADIUS, YOUNG, Problem, ball, block, pressed, step
 
 from palpate.fe import Rigid, Settings, Solver, neo_hooke, plane
-from palpate.fe.mesh import FACES
+from palpate.fe.element.mesh import FACES
 
 MISSING = 3
 
@@ -60,10 +62,10 @@ def _palpate(problem: Problem) -> Solver:
     place = np.array([0.0, 0.0, problem.floor])
     contacts = []
     if len(problem.skin):
-        contacts.append(Rigid(problem.skin, plane, (0.0, 0.0, 1.0), lambda load: place, penalty=PENALTY))
+        contacts.append(Rigid(problem.skin, plane, (0.0, 0.0, 1.0), lambda load: place, penalty=problem.penalty))
     body = Solver(
         problem.mesh, {0: neo_hooke(YOUNG, POISSON)}, problem.fixed, lambda load: load * down, contacts=contacts,
-        settings=Settings(step=1 / STEPS, largest=1 / STEPS),
+        settings=Settings(step=1 / problem.steps, largest=1 / problem.steps),
     )  # fmt: skip
     body.advance(1.0)
     return body
@@ -82,8 +84,8 @@ def calculix(problem: Problem) -> dict[str, object] | None:
         child = resource.getrusage(resource.RUSAGE_CHILDREN)
         rows = [r.split() for r in Path(folder, "run.dat").read_text().splitlines()] if told.returncode == 0 else []
         forces = [float(r[2]) for r in rows if len(r) == 3]
-        if len(forces) != STEPS:
-            raise SystemExit(f"ccx ended after {len(forces)} of {STEPS} steps:\n{told.stdout[-2000:]}")
+        if len(forces) != problem.steps:
+            raise SystemExit(f"ccx ended after {len(forces)} of {problem.steps} steps:\n{told.stdout[-2000:]}")
         steps = [r.split() for r in Path(folder, "run.sta").read_text().splitlines()]
     used = sum(int(r[3]) for r in steps if len(r) >= 7 and r[0].isdigit())
     return {
@@ -124,11 +126,11 @@ def _deck(problem: Problem) -> list[str]:
         sides = [key[tuple(sorted(f[:3]))] for f in problem.skin.tolist()]
         lines += ["*SURFACE, NAME=SLAVE, TYPE=ELEMENT", *(f"{s // 4 + 1}, S{s % 4 + 1}" for s in sides)]
         lines += ["*SURFACE INTERACTION, NAME=TOUCH", "*SURFACE BEHAVIOR, PRESSURE-OVERCLOSURE=LINEAR"]
-        lines += [f"{PENALTY:.12g}"]
+        lines += [f"{problem.penalty:.12g}"]
         lines += ["*CONTACT PAIR, INTERACTION=TOUCH, TYPE=SURFACE TO SURFACE", "SLAVE, MASTER"]
     lines += ["*BOUNDARY", *(f"HELD{k}, {k + 1}, {k + 1}" for k in range(3))]
     lines += ["PLANE, 1, 3"] if len(problem.skin) else []
-    lines += ["*STEP, NLGEOM, INC=100", "*STATIC, DIRECT", f"{1 / STEPS:g}, 1.0"]
+    lines += ["*STEP, NLGEOM, INC=100", "*STATIC, DIRECT", f"{1 / problem.steps:g}, 1.0"]
     lines += [
         "*BOUNDARY",
         f"TOP, 3, 3, {-problem.travel:.12g}",
@@ -141,11 +143,14 @@ def _deck(problem: Problem) -> list[str]:
 
 def main() -> None:
     solver, name, cells = sys.argv[1:]
-    problem = {"block": block, "ball": ball}[name](int(cells))
-    own = {"palpate": palpate, "felupe": felupe, "felupe-faces": partial(felupe, faces=True), "calculix": calculix}
+    problem = {"block": block, "step": step, "pressed": pressed, "ball": ball}[name](int(cells))
+    own = {
+        "palpate": palpate, "felupe": felupe, "felupe-faces": partial(felupe, faces=True),
+        "felupe-cholmod": partial(felupe, cholmod=True), "calculix": calculix,
+    }  # fmt: skip
     found = own[solver](problem)
     if found is None:
-        how = "apt install calculix-ccx" if solver == "calculix" else "pip install felupe pypardiso"
+        how = "apt install calculix-ccx" if solver == "calculix" else "pip install felupe pypardiso scikit-sparse"
         print(f"{solver} is left out, as it is not installed: {how}", file=sys.stderr)
         raise SystemExit(MISSING)
     found.setdefault("peak MB", resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)

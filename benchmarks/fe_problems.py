@@ -5,25 +5,29 @@ Both are neo-Hookean, W = (mu/2) (J^(-2/3) I1 - 3) + (kappa/2) (J - 1)², and ta
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from palpate.fe import TetMesh, box
-from palpate.fe.mesh import bricks, edge_nodes, grid
+from palpate.fe.element.mesh import bricks, edge_nodes, grid
 
 YOUNG, POISSON = 1e4, 0.3
 STEPS = 4
 RADIUS = 0.01
 """[m] of the ball."""
-PENALTY = 2e4 * YOUNG / RADIUS
-"""[Pa/m] of the peers' contact: a penetration of about 1e-5 of the radius."""
+STIFF = 2e4 * YOUNG
+"""[Pa] Penalty of contact times the size of the body: a penetration of about 1e-5 of it."""
 
 
 @dataclass(frozen=True)
 class Problem:
     """A body whose `driven` nodes go down by `travel` [m] (fixed directions of a node: `fixed`), and whose faces `skin`
-    (F,6) touch a rigid plane at the height `floor` [m] with the normal (0, 0, 1); no plane where the skin is empty."""
+    (F,6) touch a rigid plane at the height `floor` [m] with the normal (0, 0, 1); no plane where the skin is empty.
+
+    steps    of the load, even ones
+    penalty  [Pa/m] of contact, and the `share` [m²] of a node of the skin in it, for contact of nodes
+    """
 
     mesh: TetMesh
     fixed: np.ndarray
@@ -31,6 +35,9 @@ class Problem:
     travel: float
     skin: np.ndarray
     floor: float = 0.0
+    steps: int = STEPS
+    penalty: float = STIFF
+    share: float = 0.0
 
 
 def block(cells: int) -> Problem:
@@ -40,6 +47,19 @@ def block(cells: int) -> Problem:
     top = z > 1 - 1e-9
     fixed = np.repeat((top | (z < 1e-9))[:, None], 3, axis=1)
     return Problem(mesh, fixed, top, 0.3, np.zeros((0, 6), dtype=np.int64))
+
+
+def step(cells: int) -> Problem:
+    """A unit cube, both ends clamped, squeezed by 5 % in one step."""
+    return replace(block(cells), travel=0.05, steps=1)
+
+
+def pressed(cells: int) -> Problem:
+    """A unit cube, clamped at its top, pressed down on a plane by 30 % in ten steps, without friction."""
+    body = block(cells)
+    top = np.repeat(body.driven[:, None], 3, axis=1)
+    skin = body.mesh.faces[(body.mesh.points[body.mesh.faces][:, :, 2] < 1e-9).all(axis=1)]
+    return replace(body, fixed=top, skin=skin, steps=10, share=1.0 / len(np.unique(skin)))
 
 
 def ball(cells: int) -> Problem:
@@ -53,7 +73,9 @@ def ball(cells: int) -> Problem:
     corner = mesh.points[mesh.faces[:, :3]]
     outer = (np.linalg.norm(corner, axis=2) > (1 - 1e-9) * RADIUS).all(axis=1)
     skin = mesh.faces[outer & (corner[:, :, 2].mean(axis=1) < -0.7 * RADIUS)]
-    return Problem(mesh, fixed, top, 0.1 * RADIUS, skin, -RADIUS)
+    near_pole = np.linalg.norm(mesh.points[np.unique(skin), :2], axis=1) < 0.3 * RADIUS
+    share = np.pi / 4 * (0.3 * RADIUS) ** 2 / near_pole.sum()
+    return Problem(mesh, fixed, top, 0.1 * RADIUS, skin, -RADIUS, penalty=STIFF / RADIUS, share=share)
 
 
 def _octant(cells: int) -> TetMesh:

@@ -2,8 +2,8 @@
 
     python benchmarks/fingertip.py runs/fingertip [--cells 5] [--pictures folder] [--json]
 
-Presses the literal and the calibrated finger on both plates, into folders as `palpate fe fingertip` makes them: what is
-there is read, what was broken off goes on. From nothing it takes about an hour on one core.
+Presses the printed, the calibrated and the cortical finger on both plates, into folders as `palpate fe fingertip` makes
+them: what is there is read, what was broken off goes on. From nothing it takes about an hour on one core.
 """
 
 from __future__ import annotations
@@ -13,25 +13,24 @@ import json
 import sys
 from pathlib import Path
 
-from palpate.fe.fingertip import CALIBRATED, Fingertip
-from palpate.fe.pressing import Pressing
-from palpate.fe.record import Record, Run, fit_divisor, record
-from palpate.fe.statements import points, statements
+from palpate.fe.meshing.fingertip import CALIBRATED, Fingertip
+from palpate.fe.study.paper_claims import points, statements
+from palpate.fe.study.press_record import Record, Run, fit_divisor, record
+from palpate.fe.study.pressing import Pressing
 
-SETS = {"literal": (1.0, {"steel": 0.85e-3, "silicone": 1.3e-3}),
-        "calibrated": (CALIBRATED, {"steel": 2.4e-3, "silicone": 2.4e-3})}  # fmt: skip
-"""Divisor of the moduli, and how far each plate rises [m]: past the paper's greater force, or as far as the paper's."""
+ENDS = {"printed": {"steel": 0.85e-3, "silicone": 1.3e-3}, "calibrated": {"steel": 2.4e-3, "silicone": 2.4e-3},
+        "cortical": {"steel": 0.85e-3, "silicone": 1.3e-3}}  # fmt: skip
+"""How far each plate rises for a set of constants [m]: past the paper's greater force, or as far as the paper's."""
 
 
 def press(name: str, plate: str, cells: int, folder: Path) -> tuple[Run, Record]:
     """One pressing, or what is left of it."""
-    divisor, ends = SETS[name]
     run = Run(folder / f"{plate}-{name}-{cells}-0.2")
 
     def tell(load: float) -> None:
         print(f"\r{run.folder.name}: {1e3 * load:.2f} mm", end="", file=sys.stderr, flush=True)
 
-    found = record(Pressing(Fingertip(cells=cells), plate, divisor), ends[plate], run, tell)
+    found = record(Pressing(Fingertip(cells=cells), plate, name), ENDS[name][plate], run, tell)
     print(file=sys.stderr)
     return run, found
 
@@ -44,15 +43,14 @@ def main() -> None:
     parser.add_argument("--json", action="store_true")
     given = parser.parse_args()
     every = {
-        name: {plate: press(name, plate, given.cells, given.folder) for plate in ends}
-        for name, (_, ends) in SETS.items()
+        name: {plate: press(name, plate, given.cells, given.folder) for plate in ends} for name, ends in ENDS.items()
     }
     found = {name: {plate: pair[1] for plate, pair in plates.items()} for name, plates in every.items()}
     tables = {"Table III": points(found)}
     tables |= {f"statements, {name}": statements(**plates) for name, plates in found.items()}
     divisor = fit_divisor(found["calibrated"]["steel"].softened(1.0 / CALIBRATED))
     if given.pictures:
-        from palpate.launch.commands.fe_pictures import draw
+        from palpate.launch.pictures.fe_fingertip import draw
 
         given.pictures.mkdir(parents=True, exist_ok=True)
         draw({plate: pair[0] for plate, pair in every["calibrated"].items()}, given.pictures)

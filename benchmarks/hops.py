@@ -1,4 +1,4 @@
-"""One hop between processes: palpate's nodes against the same pattern in plain pyzmq and in C, in one run.
+"""One hop between processes: palpate's nodes, by both carriers, against the same pattern in plain pyzmq and in C.
 
 A message goes round a ring of eight processes on one core; figures are microseconds a hop, median. palpate decodes,
 steps, checks and encodes at each hop; the peers only pass the bytes on. The C program needs a compiler and
@@ -10,6 +10,7 @@ ZeroMQ's headers (Debian: libzmq3-dev); without them its row is left out.
 from __future__ import annotations
 
 import argparse
+import functools
 import itertools
 import json
 import multiprocessing
@@ -81,7 +82,7 @@ def in_c(turns: int, core: int) -> float | None:
         return float(printed.stdout) / COUNT
 
 
-def ours(turns: int, core: int) -> float:
+def ours(turns: int, core: int, carrier: str) -> float:
     """[us] a hop of a graph of palpate, one process per node: the median tick over the number of nodes."""
     from palpate.launch.loading.launchfile import LaunchFile
     from palpate.launch.running.execute import execute
@@ -96,7 +97,7 @@ def ours(turns: int, core: int) -> float:
         graph.write_text("nodes:\n" + "\n".join(lines) + "\n")
         place = Path(folder) / "place.yaml"
         place.write_text("\n".join(f"{name}: {{nodes: [{name}], core: {core}}}" for name in names) + "\n")
-        outcome = execute(LaunchFile(graph=graph, place=place, duration=turns / 1000.0))
+        outcome = execute(LaunchFile(graph=graph, place=place, duration=turns / 1000.0, carrier=carrier))
     if not outcome.result.ok:
         raise SystemExit(str(outcome.result.deaths[0]))
     return outcome.result.health["n0"]["age"]["p50"] * 1e6 / COUNT
@@ -108,16 +109,30 @@ def main() -> None:
     parser.add_argument("--json", action="store_true")
     given = parser.parse_args()
     core = max(os.sched_getaffinity(0))
-    found: dict[str, list[float]] = {"C": [], "pyzmq": [], "palpate": []}
+    measures = {
+        "C": in_c,
+        "pyzmq": plain,
+        "palpate, zmq": functools.partial(ours, carrier="zmq"),
+        "palpate, local": functools.partial(ours, carrier="local"),
+    }
+    found: dict[str, list[float]] = {name: [] for name in measures}
     for _ in range(3):  # interleaved, so that a busy neighbour troubles all of them
-        for name, measure in (("C", in_c), ("pyzmq", plain), ("palpate", ours)):
+        for name, measure in measures.items():
             value = measure(given.turns, core)
             if value is not None:
                 found[name].append(value)
     best = {name: min(values) for name, values in found.items() if values}
     base = best.get("C", best["pyzmq"])
     if given.json:
-        print(json.dumps({"hop_us": best, "ratio": {name: value / base for name, value in best.items()}}))
+        print(
+            json.dumps(
+                {
+                    "load": os.getloadavg()[0],
+                    "hop_us": best,
+                    "ratio": {name: value / base for name, value in best.items()},
+                }
+            )
+        )
         return
     table = Table(title="one hop between two processes on one core", box=None)
     for title in ("", "us a hop", "ratio"):
@@ -125,6 +140,7 @@ def main() -> None:
     for name, value in best.items():
         table.add_row(name, f"{value:.1f}", f"{value / base:.2f}")
     Console().print(table)
+    print(f"load of the machine at the end: {os.getloadavg()[0]:.1f}")
 
 
 if __name__ == "__main__":

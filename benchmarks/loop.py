@@ -1,4 +1,5 @@
-"""The whole kidney loop: rate fused and as processes, late ticks and latency on the real clock, start, memory.
+"""The whole kidney loop: rate fused and as processes by both carriers, late ticks and latency on the real clock, start,
+memory.
 
     python benchmarks/loop.py [--seconds S] [--json]
 
@@ -11,6 +12,7 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import json
+import os
 import platform
 import re
 import statistics
@@ -25,16 +27,17 @@ from rich.table import Table
 from rich.text import Text
 
 from palpate.launch.loading.launchfile import LaunchFile, find
+from palpate.launch.loading.placement import CARRIERS
 from palpate.launch.loading.plan import plan
+from palpate.launch.running.assign import jobs
 from palpate.launch.running.execute import execute
-from palpate.launch.running.jobs import jobs
 from palpate.launch.running.launcher import Launcher
 from palpate.launch.running.result import Result
 
 
-def run(place: str | None, clock: str, seconds: float) -> Result:
+def run(place: str | None, clock: str, seconds: float, carrier: str | None = None) -> Result:
     """One run of the kidney graph without a recording."""
-    launch = find("kidney").but(place=place, clock=clock, duration=seconds)
+    launch = find("kidney").but(place=place, clock=clock, duration=seconds, carrier=carrier)
     result = execute(_unrecorded(launch)).result
     if not result.ok:
         raise SystemExit(str(result.deaths[0]))
@@ -47,10 +50,11 @@ def _unrecorded(launch: LaunchFile) -> LaunchFile:
 
 def rates(seconds: float) -> dict[str, dict[str, float]]:
     """[Hz] of simulated time as fast as the machine allows."""
-    found: dict[str, list[Result]] = {"fused": [], "processes": []}
+    found: dict[str, list[Result]] = {name: [] for name in ("fused", *CARRIERS)}
     for _ in track(range(3), "rates", transient=True):
-        for name, place in (("fused", "fused"), ("processes", None)):
-            found[name].append(run(place, "simulated", seconds))
+        found["fused"].append(run("fused", "simulated", seconds))
+        for carrier in CARRIERS:
+            found[carrier].append(run(None, "simulated", seconds, carrier))
     answer = {}
     for name, results in found.items():
         hertz = [result.ticks / result.wall for result in results]
@@ -65,9 +69,9 @@ def rates(seconds: float) -> dict[str, dict[str, float]]:
     return answer
 
 
-def real_time(seconds: float) -> dict[str, float]:
+def real_time(seconds: float, carrier: str) -> dict[str, float]:
     """Late ticks, ticks whose torque came after the next one had begun, and latency at 1 kHz on the real clock."""
-    result = run(None, "real", seconds)
+    result = run(None, "real", seconds, carrier)
     device, statics = result.health["device"], result.health["statics"]
     ticks = device["steps"] + device["late"]
     return {
@@ -117,8 +121,9 @@ def main() -> None:
     given = parser.parse_args()
     found = {
         "machine": platform.platform(),
+        "load": os.getloadavg()[0],
         "rates": rates(given.seconds),
-        "real": real_time(given.seconds),
+        "real": {carrier: real_time(given.seconds, carrier) for carrier in CARRIERS},
         "first tick": first_tick(),
         "memory": memory(),
     }
@@ -129,21 +134,22 @@ def main() -> None:
     table = Table(title="kidney loop, simulated time as fast as possible", box=None)
     for title in ("", "best [Hz]", "median [Hz]", "tick p50 [us]", "p99 [us]", "p99.9 [us]"):
         table.add_column(Text(title), justify="right")
-    for name in ("fused", "processes"):
+    for name in ("fused", *CARRIERS):
         row = found["rates"][name]
         times = (f"{row[key] * 1e6:.0f}" for key in ("p50", "p99", "p999"))
         table.add_row(name, f"{row['best']:.0f}", f"{row['median']:.0f}", *times)
     out.print(table)
     steps = found["rates"]["steps"]
     out.print("step p50 \\[us]:", ", ".join(f"{name} {value * 1e6:.1f}" for name, value in steps.items()))
-    real = found["real"]
-    out.print(
-        f"real clock, 1 kHz, {real['ticks']} ticks: {real['late']:.2%} late, {real['held']:.2%} answered after "
-        f"the next tick; latency p50 {real['p50'] * 1e6:.0f}, p99 {real['p99'] * 1e6:.0f}, "
-        f"p99.9 {real['p999'] * 1e6:.0f} us"
-    )
-    if real["refused"]:
-        out.print(f"refused by the system: {real['refused']}")
+    for carrier, real in found["real"].items():
+        out.print(
+            f"real clock, 1 kHz, {carrier}, {real['ticks']} ticks: {real['late']:.2%} late, {real['held']:.2%} "
+            f"answered after the next tick; latency p50 {real['p50'] * 1e6:.0f}, p99 {real['p99'] * 1e6:.0f}, "
+            f"p99.9 {real['p999'] * 1e6:.0f} us"
+        )
+        if real["refused"]:
+            out.print(f"refused by the system: {real['refused']}")
+    out.print(f"load of the machine at the end: {found['load']:.1f}")
     out.print(f"from the command to the first tick: {found['first tick']:.2f} s")
     sizes = found["memory"]
     out.print(f"memory \\[MB]: {sum(sizes.values()):.0f} in all;", ", ".join(f"{n} {s:.0f}" for n, s in sizes.items()))

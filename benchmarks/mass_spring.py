@@ -19,9 +19,9 @@ from rich.table import Table
 from rich.text import Text
 
 from palpate.messages import Contact
+from palpate.nodes.base.surface import surface_mesh
 from palpate.nodes.deformation import MassSpring
 from palpate.nodes.spread import Kernel
-from palpate.nodes.surface import surface_mesh
 
 STEPS = 2000
 ZONE = 200  # vertices under the finger

@@ -25,15 +25,16 @@ from scipy.interpolate import CubicSpline
 from scipy.optimize import brentq
 from tables import show
 
-from palpate.fe.curves import press, sticking
-from palpate.fe.indent import Curve
-from palpate.fe.organ import Organ
+from palpate.fe.meshing.organ import Organ
+from palpate.fe.reduce.dents import press, sticking
+from palpate.fe.reduce.indentation import Curve
+from palpate.fe.reduce.reducible import Reducible, of_organ
 from palpate.messages import Load
 from palpate.nodes.contact import Series
 from palpate.nodes.deformation import ReducedFE
-from palpate.physics.contact import Law, exponential
-from palpate.physics.reduced_fe import Basis, CondensedBody
-from palpate.physics.spread import Spreader
+from palpate.physics.bodies.condensed_body import Basis, CondensedBody
+from palpate.physics.contact.series import Law, exponential
+from palpate.physics.contact.spread import Spreader
 
 DEPTHS = 0.5e-3 * np.arange(1, 22)
 """[m] To which the full model is pressed."""
@@ -112,10 +113,10 @@ def _common(touch: Touch, body: CondensedBody, finger: Law, force: float) -> flo
     return float(brentq(lambda f: compressed(f) + touch.settled(body, f)[2] - approach, 1e-6, 5.0 * force, xtol=1e-9))
 
 
-def solved(organ: Organ, young: float, touch: Touch) -> tuple[list[dict[str, object]], float]:
+def solved(organ: Reducible, young: float, touch: Touch) -> tuple[list[dict[str, object]], float]:
     """The pressing against `fe.Solver` under the forces that the pressing found, and the seconds of a load step of the
     latter."""
-    hats = organ.hats()
+    hats = organ.hats
     load, held = hats @ touch.load, sticking(hats, touch.load)
     follow = CubicSpline(touch.depths, np.vstack([np.zeros(touch.multipliers.shape[1]), touch.multipliers]))
     force = CubicSpline(touch.depths, touch.forces)
@@ -124,7 +125,7 @@ def solved(organ: Organ, young: float, touch: Touch) -> tuple[list[dict[str, obj
         own = follow(CHECKED[0] * share)
         return np.asarray(own[0] * load + (own[1:] @ held).reshape(-1, 3))
 
-    model = organ.full(young, loads)
+    model = organ.solver(young, loads)
     rows: list[dict[str, object]] = []
     spent = []
     for depth in CHECKED:
@@ -187,7 +188,7 @@ def main() -> None:
     upper = np.flatnonzero(mesh.normals[:, 2] > 0.0)
     places = np.random.default_rng(given.seed).choice(upper, given.touches, replace=False)
     touches = [Touch(node, bodies["linear"], int(p), given.radius) for p in places]
-    organ = Organ(node.coarse_mesh(), node.poisson, node.bed)
+    organ = of_organ(Organ(node.coarse_mesh(), node.poisson, node.bed))
     if given.keep is not None and given.keep.exists():
         curves: list[Curve] = pickle.loads(given.keep.read_bytes())
     else:

@@ -1,11 +1,17 @@
-"""Finite elements for soft layered bodies, off-line: the reference that the fast models are measured against."""
+"""Finite elements for soft layered bodies, off-line: the reference that the fast models are measured against.
 
-from palpate.fe.materials import Material, MaterialError, hencky, linear, mooney_rivlin, neo_hooke
-from palpate.fe.mesh import MeshError, TetMesh, box, quadratic
-from palpate.fe.meshed import meshed
-from palpate.fe.pair import Pair
-from palpate.fe.rigid import Rigid, capsule, plane, sphere
-from palpate.fe.solver import ConvergenceError, Settings, Solver
+Each material law of `palpate.physics.materials` is here by its name: `neo_hooke(20e3, 0.48)`.
+"""
+
+from collections.abc import Callable
+
+import palpate.physics  # noqa: F401  pins the arithmetic, before numpy
+from palpate.fe.contact.meshed import meshed
+from palpate.fe.contact.pair import Pair
+from palpate.fe.contact.rigid import Rigid, capsule, plane, sphere
+from palpate.fe.element.mesh import MeshError, TetMesh, box, quadratic
+from palpate.fe.solve.solver import ConvergenceError, Settings, Solver
+from palpate.physics.materials.hyperelastic import Material, MaterialError, constructor, laws
 
 __all__ = [
     "ConvergenceError",
@@ -19,12 +25,21 @@ __all__ = [
     "TetMesh",
     "box",
     "capsule",
-    "hencky",
-    "linear",
     "meshed",
-    "mooney_rivlin",
-    "neo_hooke",
     "plane",
     "quadratic",
     "sphere",
 ]
+
+
+globals().update({name: constructor(name) for name in laws()})  # now: the folder `linear` has a law's name
+
+
+def __getattr__(name: str) -> Callable[..., Material]:
+    if name.startswith("_"):
+        raise AttributeError(name)
+    return constructor(name)
+
+
+def __dir__() -> list[str]:
+    return sorted([*__all__, *laws()])

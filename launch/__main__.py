@@ -9,14 +9,17 @@ import typer
 from palpate.launch.commands.check import check
 from palpate.launch.commands.common import Verbs
 from palpate.launch.commands.compare import compare
+from palpate.launch.commands.devices import devices
 from palpate.launch.commands.doctor import doctor
 from palpate.launch.commands.echo import echo
 from palpate.launch.commands.export import export
 from palpate.launch.commands.fe import fe
 from palpate.launch.commands.fingertip import fingertip
 from palpate.launch.commands.fit import fit
+from palpate.launch.commands.indentation import record_indentation
 from palpate.launch.commands.info import info
 from palpate.launch.commands.join import join
+from palpate.launch.commands.keys import keys
 from palpate.launch.commands.messages import messages
 from palpate.launch.commands.new import new
 from palpate.launch.commands.nodes import nodes
@@ -68,9 +71,12 @@ app.command()(nodes)
 app.command()(messages)
 app.command()(pictures)
 app.command()(doctor)
+app.command()(devices)
 app.command()(reduce)
 app.command()(fit)
+app.command()(record_indentation)
 app.command()(join)
+app.command()(keys)
 app.command()(fingertip)
 app.add_typer(new, name="new")
 app.add_typer(fe, name="fe")

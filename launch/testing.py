@@ -3,18 +3,21 @@
     bus = FakeBus(Series(), body=Surface(...))
     first, second = bus.publish(Proximity(...), Proximity(...))
 
-Messages pass through the real wire form both ways. The first input drives: each message of that type runs a step;
-messages of other types are held. `drop`, `late`, `twice`, `swap` and `kill` make bad days.
+The node is stepped as in a run, and messages pass through the real wire form both ways. The first input drives: each
+message of that type runs a step; messages of other types are held. `drop`, `late`, `twice`, `swap` and `kill` make bad
+days.
 """
 
 from __future__ import annotations
 
-import inspect
 from typing import Any
 
 import msgspec
 
-from palpate.messages import Message, check_finite, pack, unpack
+from palpate.launch.running.job import NodeJob
+from palpate.launch.running.schedule import nanoseconds
+from palpate.launch.running.slot import NodeFault, Slot
+from palpate.messages import Message, pack, unpack
 from palpate.nodes.base import Node, inputs, outputs
 
 
@@ -30,19 +33,28 @@ class FakeBus:
         self.node = node
         self.rate = rate
         self.ports = {} if node.paced and not inputs(type(node)) else {p.name: p for p in inputs(type(node))}
-        self.kinds = outputs(type(node))
         self.held: dict[str, Message | None] = dict.fromkeys(self.ports)
         self.tick = 0
-        self.time: int | None = None
         self._drop = self._late = 0
         self._delay = 0.0
         self._twice = self._swap = False
         self._waiting: Message | None = None
         self._dead: set[str] = set()
-        self._takes_dt = "dt" in inspect.signature(type(node).step).parameters
+        name, kinds = type(node).__name__, outputs(type(node))
+        streams = (name,) if len(kinds) == 1 else tuple(f"{name}.{kind.__name__}" for kind in kinds)
+        self.slot = Slot(NodeJob(name, "", {}, 1, (), streams), node, ())
         node.start()
         for name, message in held.items():
             self.hold(name, message)
+
+    @property
+    def time(self) -> int | None:
+        """[ns] of the last step; None, before the first, may be set again when the node was started anew."""
+        return self.slot.time
+
+    @time.setter
+    def time(self, time: int | None) -> None:
+        self.slot.time = time
 
     @property
     def driver(self) -> str | None:
@@ -103,9 +115,8 @@ class FakeBus:
         return fitting[0]
 
     def _arrivals(self, message: Message) -> list[Message]:
-        period = 1e9 / self.rate
         tick = message.tick if message.tick >= 0 else self.tick
-        time = message.time if message.time >= 0 else round(tick * period)
+        time = message.time if message.time >= 0 else nanoseconds(tick, self.rate)
         self.tick = tick + 1
         if self._late:
             self._late -= 1
@@ -126,21 +137,17 @@ class FakeBus:
         return found
 
     def _step(self, driving: Message | None) -> Any:
-        inbox = dict(self.held)
+        messages = dict(self.held)
         if driving is not None:
-            inbox[next(iter(self.ports))] = unpack(pack(driving), self.ports[next(iter(self.ports))].type)
+            name, port = next(iter(self.ports.items()))
+            messages[name] = unpack(pack(driving), port.type)
             tick, time = driving.tick, driving.time
         else:
-            tick, time = self.tick, round(self.tick * 1e9 / self.rate)
+            tick, time = self.tick, nanoseconds(self.tick, self.rate)
             self.tick += 1
-        dt = 1.0 / self.rate if self.time is None else (time - self.time) * 1e-9
-        self.time = time
-        answer = self.node.step(**inbox, **({"dt": dt} if self._takes_dt else {}))
-        many = answer if isinstance(answer, tuple) else () if answer is None else (answer,)
-        used = tuple(-1 if m is None else m.tick for m in inbox.values())
-        sent = []
-        for message, kind in zip(many, self.kinds, strict=True):
-            check_finite(message)
-            header = {"tick": tick, "time": time, "source": type(self.node).__name__, "used": used}
-            sent.append(unpack(pack(msgspec.structs.replace(message, **header)), kind))
+        try:
+            self.slot.step(tick, time, list(messages.values()), 1.0 / self.rate)
+        except NodeFault as fault:
+            raise (fault.cause if isinstance(fault.cause, BaseException) else TypeError(fault.cause)) from None
+        sent = [unpack(pack(output.last), output.kind) for output in self.slot.outputs if output.last is not None]
         return tuple(sent) if len(sent) != 1 else sent[0]

@@ -38,6 +38,7 @@ class Contact(Message):
     indentation       [m]   ()   of the tissue, s2
     compression_rate  [m/s] ()   change of s1 over the step
     indentation_rate  [m/s] ()   change of s2 over the step
+    along             [N]   (3)  force on the finger along the surface, towards where the body is softer; not friction
     """
 
     foot: Annotated[Vector3, "m"]
@@ -47,6 +48,7 @@ class Contact(Message):
     indentation: Annotated[float, "m"]
     compression_rate: Annotated[float, "m/s"]
     indentation_rate: Annotated[float, "m/s"]
+    along: Annotated[Vector3, "N"] = (0.0, 0.0, 0.0)
 
 
 class Friction(Message):

@@ -10,7 +10,8 @@ from palpate.messages.base import Message
 class Health(Message):
     """How a node is doing. `source` says which; `tick` is that of its last step. Sent by the worker, not by the node.
 
-    steps    [1]  ()  steps since its start
+    since    [1]  ()  first tick that it could step at since it was started last
+    steps    [1]  ()  steps since then
     late     [1]  ()  ticks that the clock had to leave out
     lost     [1]  ()  driving messages that were skipped or did not come in time
     held     [1]  ()  inputs older than their tick asks for
@@ -21,6 +22,7 @@ class Health(Message):
     age      [s]  ()  median of the time from the tick to the answer
     """
 
+    since: Annotated[int, "1"]
     steps: Annotated[int, "1"]
     late: Annotated[int, "1"]
     lost: Annotated[int, "1"]

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import numpy as np
 
-from palpate.messages.base import Floats, Ints, Message
+from palpate.messages.base import Floats, Ints, Message, Vector, Vector3
 
 NO_FLOATS = np.zeros(0)
 NO_INTS = np.zeros(0, dtype="<i4")
@@ -17,6 +17,8 @@ class Surface(Message):
 
         F(s) = stiffness <s - free>^exponent <1 + damping (s - previous)/T>
 
+    It speaks of the time `step` after that of the message; docs/equations/contact.md has what it says of other times.
+
     nodes         [1]     (k)    indices of the displaced vertices, of the sender's own mesh
     displacement  [m]     (k,3)  of each
     pressure      [Pa]    (p)    contact pressure at each of `nodes`; empty where the model has none
@@ -26,7 +28,13 @@ class Surface(Message):
     damping       [s/m]   ()     c
     free          [m]     ()     indentation of the next step at zero force
     previous      [m]     ()     indentation at the end of this step
-    clamped       [1]     ()     elements held at the limit of their law, where the model has one; 0 where all is well
+    step          [s]     ()     time after that of the message that the law speaks of; 0: the contact's own step
+    relaxation    [s]     ()     time constant with which the body comes to it; 0: at once, or as `damping` says
+    clamped       [1]     ()     elements and vertices held at a limit, where the model has one; 0 where all is well
+    slope         [N]     (3)    what the body's energy at this force gains for each metre that the contact moves along
+                                 the surface; 0 where the model does not know. The finger is pushed that way
+    turning       [1/m]   (t)    change of the outward normal with place, dn_i/dx_j row by row; t = 9, 0 without slope
+    beyond        [1]     ()     how far beyond the range that the model was made from: 0 within, 1 at twice its end
     """
 
     nodes: Annotated[Ints, "1", ("k",)]
@@ -38,4 +46,9 @@ class Surface(Message):
     previous: Annotated[float, "m"]
     pressure: Annotated[Floats, "Pa", ("p",)] = NO_FLOATS
     slipped: Annotated[Ints, "1", ("q",)] = NO_INTS
+    step: Annotated[float, "s"] = 0.0
+    relaxation: Annotated[float, "s"] = 0.0
     clamped: Annotated[int, "1"] = 0
+    slope: Annotated[Vector3, "N"] = (0.0, 0.0, 0.0)
+    turning: Annotated[Vector, "1/m", ("t",)] = ()
+    beyond: Annotated[float, "1"] = 0.0

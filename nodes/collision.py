@@ -2,7 +2,7 @@
 
 With p the bone edge of the fingertip, S the nearest point of the surface and n its outward normal, the gap is the
 signed distance d = (p - S).n, and the approach is e = <h0 - d> for a fingertip with tissue of thickness h0 before the
-bone: contact begins at d = h0.
+bone: contact begins at d = h0. Once p has gone in, S is a proxy: it stays on the side where it did.
 """
 
 from __future__ import annotations
@@ -14,9 +14,11 @@ import numpy as np
 
 from palpate.messages import Pose, Proximity
 from palpate.nodes.base import SettingError
-from palpate.nodes.surface import OnSurface, Placed, surface_patch
-from palpate.physics.closest import ClosestPoint, track
-from palpate.physics.mesh_closest import MeshClosestPoint, track_mesh
+from palpate.nodes.base.surface import OPEN, OnSurface, Placed, surface_patch
+from palpate.physics.geometry.closest import ClosestPoint
+from palpate.physics.geometry.mesh_closest import MeshClosestPoint
+from palpate.physics.geometry.orient import edge_counts
+from palpate.physics.geometry.proxy import follow, follow_mesh, memory
 
 
 class Nurbs(Placed):
@@ -28,14 +30,16 @@ class Nurbs(Placed):
     """Where two parts of the surface are equally near, the foot point stays until the other is nearer by this."""
 
     def start(self) -> None:
-        closest = ClosestPoint(surface_patch(self.surface, self.position, self.rotation))
+        patch = surface_patch(self.surface, self.position, self.rotation)
+        closest = ClosestPoint(patch)
         self.tables = closest.tables
         self.scratch = closest.scratch()
-        track(*self.tables, 0.0, 0.0, 0.0, self.hysteresis, *self.scratch)
+        follow(*self.tables, (0.0, 0.0, 0.0), self.hysteresis, *self.scratch, memory(patch.points))
         self.scratch[0][:] = 0.0
+        self.memory = memory(patch.points, self.surface in OPEN)
 
     def step(self, pose: Pose) -> Proximity:
-        track(*self.tables, *pose.position, self.hysteresis, *self.scratch)
+        follow(*self.tables, pose.position, self.hysteresis, *self.scratch, self.memory)
         return _proximity(self.scratch[3], 0, self.thickness, pose)
 
 
@@ -48,17 +52,19 @@ class Mesh(OnSurface):
     """Where two parts of the surface are equally near, the foot point stays until the other is nearer by this."""
 
     def start(self) -> None:
-        closest = MeshClosestPoint(self.mesh())
+        mesh = self.mesh()
+        closest = MeshClosestPoint(mesh)
         try:
             self.tables = closest.tables.arrays
         except ValueError as error:
             raise SettingError(f"setting 'surface': {self.surface}: {error}") from None
         self.work, self.found = closest.scratch()
-        track_mesh(*self.tables, 0.0, 0.0, 0.0, self.hysteresis, self.work, self.found)
+        follow_mesh(*self.tables, (0.0, 0.0, 0.0), self.hysteresis, self.work, self.found, memory(mesh.vertices))
         self.work[0] = -1
+        self.memory = memory(mesh.vertices, edge_counts(mesh.triangles, len(mesh.vertices))[0] > 0)
 
     def step(self, pose: Pose) -> Proximity:
-        track_mesh(*self.tables, *pose.position, self.hysteresis, self.work, self.found)
+        follow_mesh(*self.tables, pose.position, self.hysteresis, self.work, self.found, self.memory)
         return _proximity(self.found, int(self.found[9]), self.thickness, pose)
 
 

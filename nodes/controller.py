@@ -9,7 +9,7 @@ import numpy as np
 
 from palpate.messages import Contact, Force, Friction, Pose
 from palpate.nodes.base import Node, Wants
-from palpate.physics.controller import buffers, haptic
+from palpate.physics.device.controller import buffers, haptic
 
 ZERO = (0.0, 0.0, 0.0)
 
@@ -20,15 +20,15 @@ class Haptic(Node):
     stiffness, damping   of the spring-damper of free motion (none by default: the hand moves freely)
     contact_damping      added to the contact force
     hysteresis           way beyond the point of contact after which contact ends; one step of the device's position
-    passivity            whether damping is added while the display would give out energy
-    mass                 of the device: bounds that damping
+    passivity            whether stiffness is limited and damping added so that the display gives out no energy
+    mass, drag           of the device, without the hand: bound that stiffness and that damping
     delay                whole samples by which the loop is late, at most: 0 for a force that acts right after the
                          motion that it was computed from, 1 for a device that takes a command while it gives a state.
-                         Too large a value is safe but damps more than it must
+                         Too large a value is safe but shows less stiffness than it could
     resolution           step of the device's position; 0: exact
     limit, slew          largest force, and its largest change over time
 
-    The force is zero without a contact or a pose; without a friction it is the normal force alone.
+    The force is zero without a contact or a pose; without a friction it is the contact's own alone.
     """
 
     stiffness: Annotated[float, "N/m", msgspec.Meta(ge=0)] = 0.0
@@ -37,6 +37,7 @@ class Haptic(Node):
     hysteresis: Annotated[float, "m", msgspec.Meta(ge=0)] = 60e-6
     passivity: Annotated[bool, "1"] = True
     mass: Annotated[float, "kg", msgspec.Meta(gt=0)] = 0.1
+    drag: Annotated[float, "N s/m", msgspec.Meta(ge=0)] = 0.2
     delay: Annotated[int, "1", msgspec.Meta(ge=0, le=1000)] = 0
     resolution: Annotated[float, "m", msgspec.Meta(ge=0)] = 60e-6
     limit: Annotated[float, "N", msgspec.Meta(gt=0)] = 9.0
@@ -51,6 +52,7 @@ class Haptic(Node):
                 self.contact_damping,
                 self.hysteresis,
                 self.mass,
+                self.drag,
                 self.limit,
                 self.slew,
                 self.resolution,
@@ -68,7 +70,7 @@ class Haptic(Node):
 
     def step(
         self,
-        contact: Annotated[Contact | None, Wants("normal", "force", "compression", "indentation")],
+        contact: Annotated[Contact | None, Wants("normal", "force", "compression", "indentation", "along")],
         friction: Annotated[Friction | None, Wants("force")],
         pose: Annotated[Pose | None, Wants("position", "velocity")],
         *,
@@ -77,13 +79,15 @@ class Haptic(Node):
         if contact is None or pose is None:
             self._reset()
             return Force(force=ZERO, state="free", energy=0.0)
+        pull = friction.force if friction is not None else ZERO
+        a = contact.along
         fx, fy, fz, touching, energy = haptic(
             self.gains,
             self.state,
             self.past,
             contact.force,
             contact.normal,
-            friction.force if friction is not None else ZERO,
+            (pull[0] - a[0], pull[1] - a[1], pull[2] - a[2]),
             contact.compression + contact.indentation,
             pose.position,
             pose.velocity,

@@ -10,21 +10,10 @@ import numpy as np
 
 from palpate.messages import Contact, Friction, Pose, Slip, Surface, Vector3
 from palpate.nodes.base import Node, SettingError
-from palpate.physics.anatomy import Anatomy
-from palpate.physics.beam_bundle import FARTHEST, Bundle, State, dome, step
-from palpate.physics.bundle_step import (
-    CLAMPED,
-    CONTACTS,
-    NEXT_FORCE,
-    NEXT_STIFFNESS,
-    NEXT_TOUCH,
-    RESIDUAL,
-    ROUNDS,
-    SHORTEST_STEP,
-    SLIPS,
-)
-from palpate.physics.fingertip import Fingertip, FingertipError, fill
-from palpate.physics.materials import BONE, SKIN, TISSUE, Material
+from palpate.physics.fingertip.anatomy import Anatomy
+from palpate.physics.fingertip.beam_bundle import FARTHEST, SHORTEST_STEP, Bundle, State, dome, step
+from palpate.physics.fingertip.surfaces import Fingertip, FingertipError, fill
+from palpate.physics.materials.viscoelastic import BONE, SKIN, TISSUE, Material
 
 UP = (0.0, 0.0, 1.0)
 CLEAR = 1e-3
@@ -151,7 +140,7 @@ class BundleContact(Node):
             rate = (max(depth, 0.0) - max(self.depth, 0.0)) / max(dt, SHORTEST_STEP)
             self.before, self.depth = pose.position, depth
             self.reaction = step(self.bundle, self.state, depth, shift, self.friction, dt, most=self.rounds)
-            if self.state.summary[CONTACTS] == 0:
+            if self.state.summary.contacts == 0:
                 self.onset = -1.0
             elif self.onset < 0 and shift != (0.0, 0.0):
                 self.onset = self.state.time - dt
@@ -172,7 +161,7 @@ class BundleContact(Node):
 
     def _slip(self) -> Slip:
         s = self.state
-        contacts, slips = int(s.summary[CONTACTS]), int(s.summary[SLIPS])
+        contacts, slips = s.summary.contacts, s.summary.slips
         fraction = slips / contacts if contacts else 0.0
         gross = 0 < contacts == slips
         return Slip(
@@ -185,10 +174,10 @@ class BundleContact(Node):
             first=np.where(s.first < 0, -1.0, np.maximum(s.first - max(self.onset, 0.0), 0.0)),
             path=s.path,
             points=self.bundle.points,
-            clamped=int(s.summary[CLAMPED]),
+            clamped=s.summary.clamped,
             deeper=self.depth > self.reach * (1 + 1e-9),
-            rounds=int(s.summary[ROUNDS]),
-            residual=float(s.summary[RESIDUAL]),
+            rounds=s.summary.rounds,
+            residual=s.summary.residual,
         )
 
     def _surface(self) -> Surface:
@@ -200,10 +189,10 @@ class BundleContact(Node):
         moved[:, 2] = np.minimum(self.depth - self.bundle.heights[touching], s.reach[touching])
         # The next step is a sum of straight laws that set in one after the other: its tangent at this depth is exact
         # for deeper ones until new beams touch, and never above it.
-        stiffness, touch, force = (float(s.summary[k]) for k in (NEXT_STIFFNESS, NEXT_TOUCH, NEXT_FORCE))
+        stiffness, touch, force = s.summary.next_stiffness, s.summary.next_touch, s.summary.next_force
         free = max(self.depth - force / stiffness, touch) if force > 0 else touch
         return Surface(
             nodes=touching, displacement=moved, stiffness=stiffness, exponent=1.0, damping=0.0,
             free=free, previous=max(self.depth, 0.0), pressure=s.normal[touching] / self.bundle.cell,
-            slipped=s.slipping[touching], clamped=int(s.summary[CLAMPED]),
+            slipped=s.slipping[touching], clamped=s.summary.clamped,
         )  # fmt: skip

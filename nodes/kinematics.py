@@ -8,10 +8,11 @@ import msgspec
 
 from palpate.messages import DeviceState, Force, MessageError, Pose, Torque, Vector3
 from palpate.nodes.base import Node, Wants
-from palpate.physics.falcon import FALCON, HOME
-from palpate.physics.falcon_statics import torque_kernel
-from palpate.physics.tracking import buffers, track, track_falcon
-from palpate.physics.velocity import FILLED
+from palpate.physics.device import between, window
+from palpate.physics.device.falcon import FALCON, HOME
+from palpate.physics.device.falcon_statics import torque_kernel
+from palpate.physics.device.tracking import buffers, track, track_falcon
+from palpate.physics.device.velocity import FILLED
 
 ZERO = (0.0, 0.0, 0.0)
 
@@ -22,16 +23,35 @@ class _Tracker(Node):
     origin: Annotated[Vector3, "m"] = ZERO
     differences: Annotated[int, "1", msgspec.Meta(ge=1, le=1000)] = 8
     speed_limit: Annotated[float, "m/s", msgspec.Meta(gt=0)] = 5.0
+    resolution: Annotated[float, "m", msgspec.Meta(ge=0)] = 0.0
 
     def _reset(self, home: Vector3) -> None:
         self.cursor, self.times, self.points = buffers(self.differences, *home)
+        self.cell = between.buffers()
+        self.window = window.buffers()
+        window.settle(*self.window, 0.0, *home, self.resolution)
+        self._forget()
         self.clock = 0
         self.last = home
+
+    def _forget(self) -> None:
+        self.window[0][:] = 0
+        self.line: tuple[float, ...] | None = None
 
     def _stamp(self, state: DeviceState, dt: float) -> int:
         """Time of the sample [ns]: the message's own, or the sum of the steps where it brings none."""
         self.clock = state.time if state.time >= 0 else self.clock + max(round(dt * 1e9), 0)
         return self.clock
+
+    def _taken(self, x: float, y: float, z: float, vx: float, vy: float, vz: float, dt: float) -> Pose:
+        """The pose after a sample; between the device's steps where they are known."""
+        if self.resolution > 0.0 and dt > 0.0:
+            self.line = window.settle(*self.window, self.clock * 1e-9, x, y, z, self.resolution)
+        if self.line is not None:
+            x, y, z, *even, n = self.line
+            if n >= window.REST:
+                vx, vy, vz = even
+        return self._pose(x, y, z, vx, vy, vz, dt)
 
     def _pose(self, x: float, y: float, z: float, vx: float, vy: float, vz: float, dt: float) -> Pose:
         self.last = x, y, z
@@ -41,6 +61,7 @@ class _Tracker(Node):
     def _lost(self) -> Pose:
         """The last position at rest, while the device does not know where it is; then the history begins anew."""
         self.cursor[FILLED] = 0
+        self._forget()
         return self._pose(*self.last, 0.0, 0.0, 0.0, 0.0)
 
 
@@ -49,13 +70,17 @@ class Falcon(_Tracker):
 
     The velocity is the mean of `differences` backward differences over the stamps of the samples. A sample that would
     need more than `speed_limit` is refused, unless four in a row agree. A stale or doubled sample leaves the pose as
-    it was, with dt = 0. `origin` is where the device's frame lies in the world.
+    it was, with dt = 0. `origin` is where the device's frame lies in the world. `resolution`: one encoder count at the
+    grip, about; angles that rest between two counts are told as their mean, and where the last samples lie within it of
+    a straight line, the pose is that of the line. 0: as measured.
     """
+
+    resolution: Annotated[float, "m", msgspec.Meta(ge=0)] = 60e-6
 
     def start(self) -> None:
         self.geometry = FALCON.geometry
         self._reset(HOME)
-        track_falcon(self.cursor, self.times, self.points, self.geometry, self.speed_limit, 0, *ZERO)
+        self._track(0, *ZERO)
         self._reset(HOME)
 
     def step(self, state: Annotated[DeviceState, Wants("joints", "homed")], *, dt: float) -> Pose:
@@ -67,8 +92,12 @@ class Falcon(_Tracker):
                 f"DeviceState.joints: found {len(state.joints)} angles, expected 3 [rad]. "
                 "For a device that reports a position use kinematics.Cartesian."
             )
-        return self._pose(
-            *track_falcon(self.cursor, self.times, self.points, self.geometry, self.speed_limit, time, *state.joints)
+        return self._taken(*self._track(time, *state.joints))
+
+    def _track(self, time: int, *angles: float) -> tuple[float, ...]:
+        count = FALCON.count if self.resolution > 0.0 else 0.0
+        return track_falcon(
+            self.cursor, self.times, self.points, self.cell, count, self.geometry, self.speed_limit, time, *angles
         )
 
 
@@ -77,7 +106,7 @@ class Cartesian(_Tracker):
 
     def start(self) -> None:
         self._reset(ZERO)
-        track(self.cursor, self.times, self.points, self.speed_limit, 0, *ZERO)
+        self._track(0, *ZERO)
         self._reset(ZERO)
 
     def step(self, state: Annotated[DeviceState, Wants("position", "homed")], *, dt: float) -> Pose:
@@ -89,7 +118,10 @@ class Cartesian(_Tracker):
                 f"DeviceState.position: found {len(state.position)} numbers, expected 3 [m]. "
                 "For a device that reports the angles of a Falcon use kinematics.Falcon."
             )
-        return self._pose(*track(self.cursor, self.times, self.points, self.speed_limit, time, *state.position))
+        return self._taken(*self._track(time, *state.position))
+
+    def _track(self, time: int, *point: float) -> tuple[float, ...]:
+        return track(self.cursor, self.times, self.points, self.cell, self.resolution, self.speed_limit, time, *point)
 
 
 class FalconStatics(Node):

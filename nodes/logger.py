@@ -7,6 +7,7 @@ import errno
 import json
 import time
 import typing
+from collections import deque
 from pathlib import Path
 from typing import IO, Annotated, Any
 
@@ -16,9 +17,10 @@ from mcap.writer import CompressionType, Writer
 from palpate.messages import Health, Message, fields
 from palpate.messages.base import HEADER
 from palpate.nodes.base import Observer, SettingError, Stream
+from palpate.nodes.mcap_file import LIBRARY, add_metadata
 
-CHUNK_TIME = 0.5  # [s] a chunk is closed at the latest after this time, so that a killed run loses no more
 CHUNK_SIZE = 1 << 20  # [B]
+LATEST = 1024  # ticks of a stream by which a node's new life is told from the one before
 PROFILE = "palpate"
 SCHEMA_VERSION = "1"
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
@@ -36,8 +38,8 @@ class Mcap(Observer):
     """Writes what it hears to an MCAP file: channels with units in their schemas, and the run's provenance.
 
     What it did not get is counted in the file, per stream: messages that their node sent and that did not come. A full
-    disk ends the recording with one line and leaves a file that opens up to its last chunk; the run goes on. So does
-    a run that is killed: no more than the last second is lost.
+    disk ends the recording with one line and leaves a file that opens up to its last chunk; the run goes on. A run that
+    is killed leaves such a file, too.
     """
 
     path: Annotated[str, "1"] = "palpate.mcap"
@@ -45,6 +47,8 @@ class Mcap(Observer):
     """Streams to thin out: name and n, to keep each n-th message."""
     leave_out: Annotated[tuple[str, ...], "1"] = ()
     """Streams not to record."""
+    within: Annotated[float, "s", msgspec.Meta(ge=0.0, le=60.0)] = 0.2
+    """What has come is in the file after this time at the latest; what a kill of everything may cost."""
     compression: Annotated[typing.Literal["zstd", "lz4", "none"], "1"] = "zstd"
 
     def start(self) -> None:
@@ -58,7 +62,9 @@ class Mcap(Observer):
         self.counts: dict[str, int] = {}
         self._heard: dict[str, int] = {}
         self._gaps: dict[str, int] = {}
+        self._last: dict[str, deque[int]] = {}
         self._steps: dict[str, int] = {}
+        self._since: dict[str, int] = {}
         self._before: dict[str, int] = {}
         self._notes: list[str] = []
         self._channels: dict[str, int] = {}
@@ -68,9 +74,11 @@ class Mcap(Observer):
         Path(self.path).parent.mkdir(parents=True, exist_ok=True)
         self._file = open(self.path, "wb", buffering=CHUNK_SIZE)  # noqa: SIM115 - lives until stop
         kinds = {"zstd": CompressionType.ZSTD, "lz4": CompressionType.LZ4, "none": CompressionType.NONE}
-        self._writer = Writer(self._file, chunk_size=CHUNK_SIZE, compression=kinds[self.compression])
-        self._writer.start(profile=PROFILE, library="palpate")
-        self._writer.add_metadata("palpate.about", {k: json.dumps(v) for k, v in self.about.items()})
+        self._writer = Writer(
+            self._file, chunk_size=CHUNK_SIZE, compression=kinds[self.compression], enable_data_crcs=True
+        )
+        self._writer.start(profile=PROFILE, library=LIBRARY)
+        add_metadata(self._writer, "palpate.about", {k: json.dumps(v) for k, v in self.about.items()})
         schemas: dict[type, int] = {}
         self._divisor = {}
         for stream in self.streams:
@@ -87,6 +95,7 @@ class Mcap(Observer):
             self._divisor[stream.name] = (stream.every, stream.every * keep if keep > 1 else 1)
             self.counts[stream.name] = self._next[stream.name] = self._due_at[stream.name] = 0
             self._heard[stream.name] = self._gaps[stream.name] = 0
+            self._last[stream.name] = deque(maxlen=LATEST)
         self._close_chunk()
 
     def observe(self, stream: str, tick: int, payload: bytes) -> None:
@@ -98,6 +107,7 @@ class Mcap(Observer):
             self._gaps[stream] += missing
         self._next[stream] = tick + step
         self._heard[stream] += 1
+        self._last[stream].append(tick)
         if tick < self._due_at[stream]:
             return
         self._due_at[stream] = tick - tick % keep + keep  # also where the clock left out the very tick
@@ -112,21 +122,26 @@ class Mcap(Observer):
 
     def health(self, message: Health) -> None:
         node = message.source
-        if message.steps == 0:
-            self._begun(node)
+        since = self._since.setdefault(node, message.since)
+        if message.since < since:
+            return  # a late word of one that is dead
+        if message.since > since:
+            self._since[node] = message.since
+            self._begun_anew(node, message.since)
         self._steps[node] = message.steps
 
-    def _begun(self, node: str) -> None:
-        """A node begins. Where it does so anew, with a new state, a replay has to do so at the same place."""
+    def _begun_anew(self, node: str, since: int) -> None:
+        """A node has begun anew, with a new state: a replay has to do so at the same place. Messages of its new life
+        may have come before the word of it, which takes another way."""
         streams = [stream.name for stream in self.streams if stream.producer == node and stream.name in self._heard]
-        heard = max((self._heard[name] for name in streams), default=0)
-        if self._file is None or heard <= self._before.get(node, 0):
+        heard = (self._heard[name] - sum(tick >= since for tick in self._last[name]) for name in streams)
+        before = max(heard, default=0)
+        if self._file is None or before <= self._before.get(node, 0):
             return
-        self._before[node] = heard  # what the dead one sent last and did not arrive nobody knows
-        from_tick = max(self._next[name] for name in streams)
+        self._before[node] = before  # what the dead one sent last and did not arrive nobody knows
         try:
             self._close_chunk()
-            self._writer.add_metadata("palpate.restarted", {"node": node, "tick": str(from_tick)})
+            add_metadata(self._writer, "palpate.restarted", {"node": node, "tick": str(since)})
         except OSError as error:
             self._give_up(error)
 
@@ -147,7 +162,7 @@ class Mcap(Observer):
         self._writer._Writer__finalize_chunk()  # type: ignore[attr-defined]
         assert self._file is not None
         self._file.flush()
-        self._due = time.monotonic() + CHUNK_TIME
+        self._due = time.monotonic() + self.within
 
     def _give_up(self, error: OSError) -> None:
         file, self._file = self._file, None
@@ -164,7 +179,7 @@ class Mcap(Observer):
             known = [stream for stream in self.streams if stream.name in self._channels]
             counts = {s.name: {"count": self.counts[s.name], "lost": self.lost(s)} for s in known}
             self._close_chunk()
-            self._writer.add_metadata("palpate.counts", {name: json.dumps(value) for name, value in counts.items()})
+            add_metadata(self._writer, "palpate.counts", {name: json.dumps(value) for name, value in counts.items()})
             self._writer.finish()
             self._file.close()
         except OSError as error:

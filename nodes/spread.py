@@ -8,8 +8,8 @@ import msgspec
 import numpy as np
 
 from palpate.messages import Contact, Friction, Load
-from palpate.nodes.surface import OnSurface
-from palpate.physics.spread import Spreader
+from palpate.nodes.base.surface import OnSurface
+from palpate.physics.contact.spread import Spreader
 
 NO_NODES = np.zeros(0, dtype=np.int32)
 NO_FORCES = np.zeros((0, 3))

@@ -11,7 +11,7 @@ import numpy as np
 
 from palpate.messages import Contact, Friction, Tactile
 from palpate.nodes.base import Node, SettingError
-from palpate.physics.tactile import stick_radius
+from palpate.physics.contact.tactile import stick_radius
 
 TABLE = Path(__file__).parent / "tables" / "fingertip.npz"
 

@@ -1,14 +1,15 @@
 """From magnetic resonance images of a finger to a fingertip that beams can fill.
 
     stack = read("dicom_folder")            # or NIfTI, PNG, TIFF
-    tip = rebuild(segment(stack))           # a palpate.physics.fingertip.Fingertip
+    tip = rebuild(segment(stack))           # a palpate.physics.fingertip.surfaces.Fingertip
     tip.save("finger.npz")
 
 Needs the extra `scan`: pip install palpate[scan].
 """
 
 from palpate.scan.outline import Outlines, segment
-from palpate.scan.read import ScanError, Stack, read
+from palpate.scan.read import read
 from palpate.scan.rebuild import rebuild
+from palpate.scan.stack import ScanError, Stack
 
 __all__ = ["Outlines", "ScanError", "Stack", "read", "rebuild", "segment"]

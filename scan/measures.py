@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from palpate.physics.fingertip import Fingertip, cast, fill
+from palpate.physics.fingertip.surfaces import Fingertip, cast, fill
 
 
 def measures(tip: Fingertip, depth: float = 2e-3, pitch: float = 1.2e-3) -> dict[str, float]:

@@ -17,7 +17,7 @@ from scipy.spatial import cKDTree
 from skimage.filters import threshold_otsu
 from skimage.measure import find_contours, points_in_poly
 
-from palpate.scan.read import ScanError, Stack
+from palpate.scan.stack import ScanError, Stack
 
 SMOOTHING = 0.2e-3
 """[m] Standard deviation of the filter against noise, in the plane of the slices."""
@@ -39,12 +39,14 @@ class Outlines:
     """Outlines by slice, (256, 2) [m] as (row, column) from the centre of the image; None where there is none.
 
     spacing  [m] between slices
+    axes     as in `Stack`
     """
 
     spacing: float
     skin: list[np.ndarray | None]
     tissue: list[np.ndarray | None]
     bone: list[np.ndarray | None]
+    axes: str = ""
 
 
 def segment(stack: Stack, skin: float | None = None) -> Outlines:
@@ -90,7 +92,7 @@ def segment(stack: Stack, skin: float | None = None) -> Outlines:
     for one, mask in zip(image, core, strict=True):
         around = binary_dilation(mask, iterations=reach) if mask.any() else mask
         cores.append(_largest(np.where(around, -one, -tissue), -0.5 * (bone + tissue), plane, around))
-    found = Outlines(between, borders, inner, cores)
+    found = Outlines(between, borders, inner, cores, stack.axes)
     _check(found, where)
     return found
 
@@ -214,6 +216,14 @@ def smooth(curve: np.ndarray) -> np.ndarray:
     return np.stack([found.real, found.imag], axis=1)
 
 
+def _next_area(area: float, step: float) -> float:
+    """Area of the next slice of a rounded tip, both as parts of the finger's; `step` to it in lengths of the tip.
+
+    An ellipsoidal tip has the area 1 - (1 - y)² at y lengths from its end.
+    """
+    return 1.0 - max(np.sqrt(max(1.0 - area, 0.0)) - step, 0.0) ** 2
+
+
 def _check(found: Outlines, where: str) -> None:
     """The finger runs through neighbouring slices, has the breadth of a finger, and a bone."""
     seen = [k for k, curve in enumerate(found.skin) if curve is not None]
@@ -229,7 +239,8 @@ def _check(found: Outlines, where: str) -> None:
     areas = [enclosed(curve) for curve in found.skin if curve is not None]
     for k, (a, b) in enumerate(pairwise(areas)):
         jump = float(np.linalg.norm(centres[k + 1] - centres[k]))
-        if jump > 0.2 * breadth or (min(a, b) > 0.4 * max(areas) and max(a, b) > 1.6 * min(a, b)):
+        less, more = min(a, b) / max(areas), max(a, b) / max(areas)
+        if jump > 0.2 * breadth or (less > 0.4 and more > 1.3 * _next_area(less, found.spacing / (0.4 * breadth))):
             raise ScanError(f"{where}: the outline jumps from slice {seen[k] + 1} to {seen[k] + 2}: slices are missing "
                             f"or out of order")  # fmt: skip
     boned = [k for k, curve in enumerate(found.bone) if curve is not None]

@@ -9,11 +9,14 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
-from palpate.physics.anatomy import Anatomy
-from palpate.scan.read import Stack
+from palpate.physics.fingertip.anatomy import Anatomy
+from palpate.scan.stack import Stack
 
 BRIGHTNESS = {"air": 0.0, "skin": 0.45, "tissue": 0.9, "bone": 0.12}
+MIDDLE = np.array([0.0, 12e-3, 0.0])
+"""[m] About which a finger is turned."""
 FULL = 4000
 """Largest stored value of a pixel."""
 
@@ -27,6 +30,9 @@ def scan(
     shading: float = 0.05,
     start: float = -0.5e-3,
     seed: int = 0,
+    roll: float = 0.0,
+    tilt: float = 0.0,
+    lean: float = 0.0,
 ) -> Stack:
     """Images of a fingertip.
 
@@ -35,6 +41,8 @@ def scan(
     noise    [1] standard deviation in each channel, the brightest tissue being 0.9
     shading  [1] fall of the brightness from left to right
     start    [m] middle of the first slice, from the tip
+    roll, tilt, lean  [rad] turns of the finger about its axis, about the way across it, and about the way to the nail,
+                      in this order, through its middle
     """
     parts = (4, 2, 2)
     centre = np.array([0.0, (anatomy.dorsal - anatomy.palmar - anatomy.bulge) / 2])
@@ -42,12 +50,14 @@ def scan(
     def fine(count, step, split, origin):
         return origin + step * ((np.arange(count * split) + 0.5) / split - 0.5)
 
+    turn = Rotation.from_euler("yxz", [roll, tilt, lean]).as_matrix()
     z = -fine(pixels, spacing[1], parts[1], -(pixels - 1) / 2 * spacing[1]) + centre[1]
     x = fine(pixels, spacing[2], parts[2], -(pixels - 1) / 2 * spacing[2]) + centre[0]
     volume = np.empty((slices, pixels, pixels), dtype=np.float32)
     for k in range(slices):
         y = fine(1, spacing[0], parts[0], start + k * spacing[0])
         points = np.stack(np.meshgrid(x, y, z, indexing="ij"), -1)
+        points = (points - MIDDLE) @ turn + MIDDLE
         light = np.full(points.shape[:-1], BRIGHTNESS["air"])
         for outer, inner in (("skin", "skin"), ("tissue", "tissue"), ("bone", "bone")):
             light[anatomy.level(outer, points) < 0] = BRIGHTNESS[inner]
@@ -68,8 +78,11 @@ def _stored(stack: Stack) -> np.ndarray:
     return np.round(np.clip(stack.volume, 0, 1.2) / 1.2 * FULL).astype(np.uint16)
 
 
-def write_dicom(stack: Stack, folder: str | Path) -> Path:
-    """An MR series, one file a slice, named against their order."""
+def write_dicom(stack: Stack, folder: str | Path, axes=None) -> Path:
+    """An MR series, one file a slice, named against their order.
+
+    axes  [1] (3,3)  directions of columns, rows and slices in the patient's frame, as rows; None: x, y, z
+    """
     import pydicom
     from pydicom.dataset import FileDataset, FileMetaDataset
     from pydicom.uid import ExplicitVRLittleEndian, MRImageStorage, generate_uid
@@ -78,6 +91,7 @@ def write_dicom(stack: Stack, folder: str | Path) -> Path:
     folder.mkdir(parents=True, exist_ok=True)
     study, series, frame = generate_uid(), generate_uid(), generate_uid()
     data = _stored(stack)
+    across, down, on = np.eye(3) if axes is None else np.asarray(axes, float)
     for k, image in enumerate(data):
         meta = FileMetaDataset()
         meta.MediaStorageSOPClassUID = MRImageStorage
@@ -93,8 +107,8 @@ def write_dicom(stack: Stack, folder: str | Path) -> Path:
         one.Rows, one.Columns = image.shape
         one.PixelSpacing = [f"{s * 1e3:.6g}" for s in stack.spacing[1:]]
         one.SliceThickness = f"{stack.spacing[0] * 1e3:.6g}"
-        one.ImageOrientationPatient = [1, 0, 0, 0, 1, 0]
-        one.ImagePositionPatient = [0, 0, f"{k * stack.spacing[0] * 1e3:.6g}"]
+        one.ImageOrientationPatient = [f"{v:.12f}" for v in (*across, *down)]
+        one.ImagePositionPatient = [f"{v:.9f}" for v in k * stack.spacing[0] * 1e3 * on]
         one.SamplesPerPixel, one.PhotometricInterpretation = 1, "MONOCHROME2"
         one.BitsAllocated, one.BitsStored, one.HighBit, one.PixelRepresentation = 16, 16, 15, 0
         one.PixelData = image.tobytes()
@@ -103,11 +117,12 @@ def write_dicom(stack: Stack, folder: str | Path) -> Path:
 
 
 def write_nifti(stack: Stack, path: str | Path) -> Path:
-    """A NIfTI volume (column, row upwards, slice), spacing in mm."""
+    """A NIfTI volume (column, row upwards, slice): columns to the left, upwards to the front, slices to the head."""
     import nibabel
 
+    between = [s * 1e3 for s in stack.spacing]
     data = _stored(stack)[:, ::-1].transpose(2, 1, 0).astype(np.int16)
-    image = nibabel.Nifti1Image(data, np.diag([*(s * 1e3 for s in stack.spacing[::-1]), 1.0]))
+    image = nibabel.Nifti1Image(data, np.diag([-between[2], between[1], between[0], 1.0]))
     image.header.set_xyzt_units("mm")
     nibabel.save(image, path)
     return Path(path)

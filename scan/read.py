@@ -2,44 +2,31 @@
 
 from __future__ import annotations
 
+import dataclasses
 import re
-from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from palpate.scan.orientation import cross_sections, oriented
+from palpate.scan.stack import ScanError, Stack, checked
+
 PICTURES = (".png", ".tif", ".tiff")
-IN_PLANE = (0.02e-3, 1.0e-3)
-BETWEEN = (0.05e-3, 5.0e-3)
-LEAST_SLICES = 6
 
 
-class ScanError(ValueError):
-    """A scan that cannot be used; says where, what was found, what was expected and what would work."""
-
-
-@dataclass(frozen=True)
-class Stack:
-    """Cross-sections of a finger.
-
-    volume   [1]  (slices, rows, columns) float32 brightness
-    spacing  [m]  between slices, rows, columns
-    source   where it came from
-    """
-
-    volume: np.ndarray
-    spacing: tuple[float, float, float]
-    source: str = ""
-
-
-def read(path: str | Path, spacing: tuple[float, float, float] | None = None) -> Stack:
+def read(path: str | Path, spacing: tuple[float, float, float] | None = None, axes: str = "") -> Stack:
     """The stack in a file (.nii, .nii.gz, .tif) or a folder (DICOM series, or numbered .png, .tif images).
 
-    spacing  [m] between slices, rows, columns; needed for images, and takes the place of what DICOM or NIfTI say
+    spacing  [m] between slices, rows, columns; needed for images, as their files count them, and takes the place of
+             what DICOM or NIfTI say of the cross-sections
+    axes     where slices, rows and columns run, as `scan.orientation` says; takes the place of what DICOM or NIfTI say
 
-    ScanError: nothing to read, missing slices, slices of different size or spacing, a spacing that no finger scan has.
+    Slices of the answer are cross-sections of the finger, whichever way the file has them.
+
+    ScanError: nothing to read, missing slices, slices of different size or spacing, a spacing that no finger scan has,
+    axes that are none.
     """
     path = Path(path)
     if not path.exists():
@@ -47,43 +34,21 @@ def read(path: str | Path, spacing: tuple[float, float, float] | None = None) ->
     if path.is_file():
         name = path.name.lower()
         if name.endswith((".nii", ".nii.gz")):
-            volume, found = _nifti(path)
+            volume, found, mirrored = _nifti(path)
         elif name.endswith((".tif", ".tiff")):
-            volume, found = _pages(path), None
+            volume, found, mirrored = _pages(path), None, None
         else:
             raise ScanError(f"{path}: not a stack. Expected a folder, .nii, .nii.gz, or a .tif of many pages")
     else:
         files = sorted(f for f in path.iterdir() if f.is_file() and not f.name.startswith("."))
         pictures = [f for f in files if f.suffix.lower() in PICTURES]
-        volume, found = (_images(path, pictures), None) if pictures else _dicom(path, files)
-    used = spacing or found
+        volume, found, mirrored = (_images(path, pictures), None, None) if pictures else _dicom(path, files)
+    used = found or spacing
     if used is None:
         raise ScanError(f"{path}: images have no spacing. Give it as slice,row,column in mm, such as 1.2,0.23,0.23")
-    return checked(Stack(np.ascontiguousarray(volume, dtype=np.float32), used, str(path)))
-
-
-def checked(stack: Stack) -> Stack:
-    """The stack itself. ScanError: too few or empty slices, or a spacing that no scan of a finger has."""
-    volume, spacing, where = stack.volume, stack.spacing, stack.source
-    if volume.ndim != 3 or volume.shape[0] < LEAST_SLICES or min(volume.shape[1:]) < 16:
-        raise ScanError(f"{where}: found {volume.shape} (slices, rows, columns), expected {LEAST_SLICES} slices or "
-                        f"more of 16 × 16 or more pixels")  # fmt: skip
-    if not np.isfinite(volume).all():
-        raise ScanError(f"{where}: brightness that is not a number")
-    limits = (BETWEEN, IN_PLANE, IN_PLANE)
-    for name, value, (low, high) in zip(("slice", "row", "column"), spacing, limits, strict=True):
-        if not low <= value <= high:
-            raise ScanError(f"{where}: {name} spacing {value * 1e3:g} mm, expected {low * 1e3:g} ... {high * 1e3:g} mm "
-                            f"for a finger; give the right one with --spacing")  # fmt: skip
-    empty = np.flatnonzero(np.ptp(volume, axis=(1, 2)) == 0)
-    if len(empty):
-        raise ScanError(f"{where}: slices {_some(empty)} are empty; a slice is missing from the scan")
-    return stack
-
-
-def _some(numbers) -> str:
-    text = ", ".join(str(int(n)) for n in numbers[:5])
-    return text + (", ..." if len(numbers) > 5 else "")
+    stack = Stack(np.asarray(volume, dtype=np.float32), used, str(path))
+    stack = cross_sections(oriented(stack, axes, mirrored))
+    return checked(stack if found is None or spacing is None else dataclasses.replace(stack, spacing=spacing))
 
 
 def _nifti(path: Path):
@@ -97,12 +62,19 @@ def _nifti(path: Path):
     if data.ndim != 3:
         raise ScanError(f"{path}: found {data.ndim} dimensions, expected one volume of three")
     unit = {"meter": 1.0, "micron": 1e-6}.get(image.header.get_xyzt_units()[0], 1e-3)
-    zooms = [float(z) * unit for z in image.header.get_zooms()[:3]]
-    along = int(np.argmax(zooms)) if max(zooms) > 1.01 * min(zooms) else 2
-    row, column = (k for k in (1, 0, 2) if k != along) if along == 2 else sorted({0, 1, 2} - {along}, reverse=True)
-    volume = data.transpose(along, row, column)
+    turn = np.asarray(image.affine, float)[:3, :3]
+    zooms = np.linalg.norm(turn, axis=0)
+    if not (np.isfinite(turn).all() and (zooms > 0).all()):
+        raise ScanError(
+            f"{path}: its affine has no size along an axis; give the spacing and the axes with a new header"
+        )
+    if np.abs((turn / zooms).T @ (turn / zooms) - np.eye(3)).max() > 0.01:
+        raise ScanError(f"{path}: the axes of its affine are not square to each other; resample the images")
+    stated = any(int(image.header[code]) > 0 for code in ("qform_code", "sform_code") if code in image.header)
     # NIfTI rows grow upwards (to superior or anterior), those of an image downwards.
-    return volume[:, ::-1], (zooms[along], zooms[row], zooms[column])
+    mirrored = bool(np.linalg.det(turn) > 0) if stated else None
+    along, row, column = (float(zooms[k]) * unit for k in (2, 1, 0))
+    return data.transpose(2, 1, 0)[:, ::-1], (along, row, column), mirrored
 
 
 def _pages(path: Path):
@@ -175,6 +147,9 @@ def _dicom(folder: Path, files: list[Path]):
     placed = sorted(((float(np.dot(normal, np.array(s.ImagePositionPatient, float))), s) for s in slices),
                     key=lambda pair: pair[0])  # fmt: skip
     places = np.array([p for p, _ in placed])
+    aside = np.array([np.array(s.ImagePositionPatient, float) - p * normal for p, s in placed])
+    if np.abs(aside - aside[0]).max() > 0.1 * max(float(v) for v in slices[0].PixelSpacing):
+        raise ScanError(f"{folder}: the slices are not square to the way from one to the next; resample the images")
     gaps = np.diff(places)
     usual = float(np.median(gaps)) if len(gaps) else 0.0
     wrong = np.flatnonzero(np.abs(gaps - usual) > 0.05 * abs(usual) + 1e-3)
@@ -187,5 +162,12 @@ def _dicom(folder: Path, files: list[Path]):
                            for _, s in placed])  # fmt: skip
     except Exception as error:  # pixel decoders raise many types
         raise ScanError(f"{folder}: pixels cannot be decoded: {error}") from None
+    kinds = {str(s.get("PhotometricInterpretation", "MONOCHROME2")) for s in slices}
+    if kinds == {"MONOCHROME1"}:  # its small values are bright
+        volume = volume.max() - volume
+    elif kinds != {"MONOCHROME2"}:
+        raise ScanError(
+            f"{folder}: pixels of {', '.join(sorted(kinds))}, expected grey ones, MONOCHROME1 or MONOCHROME2"
+        )
     row, column = (float(v) * 1e-3 for v in slices[0].PixelSpacing)
-    return volume, (usual * 1e-3, row, column)
+    return volume, (usual * 1e-3, row, column), False  # slices in order of columns × rows are right-handed

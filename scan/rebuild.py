@@ -3,39 +3,56 @@
 Between slices the signed distance to the outline is interpolated, not the outline itself (shape-based interpolation,
 Raya & Udupa 1990), so that no points need to be paired. Beyond the last outline a surface closes as an ellipsoid does:
 its inscribed radius falls with the root of the way to the tip, which the last two outlines tell.
+
+The surfaces are first made in the frame of the images, then turned to the finger's own axes (`align`).
 """
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from scipy.interpolate import PchipInterpolator
 
-from palpate.physics.fingertip import Fingertip
+from palpate.physics.fingertip.surfaces import Fingertip
+from palpate.scan.align import Frame, find_frame, turned
 from palpate.scan.outline import Outlines, distance, enclosed
-from palpate.scan.read import ScanError
+from palpate.scan.stack import ScanError
 
 MARGIN = 1.5e-3
 """[m] Of air round the finger."""
+Side = Literal["auto", "up", "down", "left", "right"]
+TOWARDS = {"up": (0, 1), "down": (0, -1), "left": (-1, 0), "right": (1, 0)}
+"""Side of an image -> direction (right, up) in it."""
 
 
-def rebuild(outlines: Outlines, grid: float = 4e-4, dorsal: Literal["auto", "up", "down"] = "auto") -> Fingertip:
-    """The surfaces of a finger from its outlines.
+class Rebuilt(NamedTuple):
+    """A fingertip, and where it lay: its frame in that of the images (column, slice from the tip on, upwards; right-
+    handed, so that columns are counted from the other side where the tip is in the last slice)."""
+
+    tip: Fingertip
+    frame: Frame
+
+
+def rebuild(outlines: Outlines, grid: float = 4e-4, dorsal: Side = "auto") -> Fingertip:
+    """The surfaces of a finger from its outlines; as `reconstruct`."""
+    return reconstruct(outlines, grid, dorsal).tip
+
+
+def reconstruct(outlines: Outlines, grid: float = 4e-4, dorsal: Side = "auto") -> Rebuilt:
+    """The surfaces of a finger from its outlines, and where it lay in the images.
 
     grid    [m] spacing of the distances
     dorsal  where the nail is in the images; "auto": on the side of the finger on which the bone lies
 
-    The frame: x and z from the centre of the images, y from the first slice at the tip.
+    The frame: the axis of the bone is y, from the tip of the skin; x runs across where the finger is broadest, z to the
+    nail.
     ScanError: neither end of the stack is a tip, or the side of the nail cannot be told.
     """
-    areas = [enclosed(curve) for curve in outlines.skin if curve is not None]
-    areas = [areas[0], areas[-1]]
-    order = range(len(outlines.skin)) if areas[0] <= areas[1] else range(len(outlines.skin) - 1, -1, -1)
-    if min(areas) > 0.8 * max(areas):
-        raise ScanError("neither end of the stack narrows to a fingertip; expected slices from the tip on")
-    up = _dorsal_up(outlines, dorsal)
-    curves = {name: [_turned(getattr(outlines, name)[k], up) for k in order] for name in ("skin", "tissue", "bone")}
+    last = _tip_is_last(outlines)
+    side = -1 if last else 1
+    order = range(len(outlines.skin) - 1, -1, -1) if last else range(len(outlines.skin))
+    curves = {name: [_placed(getattr(outlines, name)[k], side) for k in order] for name in ("skin", "tissue", "bone")}
     every = np.concatenate([c for c in curves["skin"] if c is not None])
     low, high = every.min(axis=0) - MARGIN, every.max(axis=0) + MARGIN
     x = np.arange(low[0], high[0] + grid, grid)
@@ -49,25 +66,37 @@ def rebuild(outlines: Outlines, grid: float = 4e-4, dorsal: Literal["auto", "up"
     ]
     levels[1] = np.maximum(levels[1], levels[0])
     levels[2] = np.maximum(levels[2], levels[0])
-    return Fingertip(np.array([x[0], y[0], z[0]]), np.full(3, grid), *map(np.ascontiguousarray, levels))
+    lying = Fingertip(np.array([x[0], y[0], z[0]]), np.full(3, grid), *map(np.ascontiguousarray, levels))
+    frame = find_frame(lying, _nail(outlines.axes, dorsal, side))
+    return Rebuilt(turned(lying, frame, MARGIN), frame)
 
 
-def _dorsal_up(outlines: Outlines, dorsal: str) -> bool:
-    if dorsal != "auto":
-        return dorsal == "up"
-    both = [(s.mean(axis=0), b.mean(axis=0)) for s, b in zip(outlines.skin, outlines.bone, strict=True)
-            if s is not None and b is not None]  # fmt: skip
-    rows = float(np.mean([b[0] - s[0] for s, b in both]))
-    if abs(rows) < 1e-4:
-        raise ScanError("the bone lies midway between nail and pulp; say where the nail is (--dorsal up or down)")
-    return rows < 0
+def _tip_is_last(outlines: Outlines) -> bool:
+    """Whether the tip is at the end of the stack, by its areas."""
+    areas = [enclosed(curve) for curve in outlines.skin if curve is not None]
+    if min(areas[0], areas[-1]) > 0.8 * max(areas[0], areas[-1]):
+        raise ScanError("neither end of the stack narrows to a fingertip; expected slices from the tip on")
+    last = areas[0] > areas[-1]
+    if outlines.axes and (outlines.axes[0] == "T") != last:
+        raise ScanError("--axes: its letters put the tip at the end of the stack where the finger is broader")
+    return last
 
 
-def _turned(curve: np.ndarray | None, up: bool) -> np.ndarray | None:
-    """(row, column) of an image as (x, z) of the finger; half a turn where the nail is below."""
-    if curve is None:
+def _nail(axes: str, dorsal: Side, side: int) -> np.ndarray | None:
+    """Direction of the nail (3) in the frame of the images, None where nobody said."""
+    if dorsal == "auto" and axes:
+        # Growing rows run down, growing columns to the right.
+        sides: dict[str, tuple[Side, Side]] = {"N": ("down", "right"), "P": ("up", "left")}
+        dorsal = next(sides[a][k] for k, a in enumerate(axes[1:]) if a in sides)
+    if dorsal == "auto":
         return None
-    return np.stack([curve[:, 1], -curve[:, 0]], axis=1) * (1 if up else -1)
+    right, up = TOWARDS[dorsal]
+    return np.array([side * right, 0.0, up])
+
+
+def _placed(curve: np.ndarray | None, side: int) -> np.ndarray | None:
+    """(row, column) of an image as (across, up); seen from behind where the slices are taken in their other order."""
+    return None if curve is None else np.stack([side * curve[:, 1], -curve[:, 0]], axis=1)
 
 
 def _between(curves: list[np.ndarray | None], spacing: float, plane: np.ndarray, y: np.ndarray) -> np.ndarray:

@@ -3,7 +3,11 @@
 import signal
 import textwrap
 
+import hypothesis
 import pytest
+from whole_touch import WHOLE
+
+import palpate.launch  # noqa: F401  pins the arithmetic, before any test imports numpy
 
 # Whoever starts the tests in the background may have them, and all that they start, ignore these signals: Ctrl-C would
 # reach nobody.
@@ -12,22 +16,9 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:
     signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
-WHOLE = """
-scene:
-  tissue: {friction: true, stiffness: 0.4 kN/m, cells: 12}
-  finger: {radius: 6 mm, h0: 3e-3}
-nodes:
-  device:   {use: graph_nodes.Hand, in: {torque: motor}}
-  finger:   {use: graph_nodes.Finger, in: {state: device}, with: $finger}
-  near:     {use: graph_nodes.Near, in: {pose: finger}}
-  contact:  {use: graph_nodes.Press, in: {proximity: near, body: tissue}}
-  friction: {use: graph_nodes.Rub, in: {contact: contact}, when: tissue.friction}
-  spread:   {use: graph_nodes.Spread, in: {contact: contact, friction: friction}}
-  tissue:   {use: graph_nodes.Spring, in: {load: spread}, with: $tissue}
-  control:  {use: graph_nodes.Control, in: {contact: contact, friction: friction}}
-  motor:    {use: graph_nodes.Motor, in: {force: control}}
-  log:      {use: graph_nodes.Tape, in: all}
-"""
+# Time is no property of what is tested: a kernel compiles at its first call, and a machine may be busy.
+hypothesis.settings.register_profile("palpate", deadline=None)
+hypothesis.settings.load_profile("palpate")
 
 
 @pytest.fixture

@@ -1,7 +1,7 @@
 /* Read a stream of a running graph from C:   cc listen.c -lzmq -o listen && ./listen ADDRESS STREAM [COUNT]
 
-   ADDRESS is one of those that `grep -o '@palpate.*observers' /proc/net/unix` shows, with ipc:// before it. The payload is
-   one msgpack map; this program shows its header fields `tick` and `time`, decoding no more of msgpack than they need.
+   ADDRESS is one of the sockets that `ls /tmp/palpate-*/*/*.observers $XDG_RUNTIME_DIR/palpate/*/*.observers` shows, with
+   ipc:// before it. The payload is one msgpack map; this program shows its header fields `tick` and `time`, decoding no more of msgpack than they need.
    For all fields use a msgpack library, such as msgpack-c or mpack. */
 
 #include <stdint.h>

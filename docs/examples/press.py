@@ -10,10 +10,11 @@ import numba
 import numpy as np
 
 from palpate.fe import Material, Rigid, Settings, Solver, TetMesh, neo_hooke, quadratic, sphere
-from palpate.fe.materials import moduli
-from palpate.fe.mesh import bricks, grid
-from palpate.fe.vtk import write_vtu
-from palpate.physics.strain_energy import shape_invariants, shape_stress
+from palpate.fe.contact.pressure import nodal_pressure
+from palpate.fe.element.mesh import bricks, grid
+from palpate.fe.element.vtk import write_vtu
+from palpate.physics.materials.hyperelastic import moduli
+from palpate.physics.materials.invariants import shape_invariants, shape_stress
 
 SIDE, FAT, SKIN = 16e-3, 9e-3, 1e-3  # [m]; a quarter of the block is meshed
 BALL, DEPTH = 4e-3, 2e-3  # [m]
@@ -71,7 +72,8 @@ def main() -> None:
         print(f"{name} skin")
         for depth, force, area in zip(depths, forces, areas, strict=True):
             print(f"  {1e3 * depth:.2f} mm  {1e3 * force:6.2f} mN  {1e6 * area:5.2f} mm²")
-        write_vtu(folder / f"{name}.vtu", body.mesh, {"displacement": body.displacement})
+        fields = {"displacement": body.displacement, "pressure": nodal_pressure(body.contacts[0], body.displacement)}
+        write_vtu(folder / f"{name}.vtu", body.mesh, fields)
     print(f"written: {', '.join(str(folder / f'{name}.vtu') for name in skins)}")
 
 

@@ -3,6 +3,7 @@
 python docs/pictures/beam_bundle.py [folder]
 
 beam-bundle-run.png      press, hold, slide and lift as shipped: what `palpate run fingertip-slide` draws
+beam-bundle-pad.png      its pad, seen from below through the plate
 beam-bundle-normal.png   normal force on the pad at three angles
 beam-bundle-press.png    load, hold, unload at four speeds, with relaxation
 beam-bundle-slide.png    friction over time: three angles, four directions, stick and slip
@@ -27,9 +28,9 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from palpate.launch.loading.launchfile import find
-from palpate.launch.recording.pictures import draw
-from palpate.launch.recording.pictures.slip import slides
-from palpate.launch.recording.pictures.touch import Touch
+from palpate.launch.pictures import draw
+from palpate.launch.pictures.slip import slides
+from palpate.launch.pictures.touch import Touch
 from palpate.launch.recording.reader import Recording
 from palpate.launch.running.execute import execute
 from palpate.messages import Slip, Surface
@@ -58,10 +59,11 @@ def sliding(angle: float, direction: float = 90):
 
 
 def as_shipped(path: Path) -> None:
-    """The picture that a run ends with."""
+    """The pictures that a run ends with."""
     touch = run(duration=5.0)
     made = {file.stem: file for file in draw(touch.recording.path, Path(SCRATCH.name))}
     shutil.copyfile(made["slip"], path)
+    shutil.copyfile(made["pad"], path.with_name("beam-bundle-pad.png"))
 
 
 def normal_force(path: Path) -> None:

@@ -18,12 +18,12 @@ import sys
 import tempfile
 from pathlib import Path
 
-from palpate.fe.fingertip import CALIBRATED, Fingertip
-from palpate.fe.layers import Layers
-from palpate.fe.pressing import Pressing
-from palpate.fe.record import Run, record
-from palpate.fe.scanned import Scanned
-from palpate.launch.commands.fe_pictures import draw
+from palpate.fe.meshing.fingertip import Fingertip
+from palpate.fe.meshing.layers import Layers
+from palpate.fe.meshing.scanned import Scanned
+from palpate.fe.study.press_record import Run, record
+from palpate.fe.study.pressing import Pressing
+from palpate.launch.pictures.fe_fingertip import draw
 from palpate.scan import rebuild, segment
 from palpate.scan.phantom import scan
 
@@ -35,7 +35,7 @@ MEASURED = 4
 def press(finger: Layers, plate: str, depth: float, folder: Path) -> Run:
     """The calibrated finger on a plate that rises by `depth` [m]."""
     run = Run(folder)
-    record(Pressing(finger, plate, CALIBRATED), depth, run)
+    record(Pressing(finger, plate, "calibrated"), depth, run)
     return run
 
 

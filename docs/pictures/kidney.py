@@ -13,7 +13,7 @@ from PIL import Image
 from rich.console import Console
 
 from palpate.launch.loading.launchfile import find
-from palpate.launch.recording.pictures import draw
+from palpate.launch.pictures import draw
 from palpate.launch.running.execute import execute
 
 WIDTH = 1500  # [px]

@@ -13,7 +13,7 @@ import tempfile
 from pathlib import Path
 
 from palpate.launch.loading.launchfile import find
-from palpate.launch.recording.pictures import draw
+from palpate.launch.pictures import draw
 from palpate.launch.running.execute import execute
 
 RUNS = {

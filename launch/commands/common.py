@@ -3,22 +3,21 @@
 from __future__ import annotations
 
 import json
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from typer.core import TyperGroup
 
+from palpate.physics.errors import MISUSE, TROUBLE, PalpateError
+
+__all__ = ["MISUSE", "TROUBLE"]
+
 if TYPE_CHECKING:
     from rich.console import Console
 
     from palpate.launch.loading.launchfile import LaunchFile
 
-TROUBLE = 1
-"""Exit code of a run that failed."""
-MISUSE = 2
-"""Exit code of a wrong graph, setting or command line."""
 INTERRUPTED = 130
 """Exit code of a run that Ctrl-C ended."""
 
@@ -47,6 +46,19 @@ PlaceOption = Annotated[
 ]
 Fused = Annotated[bool, typer.Option("--fused", help="Everything in one process.")]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON for programs.", callback=_as_json, is_eager=True)]
+
+
+def seconds(text: str) -> float:
+    """[s] of a time as in launch files: 2, '2 s', '0.5 min'. BadParameter: it is none."""
+    from palpate.launch.loading.units import UnitError, convert
+
+    try:
+        found = convert(text, "s")
+    except UnitError as error:
+        raise typer.BadParameter(str(error)) from None
+    if not 1e-9 <= found <= 1e9:
+        raise typer.BadParameter(f"found {text!r}; expected a time from 1e-9 to 1e9 s")
+    return found
 
 
 def chosen(
@@ -84,47 +96,42 @@ class Verbs(TyperGroup):
     """The command group: errors are told in red on standard error, without traceback unless `--debug` is given."""
 
     def invoke(self, ctx: Any) -> Any:
-        from palpate.launch.loading.faults import GraphError
-
         try:
             return super().invoke(ctx)
-        except GraphError as error:
-            if ctx.params.get("debug"):
-                raise
-            if ctx.find_root().meta.get("palpate.json"):
-                tell({"ok": False, "faults": [fault.to_spec() for fault in error.faults]})
-            else:
-                _complain(str(error), f"{len(error.faults)} fault{'s' * (len(error.faults) != 1)}.")
-            raise typer.Exit(MISUSE) from None
         except Exception as error:
+            # A palpate error says what a user needs; click's own errors, and an end that was asked for, go on.
+            known = isinstance(error, PalpateError)
             own = hasattr(error, "exit_code") or isinstance(error, typer.Abort | BrokenPipeError | EOFError)
-            if own or ctx.params.get("debug"):
+            if ctx.params.get("debug") or (own and not known):
                 raise
-            text = str(error) or "no more is known"
+            told = error if isinstance(error, PalpateError) else _Foreign(error)
             if ctx.find_root().meta.get("palpate.json"):
-                tell({"ok": False, "error": type(error).__name__, "text": text})
-            elif _is_told(error):
-                _complain(text, "")
+                tell({"ok": False, **told.to_spec()})
             else:
-                _complain(f"{type(error).__name__}: {text}", "`palpate --debug ...` shows the traceback.")
-            raise typer.Exit(_code(error)) from None
+                _complain(str(told), told.hint)
+            raise typer.Exit(told.exit_code) from None
 
 
-def _is_told(error: Exception) -> bool:
-    """Whether the text of an error says all that a user needs."""
-    told = (
-        ("palpate.launch.recording.reader", "RecordingError"),
-        ("palpate.launch.running.watch", "NoRun"),
-        ("palpate.nodes.base", "SettingError"),
-    )
-    return any(module in sys.modules and isinstance(error, getattr(sys.modules[module], name)) for module, name in told)
+class _Foreign(PalpateError):
+    """An error that palpate has not raised itself. A file that cannot be used is misuse, and needs no traceback."""
 
+    def __init__(self, error: Exception) -> None:
+        self.name = type(error).__name__
+        self.of_file = isinstance(error, OSError) and bool(error.filename and error.strerror)
+        text = f"{error.filename}: {error.strerror}" if self.of_file else str(error)  # type: ignore[attr-defined]
+        super().__init__(text or "no more is known")
+        if self.of_file or isinstance(error, FileNotFoundError | FileExistsError):
+            self.exit_code = MISUSE
 
-def _code(error: Exception) -> int:
-    """A wrong setting or a file that is not there is misuse; the rest is trouble of the run."""
-    base = sys.modules.get("palpate.nodes.base")
-    misuse = (FileNotFoundError, FileExistsError) + ((base.SettingError,) if base else ())
-    return MISUSE if isinstance(error, misuse) else TROUBLE
+    def __str__(self) -> str:
+        return self.args[0] if self.of_file else f"{self.name}: {self.args[0]}"
+
+    @property
+    def hint(self) -> str:
+        return "" if self.of_file else "`palpate --debug ...` shows the traceback."
+
+    def to_spec(self) -> dict[str, Any]:
+        return {"error": self.name, "text": self.args[0]}
 
 
 def _complain(text: str, hint: str) -> None:

@@ -63,10 +63,12 @@ def compare(
             )
     drawn = None if no_picture else _draw(found, picture or file.with_name(f"{file.stem}-compare.png"))
     if as_json:
-        tell({"ok": True, "complete": recording.complete, "reference": found[0].name,
+        tell({"ok": True, "complete": recording.complete, "ending": recording.ending, "reference": found[0].name,
               "variants": [variant.report() for variant in found], "picture": drawn and str(drawn)})  # fmt: skip
         return
     _print(found)
+    if recording.ending:
+        console(soft_wrap=True).print(recording.ending, style="yellow", markup=False)
     if drawn:
         console().print(f"picture {drawn}", markup=False)
 

@@ -12,13 +12,16 @@ from palpate.launch.commands.common import TROUBLE, Json, console, tell
 
 def doctor(
     pictures: Annotated[bool, typer.Option(help="Try to draw a picture, which takes some seconds.")] = True,
+    seconds: Annotated[
+        float, typer.Option(help="[s] to watch how late this machine wakes up, twice; 0: not at all.", min=0, max=600)
+    ] = 2.0,
     as_json: Json = False,
 ) -> None:
-    """Look at Python, packages, cores, real-time rights, pictures and devices. Exit code 1 if palpate cannot run."""
+    """Look at Python, packages, cores, wake-ups at 1 kHz, pictures and devices. Exit code 1 if palpate cannot run."""
     from palpate.launch.commands.examine import examine
 
     if as_json:
-        found = list(examine(pictures=pictures))
+        found = list(examine(pictures=pictures, seconds=seconds))
         tell({"ok": all(f.state != "fault" for f in found), "findings": [asdict(f) for f in found]})
     else:
         from rich.text import Text
@@ -26,7 +29,7 @@ def doctor(
         colours = {"ok": "green", "note": "yellow", "fault": "red"}
         out = console(soft_wrap=True)
         found = []
-        for finding in examine(pictures=pictures):
+        for finding in examine(pictures=pictures, seconds=seconds):
             found.append(finding)
             line = Text.assemble((f"{finding.state:6}", colours[finding.state]), f"{finding.what:20} {finding.found}")
             out.print(line)

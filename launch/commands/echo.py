@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from palpate.launch.commands.common import console
+from palpate.physics.errors import PalpateError
 
 if TYPE_CHECKING:
     from palpate.messages import Message
@@ -59,7 +60,7 @@ def _running(stream: str, run: str | None) -> Iterator[Message]:
 
     from palpate.launch.loading.faults import choices
     from palpate.launch.running.bus import HEALTH
-    from palpate.launch.running.watch import NoRun, find, hear
+    from palpate.launch.running.discover import NoRun, find, hear
     from palpate.messages import Health, unpack
 
     found = find(run)
@@ -83,7 +84,7 @@ def _type_of(payload: bytes) -> type[Message]:
     """The message type whose fields a message on the wire has."""
     import msgspec
 
-    from palpate.messages import Message, MessageError
+    from palpate.messages import Message
     from palpate.messages.docs import message_types
 
     names = set(msgspec.msgpack.decode(payload))
@@ -92,7 +93,7 @@ def _type_of(payload: bytes) -> type[Message]:
             return kind
     if names >= set(Message.__struct_fields__):
         return Message  # of a type of the user's own: its header, at least
-    raise MessageError(f"a message with the fields {', '.join(sorted(names))} is of no type that is known here")
+    raise PalpateError(f"a message with the fields {', '.join(sorted(names))} is of no type that is known here")
 
 
 def line(message: Message) -> Any:

@@ -13,13 +13,14 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path
 
 from palpate.launch.loading.extras import EXTRAS, install
 
-USB = Path("/sys/bus/usb/devices")
-DEVICES = {("0403", "cb48"): "Novint Falcon"}
-"""Haptic devices by USB vendor and product."""
+TUNING = (
+    "Set the CPU governor to performance (cpupower frequency-set -g performance), keep a core free (isolcpus, and"
+    " `core:` in a placement), switch off deep sleep states; give a virtual machine cores of its own."
+)
+HELD = 0.5e-3  # [s] lateness up to which a millisecond is held
 
 _PICTURE = (
     "import pyvista as pv; p = pv.Plotter(off_screen=True); p.add_mesh(pv.Sphere()); p.screenshot(return_img=True)"
@@ -39,8 +40,12 @@ class Finding:
     cure: str = ""
 
 
-def examine(*, pictures: bool = True) -> Iterator[Finding]:
-    """Look at everything, one finding after the other. `pictures`: try to draw one, which takes seconds."""
+def examine(*, pictures: bool = True, seconds: float = 2.0) -> Iterator[Finding]:
+    """Look at everything, one finding after the other.
+
+    pictures  try to draw one, which takes seconds
+    seconds   [s] for which wake-ups are watched, once without and once with real-time priority; 0: not at all
+    """
     yield _python()
     yield from _packages()
     if pictures:
@@ -48,6 +53,9 @@ def examine(*, pictures: bool = True) -> Iterator[Finding]:
     yield _cores()
     yield _fifo()
     yield _memory()
+    if seconds > 0.0:
+        yield from _wake_ups(seconds)
+    yield from _libusb()
     yield from _usb()
 
 
@@ -135,28 +143,48 @@ def _memory() -> Finding:
 
 
 def _usb() -> Iterator[Finding]:
+    from palpate.drivers.discover import devices
+
     found = False
-    for folder in sorted(USB.glob("*")) if USB.is_dir() else ():
-        ids = _word(folder / "idVendor"), _word(folder / "idProduct")
-        name = DEVICES.get(ids)
-        if name is None:
-            continue
+    for device in devices():
         found = True
-        numbers = [_word(folder / part) for part in ("busnum", "devnum")]
-        node = Path("/dev/bus/usb", *(n.zfill(3) for n in numbers))
-        if os.access(node, os.W_OK):
-            yield Finding(name, "ok", f"at {node}")
+        if device.missing:
+            yield Finding(device.name, "note", f"at {device.port}, without its package", install("devices"))
+        elif device.permitted:
+            yield Finding(device.name, "ok", f"at {device.port}, for {device.use}")
         else:
-            cure = (
-                f'udev rule: SUBSYSTEM=="usb", ATTR{{idVendor}}=="{ids[0]}", ATTR{{idProduct}}=="{ids[1]}", MODE="0666"'
-            )
-            yield Finding(name, "note", f"at {node}, not writable for you", cure)
+            yield Finding(
+                device.name, "note", f"at {device.file or device.ids}, not permitted for you",
+                "palpate devices --install-udev writes the rule; then plug it in again.",
+            )  # fmt: skip
     if not found:
-        yield Finding("haptic device", "note", "none on USB", "Nothing to do: device.Simulated runs without one.")
+        cure = "Nothing to do: `port: emulator` and device.Simulated run without one. See `palpate devices`."
+        yield Finding("haptic device", "note", "none on USB", cure)
 
 
-def _word(file: Path) -> str:
-    try:
-        return file.read_text().strip()
-    except OSError:
-        return ""
+def _libusb() -> Iterator[Finding]:
+    """pyusb is a door to a library of the system."""
+    import ctypes.util
+
+    if _version("pyusb") is None:
+        return
+    found = ctypes.util.find_library("usb-1.0")
+    yield Finding("libusb", "ok" if found else "note", found or "not on this machine: the Falcon cannot be reached",
+                  "" if found else "apt install libusb-1.0-0")  # fmt: skip
+
+
+def _wake_ups(seconds: float) -> Iterator[Finding]:
+    """Whether this machine wakes a process in time for 1 kHz, as any process and with real-time priority."""
+    from palpate.launch.commands.lateness import PRIORITY, measure, words
+
+    plain = measure(seconds, None)
+    assert plain is not None
+    held = plain.p999 < HELD
+    cure = "" if held else "Real-time priority (SCHED_RR above) mends most of it; so does an idle machine."
+    yield Finding("wake-ups", "ok" if held else "note", words(plain), cure)
+    first = measure(seconds, PRIORITY)
+    if first is None:
+        return
+    held = first.p999 < HELD
+    cure = "" if held else TUNING
+    yield Finding("wake-ups, SCHED_RR", "ok" if held else "note", words(first), cure)

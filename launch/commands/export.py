@@ -28,7 +28,8 @@ def export(
     recording = Recording(file)
     written = write(recording, to, out, stream or (), every=every)
     if as_json:
-        tell({"ok": True, "files": [str(path) for path in written], "complete": recording.complete})
+        files = [str(path) for path in written]
+        tell({"ok": True, "files": files, "complete": recording.complete, "ending": recording.ending})
         return
     from rich.text import Text
 
@@ -36,4 +37,4 @@ def export(
     where = written[0] if len(written) == 1 else written[0].parent
     console().print(Text(f"{where}: {len(written)} file{'s' * (len(written) != 1)}, {size / 1e6:.2f} MB"))
     if not recording.complete:
-        console().print(Text("the recording was cut off; exported up to its last whole chunk", style="yellow"))
+        console(soft_wrap=True).print(Text(recording.ending, style="yellow"))

@@ -2,38 +2,38 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+from inspect import signature
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, NoReturn
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from palpate.launch.commands.common import INTERRUPTED, MISUSE, TROUBLE, Json, Verbs, console, tell
+from palpate.launch.commands.common import INTERRUPTED, Json, console, tell
 from palpate.launch.commands.fe_report import numbers, show, show_statements
 from palpate.launch.loading.extras import install
 
 if TYPE_CHECKING:
-    from palpate.fe.layers import Layers
-    from palpate.fe.pressing import Pressing
-    from palpate.fe.record import Record, Run
+    from palpate.fe.meshing.layers import Layers
+    from palpate.fe.study.press_record import Record, Run
+    from palpate.fe.study.pressing import Pressing
 
-fe = typer.Typer(cls=Verbs, no_args_is_help=True, help="Run the full finite-element models.")
+fe = typer.Typer(no_args_is_help=True, help="Run the full finite-element models.")
 
 
 @fe.callback()
 def _group() -> None:
     """Run the full finite-element models."""
-    from palpate.launch.running.clock import few_threads
-
-    few_threads()
 
 
 @fe.command()
 def fingertip(
     plate: Annotated[str, typer.Option(help="steel or silicone")] = "steel",
     material: Annotated[
-        str, typer.Option(help="literal, calibrated, or a number: the divisor of the finger's moduli")
+        str,
+        typer.Option(
+            help="printed, calibrated (printed / 16.3), cortical (bone of 17 GPa), one of these with a divisor as in "
+            "cortical/36.4, or a number: the divisor of the printed moduli"
+        ),
     ] = "calibrated",
     depth: Annotated[float, typer.Option(help="how far the plate rises, mm")] = 2.4,
     cells: Annotated[int, typer.Option(help="elements across an eighth of the circumference")] = 6,
@@ -47,24 +47,22 @@ def fingertip(
     as_json: Json = False,
 ) -> None:
     """Press the layered fingertip on a plate: force, contact area, isostrain volumes; fields as VTK; pictures."""
-    with _plainly(as_json):
-        divisor = _divisor(material)
-        tip = _finger(finger, cells)
-        _check_depth(depth, tip)
-        shape = "" if finger is None else f"-{finger.stem}"
-        place = folder / f"{plate}-{material}-{cells}-{friction:g}{shape}"
-        pressing, run = _pressing(tip, plate, divisor, friction, place)
-        found = _press(pressing, 1e-3 * depth, run, as_json)
-        _fields(pressing, place / "finger.vtu")
-        made = _pictures({plate: run}, place)
-        if as_json:
-            data = {"ok": True} | numbers(plate, divisor, found, finger is None)
-            tell(data | {"folder": str(place), "pictures": [str(path) for path in made]})
-            return
-        show(plate, divisor, found, finger is None)
-        typer.echo(f"{place / 'finger.vtu'}: displacement and equivalent strain")
-        for path in made:
-            typer.echo(path)
+    _check_material(material)
+    tip = _finger(finger, cells)
+    _check_depth(depth, tip)
+    place = folder / run_name(plate, material, cells, friction, finger)
+    pressing, run = _pressing(tip, plate, material, friction, place)
+    found = _press(pressing, 1e-3 * depth, run, as_json)
+    _fields(pressing, place / "finger.vtu")
+    made = _pictures({plate: run}, place)
+    if as_json:
+        data = {"ok": True} | numbers(plate, material, found, finger is None)
+        tell(data | {"folder": str(place), "pictures": [str(path) for path in made]})
+        return
+    show(plate, material, found, finger is None)
+    typer.echo(f"{place / 'finger.vtu'}: displacement, equivalent strain and contact pressure")
+    for path in made:
+        typer.echo(path)
 
 
 @fe.command()
@@ -75,21 +73,20 @@ def compare(
     as_json: Json = False,
 ) -> None:
     """Both plates side by side: which of the paper's statements hold, and pictures like its Figures 3 to 5."""
-    from palpate.fe.record import Run
-    from palpate.fe.statements import statements
+    from palpate.fe.study.paper_claims import statements
+    from palpate.fe.study.press_record import Run
 
-    with _plainly(as_json):
-        runs = {"steel": Run(steel), "silicone": Run(silicone)}
-        _check_pair(runs)
-        rows = statements(*(run.record() for run in runs.values()))
-        to.mkdir(parents=True, exist_ok=True)
-        made = _pictures(runs, to)
-        if as_json:
-            tell({"ok": True, "statements": rows, "pictures": [str(path) for path in made]})
-            return
-        show_statements(rows)
-        for path in made:
-            typer.echo(path)
+    runs = {"steel": Run(steel), "silicone": Run(silicone)}
+    _check_pair(runs)
+    rows = statements(*(run.record() for run in runs.values()))
+    to.mkdir(parents=True, exist_ok=True)
+    made = _pictures(runs, to)
+    if as_json:
+        tell({"ok": True, "statements": rows, "pictures": [str(path) for path in made]})
+        return
+    show_statements(rows)
+    for path in made:
+        typer.echo(path)
 
 
 @fe.command()
@@ -105,70 +102,68 @@ def table(
     """
     import numpy as np
 
-    from palpate.fe.record import LEVELS, Run, RunError
+    from palpate.fe.study.press_record import LEVELS, Run, RunError
 
-    with _plainly(as_json):
-        runs = {"steel": Run(steel), "silicone": Run(silicone)}
-        ratio = _check_pair(runs, scaled=True)
-        if to.suffix != ".npz":
-            raise RunError(f"--to {to}: expected a name that ends in .npz")
-        found = {"steel": runs["steel"].record().softened(ratio), "silicone": runs["silicone"].record()}
-        data = {"levels": LEVELS}
-        for plate, one in found.items():
-            keep = np.concatenate([[True], np.diff(one.force) > 0])
-            data |= {f"{plate}.{n}": getattr(one, n)[keep] for n in ("force", "area", "volumes", "indentation")}
-        np.savez_compressed(to, allow_pickle=False, **data)
-        if as_json:
-            tell({"ok": True, "table": str(to), "force": {p: r.force[-1] for p, r in found.items()}})
-        else:
-            typer.echo(f"{to}: {', '.join(f'{p} to {r.force[-1]:.3g} N' for p, r in found.items())}")
+    runs = {"steel": Run(steel), "silicone": Run(silicone)}
+    ratio = _check_pair(runs, scaled=True)
+    if to.suffix != ".npz":
+        raise RunError(f"--to {to}: expected a name that ends in .npz")
+    found = {"steel": runs["steel"].record().softened(ratio), "silicone": runs["silicone"].record()}
+    data = {"levels": LEVELS}
+    for plate, one in found.items():
+        keep = np.concatenate([[True], np.diff(one.force) > 0])
+        data |= {f"{plate}.{n}": getattr(one, n)[keep] for n in ("force", "area", "volumes", "indentation")}
+    np.savez_compressed(to, allow_pickle=False, **data)
+    if as_json:
+        tell({"ok": True, "table": str(to), "force": {p: r.force[-1] for p, r in found.items()}})
+    else:
+        typer.echo(f"{to}: {', '.join(f'{p} to {r.force[-1]:.3g} N' for p, r in found.items())}")
 
 
-@contextmanager
-def _plainly(as_json: bool) -> Iterator[None]:
-    """Errors that a user can do something about: one line, or JSON, and an exit code."""
-    from palpate.fe.mesh import MeshError
-    from palpate.fe.record import RunError
-    from palpate.fe.solver import ConvergenceError
-    from palpate.physics.fingertip import FingertipError
+@fe.command()
+def laws(as_json: Json = False) -> None:
+    """The material laws: equation, and moduli at rest of an example."""
+    from palpate.physics.materials.hyperelastic import constructor, example, rest_moduli
+    from palpate.physics.materials.hyperelastic import laws as every
 
-    def end(error: Exception, text: str, code: int) -> NoReturn:
-        if as_json:
-            tell({"ok": False, "error": type(error).__name__, "text": text})
-        else:
-            typer.secho(text, fg="red", err=True)
-        raise typer.Exit(code) from None
+    rows = []
+    for name, module in every().items():
+        shear, bulk = rest_moduli(example(name))
+        made = f"{name}{signature(constructor(name))}".split(" ->")[0].replace(": 'float'", "")
+        text = (module.__doc__ or "").strip()
+        rows.append({"law": name, "make": made, "example": list(module.EXAMPLE), "shear Pa": shear, "bulk Pa": bulk}
+                    | {"text": text})  # fmt: skip
+    if as_json:
+        tell({"ok": True, "laws": rows})
+        return
+    for row in rows:
+        typer.secho(str(row["make"]), bold=True)
+        typer.echo(f"{row['text']}\n\nat rest with {row['example']}: shear modulus {row['shear Pa']:.4g} Pa, bulk "
+                   f"modulus {row['bulk Pa']:.4g} Pa\n")  # fmt: skip
+
+
+def run_name(plate: str, material: str, cells: int, friction: float, finger: Path | None = None) -> str:
+    """Of the folder in which a run keeps its results."""
+    return f"{plate}-{material.replace('/', '-by-')}-{cells}-{friction:g}" + (
+        "" if finger is None else f"-{finger.stem}"
+    )
+
+
+def _check_material(material: str) -> None:
+    from palpate.fe.element.mesh import MeshError
+    from palpate.fe.meshing.fingertip import divisor_and_bone
 
     try:
-        yield
-    except (MeshError, RunError, FingertipError) as error:
-        end(error, str(error), MISUSE)
-    except OSError as error:
-        end(error, f"{error.filename}: {error.strerror}" if error.strerror else str(error), MISUSE)
-    except ConvergenceError as error:
-        end(error, str(error), TROUBLE)
-
-
-def _divisor(material: str) -> float:
-    """The divisor of the finger's moduli that a material means."""
-    from palpate.fe.fingertip import CALIBRATED
-    from palpate.fe.mesh import MeshError
-
-    named = {"literal": 1.0, "calibrated": CALIBRATED}
-    try:
-        found = named[material] if material in named else float(material)
-    except ValueError:
-        found = 0.0
-    if not 0.0 < found < float("inf"):
-        raise MeshError(f"--material {material}: expected literal, calibrated or a number above 0")
-    return found
+        divisor_and_bone(material)
+    except MeshError as error:
+        raise MeshError(f"--{error}") from None
 
 
 def _finger(path: Path | None, cells: int) -> Layers:
-    from palpate.fe.fingertip import Fingertip
-    from palpate.fe.mesh import MeshError
-    from palpate.fe.scanned import Scanned
-    from palpate.physics import fingertip as measured
+    from palpate.fe.element.mesh import MeshError
+    from palpate.fe.meshing.fingertip import Fingertip
+    from palpate.fe.meshing.scanned import Scanned
+    from palpate.physics.fingertip import surfaces as measured
 
     if not 3 <= cells <= 20:
         raise MeshError(f"--cells {cells}: expected 3 ... 20")
@@ -178,21 +173,21 @@ def _finger(path: Path | None, cells: int) -> Layers:
 
 
 def _check_depth(depth: float, tip: Layers) -> None:
-    from palpate.fe.mesh import MeshError
+    from palpate.fe.element.mesh import MeshError
 
     most = 1e3 * float(tip.radii[-1] - tip.radii[0])
     if not 0.0 < depth < most:
         raise MeshError(f"--depth {depth:g}: expected more than 0 and less than {most:.2f} mm, from skin to bone")
 
 
-def _pressing(tip: Layers, plate: str, divisor: float, friction: float, place: Path) -> tuple[Pressing, Run]:
+def _pressing(tip: Layers, plate: str, material: str, friction: float, place: Path) -> tuple[Pressing, Run]:
     """The pressing, and its folder, which can be written."""
-    from palpate.fe.mesh import MeshError
-    from palpate.fe.pressing import Pressing
-    from palpate.fe.record import Run
+    from palpate.fe.element.mesh import MeshError
+    from palpate.fe.study.press_record import Run
+    from palpate.fe.study.pressing import Pressing
 
     try:
-        pressing = Pressing(tip, plate, divisor, friction)
+        pressing = Pressing(tip, plate, material, friction)
     except MeshError:
         raise
     except ValueError as error:
@@ -207,7 +202,7 @@ def _press(pressing: Pressing, end: float, run: Run, quiet: bool) -> Record:
     """The pressing, with a bar; Ctrl-C keeps what is done."""
     from rich.progress import Progress, TextColumn
 
-    from palpate.fe.record import record
+    from palpate.fe.study.press_record import record
 
     count = 3 * len(pressing.solver.mesh.points)
     columns = (*Progress.get_default_columns()[:3], TextColumn("{task.fields[note]}"))
@@ -230,17 +225,19 @@ def _press(pressing: Pressing, end: float, run: Run, quiet: bool) -> Record:
 
 
 def _fields(pressing: Pressing, path: Path) -> None:
-    from palpate.fe.vtk import write_vtu
+    from palpate.fe.contact.pressure import nodal_pressure
+    from palpate.fe.element.vtk import write_vtu
 
-    values, _ = pressing.strain()
+    values = pressing.strain()
     mesh = pressing.finger.mesh
     moved = pressing.solver.displacement[: len(mesh.points)]
-    write_vtu(path, mesh, {"displacement": moved}, {"equivalent_strain": values.mean(axis=1)})
+    pressure = nodal_pressure(pressing.touch, pressing.solver.displacement)[: len(mesh.points)]
+    write_vtu(path, mesh, {"displacement": moved, "pressure": pressure}, {"equivalent_strain": values.mean(axis=1)})
 
 
 def _pictures(runs: dict[str, Run], folder: Path) -> list[Path]:
     """The pictures, or a line that says what is missing."""
-    from palpate.launch.commands.fe_pictures import draw
+    from palpate.launch.pictures.fe_fingertip import draw
 
     try:
         return draw(runs, folder)
@@ -252,7 +249,7 @@ def _pictures(runs: dict[str, Run], folder: Path) -> list[Path]:
 def _check_pair(runs: dict[str, Run], scaled: bool = False) -> float:
     """Whether the runs are of one finger on these plates; the ratio of the divisors, which is 1 unless it may be
     scaled. RunError: they are not."""
-    from palpate.fe.record import RunError, differing
+    from palpate.fe.study.press_record import RunError, differing
 
     found = {plate: run.settings() for plate, run in runs.items()}
     for plate, settings in found.items():

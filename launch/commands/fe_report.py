@@ -7,16 +7,19 @@ from typing import TYPE_CHECKING, Any
 from palpate.launch.commands.common import console
 
 if TYPE_CHECKING:
-    from palpate.fe.record import Record
+    from palpate.fe.study.press_record import Record
 
 
-def numbers(plate: str, divisor: float, found: Record, paper: bool) -> dict[str, Any]:
+def numbers(plate: str, material: str, found: Record, paper: bool) -> dict[str, Any]:
     """The record as plain data, with the paper's points beside it."""
-    from palpate.fe.fingertip import PAPER
+    from palpate.fe.meshing.fingertip import PAPER, divisor_and_bone
 
+    divisor, bone = divisor_and_bone(material)
     return {
         "plate": plate,
+        "material": material,
         "divisor": divisor,
+        "bone": bone,
         "indentation": found.indentation.tolist(),
         "force": found.force.tolist(),
         "area": found.area.tolist(),
@@ -29,15 +32,19 @@ def numbers(plate: str, divisor: float, found: Record, paper: bool) -> dict[str,
     }
 
 
-def show(plate: str, divisor: float, found: Record, paper: bool) -> None:
+def show(plate: str, material: str, found: Record, paper: bool) -> None:
     """Print the record, and where the paper has points, those."""
     from rich.table import Table
 
-    from palpate.fe.fingertip import PAPER
+    from palpate.fe.meshing.fingertip import PAPER, divisor_and_bone
 
+    divisor, bone = divisor_and_bone(material)
     out = console()
     table = Table(
-        box=None, pad_edge=False, title=f"{plate}, moduli / {divisor:g}; V in mm³ by strain", title_justify="left"
+        box=None,
+        pad_edge=False,
+        title=f"{plate}, moduli / {divisor:g}, bone {bone / divisor:.3g} Pa; V in mm³ by strain",
+        title_justify="left",
     )
     for name in ("mm", "N", "mm²", *(f"V({x:g})" for x in found.levels)):
         table.add_column(name, justify="right", no_wrap=True)

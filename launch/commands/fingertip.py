@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from palpate.launch.commands.common import MISUSE, Json, console, tell
+from palpate.launch.commands.common import Json, console, tell
 from palpate.launch.loading.extras import install
 
 
@@ -18,6 +19,8 @@ class Side(StrEnum):
     auto = "auto"
     up = "up"
     down = "down"
+    left = "left"
+    right = "right"
 
 
 def fingertip(
@@ -30,6 +33,13 @@ def fingertip(
         float | None, typer.Option(help="Thickness of the skin in mm, where images do not show it.")
     ] = None,
     dorsal: Annotated[Side, typer.Option(help="Where the nail is in the images.")] = Side.auto,
+    axes: Annotated[
+        str,
+        typer.Option(
+            help="Where slices, rows, columns run: T/H to tip or hand, N/P to nail or pulp, R/L seen from the tip, nail"
+            " up. Images without: tip and nail are found, the next slice lies behind."
+        ),
+    ] = "",
     picture: Annotated[Path | None, typer.Option(help="Picture of the result; by default beside the output.")] = None,
     phantom: Annotated[
         Path | None, typer.Option(help="Write images of a made-up finger to try, and end: a new folder, or .nii.gz.")
@@ -38,9 +48,10 @@ def fingertip(
 ) -> None:
     """Read images of a finger, find skin, tissue and bone, and write the fingertip with a picture of it."""
     try:
-        from palpate.scan import read, rebuild, segment
+        from palpate.launch.pictures.scan import draw
+        from palpate.scan import read, segment
         from palpate.scan.measures import measures
-        from palpate.scan.picture import draw
+        from palpate.scan.rebuild import reconstruct
     except ImportError as error:
         raise typer.BadParameter(f"{error.name} is not installed. {install('scan')}") from None
     if phantom is not None:
@@ -56,23 +67,22 @@ def fingertip(
     for place in (output, shown):
         if not place.absolute().parent.is_dir():
             raise typer.BadParameter(f"{place.parent}: no such folder", param_hint="--output")
-    try:
-        stack = read(scan, _spacing(spacing))
-        tip = rebuild(segment(stack, None if skin is None else skin * 1e-3), dorsal=dorsal.value)
-        tip.save(output)
-        draw(tip, shown)
-    except ValueError as error:
-        if as_json:
-            tell({"ok": False, "error": type(error).__name__, "text": str(error)})
-        else:
-            typer.secho(str(error), fg="red", err=True)
-        raise typer.Exit(MISUSE) from None
+    stack = read(scan, _spacing(spacing), axes)
+    outlines = segment(stack, None if skin is None else skin * 1e-3)
+    tip, frame = reconstruct(outlines, dorsal=dorsal.value)
+    tip.save(output)
+    draw(tip, shown, stack, outlines)
     found = {
         "ok": True,
         "output": str(output),
         "picture": str(shown),
         "slices": len(stack.volume),
         "spacing_mm": [s * 1e3 for s in stack.spacing],
+        "tilt_deg": math.degrees(frame.tilt),
+        "roll_deg": math.degrees(frame.roll),
+        "left_and_right": {"header": "by the header", "stated": "as stated"}.get(
+            stack.handed, "not known: the next slice is taken to lie behind (--axes)"
+        ),
         **measures(tip),
     }
     if as_json:
@@ -119,7 +129,7 @@ def _table(found: dict) -> None:
             continue
         text = ", ".join(f"{v:g}" for v in value) if isinstance(value, list) else value
         *words, unit = name.split("_")
-        unit = {"mm3": "mm³"}.get(unit, unit)
-        label = f"{' '.join(words)} [{unit}]" if unit in ("mm", "mm³") else name
+        unit = {"mm3": "mm³", "deg": "°"}.get(unit, unit)
+        label = f"{' '.join(words)} [{unit}]" if unit in ("mm", "mm³", "°") else name.replace("_", " ")
         table.add_row(Text(label), f"{text:.2f}" if isinstance(text, float) else str(text))
     console().print(table)

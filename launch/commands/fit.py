@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import json
-import sys
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-MISUSE = 2
-"""Exit code where file or arguments are wrong."""
+from palpate.launch.commands.common import Json
+from palpate.launch.loading.extras import install
+
+if TYPE_CHECKING:
+    from palpate.fit.fit import Told
 
 
 def fit(
@@ -28,8 +30,14 @@ def fit(
     ] = None,
     deviation: Annotated[str | None, typer.Option(help="Take this model of the standard deviation, same names")] = None,
     folds: Annotated[int, typer.Option(help="Folds of the cross-validation", min=3)] = 9,
+    protocol: Annotated[
+        str, typer.Option(help="whole: all sessions, a band for new ones; published: two dropped, a normal law")
+    ] = "whole",
+    any_stiffness: Annotated[
+        bool, typer.Option("--any-stiffness", help="Take forces and depths as they stand, however soft or stiff")
+    ] = False,
     depth_limit: Annotated[float | None, typer.Option(help="Leave out rows deeper than this, in mm")] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of tables")] = False,
+    as_json: Json = False,
     example: Annotated[Path | None, typer.Option(help="Write a CSV of synthetic sessions, and end")] = None,
 ) -> None:
     """Fit force models, or a contact law, to indentation sessions.
@@ -37,42 +45,60 @@ def fit(
     Five models of the force and of its standard deviation are compared by nine-fold cross-validation; the best go into
     a YAML file that the node contact.Probabilistic takes as its `model`.
     """
-    from palpate.launch.fitting.fit import fit_sessions, write_example
-    from palpate.launch.fitting.sessions import SessionError
+    from palpate.fit.fit import fit_sessions, write_example
+    from palpate.fit.sessions import SessionError
 
-    try:
-        if example is not None:
-            write_example(example)
-            text = f"Wrote synthetic sessions of two made-up subjects to {example}."
-            typer.echo(json.dumps({"ok": True, "file": str(example)}) if as_json else text)
-            return
-        if sessions is None:
-            raise SessionError("no file: give SESSIONS.csv, or --example FILE.csv to write one to try")
-        told = fit_sessions(
-            sessions,
-            law=law,
-            subjects=subject or [],
-            out=out,
-            pictures=pictures,
-            mean=mean,
-            deviation=deviation,
-            folds=folds,
-            depth_limit=depth_limit,
-        )
-    except SessionError as error:
-        if as_json:
-            typer.echo(json.dumps({"ok": False, "faults": str(error).split("\n")}, indent=2))
-        else:
-            sys.stderr.write(f"{error}\n")
-        raise typer.Exit(MISUSE) from None
+    drawn: list[str] = []
+
+    if example is not None:
+        write_example(example)
+        text = f"Wrote synthetic sessions of two made-up subjects to {example}."
+        typer.echo(json.dumps({"ok": True, "file": str(example)}) if as_json else text)
+        return
+    if sessions is None:
+        raise SessionError("no file: give SESSIONS.csv, or --example FILE.csv to write one to try")
+    told = fit_sessions(
+        sessions,
+        law=law,
+        subjects=subject or [],
+        out=out,
+        mean=mean,
+        deviation=deviation,
+        folds=folds,
+        depth_limit=depth_limit,
+        protocol=protocol,
+        any_stiffness=any_stiffness,
+    )
+    if pictures is not None:
+        drawn = _draw(told, pictures)
     if as_json:
         found = {"ok": True, "subjects": told.data, "notes": told.notes}
-        typer.echo(json.dumps(found | {"file": str(told.file), "pictures": told.pictures}, indent=2))
+        typer.echo(json.dumps(found | {"file": str(told.file), "pictures": drawn}, indent=2))
         return
     from rich.console import Console
 
     console = Console()
     for table in told.tables:
         console.print(table)
-    for note in [*told.notes, f"Wrote {', '.join([str(told.file), *told.pictures])}"]:
+    for note in [*told.notes, f"Wrote {', '.join([str(told.file), *drawn])}"]:
         console.print(note, markup=False, highlight=False)
+
+
+def _draw(told: Told, folder: Path) -> list[str]:
+    """The pictures of every subject; their files. SessionError: no matplotlib, or a folder that cannot be written."""
+    from palpate.fit.sessions import SessionError
+
+    try:
+        from palpate.launch.pictures.fit import draw_choice, draw_law
+    except ImportError:
+        raise SessionError(f"--pictures: matplotlib is not installed; {install('view')}") from None
+    paths: list[Path] = []
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for number, choice in enumerate(told.chosen, 1):
+            paths += draw_choice(choice, folder / f"subject-{number}")
+        for number, fit in enumerate(told.fitted, 1):
+            paths += draw_law(fit, folder / f"subject-{number}")
+    except OSError as error:
+        raise SessionError(f"{folder}: cannot be written: {error.strerror}") from None
+    return [str(path) for path in paths]

@@ -53,6 +53,7 @@ def describe(recording: Recording) -> dict[str, Any]:
         "file": str(recording.path),
         "size": recording.path.stat().st_size,
         "complete": recording.complete,
+        "ending": recording.ending,
         "duration": (end - begin) * 1e-9,
         "clock": about.get("clock"),
         "date": about.get("date"),
@@ -61,6 +62,7 @@ def describe(recording: Recording) -> dict[str, Any]:
         "commit": about.get("commit"),
         "versions": about.get("versions"),
         "machine": about.get("machine"),
+        "arithmetic": about.get("arithmetic"),
         "restarted": recording.restarted,
         "left_out": sorted(known - set(recording.streams)),
         "streams": streams,
@@ -79,6 +81,11 @@ def _print(data: dict[str, Any]) -> None:
     machine, versions = data["machine"] or {}, data["versions"] or {}
     made = [data["date"], f"palpate {versions.get('palpate')}", f"commit {(data['commit'] or 'none')[:12]}"]
     out.print(Text(f"made {', '.join(map(str, made))}, on {machine.get('system')}", style="dim"))
+    if data["arithmetic"]:
+        how = dict(data["arithmetic"])
+        instructions = how.pop("instructions")
+        told = ", ".join(f"{name} {value}" for name, value in how.items())
+        out.print(Text(f"arithmetic {instructions}: {told}", style="dim"))
     out.print(Text(f"graph {data['graph']}, {data['rate']:g} Hz" if data["rate"] else "graph unknown", style="dim"))
     table = Table(box=None, pad_edge=False, header_style="bold")
     for title in ("stream", "type"):
@@ -98,5 +105,4 @@ def _print(data: dict[str, Any]) -> None:
     for node, ticks in data["restarted"].items():
         out.print(Text(f"{node} was started again at tick {', '.join(map(str, ticks))}", style="yellow"))
     if not data["complete"]:
-        out.print(Text("cut off: read up to its last whole chunk. `palpate recover FILE` makes a complete file of it.",
-                       style="yellow"))  # fmt: skip
+        out.print(Text(data["ending"], style="yellow"), soft_wrap=True)

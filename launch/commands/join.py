@@ -11,6 +11,8 @@ def join(
     address: Annotated[str, typer.Argument(help="Of the launcher, tcp://host:port.", metavar="ADDRESS")],
     group: Annotated[str, typer.Argument(help="Name of the group in the placement.", metavar="GROUP")],
     patience: Annotated[float, typer.Option(help="[s] to wait for the launcher.", min=0.1)] = 60.0,
+    key: Annotated[str, typer.Option(help="Key that secures the run; see `palpate keys`.")] = "rig",
+    unencrypted: Annotated[bool, typer.Option("--unencrypted", help="For a run that nothing secures.")] = False,
 ) -> None:
     """Run a group of a placement here, for a launcher on another machine (`palpate run --address ...`)."""
     from palpate.launch.running.clock import one_blas_thread
@@ -19,6 +21,14 @@ def join(
     if not host or not port.isdigit():
         raise typer.BadParameter(f"address: found {address!r}, expected tcp://host:port")
     with one_blas_thread():
+        from palpate.launch.running import keys
+        from palpate.launch.running.descendants import adopt_orphans, end_descendants
         from palpate.launch.running.process import join as serve
 
-        raise typer.Exit(serve(address, group, patience))
+        secured = None if unencrypted else keys.load(key)
+        adopt_orphans()
+        try:
+            code = serve(address, group, patience, secured)
+        finally:
+            end_descendants()  # what its nodes have started
+        raise typer.Exit(code)

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from palpate.launch.loading.plan import Plan
 
 MERMAID = "mermaid"
-_PICTURES = (".svg", ".mmd")
+_PICTURE = ".mmd"
 
 
 class PlanCommand(TyperCommand):
@@ -25,7 +25,7 @@ class PlanCommand(TyperCommand):
         given = list(args)
         for at in range(len(given) - 1, -1, -1):
             following = given[at + 1 : at + 2]
-            if given[at] == "--draw" and not (following and following[0].endswith((*_PICTURES, MERMAID))):
+            if given[at] == "--draw" and not (following and following[0].endswith((_PICTURE, MERMAID))):
                 given.insert(at + 1, MERMAID)
         return super().parse_args(ctx, given)
 
@@ -38,9 +38,7 @@ def plan(
     fused: Fused = False,
     draw: Annotated[
         str | None,
-        typer.Option(
-            help="Draw the graph: alone, Mermaid text; with a file name, FILE.svg or FILE.mmd.", metavar="[FILE]"
-        ),
+        typer.Option(help="Print the graph as Mermaid text, or write it to FILE.mmd.", metavar="[FILE]"),
     ] = None,
     as_json: Json = False,
 ) -> None:
@@ -63,15 +61,15 @@ def plan(
 
 
 def _draw(found: Plan, draw: str) -> None:
-    from palpate.launch.loading.draw import mermaid, svg
+    from palpate.launch.loading.draw import mermaid
 
     if draw == MERMAID:
         typer.echo(mermaid(found), nl=False)
-    elif draw.endswith(_PICTURES):
-        Path(draw).write_text(svg(found) if draw.endswith(".svg") else mermaid(found), encoding="utf-8")
+    elif draw.endswith(_PICTURE):
+        Path(draw).write_text(mermaid(found), encoding="utf-8")
         typer.echo(draw)
     else:
-        raise typer.BadParameter(f"found {draw!r}, expected a file name ending in .svg or .mmd", param_hint="--draw")
+        raise typer.BadParameter(f"found {draw!r}, expected a file name ending in .mmd", param_hint="--draw")
 
 
 def _running(found: Plan, placement: Placement) -> Any:

@@ -1,4 +1,4 @@
-"""`palpate recover`: a complete file from one that was cut off."""
+"""`palpate recover`: a complete file from one that was cut off or damaged."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def recover(
     out: Annotated[Path | None, typer.Option(help="File to write; beside the recording where not given.")] = None,
     as_json: Json = False,
 ) -> None:
-    """Make a complete recording of one that was cut off, by a crash or a full disk."""
+    """Make a complete recording of what is before the place where one was cut off or damaged."""
     from palpate.launch.recording.recover import recover as save
 
     target, counts = save(file, out)

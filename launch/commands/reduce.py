@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from importlib.metadata import version
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -14,11 +15,13 @@ if TYPE_CHECKING:
 
     from rich.progress import Progress
 
-    from palpate.fe.organ import Organ
+    from palpate.fe.meshing.organ import Organ
     from palpate.nodes.deformation.reduced_fe import ReducedFE
-    from palpate.physics.mesh import Mesh
-    from palpate.physics.sampled import SampledBasis
+    from palpate.physics.bodies.sampled_body import SampledBasis
+    from palpate.physics.geometry.mesh import Mesh
 
+INDEX = "index.json"
+"""Of a folder of bases that is shipped; there they have readable names."""
 MOST = 2500
 """Vertices of a surface that is condensed: with these the dense compliance takes half a gigabyte."""
 
@@ -38,11 +41,9 @@ def reduce(
     """Build the basis of deformation.ReducedFE for a surface and a material, once; the cache keeps it."""
     from pathlib import Path
 
-    from palpate.launch.running.clock import few_threads
-
-    few_threads()
     from palpate.nodes.base import SettingError
-    from palpate.nodes.deformation.reduced_fe import SHIPPED, ReducedFE, cache
+    from palpate.nodes.deformation.basis_store import SHIPPED, cache
+    from palpate.nodes.deformation.reduced_fe import ReducedFE
 
     node = ReducedFE(**_given(sets or []))
     if node.surface == "fingertip" and node.model != "sampled":
@@ -51,7 +52,7 @@ def reduce(
             "Take --set model=sampled"
         )
     target = Path(folder) if folder else cache()
-    path = target / f"{node.key()}.npz"
+    path = target / (_shipped_name(node) if (target / INDEX).exists() else node.filename())
     known = None if force else node.stored(SHIPPED, target)
     if known is not None:
         _say(as_json, str(known[0]), None)
@@ -66,6 +67,7 @@ def reduce(
         raise typer.Exit(INTERRUPTED) from None
     finally:
         path.with_name(f"{path.name}.part.npz").unlink(missing_ok=True)
+    _enter(path)
     _say(as_json, str(path), time.perf_counter() - started, missed)
 
 
@@ -108,16 +110,19 @@ def _build(node: ReducedFE, path: Path, quiet: bool) -> dict[str, float]:
     import numpy as np
     from rich.progress import Progress, TextColumn, TimeRemainingColumn
 
-    from palpate.fe.curves import LEVELS, PLACES, dent_table
-    from palpate.physics.reduced_fe import Basis
+    from palpate.fe.reduce.dents import LEVELS, PLACES, UNSEEN, dent_table, unseen
+    from palpate.fe.reduce.reducible import of_organ
+    from palpate.physics.bodies.condensed_body import Basis
 
+    missed: dict[str, float]
     columns = (*Progress.get_default_columns()[:3], TextColumn("{task.fields[note]}"), TimeRemainingColumn())
     if node.model == "sampled":
         with Progress(*columns, console=console(stderr=True), disable=quiet) as bar:
             basis, missed = _sampled(node, bar)
-        basis.save(path)
+        basis.save(path, _about(node, missed))
         return missed
-    organ = _organ(node)
+    organ = of_organ(_organ(node))
+    missed = {}
     with Progress(*columns, console=console(stderr=True), disable=quiet) as bar:
         task = bar.add_task("condensing", total=1.0, note=f"{3 * len(organ.mesh.points)} degrees of freedom")
         compliance = organ.compliance(lambda share: bar.update(task, completed=share))
@@ -125,14 +130,53 @@ def _build(node: ReducedFE, path: Path, quiet: bool) -> dict[str, float]:
         if node.model == "nonlinear":
             pressed = bar.add_task("pressing", total=1.0, note=f"{PLACES} places, {LEVELS} indentations")
             dents = dent_table(organ, report=lambda share: bar.update(pressed, completed=share))
-    Basis(organ.surface.vertices, organ.surface.triangles, compliance, dents).save(path)
-    return {}
+            bar.add_task("checking", total=None, note=f"{UNSEEN} places that it was not made from")
+            off = np.abs(unseen(organ, dents))
+            missed = {"mean": float(np.nanmean(off)), "worst": float(np.nanmax(off))}
+    Basis(organ.surface.vertices, organ.surface.triangles, compliance, dents).save(path, _about(node, missed))
+    return missed
+
+
+def _about(node: ReducedFE, missed: dict[str, float]) -> str:
+    """What a basis says of itself, as JSON."""
+    import json
+
+    from palpate.launch.running.provenance import commit
+    from palpate.nodes.deformation.basis_store import key
+
+    inputs = node.inputs()
+    told = {
+        "key": key(inputs),
+        "inputs": inputs,
+        "version": version("palpate"),
+        "commit": commit(),
+        "command": node.command(),
+        "error": {name: round(value, 5) for name, value in missed.items()},
+    }
+    return json.dumps(told)
+
+
+def _shipped_name(node: ReducedFE) -> str:
+    """Of the file in a folder with an index."""
+    return f"{node.filename().rpartition('-')[0]}.npz"
+
+
+def _enter(path: Path) -> None:
+    """Say in the index of the folder, if it has one, what the basis was made from."""
+    import json
+
+    from palpate.nodes.deformation.basis_store import about
+
+    index = path.with_name(INDEX)
+    if index.exists():
+        told = json.loads(index.read_text(encoding="utf-8")) | {path.name: about(path)}
+        index.write_text(json.dumps(told, indent=1, sort_keys=True) + "\n", encoding="utf-8")
 
 
 def _organ(node: ReducedFE) -> Organ:
     """The full model of the node's organ. SettingError: a surface that it cannot be made of."""
-    from palpate.fe.mesh import MeshError
-    from palpate.fe.organ import Capsule, Nodule, Organ
+    from palpate.fe.element.mesh import MeshError
+    from palpate.fe.meshing.organ import Capsule, Nodule, Organ
     from palpate.nodes.base import SettingError
 
     surface = node.coarse_mesh()
@@ -160,10 +204,10 @@ def _check_size(node: ReducedFE, surface: Mesh) -> None:
 
 def _sampled(node: ReducedFE, bar: Progress) -> tuple[SampledBasis, dict[str, float]]:
     """Press the full model, reduce it to modes, and press it at other places: the basis and its error there."""
-    from palpate.fe.fingertip import Fingertip
-    from palpate.fe.organ import MIXED
-    from palpate.fe.reducible import of_finger, of_organ
-    from palpate.fe.reduction import (
+    from palpate.fe.meshing.fingertip import Fingertip
+    from palpate.fe.reduce.holdout import errors
+    from palpate.fe.reduce.reducible import of_finger, of_organ
+    from palpate.fe.reduce.reduction import (
         CELLS,
         UNSEEN,
         UNSEEN_SEED,
@@ -173,10 +217,10 @@ def _sampled(node: ReducedFE, bar: Progress) -> tuple[SampledBasis, dict[str, fl
         organ_pressed,
         organ_touches,
     )
-    from palpate.fe.snapshots import press, press_from_rest
-    from palpate.fe.unseen import errors
+    from palpate.fe.reduce.snapshots import press, press_from_rest
     from palpate.nodes.base import SettingError
-    from palpate.nodes.deformation.reduced_fe import touches
+    from palpate.nodes.deformation.basis_store import touches
+    from palpate.physics.materials.hyperelastic import MIXED_FROM
 
     finger = node.surface == "fingertip"
     body = of_finger(Fingertip(cells=CELLS)) if finger else of_organ(_organ(node))
@@ -187,8 +231,8 @@ def _sampled(node: ReducedFE, bar: Progress) -> tuple[SampledBasis, dict[str, fl
         )
     if any(law.mixed for law in body.materials(1.0).values()):
         raise SettingError(
-            f"poisson {node.poisson} with model 'sampled': expected less than {MIXED}: from there on the points of "
-            "an element share their pressure and cannot be sampled one by one. Take model=nonlinear"
+            f"poisson {node.poisson} with model 'sampled': expected less than {MIXED_FROM}: from there on the points "
+            "of an element share their pressure and cannot be sampled one by one. Take model=nonlinear"
         )
     task = bar.add_task("pressing", total=1.0, note=f"{3 * len(body.mesh.points)} degrees of freedom")
 
@@ -230,9 +274,11 @@ def _say(as_json: bool, path: str, seconds: float | None, missed: dict[str, floa
     else:
         console().print(f"built in {seconds:.0f} s: {path} ({size / 1e6:.1f} MB)", soft_wrap=True)
     if missed and not as_json:
+        linear = ""
+        if "linear_mean" in missed:
+            linear = f"; the linear body by {missed['linear_mean']:.1%}, {missed['linear_worst']:.1%}"
         console().print(
-            f"indentation on touches that it was not made from: off by {missed['mean']:.1%} in the mean, "
-            f"{missed['worst']:.1%} at worst; the linear body by {missed['linear_mean']:.1%}, "
-            f"{missed['linear_worst']:.1%}",
+            f"at touches that it was not made from it is off by {missed['mean']:.1%} in the mean, "
+            f"{missed['worst']:.1%} at worst{linear}",
             soft_wrap=True,
         )

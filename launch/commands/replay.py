@@ -28,7 +28,10 @@ def replay(
     check: Annotated[
         bool, typer.Option("--check", help="Compute every message again and compare byte for byte.")
     ] = False,
-    tolerance: Annotated[float, typer.Option(help="Of --check, relative: for another platform.", min=0.0)] = 0.0,
+    tolerance: Annotated[
+        float | None,
+        typer.Option(help="Of --check, relative; 0 for a recording that was computed alike, else 1e-6.", min=0.0),
+    ] = None,
     speed: Annotated[
         float | None, typer.Option(help="Multiple of real time; as fast as possible if not given.")
     ] = None,
@@ -42,7 +45,8 @@ def replay(
     """Replay a recording: its device drives its graph, or another one, or with --only a part of it.
 
     --check computes every message of every node again from exactly the inputs that it names, and prints the first
-    difference. Exit code 1 where there is one.
+    difference. Exit code 1 where there is one. Bytes are compared where the recording was computed with the same
+    versions and instructions, else numbers within 1e-6, and it says so.
     """
     from palpate.launch.recording.changed import changed
     from palpate.launch.recording.reader import Recording
@@ -59,15 +63,18 @@ def replay(
                 raise typer.BadParameter(f"--check checks the recorded graph as a whole; leave out {name}")
         _check(recording, plan, tolerance, as_json)
         return
-    _play(recording, plan, only, speed, begin, end, loop, step, record, as_json)
+    _play(recording, plan, sets or [], only, speed, begin, end, loop, step, record, as_json)
 
 
-def _check(recording: Recording, plan: Plan, tolerance: float, as_json: bool) -> None:
-    from palpate.launch.recording.verify import verify
+def _check(recording: Recording, plan: Plan, given: float | None, as_json: bool) -> None:
+    from palpate.launch.recording.verify import ELSEWHERE, verify
+    from palpate.launch.running.provenance import rounding
 
+    elsewhere = rounding(recording.about)
+    tolerance = given if given is not None else ELSEWHERE if elsewhere else 0.0
     if as_json:
         report = verify(recording, plan, tolerance=tolerance)
-        tell(report.to_spec())
+        tell({**report.to_spec(), "tolerance": tolerance, "computed_otherwise": elsewhere})
     else:
         from rich.progress import Progress
 
@@ -77,15 +84,13 @@ def _check(recording: Recording, plan: Plan, tolerance: float, as_json: bool) ->
                 recording, plan, tolerance=tolerance,
                 show=lambda tick, last: progress.update(task, completed=tick, total=last),
             )  # fmt: skip
-        _print(recording, report, tolerance)
+        _print(recording, report, tolerance, elsewhere)
     if not report.ok:
         raise typer.Exit(TROUBLE)
 
 
-def _print(recording: Recording, report: Report, tolerance: float) -> None:
+def _print(recording: Recording, report: Report, tolerance: float, elsewhere: list[str]) -> None:
     from rich.text import Text
-
-    from palpate.launch.running.about import rounding
 
     out = console(soft_wrap=True)
     checked = sum(node.checked for node in report.nodes.values())
@@ -96,29 +101,31 @@ def _print(recording: Recording, report: Report, tolerance: float) -> None:
                 out.print(
                     Text(f"  {name}: {node.differing} of {node.checked} messages differ, by {node.largest:.2g} at most")
                 )
-        elsewhere = rounding(recording.about)
-        if elsewhere and not tolerance:
-            why = f"Recorded where numbers may be rounded otherwise ({'; '.join(elsewhere)}); see --tolerance 1e-6."
-            out.print(Text(why, style="dim"))
     elif checked:
         how = f"equal within {tolerance:g}" if tolerance else "bit-equal"
         out.print(Text(f"{checked} messages of {len(report.nodes)} nodes computed again: {how}", style="green"))
     else:
         out.print(Text("nothing could be checked", style="red"))
+    if elsewhere:
+        how = f"numbers are compared within {tolerance:g}" if tolerance else "bytes are compared nevertheless"
+        out.print(Text(f"It was computed otherwise: {'; '.join(elsewhere)}; {how}.", style="yellow"))
     for name, node in report.nodes.items():
         if node.stopped:
             out.print(Text(f"not checked: {name}: {node.stopped}", style="yellow"))
     if report.cut:
-        out.print(Text(f"{recording.path} was cut off; its last messages lack some of their inputs", style="yellow"))
+        told = recording.ending or f"{recording.path} was recovered"
+        out.print(Text(f"{told} The last messages may lack some of their inputs.", style="yellow"))
 
 
 def _play(
-    recording: Recording, plan: Plan, only: list[str] | None, speed: float | None, begin: float, end: float | None,
-    loop: bool, step: bool, record: Path | None, as_json: bool,
+    recording: Recording, plan: Plan, sets: list[str], only: list[str] | None, speed: float | None, begin: float,
+    end: float | None, loop: bool, step: bool, record: Path | None, as_json: bool,
 ) -> None:  # fmt: skip
+    from palpate.launch.recording.changed import no_idle
     from palpate.launch.recording.replay import Replay
 
     player = Replay(recording, plan, only=only, speed=speed, begin=begin, end=end, out=record)
+    no_idle(sets, plan, player.running)
     show = _stepper(recording) if step else lambda tick, time, messages: True
     try:
         while True:
@@ -137,6 +144,7 @@ def _data(player: Replay) -> dict:
     return {
         "ok": True,
         "complete": player.recording.complete,
+        "ending": player.recording.ending,
         "seconds": player.seconds,
         "wall": player.wall,
         "substituted": player.player.substituted if player.player else 0,
@@ -167,7 +175,7 @@ def _summary(player: Replay) -> None:
         out.print(Text(f"{player.player.substituted} inputs that the recording lost were replaced by those before them",
                        style="yellow"))  # fmt: skip
     if not player.recording.complete:
-        out.print(Text("the recording was cut off; played up to its last whole chunk", style="yellow"))
+        out.print(Text(player.recording.ending, style="yellow"), soft_wrap=True)
 
 
 def _stepper(recording: Recording):

@@ -19,10 +19,12 @@ from palpate.launch.commands.common import (
     Sets,
     chosen,
     console,
+    seconds,
     tell,
 )
 
 if TYPE_CHECKING:
+    from palpate.launch.loading.launchfile import LaunchFile
     from palpate.launch.running.execute import Outcome
 
 
@@ -33,7 +35,10 @@ def run(
     place: PlaceOption = None,
     fused: Fused = False,
     clock: Annotated[str | None, typer.Option(help="simulated or real.")] = None,
-    duration: Annotated[float | None, typer.Option(help="[s] of the graph's clock.", min=1e-9, max=1e9)] = None,
+    duration: Annotated[
+        float | None,
+        typer.Option(help="Of the graph's clock: seconds, or with a unit.", parser=seconds, metavar="TIME"),
+    ] = None,
     pace: Annotated[
         float | None, typer.Option(help="Simulated time at this multiple of real time.", min=1e-3, max=1e6)
     ] = None,
@@ -44,7 +49,11 @@ def run(
     out: Annotated[Path | None, typer.Option(help="Folder of recording and pictures.")] = None,
     pictures: Annotated[bool, typer.Option(help="Draw the pictures of the run at its end.")] = True,
     patience: Annotated[float, typer.Option(help="[s] after which a silent node counts as hung.", min=0.1)] = 5.0,
+    carrier: Annotated[str | None, typer.Option(help="Between processes: zmq or local; for all groups.")] = None,
     address: Annotated[str | None, typer.Option(help="tcp://host:port where workers of other hosts join.")] = None,
+    key: Annotated[str, typer.Option(help="Key that secures what goes to other hosts; see `palpate keys`.")] = "rig",
+    unencrypted: Annotated[bool, typer.Option("--unencrypted", help="Nothing secures what goes over TCP.")] = False,
+    reconnect: Annotated[bool, typer.Option("--reconnect", help="Wait for a device that is pulled out.")] = False,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No live view.")] = False,
     as_json: Json = False,
 ) -> None:
@@ -52,14 +61,18 @@ def run(
 
     Ctrl-C or SIGTERM ends it in order. Exit code 1 when a node failed.
     """
-    from palpate.launch.running.nursery import Nursery
+    from palpate.launch.running.forkserver import ForkServer
 
-    nursery = None if fused and clock != "real" else Nursery()  # it imports while the graph is read
+    forkserver = None if fused and clock != "real" else ForkServer()  # it imports while the graph is read
     try:
         launch = chosen(graph, sets, scene, place, fused)
         if clock not in (None, "simulated", "real"):
             raise typer.BadParameter(f"clock: found {clock!r}, expected simulated or real")
-        launch = launch.but(clock=clock, duration=duration, pace=pace)
+        if carrier not in (None, "zmq", "local"):
+            raise typer.BadParameter(f"carrier: found {carrier!r}, expected zmq or local")
+        launch = launch.but(clock=clock, duration=duration, pace=pace, carrier=carrier)
+        if reconnect:
+            launch = launch.but(overrides=_reconnecting(launch))
         name = (launch.path or launch.graph).stem
         folder = out or Path("runs") / f"{name}-{datetime.datetime.now():%Y%m%d-%H%M%S}"
         keep = not no_record and (record is not None or out is not None or launch.record is not None)
@@ -71,12 +84,12 @@ def run(
 
         view = None if quiet or as_json else console()
         outcome = execute(
-            launch, console=view, nursery=nursery, patience=patience, address=address,
-            leave_out=leave_out or (), thin=_thin(thin or []),
+            launch, console=view, forkserver=forkserver, patience=patience, address=address,
+            leave_out=leave_out or (), thin=_thin(thin or []), unencrypted=unencrypted, key_name=key,
         )  # fmt: skip
     finally:
-        if nursery is not None:
-            nursery.close()
+        if forkserver is not None:
+            forkserver.close()
     drawn = _pictures(outcome, folder, as_json or quiet) if pictures and file is not None else []
     if as_json:
         tell({**_data(outcome), "pictures": [str(p) for p in drawn]})
@@ -87,6 +100,14 @@ def run(
             fault(death, console(stderr=True, soft_wrap=True))
     if not outcome.result.ok:
         raise typer.Exit(TROUBLE)
+
+
+def _reconnecting(launch: LaunchFile) -> list[str]:
+    """The settings by which all nodes with a device wait for it."""
+    found = [name for name, spec in launch.load().nodes.items() if spec.cls.hardware]
+    if not found:
+        raise typer.BadParameter("--reconnect: no node of this graph talks to a device")
+    return [f"{name}.reconnect=true" for name in found]
 
 
 def _thin(given: list[str]) -> dict[str, int]:
@@ -100,7 +121,7 @@ def _thin(given: list[str]) -> dict[str, int]:
 
 
 def _pictures(outcome: Outcome, folder: Path, silent: bool) -> list[Path]:
-    from palpate.launch.recording.pictures import draw
+    from palpate.launch.pictures import draw
     from palpate.launch.recording.reader import RecordingError
 
     if outcome.recording is None or not outcome.recording.is_file() or not outcome.result.ticks:

@@ -23,7 +23,7 @@ def top(
     from rich.live import Live
 
     from palpate.launch.running.bus import HEALTH
-    from palpate.launch.running.watch import NoRun, find, hear
+    from palpate.launch.running.discover import NoRun, find, hear
     from palpate.messages import Health, unpack
 
     found = find(run)

@@ -19,12 +19,15 @@ from palpate.messages import Message, fields
 from palpate.messages.base import HEADER
 from palpate.messages.docs import summary
 from palpate.nodes.base import Node, Observer, inputs, outputs, settings
+from palpate.physics.errors import MISUSE, PalpateError
 
 SHIPPED = palpate.nodes.__name__
 
 
-class ClassError(ValueError):
+class ClassError(PalpateError, ValueError):
     """A `use:` that leads to no usable node class; `cure` says what would work."""
+
+    exit_code = MISUSE
 
     def __init__(self, text: str, cure: str = "") -> None:
         super().__init__(text)

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 EXTRAS = {
+    "devices": {"pyusb": "usb", "hidapi": "hid", "pyserial": "serial", "websockets": "websockets"},
     "view": {"matplotlib": "matplotlib", "pyvista": "pyvista"},
     "scan": {"scikit-image": "skimage", "pydicom": "pydicom", "nibabel": "nibabel", "matplotlib": "matplotlib"},
     "export": {"pyarrow": "pyarrow"},
-    "mesh": {"trimesh": "trimesh"},
+    "mesh": {"meshio": "meshio", "trimesh": "trimesh"},
 }
 """Extra -> package on the index -> name under which it is imported."""
 

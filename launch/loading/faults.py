@@ -8,6 +8,8 @@ from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass, field
 from typing import Any, TypeVar
 
+from palpate.physics.errors import MISUSE, PalpateError
+
 T = TypeVar("T")
 
 
@@ -61,12 +63,21 @@ class Fault:
         return asdict(self) | {"place": str(self.place), "file": self.place.file, "line": self.place.line}
 
 
-class GraphError(ValueError):
+class GraphError(PalpateError, ValueError):
     """A graph, scene, placement or launch file that cannot be run. `faults` holds all that is wrong with it."""
+
+    exit_code = MISUSE
 
     def __init__(self, faults: Iterable[Fault]) -> None:
         self.faults = list(dict.fromkeys(faults))
         super().__init__("\n".join(map(str, self.faults)))
+
+    @property
+    def hint(self) -> str:
+        return f"{len(self.faults)} fault{'s' * (len(self.faults) != 1)}."
+
+    def to_spec(self) -> dict[str, Any]:
+        return {"faults": [fault.to_spec() for fault in self.faults]}
 
 
 @dataclass

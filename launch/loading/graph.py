@@ -18,6 +18,7 @@ from palpate.launch.loading.faults import NOWHERE, Fault, Faults, GraphError, Pl
 from palpate.launch.loading.files import GRAPHS, Override, apply, find_file, read_extended, read_scene
 from palpate.launch.loading.scene import Scene, condition
 from palpate.launch.loading.settings import Offer, check_offers, resolve
+from palpate.launch.loading.shared_units import check_units, uses
 from palpate.launch.loading.source import Source
 from palpate.launch.loading.units import UnitError, convert
 from palpate.launch.loading.wiring import Edge, Kinds, Wire, close_loops, find_streams, streams_of, wires
@@ -129,6 +130,7 @@ def load_source(
     faults = Faults()
     scene_source = read_scene(scene, source, faults)
     changes = _overrides(overrides, faults)
+    written = uses(source)
     apply(changes, source, scene_source, faults)
     world = Scene(scene_source)
     for key in source.data:
@@ -150,6 +152,7 @@ def load_source(
         nodes[name].edges = tuple(Edge(w.port.name, w.producer, w.stream, w.held) for w in draft.wires)
     if not unclear:
         check_offers(offers, world, faults)
+        check_units(offers, written, faults)
     if any(change.keys == ("wanted",) for change in changes):
         holder = source
     elif wanted is not None:

@@ -2,24 +2,47 @@
 
     loop: {nodes: [device, finger, contact, controller], core: 0, priority: 80}
     rest: {nodes: [tissue, log], core: [1], host: tcp://10.0.0.2}
+    near: {nodes: [pins], carrier: local}
 
 Placement never changes what is computed.
 """
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Literal
+
+import msgspec
 
 from palpate.launch.loading.faults import Faults, choices
 from palpate.launch.loading.files import PLACES, find_file
+from palpate.launch.loading.lines import fill
 from palpate.launch.loading.plan import Plan
 from palpate.launch.loading.source import Source, read
 
-KEYS = ("nodes", "core", "priority", "host", "join")
+CARRIERS = ("zmq", "local")
 FUSED = "fused"
+_Core = Annotated[int, msgspec.Meta(ge=0)]
+_Cores = Annotated[list[_Core], msgspec.Meta(min_length=1)]
+_HOST = r"^(tcp://)?[A-Za-z0-9.-]+(:[0-9]+)?$"
+
+
+class _Line(msgspec.Struct):
+    """What the file says of one group, see `Group`."""
+
+    nodes: Annotated[list[str], msgspec.Meta(min_length=1, description="a list of node names")] = []
+    core: Annotated[_Core | _Cores | None, msgspec.Meta(description="the number of a core from 0, or a list")] = None
+    priority: Annotated[
+        Annotated[int, msgspec.Meta(ge=1, le=99)] | None, msgspec.Meta(description="a whole number from 1 to 99")
+    ] = None
+    host: Annotated[
+        Annotated[str, msgspec.Meta(pattern=_HOST)] | None,
+        msgspec.Meta(description="a name or address such as tcp://10.0.0.2 or tcp://10.0.0.2:5600"),
+    ] = None
+    join: Annotated[bool, msgspec.Meta(description="true or false")] = False
+    carrier: Literal["zmq", "local"] = "zmq"
+    unencrypted: Annotated[bool, msgspec.Meta(description="true or false")] = False
 
 
 @dataclass
@@ -31,6 +54,8 @@ class Group:
     priority  of SCHED_RR, 1 to 99, None: ordinary scheduling
     host      name or address of the machine, with or without a port; None: this one, no network
     join      started by hand with `palpate join`, as a group on another machine always is
+    carrier   "zmq" or "local": how what its nodes send gets to nodes of other groups
+    unencrypted  what goes over TCP is not secured by a key
     """
 
     name: str
@@ -39,6 +64,8 @@ class Group:
     priority: int | None = None
     host: str | None = None
     join: bool = False
+    carrier: str = "zmq"
+    unencrypted: bool = False
 
 
 @dataclass
@@ -106,52 +133,33 @@ def _names(plan: Plan) -> list[str]:
 
 
 def _group(name: str, line: Source, known: list[str], taken: dict[str, str], faults: Faults) -> Group:
-    data: Any = line.data
     about = f"group {name!r}"
-    if isinstance(data, list):
-        data = {"nodes": data}
-    if not isinstance(data, dict):
-        faults.add(f"{about}: found {data!r}, expected {{nodes: [...], core: ...}}", "", line.place())
+    if isinstance(line.data, list):
+        line = Source({"nodes": line.data}, {("nodes", *keys): place for keys, place in line.places.items()})
+    if not isinstance(line.data, dict):
+        faults.add(f"{about}: found {line.data!r}, expected {{nodes: [...], core: ...}}", "", line.place())
         return Group(name, [])
-    for key in data:
-        if key not in KEYS:
-            faults.add(f"{about}: unknown key {key!r}", choices("Keys", key, KEYS), line.place(key))
-    nodes = data.get("nodes")
-    if not isinstance(nodes, list) or not nodes:
-        faults.add(f"{about}, nodes: found {nodes!r}, expected a list of node names", "", line.place("nodes"))
-        nodes = []
+    given = fill(_Line, line, about, faults)
+    if line.data.get("nodes") is None:
+        faults.add(f"{about}, nodes: found None, expected a list of node names", "", line.place("nodes"))
     found = []
-    for index, node in enumerate(nodes):
+    for index, node in enumerate(given.nodes):
         place = line.place("nodes", index)
         if node not in known:
-            faults.add(f"{about}: there is no node {node!r}", choices("Nodes", str(node), known), place)
+            faults.add(f"{about}: there is no node {node!r}", choices("Nodes", node, known), place)
         elif node in taken:
             faults.add(f"{about}: node {node!r} is in group {taken[node]!r} already", "Remove one.", place)
         else:
             taken[node] = name
             found.append(node)
-    core = data.get("core")
-    cores = () if core is None else tuple(core) if isinstance(core, list) else (core,)
-    if core is not None and (not cores or any(type(c) is not int or c < 0 for c in cores)):
-        faults.add(
-            f"{about}, core: found {core!r}, expected the number of a core from 0, or a list", "", line.place("core")
-        )
-        cores = ()
-    priority = data.get("priority")
-    if priority is not None and (type(priority) is not int or not 1 <= priority <= 99):
-        faults.add(
-            f"{about}, priority: found {priority!r}, expected a whole number from 1 to 99", "", line.place("priority")
-        )
-        priority = None
-    host = data.get("host")
-    address = re.fullmatch(r"(?:tcp://)?([A-Za-z0-9.-]+(?::[0-9]+)?)", host) if isinstance(host, str) else None
-    if host is not None and address is None:
-        faults.add(
-            f"{about}, host: found {host!r}, expected a name or address such as tcp://10.0.0.2 or tcp://10.0.0.2:5600",
-            "",
-            line.place("host"),
-        )
-    join = data.get("join", False)
-    if not isinstance(join, bool):
-        faults.add(f"{about}, join: found {join!r}, expected true or false", "", line.place("join"))
-    return Group(name, found, cores or None, priority, address[1] if address else None, join is True)
+    cores = given.core if isinstance(given.core, list) else [given.core] if given.core is not None else []
+    return Group(
+        name,
+        found,
+        core=tuple(cores) or None,
+        priority=given.priority,
+        host=given.host and given.host.removeprefix("tcp://"),
+        join=given.join,
+        carrier=given.carrier,
+        unencrypted=given.unencrypted,
+    )

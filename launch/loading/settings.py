@@ -23,7 +23,7 @@ from palpate.nodes.base import convert as check
 
 @dataclass(frozen=True)
 class Offer:
-    """One key that a `with:` offers to one node."""
+    """One key that a `with:` offers to one node; `taken` where it is a setting that the node's own line leaves open."""
 
     path: str
     key: str
@@ -31,6 +31,7 @@ class Offer:
     node: str
     cls: type[Node]
     place: Place
+    taken: bool
 
 
 def resolve(
@@ -47,7 +48,7 @@ def resolve(
     for mapping, path in _offered(name, line, scene, faults):
         for key, value in mapping.items():
             place = scene.source.place(*path.split("."), key) if path else line.place("with", key)
-            offers.append(Offer(path, key, value, name, cls, place))
+            offers.append(Offer(path, key, value, name, cls, place, key in known and key not in own))
             if key in known:
                 given[key] = (value, place)
     for key in own:
@@ -82,7 +83,7 @@ def _checked(setting: Setting, value: Any, place: Place, about: dict[str, str], 
     """The value of one setting in its unit, as plain data; what is wrong becomes a fault."""
     try:
         value = in_si(setting, value)
-        _refuse_nan(value)
+        _finite(value)
         return _plain(check(setting, value))
     except UnitError as error:
         faults.add(str(error), "", place, **about)
@@ -222,8 +223,9 @@ def _plain(value: Any) -> Any:
     return [_plain(item) for item in value] if isinstance(value, list | tuple) else value
 
 
-def _refuse_nan(value: Any) -> None:
-    if isinstance(value, float) and math.isnan(value):
-        raise UnitError("found nan; expected a number")
-    for item in value if isinstance(value, list) else value.values() if isinstance(value, dict) else ():
-        _refuse_nan(item)
+def _finite(value: Any) -> None:
+    """UnitError: a number that is infinite or none. A default may be infinite: leave the setting out."""
+    if isinstance(value, float) and not math.isfinite(value):
+        raise UnitError(f"found {value}; expected a finite number")
+    for item in value if isinstance(value, list | tuple) else value.values() if isinstance(value, dict) else ():
+        _finite(item)

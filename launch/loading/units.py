@@ -16,11 +16,15 @@ from dataclasses import dataclass
 from fractions import Fraction
 from functools import lru_cache
 
+from palpate.physics.errors import MISUSE, PalpateError
+
 Dimension = tuple[Fraction, ...]  # powers of m, kg, s, A, K, mol
 
 
-class UnitError(ValueError):
+class UnitError(PalpateError, ValueError):
     """A text that is not a quantity, or a quantity of another dimension."""
+
+    exit_code = MISUSE
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 
 from palpate.launch.loading.faults import Place
@@ -32,8 +32,31 @@ def changed(recording: Recording, overrides: Sequence[str] = (), graph: str | No
         loaded = _recorded_graph(recording, overrides)
     else:
         return plan_of(recording)
+    _same_rate(recording, loaded)
     set_recording(loaded, recording.path)  # every stream is heard, as in a recorded run: nodes leave nothing out
     return plan(loaded)
+
+
+def no_idle(overrides: Sequence[str], plan: Plan, running: Collection[str]) -> None:
+    """RecordingError: an override of a node that does not run, whose messages are played as they were recorded."""
+    for override in overrides:
+        path = override.partition("=")[0]
+        name = path.partition(".")[0]
+        if name in plan.order and name not in running:
+            raise RecordingError(
+                f"{path}: {name!r} is played as it was recorded, so this has no effect. A played node runs with "
+                f"--only {name}; a source answers the forces of now in a new run (palpate run)"
+            )
+
+
+def _same_rate(recording: Recording, graph: Graph) -> None:
+    """RecordingError: the ticks of a recording come again as they were."""
+    rate = recording.about.get("plan", {}).get("rate", graph.rate)
+    if graph.rate != rate:
+        raise RecordingError(
+            f"{recording.path}: recorded at {rate:g} Hz, and its ticks come again as they were: found "
+            f"rate={graph.rate:g}, expected {rate:g}. A node may run less often: --set NODE.every=2"
+        )
 
 
 def _recorded_graph(recording: Recording, overrides: Sequence[str]) -> Graph:

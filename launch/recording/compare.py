@@ -13,7 +13,7 @@ import numpy as np
 
 from palpate.launch.loading.load import full_name
 from palpate.launch.loading.plan import Plan
-from palpate.launch.recording.changed import changed, sources
+from palpate.launch.recording.changed import changed, no_idle, sources
 from palpate.launch.recording.instants import instants
 from palpate.launch.recording.player import Player
 from palpate.launch.recording.reader import Recording, RecordingError
@@ -102,6 +102,7 @@ def compare(
     players = []
     for variant in found:
         running = [name for name in variant.plan.order if name not in drivers]
+        no_idle(variant.overrides, variant.plan, running)
         players.append(Player(recording, variant.plan, running, live=True))
     present = {s: row for s, row in recording.ticks().items()}
     last = max(map(len, present.values()), default=0)
@@ -140,6 +141,7 @@ def _variant(recording: Recording, overrides: tuple[str, ...], original: Plan) -
         if name not in nodes
         or full_name(nodes[name].cls) != full_name(plan.graph.nodes[name].cls)
         or nodes[name].settings != plan.graph.nodes[name].settings
+        or nodes[name].every != plan.graph.nodes[name].every
     )
     return Variant(" ".join(overrides) or RECORDED, overrides, plan, swapped)
 

@@ -2,7 +2,8 @@
 
 A node that was recorded steps at the ticks of its own recorded messages, at their times, and takes of each input the
 message of the tick that their `used` names. So late, held, lost and absent messages of a live run come again
-exactly, whatever the placement was. A node that was not recorded follows the rules of simulated time.
+exactly, whatever the placement was. A node that was not recorded, or that steps at other ticks than it did, follows the
+rules of simulated time.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ import msgspec
 from palpate.launch.loading.plan import Plan
 from palpate.launch.recording.history import History
 from palpate.launch.recording.reader import Recording, RecordingError
-from palpate.launch.running.jobs import force_path, node_job
+from palpate.launch.running.assign import force_path, node_job
 from palpate.launch.running.schedule import needed
 from palpate.launch.running.slot import Input, NodeFault, Slot
 from palpate.messages import Message, MessageError, pack, unpack
@@ -56,19 +57,23 @@ class _Part:
                 "Its streams can still be played (--only the others), read and exported."
             ) from None
         self.streams = job.streams
+        self.as_recorded = _every(recorded, name) in (None, job.every)
+        """Whether it steps when it did; else, and where it was not recorded, when simulated time says."""
         self.places = self._places(recorded)
         """Of each input the place of its tick in `used`; None where the recorded node read something else there."""
         self.broken: str | None = None
 
     def _places(self, recorded: Plan) -> list[int | None]:
         spec = recorded.graph.nodes.get(self.name)
-        if spec is None or self.name not in recorded.edges:
+        if spec is None or self.name not in recorded.edges or not self.as_recorded:
             return [None] * len(self.slot.inputs)
         edges = {edge.port: edge.stream for edge in recorded.edges[self.name]}
         order = [port.name for port in inputs(spec.cls)]
         return [
             order.index(port.port.name)
-            if port.port.name in order and edges.get(port.port.name, "") == port.stream
+            if port.port.name in order
+            and edges.get(port.port.name, "") == port.stream
+            and (port.dead or _every(recorded, port.producer) == port.every)
             else None
             for port in self.slot.inputs
         ]
@@ -87,7 +92,7 @@ class Player:
     def __init__(self, recording: Recording, plan: Plan, running: Iterable[str], live: bool) -> None:
         self.recording, self.plan, self.live = recording, plan, live
         self.recorded = plan_of(recording)
-        chosen = set(running)
+        chosen = {name for name in running if not plan.graph.nodes[name].cls.hardware}  # a replay moves no device
         path = force_path(plan)
         self.parts = [_Part(plan, name, path, self.recorded) for name in plan.order if name in chosen]
         self.computed = {stream for part in self.parts for stream in part.streams} if live else set()
@@ -154,7 +159,7 @@ class Player:
 
     def step_one(self, part: _Part, tick: int, payloads: dict[str, bytes], now: int) -> bool:
         """Run one node, if it steps at this tick. MissingInput, NodeFault."""
-        own = next((payloads[s] for s in part.streams if s in payloads), None)
+        own = next((payloads[s] for s in part.streams if s in payloads), None) if part.as_recorded else None
         head = None
         if own is not None:
             head = _HEAD.decode(own)
@@ -163,7 +168,8 @@ class Player:
         messages: list[Message | None] = []
         for index, port in enumerate(part.slot.inputs):
             found = self._input(part, index, port, tick, head)
-            if found is None and (port is part.slot.driver or not port.port.optional):
+            drives = head is None and port is part.slot.driver
+            if found is None and (drives or not port.port.optional):
                 return False
             messages.append(found)
         if head is None and messages and messages[0] is not None and messages[0].tick == tick:
@@ -173,7 +179,9 @@ class Player:
         return True
 
     def _was_recorded(self, part: _Part) -> bool:
-        """Whether each of its steps can be seen in the file."""
+        """Whether each of its steps can be seen in the file, and is to come again."""
+        if not part.as_recorded:
+            return False
         streams = [self.recording.streams.get(s) for s in part.streams]
         return any(stream is not None and stream.thin == 1 for stream in streams)
 
@@ -203,6 +211,12 @@ class Player:
             due.pop(0)
             part.slot.node.stop()
             part.slot.begin()
+
+
+def _every(plan: Plan, node: str) -> int | None:
+    """At every how many ticks a node of a plan steps; None: it has no such node."""
+    spec = plan.graph.nodes.get(node)
+    return None if spec is None else spec.every
 
 
 def plan_of(recording: Recording) -> Plan:

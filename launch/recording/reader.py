@@ -3,45 +3,25 @@
 from __future__ import annotations
 
 import json
-import struct
-import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import lz4.frame
 import numpy as np
-import zstandard
-from mcap.exceptions import McapError
-from mcap.reader import make_reader
-from mcap.records import Channel, Chunk, Metadata, Schema
-from mcap.records import Message as Record
-from mcap.stream_reader import StreamReader
+from mcap.records import Channel, Metadata, Schema
 
 from palpate.launch.loading.faults import choices
 from palpate.launch.loading.load import full_name, load_class
 from palpate.messages import Message, MessageError, fields, unpack
 from palpate.nodes.logger import PROFILE, SCHEMA_VERSION
+from palpate.nodes.mcap_file import MAGIC, Broken, Records, declared, messages, opened
+from palpate.physics.errors import PalpateError
 
-MAGIC = b"\x89MCAP0\r\n"
-# What the readers of the format raise on a file that is cut off or damaged.
-BROKEN = (
-    McapError, EOFError, ValueError, RuntimeError, OSError, KeyError, TypeError, MemoryError, OverflowError,
-    struct.error, zstandard.ZstdError,
-)  # fmt: skip
-_MESSAGE = 5  # opcode of the format
-_RECORD = struct.Struct("<BQ")
-_HEAD = struct.Struct("<HIQQ")
-_OPEN: dict[str, Callable[[bytes], bytes]] = {
-    "": bytes,
-    "zstd": lambda data: zstandard.decompress(data),
-    "lz4": lambda data: lz4.frame.decompress(data),
-}
 _MOST_TICKS = 1 << 31
 
 
-class RecordingError(ValueError):
+class RecordingError(PalpateError, ValueError):
     """A file that cannot be read as a recording, or not for this purpose; says what can still be done."""
 
 
@@ -77,7 +57,8 @@ class Recording:
     about      provenance of the run
     counts     per stream, how many messages were written and how many the logger did not get; empty after a crash
     restarted  nodes that were started again during the run, and the tick from which they began anew
-    complete   false where the file was cut off: it is read up to its last whole chunk
+    complete   false where the file was cut off or is damaged: it is read up to there
+    damage     where that is, and what was found; None where there is none
 
     RecordingError: missing, not MCAP, not palpate's, or of a newer version.
     """
@@ -88,7 +69,7 @@ class Recording:
         self.about: dict[str, Any] = {}
         self.counts: dict[str, dict[str, int]] = {}
         self.restarted: dict[str, list[int]] = {}
-        self.complete = False
+        self.damage: Broken | None = None
         self._channels: dict[int, str] = {}
         try:
             with open(self.path, "rb") as file:
@@ -100,95 +81,115 @@ class Recording:
             raise RecordingError(f"{path}: {what}; recordings are written by `palpate run --record FILE`")
         self._read_head()
 
+    @property
+    def complete(self) -> bool:
+        return self.damage is None
+
+    @property
+    def ending(self) -> str:
+        """Where the file is cut off or damaged, and what helps, in one line; empty for a complete one."""
+        if self.damage is None:
+            return ""
+        return (
+            f"{self.path} is {self.damage} (of {self.path.stat().st_size}); what is before that is read. "
+            f"`palpate recover {self.path}` makes a complete file of it."
+        )
+
     def _read_head(self) -> None:
         schemas: dict[int, Schema] = {}
-        for record in self._indexed_head() or self._opened_records():
+        for record in self._head():
             if isinstance(record, Schema):
                 schemas[record.id] = record
             elif isinstance(record, Channel):
                 self._channel(record, schemas)
-            elif isinstance(record, Metadata) and record.name == "palpate.about":
-                self.about = {key: json.loads(value) for key, value in record.metadata.items()}
-            elif isinstance(record, Metadata) and record.name == "palpate.counts":
-                self.counts = {key: json.loads(value) for key, value in record.metadata.items()}
-            elif isinstance(record, Metadata) and record.name == "palpate.restarted":
-                told = record.metadata
-                self.restarted.setdefault(told["node"], []).append(int(told["tick"]))
+            else:
+                self._told(record)
         if not self.about:
-            cut = "cut off before its first message" if not self.complete else f"no {PROFILE}.about in it"
+            cut = f"{self.damage}, before its first message" if self.damage else f"no {PROFILE}.about in it"
             raise RecordingError(
                 f"{self.path}: an MCAP file, but not a recording of palpate ({cut}); nothing to recover"
             )
+        self._check_names()
 
-    def _indexed_head(self) -> list[Any]:
-        """Schemas, channels and metadata from the index at the end of a complete file; empty without one."""
+    def _head(self) -> list[Any]:
+        """Schemas, channels and metadata, from the index of a complete file, else up to where it is damaged."""
+        with open(self.path, "rb") as file:
+            records = Records(file)
+            try:
+                return records.indexed()
+            except Broken as damage:
+                self.damage = damage
+            found: list[Any] = []
+            try:
+                for record in records:
+                    if isinstance(record, bytes):
+                        found += declared(record)
+                    elif isinstance(record, Schema | Channel | Metadata):
+                        found.append(record)
+            except Broken as damage:
+                self.damage = damage
+            return found
+
+    def _told(self, metadata: Metadata) -> None:
+        """Take what the file says beside its messages."""
+        told = metadata.metadata
         try:
-            with open(self.path, "rb") as file:
-                reader = make_reader(file)
-                found = reader.get_summary()
-                if found is None:
-                    return []
-                head = [*found.schemas.values(), *found.channels.values(), *reader.iter_metadata()]
-        except BROKEN:
-            return []
-        self.complete = True
-        return head
+            match metadata.name:
+                case "palpate.about":
+                    self.about = {key: json.loads(value) for key, value in told.items()}
+                case "palpate.counts":
+                    self.counts = {key: json.loads(value) for key, value in told.items()}
+                case "palpate.restarted":
+                    self.restarted.setdefault(told["node"], []).append(int(told["tick"]))
+        except (ValueError, KeyError) as error:
+            raise RecordingError(f"{self.path}: damaged in its metadata {metadata.name!r}: {error!r}") from None
+
+    def _check_names(self) -> None:
+        """RecordingError: a stream that is none of the recorded graph's."""
+        plan = self.about.get("plan")
+        nodes = {item["name"] for item in plan.get("nodes", ())} if isinstance(plan, dict) else set()
+        for name, stream in self.streams.items():
+            if nodes and (stream.producer not in nodes or name.partition(".")[0] != stream.producer):
+                raise RecordingError(
+                    f"{self.path}: stream {name!r} of node {stream.producer!r}, which the recorded graph does not have "
+                    f"(nodes: {', '.join(sorted(nodes))}): the file is damaged, or not written by palpate"
+                )
 
     def _channel(self, channel: Channel, schemas: dict[int, Schema]) -> None:
-        told = json.loads(schemas[channel.schema_id].data)
-        if told.get("version") != SCHEMA_VERSION:
+        about = channel.metadata
+        try:
+            told = json.loads(schemas[channel.schema_id].data)
+            found = Channelled(
+                channel.topic, told, about["producer"], int(about["every"]), int(about.get("thin", "1")), self.path
+            )
+            version, _, _ = told.get("version"), told["class"], told["title"]
+        except (KeyError, ValueError, TypeError, AttributeError) as error:
             raise RecordingError(
-                f"{self.path}: stream {channel.topic!r} has schema version {told.get('version')!r}, this palpate reads "
+                f"{self.path}: what it says of stream {channel.topic!r} cannot be read ({error!r}): "
+                "the file is damaged, or not written by palpate"
+            ) from None
+        if version != SCHEMA_VERSION:
+            raise RecordingError(
+                f"{self.path}: stream {channel.topic!r} has schema version {version!r}, this palpate reads "
                 f"{SCHEMA_VERSION!r}; `palpate export` of the version that wrote it can convert it"
             )
-        about = channel.metadata
-        self.streams[channel.topic] = Channelled(
-            channel.topic, told, about["producer"], int(about["every"]), int(about.get("thin", "1")), self.path
-        )
+        self.streams[channel.topic] = found
         self._channels[channel.id] = channel.topic
 
-    def _records(self) -> Iterator[Any]:
-        """All records in the order of the file, chunks as they are; ends where the file is cut off or broken."""
-        with open(self.path, "rb") as file:
-            size = self.path.stat().st_size
-            reader = StreamReader(file, emit_chunks=True, record_size_limit=size)
-            try:
-                yield from reader.records
-                self.complete = True
-            except BROKEN:
-                self.complete = False
-
-    def _opened_records(self) -> Iterator[Any]:
-        with open(self.path, "rb") as file:
-            reader = StreamReader(file, validate_crcs=True, record_size_limit=self.path.stat().st_size)
-            try:
-                yield from (record for record in reader.records if not isinstance(record, Record))
-            except BROKEN:
-                return
-
-    def _chunks(self) -> Iterator[bytes]:
-        for record in self._records():
-            if isinstance(record, Chunk):
-                data = _opened(record)
-                if data is None:
-                    self.complete = False
-                    return
-                yield data
-
     def raw(self) -> Iterator[tuple[str, int, int, bytes]]:
-        """Stream, tick, time [ns] and wire bytes of each message, in the order in which they were recorded."""
+        """Stream, tick, time [ns] and wire bytes of each message, in the order in which they were recorded, up to
+        where the file is cut off or damaged."""
         channels = self._channels
-        for chunk in self._chunks():
-            at, end = 0, len(chunk)
-            while at + 9 <= end:
-                kind, length = _RECORD.unpack_from(chunk, at)
-                at += 9
-                if kind == _MESSAGE:
-                    channel, tick, time, _ = _HEAD.unpack_from(chunk, at)
+        try:
+            for chunk in opened(self.path):
+                if not isinstance(chunk, bytes):
+                    continue
+                for channel, tick, time, payload in messages(chunk):
                     name = channels.get(channel)
                     if name is not None:
-                        yield name, tick, time, chunk[at + 22 : at + length]
-                at += length
+                        yield name, tick, time, payload
+        except Broken as damage:
+            self.damage = damage
 
     def payloads(self, *names: str) -> Iterator[tuple[str, int, bytes]]:
         """Stream, time [ns] and wire bytes of each message of these streams (of all, if none is named), in the
@@ -265,12 +266,3 @@ class Recording:
                 close = choices("Streams", name, self.streams)
                 raise RecordingError(f"{self.path}: no stream {name!r}. {close}")
         return names
-
-
-def _opened(chunk: Chunk) -> bytes | None:
-    """What is in a chunk; None where it is damaged."""
-    try:
-        data = _OPEN[chunk.compression](chunk.data)
-    except BROKEN:
-        return None
-    return data if not chunk.uncompressed_crc or zlib.crc32(data) == chunk.uncompressed_crc else None

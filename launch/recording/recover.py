@@ -1,4 +1,4 @@
-"""Making a complete recording of one that was cut off."""
+"""Making a complete recording of one that was cut off or damaged."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from mcap.writer import CompressionType, Writer
 
 from palpate.launch.recording.reader import Recording, RecordingError
 from palpate.nodes.logger import CHUNK_SIZE, PROFILE
+from palpate.nodes.mcap_file import LIBRARY, add_metadata
 
 
 def recover(path: Path, out: Path | None = None) -> tuple[Path, dict[str, int]]:
@@ -27,26 +28,26 @@ def recover(path: Path, out: Path | None = None) -> tuple[Path, dict[str, int]]:
     part = target.with_name(target.name + ".part")
     target.parent.mkdir(parents=True, exist_ok=True)
     with open(part, "wb") as file:
-        writer = Writer(file, chunk_size=CHUNK_SIZE, compression=CompressionType.ZSTD)
-        writer.start(profile=PROFILE, library="palpate")
+        writer = Writer(file, chunk_size=CHUNK_SIZE, compression=CompressionType.ZSTD, enable_data_crcs=True)
+        writer.start(profile=PROFILE, library=LIBRARY)
         about = {**recording.about, "recovered_from": str(path)}
-        writer.add_metadata("palpate.about", {key: json.dumps(value) for key, value in about.items()})
+        add_metadata(writer, "palpate.about", {key: json.dumps(value) for key, value in about.items()})
         for node, ticks in recording.restarted.items():
             for tick in ticks:
-                writer.add_metadata("palpate.restarted", {"node": node, "tick": str(tick)})
+                add_metadata(writer, "palpate.restarted", {"node": node, "tick": str(tick)})
         schemas: dict[str, int] = {}
         channels = {}
         for name, stream in recording.streams.items():
-            title = stream.schema["title"]
-            if title not in schemas:
-                schemas[title] = writer.register_schema(title, "jsonschema", json.dumps(stream.schema).encode())
+            kind, title = stream.schema["class"], stream.schema["title"]
+            if kind not in schemas:
+                schemas[kind] = writer.register_schema(title, "jsonschema", json.dumps(stream.schema).encode())
             told = {"producer": stream.producer, "every": str(stream.every), "thin": str(stream.thin)}
-            channels[name] = writer.register_channel(name, "msgpack", schemas[title], told)
+            channels[name] = writer.register_channel(name, "msgpack", schemas[kind], told)
         for name, tick, time, payload in recording.raw():
             writer.add_message(channels[name], time, payload, time, tick)
             counts[name] += 1
-        if recording.counts:  # what was lost on the way is only known where the file came to its end
-            writer.add_metadata("palpate.counts", {k: json.dumps(v) for k, v in recording.counts.items()})
+        if recording.counts and recording.complete:  # what was lost on the way is only known for a whole run
+            add_metadata(writer, "palpate.counts", {k: json.dumps(v) for k, v in recording.counts.items()})
         writer.finish()
     os.replace(part, target)
     return target, counts

@@ -12,9 +12,9 @@ from palpate.launch.recording.instants import instants
 from palpate.launch.recording.player import Player, head_of
 from palpate.launch.recording.reader import Recording, RecordingError
 from palpate.launch.recording.verify import NodeReport, compare_one
-from palpate.launch.running.about import about
 from palpate.launch.running.clock import now, sleep_until
 from palpate.launch.running.job import ObserverJob, StreamJob
+from palpate.launch.running.provenance import about
 from palpate.launch.running.slot import ObserverSlot
 from palpate.messages import Health
 from palpate.nodes.base import Observer, Stream
@@ -79,6 +79,7 @@ class Replay:
             observer.node.start()
         sent_by = dict.fromkeys(self.plan.order, 0)
         begins = {name: list(ticks) for name, ticks in self.recording.restarted.items()}
+        since: dict[str, int] = {}
         try:
             for tick, payloads in instants(self.recording, self.present):
                 time = head_of(next(iter(payloads.values()))).time
@@ -99,11 +100,13 @@ class Replay:
                     sleep_until(begun + round((time - first) / self.speed))
                 for name, ticks in begins.items():
                     while ticks and tick >= ticks[0]:
-                        ticks.pop(0)
+                        self._tell(name, 0, since.setdefault(name, 0))
+                        since[name] = ticks.pop(0)
                         sent_by[name] = 0
-                        self._tell(name, 0)
-                self._show(tick, {**payloads, **sent}, sent_by)
-                if not shown(tick, time, {**payloads, **sent}):
+                        self._tell(name, 0, since[name])
+                played = {s: payload for s, payload in payloads.items() if s not in player.computed}
+                self._show(tick, played | sent, sent_by)
+                if not shown(tick, time, played | sent):
                     break
         finally:
             self.seconds = (time - first) * 1e-9 if first is not None else 0.0
@@ -111,7 +114,7 @@ class Replay:
             player.stop()
             for name, count in sent_by.items():
                 if count:
-                    self._tell(name, count)
+                    self._tell(name, count, since.get(name, 0))
             for observer in self.observers:
                 observer.node.stop()
 
@@ -124,10 +127,11 @@ class Replay:
                 if stream in observer.streams:
                     observer.observe(stream, tick, payload)
 
-    def _tell(self, node: str, steps: int) -> None:
-        """What a worker would tell the observers of a node: that it begins (0), or how much it has sent at the end."""
+    def _tell(self, node: str, steps: int, since: int) -> None:
+        """What a worker would tell the observers of a node: since which tick it runs and how much it has sent."""
         message = Health(
             source=node,
+            since=since,
             steps=steps,
             late=0,
             lost=0,

@@ -12,10 +12,13 @@ import numpy as np
 from palpate.launch.loading.plan import Plan
 from palpate.launch.recording.instants import instants
 from palpate.launch.recording.player import MissingInput, Player
-from palpate.launch.recording.reader import Recording
+from palpate.launch.recording.reader import Recording, RecordingError
 from palpate.launch.running.slot import NodeFault
 from palpate.messages import Message, MessageError, fields, pack, unpack
 from palpate.messages.base import HEADER
+
+ELSEWHERE = 1e-6
+"""Relative tolerance for a recording that was computed with other versions or instructions."""
 
 
 @dataclass(frozen=True)
@@ -102,6 +105,12 @@ def verify(
     player = Player(recording, plan, plan.order, live=False)
     report = Report({part.name: NodeReport(stopped=part.broken or "") for part in player.parts if part.streams})
     present = recording.ticks()
+    for part in player.parts:
+        if not part.as_recorded:
+            raise RecordingError(
+                f"{recording.path}: a check steps every node when it was recorded, so {part.name}.every cannot be "
+                "another one. Replay without --check, or leave it out."
+            )
     report.cut = not recording.complete or "recovered_from" in recording.about
     for part in player.parts:
         if part.streams and not report.nodes[part.name].stopped:
@@ -118,7 +127,9 @@ def verify(
                 if own.stopped or part.streams[0] not in payloads:
                     continue
                 try:
-                    player.step_one(part, tick, payloads, 0)
+                    if not player.step_one(part, tick, payloads, 0):
+                        own.stopped = f"from tick {tick} on: it was recorded without an input that it cannot do without"
+                        continue
                 except MissingInput as missing:
                     own.stopped = f"from tick {tick} on: {missing} is not in the file"
                     continue

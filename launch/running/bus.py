@@ -1,8 +1,8 @@
-"""The sockets of a worker process: what it reads, one outlet for the nodes of the graph, one for observers.
+"""The sockets of a worker process: orders in, reports out, one outlet for the nodes of the graph, one for observers.
 
-A frame is the stream's name, a zero byte, and the message as one msgpack map. The outlets are publishers, so that any
-program can subscribe by the stream's name. Observers have an outlet of their own: frames for them are kept back and
-sent in bursts, because waking a second reader costs 60-100 us, which the force path must not pay.
+A frame of ZeroMQ is the stream's name, a zero byte, and the message as one msgpack map. The outlets are publishers, so
+that any program can subscribe by the stream's name. Observers have an outlet of their own: frames for them are kept
+back and sent in bursts, because waking a second reader costs 60-100 us, which the force path must not pay.
 
 On the simulated clock an outlet waits when a reader is slow; on the real clock it drops, and the reader counts.
 """
@@ -10,22 +10,25 @@ On the simulated clock an outlet waits when a reader is slow; on the real clock 
 from __future__ import annotations
 
 import contextlib
-import json
-from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable
 
+import msgspec
 import zmq
 
-from palpate.launch.running.inbox import Box, Inbox, Pair
+from palpate.launch.running.addresses import endpoint
+from palpate.launch.running.carrier import HIGH_WATER, LOOK, Inlet, LocalInlet, LocalOutlet, Pairs, ZmqInlet, ZmqOutlet
+from palpate.launch.running.keys import Keeper, Key, connect
+from palpate.launch.running.reports import ORDERS, Addressed, Order, Report
+from palpate.physics.errors import PalpateError
 
-CONTROL = b"~"
 HEALTH = "!health"
 """Stream of each outlet for observers on which its worker tells how the nodes are doing."""
-HIGH_WATER = 20_000  # frames held for a slow reader
-LINGER = 2_000  # [ms] that a closing socket goes on delivering
+END = "!end"
+"""Stream of each outlet for observers on which its worker says last that it sends no more; the payload is its group."""
+LONGEST_ORDER = 1 << 26  # [bytes]
 
 
-class PortInUse(OSError):
+class PortInUse(PalpateError, OSError):
     """An endpoint that another program has bound."""
 
 
@@ -42,25 +45,17 @@ def split(data: bytes) -> tuple[str, bytes]:
     return topic.decode(), payload
 
 
-def order(data: bytes) -> dict:
-    """What a control frame of the launcher asks for."""
-    return json.loads(split(data)[1])
-
-
-def endpoint(run: str, group: str, outlet: str) -> str:
-    """Local address of an outlet, in Linux' abstract name space: no file to leave behind."""
-    return f"ipc://@palpate/{run}/{group}/{outlet}"
-
-
 class Bus:
     """Sockets of one worker.
 
-    run, group     names of the run and of the worker
-    control        endpoint of the launcher's control publisher
-    reports        endpoint where the launcher takes reports
-    wait_for_slow  true on the simulated clock
-    inboxes        of the workers of this machine, by name
-    patience       [s] after which a blocking receive gives up once, so that the caller can look round
+    run, group  names of the run and of the worker
+    control     endpoint of the launcher's control publisher
+    reports     endpoint where the launcher takes reports
+    real        whether it is the real clock: nobody waits for a slow reader
+    wait        [ms] after which an inlet gives up waiting once, so that the caller can look round
+    pairs       of the local carrier, as far as they begin or end here
+    key         secures the outlets where they are bound to TCP as well; None: nothing is secured
+    guarded     the launcher's sockets are secured by the key
     """
 
     def __init__(
@@ -69,60 +64,66 @@ class Bus:
         group: str,
         control: str,
         reports: str,
-        wait_for_slow: bool,
-        inboxes: Mapping[str, Pair],
-        patience: float = 0.1,
+        real: bool,
+        wait: int = LOOK,
+        pairs: Pairs | None = None,
+        key: Key | None = None,
+        guarded: bool = False,
     ) -> None:
         self.context = zmq.Context()
-        self.run, self.group = run, group
-        self.wait_for_slow = wait_for_slow
-        self.subscriber = self._socket(zmq.SUB)
-        self.subscriber.set(zmq.RCVHWM, HIGH_WATER)
-        milliseconds = max(1, round(patience * 1000))
-        self.subscriber.set(zmq.RCVTIMEO, milliseconds)
-        self.subscriber.set(zmq.RECONNECT_IVL, 5)
-        self.subscriber.connect(control)
+        self.run, self.group, self.real, self.wait, self.key = run, group, real, wait, key
+        self.foreign = 0
+        """Frames that were dropped because they are none of this run's."""
+        self._pairs = pairs or {}
+        self._keeper: Keeper | None = None
+        self._control = self._socket(zmq.SUB, 0)
+        self._control.set(zmq.MAXMSGSIZE, LONGEST_ORDER)
+        self._reports = self._socket(zmq.PUSH, 2000)
+        for socket, address in ((self._control, control), (self._reports, reports)):
+            connect(socket, address, key if guarded else None)
         for topic in (f"~{group}", "~*"):
-            self.subscriber.subscribe(topic.encode() + b"\0")
-        self.reports = self._socket(zmq.PUSH)
-        self.reports.connect(reports)
-        self.force = self._outlet()
-        self.observers = self._outlet()
-        # The plain send of the binding, without the layer that looks for multipart and tracking options.
-        self.send = zmq.backend.Socket.send.__get__(self.force)
-        """Send a frame to the nodes that read it."""
+            self._control.subscribe(topic.encode() + b"\0")
+        # What the outlets hold is delivered, however long it takes: the launcher ends those who never read it.
+        self._force = self._outlet()
+        self._observers = self._outlet()
+        self._observed = self._socket(zmq.SUB, 0)
+        self._observed.set(zmq.RCVHWM, HIGH_WATER)
+        self._observed.set(zmq.RCVTIMEO, wait)
+        self._inlets: dict[str, Inlet] = {}
         self.listeners: dict[bytes, int] = {}
-        self._boxes = {name: write for name, (_, write) in inboxes.items()}
-        self._inbox = Inbox(inboxes[group][0], self.subscriber, milliseconds) if group in inboxes else None
         self._kept: list[bytes] = []
-        self._early: deque[bytes] = deque()
-        self._first: deque[bytes] = deque()
+        self._topics: tuple[bytes, ...] = ()
 
-    def _socket(self, kind: int) -> zmq.Socket:
+    def _socket(self, kind: int, linger: int) -> zmq.Socket:
         socket = self.context.socket(kind)
-        socket.set(zmq.LINGER, LINGER)
+        socket.set(zmq.LINGER, linger)
         return socket
 
     def _outlet(self) -> zmq.Socket:
-        socket = self._socket(zmq.XPUB)
+        socket = self._socket(zmq.XPUB, -1)
         socket.set(zmq.XPUB_VERBOSE, 1)
         socket.set(zmq.SNDHWM, HIGH_WATER)
-        if self.wait_for_slow:
+        socket.set(zmq.MAXMSGSIZE, 1024)  # subscriptions only
+        if not self.real:
             socket.set(zmq.XPUB_NODROP, 1)
+            socket.set(zmq.SNDTIMEO, LOOK)
         return socket
 
     def bind(self, host: str | None) -> dict[str, list[str]]:
-        """Bind both outlets, locally and, where a host is given (`tcp://address` or `tcp://address:port`), there.
+        """Bind both outlets, locally and, where a host is given (`address` or `address:port`), there.
 
         Returns the endpoints by outlet. PortInUse: somebody else has that port.
         """
         found: dict[str, list[str]] = {}
-        for step, (name, socket) in enumerate((("force", self.force), ("observers", self.observers))):
+        for step, (name, socket) in enumerate((("force", self._force), ("observers", self._observers))):
+            if host and self.key is not None:
+                self._keeper = self._keeper or Keeper(self.context, self.key)
+                self.key.secure(socket, server=True)
             local = endpoint(self.run, self.group, name)
             self._bind(socket, local)
             found[name] = [local]
             if host:
-                address, _, port = host.removeprefix("tcp://").partition(":")
+                address, _, port = host.partition(":")
                 wanted = f"tcp://{address}:{int(port) + step}" if port else f"tcp://{address}:*"
                 self._bind(socket, wanted)
                 found[name].append(socket.get_string(zmq.LAST_ENDPOINT).rstrip("\0"))
@@ -134,105 +135,151 @@ class Bus:
         except zmq.ZMQError as error:
             raise PortInUse(f"cannot bind {address}: {error.strerror}") from None
 
-    def connect(self, address: str, streams: list[str]) -> None:
+    # -- with the launcher ---------------------------------------------------------------------------------------
+
+    def report(self, report: Report) -> None:
+        """Tell the launcher."""
+        self._reports.send(msgspec.msgpack.encode(Addressed(self.group, report)))  # type: ignore[arg-type]
+
+    def order(self, wait: int = 0) -> Order | None:
+        """The launcher's next order; None where none comes within so many milliseconds."""
+        while self._control.poll(wait):
+            try:
+                return ORDERS.decode(split(self._control.recv(zmq.NOBLOCK))[1])
+            except (msgspec.MsgspecError, ValueError):
+                self.foreign += 1
+            except zmq.Again:
+                pass
+        return None
+
+    # -- streams of other groups ---------------------------------------------------------------------------------
+
+    def inlet(self, stream: str) -> Inlet:
+        """Where the nodes here read a stream of another group."""
+        if stream not in self._inlets:
+            ends = self._pairs.get((stream, self.group))
+            self._inlets[stream] = (
+                ZmqInlet(self._socket(zmq.SUB, 0), stream, self.wait)
+                if ends is None
+                else LocalInlet(ends[0], self.wait, exact=self.real)
+            )
+        return self._inlets[stream]
+
+    def connect(self, address: str, streams: Iterable[str], observed: bool, secured: bool) -> None:
         """Read these streams from the outlet at `address`."""
-        self.subscriber.connect(address)
-        for stream in streams:
-            self.subscriber.subscribe(stream.encode() + b"\0")
+        known = [self._inlets[stream] for stream in streams] if not observed else []
+        sockets = [self._observed] if observed else [inlet.socket for inlet in known if isinstance(inlet, ZmqInlet)]
+        for socket in sockets:
+            connect(socket, address, self.key if secured else None)
+        if observed:
+            for stream in streams:
+                self._observed.subscribe(stream.encode() + b"\0")
 
     def forget(self) -> None:
-        """Throw away what was sent to a predecessor that has died, and since."""
-        self._early.clear()
-        if self._inbox is not None:
-            self._inbox.clear()
+        """Throw away what was sent to a predecessor."""
+        for inlet in self._inlets.values():
+            inlet.forget()
 
-    def boxes(self, groups: Sequence[str]) -> tuple[Box, ...]:
-        """The inboxes of these workers; empty where one of them has none."""
-        return tuple(self._boxes[group] for group in groups) if self._boxes.keys() >= set(groups) else ()
+    def overheard(self, wait: bool) -> bytes | None:
+        """The next frame for the observers here; None where none has come, or none comes in time."""
+        try:
+            return self._observed.recv(0 if wait else zmq.NOBLOCK)
+        except zmq.Again:
+            return None
 
-    def wait_linked(self, nodes: dict[str, int], observers: dict[str, int], timeout: float) -> bool:
+    # -- streams of this group -----------------------------------------------------------------------------------
+
+    def zmq_outlet(self, holds: Callable[[], None]) -> ZmqOutlet:
+        """Where nodes of other groups hear what is sent by ZeroMQ."""
+        return ZmqOutlet(self._force, holds)
+
+    def local_outlet(self, stream: str, groups: Iterable[str], holds: Callable[[], None]) -> LocalOutlet:
+        """Where these groups hear a stream that is sent by the local carrier."""
+        return LocalOutlet([self._pairs[stream, group][1] for group in groups], None if self.real else holds)
+
+    def wait_linked(self, nodes: dict[str, int], observers: dict[str, int], look: Callable[[], object]) -> None:
         """Wait until each stream has its readers, at the outlet for nodes and at that for observers.
 
-        Returns whether they all came in time [s].
+        look  called again and again meanwhile (it may raise)
         """
-        for socket, expected in ((self.force, nodes), (self.observers, observers)):
+        for socket, expected in ((self._force, nodes), (self._observers, observers)):
             missing = {stream.encode() + b"\0": count for stream, count in expected.items() if count}
             while any(count > 0 for count in missing.values()):
-                if not socket.poll(int(timeout * 1000)):
-                    return False
+                if not socket.poll(LOOK):
+                    look()
+                    continue
                 note = socket.recv()
-                if socket is self.observers:
+                if socket is self._observers:
                     self._listener(note)
                 if note[:1] == b"\x01" and note[1:] in missing:
                     missing[note[1:]] -= 1
-        return True
+
+    def sends(self, streams: Iterable[str]) -> None:
+        """The streams that observers can listen to here."""
+        self._topics = tuple(stream.encode() + b"\0" for stream in (*streams, HEALTH, END))
 
     def _listener(self, note: bytes) -> None:
+        """An observer comes or goes. A subscription is a prefix; one that fits no stream is not kept."""
+        if note[:1] not in (b"\x00", b"\x01"):
+            self.foreign += 1
+            return
+        if not any(topic.startswith(note[1:]) for topic in self._topics):
+            return
         count = self.listeners.get(note[1:], 0) + (1 if note[:1] == b"\x01" else -1)
         if count > 0:
             self.listeners[note[1:]] = count
         else:
             self.listeners.pop(note[1:], None)
 
-    def heard(self, topic: bytes) -> bool:
-        """Whether an observer listens to this topic (stream name and zero byte); a subscription is a prefix."""
+    def heard(self, stream: str) -> bool:
+        """Whether an observer listens to this stream."""
+        topic = stream.encode() + b"\0"
         return any(topic.startswith(listener) for listener in self.listeners)
 
     def keep(self, data: bytes) -> None:
         """Keep a frame for the observers; `flush` sends it."""
         self._kept.append(data)
 
-    def flush(self) -> bool:
-        """Send the kept frames, and learn who listens. Returns whether that has changed."""
-        for data in self._kept:
-            try:
-                self.observers.send(data)
-            except zmq.Again:
-                break  # real clock: the observers are slow, they count what they miss
-        self._kept.clear()
+    def flush(self, holds: Callable[[], None]) -> bool:
+        """Send the kept frames, and learn who listens. Returns whether that has changed.
+
+        holds  called again and again while an observer has no room, on the simulated clock
+        """
+        kept, self._kept = self._kept, []
+        for place, data in enumerate(kept):
+            while True:
+                try:
+                    self._observers.send(data)
+                    break
+                except zmq.Again:
+                    try:
+                        holds()
+                    except BaseException:
+                        self._kept = kept[place:]
+                        raise
         changed = False
-        while int(self.observers.get(zmq.EVENTS)) & zmq.POLLIN:
+        while int(self._observers.get(zmq.EVENTS)) & zmq.POLLIN:
             changed = True
-            self._listener(self.observers.recv())
+            self._listener(self._observers.recv())
         return changed
 
-    def orders(self) -> dict:
-        """The launcher's next order before the start; messages from workers that have begun already are put aside."""
-        while True:
-            data = self.receive(block=True)
-            if data is None:
-                continue
-            if data[:1] == CONTROL:
-                return order(data)
-            self._early.append(data)
-
-    def release(self) -> None:
-        """The messages that were put aside come first from now on."""
-        self._first, self._early = self._early, deque()
-
-    def receive(self, block: bool) -> bytes | None:
-        """The next frame; None when none has come."""
-        if self._first:
-            return self._first.popleft()
-        if self._inbox is not None:
-            return self._inbox.receive(block)
-        try:
-            return self.subscriber.recv() if block else self.subscriber.recv(zmq.NOBLOCK)
-        except zmq.Again:
-            return None
-
-    def waiting(self) -> bool:
-        """Whether a frame may have come."""
-        if self._first:
-            return True
-        if self._inbox is not None:
-            return self._inbox.waiting()
-        return bool(int(self.subscriber.get(zmq.EVENTS)) & zmq.POLLIN)
-
-    def close(self) -> None:
-        """Deliver what is under way and close."""
+    def close(self, orderly: bool) -> None:
+        """Deliver what is under way and close; after an orderly end say that this was all."""
+        for inlet in self._inlets.values():
+            inlet.close()
+        self._observed.close(linger=0)
         with contextlib.suppress(zmq.ZMQError):
-            self.flush()
-        # It would wait to renew its subscriptions with senders that have gone.
-        self.subscriber.close(linger=0)
-        self.context.destroy(linger=LINGER)
+            self.flush(_wait)
+            if orderly:
+                self._observers.set(zmq.XPUB_NODROP, 1)
+                self._observers.set(zmq.SNDTIMEO, LOOK)
+                self._kept.append(frame(END, self.group.encode()))
+                self.flush(_wait)
+        if self._keeper is not None:
+            self._keeper.close()
+        self._control.close(linger=0)
+        self.context.destroy()
+
+
+def _wait() -> None:
+    """An observer without room is alive, or is ended by the launcher."""

@@ -9,7 +9,7 @@ import time
 from collections.abc import Iterator
 
 SPIN = 100_000  # [ns] wait actively for this long before a deadline: a plain sleep wakes up about 90 us late
-_PR_SET_PDEATHSIG, _PR_SET_TIMERSLACK = 1, 29
+_PR_SET_TIMERSLACK = 29
 _MCL_CURRENT, _MCL_FUTURE = 1, 2
 
 
@@ -29,11 +29,6 @@ def sleep_until(deadline: int) -> int:
     while (left := now() - deadline) < 0:
         pass
     return left
-
-
-def die_with_parent(signal: int = 9) -> None:
-    """Have the kernel end this process when its parent ends."""
-    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal)
 
 
 def real_time(core: tuple[int, ...] | None, priority: int | None) -> list[str]:
@@ -68,16 +63,6 @@ def real_time(core: tuple[int, ...] | None, priority: int | None) -> list[str]:
 
 
 BLAS_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
-
-
-def few_threads() -> None:
-    """Linear algebra of this process in one thread, unless the user has said how many; before numpy is imported.
-
-    The fronts of the sparse factor are small: more threads gain little, and wait for one another on a busy machine
-    (10 x slower was seen).
-    """
-    for name in BLAS_THREADS:
-        os.environ.setdefault(name, "1")
 
 
 @contextlib.contextmanager

@@ -15,12 +15,16 @@ from rich.console import Console
 from palpate.launch.loading.faults import Faults, choices
 from palpate.launch.loading.graph import Graph, NodeSpec
 from palpate.launch.loading.launchfile import LaunchFile
+from palpate.launch.loading.placement import Placement
 from palpate.launch.loading.plan import Plan, plan
-from palpate.launch.running.about import about
+from palpate.launch.running import keys
+from palpate.launch.running.assign import is_here, jobs
+from palpate.launch.running.forkserver import ForkServer
 from palpate.launch.running.fused import run_fused
-from palpate.launch.running.jobs import is_here, jobs
+from palpate.launch.running.job import Job
+from palpate.launch.running.keys import Key
 from palpate.launch.running.launcher import Launcher
-from palpate.launch.running.nursery import Nursery
+from palpate.launch.running.provenance import about
 from palpate.launch.running.result import Result
 from palpate.launch.running.screen import Screen
 from palpate.nodes.logger import Mcap
@@ -41,33 +45,40 @@ def execute(
     launch: LaunchFile,
     *,
     console: Console | None = None,
-    nursery: Nursery | None = None,
+    forkserver: ForkServer | None = None,
     patience: float = PATIENCE,
     address: str | None = None,
     leave_out: Sequence[str] = (),
     thin: Mapping[str, int] | None = None,
+    unencrypted: bool = False,
+    key_name: str = keys.NAME,
 ) -> Outcome:
     """Run a launch file to its end.
 
-    console   draws the live view there; None: silent
-    nursery   a fork server that is starting already
-    patience  [s] without a sign of life after which a node counts as hung
-    address   `tcp://host:port` where workers of other machines find the launcher
+    console     draws the live view there; None: silent
+    forkserver  a fork server that is starting already
+    patience    [s] without a sign of life after which a node counts as hung
+    address     `tcp://host:port` where workers of other machines find the launcher
     leave_out, thin  streams not to record, or only each n-th message of
+    unencrypted  nothing that goes over TCP is secured
+    key_name    of the key that secures a run with groups on other machines
 
-    GraphError: what is wrong with the graph; nothing was started. OSError: an address that is taken.
+    GraphError: what is wrong with the graph; nothing was started. OSError: an address that is taken. KeyFault: the key
+    is missing.
     """
     graph = launch.load()
     set_recording(graph, launch.record, leave_out, thin)
     found = plan(graph)
     place = launch.placement(found)
-    clock = launch.clock or "simulated"
+    clock = _clock(launch, found)
     ticks = None if launch.duration is None else max(1, round(launch.duration * graph.rate))
-    told = about(found, clock=clock, pace=launch.pace, ticks=ticks, groups={g.name: g.nodes for g in place.groups})
+    joined = frozenset(group.name for group in place.groups if group.join or not is_here(group.host))
+    fused = len(place.groups) == 1 and clock == "simulated" and not joined
+    groups = {group.name: group.nodes for group in place.groups}
+    told = about(found, here=fused, clock=clock, pace=launch.pace, ticks=ticks, groups=groups)
     work = jobs(found, place, clock=clock, ticks=ticks, pace=launch.pace, about=told)
     if launch.record is not None:
         _check_writable(launch.record)
-    joined = frozenset(group.name for group in place.groups if group.join or not is_here(group.host))
     if joined:
         if address is None:
             raise OSError(
@@ -75,20 +86,23 @@ def execute(
             )
         here = address.removeprefix("tcp://").rpartition(":")[0]
         work = [job if job.host else msgspec.structs.replace(job, host=here) for job in work]
+    _check_carriers(work, joined)
+    key = _key(place, joined, unencrypted, key_name)
     title = (launch.path or launch.graph).stem
     names = [*found.order, *found.observers]
     screen = Screen(console, title, graph.rate, ticks, names) if console is not None else None
     with screen or contextlib.nullcontext():
-        if len(work) == 1 and clock == "simulated" and not joined:
-            if nursery is not None:
-                nursery.close()
+        if fused:
+            if forkserver is not None:
+                forkserver.close()
             result = run_fused(work[0], screen.show if screen else lambda _: None, patience)
         else:
             launcher = Launcher(
                 work,
-                nursery,
+                forkserver,
                 joined=joined,
-                address=address,
+                address=address if joined else None,
+                key=key,
                 patience=patience,
                 restart=frozenset(name for name in found.order if graph.nodes[name].restart),
                 show=(lambda it: screen.show(it.result, it.phase, it.busy)) if screen else lambda _: None,
@@ -98,6 +112,38 @@ def execute(
             result = launcher.run()
     result.health = {name: result.health[name] for name in names if name in result.health}
     return Outcome(found, result, launch.record)
+
+
+def _clock(launch: LaunchFile, found: Plan) -> str:
+    """The clock of a run: the real one with hardware. GraphError: hardware on the simulated one."""
+    hardware = [name for name in found.order if found.graph.nodes[name].cls.hardware]
+    if hardware and launch.clock == "simulated":
+        faults = Faults()
+        faults.add("clock: found 'simulated', but it talks to a device, which keeps real time",
+                   "Say `clock: real` or --clock real.", node=hardware[0])  # fmt: skip
+        faults.done()
+    return launch.clock or ("real" if hardware else "simulated")
+
+
+def _check_carriers(work: Sequence[Job], joined: frozenset[str]) -> None:
+    """GraphError: a stream that cannot go by the carrier of its group."""
+    faults = Faults()
+    for job in work:
+        far = sorted({group for groups in job.external.values() for group in groups if group in joined} - {job.group})
+        if job.carrier == "local" and (far or job.group in joined):
+            why = f"group {far[0]!r}, which reads from it, is" if far else "it is"
+            faults.add(
+                f"group {job.group!r}: carrier local, but {why} started on another machine", "Take carrier: zmq."
+            )
+    faults.done()
+
+
+def _key(place: Placement, joined: frozenset[str], unencrypted: bool, name: str) -> Key | None:
+    """What secures TCP: nothing where the user says so; the key of the rig where workers are started elsewhere; else
+    one that is made for this run. KeyFault."""
+    if unencrypted or any(group.unencrypted for group in place.groups):
+        return None
+    return keys.load(name) if joined else Key.make()
 
 
 def _check_writable(file: Path) -> None:

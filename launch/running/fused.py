@@ -8,9 +8,13 @@ import time
 import traceback
 from collections.abc import Callable
 
+import msgspec
+
 from palpate.launch.running.clock import now
 from palpate.launch.running.interrupts import interrupts
 from palpate.launch.running.job import Job
+from palpate.launch.running.loops import run
+from palpate.launch.running.reports import Alive, Note, Report
 from palpate.launch.running.result import Death, Result
 from palpate.launch.running.slot import NodeFault
 from palpate.launch.running.watchdog import START_PATIENCE, watched
@@ -30,12 +34,12 @@ def run_fused(job: Job, show: Callable[[Result], None] = lambda _: None, patienc
     begun = time.monotonic()
     worker: Worker | None = None
 
-    def report(what: dict) -> None:
-        if what["kind"] == "health":
-            result.health.update(what["nodes"])
+    def report(what: Report) -> None:
+        if isinstance(what, Alive):
+            result.health.update(msgspec.to_builtins(what.nodes))
             show(result)
-        elif what["kind"] == "note":
-            result.notes.append(what["text"])
+        elif isinstance(what, Note):
+            result.notes.append(what.text)
 
     def interrupted() -> None:
         if result.interrupted or not result.start:
@@ -57,7 +61,7 @@ def run_fused(job: Job, show: Callable[[Result], None] = lambda _: None, patienc
             result.origin = started
             with watched(patience):
                 try:
-                    worker.run(now())
+                    run(worker, now())
                 finally:
                     result.wall = time.monotonic() - started
                     worker.stop()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import msgspec
 import numpy as np
 
 from palpate import messages
@@ -59,34 +60,42 @@ class Health:
         self.tick = -1
         self.state = "ready"
 
-    def report(self) -> dict[str, object]:
-        """The counters as plain data."""
-        return {
-            "tick": self.tick,
-            "steps": self.step.count,
-            "late": self.late,
-            "lost": self.lost,
-            "held": self.held,
-            "state": self.state,
-            "step": self.step.report(),
-            "age": self.age.report(),
-        }
+    def report(self, forces: dict[str, float] | None = None) -> Counters:
+        """The counters as they travel, with the forces that the node sent last."""
+        step, age = self.step.report(), self.age.report()
+        return Counters(
+            self.tick, self.step.count, self.late, self.lost, self.held, self.state, step, age, forces or {}
+        )
 
 
-def message(node: str, time: int, told: dict) -> messages.Health:
-    """A report as observers get it. `time` [ns] on the graph's clock; `told`: what `Health.report` gave."""
-    step = told["step"]
+class Counters(msgspec.Struct, frozen=True):
+    """What `Health` has counted; step and age with mean, quantiles and longest [s], forces [N] by `stream.field`."""
+
+    tick: int
+    steps: int
+    late: int
+    lost: int
+    held: int
+    state: str
+    step: dict[str, float]
+    age: dict[str, float]
+    forces: dict[str, float] = {}
+
+
+def message(node: str, time: int, since: int, told: Counters) -> messages.Health:
+    """A report as observers get it. `time` [ns] on the graph's clock; `since`: tick at which its worker began."""
     return messages.Health(
-        tick=told["tick"],
+        tick=told.tick,
         time=time,
         source=node,
-        steps=told["steps"],
-        late=told["late"],
-        lost=told["lost"],
-        held=told["held"],
-        state=told["state"],
-        median=step["p50"],
-        p99=step["p99"],
-        longest=step["longest"],
-        age=told["age"]["p50"],
+        since=since,
+        steps=told.steps,
+        late=told.late,
+        lost=told.lost,
+        held=told.held,
+        state=told.state,
+        median=told.step["p50"],
+        p99=told.step["p99"],
+        longest=told.step["longest"],
+        age=told.age["p50"],
     )

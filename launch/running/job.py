@@ -11,6 +11,7 @@ class InputJob(msgspec.Struct, frozen=True):
     every     divisor of the producer
     loop      true for an edge that closes a loop
     optional  the node does without it when its sender is gone
+    rank      place of the producer in the order in which the nodes run; of a loop edge before all others
     waits     on the real clock, wait up to one period for this tick's message, because the sender is on the force path
     """
 
@@ -20,6 +21,7 @@ class InputJob(msgspec.Struct, frozen=True):
     every: int = 1
     loop: bool = False
     optional: bool = False
+    rank: int = 0
     waits: bool = True
 
 
@@ -62,6 +64,7 @@ class Job(msgspec.Struct, frozen=True):
               the tick that notices it, the force is gone 20 ms after its sender
     phase     tells the workers apart, so that they do not all send their bursts to the observers in the same tick
     leads     true where a paced node is among the nodes
+    carrier   "zmq" or "local": how the streams of this group get to nodes of other groups
     external  streams of this group that nodes of other groups read, with the names of those groups
     about     what a recording says of the run: graph, settings, versions, machine
     """
@@ -79,6 +82,7 @@ class Job(msgspec.Struct, frozen=True):
     host: str | None = None
     phase: int = 0
     leads: bool = False
+    carrier: str = "zmq"
     external: dict[str, tuple[str, ...]] = {}
     about: dict[str, object] = {}
 

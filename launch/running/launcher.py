@@ -11,46 +11,76 @@ import select
 import signal
 import time
 import uuid
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 
 import msgspec
 import zmq
 
 from palpate.launch.running.clock import now
+from palpate.launch.running.forkserver import ForkServer
 from palpate.launch.running.interrupts import interrupts
 from palpate.launch.running.job import Job, members
-from palpate.launch.running.links import heard, inboxes, listeners, muted
-from palpate.launch.running.nursery import Nursery
+from palpate.launch.running.keys import Key
+from palpate.launch.running.member import Member, stopped
+from palpate.launch.running.reports import (
+    Alive,
+    Beat,
+    Close,
+    Connect,
+    Done,
+    End,
+    Exited,
+    Fault,
+    Go,
+    Gone,
+    Hello,
+    Kill,
+    Linked,
+    Note,
+    Paused,
+    Prepare,
+    Quit,
+    Ready,
+    Report,
+    Source,
+    Start,
+    Started,
+    Starting,
+    Stop,
+    Take,
+)
 from palpate.launch.running.result import Death, Result
 from palpate.launch.running.watchdog import START_PATIENCE
-from palpate.launch.running.wires import Wires
+from palpate.launch.running.wires import Wires, heard, listeners, muted, pairs
 
 STOP_PATIENCE = 3.0  # [s] for the workers to end once they were told
 HEAD_START = 40_000_000  # [ns] from the order to go to tick 0: every worker has heard it by then
-ALIVE = ("starting", "ready", "linked", "running")
 BEAT = 0.5  # [s] between signs of life for workers on other machines
 GRACE = 0.1  # [s] that the others go on after a node died on the real clock: the device gets its zero force
+MOST_REPORTS = 1000  # taken in a row, so that the launcher comes to the rest
 
 
 class Launcher:
     """Runs the jobs, each in a process.
 
-    jobs      one per worker; those in `joined` are started by hand on another machine (`palpate join`)
-    nursery   the fork server; made here when not given
-    address   where workers on other machines find this launcher: `tcp://host:port`, reports at port + 1
-    patience  [s] without a sign of life after which a worker counts as hung
-    show      called about ten times a second with the launcher, to draw
-    printed   called with what the nodes print
-    died      called at once when a node has failed in a run that goes on; a run that never began has it in its result
+    jobs        one per worker; those in `joined` are started by hand on another machine (`palpate join`)
+    forkserver  the fork server; made here when not given
+    address     where workers on other machines find this launcher: `tcp://host:port`, reports at port + 1
+    key         secures what goes over TCP; None: nothing does
+    patience    [s] without a sign of life after which a worker counts as hung
+    show        called about ten times a second with the launcher, to draw
+    printed     called with what the nodes print
+    died        called at once when a node has failed in a run that goes on; a run that never began has it in its result
     """
 
     def __init__(
         self,
         jobs: Sequence[Job],
-        nursery: Nursery | None = None,
+        forkserver: ForkServer | None = None,
         *,
         joined: frozenset[str] = frozenset(),
         address: str | None = None,
+        key: Key | None = None,
         patience: float = 5.0,
         restart: frozenset[str] = frozenset(),
         show: Callable[[Launcher], None] = lambda _: None,
@@ -59,38 +89,46 @@ class Launcher:
     ) -> None:
         self.begun = time.monotonic()
         self.jobs = {job.group: job for job in jobs}
-        self.nursery = nursery or Nursery()
-        self.joined, self.address, self.patience, self.restart = joined, address, patience, restart
+        self.members = {job.group: Member(job, joined=job.group in joined) for job in jobs}
+        self.forkserver = forkserver or ForkServer()
+        self.address, self.key, self.patience, self.restart = address, key, patience, restart
         self.show, self.printed, self.died = show, printed, died
         self.run_id = f"{os.getpid()}-{uuid.uuid4().hex[:8]}"
         self.result = Result()
         self.origin = 0
         """[ns] of the machine's monotonic clock at tick 0, once the run has begun."""
         self.phase = "starting"
-        self.busy: dict[str, str] = {}
-        """What each worker is doing while it starts, by group."""
-        self.pids: dict[str, int] = {}
-        self._state: dict[str, str] = dict.fromkeys(self.jobs, "starting")
-        self._endpoints: dict[str, dict[str, list[str]]] = {}
-        self._seen = dict.fromkeys(self.jobs, time.monotonic())
-        self._early: dict[str, dict] = {}
-        self._paused: dict[str, int] = {}
+        self._real = any(job.clock == "real" for job in jobs)
         self._interrupts = self._heeded = 0
+        self._quit_at: float | None = None
         self._deadline: float | None = None
+        self._started: float | None = None
+        self._ended = 0.0
+        self._closed = False
         self._tail: list[str] = []
         self._beat = 0.0
         try:
-            self._wires = Wires(self.run_id, self.jobs, address)
+            self._wires = Wires(self.run_id, self.jobs, address, key)
         except OSError:
-            self.nursery.close()
+            self.forkserver.close()
             raise
         for group in joined:
             self._wires.expect(group)
+            self.members[group].busy = f"{group} (palpate join {address} {group})"
         self._poller = zmq.Poller()
         self._wires.register(self._poller)
-        self._poller.register(self.nursery.socket.fileno(), select.POLLIN)
-        self._poller.register(self.nursery.output.fileno(), select.POLLIN)
-        self.busy.update({group: f"{group} (palpate join {address} {group})" for group in joined})
+        self._poller.register(self.forkserver.socket.fileno(), select.POLLIN)
+        self._poller.register(self.forkserver.output.fileno(), select.POLLIN)
+
+    @property
+    def pids(self) -> dict[str, int]:
+        """The processes of the workers here, by group."""
+        return {group: member.pid for group, member in self.members.items() if member.pid is not None}
+
+    @property
+    def busy(self) -> dict[str, str]:
+        """What each worker is doing while it starts, by group."""
+        return {group: member.busy for group, member in self.members.items() if member.busy}
 
     # -- the whole run -------------------------------------------------------------------------------------------
 
@@ -99,183 +137,192 @@ class Launcher:
         happened."""
         with interrupts(self._interrupted):
             self._run()
-        if self._origin_time is not None:
-            self.result.wall = self._ended - self._origin_time
+        if self._started is not None:
+            self.result.wall = self._ended - self._started
         self.result.ticks = max((h["tick"] + 1 for h in self.result.health.values()), default=0)
         return self.result
 
     def _run(self) -> None:
         try:
             modules = {given.cls.rpartition(".")[0] for job in self.jobs.values() for given in members(job)}
-            self.nursery.ask({"import": sorted(modules), "inboxes": inboxes(self.jobs, self.joined)})
-            for group in self.jobs:
-                if group not in self.joined:
-                    self._fork(group)
-            while any(state != "gone" for state in self._state.values()):
+            self.forkserver.ask(Prepare(sorted(modules), pairs(self.jobs.values())))
+            for member in self.members.values():
+                if not member.joined:
+                    self._fork(member)
+            while any(member.state != "gone" for member in self.members.values()):
                 self._turn()
         finally:
             self.phase = "ended"
-            self.printed(self.nursery.close())
+            self.printed(self.forkserver.close())
+            foreign = self._wires.foreign + sum(member.foreign for member in self.members.values())
+            if foreign:
+                self.result.notes.append(f"{foreign} frames that are none of this run's were dropped")
+            self.result.foreign = foreign
             self._wires.close(200)
-
-    _origin_time: float | None = None
-    _ended: float = 0.0
 
     def _interrupted(self) -> None:
         self._interrupts += 1
 
-    def _fork(self, group: str) -> None:
-        self._state[group] = "starting"
-        self._wires.expect(group)
-        self._early.pop(group, None)
-        self._seen[group] = time.monotonic()
-        self.nursery.ask(
-            {
-                "start": msgspec.to_builtins(self.jobs[group]),
-                "run": self.run_id,
-                "control": self._wires.control,
-                "reports": self._wires.reports,
-            }
-        )
+    def _fork(self, member: Member) -> None:
+        self._wires.expect(member.job.group)
+        member.forked()
+        wires = self._wires
+        self.forkserver.ask(Start(member.job, self.run_id, wires.control, wires.reports, self.key, wires.guarded))
 
     def _turn(self) -> None:
         ready = dict(self._poller.poll(100))
         for group in self._wires.new():
-            if group in self._early:
-                self._ready(group, self._early.pop(group))
-        while (report := self._wires.report()) is not None:
-            self._take(report)
-        if self.nursery.output.fileno() in ready:
+            member = self.members[group]
+            if member.early is not None:
+                early, member.early = member.early, None
+                self._ready(member, early)
+        for _ in range(MOST_REPORTS):
+            if not self._next_report():
+                break
+        if self.forkserver.output.fileno() in ready:
             self._listen()
-        if self.nursery.socket.fileno() in ready:
-            for answer in self.nursery.answers():
+        if self.forkserver.socket.fileno() in ready:
+            for answer in self.forkserver.answers():
                 self._answer(answer)
-            if self.nursery.process.poll() is not None:
-                self._lost_nursery()
+            if self.forkserver.process.poll() is not None:
+                self._lost_forkserver()
         if self._interrupts > self._heeded:
             self._interrupt()
         self._check_time()
         self.show(self)
 
     def _listen(self) -> None:
-        text = self.nursery.printed()
+        text = self.forkserver.printed()
         if text:
             self._tail = (self._tail + text.splitlines())[-40:]
             self.printed(text)
 
     # -- reports -------------------------------------------------------------------------------------------------
 
-    def _take(self, report: dict) -> None:
-        group, kind = report["group"], report["kind"]
-        if group not in self.jobs:
-            return
-        if self._state[group] == "gone" and kind != "health":
+    def _next_report(self, wait: int = 0) -> bool:
+        """Take the next report, if one comes within so many milliseconds."""
+        found = self._wires.report(wait)
+        if found is not None:
+            self._take(self.members[found.group], found.report)
+        return found is not None
+
+    def _take(self, member: Member, report: Report) -> None:
+        if member.state == "gone" and not isinstance(report, Alive):
             return  # overtaken by the end of its process, which says the same
-        self._seen[group] = time.monotonic()
-        match kind:
-            case "hello":
-                self._wires.tell(f"join-{group}", do="job", job=msgspec.to_builtins(self.jobs[group]), run=self.run_id)
-            case "starting":
-                self.busy[group] = report["node"]
-            case "ready":
-                self._ready(group, report)
-            case "linked":
-                self._state[group] = "linked"
-                if self.phase == "linking" and all(s == "linked" for s in self._state.values()):
-                    self._go()
-                elif self.phase == "running":
-                    self._back(group)
-            case "health":
-                self.result.health.update(report["nodes"])
-            case "paused":
-                self._paused[group] = report["tick"]
-                if len(self._paused) == len(self._leads()):
-                    self._wires.tell("*", do="end", tick=max(self._paused.values()))
-            case "fault":
-                self._died(group, report)
-                self._left(group)
-            case "note":
-                self.result.notes.append(report["text"])
-                self.printed(report["text"] + "\n")
-            case "rubbish":
-                note = f"stream {report['stream']!r}: {report['text']}"
-                if note not in self.result.notes:
-                    self.result.notes.append(note)
-            case "done":
-                self._state[group] = "done"
-                self._left(group)
+        if not self._closed or not isinstance(report, Alive) or self._progress(report):
+            member.heard()
+        match report:
+            case Hello():
+                self._wires.tell(f"join-{member.job.group}", Take(member.job, self.run_id))
+            case Starting(node):
+                member.busy = node
+            case Ready():
+                self._ready(member, report)
+            case Linked():
+                self._linked(member)
+            case Alive(nodes, foreign):
+                self.result.health.update(msgspec.to_builtins(nodes))
+                member.foreign = foreign
+            case Paused(tick):
+                member.paused = tick
+                ticks = [lead.paused for lead in self._leads()]
+                if None not in ticks:
+                    self._wires.tell("*", End(max(tick for tick in ticks if tick is not None)))
+            case Fault():
+                self._died(member, report)
+            case Note(text):
+                self.result.notes.append(text)
+                self.printed(text + "\n")
+            case Done(orderly):
+                member.delivers, member.orderly = True, orderly
+                if member.alive:
+                    member.state = "done"
+                    self._after_end()
+                self._left(member)
 
-    def _left(self, group: str) -> None:
+    def _progress(self, report: Alive) -> bool:
+        """Whether observers, to whom nobody sends any more, still take what was sent."""
+        return any(self.result.health.get(name, {}).get("steps") != told.steps for name, told in report.nodes.items())
+
+    def _left(self, member: Member) -> None:
         """A worker on another machine has no process here whose end could be seen: its last report is its end."""
-        if group in self.joined:
-            self._state[group] = "gone"
-            self._ended = time.monotonic()
-            self._after_exit()
+        if member.joined:
+            self._is_gone(member)
 
-    def _ready(self, group: str, report: dict) -> None:
-        if not self._wires.hears(group):  # its report has overtaken its subscription
-            self._early[group] = report
+    def _ready(self, member: Member, report: Ready) -> None:
+        if not self._wires.hears(member.job.group):  # its report has overtaken its subscription
+            member.early = report
             return
-        self._endpoints[group] = report["endpoints"]
-        self.busy.pop(group, None)
-        self._state[group] = "ready"
-        self.result.notes += [n for n in report["refused"] if n not in self.result.notes]
+        member.endpoints, member.secured = report.endpoints, report.secured
+        member.busy, member.state = "", "ready"
+        if self._real and not any(lead.alive for lead in self._leads()):
+            self._wires.tell(member.job.group, Stop())  # started again too late: the run has ended meanwhile
+        self.result.notes += [n for n in report.refused if n not in self.result.notes]
         if self.phase == "running":
-            self._link(group)
-        elif all(state == "ready" for state in self._state.values()):
+            self._link(member)
+        elif all(other.state == "ready" for other in self.members.values()):
             self.phase = "linking"
-            for each in self.jobs:
+            for each in self.members.values():
                 self._link(each)
 
-    def _link(self, group: str) -> None:
-        def nearest(other: str, outlet: str) -> str:
-            """The local address where both are on one machine, else the one that the network reaches."""
-            addresses = self._endpoints[other][outlet]
-            return addresses[0] if (group in self.joined) == (other in self.joined) else addresses[-1]
+    def _link(self, member: Member) -> None:
+        others = {group: job for group, job in self.jobs.items() if group != member.job.group}
+        sources = []
+        for group, outlet, streams in heard(member.job, others):
+            other = self.members[group]
+            if other.endpoints:
+                # The local address where both are on one machine, else the one that the network reaches.
+                address = other.endpoints[outlet][0 if member.joined == other.joined else -1]
+                sources.append(Source(group, address, tuple(streams), outlet == "observers", other.secured))
+        self._wires.tell(member.job.group, Connect(tuple(sources), listeners(member.job, others)))
 
-        others = {name: job for name, job in self.jobs.items() if name != group}
-        sources = [(nearest(o, outlet), s) for o, outlet, s in heard(self.jobs[group], others) if o in self._endpoints]
-        self._wires.tell(group, **{"do": "connect", "from": sources, "observed": listeners(self.jobs[group], others)})
+    def _linked(self, member: Member) -> None:
+        member.state = "linked"
+        if self.phase == "linking" and all(other.state == "linked" for other in self.members.values()):
+            self._go()
+        elif self.phase == "running":
+            self._back(member)
 
     def _go(self) -> None:
         self.phase = "running"
-        self._origin_time = time.monotonic()
-        self.result.start = self._origin_time - self.begun
-        self.result.origin = self._origin_time
-        self._seen = dict.fromkeys(self.jobs, self._origin_time)
-        self.origin = now() + (HEAD_START if self._is_real() else 0)
-        self._wires.tell("*", do="go", origin=self.origin)
-        for group in self._state:
-            self._state[group] = "running"
+        self._started = time.monotonic()
+        self.result.start = self._started - self.begun
+        self.result.origin = self._started
+        self.origin = now() + (HEAD_START if self._real else 0)
+        self._wires.tell("*", Go(self.origin))
+        for member in self.members.values():
+            member.state = "running"
+            member.heard()
 
-    def _back(self, group: str) -> None:
+    def _back(self, member: Member) -> None:
         """A worker that was started again joins the run."""
-        self._wires.tell(group, do="go", origin=self.origin)
-        self._state[group] = "running"
-        nodes = {node.name for node in self.jobs[group].nodes}
-        self._wires.tell("*", do="alive", nodes=sorted(nodes), mute=sorted(muted(self.jobs.values(), nodes)))
+        self._wires.tell(member.job.group, Go(self.origin))
+        member.state = "running"
+        self._tell_gone({node.name for node in member.job.nodes}, back=True)
 
     # -- trouble -------------------------------------------------------------------------------------------------
 
-    def _died(self, group: str, report: dict) -> None:
-        self._state[group] = "failed"
-        names = [given.name for given in members(self.jobs[group])]
-        node = report["node"] or ", ".join(names)
-        death = Death(node, report.get("where", "process"), report["text"], report["trace"])
+    def _died(self, member: Member, fault: Fault) -> None:
+        member.state = "failed"
+        death = Death(fault.node or member.names, fault.where, fault.text, fault.trace)
         self.result.deaths.append(death)
-        self._bury(group)
+        self._bury(member)
         if self.phase == "running":
             self.died(death)
 
-    def _bury(self, group: str) -> None:
+    def _bury(self, member: Member) -> None:
         """Tell the others, so that their inputs from this group become None; then end the run, or start it again."""
-        dead = {node.name for node in self.jobs[group].nodes}
-        self._wires.tell("*", do="dead", nodes=sorted(dead), mute=sorted(muted(self.jobs.values(), dead)))
-        again = self._is_real() and self.phase == "running" and dead and dead <= self.restart and self._deadline is None
+        dead = {node.name for node in member.job.nodes}
+        self._tell_gone(dead)
+        again = self._real and self.phase == "running" and dead and dead <= self.restart and self._deadline is None
         if again:
-            self._state[group] = "restarting"
+            member.state = "restarting"
         elif dead or self.phase != "running":
-            self._end_after(GRACE if self.phase == "running" and self._is_real() else 0.0)
+            self._end_after(GRACE if self.phase == "running" and self._real else 0.0)
+
+    def _tell_gone(self, nodes: set[str], back: bool = False) -> None:
+        mute = muted(self.jobs.values(), nodes)
+        self._wires.tell("*", Gone(tuple(sorted(nodes)), tuple(sorted(mute)), back))
 
     def _end_after(self, seconds: float) -> None:
         if self._deadline is None:
@@ -283,52 +330,53 @@ class Launcher:
             self._quit_at = time.monotonic() + seconds
             self._deadline = self._quit_at + STOP_PATIENCE
 
-    _quit_at: float | None = None
-
-    def _answer(self, answer: dict) -> None:
-        if "started" in answer:
-            self.pids[answer["started"]] = answer["pid"]
+    def _answer(self, answer: Started | Exited) -> None:
+        member = self.members[answer.group]
+        if isinstance(answer, Started):
+            member.pid = answer.pid
             return
-        group, status = answer["exited"], answer["status"]
         # Its last words were sent before its end, but may come after the news of it.
-        until = time.monotonic() + (0.5 if status >= 0 else 0.002)
-        while self._state[group] in ALIVE and time.monotonic() < until:
-            report = self._wires.report(1)
-            if report is not None:
-                self._take(report)
-        state = self._state[group]
-        if state in ALIVE:
+        until = time.monotonic() + (0.5 if answer.status >= 0 else 0.002)
+        while member.alive and time.monotonic() < until:
+            self._next_report(1)
+        if member.alive:
+            status = answer.status
             how = f"killed by {signal.Signals(-status).name}" if status < 0 else f"exit code {status}"
-            text = f"its process ended: {how}"
             self._listen()
-            self._died(group, {"node": "", "text": text, "trace": "\n".join(self._tail) if status != -9 else ""})
-            state = self._state[group]
-        if state == "restarting":
-            self._fork(group)
-            return
-        self._state[group] = "gone"
+            trace = "\n".join(self._tail) if status != -signal.SIGKILL else ""
+            self._died(member, Fault("", "process", f"its process ended: {how}", trace))
+        member.pid = None
+        if member.state == "restarting":
+            self._fork(member)
+        else:
+            self._is_gone(member)
+
+    def _is_gone(self, member: Member) -> None:
+        member.state = "gone"
         self._ended = time.monotonic()
-        self._after_exit()
+        self._after_end()
 
-    def _after_exit(self) -> None:
-        """When the paced workers are gone the rest has nothing to follow; when all nodes are gone, the observers."""
-        left = {group for group, state in self._state.items() if state != "gone"}
-        if not left & self._leads() and self._is_real():
-            self._wires.tell("*", do="stop")
-        if not any(self.jobs[group].nodes for group in left):
-            self._wires.tell("*", do="close")
-            if self._deadline is None:
-                self._deadline = time.monotonic() + 20 * STOP_PATIENCE  # a long queue may have to be written
+    def _after_end(self) -> None:
+        """When the paced workers are gone the rest has nothing to follow; when all nodes have ended, the observers.
 
-    def _leads(self) -> set[str]:
-        return {job.group for job in self.jobs.values() if job.leads}
+        A worker whose nodes have ended stays until the observers have what it holds for them.
+        """
+        left = [m for m in self.members.values() if not (m.state == "gone" or (m.state == "done" and m.orderly))]
+        if self._real and not any(member.job.leads for member in left):
+            self._wires.tell("*", Stop())
+        if not any(member.job.nodes for member in left):
+            lost = [group for group, member in self.members.items() if not member.orderly and member.state == "gone"]
+            self._closed = True
+            self._wires.tell("*", Close(tuple(lost)))
+            self._deadline = None if left else time.monotonic() + STOP_PATIENCE
 
-    def _is_real(self) -> bool:
-        return any(job.clock == "real" for job in self.jobs.values())
+    def _leads(self) -> list[Member]:
+        return [member for member in self.members.values() if member.job.leads]
 
-    def _lost_nursery(self) -> None:
+    def _lost_forkserver(self) -> None:
         self.result.deaths.append(Death("all", "process", "the fork server ended", "\n".join(self._tail)))
-        self._state = dict.fromkeys(self._state, "gone")
+        for member in self.members.values():
+            member.state = "gone"
 
     def _interrupt(self) -> None:
         """The first Ctrl-C stops the run in order, a second one at once."""
@@ -341,45 +389,52 @@ class Launcher:
             self._end_after(0.0)
         else:
             self.phase = "ending"
-            self._wires.tell("*", do="stop")
+            self._wires.tell("*", Stop())
             self._deadline = time.monotonic() + STOP_PATIENCE
 
     def _check_time(self) -> None:
         moment = time.monotonic()
-        if self.joined and moment - self._beat > BEAT:
+        if self.address and moment - self._beat > BEAT:
             self._beat = moment
-            self._wires.tell("*", do="beat")
+            self._wires.tell("*", Beat())
         if self._quit_at is not None and moment >= self._quit_at:
             self._quit_at = None
-            self._wires.tell("*", do="quit")
+            self._wires.tell("*", Quit())
             if self.phase in ("starting", "linking"):
                 self._deadline = moment + 0.5
         if self._deadline is not None and moment >= self._deadline:
-            self._kill_rest()
-            self._deadline = moment + STOP_PATIENCE
+            self._kill_silent()
         if self._deadline is None:
-            self._check_hung(moment)
+            self._check_hung()
 
-    def _check_hung(self, moment: float) -> None:
-        for group, state in self._state.items():
-            silent = moment - self._seen[group]
-            limit = START_PATIENCE if state == "starting" else self.patience
-            joining = state == "starting" and group in self.joined
-            if state in ("starting", "running") and silent > limit and not joining:
-                self.nursery.ask({"kill": group, "signal": int(signal.SIGUSR1)})  # prints where it hangs
-                time.sleep(0.05)
-                self._listen()
-                names = self.busy.get(group) or ", ".join(n.name for n in self.jobs[group].nodes)
-                where = "start" if state == "starting" else "step"
-                text = f"no sign of life for {silent:.0f} s: it hangs"
-                self._died(group, {"node": names, "where": where, "text": text, "trace": "\n".join(self._tail[-12:])})
-                self.nursery.ask({"kill": group, "signal": int(signal.SIGKILL)})
-                self._left(group)
+    def _check_hung(self) -> None:
+        for group, member in self.members.items():
+            limit = START_PATIENCE if member.state == "starting" else self.patience
+            joining = member.state == "starting" and member.joined
+            if member.state not in ("starting", "running") or joining or member.silence() <= limit:
+                continue
+            how = "it was stopped by a signal" if member.pid and stopped(member.pid) else "it hangs"
+            self.forkserver.ask(Kill(group, int(signal.SIGUSR1)))  # prints where it hangs
+            time.sleep(0.05)
+            self._listen()
+            where = "start" if member.state == "starting" else "step"
+            nodes = member.busy or ", ".join(node.name for node in member.job.nodes) or member.names
+            text = f"no sign of life for {limit:.3g} s: {how}"
+            self._died(member, Fault(nodes, where, text, "\n".join(self._tail[-12:])))
+            self.forkserver.ask(Kill(group, int(signal.SIGKILL)))
+            self._left(member)
 
-    def _kill_rest(self) -> None:
-        for group, state in self._state.items():
-            if state != "gone":
-                self.nursery.ask({"kill": group, "signal": int(signal.SIGKILL)})
-                self._state[group] = "killed" if state not in ("done", "failed") else state
-                if group not in self.pids:
-                    self._state[group] = "gone"
+    def _kill_silent(self) -> None:
+        """Those that do not end although they were told, and who give no sign that they are about to. Nobody is left
+        to hear those whose nodes have ended."""
+        last = all(member.delivers or member.state == "gone" for member in self.members.values())
+        silent = {g for g, it in self.members.items() if not it.delivers and it.silence() > STOP_PATIENCE}
+        self._kill_rest(None if last else silent)
+
+    def _kill_rest(self, only: Collection[str] | None = None) -> None:
+        for group, member in self.members.items():
+            if member.state != "gone" and (only is None or group in only):
+                self.forkserver.ask(Kill(group, int(signal.SIGKILL)))
+                member.state = "killed" if member.state not in ("done", "failed") else member.state
+                if member.pid is None:
+                    member.state = "gone"

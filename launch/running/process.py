@@ -2,32 +2,50 @@
 
 from __future__ import annotations
 
-import dataclasses
+import contextlib
 import faulthandler
 import os
 import signal
 import sys
 import traceback
-from collections.abc import Mapping
 
 import msgspec
 import zmq
 
-from palpate.launch.running.bus import Bus, PortInUse, order
-from palpate.launch.running.clock import die_with_parent, real_time
-from palpate.launch.running.ended import Ended
+from palpate.launch.running.bus import Bus, PortInUse, split
+from palpate.launch.running.carrier import LOOK, Pairs
+from palpate.launch.running.clock import real_time
+from palpate.launch.running.descendants import die_with_parent
 from palpate.launch.running.fused import death
-from palpate.launch.running.inbox import Pair
 from palpate.launch.running.job import Job
+from palpate.launch.running.keys import Key
+from palpate.launch.running.loops import run
+from palpate.launch.running.reports import (
+    ORDERS,
+    Addressed,
+    Close,
+    Connect,
+    Done,
+    Fault,
+    Go,
+    Hello,
+    Linked,
+    Order,
+    Quit,
+    Ready,
+    Start,
+    Stop,
+    Take,
+)
 from palpate.launch.running.slot import NodeFault
-from palpate.launch.running.worker import Worker
+from palpate.launch.running.worker import Ended, Worker
 
 
-def serve(job: Job, run: str, control: str, reports: str, inboxes: Mapping[str, Pair], watch: bool = False) -> int:
+def serve(start: Start, pairs: Pairs, alone: bool = False) -> int:
     """Run a job: build, report ready, connect, report linked, wait for the start, run, report the end.
 
-    inboxes  of the workers of this machine, by name
-    watch    end when nothing is heard of the launcher, for a worker that is not its child
+    pairs  of the local carrier
+    alone  end when nothing is heard of the launcher, for a worker that is not its child
 
     Returns the exit code: 0, or 1 after a fault, which has been reported with its traceback.
     """
@@ -35,64 +53,63 @@ def serve(job: Job, run: str, control: str, reports: str, inboxes: Mapping[str, 
     faulthandler.enable(file=2, all_threads=False)  # a crash in compiled code tells where
     faulthandler.register(signal.SIGUSR1, file=2, all_threads=False)
     os.register_at_fork(after_in_child=die_with_parent)  # what a node forks ends with it
+    job = start.job
     real = job.clock == "real"
-    bus = Bus(run, job.group, control, reports, not real, inboxes, 1.0 / job.rate if real else 0.1)
-
-    def report(what: dict) -> None:
-        bus.reports.send(msgspec.msgpack.encode({"group": job.group, **what}))
-
-    worker = None
+    wait = max(1, round(1000.0 / job.rate)) if real else LOOK
+    bus = Bus(start.run, job.group, start.control, start.reports, real, wait, pairs, start.key, start.guarded)
+    worker, begun, orderly = None, None, False
     try:
-        worker = Worker(job, bus, report)
-        worker.watch = watch
+        worker = Worker(job, bus, bus.report, alone)
         worker.start()
         refused = real_time(job.core, job.priority if real else None)
-        report({"kind": "ready", "endpoints": bus.bind(job.host), "refused": refused})
-        origin = _link(bus, job, report)
-        if origin is not None:
-            worker.run(origin)
+        endpoints = bus.bind(job.host)
+        bus.report(Ready(endpoints, refused, bool(job.host and start.key)))
+        with contextlib.suppress(Ended):
+            begun = _link(bus, job)
+            run(worker, *begun)
         worker.stop()
-        report({"kind": "done", "tick": worker.tick})
-        return 0
-    except Ended:
+        orderly = begun is not None
         return 0
     except (NodeFault, PortInUse) as error:
-        report(_fault(error))
+        bus.report(Fault("", "process", str(error)) if isinstance(error, PortInUse) else _fault(error))
         _stop_rest(worker)
         return 1
     except Exception as error:
-        report(
-            {"kind": "fault", "node": "", "text": f"{type(error).__name__}: {error}", "trace": traceback.format_exc()}
-        )
+        bus.report(Fault("", "process", f"{type(error).__name__}: {error}", traceback.format_exc()))
         return 1
     finally:
-        bus.close()
+        bus.report(Done(orderly))
+        bus.close(orderly)
 
 
-def _link(bus: Bus, job: Job, report) -> int | None:
-    """Connect to the other workers when told where they are; the time of tick 0, or None when told to stop."""
-    readers = {stream: len(groups) for stream, groups in job.external.items()}
+def _link(bus: Bus, job: Job) -> tuple[int, set[str]]:
+    """Connect to the other workers when told where they are; the time of tick 0, and the groups that the observers here
+    hear. Ended: it was told to stop before."""
+    readers = {stream: len(groups) for stream, groups in job.external.items() if job.carrier == "zmq"}
+    senders: set[str] = set()
+
+    def look(wait: int = 0) -> Order | None:
+        order = bus.order(wait)
+        if isinstance(order, Stop | Quit | Close):
+            raise Ended
+        return order
+
     while True:
-        told = bus.orders()
-        match told["do"]:
-            case "connect":
+        match look(1000):
+            case Connect(sources, observed):
                 bus.forget()
-                for address, streams in told["from"]:
-                    bus.connect(address, streams)
-                if not bus.wait_linked(readers, told["observed"], 10.0):
-                    raise TimeoutError("the readers of its streams did not connect within 10 s")
-                report({"kind": "linked"})
-            case "go":
-                bus.release()
-                return told["origin"]
-            case "stop" | "quit" | "close":
-                return None
+                for source in sources:
+                    bus.connect(source.address, source.streams, source.observed, source.secured)
+                senders = {source.group for source in sources if source.observed}
+                bus.wait_linked(readers, observed, look)
+                bus.report(Linked())
+            case Go(origin):
+                return origin, senders
 
 
-def _fault(error: NodeFault | PortInUse) -> dict:
-    if isinstance(error, PortInUse):
-        return {"kind": "fault", "node": "", "text": str(error), "trace": ""}
-    return {"kind": "fault", **dataclasses.asdict(death(error))}
+def _fault(error: NodeFault) -> Fault:
+    found = death(error)
+    return Fault(found.node, found.where, found.text, found.trace)
 
 
 def _stop_rest(worker: Worker | None) -> None:
@@ -104,26 +121,42 @@ def _stop_rest(worker: Worker | None) -> None:
             print(f"after the fault, too: {error}", file=sys.stderr)
 
 
-def join(address: str, group: str, patience: float) -> int:
+def join(address: str, group: str, patience: float, key: Key | None = None) -> int:
     """Be the worker of this group for a launcher elsewhere; returns the exit code.
 
     address   of the launcher, `tcp://host:port`
     patience  [s] to wait for it
+    key       that secures the run; None: nothing does
 
     TimeoutError: no launcher answered there.
     """
     host, _, port = address.removeprefix("tcp://").rpartition(":")
     control, reports = f"tcp://{host}:{port}", f"tcp://{host}:{int(port) + 1}"
+    take = None
     with zmq.Context() as context, context.socket(zmq.SUB) as heard, context.socket(zmq.PUSH) as said:
+        for socket in (heard, said):
+            socket.set(zmq.LINGER, 0)
+            if key is not None:
+                key.secure(socket, server=False)
         heard.subscribe(f"~join-{group}".encode() + b"\0")
         heard.connect(control)
-        said.set(zmq.LINGER, 0)
         said.connect(reports)
         for _ in range(max(1, round(patience / 0.25))):
-            said.send(msgspec.msgpack.encode({"group": group, "kind": "hello"}))
+            said.send(msgspec.msgpack.encode(Addressed(group, Hello())))
             if heard.poll(250):
-                told = order(heard.recv())
-                break
+                take = _take(heard.recv())
+                if take is not None:
+                    break
         else:
-            raise TimeoutError(f"no launcher at {address} that waits for group {group!r}")
-    return serve(msgspec.convert(told["job"], Job), told["run"], control, reports, {}, watch=True)
+            what = "" if key is None else " and has the same key"
+            raise TimeoutError(f"no launcher at {address} that waits for group {group!r}{what}")
+    assert take is not None
+    return serve(Start(take.job, take.run, control, reports, key, key is not None), {}, alone=True)
+
+
+def _take(data: bytes) -> Take | None:
+    try:
+        order = ORDERS.decode(split(data)[1])
+    except (msgspec.MsgspecError, ValueError):
+        return None
+    return order if isinstance(order, Take) else None

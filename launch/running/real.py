@@ -2,20 +2,22 @@
 
 A node waits up to one period for inputs of the same tick from the force path and holds the newest message of all
 others; the header's `used` records which. A tick that could not begin within its period is left out and counted.
+
+An input that is older than a stated age counts as absent, whoever is to blame: `HELD` for a node, `RELEASED` for a
+paced one, or three periods of the sender where these are longer. Where a node hangs, others hold its last message up to
+the first, and then the device holds its last torque up to the second: together less than 20 ms.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from palpate.launch.running.clock import now, sleep_until
-from palpate.launch.running.ended import Ended
 from palpate.launch.running.schedule import needed, next_run
 from palpate.launch.running.slot import Input, Slot
+from palpate.launch.running.worker import Ended, Worker
 from palpate.messages import Message
 
-if TYPE_CHECKING:
-    from palpate.launch.running.worker import Worker
+HELD = 0.007  # [s] age at which an input of a node counts as absent
+RELEASED = 0.009  # [s] age at which an input of a paced node counts as absent: the device is without torque
 
 
 def run_real(worker: Worker, origin: int) -> None:
@@ -43,7 +45,8 @@ def run_real(worker: Worker, origin: int) -> None:
             slot.step(tick, driving.time if driving is not None else at, messages, slot.every / rate)
             worker.send(slot)
             slot.health.age.add(max(0, now() - origin - at))
-        worker.housekeep(tick)
+        worker.heed()
+        worker.housekeep()
 
 
 def _pace(worker: Worker, lead: Slot, origin: int, period: float) -> tuple[int, int] | None:
@@ -57,7 +60,7 @@ def _pace(worker: Worker, lead: Slot, origin: int, period: float) -> tuple[int, 
         tick += skipped
     if worker.stopping:
         raise Ended
-    _drain(worker)
+    worker.drain()
     return tick, now() - origin
 
 
@@ -65,10 +68,14 @@ def _follow(worker: Worker, lead: Slot) -> tuple[int, int] | None:
     """Wait for the next driving message; of several that wait, the newest counts and the others are lost."""
     port = lead.inputs[0]
     while port.dead or lead.name in worker.mute or not port.queue:
-        worker.receive(block=True)
+        if port.feed is None or port.dead:
+            worker.pause()
+        else:
+            worker.wait(port.feed)
+            worker.heed()
         if worker.stopping:
             raise Ended
-    _drain(worker)
+    worker.drain()
     newest = port.queue[-1]
     if newest.tick <= worker.tick:  # a duplicate, or out of order
         lead.health.lost += len(port.queue)
@@ -76,11 +83,6 @@ def _follow(worker: Worker, lead: Slot) -> tuple[int, int] | None:
         return None
     lead.health.lost += len(port.queue) - 1
     return newest.tick, newest.time
-
-
-def _drain(worker: Worker) -> None:
-    while worker.bus is not None and worker.bus.waiting():
-        worker.receive(block=False)
 
 
 def _gather(worker: Worker, slot: Slot, tick: int, deadline: int, leading: bool) -> list[Message | None] | None:
@@ -93,7 +95,8 @@ def _gather(worker: Worker, slot: Slot, tick: int, deadline: int, leading: bool)
             if drives:
                 return None
             slot.health.held += 1
-            if _age(port, found, tick, worker.job.rate) > max(worker.job.stale, 3 * port.every / worker.job.rate):
+            stale = RELEASED if slot.node.paced else HELD
+            if (tick - found.tick) / worker.job.rate > max(stale, 3 * port.every / worker.job.rate):
                 found = None
         if found is None and not port.port.optional:
             return None
@@ -110,13 +113,9 @@ def _pick(worker: Worker, port: Input, tick: int, deadline: int, waits: bool) ->
     if not waits or port.loop or port.output is not None:
         return found
     while (found is None or found.tick < need) and now() < deadline:
-        worker.receive(block=True)
+        assert port.feed is not None
+        worker.wait(port.feed)
         if port.dead or worker.stopping:
             return None
         found = port.newest(tick)
     return found
-
-
-def _age(port: Input, found: Message, tick: int, rate: float) -> float:
-    """[s] since a held message came, or, inside a worker, since its tick."""
-    return (now() - port.arrived) * 1e-9 if port.output is None else (tick - found.tick) / rate

@@ -29,7 +29,8 @@ class Result:
     wall         [s] from tick 0 to the end
     ticks        number of ticks that were run
     interrupted  true when the user stopped it
-    notes        lines that the user should see: refused priorities, rubbish on the wire
+    notes        lines that the user should see: refused priorities, frames that were dropped
+    foreign      frames that were dropped because they are none of this run's
     """
 
     deaths: list[Death] = field(default_factory=list)
@@ -40,6 +41,7 @@ class Result:
     ticks: int = 0
     interrupted: bool = False
     notes: list[str] = field(default_factory=list)
+    foreign: int = 0
 
     @property
     def ok(self) -> bool:

@@ -93,7 +93,8 @@ class Screen:
 def tell(death: Death, console: Console) -> None:
     """Print a death and its traceback."""
     console.print(Text(str(death), style="red"))
-    if death.trace and not death.text.startswith("SettingError"):  # that one says by itself what to change
+    # These say by themselves what to change.
+    if death.trace and not death.text.startswith(("SettingError", "DeviceError", "InputFault")):
         console.print(Text(death.trace.rstrip(), style="dim"))
 
 

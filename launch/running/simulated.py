@@ -6,16 +6,12 @@ placement. Every worker runs its nodes in the graph's order, which excludes dead
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from palpate.launch.running.clock import now, sleep_until
-from palpate.launch.running.ended import Ended
+from palpate.launch.running.reports import Paused
 from palpate.launch.running.schedule import nanoseconds
 from palpate.launch.running.slot import Input, Slot
+from palpate.launch.running.worker import Ended, Worker
 from palpate.messages import Message
-
-if TYPE_CHECKING:
-    from palpate.launch.running.worker import Worker
 
 
 def run_simulated(worker: Worker, origin: int) -> None:
@@ -31,16 +27,16 @@ def run_simulated(worker: Worker, origin: int) -> None:
         for slot in worker.slots:
             if tick % slot.every or slot.name in worker.mute:
                 continue
-            messages: list[Message | None] = []
-            for port in slot.inputs:
+            messages: list[Message | None] = [None] * len(slot.inputs)
+            for place, port in slot.awaited:
                 message = None if port.dead else port.at(tick)
                 if message is None and not port.absent(tick):
                     message = _await(worker, slot, port, tick)
-                messages.append(message)
+                messages[place] = message
             if slot.name not in worker.mute:
                 slot.step(tick, at, messages, slot.every / rate)
                 worker.send(slot)
-        worker.housekeep(tick)
+        worker.housekeep()
         if lead is not None:
             ended = now()
             lead.health.age.add(ended - begun)
@@ -51,12 +47,16 @@ def run_simulated(worker: Worker, origin: int) -> None:
 
 
 def _await(worker: Worker, slot: Slot, port: Input, tick: int) -> Message | None:
+    assert port.feed is not None
     while True:
-        worker.receive(block=True)
+        came = worker.wait(port.feed)
+        if came and (found := port.at(tick)) is not None:
+            return found
+        if came:
+            continue
         if port.dead or slot.name in worker.mute:
             return None
-        found = port.at(tick)
-        if found is not None:
+        if (found := port.at(tick)) is not None:
             return found
         if worker.last is not None and worker.tick > worker.last:
             raise Ended
@@ -66,6 +66,6 @@ def _agree_on_the_end(worker: Worker, tick: int) -> None:
     """Every paced worker tells where it is and waits; the launcher names the last tick, the largest of these."""
     worker.stopping = False
     worker.last = tick if worker.bus is None else None
-    worker.report({"kind": "paused", "tick": tick})
+    worker.report(Paused(tick))
     while worker.last is None:
-        worker.receive(block=True)
+        worker.pause()

@@ -2,42 +2,47 @@
 
 from __future__ import annotations
 
-import bisect
 import inspect
 import math
 from collections import deque
-from collections.abc import Collection
-from operator import attrgetter
+from collections.abc import Callable, Collection
 from time import perf_counter_ns
 
 import msgspec
 
+from palpate.launch.loading.load import load_class
+from palpate.launch.running.carrier import Inlet
 from palpate.launch.running.health import Health
-from palpate.launch.running.inbox import LARGEST, Box, post
 from palpate.launch.running.job import InputJob, NodeJob, ObserverJob
+from palpate.launch.running.schedule import needed
 from palpate.messages import Message, MessageError, check_finite, fields
 from palpate.messages.checks import finite_check
-from palpate.nodes.base import Node, Observer, Port, inputs, outputs
+from palpate.nodes.base import InputFault, Node, Observer, Port, inputs, outputs
+from palpate.physics.errors import PalpateError
 
 _set = msgspec.structs.force_setattr
-_tick = attrgetter("tick")
 
 
-class NodeFault(Exception):
+class NodeFault(PalpateError):
     """A node of the user's failed; the cause is its own error, `sys.exit` included: a node does not end a run."""
 
     def __init__(self, node: str, where: str, cause: BaseException | str) -> None:
         super().__init__(f"node {node!r}, {where}: {cause}")
         self.node, self.where, self.cause = node, where, cause
 
+    @property
+    def hint(self) -> str:
+        return "`palpate --debug ...` shows the traceback."
+
 
 class Output:
-    """One output stream: its last two messages, and who reads it.
+    """One output stream: its last two messages, and how it leaves this worker.
 
-    boxes  the inboxes of all workers that read it; empty where it goes through ZeroMQ
+    external  nodes of other groups read it
+    send      takes the payload for them, where they have it by the local carrier
     """
 
-    __slots__ = ("boxes", "external", "finite", "kind", "last", "listeners", "observed", "previous", "stream", "topic")
+    __slots__ = ("external", "finite", "kind", "last", "listeners", "observed", "previous", "send", "stream", "topic")
 
     def __init__(self, stream: str, kind: type[Message], external: bool) -> None:
         self.stream, self.kind, self.external = stream, kind, external
@@ -46,29 +51,31 @@ class Output:
         self.last: Message | None = None
         self.previous: Message | None = None
         self.observed = False
-        self.boxes: tuple[Box, ...] = ()
+        self.send: Callable[[bytes], None] | None = None
         self.listeners: list[ObserverSlot] = []
 
-    def post(self, data: bytes) -> bool:
-        """Write a frame to the readers' inboxes. Returns whether all have taken it. When one was full, the stream stays
-        with ZeroMQ, which holds far more, and then holds back the sender."""
-        if not self.boxes or len(data) > LARGEST:
-            return False
-        if not post(self.boxes, data):
-            self.boxes = ()
-        return bool(self.boxes)
+
+class Feed:
+    """One stream of another group: where it comes in, its type, and the ports that read it."""
+
+    __slots__ = ("inlet", "kind", "ports", "producer", "stream")
+
+    def __init__(self, stream: str, kind: type[Message], producer: str, inlet: Inlet) -> None:
+        self.stream, self.kind, self.producer, self.inlet = stream, kind, producer, inlet
+        self.ports: list[Input] = []
 
 
 class Input:
     """One input port: the rule by which it picks a message, and the messages that wait.
 
-    An edge inside the worker reads the producer's output; one from outside has a queue that the inbox fills.
+    An edge inside the worker reads the producer's output; one from outside has a feed, which fills its queue.
     """
 
     __slots__ = (
         "arrived",
         "dead",
         "every",
+        "feed",
         "kind",
         "loop",
         "message",
@@ -76,6 +83,7 @@ class Input:
         "port",
         "producer",
         "queue",
+        "rank",
         "stream",
         "waits",
     )
@@ -85,63 +93,41 @@ class Input:
         self.stream = job.stream if job else ""
         self.producer = job.producer if job else ""
         self.every = job.every if job else 1
+        self.rank = job.rank if job else 0
         self.loop = bool(job and job.loop)
         self.waits = bool(job and job.waits)
         self.dead = job is None
+        self.feed: Feed | None = None
         self.queue: deque[Message] = deque()
         self.message: Message | None = None
         self.arrived = 0
 
     def put(self, message: Message, arrived: int) -> None:
-        """Take a message that has come."""
-        queue = self.queue
-        last = queue[-1] if queue else self.message
+        """Take a message that has come. One that came before, or is older than one that has come, is dropped."""
+        last = self.queue[-1] if self.queue else self.message
         if last is None or last.tick < message.tick:
-            queue.append(message)
+            self.queue.append(message)
             self.arrived = arrived
-        else:
-            self._sort_in(message)
-
-    def _sort_in(self, message: Message) -> None:
-        """One that came another way than those before it: into its place; a second copy, or one older than what was
-        used last, nowhere."""
-        if self.message is not None and message.tick <= self.message.tick:
-            return
-        place = bisect.bisect_left(self.queue, message.tick, key=_tick)
-        if place == len(self.queue) or self.queue[place].tick != message.tick:
-            self.queue.insert(place, message)
 
     def at(self, tick: int) -> Message | None:
         """The message that a step at `tick` of the simulated clock uses, if it is here; None where it has not come yet,
         and where there is none (see `absent`). Older ones are dropped."""
-        need = tick - 1 if self.loop else tick
-        if self.every > 1:
-            need -= need % self.every
-        output = self.output
-        if output is not None:
-            message = output.last
-            if message is not None and message.tick != need:
-                message = output.previous
-            return message if message is not None and message.tick == need else None
-        queue = self.queue
-        while queue and queue[0].tick < need:
-            queue.popleft()
-        if queue and queue[0].tick == need:
-            self.message = queue[0]
-        message = self.message
+        need = needed(tick, self.every, self.loop)
+        message = self.newest(need)
         return message if message is not None and message.tick == need else None
 
     def absent(self, tick: int) -> bool:
         """Whether no message will come for a step at `tick`: the sender is gone, or it is the first tick of a loop."""
-        return self.dead or (self.loop and tick == 0)
+        return self.dead or needed(tick, self.every, self.loop) < 0
 
     def newest(self, limit: int) -> Message | None:
         """The newest message up to tick `limit`; older ones are dropped."""
         if self.output is not None:
             last = self.output.last
             return last if last is None or last.tick <= limit else self.output.previous
-        while self.queue and self.queue[0].tick <= limit:
-            self.message = self.queue.popleft()
+        queue = self.queue
+        while queue and queue[0].tick <= limit:
+            self.message = queue.popleft()
         return self.message
 
 
@@ -157,9 +143,12 @@ class Slot:
             Output(stream, kind, stream in external) for stream, kind in zip(job.streams, kinds, strict=True)
         ]
         self.inputs: list[Input] = []
+        self.awaited: list[tuple[int, Input]] = []
+        """The inputs by their place, those first that come last: while a step waits for them the others come."""
         self.health = Health()
         self.due = 0
-        self._time: int | None = None
+        self.time: int | None = None
+        """[ns] of the last step; None: there was none since the start."""
         self._step = node.step
         self._takes_dt = "dt" in inspect.signature(type(node).step).parameters
 
@@ -169,6 +158,8 @@ class Slot:
         for port in inputs(type(self.node)):
             job = jobs.get(port.name)
             self.inputs.append(Input(job, port, known.get(job.stream) if job else None))
+        latest = sorted(range(len(self.inputs)), key=lambda place: -self.inputs[place].rank)
+        self.awaited = [(place, self.inputs[place]) for place in latest]
 
     @property
     def driver(self) -> Input | None:
@@ -192,33 +183,40 @@ class Slot:
 
     def begin(self) -> None:
         """Start the node anew, as a new process would: without a step before. NodeFault: it raised."""
-        self._time = None
+        self.time = None
         for output in self.outputs:
             output.previous = output.last = None
         self.start()
 
     def step(self, tick: int, at: int, messages: list[Message | None], nominal: float) -> None:
-        """Run the node on these inputs and set its outputs.
+        """Run the node on these inputs and set its outputs. Where no time has passed since its last step, because the
+        driving message came twice or late, the last answers stand.
 
         at       [ns] time of the tick on the graph's clock
         nominal  [s]  dt of the first step
 
         NodeFault: the step raised, or sent what its type does not allow.
         """
-        dt = nominal if self._time is None else (at - self._time) * 1e-9
-        self._time = at
-        begun = perf_counter_ns()
-        try:
-            answer = self._step(*messages, dt=dt) if self._takes_dt else self._step(*messages)
-        except BaseException as error:
-            raise NodeFault(self.name, f"step at tick {tick}", error) from error
-        self.health.tick = tick
-        self.health.step.add(perf_counter_ns() - begun)
+        before = self.time
         outputs = self.outputs
+        if before is not None and at <= before:
+            answers: tuple = (None,) * len(outputs)
+        else:
+            dt = nominal if before is None else (at - before) * 1e-9
+            self.time = at
+            begun = perf_counter_ns()
+            try:
+                answer = self._step(*messages, dt=dt) if self._takes_dt else self._step(*messages)
+            except InputFault as error:
+                raise NodeFault(error.source or self.name, f"input of {self.name!r} at tick {tick}", error) from error
+            except BaseException as error:
+                raise NodeFault(self.name, f"step at tick {tick}", error) from error
+            self.health.step.add(perf_counter_ns() - begun)
+            answers = (answer,) if len(outputs) == 1 else self._several(answer, tick)
+        self.health.tick = tick
         if not outputs:
             return
         used = (-1 if messages[0] is None else messages[0].tick,) if len(messages) == 1 else _ticks(messages)
-        answers = (answer,) if len(outputs) == 1 else self._several(answer, tick)
         for output, message in zip(outputs, answers, strict=True):
             if type(message) is not output.kind or message.tick != -1:
                 message = self._other(output, message, tick)
@@ -288,3 +286,14 @@ class ObserverSlot:
         self.health.tick = tick
         self.health.step.add(perf_counter_ns() - begun)
         self.last[stream] = tick
+
+
+def make(job: NodeJob | ObserverJob) -> Node:
+    """The node that a job describes. NodeFault: its class or its settings are wrong."""
+    try:
+        node = load_class(job.cls)(**job.settings)
+    except BaseException as error:
+        raise NodeFault(job.name, "settings", error) from error
+    if isinstance(job, NodeJob) and job.wanted is not None:
+        node.wanted = frozenset(job.wanted)
+    return node

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import faulthandler
 import signal
+import time
 from collections.abc import Iterator
 from types import FrameType
 
@@ -12,7 +13,7 @@ from palpate.launch.running.slot import ObserverSlot, Slot
 from palpate.launch.running.worker import Worker
 
 START_PATIENCE = 120.0  # [s] for a node's `start`: it may compile kernels or build a basis
-GLANCES = 4  # looks in the time that a node is given
+GLANCES = 8  # looks in the time that a node is given
 
 
 class Hangs(Exception):
@@ -24,24 +25,26 @@ def watched(patience: float | None) -> Iterator[None]:
     """A node's call that takes longer than `patience` [s] while the block runs gets `Hangs` raised inside it.
     None: nothing is watched.
 
-    A timer's signal looks at the call that runs, so that the loop itself pays nothing. Compiled code that never
-    returns lets no handler run: then the process ends at twice the time, after telling on standard error where it was.
-    Outside the main thread nothing is watched.
+    A timer's signal looks at the call that runs, so that the loop itself pays nothing. Time for which the process
+    waited for a processor does not count: a busy machine is no hang. Compiled code that never returns lets no handler
+    run: then the process ends at twice the time, after telling on standard error where it was. Outside the main thread
+    nothing is watched.
     """
-    before: tuple[object, int] = (None, 0)
+    before: object = None
+    spent, looked, queued = 0.0, time.monotonic(), _queued()
     last = 2.0 * patience if patience is not None else 0.0
 
     def glance(_: int, frame: FrameType | None) -> None:
-        nonlocal before
+        nonlocal before, spent, looked, queued
         with contextlib.suppress(OSError, ValueError):  # a standard error that is no file
             faulthandler.dump_traceback_later(last, exit=True)
-        here, glances = _running(frame), before[1] + 1
-        if here is None or here != before[0]:
-            before = (here, 0)
-        elif glances >= GLANCES:
+        moment, waited, here = time.monotonic(), _queued(), _running(frame)
+        spent += moment - looked - (waited - queued)
+        looked, queued = moment, waited
+        if here is None or here != before:
+            before, spent = here, 0.0
+        elif patience is not None and spent >= patience:
             raise Hangs(f"no sign of life for {patience:.3g} s")
-        else:
-            before = (here, glances)
 
     try:
         known = None if patience is None else signal.signal(signal.SIGALRM, glance)
@@ -58,6 +61,15 @@ def watched(patience: float | None) -> Iterator[None]:
         faulthandler.cancel_dump_traceback_later()
         signal.signal(signal.SIGALRM, known)
         signal.setitimer(signal.ITIMER_REAL, left)
+
+
+def _queued() -> float:
+    """[s] for which this thread was ready to run and got no processor; 0 where the kernel does not tell."""
+    try:
+        with open("/proc/thread-self/schedstat") as file:
+            return int(file.read().split()[1]) * 1e-9
+    except (OSError, IndexError, ValueError):
+        return 0.0
 
 
 def _running(frame: FrameType | None) -> object:

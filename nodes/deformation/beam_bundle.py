@@ -9,9 +9,9 @@ import numpy as np
 
 from palpate.messages import Load, Surface, Vector
 from palpate.nodes.base import SettingError
-from palpate.nodes.nodule import WithNodule
-from palpate.physics.beam_bed import LARGEST_FORCE, Bed
-from palpate.physics.materials import SKIN, TISSUE, Material
+from palpate.nodes.base.nodule import WithNodule
+from palpate.physics.bodies.beam_bed import LARGEST_FORCE, Bed
+from palpate.physics.materials.viscoelastic import SKIN, TISSUE, Material
 
 NO_PRESSURE = np.zeros(0)
 
@@ -57,10 +57,11 @@ class BeamBundle(WithNodule):
             Material(modulus, relaxation, self.poisson)
             for modulus, relaxation in zip(self.moduli, self.relaxations, strict=True)
         )
-        # A beam k times stiffer is one of k times the section.
-        make = (mesh.vertices, mesh.normals, mesh.areas * self.hardness(), self.layers, materials, self.radius)
-        node = np.zeros(1, dtype=np.int32)
-        Bed(*make).step(_sealed(node), _sealed(np.zeros((1, 3))), (0.0, 0.0, 0.0), (0.0, 0.0, 1.0), 1e-3)
+        make = (mesh, self.hardness(), self.layers, materials, self.radius)
+        node, foot, normal = np.zeros(1, dtype=np.int32), tuple(mesh.vertices[0].tolist()), (0.0, 0.0, 1.0)
+        warm = Bed(*make)
+        for push in (0.0, -1e-3):  # compiles both ways
+            warm.step(_sealed(node), _sealed(np.array([[0.0, 0.0, push]])), foot, normal, 1e-3)
         self.bed = Bed(*make)
         self.facing = mesh.normals
         self.areas = mesh.areas
@@ -91,6 +92,8 @@ class BeamBundle(WithNodule):
             damping=0.0,
             free=free,
             previous=previous,
+            step=dt,
+            relaxation=bed.relaxation(dt),
             clamped=int(clamped),
         )
         return self.last

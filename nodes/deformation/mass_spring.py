@@ -8,10 +8,10 @@ import msgspec
 import numpy as np
 
 from palpate.messages import Load, Surface
-from palpate.nodes.nodule import WithNodule
-from palpate.physics.mass_spring import NodalBody, mean_hardness, normal_force
-from palpate.physics.spring_net import NetBody
-from palpate.physics.terminal import indentation
+from palpate.nodes.base.nodule import WithNodule
+from palpate.physics.bodies.mass_spring import NodalBody, mean_hardness, normal_force
+from palpate.physics.bodies.spring_net import NetBody
+from palpate.physics.contact.terminal import indentation
 
 NO_NODES = np.zeros(0, dtype=np.int32)
 NO_FORCES = np.zeros((0, 3))
@@ -41,7 +41,7 @@ class MassSpring(WithNodule):
     """of neighbours round the loaded nodes that move with them in the net"""
 
     def start(self) -> None:
-        self.indentation = 0.0
+        self.indentation = self._dt = 0.0
         self._law = (self.stiffness, self.exponent, self.damping, 0.0)
         self.last = self._surface(NO_NODES, NO_FORCES)
         self._hardness = self.hardness() if self.nodule_radius > 0.0 else None
@@ -66,6 +66,7 @@ class MassSpring(WithNodule):
             if self._hardness is not None and len(load.nodes):
                 harder = self.stiffness * mean_hardness(load.nodes, load.forces, load.normal, self._hardness)
                 self._law = (harder, self.exponent, self.damping, 0.0)
+            self._dt = dt
             self.indentation = indentation(force, dt, *self._law, self.indentation)
             nodes, displacement = NO_NODES, NO_FORCES
             if self._body is not None:
@@ -82,4 +83,5 @@ class MassSpring(WithNodule):
             damping=self.damping,
             free=0.0,
             previous=self.indentation,
+            step=self._dt,
         )

@@ -2,26 +2,35 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
-import os
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import msgspec
 import numpy as np
 
 from palpate.messages import Load, Surface, Vector3
 from palpate.nodes.base import SettingError
-from palpate.nodes.surface import SURFACES, OnSurface, surface_mesh
-from palpate.physics.mesh import Mesh
-from palpate.physics.reduced_fe import Basis, BasisError, CondensedBody
-from palpate.physics.sampled import SampledBasis, SampledBody
+from palpate.nodes.base.surface import SURFACES, OnSurface, surface_mesh
+from palpate.nodes.deformation.basis_store import (
+    FINGER,
+    METHOD,
+    NEAR,
+    ORGAN,
+    SAMPLED,
+    SHIPPED,
+    cache,
+    constants,
+    differences,
+    digest,
+    find,
+    key,
+    off,
+    shipped,
+)
+from palpate.physics.bodies.condensed_body import Basis, BasisError, CondensedBody
+from palpate.physics.bodies.sampled_body import SampledBasis, SampledBody
+from palpate.physics.geometry.mesh import Mesh
 
-SHIPPED = Path(__file__).parent / "bases"
-FORM, SAMPLED_FORM, PRESSED = 2, 1, 2
-"""Numbers of the forms of stored bases and of sampled ones, and of the way in which organs are pressed for dents; a new
-one makes all old ones unknown."""
 NO_NODES = np.zeros(0, dtype=np.int32)
 NO_FORCES = np.zeros((0, 3))
 BUILT_FROM = (
@@ -39,7 +48,8 @@ class ReducedFE(OnSurface):
 
     `palpate reduce` builds its basis once for a surface, Poisson's ratio, bed, nodule and capsule; that of the default
     kidney ships. Modulus and retardation time may be changed without building it again. The fingertip is of layers: its
-    `young` is that of the subcutis at rest, 160 Pa as calibrated, and poisson, bed, nodule and capsule are not read.
+    `young` is that of the subcutis at rest, 160 Pa in the set cortical/36.4; poisson, bed, nodule and capsule are not
+    read.
     """
 
     model: Annotated[Literal["nonlinear", "linear", "sampled"], "1"] = "nonlinear"
@@ -80,8 +90,10 @@ class ReducedFE(OnSurface):
             forces.setflags(write=False)
             self._answer(nodes, forces, foot, normal, 1e-3)
             self._body.displaced(foot)
+            if isinstance(self._body, CondensedBody):
+                self._body.along()
         self._body = self._made()
-        self.last = self._surface(NO_NODES, NO_FORCES, *self._answer(NO_NODES, NO_FORCES, foot, normal, 1e-3))
+        self.last = self._surface(NO_NODES, NO_FORCES, 0.0, *self._answer(NO_NODES, NO_FORCES, foot, normal, 1e-3))
 
     def _made(self) -> CondensedBody | SampledBody:
         """The body at its place, at rest."""
@@ -121,11 +133,21 @@ class ReducedFE(OnSurface):
         if dt > 0.0:
             law = self._answer(load.nodes, load.forces, load.foot, load.normal, dt)
             nodes, moved = self._body.displaced(load.foot) if self.wants("displacement") else (NO_NODES, NO_FORCES)
-            self.last = self._surface(nodes, moved, *law)
+            self.last = self._surface(nodes, moved, dt, *law)
+            if self.wants("slope") and isinstance(self._body, CondensedBody) and len(load.nodes):
+                slope, turning = self._body.along()
+                self.last = msgspec.structs.replace(self.last, slope=slope, turning=turning)
         return self.last
 
     def _surface(
-        self, nodes: np.ndarray, moved: np.ndarray, stiffness: float, exponent: float, free: float, now: float
+        self,
+        nodes: np.ndarray,
+        moved: np.ndarray,
+        dt: float,
+        stiffness: float,
+        exponent: float,
+        free: float,
+        now: float,
     ) -> Surface:
         return Surface(
             nodes=nodes,
@@ -135,42 +157,76 @@ class ReducedFE(OnSurface):
             damping=0.0,
             free=free,
             previous=now,
+            step=dt,
+            relaxation=self.retardation,
+            beyond=self._body.beyond,
         )
 
     def coarse_mesh(self) -> Mesh:
         """The surface that the organ is condensed to, in its own frame."""
         return surface_mesh(self.surface, self.coarse, file_unit=self.file_unit)
 
+    def inputs(self) -> dict[str, Any]:
+        """All that the basis depends on."""
+        finger = self.surface == "fingertip" and self.model == "sampled"
+        files: tuple[str, ...] = FINGER if finger else ORGAN
+        found: dict[str, Any] = {"method": METHOD, "surface": _name(self.surface)}
+        if self.model == "sampled":
+            files += SAMPLED
+            found["modes"] = self.modes
+        if not finger:
+            found |= {"mesh": digest(self.coarse_mesh()), "poisson": self.poisson, "bed": self.bed}
+            if self.nodule_radius > 0:
+                found |= {"nodule": [*self.nodule_centre, self.nodule_radius, self.nodule_ratio]}
+            if self.capsule_thickness > 0:
+                found |= {"capsule": [self.capsule_thickness, self.capsule_ratio]}
+        return found | {"constants": constants(files)}
+
     def key(self) -> str:
-        """What the basis depends on, as a hash."""
-        if self.surface == "fingertip" and self.model == "sampled":
-            return hashlib.sha256(json.dumps([FORM, SAMPLED_FORM, self.surface, self.modes]).encode()).hexdigest()[:16]
-        surface: object = [self.surface, self.coarse]
-        if self.surface not in SURFACES:
-            try:
-                surface = [hashlib.sha256(Path(self.surface).read_bytes()).hexdigest(), self.file_unit]
-            except OSError as error:
-                raise SettingError(f"setting 'surface': {self.surface!r}: {error.strerror}") from None
-        nodule = [self.nodule_centre, self.nodule_radius, self.nodule_ratio] if self.nodule_radius > 0 else []
-        capsule = [self.capsule_thickness, self.capsule_ratio] if self.capsule_thickness > 0 else []
-        given = [FORM, surface, self.poisson, self.bed, nodule, capsule]
-        given += [SAMPLED_FORM, self.modes] if self.model == "sampled" else [PRESSED]
-        return hashlib.sha256(json.dumps(given).encode()).hexdigest()[:16]
+        """The hash that the basis is found by."""
+        return key(self.inputs())
+
+    def filename(self) -> str:
+        """Of a basis that is built for these settings."""
+        kind = "sampled" if self.model == "sampled" else "dents"
+        return f"{_name(self.surface)}-{kind}-{self.key()}.npz"
+
+    def command(self) -> str:
+        """The command that builds it."""
+        usual = type(self)()
+        given = [f"--set {n}={_text(getattr(self, n))}" for n in BUILT_FROM if getattr(self, n) != getattr(usual, n)]
+        return " ".join(["palpate reduce", *given])
 
     def basis(self) -> Basis | SampledBasis:
         """The stored basis.
 
-        SettingError: none is stored for these settings, or it cannot be read.
+        SettingError: none is stored for these settings, or it cannot be read, or is of another place or shape.
         """
         found = self.stored(SHIPPED, cache())
-        if found is not None:
-            return found[1]
-        usual = type(self)()
-        given = [f"--set {n}={_text(getattr(self, n))}" for n in BUILT_FROM if getattr(self, n) != getattr(usual, n)]
-        raise SettingError(
-            "no reduced basis is stored for these settings of model, surface, poisson, bed, coarse, nodule, capsule. "
-            f"Build it once: palpate reduce {' '.join(given)}"
-        )
+        if found is None:
+            raise SettingError(
+                "no reduced basis is stored for these settings of model, surface, poisson, bed, coarse, nodule, "
+                f"capsule{self._nearest()}. Build it once: {self.command()}"
+            )
+        path, basis = found
+        away = off(basis.vertices, self.coarse_mesh())
+        if away > NEAR:
+            raise SettingError(
+                f"{path}: its vertices lie up to {away:.2g} of the surface's extent off surface {self.surface!r}; "
+                f"expected the same surface at the same place. Rebuild it: {self.command()} --force"
+            )
+        return basis
+
+    def _nearest(self) -> str:
+        """What the shipped basis of this surface and kind was made from that these settings are not."""
+        wanted = self.inputs()
+        for name, about in shipped().items():
+            made = about["inputs"]
+            if made["surface"] == wanted["surface"] and ("modes" in made) == ("modes" in wanted):
+                told = differences(made, wanted)
+                more = f" and {len(told) - 3} more" if len(told) > 3 else ""
+                return f"; of the shipped {name}, {'; '.join(told[:3])}{more}"
+        return ""
 
     def stored(self, *folders: Path) -> tuple[Path, Basis | SampledBasis] | None:
         """The basis for these settings in the first of the folders that holds one, and its path; a basis without dents
@@ -179,14 +235,14 @@ class ReducedFE(OnSurface):
         SettingError: one that cannot be read.
         """
         for folder in folders:
-            path = folder / f"{self.key()}.npz"
-            if path.exists():
+            path = find(folder, self.key())
+            if path is not None:
                 try:
                     if self.model == "sampled":
                         return path, SampledBasis.load(path)
                     found = Basis.load(path)
                 except BasisError as error:
-                    raise SettingError(str(error)) from None
+                    raise SettingError(f"{error}, here: {self.command()} --force") from None
                 if found.dents.size or self.model == "linear":
                     return path, found
         return None
@@ -197,15 +253,9 @@ def _text(value: object) -> str:
     return "'[" + ", ".join(map(str, value)) + "]'" if isinstance(value, tuple) else str(value)
 
 
-def cache() -> Path:
-    """Folder of the bases built on this machine."""
-    base = os.environ.get("XDG_CACHE_HOME")
-    return (Path(base) if base else Path.home() / ".cache") / "palpate" / "bases"
-
-
-def touches() -> Path:
-    """Folder of the full solutions that `palpate reduce` keeps while it builds."""
-    return cache().with_name("touches")
+def _name(surface: str) -> str:
+    """Of a built-in surface, or of a file without its folder and ending; what the file holds is in the mesh's hash."""
+    return surface if surface in SURFACES else Path(surface).stem
 
 
 def _rotation(own: Mesh, placed: Mesh) -> np.ndarray:

@@ -9,7 +9,7 @@ import numpy as np
 
 from palpate.messages import Load, Surface
 from palpate.nodes.base import Node
-from palpate.physics.mass_spring import normal_force
+from palpate.physics.bodies.mass_spring import normal_force
 
 NO_NODES = np.zeros(0, dtype=np.int32)
 NO_VECTORS = np.zeros((0, 3))
@@ -20,24 +20,25 @@ class Rigid(Node):
     """A plate that gives in by force/stiffness, 10 nm at 10 N unless set otherwise, and sends no displacement: for
     scenes without tissue, and to see the fingertip alone."""
 
-    stiffness: Annotated[float, "N/m", msgspec.Meta(gt=0)] = 1e9
+    plate_stiffness: Annotated[float, "N/m", msgspec.Meta(gt=0)] = 1e9
 
     def start(self) -> None:
-        self.last = self._surface(0.0)
+        self.last = self._surface(0.0, 0.0)
         normal_force(NO_VECTORS, (0.0, 0.0, 1.0))
 
     def step(self, load: Load, *, dt: float) -> Surface:
         if dt > 0.0:
-            self.last = self._surface(normal_force(load.forces, load.normal) / self.stiffness)
+            self.last = self._surface(normal_force(load.forces, load.normal) / self.plate_stiffness, dt)
         return self.last
 
-    def _surface(self, indentation: float) -> Surface:
+    def _surface(self, indentation: float, dt: float) -> Surface:
         return Surface(
             nodes=NO_NODES,
             displacement=NO_VECTORS,
-            stiffness=self.stiffness,
+            stiffness=self.plate_stiffness,
             exponent=1.0,
             damping=0.0,
             free=0.0,
             previous=indentation,
+            step=dt,
         )

@@ -1,0 +1,39 @@
+"""Fit the example sessions and keep three pictures of their first subject: python docs/pictures/fit.py [folder]
+
+fit-subject.png   force and scatter, the chosen curves and the band of a new session
+fit-models.png    all five regressions of the force and of its scatter
+fit-surface.png   the density of the force over depth
+"""
+
+from __future__ import annotations
+
+import shutil
+import sys
+import tempfile
+from pathlib import Path
+
+from palpate.fit.fit import fit_sessions, write_example
+from palpate.launch.pictures.fit import draw_choice
+
+PICTURES = {"fit": "fit-subject.png", "models": "fit-models.png", "surface": "fit-surface.png"}
+
+
+def main(folder: Path) -> list[Path]:
+    """Fit, draw, copy."""
+    folder.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(prefix="palpate-") as scratch:
+        sessions = Path(scratch) / "sessions.csv"
+        write_example(sessions)
+        told = fit_sessions(
+            sessions, law=None, subjects=["A"], out=None, mean=None, deviation=None, folds=9, depth_limit=None
+        )
+        for path in draw_choice(told.chosen[0], Path(scratch) / "a"):
+            name = PICTURES.get(path.stem.rpartition("-")[2])
+            if name:
+                shutil.copyfile(path, folder / name)
+    return [folder / name for name in PICTURES.values()]
+
+
+if __name__ == "__main__":
+    for written in main(Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).parent):
+        print(written)

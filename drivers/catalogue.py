@@ -1,0 +1,78 @@
+"""The devices that palpate knows: how each is found, whose driver it is, and what a user has to be allowed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from palpate.drivers import falcon
+from palpate.drivers.hid import spacemouse
+
+
+@dataclass(frozen=True)
+class Known:
+    """One kind of device.
+
+    name     as its maker calls it
+    use      the node that drives it
+    ids      USB vendor and product, both in hexadecimal of four digits; a product of "*" is any
+    through  "usb", "hidraw" or "tty": which file of the system it is reached by; "network": none
+    needs    the module that the driver imports, "" for none
+    """
+
+    name: str
+    use: str
+    ids: tuple[tuple[str, str], ...]
+    through: str
+    needs: str
+
+
+def _hex(number: int) -> str:
+    return f"{number:04x}"
+
+
+KNOWN = (
+    Known(falcon.NAME, "device.Falcon", ((_hex(falcon.VENDOR), _hex(falcon.PRODUCT)),), "usb", "usb"),
+    Known(
+        "3Dconnexion SpaceMouse",
+        "device.Hid",
+        (("256f", "*"), *(("046d", _hex(product)) for product in sorted(spacemouse.OLD))),
+        "hidraw",
+        "hid",
+    ),
+    Known("raw-HID device", "device.RawHid", (("16c0", "0486"),), "hidraw", "hid"),
+    Known("Haply 2diy", "device.Haply2Diy", (("2341", "003d"), ("2341", "003e"), ("2341", "804d")), "tty", "serial"),
+    Known("Dot Pad", "display.DotPad", (("0403", "6010"),), "tty", "serial"),
+    Known("USB serial port (inFORM, Bota)", "display.InForm, sensor.Bota", (("0403", "6001"),), "tty", "serial"),
+    Known("Haply Inverse3", "device.Inverse3", (), "network", "websockets"),
+    Known("ATI Net F/T", "sensor.NetFT", (), "network", ""),
+)
+"""Boards with a common USB chip (Arduino, FTDI) share its numbers with other things: they are told as what may be."""
+
+
+def fitting(vendor: str, product: str) -> Known | None:
+    """The kind that has these numbers."""
+    for kind in KNOWN:
+        for known_vendor, known_product in kind.ids:
+            if vendor == known_vendor and known_product in (product, "*"):
+                return kind
+    return None
+
+
+RULE = "/etc/udev/rules.d/70-palpate.rules"
+
+
+def udev_rules() -> str:
+    """The text of a rules file that lets the user at the machine, and the group plugdev, use all of them."""
+    lines = [
+        "# Devices that palpate drives. After a change: udevadm control --reload, then plug the device in again.",
+    ]
+    for kind in KNOWN:
+        if not kind.ids:
+            continue
+        lines.append(f"# {kind.name}: {kind.use}")
+        for vendor, product in kind.ids:
+            only = "" if product == "*" else f', ATTRS{{idProduct}}=="{product}"'
+            grant = 'MODE="0660", GROUP="plugdev", TAG+="uaccess"'
+            subsystem = {"usb": "usb", "hidraw": "hidraw", "tty": "tty"}[kind.through]
+            lines.append(f'SUBSYSTEM=="{subsystem}", ATTRS{{idVendor}}=="{vendor}"{only}, {grant}')
+    return "\n".join(lines) + "\n"

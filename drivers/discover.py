@@ -1,0 +1,91 @@
+"""What is plugged into this machine, as the kernel lists it: no library is needed, nothing is opened."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from palpate.drivers.catalogue import Known, fitting
+
+USB = Path("/sys/bus/usb/devices")
+DEV = Path("/dev")
+
+
+@dataclass(frozen=True)
+class Found:
+    """One device.
+
+    name, use   what it is or may be, and the node that drives it
+    ids         vendor:product
+    port        what to give a node as `port`
+    file        of the system by which it is reached; empty where there is none yet
+    permitted   whether this user may read and write that file
+    bound       kernel driver of its first interface; empty: none
+    missing     module that has to be installed first; empty: none
+    serial      its serial number
+    """
+
+    name: str
+    use: str
+    ids: str
+    port: str
+    file: str
+    permitted: bool
+    bound: str
+    missing: str
+    serial: str
+
+
+def devices() -> Iterator[Found]:
+    """All known devices on USB."""
+    for folder in sorted(USB.glob("*")) if USB.is_dir() else ():
+        kind = fitting(_word(folder / "idVendor"), _word(folder / "idProduct"))
+        if kind is not None:
+            yield _found(kind, folder)
+
+
+def _found(kind: Known, folder: Path) -> Found:
+    bus, number = _word(folder / "busnum"), _word(folder / "devnum")
+    serial = _word(folder / "serial")
+    file: Path | None
+    if kind.through == "usb":
+        file, port = DEV / "bus" / "usb" / bus.zfill(3) / number.zfill(3), f"{bus}:{number}"
+    else:
+        below = {"tty": "*/tty*/*", "hidraw": "*/*/hidraw/hidraw*"}[kind.through]
+        names = sorted({p.name for p in folder.glob(below)} | {p.name for p in folder.glob("*/ttyUSB*")})
+        names = [n for n in names if n.startswith(("ttyUSB", "ttyACM", "hidraw"))]
+        file = DEV / names[0] if names else None
+        port = str(file) if file else ""
+    return Found(
+        name=kind.name,
+        use=kind.use,
+        ids=f"{_word(folder / 'idVendor')}:{_word(folder / 'idProduct')}",
+        port=port,
+        file=str(file or ""),
+        permitted=file is not None and os.access(file, os.R_OK | os.W_OK),
+        bound=_bound(folder),
+        missing=kind.needs if kind.needs and not _installed(kind.needs) else "",
+        serial=serial,
+    )
+
+
+def _installed(module: str) -> bool:
+    return importlib.util.find_spec(module) is not None
+
+
+def _bound(folder: Path) -> str:
+    for interface in sorted(folder.glob(f"{folder.name}:*")):
+        link = interface / "driver"
+        if link.is_symlink():
+            return link.resolve().name
+    return ""
+
+
+def _word(file: Path) -> str:
+    try:
+        return file.read_text().strip()
+    except OSError:
+        return ""

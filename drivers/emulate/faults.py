@@ -1,0 +1,76 @@
+"""Bad days of an emulated device."""
+
+from __future__ import annotations
+
+import random
+from dataclasses import dataclass
+
+import msgspec
+
+
+class Faults(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What goes wrong with an emulated device; the same seed gives the same bad days.
+
+    latency   [s]  by which every answer comes later
+    dropouts  [1]  chance that an answer is lost
+    garbled   [1]  chance that a byte of an answer is wrong
+    glitches  [1]  chance that an encoder is far off for one answer
+    noise     [1]  chance that an encoder is one count off
+    unplug    [s]  after its first answer in the run, when it is pulled out; negative: never
+    back      [s]  after its first answer in the run, when it is plugged in again; negative: never
+    silent    [s]  after its first answer in the run, when it stops to answer; negative: never
+    flaky     [1]  attempts to load it, or greetings, that fail before one succeeds
+    """
+
+    latency: float = 0.0
+    dropouts: float = 0.0
+    garbled: float = 0.0
+    glitches: float = 0.0
+    noise: float = 0.0
+    unplug: float = -1.0
+    back: float = -1.0
+    silent: float = -1.0
+    flaky: int = 0
+    seed: int = 0
+
+
+@dataclass
+class Days:
+    """The faults of one device, played. `begun` [ns]: when it first answered; nothing happens before."""
+
+    faults: Faults
+    begun: int | None = None
+
+    def __post_init__(self) -> None:
+        self.random = random.Random(self.faults.seed)
+
+    def begin(self, now: int) -> None:
+        """It answers at `now` [ns]; only the first time counts."""
+        if self.begun is None:
+            self.begun = now
+
+    def _since(self, now: int) -> float:
+        return -1.0 if self.begun is None else (now - self.begun) * 1e-9
+
+    def unplugged(self, now: int) -> bool:
+        """Whether the plug is out at `now` [ns]."""
+        since, given = self._since(now), self.faults
+        return 0.0 <= given.unplug <= since and not 0.0 <= given.back <= since
+
+    def silent(self, now: int) -> bool:
+        """Whether it has stopped to answer for good."""
+        return 0.0 <= self.faults.silent <= self._since(now)
+
+    def chance(self, name: str) -> bool:
+        """Whether a fault of this name strikes now."""
+        odds = getattr(self.faults, name)
+        return odds > 0.0 and self.random.random() < odds
+
+    def spoil(self, data: bytes) -> bytes:
+        """An answer as it arrives: lost, with a wrong byte, or as it was."""
+        if self.chance("dropouts"):
+            return b""
+        if data and self.chance("garbled"):
+            at = self.random.randrange(len(data))
+            return data[:at] + bytes((data[at] ^ 1 << self.random.randrange(8),)) + data[at + 1 :]
+        return data

@@ -1,0 +1,29 @@
+"""What goes wrong with a device, told in one line with the next step."""
+
+from __future__ import annotations
+
+import importlib
+from typing import Any
+
+from palpate.physics.errors import PalpateError
+
+
+class DeviceError(PalpateError, RuntimeError):
+    """A device is not there, not permitted, not right, or gone. The text says what was found and what to do next.
+
+    lost  whether the device was there and is gone: it may come back
+    """
+
+    def __init__(self, text: str, *, lost: bool = False) -> None:
+        super().__init__(text)
+        self.lost = lost
+
+
+def package(module: str) -> Any:
+    """Import a module that an extra brings. DeviceError: it is not installed."""
+    try:
+        return importlib.import_module(module)
+    except ImportError:
+        raise DeviceError(
+            f'the Python module {module!r} is not installed. Install it: pip install "palpate[devices]"'
+        ) from None

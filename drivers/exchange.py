@@ -1,0 +1,138 @@
+"""The thread that talks to a device: newest command out, newest sample in. The force loop never waits for it.
+
+It asks the guard before every command, keeps the device talking (some fall silent without traffic), looks for a device
+that is gone when asked to, and leaves no force behind when it stops.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+import time
+from typing import Protocol
+
+from palpate.drivers.errors import DeviceError
+from palpate.drivers.guard import Guard, Sample, ahead
+from palpate.drivers.limits import Limits
+
+RETRY = 0.5  # [s] between two looks for a device that is gone
+FAREWELL = 3  # [1] zero commands before the device is closed
+RATED = 1.0  # [s] over which the rate of answers is taken
+
+
+class Driver(Protocol):
+    """One device, spoken to directly. All its methods are called from one thread at a time."""
+
+    limits: Limits
+    size: int
+    """Numbers of a command."""
+
+    def open(self) -> None:
+        """Find the device and make it ready. DeviceError: why not, and what to do."""
+
+    def cycle(self, command: tuple[float, ...]) -> Sample | None:
+        """Send a command and take one answer; None when none came within a few periods.
+
+        DeviceError: the device is gone.
+        """
+
+    def close(self) -> None:
+        """Give the device back. It may be gone already."""
+
+
+class Exchange:
+    """A driver in a thread of its own.
+
+    driver     the device; `open` is called by `start`, in the caller's thread
+    guard      what its commands are held to
+    reconnect  whether a device that is gone is waited for; otherwise `sample` raises what happened
+    """
+
+    def __init__(self, driver: Driver, guard: Guard, *, reconnect: bool = False) -> None:
+        self.driver, self.guard, self.reconnect = driver, guard, reconnect
+        self._command: tuple[tuple[float, ...], int] = ((0.0,) * driver.size, 0)
+        self._newest: tuple[Sample | None, tuple[tuple[float, ...], tuple[float, ...]]] = None, ((), ())
+        self._fault: DeviceError | None = None
+        self._notes: list[str] = []
+        self._stop = threading.Event()
+        self._thread: threading.Thread | None = None
+        self.cycles = self.answers = 0
+        self.rate = 0.0
+        """[Hz] of the device's answers over the last second."""
+
+    def start(self) -> None:
+        """Open the device and begin to talk. DeviceError: it cannot be opened."""
+        self.driver.open()
+        self._thread = threading.Thread(target=self._run, name="palpate device", daemon=True)
+        self._thread.start()
+
+    def command(self, command: tuple[float, ...]) -> None:
+        """Set what the device is to do from now on. Returns at once."""
+        self._command = command, time.monotonic_ns()
+
+    def sample(self) -> Sample | None:
+        """The newest answer, carried on to now; None before the first. Returns at once. DeviceError: it is gone."""
+        if self._fault is not None:
+            raise self._fault
+        sample, rates = self._newest
+        return sample if sample is None or not sample.homed else ahead(sample, rates, time.monotonic_ns())
+
+    def notes(self) -> list[str]:
+        """What the user should see; each line is given once."""
+        found, self._notes = self._notes, []
+        return found
+
+    def stop(self) -> None:
+        """Command zero and close the device."""
+        self._stop.set()
+        if self._thread is not None:
+            self._thread.join(2.0)
+            self._thread = None
+
+    def _run(self) -> None:
+        while not self._stop.is_set():
+            try:
+                self._talk()
+            except DeviceError as error:
+                if not (self.reconnect and error.lost):
+                    self._fault = error
+                    break
+                self._wait_for_it(error)
+            except Exception as error:  # a thread that died silently would leave the last command standing
+                self._fault = DeviceError(f"the driver failed: {type(error).__name__}: {error}")
+                break
+        with contextlib.suppress(Exception):
+            for _ in range(FAREWELL):
+                self.driver.cycle((0.0,) * self.driver.size)
+        with contextlib.suppress(Exception):
+            self.driver.close()
+
+    def _talk(self) -> None:
+        begun, answers = time.monotonic(), self.answers
+        while not self._stop.is_set():
+            command, given = self._command
+            sample = self.driver.cycle(self.guard.apply(command, time.monotonic_ns(), given))
+            self.guard.saw(sample)
+            self.cycles += 1
+            if sample is not None:
+                self._newest = sample, self.guard.rates()
+                self.answers += 1
+            elapsed = time.monotonic() - begun
+            if elapsed > RATED:
+                self.rate = (self.answers - answers) / elapsed
+                begun, answers = time.monotonic(), self.answers
+
+    def _wait_for_it(self, error: DeviceError) -> None:
+        self._notes.append(f"{error} Waiting until it is back.")
+        if self._newest[0] is not None:
+            self._newest = self._newest[0]._replace(homed=False), ((), ())
+        self.guard.reset()
+        with contextlib.suppress(Exception):
+            self.driver.close()
+        while not self._stop.wait(RETRY):
+            try:
+                self.driver.open()
+            except DeviceError:
+                continue
+            self._notes.append("The device is back.")
+            return

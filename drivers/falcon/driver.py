@@ -1,0 +1,148 @@
+"""A Falcon: firmware, homing, and then one frame out for each frame in."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from statistics import median_low
+
+from palpate.drivers.errors import DeviceError
+from palpate.drivers.falcon import firmware, frames
+from palpate.drivers.guard import Sample
+from palpate.drivers.limits import LIMITS
+from palpate.drivers.transport.ftdi import Ftdi, payload
+from palpate.physics.device.falcon import FALCON, HOME, forward_kernel
+
+PATIENCE = 0.004  # [s] for an answer
+PROBES = 20  # frames sent to see whether firmware runs
+JERK = 12  # [counts] by which an arm may miss the way that it was on, for each ms since: 0.4 mm at the grip
+UNEVEN = 1.0  # [ms] by which the time between two samples may be wrong
+LARGEST = 120  # [counts] about 4 mm: more is believed at once from no reading
+BELIEVED = 4  # samples in a row that agree are no glitch
+AGREE = 60  # [counts] between two of them: 2 m/s at 1 kHz
+
+Counts = tuple[int, int, int]
+
+
+class Falcon:
+    """The device behind an FTDI chip.
+
+    connect   opens the chip
+    firmware  [bytes] image to load when none runs; None: the user has given none
+    clock     [ns]
+    """
+
+    limits = LIMITS["falcon"]
+    size = 3
+
+    def __init__(
+        self,
+        connect: Callable[[], Ftdi],
+        image: Callable[[], bytes] | None = None,
+        clock: Callable[[], int] = time.monotonic_ns,
+    ) -> None:
+        self.connect, self.image, self.clock = connect, image, clock
+        self.chip: Ftdi | None = None
+        self.reader = frames.Reader()
+        self.attempts = 0
+        self.glitches = 0
+
+    def open(self) -> None:
+        self.geometry = FALCON.geometry
+        self.place = HOME
+        # Compiled before the first answer waits for it.
+        forward_kernel(self.geometry, FALCON.zero, FALCON.zero, FALCON.zero, *HOME)
+        self.last: Counts | None = None
+        self.last_at, self.rate = 0, (0.0, 0.0, 0.0)
+        self.doubted: list[Counts] = []
+        self.state = frames.HOMING | frames.RED
+        self.reader.clear()
+        self.chip = self.connect()
+        firmware.run_mode(self.chip)
+        self.attempts = 0
+        if self._answers():
+            return
+        if self.image is None:
+            raise DeviceError(
+                "no firmware runs on the Falcon, and the setting `firmware` names none. It wants the image that came"
+                " with its driver (nvent_firmware.bin, also in the source tree of libnifalcon): firmware: path/to/it."
+            )
+        data = self.image()
+        self.attempts = firmware.load(self.chip, data, self.clock)
+        if not self._answers():
+            raise DeviceError(
+                f"a firmware of {len(data)} bytes was loaded, but the Falcon sends no frames. Is it a Falcon's image?"
+            )
+
+    def _answers(self) -> bool:
+        assert self.chip is not None
+        for _ in range(PROBES):
+            self.chip.write(frames.command((0, 0, 0), frames.HOMING))
+            if self._frame() is not None:
+                return True
+        return False
+
+    def _frame(self) -> bytes | None:
+        """The newest whole frame that comes within the patience."""
+        assert self.chip is not None
+        deadline = self.clock() + round(PATIENCE * 1e9)
+        while (left := deadline - self.clock()) > 0:
+            found = self.reader.feed(payload(self.chip.read(left * 1e-9)))
+            if found:
+                return found[-1]
+        return None
+
+    def cycle(self, command: tuple[float, ...]) -> Sample | None:
+        if self.chip is None:
+            raise DeviceError("the Falcon is not open", lost=True)
+        self.chip.write(frames.command(frames.motors(command), self.state))
+        frame = self._frame()
+        if frame is None:
+            return None
+        found = frames.read(frame)
+        now = self.clock()
+        if not all(found.homed):
+            self.state, self.last = frames.HOMING | frames.RED, None
+            return Sample(now, buttons=found.buttons, homed=False)
+        self.state = frames.HOMING | frames.GREEN  # the homing bit stays on: the firmware wants it so
+        counts = self._believed(found.counts, now)
+        if counts is None:
+            return Sample(now, buttons=found.buttons, homed=False)
+        a, b, c = (FALCON.zero + n * FALCON.count for n in counts)
+        ok, x, y, z = forward_kernel(self.geometry, a, b, c, *self.place)
+        if ok and math.isfinite(x + y + z):
+            self.place = x, y, z
+        return Sample(now, (a, b, c), self.place, found.buttons)
+
+    def _believed(self, counts: Counts, now: int) -> Counts | None:
+        """The counts, or the last ones where these cannot be: unless several in a row agree with one another.
+
+        None before the first several. The frames have no check sum, so a wrong nibble looks like a jump of 16 counts
+        or more from the way that the arm was on.
+        """
+        if self.last is not None:
+            elapsed = (now - self.last_at) * 1e-6
+            missed = max(abs(c - b - r * elapsed) for c, b, r in zip(counts, self.last, self.rate, strict=True))
+            if missed <= min(JERK * max(1.0, elapsed) + UNEVEN * max(map(abs, self.rate)), LARGEST):
+                if elapsed > 0.0:
+                    a, b, c = ((c - b) / max(elapsed, UNEVEN) for c, b in zip(counts, self.last, strict=True))
+                    self.rate = a, b, c
+                self.last, self.last_at, self.doubted = counts, now, []
+                return counts
+            self.glitches += 1
+        if self.doubted and max(abs(c - b) for c, b in zip(counts, self.doubted[-1], strict=True)) > AGREE:
+            self.doubted = []
+        self.doubted.append(counts)
+        if len(self.doubted) >= BELIEVED:
+            a, b, c = (median_low(column) for column in zip(*self.doubted, strict=True))  # one of them may be wrong
+            self.last, self.last_at, self.rate, self.doubted = (a, b, c), now, (0.0, 0.0, 0.0), []
+        return self.last
+
+    def close(self) -> None:
+        if self.chip is not None:
+            chip, self.chip = self.chip, None
+            with suppress(DeviceError):
+                chip.write(frames.command((0, 0, 0), frames.RED))
+            chip.close()

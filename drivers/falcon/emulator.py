@@ -1,0 +1,218 @@
+"""A Falcon without a Falcon: FTDI chip, boot loader, firmware, arms and the hand that holds it, byte for byte.
+
+The chip sends a packet with two modem bytes when 62 bytes have come from the line or its latency timer has run out,
+empty ones too. Every byte takes its ten bits' time at the baud rate that is set.
+"""
+
+from __future__ import annotations
+
+import random
+import time
+from collections import deque
+from collections.abc import Callable
+
+import numpy as np
+
+from palpate.drivers.emulate.faults import Days, Faults
+from palpate.drivers.emulate.hand import Hand, Script
+from palpate.drivers.errors import DeviceError
+from palpate.drivers.falcon import NAME, firmware, frames
+from palpate.drivers.transport import ftdi
+from palpate.physics.device.falcon import FALCON, leg
+from palpate.physics.device.falcon_statics import force_kernel
+
+MODEM_BYTES = b"\x01\x60"
+CLOCK = 3.0e6  # [Hz] of the chip's baud generator
+OFFSET = (137, -411, 262)  # [counts] of the encoders before homing
+IMAGE = random.Random(48).randbytes(9973)
+"""Stands for a firmware: only an emulator takes it."""
+
+
+def baud(divisor: int) -> float:
+    """[1/s] of a divisor word: 14 bits whole, two bits of eighths (0, 1/2, 1/4, 1/8)."""
+    whole, part = divisor & 0x3FFF, (0.0, 0.5, 0.25, 0.125)[divisor >> 14 & 3]
+    return CLOCK / (whole + part)
+
+
+class EmulatedFalcon:
+    """The device itself. It keeps its firmware, its homing and its hand while the plug is in and out.
+
+    script  of the hand
+    faults  bad days
+    image   the firmware that it takes; any other is loaded, too, and does not run
+    loaded  whether it has its firmware already
+    homing  [s] in homing mode until the hand has moved it past its marks
+    waits   whether the hand goes its way when `go` says so; otherwise as soon as the device is homed
+    now     clock [ns]; sleep: wait [s]
+    """
+
+    def __init__(
+        self,
+        script: Script | None = None,
+        faults: Faults | None = None,
+        image: bytes = IMAGE,
+        *,
+        loaded: bool = False,
+        homing: float = 0.2,
+        waits: bool = False,
+        now: Callable[[], int] = time.monotonic_ns,
+        sleep: Callable[[float], None] = time.sleep,
+    ) -> None:
+        self.hand = Hand(script or Script())
+        self.days = Days(faults or Faults())
+        self.image, self.homing, self.waits = image, homing, waits
+        self.now, self.sleep = now, sleep
+        self.running = loaded
+        self.homed_at: int | None = None
+        self.torques = (0.0, 0.0, 0.0)
+        self.seen: deque[tuple[int, tuple[int, int, int]]] = deque(maxlen=4096)
+        """Motor words that have come, with the time [ns] of each: the last 4096."""
+        self.lights = 0
+        self.geometry = FALCON.geometry
+        self.attempts = 0
+        self._force(self.hand.position)
+
+    def connect(self) -> EmulatedChip:
+        """Open the chip, as a driver does. DeviceError: it is unplugged."""
+        if self.days.unplugged(self.now()):
+            raise DeviceError(f"no {NAME} on USB: the emulated one is unplugged")
+        return EmulatedChip(self)
+
+    def go(self) -> None:
+        """The hand begins its way."""
+        self.waits = False
+
+    def answer(self, frame: bytes) -> bytes:
+        """One frame to the running firmware, and its answer."""
+        now = self.now()
+        if not self.waits:
+            self.days.begin(now)
+        words, state = frames.numbers(frame[1:13]), frame[13] - frames.BASE
+        self.seen.append((now, words))
+        self.lights = state & 0xE
+        if not state & frames.HOMING:
+            self.homed_at = None
+        elif self.homed_at is None:
+            self.homed_at = now + round(self.homing * 1e9)
+        homed = self.homed_at is not None and now >= self.homed_at
+        if homed and not self.waits and not self.hand.begun:
+            self.hand.begin(now)
+        place = self.hand.move(self._force, now)
+        self.torques = frames.torques(words)
+        if self.days.silent(now):
+            return b""
+        a, b, c = (self._count(i, place, homed) for i in range(3))
+        if self.days.chance("glitches"):
+            a += 1000
+        return self.days.spoil(frames.report((a, b, c), self.hand.buttons, (homed,) * 3))
+
+    def _force(self, place: np.ndarray) -> tuple[float, float, float]:
+        _, x, y, z = force_kernel(self.geometry, *self.torques, *place)
+        return x, y, z
+
+    def _count(self, i: int, place: np.ndarray, homed: bool) -> int:
+        angle = leg(self.geometry, i, *place)[1]
+        count = round((angle - FALCON.zero) / FALCON.count) + (0 if homed else OFFSET[i])
+        return count + (self.days.random.choice((-1, 1)) if self.days.chance("noise") else 0)
+
+
+class EmulatedChip:
+    """The FTDI chip of an emulated Falcon: `transport.ftdi.Ftdi`."""
+
+    def __init__(self, device: EmulatedFalcon) -> None:
+        self.device = device
+        self.divisor, self.latency = firmware.SLOW, 0.016
+        self.dtr = False
+        self.loading: bytearray | None = None
+        self.heard = b""
+        self.line: deque[tuple[int, int]] = deque()  # (when it has come [ns], byte)
+        self.free = 0  # [ns] when the line back is free again
+        self.timer = device.now()
+
+    def _plugged(self) -> None:
+        if self.device.days.unplugged(self.device.now()):
+            raise DeviceError(f"the {NAME} is gone. Plug it in again.", lost=True)
+
+    def control(self, request: int, value: int) -> None:
+        self._plugged()
+        if request == ftdi.RESET and value == ftdi.PURGE_RX:
+            self.line.clear()
+        elif request == ftdi.RESET and value == ftdi.PURGE_TX:
+            self.heard = b""
+        elif request == ftdi.LATENCY:
+            self.latency = value * 1e-3
+        elif request == ftdi.BAUD:
+            self.divisor = value
+            if value == firmware.RUNNING and self.loading is not None:
+                self.device.running = bytes(self.loading) == self.device.image
+                self.device.homed_at = None
+                self.loading = None
+        elif request == ftdi.MODEM and value in (ftdi.DTR_LOW, ftdi.DTR_HIGH):
+            if value == ftdi.DTR_HIGH:  # resets the processor into its boot loader
+                self.device.running, self.loading = False, None
+            self.dtr = value == ftdi.DTR_HIGH
+
+    def write(self, data: bytes) -> None:
+        self._plugged()
+        device = self.device
+        taken = round(10.0 / baud(self.divisor) * 1e9 * len(data))
+        if self.divisor == firmware.SLOW and self.dtr:
+            self.heard = (self.heard + data)[-3:]
+            if self.heard == firmware.HELLO:
+                self.heard = b""
+                self._say(b"\x00" * (device.attempts % 2) + firmware.READY, taken)
+        elif self.divisor == firmware.LOADING:
+            self._load(data, taken)
+        elif self.divisor == firmware.RUNNING and device.running:
+            self.heard += data
+            while len(self.heard) >= frames.LENGTH:
+                frame, self.heard = self.heard[: frames.LENGTH], self.heard[frames.LENGTH :]
+                if frame[:1] == b"<" and frame[-1:] == b">":
+                    self._say(device.answer(frame), taken + round(device.days.faults.latency * 1e9))
+
+    def _load(self, data: bytes, taken: int) -> None:
+        if self.loading is None:
+            if data == firmware.LETTER:
+                self.loading = bytearray()
+                self.device.attempts += 1
+                self._say(data, taken)
+            return
+        fails = self.device.attempts <= self.device.days.faults.flaky
+        if fails and len(self.loading) >= 1000:
+            data = bytes((data[0] ^ 0xFF,)) + data[1:]
+        self.loading += data
+        self._say(data, taken)
+
+    def _say(self, data: bytes, after: int) -> None:
+        step = round(10.0 / baud(self.divisor) * 1e9)
+        at = max(self.device.now() + after, self.free)
+        for byte in data:
+            at += step
+            self.line.append((at, byte))
+        self.free = at
+
+    def read(self, timeout: float) -> bytes:
+        device = self.device
+        deadline = device.now() + round(timeout * 1e9)
+        period = round(self.latency * 1e9)
+        self.timer = max(self.timer, device.now() - period)
+        due = self.timer + period
+        if len(self.line) >= ftdi.PACKET - 2:
+            due = min(due, self.line[ftdi.PACKET - 3][0])
+        self._wait(min(due, deadline))
+        self._plugged()
+        if due > deadline:
+            return b""
+        self.timer = due
+        found = bytearray()
+        while self.line and len(found) < ftdi.PACKET - 2 and self.line[0][0] <= due:
+            found.append(self.line.popleft()[1])
+        return MODEM_BYTES + bytes(found)
+
+    def _wait(self, until: int) -> None:
+        left = until - self.device.now()
+        if left > 0:
+            self.device.sleep(left * 1e-9)
+
+    def close(self) -> None:
+        self.line.clear()

@@ -1,0 +1,113 @@
+"""Frames of a running Falcon: 16 bytes each way, `<`, 14 bytes, `>`.
+
+Three signed 16-bit words of four nibbles each, the least significant first, every nibble sent as 0x41 + nibble; one
+byte of state; one filler. To the device the words are motor commands, from it encoder counts. The words' bytes lie in
+0x41 .. 0x50 and so hold neither `<` nor `>`.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+LENGTH = 16
+BASE = 0x41
+LARGEST = 4096  # of a motor word
+WORD_PER_TORQUE = -1.0e4  # [1/(N m)] empirical, of the open driver
+HOMING, GREEN, BLUE, RED = 0x1, 0x2, 0x4, 0x8  # bits of the host's state byte
+
+
+class Report(NamedTuple):
+    """What the device says.
+
+    counts   [1] (3)  encoders
+    buttons  [1]      1 plus, 2 forward, 4 centre, 8 minus
+    homed    [1] (3)  whether each encoder has passed its mark
+    """
+
+    counts: tuple[int, int, int]
+    buttons: int
+    homed: tuple[bool, bool, bool]
+
+
+def words(values: tuple[int, int, int]) -> bytes:
+    """The 12 bytes of three int16."""
+    return bytes(BASE + (value >> shift & 0xF) for value in values for shift in (0, 4, 8, 12))
+
+
+def numbers(data: bytes) -> tuple[int, int, int]:
+    """Three int16 of 12 bytes."""
+    found = []
+    for i in (0, 4, 8):
+        raw = sum((data[i + k] - BASE & 0xF) << 4 * k for k in range(4))
+        found.append(raw - 0x10000 if raw & 0x8000 else raw)
+    return found[0], found[1], found[2]
+
+
+def command(motors: tuple[int, int, int], state: int = 0) -> bytes:
+    """A frame to the device. `state`: HOMING and lights."""
+    return b"<" + words(motors) + bytes((BASE + state, BASE)) + b">"
+
+
+def report(counts: tuple[int, int, int], buttons: int, homed: tuple[bool, bool, bool]) -> bytes:
+    """A frame from the device."""
+    state = buttons | sum(0x10 << i for i in range(3) if homed[i])
+    return b"<" + words(counts) + bytes((BASE + state, BASE)) + b">"
+
+
+def read(frame: bytes) -> Report:
+    """What a whole frame from the device says."""
+    state = frame[13] - BASE
+    homed = bool(state & 0x10), bool(state & 0x20), bool(state & 0x40)
+    return Report(numbers(frame[1:13]), state & 0xF, homed)
+
+
+def motors(torques: tuple[float, ...]) -> tuple[int, int, int]:
+    """Motor words of three torques [N m]. Beyond the largest word all three are scaled: no component is clipped."""
+    raw = [WORD_PER_TORQUE * t for t in torques]
+    scale = min(1.0, LARGEST / max(max(map(abs, raw)), 1.0))
+    a, b, c = (round(scale * r) for r in raw)
+    return a, b, c
+
+
+def torques(values: tuple[int, int, int]) -> tuple[float, float, float]:
+    """Torques [N m] of three motor words."""
+    a, b, c = (v / WORD_PER_TORQUE for v in values)
+    return a, b, c
+
+
+class Reader:
+    """Finds frames in what comes off the line, whatever came before.
+
+    wrong  [1]  bytes that belonged to no frame
+    """
+
+    def __init__(self) -> None:
+        self._rest = b""
+        self.wrong = 0
+
+    def clear(self) -> None:
+        """Forget what has come."""
+        self._rest = b""
+
+    def feed(self, data: bytes) -> list[bytes]:
+        """Take bytes; the whole frames among all that came."""
+        rest, found = self._rest + data, []
+        while True:
+            start = rest.find(b"<")
+            if start < 0:
+                self.wrong += len(rest)
+                rest = b""
+                break
+            self.wrong += start
+            rest = rest[start:]
+            if len(rest) < LENGTH:
+                break
+            body = rest[1:13]
+            if rest[15:16] == b">" and all(BASE <= b <= BASE + 0xF for b in body) and BASE <= rest[13] <= BASE + 0x7F:
+                found.append(rest[:LENGTH])
+                rest = rest[LENGTH:]
+            else:
+                self.wrong += 1
+                rest = rest[1:]
+        self._rest = rest
+        return found

@@ -1,0 +1,175 @@
+"""Haply's Inverse3 through the maker's local service (Inverse Service 3), JSON over ws://localhost:10001.
+
+The service sends the state of all its devices, `inverse3[].device_id` and `.state.cursor_position`; a handle is in
+`wireless_verse_grip[]`. A force goes out as `inverse3[].commands.set_cursor_force.values`; the next state comes only
+after a command, one of zero included. Metres and newtons.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import threading
+import time
+from collections.abc import Callable
+from typing import Any
+
+from palpate.drivers.emulate.faults import Days, Faults
+from palpate.drivers.emulate.hand import Hand, Script
+from palpate.drivers.errors import DeviceError, package
+from palpate.drivers.guard import Sample
+from palpate.drivers.limits import LIMITS
+from palpate.drivers.transport.websocket import Messages
+
+NAME = "Haply Inverse service"
+ADDRESS = "ws://localhost:10001"
+PATIENCE = 0.005  # [s] for a state
+GRIPS = ("wireless_verse_grip", "verse_grip")
+
+
+def command(device: str, force: tuple[float, ...]) -> str:
+    """The message that sets a force [N] (3)."""
+    x, y, z = force
+    values = {"x": x, "y": y, "z": z}
+    return json.dumps({"inverse3": [{"device_id": device, "commands": {"set_cursor_force": {"values": values}}}]})
+
+
+def state(text: str) -> dict[str, Any]:
+    """A message of the service; an empty mapping where it is none."""
+    try:
+        found = json.loads(text)
+    except ValueError:
+        return {}
+    return found if isinstance(found, dict) else {}
+
+
+def position(device: dict[str, Any]) -> tuple[float, float, float] | None:
+    """The cursor's position [m] of a device's entry; None where it has none."""
+    try:
+        given = device["state"]["cursor_position"]
+        found = float(given["x"]), float(given["y"]), float(given["z"])
+    except (KeyError, TypeError, ValueError):
+        return None
+    return found if all(map(math.isfinite, found)) else None
+
+
+def buttons(message: dict[str, Any]) -> int:
+    """The mask of the first handle's buttons, in the order of their names."""
+    for kind in GRIPS:
+        for grip in message.get(kind) or []:
+            pressed = (grip.get("state") or {}).get("buttons") if isinstance(grip, dict) else None
+            if isinstance(pressed, dict):
+                return sum(1 << i for i, name in enumerate(sorted(pressed)) if pressed[name] is True)
+    return 0
+
+
+class Inverse3:
+    """A device of the service.
+
+    connect  opens the connection
+    device   its id; empty where the service has only one
+    """
+
+    limits = LIMITS["inverse3"]
+    size = 3
+
+    def __init__(self, connect: Callable[[], Messages], device: str = "") -> None:
+        self.connect, self.device = connect, device
+        self.link: Messages | None = None
+
+    def open(self) -> None:
+        self.link = self.connect()
+        deadline = time.monotonic() + 2.0
+        first: dict[str, Any] = {}
+        while "inverse3" not in first and time.monotonic() < deadline:
+            first = state(self.link.read(0.2))
+        if "inverse3" not in first:
+            raise DeviceError(f"the {NAME} tells of no devices within 2 s. Is it version 3 of the service?")
+        known = [str(d.get("device_id")) for d in first["inverse3"] or [] if isinstance(d, dict)]
+        if not known:
+            raise DeviceError(f"the {NAME} runs, but knows no Inverse3. Plug it in and give it power.")
+        if self.device and self.device not in known:
+            raise DeviceError(f"the {NAME} knows no Inverse3 {self.device!r}. It knows: {', '.join(known)}.")
+        if len(known) > 1 and not self.device:
+            raise DeviceError(f"the {NAME} knows {len(known)} of them. Say which with `device_id`: {', '.join(known)}.")
+        self.chosen = self.device or known[0]
+
+    def cycle(self, command_: tuple[float, ...]) -> Sample | None:
+        if self.link is None:
+            raise DeviceError(f"the {NAME} is not connected", lost=True)
+        self.link.write(command(self.chosen, command_))
+        text = self.link.read(PATIENCE)
+        while text and (more := self.link.read(0.0)):  # the newest counts
+            text = more
+        message = state(text)
+        for device in message.get("inverse3") or []:
+            if isinstance(device, dict) and str(device.get("device_id")) == self.chosen:
+                place = position(device)
+                return None if place is None else Sample(time.monotonic_ns(), position=place, buttons=buttons(message))
+        return None
+
+    def close(self) -> None:
+        if self.link is not None:
+            link, self.link = self.link, None
+            link.close()
+
+
+class EmulatedService:
+    """The service itself on a port of this machine, with a device that a hand holds. `address`: where it listens."""
+
+    def __init__(
+        self, script: Script | None = None, faults: Faults | None = None, *, ids: tuple[str, ...] = ("04EF",),
+        waits: bool = False,
+    ) -> None:  # fmt: skip
+        self.hand, self.days, self.waits, self.ids = Hand(script or Script()), Days(faults or Faults()), waits, ids
+        self.force = (0.0, 0.0, 0.0)
+        self.errors = package("websockets.exceptions")
+        self.server = package("websockets.sync.server").serve(self._serve, "127.0.0.1", 0, compression=None)
+        self.address = f"ws://127.0.0.1:{self.server.socket.getsockname()[1]}"
+        threading.Thread(target=self.server.serve_forever, name="emulated Inverse service", daemon=True).start()
+
+    def go(self) -> None:
+        """The hand begins its way."""
+        self.waits = False
+
+    def _state(self, now: int, *, first: bool) -> str:
+        x, y, z = map(float, self.hand.move(lambda place: self.force, now))
+        device: dict[str, Any] = {"state": {"cursor_position": {"x": x, "y": y, "z": z}}}
+        if first:
+            device["config"] = {"handedness": "right"}
+        pressed = {name: bool(self.hand.buttons >> i & 1) for i, name in enumerate("abc")}
+        return json.dumps(
+            {
+                "inverse3": [{"device_id": name, **device} for name in self.ids],
+                "wireless_verse_grip": [{"device_id": "61576", "state": {"buttons": pressed}}],
+            }
+        )
+
+    def _serve(self, link: Any) -> None:
+        try:
+            link.send(self._state(time.monotonic_ns(), first=True))
+            for text in link:
+                now = time.monotonic_ns()
+                if not self.waits:
+                    self.days.begin(now)
+                if self.days.unplugged(now):
+                    return
+                if not self.waits and not self.hand.begun:
+                    self.hand.begin(now)
+                for device in state(text).get("inverse3") or []:
+                    if device.get("device_id") == self.ids[0]:
+                        given = device["commands"]["set_cursor_force"]["values"]
+                        self.force = given["x"], given["y"], given["z"]
+                if self.days.silent(now):
+                    continue
+                if self.days.faults.latency > 0.0:
+                    time.sleep(self.days.faults.latency)
+                said = self.days.spoil(self._state(now, first=False).encode())
+                if said:
+                    link.send(said.decode(errors="replace"))
+        except (self.errors.ConnectionClosed, KeyError, TypeError):
+            return
+
+    def close(self) -> None:
+        """End the service."""
+        self.server.shutdown()

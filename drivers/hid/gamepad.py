@@ -1,0 +1,72 @@
+"""Gamepads and joysticks: whatever axes and buttons their report descriptor tells."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+from palpate.drivers.errors import DeviceError
+from palpate.drivers.guard import Sample
+from palpate.drivers.hid.descriptor import AXES, BUTTON, DESKTOP, GAMEPADS, Field, fields
+from palpate.drivers.limits import LIMITS
+from palpate.drivers.transport.hid import Hid
+
+NAME = "gamepad"
+PATIENCE = 0.02  # [s] it may be silent while nobody touches it
+
+
+def fits(entry: dict[str, Any]) -> bool:
+    """Whether an entry of hidapi's list is a joystick or gamepad."""
+    return entry.get("usage_page") == DESKTOP and entry.get("usage") in GAMEPADS
+
+
+class Gamepad:
+    """A gamepad. `position` of its samples: the axes X, -Y, -Rz (or -Z) in -1 .. 1: left stick right and away, right
+    stick up. `buttons`: the first 32."""
+
+    limits = LIMITS["gamepad"]
+    size = 0
+
+    def __init__(self, connect: Callable[[], Hid]) -> None:
+        self.connect = connect
+        self.device: Hid | None = None
+
+    def open(self) -> None:
+        self.device = self.connect()
+        found = fields(self.device.descriptor())
+        self.numbered = any(f.report for f in found)
+        self.axes: dict[int, Field] = {f.usage: f for f in reversed(found) if f.page == DESKTOP}
+        self.keys = [f for f in found if f.page == BUTTON][:32]
+        if AXES[0] not in self.axes or AXES[1] not in self.axes:
+            raise DeviceError(
+                f"the {NAME} describes no stick (axes X and Y). `palpate devices` shows what else is there."
+            )
+        self.values: dict[int, float] = {}
+        self.buttons = 0
+
+    def take(self, report: bytes) -> None:
+        """One report."""
+        number, body = (report[0], report[1:]) if self.numbered and report else (0, report)
+        for usage, field in self.axes.items():
+            if field.report == number and (value := field.scaled(body)) is not None:
+                self.values[usage] = value
+        for i, field in enumerate(self.keys):
+            if field.report == number and (pressed := field.value(body)) is not None:
+                self.buttons = self.buttons | 1 << i if pressed else self.buttons & ~(1 << i)
+
+    def cycle(self, command: tuple[float, ...]) -> Sample | None:
+        if self.device is None:
+            raise DeviceError(f"the {NAME} is not open", lost=True)
+        report = self.device.read(64, PATIENCE)
+        while report:
+            self.take(report)
+            report = self.device.read(64, 0.001)
+        third = AXES[5] if AXES[5] in self.axes else AXES[2]
+        x, y, z = (self.values.get(usage, 0.0) for usage in (AXES[0], AXES[1], third))
+        return Sample(time.monotonic_ns(), position=(x, -y, -z), buttons=self.buttons)
+
+    def close(self) -> None:
+        if self.device is not None:
+            device, self.device = self.device, None
+            device.close()

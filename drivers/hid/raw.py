@@ -1,0 +1,173 @@
+"""The open raw-HID protocol for haptic devices that people build: docs/raw_hid.md is its one page.
+
+Reports of 64 bytes each way, without a report number, little-endian, CRC-16/X-25 of bytes 0 to 61 in the last two.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+import time
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+from palpate.drivers.checksums import crc16_x25
+from palpate.drivers.errors import DeviceError
+from palpate.drivers.guard import Sample
+from palpate.drivers.limits import LIMITS
+from palpate.drivers.transport.hid import Hid
+
+NAME = "raw-HID device"
+USAGE_PAGE, USAGE = 0xFFAB, 0x0200  # vendor-defined, of Teensy's RawHID and its like
+MAGIC, VERSION = 0x50, 1
+LENGTH, AXES = 64, 6
+COMMAND, STATE, INFO = 1, 2, 3
+ENABLE, HOME, ASK_INFO = 1, 2, 4  # flags of a command
+HOMED, TRIPPED, FAULT = 1, 2, 4  # flags of a state
+TORQUES = 1  # flag of an info: counts are of joints, commands are torques
+PATIENCE = 0.004  # [s] for a state
+WATCHDOG = 20  # [ms] without a command after which the device lets go
+_COMMAND, _STATE, _INFO = struct.Struct("<BBHBBH6h"), struct.Struct("<BBHHBBI6iH"), struct.Struct("<BBHBB6f6f")
+
+
+class Command(NamedTuple):
+    """What the host sends: sequence number, flags, watchdog [ms], values (6) in the device's units."""
+
+    sequence: int
+    flags: int
+    watchdog: int
+    values: tuple[int, ...]
+
+
+class State(NamedTuple):
+    """What the device sends: its number, that of the last command, flags, axes, time [us], counts (6), buttons."""
+
+    sequence: int
+    heard: int
+    flags: int
+    axes: int
+    time: int
+    counts: tuple[int, ...]
+    buttons: int
+
+
+class Info(NamedTuple):
+    """What the device is: flags, axes, [m] or [rad] of a count (6), [N] or [N m] of a unit (6)."""
+
+    flags: int
+    axes: int
+    per_count: tuple[float, ...]
+    per_unit: tuple[float, ...]
+
+
+def _close(body: bytes) -> bytes:
+    body = body.ljust(LENGTH - 2, b"\0")
+    return body + struct.pack("<H", crc16_x25(body))
+
+
+def pack(message: Command | State | Info) -> bytes:
+    """The 64 bytes of a message."""
+    if isinstance(message, Command):
+        head = (MAGIC, COMMAND, message.sequence, message.flags, VERSION, message.watchdog)
+        return _close(_COMMAND.pack(*head, *message.values))
+    if isinstance(message, State):
+        s = message
+        return _close(_STATE.pack(MAGIC, STATE, s.sequence, s.heard, s.flags, s.axes, s.time, *s.counts, s.buttons))
+    return _close(_INFO.pack(MAGIC, INFO, VERSION, message.flags, message.axes, *message.per_count, *message.per_unit))
+
+
+def unpack(report: bytes) -> Command | State | Info | None:
+    """The message in a report; None where it is none, or spoilt."""
+    if len(report) != LENGTH or report[0] != MAGIC or crc16_x25(report[:-2]) != int.from_bytes(report[-2:], "little"):
+        return None
+    if report[1] == COMMAND:
+        _, _, sequence, flags, _, watchdog, *values = _COMMAND.unpack_from(report)
+        return Command(sequence, flags, watchdog, tuple(values))
+    if report[1] == STATE:
+        _, _, sequence, heard, flags, axes, stamp, *rest = _STATE.unpack_from(report)
+        return State(sequence, heard, flags, axes, stamp, tuple(rest[:AXES]), rest[AXES])
+    if report[1] == INFO:
+        _, _, _, flags, axes, *rest = _INFO.unpack_from(report)
+        return Info(flags, axes, tuple(rest[:AXES]), tuple(rest[AXES:]))
+    return None
+
+
+def fits(entry: dict[str, Any]) -> bool:
+    """Whether an entry of hidapi's list may speak the protocol; it is asked before it is believed."""
+    return entry.get("usage_page") == USAGE_PAGE and entry.get("usage") == USAGE
+
+
+class RawHid:
+    """A device that speaks the protocol, with three axes."""
+
+    limits = LIMITS["rawhid"]
+    size = 3
+
+    def __init__(self, connect: Callable[[], Hid]) -> None:
+        self.connect = connect
+        self.device: Hid | None = None
+
+    def open(self) -> None:
+        self.sequence, self.wrong, self.last = 0, 0, -1
+        self.device = self.connect()
+        self.info = self._ask()
+        if not 1 <= self.info.axes <= 3:
+            raise DeviceError(f"the {NAME} has {self.info.axes} axes, expected 1 to 3.")
+        scales = (*self.info.per_count[: self.info.axes], *self.info.per_unit[: self.info.axes])
+        if not all(math.isfinite(s) and s != 0.0 for s in scales):
+            raise DeviceError(f"the {NAME} tells scales of {scales}, expected numbers but 0: look at its firmware.")
+
+    def _ask(self) -> Info:
+        assert self.device is not None
+        deadline = time.monotonic() + 1.0
+        while time.monotonic() < deadline:
+            self._send(ASK_INFO, (0,) * AXES)
+            for _ in range(8):
+                found = unpack(self.device.read(LENGTH, 0.01))
+                if isinstance(found, Info):
+                    return found
+        raise DeviceError(f"the {NAME} does not answer as docs/raw_hid.md says. Is its firmware of version {VERSION}?")
+
+    def _send(self, flags: int, values: tuple[int, ...]) -> None:
+        assert self.device is not None
+        self.sequence = self.sequence + 1 & 0xFFFF
+        self.device.write(pack(Command(self.sequence, flags, WATCHDOG, values)))
+
+    def units(self, command: tuple[float, ...]) -> tuple[int, ...]:
+        """A command [N] or [N m] in the device's units: too large a one is scaled as a whole."""
+        raw = [c / u for c, u in zip(command[: self.info.axes], self.info.per_unit, strict=False)]
+        scale = min(1.0, 32767.0 / max(max(map(abs, raw)), 1.0))
+        return (*(round(scale * r) for r in raw), *(0,) * (AXES - len(raw)))
+
+    def cycle(self, command: tuple[float, ...]) -> Sample | None:
+        if self.device is None:
+            raise DeviceError(f"the {NAME} is not open", lost=True)
+        self._send(ENABLE | HOME, self.units(command))
+        deadline = time.monotonic() + PATIENCE
+        found = None
+        while found is None and (left := deadline - time.monotonic()) > 0.0:
+            report = self.device.read(LENGTH, left)
+            message = unpack(report)
+            if isinstance(message, State) and message.sequence != self.last:
+                found = message
+            elif report and message is None:
+                self.wrong += 1
+        if found is None:
+            return None
+        self.last = found.sequence
+        now = time.monotonic_ns()
+        if found.flags & FAULT:
+            raise DeviceError(f"the {NAME} reports a fault of its own. Switch it off and on; look at its firmware.")
+        if not found.flags & HOMED:
+            return Sample(now, buttons=found.buttons, homed=False)
+        axes = self.info.axes
+        where = tuple(n * s for n, s in zip(found.counts[:axes], self.info.per_count, strict=False))
+        where += (0.0,) * (3 - axes)
+        if self.info.flags & TORQUES:
+            return Sample(now, joints=where, buttons=found.buttons)
+        return Sample(now, position=where, buttons=found.buttons)
+
+    def close(self) -> None:
+        if self.device is not None:
+            device, self.device = self.device, None
+            device.close()

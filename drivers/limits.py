@@ -1,0 +1,47 @@
+"""What each device may do to a hand: the one place for these numbers. `guard.Guard` holds every command to them.
+
+A row limits the command in the device's own terms: forces [N], or torques [N m] of its arms. The Falcon's torque is the
+full scale of its motor words (libnifalcon). All other numbers are this project's own, chosen so that what a user of
+the device does with care stays inside: no data sheet was checked for them.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+Box = tuple[tuple[float, float, float], tuple[float, float, float]]
+EVERYWHERE: Box = ((-math.inf,) * 3, (math.inf,) * 3)
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Limits of one device.
+
+    command  [N] or [N m]  largest command: of the force's length, or of each arm's torque
+    power    [W]           largest power given to the hand
+    speed    [m/s]         faster than this, the command goes to zero
+    box      [m]           (low, high) corners in the device's frame; outside, the command goes to zero
+    delay    [1]           samples at 1 kHz between a motion and the force that answers it: the controller's `delay`
+    ramp     [s]           in which the command comes in after start, homing, or a break
+    each     [1]           whether `command` holds for each number (torques), or for the vector's length (a force)
+    """
+
+    command: float
+    power: float
+    speed: float
+    box: Box = EVERYWHERE
+    delay: int = 2
+    ramp: float = 0.5
+    each: bool = False
+
+
+LIMITS = {
+    "falcon": Limits(0.4096, 8.0, 1.5, ((-0.09, -0.09, 0.06), (0.09, 0.09, 0.185)), delay=3, each=True),
+    "inverse3": Limits(10.0, 10.0, 2.0, delay=2),
+    "haply2diy": Limits(3.0, 3.0, 1.5, ((-0.12, 0.02, -1.0), (0.16, 0.16, 1.0)), delay=3),
+    "rawhid": Limits(5.0, 5.0, 1.5, delay=3),
+    "spacemouse": Limits(0.0, 0.0, math.inf),
+    "gamepad": Limits(0.0, 0.0, math.inf),
+}
+"""By the name of the driver."""

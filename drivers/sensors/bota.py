@@ -1,0 +1,165 @@
+"""Bota Systems' force-torque sensors with a serial port (SensONE, Rokubi, MiniONE).
+
+As in the maker's open Python example: 460 800 baud; `C` for configuration, one command a line, `R` to run; each is
+answered by `r,0,` and the command. Then frames: AA, 34 bytes, CRC-16/X-25 of these, all little-endian.
+"""
+
+from __future__ import annotations
+
+import struct
+import time
+from collections.abc import Callable
+from typing import NamedTuple
+
+from palpate.drivers.checksums import crc16_x25
+from palpate.drivers.errors import DeviceError
+from palpate.drivers.guard import Sample
+from palpate.drivers.limits import Limits
+from palpate.drivers.transport.serial import Line
+
+NAME = "Bota force sensor"
+BAUD = 460800
+HEADER = b"\xaa"
+BODY = struct.Struct("<H6fIf")  # status, forces [N] and torques [N m], time [us], temperature [deg C]
+FRAME = 1 + BODY.size + 2
+STEP = 19.53125e-6  # [s] of the sensor's converter: a frame comes every `sinc` steps
+PATIENCE = 0.05  # [s] for a frame
+SETUP = 2.0  # [s] for an answer while it is set up
+INVALID = 0b0110  # bits of the status: out of range, invalid
+
+
+class Reading(NamedTuple):
+    """One frame. status [1], wrench [N] (3) and [N m] (3), time [us] of the sensor, temperature [deg C]."""
+
+    status: int
+    wrench: tuple[float, ...]
+    time: int
+    temperature: float
+
+
+def frame(reading: Reading) -> bytes:
+    """A frame as the sensor sends it."""
+    body = BODY.pack(reading.status, *reading.wrench, reading.time, reading.temperature)
+    return HEADER + body + struct.pack("<H", crc16_x25(body))
+
+
+class Reader:
+    """Finds frames in what comes off the line. wrong [1]: bytes that belonged to none."""
+
+    def __init__(self) -> None:
+        self._rest = b""
+        self.wrong = 0
+
+    def feed(self, data: bytes) -> list[Reading]:
+        """Take bytes; the frames among all that came."""
+        rest, found, at = self._rest + data, [], 0
+        while True:
+            start = rest.find(HEADER, at)
+            if start < 0:
+                self.wrong += len(rest) - at
+                at = len(rest)
+                break
+            self.wrong += start - at
+            at = start
+            if len(rest) - at < FRAME:
+                break
+            body, check = rest[at + 1 : at + 1 + BODY.size], rest[at + 1 + BODY.size : at + FRAME]
+            if crc16_x25(body) == int.from_bytes(check, "little"):
+                status, *wrench, stamp, warmth = BODY.unpack(body)
+                found.append(Reading(status, tuple(wrench), stamp, warmth))
+                at += FRAME
+            else:
+                self.wrong += 1
+                at += 1
+        self._rest = rest[at:]
+        return found
+
+
+class Bota:
+    """The sensor behind a line.
+
+    connect  opens the line
+    sinc     length of its filter: 51 200 / sinc frames a second
+    """
+
+    limits = Limits(0.0, 0.0, float("inf"))
+    size = 0
+
+    def __init__(self, connect: Callable[[], Line], sinc: int = 57) -> None:
+        self.connect, self.sinc = connect, sinc
+        self.line: Line | None = None
+
+    def open(self) -> None:
+        self.reader = Reader()
+        self.line = self.connect()
+        self._ask("C")
+        self._ask("c,0,1,0,4")  # no temperature compensation, calibrated, binary, 460 800 baud
+        self._ask(f"f,{self.sinc},0,0,1")
+        self._ask("R")
+
+    def _ask(self, command: str) -> None:
+        """One command and its answer; asked again while the sensor is still streaming frames or starting up."""
+        assert self.line is not None
+        answer, deadline = f"r,0,{command[0]},0".encode(), time.monotonic() + SETUP
+        heard = b""
+        while time.monotonic() < deadline:
+            self.line.write(command.encode())
+            pause = time.monotonic() + 0.25
+            while time.monotonic() < pause:
+                heard = (heard + self.line.read(0.05))[-4096:]
+                if answer in heard or (command == "R" and Reader().feed(heard)):  # frames say that it runs, too
+                    return
+        what = "nothing" if not heard else f"{len(heard)} bytes without its answer"
+        raise DeviceError(
+            f"the {NAME} does not answer {command!r}: {what} came. Is this its port, and is the sensor under power?"
+        )
+
+    def cycle(self, command: tuple[float, ...]) -> Sample | None:
+        if self.line is None:
+            raise DeviceError(f"the {NAME} is not open", lost=True)
+        deadline = time.monotonic() + PATIENCE
+        while (left := deadline - time.monotonic()) > 0.0:
+            found = [r for r in self.reader.feed(self.line.read(left)) if not r.status & INVALID]
+            if found:
+                return Sample(time.monotonic_ns(), wrench=found[-1].wrench)
+        return None
+
+    def close(self) -> None:
+        if self.line is not None:
+            line, self.line = self.line, None
+            line.close()
+
+
+class EmulatedBota:
+    """The sensor itself, for `emulate.line.EmulatedLine`. `wrench` tells what acts on it at a time [ns]."""
+
+    def __init__(self, wrench: Callable[[int], tuple[float, ...]]) -> None:
+        self.wrench = wrench
+        self.running = False
+        self.sinc = 512
+        self.heard = b""
+        self.started = False
+
+    @property
+    def period(self) -> float:
+        return STEP * self.sinc
+
+    def hear(self, data: bytes, now: int) -> list[bytes]:
+        text = data.decode("ascii", errors="replace")
+        if text == "C":
+            self.running = False
+        elif self.running:
+            return []
+        elif text.startswith("f,"):
+            self.sinc = int(text.split(",")[1])
+        elif text == "R":
+            self.running = True
+        elif not text.startswith("c,"):
+            return []
+        return [f"r,0,{text[0]},0,{text}\r\n".encode()]
+
+    def say(self, now: int) -> bytes:
+        if not self.running:
+            said, self.started = b"" if self.started else b"Bota Systems AG\r\nApp Init\r\n", True
+            return said
+        return frame(Reading(0, self.wrench(now), now // 1000 & 0xFFFFFFFF, 30.0))

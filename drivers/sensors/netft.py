@@ -1,0 +1,199 @@
+"""ATI's Net F/T: force and torque over UDP, by its Raw Data Transfer.
+
+A request is `>HHI`: 0x1234, the command, how many samples (0: without end). A sample is `>III6i`: its number, the
+sensor's number, status, and six counts. Counts per newton and newton metre, and the units, stand in its own
+/netftapi2.xml.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import http.server
+import socket
+import struct
+import threading
+import time
+import urllib.error
+import urllib.request
+import xml.etree.ElementTree as xml
+from collections.abc import Callable
+from typing import NamedTuple
+
+from palpate.drivers.emulate.faults import Days, Faults
+from palpate.drivers.errors import DeviceError
+from palpate.drivers.guard import Sample
+from palpate.drivers.limits import Limits
+from palpate.drivers.transport.udp import Udp
+
+NAME = "Net F/T"
+PORT = 49152
+REQUEST, SAMPLE = struct.Struct(">HHI"), struct.Struct(">III6i")
+MAGIC, STOP, STREAM = 0x1234, 0, 2
+PATIENCE = 0.05  # [s] for a sample
+RENEW = 1.0  # [s] of silence after which the stream is asked for again
+FORCES = {"N": 1.0, "kN": 1e3, "lbf": 4.4482216152605, "klbf": 4448.2216152605, "kgf": 9.80665, "gf": 9.80665e-3}
+TORQUES = {
+    "Nm": 1.0, "N-m": 1.0, "Nmm": 1e-3, "N-mm": 1e-3, "kNm": 1e3, "kN-m": 1e3, "lbf-in": 0.1129848290276167,
+    "lbf-ft": 1.3558179483314004, "kgf-cm": 9.80665e-2,
+}  # fmt: skip
+
+
+class Scale(NamedTuple):
+    """Newtons [N] and newton metres [N m] of one count."""
+
+    force: float
+    torque: float
+
+
+def scale(text: bytes) -> Scale:
+    """The scale that a sensor's own page tells. DeviceError: it does not."""
+    try:
+        page = {element.tag: (element.text or "").strip() for element in xml.fromstring(text).iter()}
+        force, torque = float(page["cfgcpf"]), float(page["cfgcpt"])
+    except (xml.ParseError, KeyError, ValueError):
+        raise DeviceError(
+            f"the {NAME}'s /netftapi2.xml has no counts per force and torque (cfgcpf, cfgcpt). Is this a {NAME}?"
+        ) from None
+    units = page.get("scfgfu", "N"), page.get("scfgtu", "Nm")
+    if units[0] not in FORCES or units[1] not in TORQUES or not (force > 0.0 and torque > 0.0):
+        raise DeviceError(
+            f"the {NAME} measures {force:g} counts a {units[0]!r} and {torque:g} a {units[1]!r}. Set it to N and Nm on"
+            " its web page."
+        )
+    return Scale(FORCES[units[0]] / force, TORQUES[units[1]] / torque)
+
+
+class NetFT:
+    """The sensor at an address.
+
+    host   of the sensor
+    rdt    its UDP port; web: its HTTP port
+    """
+
+    limits = Limits(0.0, 0.0, float("inf"))
+    size = 0
+
+    def __init__(self, host: str, rdt: int = PORT, web: int = 80) -> None:
+        self.host, self.rdt, self.web = host, rdt, web
+        self.link: Udp | None = None
+        self.lost = 0
+        """[1] samples whose number was left out."""
+
+    def open(self) -> None:
+        if not self.host:
+            raise DeviceError(f"the {NAME} is on the network: say its address with `port`, 192.168.1.1 as delivered.")
+        self.scale = scale(self._page())
+        self.link = Udp(self.host, self.rdt, NAME)
+        self.number = -1
+        self._ask(STREAM)
+
+    def _page(self) -> bytes:
+        try:
+            with urllib.request.urlopen(f"http://{self.host}:{self.web}/netftapi2.xml", timeout=2.0) as page:
+                return page.read(1 << 20)
+        except (urllib.error.URLError, OSError, ValueError) as error:
+            reason = getattr(error, "reason", error)
+            raise DeviceError(
+                f"no {NAME} at {self.host}: {reason}. Ping it; as delivered it is 192.168.1.1, and this machine needs"
+                " an address beside it."
+            ) from None
+
+    def _ask(self, command: int) -> None:
+        assert self.link is not None
+        self.link.write(REQUEST.pack(MAGIC, command, 0))
+        self.asked = time.monotonic()
+
+    def cycle(self, command: tuple[float, ...]) -> Sample | None:
+        if self.link is None:
+            raise DeviceError(f"the {NAME} is not open", lost=True)
+        data = self.link.read(PATIENCE)
+        while data and (more := self.link.read(0.0)):  # the newest counts
+            data = more
+        if len(data) != SAMPLE.size:
+            if time.monotonic() - self.asked > RENEW:
+                self._ask(STREAM)
+            return None
+        self.asked = time.monotonic()
+        number, _, _, *counts = SAMPLE.unpack(data)
+        if self.number >= 0 and number > self.number + 1:
+            self.lost += number - self.number - 1
+        self.number = number
+        force, torque = self.scale
+        return Sample(time.monotonic_ns(), wrench=(*(c * force for c in counts[:3]), *(c * torque for c in counts[3:])))
+
+    def close(self) -> None:
+        if self.link is not None:
+            link, self.link = self.link, None
+            with contextlib.suppress(DeviceError):
+                link.write(REQUEST.pack(MAGIC, STOP, 0))
+            link.close()
+
+
+class EmulatedNetFT:
+    """The sensor itself on this machine: its UDP port and its page, each on a port of its own.
+
+    wrench  what acts on it at a time [ns]: three forces [N], three torques [N m]
+    rate    [Hz] of its samples
+    """
+
+    COUNTS = 1_000_000
+
+    def __init__(self, wrench: Callable[[int], tuple[float, ...]], faults: Faults | None = None, rate: float = 1000.0):
+        self.wrench, self.rate, self.days = wrench, rate, Days(faults or Faults())
+        self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.socket.bind(("127.0.0.1", 0))
+        self.page = http.server.ThreadingHTTPServer(("127.0.0.1", 0), self._handler())
+        self.rdt, self.web = self.socket.getsockname()[1], self.page.server_address[1]
+        self._stop = threading.Event()
+        for target in (self._run, self.page.serve_forever):
+            threading.Thread(target=target, name="emulated Net F/T", daemon=True).start()
+
+    def driver(self) -> NetFT:
+        """A driver for this sensor."""
+        return NetFT("127.0.0.1", self.rdt, self.web)
+
+    def _handler(self) -> type[http.server.BaseHTTPRequestHandler]:
+        text = (
+            f"<?xml version='1.0'?><netft><prodname>Emulated Net F/T</prodname><cfgcpf>{self.COUNTS}</cfgcpf>"
+            f"<cfgcpt>{self.COUNTS}</cfgcpt><scfgfu>N</scfgfu><scfgtu>Nm</scfgtu><comrdtrate>{self.rate:.0f}</comrdtrate>"
+            "</netft>"
+        ).encode()
+
+        class Page(http.server.BaseHTTPRequestHandler):
+            def do_GET(self) -> None:
+                right = self.path == "/netftapi2.xml"
+                self.send_response(200 if right else 404)
+                self.end_headers()
+                self.wfile.write(text if right else b"")
+
+            def log_message(self, *_: object) -> None:
+                pass
+
+        return Page
+
+    def _run(self) -> None:
+        peer, number, due = None, 0, time.monotonic()
+        while not self._stop.is_set():
+            self.socket.settimeout(max(due - time.monotonic(), 1e-4) if peer is not None else 0.05)
+            with contextlib.suppress(TimeoutError, OSError):
+                data, sender = self.socket.recvfrom(64)
+                if len(data) == REQUEST.size and REQUEST.unpack(data)[0] == MAGIC:
+                    peer = sender if REQUEST.unpack(data)[1] == STREAM else None
+            now = time.monotonic_ns()
+            if peer is None or now * 1e-9 < due:
+                continue
+            due = max(due + 1.0 / self.rate, now * 1e-9 - 0.01)
+            number += 1
+            self.days.begin(now)
+            if self.days.silent(now) or self.days.unplugged(now) or self.days.chance("dropouts"):
+                continue
+            counts = [round(w * self.COUNTS) for w in self.wrench(now)]
+            with contextlib.suppress(OSError):
+                self.socket.sendto(SAMPLE.pack(number & 0xFFFFFFFF, number & 0xFFFFFFFF, 0, *counts), peer)
+
+    def close(self) -> None:
+        """Take the sensor away."""
+        self._stop.set()
+        self.page.shutdown()
+        self.page.server_close()
+        self.socket.close()

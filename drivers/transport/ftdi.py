@@ -1,0 +1,134 @@
+"""An FTDI serial chip, spoken to over USB directly: control requests, bulk out, bulk in with two modem bytes a packet.
+
+Requests and values as in FTDI's own and the open drivers (libftdi, Linux' ftdi_sio). The kernel's serial driver is set
+aside: a Falcon wants baud divisors that a serial line has no name for.
+"""
+
+from __future__ import annotations
+
+import errno
+from typing import Any, Protocol
+
+from palpate.drivers.errors import DeviceError, package
+
+OUT, IN = 0x02, 0x81  # endpoints
+PACKET = 64  # [bytes] of a full-speed packet, of which two are modem status
+TIMEOUT = 1000  # [ms] of control requests and writes
+
+RESET, MODEM, FLOW, BAUD, DATA, LATENCY = 0, 1, 2, 3, 4, 9  # requests
+PURGE_RX, PURGE_TX = 1, 2  # values of RESET
+DTR_LOW, DTR_HIGH, RTS_LOW = 0x0100, 0x0101, 0x0200  # values of MODEM
+BITS_8N1 = 8  # value of DATA
+
+
+class Ftdi(Protocol):
+    """What a driver needs of the chip."""
+
+    def control(self, request: int, value: int) -> None:
+        """One vendor request. DeviceError: the device is gone."""
+
+    def write(self, data: bytes) -> None:
+        """Send bytes down the line. DeviceError: the device is gone."""
+
+    def read(self, timeout: float) -> bytes:
+        """One transfer as it comes off the bus, modem bytes included; empty when none came within `timeout` [s].
+
+        DeviceError: the device is gone.
+        """
+
+    def close(self) -> None:
+        """Give the chip back."""
+
+
+def payload(transfer: bytes) -> bytes:
+    """The bytes of the line in a transfer: each packet of 64 begins with two modem bytes."""
+    return b"".join(transfer[i + 2 : i + PACKET] for i in range(0, len(transfer), PACKET))
+
+
+class UsbFtdi:
+    """A chip on this machine's USB, by pyusb.
+
+    vendor, product  its numbers
+    name             of the device, for errors
+    port             "" where there is only one, or its serial number, or bus:address as `palpate devices` shows it
+    backend          of pyusb; None: libusb
+    """
+
+    def __init__(self, vendor: int, product: int, name: str, port: str = "", backend: Any = None) -> None:
+        self.usb = package("usb.core")
+        self.util = package("usb.util")
+        self.name = name
+        self.device = self._choose(vendor, product, port, backend)
+        try:
+            if self.device.is_kernel_driver_active(0):
+                self.device.detach_kernel_driver(0)
+        except (NotImplementedError, self.usb.USBError):
+            pass  # the claim below says what is wrong
+        try:
+            self.util.claim_interface(self.device, 0)
+        except self.usb.USBError as error:
+            self._refused(error)
+
+    def _choose(self, vendor: int, product: int, port: str, backend: Any) -> Any:
+        try:
+            found = list(self.usb.find(find_all=True, idVendor=vendor, idProduct=product, backend=backend))
+        except self.usb.NoBackendError:
+            raise DeviceError(
+                "libusb, which pyusb needs, is not on this machine. Install it: apt install libusb-1.0-0"
+            ) from None
+        names = {f"{d.bus}:{d.address}": d for d in found}
+        if port:
+            for name, device in names.items():
+                if port in (name, self._serial(device)):
+                    return device
+        if not found:
+            raise DeviceError(
+                f"no {self.name} on USB ({vendor:04x}:{product:04x}). Plug it in and give it power; `palpate devices`"
+                " shows what is there; `port: emulator` runs without one."
+            )
+        listed = ", ".join(names)
+        if port:
+            raise DeviceError(f"no {self.name} at port {port!r}. There are: {listed}.")
+        if len(found) > 1:
+            raise DeviceError(f"{len(found)} devices are a {self.name}. Say which one with `port`: {listed}.")
+        return found[0]
+
+    def _serial(self, device: Any) -> str | None:
+        try:
+            return device.serial_number
+        except (ValueError, self.usb.USBError):
+            return None  # not permitted, or it has none
+
+    def _refused(self, error: Any) -> None:
+        if error.errno == errno.EACCES:
+            raise DeviceError(
+                f"no permission for the {self.name}. `palpate devices --install-udev` writes the rule; then plug it in"
+                " again."
+            ) from None
+        if error.errno == errno.EBUSY:
+            raise DeviceError(f"the {self.name} is in use by another program. End that one.") from None
+        raise DeviceError(f"the {self.name} is gone ({error}). Plug it in again.", lost=True) from None
+
+    def control(self, request: int, value: int) -> None:
+        try:
+            self.device.ctrl_transfer(0x40, request, value, 0, None, TIMEOUT)
+        except self.usb.USBError as error:
+            self._refused(error)
+
+    def write(self, data: bytes) -> None:
+        try:
+            self.device.write(OUT, data, TIMEOUT)
+        except self.usb.USBError as error:
+            self._refused(error)
+
+    def read(self, timeout: float) -> bytes:
+        try:
+            return bytes(self.device.read(IN, PACKET, max(1, round(timeout * 1e3))))
+        except self.usb.USBTimeoutError:
+            return b""
+        except self.usb.USBError as error:
+            self._refused(error)
+            return b""
+
+    def close(self) -> None:
+        self.util.dispose_resources(self.device)

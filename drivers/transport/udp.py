@@ -1,0 +1,50 @@
+"""Datagrams to one peer."""
+
+from __future__ import annotations
+
+import socket
+
+from palpate.drivers.errors import DeviceError
+
+
+class Udp:
+    """A socket that talks to one host and hears only that one.
+
+    DeviceError: there is no such host.
+    """
+
+    def __init__(self, host: str, port: int, name: str) -> None:
+        self.name, self.host = name, host
+        self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        try:
+            self.socket.connect((host, port))
+        except OSError as error:
+            self.socket.close()
+            raise DeviceError(f"the {name} at {host!r}: {error.strerror or error}. Is the address right?") from None
+
+    def write(self, data: bytes) -> None:
+        """Send one datagram. DeviceError: nobody takes it."""
+        try:
+            self.socket.send(data)
+        except OSError as error:
+            raise self._gone(error) from None
+
+    def read(self, timeout: float) -> bytes:
+        """One datagram; empty when none came within `timeout` [s]. DeviceError: nobody is there."""
+        self.socket.settimeout(max(timeout, 0.0))  # 0: what is there; any other waits a millisecond at least
+        try:
+            return self.socket.recv(2048)
+        except (TimeoutError, BlockingIOError):
+            return b""
+        except OSError as error:
+            raise self._gone(error) from None
+
+    def _gone(self, error: OSError) -> DeviceError:
+        return DeviceError(
+            f"the {self.name} at {self.host} is gone: {error.strerror or error}. Look at its power and cable.",
+            lost=True,
+        )
+
+    def close(self) -> None:
+        """Give the socket back."""
+        self.socket.close()

@@ -1,0 +1,59 @@
+"""Text messages over a WebSocket."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from palpate.drivers.errors import DeviceError, package
+
+
+class Messages(Protocol):
+    """What a driver needs of a connection."""
+
+    def write(self, text: str) -> None:
+        """Send a message. DeviceError: the other end is gone."""
+
+    def read(self, timeout: float) -> str:
+        """One message; empty when none came within `timeout` [s]. DeviceError: the other end is gone."""
+
+    def close(self) -> None:
+        """End the connection."""
+
+
+class WebSocket:
+    """A connection to a service.
+
+    address  ws://host:port
+    name     of the service, for errors
+    """
+
+    def __init__(self, address: str, name: str) -> None:
+        client = package("websockets.sync.client")
+        self.errors = package("websockets.exceptions")
+        self.name, self.address = name, address
+        try:
+            self.context = client.connect(address, open_timeout=2.0, close_timeout=0.5, compression=None, proxy=None)
+            self.link = self.context.__enter__()
+        except (OSError, TimeoutError, self.errors.InvalidHandshake, self.errors.InvalidURI) as error:
+            raise DeviceError(f"no {name} at {address}: {error}. Start it; `port` takes another address.") from None
+
+    def _gone(self) -> DeviceError:
+        return DeviceError(f"the {self.name} at {self.address} is gone. Start it again.", lost=True)
+
+    def write(self, text: str) -> None:
+        try:
+            self.link.send(text)
+        except (self.errors.ConnectionClosed, OSError):
+            raise self._gone() from None
+
+    def read(self, timeout: float) -> str:
+        try:
+            found = self.link.recv(timeout=timeout)
+        except TimeoutError:
+            return ""
+        except (self.errors.ConnectionClosed, OSError):
+            raise self._gone() from None
+        return found if isinstance(found, str) else found.decode(errors="replace")
+
+    def close(self) -> None:
+        self.context.__exit__(None, None, None)

@@ -1,0 +1,1 @@
+"""Contact of elastic bodies with rigid ones and with each other."""

@@ -1,0 +1,1 @@
+"""Elements: shape functions, faces, materials, meshes of tetrahedra."""

@@ -1,0 +1,1 @@
+"""Sparse linear systems: pattern, ordering, factorization, assembly of the tangent."""

@@ -1,0 +1,1 @@
+"""From the full model to a fast body: touches, modes, integration points, dents."""

@@ -1,0 +1,1 @@
+"""Load steps: assembly, Newton's iteration, checkpoints."""

@@ -1,0 +1,1 @@
+"""The probabilistic force model fitted to measured sessions."""

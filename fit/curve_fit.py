@@ -1,0 +1,176 @@
+"""Least-squares fit of a force model, with the errors of its parameters.
+
+Variable projection (Golub & Pereyra, SIAM J. Numer. Anal. 10, 1973): for given nonlinear parameters the linear ones
+follow from linear least squares, so that only a line or a plane is searched. The search begins on a grid over the whole
+permitted range, which no local minimum can mislead, and ends with Gauss-Newton steps on all parameters.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import least_squares
+from scipy.stats import t as student
+
+from palpate.physics.contact.force_models import ForceModel
+from palpate.physics.errors import PalpateError
+
+
+class FitError(PalpateError, ValueError):
+    """Data that cannot determine the model."""
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A fitted model.
+
+    parameters  (p)    linear ones first, units as in the model
+    covariance  (p,p)  of the parameters; inf where the data do not determine them
+    rmse        [N]    sqrt(sum of squares / (n - p)), the residual's standard deviation
+    freedom     [1]    degrees of freedom of the errors: n - p, or sessions - 1
+    at_limit           names of the parameters that the search found at the end of their range
+    """
+
+    model: ForceModel
+    parameters: np.ndarray
+    covariance: np.ndarray
+    rmse: float
+    freedom: int
+    at_limit: tuple[str, ...] = ()
+
+    def __call__(self, depth, rate=None) -> np.ndarray:
+        """The fitted curve at each depth [m] (...)."""
+        return self.model(depth, self.parameters, rate)
+
+    @property
+    def errors(self) -> np.ndarray:
+        """Standard error of each parameter (p)."""
+        return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+
+    def interval(self, level: float = 0.95) -> np.ndarray:
+        """Confidence interval of each parameter (p,2), by Student's t."""
+        half = student.ppf(0.5 + 0.5 * level, self.freedom) * self.errors
+        return np.stack([self.parameters - half, self.parameters + half], axis=1)
+
+    def ratio(self, above: int, below: int) -> tuple[float, float]:
+        """Value and standard error of one parameter over another, by the first-order propagation of their errors."""
+        p, q = self.parameters[above], self.parameters[below]
+        slope = np.zeros(len(self.parameters))
+        slope[above], slope[below] = 1.0 / q, -p / q**2
+        return float(p / q), float(np.sqrt(max(slope @ self.covariance @ slope, 0.0)))
+
+    def rms(self, depth, force, rate=None) -> float:
+        """Root mean square error [N] on data that the fit has not seen."""
+        return float(np.sqrt(np.mean((np.asarray(force) - self(depth, rate)) ** 2)))
+
+
+def fit_curve(model: ForceModel, x, y, sessions=None, *, constant: bool = False) -> Fit:
+    """Fit `model` to y [N] (n) at x [m] (n) or (n,k).
+
+    sessions  (n)  labels. Forces of one session err together, since the finger lies a little differently each time.
+                   With labels the errors allow for that, and for a scatter that grows with depth: the sandwich of
+                   A. C. Cameron, D. L. Miller, J. Human Resources 50 (2015), eq. 11, with Student's t of sessions - 1
+                   degrees of freedom. Without, all rows count as independent and equally scattered.
+
+    constant       whether one and the same y everywhere is a result, not a sign of a dead sensor
+
+    FitError: fewer rows than parameters + 1, fewer than two sessions, not finite, or all y the same.
+    """
+    x, y = np.asarray(x, float), np.asarray(y, float)
+    x = x[:, None] if x.ndim == 1 else x
+    count, size = len(y), len(model.parameters)
+    if x.shape[1] < model.columns:
+        raise FitError(f"{model.name}: found {x.shape[1]} columns of data, expected {model.columns} (depth and rate)")
+    if count <= size:
+        raise FitError(f"{model.name}: found {count} rows, expected at least {size + 1} for {size} parameters")
+    if not (np.isfinite(x).all() and np.isfinite(y).all()):
+        raise FitError(f"{model.name}: found values that are not finite numbers")
+    if np.ptp(x[:, 0]) == 0:
+        raise FitError(f"{model.name}: found one constant value of the depth")
+    if np.ptp(y) == 0 and not constant:
+        raise FitError(f"{model.name}: found one constant value of the force")
+    parameters, at_limit = _search(model, x, y)
+    residual = y - model.predict(x, parameters)
+    jacobian = model.jacobian(x, parameters)
+    covariance, freedom = _errors(jacobian, residual, sessions)
+    rmse = float(np.sqrt(residual @ residual / (count - size)))
+    return Fit(model, parameters, covariance, rmse, freedom, at_limit)
+
+
+def _search(model: ForceModel, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, tuple[str, ...]]:
+    starts = model.start(x)
+    if not starts:
+        return _linear(np.stack(model.basis(x), axis=-1), y), ()
+    grid = [axis.ravel() for axis in np.meshgrid(*starts, indexing="ij")]
+    columns = np.stack(model.basis(x, *(axis[:, None] for axis in grid)), axis=-1)
+    scale = np.linalg.norm(columns, axis=1, keepdims=True)
+    q, _ = np.linalg.qr(columns / np.where(scale > 0, scale, 1.0))
+    explained = np.sum((np.swapaxes(q, 1, 2) @ y) ** 2, axis=1)
+    best = int(np.argmax(explained))
+    begin = np.array([axis[best] for axis in grid])
+    low, high = np.array([s[0] for s in starts]), np.array([s[-1] for s in starts])
+    begin = np.clip(begin, low + 1e-9 * (high - low), high - 1e-9 * (high - low))
+
+    def residual(nonlinear: np.ndarray) -> np.ndarray:
+        basis = np.stack(model.basis(x, *nonlinear), axis=-1)
+        return basis @ _linear(basis, y) - y
+
+    found = least_squares(
+        residual, begin, bounds=(low, high), x_scale=(high - low) / 100.0, ftol=1e-15, xtol=1e-15, gtol=1e-15
+    ).x
+    basis = np.stack(model.basis(x, *found), axis=-1)
+    parameters = np.concatenate([_linear(basis, y), found])
+    near = 1e-6 * (high - low)
+    at_limit = tuple(
+        name for name, f, a, b, e in zip(model.nonlinear, found, low, high, near, strict=True) if f < a + e or f > b - e
+    )
+    return (parameters if at_limit else _polish(model, x, y, parameters, low, high)), at_limit
+
+
+def _linear(basis: np.ndarray, y: np.ndarray) -> np.ndarray:
+    scale = np.linalg.norm(basis, axis=0)
+    scale[scale == 0] = 1.0
+    return np.linalg.lstsq(basis / scale, y, rcond=None)[0] / scale
+
+
+def _polish(
+    model: ForceModel, x: np.ndarray, y: np.ndarray, parameters: np.ndarray, low: np.ndarray, high: np.ndarray
+) -> np.ndarray:
+    """Gauss-Newton steps on all parameters while they lower the sum of squares and stay within the limits."""
+    best = np.sum((y - model.predict(x, parameters)) ** 2)
+    for _ in range(20):
+        residual = y - model.predict(x, parameters)
+        moved = parameters + _linear(model.jacobian(x, parameters), residual)
+        nonlinear = moved[len(model.linear) :]
+        if np.any(nonlinear < low) or np.any(nonlinear > high):
+            break
+        squares = np.sum((y - model.predict(x, moved)) ** 2)
+        if not squares < best:
+            break
+        parameters, best = moved, squares
+    return parameters
+
+
+def _errors(jacobian: np.ndarray, residual: np.ndarray, sessions) -> tuple[np.ndarray, int]:
+    count, size = jacobian.shape
+    scale = np.linalg.norm(jacobian, axis=0)
+    scale[scale == 0] = 1.0
+    j = jacobian / scale
+    freedom = count - size
+    if sessions is not None:
+        labels, group = np.unique(np.asarray(sessions), return_inverse=True)
+        freedom = len(labels) - 1
+        if freedom < 1:
+            raise FitError("found one session, expected at least two for the errors of the parameters")
+    if np.linalg.cond(j) > 1e8:
+        return np.full((size, size), np.inf), freedom
+    bread = np.linalg.inv(j.T @ j)
+    if sessions is None:
+        inner = bread * (residual @ residual / freedom)
+    else:
+        scores = np.zeros((len(labels), size))
+        np.add.at(scores, group, j * residual[:, None])
+        small = len(labels) / freedom * (count - 1) / (count - size)
+        inner = bread @ (scores.T @ scores) @ bread * small
+    return inner / np.outer(scale, scale), freedom

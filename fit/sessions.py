@@ -1,0 +1,289 @@
+"""Indentation sessions from a CSV file: named columns with units, every fault with its row and column.
+
+    subject,session,depth [mm],force [N]
+    anna,1,0,0
+    anna,1,0.5,0.09
+
+The order of columns is free; comma, semicolon or tab separates; lines that begin with # are left out. Lengths may be in
+m, mm or µm, forces in N or mN. A column `rate` [m/s, mm/s] or `time` [s, ms] is read where it is there. Others are
+ignored, and named.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+import re
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+
+from palpate.physics.errors import MISUSE, PalpateError
+
+UNITS = {
+    "depth": {"m": 1.0, "mm": 1e-3, "µm": 1e-6, "μm": 1e-6, "um": 1e-6},
+    "force": {"N": 1.0, "mN": 1e-3},
+    "rate": {"m/s": 1.0, "mm/s": 1e-3},
+    "time": {"s": 1.0, "ms": 1e-3},
+}
+MOST = {"depth": 1.0, "force": 1e4, "rate": 1e3, "time": math.inf}
+"""Largest sizes in SI units that can be meant; beyond them the unit in the header is wrong."""
+NOISE = 0.05
+"""[1] Of a subject's largest force: a force may be negative by that much, as noise about zero is."""
+STIFFNESS = (5.0, 1e5)
+"""[N/m] Largest force over its depth that soft tissue under a probe as large as a fingertip may have."""
+LABELS = ("subject", "session")
+NEEDED = (*LABELS, "depth", "force")
+SHOWN = 20
+_HEAD = re.compile(r"\s*(?P<name>[^\[\](]*?)\s*(?:[\[(]\s*(?P<unit>[^\])]*?)\s*[\])])?\s*")
+
+
+class SessionError(PalpateError, ValueError):
+    """A file that cannot be used; all its faults, one a line."""
+
+    exit_code = MISUSE
+
+    def to_spec(self) -> dict[str, object]:
+        return {"faults": str(self).split("\n")}
+
+
+@dataclass(frozen=True)
+class Subject:
+    """The rows of one subject.
+
+    rows     [1]    (n)  line of the file      session  (n)  labels as they stand in the file
+    depth    [m]    (n)                        force    [N]  (n)
+    rate     [m/s]  (n)  None where the file has neither rate nor time
+    units                column -> SI units in the unit of the header
+    """
+
+    name: str
+    file: str
+    rows: np.ndarray
+    session: np.ndarray
+    depth: np.ndarray
+    force: np.ndarray
+    rate: np.ndarray | None
+    units: dict[str, float]
+
+    @property
+    def sessions(self) -> list[str]:
+        """Labels in the order of the file."""
+        return list(dict.fromkeys(self.session.tolist()))
+
+    def grid(self) -> tuple[np.ndarray, np.ndarray]:
+        """(depths (D), growing; forces (S,D)) of sessions that were all measured at the same depths.
+
+        SessionError: a depth that a session lacks, has twice, or has alone; names session, depth and row.
+        """
+        steps = np.round(self.depth * 1e9).astype(np.int64)
+        depths = np.unique(steps)
+        faults, table = [], np.full((len(self.sessions), len(depths)), np.nan)
+        counts = {int(d): len(np.unique(self.session[steps == d])) for d in depths}
+        common = {d for d, count in counts.items() if 2 * count > len(self.sessions)}
+        for s, label in enumerate(self.sessions):
+            seen: dict[int, int] = {}
+            for i in np.flatnonzero(self.session == label):
+                step, row = int(steps[i]), int(self.rows[i])
+                if step in seen:
+                    faults.append(
+                        f"{self.file}, row {row}, column 'depth': session {label!r} of subject {self.name!r} has"
+                        f" {step * 1e-6:g} mm twice, first in row {seen[step]}"
+                    )
+                elif step not in common:
+                    faults.append(
+                        f"{self.file}, row {row}, column 'depth': found {step * 1e-6:g} mm in session {label!r} of"
+                        f" subject {self.name!r}, which most of its sessions do not have; expected the same depths"
+                    )
+                seen.setdefault(step, row)
+                table[s, np.searchsorted(depths, step)] = self.force[i]
+            last = int(self.rows[self.session == label][-1])
+            for step in sorted(common - set(seen)):
+                faults.append(
+                    f"{self.file}, after row {last}, column 'depth': session {label!r} of subject {self.name!r} lacks"
+                    f" {step * 1e-6:g} mm, which others have; expected the same depths in each session"
+                )
+        _refuse(faults)
+        return depths * 1e-9, table
+
+
+def read_sessions(path: Path, depth_limit: float = math.inf) -> tuple[list[Subject], list[str]]:
+    """(subjects in the order of the file, ignored columns); rows deeper than `depth_limit` [m] are left out.
+
+    SessionError: no such file, no such columns, no units, or rows that cannot be used.
+    """
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        reason = getattr(error, "strerror", None) or "not a text file in UTF-8"
+        raise SessionError(f"{path}: cannot be read: {reason}") from None
+    lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
+    numbered = [(n, line) for n, line in enumerate(lines, 1) if line.strip() and not line.lstrip().startswith("#")]
+    if not numbered:
+        raise SessionError(f"{path}: empty; expected the columns subject, session, depth [mm], force [N]")
+    head, body = numbered[0], numbered[1:]
+    separator = next((s for s in "\t;" if s in head[1]), ",")
+    header = _cells(path, *head, separator)
+    columns, factors, ignored = _header(path, header)
+    if not body:
+        raise SessionError(f"{path}: no rows after the header in row {head[0]}")
+    faults: list[str] = []
+    rows = []
+    for number, line in body:
+        cells = _cells(path, number, line, separator)
+        if len(cells) > len(header):
+            faults.append(_too_many(path, number, cells, len(header), separator))
+            continue
+        found = _row(path, number, cells, columns, factors, faults)
+        if found is not None and found["depth"] <= depth_limit * (1.0 + 1e-9):
+            rows.append((number, found))
+    names = list(dict.fromkeys(row["subject"] for _, row in rows))
+    largest = {name: max(row["force"] for _, row in rows if row["subject"] == name) for name in names}
+    for number, row in rows:
+        if row["force"] < -NOISE * max(largest[row["subject"]], 0.0):
+            faults.append(
+                f"{path}, row {number}, column 'force': found {row['force'] / factors['force']:g}, expected a force"
+                f" that is not negative, but for noise of at most {100 * NOISE:g} % of the subject's largest one"
+            )
+    _refuse(faults)
+    if not rows:
+        raise SessionError(f"{path}: no row is left up to the depth limit of {depth_limit * 1e3:g} mm")
+    of = {name: [(n, r) for n, r in rows if r["subject"] == name] for name in names}
+    return [_subject(path, name, own, factors) for name, own in of.items()], ignored
+
+
+def _cells(path: Path, number: int, line: str, separator: str) -> list[str]:
+    try:
+        return next(csv.reader([line], delimiter=separator))
+    except csv.Error as error:
+        raise SessionError(f"{path}, row {number}: not a row of a CSV file: {error}") from None
+
+
+def _too_many(path: Path, number: int, cells: list[str], count: int, separator: str) -> str:
+    """What is wrong with a row of more cells than the header has."""
+    where = f"{path}, row {number}: {len(cells)} cells, the header has {count}"
+    if separator == "," and any(re.fullmatch(r"\s*[+-]?\d+\s*", a) and re.fullmatch(r"\d+([eE][+-]?\d+)?\s*", b)
+                                for a, b in pairwise(cells)):  # fmt: skip
+        return f"{where}; are there decimal commas? Write numbers with a point, such as 0.5"
+    return f"{where}; expected as many"
+
+
+def check_stiffness(subjects: list[Subject]) -> None:
+    """SessionError: a subject whose largest force, over its depth, soft tissue cannot have; a unit is wrong."""
+    faults = []
+    low, high = STIFFNESS
+    for one in subjects:
+        pressed = one.depth > 0
+        if not pressed.any() or not (force := one.force[pressed].max()) > 0:
+            continue
+        depth = one.depth[pressed][one.force[pressed].argmax()]
+        if low <= force / depth <= high:
+            continue
+        cures = {
+            factor: f"'{name} [{unit}]'"
+            for name, power in (("force", 1), ("depth", -1))
+            for unit, factor in UNITS[name].items()
+            if low <= force / depth * (factor / one.units[name]) ** power <= high
+        }
+        faults.append(
+            f"{one.file}, from row {one.rows[0]}, column 'force': subject {one.name!r} has {force:.3g} N at"
+            f" {depth * 1e3:.3g} mm, {force / depth:.3g} N/m; soft tissue under a fingertip has {low:g} ... {high:g}"
+            f" N/m. Is a unit in the header wrong? {' or '.join(cures.values()) or 'None'} would do. Where the"
+            " numbers are right, --any-stiffness takes them"
+        )
+    _refuse(faults)
+
+
+def _header(path: Path, cells: list[str]) -> tuple[dict[str, int], dict[str, float], list[str]]:
+    columns: dict[str, int] = {}
+    factors: dict[str, float] = {}
+    faults, ignored = [], []
+    for place, cell in enumerate(cells):
+        match = _HEAD.fullmatch(cell)
+        name = match["name"].lower() if match else cell
+        if name in columns:
+            faults.append(f"{path}, header: column {name!r} twice")
+        elif name in LABELS:
+            columns[name] = place
+        elif name in UNITS:
+            columns[name] = place
+            unit = match["unit"] if match else None
+            known = ", ".join(UNITS[name])
+            if not unit:
+                faults.append(
+                    f"{path}, header, column {name!r}: no unit; write '{name} [{next(iter(UNITS[name]))}]'"
+                    f" (units: {known})"
+                )
+            elif unit not in UNITS[name]:
+                faults.append(f"{path}, header, column {name!r}: found the unit {unit!r}, expected one of {known}")
+            else:
+                factors[name] = UNITS[name][unit]
+        else:
+            ignored.append(cell.strip())
+    missing = [name for name in NEEDED if name not in columns]
+    if missing:
+        faults.append(
+            f"{path}, header: no column {', '.join(map(repr, missing))}; found {', '.join(map(repr, cells))};"
+            " expected subject, session, depth [mm], force [N]"
+        )
+    _refuse(faults)
+    return columns, factors, ignored
+
+
+def _row(
+    path: Path, number: int, cells: list[str], columns: dict[str, int], factors: dict[str, float], faults: list[str]
+) -> dict | None:
+    """The values of one row in SI units; None, and faults, where it cannot be used."""
+    before = len(faults)
+    found: dict = {}
+    for name, place in columns.items():
+        where = f"{path}, row {number}, column {name!r}"
+        text = cells[place].strip() if place < len(cells) else ""
+        if not text:
+            faults.append(f"{where}: empty, expected {'a label' if name in LABELS else 'a number'}")
+        elif name in LABELS:
+            found[name] = text
+        else:
+            try:
+                value = float(text)
+            except ValueError:
+                faults.append(f"{where}: found {text!r}, expected a number with a decimal point")
+                continue
+            if not math.isfinite(value):
+                faults.append(f"{where}: found {text!r}, expected a finite number")
+            elif name == "depth" and value < 0:
+                faults.append(f"{where}: found {text}, expected a {name} that is not negative")
+            elif abs(value * factors[name]) > MOST[name]:
+                faults.append(f"{where}: found {text}, which cannot be a {name}; is the unit in the header right?")
+            else:
+                found[name] = value * factors[name]
+    return found if len(faults) == before else None
+
+
+def _subject(path: Path, name: str, rows: list[tuple[int, dict]], factors: dict[str, float]) -> Subject:
+    session = np.array([r["session"] for _, r in rows])
+    depth = np.array([r["depth"] for _, r in rows])
+    rate = np.array([r["rate"] for _, r in rows]) if "rate" in rows[0][1] else None
+    if rate is None and "time" in rows[0][1]:
+        rate = np.zeros(len(rows))
+        for label in dict.fromkeys(session.tolist()):
+            at = np.flatnonzero(session == label)
+            time = np.array([rows[i][1]["time"] for i in at])
+            if len(at) > 1:
+                back = np.flatnonzero(np.diff(time) <= 0)
+                if len(back):
+                    raise SessionError(
+                        f"{path}, row {rows[at[back[0] + 1]][0]}, column 'time': does not grow within session {label!r}"
+                        f" of subject {name!r}"
+                    )
+                rate[at] = np.gradient(depth[at], time)
+    force = np.array([r["force"] for _, r in rows])
+    return Subject(name, str(path), np.array([n for n, _ in rows]), session, depth, force, rate, factors)
+
+
+def _refuse(faults: list[str]) -> None:
+    if faults:
+        rest = [f"... and {len(faults) - SHOWN} more"] if len(faults) > SHOWN else []
+        raise SessionError("\n".join(faults[:SHOWN] + rest))

@@ -1,0 +1,37 @@
+"""`palpate keys`: the keys that secure what goes to other machines."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from palpate.launch.commands.common import Json, console, tell
+
+
+def keys(
+    name: Annotated[str, typer.Argument(help="Name of the key to make.", metavar="[NAME]")] = "rig",
+    make: Annotated[bool, typer.Option("--make", help="Make a new key.")] = False,
+    as_json: Json = False,
+) -> None:
+    """List the keys of this user, or make one.
+
+    Who holds the file of a key takes part in runs that it secures. Copy it to the same place on every machine of a rig,
+    and let nobody else read it.
+    """
+    from rich.text import Text
+
+    from palpate.launch.running import keys as known
+
+    made = known.make(name) if make else None
+    found = dict(known.known())
+    if as_json:
+        tell({"ok": True, "made": None if made is None else str(made), "keys": {n: str(p) for n, p in found.items()}})
+        return
+    out = console(soft_wrap=True)
+    if made is not None:
+        out.print(Text(f"made {made}; copy it to the same place on the other machines", style="green"))
+    for each, path in found.items():
+        out.print(Text(f"{each}  {path}"))
+    if not found:
+        out.print(Text(f"no keys in {known.folder()}; `palpate keys --make` makes one", style="dim"))

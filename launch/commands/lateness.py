@@ -1,0 +1,61 @@
+"""How late this machine wakes a process that asked for a moment: what decides whether it can hold 1 kHz."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import time
+from dataclasses import dataclass
+
+import numpy as np
+
+PRIORITY = 60
+PERIOD = 1e-3  # [s]
+TIMERSLACK = 29
+
+
+@dataclass(frozen=True)
+class Lateness:
+    """Lateness of the wake-ups [s]: median, 99 %, 99.9 %, the worst; and the share that missed a whole period."""
+
+    p50: float
+    p99: float
+    p999: float
+    worst: float
+    missed: float
+
+
+def measure(seconds: float, priority: int | None) -> Lateness | None:
+    """Sleep to each millisecond for a while. None: the priority is not permitted.
+
+    priority  of SCHED_RR, None: as any process. It is given back at the end.
+    """
+    policy, given = os.sched_getscheduler(0), os.sched_getparam(0)
+    libc = ctypes.CDLL(None)
+    try:
+        if priority is not None:
+            os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(priority))
+        libc.prctl(TIMERSLACK, 1)
+        count = max(10, round(seconds / PERIOD))
+        late = np.zeros(count)
+        begin = time.monotonic()
+        for k in range(count):
+            due = begin + (k + 1) * PERIOD
+            left = due - time.monotonic()
+            if left > 0.0:
+                time.sleep(left)
+            late[k] = time.monotonic() - due
+    except PermissionError:
+        return None
+    finally:
+        os.sched_setscheduler(0, policy, given)
+    late = np.maximum(late, 0.0)
+    p50, p99, p999 = np.percentile(late, (50, 99, 99.9))
+    return Lateness(float(p50), float(p99), float(p999), float(late.max()), float(np.mean(late > PERIOD)))
+
+
+def words(found: Lateness) -> str:
+    """One line for people."""
+    parts = [f"{name} {1e3 * value:.3f}" for name, value in (
+        ("p50", found.p50), ("p99", found.p99), ("p99.9", found.p999), ("max", found.worst))]  # fmt: skip
+    return f"{', '.join(parts)} ms late; {100 * found.missed:.2f} % miss their millisecond"

@@ -1,1 +1,0 @@
-"""What `palpate fit` does: read sessions, choose models or fit a law, tell, write, draw."""

@@ -1,0 +1,143 @@
+"""Which instants of a touch to show, and how the surface was deformed then."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from palpate.launch.loading.load import load_class
+from palpate.launch.pictures.touch import Columns, Touch, together, touches
+from palpate.messages import Surface
+from palpate.nodes.base import SettingError
+from palpate.physics.errors import PalpateError
+
+SHALLOWEST = 0.35
+"""Instants with less than this share of the deepest indentation show hardly anything."""
+
+
+@dataclass(frozen=True)
+class Instant:
+    """One instant of a touch.
+
+    time          [s]
+    displacement  [m] (V,3)  of every vertex of the mesh
+    tip           [m] (3)    lowest point of the fingertip, None where the recording does not tell
+    normal        [1] (3)    outward normal at the foot point
+    force         [N] (3)    on the hand
+    load          [N]        normal force
+    depth         [m]        indentation of the tissue
+    """
+
+    time: float
+    displacement: np.ndarray
+    tip: np.ndarray | None
+    normal: np.ndarray
+    force: np.ndarray
+    load: float
+    depth: float
+
+
+class NoMesh(PalpateError, ValueError):
+    """Why there is no surface to draw."""
+
+
+def surface_mesh(touch: Touch) -> Any:
+    """The undeformed mesh on which the body that sent the surface was built: its node makes it again.
+
+    NoMesh: no surface stream, a body without a mesh, or one that cannot be made here.
+    """
+    stream = touch.recording.stream_of(Surface)
+    if stream is None:
+        raise NoMesh("the recording has no stream of surfaces")
+    node = touch.node(stream)
+    try:
+        kind = load_class(node["class"])
+        body = kind(**node.get("settings", {}))
+        return body.mesh()
+    except (KeyError, ImportError, AttributeError):
+        raise NoMesh(f"stream {stream!r}: {node.get('use', 'its sender')} has no mesh") from None
+    except (SettingError, ValueError, OSError) as error:
+        raise NoMesh(f"stream {stream!r}: its mesh cannot be made here: {error}") from None
+
+
+def displaced(surface: Surface, vertices: int) -> np.ndarray:
+    """Displacement [m] (V,3) of all vertices from the sparse form. NoMesh: a vertex that the mesh does not have."""
+    field = np.zeros((vertices, 3))
+    if len(surface.nodes):
+        if int(surface.nodes.max()) >= vertices or int(surface.nodes.min()) < 0:
+            raise NoMesh(f"vertex {int(surface.nodes.max())} is displaced, but the mesh has only {vertices}")
+        field[surface.nodes] = surface.displacement
+    return field
+
+
+def choose(contact: Columns, count: int) -> list[int]:
+    """Ticks of instants that differ most in depth and place, in order of time: the deepest of each touch first, then
+    those farthest from all that were chosen."""
+    found = touches(contact["time"], contact["force"])
+    if not found:
+        return []
+    depth, foot = contact["indentation"], contact["foot"]
+    rows = np.concatenate([np.arange(one.start, one.stop) for one in found])
+    deepest = max(float(depth[rows].max()), 1e-9)
+    rows = rows[depth[rows] >= SHALLOWEST * deepest]
+    feature = np.column_stack(
+        [depth / deepest, (foot - foot[rows[0]]) / max(float(np.ptp(foot[rows], axis=0).max()), 1e-2)]
+    )
+    # The way in and the way out look alike: the phase of the touch tells them apart.
+    phase = np.zeros(len(depth))
+    for i, one in enumerate(found):
+        phase[one] = i + np.linspace(0.0, 1.0, one.stop - one.start)
+    feature = np.column_stack([feature, 0.5 * phase])
+    peaks = [one.start + int(depth[one].argmax()) for one in found]
+    chosen = sorted(peaks, key=lambda row: -depth[row])[: max(1, count // 2)]
+    while len(chosen) < min(count, len(rows)):
+        away = np.min([np.linalg.norm(feature[rows] - feature[row], axis=1) for row in chosen], axis=0)
+        chosen.append(int(rows[away.argmax()]))
+    return [int(contact["tick"][row]) for row in sorted(set(chosen))]
+
+
+def instants(touch: Touch, vertices: int, count: int = 6) -> list[Instant]:
+    """Up to `count` instants. NoMesh: no contact, surface or displacement was recorded, or it does not fit the mesh."""
+    stream = touch.recording.stream_of(Surface)
+    if stream is None or touch.contact is None:
+        raise NoMesh("the recording has no contact on a surface")
+    surfaces = touch.at(Surface, choose(touch.contact, count))
+    if not surfaces:
+        raise NoMesh("nothing was touched")
+    rows = {int(tick): row for row, tick in enumerate(touch.contact["tick"])}
+    tips = _tips(touch)
+    forces = {} if touch.force is None else dict(zip(touch.force["tick"].tolist(), touch.force["force"], strict=True))
+    found = []
+    for tick, surface in surfaces.items():
+        row = rows[tick]
+        contact = {name: values[row] for name, values in touch.contact.items()}
+        found.append(
+            Instant(
+                time=float(contact["time"]),
+                displacement=displaced(surface, vertices),
+                tip=tips.get(tick),
+                normal=contact["normal"],
+                force=forces.get(tick, np.zeros(3)),
+                load=float(contact["force"]),
+                depth=float(contact["indentation"]),
+            )
+        )
+    if not any(one.displacement.any() for one in found):
+        raise NoMesh("no displacement was recorded")
+    return found
+
+
+def _tips(touch: Touch) -> dict[int, np.ndarray]:
+    """By tick, where the compressed fingertip ends: gap - h0 + s1 above the foot point, which is -s2 in contact."""
+    if touch.contact is None or touch.proximity is None:
+        return {}
+    contact, near = together(touch.contact, touch.proximity)
+    touching = near["approach"] > 0.0
+    if not touching.any():
+        return {}
+    thickness = float(np.median((near["gap"] + near["approach"])[touching]))
+    height = near["gap"] - thickness + contact["compression"]
+    tips = near["foot"] + height[:, None] * near["normal"]
+    return dict(zip(near["tick"].tolist(), tips, strict=True))

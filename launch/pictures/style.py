@@ -1,0 +1,99 @@
+"""One look for all figures: type, colours, axes, and the mean that stands for noisy samples."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+INK = "#2b2b33"
+FAINT = "#b9b9c4"
+FINGER = "#e07a5f"
+TISSUE = "#a4243b"
+NORMAL = "#1f5f8b"
+FRICTION = "#d97706"
+SPEED = "#4c8c4a"
+ENERGY = "#6d4c9f"
+REGION_A = "#cfe3f2"
+REGION_B = "#fbe3c0"
+DEFORMATION = ["#f3dcd0", "#f2b48c", "#ec7f5b", "#d2434f", "#9c1c5b", "#5b1360", "#240b40"]
+"""Colours of no to most deformation; lightness falls evenly, so that they can be told apart in grey, too."""
+
+SMOOTH = 0.02  # [s] over which drawn lines are averaged
+DPI = 150
+
+LOOK: Any = {
+    "font.family": "sans-serif",
+    "font.size": 11,
+    "axes.titlesize": 12,
+    "axes.titlelocation": "left",
+    "axes.labelsize": 11,
+    "axes.labelcolor": INK,
+    "axes.edgecolor": "#77777f",
+    "axes.linewidth": 0.8,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "grid.color": "#e8e8ee",
+    "grid.linewidth": 0.8,
+    "axes.axisbelow": True,
+    "xtick.color": INK,
+    "ytick.color": INK,
+    "text.color": INK,
+    "lines.linewidth": 1.8,
+    "lines.solid_capstyle": "round",
+    "legend.frameon": False,
+    "legend.fontsize": 10,
+    "figure.facecolor": "white",
+    "figure.titlesize": 15,
+    "savefig.dpi": DPI,
+}
+
+
+def figure(width: float, height: float, title: str) -> Figure:
+    """An empty figure of this size [inch], without a window behind it."""
+    from matplotlib.figure import Figure
+
+    found = Figure(figsize=(width, height), layout="constrained")
+    found.suptitle(title, x=0.01, ha="left", weight="bold")
+    return found
+
+
+def mean(values: np.ndarray, time: np.ndarray, span: float = SMOOTH) -> np.ndarray:
+    """Running mean over a span of time [s], over fewer samples at the ends."""
+    if len(time) < 3:
+        return values
+    step = float(np.median(np.diff(time)))
+    half = int(span / step / 2) if step > 0 else 0
+    if half < 1:
+        return values
+    total = np.concatenate([[0.0], np.cumsum(values, dtype=float)])
+    at = np.arange(len(values))
+    reach = np.minimum(half, np.minimum(at, len(values) - 1 - at))  # even-sided: no shift at the ends
+    return (total[at + reach + 1] - total[at - reach]) / (2 * reach + 1)
+
+
+def noise(values: np.ndarray) -> float:
+    """Standard deviation of what in evenly spaced samples (n) is no smooth course, by the median of their bends."""
+    if len(values) < 5:
+        return 0.0
+    bends = values[2:] - 2.0 * values[1:-1] + values[:-2]
+    return float(np.median(np.abs(bends))) / (0.6745 * np.sqrt(6.0))
+
+
+def trace(axes: Axes, x: np.ndarray, values: np.ndarray, time: np.ndarray, colour: str, label: str) -> None:
+    """A line of the running mean, with the samples as they are behind it."""
+    axes.plot(x, values, color=colour, alpha=0.25, linewidth=0.6)
+    axes.plot(x, mean(values, time), color=colour, label=label)
+
+
+def shade(axes: Axes, begin: float, end: float, colour: str, letter: str) -> None:
+    """A region of time, with its letter at the top."""
+    axes.axvspan(begin, end, color=colour, linewidth=0)
+    axes.text(
+        (begin + end) / 2, 0.97, letter, transform=axes.get_xaxis_transform(), ha="center", va="top", weight="bold"
+    )

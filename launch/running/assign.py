@@ -1,0 +1,158 @@
+"""From a plan and a placement to what each worker is told."""
+
+from __future__ import annotations
+
+import os
+import socket
+from collections.abc import Iterable
+
+from palpate.launch.loading.load import full_name
+from palpate.launch.loading.placement import Group, Placement
+from palpate.launch.loading.plan import Plan
+from palpate.launch.running.job import InputJob, Job, NodeJob, ObserverJob, StreamJob
+from palpate.nodes.base import inputs
+
+PRIORITY = 60
+"""Of the force path on the real clock, where the system permits it; one more for those who keep the time, so that no
+other node can hold up the device when its torque has to go to zero."""
+
+
+def jobs(
+    plan: Plan,
+    placement: Placement,
+    *,
+    clock: str = "simulated",
+    ticks: int | None = None,
+    pace: float | None = None,
+    about: dict[str, object] | None = None,
+) -> list[Job]:
+    """One job per group of the placement, with the nodes in the plan's order.
+
+    clock  "simulated" or "real"
+    ticks  number of ticks, None: until stopped
+    pace   see `Job`
+
+    Groups on the force path that name no core share one; the others get the rest.
+    """
+    path = force_path(plan)
+    place = {name: group.name for group in placement.groups for name in group.nodes}
+    found = []
+    for phase, group in enumerate(placement.groups):
+        names = [name for name in plan.order if name in group.nodes]
+        on_path = any(name in path for name in names)
+        leads = any(plan.graph.nodes[name].cls.paced for name in names)
+        found.append(
+            Job(
+                group=group.name,
+                nodes=tuple(node_job(plan, name, path) for name in names),
+                observers=tuple(_observer(plan, name) for name in group.nodes if name in plan.observers),
+                clock=clock,
+                rate=plan.graph.rate,
+                ticks=ticks,
+                pace=pace,
+                core=group.core or _cores(on_path, len(placement.groups)),
+                priority=group.priority or (PRIORITY + leads if on_path else None),
+                host=group.host,
+                phase=phase,
+                leads=leads,
+                carrier=group.carrier,
+                external=_external(plan, place, group),
+                about=about or {},
+            )
+        )
+    return found
+
+
+def force_path(plan: Plan) -> set[str]:
+    """The nodes between the paced nodes' outputs and their inputs: what the hand has to wait for."""
+    after: dict[str, set[str]] = {name: set() for name in plan.order}
+    for name in plan.order:
+        for edge in plan.edges[name]:
+            after[edge.producer].add(name)
+    before = {name: {edge.producer for edge in plan.edges[name]} for name in plan.order}
+    paced = [name for name in plan.order if plan.graph.nodes[name].cls.paced]
+    return _reach(paced, after) & _reach(paced, before) | set(paced)
+
+
+def _reach(start: Iterable[str], ways: dict[str, set[str]]) -> set[str]:
+    found: set[str] = set()
+    left = list(start)
+    while left:
+        for name in ways[left.pop()] - found:
+            found.add(name)
+            left.append(name)
+    return found
+
+
+def node_job(plan: Plan, name: str, path: set[str]) -> NodeJob:
+    """What a worker is told of one node. `path`: the nodes of the force path."""
+    spec = plan.graph.nodes[name]
+    optional = {port.name: port.optional for port in inputs(spec.cls)}
+    return NodeJob(
+        name=name,
+        cls=full_name(spec.cls),
+        settings=spec.settings,
+        every=spec.every,
+        inputs=tuple(
+            InputJob(
+                port=edge.port,
+                stream=edge.stream,
+                producer=edge.producer,
+                every=plan.graph.nodes[edge.producer].every,
+                loop=edge.loop,
+                rank=-1 if edge.loop else plan.order.index(edge.producer),
+                optional=optional[edge.port],
+                waits=edge.producer in path or name not in path,
+            )
+            for edge in plan.edges[name]
+        ),
+        streams=tuple(spec.streams),
+        wanted=tuple(sorted(plan.fields(name))),
+    )
+
+
+def _observer(plan: Plan, name: str) -> ObserverJob:
+    spec = plan.graph.nodes[name]
+    producers = {stream: node for node in plan.order for stream in plan.graph.nodes[node].streams}
+    streams = {
+        stream: StreamJob(
+            type=full_name(plan.graph.streams[stream]),
+            producer=producers[stream],
+            every=plan.graph.nodes[producers[stream]].every,
+        )
+        for stream in plan.observers[name]
+    }
+    return ObserverJob(name=name, cls=full_name(spec.cls), settings=spec.settings, streams=streams)
+
+
+def _external(plan: Plan, place: dict[str, str], group: Group) -> dict[str, tuple[str, ...]]:
+    """Streams of a group that nodes of other groups read, and which groups read each."""
+    readers: dict[str, dict[str, None]] = {}
+    for name in plan.order:
+        for edge in plan.edges[name]:
+            if place[edge.producer] == group.name != place[name]:
+                readers.setdefault(edge.stream, {})[place[name]] = None
+    return {stream: tuple(groups) for stream, groups in readers.items()}
+
+
+def _cores(on_path: bool, groups: int) -> tuple[int, ...] | None:
+    """Processes that wait for one another are fastest on one core: a wake-up across cores costs more than a switch."""
+    cores = sorted(os.sched_getaffinity(0))
+    if len(cores) < 2 or groups < 2:
+        return None
+    return (cores[-1],) if on_path else tuple(cores[:-1])
+
+
+def is_here(host: str | None) -> bool:
+    """Whether a group's host is this machine."""
+    if host is None:
+        return True
+    name = host.removeprefix("tcp://").partition(":")[0]
+    if name in ("localhost", socket.gethostname()) or name.startswith("127."):
+        return True
+    try:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+            probe.bind((name, 0))  # only an address of this machine can be bound
+        return True
+    except OSError:
+        return False

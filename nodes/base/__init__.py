@@ -1,0 +1,31 @@
+"""What every node is made of: settings, ports, state; and what several of them share."""
+
+from palpate.nodes.base.node import (
+    InputFault,
+    Node,
+    Observer,
+    Port,
+    Setting,
+    SettingError,
+    Stream,
+    Wants,
+    convert,
+    inputs,
+    outputs,
+    settings,
+)
+
+__all__ = [
+    "InputFault",
+    "Node",
+    "Observer",
+    "Port",
+    "Setting",
+    "SettingError",
+    "Stream",
+    "Wants",
+    "convert",
+    "inputs",
+    "outputs",
+    "settings",
+]

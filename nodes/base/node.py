@@ -1,0 +1,214 @@
+"""What every node is: settings as fields, ports from the signature of `step`, state made in `start`."""
+
+from __future__ import annotations
+
+import inspect
+import types
+import typing
+from dataclasses import dataclass
+from typing import Annotated, Any, ClassVar
+
+import msgspec
+import numpy as np
+
+from palpate.messages import Health, Message
+from palpate.physics.errors import MISUSE, PalpateError
+
+
+class SettingError(PalpateError, ValueError):
+    """A setting that the node does not have, or a value that the setting does not take."""
+
+    exit_code = MISUSE
+
+
+class InputFault(PalpateError, ValueError):
+    """An input that cannot be used, by the fault of the node that sent it: raised in `step`, told as that node's."""
+
+    def __init__(self, message: Message, text: str) -> None:
+        who = f" of {message.source!r} at tick {message.tick}" if message.source else ""
+        super().__init__(f"{type(message).__name__}{who}: {text}")
+        self.source = message.source
+
+
+class Wants:
+    """Mark of an input port that reads only some fields of its message, so that the sender may leave out the others:
+
+    def step(self, proximity: Proximity, body: Annotated[Surface, Wants("stiffness", "exponent")]) -> Contact:
+    """
+
+    def __init__(self, *names: str) -> None:
+        self.names = frozenset(names)
+
+
+@dataclass(frozen=True)
+class Setting:
+    """One setting of a node: name, SI unit, Python type with its limits, default (`...` where there is none)."""
+
+    name: str
+    unit: str
+    type: Any
+    default: Any
+
+
+@dataclass(frozen=True)
+class Port:
+    """One input of a node: name, message type, whether it may be None, and the fields that it reads."""
+
+    name: str
+    type: type[Message]
+    optional: bool
+    wants: frozenset[str]
+
+
+@dataclass(frozen=True)
+class Stream:
+    """One stream that an observer hears: name, message type, sending node and its divisor of the base rate."""
+
+    name: str
+    type: type[Message]
+    producer: str
+    every: int
+
+
+class Node:
+    """One job of the graph.
+
+    Settings are annotated class attributes, `Annotated[type, unit]` with a default or without; the constructor
+    takes them by name. The signature of `step` is the wiring: its arguments are the inputs, its return annotation is
+    the output (a tuple of types: several outputs). The first input drives: its arrival runs the step. `dt`,
+    keyword-only, comes from the runner: the time [s] since the previous step of this node on the graph's clock.
+
+    A step reads no clock, file, socket or random source without a seed in the settings: its answer depends on its
+    inputs and its state alone, and the state is made in `start`, so that a run can be replayed exactly.
+    """
+
+    paced: ClassVar[bool] = False
+    """True for a source: the clock runs its step, and all its inputs are held."""
+    sink: ClassVar[bool] = False
+    """True where the node matters for itself (it drives hardware, writes a file, shows a picture)."""
+    hardware: ClassVar[bool] = False
+    """True for a node that talks to a device: its graph runs on the real clock unless told otherwise."""
+
+    wanted: frozenset[str] | None = None
+    """Names of the output fields that somebody reads, set by the runner before `start`; None means all."""
+
+    def __init__(self, **given: Any) -> None:
+        known = settings(type(self))
+        for name in given:
+            if name not in known:
+                raise SettingError(f"setting {name!r}: unknown. Settings: {', '.join(known) or 'none'}.")
+        for name, setting in known.items():
+            if name not in given and setting.default is ...:
+                raise SettingError(f"setting {name!r} [{setting.unit}]: missing")
+            setattr(self, name, convert(setting, given[name]) if name in given else setting.default)
+
+    def wants(self, field: str) -> bool:
+        """Whether somebody reads this field of the output."""
+        return self.wanted is None or field in self.wanted
+
+    def start(self) -> None:
+        """Make the state; also the reset. Slow work (compile, load, build) belongs here."""
+
+    step: Any
+
+    def stop(self) -> None:
+        """Give back what `start` opened."""
+
+    def notes(self) -> list[str]:
+        """Lines that the user should see; asked a few times a second, and each line is given once."""
+        return []
+
+
+class Observer(Node):
+    """A node that listens to streams instead of taking part: a logger, a viewer. It gets each message as it travels."""
+
+    sink = True
+
+    def listen(self, streams: tuple[Stream, ...], about: dict[str, Any]) -> None:
+        """Told once, before `start`: what there is to hear, and what is known of the run (plain data)."""
+        self.streams, self.about = streams, about
+
+    def observe(self, stream: str, tick: int, payload: bytes) -> None:
+        """Take one message in its wire form."""
+        raise NotImplementedError
+
+    def health(self, message: Health) -> None:
+        """Told a few times a second how each node is doing: before its first message, with `steps` 0, and last after
+        its last message. A second start of a node shows as `steps` 0 again."""
+
+
+def settings(kind: type[Node]) -> dict[str, Setting]:
+    """The settings of a node class by name, base class first.
+
+    TypeError: a setting without a unit.
+    """
+    found = {}
+    for base in reversed(kind.__mro__):
+        if base in (Node, Observer, object):
+            continue
+        own = inspect.get_annotations(base)
+        hints = typing.get_type_hints(base, include_extras=True) if own else {}
+        for name in own:
+            hint = hints[name]
+            if typing.get_origin(hint) is ClassVar:
+                continue
+            marks = getattr(hint, "__metadata__", ())
+            unit = next((m for m in marks if isinstance(m, str)), None)
+            if unit is None:
+                raise TypeError(f"{kind.__name__}.{name}: a setting needs a unit; write Annotated[type, unit]")
+            limits = [m for m in marks if isinstance(m, msgspec.Meta)]
+            plain = typing.get_args(hint)[0]
+            bound = Annotated[plain, limits[0]] if limits else plain
+            found[name] = Setting(name, unit, bound, getattr(kind, name, ...))
+    return found
+
+
+def convert(setting: Setting, value: Any) -> Any:
+    if isinstance(value, np.ndarray | np.generic):  # from a notebook
+        value = value.tolist()
+    try:
+        return msgspec.convert(value, setting.type)
+    except msgspec.ValidationError as error:
+        text = str(error).replace("`", "")
+        raise SettingError(f"setting {setting.name!r} [{setting.unit}]: found {value!r}. {text}.") from None
+
+
+def inputs(kind: type[Node]) -> tuple[Port, ...]:
+    """The input ports of a node class, the driving one first.
+
+    TypeError: an argument of `step` that is not a message.
+    """
+    hints = typing.get_type_hints(kind.step, include_extras=True)
+    ports = []
+    for name, parameter in list(inspect.signature(kind.step).parameters.items())[1:]:
+        if parameter.kind is inspect.Parameter.KEYWORD_ONLY:
+            continue
+        hint = hints.get(name)
+        wants: frozenset[str] = frozenset()
+        optional = False
+        for mark in getattr(hint, "__metadata__", ()):
+            if isinstance(mark, Wants):
+                wants = mark.names
+        if hasattr(hint, "__metadata__"):
+            hint = typing.get_args(hint)[0]
+        if typing.get_origin(hint) in (typing.Union, types.UnionType):
+            rest = [a for a in typing.get_args(hint) if a is not type(None)]
+            optional = len(rest) < len(typing.get_args(hint))
+            hint = rest[0] if len(rest) == 1 else None
+        if not (isinstance(hint, type) and issubclass(hint, Message)):
+            raise TypeError(f"{kind.__name__}.step: input {name!r} is not a message but {hint!r}")
+        ports.append(Port(name, hint, optional, wants or frozenset(hint.__struct_fields__)))
+    return tuple(ports)
+
+
+def outputs(kind: type[Node]) -> tuple[type[Message], ...]:
+    """The message types that a node class sends, in order.
+
+    TypeError: a return annotation that is not a message, a tuple of messages or None.
+    """
+    hint = typing.get_type_hints(kind.step).get("return")
+    kinds = typing.get_args(hint) if typing.get_origin(hint) is tuple else () if hint in (None, type(None)) else (hint,)
+    for found in kinds:
+        if not (isinstance(found, type) and issubclass(found, Message)):
+            raise TypeError(f"{kind.__name__}.step: returns {found!r}, expected a message or a tuple of messages")
+    return kinds

@@ -1,0 +1,46 @@
+"""A nodule in the scene's tissue, for every body that can have one."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import msgspec
+import numpy as np
+
+from palpate.messages import Vector3
+from palpate.nodes.base.surface import OnSurface
+from palpate.physics.bodies.nodule import modulus_map, nodule_centre, stiffness_map
+
+
+class WithNodule(OnSurface):
+    """Settings of a body with a hard (or soft) sphere below its surface (docs/equations/shape-display.md)."""
+
+    nodule_radius: Annotated[float, "m", msgspec.Meta(ge=0, le=1)] = 0.0
+    """Of the sphere; 0: there is none."""
+    nodule_position: Annotated[Vector3, "m"] = (0.0, 0.0, 0.0)
+    """Point of the surface, in the world, below which it lies."""
+    nodule_depth: Annotated[float, "m", msgspec.Meta(ge=0, le=1)] = 6.0e-3
+    """Of its centre below the surface."""
+    nodule_ratio: Annotated[float, "1", msgspec.Meta(gt=0, le=1e6)] = 10.0
+    """Its modulus over that of the tissue; below 1 for a cyst."""
+    nodule_reach: Annotated[float, "m", msgspec.Meta(gt=0, le=1)] = 6.0e-3
+    """Radius over which the fingertip spreads its load; used where the body is known by its surface only."""
+
+    def hardness(self) -> np.ndarray:
+        """Factor [1] (V) on the stiffness of each surface vertex; 1 everywhere without a nodule."""
+        mesh = self.mesh()
+        if self.nodule_radius == 0.0:
+            return np.ones(len(mesh.vertices))
+        return stiffness_map(
+            mesh.vertices, mesh.normals, self._centre(), self.nodule_radius, self.nodule_ratio, self.nodule_reach
+        )
+
+    def modulus_factor(self, points: np.ndarray) -> np.ndarray:
+        """Factor [1] (...) on the modulus of the material at `points` [m] (...,3); 1 everywhere without a nodule."""
+        if self.nodule_radius == 0.0:
+            return np.ones(np.shape(points)[:-1])
+        return modulus_map(points, self._centre(), self.nodule_radius, self.nodule_ratio)
+
+    def _centre(self) -> np.ndarray:
+        mesh = self.mesh()
+        return nodule_centre(mesh.vertices, mesh.normals, self.nodule_position, self.nodule_depth)

@@ -1,0 +1,141 @@
+"""The undeformed surface that a scene names, at its place in the world, for every node that needs it.
+
+Every built-in surface has its own frame: +z up out of it, origin at its centre.
+
+    kidney  long axis along x, hilum towards -y, 42 mm thick along z; touched from above it is convex
+    sphere  42 mm across
+    plane   a square of 0.1 m, z = 0
+    fingertip  pulp up, tip towards +y: a capsule of radius 9.84 mm, its straight part 12 mm long behind the origin
+
+`PLACE` is the default place. It puts the top of the kidney and of the sphere at z = 105 mm, under the centre of a
+Falcon's workspace, (0, 0, 110 mm): a finger at the centre is free, and one with 4 mm of tissue in front of its bone
+touches 1 mm below.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from pathlib import Path
+from typing import Annotated
+
+import msgspec
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from palpate.messages import Vector3
+from palpate.nodes.base import Node, SettingError
+from palpate.physics.geometry.kidney import THICKNESS, kidney
+from palpate.physics.geometry.mesh import Mesh, plane
+from palpate.physics.geometry.nurbs import Nurbs
+from palpate.physics.geometry.nurbs_fit import capsule, plane_patch, sphere
+from palpate.physics.geometry.tessellate import tessellate
+
+SURFACES = ("kidney", "sphere", "plane", "fingertip")
+OPEN = ("plane",)
+"""The built-in surfaces that have a border."""
+PLACE: Vector3 = (0.0, 0.0, 0.084)
+LEVEL: Vector3 = (0.0, 0.0, 0.0)
+PLANE_SIZE = 0.1
+FINGER_RADIUS, FINGER_LENGTH = 9.84e-3, 12e-3
+"""[m] Skin of the layered fingertip, see `fe.fingertip`."""
+UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
+
+
+class Placed(Node):
+    """Settings of a node that works on the scene's surface: give all such nodes of a graph the same ones."""
+
+    surface: Annotated[str, "1"] = "kidney"
+    """A built-in surface, or the path of a mesh file (.stl, .ply, .obj)."""
+    position: Annotated[Vector3, "m"] = PLACE
+    """Where the surface's origin lies in the world."""
+    rotation: Annotated[Vector3, "rad"] = LEVEL
+    """How it is turned about its origin: a rotation vector."""
+
+
+class OnSurface(Placed):
+    """Settings of a node that works on the mesh of the scene's surface."""
+
+    vertices: Annotated[int, "1", msgspec.Meta(ge=12, le=2_000_000)] = 3000
+    """About how many vertices the mesh of a built-in surface gets; a file has its own."""
+    file_unit: Annotated[str, "1"] = "m"
+    """Unit of the numbers in a mesh file: m, cm or mm."""
+
+    def mesh(self) -> Mesh:
+        """The surface's mesh, the same object for all nodes of a process with these settings."""
+        return surface_mesh(self.surface, self.vertices, self.position, self.rotation, self.file_unit)
+
+
+@lru_cache(maxsize=4)
+def surface_mesh(
+    surface: str,
+    vertices: int,
+    position: Vector3 = LEVEL,
+    rotation: Vector3 = LEVEL,
+    file_unit: str = "m",
+) -> Mesh:
+    """The triangle mesh of a surface, turned and moved to its place in the world.
+
+    surface    name of a built-in surface, or path of a mesh file
+    vertices   about how many vertices a built-in surface gets
+    position   [m]   (3) where its origin lies
+    rotation   [rad] (3) rotation vector about its origin
+    file_unit  unit of a file's numbers: m, cm or mm
+
+    SettingError: no such surface, or a file that cannot be used; says why.
+    """
+    if surface == "plane":
+        found = plane(PLANE_SIZE, vertices)
+    elif surface in SURFACES:
+        found = tessellate(_patch(surface), max(vertices, 12))
+    else:
+        from palpate.nodes.base.mesh_file import read_mesh  # its package is an extra
+
+        _known(surface)
+        if file_unit not in UNITS:
+            raise SettingError(f"setting 'file_unit': found {file_unit!r}, expected one of {', '.join(UNITS)}")
+        found = read_mesh(surface, UNITS[file_unit])
+    turn = _matrix(rotation)
+    _finite("position", position)
+    return Mesh(np.ascontiguousarray(found.vertices @ turn.T + np.asarray(position)), found.triangles)
+
+
+def surface_patch(surface: str, position: Vector3 = LEVEL, rotation: Vector3 = LEVEL) -> Nurbs:
+    """The NURBS patch of a built-in surface, turned and moved to its place in the world.
+
+    SettingError: no such surface, or one that is a mesh.
+    """
+    if surface not in SURFACES:
+        _known(surface)
+        raise SettingError(
+            f"setting 'surface': {surface!r} is a mesh file, expected one of {', '.join(SURFACES)}. "
+            "Use collision.Mesh for a mesh file."
+        )
+    _finite("position", position)
+    return _patch(surface).moved(_matrix(rotation), np.asarray(position))
+
+
+def _patch(surface: str) -> Nurbs:
+    if surface == "kidney":
+        return kidney()
+    if surface == "fingertip":
+        forward = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
+        return capsule(FINGER_RADIUS, FINGER_LENGTH).moved(forward, np.array([0.0, -FINGER_LENGTH, 0.0]))
+    return sphere(THICKNESS / 2) if surface == "sphere" else plane_patch(PLANE_SIZE)
+
+
+def _known(surface: str) -> None:
+    """SettingError where a name is neither a built-in surface nor looks like a path."""
+    if not Path(surface).suffix:
+        raise SettingError(
+            f"setting 'surface': found {surface!r}, expected one of {', '.join(SURFACES)}, or a mesh file"
+        )
+
+
+def _finite(name: str, vector: Vector3) -> None:
+    if not np.isfinite(vector).all():
+        raise SettingError(f"setting {name!r}: found {vector}, expected three finite numbers")
+
+
+def _matrix(rotation: Vector3) -> np.ndarray:
+    _finite("rotation", rotation)
+    return np.eye(3) if tuple(rotation) == LEVEL else Rotation.from_rotvec(rotation).as_matrix()

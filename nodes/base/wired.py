@@ -1,0 +1,74 @@
+"""What all nodes with a device at the other end share: which one, whether it is waited for, and the thread between."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Annotated, ClassVar
+
+from palpate.drivers.emulate.faults import Faults
+from palpate.drivers.exchange import Driver, Exchange
+from palpate.drivers.guard import Guard, Sample
+from palpate.nodes.base.node import Node
+
+EMULATOR = "emulator"
+"""The port at which there is no hardware."""
+SLOW = 0.9  # [1] answers per step below which the user is told
+
+
+class Wired(Node):
+    """A node that talks to a device of this machine. Settings of all such nodes:
+
+    port       which one: empty where there is only one, else as `palpate devices` shows it; `emulator`: none at all
+    reconnect  whether a device that is gone is waited for
+    faults     bad days of the emulator
+    """
+
+    sink: ClassVar[bool] = True
+    hardware: ClassVar[bool] = True
+
+    port: Annotated[str, "1"] = ""
+    reconnect: Annotated[bool, "1"] = False
+    faults: Annotated[Faults, "1"] = Faults()
+
+    def driver(self) -> Driver:
+        """Makes the device's driver, or that of its emulator."""
+        raise NotImplementedError
+
+    def guard(self, driver: Driver) -> Guard:
+        """What the commands are held to."""
+        return Guard(driver.limits)
+
+    def start(self) -> None:
+        self.steps, self.seconds, self.told = 0, 0.0, False
+        self.go: Callable[[], None] | None = None
+        driver = self.driver()
+        self.exchange = Exchange(driver, self.guard(driver), reconnect=self.reconnect)
+        self.exchange.start()
+
+    def stop(self) -> None:
+        if hasattr(self, "exchange"):
+            self.exchange.stop()
+
+    def talk(self, command: tuple[float, ...], dt: float) -> Sample | None:
+        """Give the newest command, get the newest sample. Neither waits for the device."""
+        if not self.steps and self.go is not None:  # an emulated hand goes its way from the graph's first tick
+            self.go()
+        self.steps += 1
+        self.seconds += max(dt, 0.0)
+        self.exchange.command(command)
+        return self.exchange.sample()
+
+    def notes(self) -> list[str]:
+        """What the user should see: a device that is gone or back, or too slow; each line once."""
+        if not hasattr(self, "exchange"):
+            return []
+        found = self.exchange.notes()
+        rate = self.exchange.rate
+        if self.steps > 2000 and not self.told and 0.0 < rate < SLOW * self.steps / self.seconds:
+            self.told = True
+            found.append(
+                f"the device answers {rate:.0f} times a second, the graph asks {self.steps / self.seconds:.0f} times:"
+                f" the rest is carried on from the last answers. `rate: {50 * max(1, int(rate / 50))}` fits;"
+                " `palpate doctor` shows what slows this machine."
+            )
+        return found

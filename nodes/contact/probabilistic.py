@@ -1,0 +1,121 @@
+"""The contact force as a probability: what a measured subject's finger gives at this indentation, and how surely."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import msgspec
+import numpy as np
+import yaml
+
+from palpate.messages import Contact, ForceBand, Vector
+from palpate.nodes.base import Node, SettingError, Wants
+from palpate.physics.contact.force_band import PUBLISHED, Band, band_at, truncated_quantile, uniform
+from palpate.physics.contact.force_models import MODELS
+
+LAW_SETTINGS = ("mean", "mean_parameters", "deviation", "deviation_parameters", "depth_limit", "freedom")
+"""The settings that a fit determines, in the order of `Band`; a file may leave out the last one."""
+
+
+class Probabilistic(Node):
+    """Mean force and spread from the indentation (docs/equations/probabilistic-force.md).
+
+    The laws come from measured sessions: the default is the published subject; `palpate fit` writes those of other
+    subjects to a file, which `model` names, with `subject` where it holds several. The settings that the file gives
+    are taken in when the node is made, so that a recording carries them.
+
+    `depth` says what the measured indentation is in the contact: "compression" of the fingertip (a rigid probe in a
+    finger, as published), or "indentation" of the tissue where the sessions were made on tissue. When apart, all is 0.
+
+    `draw`: "tick" draws a new force at each step, "session" keeps one rank in the distribution for the whole run, as
+    one session of the experiment does; "none" draws nothing. A draw depends on `seed` and the tick alone.
+    """
+
+    model: Annotated[str, "1"] = ""
+    subject: Annotated[str, "1"] = ""
+    mean: Annotated[str, "1"] = PUBLISHED.mean
+    mean_parameters: Annotated[Vector, "SI"] = PUBLISHED.mean_parameters
+    deviation: Annotated[str, "1"] = PUBLISHED.deviation
+    deviation_parameters: Annotated[Vector, "SI"] = PUBLISHED.deviation_parameters
+    depth_limit: Annotated[float, "m", msgspec.Meta(gt=0, le=1)] = PUBLISHED.limit
+    freedom: Annotated[float, "1", msgspec.Meta(ge=0, le=1e6)] = PUBLISHED.freedom
+    """Degrees of freedom of Student's t, after which a new force lies about the mean; 0: the normal law."""
+    depth: Annotated[Literal["compression", "indentation"], "1"] = "compression"
+    levels: Annotated[Vector, "1"] = (0.025, 0.5, 0.975)
+    draw: Annotated[Literal["none", "tick", "session"], "1"] = "none"
+    seed: Annotated[int, "1", msgspec.Meta(ge=0, le=2**63 - 1)] = 0
+
+    def __init__(self, **given: Any) -> None:
+        if given.get("model"):
+            given = {**given, **read_law(Path(str(given["model"])), str(given.get("subject", ""))), "model": ""}
+        super().__init__(**given)
+        for law in ("mean", "deviation"):
+            name, parameters = getattr(self, law), getattr(self, f"{law}_parameters")
+            if name not in MODELS:
+                raise SettingError(f"setting {law!r} [1]: found {name!r}, expected one of {', '.join(MODELS)}")
+            names = MODELS[name].parameters
+            if len(parameters) != len(names) or not np.isfinite(parameters).all():
+                wanted = ", ".join(f"{n} [{unit}]" for n, unit in names.items())
+                raise SettingError(
+                    f"setting '{law}_parameters' [SI]: found {list(parameters)}, expected {len(names)} finite numbers"
+                    f" for {name!r}: {wanted}"
+                )
+        if not all(0.0 < p < 1.0 for p in self.levels) or len(self.levels) > 16:
+            raise SettingError(f"setting 'levels' [1]: found {list(self.levels)}, expected up to 16 numbers in (0, 1)")
+
+    def start(self) -> None:
+        self.band = Band(*(getattr(self, name) for name in LAW_SETTINGS))
+        self.rank = np.array(self.levels)
+        self.session = uniform(self.seed, -1)
+
+    def step(self, contact: Annotated[Contact, Wants("compression", "indentation")], *, dt: float) -> ForceBand:
+        depth = contact.compression if self.depth == "compression" else contact.indentation
+        if not depth > 0.0:
+            nothing = (0.0,) * len(self.levels)
+            return ForceBand(
+                mean=0.0, deviation=0.0, levels=self.levels, quantiles=nothing, sample=0.0, valid=depth == 0.0
+            )
+        mean, deviation, inside = (v.item() for v in band_at(depth, self.band))
+        sample = 0.0
+        if self.draw != "none" and self.wants("sample"):
+            rank = self.session if self.draw == "session" else uniform(self.seed, contact.tick)
+            sample = float(truncated_quantile(rank, mean, deviation, self.freedom))
+        return ForceBand(
+            mean=mean,
+            deviation=deviation,
+            levels=self.levels,
+            quantiles=tuple(truncated_quantile(self.rank, mean, deviation, self.freedom).tolist()),
+            sample=sample,
+            valid=inside,
+        )
+
+
+def read_law(path: Path, subject: str) -> dict[str, Any]:
+    """The settings that a file of `palpate fit` gives for a subject; the only subject where none is named.
+
+    SettingError: no such file, not such a file, no such subject.
+    """
+    try:
+        data = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        text = getattr(error, "strerror", None) or "not a YAML file"
+        raise SettingError(f"setting 'model' [1]: cannot read {str(path)!r}: {text}") from None
+    subjects = data.get("subjects") if isinstance(data, dict) else None
+    if not isinstance(subjects, dict) or not subjects:
+        raise SettingError(
+            f"setting 'model' [1]: {str(path)!r} has no mapping 'subjects'; write it with `palpate fit SESSIONS.csv`"
+        )
+    known = {str(name): law for name, law in subjects.items()}
+    if not subject and len(known) == 1:
+        subject = next(iter(known))
+    if subject not in known:
+        raise SettingError(
+            f"setting 'subject' [1]: found {subject!r}, expected one of those of {str(path)!r}: {', '.join(known)}"
+        )
+    law = known[subject]
+    if not isinstance(law, dict) or set(law) | {"freedom"} != set(LAW_SETTINGS):
+        raise SettingError(
+            f"setting 'model' [1]: subject {subject!r} of {str(path)!r}: expected {', '.join(LAW_SETTINGS)}"
+        )
+    return law

@@ -1,0 +1,150 @@
+"""Normal contact of fingertip and tissue."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Literal
+
+import msgspec
+
+from palpate.messages import Contact, Proximity, Surface, Vector3
+from palpate.nodes.base import InputFault, Node, Wants
+from palpate.physics.bodies.place_energy import on_hand
+from palpate.physics.contact.series import Law, exponential, hertz_exponential, power, series_step
+from palpate.physics.contact.terminal import LEAST_FREE, Terminal, check_law, free_recovery, law_at
+
+LATE = 1.5
+"""[1] Steps of the contact after which a law is an old one."""
+Positive = msgspec.Meta(gt=0)
+BODY = Wants("stiffness", "exponent", "damping", "free", "previous", "slope", "turning")
+
+
+class Series(Node):
+    """Fingertip and tissue in series: they share the approach and press on each other with one force
+    (docs/equations/contact.md).
+
+    The tissue answers by the terminal law of its last message. Where that is older than a step (a tissue that runs at a
+    divisor, a message that is held) the law is taken for the present time, and the contact's own memory of the
+    indentation for that of the tissue. Where it says how its energy changes along the surface, the finger feels that,
+    too: force and place have one energy (docs/equations/reduced-fe.md). Without tissue there is nothing to press on:
+    the force is zero and the fingertip recovers.
+    """
+
+    finger_law: Annotated[Literal["exponential", "power", "hertz"], "1"] = "exponential"
+    finger_damping: Annotated[float, "s/m", msgspec.Meta(ge=0)] = 8.0
+    finger_stiffness: Annotated[float, "N/m", Positive] = 26.2641
+    """of the exponential law"""
+    finger_hardening: Annotated[float, "1/m", Positive] = 1681.06
+    """of the exponential law"""
+    finger_power_stiffness: Annotated[float, "N/m^n", Positive] = 8.1e3
+    finger_power_exponent: Annotated[float, "1", msgspec.Meta(ge=1, le=10)] = 1.5
+    finger_hertz_slope: Annotated[float, "Pa/m", Positive] = 5.672e6
+    finger_hertz_hardening: Annotated[float, "1/m", Positive] = 466.6
+    finger_hertz_radius: Annotated[float, "m", Positive] = 9.84e-3
+
+    def start(self) -> None:
+        self.compression = 0.0
+        self.indentation: float | None = None
+        self.last: Contact | None = None
+        self._law = self._finger()
+        self._solve(1e-3, 1e-3, 3e3, 1.5, 5.0, 0.0, 0.0)
+        free_recovery(0.0, 0.0, self.finger_damping, 1e-3)
+        on_hand((0.0, 0.0, 0.0), (0.0,) * 9, 0.0, (0.0, 0.0, 1.0))
+        self._contact((0.0, 0.0, 0.0), (0.0, 0.0, 1.0), 0.0, 0.0, 0.0, 0.0, 0.0)
+
+    def _finger(self) -> Law:
+        if self.finger_law == "power":
+            return power(self.finger_power_stiffness, self.finger_power_exponent)
+        if self.finger_law == "hertz":
+            return hertz_exponential(self.finger_hertz_slope, self.finger_hertz_hardening, self.finger_hertz_radius)
+        return exponential(self.finger_stiffness, self.finger_hardening)
+
+    def _solve(self, approach: float, dt: float, *body: float) -> tuple[float, float, float]:
+        return series_step(approach, dt, self.compression, *self._law, self.finger_damping, *body)
+
+    def _law_now(self, body: Surface, time: int, dt: float) -> tuple[float, float, float, float, float]:
+        """K, n, c, s_free, s_prev of the body's law for a step of `dt` [s] that ends at `time` [ns].
+
+        InputFault: a law out of its range.
+        """
+        k, n, c, free, previous = law = (body.stiffness, body.exponent, body.damping, body.free, body.previous)
+        step, relaxation = body.step, body.relaxation
+        # Every tick: what passes here passes `check_law`, which tells.
+        if not (
+            k > 0.0 and 1.0 <= n <= 3.0 and c >= 0.0 and free >= LEAST_FREE and step >= 0.0 and relaxation >= 0.0
+        ) or (not -math.inf < k + c + free + previous + step + relaxation < math.inf):
+            try:
+                check_law(Terminal(*law), step, relaxation)
+            except ValueError as error:
+                raise InputFault(body, str(error)) from None
+        age = (time - body.time) * 1e-9 if time >= 0 and body.time >= 0 else dt
+        if not (age > LATE * dt or step > LATE * dt) or self.indentation is None:
+            return law
+        if step > LATE * dt:  # its own step is longer: it comes through it with the contact, and ends it alike
+            k, free = law_at(max(age, dt), previous, Terminal(*law), step, relaxation)
+        else:  # its message is held, or late: from where the contact has been since
+            k, free = law_at(dt, self.indentation, Terminal(*law), step, relaxation)
+        return k, n, c, free, self.indentation
+
+    def step(
+        self,
+        proximity: Proximity,
+        body: Annotated[
+            Surface | None,
+            Wants("stiffness", "exponent", "damping", "free", "previous", "step", "relaxation", "slope", "turning"),
+        ],
+        *,
+        dt: float,
+    ) -> Contact:
+        before = self.compression
+        if not dt > 0.0:
+            # A duplicate or reordered message: no time has passed, so nothing has changed.
+            if self.last is None:
+                self.last = self._contact(proximity.foot, proximity.normal, 0.0, 0.0, 0.0, 0.0, 0.0)
+            return self.last
+        along = (0.0, 0.0, 0.0)
+        if body is None:
+            force, indentation, indentation_rate = 0.0, 0.0, 0.0
+            self.indentation = None
+            self.compression = free_recovery(before, 0.0, self.finger_damping, dt)
+        else:
+            law = self._law_now(body, proximity.time, dt)
+            force, self.compression, indentation = self._solve(proximity.approach, dt, *law)
+            indentation_rate = (indentation - law[-1]) / dt
+            self.indentation = indentation
+            if force > 0.0 and len(body.turning) == 9:
+                along = on_hand(body.slope, body.turning, proximity.approach, proximity.normal)
+        rate = (self.compression - before) / dt
+        self.last = self._contact(
+            proximity.foot,
+            proximity.normal,
+            force,
+            self.compression,
+            indentation,
+            rate,
+            indentation_rate,
+            along,
+        )
+        return self.last
+
+    @staticmethod
+    def _contact(
+        foot: Vector3,
+        normal: Vector3,
+        force: float,
+        s1: float,
+        s2: float,
+        rate1: float,
+        rate2: float,
+        along: Vector3 = (0.0, 0.0, 0.0),
+    ) -> Contact:
+        return Contact(
+            foot=foot,
+            normal=normal,
+            force=force,
+            compression=s1,
+            indentation=s2,
+            compression_rate=rate1,
+            indentation_rate=rate2,
+            along=along,
+        )

@@ -1,0 +1,86 @@
+"""HID devices: 3Dconnexion's mice, gamepads, and haptic devices that speak the open raw-HID protocol."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, ClassVar, Literal
+
+import msgspec
+
+from palpate.drivers.exchange import Driver
+from palpate.drivers.hid import gamepad, raw, spacemouse
+from palpate.drivers.transport.hid import UsbHid
+from palpate.messages import DeviceState, Force, Torque, Vector3
+from palpate.nodes.base.wired import EMULATOR, Wired
+from palpate.nodes.device.hardware import Hardware, state
+
+
+class RawHid(Hardware):
+    """A haptic device with up to three axes that speaks the open protocol of docs/raw_hid.md, or its emulator.
+
+    One that measures positions takes `force`, one that measures joint angles takes `torque`.
+    """
+
+    def driver(self) -> Driver:
+        if self.port == EMULATOR:
+            from palpate.drivers.hid.emulator import EmulatedRawHid
+
+            device = EmulatedRawHid(self.script(), self.faults, waits=True)
+            self.go = device.go
+            return raw.RawHid(device.connect)
+        return raw.RawHid(lambda: UsbHid(raw.fits, raw.NAME, self.port))
+
+    def step(self, force: Force | None, torque: Torque | None, *, dt: float) -> DeviceState:
+        if torque is not None:
+            return state(self.talk(torque.torques, dt))
+        return state(self.talk(force.force if force is not None else (0.0, 0.0, 0.0), dt))
+
+
+class Hid(Wired):
+    """A position that a SpaceMouse or a gamepad sets, without a force. `port: emulator` moves by itself.
+
+    kind    which of the two
+    mode    "rate": a deflected stick moves the point, at `speed` when it is full; "place": it shows the place, at
+            `reach` from `begin` when it is full
+    begin   where the point is at the start, in the device's frame
+    low, high  corners of the box that it stays in
+    """
+
+    paced: ClassVar[bool] = True
+
+    kind: Annotated[Literal["spacemouse", "gamepad"], "1"] = "spacemouse"
+    mode: Annotated[Literal["rate", "place"], "1"] = "rate"
+    begin: Annotated[Vector3, "m"] = (0.0, 0.0, 0.116)
+    speed: Annotated[float, "m/s", msgspec.Meta(gt=0, le=1)] = 0.05
+    reach: Annotated[float, "m", msgspec.Meta(gt=0, le=1)] = 0.03
+    low: Annotated[Vector3, "m"] = (-0.06, -0.06, 0.08)
+    high: Annotated[Vector3, "m"] = (0.06, 0.06, 0.15)
+
+    def start(self) -> None:
+        self.point = self.begin
+        super().start()
+
+    def driver(self) -> Driver:
+        kinds: dict[str, tuple[Any, Any]] = {
+            "spacemouse": (spacemouse.SpaceMouse, spacemouse),
+            "gamepad": (gamepad.Gamepad, gamepad),
+        }
+        made, module = kinds[self.kind]
+        if self.port != EMULATOR:
+            return made(lambda: UsbHid(module.fits, module.NAME, self.port))
+        from palpate.drivers.hid.emulator import GAMEPAD, EmulatedReports, moving_gamepad, moving_mouse
+
+        moved = moving_mouse() if self.kind == "spacemouse" else moving_gamepad()
+        return made(EmulatedReports(moved, GAMEPAD, self.faults).connect)
+
+    def step(self, *, dt: float) -> DeviceState:
+        sample = self.talk((), dt)
+        if sample is None or not sample.homed:
+            return DeviceState(position=self.point)
+        scale = self.reach if self.mode == "place" else self.speed * min(max(dt, 0.0), 0.1)
+        origin = self.begin if self.mode == "place" else self.point
+        x, y, z = (
+            min(max(o + scale * a, low), high)
+            for o, a, low, high in zip(origin, sample.position, self.low, self.high, strict=True)
+        )
+        self.point = x, y, z
+        return DeviceState(position=self.point, buttons=sample.buttons)

@@ -1,0 +1,79 @@
+"""A device whose motion was recorded."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Annotated
+
+import msgspec
+from mcap.records import Channel
+
+from palpate.messages import DeviceState, Force, MessageError, Torque, unpack
+from palpate.nodes.base import Node, SettingError
+from palpate.nodes.device.motion import read_motion
+from palpate.nodes.mcap_file import Broken, declared, messages, opened
+
+
+class Replayed(Node):
+    """A device whose states come from a recording, one a tick, or from a table of a motion; at the end it stays.
+
+    path    of the recording, or of a CSV with a head of `t` [s] and either `x`, `y`, `z` [m] or `joint1`, `joint2`, ...
+            [rad]; `buttons` may stand beside them. Between its rows the way is straight
+    stream  name of the stream of `DeviceState` in a recording
+    repeat  from the beginning again at the end
+
+    The clock is that of the graph. `palpate replay` plays a recording with the time stamps that it was made with.
+    """
+
+    paced = True
+    sink = True
+
+    path: Annotated[str, "1"]
+    stream: Annotated[str, "1"] = "device"
+    repeat: Annotated[bool, "1"] = False
+
+    def start(self) -> None:
+        self.motion = read_motion(self.path) if self.path.lower().endswith(".csv") else None
+        self.clock = 0.0
+        if self.motion is not None:
+            return
+        self.states = self._read()
+        self.last = next(self.states, None)
+        if self.last is None:
+            raise SettingError(f"setting 'stream': {self.path} has no messages of a stream {self.stream!r}")
+        self.first = True
+
+    def _read(self) -> Iterator[DeviceState]:
+        """SettingError: the file is damaged, or its stream is another one. A run that was killed leaves a file that is
+        cut off; its device stays where it was last."""
+        # Read as it goes: a recording of hours does not have to fit into memory.
+        channel = None
+        try:
+            for chunk in opened(self.path):
+                if not isinstance(chunk, bytes):
+                    continue
+                for each in declared(chunk):
+                    if isinstance(each, Channel) and each.topic == self.stream:
+                        channel = each.id
+                for which, _, _, payload in messages(chunk):
+                    if which == channel:
+                        yield unpack(payload, DeviceState)
+        except Broken as broken:
+            if not broken.cut:
+                raise SettingError(f"setting 'path': {self.path}: {broken}; `palpate recover` saves the rest") from None
+        except MessageError as error:
+            raise SettingError(f"setting 'stream': {self.path}, stream {self.stream!r}: {error}") from None
+
+    def step(self, torque: Torque | None, force: Force | None, *, dt: float) -> DeviceState:
+        if self.motion is not None:
+            here, self.clock = self.motion.at(self.clock, self.repeat), self.clock + max(dt, 0.0)
+            return here
+        if not self.first:
+            state = next(self.states, None)
+            if state is None and self.repeat:
+                self.states = self._read()
+                state = next(self.states, None)
+            self.last = state or self.last
+        self.first = False
+        assert self.last is not None
+        return msgspec.structs.replace(self.last)

@@ -1,0 +1,192 @@
+"""What pins under a fingerpad have to show."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+import msgspec
+import numpy as np
+from scipy.spatial import cKDTree
+
+from palpate.messages import Contact, Pins, Surface, Vector3
+from palpate.nodes.base import SettingError, Wants
+from palpate.nodes.base.surface import OnSurface
+from palpate.physics.display.pin_heights import heights_from_force, heights_from_pressure, heights_from_surface
+from palpate.physics.display.pins import drive, pin_grid
+from palpate.physics.display.shape_display import (
+    FINGERPADS,
+    VALID_RATIO,
+    Fingerpad,
+    PadContact,
+    pad_contact,
+    pad_displacement,
+)
+
+NEIGHBOURS = 9
+"""Surface vertices round each pin from which its height is taken: a vertex and its ring on a square mesh."""
+
+
+class PinArray(OnSurface):
+    """Pins under the fingerpad on a linear actuator (docs/equations/shape-display.md).
+
+    `shows` says where the shape comes from. "force": from the normal force alone, by the model of a fingerpad on
+    homogeneous tissue. "surface": from the deformed surface of the tissue. "pressure": from the contact pressure of
+    the tissue model. The last two show what lies below the surface, and need the input `surface`; while it is None
+    or says nothing, the shape comes from the force, and `valid` is false. Only they use the settings of the surface.
+
+    Pins stand in the tangent plane at the contact: along a row in the direction of the world's x axis (y where the
+    normal lies along x), down a column along normal × row. `pad` names the fingerpad; `pad_b`, `pad_m` and
+    `pad_radius` replace single parameters of it.
+    """
+
+    shows: Annotated[Literal["force", "surface", "pressure"], "1"] = "force"
+
+    rows: Annotated[int, "1", msgspec.Meta(ge=1, le=1000)] = 6
+    columns: Annotated[int, "1", msgspec.Meta(ge=1, le=1000)] = 6
+    pitch: Annotated[float, "m", msgspec.Meta(gt=0, le=0.1)] = 2.0e-3
+    stroke: Annotated[float, "m", msgspec.Meta(gt=0, le=0.1)] = 4.0e-3
+    travel: Annotated[float, "m", msgspec.Meta(gt=0, le=1)] = 0.05
+    rate: Annotated[float, "m/s", msgspec.Meta(gt=0, le=1e3)] = 0.1
+    actuator_rate: Annotated[float, "m/s", msgspec.Meta(gt=0, le=1e3)] = 0.5
+    rise_time: Annotated[float, "s", msgspec.Meta(ge=0, le=1e3)] = 0.0
+    fall_time: Annotated[float, "s", msgspec.Meta(ge=0, le=1e3)] = 0.0
+    resolution: Annotated[float, "m", msgspec.Meta(ge=0, le=0.1)] = 0.0
+
+    pad: Annotated[Literal["canonical", "calibrated"], "1"] = "canonical"
+    pad_b: Annotated[Annotated[float, msgspec.Meta(gt=0, le=1e12)] | None, "Pa/m"] = None
+    pad_m: Annotated[Annotated[float, msgspec.Meta(gt=0, le=1e5)] | None, "1/m"] = None
+    pad_radius: Annotated[Annotated[float, msgspec.Meta(gt=0, le=1)] | None, "m"] = None
+    modulus: Annotated[float, "Pa", msgspec.Meta(gt=0, le=1e15)] = 15.0e3
+    poisson: Annotated[float, "1", msgspec.Meta(gt=-1, le=0.5)] = 0.5
+    curvature: Annotated[float, "1/m", msgspec.Meta(le=1e6)] = 0.0
+
+    def __init__(self, **settings: Any) -> None:
+        super().__init__(**settings)
+        given = zip((self.pad_b, self.pad_m, self.pad_radius), FINGERPADS[self.pad], strict=True)
+        self.finger = Fingerpad(*(named if own is None else own for own, named in given))
+        if self.curvature <= -1.0 / self.finger.radius:
+            raise SettingError(
+                f"setting 'curvature' [1/m]: found {self.curvature}, expected more than {-1.0 / self.finger.radius:g}"
+                f" (-1/pad_radius): the fingerpad does not fit into the hollow"
+            )
+
+    def start(self) -> None:
+        self.grid = pin_grid(self.rows, self.columns, self.pitch).reshape(-1, 2)
+        self.distance = np.hypot(self.grid[:, 0], self.grid[:, 1])
+        self.pins = np.zeros(len(self.grid))
+        self.shown = np.zeros(len(self.grid))
+        self.shape = np.zeros(len(self.grid))
+        self.actuator = 0.0
+        if self.shows != "force":
+            mesh = self.mesh()
+            self.points, self.areas = mesh.vertices, mesh.areas
+            self.spacing = float(np.sqrt(np.median(mesh.areas)))
+            self.moved = np.zeros_like(self.points)
+            self.tree = cKDTree(self.points)
+        nothing = np.zeros((1, 2)), np.zeros(1), np.ones(1)
+        heights_from_pressure(self.grid, *nothing, self.finger.b, self.finger.m, self.shape)
+        self._from_force(0.0)
+        self._drive(0.0, 0.0)
+
+    def theory(self, force: np.ndarray | float, modulus: np.ndarray | float | None = None) -> PadContact:
+        """States of the fingerpad under forces [N] on tissue of this modulus [Pa], or of the node's own: a table."""
+        curved = np.inf if self.curvature == 0.0 else 1.0 / self.curvature
+        return pad_contact(force, self.modulus if modulus is None else modulus, self.poisson, curved, self.finger)
+
+    def theory_profile(self, distance: np.ndarray, force: float) -> np.ndarray:
+        """Deformation of the fingerpad [m] at these distances [m] from the axis, under a force [N]."""
+        return pad_displacement(distance, self.theory(force))
+
+    def step(
+        self,
+        contact: Contact,
+        surface: Annotated[Surface | None, Wants("nodes", "displacement", "pressure")],
+        *,
+        dt: float,
+    ) -> Pins:
+        touching = contact.force > 0.0
+        approach, valid = self._from_force(contact.force if touching else 0.0)
+        if self.shows != "force":
+            approach = max(contact.compression + contact.indentation, 0.0)
+            valid = surface is not None
+            if surface is not None and touching:
+                if self.shows == "surface":
+                    self._from_surface(contact, surface, approach)
+                else:
+                    valid = self._from_pressure(contact, surface)
+        limited = self._drive(approach, dt)
+        return Pins(
+            heights=self.shown.reshape(self.rows, self.columns),
+            actuator=self.actuator,
+            limited=limited,
+            valid=bool(valid and contact.force >= 0.0),
+        )
+
+    def _from_force(self, force: float) -> tuple[float, bool]:
+        approach, radius = heights_from_force(
+            self.distance,
+            force,
+            self.finger.b,
+            self.finger.m,
+            1.0 / self.finger.radius,
+            (1.0 - self.poisson**2) / self.modulus,
+            self.curvature,
+            self.shape,
+        )
+        return approach, radius <= VALID_RATIO * self.finger.radius
+
+    def _from_surface(self, contact: Contact, surface: Surface, approach: float) -> None:
+        self._check(surface)
+        foot, frame = np.array(contact.foot), tangent_frame(contact.normal)
+        _, near = self.tree.query(foot + self.grid @ frame[:2], k=min(NEIGHBOURS, len(self.points)))
+        near = near.reshape(len(self.grid), -1)
+        self.moved[surface.nodes] = surface.displacement
+        tissue = (self.points[near] + self.moved[near] - foot) @ frame.T
+        self.moved[surface.nodes] = 0.0
+        self.shape[:] = heights_from_surface(self.grid, tissue, approach, self.finger.radius, self.spacing)
+
+    def _from_pressure(self, contact: Contact, surface: Surface) -> bool:
+        if len(surface.pressure) != len(surface.nodes) or not len(surface.nodes):
+            return False
+        self._check(surface)
+        area = self.areas[surface.nodes]
+        places = (self.points[surface.nodes] - np.array(contact.foot)) @ tangent_frame(contact.normal)[:2].T
+        radii = 1.2 * np.sqrt(area)
+        heights_from_pressure(
+            self.grid, places, surface.pressure * area, radii, self.finger.b, self.finger.m, self.shape
+        )
+        return True
+
+    def _check(self, surface: Surface) -> None:
+        if len(surface.nodes) and not 0 <= surface.nodes.min() <= surface.nodes.max() < len(self.points):
+            raise SettingError(
+                f"settings 'surface', 'vertices': surface {self.surface!r} has {len(self.points)} vertices, but the"
+                f" tissue sends vertex {surface.nodes.max()}; give both nodes the same surface"
+            )
+
+    def _drive(self, approach: float, dt: float) -> bool:
+        self.actuator, limited = drive(
+            self.pins,
+            self.shape,
+            self.actuator,
+            approach,
+            dt,
+            self.stroke,
+            self.travel,
+            self.rate,
+            self.actuator_rate,
+            self.rise_time,
+            self.fall_time,
+            self.resolution,
+            self.shown,
+        )
+        return limited
+
+
+def tangent_frame(normal: Vector3) -> np.ndarray:
+    """Rows (3,3): the direction of a row of pins, that of a column, and the unit normal; right-handed."""
+    n = np.asarray(normal, float)
+    row = np.array([0.0, 1.0, 0.0] if abs(n[0]) > 0.9 else [1.0, 0.0, 0.0])
+    row -= (row @ n) * n
+    row /= np.linalg.norm(row)
+    return np.stack([row, np.cross(n, row), n])

@@ -1,0 +1,219 @@
+"""The records of a recording, an MCAP file (https://mcap.dev), each verified against its checksum.
+
+MCAP has checksums of what is in a chunk (messages, and the schemas and channels before them), of attachments, of the
+summary at the end, and of all data of a complete file. Metadata have none of their own, which a file that was cut off
+would need: they are sealed with one more key.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import struct
+import zlib
+from collections.abc import Callable, Iterator
+from io import BytesIO
+from pathlib import Path
+from typing import IO, Any
+
+import lz4.frame
+import zstandard
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import McapError
+from mcap.opcode import Opcode
+from mcap.records import Channel, Chunk, Footer, Header, Metadata, MetadataIndex, Schema
+from mcap.writer import Writer
+
+MAGIC = b"\x89MCAP0\r\n"
+LIBRARY = "palpate, sealed"
+"""Says in the header of a file that its metadata are sealed."""
+SEAL = "crc32"
+
+_RECORD = struct.Struct("<BQ")
+_HEAD = struct.Struct("<HIQQ")  # of a message: channel, sequence number, which is its tick, and two times
+_FOOTER = _RECORD.size + 20 + len(MAGIC)
+_DATA_END = _RECORD.size + 4
+_KINDS: dict[int, Any] = {
+    Opcode.HEADER: Header, Opcode.SCHEMA: Schema, Opcode.CHANNEL: Channel, Opcode.METADATA: Metadata,
+    Opcode.METADATA_INDEX: MetadataIndex, Opcode.CHUNK: Chunk, Opcode.FOOTER: Footer,
+}  # fmt: skip
+_IN_DATA = {Opcode.HEADER, Opcode.SCHEMA, Opcode.CHANNEL, Opcode.CHUNK, Opcode.MESSAGE_INDEX, Opcode.ATTACHMENT,
+            Opcode.METADATA}  # fmt: skip
+_UNPACK: dict[str, Callable[[bytes], bytes]] = {"": bytes, "zstd": zstandard.decompress, "lz4": lz4.frame.decompress}
+# What the libraries raise on bytes that are not what they should be; lz4 has RuntimeError alone.
+_BAD = (McapError, EOFError, ValueError, RuntimeError, KeyError, TypeError, MemoryError, OverflowError, struct.error,
+        zstandard.ZstdError)  # fmt: skip
+BLOCK = 1 << 20
+
+
+class Broken(Exception):
+    """Bytes of a file that are missing or not what was written, and from which on nothing can be relied on.
+
+    at   the byte where it begins
+    cut  nothing comes after it: the file was cut off
+    """
+
+    def __init__(self, at: int, what: str, cut: bool = False) -> None:
+        super().__init__(f"{'cut off' if cut else 'damaged'} at byte {at}: {what}")
+        self.at, self.cut = at, cut
+
+
+def add_metadata(writer: Writer, name: str, data: dict[str, str]) -> None:
+    """Write metadata with their checksum, which covers their name as well."""
+    writer.add_metadata(name, {**data, SEAL: _seal(name, data)})
+
+
+def _seal(name: str, data: dict[str, str]) -> str:
+    return f"{zlib.crc32(json.dumps([name, sorted(data.items())]).encode()):08x}"
+
+
+class Records:
+    """The records of one file, in its order: headers, schemas, channels, metadata and opened chunks.
+
+    Broken is raised where the file is cut off or damaged; what came before it is good.
+    """
+
+    def __init__(self, file: IO[bytes]) -> None:
+        self.file = file
+        self.size = os.fstat(file.fileno()).st_size
+        self.is_sealed = False
+
+    def __iter__(self) -> Iterator[Header | Schema | Channel | Metadata | bytes]:
+        """Records from the beginning up to the end of the data; a chunk as the bytes of the records in it."""
+        self.file.seek(0)
+        if self.file.read(len(MAGIC)) != MAGIC:
+            raise Broken(0, "this is no MCAP file")
+        at = len(MAGIC)
+        while True:
+            kind, content = self._record(at)
+            if kind == Opcode.DATA_END:
+                return
+            if kind not in _IN_DATA:
+                raise Broken(at, f"found a record of kind {kind}, which does not belong here")
+            if kind == Opcode.CHUNK:
+                yield _open(at, _parse(at, Chunk, content))
+            elif kind in _KINDS:
+                yield self._checked(at, _parse(at, _KINDS[kind], content))
+            at += _RECORD.size + len(content)
+
+    def indexed(self) -> list[Schema | Channel | Metadata]:
+        """Schemas, channels and metadata of a complete file, by the summary at its end. Broken: the file is not
+        complete, or not as it was written, wherever in it."""
+        self._checked(len(MAGIC), _parse(len(MAGIC), Header, self._record(len(MAGIC))[1]))
+        start, crc = self._summary()
+        summary = self._bytes(start, self.size - _FOOTER - start)
+        footer = self._bytes(self.size - _FOOTER, _RECORD.size + 16)
+        if crc and zlib.crc32(footer, zlib.crc32(summary)) != crc:
+            raise Broken(start, "the index at its end does not match its checksum")
+        self._check_data(start)
+        found: list[Any] = []
+        at = 0
+        while at < len(summary):
+            kind, length = _RECORD.unpack_from(summary, at)
+            content = summary[at + _RECORD.size : at + _RECORD.size + length]
+            if kind == Opcode.METADATA_INDEX:
+                place = _parse(start + at, MetadataIndex, content).offset
+                found.append(self._checked(place, _parse(place, Metadata, self._record(place)[1])))
+            elif kind in (Opcode.SCHEMA, Opcode.CHANNEL):
+                found.append(_parse(start + at, _KINDS[kind], content))
+            at += _RECORD.size + length
+        return found
+
+    def _summary(self) -> tuple[int, int]:
+        """Where the summary begins, and its checksum."""
+        at = self.size - _FOOTER
+        if at < len(MAGIC):
+            raise Broken(self.size, "the end is missing", cut=True)
+        kind, content = self._record(at)
+        if kind != Opcode.FOOTER or self._bytes(self.size - len(MAGIC), len(MAGIC)) != MAGIC:
+            raise Broken(self.size, "the index at the end is missing", cut=True)
+        footer = _parse(at, Footer, content)
+        if not _DATA_END < footer.summary_start <= at:
+            raise Broken(at, "there is no index at the end")
+        return footer.summary_start, footer.summary_crc
+
+    def _check_data(self, end: int) -> None:
+        """Compare all data with their checksum, where there is one; `end` is where the summary begins."""
+        kind, content = self._record(end - _DATA_END)
+        if kind != Opcode.DATA_END or len(content) != 4:
+            raise Broken(end - _DATA_END, "the end of the data is missing")
+        expected = int.from_bytes(content, "little")
+        if not expected:
+            return
+        found, left = 0, end - _DATA_END
+        self.file.seek(0)
+        while left > 0:
+            block = self.file.read(min(BLOCK, left))
+            found, left = zlib.crc32(block, found), left - len(block)
+            if not block:
+                raise Broken(end - left, "the file has become shorter", cut=True)
+        if found != expected:
+            raise Broken(0, "the data do not match their checksum")
+
+    def _record(self, at: int) -> tuple[int, bytes]:
+        kind, length = _RECORD.unpack(self._bytes(at, _RECORD.size))
+        return kind, self._bytes(at + _RECORD.size, length, at)
+
+    def _bytes(self, at: int, length: int, since: int | None = None) -> bytes:
+        if at < 0 or at + length > self.size:
+            raise Broken(at if since is None else since, "the file ends within this record", cut=True)
+        self.file.seek(at)
+        return self.file.read(length)
+
+    def _checked(self, at: int, record: Any) -> Any:
+        """The record; metadata without their seal. Broken: it does not match."""
+        if isinstance(record, Header):
+            self.is_sealed = record.library == LIBRARY
+        elif isinstance(record, Metadata):
+            seal = record.metadata.pop(SEAL, None)
+            if (seal is None and self.is_sealed) or (seal is not None and seal != _seal(record.name, record.metadata)):
+                raise Broken(at, f"metadata {record.name!r} do not match their checksum")
+        return record
+
+
+def opened(path: str | Path) -> Iterator[Header | Schema | Channel | Metadata | bytes]:
+    """The records of a file as `Records` gives them. OSError, Broken."""
+    with open(path, "rb") as file:
+        yield from Records(file)
+
+
+def messages(chunk: bytes) -> Iterator[tuple[int, int, int, bytes]]:
+    """Channel, tick, time [ns] and wire bytes of the messages in an opened chunk."""
+    for kind, content in _inside(chunk):
+        if kind == Opcode.MESSAGE:
+            channel, tick, time, _ = _HEAD.unpack_from(content)
+            yield channel, tick, time, content[_HEAD.size :]
+
+
+def declared(chunk: bytes) -> Iterator[Schema | Channel]:
+    """The schemas and channels in an opened chunk."""
+    for kind, content in _inside(chunk):
+        if kind in (Opcode.SCHEMA, Opcode.CHANNEL):
+            yield _parse(0, _KINDS[kind], content)
+
+
+def _inside(chunk: bytes) -> Iterator[tuple[int, bytes]]:
+    """Kind and content of the records in an opened chunk."""
+    at = 0
+    while at + _RECORD.size <= len(chunk):
+        kind, length = _RECORD.unpack_from(chunk, at)
+        at += _RECORD.size
+        yield kind, chunk[at : at + length]
+        at += length
+
+
+def _open(at: int, chunk: Chunk) -> bytes:
+    try:
+        data = _UNPACK[chunk.compression](chunk.data)
+    except _BAD:
+        raise Broken(at, "a chunk of messages cannot be unpacked") from None
+    if chunk.uncompressed_crc and zlib.crc32(data) != chunk.uncompressed_crc:
+        raise Broken(at, "a chunk of messages does not match its checksum")
+    return data
+
+
+def _parse(at: int, kind: Any, content: bytes) -> Any:
+    try:
+        return kind.read(ReadDataStream(BytesIO(content)))
+    except _BAD:
+        raise Broken(at, f"a record {kind.__name__} cannot be read") from None

@@ -1,0 +1,62 @@
+"""A force sensor, computed: the finger's force on a display when no simulated contact makes it."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Any, ClassVar
+
+import numpy as np
+
+from palpate.messages import Contact, Vector, Vector3
+from palpate.nodes.base import Node, SettingError
+
+
+class ForceSensor(Node):
+    """Simulated sensor: a normal force that follows given points, straight in between.
+
+    It knows the force only, so compression and indentation of its messages are 0. After the last point the force
+    stays, or with `repeat` starts again. The default presses from 0 to 4 N and lets go.
+    """
+
+    paced: ClassVar[bool] = True
+
+    times: Annotated[Vector, "s"] = (0.0, 2.0, 3.0, 5.0)
+    forces: Annotated[Vector, "N"] = (0.0, 4.0, 4.0, 0.0)
+    repeat: Annotated[bool, "1"] = False
+    foot: Annotated[Vector3, "m"] = (0.0, 0.0, 0.0)
+    normal: Annotated[Vector3, "1"] = (0.0, 0.0, 1.0)
+
+    def __init__(self, **given: Any) -> None:
+        super().__init__(**given)
+        times, forces = np.asarray(self.times), np.asarray(self.forces)
+        if len(times) != len(forces) or not len(times):
+            raise SettingError(
+                f"settings 'times' and 'forces': found {len(times)} times and {len(forces)} forces, expected as many"
+                " of the one as of the other, at least one"
+            )
+        if not (np.isfinite(times).all() and np.all(np.diff(times) > 0)):
+            raise SettingError(f"setting 'times' [s]: found {self.times}, expected finite times that grow")
+        if not (np.isfinite(forces).all() and np.all(forces >= 0)):
+            raise SettingError(f"setting 'forces' [N]: found {self.forces}, expected finite forces >= 0")
+        length = math.hypot(*self.normal)
+        if not (math.isfinite(length) and length > 0):
+            raise SettingError(f"setting 'normal' [1]: found {self.normal}, expected a direction")
+        x, y, z = self.normal
+        self.normal = (x / length, y / length, z / length)
+
+    def start(self) -> None:
+        self.clock: float | None = None
+
+    def step(self, *, dt: float) -> Contact:
+        self.clock = self.times[0] if self.clock is None else self.clock + max(dt, 0.0)
+        if self.repeat and self.clock > self.times[-1] > self.times[0]:
+            self.clock = self.times[0] + (self.clock - self.times[0]) % (self.times[-1] - self.times[0])
+        return Contact(
+            foot=self.foot,
+            normal=self.normal,
+            force=float(np.interp(self.clock, self.times, self.forces)),
+            compression=0.0,
+            indentation=0.0,
+            compression_rate=0.0,
+            indentation_rate=0.0,
+        )

@@ -1,0 +1,123 @@
+"""Force sensors at the machine: what a real indentation feels."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Any, ClassVar
+
+import msgspec
+import numpy as np
+
+from palpate.drivers.exchange import Driver
+from palpate.messages import Contact, Vector3
+from palpate.nodes.base import SettingError
+from palpate.nodes.base.wired import EMULATOR, Wired
+
+Wrench = tuple[float, ...]
+
+
+class _Measured(Wired):
+    """What the sensors share: the force along `normal` that something presses on them with. Settings:
+
+    normal  out of the sensor's face, in its own frame: a press is a force against it
+    foot    where it lies in the world
+    tare    [s] at the start in which nothing touches it: the mean force of this time is taken away
+
+    With `port: emulator` it feels the force of `forces` at `times`, straight in between.
+    """
+
+    paced: ClassVar[bool] = True
+
+    normal: Annotated[Vector3, "1"] = (0.0, 0.0, 1.0)
+    foot: Annotated[Vector3, "m"] = (0.0, 0.0, 0.0)
+    tare: Annotated[float, "s", msgspec.Meta(ge=0, le=60)] = 0.2
+    times: Annotated[tuple[float, ...], "s"] = (0.0, 0.5, 2.5, 3.0, 5.0)
+    forces: Annotated[tuple[float, ...], "N"] = (0.0, 0.0, 4.0, 4.0, 0.0)
+
+    def __init__(self, **given: Any) -> None:
+        super().__init__(**given)
+        length = math.hypot(*self.normal)
+        if not (math.isfinite(length) and length > 0.0):
+            raise SettingError(f"setting 'normal' [1]: found {self.normal}, expected a direction")
+        x, y, z = self.normal
+        self.normal = (x / length, y / length, z / length)
+        if len(self.times) != len(self.forces) or not self.times or not np.all(np.diff(self.times) > 0):
+            raise SettingError(
+                f"settings 'times' and 'forces': found {self.times} and {self.forces}, expected times that grow, and as"
+                " many forces"
+            )
+
+    def start(self) -> None:
+        self.clock = 0.0
+        self.begun: int | None = None
+        self.bias, self.seen, self.last = 0.0, 0, -1
+        super().start()
+
+    def felt(self, now: int) -> Wrench:
+        """What the emulated sensor feels at `now` [ns]."""
+        if self.begun is None:
+            return (0.0,) * 6
+        force = float(np.interp((now - self.begun) * 1e-9, self.times, self.forces))
+        x, y, z = self.normal
+        return (-force * x, -force * y, -force * z, 0.0, 0.0, 0.0)
+
+    def step(self, *, dt: float) -> Contact:
+        sample = self.talk((), dt)
+        self.clock += max(dt, 0.0)
+        force = 0.0
+        if sample is not None and sample.wrench:
+            press = -sum(f * n for f, n in zip(sample.wrench[:3], self.normal, strict=True))
+            if self.clock <= self.tare:
+                if sample.time != self.last:
+                    self.seen, self.last = self.seen + 1, sample.time
+                    self.bias += (press - self.bias) / self.seen
+            else:
+                force = max(press - self.bias, 0.0)
+        return Contact(
+            foot=self.foot, normal=self.normal, force=force,
+            compression=0.0, indentation=0.0, compression_rate=0.0, indentation_rate=0.0,
+        )  # fmt: skip
+
+    def _go(self) -> None:
+        import time
+
+        self.begun = time.monotonic_ns()
+
+
+class NetFT(_Measured):
+    """ATI's Net F/T on the network. `port`: its address, 192.168.1.1 as delivered; `emulator`: none at all."""
+
+    def driver(self) -> Driver:
+        from palpate.drivers.sensors.netft import EmulatedNetFT
+        from palpate.drivers.sensors.netft import NetFT as Sensor
+
+        if self.port != EMULATOR:
+            return Sensor(self.port)
+        self.emulated = EmulatedNetFT(self.felt, self.faults)
+        self.go = self._go
+        return self.emulated.driver()
+
+    def stop(self) -> None:
+        super().stop()
+        if hasattr(self, "emulated"):
+            self.emulated.close()
+
+
+class Bota(_Measured):
+    """Bota Systems' SensONE, Rokubi or MiniONE on a serial port. `port`: /dev/ttyUSB0; `emulator`: none at all.
+
+    sinc  length of its filter: 51 200 / sinc samples a second; 57 is the fastest at this baud rate
+    """
+
+    sinc: Annotated[int, "1", msgspec.Meta(ge=51, le=512)] = 57
+
+    def driver(self) -> Driver:
+        from palpate.drivers.emulate.line import EmulatedLine
+        from palpate.drivers.sensors import bota
+        from palpate.drivers.transport.serial import SerialLine
+
+        if self.port != EMULATOR:
+            return bota.Bota(lambda: SerialLine(self.port, bota.BAUD, bota.NAME), self.sinc)
+        line = EmulatedLine(bota.EmulatedBota(self.felt), bota.BAUD, bota.NAME, self.faults)
+        self.go = self._go
+        return bota.Bota(line.connect, self.sinc)

@@ -1,0 +1,151 @@
+"""The same bits on every machine: which instructions the numbers of this process are computed with.
+
+numpy, OpenBLAS and numba choose their inner loops by the processor, and so the order of their sums. `pin` takes the
+choice from them: whoever has the instructions of x86-64-v3 (AVX2 and FMA; every server since 2015) computes with
+these, and with no newer ones. numpy and OpenBLAS read their settings once, when they are loaded, so `pin` comes before
+them: importing any of `palpate.physics`, `palpate.fe`, `palpate.nodes` or `palpate.launch` calls it. Where numpy was
+imported earlier, it stays as it is, and `in_force` says so.
+
+`PALPATE_NATIVE=1` in the environment leaves the choice to the processor: as fast as it can be, other last bits.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import functools
+import hashlib
+import os
+import platform
+import re
+import sys
+from importlib.util import find_spec
+from pathlib import Path
+
+LEVEL = "x86-64-v3"
+CORE = "Haswell"
+"""What OpenBLAS calls its kernels for these instructions."""
+
+_FLAGS = {"avx", "avx2", "bmi1", "bmi2", "f16c", "fma", "abm", "movbe", "xsave"}
+"""Of x86-64-v3, as the Linux kernel names them."""
+_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
+_KERNELS = {"NUMBA_CPU_NAME": LEVEL, "NUMBA_CPU_FEATURES": "", "NUMBA_DISABLE_INTEL_SVML": "1"}
+
+
+def pin() -> None:
+    """Have all libraries that are loaded from now on, here and in processes started from here, compute alike.
+
+    Linear algebra uses one thread unless the environment says how many: the fronts of a sparse factor and the bodies
+    of a touch are small, and more threads wait for one another (10 x slower was seen on a busy machine).
+    """
+    for name in _THREADS:
+        os.environ.setdefault(name, "1")
+    if not pinnable():
+        return
+    os.environ["OPENBLAS_CORETYPE"] = CORE
+    os.environ["NPY_DISABLE_CPU_FEATURES"] = _newer()
+    if "numba" in sys.modules:
+        # Not by the environment: numba would read all of it again, over what a program has set in `numba.config`.
+        config = sys.modules["numba"].config
+        config.CPU_NAME, config.CPU_FEATURES, config.DISABLE_INTEL_SVML = LEVEL, "", 1
+    else:
+        os.environ.update(_KERNELS)
+
+
+@functools.cache
+def pinnable() -> bool:
+    """Whether this machine has the instructions of x86-64-v3, and the user wants no others."""
+    if os.environ.get("PALPATE_NATIVE") or platform.machine() != "x86_64":
+        return False
+    try:
+        with open("/proc/cpuinfo", encoding="utf-8", errors="replace") as file:
+            flags = next((line.partition(":")[2].split() for line in file if line.startswith("flags")), [])
+    except OSError:
+        return False
+    return set(flags) >= _FLAGS
+
+
+def in_force(*, here: bool = True) -> dict[str, str]:
+    """What decides on the last bits of a result: instructions, versions of what computes, C library (its `exp`, `pow`).
+
+    Where two processes agree in all of it, they give the same bytes. `here=False`: of a process that palpate starts,
+    which is pinned where it can be, whatever was imported first here.
+    """
+    import numpy
+    import scipy
+
+    blas = [f"{build['name']} {build['version']}" for build in map(_blas, (numpy, scipy))]
+    return {
+        "architecture": platform.machine(),
+        "instructions": LEVEL if pinnable() and not here else _instructions(numpy),
+        **{name: _version(name) for name in ("numpy", "scipy", "numba", "llvmlite")},
+        "BLAS of numpy": blas[0],
+        "BLAS of scipy": blas[1],
+        "libc": " ".join(platform.libc_ver()),
+        **{name: os.environ[name] for name in ("GLIBC_TUNABLES",) if name in os.environ},
+    }
+
+
+def _newer() -> str:
+    """What numpy calls the instructions beyond x86-64-v3: other names before 2.4. It must not be imported for this."""
+    spec = find_spec("numpy")
+    text = Path(spec.origin).with_name("version.py").read_text(encoding="utf-8") if spec and spec.origin else ""
+    found = re.search(r'^version = "(\d+)\.(\d+)', text, re.MULTILINE)
+    if found is None or tuple(map(int, found.groups())) >= (2, 4):
+        return "X86_V4 AVX512_ICL AVX512_SPR"
+    return "AVX512F AVX512CD AVX512_SKX AVX512_CLX AVX512_CNL AVX512_ICL AVX512_SPR"
+
+
+def _instructions(numpy) -> str:
+    """`LEVEL` where everything that is loaded keeps to it, else what each of them uses."""
+    features = numpy.show_config(mode="dicts")["SIMD Extensions"].get("found", [])
+    cores = sorted({core for core, _ in _openblas()})
+    threads = max((threads for _, threads in _openblas()), default=1)
+    kernels = _kernels()
+    newer = set(_newer().split()) & set(features)
+    if pinnable() and not newer and set(cores) <= {CORE} and kernels == LEVEL and threads == 1:
+        return LEVEL
+    parts = {"numpy": features, "OpenBLAS": cores, "kernels": [kernels], "threads": [str(threads)]}
+    return ", ".join(f"{name} {' '.join(names)}" for name, names in parts.items() if names)
+
+
+def _openblas() -> list[tuple[str, int]]:
+    """Core and number of threads of each OpenBLAS that is loaded."""
+    try:
+        with open("/proc/self/maps", encoding="utf-8", errors="replace") as file:
+            paths = {line.split(maxsplit=5)[5].strip() for line in file if "openblas" in line}
+    except OSError:
+        return []
+    found = []
+    for path in sorted(paths):
+        library = ctypes.CDLL(path)
+        for prefix, suffix in (("scipy_", "64_"), ("scipy_", ""), ("", "64_"), ("", "")):
+            core = getattr(library, f"{prefix}openblas_get_corename{suffix}", None)
+            if core is not None:
+                core.restype = ctypes.c_char_p
+                threads = getattr(library, f"{prefix}openblas_get_num_threads{suffix}")
+                found.append((core().decode(), threads()))
+                break
+    return found
+
+
+def _kernels() -> str:
+    """What numba compiles for. Without numba in this process yet: what it would."""
+    if "numba" not in sys.modules and _KERNELS.items() <= os.environ.items():
+        return LEVEL
+    from numba.core.registry import cpu_target
+
+    _, name, features = cpu_target.target_context.codegen().magic_tuple()
+    return name if name == LEVEL and not features else f"{name}/{hashlib.sha256(features.encode()).hexdigest()[:8]}"
+
+
+def _blas(package) -> dict[str, str]:
+    return package.show_config(mode="dicts")["Build Dependencies"]["blas"]
+
+
+def _version(package: str) -> str:
+    from importlib.metadata import PackageNotFoundError, version  # slow to import
+
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return "none"

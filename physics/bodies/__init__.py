@@ -1,0 +1,1 @@
+"""Deformable bodies, one step at a time."""

@@ -1,0 +1,380 @@
+"""A bed of beams under a surface: the body that a fingertip presses, under given nodal forces.
+
+Below each vertex of the surface stands a beam along its normal, as long as the layers are thick, with the vertex's area
+as its section. Layers are Voigt elements in series (`voigt`), so a nodal force steps its beam alone, whatever the
+others do. Laterally a beam is an elastic spring in shear, A / sum(L/G). Layers, and the shear of a beam, stop at the
+strain limit.
+
+The indentation that the contact sees is the one conjugate to the force: with forces w_j f on nodes that move by u_j
+along the contact's inward normal, s = sum_j w_j u_j, so that f ds is exactly the work done on the beams.
+
+No load is a load of zero on the patch that bore the last one: the dent that is left there is told while it recovers. As
+the foot point moves away the patch passes over to the one round the foot, within `radius`.
+
+Beams do not know of each other: dragged by a finger they would lean over their neighbours, by more than the width of
+the patch where it is pressed hard, and fold the surface. What is told is therefore held together (`stretch`), and the
+held vertices are counted. The beams and the law below are not changed by that.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numba
+import numpy as np
+
+from palpate.physics.bodies.stretch import Neighbours, Room, hold_together, neighbours
+from palpate.physics.contact.spread import Spreader
+from palpate.physics.contact.terminal import LEAST_FORCE, fit_terminal
+from palpate.physics.geometry.mesh import Mesh
+from palpate.physics.materials.viscoelastic import Material
+from palpate.physics.materials.voigt import STRAIN_LIMIT, chain_compliance, chain_stress_step
+
+NO_FORCE = 1e-9
+"""[N] A force below this is none: how it is spread says nothing."""
+LARGEST_FORCE = 1e6
+"""[N] On a node; a larger one counts as this, so that sums stay finite."""
+SHORTEST_STEP = 1e-5
+"""[s] A shorter step is computed as this long."""
+STILL = 1e-9
+"""[1] An unloaded beam whose strains are all below this is at rest."""
+MOST_APART = 0.8
+"""[1] Largest difference of displacement between neighbours, over the length of their edge."""
+MOST_SIDEWAYS = 0.5
+"""[1] The same for the part along the surface. A triangle is turned over where that changes by 1 over its height; in a
+right-angled one that is sqrt(2) of what its edges show, and the dent of a round body takes some of it."""
+LEAST_COMPLIANCE = 1e-9
+"""[m/N] of a patch whose layers all stand at their limit; it keeps the law finite."""
+
+
+class Beams(NamedTuple):
+    """What does not change of a bed.
+
+    vertices [m] (V,3)   normals [1] (V,3) outward   areas [m²] (V)
+    length   [m]         of all layers
+    shares   [1] (h)     of each layer in the length   moduli [Pa] (h)   viscosities [Pa s] (h)
+    softness [m/Pa]      sum of thickness over shear modulus
+    """
+
+    vertices: np.ndarray
+    normals: np.ndarray
+    areas: np.ndarray
+    length: float
+    shares: np.ndarray
+    moduli: np.ndarray
+    viscosities: np.ndarray
+    softness: float
+
+
+class Skin(NamedTuple):
+    """What joins neighbours on the surface, and work space."""
+
+    edges: Neighbours
+    sideways: np.ndarray
+    room: Room
+
+
+class Moving(NamedTuple):
+    """What a step changes.
+
+    strains [1] (V,h)   displacement [m] (V,3)
+    force [N] (V,3), weight [1] (V)   zero between steps
+    nodes (V), moved [m] (V,3), place (V)   list of the displaced vertices, their displacement, place in it or -1
+    chain (h)   room   law (6)   the answer of `Bed.step`
+    """
+
+    strains: np.ndarray
+    displacement: np.ndarray
+    force: np.ndarray
+    weight: np.ndarray
+    nodes: np.ndarray
+    moved: np.ndarray
+    place: np.ndarray
+    chain: np.ndarray
+    law: np.ndarray
+
+
+class Patch(NamedTuple):
+    """Vertices (V) under the contact, and their shares [1] (V) in its normal force; both filled as far as a count."""
+
+    nodes: np.ndarray
+    shares: np.ndarray
+
+
+class Bed:
+    """Beams under a surface, at rest.
+
+    mesh       the surface
+    hardness   [1]  (V)  a beam k times stiffer is one of k times the section; None: 1
+    layers     [m]  (h)  thicknesses, > 0
+    materials       (h)  one per layer
+    radius     [m]       of the patch whose response is told where no force has acted
+
+    ValueError: layers and materials that do not match, or a thickness out of range.
+    """
+
+    def __init__(
+        self,
+        mesh: Mesh,
+        hardness: np.ndarray | None,
+        layers: tuple[float, ...],
+        materials: tuple[Material, ...],
+        radius: float,
+    ) -> None:
+        if len(layers) != len(materials) or not layers:
+            raise ValueError(
+                f"layers: found {len(layers)} thicknesses and {len(materials)} materials, expected as many"
+            )
+        if not all(0 < t < math.inf for t in layers) or not 0 < radius < math.inf:
+            raise ValueError(f"layers: found {layers} m and a radius of {radius} m, expected all > 0")
+        count, h = len(mesh.vertices), len(layers)
+        thickness = np.array(layers, float)
+        self.radius = radius
+        self.beams = Beams(
+            np.ascontiguousarray(mesh.vertices, float),
+            np.ascontiguousarray(mesh.normals, float),
+            np.ascontiguousarray(mesh.areas if hardness is None else mesh.areas * hardness, float),
+            float(thickness.sum()),
+            thickness / thickness.sum(),
+            np.array([m.modulus for m in materials]),
+            np.array([m.viscosity for m in materials]),
+            float((thickness / [m.shear_modulus for m in materials]).sum()),
+        )
+        self._moving = Moving(
+            np.zeros((count, h)), np.zeros((count, 3)), np.zeros((count, 3)), np.zeros(count),
+            np.zeros(count, np.int32), np.zeros((count, 3)), np.full(count, -1, np.int64), np.zeros(h), np.zeros(6),
+        )  # fmt: skip
+        self._skin = Skin(neighbours(mesh), np.zeros((count, 3)), Room.of(count))
+        self.nodes, self.moved, self.count = self._moving.nodes, self._moving.moved, 0
+        self._spreader = Spreader(mesh, radius)
+        self._patch = Patch(np.zeros(count, np.int32), np.zeros(count))
+        self._last = Patch(np.zeros(count, np.int32), np.zeros(count))
+        self._last_count = 0
+        self._last_foot = (0.0, 0.0, 0.0)
+
+    def step(self, nodes, forces, foot, normal, dt: float) -> tuple[float, ...]:
+        """Step under nodal forces; the response of the next step: stiffness K [N/m^n], exponent n, free and present
+        indentation [m], elements and vertices held at their limit, force [N].
+
+        nodes [1] (k) int   forces [N] (k,3)   foot [m] (3)   normal [1] (3) outward   dt [s]; <= 0: nothing changes
+
+        `nodes[:count]` and `moved[:count]` are then the displaced vertices and their displacement [m].
+
+        IndexError: a node that the surface does not have.
+        """
+        if dt > 0:
+            touched = _loaded(nodes, forces, normal, self._last, self._moving.weight)
+            if touched < 0:
+                found = f"{nodes.min()} ... {nodes.max()}"
+                raise IndexError(f"found nodes {found}, the surface has {len(self.beams.areas)} vertices")
+            patch = self._last
+            if touched > 0:
+                self._last_count, self._last_foot = touched, tuple(foot)
+            else:
+                patch, touched = self._patch, self._unloaded(tuple(foot), tuple(normal))
+            self.count = _bed_step(
+                nodes, forces, normal, max(dt, SHORTEST_STEP), self.count, self.beams, self._moving, patch, touched
+            )
+            self._moving.law[4] += _joined(self.count, self.beams, self._moving, self._skin)
+        return tuple(self._moving.law.tolist())
+
+    def relaxation(self, dt: float) -> float:
+        """The one time constant [s] by which a step of dt > 0 [s] takes the share of the resting indentation that the
+        layers take of it; their own have no common one."""
+        beams, dt = self.beams, max(dt, SHORTEST_STEP)
+        taken = chain_compliance(beams.moduli, beams.viscosities, beams.shares, dt)
+        return dt * (float((beams.shares / beams.moduli).sum()) / taken - 1.0)
+
+    def _unloaded(self, foot: tuple, normal: tuple) -> int:
+        """Fill the patch of a load of zero; its length."""
+        near = math.dist(foot, self._last_foot) / self.radius if self._last_count else math.inf
+        share = max(1.0 - near, 0.0)
+        count = self._spreader.spread(foot, normal, (0.0, 0.0, 0.0)) if share < 1.0 else 0
+        return _between(
+            self._last, self._last_count, share, self._spreader.nodes[:count], self._spreader.weights[:count],
+            self._patch, self._moving.weight,
+        )  # fmt: skip
+
+
+@numba.njit(cache=True)
+def _dot(a, b):
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@numba.njit(cache=True)
+def _held(force):
+    return min(max(force, -LARGEST_FORCE), LARGEST_FORCE)
+
+
+@numba.njit(cache=True)
+def _loaded(nodes, forces, normal, patch, weight):
+    """Fill the patch with the shares of a load in its normal force; its length. 0, and the patch as it was, where there
+    is no such force; -1 where the surface does not have a node."""
+    total = 0.0
+    for k in range(nodes.shape[0]):
+        if not 0 <= nodes[k] < weight.shape[0]:
+            return -1
+        total += _push(forces[k], normal)
+    if not total > NO_FORCE:
+        return 0
+    for k in range(nodes.shape[0]):
+        weight[nodes[k]] += _push(forces[k], normal)
+    count = 0
+    for k in range(nodes.shape[0]):
+        count = _collect(nodes[k], 1.0 / total, patch, weight, count)
+    return count
+
+
+@numba.njit(cache=True)
+def _push(force, normal):
+    return -(_held(force[0]) * normal[0] + _held(force[1]) * normal[1] + _held(force[2]) * normal[2])
+
+
+@numba.njit(cache=True)
+def _between(last, last_count, share, nodes, weights, patch, weight):
+    """Fill the patch between the one that bore the last load, of this share, and another; its length."""
+    for k in range(last_count):
+        weight[last.nodes[k]] += share * last.shares[k]
+    for k in range(nodes.shape[0]):
+        weight[nodes[k]] += (1.0 - share) * weights[k]
+    count = 0
+    for k in range(last_count):
+        count = _collect(last.nodes[k], 1.0, patch, weight, count)
+    for k in range(nodes.shape[0]):
+        count = _collect(nodes[k], 1.0, patch, weight, count)
+    return count
+
+
+@numba.njit(cache=True)
+def _collect(j, scale, patch, weight, count):
+    if weight[j] != 0.0:
+        patch.nodes[count], patch.shares[count] = j, scale * weight[j]
+        weight[j] = 0.0
+        count += 1
+    return count
+
+
+@numba.njit(cache=True)
+def _bed_step(nodes, forces, normal, dt, count, beams, moving, patch, touched):
+    """Step the beams and take the law on the patch of `touched` vertices; how many vertices are displaced."""
+    force, active, place, displacement, law = (
+        moving.force,
+        moving.nodes,
+        moving.place,
+        moving.displacement,
+        moving.law,
+    )
+    total = 0.0
+    for k in range(nodes.shape[0]):
+        j = nodes[k]
+        if place[j] < 0:
+            place[j] = count
+            active[count] = j
+            count += 1
+        total += _push(forces[k], normal)
+        for a in range(3):
+            force[j, a] += _held(forces[k, a])
+    total = total if total > NO_FORCE else 0.0
+    clamped = 0.0
+    for k in range(count):
+        clamped += _beam(active[k], dt, beams, moving)
+    _response(normal, dt, total, beams, moving, patch, touched)
+    law[4], law[5] = clamped, total
+    for k in range(nodes.shape[0]):
+        force[nodes[k], :] = 0.0
+    kept = 0
+    for k in range(count):
+        j = active[k]
+        still = displacement[j, 0] == 0.0 and displacement[j, 1] == 0.0 and displacement[j, 2] == 0.0
+        if still:
+            place[j] = -1
+        else:
+            active[kept], place[j] = j, kept
+            moving.moved[kept] = displacement[j]
+            kept += 1
+    return kept
+
+
+@numba.njit(cache=True)
+def _joined(count, beams, moving, skin):
+    """Hold the displacement that is told together: along the surface, then as a whole; how many vertices it held."""
+    moved, sideways = moving.moved, skin.sideways
+    for k in range(count):
+        normal = beams.normals[moving.nodes[k]]
+        along = _dot(moved[k], normal)
+        for a in range(3):
+            sideways[k, a] = moved[k, a] - along * normal[a]
+            moved[k, a] -= sideways[k, a]
+    held = hold_together(sideways, count, MOST_SIDEWAYS, skin.edges, moving.place, moving.nodes, skin.room)
+    for k in range(count):
+        for a in range(3):
+            moved[k, a] += sideways[k, a]
+    return max(held, hold_together(moved, count, MOST_APART, skin.edges, moving.place, moving.nodes, skin.room))
+
+
+@numba.njit(cache=True)
+def _beam(j, dt, beams, moving):
+    """Step one beam under its force; 1 where an element is at its limit."""
+    force, strains, displacement, normal = moving.force[j], moving.strains[j], moving.displacement[j], beams.normals[j]
+    along = _dot(force, normal)
+    push = max(-along, 0.0)
+    loaded = force[0] != 0.0 or force[1] != 0.0 or force[2] != 0.0
+    strain = chain_stress_step(strains, beams.moduli, beams.viscosities, beams.shares, push / beams.areas[j], dt)
+    most = 0.0
+    for a in range(strains.shape[0]):
+        most = max(most, strains[a])
+    if most < STILL and not loaded:
+        strains[:] = 0.0
+        displacement[:] = 0.0
+        return 0.0
+    held = _shear_left(force, along, beams.softness / beams.areas[j], beams.length)
+    for a in range(3):
+        tangent = force[a] - along * normal[a]
+        displacement[a] = held * beams.softness * tangent / beams.areas[j] - strain * beams.length * normal[a]
+    return 1.0 if most >= STRAIN_LIMIT or held < 1.0 else 0.0
+
+
+@numba.njit(cache=True)
+def _shear_left(force, along, softness, length):
+    """The share [1] of the free sideways displacement softness |f_t| [m] that the limit of the shear leaves."""
+    sideways = softness * math.sqrt(max(_dot(force, force) - along * along, 0.0))
+    limit = STRAIN_LIMIT * length
+    return 1.0 if sideways <= limit else limit / sideways
+
+
+@numba.njit(cache=True)
+def _response(normal, dt, total, beams, moving, patch, touched):
+    """The law of the next step, of the same length, at the present force: K, n, free and present indentation."""
+    free = deep = previous = compliance = 0.0
+    least = max(total, LEAST_FORCE)
+    length, shares, moduli, viscosities = beams.length, beams.shares, beams.moduli, beams.viscosities
+    chain = moving.chain
+    for k in range(touched):
+        j, w = patch.nodes[k], patch.shares[k]
+        area, beam, strains, force = beams.areas[j], beams.normals[j], moving.strains[j], moving.force[j]
+        face = _dot(beam, normal)
+        previous -= w * _dot(moving.displacement[j], normal)
+        chain[:] = strains
+        free += w * face * length * chain_stress_step(chain, moduli, viscosities, shares, 0.0, dt)
+        chain[:] = strains
+        along = _dot(force, beam)
+        push = max(-along, 0.0) if total > 0.0 else max(face, 0.0) * w * least
+        deep += w * face * length * chain_stress_step(chain, moduli, viscosities, shares, push / area, dt)
+        held = _shear_left(force, along, beams.softness / area, length)
+        side = held * w * beams.softness / area * (1.0 - face * face)
+        if total > 0.0:
+            deep -= held * w * beams.softness / area * (_dot(force, normal) - along * face)
+        else:
+            deep += w * least * side
+        compliance += w * side
+        for a in range(moduli.shape[0]):
+            if shares[a] > 0.0 and chain[a] < STRAIN_LIMIT:
+                rate = viscosities[a] / dt
+                compliance += w * w * face * max(face, 0.0) * length * shares[a] / (moduli[a] + rate) / area
+    if total > 0.0 and total < least:
+        # Lighter than the least force: the linear response, carried up to it.
+        deep = free + (deep - free) * least / total
+    slope = 1.0 / max(compliance, LEAST_COMPLIANCE)
+    moving.law[0], moving.law[1] = fit_terminal(free, max(deep, free + least / slope), slope, least)
+    moving.law[2], moving.law[3] = free, previous

@@ -1,0 +1,251 @@
+"""The mass-spring body, nodal law: each surface node of the zone of influence is a spring and damper of its own.
+
+Node j of area A_j carries the pressure p_j = f_j/A_j. Its normal law is the contact's law on its share of the force,
+
+    K u^n <1 + c (u - u_j)/T> = f p_j/p_max,
+
+f [N] the total normal force. So the most loaded node goes in by the contact's own indentation s, and at rest
+u(d) = s (k(d)/k(0))^{1/n} for a force spread by a kernel k. Without load, u <- <u - T/c>. Along the surface a linear
+spring k_t and damper d_t by backward Euler: u_t <- (f_t T p_j/p_max + d_t u_t)/(k_t T + d_t), f_t the total.
+
+Only nodes under load or not yet recovered are touched; they are kept in a compact list.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+from palpate.physics.bodies.stretch import neighbours
+from palpate.physics.contact.terminal import indentation
+from palpate.physics.geometry.mesh import Mesh
+
+AT_REST = 1e-9
+"""[m] Displacement below which an unloaded node counts as recovered."""
+MOST_STRAIN = 0.8
+"""Largest difference of displacement between neighbours, over the length of their edge."""
+
+
+@njit(cache=True, error_model="numpy")
+def normal_force(forces, normal):
+    """Total of nodal forces [N] (k,3) against the outward unit normal [1] (3): positive pressing, else zero."""
+    total = 0.0
+    for i in range(forces.shape[0]):
+        total -= forces[i, 0] * normal[0] + forces[i, 1] * normal[1] + forces[i, 2] * normal[2]
+    return max(total, 0.0)
+
+
+@njit(cache=True, error_model="numpy")
+def mean_hardness(nodes, forces, normal, hardness):
+    """Mean of the factor on K over a load, weighted by the normal forces; 1 without load."""
+    total = weighted = 0.0
+    for i in range(nodes.size):
+        if 0 <= nodes[i] < hardness.size:
+            push = max(-(forces[i, 0] * normal[0] + forces[i, 1] * normal[1] + forces[i, 2] * normal[2]), 0.0)
+            total += push
+            weighted += push * hardness[nodes[i]]
+    return weighted / total if total > 0.0 else 1.0
+
+
+@njit(cache=True, error_model="numpy")
+def admit(node, where, active, state, count):
+    """Slot of a node in the compact list, appended at rest where it is new; returns the slot and the count."""
+    slot = where[node]
+    if slot < 0:
+        slot = count
+        where[node] = slot
+        active[slot] = node
+        for k in range(10):
+            state[slot, k] = 0.0
+        count += 1
+    return slot, count
+
+
+@njit(cache=True, error_model="numpy")
+def take_load(nodes, forces, normal, per_area, where, active, state, count):
+    """Sum the nodal forces [N] into columns 7-9 of `state`; returns total normal force, greatest pressure, count.
+
+    Forces on nodes that the mesh does not have are left out.
+    """
+    for slot in range(count):
+        state[slot, 7] = state[slot, 8] = state[slot, 9] = 0.0
+    total = 0.0
+    for i in range(nodes.size):
+        node = nodes[i]
+        if node < 0 or node >= where.size:
+            continue
+        slot, count = admit(node, where, active, state, count)
+        for k in range(3):
+            state[slot, 7 + k] += forces[i, k]
+        total -= forces[i, 0] * normal[0] + forces[i, 1] * normal[1] + forces[i, 2] * normal[2]
+    peak = 0.0
+    for slot in range(count):
+        push = -(state[slot, 7] * normal[0] + state[slot, 8] * normal[1] + state[slot, 9] * normal[2])
+        if push > 0.0:
+            peak = max(peak, push * per_area[active[slot]])
+    return max(total, 0.0), peak, count
+
+
+@njit(cache=True, error_model="numpy")
+def nodal_step(
+    nodes, forces, normal, dt, law, hardness, per_area, spans, first, neighbours, where, active, state, out, count
+):
+    """One step of the nodal law; returns how many nodes are displaced.
+
+    nodes (k), forces [N] (k,3)   the load; normal [1] (3): outward at the contact
+    law      (6)     K [N/m^n], n, c [s/m], k_t [N/m], d_t [N s/m], shortest edge [m]
+    hardness (V)     factor on K of each node
+    per_area (V)     inverse nodal areas [1/m²]
+    spans, first, neighbours  edge lengths [m] and neighbours of each node
+    where    (V)     slot of each node in the list, -1 outside;  active (V): node of each slot
+    state    (V,10)  by slot: u [m], u_t [m] (3), the normal [1] (3) against which it was last pressed, load [N] (3)
+    out      (V,3)   displacement [m] by slot
+    count            length of the list before the step
+    """
+    stiffness, exponent, damping, k_t, d_t, shortest = law[0], law[1], law[2], law[3], law[4], law[5]
+    nx, ny, nz = normal[0], normal[1], normal[2]
+    total, peak, count = take_load(nodes, forces, normal, per_area, where, active, state, count)
+    gain = 1.0 / (k_t + d_t / dt)
+    keep = gain * d_t / dt
+    share = total / peak if peak > 0.0 else 0.0
+    widest = 0.0
+    for slot in range(count):
+        push = -(state[slot, 7] * nx + state[slot, 8] * ny + state[slot, 9] * nz)
+        u = state[slot, 0]
+        state[slot, 1] *= keep
+        state[slot, 2] *= keep
+        state[slot, 3] *= keep
+        if push > 0.0:
+            scale = share * per_area[active[slot]]
+            local = stiffness * hardness[active[slot]]
+            state[slot, 0] = indentation(push * scale, dt, local, exponent, damping, 0.0, u)
+            state[slot, 4], state[slot, 5], state[slot, 6] = nx, ny, nz
+            scale *= gain
+            state[slot, 1] += scale * (state[slot, 7] + push * nx)
+            state[slot, 2] += scale * (state[slot, 8] + push * ny)
+            state[slot, 3] += scale * (state[slot, 9] + push * nz)
+        else:
+            state[slot, 0] = max(0.0, u - dt / damping) if damping > 0.0 else 0.0
+        widest = max(widest, state[slot, 1] ** 2 + state[slot, 2] ** 2 + state[slot, 3] ** 2)
+    if 2.0 * math.sqrt(widest) > MOST_STRAIN * shortest:
+        limit_differences(state, 1, count, spans, first, neighbours, where, active)
+    count = drop_rested(where, active, state, count)
+    for slot in range(count):
+        for k in range(3):
+            out[slot, k] = state[slot, 1 + k] - state[slot, 0] * state[slot, 4 + k]
+    return count
+
+
+@njit(cache=True, error_model="numpy")
+def drop_rested(where, active, state, count):
+    """Take nodes without load (columns 7-9) and displacement (0-3) out of the list, in order; returns the count."""
+    kept = 0
+    for slot in range(count):
+        node = active[slot]
+        square = state[slot, 0] ** 2 + state[slot, 1] ** 2 + state[slot, 2] ** 2 + state[slot, 3] ** 2
+        idle = state[slot, 7] == 0.0 and state[slot, 8] == 0.0 and state[slot, 9] == 0.0
+        if idle and square < AT_REST * AT_REST:
+            where[node] = -1
+            continue
+        if kept != slot:
+            where[node] = kept
+            active[kept] = node
+            for k in range(10):
+                state[kept, k] = state[slot, k]
+        kept += 1
+    return kept
+
+
+@njit(cache=True, error_model="numpy")
+def limit_differences(state, column, count, spans, first, neighbours, where, active):
+    """Hold |u_i - u_j| <= 0.8 edge length between neighbours, for the vectors in three columns of `state`.
+
+    A few sweeps that move both ends equally spread the excess; what is left is scaled away, which always suffices.
+    """
+    for sweep in range(9):
+        worst = 1.0
+        for slot in range(count):
+            node = active[slot]
+            for at in range(first[node], first[node + 1]):
+                other = where[neighbours[at]]
+                if 0 <= other < slot:
+                    continue
+                x, y, z = state[slot, column], state[slot, column + 1], state[slot, column + 2]
+                if other >= 0:
+                    x, y, z = x - state[other, column], y - state[other, column + 1], z - state[other, column + 2]
+                square = x * x + y * y + z * z
+                limit = MOST_STRAIN * spans[at]
+                if square <= limit * limit:
+                    continue
+                ratio = limit / math.sqrt(square)
+                worst = min(worst, ratio)
+                if sweep < 8:
+                    shift = (1.0 - ratio) * (0.5 if other >= 0 else 1.0)
+                    state[slot, column] -= shift * x
+                    state[slot, column + 1] -= shift * y
+                    state[slot, column + 2] -= shift * z
+                    if other >= 0:
+                        state[other, column] += shift * x
+                        state[other, column + 1] += shift * y
+                        state[other, column + 2] += shift * z
+        if worst == 1.0:
+            return
+    for slot in range(count):
+        for k in range(3):
+            state[slot, column + k] *= worst
+
+
+class Net:
+    """What both forms of the body need of a mesh: nodal areas, neighbours, and room for the compact list.
+
+    per_area    [1/m²] (V)  inverse nodal areas; a node without area counts as a millionth of the mean
+    first       [1]  (V+1)  place in `neighbours` of the first neighbour of each node
+    neighbours  [1]  (E)    nodes that share an edge with it
+    spans       [m]  (E)    length of that edge
+    """
+
+    def __init__(self, mesh: Mesh) -> None:
+        size = len(mesh.vertices)
+        self.vertices = np.ascontiguousarray(mesh.vertices, dtype=float)
+        self.normals = np.ascontiguousarray(mesh.normals)
+        mean = float(mesh.areas.mean())
+        self.per_area = 1.0 / np.maximum(mesh.areas, 1e-6 * mean if mean > 0 else 1.0)
+        self.first, self.neighbours, self.spans = neighbours(mesh)
+        self.shortest = float(self.spans.min(initial=math.inf))
+        self.where = np.full(size, -1, np.int32)
+        self.active = np.zeros(size, np.int32)
+        self.state = np.zeros((size, 10))
+        self.displacement = np.zeros((size, 3))
+        self.count = 0
+
+
+class NodalBody:
+    """The nodal law on a mesh.
+
+    stiffness K [N/m^n], exponent n >= 1, damping c [s/m], tangential_stiffness k_t [N/m] > 0,
+    tangential_damping d_t [N s/m] >= 0, hardness (V) factor on K of each node
+    """
+
+    def __init__(
+        self,
+        mesh: Mesh,
+        stiffness: float,
+        exponent: float,
+        damping: float,
+        tangential_stiffness: float,
+        tangential_damping: float,
+        hardness: np.ndarray | None = None,
+    ) -> None:
+        self.net = net = Net(mesh)
+        law = np.array([stiffness, exponent, damping, tangential_stiffness, tangential_damping, net.shortest])
+        hardness = np.ones(len(net.per_area)) if hardness is None else np.ascontiguousarray(hardness, float)
+        self._fixed = (law, hardness, net.per_area, net.spans, net.first, net.neighbours)
+        self._list = (net.where, net.active, net.state, net.displacement)
+
+    def step(self, nodes: np.ndarray, forces: np.ndarray, normal: tuple[float, float, float], dt: float):
+        """Displaced nodes (k) and their displacement [m] (k,3) after a step dt > 0 [s] under nodal forces [N]."""
+        net = self.net
+        net.count = nodal_step(nodes, forces, normal, dt, *self._fixed, *self._list, net.count)
+        return net.active[: net.count], net.displacement[: net.count]

@@ -1,0 +1,172 @@
+"""One energy for all places: what a body that is pressed along its normal does to a finger that moves along it.
+
+Fingertip and body in series hold, at the approach e and the foot point p,
+
+    U(e, p) = min over s of  U1(e - s) + V(s, p),    V(s, p) = integral of f ds
+
+A finger that feels dU/de along the normal alone, and nothing along the surface, gains what one place holds more than
+another when it presses there, slides and lets go here. The force that belongs to U has a part along the surface,
+
+    g = -dU/dp = -dV/dp at s = dV*/dp at f
+
+towards where the body is softer, for each metre of the foot point. The bone edge x = p - e n moves less over a convex
+surface: with dn = S dp it is dx = (1 - e S) dp, so that the force on the hand is (1 - e S)^-1 g. Its work round any
+closed way is then nothing (and with viscosity less): U belongs to where the hand is.
+
+V's derivative takes the gradients of two fields over the coarse surface, averaged over the patch: that of the linear
+organ's compliance c = g.Cg/E under a patch round each vertex, along its normal, and that of the dents
+(`physics.bodies.dents`). Taken under the load itself, c's gradient would be the small difference of what the two sides
+of the dent say, and the mesh's error as large as it.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numba
+import numpy as np
+
+from palpate.physics.bodies.dents import SPACING, patch_radius, rise, risen, stiffening
+from palpate.physics.bodies.patch import normal_force, share_of
+from palpate.physics.contact.spread import Spreader
+from palpate.physics.geometry.mesh import Mesh
+
+NUDGE = 1e-4
+"""[m] Way over which the change of the dents is taken."""
+STEEPEST = 0.75
+"""[1] Greatest e S that is undone: beyond, the bone edge is near the surface's centre of curvature."""
+
+
+class Ground(NamedTuple):
+    """The coarse surface under a fine one.
+
+    points   [m] (V,3), normals [1] (V,3), moments [m²] (V,);  corners (N,3) coarse vertices of each fine vertex
+    slopes   [1/m] (N,3,3) gradients of their weights
+    softness [1] (V,)   logarithm of the linear organ's compliance under a patch round each vertex;  dents [1] (V,L)
+    """
+
+    points: np.ndarray
+    normals: np.ndarray
+    moments: np.ndarray
+    corners: np.ndarray
+    slopes: np.ndarray
+    softness: np.ndarray
+    dents: np.ndarray
+
+
+def softness(
+    mesh: Mesh, compliance: np.ndarray, spreader: Spreader, corners: np.ndarray, weights: np.ndarray
+) -> np.ndarray:
+    """Logarithm (V,) of the compliance under the spreader's patch round each vertex of a coarse mesh, for a modulus of
+    1 Pa; the mean of all where a patch finds nothing.
+
+    compliance [m/N] (3V,3V);  corners, weights (N,3) coarse vertices and shares of each vertex of the spreader's mesh
+    """
+    found = np.full(len(mesh.vertices), np.nan)
+    for v, (foot, n) in enumerate(zip(mesh.vertices, mesh.normals, strict=True)):
+        normal = n / np.linalg.norm(n)
+        count = spreader.spread(tuple(foot.tolist()), tuple(normal.tolist()), tuple((-normal).tolist()))
+        nodes, forces = spreader.nodes[:count], spreader.forces[:count]
+        if count:
+            own, place = np.unique(corners[nodes], return_inverse=True)
+            load = np.zeros((len(own), 3))
+            np.add.at(load, place.reshape(-1, 3), weights[nodes][:, :, None] * forces[:, None, :])
+            rows = (3 * own[:, None] + np.arange(3)).ravel()
+            found[v] = load.ravel() @ compliance[np.ix_(rows, rows)] @ load.ravel()
+    good = found > 0.0
+    found[~good] = found[good].mean() if good.any() else 1.0
+    return np.log(found)
+
+
+def weight_slopes(mesh: Mesh, corners: np.ndarray) -> np.ndarray:
+    """Gradients [1/m] (k,3,3) along the triangle of the barycentric weights of these corners (k,3)."""
+    point = mesh.vertices[corners]
+    normal = np.cross(point[:, 1] - point[:, 0], point[:, 2] - point[:, 0])
+    square = np.maximum(np.einsum("ij,ij->i", normal, normal), 1e-300)[:, None]
+    across = (np.cross(normal, point[:, (a + 2) % 3] - point[:, (a + 1) % 3]) / square for a in range(3))
+    return np.ascontiguousarray(np.stack(list(across), axis=1))
+
+
+@numba.njit(cache=True)
+def held(knots, slopes, depth):
+    """Integral of x over s/R from 0 to `depth`, x as in `physics.bodies.dents`."""
+    last = len(knots) - 1
+    total, k = 0.0, 0
+    while k < last and depth > k * SPACING:
+        t = min(depth / SPACING - k, 1.0)
+        low, high, a, b = knots[k], knots[k + 1], slopes[k] * SPACING, slopes[k + 1] * SPACING
+        t2, t3, t4 = t * t, t * t * t, t * t * t * t
+        total += SPACING * (
+            low * t + (high - low) * (t3 - 0.5 * t4) + a * (0.5 * t2 - 2.0 / 3.0 * t3 + 0.25 * t4)
+            - b * (t3 / 3.0 - 0.25 * t4)
+        )  # fmt: skip
+        k += 1
+    over = depth - last * SPACING
+    if over > 0.0:
+        total += knots[last] * over + (0.5 * slopes[last] + stiffening(slopes) * over / 3.0) * over * over
+    return total
+
+
+@numba.njit(cache=True)
+def along(ground, nodes, touched, measure, patch, pull, normal, compliance, slope, turning):
+    """Fill `slope` [N] (3), g, and `turning` [1/m] (3,3), S, for a load on the fine vertices `patch`.
+
+    nodes, touched, measure  coarse vertices of the patch, how many, and their shares (V,3), in the first column
+    pull                     [N] (k,3) forces;  normal [1] (3);  compliance [m/N] of the linear organ under the patch
+    """
+    slope[:] = 0.0
+    turning[:] = 0.0
+    force = normal_force(pull, normal)
+    if not (force > 0.0 and compliance > 0.0):
+        return
+    levels = ground.dents.shape[1]
+    softer, dented, tilt = np.zeros(3), np.zeros((1, levels)), np.zeros((levels, 3))
+    for k in range(len(patch)):
+        p, share = patch[k], share_of(k, pull, normal, force)
+        for a in range(3):
+            v = ground.corners[p, a]
+            for i in range(3):
+                grad = share * ground.slopes[p, a, i]
+                softer[i] += grad * ground.softness[v]
+                for j in range(3):
+                    turning[j, i] += grad * ground.normals[v, j]
+                for m in range(levels):
+                    tilt[m, i] += grad * ground.dents[v, m]
+    if levels == 0:
+        for i in range(3):
+            slope[i] = 0.5 * compliance * force * force * softer[i]
+    else:
+        for a in range(touched):
+            v = int(nodes[a])
+            for m in range(levels):
+                dented[0, m] += measure[v, 0] * ground.dents[v, m]
+        knots, slopes, first, one = np.zeros(levels + 1), np.zeros(levels + 1), np.zeros(1), np.ones((1, 1))
+        radius = patch_radius(ground.points, ground.moments, nodes, touched, measure)
+        rise(dented, first, 1, one, knots, slopes)
+        depth = risen(compliance * force / radius, knots, slopes)[0]
+        here = held(knots, slopes, depth)
+        for i in range(3):
+            rise(dented + NUDGE * tilt[:, i], first, 1, one, knots, slopes)
+            there = held(knots, slopes, depth)
+            rise(dented - NUDGE * tilt[:, i], first, 1, one, knots, slopes)
+            back = held(knots, slopes, depth)
+            slope[i] = radius * radius / compliance * (here * softer[i] - 0.5 * (there - back) / NUDGE)
+    out = slope[0] * normal[0] + slope[1] * normal[1] + slope[2] * normal[2]
+    for i in range(3):
+        slope[i] -= out * normal[i]
+
+
+@numba.njit(cache=True)
+def on_hand(slope, turning, approach, normal):
+    """Force along the surface on a hand [N] (3 numbers) whose bone edge is `approach` [m] below the foot point, from g
+    [N] (3) and S [1/m] (9), row by row: (1 - e S)^-1 g, with e S no greater than `STEEPEST`."""
+    size = 0.0
+    for k in range(9):
+        size += turning[k] * turning[k]
+    deep = min(approach, STEEPEST / max(np.sqrt(size), 1e-12))
+    found = np.zeros(3)
+    for _ in range(40):  # Neumann's series: what is left falls to STEEPEST of itself each time
+        for i in range(3):
+            found[i] = slope[i] + deep * (turning[i] * found[0] + turning[3 + i] * found[1] + turning[6 + i] * found[2])
+    out = found[0] * normal[0] + found[1] * normal[1] + found[2] * normal[2]
+    return found[0] - out * normal[0], found[1] - out * normal[1], found[2] - out * normal[2]

@@ -1,0 +1,384 @@
+"""A finite-element body in a few modes, nonlinear, with what the modes miss added as a local compliance.
+
+    u = Phi q(p) + gamma R h/E,      p = Phi'h/E,      dW/dq = p,      tau dh/dt + h = f
+
+Phi [m] (3V,r)  displacement of the surface in each mode; at rest the modes are orthonormal in the stiffness K0
+W               their strain energy, sampled (`physics.sampled_energy`)
+R [m/N]         C - Phi Phi', C the compliance of the whole surface at rest: positive semidefinite, since the
+                Galerkin solution lies in a subspace. So a light touch is answered exactly, at every place
+gamma [1]       (1 + w²/w0²)^((m - 1)/2), w² = h.R h/E²: as the body stiffens or softens, so does what the modes
+                miss. w0 and m in [0, 2] are fitted to full solutions; beyond the loads of these gamma w is constant
+
+The complementary energy V*(h) = E [max_q p.q - W(q) + G(w)], dG/dw = gamma w, is convex where W is, whatever R, w0
+and m; u is its gradient. With backward Euler h <- (tau h + T f)/(T + tau) the load's work f.du is then at least the
+growth of h.u - V*: the body is passive at a place.
+"""
+
+from __future__ import annotations
+
+import zipfile
+import zlib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numba
+import numpy as np
+
+from palpate.physics.bodies.condensed_body import FORGOTTEN, LEAST_FORCE, BasisError
+from palpate.physics.bodies.patch import barycentric, carried, normal_force, share_of
+from palpate.physics.bodies.sampled_energy import Points, scratch
+from palpate.physics.bodies.sampled_solve import EACH, LATE, settle
+from palpate.physics.contact.spread import Spreader
+from palpate.physics.contact.terminal import LEAST_DEPTH, fit_terminal
+from palpate.physics.geometry.mesh import Mesh
+from palpate.physics.geometry.mesh_closest import MeshClosestPoint
+from palpate.physics.materials.hyperelastic import law, name_at, place_of
+
+UNNAMED = ("neo_hooke", "mooney_rivlin", "hencky")
+"""Laws of a stored basis that does not name them."""
+
+
+@dataclass(frozen=True)
+class SampledBasis:
+    """Modes of a body, its sampled points and its surface.
+
+    vertices   [m]   (V,3) of the coarse surface, in the body's frame
+    triangles  [1]   (T,3)
+    missed     [m/N] (3V,3V) float32, R for a modulus of 1 Pa
+    modes      [m]   (3V,r), Phi
+    points     see `physics.sampled_energy`
+    bend       [1]   (w0, m) of gamma, and w from which on gamma w is constant
+    """
+
+    vertices: np.ndarray
+    triangles: np.ndarray
+    missed: np.ndarray
+    modes: np.ndarray
+    points: Points
+    bend: tuple[float, float, float]
+
+    def save(self, path: Path, about: str = "") -> None:
+        """Write it, R's lower half and all modes in half precision, and a text that says what it was made from."""
+        kept = np.flatnonzero(np.abs(self.missed).sum(axis=1) > 0.0)  # held vertices have none
+        block = self.missed[np.ix_(kept, kept)]
+        halves = {"lower": block[np.tril_indices(len(kept))], "surface_modes": self.modes, "modes": self.points.modes}
+        found: dict[str, Any] = {}
+        for name, value in halves.items():
+            scale = max(float(np.abs(value).max(initial=0.0)), 1e-300) / 3e4
+            found |= {name: (value / scale).astype(np.float16), f"{name}_scale": np.float64(scale)}
+        path.parent.mkdir(parents=True, exist_ok=True)
+        part = path.with_name(path.name + ".part.npz")
+        found |= {name: value for name, value in self.points._asdict().items() if name != "modes"}
+        found["laws"] = np.array([name_at(place) for place in self.points.laws])
+        np.savez_compressed(
+            part,
+            vertices=self.vertices,
+            triangles=self.triangles,
+            kept=kept,
+            bend=np.array(self.bend),
+            about=np.array(about),
+            **found,
+        )
+        part.replace(path)
+
+    @classmethod
+    def load(cls, path: Path) -> SampledBasis:
+        """Read a stored basis.
+
+        BasisError: not a basis with sampled points, or a damaged one.
+        """
+        try:
+            with np.load(path) as found:
+                size, kept = 3 * len(found["vertices"]), found["kept"]
+                lower, surface_modes, modes = (
+                    found[name].astype(np.float32) * np.float32(found[f"{name}_scale"])
+                    for name in ("lower", "surface_modes", "modes")
+                )
+                half = np.zeros((len(kept), len(kept)), dtype=np.float32)
+                half[np.tril_indices(len(kept))] = lower
+                missed = np.zeros((size, size), dtype=np.float32)
+                missed[np.ix_(kept, kept)] = half + np.tril(half, -1).T
+                names = found["laws"].tolist() if "laws" in found.files else UNNAMED
+                points = Points(
+                    modes, found["weights"], found["kinds"], found["constants"], found["springs"],
+                    float(found["limit"]), np.array([place_of(law(name), name) for name in names]),
+                )  # fmt: skip
+                scale, power, most = found["bend"].tolist()
+                return cls(
+                    found["vertices"], found["triangles"], missed, surface_modes.astype(np.float64), points,
+                    (scale, power, most),
+                )  # fmt: skip
+        except (OSError, KeyError, ValueError, EOFError, zlib.error, zipfile.BadZipFile) as error:
+            raise BasisError(f"{path}: not a sampled basis: {error}. Rebuild it with `palpate reduce`") from None
+
+
+class SampledBody:
+    """The state of a sampled body under the contact.
+
+    basis     its modes and points
+    mesh      the surface that loads and displacements are given on, in the same frame
+    young     [Pa] > 0, modulus E: all moduli of the body are E times those of the basis
+    retardation  [s] >= 0, tau
+    radius    [m] of the patch that the terminal law is taken over while nothing is loaded
+    reach     [m] from the foot point within which displacements are computed
+    """
+
+    def __init__(
+        self, basis: SampledBasis, mesh: Mesh, young: float, retardation: float, radius: float, reach: float
+    ) -> None:
+        coarse = Mesh(basis.vertices, basis.triangles)
+        foot, _, triangle, _ = MeshClosestPoint(coarse).find(mesh.vertices)
+        self.corners, self.weights = barycentric(coarse, triangle, foot)
+        self.basis, self.mesh = basis, mesh
+        self._spreader = Spreader(mesh, radius, "biweight")
+        self.young, self.retardation, self.reach = young, retardation, reach
+        edges = coarse.vertices[coarse.triangles]
+        self._margin = float(np.linalg.norm(edges - np.roll(edges, 1, axis=1), axis=2).max())
+        count, r = len(basis.vertices), basis.modes.shape[1]
+        self.held = np.zeros((count, 3))
+        """[N] (V,3) loads that the displacement follows, h."""
+        self._load, self._measure, self._bent = np.zeros((count, 3)), np.zeros((count, 3)), np.zeros((count, 3))
+        self._active = np.zeros(count, dtype=np.int64)
+        size = len(self._spreader.nodes)
+        self._patch, self._pull = np.zeros(size, dtype=np.int32), np.zeros((size, 3))
+        self._scratch = scratch(basis.points)
+        self.q, self._p, self._g = np.zeros(r), np.zeros(r), np.zeros(r)
+        self._inverse, self._square, self._factor = np.eye(r), np.zeros((r, r)), np.zeros((r, r))
+        self._vectors = np.zeros((6, r))
+        self._found = np.zeros(9)
+        self._found[8] = 1.0
+        self._nodes = np.zeros(len(mesh.vertices), dtype=np.int32)
+        self._moved = np.zeros((len(mesh.vertices), 3))
+        self.evaluations = 0
+        """Evaluations of the energy in the last step."""
+        self.settled = True
+        """Whether the last step reached equilibrium; what it left over is left to the next."""
+
+    def step(
+        self, nodes: np.ndarray, forces: np.ndarray, foot: tuple, normal: tuple, dt: float
+    ) -> tuple[float, float, float, float]:
+        """One step of dt > 0 [s] under nodal forces [N] (k,3): K, n and s_free of the next step's terminal law, and the
+        indentation now [m].
+
+        The indentation is the mean of -n.u over the patch, weighted as the force is, so that force times indentation
+        is the work done on the body.
+        """
+        if len(nodes) == 0:
+            count = self._spreader.spread(foot, normal, (-normal[0], -normal[1], -normal[2]))
+            patch, pull, share = self._spreader.nodes[:count], self._spreader.forces[:count], 0.0
+        else:
+            count = len(nodes)
+            self._patch[:count], self._pull[:count] = nodes, forces  # one type of array, whoever sends them
+            patch, pull, share = self._patch[:count], self._pull[:count], 1.0
+        self.evaluations, self.settled = _step(
+            self.basis.missed, self.basis.modes, self.basis.points, self.basis.bend, self.corners, self.weights,
+            patch, pull, share, normal, dt, self.young, self.retardation, self.held, self._load, self._measure,
+            self._bent, self._active, self._scratch, self._p, self.q, self._g, self._inverse, self._square,
+            self._factor, self._vectors, self._found,
+        )  # fmt: skip
+        return float(self._found[0]), float(self._found[1]), float(self._found[2]), float(self._found[3])
+
+    @property
+    def beyond(self) -> float:
+        """How far |q| is beyond the greatest of the full solutions, where half the root of the barrier's limit lies:
+        0 within, 1 where the barrier begins."""
+        return max(2.0 * float(np.sqrt(self.q @ self.q / self.basis.points.limit)) - 1.0, 0.0)
+
+    def displaced(self, foot: tuple) -> tuple[np.ndarray, np.ndarray]:
+        """Vertices of the mesh within reach of the foot point, and their displacements [m] (k,3)."""
+        count = _displaced(
+            self.basis.missed, self.basis.modes, self.basis.vertices, self.corners, self.weights, self.mesh.vertices,
+            foot, self.reach, self._margin, self.young, self.held, self._active, self.q, self._found, self._bent,
+            self._nodes, self._moved,
+        )  # fmt: skip
+        return self._nodes[:count], self._moved[:count]
+
+
+@numba.njit(cache=True, error_model="numpy")
+def gamma(square, scale, power, most):
+    """gamma at w², and its derivative by w over w; gamma w stays as it is from w = most on."""
+    if square > most * most:
+        x = 1.0 + (most / scale) ** 2
+        value = x ** (0.5 * (power - 1.0)) * most / np.sqrt(square)
+        return value, -value / square
+    x = 1.0 + square / (scale * scale)
+    return x ** (0.5 * (power - 1.0)), (power - 1.0) / (scale * scale) * x ** (0.5 * (power - 3.0))
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _gather(corners, weights, patch, pull, share, normal, load, measure):
+    """Load and shares of the normal force on the coarse vertices; the normal force [N]."""
+    load[:] = 0.0
+    measure[:] = 0.0
+    total = normal_force(pull, normal)
+    for k in range(len(patch)):
+        v = patch[k]
+        part = share_of(k, pull, normal, total)
+        for a in range(3):
+            w = weights[v, a]
+            for i in range(3):
+                measure[corners[v, a], i] -= w * part * normal[i]
+                load[corners[v, a], i] += share * w * pull[k, i]
+    return max(total, 0.0) * share
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _missing_at(missed, x, active, count, v):
+    """R x at one vertex, x (V,3) zero but where it is active."""
+    row0, row1, row2 = missed[3 * v], missed[3 * v + 1], missed[3 * v + 2]
+    out0 = out1 = out2 = 0.0
+    for k in range(count):
+        b = 3 * active[k]
+        x0, x1, x2 = x[active[k], 0], x[active[k], 1], x[active[k], 2]
+        out0 += row0[b] * x0 + row0[b + 1] * x1 + row0[b + 2] * x2
+        out1 += row1[b] * x0 + row1[b + 1] * x1 + row1[b + 2] * x2
+        out2 += row2[b] * x0 + row2[b + 1] * x1 + row2[b + 2] * x2
+    return out0, out1, out2
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _missing(missed, x, active, count, out):
+    """R x (V,3) at the vertices where the measure or the load is."""
+    for k in range(count):
+        v = active[k]
+        out[v, 0], out[v, 1], out[v, 2] = _missing_at(missed, x, active, count, v)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _project(modes, x, active, count, out):
+    """Phi'x (r,)."""
+    out[:] = 0.0
+    for k in range(count):
+        v = active[k]
+        for i in range(3):
+            if x[v, i] != 0.0:
+                for m in range(len(out)):
+                    out[m] += modes[3 * v + i, m] * x[v, i]
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _dot(x, y, active, count):
+    total = 0.0
+    for k in range(count):
+        v = active[k]
+        total += x[v, 0] * y[v, 0] + x[v, 1] * y[v, 1] + x[v, 2] * y[v, 2]
+    return total
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _step(
+    missed, modes, points, bend, corners, weights, patch, pull, share, normal, dt, young, retardation, held, load,
+    measure, bent, active, work, p, q, g, inverse, square, factor, vectors, found,
+):  # fmt: skip
+    force = _gather(corners, weights, patch, pull, share, normal, load, measure)
+    keep, take = retardation / (dt + retardation), dt / (dt + retardation)
+    count, holds = 0, False
+    for v in range(len(held)):
+        size = touched = 0.0
+        for i in range(3):
+            held[v, i] = keep * held[v, i] + take * load[v, i]
+            size += abs(held[v, i])
+            touched += abs(measure[v, i]) + abs(load[v, i])
+        if size < FORGOTTEN:
+            held[v] = 0.0
+        else:
+            holds = True
+        if size >= FORGOTTEN or touched > 0.0:
+            active[count] = v
+            count += 1
+    r = len(q)
+    used, settled, late = 0, True, int(found[6])
+    budget = found[7:]
+    budget[0] = EACH
+    if late >= LATE:  # what was kept of the curvature misleads
+        late = 0
+        for k in range(r):
+            inverse[k] = 0.0
+            inverse[k, k] = 1.0
+    if holds:
+        _project(modes, held, active, count, p)
+        for k in range(r):
+            p[k] /= young
+        found[5], used, settled = settle(points, work, p, q, g, inverse, square, factor, vectors, found[5], budget)
+        late = 0 if settled else late + 1
+    else:  # at rest the tangent is known
+        for k in range(r):
+            p[k] = q[k] = g[k] = 0.0
+            for m in range(r):
+                inverse[k, m] = 1.0 if k == m else 0.0
+        found[5] = 0.0
+        late = 0
+    # what the modes miss
+    _missing(missed, held, active, count, bent)
+    strain = max(_dot(held, bent, active, count), 0.0) / (young * young)
+    gam, turn = gamma(strain, bend[0], bend[1], bend[2])
+    along = _dot(measure, bent, active, count) / young  # measure.R h/E
+    across = _dot(load, bent, active, count) / young
+    mine = vectors[4]
+    _project(modes, measure, active, count, mine)
+    reached = own = rest = 0.0
+    lean = vectors[5]
+    np.dot(inverse, mine, lean)
+    for k in range(r):
+        own += mine[k] * lean[k]
+        reached += mine[k] * q[k]
+        rest += mine[k] * p[k]
+    now = reached + gam * along
+    by_held = 0.0  # measure.D h, D = d²V*
+    for k in range(r):
+        by_held += lean[k] * p[k]
+    by_held += gam * along + turn * along * strain
+    found[4] = gam
+    # the same for the unit normal force and for the rest of the load
+    _missing(missed, measure, active, count, bent)
+    own = own / young + gam * _dot(measure, bent, active, count) / young + turn * along * along / young
+    aside = 0.0
+    if force > 0.0:
+        by_load = gam * _dot(load, bent, active, count) / young
+        by_load += turn * along * across / young
+        _project(modes, load, active, count, mine)
+        for k in range(r):
+            by_load += lean[k] * mine[k] / young
+        aside = by_load - own * force
+    # along the ray t h from rest: its slope at rest is that of the body at rest
+    free = _ray(keep, now, rest + along, by_held) + take * aside
+    press = max(force, LEAST_FORCE)
+    ahead = now + take * (press * own + aside - by_held)
+    slope = 1.0 / max(take * own, 1e-12)
+    found[0], found[1] = fit_terminal(free, max(ahead, free + LEAST_DEPTH), slope, press)
+    found[2], found[3], found[6] = free, now, late
+    return used, settled
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _ray(t, end, start_slope, end_slope):
+    """The cubic from 0 to `end` with these slopes, held where they would let it turn back, at t in [0, 1]."""
+    if not abs(end) > 0.0:
+        return 0.0
+    a, b = min(max(start_slope / end, 0.0), 3.0), min(max(end_slope / end, 0.0), 3.0)
+    u = 1.0 - t
+    return end * (t * t * (3.0 - 2.0 * t) + a * t * u * u - b * t * t * u)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _displaced(
+    missed, modes, points, corners, weights, vertices, foot, reach, margin, young, held, active, q, found, u, nodes,
+    moved,
+):  # fmt: skip
+    count = 0
+    for v in range(len(held)):
+        if held[v, 0] != 0.0 or held[v, 1] != 0.0 or held[v, 2] != 0.0:
+            active[count] = v
+            count += 1
+    np.dot(modes, q, u.reshape(-1))
+    far = (reach + 1.5 * margin) ** 2
+    for v in range(len(points)):
+        d0, d1, d2 = points[v, 0] - foot[0], points[v, 1] - foot[1], points[v, 2] - foot[2]
+        if d0 * d0 + d1 * d1 + d2 * d2 > far:
+            continue
+        out0, out1, out2 = _missing_at(missed, held, active, count, v)
+        u[v, 0] += found[4] / young * out0
+        u[v, 1] += found[4] / young * out1
+        u[v, 2] += found[4] / young * out2
+    return carried(corners, weights, u, vertices, foot, reach, nodes, moved)

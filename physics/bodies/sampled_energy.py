@@ -1,0 +1,192 @@
+"""The strain energy of a body in a few modes, summed over a few of its integration points with weights of their own.
+
+    W(q) = sum_p w_p [W + U](F_p) + 1/2 q.S q + B(q),    F_p = 1 + G_p q,    w_p > 0
+
+G_p (9,r) are the gradients of the modes at point p; S the springs that the body stands on; B a barrier: zero up to the
+size |q| that the modes were made for, rising without bound towards twice that size. All forces derive from W, so that
+the sampled body is as elastic as the full one. J. A. Hernandez, M. A. Caicedo, A. Ferrer, Comput. Methods Appl. Mech.
+Eng. 313 (2017) 687-722 (empirical cubature).
+
+Each point has its own volume ratio: what elements with one mean ratio (`fe.elements`, mixed) hold is no such sum.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numba
+import numpy as np
+
+from palpate.physics.materials.compiled import law_at
+
+ROOM = 3.0
+"""Squared size of q at which the barrier is infinite, less 1, over the squared size at which it begins."""
+NEAR = 64
+"""Points whose modes are worked on together."""
+
+
+class Points(NamedTuple):
+    """Sampled points and their modes; modulus 1 Pa.
+
+    modes      [1]     (9P,r) du_i/dX_j of each mode at row 9p + 3i + j of point p; products with them are taken in
+                       their own precision, single to be fast (then forces are the energy's slope to about 1e-7)
+    weights    [m³]    (P,)
+    kinds      [1]     (P,) which of `laws` each point has
+    constants  [Pa..]  (P,n) parameters of the law, padded with 0
+    springs    [J]     (r,r)
+    limit      [1]     |q|² at which the barrier begins
+    laws       [1]     (L,) where these laws are in this process, see `hyperelastic.place_of`
+    """
+
+    modes: np.ndarray
+    weights: np.ndarray
+    kinds: np.ndarray
+    constants: np.ndarray
+    springs: np.ndarray
+    limit: float
+    laws: np.ndarray
+
+
+class Scratch(NamedTuple):
+    """Memory that the kernels work in; x, D, f, g in the precision of the modes."""
+
+    x: np.ndarray
+    D: np.ndarray
+    f: np.ndarray
+    g: np.ndarray
+    F: np.ndarray
+    C: np.ndarray
+    P: np.ndarray
+    A: np.ndarray
+    M: np.ndarray
+    T: np.ndarray
+    K: np.ndarray
+
+
+def scratch(points: Points) -> Scratch:
+    """Memory for these points."""
+    rows, r = points.modes.shape
+    x, D, f, g = (np.zeros(size, dtype=points.modes.dtype) for size in (r, rows, rows, r))
+    return Scratch(
+        x, D, f, g, np.zeros((3, 3)), np.zeros((3, 3)), np.zeros((3, 3)), np.zeros((9, 9)), np.zeros((9 * NEAR, r)),
+        np.zeros((9 * NEAR, r)), np.zeros((r, r)),
+    )  # fmt: skip
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _deform(displacement, F, C):
+    """F of a point from its displacement gradient (9,), and F's cofactors; det F."""
+    for i in range(3):
+        for j in range(3):
+            F[i, j] = displacement[3 * i + j]
+        F[i, i] += 1.0
+    for i in range(3):
+        i1, i2 = (i + 1) % 3, (i + 2) % 3
+        for j in range(3):
+            j1, j2 = (j + 1) % 3, (j + 2) % 3
+            C[i, j] = F[i1, j1] * F[i2, j2] - F[i1, j2] * F[i2, j1]
+    return F[0, 0] * C[0, 0] + F[0, 1] * C[0, 1] + F[0, 2] * C[0, 2]
+
+
+@numba.njit(cache=True, error_model="numpy")
+def barrier(square, limit):
+    """B(q) and its first two derivatives by |q|²."""
+    t = (square / limit - 1.0) / ROOM
+    if not t > 0.0:
+        return 0.0, 0.0, 0.0
+    if not t < 1.0:
+        return np.inf, np.inf, np.inf
+    return (
+        -ROOM * limit * (np.log(1.0 - t) + t),
+        1.0 / (1.0 - t) - 1.0,
+        1.0 / ((1.0 - t) ** 2 * ROOM * limit),
+    )
+
+
+@numba.njit(cache=True, error_model="numpy")
+def forces(points, q, work, g):
+    """W(q) [J], and its gradient [J] (r,) into `g`; infinite where a point is inverted or q is out of bounds."""
+    D, f, F, C, P, A = work.D, work.f, work.F, work.C, work.P, work.A
+    total, pull, _ = barrier(np.dot(q, q), points.limit)
+    if not total < np.inf:
+        return np.inf
+    work.x[:] = q
+    g[:] = 0.0
+    for start in range(0, len(points.kinds), NEAR):  # the modes of so many points stay in the cache for both products
+        end = min(start + NEAR, len(points.kinds))
+        own = points.modes[9 * start : 9 * end]
+        np.dot(own, work.x, D[9 * start : 9 * end])
+        for p in range(start, end):
+            at = 9 * p
+            J = _deform(D[at : at + 9], F, C)
+            if not J > 0.0:
+                return np.inf
+            A[0, 0] = np.nan
+            w = points.weights[p]
+            law = law_at(points.laws[points.kinds[p]])
+            W, U, dU, _ = law(F, J, points.constants[p], P, A)
+            total += w * (W + U)
+            for i in range(3):
+                for j in range(3):
+                    f[at + 3 * i + j] = w * (P[i, j] + dU * C[i, j])
+        np.dot(f[9 * start : 9 * end], own, work.g)
+        g += work.g
+    for i in range(len(q)):
+        along = 0.0
+        for j in range(len(q)):
+            along += points.springs[i, j] * q[j]
+        total += 0.5 * q[i] * along
+        g[i] += along + 2.0 * pull * q[i]
+    return total
+
+
+@numba.njit(cache=True, error_model="numpy")
+def tangent(points, q, work, hessian):
+    """d²W/dq² [J] (r,r) into `hessian`; whether no point is inverted."""
+    D, F, C, P, A, M, T = work.D, work.F, work.C, work.P, work.A, work.M, work.T
+    _, pull, curve = barrier(np.dot(q, q), points.limit)
+    if not pull < np.inf:
+        return False
+    work.x[:] = q
+    np.dot(points.modes, work.x, D)
+    for i in range(len(q)):
+        for j in range(len(q)):
+            hessian[i, j] = points.springs[i, j] + 4.0 * curve * q[i] * q[j]
+        hessian[i, i] += 2.0 * pull
+    for start in range(0, len(points.kinds), NEAR):
+        end = min(start + NEAR, len(points.kinds))
+        rows = 9 * (end - start)
+        M[:rows] = points.modes[9 * start : 9 * end]
+        for p in range(start, end):
+            at = 9 * p
+            J = _deform(D[at : at + 9], F, C)
+            if not J > 0.0:
+                return False
+            A[0, 0] = 0.0
+            law = law_at(points.laws[points.kinds[p]])
+            _, _, dU, ddU = law(F, J, points.constants[p], P, A)
+            _volume_part(A, F, C, dU, ddU)
+            A *= points.weights[p]
+            at = 9 * (p - start)
+            np.dot(A, M[at : at + 9], T[at : at + 9])
+        np.dot(M[:rows].T, T[:rows], work.K)
+        hessian += work.K
+    return True
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _volume_part(A, F, C, dU, ddU):
+    """Add the tangent of U(J): ddU C C' and dU times the second derivative of J, eps_ikm eps_jln F_mn."""
+    for i in range(3):
+        k, m = (i + 1) % 3, (i + 2) % 3
+        for j in range(3):
+            l, n = (j + 1) % 3, (j + 2) % 3
+            A[3 * i + j, 3 * k + l] += dU * F[m, n]
+            A[3 * k + l, 3 * i + j] += dU * F[m, n]
+            A[3 * i + l, 3 * k + j] -= dU * F[m, n]
+            A[3 * k + j, 3 * i + l] -= dU * F[m, n]
+    for i in range(3):
+        for j in range(3):
+            for k in range(3):
+                for l in range(3):
+                    A[3 * i + j, 3 * k + l] += ddU * C[i, j] * C[k, l]

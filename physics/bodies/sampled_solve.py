@@ -1,0 +1,154 @@
+"""Equilibrium of a sampled body, the q at which W(q) - p.q is least: quasi-Newton that keeps its curvature.
+
+The inverse H of the tangent lives on from step to step: each accepted step improves it (C. G. Broyden, R. Fletcher,
+D. Goldfarb, D. F. Shanno, 1970), and where an iteration stalls it is made anew from the tangent itself. Every step goes
+down in energy; the number of evaluations is bounded, and what is left over is left to the next call.
+"""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+
+from palpate.physics.bodies.sampled_energy import forces, tangent
+
+TOLERANCE = 3e-3
+"""Energy norm of the residual over that of the solution."""
+STALLED = 5
+"""Evaluations after which the tangent is made anew."""
+MOST = 14
+"""Evaluations in a call that has time."""
+EACH = 2
+"""Evaluations in a step of the loop; what is left of the residual is left to the next step."""
+LATE = 25
+"""Steps without equilibrium after which the curvature that was kept is forgotten for that at rest."""
+
+
+def unhurried() -> np.ndarray:
+    """The budget of a call that has time."""
+    return np.array([float(MOST), 1.0])
+
+
+@numba.njit(cache=True, error_model="numpy")
+def invert(K, L, H):
+    """H (r,r) the inverse of K, a little more on its diagonal where it is not positive definite; L is memory."""
+    r = len(K)
+    mean = 0.0
+    for i in range(r):
+        mean += abs(K[i, i]) / r
+    shift = 0.0
+    for _ in range(20):
+        good = True
+        for j in range(r):
+            x = K[j, j] + shift
+            for k in range(j):
+                x -= L[j, k] * L[j, k]
+            if not x > 1e-9 * mean:
+                good = False
+                break
+            L[j, j] = np.sqrt(x)
+            for i in range(j + 1, r):
+                y = K[i, j]
+                for k in range(j):
+                    y -= L[i, k] * L[j, k]
+                L[i, j] = y / L[j, j]
+        if good:
+            break
+        shift = max(4.0 * shift, 1e-3 * mean)
+    for j in range(r):  # columns of the inverse of L into the upper half of H
+        H[j, j] = 1.0 / L[j, j]
+        for i in range(j + 1, r):
+            y = 0.0
+            for k in range(j, i):
+                y -= L[i, k] * H[j, k]
+            H[j, i] = y / L[i, i]
+    for i in range(r):  # H = inv(L)' inv(L), whose rows i hold inv(L)[k, i], k >= i
+        for j in range(i, r):
+            x = 0.0
+            for k in range(j, r):
+                x += H[i, k] * H[j, k]
+            L[j, i] = x
+    for i in range(r):
+        for j in range(i + 1):
+            H[i, j] = H[j, i] = L[i, j]
+
+
+@numba.njit(cache=True, error_model="numpy")
+def settle(points, work, p, q, g, H, K, L, vectors, energy, budget):
+    """Bring q (r,) to the equilibrium under p (r,): W there, evaluations, and whether it has settled.
+
+    g (r,) and `energy` hold the gradient of W and W at q, before and after; budget (2,) holds how
+    many evaluations there may be, no more than `STALLED` of them without the tangent, and the length that the line
+    search begins with, 1 unless the last call ended in the midst of one; H (r,r) the inverse of the tangent; K, L
+    (r,r) and vectors (4,r) are memory.
+    """
+    r, most = len(q), int(budget[0])
+    d, trial, slope, lean = vectors[0], vectors[1], vectors[2], vectors[3]
+    used, anew = 0, False
+    while True:
+        reached, along = 0.0, 0.0
+        for i in range(r):
+            reached += p[i] * q[i]
+            trial[i] = p[i] - g[i]
+        np.dot(H, trial, d)
+        for i in range(r):
+            along -= d[i] * trial[i]
+        if not -along > TOLERANCE * TOLERANCE * abs(reached):
+            return energy, used, True
+        if used >= most:
+            return energy, used, False
+        if used >= STALLED and not anew:
+            anew = True
+            if tangent(points, q, work, K):
+                invert(K, L, H)
+                continue
+        length, before = budget[1], energy - reached
+        budget[1] = 1.0
+        while True:
+            after = 0.0
+            for i in range(r):
+                trial[i] = q[i] + length * d[i]
+                after -= p[i] * trial[i]
+            found = forces(points, trial, work, slope)
+            used += 1
+            after += found
+            if found < np.inf:
+                turned = 0.0
+                for i in range(r):
+                    turned += d[i] * (slope[i] - p[i])
+                # where the energy's change drowns in rounding its slope still tells
+                if after <= before + 1e-4 * length * along or abs(turned) <= 0.5 * abs(along):
+                    break
+            shorter = 0.25
+            if found < np.inf:  # the least of the parabola through both values and the slope
+                shorter = -0.5 * along / max((after - before) / length - along, 1e-300)
+                shorter = min(max(shorter, 0.1), 0.5)
+            length *= shorter
+            if used >= most:
+                budget[1] = length
+                return energy, used, False
+        curve = size = 0.0
+        for i in range(r):
+            lean[i] = slope[i] - g[i]
+            d[i] *= length
+            curve += d[i] * lean[i]
+            size += d[i] * d[i]
+            q[i], g[i] = trial[i], slope[i]
+        energy = found
+        if curve > 1e-12 * size:
+            _improve(H, d, lean, trial, curve)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _improve(H, s, y, Hy, curve):
+    """The update of Broyden, Fletcher, Goldfarb and Shanno of the inverse; Hy is memory."""
+    r = len(s)
+    np.dot(H, y, Hy)
+    own = (1.0 + np.dot(Hy, y) / curve) / curve
+    for i in range(r):
+        a, b = own * s[i], s[i] / curve
+        c, row = Hy[i] / curve, H[i]
+        for j in range(i + 1):
+            row[j] += a * s[j] - (b * Hy[j] + c * s[j])
+        for j in range(i):
+            H[j, i] = row[j]

@@ -1,0 +1,179 @@
+"""How far apart neighbours on a surface may be displaced: what keeps a dragged surface from folding.
+
+Each node of a bed gives way by itself. Real skin joins them: it locks before a piece of it is turned over. Here every
+displacement keeps its direction and is shortened, as little as possible, until
+
+    |u_i - u_j| <= limit * length of the edge ij
+
+on all edges. Lengths only ever become shorter, each no more than its neighbours ask for, so the answer does not depend
+on the order, and follows a moving load without a jump.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from scipy.sparse import csr_array
+
+from palpate.physics.geometry.mesh import Mesh
+
+EXCESS = 1e-9
+"""[1] By which an edge may pass its limit."""
+ROUNDS = 60
+"""Most times that a node's length is looked at, on the mean."""
+
+
+class Neighbours(NamedTuple):
+    """Who shares an edge with whom.
+
+    first       [1]  (V+1)  place in `others` of the first neighbour of each node
+    others      [1]  (E)    nodes that share an edge with it
+    spans       [m]  (E)    length of that edge, > 0
+    """
+
+    first: np.ndarray
+    others: np.ndarray
+    spans: np.ndarray
+
+
+def neighbours(mesh: Mesh) -> Neighbours:
+    """The neighbours of each vertex of a mesh, in order of their number."""
+    size = len(mesh.vertices)
+    edges = np.concatenate([mesh.triangles[:, [0, 1]], mesh.triangles[:, [1, 2]], mesh.triangles[:, [2, 0]]])
+    edges = edges[edges[:, 0] != edges[:, 1]]
+    pattern = csr_array((np.ones(len(edges), np.int8), (edges[:, 0], edges[:, 1])), shape=(size, size))
+    pattern = csr_array(pattern + pattern.T)
+    pattern.sort_indices()
+    first, others = pattern.indptr.astype(np.int64), pattern.indices.astype(np.int32)
+    owner = np.repeat(np.arange(size), np.diff(first))
+    spans = np.linalg.norm(mesh.vertices[owner] - mesh.vertices[others], axis=1)
+    return Neighbours(first, others, np.maximum(spans, 1e-9))
+
+
+class Room(NamedTuple):
+    """Work space of `hold_together`: lengths [m] (V), a queue of slots (V) and which are in it (V)."""
+
+    lengths: np.ndarray
+    queue: np.ndarray
+    queued: np.ndarray
+
+    @classmethod
+    def of(cls, size: int) -> Room:
+        return cls(np.zeros(size), np.zeros(max(size, 1), np.int64), np.zeros(size, np.bool_))
+
+
+@njit(cache=True, error_model="numpy")
+def _apart(vectors, i, j):
+    x, y, z = vectors[i, 0] - vectors[j, 0], vectors[i, 1] - vectors[j, 1], vectors[i, 2] - vectors[j, 2]
+    return x * x + y * y + z * z
+
+
+@njit(cache=True, error_model="numpy")
+def _within(vectors, count, limit, edges, place, nodes):
+    """Whether all edges of the listed nodes keep the limit; a node that is not listed stands still."""
+    for slot in range(count):
+        node = nodes[slot]
+        for at in range(edges.first[node], edges.first[node + 1]):
+            other = place[edges.others[at]]
+            if 0 <= other < slot:
+                continue
+            square = _apart(vectors, slot, other) if other >= 0 else _square(vectors, slot)
+            most = limit * edges.spans[at]
+            if square > most * most * (1.0 + EXCESS):
+                return False
+    return True
+
+
+@njit(cache=True, error_model="numpy")
+def _square(vectors, i):
+    return vectors[i, 0] ** 2 + vectors[i, 1] ** 2 + vectors[i, 2] ** 2
+
+
+@njit(cache=True, error_model="numpy")
+def _allowed(a, b, cosine, most):
+    """The lengths of two vectors at a given angle, a >= b, shortened until they are at most `most` apart."""
+    if a * a + b * b - 2.0 * a * b * cosine <= most * most * (1.0 + EXCESS):
+        return a, b
+    rest = most * most - b * b * (1.0 - cosine * cosine)
+    longest = b * cosine + math.sqrt(rest) if rest > 0.0 else -1.0
+    if longest >= b:
+        return min(a, longest), b
+    both = min(most / math.sqrt(max(2.0 - 2.0 * cosine, 1e-300)), b)
+    return both, both
+
+
+@njit(cache=True, error_model="numpy")
+def hold_together(vectors, count, limit, edges, place, nodes, room):
+    """Shorten vectors [m] (count,3) of the listed nodes until neighbours are at most `limit` edges apart; how many
+    became shorter.
+
+    edges `Neighbours`   place (V) slot of each node in the list, -1 outside   nodes (count) node of each slot
+    """
+    if _within(vectors, count, limit, edges, place, nodes):
+        return 0
+    lengths, queue, queued = room
+    for slot in range(count):
+        lengths[slot] = math.sqrt(_square(vectors, slot))
+        queue[slot] = slot
+        queued[slot] = True
+    head, waiting, left = 0, count, ROUNDS * count
+    while waiting > 0 and left > 0:
+        i = queue[head]
+        head = head + 1 if head + 1 < count else 0
+        waiting -= 1
+        left -= 1
+        queued[i] = False
+        node, before = nodes[i], lengths[i]
+        for at in range(edges.first[node], edges.first[node + 1]):
+            j = place[edges.others[at]]
+            most = limit * edges.spans[at]
+            if j < 0:
+                lengths[i] = min(lengths[i], most)
+                continue
+            a, b = lengths[i], lengths[j]
+            if a + b <= most:
+                continue
+            across = math.sqrt(_square(vectors, i) * _square(vectors, j))
+            along = vectors[i, 0] * vectors[j, 0] + vectors[i, 1] * vectors[j, 1] + vectors[i, 2] * vectors[j, 2]
+            cosine = min(max(along / across, -1.0), 1.0) if across > 0.0 else 0.0
+            longer, shorter = _allowed(max(a, b), min(a, b), cosine, most)
+            lengths[i], lengths[j] = (longer, shorter) if a >= b else (shorter, longer)
+            if lengths[j] < b and not queued[j]:
+                queue[(head + waiting) % count], queued[j] = j, True
+                waiting += 1
+        if lengths[i] < before and not queued[i]:
+            # Neighbours that were looked at before it became shorter are looked at again.
+            queue[(head + waiting) % count], queued[i] = i, True
+            waiting += 1
+    return _shorten(vectors, count, limit, edges, place, nodes, room)
+
+
+@njit(cache=True, error_model="numpy")
+def _shorten(vectors, count, limit, edges, place, nodes, room):
+    """Give the vectors their lengths. Should the rounds have run out, all of them are scaled by what is missing."""
+    shorter = 0
+    for slot in range(count):
+        length = math.sqrt(_square(vectors, slot))
+        room.queued[slot] = False
+        if room.lengths[slot] < length * (1.0 - EXCESS):
+            shorter += 1
+            for k in range(3):
+                vectors[slot, k] *= room.lengths[slot] / length
+    worst = 1.0
+    for slot in range(count):
+        node = nodes[slot]
+        for at in range(edges.first[node], edges.first[node + 1]):
+            other = place[edges.others[at]]
+            square = _apart(vectors, slot, other) if other >= 0 else _square(vectors, slot)
+            most = limit * edges.spans[at]
+            if square > most * most * (1.0 + EXCESS):
+                worst = min(worst, most / math.sqrt(square))
+    if worst < 1.0:
+        shorter = count
+        for slot in range(count):
+            for k in range(3):
+                vectors[slot, k] *= worst
+    return shorter

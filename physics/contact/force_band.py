@@ -1,0 +1,100 @@
+"""A force that is normally distributed about a mean, but never negative: quantiles, density, replayable draws.
+
+    p(f | d) = N(F(d), sigma(d)²) restricted to f >= 0
+
+Far from zero this is the normal law itself; near first touch, where sigma is comparable to F, the part below zero
+(18 % at d = 0 for the published subject) is cut off and the rest scaled up.
+
+Laws of few sessions are themselves unsure. A new force is then distributed as F + sigma t, t being Student's t of some
+degrees of freedom (`freedom`; 0 stands for as many as one likes, the normal law).
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.special import gammaln, log_ndtr, ndtri_exp, stdtr, stdtrit
+
+from palpate.physics.contact.force_models import MODELS
+
+
+class Band(NamedTuple):
+    """Laws of mean and standard deviation for one subject, in the depth d [m].
+
+    mean       name of a model of MODELS        mean_parameters       its parameters, SI units
+    deviation  name of a model of MODELS        deviation_parameters  its parameters, SI units
+    limit      [m] ()  deepest indentation that was measured
+    freedom    [1] ()  of Student's t; 0: the normal law
+    """
+
+    mean: str
+    mean_parameters: tuple[float, ...]
+    deviation: str
+    deviation_parameters: tuple[float, ...]
+    limit: float
+    freedom: float = 0.0
+
+
+PUBLISHED = Band("fourier", (1.694, -1.673, 0.1971, 422.8), "exponential", (0.02272, 376.6), 5.0e-3)
+"""Subject 1 of the experiment with a cone-shaped probe on the index fingertip, 0 to 5 mm:
+
+    F = 1.694 + 0.1971 sin(0.4228 d) - 1.673 cos(0.4228 d) N,   sigma = 0.02272 exp(0.3766 d) N,   d in mm
+"""
+
+
+def band_at(depth, band: Band = PUBLISHED):
+    """(F, sigma, inside): mean [N], standard deviation [N] and whether the depth was measured, at each depth [m] (...).
+
+    Beyond the range the laws are held at its end and `inside` is false: they are not extrapolated. A fitted law that
+    runs below zero is held at zero.
+    """
+    depth = np.asarray(depth, float)
+    held = np.clip(depth, 0.0, band.limit)
+    mean = MODELS[band.mean](held, band.mean_parameters)
+    deviation = MODELS[band.deviation](held, band.deviation_parameters)
+    return np.maximum(mean, 0.0), np.maximum(deviation, 0.0), (depth >= 0.0) & (depth <= band.limit)
+
+
+def truncated_quantile(level, mean, deviation, freedom: float = 0.0):
+    """Force [N] (...) below which the share `level` of mean + deviation t restricted to f >= 0 lies.
+
+        S(z) = (1 - level) (1 - S(-mean/deviation)),   f = mean + z deviation,   S(z) the share of t above z
+
+    level      [1]  (...)  in (0, 1)        mean  [N]  (...)        deviation  [N]  (...)  >= 0; at 0 it is <mean>
+    freedom    [1]  ()     of t; 0: the normal law
+
+    The normal law is computed in logarithms, so that it holds however far the mean lies below zero.
+    """
+    level, mean, deviation = np.broadcast_arrays(*(np.asarray(v, float) for v in (level, mean, deviation)))
+    sure = deviation <= 0.0
+    sigma = np.where(sure, 1.0, deviation)
+    if freedom > 0:
+        z = -stdtrit(freedom, (1.0 - level) * stdtr(freedom, mean / sigma))
+    else:
+        z = -ndtri_exp(np.log1p(-level) + log_ndtr(mean / sigma))
+    return np.where(sure, np.maximum(mean, 0.0), np.maximum(mean + z * sigma, 0.0))
+
+
+def truncated_density(force, mean, deviation, freedom: float = 0.0):
+    """Density [1/N] (...) of mean + deviation t restricted to f >= 0; 0 for a negative force. deviation > 0."""
+    z = (np.asarray(force, float) - mean) / deviation
+    at_zero = np.asarray(mean, float) / deviation
+    if freedom > 0:
+        half = 0.5 * freedom
+        peak = gammaln(half + 0.5) - gammaln(half) - 0.5 * np.log(np.pi * freedom)
+        log_density = peak - (half + 0.5) * np.log1p(z**2 / freedom) - np.log(stdtr(freedom, at_zero))
+    else:
+        log_density = -0.5 * z**2 - 0.5 * np.log(2.0 * np.pi) - log_ndtr(at_zero)
+    return np.where(np.asarray(force) >= 0, np.exp(log_density) / deviation, 0.0)
+
+
+def uniform(seed: int, tick: int) -> float:
+    """A number of [0, 1) that depends on seed and tick alone, so that every replay, in any order, draws the same.
+
+    Philox 4x64-10 with the seed as key and the tick as counter: J. K. Salmon et al., Parallel random numbers: as easy
+    as 1, 2, 3 (2011).
+    """
+    counter = np.array([0, tick & 0xFFFF_FFFF_FFFF_FFFF, 0, 0], dtype=np.uint64)
+    philox = np.random.Philox(key=seed, counter=counter)
+    return float(np.random.Generator(philox).random())

@@ -1,0 +1,207 @@
+"""Normal contact: Hunt-Crossley laws, and fingertip and body in series over one step.
+
+    f = g(s) <1 + c s'>,    <x> = max(0, x)
+
+Unlike a spring beside a dashpot this has no force jump at impact and no suction at release
+(K. H. Hunt, F. R. E. Crossley, J. Appl. Mech. 42, 1975, 440-445).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike
+
+from palpate.physics.contact.terminal import Terminal, free_recovery, power_of, terminal_force
+
+POWER, EXPONENTIAL, HERTZ = 0, 1, 2
+MOST_FORCE = 1e300
+"""[N] What a force beyond the range of numbers counts as."""
+
+
+class Law(NamedTuple):
+    """An elastic law g(s), made by `power`, `exponential` or `hertz_exponential`."""
+
+    kind: int
+    first: float
+    second: float
+    radius: float
+
+
+def power(stiffness: float, exponent: float) -> Law:
+    """g = K s^n; K [N/m^n] > 0, n [1] >= 1 (1.5 for a sphere: Hertz)."""
+    return Law(POWER, float(stiffness), float(exponent), 0.0)
+
+
+def exponential(stiffness: float, hardening: float) -> Law:
+    """g = (b/m)(e^{ms} - 1); b [N/m] > 0, m [1/m] > 0.
+
+    Quasi-static law of the human fingerpad: D. T. V. Pawluk, R. D. Howe, J. Biomech. Eng. 121 (1999) 178-183.
+    """
+    return Law(EXPONENTIAL, float(stiffness), float(hardening), 0.0)
+
+
+def hertz_exponential(modulus_slope: float, hardening: float, radius: float) -> Law:
+    """g = (8b/3m)(e^{ms} - 1) sqrt(R) s^{3/2}: a Hertz sphere with E* = (2b/m)(e^{ms} - 1).
+
+    b [Pa/m] > 0, m [1/m] > 0, R [m] > 0.
+    """
+    return Law(HERTZ, float(modulus_slope), float(hardening), float(radius))
+
+
+@njit(cache=True, error_model="numpy")
+def elastic(s, kind, first, second, radius):
+    """g [N] and dg/ds [N/m] at the compression s [m]; zero for s <= 0."""
+    if s <= 0.0:
+        return 0.0, 0.0
+    if kind == 0:
+        g = first * power_of(s, second)
+        return g, second * g / s
+    grown = math.expm1(second * s)
+    if kind == 1:
+        return first / second * grown, first * (1.0 + grown)
+    scale = 8.0 * first / (3.0 * second) * math.sqrt(radius * s)
+    return scale * grown * s, scale * (second * (1.0 + grown) * s + 1.5 * grown)
+
+
+@njit(cache=True, error_model="numpy")
+def _map_force(s, rate, c, kind, first, second, radius, out):
+    for i in range(s.size):
+        out[i] = elastic(s[i], kind, first, second, radius)[0] * max(0.0, 1.0 + c * rate[i])
+
+
+def force(law: Law, s: ArrayLike, rate: ArrayLike = 0.0, damping: float = 0.0) -> np.ndarray:
+    """Force g(s) <1 + c s'> [N], never negative.
+
+    s        [m]    (...)  compression; zero force where s <= 0
+    rate     [m/s]  (...)  ds/dt
+    damping  [s/m]  ()     c >= 0
+    """
+    depth, speed = np.broadcast_arrays(np.asarray(s, float), np.asarray(rate, float))
+    out = np.empty(depth.size)
+    _map_force(depth.ravel(), speed.ravel(), float(damping), *law, out)
+    return out.reshape(depth.shape)
+
+
+def energy(law: Law, s: ArrayLike) -> np.ndarray:
+    """Stored energy V(s) [J], the integral of g from 0 to s [m] (...); zero where s <= 0."""
+    depth = np.maximum(np.asarray(s, float), 0.0)
+    if law.kind == POWER:
+        return law.first * depth ** (law.second + 1.0) / (law.second + 1.0)
+    if law.kind == EXPONENTIAL:
+        x = law.second * depth
+        # expm1(x) - x cancels below about 1e-2; six terms of its series reach rounding there.
+        series = x * x / 2 * (1 + x / 3 * (1 + x / 4 * (1 + x / 5 * (1 + x / 6 * (1 + x / 7)))))
+        return law.first / law.second**2 * np.where(x < 1e-2, series, np.expm1(x) - x)
+    # s = t^2 takes the square root out of the integrand; 64 points resolve e^{ms} up to ms of some hundreds.
+    points, weights = np.polynomial.legendre.leggauss(64)
+    t = np.sqrt(depth)[..., None] * (points + 1) / 2
+    return np.sum(force(law, t * t) * t * weights, axis=-1) * np.sqrt(depth)
+
+
+@njit(cache=True, error_model="numpy")
+def series_step(approach, dt, s1, kind, first, second, radius, c1, stiffness, exponent, c2, free, previous):
+    """One step of fingertip and body in series: s1 + s2 = approach, one common force. Returns (f, s1, s2) [N, m, m].
+
+    approach  [m]  e at the end of the step; no contact where e <= 0
+    dt        [s]  T > 0; infinite gives the static split
+    s1        [m]  fingertip compression before the step
+    kind, first, second, radius, c1              the fingertip's law and damping [s/m]
+    stiffness, exponent, c2, free, previous      the body's terminal law
+
+    Both recover freely to r1, r2. Where these together still fill the approach, there is no contact. Otherwise
+
+        h(s2) = F2(s2) - F1(e - s2) = 0,   F1(s) = g1(s) <1 + c1 (s - s1)/T>,
+
+    has h <= 0 at s2 = r2, h >= 0 at s2 = e - r1 and never decreases: a root is always found. The step is implicit
+    Euler: f >= 0 and s1 >= 0 whatever T, and f (ds1 + ds2) >= dV1 + dV2 because V is convex. s2 is negative only
+    where the body's own free indentation is.
+    """
+    r1 = free_recovery(s1, 0.0, c1, dt)
+    r2 = free_recovery(previous, free, c2, dt)
+    if not (approach > 0.0 and r1 + r2 < approach):
+        return 0.0, r1, r2
+    low, high = r2, approach - r1
+    s = previous if low < previous < high else 0.5 * (low + high)
+    f1 = f2 = slope1 = slope2 = 0.0
+    for _ in range(200):
+        x = approach - s
+        g, slope = elastic(x, kind, first, second, radius)
+        rate = max(0.0, 1.0 + c1 * (x - s1) / dt)
+        f1 = g * rate
+        slope1 = slope * rate + g * c1 / dt
+        f2, slope2 = terminal_force(s, dt, stiffness, exponent, c2, free, previous)
+        if f2 < f1:
+            low = s
+        else:
+            high = s
+        following = 0.5 * (low + high)
+        # Newton on ln F2 - ln F1, nearly straight for power and exponential laws alike; else halve the bracket.
+        if 0.0 < f1 < math.inf and 0.0 < f2 < math.inf:
+            guess = s - math.log(f2 / f1) / (slope2 / f2 + slope1 / f1)
+            if low <= guess <= high:
+                following = guess
+            if abs(f2 - f1) <= 2e-16 * f1:
+                break
+        if abs(following - s) <= 2e-16 * abs(s):
+            break
+        s = following
+    # At the root both are equal; away from it by a rounding error, the softer one is the more exact.
+    return min(f2 if slope2 < slope1 or not f1 < math.inf else f1, MOST_FORCE), approach - s, s
+
+
+def series(approach: float, dt: float, compression: float, finger: Law, finger_damping: float, body: Terminal):
+    """One step of fingertip and body in series, see `series_step`. Returns (f, s1, s2) [N, m, m].
+
+    ValueError: dt not positive.
+    """
+    if not dt > 0.0:
+        raise ValueError(f"dt {dt} s: expected a positive step; infinity gives the static split")
+    return series_step(
+        float(approach), float(dt), float(compression), *finger, float(finger_damping), *map(float, body)
+    )
+
+
+def static_split(approach: ArrayLike, finger: Law, body_stiffness: float, body_exponent: float):
+    """Force [N] and the shares s1, s2 [m] of the approach [m] (...) at rest, body g2 = K s^n."""
+    e = np.asarray(approach, float)
+    body = Terminal(body_stiffness, body_exponent)
+    rows = np.array([series(x, math.inf, 0.0, finger, 0.0, body) for x in e.ravel()]).reshape(*e.shape, 3)
+    return rows[..., 0], rows[..., 1], rows[..., 2]
+
+
+@njit(cache=True, error_model="numpy")
+def _path(approach, dt, kind, first, second, radius, c1, stiffness, exponent, c2, out):
+    s1 = s2 = 0.0
+    for i in range(approach.size):
+        f, s1, s2 = series_step(
+            approach[i], dt[i], s1, kind, first, second, radius, c1, stiffness, exponent, c2, 0.0, s2
+        )
+        out[0, i], out[1, i], out[2, i] = f, s1, s2
+
+
+def series_path(
+    approach: ArrayLike,
+    dt: ArrayLike,
+    finger: Law,
+    finger_damping: float,
+    body_stiffness: float,
+    body_exponent: float,
+    body_damping: float,
+):
+    """Force [N], s1 and s2 [m], each (k), along a path of approaches [m] (k), from rest, body g2 = K s^n.
+
+    dt  [s]  () or (k)  length of each step, > 0
+    """
+    e = np.ascontiguousarray(approach, dtype=float)
+    steps = np.ascontiguousarray(np.broadcast_to(np.asarray(dt, float), e.shape))
+    if not (steps > 0).all():
+        raise ValueError(f"dt: found {steps.min()} s, expected positive steps")
+    out = np.empty((3, e.size))
+    _path(
+        e, steps, *finger, float(finger_damping), float(body_stiffness), float(body_exponent), float(body_damping), out
+    )
+    return out[0], out[1], out[2]

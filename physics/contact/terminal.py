@@ -1,0 +1,222 @@
+"""The terminal law: what a deformable body does at the contact in its next step, as five numbers.
+
+    F(s) = K <s - s_free>^n <1 + c (s - s_prev)/T>,    <x> = max(0, x)
+
+F [N] normal force, s [m] indentation at the end of the step, T [s] its length. It is a Hunt-Crossley law
+(Hunt & Crossley 1975) in state form. F is zero up to `free_recovery` and increases from there on, so any law of the
+same kind can be solved against it in a bracket, whatever the step.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+LEAST_FORCE = 1e-3
+"""[N] Force at which a body's law is fitted where the contact is lighter than that."""
+LEAST_DEPTH = 1e-9
+"""[m] Depth below which a fitted body counts as rigid; it keeps K finite."""
+
+
+LEAST_FREE = -0.1
+"""[m] A body that stands farther out than this without force is not meant."""
+
+
+class Terminal(NamedTuple):
+    """Values of a terminal law.
+
+    stiffness  [N/m^n]  K > 0
+    exponent   [1]      n in [1, 3]
+    damping    [s/m]    c >= 0
+    free       [m]      s_free, indentation of the next step at zero force
+    previous   [m]      s_prev, indentation at the end of this step
+    """
+
+    stiffness: float
+    exponent: float
+    damping: float = 0.0
+    free: float = 0.0
+    previous: float = 0.0
+
+
+@njit(cache=True, error_model="numpy")
+def power_of(x, n):
+    """x^n for x >= 0; the usual exponents without a call of pow."""
+    if n == 1.5:
+        return x * math.sqrt(x)
+    if n == 1.0:
+        return x
+    if n == 2.0:
+        return x * x
+    return x**n
+
+
+@njit(cache=True, error_model="numpy")
+def power_slope(x, n):
+    """x^n and n x^(n-1) for x >= 0, n >= 1."""
+    if n == 1.5:
+        root = math.sqrt(x)
+        return x * root, 1.5 * root
+    if n == 1.0:
+        return x, 1.0
+    if n == 2.0:
+        return x * x, 2.0 * x
+    below = x ** (n - 1.0)
+    return x * below, n * below
+
+
+@njit(cache=True, error_model="numpy")
+def root_of(x, n):
+    """x^(1/n) for x >= 0; the usual exponents without a call of pow."""
+    if n == 1.5:
+        y = np.cbrt(x)
+        return y * y
+    if n == 1.0:
+        return x
+    if n == 2.0:
+        return math.sqrt(x)
+    return x ** (1.0 / n)
+
+
+@njit(cache=True, error_model="numpy")
+def free_recovery(previous, free, damping, dt):
+    """Indentation [m] at which the body ends a step of `dt` without load; the largest s with F(s) = 0."""
+    if damping > 0.0:
+        return max(free, previous - dt / damping)
+    return free
+
+
+@njit(cache=True, error_model="numpy")
+def terminal_force(s, dt, stiffness, exponent, damping, free, previous):
+    """Force [N] and its slope dF/ds [N/m] at the indentation s [m], for a step of dt > 0 [s]."""
+    x = s - free
+    rate = 1.0 + damping * (s - previous) / dt
+    if x <= 0.0 or rate <= 0.0:
+        return 0.0, 0.0
+    elastic = stiffness * power_of(x, exponent)
+    return elastic * rate, exponent * elastic / x * rate + elastic * damping / dt
+
+
+@njit(cache=True, error_model="numpy")
+def indentation(force, dt, stiffness, exponent, damping, free, previous):
+    """Indentation s [m] with F(s) = force; the free recovery where force <= 0.
+
+    With x = s - free and n >= 1, F is convex and increasing, so Newton's method from any point with F >= force goes
+    down to the root without passing it. Such points are the static root, the previous indentation while unloading, and
+    Newton's own point from there while loading.
+    """
+    least = free_recovery(previous, free, damping, dt)
+    if not force > 0.0:
+        return least
+    inverse = damping / dt
+    goal = min(force / stiffness, 1e300)
+    p = previous - free
+    x = p
+    value = slope = 0.0
+    if p > 0.0:
+        value, slope = power_slope(p, exponent)
+    if value < goal:
+        # Newton's point is safe, but far away where the law starts flat; the static root is then nearer.
+        if value > 0.0:
+            x = p + (goal - value) / (slope + value * inverse)
+        if not value > 0.1 * goal:
+            bound = root_of(goal, exponent)
+            x = min(x, bound) if value > 0.0 else bound
+    for _ in range(100):
+        value, slope = power_slope(x, exponent)
+        rate = 1.0 + inverse * (x - p)
+        rise = slope * rate + value * inverse
+        # So little force or so short a step that the law is out of the range of numbers: x is as good as the root.
+        if not 0.0 < rise < math.inf:
+            break
+        step = (value * rate - goal) / rise
+        x -= step
+        if not step > 1e-9 * x:
+            break
+    return max(x + free, least)
+
+
+@njit(cache=True, error_model="numpy")
+def fit_terminal(free, s, slope, force):
+    """K and n of the terminal law of a body whose next implicit step is known at two points; c is 0.
+
+    free   [m]    indentation of the next step at zero force
+    s      [m]    indentation of the next step at `force`
+    slope  [N/m]  tangent stiffness dF/ds there, of the step: the body's own damping is in it
+    force  [N]    present force; give at least `LEAST_FORCE`, a law fitted at zero load deadlocks the contact
+
+    n = slope (s - free)/force, held in [1, 3]; K = force/(s - free)^n. So force and slope at s are the body's own.
+    """
+    depth = max(s - free, LEAST_DEPTH)
+    n = slope * depth / force
+    if not n >= 1.0:
+        n = 1.0
+    n = min(n, 3.0)
+    return force / depth**n, n
+
+
+def check_law(law: Terminal, step: float = 0.0, relaxation: float = 0.0) -> None:
+    """Refuse a law that would pull, or has no root.
+
+    ValueError: names the number, what was found and what is expected.
+    """
+    stiffness, exponent, damping, free, previous = law
+    if (
+        0.0 < stiffness < math.inf
+        and 1.0 <= exponent <= 3.0
+        and 0.0 <= damping < math.inf
+        and LEAST_FREE <= free < math.inf
+        and -math.inf < previous < math.inf
+        and 0.0 <= step < math.inf
+        and 0.0 <= relaxation < math.inf
+    ):
+        return
+    some, none = "a finite number > 0", "a finite number >= 0"
+    for name, unit, value, least, most, expected in (
+        ("stiffness", "N/m^n", stiffness, math.ulp(0.0), math.inf, some),
+        ("exponent", "1", exponent, 1.0, 3.0, "1 to 3"),
+        ("damping", "s/m", damping, 0.0, math.inf, none),
+        ("free", "m", free, LEAST_FREE, math.inf, f"a finite number >= {LEAST_FREE}"),
+        ("previous", "m", previous, -math.inf, math.inf, "a finite number"),
+        ("step", "s", step, 0.0, math.inf, none),
+        ("relaxation", "s", relaxation, 0.0, math.inf, none),
+    ):
+        if not (math.isfinite(value) and least <= value <= most):
+            raise ValueError(
+                f"{name} [{unit}]: found {value}, expected {expected}. A terminal law, F(s) = stiffness <s - "
+                "free>^exponent <1 + damping (s - previous)/T>, presses and never pulls."
+            )
+
+
+def law_at(length: float, start: float, law: Terminal, step: float, relaxation: float) -> tuple[float, float]:
+    """K [N/m^n] and s_free [m] for a step of `length` > 0 [s] from the indentation `start` [m], of a law that was given
+    for a step of length `step` [s] from s_prev.
+
+    The body goes to what a force asks of it with one time constant, `relaxation` tau [s]: of the way to there an
+    implicit step of length a takes the share m(a) = a/(a + tau). So, s_rest being where it comes to rest without force,
+
+        s_rest = s_prev + (s_free - s_prev)/m(step)
+        s_free <- start + m(length) (s_rest - start),   K <- K (m(step)/m(length))^n
+
+    Exact for a Kelvin-Voigt body. Without `step` or `relaxation` the law is the same for all lengths.
+    """
+    if not (step > 0.0 and relaxation > 0.0):
+        return law.stiffness, law.free
+    share = (length / step) * (step + relaxation) / (length + relaxation)
+    own = length / (length + relaxation)
+    free = start + share * (law.free - law.previous) + own * (law.previous - start)
+    return law.stiffness / share**law.exponent, free
+
+
+def fit(free: float, s: float, slope: float, force: float, previous: float) -> Terminal:
+    """The terminal law of a generic body, see `fit_terminal`.
+
+    ValueError: force below `LEAST_FORCE`.
+    """
+    if not force >= LEAST_FORCE:
+        raise ValueError(f"force {force} N: expected at least {LEAST_FORCE} N; take the body's step at that force")
+    stiffness, exponent = fit_terminal(free, s, slope, force)
+    return Terminal(stiffness, exponent, 0.0, free, previous)

@@ -1,0 +1,119 @@
+"""Forces and torques of the Falcon: virtual work, held bounded at singular poses and within the motors' limit.
+
+With N the unit vectors along the three parallelograms as rows and D their levers (`falcon.link`), G = D^-1 N, so
+
+    torque = G^-T F = D N^-T F        F = G^T torque = N^T D^-1 torque
+
+The first has no bound where the three vectors come to lie in a plane, the second where a leg is stretched or folded.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numba
+import numpy as np
+
+from palpate.physics.device.falcon import FALCON, LIMIT, Falcon, cross, dot, links
+
+FLAT = 0.02  # [1] volume spanned by the link vectors below which the inverse is damped
+DAMPING = 0.05  # [1] largest damping of that inverse
+SHORT = 1e-3  # [m] lever below which its inverse no longer grows
+
+
+@numba.njit(cache=True)
+def saturate(t0, t1, t2, limit):
+    """The torque vector scaled as a whole so that no arm exceeds the limit; zero where it is not finite."""
+    largest = max(abs(t0), abs(t1), abs(t2))
+    if not (abs(t0) < math.inf and abs(t1) < math.inf and abs(t2) < math.inf):
+        return 0.0, 0.0, 0.0
+    if largest <= limit:
+        return t0, t1, t2
+    # Divide first: limit / largest of a huge torque may underflow, and the largest must come out as the limit.
+    return limit * (t0 / largest), limit * (t1 / largest), limit * (t2 / largest)
+
+
+@numba.njit(cache=True)
+def torque_kernel(geometry, fx, fy, fz, x, y, z):
+    """(reachable, torques) for a force at a point; zero torque where the point is out of reach."""
+    ok, _, n0, n1, n2, levers = links(geometry, x, y, z)
+    if not ok:
+        return False, 0.0, 0.0, 0.0
+    force = (fx, fy, fz)
+    c0, c1, c2 = cross(n1, n2), cross(n2, n0), cross(n0, n1)
+    volume = dot(n0, c0)
+    if abs(volume) >= FLAT:
+        t0, t1, t2 = dot(c0, force) / volume, dot(c1, force) / volume, dot(c2, force) / volume
+    else:
+        t0, t1, t2 = damped(n0, n1, n2, force, DAMPING * (1.0 - abs(volume) / FLAT))
+    return (True, *saturate(levers[0] * t0, levers[1] * t1, levers[2] * t2, geometry[LIMIT]))
+
+
+@numba.njit(cache=True)
+def damped(n0, n1, n2, force, damping):
+    """Least squares for N^T t = force with the damping on t: (N N^T + damping^2) t = N force, by Cramer's rule."""
+    own = 1.0 + damping * damping
+    g01, g02, g12 = dot(n0, n1), dot(n0, n2), dot(n1, n2)
+    r0, r1, r2 = dot(n0, force), dot(n1, force), dot(n2, force)
+    m00, m11, m22 = own * own - g12 * g12, own * own - g02 * g02, own * own - g01 * g01
+    m01, m02, m12 = g02 * g12 - g01 * own, g01 * g12 - g02 * own, g01 * g02 - g12 * own
+    det = own * m00 + g01 * m01 + g02 * m02
+    if det <= 0.0:  # parallel vectors without damping: rounding alone decides
+        return 0.0, 0.0, 0.0
+    return (
+        (m00 * r0 + m01 * r1 + m02 * r2) / det,
+        (m01 * r0 + m11 * r1 + m12 * r2) / det,
+        (m02 * r0 + m12 * r1 + m22 * r2) / det,
+    )
+
+
+@numba.njit(cache=True)
+def force_kernel(geometry, t0, t1, t2, x, y, z):
+    """(reachable, force) on the grip of torques at a point; zero force where the point is out of reach."""
+    ok, _, n0, n1, n2, levers = links(geometry, x, y, z)
+    if not ok:
+        return False, 0.0, 0.0, 0.0
+    w0, w1, w2 = t0 * inverted(levers[0]), t1 * inverted(levers[1]), t2 * inverted(levers[2])
+    return (
+        True,
+        w0 * n0[0] + w1 * n1[0] + w2 * n2[0],
+        w0 * n0[1] + w1 * n1[1] + w2 * n2[1],
+        w0 * n0[2] + w1 * n1[2] + w2 * n2[2],
+    )
+
+
+@numba.njit(cache=True)
+def inverted(lever):
+    """1 / lever [1/m], falling to zero with the lever below SHORT."""
+    return 1.0 / lever if abs(lever) >= SHORT else lever / (SHORT * SHORT)
+
+
+def torque(force, position, falcon: Falcon = FALCON) -> tuple[np.ndarray, bool]:
+    """Torques that make the grip push with a force, torque = G^-T force.
+
+    Near a singular pose the inverse is damped (least squares), so the torque stays bounded. A torque beyond the
+    motors' limit is scaled as a whole vector: the direction of the force is kept.
+
+    force     [N]    (3)  on the hand, device frame
+    position  [m]    (3)  of the grip, device frame
+    returns   [N m]  (3)  on each arm, at most `falcon.limit`; zero where the position is out of reach
+              [1]    ()   whether the position is in reach
+
+    Y. Nakamura, H. Hanafusa, J. Dyn. Syst. Meas. Control 108 (1986) 163-171, for the damped inverse.
+    """
+    ok, *found = torque_kernel(falcon.geometry, *map(float, force), *map(float, position))
+    return np.array(found), bool(ok)
+
+
+def force(torques, position, falcon: Falcon = FALCON) -> tuple[np.ndarray, bool]:
+    """Force of the grip on the hand for given torques, force = G^T torques.
+
+    Bounded where a leg is stretched or folded: its lever's inverse grows no further below 1 mm.
+
+    torques   [N m]  (3)  on each arm
+    position  [m]    (3)  of the grip, device frame
+    returns   [N]    (3)  device frame; zero where the position is out of reach
+              [1]    ()   whether the position is in reach
+    """
+    ok, *found = force_kernel(falcon.geometry, *map(float, torques), *map(float, position))
+    return np.array(found), bool(ok)

@@ -1,0 +1,162 @@
+"""The hand that holds the grip of a device, and the way that it wants to go.
+
+The grip is a mass with drag; the arm pulls it towards the wanted point p(t) through a spring and a damper:
+
+    m x'' = F - b x' + k (p - x) + c (p' - x')
+
+With y = x - p and p' constant over a step this is linear with a constant right side, so the step is exact by the
+matrix exponential and stable whatever its length.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numba
+import numpy as np
+
+from palpate.physics.device.falcon import ZERO, leg, reachable
+from palpate.physics.device.falcon_statics import force_kernel, saturate
+
+MASS, DRAG, STIFFNESS, DAMPING, RESOLUTION, LIMIT = range(6)  # places in the constants
+POSITION, VELOCITY, CLOCK = range(3)  # rows of the state; the clock's row: time [s], segment of the path
+LINEAR, MINIMUM_JERK = 0, 1
+SUBSTEP = 1e-3  # [s]
+MOST_SUBSTEPS = 1000
+LONGEST = 1e6  # [s] a longer step counts as this one
+
+
+@numba.njit(cache=True)
+def propagator(rate, frequency2, dt):
+    """exp of [[0, 1, 0], [-w2 T^2, -g T, 1], [0, 0, 0]] for y'' + g y' + w2 y = a, on (y, y' T, a T^2).
+
+    rate        [1/s]    g
+    frequency2  [1/s^2]  w2
+    Taylor series after scaling to a norm below 1/4, then squared back.
+    """
+    p, q = -frequency2 * dt * dt, -rate * dt
+    norm = max(1.0, abs(p) + abs(q) + 1.0)
+    halvings = max(0, math.ceil(math.log2(4.0 * norm)))
+    scale = 0.5**halvings
+    m = np.array([[0.0, scale, 0.0], [p * scale, q * scale, scale], [0.0, 0.0, 0.0]])
+    total = np.eye(3)
+    term = np.eye(3)
+    for i in range(1, 14):
+        term = times(term, m) / i
+        total = total + term
+    for _ in range(halvings):
+        total = times(total, total)
+    return total
+
+
+@numba.njit(cache=True)
+def times(p, q):
+    """Product of two 3 x 3 matrices in a fixed order of additions."""
+    r = np.empty((3, 3))
+    for i in range(3):
+        for j in range(3):
+            r[i, j] = p[i, 0] * q[0, j] + p[i, 1] * q[1, j] + p[i, 2] * q[2, j]
+    return r
+
+
+@numba.njit(cache=True)
+def wanted(time, ends, points, shapes):
+    """(segment, x, y, z) of the way at a time; the last point after its end.
+
+    ends    [s]  (n)     when each segment ends, rising
+    points  [m]  (n+1,3)
+    shapes  [1]  (n)     LINEAR or MINIMUM_JERK, s^3 (10 - 15 s + 6 s^2)
+    """
+    count = len(ends)
+    i = 0
+    while i < count and time >= ends[i]:
+        i += 1
+    if i == count:
+        return i - 1, points[count, 0], points[count, 1], points[count, 2]
+    begin = ends[i - 1] if i > 0 else 0.0
+    s = min(max((time - begin) / (ends[i] - begin), 0.0), 1.0)
+    if shapes[i] == MINIMUM_JERK:
+        s = s * s * s * (10.0 + s * (6.0 * s - 15.0))
+    a, b = points[i], points[i + 1]
+    return i, a[0] + s * (b[0] - a[0]), a[1] + s * (b[1] - a[1]), a[2] + s * (b[2] - a[2])
+
+
+@numba.njit(cache=True)
+def grip_kernel(geometry, constants, state, memory, ends, points, shapes, t0, t1, t2, dt):
+    """Move the grip of a Falcon by one step under motor torques: its driven angles [rad].
+
+    constants  (6)    m [kg], b, k [N/m], c [N s/m], encoder count [rad] (0: not rounded), motor limit [N m]
+    state      (3,3)  position [m], velocity [m/s], (time [s], segment, -); changed in place
+    memory     (4,3)  the last propagator, and the length of its step [s]; zeros to begin with
+    Beyond the reach of the legs is the end stop: the grip stays at its last place, at rest.
+    """
+    if 0.0 < dt < math.inf:
+        dt = min(dt, LONGEST)
+        t0, t1, t2 = saturate(t0, t1, t2, constants[LIMIT])
+        count = int(min(max(math.ceil(dt / SUBSTEP - 1e-6), 1), MOST_SUBSTEPS))
+        h = dt / count
+        mass, drag = constants[MASS], constants[DRAG]
+        e = memory[:3]
+        if memory[3, 0] != h:
+            e[:, :] = propagator((drag + constants[DAMPING]) / mass, constants[STIFFNESS] / mass, h)
+            memory[3, 0] = h
+        begin = state[CLOCK, 0]
+        _, px, py, pz = wanted(begin, ends, points, shapes)
+        for i in range(1, count + 1):
+            now = begin + dt * i / count
+            segment, qx, qy, qz = wanted(now, ends, points, shapes)
+            x, y, z = state[POSITION, 0], state[POSITION, 1], state[POSITION, 2]
+            _, fx, fy, fz = force_kernel(geometry, t0, t1, t2, x, y, z)
+            x, ux = advance(e, h, mass, drag, fx, x, state[VELOCITY, 0], px, qx, constants)
+            y, uy = advance(e, h, mass, drag, fy, y, state[VELOCITY, 1], py, qy, constants)
+            z, uz = advance(e, h, mass, drag, fz, z, state[VELOCITY, 2], pz, qz, constants)
+            if reachable(geometry, x, y, z):
+                state[POSITION, 0], state[POSITION, 1], state[POSITION, 2] = x, y, z
+                state[VELOCITY, 0], state[VELOCITY, 1], state[VELOCITY, 2] = ux, uy, uz
+            else:
+                state[VELOCITY, :] = 0.0
+            px, py, pz = qx, qy, qz
+            state[CLOCK, 0], state[CLOCK, 1] = now, segment
+    x, y, z = state[POSITION, 0], state[POSITION, 1], state[POSITION, 2]
+    return (
+        encoded(geometry, constants[RESOLUTION], leg(geometry, 0, x, y, z)[1]),
+        encoded(geometry, constants[RESOLUTION], leg(geometry, 1, x, y, z)[1]),
+        encoded(geometry, constants[RESOLUTION], leg(geometry, 2, x, y, z)[1]),
+    )
+
+
+@numba.njit(cache=True)
+def advance(e, h, mass, drag, force, x, v, p, q, constants):
+    """One axis over one step: (position, velocity), with the wanted point going evenly from p to q."""
+    rate = (q - p) / h
+    if constants[STIFFNESS] == 0.0 and constants[DAMPING] == 0.0:
+        p, q, rate = 0.0, 0.0, 0.0  # nobody holds the grip
+    y, u, a = x - p, (v - rate) * h, (force - drag * rate) / mass * h * h
+    return (
+        q + e[0, 0] * y + e[0, 1] * u + e[0, 2] * a,
+        rate + (e[1, 0] * y + e[1, 1] * u + e[1, 2] * a) / h,
+    )
+
+
+@numba.njit(cache=True)
+def encoded(geometry, resolution, angle):
+    """The angle rounded to whole encoder counts from the encoder's zero; unrounded for resolution 0."""
+    if resolution == 0.0:
+        return angle
+    return geometry[ZERO] + resolution * np.rint((angle - geometry[ZERO]) / resolution)
+
+
+def grip_step(position, velocity, force, dt, mass, drag, stiffness=0.0, damping=0.0, target=(0.0, 0.0, 0.0)):
+    """Exact motion of a held grip over one step of constant force towards a target at rest.
+
+        m x'' = F - b x' + k (p - x) - c x'
+
+    position, velocity, force, target  [m], [m/s], [N], [m]  (3)
+    dt        [s]      ()  above 0, to 1e6
+    mass      [kg]     ()  drag [N s/m], stiffness [N/m] and damping [N s/m] of the hand, not negative
+    returns   [m] (3), [m/s] (3)
+    """
+    e = propagator((drag + damping) / mass, stiffness / mass, dt)
+    y, u = np.asarray(position, float) - target, np.asarray(velocity, float) * dt
+    a = np.asarray(force, float) / mass * dt * dt
+    return target + e[0, 0] * y + e[0, 1] * u + e[0, 2] * a, (e[1, 0] * y + e[1, 1] * u + e[1, 2] * a) / dt

@@ -1,0 +1,226 @@
+"""A fingerpad that stiffens exponentially, pressed on soft tissue: what a tactile shape display must show.
+
+Hertz contact of the fingerpad (modulus E_f*(x), radius R_f) with tissue (E_t, nu_t, R_t) under a force P:
+
+    1/R = 1/R_f + 1/R_t            1/E* = (1 - nu_t²)/E_t + 1/E_f*
+    E_f*(x) = (2b/m) (e^(m x) - 1)
+    a = (3 P R / (4 E*))^(1/3)     delta = a²/R
+    u_f(r) = (E*/E_f*) (2a² - r²)/(2R)   for r <= a       x = u_f(0) = delta E*/E_f*
+
+The printed equation for u_f has E* under the cube root where its square belongs; this is the corrected form
+(docs/equations/shape-display.md). Everything follows from the one scalar x, the root of
+
+    h(ln x) = ln x + (2/3) ln E_f* + (1/3) ln(1 + E_f*/E_t') - (2/3) ln(3P/4) + (1/3) ln R,   E_t' = E_t/(1 - nu_t²).
+
+In ln x the function h is increasing (slope >= 5/3) and convex, so it has exactly one root, and Newton's method
+started above that root comes down to it monotonically.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numba
+import numpy as np
+
+from palpate.physics.display import hertz_surface as hertz
+
+VALID_RATIO = 0.5
+"""Hertz theory needs a << R_f; a result with a > 0.5 R_f is flagged as outside it."""
+
+
+class Fingerpad(NamedTuple):
+    """Fingerpad of modulus E_f*(x) = (2b/m)(e^(m x) - 1).
+
+    b       [Pa/m]  ()  half the slope of the modulus at x = 0
+    m       [1/m]   ()  rate of stiffening
+    radius  [m]     ()  R_f, of the undeformed pad
+    """
+
+    b: float
+    m: float
+    radius: float
+
+
+FINGERPADS = {
+    "canonical": Fingerpad(6.0e6, 500.0, 8.0e-3),
+    "calibrated": Fingerpad(5.672e6, 466.6, 9.84e-3),
+}
+"""Parameter sets by name. `canonical`: round figures for tests and comparison, an assumption. `calibrated`: fitted to
+a finger of 9.84 mm radius on a steel plate (1.24 mm at 0.11 N, 2.08 mm at 0.50 N). The set of Pawluk & Howe (1996),
+who proposed the law, is not publicly available."""
+
+
+class PadContact(NamedTuple):
+    """State of a fingerpad pressed on tissue; all arrays have one shape.
+
+    deflection     [m]    (...)  x, largest deformation of the fingerpad
+    approach       [m]    (...)  delta, rigid-body motion of the finger
+    radius         [m]    (...)  a, of the contact
+    pad_modulus    [Pa]   (...)  E_f*(x)
+    modulus        [Pa]   (...)  E*
+    share          [1]    (...)  E*/E_f*, the fingerpad's part of the compliance
+    curvature      [1/m]  (...)  1/R
+    valid          [1]    (...)  a <= 0.5 R_f
+    """
+
+    deflection: np.ndarray
+    approach: np.ndarray
+    radius: np.ndarray
+    pad_modulus: np.ndarray
+    modulus: np.ndarray
+    share: np.ndarray
+    curvature: np.ndarray
+    valid: np.ndarray
+
+
+@numba.njit(cache=True)
+def _log_modulus(x: float, b: float, m: float) -> float:
+    """ln E_f*(x), which neither overflows for a large m x nor loses digits for a small one."""
+    t = m * x
+    if t < 30.0:
+        return math.log(2.0 * b * (math.expm1(t) / m))
+    return math.log(2.0 * b / m) + t + math.log1p(-math.exp(-t))
+
+
+@numba.njit(cache=True)
+def _softplus(z: float) -> float:
+    """ln(1 + e^z)."""
+    return max(z, 0.0) + math.log1p(math.exp(-abs(z)))
+
+
+@numba.njit(cache=True)
+def deflection_of(product: float, b: float, m: float, compliance: float) -> float:
+    """The root x [m] of h(ln x) = 0 (see the module), written as
+
+        x E_f*^(2/3) (1 + compliance E_f*)^(1/3) = product
+
+    product     [m Pa^(2/3)]  ()  (3P/4)^(2/3) R^(-1/3), > 0
+    b, m                      ()  of the fingerpad
+    compliance  [1/Pa]        ()  1/E_t', 0 for a rigid body
+    """
+    target = math.log(product)
+    # Not below the root: E_f* >= 2 b x; and where m x > 1, ln x > -ln m bounds E_f*.
+    stiff = 1.5 * (target + math.log(m)) - math.log(2.0 * b / m)
+    y = min(0.6 * (target - 2.0 / 3.0 * math.log(2.0 * b)), math.log(max(_softplus(stiff), 1.0) / m))
+    for _ in range(100):
+        x = math.exp(y)
+        log_pad = _log_modulus(x, b, m)
+        if compliance > 0.0:
+            odds = math.log(compliance) + log_pad
+            tissue = 1.0 / (1.0 + math.exp(-odds)) if odds > -700.0 else 0.0
+            soft = _softplus(odds)
+        else:
+            tissue = soft = 0.0
+        t = m * x
+        slope = t / -math.expm1(-t) if t > 1e-300 else 1.0  # d ln E_f* / d ln x
+        step = (y + 2.0 / 3.0 * log_pad + soft / 3.0 - target) / (1.0 + slope * (2.0 + tissue) / 3.0)
+        y -= step
+        if step <= 4e-16 * max(1.0, abs(y)):
+            break
+    return math.exp(y)
+
+
+@numba.njit(cache=True)
+def deflection_under(load: float, b: float, m: float) -> float:
+    """The root x [m] of x E_f*(x) = load: largest deformation of a fingerpad whose pressure alone is known. Kernel.
+
+    load  [N/m]  ()  the largest u_f times E_f*, which the pressure gives; > 0
+
+    Newton's method in ln x from above, as for `deflection_of`.
+    """
+    target = math.log(load)
+    stiff = target + math.log(m) - math.log(2.0 * b / m)
+    y = min(0.5 * (target - math.log(2.0 * b)), math.log(max(_softplus(stiff), 1.0) / m))
+    for _ in range(100):
+        x = math.exp(y)
+        t = m * x
+        slope = t / -math.expm1(-t) if t > 1e-300 else 1.0
+        step = (y + _log_modulus(x, b, m) - target) / (1.0 + slope)
+        y -= step
+        if step <= 4e-16 * max(1.0, abs(y)):
+            break
+    return math.exp(y)
+
+
+@numba.njit(cache=True)
+def press(force: float, b: float, m: float, pad_curvature: float, compliance: float, tissue_curvature: float):
+    """(x, delta, a, E_f*, E*, share, 1/R) for one force; scalar kernel of `pad_contact`.
+
+    Zeros, with share = 1, for a force that is not positive.
+    """
+    curvature = pad_curvature + tissue_curvature
+    if not force > 0.0:
+        return 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, curvature
+    x = deflection_of((0.75 * force) ** (2.0 / 3.0) * curvature ** (1.0 / 3.0), b, m, compliance)
+    pad = math.exp(_log_modulus(x, b, m))
+    softening = 1.0 + compliance * pad
+    approach = x * softening
+    return x, approach, math.sqrt(approach / curvature), pad, pad / softening, 1.0 / softening, curvature
+
+
+@numba.njit(cache=True)
+def _press_all(force, compliance, tissue_curvature, b, m, pad_curvature, out):
+    for i in range(force.size):
+        found = press(force[i], b, m, pad_curvature, compliance[i], tissue_curvature[i])
+        for k in range(7):
+            out[k, i] = found[k]
+
+
+def pad_contact(force, modulus, poisson=0.5, radius=np.inf, pad: Fingerpad = FINGERPADS["canonical"]) -> PadContact:
+    """The fingerpad on tissue under each force: deflection, approach, contact radius and moduli (see the module).
+
+    force    [N]   (...)  >= 0; zeros at 0
+    modulus  [Pa]  (...)  E_t of the tissue, > 0; inf for a rigid body
+    poisson  [1]   (...)  nu_t, in (-1, 0.5]
+    radius   [m]   (...)  R_t of the tissue's surface; inf where flat, negative where hollow (then |R_t| > R_f)
+    pad            fingerpad, or its entry in FINGERPADS
+
+    The shapes broadcast. ValueError: an argument out of its range; names the first one and its place.
+    D. T. V. Pawluk, R. D. Howe, Harvard Robotics Laboratory TR 96-004 (1996); K. L. Johnson, Contact Mechanics (1985).
+    """
+    if not (pad.b > 0 and pad.m > 0 and pad.radius > 0 and np.isfinite([*pad]).all()):
+        raise ValueError(f"pad: found {pad}, expected positive finite b, m and radius")
+    given = [np.asarray(v, float) for v in (force, modulus, poisson, radius)]
+    with np.errstate(divide="ignore"):
+        tissue_curvature = 1.0 / given[3]
+    _refuse("force", given[0], (given[0] >= 0) & np.isfinite(given[0]), "a finite force >= 0 N")
+    _refuse("modulus", given[1], given[1] > 0, "a modulus > 0 Pa (inf: rigid)")
+    _refuse("poisson", given[2], (given[2] > -1) & (given[2] <= 0.5), "Poisson's ratio in (-1, 0.5]")
+    curved = np.isfinite(tissue_curvature) & (tissue_curvature > -1.0 / pad.radius)
+    _refuse("radius", given[3], curved, "a radius > 0 m or < -R_f (inf: flat)")
+    compliance = (1.0 - given[2] ** 2) / given[1]
+    force, compliance, tissue_curvature = np.broadcast_arrays(given[0], compliance, tissue_curvature)
+    out = np.empty((7, *force.shape))
+    f, c, k = (np.ascontiguousarray(v).ravel() for v in (force, compliance, tissue_curvature))
+    _press_all(f, c, k, float(pad.b), float(pad.m), 1.0 / pad.radius, out.reshape(7, -1))
+    x, approach, a, pad_stiffness, both, share, curvature = out
+    return PadContact(x, approach, a, pad_stiffness, both, share, curvature, a <= VALID_RATIO * pad.radius)
+
+
+def _refuse(name: str, value: np.ndarray, good: np.ndarray, expected: str) -> None:
+    if not np.all(good):
+        place = tuple(int(i) for i in np.argwhere(~good)[0])
+        where = f" at index {place if len(place) > 1 else place[0]}" if place else ""
+        raise ValueError(f"{name}: found {float(value[place])}{where}, expected {expected}")
+
+
+def pad_modulus(x, pad: Fingerpad = FINGERPADS["canonical"]):
+    """Modulus of the fingerpad [Pa], E_f*(x) = (2b/m)(e^(m x) - 1); x [m] (...) its largest deformation, >= 0."""
+    return 2.0 * pad.b / pad.m * np.expm1(pad.m * np.asarray(x, float))
+
+
+def pressure(r, contact: PadContact):
+    """Contact pressure [Pa]; r [m] (...) broadcasts with the state. Its integral over the contact is the force."""
+    return hertz.pressure(r, contact.radius, contact.modulus, contact.curvature)
+
+
+def pad_displacement(r, contact: PadContact):
+    """u_f(r) [m], by which the fingerpad's surface is pressed in; r [m] (...) broadcasts with the state."""
+    return hertz.displacement(r, contact.radius, contact.curvature, contact.share)
+
+
+def tissue_displacement(r, contact: PadContact):
+    """u_t(r) [m], by which the tissue's surface is pressed in; inside the contact u_f + u_t = delta - r²/(2R)."""
+    return hertz.displacement(r, contact.radius, contact.curvature, 1.0 - contact.share)

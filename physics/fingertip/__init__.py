@@ -1,0 +1,1 @@
+"""The Beam Bundle fingertip: its surfaces, beams, skin, stick and slip."""

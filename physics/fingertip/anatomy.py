@@ -1,0 +1,97 @@
+"""An adult index fingertip in closed form: the known shape that scans are tested on, and the default of the nodes.
+
+Cross-sections are pairs of half ellipses (palmar and dorsal) whose axes vary along the finger; both the finger and the
+bone end in an ellipsoidal cap:
+
+    (x - x0)^2 / a(y)^2 + (z - z0)^2 / b(y)^2 + <1 - (y - y0)/l>^2 = 1,        b palmar below z0, dorsal above
+
+The inner border of the skin has all axes shorter by the skin's thickness. Dimensions are of the order found in adult
+index fingers (breadth 16-17 mm and depth 12-13 mm at the distal joint, skin of the pulp 1-1.4 mm, phalanx with a tuft
+of 7-8 mm on a shaft of 5 mm); they are rounded, not those of a person.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from palpate.physics.fingertip.surfaces import Fingertip
+
+
+@dataclass(frozen=True)
+class Anatomy:
+    """Dimensions [m] of a fingertip.
+
+    length     from the tip to where the model ends          cap     length of the rounded tip
+    width      of the finger                                 skin    thickness
+    palmar     from the axis to the pulp                     bulge   of the pulp, on top of `palmar`
+    dorsal     from the axis to the nail
+    bone_start from the tip to the bone                      bone_cap length of its rounded end
+    shaft      half width of the bone's shaft                tuft    and what its tuft adds
+    bone_depth half depth of the shaft                       bone_height of the bone's axis over the finger's
+    bone_shift of the bone's axis to the side (+x)
+    """
+
+    length: float = 0.028
+    width: float = 0.016
+    palmar: float = 0.0052
+    bulge: float = 0.0022
+    dorsal: float = 0.0053
+    cap: float = 0.009
+    skin: float = 0.0011
+    bone_start: float = 0.0045
+    bone_cap: float = 0.0025
+    shaft: float = 0.0025
+    tuft: float = 0.0012
+    bone_depth: float = 0.0020
+    bone_height: float = 0.0004
+    bone_shift: float = 0.0006
+
+    def axes(self, name: str, y):
+        """Half width, palmar and dorsal half depth, start and cap length of a surface at y [m] (...)."""
+        y = np.asarray(y, float)
+        if name == "bone":
+            tuft = np.exp(-(((y - self.bone_start - 2e-3) / 2.5e-3) ** 2))
+            base = np.clip((y - 0.014) / 0.009, 0, 1)
+            base = base * base * (3 - 2 * base)
+            depth = self.bone_depth * (1 + 0.15 * tuft + 0.5 * base)
+            return self.shaft + self.tuft * tuft + 1.1 * self.shaft * base, depth, depth, self.bone_start, self.bone_cap
+        less = self.skin if name == "tissue" else 0.0
+        palmar = self.palmar + self.bulge * np.exp(-(((y - self.cap) / 9e-3) ** 2))
+        one = np.ones_like(y)
+        return one * (self.width / 2 - less), palmar - less, one * (self.dorsal - less), less, self.cap - less
+
+    def level(self, name: str, points) -> np.ndarray:
+        """About the signed distance [m] (...) to a surface, zero exactly on it. `name` and points as in `Fingertip`."""
+        x, y, z = np.moveaxis(np.asarray(points, float), -1, 0)
+        if name == "bone":
+            x, z = x - self.bone_shift, z - self.bone_height
+        a, palmar, dorsal, start, cap = self.axes(name, y)
+        b = np.where(z < 0, palmar, dorsal)
+        ahead = np.maximum(1 - (y - start) / cap, 0)
+        size = np.sqrt((x / a) ** 2 + (z / b) ** 2 + ahead**2)
+        slope = np.sqrt((x / a**2) ** 2 + (z / b**2) ** 2 + (ahead / cap) ** 2) / np.maximum(size, 1e-12)
+        return (size - 1) / np.clip(slope, 1 / np.maximum(np.maximum(a, b), cap), 1 / np.minimum(np.minimum(a, b), cap))
+
+    def area(self, name: str, y):
+        """Area of a cross-section [m²] (...)."""
+        a, palmar, dorsal, start, cap = self.axes(name, y)
+        ahead = np.maximum(1 - (np.asarray(y, float) - start) / cap, 0)
+        return np.pi / 2 * a * (palmar + dorsal) * np.maximum(1 - ahead**2, 0)
+
+    def volume(self, name: str) -> float:
+        """Volume [m³] inside a surface, from the tip to `length`."""
+        y = np.linspace(0, self.length, 20001)
+        return float(np.trapezoid(self.area(name, y), y))
+
+    def fingertip(self, spacing: float = 4e-4) -> Fingertip:
+        """The surfaces sampled on a grid of a spacing [m], with a margin of 2 mm round the finger."""
+        margin = 2e-3
+        low = np.array([-self.width / 2 - margin, -margin, -self.palmar - self.bulge - margin])
+        high = np.array([self.width / 2 + margin, self.length, self.dorsal + margin])
+        count = np.ceil((high - low) / spacing).astype(int) + 1
+        grid = np.stack(
+            np.meshgrid(*(a + spacing * np.arange(n) for a, n in zip(low, count, strict=True)), indexing="ij"), -1
+        )
+        return Fingertip(low, np.full(3, spacing), *(self.level(k, grid) for k in ("skin", "tissue", "bone")))

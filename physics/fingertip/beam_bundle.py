@@ -1,0 +1,227 @@
+"""The beam bundle: a fingertip as parallel viscoelastic beams between nail and skin, pressed on a plate and slid.
+
+Beams stand along the plate's normal on a square grid; each carries the cell of the grid. Depth d of the fingertip
+shortens beam i by d - z_i, z_i being the height of its skin end at first touch. Normal force: the Voigt chain of the
+beam (`voigt`) times the cell. Lateral force: an elastic spring per beam, in shear as beams confine one another
+(1/k = sum L_j / (G_j A)), or that of a lone cantilever (3 E I / L^3). Skin ends are coupled by the sheet (`skin`) and
+held to the plate by friction (`stick_slip`). What is stated and what assumed: docs/equations/beam-bundle.md.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from palpate.physics.fingertip.bundle_step import Beams, Motion, Nodes, Scratch, Summary, bundle_step
+from palpate.physics.fingertip.skin import Sheet, grid_triangles, sheet
+from palpate.physics.fingertip.stick_slip import workspace
+from palpate.physics.materials.viscoelastic import SKIN, TISSUE, Material
+from palpate.physics.materials.voigt import STRAIN_LIMIT
+
+LATERAL = ("shear", "cantilever")
+MOST_BEAMS = 20_000
+SHORTEST_STEP = 1e-5
+"""[s] A shorter step is computed as this long: the force of a damper over no time has no bound."""
+FARTHEST = 1.0
+"""[m] A longer shift is computed as this long: all slips long before, and more digits would be lost than kept."""
+FADE = 0.03
+"""[1] Static strain of the softest element at whose pressure a node acts fully on the sheet. Below it the node's part
+falls with the cube of pressure: the sheet is forty times stiffer than a beam, so a linear fade acts as a switch."""
+
+
+@dataclass(frozen=True)
+class Bundle:
+    """Beams on a square grid, all that touch at the largest depth.
+
+    points       [m]     (N,2)  skin ends in the plate's plane
+    heights      [m]     (N)    of the skin ends over the plate at first touch; the smallest is 0
+    lengths      [m]     (N,h)  of the elements, from the skin inwards; 0 where a beam lacks one
+    moduli       [Pa]    (h)    viscosities [Pa s] (h)
+    lateral      [N/m]   (N)    lateral stiffness of each beam
+    cell         [m²]    ()     area that a beam stands for
+    sheet                       the skin's triangles; none act where its thickness is 0
+    retardation  [s]     ()     viscosity / modulus of the sheet
+    """
+
+    points: np.ndarray
+    heights: np.ndarray
+    lengths: np.ndarray
+    moduli: np.ndarray
+    viscosities: np.ndarray
+    lateral: np.ndarray
+    cell: float
+    sheet: Sheet
+    retardation: float
+
+    @property
+    def reach(self) -> np.ndarray:
+        """Largest shortening of each beam [m] (N): its softest element then stands at the strain limit."""
+        present = self.lengths > 0
+        softest = np.where(present, self.moduli, np.inf).min(axis=1, keepdims=True)
+        return STRAIN_LIMIT * (self.lengths * softest / self.moduli).sum(axis=1)
+
+
+def bundle(
+    index,
+    pitch: float,
+    heights,
+    lengths,
+    materials: tuple[Material, ...] = (TISSUE,),
+    lateral: str = "shear",
+    lateral_elements: int | None = None,
+    skin: float = 0.0,
+    skin_material: Material = SKIN,
+) -> Bundle:
+    """The bundle of beams at grid places `index` (N,2) int, at a pitch [m].
+
+    heights           [m]  (N)    of the skin ends; any origin
+    lengths           [m]  (N,h)  of the elements, from the skin inwards, one column per material, 0 where absent
+    lateral           "shear" or "cantilever"
+    lateral_elements  how many columns bend, from the skin on; bone ends what bends. None: all
+    skin              [m]  thickness of the sheet; 0: none
+
+    ValueError: no beams, a beam without length or a lateral law that does not exist.
+    """
+    index = np.asarray(index, dtype=np.int64).reshape(-1, 2)
+    heights, lengths = np.asarray(heights, float), np.asarray(lengths, float)
+    if lateral not in LATERAL:
+        raise ValueError(f"lateral: found {lateral!r}, expected one of {', '.join(LATERAL)}")
+    if len(index) == 0:
+        raise ValueError("bundle: found no beams; a larger depth or a smaller pitch gives some")
+    if lengths.shape != (len(index), len(materials)):
+        raise ValueError(
+            f"lengths: found shape {lengths.shape}, expected {(len(index), len(materials))}: beams, materials"
+        )
+    long, short = (0, 1) if np.ptp(index[:, 0]) >= np.ptp(index[:, 1]) else (1, 0)
+    order = np.lexsort((index[:, short], index[:, long]))  # neighbours close in number keep the solver's band narrow
+    index, heights, lengths = index[order], heights[order] - heights.min(), lengths[order]
+    cell = pitch * pitch
+    bends = lengths[:, :lateral_elements]
+    if np.any(lengths < 0) or np.any(bends.sum(axis=1) <= 0) or not np.all(np.isfinite(lengths)):
+        bad = int(np.argmin(np.nan_to_num(bends).sum(axis=1)))
+        raise ValueError(f"beam {bad}: lengths {lengths[bad]} m, expected >= 0 and some of it soft")
+    shear = np.array([m.shear_modulus for m in materials])[: bends.shape[1]]
+    moduli = np.array([m.modulus for m in materials])
+    if lateral == "shear":
+        stiffness = cell / (bends / shear).sum(axis=1)
+    else:
+        length = bends.sum(axis=1)
+        mean = length / (bends / moduli[: bends.shape[1]]).sum(axis=1)
+        stiffness = 3 * mean * (math.pi * pitch**4 / 64) / length**3
+    points = index * pitch
+    triangles = grid_triangles(index) if skin > 0 else np.zeros((0, 3), dtype=np.int64)
+    return Bundle(
+        points=points,
+        heights=heights,
+        lengths=lengths,
+        moduli=moduli,
+        viscosities=np.array([m.viscosity for m in materials]),
+        lateral=stiffness,
+        cell=cell,
+        sheet=sheet(points, triangles, skin_material.modulus, skin_material.poisson, skin),
+        retardation=skin_material.relaxation,
+    )
+
+
+def check_count(expected: float) -> None:
+    """ValueError: more beams than a bundle may have."""
+    if not expected <= MOST_BEAMS:
+        raise ValueError(
+            f"about {expected:.3g} beams, at most {MOST_BEAMS}; a larger pitch or a smaller depth would do"
+        )
+
+
+def dome(radius: float, length: float, pitch: float, depth: float, material: Material = TISSUE, **more) -> Bundle:
+    """A paraboloid of the given radius [m] on beams of one length [m] and one material, meshed to a depth [m].
+
+    Without relaxation and sheet it has closed forms: F_n = (E / L) pi R d^2, and F_t / (mu F_n) = 1 - (1 - s/s_g)^2
+    with s_g = 2 (1 + nu) mu d. `more` as in `bundle`.
+    """
+    check_count(2 * math.pi * radius * depth / pitch**2)
+    n = int(math.sqrt(2 * radius * depth) / pitch) + 2
+    index = np.stack(np.meshgrid(np.arange(-n, n + 1), np.arange(-n, n + 1), indexing="ij"), -1).reshape(-1, 2)
+    heights = (index**2).sum(axis=1) * pitch**2 / (2 * radius)
+    touches = heights < depth
+    index, heights = index[touches], heights[touches]
+    return bundle(index, pitch, heights, np.full((len(index), 1), length), (material,), **more)
+
+
+class State:
+    """What a bundle remembers, and its last answers; made at rest, out of contact.
+
+    strains    [1]  (N,h)  of the elements
+    reach      [m]  (N)    largest shortening of each beam
+    deflection [m]  (N,2)  of the skin ends against the bone, in the plate's plane
+    normal     [N]  (N)    force of the plate on each
+    tangent    [N]  (N,2)  friction of the plate on each
+    slip       [m]  (N,2)  over the plate in the last step
+    path       [m]  (N)    slipped since first touch: the localized displacement
+    slipping   [1]  (N)    bool, slides over the plate in the last step
+    first      [s]  (N)    time of first slip since first touch; -1 where it has not slipped
+    force      [N]  (3)    of the plate on all
+    summary            of the last step, a `bundle_step.Summary`
+    """
+
+    def __init__(self, body: Bundle) -> None:
+        count, h = body.lengths.shape
+        self.nodes = Nodes(
+            strains=np.zeros((count, h)),
+            deflection=np.zeros((count, 2)),
+            normal=np.zeros(count),
+            tangent=np.zeros((count, 2)),
+            slip=np.zeros((count, 2)),
+            path=np.zeros(count),
+            slipping=np.zeros(count, dtype=np.bool_),
+            first=np.full(count, -1.0),
+            force=np.zeros(3),
+        )
+        (self.strains, self.deflection, self.normal, self.tangent, self.slip, self.path, self.slipping, self.first,
+         self.force) = self.nodes  # fmt: skip
+        self.reach = body.reach
+        self.summary = Summary()
+        self.time = 0.0
+        length = body.lengths.sum(axis=1)
+        fade = FADE * float(np.min(body.moduli))
+        self.beams = Beams(
+            body.heights, length, body.lengths / length[:, None], self.reach, body.moduli, body.viscosities,
+            body.lateral, body.cell, fade, body.retardation,
+        )  # fmt: skip
+        self.scratch = Scratch(
+            np.zeros((len(body.sheet.columns), 2, 2)),
+            np.zeros((count, 2)),
+            np.zeros((count, 2)),
+            np.zeros(count),
+            np.zeros(count),
+            workspace(count, body.sheet.band),
+        )
+
+
+def step(
+    body: Bundle,
+    state: State,
+    depth: float,
+    shift: tuple[float, float],
+    friction: float,
+    dt: float,
+    tolerance: float = 1e-6,
+    most: int = 50,
+) -> np.ndarray:
+    """Move the fingertip to a depth [m] and by a shift [m] along the plate in dt [s]; force of the plate on it [N] (3).
+
+    The state is changed in place. The normal force never pulls; the tangential force never passes friction times the
+    normal one. A depth beyond a beam's reach is held there and counted (`clamped`). For dt <= 0 no time
+    passes: nothing changes. The solver takes at most `most` rounds; rounds and residual are in the summary.
+    """
+    far = math.hypot(*shift)
+    if far > FARTHEST:
+        shift = (shift[0] * (FARTHEST / far), shift[1] * (FARTHEST / far))
+    if dt > 0:
+        length = max(float(dt), SHORTEST_STEP)
+        state.time += length
+        motion = Motion(
+            float(depth), float(shift[0]), float(shift[1]), float(friction), length, state.time, state.summary.last_step
+        )
+        state.summary = bundle_step(state.beams, body.sheet, state.nodes, state.scratch, motion, tolerance, most)
+    return state.force.copy()

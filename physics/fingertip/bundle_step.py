@@ -1,0 +1,216 @@
+"""One step of a beam bundle, compiled: the chains, the sheet, stick and slip. `beam_bundle.step` is its door."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numba
+import numpy as np
+
+from palpate.physics.fingertip.skin import assemble
+from palpate.physics.fingertip.stick_slip import Blocks, Workspace, stick_slip
+from palpate.physics.materials.voigt import chain_compliance, chain_strain_step
+
+
+class Beams(NamedTuple):
+    """What of a bundle does not change.
+
+    heights    [m]    (N)    of the skin ends over the plate at first touch
+    length     [m]    (N)    of each beam                     shares [1] (N,h) of its elements in it
+    reach      [m]    (N)    largest shortening of each beam
+    moduli     [Pa]   (h)    viscosities [Pa s] (h)
+    lateral    [N/m]  (N)    lateral stiffness of each beam
+    cell       [m²]   ()     area that a beam stands for
+    fade       [Pa]   ()     pressure from which a node acts fully on the sheet
+    retardation [s]   ()     viscosity / modulus of the sheet
+    """
+
+    heights: np.ndarray
+    length: np.ndarray
+    shares: np.ndarray
+    reach: np.ndarray
+    moduli: np.ndarray
+    viscosities: np.ndarray
+    lateral: np.ndarray
+    cell: float
+    fade: float
+    retardation: float
+
+
+class Nodes(NamedTuple):
+    """What a bundle remembers of its skin ends, and the last answers; `force` is that of the plate on all, (3) [N].
+
+    The others: see `beam_bundle.State`.
+    """
+
+    strains: np.ndarray
+    deflection: np.ndarray
+    normal: np.ndarray
+    tangent: np.ndarray
+    slip: np.ndarray
+    path: np.ndarray
+    slipping: np.ndarray
+    first: np.ndarray
+    force: np.ndarray
+
+
+class Scratch(NamedTuple):
+    """Work space.
+
+    matrix  [N/m] (Z,2,2)  of the sheet and the beams in the step      trial [N] (N,2)  on the plate if all stuck
+    plate   [N]   (N,2)    on the plate        limit [N] (N)  friction at most        weight [1] (N)  in the sheet
+    """
+
+    matrix: np.ndarray
+    trial: np.ndarray
+    plate: np.ndarray
+    limit: np.ndarray
+    weight: np.ndarray
+    solver: Workspace
+
+
+class Motion(NamedTuple):
+    """Of a step: depth [m], shift along the plate [m], coefficient of friction [1], length dt [s] > 0, time at its
+    end [s], and the length of the step before, 0 where there was none [s]."""
+
+    depth: float
+    x: float
+    y: float
+    friction: float
+    dt: float
+    time: float
+    before: float
+
+
+class Summary(NamedTuple):
+    """Of the last step: nodes in contact and sliding, beams held at their reach, rounds and residual of the solver, and
+    its length [s]; and of a next step of the same length at the same depth its stiffness [N/m], its depth of first
+    touch [m] and its force [N]."""
+
+    contacts: int = 0
+    slips: int = 0
+    clamped: int = 0
+    next_stiffness: float = 0.0
+    next_touch: float = 0.0
+    rounds: int = 0
+    residual: float = 0.0
+    last_step: float = 0.0
+    next_force: float = 0.0
+
+
+@numba.njit(cache=True)
+def bundle_step(beams, sheet, nodes, scratch, motion, tolerance, most):
+    """Take the nodes through one step; its summary.
+
+    beams, nodes, scratch, motion  as above      sheet  a `skin.Sheet`
+    tolerance, most                as in `stick_slip`
+    """
+    contacts, clamped = _press(beams, nodes, scratch, motion)
+    stiffness, touch, following = _next_law(beams, nodes, motion)
+    slips, rounds, residual = _rub(beams, sheet, nodes, scratch, motion, tolerance, most)
+    force = nodes.force
+    force[:] = 0.0
+    for i in range(beams.heights.shape[0]):
+        force[0] += nodes.tangent[i, 0]
+        force[1] += nodes.tangent[i, 1]
+        force[2] += nodes.normal[i]
+    return Summary(contacts, slips, clamped, stiffness, touch, rounds, residual, motion.dt, following)
+
+
+@numba.njit(cache=True)
+def _press(beams, nodes, scratch, motion):
+    """Shorten the beams to the depth: normal forces, limits of friction, weights in the sheet; nodes in contact, and
+    beams held at their reach."""
+    contacts = clamped = 0
+    for i in range(beams.heights.shape[0]):
+        wanted = motion.depth - beams.heights[i]
+        if wanted > beams.reach[i]:
+            wanted = beams.reach[i]
+            clamped += 1
+        strain = wanted / beams.length[i]
+        pressure = chain_strain_step(
+            nodes.strains[i], beams.moduli, beams.viscosities, beams.shares[i], strain, motion.dt
+        )
+        nodes.normal[i] = pressure * beams.cell
+        scratch.limit[i] = motion.friction * nodes.normal[i]
+        scratch.weight[i] = min(pressure / beams.fade, 1.0) ** 3
+        if pressure > 0.0:
+            contacts += 1
+        else:
+            nodes.path[i], nodes.first[i] = 0.0, -1.0
+    return contacts, clamped
+
+
+@numba.njit(cache=True)
+def _next_law(beams, nodes, motion):
+    """Stiffness [N/m], depth of first touch [m] and force [N] of a next step of the same length at the same depth.
+
+    Apart, the stiffness is that of the beam that will touch first."""
+    depth, dt = motion.depth, motion.dt
+    stiffness = lowest = force = 0.0
+    first_touch = np.inf
+    for i in range(beams.heights.shape[0]):
+        beam = beams.cell / (beams.length[i] * chain_compliance(beams.moduli, beams.viscosities, beams.shares[i], dt))
+        touch = beams.heights[i]
+        for j in range(beams.moduli.shape[0]):
+            damping = beams.viscosities[j] / dt
+            touch += beams.length[i] * beams.shares[i, j] * damping * nodes.strains[i, j] / (beams.moduli[j] + damping)
+        if touch < first_touch:
+            first_touch, lowest = touch, beam
+        if touch < depth:
+            stiffness += beam
+            force += beam * (min(depth, beams.heights[i] + beams.reach[i]) - touch)
+    return lowest if stiffness == 0.0 else stiffness, first_touch, force
+
+
+@numba.njit(cache=True)
+def _rub(beams, sheet, nodes, scratch, motion, tolerance, most):
+    """Stick or slide under the shift; nodes that slide, rounds and residual of the solver."""
+    # With all nodes stuck the deflection would be u_s = u - shift. Elastic and viscous forces of the sheet in the step
+    # are K u_new + (tau/dt) K (u_new - u); a common shift strains nothing, so r = -k u_s - K u.
+    deflection, slip, lateral, matrix = nodes.deflection, nodes.slip, beams.lateral, scratch.matrix
+    count = lateral.shape[0]
+    viscous = 1.0 + beams.retardation / motion.dt
+    ratio = motion.dt / motion.before if motion.before > 0.0 else 0.0
+    assemble(matrix, sheet, scratch.weight, viscous)
+    for i in range(count):
+        x, y = -lateral[i] * (deflection[i, 0] - motion.x), -lateral[i] * (deflection[i, 1] - motion.y)
+        for s in range(sheet.rows[i], sheet.rows[i + 1]):
+            j = sheet.columns[s]
+            x -= (matrix[s, 0, 0] * deflection[j, 0] + matrix[s, 0, 1] * deflection[j, 1]) / viscous
+            y -= (matrix[s, 1, 0] * deflection[j, 0] + matrix[s, 1, 1] * deflection[j, 1]) / viscous
+        scratch.trial[i, 0], scratch.trial[i, 1] = x, y
+        slip[i, 0] *= ratio
+        slip[i, 1] *= ratio
+    for i in range(count):
+        matrix[sheet.diagonal[i], 0, 0] += lateral[i]
+        matrix[sheet.diagonal[i], 1, 1] += lateral[i]
+    whole = Blocks(sheet.rows, sheet.columns, sheet.diagonal, matrix, sheet.band)
+    rounds, residual = stick_slip(
+        whole, scratch.trial, scratch.limit, slip, scratch.plate, scratch.solver, tolerance, most
+    )
+    return _slid(nodes, scratch, motion), rounds, residual
+
+
+@numba.njit(cache=True)
+def _slid(nodes, scratch, motion):
+    """Take over what the solver found; how many nodes slide."""
+    slips = 0
+    for i in range(nodes.normal.shape[0]):
+        x, y = nodes.slip[i, 0], nodes.slip[i, 1]
+        nodes.deflection[i, 0] += x - motion.x
+        nodes.deflection[i, 1] += y - motion.y
+        # An answer that stopped early may pass the limit by its residual; the force that is sent never does.
+        limit, plate = scratch.limit[i], scratch.plate[i]
+        size = math.hypot(plate[0], plate[1])
+        part = -limit / size if size > limit else -1.0
+        nodes.tangent[i, 0], nodes.tangent[i, 1] = part * plate[0], part * plate[1]
+        way = math.hypot(x, y)
+        nodes.slipping[i] = nodes.normal[i] > 0.0 and way > 0.0
+        if nodes.slipping[i]:
+            nodes.path[i] += way
+            slips += 1
+            if nodes.first[i] < 0.0:
+                nodes.first[i] = motion.time
+    return slips

@@ -1,0 +1,243 @@
+"""Stick and slip of many coupled nodes with given normal forces: one convex problem per step.
+
+In a step node i slips by w_i (2) over the plate, against friction of at most t_i = mu f_n,i. With the stiffness A of
+pad and beams in the step and the force r that would act if all nodes stuck, w is the minimum of
+
+    Phi(w) = 1/2 w^T A w - r^T w + sum_i t_i |w_i|
+
+(Tresca friction). A is positive definite, so the answer is unique: no chatter between stick and slip. Its dual is
+min 1/2 q^T C q - q^T C r over the discs |q_i| <= t_i, C = A^-1, where q_i = r_i - (A w)_i is the force of node i on the
+plate. Node i sticks where q_i is inside its disc.
+
+Method (truncated nonsmooth Newton, Gräser & Kornhuber 2009, on one level): block Gauss-Seidel with the exact answer of
+each 2 x 2 problem finds who slips; a Newton step on those nodes, where Phi is smooth, removes what Gauss-Seidel is slow
+at; a line search keeps Phi falling. Warm-started, it ends after one to three rounds.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numba
+import numpy as np
+
+
+class Blocks(NamedTuple):
+    """A symmetric positive definite matrix [N/m] by 2 x 2 blocks, row after row.
+
+    rows      [1]    (N+1)    start of each node's row       columns [1] (Z)  node of each block
+    diagonal  [1]    (N)      place of each node's own block
+    values    [N/m]  (Z,2,2)  the blocks
+    band      [1]    ()       largest |i - j| of coupled nodes
+    """
+
+    rows: np.ndarray
+    columns: np.ndarray
+    diagonal: np.ndarray
+    values: np.ndarray
+    band: int
+
+
+class Workspace(NamedTuple):
+    """Work space of `stick_slip` for N nodes: place, nodes (N) int, upper (2N, 2 band + 2), step (2N)."""
+
+    place: np.ndarray
+    nodes: np.ndarray
+    upper: np.ndarray
+    step: np.ndarray
+
+
+def workspace(count: int, band: int) -> Workspace:
+    """The work space for `count` nodes."""
+    place, nodes = np.zeros((2, count), dtype=np.int64)
+    return Workspace(place, nodes, np.zeros((2 * count, 2 * band + 2)), np.zeros(2 * count))
+
+
+@numba.njit(cache=True)
+def node_slip(a, b, d, x, y, limit):
+    """Slip (2) of one node: the minimum of 1/2 w^T [[a, b], [b, d]] w - (x, y) w + limit |w|. Units as above.
+
+    With w = s (cos, sin), (A + limit/s) w = r: one equation for s > 0, solved in the eigenvectors of A by Newton on
+    1/|.| - 1/s, which is nearly straight (as for a trust region); it has one root between the two bounds used here.
+    """
+    size = math.hypot(x, y)
+    if size <= limit:
+        return 0.0, 0.0
+    mean, half = 0.5 * (a + d), 0.5 * (a - d)
+    radius = math.hypot(half, b)
+    high, low = mean + radius, mean - radius
+    if limit == 0.0:
+        det = a * d - b * b
+        return (d * x - b * y) / det, (a * y - b * x) / det
+    if radius <= 1e-14 * mean:
+        s = (size - limit) / mean
+        return x / (mean + limit / s), y / (mean + limit / s)
+    angle = 0.5 * math.atan2(b, half)
+    c, n = math.cos(angle), math.sin(angle)
+    p, q = c * x + n * y, c * y - n * x
+    lower, upper = (size - limit) / high, (size - limit) / low
+    s = lower
+    for _ in range(60):
+        f, g = p / (high * s + limit), q / (low * s + limit)
+        norm = math.hypot(f, g)
+        if norm > 1.0:
+            lower = s
+        else:
+            upper = s
+        slope = (f * f * high / (high * s + limit) + g * g * low / (low * s + limit)) / (norm * norm)
+        new = s + (norm - 1.0) / slope
+        if not lower <= new <= upper:
+            new = 0.5 * (lower + upper)
+        if abs(new - s) <= 1e-14 * new:
+            s = new
+            break
+        s = new
+    f, g = s * p / (high * s + limit), s * q / (low * s + limit)
+    return c * f - n * g, n * f + c * g
+
+
+@numba.njit(cache=True)
+def _sweep(matrix, force, limit, slip):
+    rows, columns, values = matrix.rows, matrix.columns, matrix.values
+    for i in range(limit.shape[0]):
+        x, y = force[i, 0], force[i, 1]
+        for s in range(rows[i], rows[i + 1]):
+            j = columns[s]
+            if j != i:
+                x -= values[s, 0, 0] * slip[j, 0] + values[s, 0, 1] * slip[j, 1]
+                y -= values[s, 1, 0] * slip[j, 0] + values[s, 1, 1] * slip[j, 1]
+        k = matrix.diagonal[i]
+        slip[i, 0], slip[i, 1] = node_slip(values[k, 0, 0], values[k, 0, 1], values[k, 1, 1], x, y, limit[i])
+
+
+@numba.njit(cache=True)
+def _plate_force(matrix, force, limit, slip, out):
+    """q = r - A w into `out`; the largest violation of the law of friction [N]."""
+    rows, columns, values = matrix.rows, matrix.columns, matrix.values
+    worst = 0.0
+    for i in range(limit.shape[0]):
+        x, y = force[i, 0], force[i, 1]
+        for s in range(rows[i], rows[i + 1]):
+            j = columns[s]
+            x -= values[s, 0, 0] * slip[j, 0] + values[s, 0, 1] * slip[j, 1]
+            y -= values[s, 1, 0] * slip[j, 0] + values[s, 1, 1] * slip[j, 1]
+        out[i, 0], out[i, 1] = x, y
+        size = math.hypot(slip[i, 0], slip[i, 1])
+        if size == 0.0:
+            worst = max(worst, math.hypot(x, y) - limit[i])
+        else:
+            worst = max(worst, math.hypot(x - limit[i] * slip[i, 0] / size, y - limit[i] * slip[i, 1] / size))
+    return worst
+
+
+@numba.njit(cache=True)
+def solve_band(upper, right, size, width):
+    """Solve the symmetric positive definite system in place; the answer is in `right`.
+
+    upper  (n, width + 1)  upper[i, k] = A[i, i + k]; destroyed       right (n)
+    """
+    for i in range(size):
+        last = min(width, size - 1 - i)
+        pivot = upper[i, 0]
+        for m in range(1, last + 1):
+            factor = upper[i, m] / pivot
+            if factor != 0.0:
+                row = i + m
+                for k in range(last - m + 1):
+                    upper[row, k] -= factor * upper[i, m + k]
+                right[row] -= factor * right[i]
+    for i in range(size - 1, -1, -1):
+        value = right[i]
+        for m in range(1, min(width, size - 1 - i) + 1):
+            value -= upper[i, m] * right[i + m]
+        right[i] = value / upper[i, 0]
+
+
+@numba.njit(cache=True)
+def _newton(matrix, limit, slip, plate, work):
+    """One damped Newton step on the slipping nodes; False when there is nothing to gain."""
+    rows, columns, values = matrix.rows, matrix.columns, matrix.values
+    place, nodes, upper, step = work.place, work.nodes, work.upper, work.step
+    count = 0
+    for i in range(limit.shape[0]):
+        slips = slip[i, 0] != 0.0 or slip[i, 1] != 0.0
+        place[i] = count if slips else -1
+        if slips:
+            nodes[count] = i
+            count += 1
+    if count == 0:
+        return False
+    width = 2 * matrix.band + 1
+    gain = 0.0
+    for n in range(count):
+        i = nodes[n]
+        upper[2 * n : 2 * n + 2, : width + 1] = 0.0
+        for s in range(rows[i], rows[i + 1]):
+            m = place[columns[s]]
+            if m > n:
+                k = 2 * (m - n)
+                upper[2 * n, k], upper[2 * n, k + 1] = values[s, 0, 0], values[s, 0, 1]
+                upper[2 * n + 1, k - 1], upper[2 * n + 1, k] = values[s, 1, 0], values[s, 1, 1]
+            elif m == n:
+                size = math.hypot(slip[i, 0], slip[i, 1])
+                c, d = slip[i, 0] / size, slip[i, 1] / size
+                bend = limit[i] / size
+                upper[2 * n, 0] = values[s, 0, 0] + bend * d * d
+                upper[2 * n, 1] = values[s, 0, 1] - bend * c * d
+                upper[2 * n + 1, 0] = values[s, 1, 1] + bend * c * c
+                step[2 * n], step[2 * n + 1] = plate[i, 0] - limit[i] * c, plate[i, 1] - limit[i] * d
+    solve_band(upper, step, 2 * count, width)
+    linear = bent = 0.0
+    for n in range(count):
+        i = nodes[n]
+        linear -= plate[i, 0] * step[2 * n] + plate[i, 1] * step[2 * n + 1]
+        for s in range(rows[i], rows[i + 1]):
+            m = place[columns[s]]
+            if m >= 0:
+                x = values[s, 0, 0] * step[2 * m] + values[s, 0, 1] * step[2 * m + 1]
+                y = values[s, 1, 0] * step[2 * m] + values[s, 1, 1] * step[2 * m + 1]
+                bent += step[2 * n] * x + step[2 * n + 1] * y
+    part = 1.0
+    for _ in range(12):
+        gain = part * linear + 0.5 * part * part * bent
+        for n in range(count):
+            i = nodes[n]
+            x, y = slip[i, 0] + part * step[2 * n], slip[i, 1] + part * step[2 * n + 1]
+            gain += limit[i] * (math.hypot(x, y) - math.hypot(slip[i, 0], slip[i, 1]))
+        if gain < 0.0:
+            for n in range(count):
+                i = nodes[n]
+                slip[i, 0] += part * step[2 * n]
+                slip[i, 1] += part * step[2 * n + 1]
+            return True
+        part *= 0.5
+    return False
+
+
+@numba.njit(cache=True)
+def stick_slip(matrix, force, limit, slip, plate, work, tolerance, most):
+    """Solve one step; `slip` (start value in, answer out) and `plate` (the force on the plate) are overwritten.
+
+    Rounds used, and the residual: the largest violation of the law of friction, relative to the largest limit.
+
+    matrix     A as `Blocks`                             work  as `Workspace`
+    force      [N] (N,2)  r: on the plate if all stuck   limit [N] (N)  mu f_n >= 0
+    slip       [m] (N,2)                                 plate [N] (N,2)
+    tolerance  [1]  relative residual to stop at         most  rounds at most
+    """
+    scale = 0.0
+    for i in range(limit.shape[0]):
+        scale = max(scale, limit[i])
+    if scale == 0.0:
+        for i in range(limit.shape[0]):
+            scale = max(scale, abs(force[i, 0]), abs(force[i, 1]))
+    residual = 0.0
+    for turn in range(1, most + 1):
+        _sweep(matrix, force, limit, slip)
+        residual = _plate_force(matrix, force, limit, slip, plate)
+        if residual <= tolerance * scale:
+            return turn, residual / scale if scale > 0.0 else 0.0
+        if turn < most:
+            _newton(matrix, limit, slip, plate, work)
+    return most, residual / scale

@@ -1,0 +1,107 @@
+"""What all bristle laws share: the deflection z lies in the tangent plane of a surface that turns under the finger.
+
+A law is a NamedTuple in a file of its own: its fields are its settings, `Annotated[type, unit, limit]` with a default,
+and its property `advance` is a compiled function
+
+    advance(law, z, v, load, dt) -> (z [m] (3), force [N] (3), stick)
+
+of the deflection before the step, the slip velocity [m/s] (3), both tangential, the normal force [N] > 0 and the step
+[s] > 0; the force is along the sliding velocity of the finger. `friction.NAME` in a graph is the law NAME of any file
+of this folder.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple, get_args, get_type_hints
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike
+
+Vector = tuple[float, float, float]
+NOTHING = (0.0, 0.0, 0.0)
+
+
+class Bristles(NamedTuple):
+    """Deflection [m] (3), and normal [1] (3) and normal force [N] that it was found under."""
+
+    z: Vector = NOTHING
+    normal: Vector = (0.0, 0.0, 1.0)
+    load: float = 0.0
+
+
+@njit(cache=True, error_model="numpy")
+def turn(zx, zy, zz, ax, ay, az, bx, by, bz):
+    """z [m], tangent to the unit normal a, turned with the smallest rotation that takes a to b; length kept.
+
+    For b = -a, where that rotation is not unique, z is the axis and stays.
+    """
+    length = math.sqrt(zx * zx + zy * zy + zz * zz)
+    if length == 0.0:
+        return 0.0, 0.0, 0.0
+    # R z = z - (z.b)/(1 + a.b) (a + b) for z perpendicular to a.
+    lean = (zx * bx + zy * by + zz * bz) / max(1.0 + ax * bx + ay * by + az * bz, 1e-12)
+    x, y, z = zx - lean * (ax + bx), zy - lean * (ay + by), zz - lean * (az + bz)
+    # Take away what rounding, or a normal that is not quite unit, leaves along b.
+    lift = x * bx + y * by + z * bz
+    x, y, z = x - lift * bx, y - lift * by, z - lift * bz
+    rest = math.sqrt(x * x + y * y + z * z)
+    if not rest > 0.0:
+        return 0.0, 0.0, 0.0
+    scale = length / rest
+    return x * scale, y * scale, z * scale
+
+
+@njit(cache=True, error_model="numpy")
+def carry(bristles, normal, slip, load, rescale):
+    """The deflection [m] (3) under this step's normal and load, and the tangential part of the slip [m/s] (3).
+
+    rescale  True: z shrinks by sqrt(f_old/f_new) when the load rises, so that bristles whose stiffness grows with the
+             load take no energy from that
+    """
+    a, b = bristles.normal, normal
+    x, y, z = turn(bristles.z[0], bristles.z[1], bristles.z[2], a[0], a[1], a[2], b[0], b[1], b[2])
+    if rescale and load > bristles.load > 0.0:
+        shrink = math.sqrt(bristles.load / load)
+        x, y, z = x * shrink, y * shrink, z * shrink
+    along = slip[0] * b[0] + slip[1] * b[1] + slip[2] * b[2]
+    return (x, y, z), (slip[0] - along * b[0], slip[1] - along * b[1], slip[2] - along * b[2])
+
+
+def kernel_form(law: Any) -> Any:
+    """The law with each choice of words as its place among them: numbers are all that `advance` takes."""
+    hints = get_type_hints(type(law))
+    return law._replace(**{k: get_args(hints[k]).index(v) for k, v in law._asdict().items() if isinstance(v, str)})
+
+
+def step(law: Any, before: Bristles, normal: Vector, slip: Vector, load: float, dt: float):
+    """One step of a law in its kernel form: (bristles, force [N] (3), whether it sticks).
+
+    Without load the bristles are forgotten and the force is zero; such a contact does not stick.
+    """
+    if not load > 0.0:
+        return Bristles(), NOTHING, False
+    z, v = carry(before, normal, slip, load, getattr(law, "rescale", False))
+    z, force, stick = law.advance(law, z, v, load, dt)
+    return Bristles(z, normal, load), force, stick
+
+
+def path(law: Any, slip: ArrayLike, load: ArrayLike, dt: ArrayLike, normal: ArrayLike = (0.0, 0.0, 1.0)):
+    """Force [N] (k,3), deflection [m] (k,3) and stick flag (k) along a path, from rest.
+
+    slip    [m/s] (k,3)         velocity of the finger; its part along the normal is left out
+    load    [N]   () or (k)     normal force
+    dt      [s]   () or (k)     length of each step, > 0
+    normal  [1]   (3) or (k,3)  unit normals
+    """
+    v = np.atleast_2d(np.asarray(slip, float))
+    force, deflection, stick = np.empty_like(v), np.empty_like(v), np.empty(len(v), bool)
+    loads, steps = np.broadcast_to(load, len(v)), np.broadcast_to(dt, len(v))
+    normals = np.broadcast_to(np.asarray(normal, float), v.shape)
+    law, bristles = kernel_form(law), Bristles()
+    for i in range(len(v)):
+        n, u = tuple(normals[i].tolist()), tuple(v[i].tolist())
+        bristles, force[i], stick[i] = step(law, bristles, n, u, float(loads[i]), float(steps[i]))
+        deflection[i] = bristles.z
+    return force, deflection, stick

@@ -1,0 +1,91 @@
+"""LuGre friction (Canudas de Wit, Olsson, Astrom & Lischinsky, IEEE Trans. Autom. Control 40, 1995, 419-425) over the
+normal force, vectors in the tangent plane, v = |v|:
+
+    dz/dt = v - sigma0 v z/g(v),    g(v) = mu_c + (mu_s - mu_c) e^{-(v/v_s)²}
+    f_t   = f_n (sigma0 z + sigma1 dz/dt + sigma2 v)
+
+z [m] bristle deflection; sigma0, sigma1, sigma2 are `bristle_stiffness`, `bristle_damping` and `viscous`.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Literal, NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike
+
+
+@njit(cache=True, error_model="numpy")
+def stribeck(speed, mu_slide, mu_static, fall):
+    """g [1], the coefficient of friction of bristles at a speed [m/s]."""
+    ratio = speed / fall
+    return mu_slide + (mu_static - mu_slide) * math.exp(-ratio * ratio)
+
+
+@njit(cache=True, error_model="numpy")
+def force(law, before, after, v, load, dt):
+    """f_n (sigma0 z + sigma1 (z+ - z)/T + sigma2 v) [N] (3)."""
+    s0, s1, s2 = load * law.bristle_stiffness, load * law.bristle_damping / dt, load * law.viscous
+    return (
+        s0 * after[0] + s1 * (after[0] - before[0]) + s2 * v[0],
+        s0 * after[1] + s1 * (after[1] - before[1]) + s2 * v[1],
+        s0 * after[2] + s1 * (after[2] - before[2]) + s2 * v[2],
+    )
+
+
+@njit(cache=True, error_model="numpy")
+def lugre(law, z, v, load, dt):
+    """Exact at constant velocity, a = sigma0 v/g:  z+ = z e^{-aT} + v T phi(aT),  phi(x) = (1 - e^{-x})/x. z+ is a mean
+    of z and of the steady z, so |z| <= mu_s/sigma0 for any v and T. Backward Euler is the alternative.
+
+    The contact sticks while less than half of the motion is lasting slip: sigma0 z.v/|v| < g(v)/2, or v = 0.
+    """
+    speed = math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
+    g = stribeck(speed, law.mu_slide, law.mu_static, law.stribeck)
+    x = law.bristle_stiffness * speed / g * dt
+    if law.update == 0:
+        keep = math.exp(-x)
+        gain = dt * (1.0 - 0.5 * x if x < 1e-5 else -math.expm1(-x) / x)
+    else:
+        keep = 1.0 / (1.0 + x)
+        gain = dt * keep
+    u = (z[0] * keep + v[0] * gain, z[1] * keep + v[1] * gain, z[2] * keep + v[2] * gain)
+    along = law.bristle_stiffness * (u[0] * v[0] + u[1] * v[1] + u[2] * v[2])
+    return u, force(law, z, u, v, load, dt), speed == 0.0 or along < 0.5 * g * speed
+
+
+class LuGre(NamedTuple):
+    """LuGre friction: presliding, Stribeck dip and viscous rise, in proportion to the normal force.
+
+    The contact sticks while less than half of the finger's motion is lasting slip; it does not stick when apart. Below
+    viscous = bristle_damping (mu_static - mu_slide)/mu_slide the law can give out energy. Under a load that swings
+    below static friction it creeps: friction.ElastoPlastic does not.
+    """
+
+    mu_slide: Annotated[float, "1", "> 0"] = 0.5
+    mu_static: Annotated[float, "1", "> 0"] = 0.7
+    stribeck: Annotated[float, "m/s", "> 0"] = 0.02
+    bristle_stiffness: Annotated[float, "1/m", "> 0"] = 3000.0
+    bristle_damping: Annotated[float, "s/m", ">= 0"] = 1.0
+    viscous: Annotated[float, "s/m", ">= 0"] = 0.4
+    update: Annotated[Literal["exponential", "euler"], "1"] = "exponential"
+    rescale: Annotated[bool, "1"] = False  # shrink the bristles when the load rises, so that this gives no energy
+
+    @property
+    def advance(self):
+        return lugre
+
+
+def passive_viscous(mu_slide: float, mu_static: float, bristle_damping: float) -> float:
+    """Least sigma2 [s/m] at which LuGre friction under constant load never gives out energy: sigma1 (mu_s - mu_c)/mu_c
+    (Barabanov & Ortega, IEEE Trans. Autom. Control 45, 2000, 675-686)."""
+    return bristle_damping * (mu_static - mu_slide) / mu_slide
+
+
+def steady_friction(speed: ArrayLike, law: LuGre) -> np.ndarray:
+    """Coefficient of friction [1] (...) in steady sliding at `speed` [m/s] (...): g(v) + sigma2 v."""
+    v = np.abs(np.asarray(speed, float))
+    g = [stribeck(s, law.mu_slide, law.mu_static, law.stribeck) for s in v.ravel()]
+    return np.reshape(g, v.shape) + law.viscous * v

@@ -1,0 +1,1 @@
+"""Surfaces: NURBS and triangle meshes, the closest point on them, their normals."""

@@ -1,0 +1,234 @@
+"""Closest point of a triangle mesh: a tree of discs and the Voronoi regions of a triangle.
+
+C. Ericson, Real-Time Collision Detection, Morgan Kaufmann 2005, sec. 5.1.5 (closest point of a triangle).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numba
+import numpy as np
+
+from palpate.physics.geometry.bvh import ACROSS, KIND, ORIGIN, MeshTables, mesh_tables
+from palpate.physics.geometry.closest import FAR
+from palpate.physics.geometry.mesh import Mesh
+from palpate.physics.geometry.pseudonormal import EDGE, FACE, VERTEX, foot_of, normal_at, signed_distance
+
+STACK = 128
+FOUND = 10
+"""Length of a result: foot (3), normal (3), weights of the second and third corner, signed distance, triangle."""
+
+
+@dataclass(frozen=True, eq=False)
+class MeshClosestPoint:
+    """Finds and follows closest points of one mesh; its tree is built at the first use.
+
+    `find` for arrays of points, each by itself; `track_mesh` with `tables.arrays` for one moving point.
+    """
+
+    mesh: Mesh
+
+    @cached_property
+    def tables(self) -> MeshTables:
+        """ValueError: a mesh without triangles, or whose vertices are not finite."""
+        return mesh_tables(self.mesh.vertices, self.mesh.triangles)
+
+    def scratch(self) -> tuple[np.ndarray, np.ndarray]:
+        """Work space of `track_mesh`, whose first place is the last triangle (-1: none), and its result."""
+        return np.full(STACK, -1, dtype=np.int64), np.zeros(FOUND)
+
+    def find(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Foot points [m] (...,3), outward normals [1] (...,3), triangles (...) and signed distances [m] (...),
+        positive outside, of points [m] (...,3)."""
+        points = np.asarray(points, dtype=float)
+        flat = np.ascontiguousarray(points.reshape(-1, 3))
+        found = np.empty((len(flat), FOUND))
+        _find(*self.tables.arrays, flat, *self.scratch(), found)
+        found = found.reshape(*points.shape[:-1], FOUND)
+        return found[..., :3], found[..., 3:6], found[..., 9].astype(int), found[..., 8]
+
+
+@numba.njit(cache=True)
+def track_mesh(points, cells, discs, star_at, star, p0, p1, p2, hysteresis, work, found):
+    """The foot point of p = (p0, p1, p2) [m] into found: foot, normal, two weights, signed distance, triangle.
+
+    The nearest point reached from the last foot point by walking downhill is the branch that is followed; it bounds the
+    search of the tree, and stays until the tree finds one nearer by more than the hysteresis [m]. The distance is that
+    of the nearest.
+    """
+    p0, p1, p2 = min(max(p0, -FAR), FAR), min(max(p1, -FAR), FAR), min(max(p2, -FAR), FAR)
+    last = work[0]
+    local, settled = 0, False
+    if last >= 0:
+        local, settled = _descend(points, cells, star_at, star, p0, p1, p2, last)
+    f, v, w, place = _on_triangle(points, cells, local, p0, p1, p2)
+    t = _search(points, cells, discs, p0, p1, p2, local, f, work)
+    if t != local:
+        g, x, y, spot = _on_triangle(points, cells, t, p0, p1, p2)
+        signed = signed_distance(points, cells, star_at, star, t, x, y, spot, p0, p1, p2, found)
+        if not settled or np.sqrt(g) < np.sqrt(f) - hysteresis or _same(points, cells, local, t, v, w, x, y):
+            local, v, w = t, x, y
+        else:
+            foot_of(points, cells, local, v, w, found)
+    else:
+        signed = signed_distance(points, cells, star_at, star, local, v, w, place, p0, p1, p2, found)
+    normal_at(points, cells, local, v, w, found)
+    work[0] = local
+    found[6], found[7], found[8], found[9] = v, w, signed, cells[local, ORIGIN]
+
+
+@numba.njit(cache=True)
+def _find(points, cells, discs, star_at, star, queries, work, found, results):
+    for k in range(len(queries)):
+        work[0] = -1
+        q = queries[k]
+        track_mesh(points, cells, discs, star_at, star, q[0], q[1], q[2], 0.0, work, found)
+        results[k] = found
+
+
+@numba.njit(cache=True)
+def _same(points, cells, s, t, v, w, x, y):
+    """Whether two triangles share the foot point, as neighbours do on their common edge."""
+    total = 0.0
+    for c in range(3):
+        a = points[cells[s, 0], c] * (1.0 - v - w) + points[cells[s, 1], c] * v + points[cells[s, 2], c] * w
+        b = points[cells[t, 0], c] * (1.0 - x - y) + points[cells[t, 1], c] * x + points[cells[t, 2], c] * y
+        total += (a - b) * (a - b)
+    return total < 1e-24
+
+
+@numba.njit(cache=True)
+def _segment(ax, ay, az, bx, by, bz):
+    """Share of the way along a segment, from a towards b as seen from p at the origin, of its nearest point."""
+    dx, dy, dz = bx - ax, by - ay, bz - az
+    square = dx * dx + dy * dy + dz * dz
+    if square <= 0.0:
+        return 0.0
+    return min(max(-(ax * dx + ay * dy + az * dz) / square, 0.0), 1.0)
+
+
+@numba.njit(cache=True)
+def _on_triangle(points, cells, t, p0, p1, p2):
+    """Squared distance, weights of the second and third corner, and place of the nearest point of a triangle."""
+    i, j, k = cells[t, 0], cells[t, 1], cells[t, 2]
+    ax, ay, az = points[i, 0] - p0, points[i, 1] - p1, points[i, 2] - p2
+    bx, by, bz = points[j, 0] - p0, points[j, 1] - p1, points[j, 2] - p2
+    cx, cy, cz = points[k, 0] - p0, points[k, 1] - p1, points[k, 2] - p2
+    v = w = 0.0
+    if cells[t, KIND] > 0:
+        edge = cells[t, KIND] - 1
+        if edge == 0:
+            v = _segment(ax, ay, az, bx, by, bz)
+            s = v
+        elif edge == 1:
+            w = _segment(bx, by, bz, cx, cy, cz)
+            v = 1.0 - w
+            s = w
+        else:
+            s = _segment(cx, cy, cz, ax, ay, az)
+            w = 1.0 - s
+        place = EDGE + edge if 0.0 < s < 1.0 else VERTEX + (edge if s == 0.0 else (edge + 1) % 3)
+    else:
+        v, w, place = _region(ax, ay, az, bx, by, bz, cx, cy, cz)
+    u = 1.0 - v - w
+    x, y, z = u * ax + v * bx + w * cx, u * ay + v * by + w * cy, u * az + v * bz + w * cz
+    return x * x + y * y + z * z, v, w, place
+
+
+@numba.njit(cache=True)
+def _region(ax, ay, az, bx, by, bz, cx, cy, cz):
+    """The Voronoi region of a triangle that holds the origin: weights of b and c, place."""
+    ux, uy, uz = bx - ax, by - ay, bz - az
+    vx, vy, vz = cx - ax, cy - ay, cz - az
+    d1, d2 = -(ux * ax + uy * ay + uz * az), -(vx * ax + vy * ay + vz * az)
+    if d1 <= 0.0 and d2 <= 0.0:
+        return 0.0, 0.0, VERTEX
+    d3, d4 = -(ux * bx + uy * by + uz * bz), -(vx * bx + vy * by + vz * bz)
+    if d3 >= 0.0 and d4 <= d3:
+        return 1.0, 0.0, VERTEX + 1
+    vc = d1 * d4 - d3 * d2
+    if vc <= 0.0 and d1 >= 0.0 and d3 <= 0.0:
+        return d1 / (d1 - d3), 0.0, EDGE
+    d5, d6 = -(ux * cx + uy * cy + uz * cz), -(vx * cx + vy * cy + vz * cz)
+    if d6 >= 0.0 and d5 <= d6:
+        return 0.0, 1.0, VERTEX + 2
+    vb = d5 * d2 - d1 * d6
+    if vb <= 0.0 and d2 >= 0.0 and d6 <= 0.0:
+        return 0.0, d2 / (d2 - d6), EDGE + 2
+    va = d3 * d6 - d5 * d4
+    if va <= 0.0 and d4 - d3 >= 0.0 and d5 - d6 >= 0.0:
+        w = (d4 - d3) / ((d4 - d3) + (d5 - d6))
+        return 1.0 - w, w, EDGE + 1
+    scale = 1.0 / (va + vb + vc)
+    return vb * scale, vc * scale, FACE
+
+
+@numba.njit(cache=True)
+def _disc(discs, node, p0, p1, p2):
+    """A lower bound of the squared distance from the triangles of a node."""
+    x, y, z = p0 - discs[node, 0], p1 - discs[node, 1], p2 - discs[node, 2]
+    along = abs(x * discs[node, 3] + y * discs[node, 4] + z * discs[node, 5])
+    across = np.sqrt(max(x * x + y * y + z * z - along * along, 0.0))
+    along, across = max(along - discs[node, 7], 0.0), max(across - discs[node, 6], 0.0)
+    return along * along + across * across
+
+
+@numba.njit(cache=True)
+def _search(points, cells, discs, p0, p1, p2, best, least, work):
+    """The nearest triangle; `best` at squared distance `least` unless one is nearer."""
+    count, leaves = len(cells), len(discs) // 2
+    depth = 1
+    work[1] = 1
+    while depth > 0:
+        node = work[depth]
+        depth -= 1
+        if _disc(discs, node, p0, p1, p2) >= least:
+            continue
+        if node >= leaves:
+            leaf = node - leaves
+            for t in range(leaf * count // leaves, (leaf + 1) * count // leaves):
+                f, _, _, _ = _on_triangle(points, cells, t, p0, p1, p2)
+                if f < least:
+                    least, best = f, t
+            continue
+        left, right = _disc(discs, 2 * node, p0, p1, p2), _disc(discs, 2 * node + 1, p0, p1, p2)
+        near = 2 * node if left <= right else 2 * node + 1
+        if max(left, right) < least:
+            depth += 1
+            work[depth] = 4 * node + 1 - near
+        if min(left, right) < least:
+            depth += 1
+            work[depth] = near
+    return best
+
+
+@numba.njit(cache=True)
+def _descend(points, cells, star_at, star, p0, p1, p2, t):
+    """Walks from triangle t to nearer neighbours; the last one, and whether none of its neighbours is nearer."""
+    f, _, _, place = _on_triangle(points, cells, t, p0, p1, p2)
+    for _ in range(64):
+        if place == FACE:
+            return t, True
+        best, least, spot = t, f, place
+        flat = cells[t, KIND] > 0
+        for i in range(3):
+            if not (flat or place == VERTEX + i or place == EDGE + i):
+                continue
+            a = cells[t, i]
+            if place == EDGE + i and not flat:
+                s = cells[t, ACROSS + i]
+                if s >= 0:
+                    g, _, _, q = _on_triangle(points, cells, s, p0, p1, p2)
+                    if g < least:
+                        best, least, spot = s, g, q
+                continue
+            for k in range(star_at[a], star_at[a + 1]):
+                g, _, _, q = _on_triangle(points, cells, star[k], p0, p1, p2)
+                if g < least:
+                    best, least, spot = star[k], g, q
+        if best == t:
+            return t, True
+        t, f, place = best, least, spot
+    return t, False

@@ -1,0 +1,240 @@
+"""The proxy: the foot point of a tool that has gone into a body, on the side from which it went in.
+
+The nearest point of a thin body jumps to the other side when a tool is more than halfway through, and so does the
+force. The proxy of a tool (god object) stays on the surface that it met: C. B. Zilles, J. K. Salisbury, A
+constraint-based god-object method for haptic display, IROS 1995; D. C. Ruspini, K. Kolarov, O. Khatib, The haptic
+display of complex graphical environments, SIGGRAPH 1997.
+
+While the tool is outside, the foot is that of `closest` or `mesh_closest`. Once it has gone in from outside
+
+* the nearest point is taken as long as its normal does not turn over and, deep inside, it is no farther from the last
+  one than the tool's way along the surface explains;
+* else the point of the surface that is nearest round the last one, on the same terms;
+* else the foot stays, and the gap goes on along its normal.
+
+It is over when the tool is outside as seen from this side, or far beyond the other one. The gap never changes faster
+than the tool moves, whatever the foot does; until it has come to that of the new foot, the old foot stays. A tool that
+starts inside, or jumps, has no side: its foot is the nearest point.
+
+A sheet ends at its border: beside it the gap is the distance from the border, and the normal points from there.
+"""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+
+from palpate.physics.geometry.bvh import ORIGIN
+from palpate.physics.geometry.closest import FAR, track
+from palpate.physics.geometry.mesh_closest import _descend, _on_triangle, track_mesh
+from palpate.physics.geometry.newton import newton
+from palpate.physics.geometry.nurbs import normal_of
+from palpate.physics.geometry.pseudonormal import normal_at, signed_distance
+
+JUMP = 6e-3
+"""[m] A tool that moves farther in a step starts anew."""
+TURNED = -0.3
+"""[1] Cosine between normals below which a foot is on the other side; a little below 0, for rims at right angles."""
+OUTSIDE = -0.5
+"""[1] The same for the direction from the nearest point to a tool that is outside."""
+AMPLIFIED = 4.0
+"""[1] Way of the foot over that of the tool along the surface: inside a ball, down to three quarters of its radius."""
+SHALLOW = 0.25
+"""[1] Depth over the least width of the body up to which the way of the foot is not looked at."""
+DEEPER, ALIKE = 1.5, 0.9
+"""[1] From this many times that depth on (three quarters of half the width) the normal keeps to the one that it had
+there: least cosine between them."""
+LEAP = 1.5e-3
+"""[m] Most way of the foot in a step, deep inside: a body answers elsewhere with another dent."""
+BESIDE = 1e-6
+"""[1] Of a distance, by which it is more than the gap beside a border."""
+ROUNDING = 1e-7
+"""[m] Way of a foot that is none."""
+FAR_BEYOND = 20e-3
+"""[m] A tool that is so far from the body has been let go, wherever it went in."""
+STARTED, INSIDE, GAP, DEEP, TOOL, FOOT, NORMAL, PLACE, ENTRY, OPEN = 0, 1, 2, 3, 4, 7, 10, 13, 16, 19
+
+
+def memory(points: np.ndarray, border: bool = False) -> np.ndarray:
+    """Of a tool that has not been seen yet: whether there is a last step, whether the tool is inside, the last gap [m],
+    the depth [m] from which on the way of the foot is looked at; tool [m], foot [m] and normal [1] (3 each);
+    parameters, or triangle and weights (3); the normal that is kept to in the depth [1] (3);
+    whether the surface has a border.
+
+    points  [m] (...,3)  of the surface
+    border  whether it is open: a sheet that ends there
+    """
+    found = np.zeros(20)
+    found[OPEN] = float(border)
+    found[DEEP] = SHALLOW * float(np.ptp(points.reshape(-1, 3), axis=0).min())
+    return found
+
+
+@numba.njit(cache=True)
+def _moved(p, memory):
+    """How far the tool has moved [m]; infinite where it starts anew."""
+    square = 0.0
+    for k in range(3):
+        square += (p[k] - memory[TOOL + k]) ** 2
+    return np.sqrt(square) if memory[STARTED] == 1.0 and square <= JUMP * JUMP else np.inf
+
+
+@numba.njit(cache=True)
+def _at_border(p, along, found):
+    """Beyond the border of a sheet, where the connection is longer than its part along the normal, the gap is the
+    distance."""
+    a, b, c = p[0] - found[0], p[1] - found[1], p[2] - found[2]
+    distance = np.sqrt(a * a + b * b + c * c)
+    if distance > abs(along) * (1.0 + BESIDE) + ROUNDING:
+        found[3], found[4], found[5], found[8] = a / distance, b / distance, c / distance, distance
+
+
+@numba.njit(cache=True)
+def _turned(found, memory):
+    along = found[3] * memory[NORMAL] + found[4] * memory[NORMAL + 1] + found[5] * memory[NORMAL + 2]
+    return along < TURNED
+
+
+@numba.njit(cache=True)
+def _outside(p, found, memory):
+    """Whether the tool is outside as seen from this side, or far away."""
+    if not found[8] > 0.0 or found[8] > FAR_BEYOND:
+        return found[8] > 0.0
+    along = square = 0.0
+    for k in range(3):
+        along += (p[k] - found[k]) * memory[NORMAL + k]
+        square += (p[k] - found[k]) ** 2
+    return along >= OUTSIDE * np.sqrt(square)
+
+
+@numba.njit(cache=True)
+def _taken(p, found, memory):
+    """Whether a foot follows from the last one."""
+    if _turned(found, memory):
+        return False
+    if -memory[GAP] <= memory[DEEP] and -found[8] <= memory[DEEP]:
+        return True
+    depth = way = side = alike = 0.0
+    for k in range(3):
+        alike += found[3 + k] * memory[ENTRY + k]
+        depth += (p[k] - memory[FOOT + k]) * memory[NORMAL + k]
+    for k in range(3):
+        way += (found[k] - memory[FOOT + k]) ** 2
+        side += (p[k] - memory[FOOT + k] - depth * memory[NORMAL + k]) ** 2
+    if -memory[GAP] > DEEPER * memory[DEEP] and alike < ALIKE:
+        return False
+    return np.sqrt(way) <= min(AMPLIFIED * np.sqrt(side), LEAP) + ROUNDING
+
+
+@numba.njit(cache=True)
+def _regular(p, found, moved, memory):
+    """Whether the nearest point is the foot; settles whether the tool is inside."""
+    if moved == np.inf:
+        memory[INSIDE] = 0.0
+        return True
+    if memory[INSIDE] == 0.0:
+        turned = _turned(found, memory)
+        if memory[GAP] > 0.0 and (found[8] <= 0.0 or (turned and memory[GAP] <= moved)):
+            memory[INSIDE] = 1.0
+            return not turned
+        return True
+    if _outside(p, found, memory):
+        memory[INSIDE] = 0.0
+        return True
+    return found[8] <= 0.0 and _taken(p, found, memory)
+
+
+@numba.njit(cache=True)
+def _stay(p, memory, found):
+    """The last foot into found, the gap along its normal."""
+    found[8] = 0.0
+    for k in range(3):
+        found[k], found[3 + k] = memory[FOOT + k], memory[NORMAL + k]
+        found[8] += (p[k] - found[k]) * found[3 + k]
+
+
+@numba.njit(cache=True)
+def _end(p, moved, inside, found, memory):
+    """Hold the gap to the tool's way, and remember the step; whether the last foot stays until the gap has come up.
+
+    inside  whether the tool was inside in the last step
+    """
+    stays = False
+    if moved < np.inf:
+        gap = min(max(found[8], memory[GAP] - moved), memory[GAP] + moved)
+        stays = inside and memory[INSIDE] == 0.0 and found[8] > gap + ROUNDING
+        if stays:
+            memory[INSIDE] = 1.0
+            _stay(p, memory, found)
+        found[8] = gap
+    memory[STARTED], memory[GAP] = 1.0, found[8]
+    for k in range(3):
+        memory[TOOL + k], memory[FOOT + k], memory[NORMAL + k] = p[k], found[k], found[3 + k]
+        if -found[8] <= DEEPER * memory[DEEP]:
+            memory[ENTRY + k] = found[3 + k]
+    return stays
+
+
+@numba.njit(cache=True)
+def _held(x):
+    return min(max(x, -FAR), FAR)
+
+
+@numba.njit(cache=True)
+def follow(data, layout, seeds, index, point, hysteresis, state, work, d, found, memory):
+    """The foot of a tool at `point` [m] (3) on a NURBS surface: arguments and result as of `track`."""
+    p = (_held(point[0]), _held(point[1]), _held(point[2]))
+    moved, inside = _moved(p, memory), memory[INSIDE] == 1.0
+    track(data, layout, seeds, index, p[0], p[1], p[2], hysteresis, state, work, d, found)
+    if memory[OPEN] == 1.0:
+        along = 0.0
+        for k in range(3):
+            along += (p[k] - found[k]) * found[3 + k]
+        _at_border(p, along, found)
+    if not _regular(p, found, moved, memory):
+        nearest = found.copy()
+        u, v, _ = newton(data, layout, p[0], p[1], p[2], memory[PLACE], memory[PLACE + 1], work, d[0])
+        n0, n1, n2 = normal_of(data, layout, u, v, d[0])
+        found[0], found[1], found[2] = d[0, 0, 0], d[0, 0, 1], d[0, 0, 2]
+        found[3], found[4], found[5], found[6], found[7] = n0, n1, n2, u, v
+        found[8] = (p[0] - found[0]) * n0 + (p[1] - found[1]) * n1 + (p[2] - found[2]) * n2
+        if not _taken(p, found, memory):
+            _stay(p, memory, found)
+            found[6], found[7] = memory[PLACE], memory[PLACE + 1]
+        if found[8] > 0.0:
+            memory[INSIDE] = 0.0
+            found[:] = nearest
+        state[0], state[1] = found[6], found[7]
+    if _end(p, moved, inside, found, memory):
+        found[6], found[7] = memory[PLACE], memory[PLACE + 1]
+    memory[PLACE], memory[PLACE + 1] = found[6], found[7]
+
+
+@numba.njit(cache=True)
+def follow_mesh(points, cells, discs, star_at, star, point, hysteresis, work, found, memory):
+    """The foot of a tool at `point` [m] (3) on a triangle mesh: arguments and result as of `track_mesh`."""
+    p = (_held(point[0]), _held(point[1]), _held(point[2]))
+    moved, inside = _moved(p, memory), memory[INSIDE] == 1.0
+    track_mesh(points, cells, discs, star_at, star, p[0], p[1], p[2], hysteresis, work, found)
+    if memory[OPEN] == 1.0:
+        _, v, w, place = _on_triangle(points, cells, work[0], p[0], p[1], p[2])
+        _at_border(
+            p, signed_distance(points, cells, star_at, star, work[0], v, w, place, p[0], p[1], p[2], found), found
+        )
+    if not _regular(p, found, moved, memory):
+        nearest, local = found.copy(), work[0]
+        t, _ = _descend(points, cells, star_at, star, p[0], p[1], p[2], int(memory[PLACE]))
+        _, v, w, place = _on_triangle(points, cells, t, p[0], p[1], p[2])
+        found[8] = signed_distance(points, cells, star_at, star, t, v, w, place, p[0], p[1], p[2], found)
+        normal_at(points, cells, t, v, w, found)
+        work[0], found[6], found[7] = t, v, w
+        if found[8] > 0.0 or not _taken(p, found, memory):
+            _stay(p, memory, found)
+            work[0], found[6], found[7] = int(memory[PLACE]), memory[PLACE + 1], memory[PLACE + 2]
+        if found[8] > 0.0:
+            memory[INSIDE], work[0] = 0.0, local
+            found[:] = nearest
+    if _end(p, moved, inside, found, memory):
+        work[0], found[6], found[7] = int(memory[PLACE]), memory[PLACE + 1], memory[PLACE + 2]
+    found[9] = cells[work[0], ORIGIN]
+    memory[PLACE], memory[PLACE + 1], memory[PLACE + 2] = work[0], found[6], found[7]

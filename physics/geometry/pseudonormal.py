@@ -1,0 +1,102 @@
+"""Foot point, normal and sign at a place on a triangle mesh.
+
+J. A. Baerentzen, H. Aanaes, IEEE Trans. Vis. Comput. Graph. 11 (2005) 243-253: the sign by the pseudonormal of face,
+edge or vertex is right everywhere round a closed mesh, that by the nearest face alone is not.
+"""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+
+from palpate.physics.geometry.bvh import ACROSS, KIND, is_segment
+
+FACE, VERTEX, EDGE = 0, 1, 4
+"""Where on a triangle a point lies: inside, on corner 0-2 (VERTEX + i), on the edge from corner i (EDGE + i)."""
+
+
+@numba.njit(cache=True)
+def foot_of(points, cells, t, v, w, found):
+    for c in range(3):
+        a, b, d = points[cells[t, 0], c], points[cells[t, 1], c], points[cells[t, 2], c]
+        found[c] = a + v * (b - a) + w * (d - a)
+
+
+@numba.njit(cache=True)
+def _face(points, cells, t):
+    """Unit normal of a triangle, zero where it is degenerate."""
+    if t < 0 or cells[t, KIND] > 0:
+        return 0.0, 0.0, 0.0
+    i, j, k = cells[t, 0], cells[t, 1], cells[t, 2]
+    ux, uy, uz = points[j, 0] - points[i, 0], points[j, 1] - points[i, 1], points[j, 2] - points[i, 2]
+    vx, vy, vz = points[k, 0] - points[i, 0], points[k, 1] - points[i, 1], points[k, 2] - points[i, 2]
+    x, y, z = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+    length = np.sqrt(x * x + y * y + z * z)
+    return x / length, y / length, z / length
+
+
+@numba.njit(cache=True)
+def normal_at(points, cells, t, v, w, found):
+    """The interpolated vertex normal into found[3:6]; the face's where they cancel, (0, 0, 1) where there is none."""
+    u = 1.0 - v - w
+    i, j, k = cells[t, 0], cells[t, 1], cells[t, 2]
+    x = u * points[i, 3] + v * points[j, 3] + w * points[k, 3]
+    y = u * points[i, 4] + v * points[j, 4] + w * points[k, 4]
+    z = u * points[i, 5] + v * points[j, 5] + w * points[k, 5]
+    length = np.sqrt(x * x + y * y + z * z)
+    if length < 1e-6:
+        x, y, z = _face(points, cells, t)
+        length = np.sqrt(x * x + y * y + z * z)
+        if length == 0.0:
+            x, y, z, length = 0.0, 0.0, 1.0, 1.0
+    found[3], found[4], found[5] = x / length, y / length, z / length
+
+
+@numba.njit(cache=True)
+def signed_distance(points, cells, star_at, star, t, v, w, place, p0, p1, p2, found):
+    """Signed distance of p from its nearest point, and that point into found[:3].
+
+    The sign is that of (p - foot).n with the pseudonormal n: of the face, the sum over both faces of an edge, or the
+    angle-weighted sum over those of a vertex. At a border it is (p - foot).n itself: an open sheet goes on flat beyond
+    its border, and the distance stays continuous round it.
+    """
+    foot_of(points, cells, t, v, w, found)
+    r0, r1, r2 = p0 - found[0], p1 - found[1], p2 - found[2]
+    border = False
+    if place == FACE:
+        x, y, z = _face(points, cells, t)
+    elif place >= EDGE:
+        i = place - EDGE
+        other = cells[t, ACROSS + i]
+        border = other < 0
+        x, y, z = _face(points, cells, t)
+        for s in _beyond(cells, t, other):
+            a, b, c = _face(points, cells, s)
+            x, y, z = x + a, y + b, z + c
+    else:
+        a = cells[t, place - VERTEX]
+        x, y, z = points[a, 3], points[a, 4], points[a, 5]
+        for k in range(star_at[a], star_at[a + 1]):
+            s = star[k]
+            for i in range(3):
+                if is_segment(cells, s):
+                    break
+                if (cells[s, i] == a or cells[s, (i + 1) % 3] == a) and cells[s, ACROSS + i] < 0:
+                    border = True
+    length = np.sqrt(x * x + y * y + z * z)
+    along = r0 * x + r1 * y + r2 * z
+    distance = np.sqrt(r0 * r0 + r1 * r1 + r2 * r2)
+    if length < 1e-12:
+        return distance
+    if border:
+        return along / length
+    return distance if along >= 0.0 else -distance
+
+
+@numba.njit(cache=True)
+def _beyond(cells, t, other):
+    """The triangles across an edge: the neighbour, or where that is degenerate the ones on its other edges."""
+    if other < 0 or cells[other, KIND] == 0:
+        return other, -1, -1
+    a, b, c = cells[other, ACROSS], cells[other, ACROSS + 1], cells[other, ACROSS + 2]
+    return (-1 if a == t else a), (-1 if b == t else b), (-1 if c == t else c)

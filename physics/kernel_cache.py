@@ -1,0 +1,78 @@
+"""Where numba keeps compiled kernels: a folder per state of the sources.
+
+numba holds a compiled kernel for fresh as long as the file that it stands in is unchanged, but the kernels that it
+calls, and the layout of what it is handed, may stand in other files. So the name of the folder is a hash of all
+sources that kernels can come from. An edit begins a new folder; the oldest ones go.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import os
+import shutil
+import sys
+import tempfile
+from importlib.util import find_spec
+from pathlib import Path
+
+KEPT = 3
+"""States of the sources whose kernels are kept: going back and forth between two branches compiles nothing."""
+PREFIX = "kernels-"
+
+
+def use() -> None:
+    """Have numba keep the kernels of this process, and of processes started from here, in the folder of the sources as
+    they are now. Before the first kernel is declared."""
+    folder = _root() / f"{PREFIX}{key()}"
+    new = not folder.exists()
+    folder.mkdir(parents=True, exist_ok=True)
+    os.utime(folder)
+    if "numba" in sys.modules:
+        sys.modules["numba"].config.CACHE_DIR = str(folder)
+    else:
+        os.environ["NUMBA_CACHE_DIR"] = str(folder)
+    if new:
+        _clear(folder.parent)
+
+
+def key() -> str:
+    """A hash of the names and contents of the sources of `palpate.physics` and `palpate.fe`."""
+    found = hashlib.sha256()
+    for package in ("palpate.physics", "palpate.fe"):
+        spec = find_spec(package)
+        for folder in (spec.submodule_search_locations or ()) if spec else ():
+            for file in sorted(Path(folder).rglob("*.py")):
+                content = hashlib.sha256(file.read_bytes()).digest()
+                found.update(f"{package}/{file.relative_to(folder)}".encode() + b"\0" + content)
+    return found.hexdigest()[:16]
+
+
+def _root() -> Path:
+    """The user's folder for kernels; else beside the sources; where nobody may write there, the user's cache."""
+    given = os.environ.get("NUMBA_CACHE_DIR")
+    if given:
+        path = Path(given)
+        return path.parent if path.name.startswith(PREFIX) else path  # set by the process that started this one
+    caches = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")
+    places = (Path(__file__).parent / "__pycache__", Path(caches) / "palpate")
+    for place in places:
+        with contextlib.suppress(OSError):
+            place.mkdir(parents=True, exist_ok=True)
+            if os.access(place, os.W_OK):
+                return place
+    return Path(tempfile.mkdtemp(prefix="palpate-"))  # of this process alone: what others left there is not to be run
+
+
+def _clear(root: Path) -> None:
+    """Remove all but the folders that were used last. A process that still runs on one of them compiles anew."""
+    folders = sorted(root.glob(f"{PREFIX}*"), key=lambda folder: _used(folder), reverse=True)
+    for folder in folders[KEPT:]:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def _used(folder: Path) -> float:
+    try:
+        return folder.stat().st_mtime
+    except FileNotFoundError:
+        return 0.0

@@ -1,0 +1,1 @@
+"""What tissue is made of: hyperelastic energies and viscoelastic chains."""

@@ -1,0 +1,175 @@
+"""Hencky: linear elasticity in the logarithmic strain, ln U of F = R U.
+
+    W = mu |dev ln U|²,    U = (kappa/2) (ln J)²
+
+It stays stiff in compression, where the law of St. Venant and Kirchhoff softens. H. Hencky, Z. Tech. Phys. 9 (1928)
+215-220.
+"""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+
+from palpate.physics.materials.hyperelastic import Material, moduli, wants_mixed
+from palpate.physics.materials.invariants import cofactor, strain_squares
+
+EXAMPLE = (1e4, 0.3)
+
+
+@numba.njit(cache=True)
+def _principal(C, N):
+    """Turn C (3,3) into its diagonal form, eigenvectors as the columns of N, by Jacobi's rotations."""
+    for i in range(3):
+        for j in range(3):
+            N[i, j] = 1.0 if i == j else 0.0
+    for _ in range(12):
+        off = abs(C[0, 1]) + abs(C[0, 2]) + abs(C[1, 2])
+        if not off > 1e-10 * (C[0, 0] + C[1, 1] + C[2, 2]):
+            return
+        for p in range(2):
+            for q in range(p + 1, 3):
+                if C[p, q] == 0.0:
+                    continue
+                ratio = (C[q, q] - C[p, p]) / (2.0 * C[p, q])
+                t = np.copysign(1.0, ratio) / (abs(ratio) + np.sqrt(ratio * ratio + 1.0))
+                c = 1.0 / np.sqrt(t * t + 1.0)
+                s = t * c
+                for k in range(3):
+                    x, y = C[k, p], C[k, q]
+                    C[k, p], C[k, q] = c * x - s * y, s * x + c * y
+                for k in range(3):
+                    x, y = C[p, k], C[q, k]
+                    C[p, k], C[q, k] = c * x - s * y, s * x + c * y
+                    x, y = N[k, p], N[k, q]
+                    N[k, p], N[k, q] = c * x - s * y, s * x + c * y
+                C[p, q] = C[q, p] = 0.0
+
+
+@numba.njit(cache=True)
+def log_stretch(F, C, N, E):
+    """ln U of F = R U into E (3,3); C and N (3,3) are memory.
+
+    ln U = atanh Z = Z (1 + Y/3 + Y²/5 + ...), Z = (C - 1)(C + 1)^-1, Y = Z², C = F'F: where strains are moderate,
+    tr Y < 0.12 (stretches of 0.7 to 1.4), to 1e-13. The powers of Y are taken by its own characteristic equation, so
+    that the series is one of three numbers. Beyond, by the eigenvectors of C.
+    """
+    c00, c11, c22, c01, c02, c12, _ = strain_squares(F)
+    b00, b11, b22 = c00 + 1.0, c11 + 1.0, c22 + 1.0
+    i00, i11, i22 = b11 * b22 - c12 * c12, b00 * b22 - c02 * c02, b00 * b11 - c01 * c01
+    i01, i02, i12 = c02 * c12 - c01 * b22, c01 * c12 - c02 * b11, c01 * c02 - c12 * b00
+    over = -2.0 / (b00 * i00 + c01 * i01 + c02 * i02)
+    z00, z11, z22 = 1.0 + over * i00, 1.0 + over * i11, 1.0 + over * i22
+    z01, z02, z12 = over * i01, over * i02, over * i12
+    y00 = z00 * z00 + z01 * z01 + z02 * z02
+    y11 = z01 * z01 + z11 * z11 + z12 * z12
+    y22 = z02 * z02 + z12 * z12 + z22 * z22
+    first = y00 + y11 + y22
+    if first < 0.12:
+        y01 = z00 * z01 + z01 * z11 + z02 * z12
+        y02 = z00 * z02 + z01 * z12 + z02 * z22
+        y12 = z01 * z02 + z11 * z12 + z12 * z22
+        m00, m11, m22 = y11 * y22 - y12 * y12, y00 * y22 - y02 * y02, y00 * y11 - y01 * y01
+        second = m00 + m11 + m22
+        third = y00 * m00 + y01 * (y02 * y12 - y01 * y22) + y02 * (y01 * y12 - y02 * y11)
+        a, b, c = 1.0 / 25.0, 0.0, 0.0
+        for k in range(12):
+            a, b, c = 1.0 / (23.0 - 2.0 * k) + c * third, a - c * second, b + c * first
+        # p = a + b Y + c Y²
+        p00 = a + b * y00 + c * (y00 * y00 + y01 * y01 + y02 * y02)
+        p11 = a + b * y11 + c * (y01 * y01 + y11 * y11 + y12 * y12)
+        p22 = a + b * y22 + c * (y02 * y02 + y12 * y12 + y22 * y22)
+        p01 = b * y01 + c * (y00 * y01 + y01 * y11 + y02 * y12)
+        p02 = b * y02 + c * (y00 * y02 + y01 * y12 + y02 * y22)
+        p12 = b * y12 + c * (y01 * y02 + y11 * y12 + y12 * y22)
+        E[0, 0] = z00 * p00 + z01 * p01 + z02 * p02
+        E[1, 1] = z01 * p01 + z11 * p11 + z12 * p12
+        E[2, 2] = z02 * p02 + z12 * p12 + z22 * p22
+        E[0, 1] = E[1, 0] = z00 * p01 + z01 * p11 + z02 * p12
+        E[0, 2] = E[2, 0] = z00 * p02 + z01 * p12 + z02 * p22
+        E[1, 2] = E[2, 1] = z01 * p02 + z11 * p12 + z12 * p22
+        return
+    C[0, 0], C[1, 1], C[2, 2] = c00, c11, c22
+    C[0, 1] = C[1, 0] = c01
+    C[0, 2] = C[2, 0] = c02
+    C[1, 2] = C[2, 1] = c12
+    _principal(C, N)
+    e0, e1, e2 = 0.5 * np.log(C[0, 0]), 0.5 * np.log(C[1, 1]), 0.5 * np.log(C[2, 2])
+    for i in range(3):
+        for j in range(3):
+            E[i, j] = e0 * N[i, 0] * N[j, 0] + e1 * N[i, 1] * N[j, 1] + e2 * N[i, 2] * N[j, 2]
+
+
+@numba.njit(cache=True)
+def _stress_alone(F, J, p, P, A):
+    """`energy` without its tangent: A lends the memory. As ln U commutes with C, P = F 2 mu dev(ln U) C^-1 is
+    2 mu F^-T dev(ln U)."""
+    shear, bulk = p[0], p[1]
+    E = A[6:9, 0:3]
+    log_stretch(F, A[0:3, 0:3], A[3:6, 0:3], E)
+    mean = (E[0, 0] + E[1, 1] + E[2, 2]) / 3.0
+    E[0, 0] -= mean
+    E[1, 1] -= mean
+    E[2, 2] -= mean
+    factor, size = 2.0 * shear / cofactor(F, P), 0.0
+    for i in range(3):
+        x, y, z = factor * P[i, 0], factor * P[i, 1], factor * P[i, 2]
+        for j in range(3):
+            P[i, j] = x * E[0, j] + y * E[1, j] + z * E[2, j]
+            size += E[i, j] * E[i, j]
+    log = np.log(J)
+    return shear * size, 0.5 * bulk * log * log, bulk * log / J, bulk * (1.0 - log) / (J * J)
+
+
+@numba.njit(cache=True)
+def energy(F, J, p, P, A):
+    if np.isnan(A[0, 0]):
+        return _stress_alone(F, J, p, P, A)
+    return _stress_and_tangent(F, J, p, P, A)
+
+
+@numba.njit(cache=True)
+def _stress_and_tangent(F, J, p, P, A):
+    shear, bulk = p[0], p[1]
+    c, N = np.linalg.eigh(F.T @ F)
+    e = 0.5 * np.log(c)
+    e -= np.sum(e) / 3.0
+    tau = 2.0 * shear * e
+    S = tau / c
+    M = F @ N  # rows i, columns in the principal frame
+    spread = np.zeros((3, 3))
+    for a in range(3):
+        for b in range(3):
+            if a != b:
+                gap = c[b] - c[a]
+                if abs(gap) > 1e-7 * (c[a] + c[b]):
+                    spread[a, b] = (S[b] - S[a]) / gap
+                else:
+                    spread[a, b] = (shear - 0.5 * (tau[a] + tau[b])) / (c[a] * c[b])
+    full = N @ np.diag(S) @ N.T
+    P[:] = F @ full
+    for i in range(3):
+        for j in range(3):
+            for k in range(3):
+                for l in range(3):
+                    total = full[j, l] if i == k else 0.0
+                    for a in range(3):
+                        for b in range(3):
+                            curve = 2.0 * shear * ((1.0 if a == b else 0.0) - 1.0 / 3.0)
+                            if a == b:
+                                curve -= 2.0 * tau[a]
+                            total += curve / (c[a] * c[b]) * M[i, a] * N[j, a] * M[k, b] * N[l, b]
+                            if a != b:
+                                total += spread[a, b] * M[i, a] * N[j, b] * (M[k, a] * N[l, b] + M[k, b] * N[l, a])
+                    A[3 * i + j, 3 * k + l] = total
+    log = np.log(J)
+    return shear * np.sum(e * e), 0.5 * bulk * log * log, bulk * log / J, bulk * (1.0 - log) / (J * J)
+
+
+def hencky(young: float, poisson: float) -> Material:
+    """mu and kappa from Young's modulus [Pa] > 0 and Poisson's ratio [1] in (-1, 0.5) at small strain.
+
+    MaterialError: see `moduli`.
+    """
+    found = moduli(young, poisson)
+    return Material(energy, found, mixed=wants_mixed(*found))

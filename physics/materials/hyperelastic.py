@@ -1,0 +1,184 @@
+"""Hyperelastic materials: a law, which is one file of this folder, with its constants.
+
+A law splits its energy into a part that sees shape and a part that sees volume,
+
+    Psi(F) = W(F) + U(J),    W(a F) = W(F) for any number a,
+
+so that the mixed element can take one mean volume ratio for a whole element. A file `x.py` of this folder is a law if
+it has
+
+    energy      the compiled law, below        x(...)   a function that gives a `Material` from its constants
+    EXAMPLE     constants that x takes, for tests and tables
+
+and the equation at its head. Nothing is registered: finite elements (`palpate.fe.x`), sampled bodies, checks, `palpate
+fe laws` and the tests of consistency take every file that they find. Compiled with `numba.njit(cache=True)`,
+
+    energy(F, J, p, P, A) -> (W, U, U', U'')
+
+F  [1]  (3,3)  deformation gradient        P [Pa] (3,3)  gets dW/dF, first Piola-Kirchhoff
+J  [1]  ()     volume ratio                A [Pa] (9,9)  gets d2W/dF2, row 3i + j for F[i, j]; NaN at A[0, 0] says
+p       (n,)   constants of the material                 that nobody wants it: it is memory to work in then
+
+A law in the invariants I and II needs its derivatives by these only: see `neo_hooke` and `invariants.shape_stress`.
+"""
+
+from __future__ import annotations
+
+import importlib
+import pkgutil
+from collections.abc import Callable
+from dataclasses import dataclass
+from types import ModuleType
+from typing import Any, cast
+
+import numpy as np
+
+from palpate.physics import materials
+from palpate.physics.errors import MISUSE, PalpateError
+from palpate.physics.materials.compiled import LAW, address, compiled
+
+Law = Callable[..., tuple[float, float, float, float]]
+
+RUBBER = 1e9
+"""[Pa] Young's modulus above which no solid is rubber-like: ten times that of the hardest rubber."""
+
+
+MIXED_FROM = 0.47
+"""Poisson's ratio at rest from which a law of this folder takes the mixed element. Below it takes the plain one, whose
+error in smooth fields falls with the third power of the size, not with the 1.4th, and which carries a deep press
+further; above, the plain one is too stiff near edges (docs/equations/finite-elements.md)."""
+PLAIN_UP_TO = 0.499
+"""Poisson's ratio at rest above which the plain element locks: refused."""
+
+
+class MaterialError(PalpateError, ValueError):
+    """Constants that no stable material has, or no such law; says which, what was found and what is expected."""
+
+    exit_code = MISUSE
+
+
+@dataclass(frozen=True)
+class Material:
+    """A law with its constants.
+
+    law         compiled function, see the head of this file
+    parameters  its constants
+    mixed       one mean volume ratio for each element (no locking near incompressibility)
+    small       small strain: J = 1 + div u, for laws that are linear in the displacement
+    """
+
+    law: Law
+    parameters: tuple[float, ...]
+    mixed: bool = False
+    small: bool = False
+
+    @property
+    def name(self) -> str:
+        """Of its law, as `law` takes it: that of its file, or the full name of a function elsewhere."""
+        module, function = (getattr(self.law, key, "") for key in ("__module__", "__qualname__"))
+        folder, _, file = module.rpartition(".")
+        return file if folder == materials.__name__ and function == "energy" else f"{module}.{function}"
+
+
+def moduli(young: float, poisson: float) -> tuple[float, float]:
+    """Shear and bulk modulus [Pa] of Young's modulus [Pa] and Poisson's ratio.
+
+    MaterialError: a modulus that is not positive, or a ratio outside (-1, 0.5).
+    """
+    if not (np.isfinite(young) and young > 0):
+        raise MaterialError(f"Young's modulus {young} Pa: expected a positive number")
+    if not -1.0 < poisson < 0.5:
+        raise MaterialError(
+            f"Poisson's ratio {poisson}: expected a number above -1 and below 0.5; for an incompressible "
+            "material take 0.499 with the mixed element"
+        )
+    return young / (2.0 * (1.0 + poisson)), young / (3.0 * (1.0 - 2.0 * poisson))
+
+
+def rest_moduli(material: Material) -> tuple[float, float]:
+    """Shear and bulk modulus [Pa] of the undeformed material, from the tangent of its law.
+
+    MaterialError: one that is not positive.
+    """
+    P, A = np.zeros((3, 3)), np.zeros((9, 9))
+    law: Any = compiled(material.law, LAW)
+    _, _, _, bulk = law(np.eye(3), 1.0, np.array(material.parameters), P, A)
+    shear = A[1, 1]
+    if not (np.isfinite(shear) and np.isfinite(bulk) and shear > 0 and bulk > 0):
+        raise MaterialError(
+            f"law {material.name}: shear modulus {shear:.4g} Pa, bulk modulus {bulk:.4g} Pa at rest, "
+            "expected positive ones"
+        )
+    return float(shear), float(bulk)
+
+
+def poisson_of(shear: float, bulk: float) -> float:
+    """Poisson's ratio of moduli."""
+    return (3.0 * bulk - 2.0 * shear) / (2.0 * (3.0 * bulk + shear))
+
+
+def wants_mixed(shear: float, bulk: float) -> bool:
+    """Whether a material with these moduli at rest is better served by the mixed element, see `MIXED_FROM`."""
+    return poisson_of(shear, bulk) > MIXED_FROM - 1e-9
+
+
+def rubberlike(law: str, young: float) -> None:
+    """MaterialError: a Young's modulus [Pa] at rest that no rubber-like solid has."""
+    if young > RUBBER:
+        raise MaterialError(
+            f"{law}, Young's modulus {young:.4g} Pa: no rubber-like solid has more than {RUBBER:g} Pa. Moduli are in "
+            f"pascals ({young:.4g} Pa is {1e-3 * young:.4g} kPa); for bone, metal or glass take `hencky`"
+        )
+
+
+def laws() -> dict[str, ModuleType]:
+    """The files of this folder that hold a law, by name."""
+    names = sorted(found.name for found in pkgutil.iter_modules(materials.__path__))
+    every = {name: importlib.import_module(f"{materials.__name__}.{name}") for name in names}
+    return {name: module for name, module in every.items() if hasattr(module, "energy") and hasattr(module, name)}
+
+
+def constructor(name: str) -> Callable[..., Material]:
+    """The function that makes a material of a law of this folder.
+
+    AttributeError: no such law.
+    """
+    found = laws()
+    if name not in found:
+        raise AttributeError(f"no material law {name!r}; laws: {', '.join(found)}")
+    return cast(Callable[..., Material], getattr(found[name], name))
+
+
+def example(name: str) -> Material:
+    """A material of a law of this folder, for tests and tables."""
+    return constructor(name)(*laws()[name].EXAMPLE)
+
+
+def law(name: str) -> Law:
+    """The compiled law of a name, see `Material.name`.
+
+    MaterialError: no such law.
+    """
+    module, _, function = name.rpartition(".")
+    try:
+        found: Any = importlib.import_module(module or f"{materials.__name__}.{name}")
+        return cast(Law, getattr(found, function if module else "energy"))
+    except (ImportError, AttributeError):
+        raise MaterialError(
+            f"no material law {name!r}: expected {', '.join(laws())}, or the full name of a compiled function"
+        ) from None
+
+
+_placed: dict[int, str] = {}
+
+
+def place_of(law: Law, name: str) -> int:
+    """Where the code of a law is in this process, for kernels that hold several (`compiled.law_at`)."""
+    place = address(law)
+    _placed[place] = name
+    return place
+
+
+def name_at(place: int) -> str:
+    """The name of the law there, one that `place_of` has told."""
+    return _placed[int(place)]

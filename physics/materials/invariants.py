@@ -1,0 +1,133 @@
+"""What laws in the invariants of the isochoric strain share: stress and tangent, from their derivatives by these.
+
+I = J^(-2/3) I1 - 3,    II = J^(-4/3) I2 - 3,    I1 = tr C,    I2 = ((tr C)² - tr C²)/2,    C = F'F
+"""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+
+
+@numba.njit(cache=True)
+def cofactor(F, G):
+    """Write the cofactors of F (3,3) into G; returns det F."""
+    for i in range(3):
+        i1, i2 = (i + 1) % 3, (i + 2) % 3
+        for j in range(3):
+            j1, j2 = (j + 1) % 3, (j + 2) % 3
+            G[i, j] = F[i1, j1] * F[i2, j2] - F[i1, j2] * F[i2, j1]
+    return F[0, 0] * G[0, 0] + F[0, 1] * G[0, 1] + F[0, 2] * G[0, 2]
+
+
+@numba.njit(cache=True)
+def products(F, C, B):
+    """Write F'F into C and FF' into B."""
+    for i in range(3):
+        for j in range(3):
+            x = y = 0.0
+            for k in range(3):
+                x += F[k, i] * F[k, j]
+                y += F[i, k] * F[j, k]
+            C[i, j], B[i, j] = x, y
+
+
+@numba.njit(cache=True)
+def strain_squares(F):
+    """Entries 00, 11, 22, 01, 02, 12 of F'F, and det F; no memory is taken."""
+    c00 = F[0, 0] * F[0, 0] + F[1, 0] * F[1, 0] + F[2, 0] * F[2, 0]
+    c11 = F[0, 1] * F[0, 1] + F[1, 1] * F[1, 1] + F[2, 1] * F[2, 1]
+    c22 = F[0, 2] * F[0, 2] + F[1, 2] * F[1, 2] + F[2, 2] * F[2, 2]
+    c01 = F[0, 0] * F[0, 1] + F[1, 0] * F[1, 1] + F[2, 0] * F[2, 1]
+    c02 = F[0, 0] * F[0, 2] + F[1, 0] * F[1, 2] + F[2, 0] * F[2, 2]
+    c12 = F[0, 1] * F[0, 2] + F[1, 1] * F[1, 2] + F[2, 1] * F[2, 2]
+    J = (
+        F[0, 0] * (F[1, 1] * F[2, 2] - F[1, 2] * F[2, 1])
+        + F[0, 1] * (F[1, 2] * F[2, 0] - F[1, 0] * F[2, 2])
+        + F[0, 2] * (F[1, 0] * F[2, 1] - F[1, 1] * F[2, 0])
+    )
+    return c00, c11, c22, c01, c02, c12, J
+
+
+@numba.njit(cache=True)
+def shape_invariants(F):
+    """J and the isochoric invariants less 3: J, J^(-2/3) I1 - 3, J^(-4/3) I2 - 3."""
+    c00, c11, c22, c01, c02, c12, J = strain_squares(F)
+    i1 = c00 + c11 + c22
+    i2 = c00 * c11 + c11 * c22 + c22 * c00 - c01 * c01 - c02 * c02 - c12 * c12
+    a1 = 1.0 / np.cbrt(J * J)
+    return J, a1 * i1 - 3.0, a1 * a1 * i2 - 3.0
+
+
+@numba.njit(cache=True)
+def _shape_stress_alone(F, w1, w2, P):
+    """P of `shape_stress` without its tangent."""
+    c00, c11, c22, c01, c02, c12, J = strain_squares(F)
+    i1 = c00 + c11 + c22
+    i2 = c00 * c11 + c11 * c22 + c22 * c00 - c01 * c01 - c02 * c02 - c12 * c12
+    a1 = 1.0 / np.cbrt(J * J)
+    a2 = a1 * a1
+    along, over = 2.0 * (w1 * a1 + w2 * a2 * i1), -2.0 * w2 * a2
+    across = -(2.0 * w1 * a1 * i1 + 4.0 * w2 * a2 * i2) / (3.0 * J)
+    cofactor(F, P)
+    for i in range(3):
+        x, y, z = F[i, 0], F[i, 1], F[i, 2]
+        P[i, 0] = along * x + across * P[i, 0] + over * (x * c00 + y * c01 + z * c02)
+        P[i, 1] = along * y + across * P[i, 1] + over * (x * c01 + y * c11 + z * c12)
+        P[i, 2] = along * z + across * P[i, 2] + over * (x * c02 + y * c12 + z * c22)
+
+
+@numba.njit(inline="always")
+def shape_stress(F, w1, w2, w11, w12, w22, P, A):
+    """Stress and tangent of an energy W(I, II) in the isochoric invariants, from its first and second derivatives; no
+    tangent where it is not wanted."""
+    if np.isnan(A[0, 0]):
+        _shape_stress_alone(F, w1, w2, P)
+    else:
+        _shape_stress_and_tangent(F, w1, w2, w11, w12, w22, P, A)
+
+
+@numba.njit(cache=True)
+def _shape_stress_and_tangent(F, w1, w2, w11, w12, w22, P, A):
+    C, B, G, H = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
+    D1, D2 = np.empty((3, 3)), np.empty((3, 3))
+    J = cofactor(F, G)
+    products(F, C, B)
+    i1 = C[0, 0] + C[1, 1] + C[2, 2]
+    i2 = 0.0
+    for i in range(3):
+        for j in range(3):
+            G[i, j] /= J
+            i2 -= 0.5 * C[i, j] * C[i, j]
+    i2 += 0.5 * i1 * i1
+    a1 = J ** (-2.0 / 3.0)
+    a2 = a1 * a1
+    for i in range(3):
+        for j in range(3):
+            x = F[i, 0] * C[0, j] + F[i, 1] * C[1, j] + F[i, 2] * C[2, j]
+            H[i, j] = 2.0 * (i1 * F[i, j] - x)
+            D1[i, j] = a1 * (2.0 * F[i, j] - (2.0 / 3.0) * i1 * G[i, j])
+            D2[i, j] = a2 * (H[i, j] - (4.0 / 3.0) * i2 * G[i, j])
+            P[i, j] = w1 * D1[i, j] + w2 * D2[i, j]
+    for i in range(3):
+        for j in range(3):
+            for k in range(3):
+                for l in range(3):
+                    turned = G[i, l] * G[k, j]
+                    d1 = -(2.0 / 3.0) * (G[k, l] * D1[i, j] + a1 * (2.0 * F[k, l] * G[i, j] - i1 * turned))
+                    d2 = 2.0 * (2.0 * F[k, l] * F[i, j] - F[i, l] * F[k, j])
+                    if i == k:
+                        d2 -= 2.0 * C[l, j]
+                    if j == l:
+                        d2 -= 2.0 * B[i, k]
+                        if i == k:
+                            d1 += 2.0 * a1
+                            d2 += 2.0 * i1
+                    d2 = a2 * (d2 - (4.0 / 3.0) * (H[k, l] * G[i, j] - i2 * turned)) - (4.0 / 3.0) * G[k, l] * D2[i, j]
+                    A[3 * i + j, 3 * k + l] = (
+                        w1 * d1
+                        + w2 * d2
+                        + w11 * D1[i, j] * D1[k, l]
+                        + w12 * (D1[i, j] * D2[k, l] + D2[i, j] * D1[k, l])
+                        + w22 * D2[i, j] * D2[k, l]
+                    )

@@ -1,0 +1,145 @@
+"""What every node with a device keeps to, whichever device it is: run against its emulator."""
+
+import re
+import time
+
+import pytest
+
+from palpate.drivers.emulate.faults import Faults
+from palpate.drivers.errors import DeviceError
+from palpate.drivers.limits import LIMITS
+from palpate.launch.loading.launchfile import find
+from palpate.launch.testing import FakeBus
+from palpate.messages import Contact, DeviceState, Force, Torque
+from palpate.nodes.device import Falcon, Haply2Diy, Hid, Inverse3, RawHid
+from palpate.nodes.sensor import Bota, NetFT
+
+FORCE, TORQUE = Force(force=(0.0, 0.0, 1.0), state="contact", energy=0.0), Torque(torques=(0.02, 0.02, 0.02))
+KINDS = {
+    "falcon": (Falcon, {}, {"torque": TORQUE}),
+    "rawhid": (RawHid, {}, {"force": FORCE}),
+    "inverse3": (Inverse3, {}, {"force": FORCE}),
+    "haply2diy": (Haply2Diy, {}, {"force": FORCE}),
+    "spacemouse": (Hid, {"kind": "spacemouse"}, {}),
+    "gamepad": (Hid, {"kind": "gamepad"}, {}),
+    "netft": (NetFT, {}, {}),
+    "bota": (Bota, {}, {}),
+}
+HAPTIC = ["falcon", "rawhid", "inverse3", "haply2diy"]
+
+
+@pytest.fixture
+def made(request):
+    """Makes a started node on a bus; it is stopped at the end."""
+    nodes = []
+
+    def make(name, **settings):
+        kind, given, held = KINDS[name]
+        node = kind(port="emulator", **given, **settings)
+        nodes.append(node)
+        return node, FakeBus(node, **held)
+
+    yield make
+    for node in nodes:
+        node.stop()
+
+
+def run(bus, seconds, until=lambda message: False):
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        (message,) = bus.run(1)
+        if until(message):
+            return message
+        time.sleep(0.001)
+    return message
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_it_answers_and_never_holds_up_the_loop(name, made):
+    node, bus = made(name)
+    run(bus, 3.0, lambda m: node.exchange.answers > 20)
+    assert node.exchange.answers > 20
+    begun = time.thread_time()
+    messages = bus.run(300)
+    assert time.thread_time() - begun < 0.3, "1 ms of processor time a step, FakeBus included"
+    assert all(isinstance(m, DeviceState | Contact) for m in messages)
+    assert type(node).hardware and type(node).sink
+
+
+@pytest.mark.parametrize("name", HAPTIC)
+def test_the_force_comes_in_slowly_and_not_before_homing(name, made):
+    node, bus = made(name, ramp=0.3)
+    state = bus.run(1)[0]
+    assert node.exchange.guard.gain < 0.5
+    if not state.homed:
+        assert state.joints == () and state.position == ()
+    run(bus, 5.0, lambda m: node.exchange.guard.gain == 1.0)
+    assert node.exchange.guard.gain == 1.0
+    assert bus.run(1)[0].homed
+
+
+@pytest.mark.parametrize("name", HAPTIC)
+def test_a_silent_device_gets_no_force(name, made):
+    node, bus = made(name, ramp=0.0, faults=Faults(silent=2.0))
+    run(bus, 6.0, lambda m: node.exchange.guard.gain == 1.0)
+    assert node.exchange.guard.gain == 1.0
+    run(bus, 10.0, lambda m: node.exchange.guard.missed > 10 and node.exchange.guard.gain == 0.0)
+    assert node.exchange.guard.why(time.monotonic_ns(), time.monotonic_ns()) == "answers are missing"
+
+
+@pytest.mark.parametrize("name", HAPTIC)
+def test_a_released_dead_man_button_gives_no_force(name, made):
+    node, bus = made(name, ramp=0.0, deadman=0x8000)
+    run(bus, 1.5)
+    assert node.exchange.guard.gain == 0.0
+
+
+@pytest.mark.parametrize("name", [n for n in KINDS if n != "netft"])  # a datagram knows of no plug
+def test_a_pulled_plug_is_one_clear_line(name, made):
+    _, bus = made(name, faults=Faults(unplug=0.3))
+    with pytest.raises(DeviceError, match=r"gone.*(Plug it in|Start it) again") as told:
+        run(bus, 8.0)
+    assert told.value.lost and "\n" not in str(told.value)
+
+
+@pytest.mark.parametrize("name", ["falcon", "rawhid", "haply2diy", "spacemouse", "bota"])
+def test_a_device_that_is_back_is_taken_up_again(name, made):
+    node, bus = made(name, reconnect=True, faults=Faults(unplug=0.3, back=0.9))
+    notes: list[str] = []
+
+    def back(_):
+        notes.extend(node.notes())
+        return "The device is back." in notes
+
+    run(bus, 15.0, back)
+    assert "The device is back." in notes and "gone" in notes[0]
+    before = node.exchange.answers
+    run(bus, 3.0, lambda m: node.exchange.answers > before + 10)
+    assert node.exchange.answers > before + 10
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_stopping_is_safe_at_any_time(name):
+    kind, given, _ = KINDS[name]
+    node = kind(port="emulator", **given)
+    node.stop()
+    node.start()
+    node.stop()
+    node.stop()
+    assert node.exchange._thread is None
+
+
+def test_a_device_slower_than_the_graph_is_told_once(made):
+    node, bus = made("rawhid", faults=Faults(latency=0.0015))
+    run(bus, 30.0, lambda m: node.steps > 2000 and node.exchange.rate > 0.0)
+    (note,) = node.notes()
+    assert re.match(r"the device answers \d+ times a second, the graph asks 1000 times: .*`rate: \d+`", note)
+    run(bus, 0.1)
+    assert node.notes() == []
+
+
+@pytest.mark.parametrize(("graph", "names"), [("falcon", ["falcon"]), ("cartesian", HAPTIC[1:])])
+def test_the_graphs_know_the_delay_of_their_devices(graph, names):
+    plan = find(graph).plan()
+    controller = plan.make("controller")
+    assert controller.passivity and controller.delay >= max(LIMITS[name].delay for name in names)

@@ -1,0 +1,157 @@
+"""The thread that talks to a device never holds up the loop, and leaves no force behind."""
+
+import time
+
+import pytest
+
+from palpate.drivers.errors import DeviceError
+from palpate.drivers.exchange import Exchange
+from palpate.drivers.guard import Guard, Sample
+from palpate.drivers.limits import Limits
+
+
+class Slow:
+    """A driver whose answers can be made to take long, to fail, or not to come."""
+
+    limits = Limits(command=5.0, power=100.0, speed=10.0, ramp=0.01)
+    size = 1
+
+    def __init__(self):
+        self.sent, self.opened, self.closed = [], 0, 0
+        self.pause, self.answers, self.error = 0.001, True, None
+        self.refused = 0
+
+    def open(self):
+        if self.refused:
+            self.refused -= 1
+            raise DeviceError("no such device")
+        self.opened += 1
+        self.begins = len(self.sent)
+
+    def cycle(self, command):
+        if self.error is not None:
+            error, self.error = self.error, None
+            raise error
+        self.sent.append((time.monotonic(), command[0]))
+        time.sleep(self.pause)
+        return Sample(time.monotonic_ns(), position=(0.0, 0.0, 0.0)) if self.answers else None
+
+    def close(self):
+        self.closed += 1
+
+
+def until(condition, seconds=5.0):
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        if condition():
+            return
+        time.sleep(0.002)
+    raise AssertionError("it did not happen")
+
+
+@pytest.fixture
+def pair():
+    driver = Slow()
+    exchange = Exchange(driver, Guard(driver.limits))
+    exchange.start()
+    yield driver, exchange
+    exchange.stop()
+
+
+def press(driver, exchange):
+    def pressed():
+        exchange.command((2.0,))
+        return driver.sent and driver.sent[-1][1] == 2.0
+
+    until(pressed)
+
+
+def test_a_device_that_takes_long_does_not_hold_up_the_loop(pair):
+    driver, exchange = pair
+    until(lambda: exchange.answers > 3)
+    driver.pause = 0.5
+    time.sleep(0.02)
+    begun = time.thread_time()
+    for _ in range(1000):
+        exchange.command((1.0,))
+        exchange.sample()
+    assert time.thread_time() - begun < 0.05
+    assert exchange.answers < 1000
+
+
+def test_when_the_loop_dies_the_force_goes(pair):
+    driver, exchange = pair
+    press(driver, exchange)
+    last = time.monotonic()
+    until(lambda: driver.sent[-1][1] == 0.0)
+    gone = next(t for t, c in driver.sent if t > last and c == 0.0)
+    assert gone - last < 0.5  # 25 ms and whatever a busy machine adds
+
+
+def test_when_answers_are_missing_the_force_goes(pair):
+    driver, exchange = pair
+    press(driver, exchange)
+    driver.answers = False
+
+    def gone():
+        exchange.command((2.0,))
+        return driver.sent[-1][1] == 0.0
+
+    until(gone)
+
+
+def test_stopping_commands_zero_and_closes(pair):
+    driver, exchange = pair
+    press(driver, exchange)
+    exchange.stop()
+    assert [c for _, c in driver.sent[-3:]] == [0.0, 0.0, 0.0] and driver.closed == 1
+
+
+def test_a_device_that_is_gone_is_told(pair):
+    driver, exchange = pair
+    until(lambda: exchange.answers > 3)
+    driver.error = DeviceError("the device is gone.", lost=True)
+
+    def raised():
+        try:
+            exchange.sample()
+        except DeviceError as error:
+            return str(error) == "the device is gone."
+        return False
+
+    until(raised)
+    until(lambda: driver.closed == 1)
+
+
+def test_a_driver_that_fails_is_told_by_name(pair):
+    driver, exchange = pair
+    driver.error = ZeroDivisionError("by zero")
+    until(lambda: driver.closed)
+    with pytest.raises(DeviceError, match="the driver failed: ZeroDivisionError: by zero"):
+        exchange.sample()
+
+
+def test_a_device_is_waited_for_and_the_force_comes_in_again():
+    driver = Slow()
+    exchange = Exchange(driver, Guard(driver.limits), reconnect=True)
+    exchange.start()
+    try:
+        press(driver, exchange)
+        driver.refused = 1
+        driver.error = DeviceError("the device is gone.", lost=True)
+        until(lambda: exchange._notes)
+        assert not exchange.sample().homed
+        until(lambda: driver.opened == 2)
+        press(driver, exchange)
+        assert driver.sent[driver.begins][1] == 0.0, "from zero"
+        assert exchange.notes() == ["the device is gone. Waiting until it is back.", "The device is back."]
+        assert exchange.notes() == []
+    finally:
+        exchange.stop()
+
+
+def test_a_device_that_is_not_there_is_told_at_the_start():
+    driver = Slow()
+    driver.refused = 1
+    with pytest.raises(DeviceError, match="no such device"):
+        Exchange(driver, Guard(driver.limits)).start()

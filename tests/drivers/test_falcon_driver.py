@@ -1,0 +1,241 @@
+"""The Falcon's bytes, its firmware load, homing, and bad days, against the emulator on a clock of the test's own."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pytest import approx
+
+from palpate.drivers.emulate.faults import Faults
+from palpate.drivers.emulate.hand import Script
+from palpate.drivers.errors import DeviceError
+from palpate.drivers.falcon import firmware, frames
+from palpate.drivers.falcon.driver import Falcon
+from palpate.drivers.falcon.emulator import IMAGE, EmulatedFalcon, baud
+from palpate.drivers.transport.ftdi import payload
+from palpate.physics.device.falcon import HOME, forward, inverse
+
+INT16 = st.integers(-0x8000, 0x7FFF)
+ZERO = (0.0, 0.0, 0.0)
+
+
+class Time:
+    """A clock that only waiting moves on."""
+
+    def __init__(self):
+        self.ns = 10**9
+
+    def now(self):
+        return self.ns
+
+    def sleep(self, seconds):
+        self.ns += max(0, round(seconds * 1e9))
+
+
+def pair(faults=None, script=None, image=IMAGE, **more):
+    time = Time()
+    device = EmulatedFalcon(script, faults, now=time.now, sleep=time.sleep, **more)
+    return Falcon(device.connect, None if image is None else lambda: image, time.now), device, time
+
+
+def homed(driver, time):
+    for _ in range(1000):
+        sample = driver.cycle(ZERO)
+        if sample is not None and sample.homed:
+            return sample
+    raise AssertionError(f"not homed after {time.ns} ns")
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [(0, b"AAAA"), (-1, b"PPPP"), (1447, b"HKFA"), (-1447, b"JFKP"), (4095, b"PPPA"), (-4096, b"AAAP"),
+     (32767, b"PPPH"), (-32768, b"AAAI")],
+)  # fmt: skip
+def test_words_are_those_of_the_open_driver(value, text):
+    assert frames.words((value, 0, 0))[:4] == text
+    assert frames.numbers(text + b"AAAAAAAA")[0] == value
+
+
+def test_whole_commands_are_those_of_the_open_driver():
+    assert frames.command((0, 0, 0)) == b"<AAAAAAAAAAAAAA>"
+    assert frames.command((1000, -1000, 4095), frames.BLUE) == b"<IODAIBMPPPPAEA>"
+
+
+@given(INT16, INT16, INT16, st.integers(0, 15), st.tuples(st.booleans(), st.booleans(), st.booleans()))
+def test_a_report_says_what_was_put_in(a, b, c, buttons, marks):
+    assert frames.read(frames.report((a, b, c), buttons, marks)) == ((a, b, c), buttons, marks)
+
+
+@given(st.lists(st.one_of(st.binary(max_size=20), st.tuples(INT16, INT16, INT16)), max_size=12), st.integers(1, 9))
+def test_the_reader_finds_its_frames_in_any_rubbish(parts, piece):
+    """Rubbish costs at most the frame that it touches."""
+    stream, whole = b"", []
+    for part in parts:
+        if isinstance(part, bytes):
+            stream += part.replace(b"<", b"x")
+        else:
+            frame = frames.report(part, 0, (True, True, True))
+            stream, whole = stream + frame, [*whole, frame]
+    reader, found = frames.Reader(), []
+    for i in range(0, len(stream), piece):
+        found += reader.feed(stream[i : i + piece])
+    assert found == whole
+
+
+@given(st.integers(0, 15), st.integers(0, 255))
+def test_one_wrong_byte_costs_one_frame(at, byte):
+    good = [frames.report((i, -i, 7 * i), 0, (True, True, True)) for i in range(4)]
+    spoilt = good[1][:at] + bytes((byte,)) + good[1][at + 1 :]
+    found = frames.Reader().feed(good[0] + spoilt + good[2] + good[3])
+    assert found[0] == good[0] and found[-2:] == good[2:]
+
+
+@given(st.tuples(*[st.floats(-1e6, 1e6)] * 3))
+def test_saturation_keeps_the_direction(torques):
+    words = np.array(frames.motors(torques))
+    assert np.abs(words).max() <= frames.LARGEST
+    wanted = -1e4 * np.array(torques)
+    wanted *= min(1.0, frames.LARGEST / max(np.abs(wanted).max(), 1.0))
+    assert words == approx(wanted, abs=0.5)
+
+
+def test_the_divisors_are_the_known_rates():
+    assert baud(firmware.SLOW) == approx(9600, rel=1e-3)
+    assert baud(firmware.LOADING) == approx(142857, rel=1e-5)
+    assert baud(firmware.RUNNING) == 1.5e6
+
+
+@pytest.mark.parametrize("flaky", [0, 1, 2, 5])
+def test_the_firmware_is_loaded_however_often_it_takes(flaky):
+    driver, device, time = pair(Faults(flaky=flaky))
+    driver.open()
+    assert device.running and driver.attempts == flaky + 1
+    # The image goes out and comes back at 142 857 baud, a block at a time: not below two ways of ten bits a byte.
+    assert time.ns - 10**9 > len(IMAGE) * 20 / 142857 * 1e9
+
+
+def test_a_load_that_never_succeeds_says_what_to_do():
+    driver, device, _ = pair(Faults(flaky=99))
+    with pytest.raises(DeviceError, match=r"10 attempts: the echo .* is wrong\. Take the Falcon off its power"):
+        driver.open()
+    assert not device.running
+
+
+def test_a_running_falcon_is_not_loaded_again():
+    driver, device, _ = pair(loaded=True, image=None)
+    driver.open()
+    assert device.attempts == 0
+
+
+def test_without_an_image_it_says_where_one_is():
+    driver, _, _ = pair(image=None)
+    with pytest.raises(DeviceError, match=r"no firmware runs.*nvent_firmware\.bin"):
+        driver.open()
+
+
+def test_a_wrong_image_is_told():
+    driver, device, _ = pair(image=b"something else entirely")
+    with pytest.raises(DeviceError, match="firmware of 23 bytes was loaded, but the Falcon sends no frames"):
+        driver.open()
+    assert device.attempts == 1
+
+
+def test_an_image_that_is_not_there_is_told(tmp_path):
+    with pytest.raises(DeviceError, match=r"none\.bin: No such file.*Give the image"):
+        firmware.image(str(tmp_path / "none.bin"))
+    (tmp_path / "empty.bin").write_bytes(b"")
+    with pytest.raises(DeviceError, match="an empty file"):
+        firmware.image(str(tmp_path / "empty.bin"))
+
+
+def test_no_command_and_no_angle_before_homing():
+    driver, device, _ = pair(homing=0.1)
+    driver.open()
+    sample = driver.cycle(ZERO)
+    assert not sample.homed and sample.joints == () and device.lights == frames.RED
+    sample = homed(driver, device)
+    driver.cycle(ZERO)
+    assert device.lights == frames.GREEN
+    assert sample.joints == approx(inverse(HOME)[0][:, 0], abs=6.4e-4 / 2)
+    assert sample.position == approx(HOME, abs=6e-5)
+
+
+def test_torques_reach_the_hand_and_the_hand_gives_way():
+    """0.6 N up on an arm of 300 N/m: 2 mm, within the encoder's step."""
+    from palpate.physics.device.falcon_statics import torque
+
+    driver, device, time = pair(script=Script(stiffness=300.0, damping=12.0))
+    driver.open()
+    homed(driver, time)
+    push = np.array([0.0, 0.0, 0.6])
+    for _ in range(1500):
+        place = device.hand.position.copy()
+        sample = driver.cycle(tuple(torque(push, place)[0]))
+    assert np.array(sample.position) - HOME == approx(push / 300.0, abs=7e-5)
+    assert forward(sample.joints)[0] == approx(sample.position, abs=1e-7)
+
+
+def test_an_answer_takes_about_the_latency_timer():
+    driver, _, time = pair(loaded=True)
+    driver.open()
+    homed(driver, time)
+    begun = time.ns
+    for _ in range(100):
+        assert driver.cycle(ZERO) is not None
+    assert (time.ns - begun) / 100 == approx(1e6, rel=0.05)
+
+
+def test_dropouts_and_wrong_bytes_cost_no_more_than_they_hit():
+    driver, _, time = pair(Faults(dropouts=0.05, garbled=0.05, seed=3), loaded=True)
+    driver.open()
+    homed(driver, time)
+    samples = [driver.cycle(ZERO) for _ in range(2000)]
+    lost = sum(s is None for s in samples)
+    assert 0.05 * 2000 < lost < 0.13 * 2000  # of the wrong bytes some fall where they do no harm
+    assert all(np.linalg.norm(np.subtract(s.position, HOME)) < 2e-3 for s in samples if s is not None and s.homed)
+
+
+def test_glitches_are_refused_and_a_real_jump_is_believed():
+    driver, device, time = pair(Faults(glitches=0.05, noise=0.2, seed=5), loaded=True)
+    driver.open()
+    homed(driver, time)
+    for _ in range(500):
+        sample = driver.cycle(ZERO)
+        assert sample.position == approx(HOME, abs=2e-4)
+    assert driver.glitches > 5
+    device.hand.position[:] = (0.02, 0.0, 0.12)
+    device.hand.points[:] = (0.02, 0.0, 0.12)
+    for _ in range(30):
+        sample = driver.cycle(ZERO)
+    assert sample.position == approx((0.02, 0.0, 0.12), abs=3e-4)
+
+
+def test_a_silent_falcon_gives_no_answer_and_does_not_hang():
+    driver, _, time = pair(Faults(silent=0.5), loaded=True)
+    driver.open()
+    time.ns += 10**9
+    begun = time.ns
+    assert driver.cycle(ZERO) is None
+    assert time.ns - begun < 6e6
+
+
+def test_an_unplugged_falcon_is_gone_until_it_is_back():
+    driver, _, time = pair(Faults(unplug=1.0, back=3.0), loaded=True)
+    driver.open()
+    time.ns += 1_100_000_000
+    with pytest.raises(DeviceError, match="gone") as told:
+        driver.cycle(ZERO)
+    assert told.value.lost
+    driver.close()
+    with pytest.raises(DeviceError, match="unplugged"):
+        driver.open()
+    time.ns += 2 * 10**9
+    driver.open()
+    homed(driver, time)
+
+
+def test_packets_lose_their_modem_bytes_each():
+    assert payload(b"\x01\x60") == b""
+    assert payload(b"\x01\x60abc") == b"abc"
+    first, second = bytes(range(100, 162)), b"zz"
+    assert payload(b"\x01\x60" + first + b"\x01\x60" + second) == first + second

@@ -1,0 +1,122 @@
+"""The last step before the wire: limits, gains and the reasons to give no force."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pytest import approx
+
+from palpate.drivers.guard import FALL, HORIZON, MISSED, STALE, Guard, Sample, ahead
+from palpate.drivers.limits import LIMITS, Limits
+
+MS = 1_000_000
+WIDE = Limits(command=4.0, power=100.0, speed=1.0, box=((-1.0,) * 3, (1.0,) * 3), ramp=0.1)
+NUMBER = st.floats(allow_nan=True, allow_infinity=True)
+
+
+def run(guard, count, command=(1.0, 0.0, 0.0), start=1, sample=None, age=0):
+    """Feed a cycle a millisecond; the command that would be sent in each."""
+    sent = []
+    for k in range(start, start + count):
+        now = k * MS
+        sent.append(guard.apply(command, now, now - age))
+        given = Sample(now, position=(0.0, 0.0, 0.0)) if sample is None else sample(now)
+        guard.saw(given)
+    return sent
+
+
+def test_the_force_comes_in_over_the_ramp():
+    sent = run(Guard(WIDE), 200)
+    x = [c[0] for c in sent]
+    assert x[0] == 0.0 and x[-1] == 1.0
+    assert np.all(np.diff(x) >= 0.0) and max(np.diff(x)) == approx(0.01, rel=1e-6)
+    assert 95 <= sum(v < 1.0 for v in x) <= 105
+
+
+@pytest.mark.parametrize(
+    ("name", "spoil"),
+    [
+        ("answers are missing", {"sample": lambda now: None}),
+        ("the command is old", {"age": round(STALE * 1e9) + 1}),
+        ("not homed", {"sample": lambda now: Sample(now, homed=False)}),
+        ("outside its box", {"sample": lambda now: Sample(now, position=(0.0, 0.0, 2.0))}),
+    ],
+)
+def test_trouble_takes_the_force_away_within_20_ms(name, spoil):
+    guard = Guard(WIDE)
+    run(guard, 300)
+    assert guard.gain == 1.0
+    sent = run(guard, 40, start=301, **spoil)
+    assert guard.why(340 * MS, 340 * MS - spoil.get("age", 0)) == name
+    first = next(i for i, c in enumerate(sent) if c[0] < 1.0)
+    none = next(i for i, c in enumerate(sent) if c[0] == 0.0)
+    assert none - first <= 20 and first <= MISSED + 1
+    assert all(c == (0.0, 0.0, 0.0) for c in sent[none:])
+    assert run(guard, 150, start=500)[-1] == (1.0, 0.0, 0.0), "it comes in again when all is well"
+
+
+def test_a_late_cycle_falls_as_far_as_time_has_passed():
+    guard = Guard(WIDE)
+    run(guard, 300)
+    assert guard.apply((1.0, 0.0, 0.0), 330 * MS, 300 * MS) == (0.0, 0.0, 0.0)
+    assert FALL < 0.020
+
+
+def test_too_fast_a_grip_gets_no_force():
+    guard = Guard(WIDE)
+    run(guard, 300)
+    sent = run(guard, 40, start=301, sample=lambda now: Sample(now, position=(1.5e-9 * (now - 300 * MS), 0.0, 0.0)))
+    assert guard.why(340 * MS, 340 * MS) == "too fast" and sent[-1] == (0.0, 0.0, 0.0)
+
+
+def test_the_dead_man_button_has_to_be_held():
+    guard = Guard(WIDE, deadman=0b110)
+    assert not any(c[0] for c in run(guard, 200))
+    held = run(guard, 200, start=201, sample=lambda now: Sample(now, position=(0.0,) * 3, buttons=0b010))
+    assert held[-1][0] == 1.0
+    assert run(guard, 30, start=401)[-1] == (0.0, 0.0, 0.0)
+
+
+@given(st.tuples(NUMBER, NUMBER, NUMBER), st.booleans())
+def test_no_command_passes_the_limit_and_its_direction_stays(command, each):
+    limits = Limits(command=0.4, power=math.inf, speed=math.inf, each=each, ramp=0.0)
+    guard = Guard(limits)
+    guard.saw(Sample(1, joints=(0.0,) * 3))
+    sent = np.array(guard.apply(command, 2, 2))
+    assert np.all(np.isfinite(sent))
+    size = np.abs(sent).max() if each else np.linalg.norm(sent)
+    assert size <= 0.4 * (1 + 1e-12)
+    if np.all(np.isfinite(command)) and np.abs(command).max() > 1e-100:
+        asked = np.array(command) / np.abs(command).max()
+        asked /= np.linalg.norm(asked)
+        assert sent / max(np.linalg.norm(sent), 1e-300) == approx(asked, abs=1e-9)
+    elif not np.all(np.isfinite(command)):
+        assert not sent.any()
+
+
+def test_power_given_to_the_hand_is_limited_and_power_taken_is_not():
+    guard = Guard(Limits(command=10.0, power=0.5, speed=math.inf, ramp=0.0))
+    for k in range(1, 20):
+        guard.saw(Sample(k * MS, position=(1e-3 * k, 0.0, 0.0)))  # 1 m/s along x
+    assert guard.apply((4.0, 0.0, 0.0), 20 * MS, 20 * MS)[0] == approx(0.5)
+    assert guard.apply((-4.0, 0.0, 0.0), 20 * MS, 20 * MS)[0] == approx(-4.0)
+    assert guard.apply((0.0, 4.0, 0.0), 20 * MS, 20 * MS)[1] == approx(4.0)
+
+
+def test_every_device_has_finite_limits():
+    for name, limits in LIMITS.items():
+        assert math.isfinite(limits.command) and limits.command >= 0.0, name
+        assert math.isfinite(limits.power) and limits.ramp > 0.0, name
+
+
+def test_a_sample_is_carried_on_at_its_rate_and_not_for_long():
+    guard = Guard(WIDE)
+    for k in range(1, 12):
+        guard.saw(Sample(k * MS, joints=(1e-3 * k,), position=(0.0, 2e-3 * k, 0.0)))
+    last = Sample(11 * MS, joints=(0.011,), position=(0.0, 0.022, 0.0))
+    soon = ahead(last, guard.rates(), 13 * MS)
+    assert soon.joints == approx((0.013,)) and soon.position == approx((0.0, 0.026, 0.0))
+    assert ahead(last, guard.rates(), 900 * MS).joints == approx((0.011 + 1e3 * 1e-3 * HORIZON,))
+    assert ahead(last, ((), ()), 13 * MS) == last

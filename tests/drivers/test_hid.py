@@ -1,0 +1,262 @@
+"""HID devices: the mice's reports, gamepads by their descriptors, the open protocol and its reference firmware."""
+
+import os
+import select
+import shutil
+import subprocess
+import time
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pytest import approx
+
+from palpate.drivers.emulate.faults import Faults
+from palpate.drivers.emulate.hand import Script
+from palpate.drivers.errors import DeviceError
+from palpate.drivers.hid import emulator, gamepad, raw, spacemouse
+from palpate.drivers.hid.descriptor import fields
+from palpate.drivers.transport.hid import UsbHid
+from palpate.launch.testing import FakeBus
+from palpate.nodes.device import Hid
+
+FIRMWARE = Path(__file__).parents[2] / "docs" / "examples" / "raw_hid"
+I16, I32, U16 = st.integers(-0x8000, 0x7FFF), st.integers(-(2**31), 2**31 - 1), st.integers(0, 0xFFFF)
+
+
+@pytest.mark.parametrize("together", [True, False])
+def test_a_spacemouse_says_six_axes_and_its_buttons(together):
+    mouse = spacemouse.SpaceMouse(lambda: None)
+    mouse.open()
+    for report in spacemouse.reports((350, -175, 70, -350, 35, 7), 0b101, together):
+        mouse.take(report)
+    assert mouse.axes == approx([1.0, 0.5, -0.2, 1.0, -0.1, 0.02])
+    assert mouse.buttons == 0b101
+
+
+def test_a_spacemouse_report_byte_for_byte():
+    first, second, third = spacemouse.reports((1, -2, 350, 0, 0, -1), 2, together=False)
+    assert first == bytes.fromhex("01 0100 feff 5e01") and second == bytes.fromhex("02 0000 0000 ffff")
+    assert third[:2] == bytes.fromhex("03 02")
+
+
+@given(st.binary(max_size=64))
+def test_rubbish_moves_no_mouse_out_of_bounds(report):
+    mouse = spacemouse.SpaceMouse(lambda: None)
+    mouse.open()
+    mouse.take(report)
+    assert all(abs(a) <= 1.5 for a in mouse.axes)
+
+
+@pytest.mark.parametrize(
+    ("vendor", "product", "right"),
+    [(0x256F, 0xC635, True), (0x046D, 0xC626, True), (0x046D, 0xC077, False), (0x1234, 0xC626, False)],
+)
+def test_which_mice_are_meant(vendor, product, right):
+    assert spacemouse.fits({"vendor_id": vendor, "product_id": product, "usage": 8}) is right
+
+
+def test_a_descriptor_tells_where_axes_and_buttons_are():
+    found = fields(emulator.GAMEPAD)
+    assert [(f.usage, f.offset, f.bits, f.low, f.high) for f in found[:4]] == [
+        (0x30, 0, 8, 0, 255), (0x31, 8, 8, 0, 255), (0x32, 16, 8, 0, 255), (0x35, 24, 8, 0, 255)
+    ]  # fmt: skip
+    assert [(f.page, f.usage, f.offset) for f in found[4:]] == [(9, i + 1, 32 + i) for i in range(12)]
+    assert all(f.report == 1 for f in found)
+
+
+def test_a_descriptor_with_signed_axes_and_no_number():
+    """Two 10-bit axes from -512 to 511, packed, after three bits of filler."""
+    text = "0501 0904 a101 1500 2501 7501 9503 8103 0930 0931 1600fe 26ff01 750a 9502 8102 c0"
+    x, y = fields(bytes.fromhex(text))
+    assert (x.report, x.offset, x.bits, x.low, x.high, y.offset) == (0, 3, 10, -512, 511, 13)
+    body = (((-512 & 0x3FF) << 3) | (256 << 13)).to_bytes(3, "little")
+    assert x.value(body) == -512 and x.scaled(body) == -1.0
+    assert y.value(body) == 256 and y.scaled(body) == approx(2 * 768 / 1023 - 1)
+
+
+@given(st.binary(max_size=80))
+def test_any_descriptor_is_read_without_an_error(text):
+    for field in fields(text):
+        field.scaled(bytes(8))
+
+
+def test_a_gamepad_says_its_sticks():
+    pad = gamepad.Gamepad(emulator.EmulatedReports(lambda at: [], emulator.GAMEPAD).connect)
+    pad.open()
+    pad.take(bytes((1, 255, 0, 128, 0, 0b1, 0b100)))
+    sample = pad.cycle(())
+    assert sample.position == approx((1.0, 1.0, 1.0)) and sample.buttons == 0b1 | 1 << 10
+
+
+def test_a_gamepad_without_a_stick_is_told():
+    pad = gamepad.Gamepad(emulator.EmulatedReports(lambda at: [], b"").connect)
+    with pytest.raises(DeviceError, match="describes no stick"):
+        pad.open()
+
+
+@pytest.mark.parametrize(
+    ("kind", "mode", "axis"), [("spacemouse", "rate", 2), ("spacemouse", "place", 2), ("gamepad", "place", 0)]
+)
+def test_a_hid_node_moves_its_point_inside_its_box(kind, mode, axis):
+    node = Hid(port="emulator", kind=kind, mode=mode, low=(-0.02, -0.06, 0.105), high=(0.02, 0.06, 0.125))
+    try:
+        bus, seen = FakeBus(node), []
+        for _ in range(900):
+            seen.append(bus.run(1)[0].position)
+            time.sleep(0.002)
+        low, high = (-0.02, 0.02) if axis == 0 else (0.105, 0.125)
+        moved = [p[axis] for p in seen]
+        assert low <= min(moved) and max(moved) <= high and max(moved) - min(moved) > 0.004
+        for other in {0, 1, 2} - {axis}:
+            assert max(abs(p[other] - seen[0][other]) for p in seen) < 5e-4
+    finally:
+        node.stop()
+
+
+def test_no_hid_device_is_told_by_the_real_library(monkeypatch):
+    with pytest.raises(DeviceError, match=r"no SpaceMouse on USB or Bluetooth\. Plug it in"):
+        UsbHid(lambda entry: False, spacemouse.NAME)
+    import hid
+
+    listed = [{"path": f"/dev/hidraw9{i}".encode(), "serial_number": f"S{i}"} for i in range(2)]
+    monkeypatch.setattr(hid, "enumerate", lambda: listed)
+    with pytest.raises(DeviceError, match=r"2 devices are a SpaceMouse\. Say which one with `port`: /dev/hidraw90"):
+        UsbHid(lambda entry: True, spacemouse.NAME)
+    with pytest.raises(DeviceError, match=r"at /dev/hidraw91: no permission.*--install-udev"):
+        UsbHid(lambda entry: True, spacemouse.NAME, "S1")
+
+
+@given(U16, st.integers(0, 7), U16, st.tuples(*[I16] * 6))
+def test_a_command_says_what_was_put_in(sequence, flags, watchdog, values):
+    message = raw.Command(sequence, flags, watchdog, values)
+    assert len(raw.pack(message)) == 64 and raw.unpack(raw.pack(message)) == message
+
+
+@given(U16, U16, st.integers(0, 7), st.integers(0, 2**32 - 1), st.tuples(*[I32] * 6), U16)
+def test_a_state_says_what_was_put_in(sequence, heard, flags, stamp, counts, buttons):
+    message = raw.State(sequence, heard, flags, 3, stamp, counts, buttons)
+    assert len(raw.pack(message)) == 64 and raw.unpack(raw.pack(message)) == message
+
+
+@given(st.integers(0, 63), st.integers(1, 255))
+def test_a_spoilt_report_is_none(at, change):
+    data = bytearray(raw.pack(raw.Command(1, 1, 20, (1, 2, 3, 4, 5, 6))))
+    data[at] ^= change
+    assert raw.unpack(bytes(data)) is None
+
+
+class Process:
+    """The reference firmware as a process of this machine: `transport.hid.Hid` over its standard streams."""
+
+    def __init__(self, program):
+        self.run = subprocess.Popen([program], stdin=subprocess.PIPE, stdout=subprocess.PIPE, bufsize=0)
+        self.rest = b""
+
+    def write(self, report):
+        self.run.stdin.write(report)
+
+    def read(self, size, timeout):
+        end = time.monotonic() + timeout
+        while len(self.rest) < 64 and (left := end - time.monotonic()) > 0:
+            if select.select([self.run.stdout], [], [], left)[0]:
+                self.rest += os.read(self.run.stdout.fileno(), 64)
+        if len(self.rest) < 64:
+            return b""
+        found, self.rest = self.rest[:64], self.rest[64:]
+        return found
+
+    def descriptor(self):
+        return b""
+
+    def close(self):
+        self.run.stdin.close()
+        self.run.wait(5)
+        self.run.stdout.close()
+
+
+@pytest.fixture(scope="module")
+def firmware(tmp_path_factory):
+    compiler = shutil.which("g++")
+    if compiler is None:
+        pytest.skip("no g++ on this machine")
+    program = tmp_path_factory.mktemp("firmware") / "host"
+    subprocess.run(
+        [compiler, "-std=c++17", "-Wall", "-Wextra", "-Werror", "-o", program, FIRMWARE / "host.cpp"], check=True
+    )
+    return program
+
+
+def homed(driver):
+    end = time.monotonic() + 5.0
+    while time.monotonic() < end:
+        sample = driver.cycle((0.0, 0.0, 0.0))
+        if sample is not None and sample.homed:
+            return sample
+    raise AssertionError("not homed")
+
+
+def test_the_reference_firmware_speaks_with_the_driver(firmware):
+    driver = raw.RawHid(lambda: Process(firmware))
+    driver.open()
+    try:
+        assert driver.info.axes == 3 and driver.info.per_count[:3] == approx([20e-6] * 3)
+        sample = homed(driver)
+        assert sample.position == approx((0.0, 0.0, 0.11), abs=2e-5) and sample.buttons == 0b10
+        end = time.monotonic() + 1.0
+        while time.monotonic() < end:
+            sample = driver.cycle((0.4, 0.0, -0.6)) or sample
+            time.sleep(0.001)
+        assert sample.position == approx((2e-3, 0.0, 0.11 - 3e-3), abs=1e-4)  # its spring has 200 N/m
+    finally:
+        driver.close()
+
+
+def test_the_reference_firmware_lets_go_when_the_host_is_silent(firmware):
+    driver = raw.RawHid(lambda: Process(firmware))
+    driver.open()
+    try:
+        homed(driver)
+        end = time.monotonic() + 0.5
+        while time.monotonic() < end:
+            driver.cycle((0.0, 0.0, 2.0))
+        time.sleep(0.6)  # 30 times the watchdog's time, and several of the spring's
+        driver._send(raw.HOME, (0,) * 6)
+        state = raw.unpack(driver.device.read(64, 1.0))
+        assert state.flags & raw.TRIPPED
+        assert state.counts[2] * 20e-6 == approx(0.11, abs=1e-4)
+    finally:
+        driver.close()
+
+
+def test_the_emulator_gives_way_to_a_force():
+    device = emulator.EmulatedRawHid(Script(stiffness=300.0, damping=15.0))
+    driver = raw.RawHid(device.connect)
+    driver.open()
+    sample = None
+    for _ in range(800):
+        sample = driver.cycle((0.0, 0.6, 0.0)) or sample
+    assert sample.position == approx((0.0, 2e-3, 0.11), abs=5e-5)
+
+
+def test_too_large_a_command_is_scaled_as_a_whole():
+    driver = raw.RawHid(emulator.EmulatedRawHid().connect)
+    driver.open()
+    assert driver.units((100.0, -50.0, 0.0))[:3] == (32767, -16384, 0)
+
+
+def test_bad_days_of_a_raw_hid_device():
+    device = emulator.EmulatedRawHid(faults=Faults(dropouts=0.1, garbled=0.1, seed=9))
+    driver = raw.RawHid(device.connect)
+    driver.open()
+    found = [driver.cycle((0.0, 0.0, 0.0)) for _ in range(300)]
+    lost = sum(s is None for s in found)
+    assert 30 < lost < 110
+    assert all(s.position == approx((0.0, 0.0, 0.11), abs=1e-4) for s in found if s)
+
+
+def test_something_else_that_is_raw_hid_is_told():
+    driver = raw.RawHid(emulator.EmulatedReports(lambda at: [bytes(64)]).connect)
+    with pytest.raises(DeviceError, match=r"does not answer as docs/raw_hid\.md says"):
+        driver.open()

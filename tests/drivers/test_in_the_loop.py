@@ -1,0 +1,117 @@
+"""Drivers in the whole kidney loop on the real clock, against emulators: only the line of the device is another."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from palpate.launch.loading.faults import GraphError
+from palpate.launch.loading.launchfile import find
+from palpate.launch.recording.changed import changed
+from palpate.launch.recording.reader import Recording
+from palpate.launch.recording.verify import verify
+from palpate.launch.running.execute import execute
+
+LATE = 0.3
+"""Relative tolerance of a balance that is read while the machine may be busy: late ticks soften what is shown."""
+PRESS = "device.path=[{hold: 0.1}, {to: [0, 0, 0.0935], time: 0.3}, {hold: 0.3}]"
+
+
+def touch(tmp_path, *sets, seconds=2.0, use="device.Falcon", graph="kidney"):
+    """A touch with an emulated device; the outcome and the recording's messages by stream."""
+    given = [f"device.use={use}", "device.port=emulator", "device.ramp=0.1", "controller.delay=3"]
+    # A grip with this drag lets the controller show 571 N/m at this delay, more than the kidney has.
+    given += ["device.damping=2.0", "controller.drag=2.0", *sets]
+    file = tmp_path / "touch.mcap"
+    launch = find(graph).but(overrides=given, duration=seconds, record=file, place="fused", clock="real")
+    outcome = execute(launch, patience=30.0)
+    found: dict[str, list] = {}
+    if file.is_file():
+        recording = Recording(file)
+        found = {name: list(recording.messages(name)) for name in ("device", "finger", "controller")}
+    return outcome, found
+
+
+def force(found):
+    return np.array([np.linalg.norm(m.force) for m in found["controller"]])
+
+
+@pytest.fixture(scope="module")
+def good(tmp_path_factory):
+    """A touch on a good day: outcome, messages and file."""
+    folder = tmp_path_factory.mktemp("good")
+    return *touch(folder, PRESS), folder / "touch.mcap"
+
+
+def test_a_falcon_touches_the_kidney(good):
+    outcome, found, _ = good
+    assert outcome.result.ok, outcome.result.deaths
+    assert found["device"][-1].homed
+    held = np.median(force(found)[-400:])
+    assert 0.5 < held < 3.5  # an arm of 500 N/m that wants to be 15 mm deep; late ticks limit the stiffness for a while
+    wanted, deep = 0.0935, np.median([m.position[2] for m in found["finger"]][-400:])
+    assert held == pytest.approx(500.0 * (deep - wanted), rel=LATE), "the force has reached the hand"
+
+
+def test_the_touch_is_computed_again_bit_for_bit_without_the_device(good):
+    recording = Recording(good[2])
+    report = verify(recording, changed(recording))
+    assert report.ok and "device" not in report.nodes, report
+
+
+def test_bad_days_end_in_no_wild_force(tmp_path, good):
+    days = "device.faults={dropouts: 0.02, garbled: 0.02, glitches: 0.01, noise: 0.2, latency: 0.001, seed: 4}"
+    outcome, found = touch(tmp_path, PRESS, days)
+    assert outcome.result.ok, outcome.result.deaths
+    assert force(found).max() <= 9.0
+    usual = np.median(force(good[1])[-500:])
+    assert np.median(force(found)[-500:]) == pytest.approx(usual, rel=LATE)
+    heights = np.array([m.position[2] for m in found["finger"]])
+    assert np.all(np.isfinite(heights)) and heights.min() > 0.09 and heights.max() < 0.125
+
+
+def test_pulling_the_plug_ends_the_run_with_one_line(tmp_path):
+    outcome, _ = touch(tmp_path, PRESS, "device.faults={unplug: 1.0}", seconds=4.0)
+    (death,) = outcome.result.deaths
+    assert death.node == "device" and death.text == "DeviceError: the Novint Falcon is gone. Plug it in again."
+
+
+def test_a_run_that_reconnects_goes_on(tmp_path):
+    days = "device.faults={unplug: 1.2, back: 1.8}"
+    outcome, found = touch(tmp_path, PRESS, days, "device.reconnect=true", seconds=4.0)
+    assert outcome.result.ok, outcome.result.deaths
+    assert [n for n in outcome.result.notes if "answers" not in n] == [
+        "the Novint Falcon is gone. Plug it in again. Waiting until it is back.",
+        "The device is back.",
+    ]
+    homed = [m.homed for m in found["device"]]
+    changes = [b for a, b in pairwise(homed) if a != b]
+    assert changes[-2:] == [False, True]
+
+
+def test_a_device_that_is_not_there_ends_the_start_with_one_line(tmp_path):
+    outcome, _ = touch(tmp_path, "device.port=''", seconds=0.5)
+    (death,) = outcome.result.deaths
+    assert death.where == "start" and death.text.startswith("DeviceError: ")
+
+
+def test_hardware_does_not_run_on_the_simulated_clock():
+    launch = find("kidney").but(overrides=["device.use=device.Falcon", "device.port=emulator"], duration=0.1)
+    with pytest.raises(GraphError, match=r"(?s)'device': clock: found 'simulated'.*--clock real"):
+        execute(launch)
+
+
+@pytest.mark.parametrize("faults", ["{unplugged: 1}", "{dropouts: x}"])
+def test_faults_that_are_none_are_told(tmp_path, faults):
+    with pytest.raises(GraphError, match="'device', setting 'faults'"):
+        touch(tmp_path, f"device.faults={faults}")
+
+
+@pytest.mark.parametrize("use", ["device.Inverse3", "device.RawHid", "device.Haply2Diy"])
+def test_devices_that_take_a_force_touch_the_kidney(tmp_path, use):
+    outcome, found = touch(tmp_path, PRESS, use=use, graph="cartesian")
+    assert outcome.result.ok, outcome.result.deaths
+    held = np.median(force(found)[-300:])
+    deep = np.median([m.position[2] for m in found["finger"]][-300:])
+    assert 0.5 < held < 3.5  # an arm of 500 N/m that wants to be 15 mm deep; late ticks limit the stiffness for a while
+    assert held == pytest.approx(500.0 * (deep - 0.0935), rel=LATE), "the force has reached the hand"

@@ -1,0 +1,219 @@
+"""The command line: what it prints, its exit codes, and that errors come without traceback."""
+
+import json
+import subprocess
+import sys
+from importlib.metadata import version
+
+import pytest
+from typer.testing import CliRunner
+
+from palpate.drivers import discover
+from palpate.launch.__main__ import app
+from palpate.launch.commands import examine
+
+runner = CliRunner()
+
+
+def run(*args):
+    return runner.invoke(app, [str(a) for a in args], env={"COLUMNS": "200", "NO_COLOR": "1"})
+
+
+def spoken(*args):
+    """What a command says as JSON."""
+    result = run(*args, "--json")
+    return result.exit_code, json.loads(result.stdout)
+
+
+def test_version():
+    assert run("--version").stdout.strip() == f"palpate {version('palpate')}"
+
+
+def test_help_lists_the_verbs():
+    text = run("--help").stdout
+    for verb in ("check", "plan", "nodes", "messages", "doctor", "new"):
+        assert verb in text
+    assert run().exit_code == 2
+
+
+def test_check_of_a_right_graph(whole):
+    result = run("check", whole)
+    assert result.exit_code == 0
+    assert "ok" in result.stdout and "nodes 9" in result.stdout and "(2 held)" in result.stdout
+    code, data = spoken("check", whole, "--fused")
+    assert code == 0 and data["ok"] and data["processes"] == 1
+
+
+def test_check_of_a_wrong_graph_tells_all_without_traceback(whole):
+    result = run("check", whole, "--set", "tissue.stifness=3", "--set", "rat=1")
+    assert result.exit_code == 2 and result.stdout == ""
+    assert "Did you mean 'stiffness'" in result.stderr and "2 faults" in result.stderr
+    assert "Traceback" not in result.stderr
+    code, data = spoken("check", whole, "--set", "tissue.stifness=3", "--set", "rat=1")
+    assert code == 2 and not data["ok"] and len(data["faults"]) == 2
+    assert {f["setting"] for f in data["faults"]} == {"", "stifness"}
+
+
+def test_check_looks_at_the_placement(whole, write):
+    place = write("place.yaml", "a: {nodes: [nera]}\n")
+    result = run("check", whole, "--place", place)
+    assert result.exit_code == 2 and "Did you mean 'near'" in result.stderr
+
+
+def test_debug_lets_the_traceback_through(whole):
+    result = run("--debug", "check", whole, "--set", "rat=1")
+    assert type(result.exception).__name__ == "GraphError"
+
+
+@pytest.mark.parametrize("args", [["check", "nowhere"], ["plan", "kidny"], ["plan", "x", "--scene", "nowhere"]])
+def test_what_is_not_found_is_told(args):
+    result = run(*args)
+    assert result.exit_code == 2 and "not found" in result.stderr and "Shipped" in result.stderr
+
+
+def test_wrong_usage_is_exit_code_2(whole):
+    assert run("plan").exit_code == 2
+    assert run("plan", whole, "--drow").exit_code == 2
+    assert run("plam", whole).exit_code == 2
+    assert run("plan", whole, "--draw=x.png").exit_code == 2
+
+
+def test_plan_says_what_runs_and_why_the_rest_does_not(whole):
+    result = run("plan", whole, "--set", "scene.tissue.friction=off")
+    assert result.exit_code == 0
+    lines = [line.split() for line in result.stdout.splitlines() if line.strip()]
+    assert [line[1] for line in lines if line[0] == "run"][:3] == ["device", "finger", "near"]
+    skipped = next(line for line in lines if line[0] == "skip")
+    assert skipped[1] == "friction" and "tissue.friction is false" in " ".join(skipped)
+    assert "~tissue" in result.stdout and "every" not in result.stdout
+    assert "graph_nodes.Spring, every 10" in run("plan", whole, "--set", "tissue.every=10").stdout
+
+
+def test_plan_as_data(whole, write):
+    place = write("place.yaml", "a: {nodes: [near, contact], core: 1}\n")
+    code, data = spoken("plan", whole, "--place", place)
+    assert code == 0 and data["order"][0] == "device"
+    assert data["groups"][0] == {"name": "a", "nodes": ["near", "contact"], "core": [1], "priority": None, "host": None}
+
+
+def test_plan_draws(whole, tmp_path):
+    for args in (["--draw"], ["--draw", "--fused"], ["--draw", "mermaid"]):
+        result = run("plan", whole, *args)
+        assert result.exit_code == 0 and result.stdout.startswith("flowchart LR"), result.output
+    assert run("plan", "--draw", whole).stdout.startswith("flowchart LR")
+    assert run("plan", whole, "--draw", tmp_path / "a.mmd").exit_code == 0
+    assert (tmp_path / "a.mmd").read_text().startswith("flowchart")
+
+
+def test_one_node_class_is_shown_with_ports_and_units():
+    result = run("nodes", "graph_nodes.Near")
+    for word in ("The nearest point", "pose", "Pose", "drives", "Proximity", "offset", "count", ">= 1"):
+        assert word in result.stdout
+    code, data = spoken("nodes", "graph_nodes.Needy")
+    assert code == 0
+    assert data["settings"] == [
+        {"name": "mass", "unit": "kg", "type": "float", "limits": "", "default": None, "required": True}
+    ]
+    result = run("nodes", "graph_nodes.Neer")
+    assert result.exit_code == 2 and "Did you mean 'Near'" in result.stderr
+
+
+def test_the_catalogue_lists_every_class_that_ships():
+    code, data = spoken("nodes")
+    assert code == 0
+    for entry in data["nodes"]:
+        assert entry["about"], f"{entry['use']} has no docstring"
+        for setting in entry["settings"]:
+            assert setting["unit"] and "typing" not in setting["type"]
+
+
+def test_a_setting_of_a_few_words_lists_them():
+    code, data = spoken("nodes", "tactile.Flow")
+    assert code == 0 and data["settings"][0]["type"] == "steel or silicone"
+
+
+def test_messages_have_units_and_shapes():
+    result = run("messages", "Contact")
+    assert "compression_rate" in result.stdout and "[m/s]" in result.stdout and "(3)" in result.stdout
+    code, data = spoken("messages")
+    assert code == 0 and {"Message", "Surface"} <= {m["name"] for m in data["messages"]}
+    result = run("messages", "Contakt")
+    assert result.exit_code == 2 and "Did you mean 'Contact'" in result.stderr
+
+
+@pytest.mark.parametrize(
+    "args", [[], ["--takes", "Load", "--sends", "Surface"], ["--takes", "DeviceState", "--sends", "Load"]]
+)
+def test_a_new_node_comes_with_a_test_that_runs(tmp_path, args):
+    result = run("new", "node", "my drag", "--folder", tmp_path, *args)
+    assert result.exit_code == 0 and "my_drag.MyDrag" in result.stdout
+    test = subprocess.run(
+        [sys.executable, "-m", "pytest", "-q", "test_my_drag.py"], cwd=tmp_path, capture_output=True, text=True
+    )
+    assert test.returncode == 0, test.stdout
+    again = run("new", "node", "MyDrag", "--folder", tmp_path)
+    assert again.exit_code == 2 and "exists" in again.stderr
+
+
+def test_a_new_node_passes_the_check_of_a_graph(tmp_path, whole, monkeypatch):
+    run("new", "node", "Mine", "--folder", tmp_path, "--takes", "Load", "--sends", "Surface")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    assert run("check", whole, "--set", "tissue.use=mine.Mine", "--set", "tissue.with=null").exit_code == 0
+
+
+@pytest.mark.parametrize(
+    ("args", "words"),
+    [
+        (["1st"], ["'1st' cannot name a class"]),
+        (["--", "-"], ["cannot name a class"]),
+        (["Mine", "--takes", "Lod"], ["'Lod'", "Did you mean 'Load'"]),
+    ],
+)
+def test_a_new_node_that_cannot_be_is_refused(tmp_path, args, words):
+    result = run("new", "node", "--folder", tmp_path, *args)
+    assert result.exit_code == 2
+    for word in words:
+        assert word in result.stderr
+    assert not list(tmp_path.iterdir())
+
+
+def test_doctor_looks_at_the_machine():
+    code, data = spoken("doctor", "--no-pictures", "--seconds", "0.2")
+    findings = {f["what"]: f for f in data["findings"]}
+    assert code == 0 and data["ok"]
+    assert {"python", "pyzmq", "extra view", "cores", "SCHED_RR", "locked memory", "wake-ups"} <= set(findings)
+    assert "p99.9" in findings["wake-ups"]["found"]
+    assert "ZeroMQ" in findings["pyzmq"]["found"]
+    for finding in findings.values():
+        assert finding["state"] == "ok" or finding["cure"]
+
+
+def test_doctor_finds_a_device(tmp_path, monkeypatch):
+    monkeypatch.setattr(discover, "USB", tmp_path)
+    assert [f.found for f in examine._usb()] == ["none on USB"]
+    folder = tmp_path / "1-1"
+    folder.mkdir()
+    for name, text in {"idVendor": "0403", "idProduct": "cb48", "busnum": "999", "devnum": "7"}.items():
+        (folder / name).write_text(f"{text}\n")
+    (found,) = examine._usb()
+    assert found.what == "Novint Falcon"
+    if "devices" not in found.cure or "pip" not in found.cure:
+        assert "/dev/bus/usb/999/007" in found.found and "--install-udev" in found.cure
+
+
+def test_doctor_fails_where_a_needed_package_is_missing(monkeypatch):
+    monkeypatch.setattr(examine, "_version", lambda name: None if name == "msgspec" else "1.0")
+    result = run("doctor", "--no-pictures", "--seconds", "0")
+    assert result.exit_code == 1 and "pip install msgspec" in result.stdout
+
+
+def test_trouble_that_nobody_foresaw_is_one_line(monkeypatch, whole):
+    def burst(self):
+        raise RuntimeError("the pipe burst")
+
+    monkeypatch.setattr("palpate.launch.loading.launchfile.LaunchFile.plan", burst)
+    result = run("check", whole)
+    assert result.exit_code == 1
+    assert "RuntimeError: the pipe burst" in result.stderr and "--debug" in result.stderr
+    assert "Traceback" not in result.stderr

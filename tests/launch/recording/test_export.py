@@ -1,0 +1,141 @@
+"""Exports open in the formats' own tools and hold the values of the recording, exactly."""
+
+from __future__ import annotations
+
+import csv
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+from typer.testing import CliRunner
+
+from palpate.launch.__main__ import app
+from palpate.launch.recording.export import export
+from palpate.launch.recording.reader import Recording, RecordingError
+from palpate.messages import fields
+
+TOUCH = Path(__file__).parents[2] / "golden" / "plane.mcap"
+
+
+@pytest.fixture(scope="module")
+def recording() -> Recording:
+    return Recording(TOUCH)
+
+
+def test_foxglove_reads_json_channels_with_their_schemas(recording, tmp_path):
+    (path,) = export(recording, "foxglove", tmp_path / "a.mcap")
+    found: dict[str, list] = {}
+    with open(path, "rb") as file:
+        reader = make_reader(file, validate_crcs=True)
+        for schema, channel, record in reader.iter_messages():
+            assert channel.message_encoding == "json" and schema.encoding == "jsonschema"
+            found.setdefault(channel.topic, []).append((json.loads(record.data), json.loads(schema.data), record))
+    assert set(found) == {f"/{name}" for name in recording.streams}
+    for name in recording.streams:
+        for message, (data, schema, record) in zip(recording.messages(name), found[f"/{name}"], strict=True):
+            assert set(data) == set(schema["properties"]) and schema["type"] == "object"
+            assert record.log_time == message.time and record.sequence == message.tick
+            for field in fields(type(message)):
+                assert np.array_equal(
+                    np.array(data[field.name]).ravel(), np.array(getattr(message, field.name)).ravel()
+                )
+                assert schema["properties"][field.name]["title"] == field.label
+
+
+def test_each_json_message_fits_its_schema(recording, tmp_path):
+    jsonschema = pytest.importorskip("jsonschema")
+    (path,) = export(recording, "foxglove", tmp_path / "a.mcap")
+    with open(path, "rb") as file:
+        for schema, _, record in make_reader(file).iter_messages():
+            jsonschema.validate(json.loads(record.data), json.loads(schema.data))
+
+
+def test_pyarrow_reads_parquet_with_units_and_provenance(recording, tmp_path):
+    pq = pytest.importorskip("pyarrow.parquet")
+    paths = export(recording, "parquet", tmp_path)
+    assert {p.stem for p in paths} == set(recording.streams)
+    for name in recording.streams:
+        table = pq.read_table(tmp_path / f"{name}.parquet")
+        messages = list(recording.messages(name))
+        assert table.num_rows == len(messages)
+        assert json.loads(table.schema.metadata[b"about"])["clock"] == "simulated"
+        for field in fields(recording.streams[name].type):
+            column = table.column(field.name).to_pylist()
+            assert table.schema.field(field.name).metadata[b"unit"].decode() == field.unit
+            for value, message in zip(column, messages, strict=True):
+                assert np.array_equal(np.array(value).ravel(), np.array(getattr(message, field.name)).ravel())
+
+
+def test_csv_has_a_column_per_number_with_its_unit_and_loses_no_digit(recording, tmp_path):
+    export(recording, "csv", tmp_path, ["contact", "spread"])
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["contact.csv", "spread.csv"]
+    with open(tmp_path / "contact.csv", newline="") as file:
+        rows = list(csv.DictReader(file))
+    for row, message in zip(rows, recording.messages("contact"), strict=True):
+        assert float(row["force [N]"]) == message.force
+        assert tuple(float(row[f"normal[{i}] [1]"]) for i in range(3)) == message.normal
+        assert float(row["time [s]"]) == pytest.approx(message.time * 1e-9, abs=1e-12)
+    with open(tmp_path / "spread.csv", newline="") as file:
+        rows = list(csv.DictReader(file))
+    for row, message in zip(rows, recording.messages("spread"), strict=True):
+        assert np.array_equal(np.array(json.loads(row["forces [N]"])).reshape(-1, 3), message.forces)
+
+
+def test_pyvista_reads_the_series_of_surfaces(recording, tmp_path):
+    pv = pytest.importorskip("pyvista")
+    export(recording, "vtk", tmp_path, every=10)
+    reader = pv.get_reader(tmp_path / "tissue.pvd")
+    assert reader.time_values == pytest.approx(np.arange(12) * 0.01)
+    messages = list(recording.messages("tissue"))[::10]
+    rest = None
+    for index, message in enumerate(messages):
+        reader.set_active_time_point(index)
+        surface = reader.read()[0]
+        moved = np.array(surface.point_data["displacement"])
+        assert np.array_equal(moved[message.nodes], message.displacement)
+        assert np.count_nonzero(moved.any(axis=1)) <= len(message.nodes)
+        rest = np.array(surface.points) - moved if rest is None else rest
+        assert np.allclose(np.array(surface.points), rest + moved, atol=1e-9)
+        assert surface.is_all_triangles
+    assert max(np.abs(m.displacement).max(initial=0.0) for m in messages) > 1e-4
+    series = json.loads((tmp_path / "tissue.vtp.series").read_text())
+    assert [f["name"] for f in series["files"]] == [f"tissue-{i:06d}.vtp" for i in range(12)]
+
+
+def test_every_nth_message_only(recording, tmp_path):
+    export(recording, "csv", tmp_path, ["contact"], every=50)
+    with open(tmp_path / "contact.csv", newline="") as file:
+        assert [row["tick"] for row in csv.DictReader(file)] == ["0", "50", "100"]
+
+
+def test_what_cannot_be_exported_is_told(recording, tmp_path):
+    for args, words in (
+        (("xls",), "expected one of foxglove, parquet, csv, vtk"),
+        (("csv", tmp_path, ["contct"]), "Did you mean 'contact'"),
+        (("vtk", tmp_path, ["contact"]), "none of its streams (contact) holds a deformed surface"),
+        (("foxglove", TOUCH), "is the recording itself"),
+    ):
+        with pytest.raises(RecordingError, match=re.escape(words)):
+            export(recording, *args)
+
+
+def test_a_missing_package_is_told_with_what_to_install(recording, tmp_path, monkeypatch):
+    import sys
+
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    with pytest.raises(RecordingError, match=r'pip install "palpate\[export\]"'):
+        export(recording, "parquet", tmp_path)
+    monkeypatch.setitem(sys.modules, "pyvista", None)
+    with pytest.raises(RecordingError, match=r'pip install "palpate\[view\]"'):
+        export(recording, "vtk", tmp_path)
+
+
+def test_the_command_exports_a_file_that_was_cut_off(tmp_path):
+    data = TOUCH.read_bytes()
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(data[: len(data) - 400])
+    result = CliRunner().invoke(app, ["export", str(cut), "--to", "csv"], env={"COLUMNS": "200"})
+    assert result.exit_code == 0 and "9 files" in result.stdout and "cut off" in result.stdout

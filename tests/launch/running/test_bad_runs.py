@@ -1,0 +1,238 @@
+"""The command line as a user meets it when something goes wrong: one clear line, the right exit code, a recording that
+can be read, nothing that stays behind."""
+
+from __future__ import annotations
+
+import os
+import resource
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from palpate.launch.recording.reader import Recording
+
+GRAPH = """
+nodes:
+  src: {use: nodes_that_misbehave.Source, in: {torque: end}}
+  bad: {use: nodes_that_misbehave.Bad, in: {pose: src}}
+  end: {use: nodes_that_misbehave.End, in: {force: bad}}
+  log: {use: logger.Mcap, in: all}
+"""
+SHEET = GRAPH.replace("  end:", "  sheet: {use: nodes_that_misbehave.ToSheet, in: {pose: src}}\n  end:").replace(
+    "{use: nodes_that_misbehave.Bad, in: {pose: src}}", "{use: nodes_that_misbehave.FromSheet, in: {sheet: sheet}}"
+)
+WAYS = {"fused": ["--fused"], "processes": [], "real": ["--clock", "real"]}
+
+
+def _long(*given: str):
+    return pytest.param(*given, marks=pytest.mark.long)
+
+
+class Run:
+    """One `palpate run` as a process, marked so that whatever it leaves behind can be found."""
+
+    def __init__(self, folder: Path, *options: str, text: str = GRAPH, before=None) -> None:
+        self.record = folder / "run.mcap"
+        (folder / "g.yaml").write_text(text)
+        self.mark = f"PALPATE_TEST={folder}-{time.monotonic_ns()}"
+        path = os.pathsep.join([str(Path(__file__).parents[2] / "support"), os.environ.get("PYTHONPATH", "")])
+        name, _, value = self.mark.partition("=")
+        command = [sys.executable, "-m", "palpate.launch", "run", "g.yaml", "-q", "--no-pictures", *options]
+        if "--record" not in options:
+            command += ["--record", str(self.record)]
+        self.out, self.err = folder / "out", folder / "err"
+        with open(self.out, "w") as out, open(self.err, "w") as err:
+            self.process = subprocess.Popen(
+                command,
+                cwd=folder,
+                stdout=out,
+                stderr=err,
+                env={**os.environ, "PYTHONPATH": path, name: value, "COLUMNS": "200"},
+                preexec_fn=before,
+            )
+
+    def wait(self, seconds: float = 40.0) -> int:
+        try:
+            return self.process.wait(seconds)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            self.process.wait()
+            raise
+
+    def ticks(self) -> int:
+        return sum(stream == "src" for stream, _, _ in Recording(self.record).payloads())
+
+    def running(self) -> bool:
+        """Wait until the recording has something in it."""
+        for _ in range(400):
+            if self.record.is_file() and self.record.stat().st_size > 12_000:
+                return True
+            time.sleep(0.05)
+        return False
+
+    def left(self) -> list[str]:
+        """Processes that carry this run's mark, after at most two seconds for the kernel to end them."""
+        found: list[str] = []
+        for _ in range(40):
+            found = [pid for pid in filter(str.isdigit, os.listdir("/proc")) if self._marked(pid)]
+            if not found:
+                break
+            time.sleep(0.05)
+        return found
+
+    def _marked(self, pid: str) -> bool:
+        try:
+            return self.mark.encode() in Path(f"/proc/{pid}/environ").read_bytes().split(b"\0")
+        except OSError:
+            return False
+
+
+SAYS = {
+    "raise": "RuntimeError: out of luck",
+    "exit": "SystemExit: 0",
+    "interrupt": "KeyboardInterrupt",
+    "nan": "Force.force [N]: found nan at index 1, expected a finite number",
+    "shape": "Force.force: found 2 numbers, expected 3 [N]",
+    "text": "Force.force: found 'abc', expected (3,) numbers [N]",
+    "whole number as state": "Force.state: found 3, expected str [1]",
+    "surrogate": "UnicodeEncodeError",
+    "spin": "no sign of life for",
+    "stop raise": "RuntimeError: out of luck",
+    "stop exit": "SystemExit: 0",
+    "stop hang": "no sign of life for",
+    "start raise": "RuntimeError: out of luck",
+    "start exit": "SystemExit: 0",
+}
+IN_ONE_PROCESS = ("exit", "interrupt", "spin", "stop hang", "start exit", "surrogate")
+IN_PROCESSES = ("exit", "end", "crash", "whole number as state", "surrogate", "stop exit", "stop hang", "start exit")
+ON_THE_CLOCK = ("whole number as state", "spin", "interrupt")
+FIRST = {("fused", "exit"), ("fused", "spin"), ("processes", "crash"), ("processes", "surrogate"), ("real", "spin")}
+CASES = [
+    pytest.param(way, how, marks=() if (way, how) in FIRST else pytest.mark.long)
+    for way, hows in (("fused", IN_ONE_PROCESS), ("processes", IN_PROCESSES), ("real", ON_THE_CLOCK))
+    for how in hows
+]
+
+
+@pytest.mark.parametrize(("way", "how"), CASES)
+def test_a_node_that_goes_wrong_is_one_clear_line_and_a_readable_recording(tmp_path, way, how):
+    run = Run(tmp_path, "--duration", "0.3", "--patience", "1", "--set", f"bad.how={how}", *WAYS[way])
+    assert run.wait() == 1
+    said = run.err.read_text()
+    line = next(line for line in said.splitlines() if line.startswith("node 'bad'"))
+    assert SAYS.get(how, "its process ended") in line
+    assert "node 'end'" not in said and "node 'src'" not in said
+    if not how.startswith("start"):
+        assert run.ticks() >= 49
+    assert not run.left()
+
+
+@pytest.mark.parametrize("how", ["none", "fork", *map(_long, ["print", "no line end", "numpy", "program"])])
+def test_a_node_that_is_only_odd_runs_through_and_leaves_nothing_behind(tmp_path, how):
+    run = Run(tmp_path, "--duration", "0.1", "--set", f"bad.how={how}")
+    assert run.wait() == 0, run.err.read_text()
+    assert run.ticks() == 100
+    assert not run.left()
+
+
+def test_a_slow_node_does_not_count_as_hung(tmp_path):
+    run = Run(tmp_path, "--duration", "0.016", "--patience", "0.8", "--set", "bad.how=slow")
+    assert run.wait() == 0, run.err.read_text()
+    assert run.ticks() == 16
+
+
+@pytest.mark.parametrize("way", ["fused", "processes"])
+def test_a_message_of_the_users_own_travels_with_its_arrays(tmp_path, way):
+    run = Run(tmp_path, "--duration", "0.05", *WAYS[way], text=SHEET)
+    assert run.wait() == 0, run.err.read_text()
+    recording = Recording(run.record)
+    sheets, forces = list(recording.messages("sheet")), list(recording.messages("bad"))
+    assert sheets[-1].cells.shape == (3, 4) and sheets[-1].count == 7
+    assert forces[-1].force == tuple(sheets[-1].cells[1, :3]) and forces[-1].energy == 7.0
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_sigterm_ends_a_run_in_order_like_ctrl_c(tmp_path, way):
+    run = Run(tmp_path, *WAYS[way])
+    assert run.running()
+    run.process.send_signal(signal.SIGTERM)
+    assert run.wait(10) == 0
+    assert "interrupted after" in run.out.read_text()
+    assert Recording(run.record).complete
+    assert not run.left()
+
+
+@pytest.mark.parametrize("way", ["processes", _long("fused"), _long("real")])
+def test_when_the_launcher_is_killed_nothing_stays_and_the_recording_opens(tmp_path, way):
+    run = Run(tmp_path, *WAYS[way], *([] if way == "fused" else ["--set", "bad.how=program"]))
+    assert run.running()
+    time.sleep(0.6)
+    run.process.kill()
+    run.wait()
+    assert not run.left()
+    assert run.ticks() > 50
+
+
+@pytest.mark.parametrize("way", ["fused", _long("processes")])
+def test_ctrl_c_ends_a_start_that_hangs(tmp_path, way):
+    run = Run(tmp_path, "--set", "bad.how=start hang", *WAYS[way])
+    time.sleep(2.0)
+    run.process.send_signal(signal.SIGINT)
+    run.wait(10)
+    assert not run.left()
+
+
+@pytest.mark.parametrize("way", ["fused", "processes"])
+def test_a_full_disk_ends_the_recording_with_one_line_and_the_run_goes_on(tmp_path, way):
+    def little_space() -> None:
+        signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, 100_000))
+
+    run = Run(tmp_path, "--duration", "4", "--pace", "2", *WAYS[way], before=little_space)
+    code = run.wait(60)
+    said = run.err.read_text() + run.out.read_text()
+    assert code == 0, said
+    assert 0 < run.ticks() < 4000
+    assert "ends here" in " ".join(said.split())
+
+
+WRONG = {
+    "--duration 0": "expected a time from 1e-9",
+    "--duration inf": "expected a number, or a number with its unit",
+    "--duration nan": "expected a number, or a number with its unit",
+    "--duration 2mm": "a length; expected a time",
+    "--pace 0": "Input should be",
+    "--pace 1e-300": "Input should be",
+    "--set rate=0": "expected a number above 0",
+    "--set bad.every=0": "expected a whole number from 1",
+    "--set bad.hwo=x": "Did you mean 'how'",
+    "--set nope.how=x": "expected a node",
+    "--scene nope": "not found",
+    "--fused --place two": "take one",
+    "--clock moon": "expected simulated or real",
+    "--record /proc/palpate/run.mcap": "recording /proc/palpate/run.mcap: No such file or directory",
+    "--record .": "this is a folder",
+}
+
+
+FEW = ("--duration 0", "--set bad.hwo=x", "--record /proc/palpate/run.mcap", "--fused --place two")
+
+
+@pytest.mark.parametrize("options", [option if option in FEW else _long(option) for option in WRONG])
+def test_a_wrong_option_is_told_without_a_traceback(tmp_path, options):
+    run = Run(tmp_path, *options.split(), *([] if "duration" in options else ["--duration", "0.1"]))
+    assert run.wait() in (1, 2)
+    said = run.err.read_text() + run.out.read_text()
+    assert "Traceback" not in said
+    assert WRONG[options] in " ".join(said.replace("│", " ").split()), said
+
+
+def test_two_runs_at_the_same_time_do_not_meet(tmp_path):
+    (tmp_path / "a").mkdir(), (tmp_path / "b").mkdir()
+    runs = [Run(tmp_path / name, "--duration", "0.5") for name in "ab"]
+    assert [run.wait() for run in runs] == [0, 0]
+    assert [run.ticks() for run in runs] == [500, 500]

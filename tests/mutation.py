@@ -1,0 +1,119 @@
+"""Small faults put into the code, one at a time: which of them does no test notice?
+
+    python tests/mutation.py [--minutes 20] [--seed 0] FILE...
+
+    python tests/mutation.py launch/running/slot.py launch/running/real.py
+    python tests/mutation.py physics/device/controller.py
+
+Works on a copy of the tree. Each mutant is run against the tests that import its module (for `launch/running`: those
+of runs and replays), and ends at the first that fails. Survivors are printed with file, line and change: either a test
+is missing, or nothing depends on that line. An hour for a folder; kernels are compiled anew for each mutant.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import copy
+import os
+import random
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+ROOT = Path(__file__).parent.parent
+PACKAGES = ("drivers", "fe", "fit", "graphs", "launch", "messages", "nodes", "physics", "scan")
+RUNS = ("test_real_clock", "test_run", "test_bad_runs", "test_start_barrier", "test_carrier", "test_replay")
+PATIENCE = 600  # [s] for the tests of one mutant; one that hangs is noticed
+SWAPS: dict[type, type] = {
+    ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult, ast.Lt: ast.GtE, ast.GtE: ast.Lt,
+    ast.Gt: ast.LtE, ast.LtE: ast.Gt, ast.Eq: ast.NotEq, ast.NotEq: ast.Eq, ast.Is: ast.IsNot, ast.IsNot: ast.Is,
+    ast.And: ast.Or, ast.Or: ast.And, ast.In: ast.NotIn, ast.NotIn: ast.In,
+}  # fmt: skip
+
+
+def mutants(source: str) -> Iterator[tuple[int, str, str]]:
+    """Line, change and new source of each mutant of a module."""
+    tree = ast.parse(source)
+    for index, node in enumerate(ast.walk(tree)):
+        for change in _changes(node):
+            new = copy.deepcopy(tree)
+            place = next(other for i, other in enumerate(ast.walk(new)) if i == index)
+            before = ast.unparse(place)
+            change(place)
+            yield getattr(node, "lineno", 0), f"{before}  ->  {ast.unparse(place)}", ast.unparse(new)
+
+
+def _changes(node: ast.AST) -> list:
+    if isinstance(node, ast.BinOp | ast.BoolOp | ast.AugAssign) and type(node.op) in SWAPS:
+        return [lambda it: setattr(it, "op", SWAPS[type(it.op)]())]
+    if isinstance(node, ast.Compare) and type(node.ops[0]) in SWAPS:
+        return [lambda it: it.ops.__setitem__(0, SWAPS[type(it.ops[0])]())]
+    if isinstance(node, ast.If | ast.IfExp | ast.While):
+        return [lambda it: setattr(it, "test", ast.Constant(False))]
+    if isinstance(node, ast.Constant) and type(node.value) in (int, float):
+        return [lambda it: setattr(it, "value", 0 if it.value else 1)]
+    return []
+
+
+def tests_of(file: Path) -> list[str]:
+    """The test files that look at a module."""
+    if "running" in file.parts:
+        return [str(found.relative_to(ROOT)) for name in RUNS for found in ROOT.glob(f"tests/**/{name}.py")]
+    module = f"palpate.{'.'.join(file.with_suffix('').parts)}"
+    return [str(found.relative_to(ROOT)) for found in sorted(ROOT.glob("tests/**/test_*.py"))
+            if f"{module} import" in found.read_text(encoding="utf-8")]  # fmt: skip
+
+
+def survives(tree: Path, tests: list[str]) -> bool:
+    """Whether all tests pass in this tree."""
+    names = str(tree / "names")
+    environment = {**os.environ, "PYTHONPATH": names, "PYTHONDONTWRITEBYTECODE": "1"}
+    environment.pop("NUMBA_CACHE_DIR", None)
+    command = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", *tests]
+    try:
+        run = subprocess.run(command, cwd=tree, env=environment, capture_output=True, timeout=PATIENCE)
+    except subprocess.TimeoutExpired:
+        return False
+    return run.returncode == 0
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("files", nargs="+", type=Path)
+    parser.add_argument("--minutes", type=float, default=20.0)
+    parser.add_argument("--seed", type=int, default=0)
+    given = parser.parse_args()
+    wanted = [(file, *mutant) for file in given.files for mutant in mutants((ROOT / file).read_text(encoding="utf-8"))]
+    random.Random(given.seed).shuffle(wanted)
+    end, tried, left = time.monotonic() + 60 * given.minutes, 0, 0
+    with tempfile.TemporaryDirectory() as folder:
+        tree = Path(folder) / "tree"
+        shutil.copytree(ROOT, tree, ignore=shutil.ignore_patterns(".*", "__pycache__", "runs", "*.egg-info"))
+        (tree / "names" / "palpate").mkdir(parents=True)
+        for package in PACKAGES:
+            (tree / "names" / "palpate" / package).symlink_to(tree / package)
+        for file in given.files:
+            if not tests_of(file) or not survives(tree, tests_of(file)):
+                print(f"{file}: no tests, or they fail without a mutant", file=sys.stderr)
+                return 2
+        for file, line, change, source in wanted:
+            if time.monotonic() > end:
+                break
+            original = (tree / file).read_text(encoding="utf-8")
+            (tree / file).write_text(source, encoding="utf-8")
+            tried += 1
+            if survives(tree, tests_of(file)):
+                left += 1
+                print(f"survived  {file}:{line}: {change}", flush=True)
+            (tree / file).write_text(original, encoding="utf-8")
+    print(f"{left} of {tried} mutants survived; {len(wanted)} are possible")
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,134 @@
+"""The bed of beams as the body of a touch: its pressures, a nodule in it, the energy of a whole run."""
+
+import numpy as np
+import pytest
+from pytest import approx
+
+from palpate.launch.loading.launchfile import find
+from palpate.launch.recording.reader import Recording
+from palpate.launch.running.execute import execute
+from palpate.launch.testing import FakeBus
+from palpate.messages import Contact, Load, Surface
+from palpate.nodes.base.nodule import WithNodule
+from palpate.nodes.base.surface import surface_mesh
+from palpate.nodes.deformation import BeamBundle, MassSpring
+from palpate.nodes.display import PinArray
+from palpate.nodes.spread import Kernel
+
+FLAT = {"surface": "plane", "vertices": 2500, "position": (0.0, 0.0, 0.0)}
+MESH = surface_mesh("plane", 2500)
+UP = (0.0, 0.0, 1.0)
+NODULE = {"nodule_radius": 4e-3, "nodule_position": (3e-3, 0.0, 0.0)}
+
+
+def pressed(force, foot=(0.0, 0.0, 0.0)):
+    contact = Contact(
+        foot=foot, normal=UP, force=force, compression=2e-3, indentation=1e-3, compression_rate=0, indentation_rate=0
+    )
+    (load,) = FakeBus(Kernel(**FLAT, radius=6e-3)).publish(contact)
+    return contact, Load(nodes=load.nodes, forces=load.forces, foot=foot, normal=UP)
+
+
+def test_the_pressures_are_those_of_the_displaced_nodes_and_sum_to_the_force():
+    _, load = pressed(0.8)
+    answer = FakeBus(BeamBundle(**FLAT)).publish(load, load)[-1]
+    assert len(answer.pressure) == len(answer.nodes) > 20
+    assert (answer.pressure * MESH.areas[answer.nodes]).sum() == approx(0.8)
+    by_node = dict(zip(load.nodes.tolist(), -load.forces[:, 2], strict=True))
+    expected = [by_node.get(node, 0.0) / MESH.areas[node] for node in answer.nodes.tolist()]
+    assert answer.pressure == approx(expected)
+
+
+def test_nodes_that_still_recover_have_no_pressure():
+    bus = FakeBus(BeamBundle(**FLAT))
+    _, here = pressed(0.8)
+    _, there = pressed(0.8, (0.02, 0.0, 0.0))
+    bus.publish(*[here] * 50)
+    answer = bus.publish(there)[-1]
+    assert (answer.pressure == 0).sum() > 20
+    assert (answer.pressure * MESH.areas[answer.nodes]).sum() == approx(0.8)
+    x = MESH.vertices[answer.nodes, 0]
+    assert x[answer.pressure > 0].min() > 0.01
+    empty = Load(nodes=[], forces=np.zeros((0, 3)), foot=(0, 0, 0), normal=UP)
+    assert not bus.publish(empty)[-1].pressure.any()
+
+
+def test_a_load_that_names_a_node_twice_presses_it_twice():
+    bus = FakeBus(BeamBundle(**FLAT))
+    (answer,) = bus.publish(Load(nodes=[7, 7], forces=[[0, 0, -0.1], [0, 0, -0.2]], foot=(0, 0, 0), normal=UP))
+    assert answer.nodes.tolist() == [7] and answer.pressure == approx(0.3 / MESH.areas[7])
+
+
+def test_the_pins_take_the_pressure_from_the_nodes_that_the_body_names():
+    """The pins under a load to the side stand highest on that side, and nothing else but the load moves them."""
+    display = PinArray(shows="pressure", rows=8, columns=8, rate=1e3, **FLAT)
+    contact, load = pressed(0.8)
+    _, aside = pressed(0.8, (4e-3, 0.0, 0.0))
+    body = BeamBundle(**FLAT)
+    middle, right = (
+        FakeBus(display).publish(FakeBus(body).publish(one)[0], contact)[0].heights for one in (load, aside)
+    )
+    assert middle == approx(middle[:, ::-1], rel=0.02) and middle == approx(middle[::-1], rel=0.02)
+    assert right[:, 4:].sum() > 1.5 * right[:, :4].sum()
+
+
+@pytest.mark.parametrize("kind", [BeamBundle, MassSpring])
+def test_a_nodule_holds_the_surface_up_and_makes_the_body_stiffer(kind):
+    """The same force: above the nodule the surface goes in less, elsewhere as without it."""
+    _, load = pressed(0.4)
+    plain, hard = (FakeBus(kind(**FLAT, **more)).publish(*[load] * 20)[-1] for more in ({}, NODULE))
+    assert (plain.nodes == hard.nodes).all()
+    factor = WithNodule(**FLAT, **NODULE).hardness()[plain.nodes]
+    deep, less = -plain.displacement[:, 2], -hard.displacement[:, 2]
+    assert (less[factor > 1.05] < deep[factor > 1.05]).all() and (factor > 1.05).any()
+    assert less[factor == 1.0] == approx(deep[factor == 1.0])
+    assert hard.previous < plain.previous and hard.stiffness > plain.stiffness
+
+
+def test_beams_over_a_nodule_give_way_by_the_factor_less():
+    _, load = pressed(0.1)
+    plain, hard = (FakeBus(BeamBundle(**FLAT, **more)).publish(load)[-1] for more in ({}, NODULE))
+    factor = WithNodule(**FLAT, **NODULE).hardness()[plain.nodes]
+    assert plain.displacement[:, 2] / hard.displacement[:, 2] == approx(factor, rel=1e-9)
+
+
+@pytest.mark.parametrize("coupling", [0.5, 20.0])
+def test_a_nodule_holds_up_the_surface_of_a_net_too(coupling):
+    _, load = pressed(0.4, (3e-3, 0.0, 0.0))
+    plain, hard = (
+        FakeBus(MassSpring(**FLAT, coupling=coupling, **more)).publish(*[load] * 30)[-1] for more in ({}, NODULE)
+    )
+    middle = int(np.argmin(np.hypot(MESH.vertices[:, 0] - 3e-3, MESH.vertices[:, 1])))
+    deep, less = (-s.displacement[s.nodes.tolist().index(middle), 2] for s in (plain, hard))
+    assert 0 < less < 0.98 * deep
+
+
+@pytest.fixture(scope="module")
+def kidney(tmp_path_factory):
+    file = tmp_path_factory.mktemp("beams") / "run.mcap"
+    sets = ("tissue.use=deformation.BeamBundle", "scene.surface.vertices=1500")
+    assert execute(find("kidney").but(record=file, place="fused", overrides=sets)).result.ok
+    return Recording(file)
+
+
+def test_a_kidney_of_beams_absorbs_work_in_each_touch(kidney):
+    from palpate.launch.pictures.touch import touches, work
+
+    contact = kidney.columns("contact")
+    approach = contact["compression"] + contact["indentation"]
+    assert (contact["force"] >= 0).all() and contact["force"].max() > 0.5
+    found = touches(contact["time"], contact["force"])
+    assert len(found) >= 2
+    assert all(work(approach[one], contact["force"][one]) > 0 for one in found)
+    assert kidney.columns("controller")["energy"].min() > -5e-4
+    assert np.linalg.norm(kidney.columns("controller")["force"], axis=1).max() <= 9.0
+
+
+def test_its_pressures_carry_the_contact_force_at_each_tick(kidney):
+    settings = next(n for n in kidney.about["plan"]["nodes"] if n["name"] == "tissue")["settings"]
+    areas = surface_mesh("kidney", settings["vertices"], tuple(settings["position"])).areas
+    force = kidney.columns("contact")["force"]
+    for tick, surface in list(enumerate(kidney.messages("tissue")))[300:2000:97]:
+        assert isinstance(surface, Surface) and len(surface.pressure) == len(surface.nodes)
+        carried = (surface.pressure * areas[surface.nodes]).sum()
+        assert carried == approx(force[tick], rel=0.1, abs=1e-9)  # the vertices' normals spread round the contact's

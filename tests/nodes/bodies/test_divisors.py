@@ -1,0 +1,140 @@
+"""The contact between the steps of a body: at a divisor, or while a message is held, it feels what it would with a body
+that answers every tick."""
+
+import math
+
+import msgspec
+import numpy as np
+import pytest
+from test_bodies import BODIES, UP, Loop
+
+from palpate.launch.loading.launchfile import find
+from palpate.launch.recording.reader import Recording
+from palpate.launch.running.execute import execute
+from palpate.messages import Proximity
+from palpate.physics.contact.terminal import Terminal, law_at
+
+MS = 1_000_000
+TIME = np.arange(1, 501) * 1e-3
+PATHS = {
+    "press": np.interp(TIME, [0, 0.1, 0.3, 0.4], [0, 8e-3, 8e-3, 0]),
+    "hold": np.interp(TIME, [0, 0.2, 0.4, 0.5], [0, 7e-3, 7e-3, 5e-3]),
+    "tap": np.interp(TIME, [0.05, 0.08, 0.11], [0, 6e-3, 0]),
+}
+
+
+class Timed(Loop):
+    """A touch in which the body runs every so many ticks, and its message reaches the contact unless it is held."""
+
+    def __init__(self, kind, every, held=()):
+        super().__init__(kind)
+        self.every, self.held, self.tick = every, set(held), 0
+        self.sent = self.surface = msgspec.structs.replace(self.surface, tick=0, time=0)
+
+    def press(self, approach, dt=1e-3):
+        self.tick += 1
+        if self.tick not in self.held:
+            self.surface = self.sent
+        contact = self.contact.step(
+            Proximity(
+                foot=(0, 0, 0), normal=UP, coordinates=(0, 0), element=0, gap=0, approach=approach, slip=(0, 0, 0),
+                tick=self.tick, time=self.tick * MS,
+            ),
+            self.surface,
+            dt=dt,
+        )  # fmt: skip
+        load = self.spread.step(contact, None)
+        if self.tick % self.every == 0:
+            answer = self.body.step(load, dt=self.every * dt)
+            self.sent = msgspec.structs.replace(answer, tick=self.tick, time=self.tick * MS)
+        return contact
+
+
+def forces(kind, path, every=1, held=()):
+    loop = Timed(kind, every, held)
+    return np.array([loop.press(float(e)).force for e in path])
+
+
+def named(name):
+    return next(kind for kind in BODIES if kind.__name__ == name)
+
+
+@pytest.mark.parametrize("path", PATHS)
+@pytest.mark.parametrize("every", [2, 3, 10, 40])
+@pytest.mark.parametrize("name", ["MassSpring", "Rigid"])
+def test_a_law_that_does_not_change_gives_the_same_force_at_any_divisor(name, every, path):
+    fine, coarse = (forces(named(name), PATHS[path], one) for one in (1, every))
+    assert coarse == pytest.approx(fine, rel=1e-7, abs=1e-9 * fine.max())
+
+
+@pytest.mark.parametrize(("path", "most"), [("press", 0.03), ("hold", 0.01), ("tap", 0.15)])
+def test_the_reduced_body_comes_to_the_fine_force_with_the_divisor(path, most):
+    fine = forces(named("ReducedFE"), PATHS[path])
+    errors = [np.abs(forces(named("ReducedFE"), PATHS[path], every) - fine).max() / fine.max() for every in (10, 5, 2)]
+    assert errors[0] < most
+    assert errors[1] < 0.7 * errors[0] and errors[2] < 0.6 * errors[1]
+
+
+@pytest.mark.parametrize(("path", "most"), [("press", 0.12), ("hold", 0.05)])
+def test_beams_come_to_the_fine_force_with_the_divisor(path, most):
+    fine = forces(named("BeamBundle"), PATHS[path])
+    errors = [np.abs(forces(named("BeamBundle"), PATHS[path], every) - fine).max() / fine.max() for every in (10, 2)]
+    assert errors[0] < most and errors[1] < 0.6 * errors[0]
+
+
+@pytest.mark.parametrize("kind", BODIES, ids=lambda kind: kind.__name__)
+def test_messages_that_are_held_now_and_then_hardly_change_the_force(kind):
+    """Short of the strain limit of the beams, which a held law cannot foresee."""
+    rng = np.random.default_rng(5)
+    held = {int(start + k) for start in rng.integers(5, 480, 40) for k in range(rng.integers(1, 9))}
+    path = np.interp(TIME, [0, 0.2, 0.4, 0.5], [0, 4e-3, 4e-3, 3e-3])
+    fine, late = forces(kind, path), forces(kind, path, 1, held)
+    assert np.abs(late - fine).max() < 0.02 * fine.max()
+
+
+@pytest.mark.parametrize("kind", BODIES, ids=lambda kind: kind.__name__)
+@pytest.mark.parametrize("every", [3, 10])
+def test_a_closed_touch_absorbs_work_at_a_divisor(kind, every):
+    for path in PATHS.values():
+        found = forces(kind, path, every)
+        assert np.isfinite(found).all() and (found >= 0).all()
+        assert found @ np.diff(path, prepend=0.0) > 0
+
+
+@pytest.mark.parametrize("tau", [1e-3, 0.02, 1.4])
+@pytest.mark.parametrize("step", [1e-3, 10e-3])
+@pytest.mark.parametrize("age", [0.5e-3, 1e-3, 4e-3, 10e-3, 30e-3])
+def test_of_a_kelvin_voigt_body_the_law_at_an_age_is_the_step_of_that_length(tau, step, age):
+    """f = k s + k tau s', by implicit Euler: s = (s_prev tau + f/k a)/(a + tau)."""
+    k, before, force = 300.0, 2e-3, 0.7
+
+    def after(length, f, start):
+        return (start * tau + f / k * length) / (length + tau)
+
+    law = Terminal(k * (step + tau) / step, 1.0, 0.0, after(step, 0.0, before), before)
+    for start in (before, 0.5e-3):
+        stiffness, free = law_at(age, start, law, step, tau)
+        assert free == pytest.approx(after(age, 0.0, start))
+        assert free + force / stiffness == pytest.approx(after(age, force, start))
+
+
+def test_a_law_without_times_is_taken_as_it_is():
+    law = Terminal(3e3, 1.5, 0.0, 1e-3, 2e-3)
+    assert law_at(5e-3, 2e-3, law, 0.0, 0.02) == (3e3, 1e-3)
+    assert law_at(5e-3, 2e-3, law, 1e-3, 0.0) == (3e3, 1e-3)
+    assert law_at(1e-3, 2e-3, law, 1e-3, 0.02) == pytest.approx((3e3, 1e-3), rel=1e-12)
+
+
+def test_a_whole_run_feels_the_same_with_a_body_at_a_divisor(tmp_path):
+    """The kidney, felt by a hand that gives way, friction included."""
+    found = []
+    for every in (1, 10):
+        file = tmp_path / f"{every}.mcap"
+        launch = find("kidney").but(
+            record=file, place="fused", duration=2.5, overrides=(f"tissue.every={every}", "scene.surface.vertices=800")
+        )
+        assert execute(launch).result.ok
+        found.append(Recording(file).columns("contact")["force"])
+    assert found[0].max() > 2.0
+    assert np.abs(found[1] - found[0]).max() < 1e-6
+    assert math.isfinite(found[1].sum())

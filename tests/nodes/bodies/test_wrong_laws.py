@@ -1,0 +1,66 @@
+"""Terminal laws out of range are refused where they arrive, and the body that sent them is named."""
+
+import dataclasses
+import math
+
+import msgspec
+import numpy as np
+import pytest
+from rich.console import Console
+
+from palpate.launch.loading.launchfile import find
+from palpate.launch.running.execute import execute
+from palpate.launch.running.screen import tell
+from palpate.launch.testing import FakeBus
+from palpate.messages import Proximity, Surface
+from palpate.nodes.base import InputFault, SettingError
+from palpate.nodes.base.mesh_file import read_mesh
+from palpate.nodes.contact import Series
+
+GOOD = Surface(
+    nodes=[], displacement=np.zeros((0, 3)), stiffness=3e3, exponent=1.5, damping=5.0, free=0.0, previous=0.0,
+    source="liver", tick=4,
+)  # fmt: skip
+NEAR = Proximity(foot=(0, 0, 0), normal=(0, 0, 1), coordinates=(0, 0), element=0, gap=0, approach=4e-3, slip=(0, 0, 0))
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("stiffness", -5.0), ("stiffness", 0.0), ("stiffness", math.inf), ("stiffness", math.nan), ("exponent", -1.0),
+        ("exponent", 0.99), ("exponent", 3.5), ("damping", -1e-3), ("free", -1.0), ("free", math.nan),
+        ("previous", math.inf), ("step", -1e-3), ("relaxation", math.nan),
+    ],
+)  # fmt: skip
+def test_a_law_out_of_range_is_refused_with_the_sender_and_the_number(name, value):
+    wrong = msgspec.structs.replace(GOOD, **{name: value})
+    bus = FakeBus(Series(), body=wrong)
+    with pytest.raises(InputFault, match=rf"Surface of 'liver' at tick 4: {name} \[.*found {value}, expected") as told:
+        bus.publish(NEAR)
+    assert told.value.source == "liver"
+
+
+@pytest.mark.parametrize("given", [{}, {"free": -1e-3}, {"exponent": 3.0}, {"stiffness": 1e12}, {"damping": 0.0}])
+def test_a_law_within_its_range_is_taken(given):
+    (answer,) = FakeBus(Series(), body=msgspec.structs.replace(GOOD, **given)).publish(NEAR)
+    assert answer.force > 0
+
+
+@pytest.mark.parametrize("place", ["fused", None])
+def test_a_run_ends_and_names_the_body_without_a_traceback(place):
+    launch = find("kidney").but(place=place, duration=0.2, overrides=("tissue.use=nodes_with_wrong_laws.Bouncy",))
+    result = execute(dataclasses.replace(launch, record=None)).result
+    assert not result.ok
+    death = result.deaths[0]
+    assert death.node == "tissue" and "'contact'" in death.where
+    assert "Surface of 'tissue' at tick 19: stiffness [N/m^n]: found -5.0, expected a finite number > 0" in death.text
+    console = Console(record=True, width=200)
+    tell(death, console)
+    assert "Traceback" not in console.export_text()
+
+
+def test_a_mesh_without_area_is_refused(tmp_path):
+    path = tmp_path / "flat.obj"
+    path.write_text("".join(f"v {x} {2 * x} 0\n" for x in (0.0, 0.01, 0.02, 0.05)) + "f 1 2 3\nf 2 3 4\n")
+    with pytest.raises(SettingError, match="no area"):
+        read_mesh(str(path), 1.0)

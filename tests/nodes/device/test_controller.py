@@ -1,0 +1,332 @@
+"""The controller node: its two laws and the switch between them, limits, and walls that would give out energy."""
+
+from collections import deque
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from pytest import approx
+
+from palpate.launch.testing import FakeBus
+from palpate.messages import Contact, Friction, Pose
+from palpate.nodes.controller import Haptic
+from palpate.physics.device.grip import grip_step
+
+UP = (0.0, 0.0, 1.0)
+T = 1e-3
+
+
+def contact(force: float = 0.0, approach: float = 0.0, normal=UP) -> Contact:
+    return Contact(
+        foot=(0, 0, 0),
+        normal=normal,
+        force=force,
+        compression=approach,
+        indentation=0.0,
+        compression_rate=0.0,
+        indentation_rate=0.0,
+    )
+
+
+def friction(*force: float) -> Friction:
+    return Friction(force=force, bristle=(0, 0, 0), stick=False)
+
+
+def pose(z: float = 0.0, speed: float = 0.0, x: float = 0.0) -> Pose:
+    return Pose(position=(x, 0, z), velocity=(0, 0, speed), dt=T)
+
+
+def bus(**settings) -> FakeBus:
+    return FakeBus(Haptic(**settings), friction=friction(0, 0, 0), pose=pose())
+
+
+def touch(b: FakeBus, z: float, force: float = 0.0, approach: float = 0.0, speed: float = 0.0):
+    b.hold("pose", pose(z, speed))
+    return b.publish(contact(force, approach))[0]
+
+
+@dataclass
+class Touch:
+    """What a wall and a grip did to each other: positions [m], forces [N], true and observed energy [J]."""
+
+    z: np.ndarray
+    force: np.ndarray
+    true_energy: np.ndarray
+    energy: np.ndarray
+
+    def swing(self, part: float) -> float:
+        """Peak to peak [m] in the quarter that begins at this part of the record."""
+        first = int(part * len(self.z))
+        return float(np.ptp(self.z[first : first + len(self.z) // 4]))
+
+
+def press(
+    node: Haptic, stiffness, steps=4000, mass=0.1, drag=0.2, push=0.5, speed=0.0, delay=0, count=0.0, jitter=0, lost=0.0
+) -> Touch:
+    """A grip pushed with `push` [N] or thrown with `speed` against a sampled spring that begins at z = 0.
+
+    delay  samples until a position arrives; count [m] its rounding; jitter: uneven periods; lost: chance of no sample
+    """
+    node.start()
+    rng = np.random.default_rng(3)
+    position, velocity = np.zeros(3), np.array([0.0, 0.0, -speed])
+    force, true_energy, seen = np.zeros(3), 0.0, 0.0
+    line = deque([0.0] * (delay + 1), maxlen=delay + 1)
+    window = deque([(0.0, 0.0)] * 9, maxlen=9)
+    records, now = [], 0.0
+    for _ in range(steps):
+        dt = rng.uniform(0.79e-3, 1.14e-3) if jitter else T
+        moved, velocity = grip_step(position, velocity, force - (0, 0, push), dt, mass, drag)
+        true_energy -= force @ (moved - position)
+        position = moved
+        line.append(position[2])
+        if rng.random() >= lost:
+            seen = round(line[0] / count) * count if count else line[0]
+        now += dt
+        window.append((now, seen))
+        (t0, z0), (t1, z1) = window[0], window[-1]
+        e = max(-seen, 0.0)
+        answer = node.step(contact(stiffness * e, e), None, pose(seen, (z1 - z0) / (t1 - t0)), dt=dt)
+        force = np.array(answer.force)
+        records.append((position[2], force[2], true_energy, answer.energy))
+    return Touch(*np.array(records).T)
+
+
+def test_contact_force_is_normal_force_less_friction():
+    b = bus()
+    b.hold("friction", friction(0.3, -0.4, 0.0))
+    found = touch(b, -1e-3, 1.5, 1e-3)
+    assert found.force == approx((-0.3, 0.4, 1.5)) and found.state == "contact"
+
+
+def test_contact_adds_its_damping():
+    b = bus(contact_damping=2.0)
+    touch(b, 0.0, 1.0, 1e-3)
+    assert touch(b, 0.0, 1.0, 1e-3, speed=-0.1).force[2] == approx(1.0 + 0.2)
+
+
+def test_free_motion_is_a_spring_and_damper_about_where_it_began():
+    b = bus(stiffness=50.0, damping=2.0, passivity=False)
+    touch(b, 0.010)
+    found = touch(b, 0.012, speed=0.1)
+    assert found.force[2] == approx(-50.0 * 0.002 - 2.0 * 0.1) and found.state == "free"
+
+
+def test_free_motion_gives_back_no_more_than_it_took():
+    b = bus(stiffness=50.0, damping=2.0, passivity=False)
+    z = 0.01 * np.sin(np.linspace(0.0, 2 * np.pi, 629))
+    answers = [touch(b, a, speed=(a - c) / T) for a, c in zip(z, np.append(0.0, z), strict=False)]
+    assert answers[-1].energy > 0.0
+
+
+def test_spring_and_damper_bring_a_thrown_grip_back():
+    found = press(Haptic(stiffness=100.0, damping=4.0, passivity=False), 0.0, push=0.0, speed=0.2, drag=0.0)
+    reference = np.exp(-20.0 * 0.02) * 0.2 / np.sqrt(600.0) * np.sin(np.sqrt(600.0) * 0.02)
+    assert found.z[19] == approx(-reference, rel=0.15)  # the filter's delay is what is left
+    assert found.z[-1] == approx(found.z[0], abs=1e-6) and np.ptp(found.z[1000:]) < 1e-5
+
+
+def test_zero_state_and_zero_motion_give_zero_force():
+    for found in bus().publish(*[contact()] * 5):
+        assert found.force == (0.0, 0.0, 0.0) and found.state == "free" and found.energy == 0.0
+
+
+def test_contact_ends_only_beyond_the_hysteresis():
+    b = bus(hysteresis=60e-6)
+    assert touch(b, 0.0).state == "free"
+    assert touch(b, -1e-3, 1.0, 1e-3).state == "contact"
+    assert touch(b, 0.05e-3).state == "contact"
+    assert touch(b, -0.1e-3, 0.1, 0.1e-3).state == "contact"
+    assert touch(b, 0.05e-3).state == "contact"
+    assert touch(b, 0.07e-3).state == "free"
+    assert touch(b, 0.05e-3).state == "free"
+
+
+def test_position_noise_of_one_count_does_not_chatter():
+    b = bus()
+    states = []
+    for k in range(200):
+        z = 60e-6 * (k % 2) - 30e-6
+        e = max(-z, 0.0)
+        states.append(touch(b, z, 400.0 * e, e).state)
+    assert sum(a != c for a, c in pairwise(states)) <= 1
+
+
+def test_the_switch_makes_no_bump():
+    b = bus(stiffness=100.0, damping=3.0, contact_damping=1.0, slew=1e9, passivity=False)
+    z = 2e-3 - 0.1 * T * np.arange(60)
+    found = [touch(b, a, 400.0 * max(-a, 0.0), max(-a, 0.0), speed=-0.1) for a in z]
+    states = [f.state for f in found]
+    assert states[0] == "free" and states[-1] == "contact"
+    forces = np.array([f.force[2] for f in found])
+    at_switch = states.index("contact")
+    # 100 N/m and 400 N/m at 0.1 mm a step, and the old law's 0.5 N fading over 10 ms
+    assert abs(forces[at_switch] - forces[at_switch - 1]) < 0.06
+    assert np.abs(np.diff(forces)).max() < 0.1
+    assert forces[-1] == approx(400.0 * -z[-1] + 0.1, abs=0.02)
+
+
+def test_a_switch_drops_a_credit_and_keeps_a_debt():
+    b = bus(passivity=False)
+    touch(b, 0.0)
+    touch(b, -1e-3, 1.0, 1e-3)
+    assert touch(b, -2e-3, 1.0, 2e-3).energy == approx(1e-3)
+    touch(b, 0.1e-3)
+    assert touch(b, 0.2e-3).energy == approx(-1.1e-3)  # pushed out by 1 N over 2.1 mm after 1 mm in
+    b = bus(passivity=False)
+    touch(b, 0.0)
+    touch(b, -1e-3, 1.0, 1e-3)
+    touch(b, -2e-3, 0.1, 2e-3)
+    assert touch(b, 0.1e-3).energy == 0.0
+
+
+def test_the_force_is_bounded_in_size_with_its_direction_kept():
+    b = bus(slew=1e9)
+    b.hold("friction", friction(60.0, 0.0, 0.0))
+    found = touch(b, -0.03, 80.0, 0.03).force
+    assert np.linalg.norm(found) == approx(9.0)
+    assert found[0] / found[2] == approx(-60.0 / 80.0)
+    assert np.linalg.norm(touch(b, -0.03, 1e200, 0.03).force) <= 9.0 + 1e-9
+
+
+def test_the_force_is_bounded_in_change():
+    b = bus(slew=2000.0)
+    forces = [touch(b, -0.03, f, 0.03).force[2] for f in (9, 9, 9, 9, 9, 9, 0, 0)]
+    assert forces == approx([2, 4, 6, 8, 9, 9, 7, 5])
+
+
+def test_an_impact_that_jumps_thirty_millimetres_stays_bounded():
+    b = bus()
+    for z, speed in [(0.0, 0.0), (-0.03, -3.0), (-0.03, 3.0), (0.03, 3.0), (0.06, 0.0)]:
+        e = max(-z, 0.0)
+        found = touch(b, z, 1e4 * e**1.5 * (1 + 8 * max(-speed, 0)), e, speed)
+        assert np.linalg.norm(found.force) <= 9.0 + 1e-12 and np.isfinite(found.energy)
+
+
+@pytest.mark.parametrize("port", ["contact", "pose"])
+def test_the_force_is_zero_when_what_it_needs_is_gone(port):
+    b = bus()
+    assert touch(b, -1e-3, 4.0, 1e-3).force[2] == 4.0
+    b.kill(port)
+    if port == "pose":
+        (found,) = b.publish(contact(4.0, 1e-3))
+    else:
+        (found,) = b.run()
+    assert found.force == (0.0, 0.0, 0.0)
+
+
+def test_without_friction_the_normal_force_remains():
+    b = bus()
+    b.hold("friction", friction(0.5, 0, 0))
+    touch(b, -1e-3, 2.0, 1e-3)
+    b.kill("friction")
+    assert touch(b, -1e-3, 2.0, 1e-3).force == approx((0.0, 0.0, 2.0))
+
+
+def test_a_doubled_or_reordered_message_changes_nothing():
+    b = bus(passivity=False)
+    touch(b, 0.0)
+    first = touch(b, -1e-3, 1.0, 1e-3)
+    b.twice()
+    b.hold("pose", pose(-2e-3))
+    one, two = b.publish(contact(2.0, 2e-3))
+    assert one.force == two.force and one.energy == two.energy != first.energy
+    node = Haptic()
+    node.start()
+    node.step(contact(1.0, 1e-3), None, pose(-1e-3), dt=T)
+    for dt in (0.0, -1.0, float("nan")):
+        assert node.step(contact(3.0, 3e-3), None, pose(-3e-3), dt=dt).force == (0.0, 0.0, 1.0)
+
+
+def test_steps_from_a_microsecond_to_ten_seconds_stay_finite():
+    for dt in (1e-6, 1e-3, 1.0, 10.0, 1e-300, 1e300):
+        node = Haptic(stiffness=10.0, damping=1.0)
+        node.start()
+        for z in (0.0, -1e-3, 1e-3, -5e-3, 0.0):
+            found = node.step(contact(100 * max(-z, 0), max(-z, 0)), None, pose(z), dt=dt)
+            assert np.all(np.isfinite(found.force)) and np.linalg.norm(found.force) <= 9.0 + 1e-12
+            assert np.isfinite(found.energy)
+
+
+def test_an_input_that_is_not_finite_gives_no_force_and_is_forgotten():
+    node = Haptic(slew=1e9)
+    node.start()
+    for bad in (float("nan"), float("inf")):
+        assert node.step(contact(1.0, 1e-3), None, pose(-1e-3), dt=T).force == (0.0, 0.0, 1.0)
+        assert node.step(contact(1.0, 1e-3), None, pose(bad), dt=T).force == (0.0, 0.0, 0.0)
+        assert node.step(contact(bad, 1e-3), None, pose(-1e-3), dt=T).force == (0.0, 0.0, 0.0)
+    assert node.step(contact(1.0, 1e-3), None, pose(-1e-3), dt=T).force == (0.0, 0.0, 1.0)
+
+
+def test_the_energy_is_observed_only_where_somebody_needs_it():
+    for wanted, passivity, expected in [({"force"}, False, 0.0), ({"energy"}, False, 1e-3), ({"force"}, True, 1e-3)]:
+        node = Haptic(passivity=passivity)
+        node.wanted = frozenset(wanted)
+        node.start()
+        for z in (0.0, -1e-3, -2e-3):
+            found = node.step(contact(1.0 if z else 0.0, -z), None, pose(z), dt=T)
+        assert found.energy == approx(expected)
+
+
+def test_a_thrown_mass_leaves_a_sampled_spring_faster_than_it_came_unless_controlled():
+    def restitution(**settings):
+        node = Haptic(resolution=0.0, **settings)
+        found = press(node, 1000.0, steps=200, mass=0.3, drag=0.0, push=0.0, speed=0.2)
+        return (found.z[-1] - found.z[-11]) / (10 * T) / 0.2
+
+    assert restitution(passivity=False) == approx(1.046, abs=0.003)
+    for delay in (0, 1):
+        assert restitution(delay=delay) < 1.001
+
+
+def test_the_published_bounce_grows_without_the_controller_and_dies_down_with_it():
+    off = press(Haptic(passivity=False), 3000.0)
+    assert off.swing(0.75) == approx(22e-3, abs=2e-3) and off.swing(0.0) < off.swing(0.25) < off.swing(0.5)
+    late = press(Haptic(passivity=False), 3000.0, delay=1)
+    assert late.swing(0.75) == approx(93e-3, abs=4e-3)
+    on = press(Haptic(delay=0), 3000.0)
+    assert on.swing(0.75) < 0.15e-3
+    assert on.energy.min() > -0.5e-3 and on.true_energy.min() > -0.5e-3
+
+
+@pytest.mark.parametrize("delay", range(6))
+@pytest.mark.parametrize("stiffness", [440.0, 1000.0, 3000.0])
+def test_no_growing_oscillation_with_delay(stiffness, delay):
+    on = press(Haptic(delay=delay), stiffness, delay=delay)
+    assert on.swing(0.75) <= 1.02 * on.swing(0.25) + 1e-6
+    assert on.swing(0.75) < 4e-3 and np.abs(on.force).max() <= 9.0 + 1e-12
+    off = press(Haptic(passivity=False), stiffness, delay=delay)
+    assert off.swing(0.75) > on.swing(0.75) and off.true_energy.min() < on.true_energy.min()
+
+
+@pytest.mark.parametrize("delay", [0, 1, 3, 5])
+def test_no_growing_oscillation_on_a_bad_day(delay):
+    day = {"delay": delay, "count": 60e-6, "jitter": True, "lost": 0.01}
+    on = press(Haptic(delay=delay), 440.0, **day)
+    assert on.swing(0.75) <= max(on.swing(0.25), 0.2e-3)
+    assert on.true_energy.min() > -1e-3
+    off = press(Haptic(passivity=False), 440.0, **day)
+    assert off.true_energy.min() < -1e-3
+
+
+def test_a_delay_set_too_large_is_safe():
+    for delay in range(6):
+        on = press(Haptic(delay=5), 1000.0, delay=delay)
+        assert on.swing(0.75) <= 1.02 * on.swing(0.25) + 1e-6
+
+
+def test_a_closed_cycle_gives_no_energy_beyond_the_leak_of_one_step():
+    stiffness, depth, steps = 440.0, 8e-3, 400
+    z = -depth * np.sin(np.linspace(0.0, np.pi, steps + 1))
+    b = bus(passivity=False)
+    for a in z:
+        found = touch(b, a, stiffness * max(-a, 0.0), max(-a, 0.0))
+    leak = 0.5 * stiffness * np.sum(np.diff(z) ** 2)
+    assert found.energy == approx(-leak, rel=1e-2)
+    assert leak < stiffness * depth * np.abs(np.diff(z)).max()
+
+
+def test_the_same_inputs_give_the_same_bytes():
+    first, second = (press(Haptic(), 1000.0, steps=300, count=60e-6, jitter=True) for _ in range(2))
+    assert first.force.tobytes() == second.force.tobytes() and first.energy.tobytes() == second.energy.tobytes()

@@ -1,0 +1,179 @@
+"""The kinematics nodes: pose from joint angles, bad samples, torques from a force."""
+
+import numpy as np
+import pytest
+from pytest import approx
+
+from palpate.launch.testing import FakeBus
+from palpate.messages import DeviceState, Force, MessageError, Pose
+from palpate.nodes.kinematics import Cartesian, Falcon, FalconStatics
+from palpate.physics.device.falcon import FALCON, HOME, inverse
+from palpate.physics.device.falcon_statics import force as force_of
+
+
+def device(point, **given) -> DeviceState:
+    angles, reach = inverse(point)
+    assert reach
+    return DeviceState(joints=angles[:, 0], **given)
+
+
+def poses(points, bus=None) -> list[Pose]:
+    return (bus or FakeBus(Falcon())).publish(*[device(p) for p in points])
+
+
+def glide(count: int, speed: float = 0.1) -> np.ndarray:
+    """Points [m] (count, 3) along x at a constant speed, 1 ms apart."""
+    points = np.tile((-0.01, 0.005, 0.11), (count, 1))
+    points[:, 0] += speed * 1e-3 * np.arange(count)
+    return points
+
+
+def test_position_and_velocity_follow_the_grip():
+    points = glide(30)
+    found = poses(points)
+    for point, pose in zip(points, found, strict=True):
+        assert pose.position == approx(point, abs=1e-9)
+    assert found[0].velocity == (0.0, 0.0, 0.0) and found[0].dt == 0.0
+    assert found[-1].velocity == approx((0.1, 0.0, 0.0), abs=1e-6) and found[-1].dt == approx(1e-3)
+
+
+def test_the_origin_places_the_device_in_the_world():
+    (found,) = poses([HOME], FakeBus(Falcon(origin=(0.1, -0.2, 0.3))))
+    assert found.position == approx((0.1, -0.2, 0.41))
+
+
+@pytest.mark.parametrize("leg", [0, 1, 2])
+@pytest.mark.parametrize("sign", [1, -1])
+def test_an_encoder_glitch_is_refused(leg, sign):
+    points = glide(40)
+    states = [device(p) for p in points]
+    bad = list(states[20].joints)
+    bad[leg] += sign * 1000 * FALCON.count
+    found = FakeBus(Falcon()).publish(*states[:20], DeviceState(joints=bad), *states[21:])
+    assert found[20].position == found[19].position and found[20].dt == 0.0
+    assert found[20].velocity == approx((0.1, 0.0, 0.0), abs=1e-6)
+    assert found[21].position == approx(points[21], abs=1e-9) and found[21].dt == approx(2e-3)
+    speeds = [np.linalg.norm(p.velocity) for p in found[10:]]
+    assert max(speeds) == approx(0.1, abs=1e-6)
+
+
+def test_a_real_jump_is_believed_after_four_samples():
+    there = np.tile((0.03, 0.0, 0.12), (10, 1))
+    found = poses([*glide(20), *there])
+    assert [f.position[2] > 0.115 for f in found[20:24]] == [False, False, False, True]
+    assert found[23].velocity == (0.0, 0.0, 0.0)
+    assert found[-1].position == approx(there[0], abs=1e-9) and found[-1].velocity == approx((0, 0, 0), abs=1e-6)
+
+
+def test_wild_samples_that_do_not_agree_are_never_believed():
+    rng = np.random.default_rng(0)
+    wild = rng.uniform((-0.05, -0.05, 0.09), (0.05, 0.05, 0.14), (60, 3))
+    keep = [wild[0]]
+    for p in wild[1:]:
+        if np.linalg.norm(p - keep[-1]) > 0.02 and np.linalg.norm(p - glide(20)[-1]) > 5 * 1e-3 * (len(keep) + 1):
+            keep.append(p)
+    found = poses([*glide(20), *keep[1:7]])
+    assert len({f.position for f in found[19:]}) == 1
+
+
+def test_a_fast_hand_is_no_glitch():
+    found = poses(glide(8, speed=4.0))
+    assert found[-1].velocity[0] == approx(4.0, rel=1e-6)
+
+
+def test_angles_that_no_position_has_leave_the_pose_standing():
+    impossible = DeviceState(joints=(-1.5, 1.5, 3.0))
+    bus = FakeBus(Falcon())
+    (first,) = bus.publish(impossible)
+    assert first.position == approx(HOME)
+    before = poses(glide(20), bus)[-1]
+    for pose in bus.publish(*[impossible] * 5):
+        assert pose.position == before.position and np.all(np.isfinite(pose.velocity))
+
+
+def test_doubled_reordered_and_late_samples_are_not_differentiated():
+    bus = FakeBus(Falcon())
+    poses(glide(20), bus)
+    points = glide(60)
+    bus.twice()
+    one, two = bus.publish(device(points[20]))
+    assert two.dt == one.dt == approx(1e-3) and two.velocity == one.velocity == approx((0.1, 0, 0), abs=1e-6)
+    bus.swap()
+    newer, older = bus.publish(device(points[21]), device(points[22]))
+    assert newer.position == approx(points[22], abs=1e-9) and older.position == newer.position
+    assert older.velocity == approx((0.1, 0, 0), abs=1e-6)
+    bus.late(0.5e-3)
+    found = bus.publish(*[device(p) for p in points[23:]])
+    assert found[0].dt == approx(1.5e-3) and found[1].dt == approx(0.5e-3)
+    assert all(np.linalg.norm(f.velocity) < 0.11 for f in found)
+
+
+def test_lost_samples_are_bridged_by_their_stamps():
+    bus = FakeBus(Falcon())
+    points = glide(40)
+    poses(points[:20], bus)
+    bus.drop(3)
+    found = bus.publish(*[device(p) for p in points[20:]])
+    assert found[0].dt == approx(4e-3)
+    assert all(f.velocity == approx((0.1, 0, 0), abs=1e-6) for f in found)
+
+
+def test_a_device_that_is_not_homed_holds_the_last_pose_and_begins_anew():
+    bus = FakeBus(Falcon())
+    before = poses(glide(20), bus)[-1]
+    (lost,) = bus.publish(device((0.03, 0.02, 0.12), homed=False))
+    assert lost.position == before.position and lost.velocity == (0.0, 0.0, 0.0) and lost.dt == 0.0
+    again = poses([(0.03, 0.02, 0.12)] * 2, bus)
+    assert again[0].position == approx((0.03, 0.02, 0.12)) and again[1].velocity == approx((0, 0, 0), abs=1e-9)
+
+
+def test_the_wrong_device_is_named_with_the_right_node():
+    with pytest.raises(MessageError, match=r"found 0 angles, expected 3 .*kinematics\.Cartesian"):
+        FakeBus(Falcon()).publish(DeviceState(position=(0, 0, 0)))
+    with pytest.raises(MessageError, match=r"found 0 numbers, expected 3 .*kinematics\.Falcon"):
+        FakeBus(Cartesian()).publish(DeviceState(joints=(0, 0, 0)))
+
+
+def test_a_device_that_reports_a_position_gets_the_same_filter():
+    points = glide(30)
+    bus = FakeBus(Cartesian(origin=(0.0, 0.0, 1.0)))
+    found = bus.publish(*[DeviceState(position=p) for p in points])
+    assert found[-1].position == approx(points[-1] + (0, 0, 1.0))
+    assert found[-1].velocity == approx((0.1, 0, 0), abs=1e-9)
+
+
+def test_a_position_that_is_not_finite_is_left_out():
+    bus = FakeBus(Cartesian())
+    for bad in (float("nan"), float("inf")):
+        (found,) = bus.publish(DeviceState(position=(bad, 0.0, 0.0)))
+        assert found.position == (0.0, 0.0, 0.0)
+
+
+def pushed(force, position, **settings) -> np.ndarray:
+    node = FakeBus(FalconStatics(**settings), pose=Pose(position=position, velocity=(0, 0, 0), dt=1e-3))
+    return np.array(node.publish(Force(force=force, state="contact", energy=0.0))[0].torques)
+
+
+def test_torques_give_the_force_at_the_pose():
+    wish = np.array([0.5, -0.3, 2.0])
+    for origin in [(0.0, 0.0, 0.0), (0.2, 0.1, -0.05)]:
+        inside = np.array((0.01, -0.02, 0.12))
+        torques = pushed(wish, inside + origin, origin=origin)
+        assert force_of(torques, inside)[0] == approx(wish, abs=1e-12)
+
+
+def test_a_force_beyond_the_motors_keeps_its_direction():
+    wish = np.array([20.0, -10.0, 40.0])
+    torques = pushed(wish, HOME)
+    assert np.abs(torques).max() == approx(FALCON.limit, rel=1e-12)
+    found = force_of(torques, HOME)[0]
+    assert found / np.linalg.norm(found) == approx(wish / np.linalg.norm(wish), abs=1e-9)
+
+
+def test_no_torque_without_a_force_a_pose_or_in_an_impossible_place():
+    assert np.all(pushed((1, 1, 1), (0, 0, 9.0)) == 0.0)
+    bus = FakeBus(FalconStatics())
+    (found,) = bus.publish(Force(force=(1, 1, 1), state="free", energy=0.0))
+    assert found.torques == (0.0, 0.0, 0.0)
+    bus = FakeBus(FalconStatics(), pose=Pose(position=HOME, velocity=(0, 0, 0), dt=1e-3))
+    assert bus.run()[0].torques == (0.0, 0.0, 0.0)

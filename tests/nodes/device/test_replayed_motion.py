@@ -1,0 +1,56 @@
+"""A device that follows a table of a motion."""
+
+import pytest
+from pytest import approx
+
+from palpate.launch.testing import FakeBus
+from palpate.nodes.base import SettingError
+from palpate.nodes.device import Replayed
+
+
+def table(tmp_path, text):
+    file = tmp_path / "motion.csv"
+    file.write_text(text)
+    return str(file)
+
+
+def test_it_goes_straight_between_the_rows_and_stays_at_the_end(tmp_path):
+    path = table(tmp_path, "# a slide\nt,x,y,z,buttons\n0,0,0,0.1,0\n0.1,0.01,0,0.1,2\n0.2,0.01,0.02,0.1,0\n")
+    found = FakeBus(Replayed(path=path)).run(300)
+    assert found[50].position == approx((0.005, 0.0, 0.1)) and found[50].buttons == 0
+    assert found[150].position == approx((0.01, 0.01, 0.1)) and found[150].buttons == 2
+    assert found[-1].position == approx((0.01, 0.02, 0.1)) and found[-1].joints == ()
+
+
+def test_it_repeats(tmp_path):
+    path = table(tmp_path, "z,x,y,t\n0.1,0,0,5\n0.1,1,0,5.1\n")
+    found = FakeBus(Replayed(path=path, repeat=True)).run(250)
+    assert found[150].position[0] == approx(found[50].position[0], abs=1e-9)
+
+
+def test_joint_angles(tmp_path):
+    path = table(tmp_path, "t,joint3,joint1,joint2\n0,3,1,2\n1,3,1,2\n")
+    (state,) = FakeBus(Replayed(path=path)).run(1)
+    assert state.joints == (1.0, 2.0, 3.0) and state.position == ()
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("", "empty; expected a head"),
+        ("t,x,y\n0,0,0\n", r"its head is t, x, y; expected t and x, y, z \[m\]"),
+        ("t,x,y,z\n", "a head without rows"),
+        ("t,x,y,z\n0,0,0,0\n0.1,a,0,0\n", "line 3: found '0.1, a, 0, 0', expected numbers"),
+        ("t,x,y,z\n0,0,0\n", "line 2: found 3 numbers, expected 4"),
+        ("t,x,y,z\n0,0,0,0\n0,0,0,1\n", "line 3: the time 0.0 does not grow"),
+        ("t,x,y,z\n0,0,0,nan\n", "line 2"),
+    ],
+)
+def test_a_table_that_is_none_is_told(tmp_path, text, told):
+    with pytest.raises(SettingError, match=told):
+        FakeBus(Replayed(path=table(tmp_path, text)))
+
+
+def test_a_table_that_is_not_there_is_told():
+    with pytest.raises(SettingError, match=r"none\.csv: No such file"):
+        FakeBus(Replayed(path="none.csv"))

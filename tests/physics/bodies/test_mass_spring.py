@@ -1,0 +1,292 @@
+"""The mass-spring body: nodal law and full net."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pytest import approx
+from scipy.optimize import brentq
+
+from palpate.launch.testing import FakeBus
+from palpate.messages import Load, Proximity, pack, unpack
+from palpate.nodes.contact import Series
+from palpate.nodes.deformation import MassSpring
+from palpate.nodes.spread import Kernel
+from palpate.physics.bodies import mass_spring, spring_net
+from palpate.physics.bodies.mass_spring import MOST_STRAIN, NodalBody
+from palpate.physics.bodies.spring_net import NetBody
+from palpate.physics.contact import terminal
+from palpate.physics.contact.series import exponential, series_path
+from palpate.physics.contact.spread import Spreader, kernel
+from palpate.physics.contact.terminal import terminal_force
+from palpate.physics.geometry.mesh import plane
+
+K, N, C = 3.0e3, 1.5, 5.0
+UP = (0.0, 0.0, 1.0)
+NOTHING = (np.zeros(0, np.int32), np.zeros((0, 3)))
+MESH = plane(0.06, 61**2)
+steps = pytest.mark.parametrize("dt", [1e-6, 1e-4, 1e-3, 0.1])
+
+
+def load(force, foot=(0.0, 0.0, 0.0), radius=8e-3, mesh=MESH):
+    spreader = Spreader(mesh, radius)
+    count = spreader.spread(foot, UP, force)
+    return spreader.nodes[:count].copy(), spreader.forces[:count].copy()
+
+
+def nodal(damping=C, mesh=MESH, k_t=300.0, d_t=3.0):
+    return NodalBody(mesh, K, N, damping, k_t, d_t)
+
+
+def net(coupling, mesh=MESH):
+    return NetBody(mesh, K, N, C, 300.0, 3.0, coupling, 1e-3 * coupling)
+
+
+def dense(found, mesh=MESH):
+    out = np.zeros((len(mesh.vertices), 3))
+    out[found[0]] = found[1]
+    return out
+
+
+def test_at_rest_the_centre_goes_in_by_the_contact_indentation_and_the_rest_follows_the_kernel():
+    s = (2.0 / K) ** (1 / N)
+    found = dense(nodal().step(*load((0.0, 0.0, -2.0)), UP, math.inf))
+    d = np.linalg.norm(MESH.vertices, axis=1)
+    assert -found[:, 2] == approx(s * kernel("biweight", d / 8e-3) ** (1 / N), abs=1e-12)
+
+
+@steps
+def test_each_node_obeys_its_own_implicit_step(dt):
+    body = nodal()
+    nodes, forces = load((0.0, 0.0, -1.5))
+    before = np.zeros(len(MESH.vertices))
+    rng = np.random.default_rng(0)
+    for _ in range(4):
+        scale = rng.uniform(0.1, 3)
+        found = -dense(body.step(nodes, forces * scale, UP, dt))[:, 2]
+        p = -forces[:, 2] * scale / MESH.areas[nodes]
+        total = 1.5 * scale
+        for j in range(0, len(nodes), 17):
+            node = nodes[j]
+            goal = total * p[j] / p.max()
+            value = terminal_force(found[node], dt, K, N, C, 0.0, before[node])[0]
+            assert value == approx(goal, rel=1e-7)
+        before = found
+
+
+def test_a_symmetric_load_gives_a_symmetric_surface():
+    found = dense(nodal().step(*load((0.0, 0.0, -2.0)), UP, 1e-3))[:, 2].reshape(61, 61)
+    assert found == approx(found[::-1], abs=1e-15)
+    assert found == approx(found[:, ::-1], abs=1e-15)
+    assert found == approx(found.T, abs=1e-15)
+
+
+def test_the_surface_moves_continuously_with_the_foot():
+    before = None
+    spreader = Spreader(MESH, 8e-3)
+    for x in np.linspace(0, 2e-3, 401):
+        count = spreader.spread((x, 0.3e-3, 0.0), UP, (0.0, 0.0, -2.0))
+        found = dense(nodal(mesh=MESH).step(spreader.nodes[:count], spreader.forces[:count], UP, math.inf))
+        assert before is None or np.abs(found - before).max() < 30e-6
+        before = found
+
+
+@steps
+@pytest.mark.parametrize("coupling", [0.0, 20.0])
+def test_after_release_the_surface_returns_without_overshoot(dt, coupling):
+    body = net(coupling) if coupling else nodal()
+    on = load((0.5, 0.0, -2.0))
+    for _ in range(20):
+        body.step(*on, UP, max(dt, 1e-3))
+    size = np.linalg.norm(dense(body.step(*NOTHING, UP, dt)), axis=1).max()
+    for _ in range(60):
+        found = dense(body.step(*NOTHING, UP, dt))
+        now = np.linalg.norm(found, axis=1).max()
+        assert now <= size * (1 + 1e-9) + 1e-12
+        assert found[:, 2].max() < (1e-9 if not coupling else 0.2 * size + 1e-9)
+        size = now
+    for _ in range(300):
+        found = dense(body.step(*NOTHING, UP, 0.05))
+    assert (found == 0).all()
+
+
+def test_released_nodes_recover_at_the_rate_of_their_damping():
+    body = nodal()
+    body.step(*load((0.0, 0.0, -2.0)), UP, math.inf)
+    one = -dense(body.step(*NOTHING, UP, 1e-3))[:, 2].min()
+    two = -dense(body.step(*NOTHING, UP, 1e-3))[:, 2].min()
+    assert one - two == approx(1e-3 / C, rel=1e-9)
+
+
+def test_the_tangential_spring_is_backward_euler():
+    body, at, dt = nodal(), load((0.3, 0.0, -2.0)), 1e-3
+    expected = 0.0
+    for _ in range(5):
+        found = dense(body.step(*at, UP, dt))[:, 0].max()
+        expected = (0.3 * dt + 3.0 * expected) / (300.0 * dt + 3.0)
+        assert found == approx(expected, rel=1e-9)
+    for _ in range(300):
+        found = dense(body.step(*at, UP, dt))[:, 0].max()
+    assert found == approx(0.3 / 300.0, rel=1e-6)
+
+
+@pytest.mark.parametrize("coupling", [0.0, 50.0])
+def test_neighbours_never_part_by_more_than_the_limit(coupling):
+    body = net(coupling) if coupling else nodal(k_t=20.0)
+    edges = np.concatenate([MESH.triangles[:, [0, 1]], MESH.triangles[:, [1, 2]], MESH.triangles[:, [2, 0]]])
+    lengths = np.linalg.norm(MESH.vertices[edges[:, 0]] - MESH.vertices[edges[:, 1]], axis=1)
+    for force in ((3.0, 0.0, -4.0), (-3.0, 2.0, -4.0), (0.0, 0.0, -9.0)):
+        at = load(force, foot=(0.3e-3, 0.1e-3, 0.0))
+        for _ in range(6):
+            found = dense(body.step(*at, UP, 0.05))
+            columns = found if coupling else found[:, :2]
+            parted = np.linalg.norm(columns[edges[:, 0]] - columns[edges[:, 1]], axis=1)
+            assert (parted <= MOST_STRAIN * lengths * (1 + 1e-9)).all()
+
+
+def test_a_tangential_pull_never_turns_a_triangle_over():
+    body = nodal(k_t=20.0)
+    found = dense(body.step(*load((5.0, 1.0, -5.0)), UP, 1.0))
+    corner = (MESH.vertices + found)[MESH.triangles][:, :, :2]
+    a, b = corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]
+    assert (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0] > 0).all()
+
+
+def test_only_the_zone_is_kept_in_the_list():
+    body = nodal()
+    spreader = Spreader(MESH, 4e-3)
+    for i in range(300):
+        count = spreader.spread((-0.02 + 1e-4 * i, 0.0, 0.0), UP, (0.0, 0.0, -0.5))
+        nodes, _ = body.step(spreader.nodes[:count], spreader.forces[:count], UP, 1e-2)
+        assert len(nodes) < 3 * count and len(set(nodes.tolist())) == len(nodes)
+    outside = np.setdiff1d(np.arange(len(MESH.vertices)), nodes)
+    assert (body.net.where[outside] == -1).all()
+
+
+def test_the_zone_of_a_large_mesh_moves_as_that_of_a_small_one():
+    large = plane(0.18, 181**2)
+    small = dense(nodal().step(*load((0.1, 0.0, -2.0)), UP, 1e-3))
+    wide = dense(nodal(mesh=large).step(*load((0.1, 0.0, -2.0), mesh=large), UP, 1e-3), large)
+    assert wide.reshape(181, 181, 3)[60:121, 60:121] == approx(small.reshape(61, 61, 3), abs=1e-12)
+
+
+def test_forces_on_nodes_that_do_not_exist_are_left_out():
+    nodes, displacement = nodal().step(np.array([-3, 10**6], np.int32), np.full((2, 3), -1.0), UP, 1e-3)
+    assert len(nodes) == 0 and displacement.shape == (0, 3)
+
+
+def test_a_net_with_hardly_any_coupling_is_the_nodal_law():
+    at = load((0.02, 0.0, -0.2))
+    free, tied = nodal(), net(1e-10)
+    for dt in (1e-3, 1e-3, 0.02, 1e-4):
+        assert dense(tied.step(*at, UP, dt)) == approx(dense(free.step(*at, UP, dt)), abs=2e-8)
+    for _ in range(5):
+        assert dense(tied.step(*NOTHING, UP, 1e-3)) == approx(dense(free.step(*NOTHING, UP, 1e-3)), abs=2e-8)
+
+
+def test_coupling_shares_the_indentation_with_the_neighbours():
+    at = load((0.0, 0.0, -0.5))
+    deepest, outside = [], []
+    for coupling in (0.1, 10.0, 100.0):
+        body = net(coupling)
+        for _ in range(30):
+            found = -dense(body.step(*at, UP, 0.1))[:, 2]
+        d = np.linalg.norm(MESH.vertices, axis=1)
+        deepest.append(found.max())
+        outside.append(found[(d > 8e-3) & (d < 10e-3)].max())
+    assert deepest == sorted(deepest, reverse=True) and outside == sorted(outside)
+
+
+def test_a_single_node_of_the_net_balances_its_springs():
+    """One loaded node, its neighbours held: along its normal the edges are stretched, F(u) + sum of tensions = f."""
+    mesh = plane(0.03, 31**2)
+    coupling, force = 40.0, 0.02
+    body = NetBody(mesh, K, N, C, 300.0, 3.0, coupling, 0.0, rings=0)
+    node = 15 * 31 + 15
+    for _ in range(40):
+        found = body.step(np.array([node], np.int32), np.array([[0.0, 0.0, -force]]), UP, 10.0)
+    u = -dense(found, mesh)[node, 2]
+    near = mesh.vertices[np.unique(mesh.triangles[(mesh.triangles == node).any(axis=1)])]
+    rest = np.linalg.norm(near - mesh.vertices[node], axis=1)
+    rest = rest[rest > 0]
+
+    def balance(x):
+        long = np.hypot(rest, x)
+        return K * x**N + (coupling * (long - rest) * x / long).sum() - force
+
+    assert u == approx(brentq(balance, 0, 1e-2), rel=1e-5)
+
+
+@settings(max_examples=20, deadline=None)
+@given(
+    st.lists(
+        st.tuples(st.floats(0, 9), st.floats(-5, 5), st.floats(-0.02, 0.02), st.floats(-6, -1)), min_size=1, max_size=6
+    ),
+    st.sampled_from([0.0, 5.0, 500.0]),
+)
+def test_any_load_and_step_stays_finite_and_bounded(path, coupling):
+    body = net(coupling, SMALL) if coupling else nodal(mesh=SMALL)
+    for normal, tangential, x, exponent in path:
+        at = load((tangential, 0.0, -normal), foot=(x, 0.0, 0.0), radius=5e-3, mesh=SMALL)
+        found = dense(body.step(*at, UP, 10.0**exponent), SMALL)
+        assert np.isfinite(found).all() and np.abs(found).max() < 0.1
+
+
+SMALL = plane(0.05, 26**2)
+
+
+def proximity(e):
+    return Proximity(foot=(0, 0, 0), normal=UP, coordinates=(0, 0), element=0, gap=4e-3 - e, approach=e, slip=(0, 0, 0))
+
+
+def test_contact_against_the_node_is_the_monolithic_series_solution():
+    at_rest, tissue = (FakeBus(MassSpring(surface="plane", vertices=2500, position=(0, 0, 0))) for _ in range(2))
+    contact = FakeBus(Series())
+    spread = FakeBus(Kernel(surface="plane", vertices=2500, position=(0, 0, 0)))
+    t = np.arange(1, 401) * 1e-3
+    e = np.interp(t, [0, 0.1, 0.3, 0.4], [0, 8e-3, 8e-3, 0]) * (1 + 0.1 * np.sin(300 * t))
+    forces, s2 = [], []
+    (surface,) = at_rest.publish(Load(nodes=[], forces=np.zeros((0, 3)), foot=(0, 0, 0), normal=UP))
+    for x in e:
+        contact.hold("body", surface)
+        (pressed,) = contact.publish(proximity(x))
+        (surface,) = tissue.publish(*spread.publish(pressed))
+        forces.append(pressed.force)
+        s2.append((pressed.indentation, surface.previous))
+    whole, _, _ = series_path(e, 1e-3, exponential(26.2641, 1681.06), 8.0, K, N, C)
+    assert forces == approx(whole, rel=1e-9, abs=1e-12)
+    assert [a for a, _ in s2] == approx([b for _, b in s2], rel=1e-9, abs=1e-14)
+
+
+def test_the_field_is_left_out_where_nobody_wants_it():
+    on = Load(nodes=[5, 6], forces=[[0, 0, -1.0], [0, 0, -1.0]], foot=(0, 0, 0), normal=UP)
+    (full,) = FakeBus(MassSpring(surface="plane", vertices=400)).publish(on)
+    node = MassSpring(surface="plane", vertices=400)
+    node.wanted = frozenset({"stiffness", "previous"})
+    (lean,) = FakeBus(node).publish(on)
+    assert full.nodes.size == 2 and lean.nodes.size == 0
+    assert lean.previous == full.previous > 0
+
+
+def test_coupling_leaves_the_terminal_law_as_it_is():
+    nodes, forces = load((0.0, 0.0, -1.0))
+    on = Load(nodes=nodes, forces=forces, foot=(0, 0, 0), normal=UP)
+    found = [
+        FakeBus(MassSpring(surface="plane", vertices=3721, coupling=k)).publish(on, on)[-1].previous
+        for k in (0.0, 30.0)
+    ]
+    assert found[0] == found[1]
+
+
+@pytest.mark.parametrize("coupling", [0.0, 30.0])
+def test_no_compilation_falls_into_a_step(coupling):
+    compiled = (mass_spring.nodal_step, mass_spring.normal_force, spring_net.net_step, terminal.indentation)
+    node = MassSpring(surface="plane", vertices=400, coupling=coupling)
+    node.start()
+    before = [len(kernel.signatures) for kernel in compiled]
+    on = Load(nodes=[5, 6], forces=[[0, 0, -1.0], [0, 0, -1.0]], foot=(0, 0, 0), normal=UP)
+    node.step(unpack(pack(on), Load), dt=1e-3)
+    node.step(on, dt=1e-3)
+    assert [len(kernel.signatures) for kernel in compiled] == before

@@ -1,0 +1,199 @@
+"""Force and place of a condensed organ have one energy: its slope along the surface, and closed rounds of a finger."""
+
+from functools import lru_cache
+
+import numpy as np
+import pytest
+from pytest import approx
+
+from palpate.launch.testing import FakeBus
+from palpate.messages import Load, Proximity, Surface
+from palpate.nodes.contact import Series
+from palpate.nodes.deformation import ReducedFE
+from palpate.physics.bodies.condensed_body import Basis, CondensedBody
+from palpate.physics.bodies.dents import SPACING
+from palpate.physics.bodies.place_energy import held, on_hand
+from palpate.physics.contact.series import exponential, series
+from palpate.physics.contact.spread import Spreader
+from palpate.physics.contact.terminal import Terminal
+from palpate.physics.geometry.mesh_closest import MeshClosestPoint
+
+STEP = 1e-3
+GAIN = 0.025
+"""Of the work that is put in: what a closed round may give out beyond it at most; without the slope it is 0.105. What
+is left is how far the compliance of the coarse mesh scatters from place to place."""
+
+
+@lru_cache
+def kidney():
+    node = ReducedFE(position=(0.0, 0.0, 0.0))
+    mesh = node.mesh()
+    return node, node.basis(), mesh, MeshClosestPoint(mesh), Spreader(mesh, node.radius, "biweight")
+
+
+class Hand:
+    """A hand that moves a fingertip over the reduced kidney, and the work that it does."""
+
+    def __init__(self, retardation=0.0, model="nonlinear"):
+        node, basis, mesh, self.closest, self.spread = kidney()
+        if model == "linear":
+            basis = Basis(basis.vertices, basis.triangles, basis.compliance)
+        self.body = CondensedBody(basis, mesh, node.young, retardation, node.radius, node.reach)
+        self.own = exponential(Series().finger_stiffness, Series().finger_hardening)
+        self.compression, self.law, self.at, self.force = 0.0, None, None, np.zeros(3)
+        self.taken = self.given = 0.0
+
+    def to(self, foot, normal, approach):
+        """Move so that the foot point and the approach are these."""
+        at = foot - approach * normal
+        body = self.law or Terminal(1e3, 1.0, 0.0, 0.0, 0.0)
+        push, self.compression, _ = series(approach, STEP, self.compression, self.own, 0.0, body)
+        self.load(foot, normal, push)
+        slope, turning = self.body.along()
+        force = push * normal + on_hand(slope, turning, approach, tuple(normal.tolist()))
+        if self.at is not None:
+            part = -0.5 * (force + self.force) @ (at - self.at)
+            self.taken, self.given = self.taken + max(part, 0.0), self.given - min(part, 0.0)
+        self.at, self.force = at, force
+
+    def load(self, foot, normal, push):
+        at, n = tuple(foot.tolist()), tuple(normal.tolist())
+        count = self.spread.spread(at, n, tuple((-max(push, 1e-9) * normal).tolist()))
+        law = self.body.step(self.spread.nodes[:count], self.spread.forces[:count], at, n, STEP)
+        self.law = Terminal(1.0 / law[0], 1.0, 0.0, law[1], law[2])
+
+
+def gained(hand, way, approach, steps=150):
+    """Share of the work that goes in that comes out beyond it, down at the first point, along the way, up at the last
+    and back through the air."""
+    feet, normals, *_ = hand.closest.find(way)
+    ramp = np.linspace(0.0, approach, steps)
+    for e in ramp:
+        hand.to(feet[0], normals[0], e)
+    for foot, normal in zip(feet, normals, strict=True):
+        hand.to(foot, normal, approach)
+    for e in ramp[::-1]:
+        hand.to(feet[-1], normals[-1], e)
+    return (hand.given - hand.taken) / hand.taken
+
+
+def top(x, y):
+    """The point of the kidney above (x, y)."""
+    return np.array([x, y, 0.021])
+
+
+ARCS = {
+    "along": (top(-0.025, 0.0), top(0.025, 0.0)),
+    "back": (top(0.025, 0.0), top(-0.025, 0.0)),
+    "across": (top(0.0, -0.01), top(0.02, 0.012)),
+    "to the end": (top(0.0, 0.0), top(0.04, 0.0)),
+    "from the end": (top(0.04, 0.0), top(0.0, 0.0)),
+    "softest to stiffest": (np.array([-0.0432, -0.0027, 0.0145]), np.array([0.0275, -0.0076, 0.0195])),
+    "stiffest to softest": (np.array([0.0275, -0.0076, 0.0195]), np.array([-0.0432, -0.0027, 0.0145])),
+    "softest to stiffest under 4 mm": (np.array([-0.0424, -0.0175, 0.013]), np.array([0.0069, 0.0025, 0.021])),
+    "stiffest to softest under 4 mm": (np.array([0.0069, 0.0025, 0.021]), np.array([-0.0424, -0.0175, 0.013])),
+}
+
+
+@pytest.mark.parametrize("model", ["nonlinear", "linear"])
+@pytest.mark.parametrize("retardation", [0.0, 0.02])
+@pytest.mark.parametrize("approach", [4e-3, 10e-3])
+def test_pressing_here_sliding_and_lifting_there_gives_out_nothing(model, retardation, approach):
+    for a, b in ARCS.values():
+        way = np.linspace(a, b, 500)
+        assert gained(Hand(retardation, model), way, approach) <= GAIN
+
+
+def test_a_hand_that_feels_the_normal_force_alone_gains_a_tenth(monkeypatch):
+    """So the tests above see what they are meant to see."""
+    hand = Hand()
+    monkeypatch.setattr(hand.body, "along", lambda: ((0.0, 0.0, 0.0), (0.0,) * 9))
+    assert gained(hand, np.linspace(*ARCS["softest to stiffest"], 500), 10e-3) > 0.08
+
+
+@pytest.mark.parametrize("turn", [1.0, -1.0])
+@pytest.mark.parametrize(("radius", "approach"), [(4e-3, 10e-3), (12e-3, 10e-3), (12e-3, 4e-3)])
+def test_rounds_at_one_depth_give_out_nothing(turn, radius, approach):
+    angle = turn * np.linspace(0.0, 4.0 * np.pi, 800)
+    way = np.stack([radius * np.cos(angle), radius * np.sin(angle), np.full(len(angle), 0.021)], axis=1)
+    assert gained(Hand(), way, approach) <= GAIN
+
+
+def energy(body, spread, foot, normal, force):
+    """V* [J] at a force [N] by quadrature of the indentation over the force."""
+    at, n, found = tuple(foot.tolist()), tuple(normal.tolist()), []
+    forces = np.linspace(0.0, force, 200)
+    for f in forces:
+        count = spread.spread(at, n, tuple((-max(f, 1e-9) * normal).tolist()))
+        found.append(body.step(spread.nodes[:count], spread.forces[:count], at, n, 1e6)[2])
+    return float(np.sum(0.5 * (np.array(found)[1:] + found[:-1]) * np.diff(forces)))
+
+
+@pytest.mark.parametrize("place", [(0.0, 0.0), (0.02, 0.005), (0.03, -0.004), (-0.02, 0.01)])
+def test_the_slope_is_the_change_of_the_energy_with_place(place):
+    hand, force, h = Hand(), 1.5, 6e-3
+    (foot,), (normal,), *_ = hand.closest.find(top(*place)[None])
+    hand.load(foot, normal, force)
+    slope = np.array(hand.body.along()[0])
+    side = np.cross(normal, (1.0, 0.0, 0.0))
+    ways = side / np.linalg.norm(side), np.cross(side / np.linalg.norm(side), normal)
+    change = []
+    for way in ways:
+        feet, normals, *_ = hand.closest.find(np.array([foot - h * way, foot + h * way]))
+        low, high = (energy(hand.body, hand.spread, p, n, force) for p, n in zip(feet, normals, strict=True))
+        change.append((high - low) / np.linalg.norm(feet[1] - feet[0]))
+    found = np.array([slope @ way for way in ways])
+    assert np.linalg.norm(found - change) < 0.3 * np.linalg.norm(change) + 1e-3
+    assert slope @ normal == approx(0.0, abs=1e-12)
+
+
+def test_what_is_held_is_the_integral_of_the_curve():
+    rng = np.random.default_rng(2)
+    knots, slopes = np.concatenate([[0.0], np.cumsum(rng.uniform(0.05, 0.2, 5))]), rng.uniform(0.5, 1.5, 6)
+
+    def curve(s):
+        k = min(int(s / SPACING), 5)
+        if k == 5:
+            return knots[5] + slopes[5] * (s - 5 * SPACING) + 2.0 * (slopes[5] - 0.2) * (s - 5 * SPACING) ** 2
+        t = s / SPACING - k
+        h = (2 * t**3 - 3 * t**2 + 1, t**3 - 2 * t**2 + t, -2 * t**3 + 3 * t**2, t**3 - t**2)
+        return h[0] * knots[k] + h[1] * SPACING * slopes[k] + h[2] * knots[k + 1] + h[3] * SPACING * slopes[k + 1]
+
+    for depth in (0.03, 0.1, 0.27, 0.5, 0.8):
+        grid = np.linspace(0.0, depth, 20001)
+        values = np.array([curve(s) for s in grid])
+        assert held(knots, slopes, depth) == approx(np.sum(0.5 * (values[1:] + values[:-1])) * grid[1], rel=1e-6)
+
+
+def test_over_a_ball_the_hand_moves_less_than_the_foot_point():
+    """Of radius R, where the normal turns by dp/R: the force is greater by 1/(1 - e/R)."""
+    normal, slope, radius = np.array([0.0, 0.6, 0.8]), np.array([0.1, 0.0, 0.0]), 0.02
+    turning = (np.eye(3) - np.outer(normal, normal)) / radius
+    found = on_hand(tuple(slope), tuple(turning.ravel()), 0.008, tuple(normal))
+    assert found == approx((0.1 / (1 - 0.4), 0.0, 0.0))
+    far = on_hand(tuple(slope), tuple(turning.ravel()), 0.5, tuple(normal))
+    assert np.isfinite(far).all()
+
+
+def test_the_contact_passes_it_to_the_hand_and_no_contact_does_not():
+    near = {"foot": (0, 0, 0), "normal": (0.0, 0.0, 1.0), "coordinates": (0, 0), "element": 0, "slip": (0, 0, 0)}
+    body = {"nodes": [], "displacement": np.zeros((0, 3)), "stiffness": 1e3, "exponent": 1.0, "damping": 0.0}
+    body |= {"free": 0.0, "previous": 0.0, "slope": (0.2, -0.1, 0.0), "turning": (0.0,) * 9}
+    bus = FakeBus(Series())
+    touching = bus.publish(Surface(**body), Proximity(gap=0.0, approach=2e-3, **near))[-1]
+    assert touching.along == approx((0.2, -0.1, 0.0)) and touching.force > 0
+    assert bus.publish(Proximity(gap=0.01, approach=0.0, **near))[-1].along == (0.0, 0.0, 0.0)
+
+
+def test_the_node_sends_it():
+    node = ReducedFE(position=(0.0, 0.0, 0.0))
+    bus, mesh = FakeBus(node), node.mesh()
+    top_vertex = mesh.vertices[np.argmax(mesh.vertices[:, 2])]
+    q = np.linalg.norm(mesh.vertices - top_vertex, axis=1) / 8e-3
+    nodes = np.flatnonzero(q < 1).astype(np.int32)
+    share = (1 - q[nodes] ** 2) ** 2
+    press = np.outer(share / share.sum(), (0, 0, -1.0))
+    load = Load(nodes=nodes, forces=press, foot=tuple(top_vertex), normal=(0, 0, 1))
+    found = bus.publish(load)[-1]
+    assert len(found.turning) == 9 and np.isfinite(found.slope).all()
+    assert 1e-4 < np.linalg.norm(found.slope) < 0.05

@@ -1,0 +1,327 @@
+"""What large displacement adds to the condensed organ: against the full model, and as a body that stays passive."""
+
+from functools import lru_cache
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pytest import approx
+from scipy.optimize import brentq
+
+from palpate.fe.meshing.organ import Organ
+from palpate.fe.reduce.dents import patch
+from palpate.fe.reduce.reducible import of_organ
+from palpate.launch.testing import FakeBus
+from palpate.messages import Load
+from palpate.nodes.base import SettingError
+from palpate.nodes.base.surface import surface_mesh
+from palpate.nodes.deformation import ReducedFE
+from palpate.physics.bodies.condensed_body import Basis, CondensedBody
+from palpate.physics.bodies.dents import SOFTEST, SPACING, rise, risen
+from palpate.physics.contact.series import exponential, series
+from palpate.physics.contact.terminal import Terminal
+
+YOUNG = 2e4
+RADIUS = 12e-3
+PRESSED = 9
+UP = (0.0, 0.0, 1.0)
+SHAPE = ("plane", 80)
+
+
+@lru_cache
+def organ():
+    return of_organ(Organ(surface_mesh(*SHAPE)))
+
+
+@lru_cache
+def basis():
+    """The slab with dents that soften it on one side, at a deep press to a limit load, and stiffen it on the other."""
+    mesh = organ().surface
+    table = np.outer(0.5 * np.sin(mesh.vertices[:, 0] / 0.02) - 0.2, 4.0 * (SPACING * np.arange(1, 7)) ** 2)
+    return Basis(mesh.vertices, mesh.triangles, organ().compliance().astype(np.float32), table)
+
+
+def body(retardation=0.0, dented=True):
+    given = basis() if dented else Basis(basis().vertices, basis().triangles, basis().compliance)
+    return CondensedBody(given, organ().surface, YOUNG, retardation, RADIUS, 1.0)
+
+
+def unit(foot, normal, radius=RADIUS):
+    """Nodes and forces of a unit load on the coarse surface."""
+    share = patch(organ().surface, foot, normal, radius)
+    nodes = np.flatnonzero(np.abs(share).max(axis=1) > 0).astype(np.int32)
+    return nodes, np.ascontiguousarray(share[nodes])
+
+
+def at_vertex(v, radius=RADIUS):
+    mesh = organ().surface
+    foot, n = mesh.vertices[v], mesh.normals[v] / np.linalg.norm(mesh.normals[v])
+    return tuple(foot.tolist()), tuple(n.tolist()), *unit(foot, n, radius)
+
+
+def settled(it, foot, n, nodes, push, force):
+    """Static answer of the body to a force."""
+    return it.step(nodes, force * push, foot, n, 1e3)
+
+
+def test_a_light_touch_is_linear():
+    foot, n, nodes, push = at_vertex(40)
+    a, b = (settled(body(dented=d), foot, n, nodes, push, 1e-3)[2] for d in (True, False))
+    assert a == approx(b, rel=1e-3)
+
+
+def test_half_the_modulus_under_half_the_force_indents_the_same():
+    foot, n, nodes, push = at_vertex(40)
+    one = settled(body(), foot, n, nodes, push, 1.5)[2]
+    soft = CondensedBody(basis(), organ().surface, YOUNG / 2, 0.0, RADIUS, 1.0)
+    assert soft.step(nodes, 0.75 * push, foot, n, 1e3)[2] == approx(one, rel=1e-9)
+
+
+def test_the_mean_displacement_of_the_patch_is_the_indentation():
+    foot, n, nodes, push = at_vertex(49)
+    it = body()
+    s = settled(it, foot, n, nodes, push, 1.4)[2]
+    found, moved = it.displaced(foot)
+    u = np.zeros_like(organ().surface.vertices)
+    u[found] = moved
+    assert np.sum(push * u[nodes]) == approx(s, rel=1e-5)
+
+
+def test_random_presses_at_a_place_never_give_back_more_than_they_took():
+    """The stored energy is the Legendre transform of V*, its derivative the indentation: so it is the integral of f ds
+    at rest."""
+    foot, n, nodes, push = at_vertex(49)
+    it, rng = body(0.02), np.random.default_rng(4)
+    work = before = 0.0
+    for _ in range(300):
+        force, dt = rng.random() * 1.8 * (rng.random() < 0.7) + 1e-9, 10.0 ** rng.uniform(-4, 0)
+        s = it.step(nodes, force * push, foot, n, dt)[2]
+        work += force * (s - before)
+        before = s
+        assert work >= -1e-12
+    steps = np.linspace(0, float(np.sum(-it.held @ n)), 400)
+    rest = body()
+    depth = np.array([settled(rest, foot, n, nodes, push, max(f, 1e-9))[2] for f in steps])
+    assert depth[-1] == approx(before, rel=1e-6)
+    assert work >= np.sum(0.5 * (steps[1:] + steps[:-1]) * np.diff(depth)) * (1 - 1e-4)
+
+
+@pytest.mark.parametrize("dt", [1e-5, 1e-3, 0.1, 100.0])
+def test_a_closed_cycle_of_indentation_against_a_finger_costs_energy(dt):
+    foot, n, nodes, push = at_vertex(49)
+    finger, it = exponential(60.0, 900.0), body(0.02)
+    law, s1, gained = it.step(nodes[:0], push[:0], foot, n, dt), 0.0, 0.0
+    way = np.concatenate([np.linspace(0, 12e-3, 60), np.linspace(12e-3, 0, 60)])
+    last = 0.0
+    for e in way:
+        f, s1, _ = series(float(e), dt, s1, finger, 0.0, Terminal(1 / law[0], 1.0, 0.0, law[1], law[2]))
+        gained += f * (e - last)
+        last = e
+        law = it.step(nodes, f * push, foot, n, dt) if f > 0 else it.step(nodes[:0], push[:0], foot, n, dt)
+        assert np.isfinite(law).all() and law[0] > 0
+    assert f == 0.0
+    assert gained >= -1e-9
+
+
+def test_contact_in_series_settles_at_the_static_force():
+    foot, n, nodes, push = at_vertex(49)
+    finger, it = exponential(60.0, 900.0), body()
+    law, s1 = it.step(nodes[:0], push[:0], foot, n, 1e3), 0.0
+    for _ in range(60):
+        f, s1, _ = series(6e-3, 1e3, s1, finger, 0.0, Terminal(1 / law[0], 1.0, 0.0, law[1], law[2]))
+        law = it.step(nodes, f * push, foot, n, 1e3)
+
+    def miss(force):
+        own = np.log1p(force * 900.0 / 60.0) / 900.0
+        return own + settled(body(), foot, n, nodes, push, force)[2] - 6e-3
+
+    assert f == approx(brentq(miss, 1e-6, 3.0, xtol=1e-12), rel=1e-4)
+
+
+def test_a_loaded_finger_that_slides_meets_no_jump():
+    mesh = surface_mesh("plane", 2500)
+    it, found = CondensedBody(basis(), mesh, YOUNG, 0.02, RADIUS, 1.0), []
+    for x in np.linspace(-0.02, 0.02, 801):
+        foot = np.array([x, 0.3 * x, 0.0])
+        q = np.linalg.norm(mesh.vertices - foot, axis=1) / RADIUS
+        nodes = np.flatnonzero(q < 1).astype(np.int32)
+        share = (1 - q[nodes] ** 2) ** 2
+        found.append(it.step(nodes, np.outer(share / share.sum(), (0, 0, -2.5)), tuple(foot), UP, 1e-3))
+    later = np.array(found[200:])
+    assert (np.abs(np.diff(later, axis=0)).max(axis=0) < 0.01 * later.mean(axis=0)).all()
+
+
+def test_contact_settles_on_a_plateau_of_the_force():
+    """Of an organ that takes hardly more force from s/R = 0.2 on; with the chord alone contact swings for ever here."""
+    given = basis()
+    levels = SPACING * np.arange(1, 7)
+    dents = np.tile(np.minimum(levels, 0.2) / levels - 1.0, (len(given.vertices), 1))
+    foot, n, nodes, push = at_vertex(40)
+    flat = Basis(given.vertices, given.triangles, given.compliance, dents)
+    it, finger = CondensedBody(flat, organ().surface, YOUNG, 0.0, RADIUS, 1.0), exponential(600.0, 900.0)
+    law, s1, found = it.step(nodes[:0], push[:0], foot, n, 1e3), 0.0, []
+    for _ in range(80):
+        f, s1, _ = series(9e-3, 1e3, s1, finger, 0.0, Terminal(1 / law[0], 1.0, 0.0, law[1], law[2]))
+        law = it.step(nodes, f * push, foot, n, 1e3)
+        found.append(f)
+    assert law[2] > 0.25 * RADIUS
+    assert found[-20:] == approx([found[-1]] * 20, rel=1e-6)
+
+
+class Finger:
+    """A fingertip that follows feet on a fine plane at given approaches, against the body."""
+
+    def __init__(self, retardation=0.02):
+        self.mesh = surface_mesh("plane", 2500)
+        self.body = CondensedBody(basis(), self.mesh, YOUNG, retardation, RADIUS, 1.0)
+        self.law, self.compression = self.body.step(np.zeros(0, np.int32), np.zeros((0, 3)), (0, 0, 0), UP, 1e-3), 0.0
+
+    def to(self, foot, approach, dt=1e-3):
+        """Force of the next step."""
+        law = Terminal(1 / self.law[0], 1.0, 0.0, self.law[1], self.law[2])
+        force, self.compression, _ = series(approach, dt, self.compression, exponential(60.0, 900.0), 0.0, law)
+        q = np.linalg.norm(self.mesh.vertices - foot, axis=1) / RADIUS
+        nodes = np.flatnonzero(q < 1).astype(np.int32)
+        share = (1 - q[nodes] ** 2) ** 2
+        self.law = self.body.step(nodes, np.outer(share / share.sum(), (0, 0, -max(force, 1e-9))), tuple(foot), UP, dt)
+        return force
+
+
+def test_at_constant_approach_half_the_slide_changes_the_force_by_half_as_much():
+    """So there is no jump: not at edges of triangles, not where one place's dents give way to the next one's."""
+    biggest = []
+    for steps in (500, 1000):
+        finger = Finger()
+        for _ in range(400):
+            finger.to(np.array([-0.02, -0.006, 0.0]), 8e-3)
+        slide = [finger.to(np.array([x, 0.3 * x, 0.0]), 8e-3) for x in np.linspace(-0.02, 0.02, steps)]
+        biggest.append(np.abs(np.diff(slide)).max())
+    assert biggest[1] < 0.6 * biggest[0]
+    assert biggest[1] < 2e-3 * slide[-1]
+
+
+def test_pressing_sliding_and_letting_go_gives_out_no_more_than_one_place_holds_above_the_other():
+    """What is pressed along its normal alone can give out energy on such a way, as no force along the surface takes up
+    what one place holds more than the other. It is that and nothing else."""
+    deep, down, up = 8e-3, np.linspace(0, 8e-3, 200), np.linspace(8e-3, 0, 200)
+
+    def work(way):
+        finger, total, before = Finger(0.0), 0.0, (0.0, 0.0)
+        for x, e in way:
+            force = finger.to(np.array([x, 0.3 * x, 0.0]), e)
+            total += 0.5 * (force + before[0]) * (e - before[1])
+            before = force, e
+        return total
+
+    for a, b in ((-0.02, 0.02), (0.025, 0.0)):
+        held = [work([(x, e) for e in down]) for x in (a, b)]
+        slid = work([(a, e) for e in down] + [(x, deep) for x in np.linspace(a, b, 200)] + [(b, e) for e in up])
+        assert slid == approx(held[0] - held[1], abs=0.01 * held[0])
+
+
+def test_unknown_scraps_of_load_stay_finite():
+    it, rng = body(0.02), np.random.default_rng(2)
+    mesh = organ().surface
+    for _ in range(200):
+        nodes = rng.choice(len(mesh.vertices), 5, replace=False).astype(np.int32)
+        law = it.step(nodes, 3.0 * rng.standard_normal((5, 3)), tuple(mesh.vertices[0]), UP, 1e-2)
+        assert np.isfinite(law).all() and law[0] > 0
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.lists(st.floats(-1.5, 1.0), min_size=1, max_size=8))
+def test_the_response_rises_whatever_the_dents(values):
+    knots, slopes = np.zeros(len(values) + 1), np.zeros(len(values) + 1)
+    rise(np.array([values]), np.zeros(1), 1, np.array([[1.0]]), knots, slopes)
+    x = np.linspace(-0.1, 1.5 * knots[-1], 400)
+    s = np.array([risen(at, knots, slopes) for at in x])
+    assert (np.diff(s[:, 0]) > 0).all()
+    assert (s[:, 1] > 0).all()
+    h = 1e-7
+    slope = [(risen(at + h, knots, slopes)[0] - risen(at - h, knots, slopes)[0]) / (2 * h) for at in x]
+    assert slope == approx(s[:, 1], rel=1e-2, abs=1e-3 * s[:, 1].max())
+
+
+def test_smooth_dents_are_followed_between_their_levels():
+    levels = SPACING * np.arange(1, 8)
+    knots, slopes = np.zeros(8), np.zeros(8)
+    rise((-0.5 * levels**2)[None], np.zeros(1), 1, np.array([[1.0]]), knots, slopes)
+    s = np.linspace(0, 0.7, 100)
+    found = np.array([risen(x, knots, slopes)[0] for x in s * (1 - 0.5 * s**2)])
+    assert found == approx(s, abs=1e-3)
+
+
+def test_past_a_limit_load_the_force_stays_until_the_curve_is_above_it_again():
+    levels = SPACING * np.arange(1, 7)
+    curve = np.array([0.1, 0.19, 0.25, 0.22, 0.21, 0.3])
+    knots, slopes = np.zeros(7), np.zeros(7)
+    rise((curve / levels - 1.0)[None], np.zeros(1), 1, np.array([[1.0]]), knots, slopes)
+    plateau = SOFTEST * SPACING
+    assert knots == approx([0, 0.1, 0.19, 0.25, 0.25 + plateau, 0.25 + 2 * plateau, 0.3])
+
+
+def test_a_basis_without_dents_serves_the_linear_model_only(monkeypatch, tmp_path):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    node = ReducedFE(surface="plane", coarse=80, model="linear")
+    given = basis()
+    Basis(given.vertices, given.triangles, given.compliance).save(tmp_path / "palpate/bases" / node.filename())
+    FakeBus(node)
+    with pytest.raises(SettingError, match="palpate reduce"):
+        FakeBus(ReducedFE(surface="plane", coarse=80))
+
+
+def test_the_node_with_dents_of_a_fifth_is_softer_than_its_linear_model_by_a_quarter(monkeypatch, tmp_path):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    given, found = basis(), []
+    even = Basis(given.vertices, given.triangles, given.compliance, np.full_like(given.dents, -0.2))
+    for model in ("nonlinear", "linear"):
+        node = ReducedFE(surface="plane", coarse=80, model=model, vertices=400, position=(0, 0, 0))
+        even.save(tmp_path / "palpate/bases" / node.filename())
+        bus, mesh = FakeBus(node), node.mesh()
+        top = mesh.vertices[np.argmin(np.linalg.norm(mesh.vertices, axis=1))]
+        q = np.linalg.norm(mesh.vertices - top, axis=1) / RADIUS
+        nodes = np.flatnonzero(q < 1)
+        share = (1 - q[nodes] ** 2) ** 2
+        press = np.outer(share / share.sum(), (0, 0, -5.0))
+        last = bus.publish(*[Load(nodes=nodes, forces=press, foot=top, normal=(0, 0, 1))] * 200)[-1]
+        assert last.stiffness * (last.previous - last.free) > 0
+        found.append(last.previous)
+    assert found[0] == approx(1.25 * found[1], rel=0.02)
+
+
+def test_beyond_the_deepest_press_the_body_stiffens():
+    """More with every step of force, and the body says that it is beyond."""
+    foot, n, nodes, push = at_vertex(49)
+    end = SPACING * basis().dents.shape[1]
+    forces = np.geomspace(1.0, 1e4, 60)
+    depth, beyond = [], []
+    for force in forces:
+        it = body()
+        law = it.step(nodes, force * push, foot, n, 1e3)
+        depth.append(law[2])
+        beyond.append(it.beyond)
+    depth, beyond = np.array(depth), np.array(beyond)
+    assert (np.diff(depth) > 0).all() and beyond[0] == 0.0 and beyond[-1] > 0.3
+    radius = depth[-1] / (end * (1.0 + beyond[-1]))
+    out = beyond > 0.0
+    assert beyond[out] == approx(depth[out] / (radius * end) - 1.0, rel=1e-6)
+    assert (np.diff(depth[out]) / np.diff(forces[out]) > 0).all()
+    assert (np.diff(np.diff(depth[out]) / np.diff(forces[out])) < 0).all()
+
+
+def test_ten_newtons_do_not_push_the_kidney_through():
+    """Of 42 mm thickness; without a bound they indent it by 34.6 mm."""
+    node = ReducedFE(position=(0.0, 0.0, 0.0))
+    bus, mesh = FakeBus(node), node.mesh()
+    top = mesh.vertices[np.argmax(mesh.vertices[:, 2])]
+    q = np.linalg.norm(mesh.vertices - top, axis=1) / 8e-3
+    nodes = np.flatnonzero(q < 1)
+    share = (1 - q[nodes] ** 2) ** 2
+    found = []
+    for force in (0.5, 10.0):
+        press = np.outer(share / share.sum(), (0, 0, -force))
+        load = Load(nodes=nodes, forces=press, foot=tuple(top), normal=(0, 0, 1))
+        found.append(bus.publish(*[load] * 400)[-1])
+    assert found[0].beyond == 0.0
+    assert found[1].beyond > 0.5 and found[1].previous < 25e-3

@@ -1,0 +1,495 @@
+"""The body in modes with sampled points: against the full model, and as a body that stays passive."""
+
+from functools import lru_cache
+
+import numpy as np
+import pytest
+from pytest import approx
+from scipy.optimize import brentq, nnls
+
+from palpate.fe import hencky, mooney_rivlin, neo_hooke
+from palpate.fe.meshing.fingertip import Fingertip
+from palpate.fe.meshing.organ import Organ
+from palpate.fe.reduce import snapshots
+from palpate.fe.reduce.reducible import of_finger, of_organ
+from palpate.fe.reduce.reduction import CELLS, answers, build
+from palpate.fe.reduce.sampling import at_rest, bent, chosen, modes, nonnegative, points_of
+from palpate.fe.reduce.snapshots import MILD, mirror, press, press_from_rest, scatter
+from palpate.launch.loading.launchfile import find
+from palpate.launch.recording.reader import Recording
+from palpate.launch.running.execute import execute
+from palpate.launch.testing import FakeBus
+from palpate.messages import Load
+from palpate.nodes.base import SettingError
+from palpate.nodes.base.surface import FINGER_LENGTH, FINGER_RADIUS, surface_mesh, surface_patch
+from palpate.nodes.deformation import ReducedFE
+from palpate.physics.bodies.condensed_body import Basis, BasisError, CondensedBody
+from palpate.physics.bodies.sampled_body import SampledBasis, SampledBody, gamma
+from palpate.physics.bodies.sampled_energy import barrier, forces, scratch, tangent
+from palpate.physics.bodies.sampled_solve import invert, settle, unhurried
+from palpate.physics.contact.series import exponential, series
+from palpate.physics.contact.terminal import Terminal
+from palpate.physics.geometry.closest import ClosestPoint
+
+YOUNG = 2e4
+HELD = 6
+RADIUS = 12e-3
+UP = (0.0, 0.0, 1.0)
+
+
+@lru_cache
+def slab():
+    return of_organ(Organ(surface_mesh("plane", 80)))
+
+
+@lru_cache
+def touches(count=42, seed=3):
+    surface = slab().surface
+    middle = surface.vertices[surface.triangles].mean(axis=1)
+    inner = np.abs(middle).max(axis=1) < 0.026
+    return scatter(surface, count, inner, RADIUS, 1.5 * RADIUS**2 * MILD, seed)
+
+
+@lru_cache
+def pressed():
+    return press_from_rest(slab(), touches())
+
+
+@lru_cache
+def basis(count=16):
+    return build(slab(), pressed()[:-HELD], pressed()[-HELD:], count, tolerance=3e-3)
+
+
+@lru_cache
+def compliance():
+    return slab().compliance()
+
+
+def body(retardation=0.0, count=16):
+    return SampledBody(basis(count), slab().surface, YOUNG, retardation, RADIUS, 1.0)
+
+
+def at(place=(0.0, 0.0, 0.0), radius=RADIUS, mesh=None):
+    """Foot point, normal, nodes and unit forces of a load on the slab."""
+    mesh = mesh or slab().surface
+    q = np.linalg.norm(mesh.vertices - place, axis=1) / radius
+    nodes = np.flatnonzero(q < 1).astype(np.int32)
+    share = (1 - q[nodes] ** 2) ** 2
+    return tuple(place), UP, nodes, np.outer(share / share.sum(), (0, 0, -1.0))
+
+
+def settled(it, foot, n, nodes, push, force):
+    for _ in range(3):
+        law = it.step(nodes, force * push, foot, n, 1e6)
+    assert it.settled
+    return law
+
+
+def everything(points):
+    """q, dW/dq and d²W/dq² at a random place within the barrier and beyond where it begins."""
+    r = points.modes.shape[1]
+    q = np.random.default_rng(5).standard_normal(r)
+    return q * np.sqrt(1.5 * points.limit / (q @ q)), scratch(points), np.zeros(r), np.zeros((r, r))
+
+
+def test_with_all_modes_and_all_points_it_is_the_full_model():
+    """Every free displacement of a small body is a mode."""
+    small = of_organ(Organ(surface_mesh("sphere", 12)))
+    rest = small.elastic.pattern.matrix(small.elastic.tangent(np.zeros_like(small.mesh.points))).toarray()
+    values, vectors = np.linalg.eigh(rest)
+    phi = (vectors / np.sqrt(values)).reshape(-1, 3, len(values))
+    points = points_of(small, phi, 1e300)
+    top = int(np.argmax(small.surface.vertices[:, 2]))
+    load = small.hats[:, top][:, None] * np.array([2e-5, 1e-5, -6e-5])
+    full = small.solver(1e3, lambda share: 1e3 * share * load)
+    full.advance(1.0)
+    r = len(values)
+    q, g, H, K, L = np.zeros(r), np.zeros(r), np.eye(r), np.zeros((r, r)), np.zeros((r, r))
+    energy, p = 0.0, phi.reshape(-1, r).T @ load.ravel()
+    for _ in range(40):
+        energy, _, done = settle(points, scratch(points), p, q, g, H, K, L, np.zeros((4, r)), energy, unhurried())
+        if done:
+            break
+        tangent(points, q, scratch(points), K)
+        invert(K, L, H)
+    assert done
+    for _ in range(3):  # what the iteration leaves over, by Newton's method
+        tangent(points, q, scratch(points), K)
+        invert(K, L, H)
+        q += H @ (p - g)
+        assert forces(points, q, scratch(points), g) < np.inf
+    found = (phi.reshape(-1, r) @ q).reshape(-1, 3)
+    linear = (phi.reshape(-1, r) @ p).reshape(-1, 3)
+    size = np.abs(full.displacement).max()
+    assert found == approx(full.displacement, abs=1e-3 * size)
+    assert np.abs(linear - full.displacement).max() > 0.02 * size
+
+
+@pytest.mark.parametrize(
+    "law", [neo_hooke(1.0, 0.44), hencky(1.0, 0.3), mooney_rivlin(0.1, 0.07, 3.0, 2.0, 1.0, 1.0)], ids=["nH", "H", "MR"]
+)
+def test_force_and_tangent_are_derivatives_of_the_energy(law):
+    small = of_organ(Organ(surface_mesh("sphere", 12)))
+    small.materials = lambda young: {0: law, 1: law}
+    rng = np.random.default_rng(1)
+    phi = 4e-4 * rng.standard_normal((len(small.mesh.points), 3, 3))
+    points = points_of(small, phi, 0.05)
+    q, work, g, hessian = everything(points)
+    h = 1e-5
+    forces(points, q, work, g)
+    assert tangent(points, q, work, hessian)
+    up, down = np.zeros(3), np.zeros(3)
+    for k in range(3):
+        d = h * np.eye(3)[k]
+        slope = (forces(points, q + d, work, up) - forces(points, q - d, work, down)) / (2 * h)
+        assert slope == approx(g[k], rel=1e-5, abs=1e-7 * np.abs(g).max())
+        assert (up - down) / (2 * h) == approx(hessian[k], rel=1e-4, abs=1e-6 * np.abs(hessian).max())
+    assert hessian == approx(hessian.T, rel=1e-9, abs=1e-12 * np.abs(hessian).max())
+
+
+def test_elements_with_one_volume_ratio_are_refused():
+    small = of_organ(Organ(surface_mesh("sphere", 12)))
+    small.materials = lambda young: {0: neo_hooke(1.0, 0.48)}
+    with pytest.raises(ValueError, match="'neo_hooke' with the mixed element: expected the plain one"):
+        points_of(small, np.zeros((*small.mesh.points.shape, 2)), 1.0)
+
+
+def test_modes_in_single_precision_give_the_same_forces():
+    points = points_of(slab(), modes(slab(), pressed()[:6], 8)[0], 1e300)
+    q, found = np.random.default_rng(3).standard_normal(8) * 1e-3, []
+    for kind in (np.float64, np.float32):
+        own, g, hessian = points._replace(modes=points.modes.astype(kind)), np.zeros(8), np.zeros((8, 8))
+        energy = forces(own, q, scratch(own), g)
+        assert tangent(own, q, scratch(own), hessian)
+        found.append(np.r_[energy / 1e-6, g / 1e-3, hessian.ravel()])
+    assert found[1] == approx(found[0], abs=3e-6 * np.abs(found[0]).max())
+
+
+def test_a_touch_that_was_pressed_is_kept_and_a_damaged_file_is_not_taken(tmp_path, monkeypatch):
+    small, calls = of_organ(Organ(surface_mesh("sphere", 12))), []
+
+    def counted(body, own, solve=snapshots.pressed):
+        calls.append(own)
+        return solve(body, own)
+
+    monkeypatch.setattr(snapshots, "pressed", counted)
+    few = scatter(small.surface, 2, np.ones(len(small.surface.triangles), dtype=bool), 0.02, 1e-4 * MILD[:2], 1)
+    first = press(small, few, folder=tmp_path)
+    again = press(small, few, folder=tmp_path)
+    assert len(calls) == 2
+    assert [p.solutions.tobytes() for p in again] == [p.solutions.tobytes() for p in first]
+    next(tmp_path.iterdir()).write_bytes(b"half")
+    assert press(small, few, folder=tmp_path)[0].solutions == approx(first[0].solutions)
+    assert len(calls) == 3
+    stiffer = of_organ(Organ(surface_mesh("sphere", 12), poisson=0.4))
+    press(stiffer, few[:1], folder=tmp_path)
+    assert len(calls) == 4 and len(list(tmp_path.iterdir())) == 3
+
+
+def test_the_inverse_is_one_and_a_tangent_that_is_not_positive_is_lifted():
+    rng = np.random.default_rng(0)
+    A = rng.standard_normal((12, 12))
+    K, H = A @ A.T + 0.1 * np.eye(12), np.zeros((12, 12))
+    invert(K, np.zeros((12, 12)), H)
+    assert approx(np.eye(12), abs=1e-9) == H @ K
+    invert(np.diag(np.r_[-1.0, np.ones(11)]), np.zeros((12, 12)), H)
+    assert np.isfinite(H).all() and np.linalg.eigvalsh(H).min() > 0
+
+
+def test_weights_are_not_negative_and_as_good_as_those_of_another_solver():
+    rng = np.random.default_rng(2)
+    A = rng.random((40, 30))
+    b = A @ np.maximum(rng.standard_normal(30), 0.0) + 0.05 * rng.standard_normal(40)
+    kept, x = nonnegative(A.T, b, 1e-9, 40)
+    assert (x > 0).all() and len(set(kept.tolist())) == len(kept)
+    assert np.linalg.norm(A[:, kept] @ x - b) == approx(nnls(A, b)[1], rel=1e-6)
+    few, _ = nonnegative(A.T, b, 0.3, 40)
+    assert len(few) < len(kept)
+
+
+def test_the_shipped_sample_is_passive_by_its_weights_and_exact_at_rest():
+    points = basis().points
+    assert (points.weights > 0).all()
+    assert len(points.kinds) < 0.5 * len(slab().mesh.elements)
+    r = points.modes.shape[1]
+    g, hessian = np.ones(r), np.zeros((r, r))
+    assert forces(points, np.zeros(r), scratch(points), g) == 0.0
+    assert np.abs(g).max() == approx(0.0, abs=1e-12)
+    tangent(points, np.zeros(r), scratch(points), hessian)
+    assert hessian == approx(np.eye(r), abs=1e-5)  # of single precision
+    missed = basis().missed.astype(float)
+    assert np.linalg.eigvalsh(0.5 * (missed + missed.T)).min() > -1e-6 * np.abs(missed).max()
+
+
+def test_modes_are_orthonormal_in_the_stiffness_at_rest():
+    phi = modes(slab(), pressed(), 8)[0].reshape(-1, 8)
+    rest = slab().elastic.pattern.matrix(slab().elastic.tangent(np.zeros_like(slab().mesh.points)))
+    assert phi.T @ (rest @ phi) == approx(np.eye(8), abs=1e-9)
+
+
+def test_a_light_touch_is_the_condensed_body_at_every_place():
+    rest = Basis(slab().surface.vertices, slab().surface.triangles, compliance().astype(np.float32))
+    linear = CondensedBody(rest, slab().surface, YOUNG, 0.0, RADIUS, 1.0)
+    for place in ((0.0, 0.0, 0.0), (0.013, -0.021, 0.0), (-0.044, 0.04, 0.0)):
+        foot, n, nodes, push = at(place)
+        found = settled(body(), foot, n, nodes, push, 1e-6)[3]
+        assert found == approx(linear.step(nodes, 1e-6 * push, foot, n, 1e6)[2], rel=1e-3)
+
+
+def unseen():
+    return press_from_rest(slab(), touches(5, 17))
+
+
+@lru_cache
+def missed_by(count):
+    """Errors of the indentation at the greatest load of touches that were not in the snapshots."""
+    found = []
+    for own in unseen():
+        it, push = body(count=count), own.touch.load
+        nodes = np.flatnonzero(np.abs(push).max(axis=1) > 0).astype(np.int32)
+        force = float(own.touch.levels[-1]) * YOUNG
+        truth = float(np.sum((slab().hats @ push) * own.solutions[-1]))
+        n, foot = tuple(own.touch.normal.tolist()), tuple(own.touch.foot.tolist())
+        settled(it, foot, n, nodes, push[nodes], force)
+        u = np.zeros_like(push)
+        where, moved = it.displaced(foot)
+        u[where] = moved
+        found.append(abs(float(np.sum(push * u)) / truth - 1))
+    return found
+
+
+def test_touches_that_were_not_in_the_snapshots_are_met_and_more_modes_do_better():
+    few, many = missed_by(12), missed_by(40)
+    assert max(many) < 0.03
+    assert np.mean(many) < np.mean(few)
+
+
+def test_fewer_points_than_all_change_little():
+    phi, _ = modes(slab(), pressed()[:-HELD], 16)
+    surface_modes = np.einsum("nv,nia->via", slab().hats, phi).reshape(-1, 16)
+    left = compliance() - surface_modes @ surface_modes.T
+    _, one, share = answers(points_of(slab(), phi, 1e300), surface_modes, left, slab(), pressed()[:4])
+    _, two, _ = answers(basis().points, surface_modes, left, slab(), pressed()[:4])
+    assert one * share == approx(two * share, abs=0.02)  # of the indentation
+
+
+def test_all_weights_of_one_leave_the_points_as_they_are():
+    whole = points_of(slab(), modes(slab(), pressed(), 6)[0], 1.0)
+    every = at_rest(chosen(whole, np.arange(len(whole.kinds)), np.ones(len(whole.kinds))))
+    assert every.modes == approx(whole.modes, abs=1e-9 * np.abs(whole.modes).max())
+
+
+def test_the_iteration_from_rest_agrees_with_newton():
+    touch = touches()[:1]
+    (one,), (two,) = press_from_rest(slab(), touch), press(slab(), touch)
+    for a, b in zip(one.solutions, two.solutions, strict=True):
+        assert a == approx(b, abs=3e-3 * np.abs(b).max())
+
+
+def test_half_the_modulus_under_half_the_force_indents_the_same():
+    foot, n, nodes, push = at((0.011, 0.006, 0.0))
+    one = settled(body(), foot, n, nodes, push, 1.2)[3]
+    soft = SampledBody(basis(), slab().surface, YOUNG / 2, 0.0, RADIUS, 1.0)
+    assert settled(soft, foot, n, nodes, push, 0.6)[3] == approx(one, rel=1e-6)
+
+
+def test_the_mean_displacement_of_the_patch_is_the_indentation():
+    foot, n, nodes, push = at((0.011, 0.006, 0.0))
+    it = body()
+    s = settled(it, foot, n, nodes, push, 1.2)[3]
+    where, moved = it.displaced(foot)
+    u = np.zeros_like(slab().surface.vertices)
+    u[where] = moved
+    assert np.sum(push * u[nodes]) == approx(s, rel=1e-5)
+
+
+def test_random_loads_at_a_place_never_give_back_more_than_they_took():
+    """Normal and tangential; what is stored is the work of loading to the same held load at rest."""
+    foot, n, nodes, push = at((0.011, 0.006, 0.0))
+    side = np.outer(-push[:, 2], (1.0, 0.3, 0.0))
+    it, rng = body(0.02), np.random.default_rng(4)
+    work, before = 0.0, np.zeros_like(slab().surface.vertices)
+    for _ in range(300):
+        load = rng.random() * 1.2 * (rng.random() < 0.7) * push + 0.3 * rng.standard_normal() * side
+        it.step(nodes, load, foot, n, 10.0 ** rng.uniform(-4, 0))
+        where, moved = it.displaced(foot)
+        u = np.zeros_like(before)
+        u[where] = moved
+        work += float(np.sum(load * (u - before)[nodes]))
+        before = u
+        assert work >= -1e-9
+    assert work > 1e-6
+
+
+@pytest.mark.parametrize("dt", [1e-5, 1e-3, 0.1, 100.0])
+def test_a_closed_cycle_of_indentation_against_a_finger_costs_energy(dt):
+    foot, n, nodes, push = at()
+    finger, it = exponential(60.0, 900.0), body(0.02)
+    law, s1, gained = it.step(nodes[:0], push[:0], foot, n, dt), 0.0, 0.0
+    way = np.concatenate([np.linspace(0, 9e-3, 60), np.linspace(9e-3, 0, 60)])
+    last = 0.0
+    for e in way:
+        f, s1, _ = series(float(e), dt, s1, finger, 0.0, Terminal(law[0], law[1], 0.0, law[2], law[3]))
+        gained += f * (e - last)
+        last = e
+        law = it.step(nodes, f * push, foot, n, dt) if f > 0 else it.step(nodes[:0], push[:0], foot, n, dt)
+        assert np.isfinite(law).all() and law[0] > 0 and 1 <= law[1] <= 3
+    assert f == 0.0
+    assert gained >= -1e-9
+
+
+def test_contact_in_series_settles_at_the_static_force():
+    foot, n, nodes, push = at((0.011, 0.006, 0.0))
+    finger, it = exponential(60.0, 900.0), body()
+    law, s1 = it.step(nodes[:0], push[:0], foot, n, 1e3), 0.0
+    for _ in range(60):
+        f, s1, _ = series(5e-3, 1e3, s1, finger, 0.0, Terminal(law[0], law[1], 0.0, law[2], law[3]))
+        law = it.step(nodes, f * push, foot, n, 1e3)
+
+    def miss(force):
+        own = np.log1p(force * 900.0 / 60.0) / 900.0
+        return own + settled(body(), foot, n, nodes, push, force)[3] - 5e-3
+
+    assert f == approx(brentq(miss, 1e-6, 2.0, xtol=1e-10), rel=3e-3)
+
+
+def test_the_terminal_law_foretells_the_next_step():
+    foot, n, nodes, push = at((0.011, 0.006, 0.0))
+    it, rng, law = body(0.02), np.random.default_rng(1), None
+    force, far = 0.4, []
+    for _ in range(200):
+        force = float(np.clip(force + 0.02 * rng.standard_normal(), 0.05, 1.0))
+        now = it.step(nodes, force * push, foot, n, 1e-3)
+        if law is not None:
+            foretold = law[2] + (force / law[0]) ** (1.0 / law[1])
+            far.append(abs(foretold - now[3]) / now[3])
+        law = now
+    assert max(far) < 5e-3
+
+
+def test_a_loaded_finger_that_slides_meets_no_jump():
+    mesh = surface_mesh("plane", 2500)
+    it, found = SampledBody(basis(), mesh, YOUNG, 0.02, RADIUS, 1.0), []
+    for x in np.linspace(-0.02, 0.02, 801):
+        foot, n, nodes, push = at((x, 0.3 * x, 0.0), mesh=mesh)
+        found.append(it.step(nodes, 0.8 * push, foot, n, 1e-3))
+    later = np.array(found[200:])[:, 3]
+    assert np.abs(np.diff(later)).max() < 0.01 * later.mean()
+
+
+@pytest.mark.parametrize("force", [30.0, 1e4, 1e12])
+def test_absurd_loads_stay_finite_and_bounded(force):
+    foot, n, nodes, push = at()
+    it, rng = body(0.02), np.random.default_rng(7)
+    limit = basis().points.limit
+    for _ in range(60):
+        pull = rng.standard_normal(3) * force
+        law = it.step(nodes, np.outer(-push[:, 2], pull), foot, n, 1e-2)
+        assert np.isfinite(law).all() and law[0] > 0
+        assert it.q @ it.q < 4.0 * limit
+        assert np.isfinite(it.displaced(foot)[1]).all()
+        assert it.evaluations <= 14
+    for _ in range(3000):
+        law = it.step(nodes[:0], push[:0], foot, n, 1e-2)
+    assert np.abs(it.q).max() == 0.0 and law[3] == 0.0
+
+
+def test_the_barrier_and_gamma_have_the_slopes_they_say():
+    h = 1e-7
+    for square in (0.5, 1.5, 3.0):
+        _, first, second = barrier(square, 1.0)
+        up, down = barrier(square + h, 1.0), barrier(square - h, 1.0)
+        assert (up[0] - down[0]) / (2 * h) == approx(first, abs=1e-6)
+        assert (up[1] - down[1]) / (2 * h) == approx(second, abs=1e-5)
+    assert barrier(4.0, 1.0)[0] == np.inf
+    for power in (0.0, 0.5, 2.0):
+        for w in (0.7, 3.5):
+            slope = (gamma((w + h) ** 2, 0.4, power, 3.0)[0] - gamma((w - h) ** 2, 0.4, power, 3.0)[0]) / (2 * h)
+            assert gamma(w * w, 0.4, power, 3.0)[1] * w == approx(slope, rel=1e-6)
+        pull = np.array([gamma(x * x, 0.4, power, 3.0)[0] * x for x in np.linspace(0, 5, 51)])
+        assert (np.diff(pull)[:30] > 0).all() and np.diff(pull)[30:] == approx(0.0, abs=1e-12)
+
+
+def test_the_bend_of_known_data_is_found():
+    w = np.geomspace(1e-3, 1.0, 60)
+    pull = np.array([gamma(x * x, 0.05, 0.3, np.inf)[0] for x in w]) * w
+    found = bent(w, pull, 1.0 / pull)
+    again = np.array([gamma(x * x, *found, np.inf)[0] for x in w]) * w
+    assert again == approx(pull, rel=0.05)
+
+
+def test_a_stored_basis_keeps_its_numbers_and_a_damaged_one_is_refused(tmp_path):
+    path = tmp_path / "basis.npz"
+    basis().save(path)
+    back = SampledBasis.load(path)
+    foot, n, nodes, push = at()
+    it = SampledBody(back, slab().surface, YOUNG, 0.0, RADIUS, 1.0)
+    assert settled(it, foot, n, nodes, push, 0.8)[3] == approx(settled(body(), foot, n, nodes, push, 0.8)[3], rel=1e-3)
+    path.write_bytes(path.read_bytes()[:1000])
+    with pytest.raises(BasisError, match="palpate reduce"):
+        SampledBasis.load(path)
+
+
+def test_the_node_takes_a_load_and_sends_a_surface_wherever_it_is_placed(monkeypatch, tmp_path):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    found = []
+    for turn in ((0.0, 0.0, 0.0), (0.4, -0.3, 0.2)):
+        node = ReducedFE(
+            surface="plane", coarse=80, vertices=900, model="sampled", modes=16, young=YOUNG, rotation=turn,
+            radius=RADIUS, retardation=0.0,
+        )  # fmt: skip
+        basis().save(tmp_path / "palpate/bases" / node.filename())
+        bus, mesh = FakeBus(node), node.mesh()
+        middle = int(np.argmin(np.linalg.norm(mesh.vertices - np.array(node.position), axis=1)))
+        foot, n = mesh.vertices[middle], mesh.normals[middle]
+        q = np.linalg.norm(mesh.vertices - foot, axis=1) / RADIUS
+        nodes = np.flatnonzero(q < 1)
+        share = (1 - q[nodes] ** 2) ** 2
+        load = Load(nodes=nodes, forces=np.outer(share / share.sum(), -0.8 * n), foot=tuple(foot), normal=tuple(n))
+        (empty,) = bus.publish(Load(nodes=[], forces=np.zeros((0, 3)), foot=tuple(foot), normal=tuple(n)))
+        assert empty.previous == 0.0 and empty.free == 0.0 and np.abs(empty.displacement).max() == 0.0
+        last = bus.publish(*[load] * 6)[-1]
+        assert last.stiffness > 0 and 1 <= last.exponent <= 3
+        assert (last.displacement @ n).min() < -1e-3
+        found.append(last.previous)
+    assert found[1] == approx(found[0], rel=1e-3)
+
+
+def test_a_basis_that_is_not_stored_is_asked_for(monkeypatch, tmp_path):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    with pytest.raises(SettingError, match="palpate reduce --set model=sampled --set modes=17 --set surface=fingertip"):
+        FakeBus(ReducedFE(surface="fingertip", model="sampled", modes=17))
+
+
+def test_the_fingertip_is_the_capsule_of_its_surface_and_light_touches_of_it_are_linear():
+    finger = Fingertip(cells=CELLS)
+    assert finger.radii[-1] == approx(FINGER_RADIUS) and finger.phalanx == approx(FINGER_LENGTH)
+    full = of_finger(finger)
+    smooth = surface_patch("fingertip")
+    foot = ClosestPoint(smooth).find(full.surface.vertices)[0]
+    inner = full.surface.vertices[:, 1] > -0.99 * FINGER_LENGTH
+    assert foot[inner] == approx(full.surface.vertices[inner], abs=1e-8)
+    side = mirror(full.mesh.points)
+    assert (full.fixed[side] == full.fixed).all()
+
+
+def test_touching_a_fingertip_replays_itself_in_every_placement(tmp_path):
+    streams = []
+    for place in ("fused", None):
+        file = tmp_path / f"{place}.mcap"
+        sets = ("scene.hand.begin=[0, 0, 0.1085]", "scene.surface.vertices=1200")
+        run = find("fingertip").but(record=file, duration=0.35, overrides=sets, **({"place": place} if place else {}))
+        assert execute(run).result.ok
+        found = {}
+        for name, _, payload in Recording(file).payloads():
+            found.setdefault(name, []).append(payload)
+        streams.append(found)
+    assert len(streams[0]["tissue"]) == 350
+    assert streams[0] == streams[1]
+
+
+def test_mirrored_places_are_found_and_a_lopsided_body_is_refused():
+    points = np.array([[0.0, 1, 0], [2.0, 0, 0], [-2.0, 0, 0]])
+    assert mirror(points).tolist() == [0, 2, 1]
+    with pytest.raises(ValueError, match="symmetric"):
+        mirror(points[:2])

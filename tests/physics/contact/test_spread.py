@@ -1,0 +1,181 @@
+"""Spreading of the contact force over the nodes of a surface."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pytest import approx
+from scipy.integrate import quad
+
+from palpate.launch.testing import FakeBus
+from palpate.messages import Contact, Friction
+from palpate.nodes.spread import Kernel
+from palpate.physics.contact.spread import KERNELS, PLANE_INTEGRALS, Spreader, kernel
+from palpate.physics.geometry.grid import Grid, barycentric
+from palpate.physics.geometry.mesh import Mesh, plane
+
+UP = (0.0, 0.0, 1.0)
+kernels = pytest.mark.parametrize("name", KERNELS)
+
+
+def spread(spreader, foot, force=(0.3, -0.2, -2.0), normal=UP):
+    count = spreader.spread(tuple(foot), normal, force)
+    return spreader.nodes[:count].copy(), spreader.weights[:count].copy(), spreader.forces[:count].copy()
+
+
+def bumpy(count, seed):
+    """A closed wavy sphere of about 50 mm with irregular triangles."""
+    from scipy.spatial import ConvexHull
+
+    points = np.random.default_rng(seed).normal(size=(count, 3))
+    points /= np.linalg.norm(points, axis=1)[:, None]
+    faces = ConvexHull(points).simplices
+    corner = points[faces]
+    flip = np.einsum("ij,ij->i", np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), corner[:, 0]) < 0
+    faces[flip] = faces[flip][:, ::-1]
+    return Mesh(points * (25e-3 + 3e-3 * np.sin(5 * points[:, :1])), faces.astype(np.int32))
+
+
+@kernels
+def test_kernels_are_one_at_the_foot_zero_at_the_radius_and_have_their_plane_integral(name):
+    assert kernel(name, [0.0, 1.0, 1.5]) == approx([1, 0, 0], abs=1e-15)
+    assert (np.diff(kernel(name, np.linspace(0, 1, 100))) < 0).all()
+    whole = quad(lambda q: 2 * math.pi * q * float(kernel(name, q)), 0, 1, epsabs=1e-13)[0]
+    assert whole == approx(PLANE_INTEGRALS[KERNELS.index(name)], rel=1e-10)
+
+
+@kernels
+@settings(max_examples=40, deadline=None)
+@given(st.integers(0, 3), st.floats(-0.06, 0.06), st.floats(-0.06, 0.06), st.floats(1e-4, 0.03))
+def test_the_nodal_forces_sum_to_the_force(name, seed, x, y, radius):
+    mesh = bumpy(300, seed) if seed else plane(0.1, 900)
+    force = np.array([0.3, -0.2, -2.0])
+    _, weights, forces = spread(Spreader(mesh, radius, name), (x, y, 0.02 if seed else 0.0), tuple(force))
+    assert forces.sum(axis=0) == approx(force, abs=1e-12)
+    assert (weights >= 0).all() and weights.sum() == approx(1, abs=1e-12)
+
+
+@kernels
+def test_the_weights_are_those_of_a_plain_sum_over_all_nodes(name):
+    mesh = bumpy(800, 5)
+    spreader = Spreader(mesh, 7e-3, name)
+    for at in range(0, 800, 90):
+        foot, normal = mesh.vertices[at] + 1e-4, mesh.normals[at]
+        d = np.linalg.norm(mesh.vertices - foot, axis=1)
+        w = mesh.areas * kernel(name, d / 7e-3) * (mesh.normals @ normal > 0)
+        dense = np.zeros(800)
+        nodes, weights, _ = spread(spreader, foot, normal=tuple(normal))
+        dense[nodes] = weights
+        assert dense == approx(w / w.sum(), abs=1e-14)
+
+
+@pytest.mark.parametrize(("name", "bound"), [("biweight", 1.8e-6), ("wendland", 0.04e-6)])
+def test_the_first_moment_that_is_left_is_small(name, bound):
+    mesh = plane(0.04, 41**2)
+    spreader = Spreader(mesh, 6e-3, name)
+    worst = 0.0
+    for x in np.linspace(-0.5e-3, 0.5e-3, 21):
+        for y in np.linspace(-0.5e-3, 0.5e-3, 21):
+            nodes, weights, _ = spread(spreader, (x, y, 0.0))
+            worst = max(worst, np.linalg.norm(weights @ (mesh.vertices[nodes] - [x, y, 0.0])))
+    assert 0.5 * bound < worst < bound
+
+
+@kernels
+def test_the_forces_move_continuously_with_the_foot(name):
+    mesh = plane(0.04, 41**2)
+    spreader = Spreader(mesh, 6e-3, name)
+    before = None
+    for x in np.linspace(0, 3e-3, 3001):
+        dense = np.zeros(len(mesh.vertices))
+        nodes, weights, _ = spread(spreader, (x, 0.37e-3, 0.0))
+        dense[nodes] = weights
+        # A step of 1 um changes no weight by more than the kernel's steepest slope allows.
+        assert before is None or np.abs(dense - before).max() < 2.5 * weights.max() * 1e-6 / 6e-3
+        before = dense
+
+
+def test_the_back_of_a_thin_piece_is_not_pushed():
+    top = plane(0.04, 441)
+    below = Mesh(top.vertices - [0, 0, 1e-3], top.triangles[:, ::-1])
+    both = Mesh(np.concatenate([top.vertices, below.vertices]), np.concatenate([top.triangles, below.triangles + 441]))
+    nodes, _, _ = spread(Spreader(both, 6e-3), (0.0, 0.0, 0.0))
+    assert len(nodes) and (nodes < 441).all()
+    nodes, _, _ = spread(Spreader(both, 6e-3), (0.0, 0.0, -1e-3), normal=(0.0, 0.0, -1.0))
+    assert len(nodes) and (nodes >= 441).all()
+
+
+def test_without_a_node_in_range_the_triangle_under_the_foot_carries_the_force():
+    mesh = plane(0.1, 25)
+    spreader = Spreader(mesh, 1e-3)
+    for foot in ((0.003, 0.001, 0.0), (0.012, -0.03, 0.0), (-0.04, 0.045, 0.0)):
+        nodes, weights, forces = spread(spreader, foot)
+        assert len(nodes) == 3 and forces.sum(axis=0) == approx([0.3, -0.2, -2.0])
+        assert weights @ mesh.vertices[nodes] == approx(foot, abs=1e-15)
+
+
+@pytest.mark.parametrize("foot", [(1e3, 0.0, 0.0), (1e300, -1e300, 1e300), (0.0, 0.0, 5.0)])
+def test_a_foot_far_away_still_gives_weights(foot):
+    _, weights, forces = spread(Spreader(plane(0.1, 100), 8e-3), foot)
+    assert weights.sum() == approx(1) and np.isfinite(forces).all()
+
+
+def test_the_nearest_triangle_is_that_of_a_plain_search():
+    mesh = bumpy(300, 7)
+    grid = Grid.of(mesh, 2e-3)
+    rng = np.random.default_rng(0)
+    for _ in range(100):
+        p = rng.normal(size=3) * 0.03
+        normal = p / np.linalg.norm(p)
+        found, shares = grid.nearest(p, normal)
+        a, b, c = (mesh.vertices[mesh.triangles[:, k]] for k in range(3))
+        facing = mesh.face_vectors @ normal > 0
+        distances = [barycentric(p, a[t], b[t], c[t])[3] if facing[t] else math.inf for t in range(len(mesh.triangles))]
+        here = np.sum((shares @ mesh.vertices[mesh.triangles[found]] - p) ** 2)
+        assert here == approx(min(distances), rel=1e-9)
+
+
+@given(st.lists(st.floats(-1, 1), min_size=12, max_size=12))
+def test_the_nearest_point_of_a_triangle_beats_every_other_point_of_it(x):
+    p, a, b, c = np.array(x).reshape(4, 3)
+    u, v, w, square = barycentric(p, a, b, c)
+    assert min(u, v, w) >= -1e-9 and u + v + w == approx(1)
+    grid = np.array([[i, j, 12 - i - j] for i in range(13) for j in range(13 - i)]) / 12
+    others = np.sum((grid @ np.array([a, b, c]) - p) ** 2, axis=1)
+    assert square <= others.min() + 1e-9
+
+
+@pytest.mark.parametrize(("name", "radius"), [("cone", 8e-3), ("biweight", 0.0), ("biweight", math.inf)])
+def test_wrong_settings_are_refused(name, radius):
+    with pytest.raises(ValueError, match=r"unknown|expected a positive"):
+        Spreader(plane(0.1, 100), radius, name)
+
+
+def contact(load, normal=(0, 0, 1)):
+    return Contact(
+        foot=(1e-3, 2e-3, 0),
+        normal=normal,
+        force=load,
+        compression=1e-3,
+        indentation=1e-3,
+        compression_rate=0,
+        indentation_rate=0,
+    )
+
+
+def test_the_node_sends_the_force_on_the_body():
+    node = Kernel(surface="plane", vertices=2500, position=(0, 0, 0))
+    bus = FakeBus(node, friction=Friction(force=(0.4, 0.1, 0), bristle=(0, 0, 0), stick=False))
+    (load,) = bus.publish(contact(2.0))
+    assert load.forces.sum(axis=0) == approx([0.4, 0.1, -2.0], abs=1e-12)
+    bus.kill("friction")
+    (load,) = bus.publish(contact(2.0))
+    assert load.forces.sum(axis=0) == approx([0, 0, -2.0], abs=1e-12)
+    assert (load.foot, load.normal) == ((1e-3, 2e-3, 0), (0, 0, 1))
+
+
+def test_without_contact_the_load_is_empty():
+    (load,) = FakeBus(Kernel(surface="plane", vertices=400)).publish(contact(0.0))
+    assert load.nodes.size == 0 and load.forces.shape == (0, 3)

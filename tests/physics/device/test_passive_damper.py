@@ -1,0 +1,50 @@
+"""The damper that takes back an observed debt: how strong it may be, by hand, for each delay and way."""
+
+import numpy as np
+import pytest
+from pytest import approx
+
+from palpate.physics.device import controller
+from palpate.physics.device.controller import buffers, haptic
+
+T, MASS, COUNT = 1e-3, 0.2, 1e-5  # [s], [kg], [m] of an encoder
+
+
+def damper(delay, way, velocity, debt=-1.0):
+    """Force [N] on a hand in free motion that owes `debt` [J] after a way [m] a step along x; no spring, no limits."""
+    gains = np.zeros(11)
+    gains[[controller.HYSTERESIS, controller.MASS, controller.LIMIT, controller.SLEW]] = 1e-3, MASS, 1e9, 1e9
+    gains[[controller.RESOLUTION, controller.OBSERVE, controller.PASSIVE]] = COUNT, 1.0, 1.0
+    state, past = buffers(delay)
+    rest, up = np.zeros(3), np.array([0.0, 0.0, 1.0])
+    haptic(gains, state, past, 0.0, up, rest, 0.0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), T)
+    state[controller.ENERGY, :2] = debt
+    # Twice the way, as the time of the first step, without movement, counts as well.
+    found = haptic(gains, state, past, 0.0, up, rest, 0.0, (2 * way, 0.0, 0.0), (velocity, 0.0, 0.0), T)
+    assert found[1] == found[2] == 0.0
+    return found[0]
+
+
+@pytest.mark.parametrize("delay", [0, 1, 2, 5])
+def test_a_damper_on_the_last_difference_is_bounded_by_the_delay_of_the_loop(delay):
+    """A damper that acts d samples late is stable up to about m / ((1 + 2 d) T); half of it is used."""
+    assert damper(delay, 20 * COUNT, 7.0) == approx(-0.5 * MASS / ((1 + 2 * delay) * T) * 20 * COUNT / T)
+
+
+@pytest.mark.parametrize("delay", [0, 3])
+def test_a_way_of_one_count_is_damped_by_the_filtered_velocity_with_the_delay_of_the_filter(delay):
+    """The filter comes four samples late, so eight more of half a period."""
+    assert damper(delay, COUNT, 0.003) == approx(-0.5 * MASS / ((1 + 2 * delay + 8) * T) * 0.003)
+    assert damper(delay, 1.6 * COUNT, 0.003) == approx(-0.5 * MASS / ((1 + 2 * delay) * T) * 1.6 * COUNT / T)
+
+
+def test_a_filtered_velocity_of_less_than_a_count_is_rounding():
+    assert damper(0, COUNT, 1.4 * COUNT / (8 * T)) == 0.0
+    assert damper(0, COUNT, 1.6 * COUNT / (8 * T)) < 0.0
+
+
+def test_a_small_debt_is_taken_back_within_a_step_and_no_debt_is_not_damped():
+    way = 20 * COUNT
+    force = damper(0, way, 7.0, debt=-1e-6)
+    assert -force * way == approx(1e-6)
+    assert damper(0, way, 7.0, debt=0.0) == 0.0

@@ -1,0 +1,104 @@
+"""Bounds of the sampled wall, against closed forms, a simulated stability limit and published figures; force limits."""
+
+import numpy as np
+import pytest
+from pytest import approx
+from scipy.linalg import expm
+
+from palpate.physics.device.passivity import absorbed, clamp, dissipation, slew
+from palpate.physics.device.sampled_wall import delayed_damping, required_damping, wall_damping, wall_response
+
+T = 1e-3
+
+
+def test_the_general_formula_gives_the_closed_bound_without_delay():
+    for stiffness, damping in [(500.0, 0.0), (500.0, 5.0), (500.0, -0.1), (10.0, 2.0), (0.0, 0.0)]:
+        found = required_damping(wall_response(stiffness, damping, T), T)
+        assert found == approx(wall_damping(stiffness, damping, T), rel=1e-6, abs=1e-12)
+    assert wall_damping(500.0, 5.0, T) == wall_damping(500.0, -5.0, T) == 5.25
+
+
+@pytest.mark.parametrize(("delay", "expected"), [(0, 0.25), (1, 0.75), (2, 1.25), (5, 2.75)])
+def test_each_sample_of_delay_costs_a_spring_its_stiffness_times_the_period(delay, expected):
+    assert delayed_damping(500.0, T, delay) == approx(expected)
+    assert required_damping(wall_response(500.0, 0.0, T, delay), T) == approx(expected, rel=1e-6)
+
+
+def test_a_filter_on_the_damping_helps_without_delay_and_hurts_with_it():
+    assert required_damping(wall_response(500.0, 5.0, T), T) == approx(5.25, rel=1e-6)
+    assert required_damping(wall_response(500.0, 5.0, T, order=8), T) == approx(1.73, abs=0.005)
+    assert required_damping(wall_response(500.0, 5.0, T, delay=1, order=8), T) == approx(2.87, abs=0.005)
+
+
+@pytest.mark.parametrize("mass", [0.1, 0.3])
+@pytest.mark.parametrize("delay", [0, 1, 2, 5])
+def test_the_loop_turns_unstable_within_a_percent_of_the_bound(mass, delay):
+    b = 0.5
+    limit = 2.0 * b / (T * (1 + 2 * delay))
+
+    def radius(stiffness):
+        block = expm(np.array([[0.0, 1.0, 0.0], [0.0, -b / mass, 1.0 / mass], [0.0, 0.0, 0.0]]) * T)
+        size = 2 + delay
+        loop = np.zeros((size, size))  # x, v, and the forces on their way
+        loop[:2, :2] = block[:2, :2]
+        loop[:2, -1] += block[:2, 2] if delay else 0.0
+        if delay:
+            loop[2, 0] = -stiffness
+            for i in range(3, size):
+                loop[i, i - 1] = 1.0
+        else:
+            loop[:2, 0] += -stiffness * block[:2, 2]
+        return np.abs(np.linalg.eigvals(loop)).max()
+
+    assert radius(0.99 * limit) < 1.0 < radius(1.01 * limit)
+
+
+def test_energy_of_a_held_force_is_exact():
+    rng = np.random.default_rng(0)
+    energy = 0.0
+    place, force = np.zeros(3), np.zeros(3)
+    supplied = 0.0
+    for _ in range(100):
+        way = rng.normal(size=3)
+        energy = absorbed(energy, *force, *way)
+        supplied -= force @ way
+        place, force = place + way, rng.normal(size=3)
+    assert energy == approx(supplied, rel=1e-12)
+
+
+def test_dissipation_repays_the_debt_in_one_step():
+    alpha = dissipation(-1e-5, T, 0.04, 10.0)
+    assert alpha * 0.04 * T == approx(1e-5)
+    assert dissipation(-1.0, T, 0.04, 0.1) == approx(0.1 / T)
+    assert dissipation(-1.0, T, 1e-320, 0.1) == approx(0.1 / T)
+    for quiet in [(0.0, T, 1.0), (1.0, T, 1.0), (-1.0, 0.0, 1.0), (-1.0, -T, 1.0), (-1.0, T, 0.0)]:
+        assert dissipation(*quiet, 0.1) == 0.0
+
+
+def test_the_clamp_keeps_the_direction():
+    rng = np.random.default_rng(1)
+    for size in (1e-3, 8.9, 9.1, 1e3, 1e200, 1e300):
+        wish = rng.normal(size=3)
+        wish *= size / np.linalg.norm(wish)
+        found = np.array(clamp(*wish, 9.0))
+        assert np.linalg.norm(found) == approx(min(size, 9.0), rel=1e-12)
+        assert np.cross(found / np.linalg.norm(found), wish / size) == approx(np.zeros(3), abs=1e-12)
+    assert clamp(0.0, 0.0, 0.0, 9.0) == (0.0, 0.0, 0.0)
+    assert clamp(np.nan, 0.0, 0.0, 9.0) == (0.0, 0.0, 0.0)
+    assert clamp(np.inf, 1.0, 0.0, 9.0) == (0.0, 0.0, 0.0)
+
+
+def test_the_slew_limit_goes_straight_to_the_wish():
+    assert slew(3.0, 4.0, 0.0, 0.0, 0.0, 0.0, 1.0) == approx((0.6, 0.8, 0.0))
+    assert slew(3.0, 4.0, 0.0, 2.5, 4.0, 0.0, 1.0) == approx((3.0, 4.0, 0.0))
+    assert slew(3.0, 4.0, 0.0, 1.0, 1.0, 1.0, 0.0) == approx((1.0, 1.0, 1.0))
+
+
+@pytest.mark.parametrize("axis", range(3))
+def test_a_force_comes_nearer_along_each_axis_by_the_reach_and_then_arrives(axis):
+    before, wanted = np.array([0.3, -0.2, 0.5]), np.array([0.3, -0.2, 0.5])
+    wanted[axis] += 2.0
+    step = np.zeros(3)
+    step[axis] = 0.5
+    assert slew(*wanted, *before, 0.5) == approx(before + step)
+    assert slew(*wanted, *before, 3.0) == approx(wanted)

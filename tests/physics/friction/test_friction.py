@@ -1,0 +1,349 @@
+"""Friction: LuGre and Coulomb laws over irregular steps, and their nodes."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pytest import approx
+from scipy.integrate import solve_ivp
+from scipy.spatial.transform import Rotation
+
+from palpate.launch.testing import FakeBus
+from palpate.messages import Contact, Proximity
+from palpate.nodes.friction import Coulomb, ElastoPlastic, LuGre
+from palpate.physics.friction import bristle
+from palpate.physics.friction.bristle import Bristles, turn
+from palpate.physics.friction.coulomb import Coulomb as CoulombLaw
+from palpate.physics.friction.elastoplastic import ElastoPlastic as Elastic
+from palpate.physics.friction.lugre import LuGre as Law
+from palpate.physics.friction.lugre import passive_viscous, steady_friction
+
+LAW = Law(0.5, 0.7, 0.02, 3000.0, 1.0, 0.4)
+ELASTIC = Elastic(0.5, 0.7, 0.02, 3000.0, 1.0, 0.4)
+UP = (0.0, 0.0, 1.0)
+X = np.array([1.0, 0.0, 0.0])
+EXPONENTIAL, EULER = LAW, LAW._replace(update="euler")
+both = pytest.mark.parametrize("law", [EXPONENTIAL, EULER], ids=["exponential", "euler"])
+every = pytest.mark.parametrize("law", [EXPONENTIAL, EULER, ELASTIC], ids=["exponential", "euler", "elastic"])
+
+
+def lugre_path(slip, load, dt, law, normal=UP):
+    return bristle.path(law, slip, load, dt, normal)[:2]
+
+
+def coulomb_path(slip, load, dt, mu, stiffness):
+    return bristle.path(CoulombLaw(mu, stiffness), slip, load, dt)
+
+
+def test_steady_sliding():
+    speeds = [1e-3, 0.01, 0.02, 0.05, 0.1, 0.5]
+    expected = [0.699901, 0.659760, 0.581576, 0.520386, 0.540000, 0.700000]
+    assert steady_friction(speeds, LAW) == approx(expected, abs=1e-6)
+    for v, mu in zip(speeds, expected, strict=True):
+        force, _ = lugre_path(np.tile(v * X, (400, 1)), 2.0, 0.1, LAW)
+        assert force[-1] == approx([2.0 * mu, 0, 0], abs=3e-6)
+
+
+@pytest.mark.parametrize("steps", [1, 7, 2000])
+def test_at_constant_velocity_the_deflection_does_not_depend_on_the_step(steps):
+    _, z = lugre_path(np.tile(0.05 * X, (steps, 1)), 1.0, 0.02 / steps, LAW)
+    assert z[-1, 0] == approx(166.380e-6, abs=5e-10)
+    _, z = lugre_path(np.tile([0.03, -0.02, 0.0], (steps, 1)), 1.0, 0.004 / steps, LAW)
+    _, once = lugre_path([[0.03, -0.02, 0.0]], 1.0, 0.004, LAW)
+    assert z[-1] == approx(once[-1], rel=1e-10)
+
+
+def test_the_deflection_follows_the_differential_equation():
+    def rate(t, z):
+        v = 0.08 * math.sin(30 * t)
+        g = 0.5 + 0.2 * math.exp(-((v / 0.02) ** 2))
+        return [v - 3000 * abs(v) * z[0] / g]
+
+    exact = solve_ivp(rate, (0, 0.3), [0.0], rtol=1e-10, atol=1e-14, max_step=1e-3).y[0, -1]
+    errors = []
+    for count in (3000, 6000, 12000):
+        t = np.arange(1, count + 1) * 0.3 / count
+        v = np.outer(0.08 * np.sin(30 * t), X)
+        errors.append(abs(lugre_path(v, 1.0, 0.3 / count, LAW)[1][-1, 0] - exact))
+    assert errors[0] / errors[1] == approx(2, rel=0.15) and errors[1] / errors[2] == approx(2, rel=0.15)
+
+
+@every
+@settings(max_examples=60, deadline=None)
+@given(st.lists(st.tuples(st.floats(-10, 10), st.floats(-10, 10), st.floats(-6, 0)), min_size=1, max_size=20))
+def test_the_deflection_never_exceeds_its_bound(law, path):
+    v = np.array([[a, b, 0.0] for a, b, _ in path])
+    dt = 10.0 ** np.array([x for _, _, x in path])
+    force, z = lugre_path(v, 3.0, dt, law)
+    assert np.isfinite(force).all()
+    assert (np.linalg.norm(z, axis=1) <= 0.7 / 3000 * (1 + 1e-12)).all()
+
+
+@every
+@pytest.mark.parametrize("speed", [0.01, 0.33, 1.0, 10.0])
+@pytest.mark.parametrize("dt", [1e-6, 1e-3, 1.0])
+def test_stiff_bristles_do_not_ring(law, speed, dt):
+    _, z = lugre_path(np.tile(speed * X, (50, 1)), 1.0, dt, law)
+    assert (np.diff(z[:, 0]) >= -1e-18).all() and (z[:, 0] > 0).all()
+
+
+@every
+def test_a_line_in_the_plane_is_the_one_dimensional_law(law):
+    rng = np.random.default_rng(1)
+    along = rng.normal(0, 0.1, 200)
+    for angle in (0.4, 2.0, -1.3):
+        d = np.array([math.cos(angle), math.sin(angle), 0.0])
+        force, z = lugre_path(np.outer(along, d), 1.3, 1e-3, law)
+        straight, zs = lugre_path(np.outer(along, X), 1.3, 1e-3, law)
+        assert force == approx(np.outer(straight[:, 0], d), abs=1e-12)
+        assert z == approx(np.outer(zs[:, 0], d), abs=1e-15)
+
+
+def test_the_law_is_the_same_in_any_frame():
+    rng = np.random.default_rng(2)
+    v, normal = rng.normal(0, 0.1, (100, 3)), rng.normal(size=(100, 3))
+    normal = np.array([0, 0, 1.0]) + 0.2 * normal
+    normal /= np.linalg.norm(normal, axis=1)[:, None]
+    r = Rotation.from_rotvec([0.3, -1.1, 0.7])
+    force, z = lugre_path(v, 1.0, 1e-3, LAW, normal)
+    turned, zt = lugre_path(r.apply(v), 1.0, 1e-3, LAW, r.apply(normal))
+    assert turned == approx(r.apply(force), abs=1e-11) and zt == approx(r.apply(z), abs=1e-14)
+    assert np.abs(np.sum(force * normal, axis=1)).max() < 1e-13
+
+
+def test_friction_is_proportional_to_the_normal_force():
+    v = np.tile(0.05 * X, (30, 1))
+    one, _ = lugre_path(v, 1.0, 1e-3, LAW)
+    assert lugre_path(v, 4.2, 1e-3, LAW)[0] == approx(4.2 * one)
+    assert np.abs(lugre_path(v, 1e-12, 1e-3, LAW)[0]).max() < 1e-11
+
+
+def test_friction_rises_with_speed_beyond_the_stribeck_dip():
+    mu = steady_friction(np.linspace(0.06, 1.0, 50), LAW)
+    assert (np.diff(mu) > 0).all()
+
+
+def test_presliding_is_a_spring_of_f_n_sigma0():
+    force, _ = lugre_path([[1e-6, 0, 0]], 2.0, 1e-3, LAW._replace(bristle_damping=0.0, viscous=0.0))
+    assert force[0, 0] == approx(2.0 * 3000 * 1e-9, rel=1e-4)
+
+
+@every
+def test_a_hysteresis_loop_closes_and_dissipates(law):
+    t = np.arange(4000) * 1e-4
+    for amplitude in (2e-5, 3e-4, 2e-3):
+        v = np.outer(amplitude * 2 * np.pi * 10 * np.cos(2 * np.pi * 10 * t), X)
+        force, z = lugre_path(v, 1.0, 1e-4, law)
+        # A loop much smaller than the bristles reach drifts for many cycles before it closes.
+        assert amplitude < 1e-4 or force[3000:, 0] == approx(force[2000:3000, 0], abs=1e-5)
+        supplied = force[3000:, 0] @ v[3000:, 0] * 1e-4
+        assert supplied > 1500 * (z[-1, 0] ** 2 - z[2999, 0] ** 2)
+
+
+def _least_margin(law):
+    """Least of supply minus stored energy over many single steps from random bristles, scaled by the supply."""
+    rng = np.random.default_rng(3)
+    least = math.inf
+    law = bristle.kernel_form(law)
+    for _ in range(20000):
+        r, a, b = rng.uniform(0, 0.7 / 3000), *rng.uniform(0, 2 * np.pi, 2)
+        v = 10 ** rng.uniform(-5, 1) * np.array([math.cos(b), math.sin(b), 0.0])
+        dt = 10 ** rng.uniform(-6, 0)
+        z = (r * math.cos(a), r * math.sin(a), 0.0)
+        after, force, _ = bristle.step(law, Bristles(z, UP, 1.0), UP, tuple(v.tolist()), 1.0, dt)
+        supply = float(np.dot(force, v)) * dt
+        stored = 1500.0 * (np.dot(after.z, after.z) - np.dot(z, z))
+        least = min(least, (supply - stored) / (abs(supply) + abs(stored)))
+    return least
+
+
+@every
+def test_it_is_passive_exactly_when_the_bound_on_viscous_friction_holds(law):
+    assert passive_viscous(0.5, 0.7, 1.0) == approx(0.4)
+    assert _least_margin(law) > -1e-12
+    assert _least_margin(law._replace(viscous=0.0)) < -1e-3
+
+
+def test_rescaling_on_a_rising_load_gives_no_energy():
+    v = np.array([[0.05, 0, 0]] * 30 + [[0, 0, 0]])
+    load = np.array([1.0] * 30 + [6.0])
+    _, z = lugre_path(v, load, 1e-3, LAW)
+    free = 0.5 * 3000 * (6 * z[-1] @ z[-1] - z[-2] @ z[-2])
+    assert 0 < free <= 0.5 * 5 * 0.7**2 / 3000 * (1 + 1e-9)
+    _, z = lugre_path(v, load, 1e-3, LAW._replace(rescale=True))
+    assert 6 * z[-1] @ z[-1] == approx(z[-2] @ z[-2], rel=1e-12)
+
+
+@given(st.lists(st.floats(-1, 1), min_size=9, max_size=9))
+def test_turning_keeps_the_length_and_the_tangent_plane(x):
+    z, a, b = np.array(x).reshape(3, 3)
+    if min(np.linalg.norm(a), np.linalg.norm(b)) < 0.1:
+        return
+    a, b = a / np.linalg.norm(a), b / np.linalg.norm(b)
+    z = z - (z @ a) * a
+    if np.linalg.norm(z) < 1e-3 or a @ b < -0.999:
+        return
+    turned = np.array(turn(*z, *a, *b))
+    axis = np.cross(a, b)
+    sine = np.linalg.norm(axis)
+    expected = z if sine < 1e-12 else Rotation.from_rotvec(axis / sine * math.atan2(sine, a @ b)).apply(z)
+    assert turned == approx(expected, abs=1e-9)
+    assert np.linalg.norm(turned) == approx(np.linalg.norm(z))
+
+
+def test_a_normal_that_flips_keeps_the_deflection():
+    assert turn(1e-4, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, -1.0) == approx((1e-4, 0, 0))
+
+
+def test_loss_of_contact_forgets_the_bristles():
+    force, z = lugre_path(np.tile(0.01 * X, (20, 1)), np.array([1.0] * 10 + [0.0] + [1.0] * 9), 1e-3, LAW)
+    assert (force[10] == 0).all() and (z[10] == 0).all()
+    assert z[11] == approx(z[0])
+
+
+def test_coulomb_sticks_as_a_spring_and_slides_at_mu_times_the_load():
+    force, _z, stick = coulomb_path(np.tile(0.01 * X, (200, 1)), 2.0, 1e-3, 0.5, 1500.0)
+    assert force[:60, 0] == approx(1500 * 1e-5 * np.arange(1, 61))
+    assert force[100:, 0] == approx(1.0, rel=1e-12)
+    assert stick[:66].all() and not stick[67:].any()
+
+
+def test_coulomb_is_exact_for_any_step_and_does_not_chatter():
+    once, _, _ = coulomb_path([[0.01, 0, 0]], 2.0, 0.2, 0.5, 1500.0)
+    many, _, _ = coulomb_path(np.tile(0.01 * X, (2000, 1)), 2.0, 1e-4, 0.5, 1500.0)
+    assert once[-1] == approx(many[-1], rel=1e-12)
+    assert (np.diff(many[:, 0]) >= -1e-15).all()
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.lists(st.tuples(st.floats(-1, 1), st.floats(-1, 1), st.floats(0, 9)), min_size=2, max_size=30))
+def test_coulomb_never_gives_energy_even_while_the_load_changes(path):
+    v, load = np.array([[a, b, 0.0] for a, b, _ in path]), np.array([f for _, _, f in path])
+    force, z, _ = coulomb_path(v, load, 1e-3, 0.5, 1500.0)
+    supplied = np.cumsum(np.sum(force * v, axis=1) * 1e-3)
+    stored = 750.0 * np.sum(z * z, axis=1)
+    assert (supplied - stored >= -1e-12).all()
+    assert (np.linalg.norm(force, axis=1) <= 0.5 * load * (1 + 1e-12)).all()
+
+
+def contact(load, normal=(0, 0, 1)):
+    return Contact(
+        foot=(0, 0, 0),
+        normal=normal,
+        force=load,
+        compression=1e-3,
+        indentation=1e-3,
+        compression_rate=0,
+        indentation_rate=0,
+    )
+
+
+def sliding(x, y=0.0):
+    return Proximity(
+        foot=(0, 0, 0), normal=(0, 0, 1), coordinates=(0, 0), element=0, gap=0, approach=2e-3, slip=(x, y, 0)
+    )
+
+
+@pytest.mark.parametrize("node", [LuGre(), LuGre(update="euler", rescale=True), ElastoPlastic(), Coulomb()])
+def test_the_nodes_send_a_tangential_force_along_the_slip(node):
+    bus = FakeBus(node, proximity=sliding(0.03, 0.04))
+    answers = bus.publish(*[contact(2.0)] * 300)
+    f = np.array(answers[-1].force)
+    assert f[2] == 0 and f[:2] / np.linalg.norm(f) == approx([0.6, 0.8], rel=1e-9)
+    assert answers[0].stick and not answers[-1].stick
+    (apart,) = bus.publish(contact(0.0))
+    assert apart.force == (0, 0, 0) and apart.bristle == (0, 0, 0) and not apart.stick
+
+
+def test_the_lugre_node_is_the_law():
+    bus = FakeBus(LuGre(), proximity=sliding(0.05))
+    answers = bus.publish(*[contact(1.5)] * 40)
+    force, z = lugre_path(np.tile(0.05 * X, (40, 1)), 1.5, 1e-3, LAW)
+    assert [a.force for a in answers] == approx(force) and [a.bristle for a in answers] == approx(z)
+
+
+def test_a_finger_at_rest_sticks_with_strained_bristles():
+    bus = FakeBus(LuGre(), proximity=sliding(0.05))
+    *_, before = bus.publish(*[contact(1.0)] * 100)
+    bus.publish(sliding(0.0))
+    (resting,) = bus.publish(contact(1.0))
+    assert not before.stick and resting.stick and resting.force[0] == approx(0.5, abs=0.03)
+
+
+@pytest.mark.parametrize("node", [LuGre(), ElastoPlastic(), Coulomb()])
+def test_a_duplicate_or_reordered_message_changes_nothing(node):
+    bus = FakeBus(node, proximity=sliding(0.05))
+    bus.twice()
+    first, second = bus.publish(contact(1.0))
+    assert first.force == second.force and first.bristle == second.bristle
+    bus.swap()
+    assert all(math.isfinite(a.force[0]) for a in bus.publish(contact(1.0), contact(2.0)))
+
+
+def drift(law, mean=0.35, swing=0.2, frequency=20.0, seconds=1.0, mass=0.05, dt=1e-4):
+    """How far [m] a mass under 1 N of normal force has crept after a load that swings below static friction [N]."""
+    law, bristles, x, v, friction, places = bristle.kernel_form(law), Bristles(), 0.0, 0.0, 0.0, []
+    for k in range(round(seconds / dt)):
+        push = (mean + swing * math.sin(2 * math.pi * frequency * k * dt)) * min(k * dt / 0.1, 1.0)
+        v += (push - friction) / mass * dt
+        x += v * dt
+        bristles, force, _ = bristle.step(law, bristles, UP, (v, 0.0, 0.0), 1.0, dt)
+        friction = force[0]
+        places.append(x)
+    cycle = round(1.0 / frequency / dt)
+    return float(np.mean(places[-cycle:]) - np.mean(places[5 * cycle : 6 * cycle]))
+
+
+def test_under_a_swinging_load_below_static_friction_lugre_creeps_and_elasto_plastic_does_not():
+    assert drift(LAW) > 1e-2  # [m] in a second
+    assert abs(drift(ELASTIC)) < 1e-6 and abs(drift(CoulombLaw(0.7, 3000.0))) < 1e-6
+
+
+def _alpha(r):
+    return np.clip(0.5 * np.sin(np.pi * (np.clip(r, 0.9, 1.0) - 0.95) / 0.1) + 0.5, 0.0, 1.0)
+
+
+def test_the_elasto_plastic_deflection_follows_its_differential_equation():
+    """In two dimensions, against Radau with the published form of alpha."""
+
+    def velocity(t):
+        return np.array([0.06 * math.sin(25 * t), 0.04 * math.cos(40 * t)])
+
+    def rate(t, z):
+        v = velocity(t)
+        speed = math.hypot(*v)
+        g = 0.5 + 0.2 * math.exp(-((speed / 0.02) ** 2))
+        part = _alpha(3000 * math.hypot(*z) / g) if z @ v > 0 else 0.0
+        return v - part * 3000 * speed * z / g
+
+    exact = solve_ivp(rate, (0, 0.3), [0.0, 0.0], method="Radau", rtol=1e-8, atol=1e-12, max_step=1e-4).y[:, -1]
+    errors = []
+    for count in (1500, 3000, 6000):
+        t = (np.arange(count) + 0.5) * 0.3 / count
+        v = np.column_stack((*np.array([velocity(s) for s in t]).T, np.zeros(count)))
+        errors.append(np.linalg.norm(bristle.path(ELASTIC, v, 1.0, 0.3 / count)[1][-1, :2] - exact))
+    assert max(errors) < 0.001 * 0.7 / 3000  # a thousandth of the bristles' reach
+
+
+def test_elasto_plastic_bristles_bend_without_slip_up_to_their_share():
+    way = 0.89 * 0.7 / 3000
+    for steps in (1, 10, 1000):
+        _, z, stick = bristle.path(ELASTIC, np.tile(1e-3 * X, (steps, 1)), 2.0, way / 1e-3 / steps)
+        assert z[-1, 0] == approx(way, rel=1e-9) and stick.all()
+    back = np.vstack((np.tile(1e-3 * X, (100, 1)), np.tile(-1e-3 * X, (100, 1))))
+    assert bristle.path(ELASTIC, back, 2.0, way / 1e-3 / 100)[1][-1, 0] == approx(0.0, abs=1e-12)
+
+
+@pytest.mark.parametrize("steps", [1, 5, 50, 2000])
+def test_at_constant_velocity_the_elasto_plastic_deflection_hardly_depends_on_the_step(steps):
+    _, z, _ = bristle.path(ELASTIC, np.tile([0.03, -0.02, 0.0], (steps, 1)), 1.0, 0.006 / steps)
+    _, fine, _ = bristle.path(ELASTIC, np.tile([0.03, -0.02, 0.0], (20000, 1)), 1.0, 0.006 / 20000)
+    assert z[-1] == approx(fine[-1], abs=0.005 * 0.7 / 3000)
+
+
+def test_elasto_plastic_slides_like_lugre():
+    for v in (1e-3, 0.02, 0.1, 0.5):
+        force, _, stick = bristle.path(ELASTIC, np.tile(v * X, (2000, 1)), 2.0, 1e-3)
+        assert force[-1, 0] == approx(2.0 * float(steady_friction(v, LAW)), rel=1e-5) and not stick[-1]

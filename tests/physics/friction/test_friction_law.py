@@ -1,0 +1,111 @@
+"""A friction law costs one file: this one is written into a folder and runs in the kidney graph."""
+
+import sys
+from textwrap import dedent
+
+import numpy as np
+import pytest
+from pytest import approx
+
+from palpate.launch.loading.launchfile import find
+from palpate.launch.recording.reader import Recording
+from palpate.launch.running.execute import execute
+from palpate.launch.testing import FakeBus
+from palpate.messages import Contact, Proximity
+from palpate.nodes.friction import node_of
+
+LAW = '''
+    """Dahl friction (P. R. Dahl, Aerospace Corp. TOR-0158(3107-18)-1, 1968) over the normal force."""
+
+    import math
+    from typing import Annotated, NamedTuple
+
+    from numba import njit
+
+
+    @njit
+    def dahl(law, z, v, load, dt):
+        """dz/dt = v - |v| z/limit, backward Euler."""
+        limit = law.mu / law.bristle_stiffness
+        x = math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]) * dt / limit
+        z = ((z[0] + v[0] * dt) / (1 + x), (z[1] + v[1] * dt) / (1 + x), (z[2] + v[2] * dt) / (1 + x))
+        k = load * law.bristle_stiffness
+        return z, (k * z[0], k * z[1], k * z[2]), x < 0.5
+
+
+    class Dahl(NamedTuple):
+        """Dahl friction."""
+
+        mu: Annotated[float, "1", "> 0"] = 0.5
+        bristle_stiffness: Annotated[float, "1/m", "> 0"] = 3000.0
+
+        @property
+        def advance(self):
+            return dahl
+'''
+NODE = """
+
+    from palpate.nodes.friction import node_of
+
+    Sliding = node_of(Dahl, "Sliding", __name__)
+"""
+
+
+def slide(node, steps=400):
+    up, here = (0.0, 0.0, 1.0), (0.0, 0.0, 0.0)
+    slip = {"slip": (0.03, 0.04, 0.0), "coordinates": (0.0, 0.0), "element": 0, "gap": 0.0, "approach": 2e-3}
+    press = {"force": 2.0, "compression": 1e-3, "indentation": 1e-3, "compression_rate": 0.0, "indentation_rate": 0.0}
+    bus = FakeBus(node, proximity=Proximity(foot=here, normal=up, **slip))
+    return bus.publish(*[Contact(foot=here, normal=up, **press)] * steps)
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    assert len(dedent(LAW).strip().splitlines()) <= 40
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    yield tmp_path
+    for name in [n for n in sys.modules if n.rpartition(".")[2] == "dahl"]:
+        del sys.modules[name]
+
+
+def test_a_law_in_its_own_file_is_a_node(folder):
+    (folder / "dahl.py").write_text(dedent(LAW))
+    import dahl
+
+    answers = slide(node_of(dahl.Dahl)(mu=0.6))
+    assert answers[-1].force == approx((0.72, 0.96, 0.0), rel=1e-3) and answers[0].stick
+
+
+def test_a_law_beside_the_others_is_found_without_a_list(folder, monkeypatch):
+    import importlib
+
+    import palpate.nodes.friction
+    import palpate.physics.friction
+    from palpate.launch.loading.graph import load
+
+    (folder / "dahl.py").write_text(dedent(LAW))
+    monkeypatch.setattr(palpate.physics.friction, "__path__", [*palpate.physics.friction.__path__, str(folder)])
+    try:
+        importlib.reload(palpate.nodes.friction)
+        graph = load("kidney", overrides=["friction.use=friction.Dahl"])
+        node = graph.nodes["friction"]
+        assert node.settings == {"mu": 0.5, "bristle_stiffness": 500.0}
+        assert slide(node.cls(**node.settings))[-1].force[0] == approx(0.6, rel=0.01)
+    finally:
+        monkeypatch.undo()
+        del palpate.nodes.friction.Dahl
+
+
+def test_a_law_of_another_folder_runs_in_the_kidney_graph(folder):
+    (folder / "dahl.py").write_text(dedent(LAW + NODE))
+    path = "[{to: [-0.02, 0, 0.098], time: 0.15}, {to: [0.0, 0, 0.097], time: 0.2}]"
+    sets = ("friction.use=dahl.Sliding", "friction.mu=0.3", "scene.surface.vertices=1500")
+    sets += ("scene.hand.begin=[-0.02, 0, 0.111]", f"scene.hand.path={path}")
+    launch = find("kidney").but(record=folder / "run.mcap", overrides=sets, place="fused", duration=0.35)
+    outcome = execute(launch)
+    assert outcome.result.ok, [str(death) for death in outcome.result.deaths]
+    recording = Recording(folder / "run.mcap")
+    friction, normal = recording.columns("friction")["force"], recording.columns("contact")["force"]
+    share = np.linalg.norm(friction[200:], axis=1) / normal[200:]
+    assert 0.2 < share.max() <= 0.3 * (1 + 1e-9)

@@ -1,0 +1,250 @@
+"""Closest points of triangle meshes against brute force, closed forms and hard meshes."""
+
+import numpy as np
+import pytest
+
+from palpate.physics.geometry.bvh import weld
+from palpate.physics.geometry.kidney import kidney
+from palpate.physics.geometry.mesh import Mesh, plane
+from palpate.physics.geometry.mesh_closest import MeshClosestPoint, track_mesh
+from palpate.physics.geometry.nurbs_fit import sphere
+from palpate.physics.geometry.orient import edge_counts, outward
+from palpate.physics.geometry.tessellate import tessellate
+
+CUBE = Mesh(
+    np.array([[x, y, z] for x in (-1.0, 1) for y in (-1.0, 1) for z in (-1.0, 1)]) * 0.02,
+    np.array(
+        [[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1], [2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4]]
+        + [[1, 5, 7], [1, 7, 3]],
+        dtype=np.int32,
+    ),
+)
+
+
+def cube_distance(points, half=0.02):
+    q = np.abs(points) - half
+    return np.linalg.norm(np.maximum(q, 0), axis=1) + np.minimum(q.max(axis=1), 0)
+
+
+def brute(mesh, points):
+    """Distance to the nearest of all triangles, by way of the plane and the three edges of each."""
+    best = np.full(len(points), np.inf)
+    for a, b, c in mesh.vertices[mesh.triangles]:
+        for p, q in ((a, b), (b, c), (c, a)):
+            square = (q - p) @ (q - p)
+            t = np.clip((points - p) @ (q - p) / square, 0, 1) if square > 0 else np.zeros(len(points))
+            best = np.minimum(best, np.linalg.norm(points - p - t[:, None] * (q - p), axis=1))
+        n = np.cross(b - a, c - a)
+        if n @ n > 0:
+            sides = [(points - p) @ np.cross(n, q - p) >= 0 for p, q in ((a, b), (b, c), (c, a))]
+            height = np.abs((points - a) @ n) / np.linalg.norm(n)
+            best = np.where(np.all(sides, axis=0), np.minimum(best, height), best)
+    return best
+
+
+def follow(mesh, path, hysteresis=1e-4):
+    closest = MeshClosestPoint(mesh)
+    work, found = closest.scratch()
+    results = []
+    for p in np.asarray(path, dtype=float):
+        track_mesh(*closest.tables.arrays, *p, hysteresis, work, found)
+        results.append(found.copy())
+    return np.array(results)
+
+
+def excess(distance, path):
+    return (np.abs(np.diff(distance)) - np.linalg.norm(np.diff(path, axis=0), axis=1)).max()
+
+
+def wander(rng, size, steps):
+    t = np.linspace(0, 1, steps)[:, None]
+    a, b = rng.normal(size=(2, 5, 3)) * size / 2
+    return np.sin(2 * np.pi * t * np.arange(1, 6)) @ a + np.cos(2 * np.pi * t * np.arange(1, 6)) @ b
+
+
+def test_the_search_agrees_with_brute_force():
+    rng = np.random.default_rng(1)
+    soup = Mesh(rng.normal(size=(60, 3)), rng.integers(0, 60, (90, 3)).astype(np.int32))
+    points = rng.normal(size=(400, 3)) * 2
+    foot = MeshClosestPoint(soup).find(points)[0]
+    np.testing.assert_allclose(np.linalg.norm(points - foot, axis=1), brute(soup, points), atol=1e-12)
+    closed = tessellate(kidney(), 300)
+    points = rng.uniform(-0.08, 0.08, (400, 3))
+    np.testing.assert_allclose(np.abs(MeshClosestPoint(closed).find(points)[3]), brute(closed, points), atol=1e-14)
+
+
+def test_the_distance_from_a_cube_is_exact_and_signed_at_faces_edges_and_corners():
+    points = np.random.default_rng(2).uniform(-0.05, 0.05, (5000, 3))
+    np.testing.assert_allclose(MeshClosestPoint(CUBE).find(points)[3], cube_distance(points), atol=1e-15)
+
+
+def test_the_sign_is_right_beside_the_tip_of_a_needle():
+    # The nearest face alone would give the wrong sign here: the case of Baerentzen & Aanaes.
+    tip = Mesh(
+        np.array([[0, 0, 0], [1, -0.1, -0.1], [1, 0.1, -0.1], [1, 0, 0.2]]) * 0.02,
+        np.array([[0, 2, 1], [0, 3, 2], [0, 1, 3], [1, 2, 3]], dtype=np.int32),
+    )
+    closest = MeshClosestPoint(tip)
+    points = np.random.default_rng(3).uniform((-0.002, -0.003, -0.003), (0.01, 0.003, 0.003), (3000, 3))
+    inside = np.ones(3000, dtype=bool)
+    for a, b, c in tip.vertices[tip.triangles]:
+        inside &= (points - a) @ np.cross(b - a, c - a) < 0
+    assert inside.sum() > 50
+    np.testing.assert_array_equal(closest.find(points)[3] < 0, inside)
+
+
+def test_a_fine_sphere_has_the_distance_of_the_sphere():
+    rng = np.random.default_rng(4)
+    points = rng.normal(size=(1000, 3)) * 0.02
+    exact = np.linalg.norm(points, axis=1) - 0.02
+    errors = [np.abs(MeshClosestPoint(tessellate(sphere(0.02), n)).find(points)[3] - exact).max() for n in (500, 8000)]
+    assert errors[1] < 1e-5
+    assert 10 < errors[0] / errors[1] < 24  # second order
+
+
+@pytest.mark.parametrize("mesh", [CUBE, tessellate(kidney(), 1500)], ids=["cube", "kidney"])
+@pytest.mark.parametrize("seed", range(2))
+def test_the_distance_never_changes_faster_than_the_point_moves(mesh, seed):
+    path = wander(np.random.default_rng(seed), 0.03, 4000)
+    found = follow(mesh, path)
+    assert excess(found[:, 8], path) <= 1e-12
+    np.testing.assert_allclose(found[:, 8], MeshClosestPoint(mesh).find(path)[3], atol=1e-13)
+
+
+def test_the_followed_foot_is_at_most_the_hysteresis_farther_than_the_nearest():
+    path = wander(np.random.default_rng(5), 0.02, 4000)
+    for hysteresis in (0.0, 1e-4, 1e-3):
+        found = follow(tessellate(kidney(), 1500), path, hysteresis)
+        own = np.linalg.norm(path - found[:, :3], axis=1)
+        assert (own - np.abs(found[:, 8])).max() <= hysteresis + 1e-12
+
+
+def test_trembling_between_two_faces_keeps_the_foot():
+    path = np.array([0, 0, 0.005]) + np.array([1e-5, 0, 0]) * (-1.0) ** np.arange(40)[:, None]
+    found = follow(Mesh(CUBE.vertices * (0.25, 1, 1), CUBE.triangles), path)
+    assert np.ptp(found[:, 0]) == 0.0
+    np.testing.assert_allclose(found[:, 8], -0.005 + 1e-5, atol=1e-15)
+
+
+def test_the_normal_turns_smoothly_along_the_surface():
+    mesh = tessellate(kidney(), 3000)
+    t = np.linspace(0, 2 * np.pi, 4000)
+    path = np.stack([0.04 * np.cos(t), 0.02 * np.sin(t), np.full(4000, 0.025)], axis=1)
+    normal = follow(mesh, path)[:, 3:6]
+    np.testing.assert_allclose(np.linalg.norm(normal, axis=1), 1, rtol=1e-12)
+    assert np.linalg.norm(np.diff(normal, axis=0), axis=1).max() < 0.02
+
+
+@pytest.mark.parametrize("spoil", ["duplicates", "slivers", "points", "unreferenced", "split vertices"])
+def test_bad_triangles_change_neither_distance_nor_sign(spoil):
+    mesh = tessellate(kidney(), 400)
+    v, t = mesh.vertices, mesh.triangles
+    if spoil == "duplicates":
+        t = np.concatenate([t, t[::3], t[::5][:, [1, 2, 0]]])
+    elif spoil == "slivers":
+        # A vertex on an edge: the triangle on one side is split, a sliver without area closes the gap.
+        a, b, c = t[7]
+        v = np.concatenate([v, [(v[a] + v[b]) / 2]])
+        t = np.concatenate([t[:7], t[8:], [[a, len(v) - 1, c], [len(v) - 1, b, c], [a, b, len(v) - 1]]])
+    elif spoil == "points":
+        t = np.concatenate([[[3, 3, 3], t[9][[0, 0, 1]]], t, [t[5][[1, 0, 1]], t[7][[2, 2, 2]]]])
+    elif spoil == "unreferenced":
+        v = np.concatenate([v, [[0.0, 0, 0.03], [9, 9, 9]]])
+    else:
+        v, t = v[t].reshape(-1, 3), np.arange(t.size).reshape(-1, 3)
+    points = np.random.default_rng(6).uniform(-0.06, 0.06, (3000, 3))
+    foot, normal, _, gap = MeshClosestPoint(Mesh(v, t.astype(np.int32))).find(points)
+    np.testing.assert_allclose(gap, MeshClosestPoint(mesh).find(points)[3], atol=1e-12)
+    assert np.isfinite(foot).all()
+    np.testing.assert_allclose(np.linalg.norm(normal, axis=1), 1, rtol=1e-12)
+
+
+def test_a_mesh_of_degenerate_triangles_alone_is_a_set_of_segments():
+    v = np.array([[0.0, 0, 0], [1, 0, 0], [0.5, 1e-15, 0], [0, 0, 0]])
+    mesh = Mesh(v, np.array([[0, 1, 2], [0, 0, 0], [0, 3, 0]], dtype=np.int32))
+    foot, normal, _, gap = MeshClosestPoint(mesh).find(np.array([[0.3, 0.4, 0], [-3, 4, 0], [0.7, 0, 0]]))
+    np.testing.assert_allclose(gap, [0.4, 5, 0], atol=1e-12)
+    np.testing.assert_allclose(foot, [[0.3, 0, 0], [0, 0, 0], [0.7, 0, 0]], atol=1e-12)
+    np.testing.assert_allclose(np.linalg.norm(normal, axis=1), 1)
+
+
+def test_an_open_sheet_goes_on_flat_beyond_its_border():
+    sheet = MeshClosestPoint(plane(0.1, 100))
+    points = np.random.default_rng(7).uniform(-0.1, 0.1, (500, 3))
+    foot, normal, _, gap = sheet.find(points)
+    np.testing.assert_allclose(gap, points[:, 2], atol=1e-15)
+    np.testing.assert_allclose(foot, np.column_stack([np.clip(points[:, :2], -0.05, 0.05), 0 * gap]), atol=1e-15)
+    np.testing.assert_allclose(normal, np.tile([0, 0, 1], (500, 1)), atol=1e-12)
+
+
+def test_the_weights_give_the_foot_point():
+    mesh = tessellate(kidney(), 500)
+    found = follow(mesh, wander(np.random.default_rng(8), 0.04, 200), 0.0)
+    corners = mesh.vertices[mesh.triangles[found[:, 9].astype(int)]]
+    v, w = found[:, 6:7], found[:, 7:8]
+    assert (v >= 0).all() and (w >= 0).all() and (v + w <= 1 + 1e-12).all()
+    foot = (1 - v - w) * corners[:, 0] + v * corners[:, 1] + w * corners[:, 2]
+    np.testing.assert_allclose(foot, found[:, :3], atol=1e-15)
+
+
+def test_any_distance_gives_finite_answers():
+    points = np.array([[1e300, 0, 0], [-1e8, 1e8, 1e-300], [0, 0, 0]])
+    for found in MeshClosestPoint(tessellate(kidney(), 100)).find(points):
+        assert np.isfinite(found).all()
+
+
+@pytest.mark.parametrize(
+    ("vertices", "triangles", "text"),
+    [
+        (np.zeros((3, 3)), np.zeros((0, 3)), "no triangles"),
+        (np.zeros((3, 3)), [[0, 1, 5]], "vertex 5"),
+        (np.full((3, 3), np.nan), [[0, 1, 2]], "finite"),
+    ],
+)
+def test_a_mesh_that_cannot_be_searched_is_refused(vertices, triangles, text):
+    with pytest.raises(ValueError, match=text):
+        MeshClosestPoint(Mesh(vertices, np.asarray(triangles, dtype=np.int32))).find(np.zeros(3))
+
+
+def test_vertex_normals_of_a_sphere_are_radial_and_areas_sum_to_its_area():
+    mesh = tessellate(sphere(0.02), 8000)
+    np.testing.assert_allclose(mesh.normals, mesh.vertices / 0.02, atol=2e-3)
+    assert mesh.areas.sum() == pytest.approx(4 * np.pi * 0.02**2, rel=1e-3)
+
+
+def test_equal_vertices_are_welded_and_others_are_not():
+    rng = np.random.default_rng(9)
+    base = rng.normal(size=(200, 3))
+    pick = rng.integers(0, 200, 1000)
+    found = weld(base[pick])
+    np.testing.assert_array_equal(base[pick][found], base[pick])
+    assert len(np.unique(found)) == len(np.unique(pick))
+
+
+def test_triangles_are_turned_outwards_and_a_cavity_stays_one():
+    rng = np.random.default_rng(10)
+    for shuffled in (
+        CUBE.triangles[:, ::-1],
+        np.where(rng.random(12)[:, None] < 0.5, CUBE.triangles, CUBE.triangles[:, ::-1]),
+    ):
+        mesh = Mesh(CUBE.vertices, outward(CUBE.vertices, shuffled))
+        outside = np.einsum("ij,ij->i", mesh.face_vectors, mesh.vertices[mesh.triangles].mean(axis=1))
+        assert (outside > 0).all()
+    hollow = np.concatenate([CUBE.vertices, CUBE.vertices / 2])
+    shell = np.concatenate([CUBE.triangles, CUBE.triangles[:, ::-1] + 8])
+    np.testing.assert_array_equal(outward(hollow, shell[:, ::-1]), shell)
+
+
+def test_an_open_sheet_is_turned_as_most_of_its_triangles_are():
+    sheet = plane(0.1, 400)
+    mixed = sheet.triangles.copy()
+    mixed[::3] = mixed[::3, ::-1]
+    assert (Mesh(sheet.vertices, outward(sheet.vertices, mixed)).face_vectors[:, 2] > 0).all()
+    assert (Mesh(sheet.vertices, outward(sheet.vertices, mixed[:, ::-1])).face_vectors[:, 2] < 0).all()
+
+
+def test_borders_and_shared_edges_are_counted():
+    assert edge_counts(CUBE.triangles, 8) == (0, 0)
+    assert edge_counts(CUBE.triangles[1:], 8) == (3, 0)
+    fin = np.concatenate([CUBE.triangles, [[0, 1, 8]]])
+    assert edge_counts(fin, 9) == (2, 1)

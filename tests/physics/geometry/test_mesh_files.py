@@ -1,0 +1,135 @@
+"""Mesh files of the user's: formats, units, and files that cannot be used."""
+
+import numpy as np
+import pytest
+
+from palpate.launch.testing import FakeBus
+from palpate.messages import Pose
+from palpate.nodes.base import SettingError
+from palpate.nodes.base import surface as surfaces
+from palpate.nodes.base.surface import surface_mesh
+from palpate.nodes.collision import Mesh as MeshNode
+from palpate.nodes.collision import Nurbs
+from palpate.physics.geometry.kidney import kidney
+from palpate.physics.geometry.mesh import Mesh, write_ply
+from palpate.physics.geometry.tessellate import tessellate
+
+trimesh = pytest.importorskip("trimesh")
+
+KIDNEY = tessellate(kidney(), 600)
+
+
+@pytest.fixture(autouse=True)
+def fresh():
+    """Files change between tests: forget the meshes that were read."""
+    surfaces.surface_mesh.cache_clear()
+
+
+def save(path, mesh=KIDNEY, scale=1.0, **how):
+    trimesh.Trimesh(mesh.vertices * scale, mesh.triangles, process=False).export(path, **how)
+    return str(path)
+
+
+def volume(mesh):
+    a, b, c = (mesh.vertices[mesh.triangles[:, i]] for i in range(3))
+    return np.einsum("ij,ij->", a, np.cross(b, c)) / 6
+
+
+@pytest.mark.parametrize(
+    ("name", "how"),
+    [
+        ("k.stl", {"file_type": "stl"}),
+        ("k.STL", {"file_type": "stl_ascii"}),
+        ("k.ply", {"encoding": "binary"}),
+        ("k2.ply", {"encoding": "ascii"}),
+        ("k.obj", {}),
+    ],
+)
+@pytest.mark.parametrize(("unit", "scale"), [("mm", 1e3), ("m", 1.0), ("cm", 1e2)])
+def test_every_format_and_unit_gives_the_same_closed_mesh(tmp_path, name, how, unit, scale):
+    file = save(tmp_path / name, scale=scale, **how)
+    mesh = surface_mesh(file, 0, file_unit=unit)
+    assert mesh.vertices.shape == KIDNEY.vertices.shape
+    assert mesh.triangles.shape == KIDNEY.triangles.shape
+    assert volume(mesh) == pytest.approx(volume(KIDNEY), rel=1e-4)
+    np.testing.assert_allclose(np.ptp(mesh.vertices, axis=0), np.ptp(KIDNEY.vertices, axis=0), atol=1e-6)
+
+
+def test_our_own_ply_files_are_read_exactly(tmp_path):
+    write_ply(tmp_path / "k.ply", KIDNEY)
+    np.testing.assert_array_equal(surface_mesh(str(tmp_path / "k.ply"), 0).vertices, KIDNEY.vertices)
+
+
+def test_a_mesh_that_is_inside_out_is_turned(tmp_path):
+    some = KIDNEY.triangles.copy()
+    some[::3] = some[::3, ::-1]
+    for triangles in (KIDNEY.triangles[:, ::-1], some):
+        surfaces.surface_mesh.cache_clear()
+        mesh = surface_mesh(save(tmp_path / "k.obj", Mesh(KIDNEY.vertices, triangles)), 0)
+        assert volume(mesh) == pytest.approx(volume(KIDNEY), rel=1e-6)
+
+
+def test_repeated_and_empty_triangles_and_spare_vertices_are_left_out(tmp_path):
+    v = np.concatenate([KIDNEY.vertices, [[0.0, 0, 0.3]]])
+    t = np.concatenate([KIDNEY.triangles, KIDNEY.triangles[:5], [[1, 1, 2]]])
+    mesh = surface_mesh(save(tmp_path / "k.obj", Mesh(v, t)), 0)
+    assert mesh.vertices.shape == KIDNEY.vertices.shape and mesh.triangles.shape == KIDNEY.triangles.shape
+
+
+def test_the_collision_node_takes_a_file_at_its_place(tmp_path):
+    file = save(tmp_path / "k.stl", scale=1e3)
+    bus = FakeBus(MeshNode(surface=file, file_unit="mm", position=(0.01, 0, 0.05), rotation=(0, 0, np.pi / 2)))
+    (found,) = bus.publish(Pose(position=(0.01, 0, 0.08), velocity=(0, 0, 0), dt=1e-3))
+    assert found.gap == pytest.approx(0.009, abs=3e-4)
+    assert found.normal[2] > 0.99
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "text"),
+    [
+        ("gone.stl", None, "no file"),
+        ("k.step", b"ISO-10303-21;", r"format '.step'"),
+        ("k.stl", b"", "stl"),
+        ("k.stl", b"solid\nfacet nonsense\n" * 20, "stl"),
+        ("k.stl", bytes(range(256)) * 3, "stl"),
+        ("k.ply", b"ply\nformat ascii 1.0\nelement vertex 3\n", "ply"),
+        ("k.ply", b"not a ply file", "ply"),
+        ("k.obj", b"# empty\n", "obj"),
+        ("k.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\n", "obj"),
+        ("k.obj", b"v 0 0 0\nv 0.1 0 0\nv 0 0.1 0\nf 1 1 2\n", "point or a line"),
+        ("k.obj", b"v 0 0 0\nv nan 0 0\nv 0 0.1 0\nf 1 2 3\n", "finite"),
+        ("k.obj", b"v 0 0 0\nv 100 0 0\nv 0 60 0\nf 1 2 3\n", "file_unit: mm"),
+        ("k.obj", b"v 0 0 0\nv 1e-5 0 0\nv 0 1e-5 0\nf 1 2 3\n", "file_unit"),
+        (
+            "k.obj",
+            b"v 0 0 0\nv .1 0 0\nv 0 .1 0\nv 0 0 .1\nv 0 -.1 0\nf 1 2 3\nf 1 2 4\nf 1 2 5\n",
+            "1 edges that more than two",
+        ),
+    ],
+)
+def test_a_file_that_cannot_be_used_gives_one_clear_line(tmp_path, name, content, text):
+    file = tmp_path / name
+    if content is not None:
+        file.write_bytes(content)
+    with pytest.raises(SettingError, match=text) as caught:
+        surface_mesh(str(file), 0)
+    assert "\n" not in str(caught.value)
+    assert name in str(caught.value)
+
+
+def test_unknown_units_and_surfaces_are_named(tmp_path):
+    with pytest.raises(SettingError, match=r"'inch'.*m, cm, mm"):
+        surface_mesh(save(tmp_path / "k.stl"), 0, file_unit="inch")
+    with pytest.raises(SettingError, match=r"'liver'.*kidney, sphere, plane"):
+        surface_mesh("liver", 100)
+    with pytest.raises(SettingError, match=r"mesh file.*collision\.Mesh"):
+        Nurbs(surface="k.stl").start()
+
+
+def test_without_trimesh_the_error_says_what_to_install(tmp_path, monkeypatch):
+    import sys
+
+    file = save(tmp_path / "k.stl")
+    monkeypatch.setitem(sys.modules, "trimesh", None)
+    with pytest.raises(SettingError, match=r"palpate\[mesh\]"):
+        surface_mesh(file, 0)

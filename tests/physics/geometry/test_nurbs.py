@@ -1,0 +1,171 @@
+"""NURBS surfaces against scipy's B-splines, closed forms and finite differences."""
+
+import numpy as np
+import pytest
+from scipy.interpolate import BSpline
+
+from palpate.physics.geometry.nurbs import Nurbs
+from palpate.physics.geometry.nurbs_fit import grid_parameters, interpolate, plane_patch, sphere, torus
+
+
+def random_patch(rng, p, q, weighted=True):
+    n, m = p + 4, q + 3
+    knots = [
+        np.concatenate([np.zeros(d + 1), np.sort(rng.uniform(0.1, 0.9, k - d - 1)), np.ones(d + 1)])
+        for d, k in ((p, n), (q, m))
+    ]
+    weights = rng.uniform(0.5, 2.0, (n, m)) if weighted else np.ones((n, m))
+    return Nurbs(rng.normal(size=(n, m, 3)), weights, knots[0], knots[1], p, q)
+
+
+def scipy_surface(patch, u, v, du=0, dv=0):
+    """The homogeneous surface (k,4) at pairs (u, v) by scipy's B-splines."""
+    w = patch.weights[..., None]
+    homogeneous = np.concatenate([patch.points * w, w], axis=-1)
+    along = BSpline(patch.knots_u, homogeneous, patch.degree_u, axis=0)(u, nu=du)
+    return np.array([BSpline(patch.knots_v, row, patch.degree_v)(y, nu=dv) for row, y in zip(along, v, strict=True)])
+
+
+@pytest.mark.parametrize(("p", "q"), [(1, 1), (2, 3), (3, 3), (4, 2), (5, 6)])
+def test_a_patch_and_its_derivatives_equal_those_of_scipy_splines(p, q):
+    rng = np.random.default_rng(p * 10 + q)
+    patch = random_patch(rng, p, q, weighted=False)
+    u, v = rng.random((2, 50))
+    found = patch.derivatives(u, v)
+    for k, (du, dv) in enumerate([(0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2)]):
+        expected = scipy_surface(patch, u, v, du, dv)[:, :3]
+        np.testing.assert_allclose(found[:, k], expected, atol=1e-11 * max(1.0, np.abs(expected).max()))
+
+
+@pytest.mark.parametrize(("p", "q"), [(2, 2), (3, 3), (3, 5)])
+def test_the_derivatives_of_a_weighted_patch_obey_the_product_rule(p, q):
+    rng = np.random.default_rng(p + q)
+    patch = random_patch(rng, p, q)
+    u, v = rng.random((2, 50))
+    s, su, sv, suu, suv, svv = np.moveaxis(patch.derivatives(u, v), 1, 0)
+    a = {k: scipy_surface(patch, u, v, *k) for k in [(0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2)]}
+    w = {k: x[:, 3:] for k, x in a.items()}
+    a = {k: x[:, :3] for k, x in a.items()}
+    # A = w S, differentiated.
+    pairs = [
+        (a[0, 0], w[0, 0] * s),
+        (a[1, 0], w[1, 0] * s + w[0, 0] * su),
+        (a[0, 1], w[0, 1] * s + w[0, 0] * sv),
+        (a[2, 0], w[2, 0] * s + 2 * w[1, 0] * su + w[0, 0] * suu),
+        (a[0, 2], w[0, 2] * s + 2 * w[0, 1] * sv + w[0, 0] * svv),
+        (a[1, 1], w[1, 1] * s + w[1, 0] * sv + w[0, 1] * su + w[0, 0] * suv),
+    ]
+    for left, right in pairs:
+        np.testing.assert_allclose(left, right, atol=1e-11 * max(1.0, np.abs(left).max()))
+
+
+def test_the_sphere_is_exact_and_its_normal_points_outward():
+    rng = np.random.default_rng(1)
+    u, v = rng.random((2, 500))
+    points = sphere(0.03)(u, v)
+    np.testing.assert_allclose(np.linalg.norm(points, axis=1), 0.03, rtol=1e-14)
+    np.testing.assert_allclose(sphere(0.03).normal(u, v), points / 0.03, atol=1e-11)
+
+
+@pytest.mark.parametrize("end", [0.0, 1.0])
+def test_the_normal_at_a_pole_is_the_limit_of_the_normals_round_it(end):
+    u = np.linspace(0, 1, 37)
+    axis = [0, 0, 2 * end - 1]
+    np.testing.assert_allclose(sphere(0.02).normal(u, np.full(37, end)), np.tile(axis, (37, 1)), atol=1e-12)
+
+
+def test_the_torus_is_exact_and_its_normal_points_outward():
+    rng = np.random.default_rng(2)
+    u, v = rng.random((2, 500))
+    x, y, z = torus(0.04, 0.013)(u, v).T
+    ring = np.hypot(x, y)
+    np.testing.assert_allclose((ring - 0.04) ** 2 + z**2, 0.013**2, rtol=1e-12)
+    out = np.stack([(ring - 0.04) * x / ring, (ring - 0.04) * y / ring, z], axis=1) / 0.013
+    np.testing.assert_allclose(torus(0.04, 0.013).normal(u, v), out, atol=1e-11)
+
+
+def test_the_plane_patch_is_flat_with_its_normal_up():
+    patch = plane_patch(0.2)
+    np.testing.assert_allclose(
+        patch([0.0, 0.25, 1.0], [0.0, 0.5, 1.0]), [[-0.1, -0.1, 0], [-0.05, 0, 0], [0.1, 0.1, 0]]
+    )
+    np.testing.assert_allclose(patch.normal(0.3, 0.8), [0, 0, 1])
+
+
+@pytest.mark.parametrize("spacing", ["chord", "centripetal", "uniform"])
+@pytest.mark.parametrize("closed", [(False, False), (True, False), (False, True), (True, True)])
+@pytest.mark.parametrize(("p", "q"), [(3, 3), (2, 3), (1, 4)])
+def test_interpolation_goes_through_its_points(p, q, closed, spacing):
+    grid = np.random.default_rng(3).normal(size=(9, 7, 3))
+    fitted = interpolate(grid, p, q, *closed, parameters=spacing)
+    u, v = grid_parameters(grid, *closed, spacing)
+    np.testing.assert_allclose(fitted(u[:9, None], v[:7]), grid, atol=1e-12)
+
+
+def test_a_closed_direction_joins_with_continuous_second_derivatives():
+    grid = np.random.default_rng(4).normal(size=(10, 6, 3))
+    fitted = interpolate(grid, closed_u=True)
+    v = np.linspace(0, 1, 9)
+    u0, u1, *_ = fitted.domain
+    before, after = fitted.derivatives(np.nextafter(u1, u0), v), fitted.derivatives(u0, v)
+    np.testing.assert_allclose(before, after, atol=1e-8 * np.abs(after).max())
+
+
+def test_prescribed_end_slopes_are_met():
+    rng = np.random.default_rng(5)
+    grid, low, high = rng.normal(size=(8, 6, 3)), rng.normal(size=(8, 3)), rng.normal(size=(8, 3))
+    fitted = interpolate(grid, ends_v=(low, high))
+    u, v = grid_parameters(grid, False, False)
+    np.testing.assert_allclose(fitted.derivatives(u, 0.0)[:, 2], low, atol=1e-11)
+    np.testing.assert_allclose(fitted.derivatives(u, 1.0)[:, 2], high, atol=1e-11)
+    np.testing.assert_allclose(fitted(u[:, None], v), grid, atol=1e-12)
+
+
+def test_the_error_of_a_cubic_fit_falls_with_the_fourth_power_of_the_spacing():
+    def error(n):
+        a, b = np.linspace(0, 1.5, n)[:, None], np.linspace(0, 1.2, n)
+        grid = np.stack(np.broadcast_arrays(a, b, np.sin(2 * a) * np.cos(3 * b)), axis=-1)
+        x, y, z = np.moveaxis(
+            interpolate(grid, parameters="uniform")(np.linspace(0, 1, 60)[:, None], np.linspace(0, 1, 60)), -1, 0
+        )
+        return np.abs(z - np.sin(2 * x) * np.cos(3 * y)).max()
+
+    assert np.log2(error(12) / error(23)) > 3.5
+
+
+def test_a_moved_patch_moves_its_points():
+    turn = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
+    u, v = np.random.default_rng(6).random((2, 20))
+    np.testing.assert_allclose(
+        torus(2, 1).moved(turn, (1, 2, 3))(u, v), torus(2, 1)(u, v) @ turn.T + (1, 2, 3), atol=1e-14
+    )
+
+
+@pytest.mark.parametrize(
+    ("change", "text"),
+    [
+        ({"knots_u": np.zeros(4)}, "knots_u"),
+        ({"knots_v": np.array([0, 0, 0.0, 0])}, "knots_v"),
+        ({"degree_u": 3}, "degree_u"),
+        ({"degree_v": 0}, "degree_v"),
+        ({"weights": -np.ones((2, 2))}, "weights"),
+        ({"points": np.zeros((2, 3, 3))}, "points"),
+        ({"points": np.full((2, 2, 3), np.nan)}, "finite"),
+    ],
+)
+def test_parts_that_do_not_fit_together_are_refused(change, text):
+    good = plane_patch(1.0)
+    parts = {name: getattr(good, name) for name in ("points", "weights", "knots_u", "knots_v", "degree_u", "degree_v")}
+    with pytest.raises(ValueError, match=text):
+        Nurbs(**{**parts, **change})
+
+
+def test_bad_data_points_are_refused():
+    with pytest.raises(ValueError, match="at least 4"):
+        interpolate(np.random.default_rng(0).normal(size=(3, 6, 3)))
+    with pytest.raises(ValueError, match="coincide"):
+        interpolate(np.zeros((6, 6, 3)) + np.arange(6)[:, None, None] // 2)
+    with pytest.raises(ValueError, match="centripetal"):
+        interpolate(np.random.default_rng(0).normal(size=(6, 6, 3)), parameters="chordal")
+    with pytest.raises(ValueError, match="minor"):
+        torus(0.01, 0.02)

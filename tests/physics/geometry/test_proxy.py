@@ -1,0 +1,170 @@
+"""The proxy: a tool that went in from one side is pushed back to that side."""
+
+import dataclasses
+import itertools
+
+import numpy as np
+import pytest
+from pytest import approx
+
+from palpate.physics.geometry.closest import ClosestPoint, track
+from palpate.physics.geometry.kidney import kidney
+from palpate.physics.geometry.mesh import Mesh
+from palpate.physics.geometry.mesh_closest import MeshClosestPoint, track_mesh
+from palpate.physics.geometry.nurbs_fit import sphere
+from palpate.physics.geometry.proxy import follow, follow_mesh, memory
+from palpate.physics.geometry.tessellate import tessellate
+
+
+def box(width, thickness, cells=20):
+    """A slab with sharp edges, its top at z = 0, of small triangles."""
+    x = np.linspace(-0.5, 0.5, cells + 1)
+    a, b = (g.ravel() for g in np.meshgrid(x, x, indexing="ij"))
+    h = np.full(a.shape, 0.5)
+    faces = [np.stack(c, axis=1) for c in ((a, b, h), (b, a, -h), (h, a, b), (-h, b, a), (b, h, a), (a, -h, b))]
+    i = (np.arange(cells)[:, None] * (cells + 1) + np.arange(cells)).ravel()
+    quad = np.concatenate([np.stack([i, i + cells + 1, i + cells + 2], 1), np.stack([i, i + cells + 2, i + 1], 1)])
+    points = np.concatenate(faces)
+    triangles = np.concatenate([quad + k * len(a) for k in range(6)])
+    _, first, same = np.unique(np.round(points, 9), axis=0, return_index=True, return_inverse=True)
+    return Mesh(
+        points[first] * (width, width, thickness) - (0, 0, thickness / 2), same.ravel()[triangles].astype(np.int32)
+    )
+
+
+def flat(radius, thickness):
+    """A pebble: a sphere pressed flat, its top at z = 0."""
+    ball = sphere(radius)
+    points = ball.points * (1, 1, thickness / 2 / radius) - (0, 0, thickness / 2)
+    return dataclasses.replace(ball, points=points)
+
+
+def patch_run(surface, path):
+    closest = ClosestPoint(surface)
+    scratch, kept = closest.scratch(), memory(surface.points)
+    found = []
+    for p in path:
+        follow(*closest.tables, tuple(map(float, p)), 1e-4, *scratch, kept)
+        found.append(scratch[3][:9].copy())
+    return np.array(found)
+
+
+def mesh_run(mesh, path):
+    closest = MeshClosestPoint(mesh)
+    (work, result), kept = closest.scratch(), memory(mesh.vertices)
+    found = []
+    for p in path:
+        follow_mesh(*closest.tables.arrays, tuple(map(float, p)), 1e-4, work, result, kept)
+        found.append(result[:9].copy())
+    return np.array(found)
+
+
+def line(*points, step=1e-4):
+    found = [np.array(points[:1], float)]
+    for a, b in itertools.pairwise(points):
+        a, b = np.array(a, float), np.array(b, float)
+        n = max(int(np.linalg.norm(b - a) / step), 1)
+        found.append(a + np.arange(1, n + 1)[:, None] / n * (b - a))
+    return np.concatenate(found)
+
+
+def lipschitz(path, found):
+    return (np.abs(np.diff(found[:, 8])) - np.linalg.norm(np.diff(path, axis=0), axis=1)).max()
+
+
+SLABS = {
+    f"{kind} {t} mm": (run, make(0.04 if kind == "box" else 0.03, t * 1e-3))
+    for kind, run, make in (("box", mesh_run, box), ("pebble", patch_run, flat))
+    for t in (12, 8, 4, 1)
+} | {"pebble mesh": (mesh_run, tessellate(flat(0.03, 4e-3), 4000))}
+every_slab = pytest.mark.parametrize("slab", SLABS)
+
+
+@every_slab
+@pytest.mark.parametrize("drift", [0.0, 2e-3])
+def test_a_tool_driven_through_a_thin_body_is_pushed_back_all_the_way(slab, drift):
+    run, body = SLABS[slab]
+    path = line((0.001, 0.002, 0.005), (0.001 + drift, 0.002, -0.019))
+    found = run(body, path)
+    assert (found[:, 5] > 0.9).all()
+    assert found[:, 8] == approx(path[:, 2], abs=2e-4 if drift == 0 else 6e-4)
+    assert lipschitz(path, found) <= 1e-12
+    back = np.concatenate([path, path[::-1]])
+    again = run(body, back)
+    assert (again[:, 5] > 0.9).all() and again[-1, 8] == approx(0.005, abs=2e-4)
+
+
+@every_slab
+def test_the_proxy_slides_along_with_a_tool_that_is_through(slab):
+    run, body = SLABS[slab]
+    path = line((0, 0, 0.003), (0, 0, -0.006), (0.005, 0, -0.006), (0, 0.003, -0.006))
+    found = run(body, path)
+    assert (found[:, 5] > 0.8).all()
+    assert np.abs(found[:, :2] - path[:, :2]).max() < 1.5e-3
+    assert lipschitz(path, found) <= 1e-12
+
+
+@every_slab
+def test_a_tool_that_leaves_sideways_is_free(slab):
+    run, body = SLABS[slab]
+    path = line((0.01, 0, 0.003), (0.01, 0, -0.014), (0.06, 0, -0.014), (0.06, 0, 0.02), (0.045, 0, 0.0))
+    found = run(body, path)
+    fresh = run(body, path[-1:])
+    assert found[-1, :3] == approx(fresh[-1, :3], abs=1e-9) and found[-1, 8] == approx(fresh[-1, 8], abs=1e-9)
+    assert found[-1, 8] > 0.01
+    assert found[path[:, 0] > 0.055, 8].max() > 0.02
+    assert lipschitz(path, found) <= 1e-12
+
+
+@pytest.mark.parametrize("aside", [0.0, 1e-4, 1e-3])
+@pytest.mark.parametrize("form", ["patch", "mesh"])
+def test_in_a_ball_the_force_does_not_turn_either(form, aside):
+    ball = sphere(0.02)
+    path = line((aside, 0, 0.025), (aside, 0, -0.03), (aside, 0, 0.025))
+    found = patch_run(ball, path) if form == "patch" else mesh_run(tessellate(ball, 3000), path)
+    assert (found[:, 5] > 0.8).all()
+    assert lipschitz(path, found) <= 1e-12
+    assert found[-1, 8] == approx(0.005, abs=1e-4)
+
+
+@pytest.mark.parametrize("form", ["patch", "mesh"])
+def test_where_nothing_is_thin_the_proxy_is_the_nearest_point(form):
+    """A finger strokes the kidney with the bone up to 6 mm inside."""
+    organ = kidney()
+    top = organ(0.25, 0.5)
+    t = np.linspace(0, 4 * np.pi, 4000)
+    depth = 4e-3 * np.cos(3 * t) - 2e-3
+    across = np.stack([0.02 * np.sin(t), 0.006 * np.sin(2.3 * t)], axis=1)
+    mesh = tessellate(organ, 4000)
+    high = np.column_stack([top[0] + across[:, 0], top[1] + across[:, 1], np.full(len(t), top[2] + 2e-3)])
+    foot, normal = ClosestPoint(organ).find(high)[:2]
+    path = foot + depth[:, None] * normal
+    found = patch_run(organ, path) if form == "patch" else mesh_run(mesh, path)
+    nearest = np.empty_like(found)
+    if form == "patch":
+        closest = ClosestPoint(organ)
+        scratch = closest.scratch()
+        for k, p in enumerate(path):
+            track(*closest.tables, *p, 1e-4, *scratch)
+            nearest[k] = scratch[3][:9]
+    else:
+        closest = MeshClosestPoint(mesh)
+        work, result = closest.scratch()
+        for k, p in enumerate(path):
+            track_mesh(*closest.tables.arrays, *p, 1e-4, work, result)
+            nearest[k] = result[:9]
+    assert (found == nearest).all() or found == approx(nearest, abs=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("slab", ["box 4 mm", "pebble 4 mm", "pebble mesh"])
+def test_the_gap_changes_no_faster_than_the_tool_on_any_path(slab, seed):
+    run, body = SLABS[slab]
+    rng = np.random.default_rng(seed)
+    t = np.linspace(0, 1, 3000)[:, None]
+    a, b = rng.normal(size=(2, 5, 3)) * (0.012, 0.012, 0.006)
+    path = np.sin(2 * np.pi * t * np.arange(1, 6)) @ a + np.cos(2 * np.pi * t * np.arange(1, 6)) @ b
+    found = run(body, path)
+    assert np.isfinite(found).all() and lipschitz(path, found) <= 1e-12
+    away = run(body, np.concatenate([path, line(path[-1], (0, 0, 0.1), (0, 0, 0.005))]))
+    assert away[-1, 8] == approx(0.005, abs=1e-6)

@@ -1,0 +1,85 @@
+"""The instructions that numbers are computed with are pinned, whatever the environment says; what is not is told."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from palpate.launch.running.provenance import rounding
+from palpate.physics.arithmetic import LEVEL, in_force, pinnable
+
+FOREIGN = {"OPENBLAS_CORETYPE": "Prescott", "NPY_DISABLE_CPU_FEATURES": "X86_V3", "NUMBA_CPU_NAME": "nehalem"}
+GOLDEN = Path(__file__).parents[1] / "golden"
+NATIVE = {"PALPATE_NATIVE": "1"}
+ASK = "from palpate.physics.arithmetic import in_force; import json, numpy, scipy.linalg; print(json.dumps({}))"
+
+pytestmark = pytest.mark.skipif(not pinnable(), reason=f"this machine lacks instructions of {LEVEL}, or PALPATE_NATIVE")
+
+
+def told(code, **environment):
+    """What a new interpreter prints, as data; it starts without what pinning has set in this one."""
+    pinned = ("OPENBLAS_CORETYPE", "NPY_DISABLE_CPU_FEATURES", "NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES")
+    clean = {name: value for name, value in os.environ.items() if name not in pinned}
+    done = subprocess.run([sys.executable, "-c", code], env=clean | environment, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
+
+
+@pytest.mark.parametrize("first", ["physics", "fe", "nodes", "launch", "launch.running.forkserver"])
+def test_the_pin_wins_over_the_environment(first):
+    code = f"import palpate.{first}; import numba; " + ASK.format("in_force()")
+    assert told(code, **FOREIGN)["instructions"] == LEVEL
+
+
+def test_the_tests_are_pinned():
+    assert in_force()["instructions"] == LEVEL
+
+
+def test_what_was_imported_earlier_is_told_and_does_not_bind_the_workers():
+    code = "import numpy; " + ASK.format("[in_force(), in_force(here=False)]")
+    here, workers = told(code, OPENBLAS_CORETYPE="Sandybridge")
+    assert "OpenBLAS Haswell Sandybridge" in here["instructions"]
+    assert workers["instructions"] == LEVEL
+    assert rounding({"arithmetic": here}) == [f"instructions {here['instructions']}, here {LEVEL}"]
+
+
+def test_kernels_that_were_compiled_earlier_are_told():
+    code = "import numba; f = numba.njit(lambda x: x + 1.0); f(1.0); " + ASK.format("in_force()")
+    found = told(code, **FOREIGN)["instructions"]
+    assert "kernels" in found and f"kernels {LEVEL}," not in found
+
+
+def test_the_user_may_leave_the_choice_to_the_processor():
+    found = told("import palpate.physics; " + ASK.format("in_force()"), **FOREIGN, **NATIVE)["instructions"]
+    assert "numpy X86_V3" not in found and "kernels nehalem/" in found and found != LEVEL
+
+
+def test_more_threads_of_linear_algebra_are_told():
+    found = told("import palpate.physics; " + ASK.format("in_force()"), OPENBLAS_NUM_THREADS="2")["instructions"]
+    assert found.endswith(f"threads {min(2, os.cpu_count())}") or os.cpu_count() == 1
+
+
+def check(name, **environment):
+    code = "import sys; from palpate.launch.__main__ import main; sys.argv[1:] = {!r}; main()"
+    return told(code.format(["replay", str(GOLDEN / f"{name}.mcap"), "--check", "--json"]), **environment)
+
+
+@pytest.mark.parametrize("name", ["kidney", "live"])
+def test_a_golden_recording_computes_again_under_a_foreign_environment(name):
+    """What is pinned gives the recorded bytes wherever it was recorded with the same versions."""
+    found = check(name, **FOREIGN)
+    assert found["ok"] and found["complete"]
+    assert not any(each.startswith("instructions") for each in found["computed_otherwise"])
+    assert found["tolerance"] == (1e-6 if found["computed_otherwise"] else 0.0)
+
+
+@pytest.mark.parametrize("name", ["kidney", "live"])
+def test_other_instructions_stay_within_the_tolerance(name):
+    """The compiled kernels are those of x86-64-v3 here, to spare their compilation; numpy and OpenBLAS are foreign."""
+    kernels = {"NUMBA_CPU_NAME": LEVEL, "NUMBA_CPU_FEATURES": ""}
+    found = check(name, **FOREIGN | kernels | NATIVE)
+    assert found["ok"] and found["complete"] and found["tolerance"] == 1e-6
+    assert found["computed_otherwise"]

@@ -1,0 +1,198 @@
+"""Small nodes that the tests of the launcher run in processes of their own."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import time
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+
+from palpate.messages import Force, Friction, Load, Pose, Torque
+from palpate.nodes.base import Node, Observer
+
+
+class Source(Node):
+    """A point that swings, pushed by a torque that comes back round the loop."""
+
+    paced = True
+    sink = True
+    gain: Annotated[float, "1"] = 0.3
+
+    def start(self) -> None:
+        self.x, self.v = 1.0, 0.0
+
+    def step(self, torque: Torque | None, *, dt: float) -> Pose:
+        self.v += dt * (-40.0 * self.x + (self.gain * torque.torques[0] if torque else 0.0))
+        self.x += dt * self.v
+        return Pose(position=(self.x, 0.0, float(torque is None)), velocity=(self.v, 0.0, 0.0), dt=dt)
+
+
+class Spring(Node):
+    """A force from the pose."""
+
+    stiffness: Annotated[float, "N/m"] = 5.0
+
+    def step(self, pose: Pose) -> Force:
+        return Force(force=(-self.stiffness * pose.position[0], 0.0, 0.0), state="free", energy=0.0)
+
+
+class Drag(Node):
+    """Friction from the pose and the force."""
+
+    def step(self, pose: Pose, force: Force) -> Friction:
+        return Friction(force=(0.1 * pose.velocity[0] * force.force[0], 0.0, 0.0), bristle=(0, 0, 0), stick=False)
+
+
+class Spread(Node):
+    """An array message from both."""
+
+    count: Annotated[int, "1"] = 50
+
+    def step(self, force: Force, friction: Friction | None) -> Load:
+        total = force.force[0] + (friction.force[0] if friction else 0.0)
+        forces = np.zeros((self.count, 3))
+        forces[:, 0] = total * np.arange(self.count)
+        return Load(nodes=np.arange(self.count), forces=forces, foot=(0, 0, 0), normal=(0, 0, 1))
+
+
+class Swell(Spread):
+    """Some of its messages are larger than an inbox takes."""
+
+    def start(self) -> None:
+        self.steps = 0
+
+    def step(self, force: Force, friction: Friction | None) -> Load:
+        self.steps += 1
+        self.count = 4000 if self.steps % 7 in (2, 3, 6) else 50
+        return super().step(force, friction)
+
+
+class Sum(Node):
+    """Back to a torque."""
+
+    def step(self, load: Load, friction: Friction | None) -> Torque:
+        return Torque(torques=(float(load.forces[:, 0].sum()) / 1225.0, float(friction is None), 0.0))
+
+
+class Faulty(Spring):
+    """Fails in a chosen way at a chosen step, and writes the tick of it to a file, if one is named."""
+
+    how: Annotated[str, "1"] = "raise"
+    at: Annotated[int, "1"] = 20
+    note: Annotated[str, "1"] = ""
+
+    def start(self) -> None:
+        if self.how == "start":
+            raise RuntimeError("cannot start")
+        if self.how == "hang in start":
+            time.sleep(1000)
+        self.count = 0
+
+    def step(self, pose: Pose) -> Force:
+        self.count += 1
+        if self.count == self.at:
+            if self.note:
+                Path(self.note).write_text(str(pose.tick))
+            match self.how:
+                case "raise":
+                    raise RuntimeError("out of luck")
+                case "nan":
+                    return Force(force=(float("nan"), 0.0, 0.0), state="free", energy=0.0)
+                case "type":
+                    return {"force": 1.0}
+                case "input":
+                    return pose
+                case "hang":
+                    time.sleep(1000)
+                case "doze":
+                    time.sleep(1.0)
+                case "doze and die":
+                    time.sleep(1.0)
+                    os.kill(os.getpid(), 9)
+                case "exit":
+                    os._exit(7)
+                case "kill":
+                    os.kill(os.getpid(), 9)
+                case "stop":
+                    os.kill(os.getpid(), signal.SIGSTOP)
+                case "spin":
+                    while True:
+                        pass
+                case "print":
+                    while True:
+                        print("x" * 1000)
+                case "eat":
+                    eaten = [bytearray(10_000_000) for _ in range(20)]
+                    while eaten:
+                        time.sleep(0.01)
+                case "terminate":
+                    os.kill(os.getpid(), signal.SIGTERM)
+                case "kill group" if kept():
+                    os.killpg(0, signal.SIGKILL)
+                case "kill parent" if kept():
+                    os.kill(os.getppid(), signal.SIGKILL)
+                case "terminate parent" if kept():
+                    os.kill(os.getppid(), signal.SIGTERM)
+                case "kill parent's group" if kept():
+                    os.killpg(os.getpgid(os.getppid()), signal.SIGKILL)
+                case "own session":
+                    subprocess.Popen(["sleep", "1234"], start_new_session=True)
+        return super().step(pose)
+
+
+class Follow(Node):
+    """A force that follows another one, or none where there is no other."""
+
+    def step(self, force: Force | None) -> Force:
+        return Force(force=force.force if force else (0.0, 0.0, 0.0), state="free", energy=0.0)
+
+
+class Work(Node):
+    """Computes for so much processor time in one step."""
+
+    seconds: Annotated[float, "s"] = 1.0
+    at: Annotated[int, "1"] = 20
+
+    def start(self) -> None:
+        self.count = 0
+
+    def step(self, pose: Pose) -> Force:
+        self.count += 1
+        if self.count == self.at:
+            until = time.thread_time() + self.seconds
+            while time.thread_time() < until:
+                pass
+        return Force(force=(-pose.position[0], 0.0, 0.0), state="free", energy=0.0)
+
+
+class Collect(Observer):
+    """Writes each payload as a line of hex to a file."""
+
+    path: Annotated[str, "1"] = ""
+
+    def start(self) -> None:
+        self.file = open(self.path, "w")  # noqa: SIM115
+
+    def observe(self, stream: str, tick: int, payload: bytes) -> None:
+        self.file.write(f"{stream} {tick} {payload.hex()}\n")
+
+    def stop(self) -> None:
+        self.file.close()
+
+
+class Slow(Observer):
+    """Takes its time for each message."""
+
+    pause: Annotated[float, "s"] = 0.0
+
+    def observe(self, stream: str, tick: int, payload: bytes) -> None:
+        time.sleep(self.pause)
+
+
+def kept() -> bool:
+    """Whether the parent is a keeper, which leads a group of its own: nobody else may be hit."""
+    return os.getpgid(os.getppid()) == os.getppid() == os.getpgrp()

@@ -1,0 +1,35 @@
+"""The scripts that draw and time the beam bundle, and draw softness: they run, their figures are of the right kind."""
+
+import json
+import runpy
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.mark.long
+def test_the_pictures_are_drawn(tmp_path):
+    pytest.importorskip("matplotlib")
+    runpy.run_path(str(ROOT / "docs/pictures/beam_bundle.py"))["main"](tmp_path)
+    sizes = {p.name: p.stat().st_size for p in tmp_path.glob("*.png")}
+    assert len(sizes) == 5 and min(sizes.values()) > 20_000
+
+
+@pytest.mark.long
+def test_the_pictures_of_softness_are_drawn(tmp_path):
+    pytest.importorskip("matplotlib")
+    made = runpy.run_path(str(ROOT / "docs/pictures/softness.py"))["main"](tmp_path)
+    assert len(made) == 3 and min(path.stat().st_size for path in made) > 20_000
+
+
+@pytest.mark.long
+def test_the_benchmark_tells_the_cost_of_each_pitch():
+    command = [sys.executable, str(ROOT / "benchmarks/beam_bundle.py"), "--json", "--fast"]
+    rows = json.loads(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
+    assert [row["pitch_mm"] for row in rows] == [2.4, 1.2, 0.6]
+    assert rows[0]["beams"] < rows[1]["beams"] < rows[2]["beams"]
+    assert all(row["residual_max"] < 1e-5 and row["rounds_max"] < 30 for row in rows)

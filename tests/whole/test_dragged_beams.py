@@ -1,0 +1,44 @@
+"""Whole touches of a body of beams: the surface that the finger drags does not fold, and no touch buzzes at its end."""
+
+import numpy as np
+import pytest
+
+from palpate.launch.loading.launchfile import find
+from palpate.launch.recording.reader import Recording
+from palpate.launch.running.execute import execute
+from palpate.nodes.base.surface import surface_mesh
+
+
+@pytest.fixture(scope="module", params=["nodule", "kidney"])
+def run(request, tmp_path_factory):
+    file = tmp_path_factory.mktemp(request.param) / "run.mcap"
+    sets = ("tissue.use=deformation.BeamBundle", "scene.surface.vertices=6000")
+    assert execute(find(request.param).but(record=file, place="fused", overrides=sets)).result.ok
+    return Recording(file)
+
+
+def test_no_triangle_is_turned_over_and_neighbours_stay_together(run):
+    settings = next(n for n in run.about["plan"]["nodes"] if n["name"] == "tissue")["settings"]
+    mesh = surface_mesh(settings["surface"], settings["vertices"], tuple(settings["position"]))
+    t = mesh.triangles
+    i, j = np.concatenate([t[:, [0, 1]], t[:, [1, 2]], t[:, [2, 0]]]).T
+    spans = np.linalg.norm(mesh.vertices[i] - mesh.vertices[j], axis=1)
+    friction = np.linalg.norm(run.columns("friction")["force"], axis=1)
+    looked, held = 0, 0
+    for tick, surface in list(enumerate(run.messages("tissue")))[::20]:
+        moved = np.zeros_like(mesh.vertices)
+        moved[surface.nodes] = surface.displacement
+        a, b, c = ((mesh.vertices + moved)[t[:, k]] for k in range(3))
+        assert (np.einsum("ij,ij->i", np.cross(b - a, c - a), mesh.face_vectors) > 0).all()
+        assert (np.linalg.norm(moved[i] - moved[j], axis=1) / spans).max() <= 0.8 * (1 + 1e-6)
+        looked += friction[tick] > 0.2
+        held += surface.clamped > 0
+    assert looked > 20 and held > 0
+
+
+def test_a_touch_ends_once(run):
+    """A touch that comes and goes within 20 ms is the buzz of a body that forgets its dent."""
+    on = run.columns("contact")["force"] > 0
+    turns = np.flatnonzero(np.diff(on.astype(int)))
+    assert 2 <= len(turns) <= 8
+    assert np.diff(turns).min() > 20

@@ -1,0 +1,37 @@
+"""Golden recordings: what the shipped loop computed once, it computes still.
+
+Where one of these fails, a change has altered a force. If that was meant, make the recordings anew
+(`python tests/golden/make.py`) and say so in the CHANGELOG.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from palpate.launch.recording.player import plan_of
+from palpate.launch.recording.reader import Recording
+from palpate.launch.recording.verify import ELSEWHERE, verify
+from palpate.launch.running.provenance import rounding
+
+GOLDEN = sorted((Path(__file__).parents[1] / "golden").glob("*.mcap"))
+
+
+@pytest.mark.parametrize("path", GOLDEN, ids=lambda path: path.stem)
+def test_a_golden_recording_computes_again(path):
+    recording = Recording(path)
+    elsewhere = rounding(recording.about)
+    report = verify(recording, plan_of(recording), tolerance=ELSEWHERE if elsewhere else 0.0)
+    assert report.ok and report.complete, f"{report.first}; recorded elsewhere: {elsewhere or 'no'}"
+    assert sum(node.checked for node in report.nodes.values()) > 100
+
+
+def test_the_golden_recordings_are_small_and_touch():
+    assert {path.stem for path in GOLDEN} == {"plane", "kidney", "smooth", "live"}
+    assert sum(path.stat().st_size for path in GOLDEN) < 2_000_000
+    for path in GOLDEN:
+        recording = Recording(path)
+        assert recording.complete and recording.columns("contact")["force"].max() > 0.05
+        assert str(Path.home()) not in json.dumps(recording.about)

@@ -1,0 +1,63 @@
+"""A fingertip slides over a nodule: felt as force, shown on the pins, with a subject's band beside it."""
+
+import numpy as np
+import pytest
+from pytest import approx
+
+from palpate.launch.loading.launchfile import find
+from palpate.launch.recording.reader import Recording
+from palpate.launch.running.execute import execute
+from palpate.messages import Contact, ForceBand, Pins, unpack
+from palpate.physics.contact.force_band import band_at
+from palpate.physics.display.pins import pin_grid
+
+
+def run(path, *overrides, place="fused", duration=2.2):
+    outcome = execute(find("nodule").but(duration=duration, record=path, place=place, overrides=overrides))
+    assert outcome.result.ok, outcome.result.deaths
+    found: dict[str, list[bytes]] = {}
+    for name, _, payload in Recording(path).payloads():
+        found.setdefault(name, []).append(payload)
+    return found
+
+
+@pytest.fixture(scope="module")
+def felt(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("nodule")
+    return run(folder / "hard.mcap"), run(folder / "plain.mcap", "tissue.nodule_radius=0")
+
+
+def test_the_force_rises_over_the_nodule_and_not_beside_it(felt):
+    hard, plain = ([unpack(m, Contact) for m in streams["contact"]] for streams in felt)
+    x = np.array([c.foot[0] for c in hard])
+    gain = np.array([c.force for c in hard]) / np.maximum([c.force for c in plain], 1e-3)
+    sliding = slice(900, 2200)
+    over, beside = np.abs(x[sliding] - 4e-3) < 1e-3, x[sliding] > 10e-3
+    assert gain[sliding][over].mean() > 1.08
+    assert gain[sliding][over].mean() > gain[sliding][beside].mean() + 0.04
+
+
+def test_the_highest_pin_stays_on_the_nodule_while_the_finger_slides(felt):
+    hard, plain = ([unpack(m, Pins) for m in streams["display"]] for streams in felt)
+    feet = {c.tick: c.foot[0] for c in (unpack(m, Contact) for m in felt[0]["contact"])}
+    grid = pin_grid(8, 8, 2e-3)
+    for tick in (1400, 1500, 1600, 1700, 1800):
+        a, b = (next(p for p in pins if p.tick == tick) for pins in (hard, plain))
+        assert a.valid
+        row, column = np.unravel_index(np.argmax(a.heights - b.heights), a.heights.shape)
+        where = feet[tick] + grid[row, column, 0]
+        assert where == approx(4e-3, abs=3e-3) and abs(grid[row, column, 1]) < 2.1e-3
+        assert (a.heights - b.heights).max() > 0.15e-3
+
+
+def test_the_band_is_that_of_the_fingers_compression(felt):
+    contacts = {c.tick: c for c in (unpack(m, Contact) for m in felt[0]["contact"])}
+    for band in (unpack(m, ForceBand) for m in felt[0]["band"][60:150:10]):
+        mean, deviation, _ = band_at(contacts[band.tick].compression)
+        assert (band.mean, band.deviation) == approx((float(mean), float(deviation)))
+
+
+def test_placement_does_not_change_a_byte(tmp_path, felt):
+    apart = run(tmp_path / "apart.mcap", place=None, duration=0.5)
+    assert apart["display"] == felt[0]["display"][: len(apart["display"])]
+    assert apart["band"] == felt[0]["band"][: len(apart["band"])]

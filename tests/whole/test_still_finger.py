@@ -1,0 +1,34 @@
+"""A finger held still on the kidney: what is left of the encoder's steps in the force."""
+
+import numpy as np
+import pytest
+
+from palpate.launch.loading.launchfile import find
+from palpate.launch.recording.reader import Recording
+from palpate.launch.running.execute import execute
+
+
+def noise(folder, point, *sets):
+    """Root mean square [N] above 40 Hz of the force on a hand that stays at a point [m], over its last half second."""
+    path = f"[{{to: {list(point)}, time: 0.4}}, {{hold: 1.0}}]"
+    sets = (f"scene.hand.begin=[{point[0]}, {point[1]}, 0.116]", f"scene.hand.path={path}", *sets)
+    launch = find("kidney").but(record=folder / "run.mcap", overrides=("scene.surface.vertices=1500", *sets),
+                                place="fused", duration=1.4, wanted=("controller",))  # fmt: skip
+    assert execute(launch).result.ok
+    force = Recording(folder / "run.mcap").columns("controller")["force"][-512:]
+    assert np.linalg.norm(force.mean(axis=0)) > 0.5
+    spectrum = np.fft.rfft(force - force.mean(axis=0), axis=0)
+    spectrum[np.fft.rfftfreq(512, 1e-3) < 40.0] = 0.0
+    return float(np.sqrt(np.square(np.fft.irfft(spectrum, axis=0)).sum(axis=1).mean()))
+
+
+@pytest.mark.parametrize("point", [(0.0, 0.0, 0.0945), (-0.02, 0.003, 0.0985), (0.01, -0.004, 0.096)])
+def test_a_finger_held_still_hardly_feels_the_encoder(tmp_path, point):
+    assert noise(tmp_path, point) < 0.015
+    assert noise(tmp_path, point, "device.resolution=0") < 1e-3
+
+
+@pytest.mark.parametrize("height", [0.1035, 0.102, 0.1005])
+def test_a_finger_held_still_on_a_rigid_plate_comes_to_rest(tmp_path, height):
+    """At 1.4, 2.0 and 2.7 N, where the fingertip is as stiff as the loop may show."""
+    assert noise(tmp_path, (0.0, 0.0, height), "tissue.use=deformation.Rigid") < 0.015
