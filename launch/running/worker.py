@@ -1,29 +1,32 @@
-"""What one worker process holds: its nodes, the ways between them and the bus, its observers, its reports.
+"""What one worker process holds: its nodes, the ways between them and to others, its observers, its reports.
 
-The loops over the ticks are apart, one for each clock: `simulated`, `real`; `listen` serves observers alone.
+The loops over the ticks are apart, one for each clock: `simulated`, `real`; `observe` serves observers alone.
 """
 
 from __future__ import annotations
 
-import gc
 from collections.abc import Callable
 
-from palpate.launch.loading.load import load_class
-from palpate.launch.running.bus import CONTROL, HEALTH, Bus, frame, order
+from palpate.launch.running.audience import Audience
+from palpate.launch.running.bus import HEALTH, Bus, frame
+from palpate.launch.running.carrier import LOOK
 from palpate.launch.running.clock import now
-from palpate.launch.running.ended import Ended
-from palpate.launch.running.health import message
-from palpate.launch.running.job import Job, NodeJob, ObserverJob
-from palpate.launch.running.listen import hand_over, listen
-from palpate.launch.running.real import run_real
-from palpate.launch.running.simulated import run_simulated
-from palpate.launch.running.slot import Input, NodeFault, ObserverSlot, Output, Slot
-from palpate.messages import Message, MessageError, pack, unpack
-from palpate.nodes.base import Node, Observer, Stream
+from palpate.launch.running.health import Counters, message
+from palpate.launch.running.job import Job
+from palpate.launch.running.reports import Alive, Beat, Close, End, Gone, Note, Quit, Report, Starting, Stop
+from palpate.launch.running.slot import Feed, NodeFault, Slot, make
+from palpate.messages import MessageError, pack, unpack
+from palpate.nodes.base import Node
 
 BURST = 16  # ticks between two bursts to the observers
-ORPHANED = 5_000_000_000  # [ns]
-REPORT = 200_000_000  # [ns] between two health reports
+OVERHEARD = 1000  # frames for observers that are taken in a row while nodes wait for their turn
+ORPHANED = 5_000_000_000  # [ns] of its own attention without a word of the launcher
+GLANCE = 200_000_000  # [ns] by which that time grows at most between two looks: a busy machine is no dead launcher
+REPORT = 200_000_000  # [ns] between two signs of life
+
+
+class Ended(Exception):
+    """The last tick has been run, or the launcher has told the worker to stop."""
 
 
 class Worker:
@@ -31,77 +34,58 @@ class Worker:
 
     job     what to run
     bus     sockets to the other workers; None when all nodes are here
-    report  takes a report (a dict with `kind`) for the launcher
+    report  takes a report for the launcher
+    alone   started by hand: it ends when nothing is heard of the launcher any more
     """
 
-    def __init__(self, job: Job, bus: Bus | None, report: Callable[[dict], None]) -> None:
-        self.job, self.bus, self.report = job, bus, report
-        self.slots = [Slot(given, self._node(given), job.external) for given in job.nodes]
-        known = {output.stream: output for slot in self.slots for output in slot.outputs}
+    def __init__(self, job: Job, bus: Bus | None, report: Callable[[Report], None], alone: bool = False) -> None:
+        self.job, self.bus, self.report, self._alone = job, bus, report, alone
+        self.slots = [Slot(given, make(given), job.external) for given in job.nodes]
+        self.outputs = {output.stream: output for slot in self.slots for output in slot.outputs}
+        self.feeds: dict[str, Feed] = {}
         for slot in self.slots:
-            slot.wire(known)
-        self.routes: dict[bytes, tuple[type[Message], list[Input]]] = {}
-        for slot in self.slots:
-            for port in slot.inputs:
-                if not port.dead and port.output is None:
-                    topic = port.stream.encode() + b"\0"
-                    self.routes.setdefault(topic, (port.kind, []))[1].append(port)
-        self.observers = [ObserverSlot(given, self._observer(given)) for given in job.observers]
-        self._names = {id(slot.node): slot.name for slot in self.slots}
-        self._names |= {id(observer.node): observer.name for observer in self.observers}
+            slot.wire(self.outputs)
+            self._feed(slot)
+        self.audience = Audience(job)
         self._real = job.clock == "real"
-        self.watch = False
         self.mute: set[str] = set()
         self.stopping = False
         self.last = job.ticks - 1 if job.ticks is not None else None
         self.tick = -1
+        self.foreign = 0
+        self._since = 0
         self._reported = 0
-        self._beat = now()
+        self._glanced, self._silence = now(), 0
         self._burst = job.phase % BURST
-        self._started: list[Node] = []
-        self._told: list[Observer] = []
-        self._heard: dict[str, Output] = known
-        self._address()
+        self._started: list[tuple[str, Node]] = []
+        if bus is not None:
+            bus.sends(self.outputs)
+            self._send = bus.zmq_outlet(self.look).send
+            if job.carrier == "local":
+                for stream, groups in job.external.items():
+                    self.outputs[stream].send = bus.local_outlet(stream, groups, self.look).send
 
-    def _observer(self, job: ObserverJob) -> Observer:
-        node = self._node(job)
-        if not isinstance(node, Observer):
-            raise NodeFault(job.name, "use", f"{job.cls} is not an observer")
-        return node
-
-    @staticmethod
-    def _node(job: NodeJob | ObserverJob) -> Node:
-        try:
-            node = load_class(job.cls)(**job.settings)
-        except BaseException as error:
-            raise NodeFault(job.name, "settings", error) from error
-        if isinstance(job, NodeJob) and job.wanted is not None:
-            node.wanted = frozenset(job.wanted)
-        return node
+    def _feed(self, slot: Slot) -> None:
+        """The inputs from other groups get their feeds."""
+        for port in slot.inputs:
+            if port.dead or port.output is not None or self.bus is None:
+                continue
+            if port.stream not in self.feeds:
+                self.feeds[port.stream] = Feed(port.stream, port.kind, port.producer, self.bus.inlet(port.stream))
+            port.feed = self.feeds[port.stream]
+            port.feed.ports.append(port)
 
     # -- life ----------------------------------------------------------------------------------------------------
 
     def start(self) -> None:
         """Start all nodes. NodeFault: one raised."""
         for slot in self.slots:
-            self.report({"kind": "starting", "node": slot.name})
-            self._started.append(slot.node)
+            self.report(Starting(slot.name))
+            self._started.append((slot.name, slot.node))
             slot.start()
-        for observer in self.observers:
-            self._started.append(observer.node)
-            heard = tuple(
-                Stream(stream, load_class(given.type), given.producer, given.every)
-                for stream, given in observer.streams.items()
-            )
-            try:
-                observer.node.listen(heard, self.job.about)
-                observer.node.start()
-            except BaseException as error:
-                raise NodeFault(observer.name, "start", error) from error
-            self._told.append(observer.node)
-            for stream in observer.streams:
-                if stream in self._heard:
-                    self._heard[stream].listeners.append(observer)
+        for observer in self.audience.slots:
+            self._started.append((observer.name, observer.node))
+            self.audience.start(observer, self.outputs)
 
     @property
     def started(self) -> int:
@@ -112,45 +96,32 @@ class Worker:
         """Stop all nodes that were started, the last one first. The first fault is raised when all have stopped."""
         fault = None
         while self._started:
-            node = self._started.pop()
+            name, node = self._started.pop()
             try:
                 node.stop()
                 self._pass_notes()
             except BaseException as error:
-                fault = fault or NodeFault(self._names[id(node)], "stop", error)
+                fault = fault or NodeFault(name, "stop", error)
         if fault:
             raise fault
 
-    def run(self, origin: int) -> None:
-        """Run all ticks. `origin` [ns] is the time of tick 0 on the machine's monotonic clock.
-
-        NodeFault: a node failed.
-        """
+    def begin(self, origin: int) -> None:
+        """The run begins: who listens, and how the nodes are doing at its beginning. `origin` [ns]: when tick 0 is."""
         self._mark_heard()
+        if self._real:
+            self._since = max(0, int((now() - origin) * 1e-9 * self.job.rate))
+            self.tick = max(self.tick, self._since - 1)  # messages from before it began are not its own to answer
         self._tell_observers({slot.name: slot.health.report() for slot in self.slots})
-        gc.collect()
-        gc.freeze()
-        if self.job.clock == "real":
-            gc.disable()
-        try:
-            if not self.slots:
-                listen(self)
-            elif self.job.clock == "real":
-                run_real(self, origin)
-            else:
-                run_simulated(self, origin)
-                if self.bus is not None and self.observers:
-                    listen(self)  # what other groups have sent last
-        except Ended:
-            pass
-        finally:
-            gc.enable()
-            self._report_health()
-            self._flush()
+
+    def finish(self) -> None:
+        """The run has ended: send what is left."""
+        self.sign_of_life()
+        self._flush()
 
     # -- messages ------------------------------------------------------------------------------------------------
 
     def send(self, slot: Slot) -> None:
+        """Send what a step has set."""
         for output in slot.outputs:
             if not (output.external or output.observed or output.listeners):
                 continue
@@ -162,134 +133,169 @@ class Worker:
                 raise NodeFault(slot.name, f"step at tick {message.tick}", error) from error
             for observer in output.listeners:
                 observer.observe(output.stream, message.tick, payload)
-            if self.bus is not None and (output.external or output.observed):
-                data = output.topic + payload
-                if output.external and not output.post(data):
-                    self.bus.send(data)
-                if output.observed:
-                    self.bus.keep(data)
+            if self.bus is None:
+                continue
+            if output.external:
+                if output.send is not None:
+                    output.send(payload)
+                else:
+                    self._send(output.topic + payload)
+            if output.observed:
+                self.bus.keep(output.topic + payload)
 
-    def _address(self) -> None:
-        """Look up the inboxes of those who read the outputs."""
-        if self.bus is not None:
-            for stream, groups in self.job.external.items():
-                self._heard[stream].boxes = self.bus.boxes(groups)
+    def wait(self, feed: Feed) -> bool:
+        """Wait for one message of a stream; returns whether one came. Where none comes the worker looks round."""
+        payload = feed.inlet.wait()
+        if payload is None:
+            self.look()
+            return False
+        self._deliver(feed, payload)
+        return True
 
-    def receive(self, block: bool) -> None:
-        """Take one frame from the inbox and hand it to its ports; control frames act at once."""
-        data = self.take(block)
-        if not data:
-            return
-        if self.observers:
-            hand_over(self, data)
-        at = data.find(0)
-        route = self.routes.get(data[: at + 1])
-        if route is None:
-            return
+    def drain(self) -> None:
+        """Take all that has come."""
+        for feed in self.feeds.values():
+            while (payload := feed.inlet.take()) is not None:
+                self._deliver(feed, payload)
+
+    def _deliver(self, feed: Feed, payload: bytes) -> None:
         try:
-            message = unpack(data[at + 1 :], route[0])
+            message = unpack(payload, feed.kind)
         except MessageError as error:
-            stream = data[:at].decode(errors="replace")
             if not self._real:  # somebody would wait for this message for ever
-                raise NodeFault(route[1][0].producer, f"stream {stream!r}", error) from error
-            self.report({"kind": "rubbish", "stream": stream, "text": str(error)})
+                raise NodeFault(feed.producer, f"stream {feed.stream!r}", error) from error
+            self.foreign += 1
             return
         arrived = now() if self._real else 0
-        for port in route[1]:
+        for port in feed.ports:
             port.put(message, arrived)
 
-    def _look_for_launcher(self) -> None:
-        """A worker that was started by hand ends when nothing is heard of the launcher any more."""
-        if self.watch and now() - self._beat > ORPHANED:
+    def overhear(self, wait: bool) -> bool:
+        """Hand one frame of another worker to the observers here; returns whether there was one."""
+        assert self.bus is not None
+        data = self.bus.overheard(wait)
+        if data is None:
+            return False
+        tick = self.audience.hear(data)
+        if not self.slots:
+            self.tick = max(self.tick, tick)
+        return True
+
+    # -- looking round -------------------------------------------------------------------------------------------
+
+    def look(self) -> None:
+        """While nothing can go on: orders, what has come meanwhile, and a sign of life. Ended: it was told to quit."""
+        self.heed()
+        if self.slots:
+            # A sender that is held back here may be what the awaited message depends on.
+            self.drain()
+        self._overhear_some()
+        if now() - self._reported > REPORT:
+            self._flush()
+            self.sign_of_life()
+
+    def pause(self) -> None:
+        """Wait for an order, for a while."""
+        self.heed(LOOK)
+        self.look()
+
+    def heed(self, wait: int = 0) -> None:
+        """Do what the launcher has ordered, or orders within so many milliseconds. Ended: to quit."""
+        if self.bus is None:
+            return
+        moment = now()
+        self._silence += min(moment - self._glanced, GLANCE)
+        self._glanced = moment
+        while (order := self.bus.order(wait)) is not None:
+            self._silence, wait = 0, 0
+            match order:
+                case Stop():  # observers go on until all senders are gone
+                    self.stopping = self.stopping or bool(self.slots)
+                case Close(lost):
+                    self.stopping = True
+                    self.audience.lost |= set(lost)
+                case End(tick):
+                    self.last = tick
+                case Gone(nodes, mute, back):
+                    self._bury(set(nodes), set(mute), back)
+                case Quit() if self.slots:
+                    raise Ended
+                case Beat():
+                    pass
+        if self._alone and self._silence > ORPHANED:
             raise NodeFault("", "launcher", "nothing was heard of it for 5 s")
 
-    def take(self, block: bool) -> bytes | None:
-        """The next frame; None when none came in time, an empty one after a control frame."""
-        assert self.bus is not None
-        data = self.bus.receive(block)
-        if data is None:
-            if now() - self._reported > REPORT:
-                self._flush()
-                self._report_health()
-        elif data[0] == CONTROL[0]:
-            self._control(order(data))
-            return b""
-        return data
-
-    def _control(self, given: dict) -> None:
-        self._beat = now()
-        match given["do"]:
-            case "stop" if self.slots:  # observers go on until all senders are gone
-                self.stopping = True
-            case "close":
-                self.stopping = True
-            case "end":
-                self.last = given["tick"]
-            case "dead" | "alive":
-                self._bury(set(given["nodes"]), set(given["mute"]), given["do"] == "dead")
-            case "quit" if self.slots:
-                raise Ended
-
-    def _bury(self, nodes: set[str], mute: set[str], dead: bool) -> None:
+    def _bury(self, nodes: set[str], mute: set[str], back: bool) -> None:
         """These nodes are gone, or back again: their streams end. Nodes that cannot do without them fall silent."""
-        self.mute = self.mute | mute if dead else self.mute - mute
+        self.mute = self.mute - mute if back else self.mute | mute
         for slot in self.slots:
             for port in slot.inputs:
                 if port.producer in nodes | mute:
-                    port.dead = dead
+                    port.dead = not back
                     port.queue.clear()
                     port.message = None
-        if not dead:
-            self._address()
+
+    def _overhear_some(self) -> None:
+        if self.bus is not None and self.audience.slots:
+            for _ in range(OVERHEARD):
+                if not self.overhear(wait=False):
+                    break
 
     # -- housekeeping --------------------------------------------------------------------------------------------
 
-    def housekeep(self, tick: int) -> None:
+    def housekeep(self) -> None:
+        """After a tick: in bursts, what observers and the launcher get; Ended: the launcher has told to quit."""
         self._burst += 1
         due = now() - self._reported > REPORT  # slow nodes, too, have to give signs of life
         if self._burst < BURST and not due:
             return
         self._burst = 0
-        if self.slots and self.bus is not None and self.bus.waiting():
-            # A worker that never has to wait would not hear the launcher. One frame a burst is fewer than it uses up,
-            # so that a slow worker still holds back its senders.
-            self.receive(block=False)
+        if self.slots:
+            self.heed()
+            self._overhear_some()
         self._flush()
         if due:
-            self._report_health()
+            self.sign_of_life()
 
     def _flush(self) -> None:
-        if self.bus is not None and self.bus.flush():
+        if self.bus is not None and self.bus.flush(self.heed_while_full):
             self._mark_heard()
+
+    def heed_while_full(self) -> None:
+        """While observers have no room: orders and signs of life."""
+        self.heed()
+        if now() - self._reported > REPORT:
+            self.sign_of_life()
 
     def _mark_heard(self) -> None:
         if self.bus is not None:
-            for output in self._heard.values():
-                output.observed = self.bus.heard(output.topic)
+            for output in self.outputs.values():
+                output.observed = self.bus.heard(output.stream)
 
-    def _report_health(self) -> None:
+    def sign_of_life(self) -> None:
+        """Tell the launcher and the observers how the nodes are doing."""
         self._reported = now()
-        self._look_for_launcher()
-        nodes = {slot.name: {**slot.health.report(), "forces": slot.forces()} for slot in self.slots}
-        nodes |= {observer.name: observer.health.report() for observer in self.observers}
-        self.report({"kind": "health", "tick": self.tick, "nodes": nodes})
+        nodes = {slot.name: slot.health.report(slot.forces()) for slot in self.slots}
         self._tell_observers(nodes)
+        nodes |= {observer.name: observer.health.report() for observer in self.audience.slots}
+        foreign = self.foreign + self.audience.foreign + (self.bus.foreign if self.bus is not None else 0)
+        self.report(Alive(nodes, foreign))
         self._pass_notes()
 
-    def _tell_observers(self, nodes: dict[str, dict]) -> None:
+    def _tell_observers(self, nodes: dict[str, Counters]) -> None:
         """How the nodes here are doing, to the observers here and elsewhere."""
-        far = self.bus is not None and self.bus.heard(HEALTH.encode() + b"\0")
-        if not far and not self._told:
+        far = self.bus is not None and self.bus.heard(HEALTH)
+        if not far and not self.audience.begun:
             return
         for slot in self.slots:
             last = slot.outputs[0].last if slot.outputs else None
-            told = message(slot.name, last.time if last is not None else 0, nodes[slot.name])
-            for observer in self._told:
-                observer.health(told)
+            told = message(slot.name, last.time if last is not None else 0, self._since, nodes[slot.name])
+            self.audience.tell([told])
             if far and self.bus is not None:
                 self.bus.keep(frame(HEALTH, pack(told)))
 
     def _pass_notes(self) -> None:
-        for observer in self._told:
-            for text in observer.notes():
-                self.report({"kind": "note", "text": text})
+        """Hand on what the nodes and observers have to say."""
+        for node in (*(slot.node for slot in self.slots), *(slot.node for slot in self.audience.begun)):
+            for text in node.notes():
+                self.report(Note(text))

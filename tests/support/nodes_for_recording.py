@@ -1,0 +1,99 @@
+"""Nodes for the tests of recordings that run in processes of their own."""
+
+from __future__ import annotations
+
+import os
+import time
+from typing import Annotated
+
+from nodes_for_runs import Drag, Source, Spring
+
+from palpate.messages import Force, Friction, Pose, Torque
+from palpate.nodes.logger import Mcap
+
+
+class Dying(Mcap):
+    """A logger whose process is killed at a chosen tick."""
+
+    at: Annotated[int, "1"] = 100
+
+    def observe(self, stream: str, tick: int, payload: bytes) -> None:
+        if tick >= self.at:
+            os.kill(os.getpid(), 9)
+        super().observe(stream, tick, payload)
+
+
+class SlowDrag(Drag):
+    """Takes far longer than a period now and then, so that others must hold its last answer; counts its steps."""
+
+    def start(self) -> None:
+        self.steps = 0
+
+    def step(self, pose: Pose, force: Force, *, dt: float) -> Friction:
+        self.steps += 1
+        if not self.steps % 40:
+            time.sleep(0.008)
+        found = super().step(pose, force)
+        return Friction(force=found.force, bristle=(self.steps * 1e-3, dt, 0.0), stick=False)
+
+
+class Wanderer(Source):
+    """A source that is late now and then."""
+
+    def step(self, torque: Torque | None, *, dt: float) -> Pose:
+        found = super().step(torque, dt=dt)
+        if abs(self.x) < 0.02:
+            time.sleep(0.004)
+        return found
+
+
+class Behind(Source):
+    """A source whose messages come several periods after their tick."""
+
+    def step(self, torque: Torque | None, *, dt: float) -> Pose:
+        time.sleep(0.006)
+        return super().step(torque, dt=dt)
+
+
+class Counting(SlowDrag):
+    """Kills its process at a chosen step, once: in a process that was started again it lives."""
+
+    how: Annotated[str, "1"] = "kill"
+    at: Annotated[int, "1"] = 0
+
+    def start(self) -> None:
+        super().start()
+        self.first = -1
+
+    def step(self, pose: Pose, force: Force, *, dt: float) -> Friction:
+        if not self.steps:
+            self.first = pose.tick
+        if self.steps + 1 == self.at and self.first < self.at // 2:
+            os.kill(os.getpid(), 9)
+        return super().step(pose, force, dt=dt)
+
+
+class Late(Spring):
+    """Takes a while for each force."""
+
+    delay: Annotated[float, "s"] = 0.01
+
+    def step(self, pose: Pose) -> Force:
+        time.sleep(self.delay)
+        return super().step(pose)
+
+
+class Dozing(Drag):
+    """Falls silent once, at a chosen step."""
+
+    at: Annotated[int, "1"] = 10
+    seconds: Annotated[float, "s"] = 1.0
+
+    def start(self) -> None:
+        self.steps = 0
+
+    def step(self, pose: Pose, force: Force) -> Friction:
+        self.steps += 1
+        if self.steps == self.at:
+            time.sleep(self.seconds)
+        return super().step(pose, force)
