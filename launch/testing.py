@@ -43,7 +43,10 @@ class FakeBus:
         name, kinds = type(node).__name__, outputs(type(node))
         streams = (name,) if len(kinds) == 1 else tuple(f"{name}.{kind.__name__}" for kind in kinds)
         self.slot = Slot(NodeJob(name, "", {}, 1, (), streams), node, ())
-        node.start()
+        try:
+            self.slot.start()
+        except NodeFault as fault:
+            raise _cause(fault) from None
         for name, message in held.items():
             self.hold(name, message)
 
@@ -148,6 +151,11 @@ class FakeBus:
         try:
             self.slot.step(tick, time, list(messages.values()), 1.0 / self.rate)
         except NodeFault as fault:
-            raise (fault.cause if isinstance(fault.cause, BaseException) else TypeError(fault.cause)) from None
+            raise _cause(fault) from None
         sent = [unpack(pack(output.last), output.kind) for output in self.slot.outputs if output.last is not None]
         return tuple(sent) if len(sent) != 1 else sent[0]
+
+
+def _cause(fault: NodeFault) -> BaseException:
+    """The node's own error."""
+    return fault.cause if isinstance(fault.cause, BaseException) else TypeError(fault.cause)

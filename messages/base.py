@@ -19,12 +19,13 @@ floats; larger arrays are maps {dtype, shape, data} with raw little-endian bytes
 from __future__ import annotations
 
 import typing
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, Self, TypeVar
 
 import msgspec
 import numpy as np
 
 from palpate.messages.checks import settle
+from palpate.messages.example import example
 from palpate.messages.fields import HEADER, Field, Floats, Ints, MessageError, Vector, Vector2, Vector3, fields
 
 __all__ = [
@@ -60,6 +61,12 @@ class Message(msgspec.Struct, frozen=True, kw_only=True, gc=False):
 
     def __post_init__(self) -> None:
         settle(self)
+
+    @classmethod
+    def example(cls, loaded: bool) -> Self:
+        """A message as a node may get it, by which the runner warms nodes: under a light load, or at rest. Types whose
+        fields depend on one another in ways that their units do not tell have their own."""
+        return typing.cast(Self, example(cls, loaded))
 
 
 M = TypeVar("M", bound=Message)

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Self
+
+import msgspec
+import numpy as np
 
 from palpate.messages.base import Floats, Ints, Message, Vector2, Vector3
 
@@ -77,3 +80,9 @@ class Load(Message):
     forces: Annotated[Floats, "N", ("k", 3)]
     foot: Annotated[Vector3, "m"]
     normal: Annotated[Vector3, "1"]
+
+    @classmethod
+    def example(cls, loaded: bool) -> Self:
+        """A force that presses."""
+        made = super().example(loaded)
+        return msgspec.structs.replace(made, forces=-np.abs(made.forces))

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Self
 
+import msgspec
 import numpy as np
 
 from palpate.messages.base import Floats, Ints, Message, Vector, Vector3
@@ -52,3 +53,10 @@ class Surface(Message):
     slope: Annotated[Vector3, "N"] = (0.0, 0.0, 0.0)
     turning: Annotated[Vector, "1/m", ("t",)] = ()
     beyond: Annotated[float, "1"] = 0.0
+
+    @classmethod
+    def example(cls, loaded: bool) -> Self:
+        """A soft body that knows how it is curved."""
+        made = super().example(loaded)
+        law = {"stiffness": 3e3, "exponent": 1.5, "free": 0.0, "previous": 0.0}
+        return msgspec.structs.replace(made, **law, turning=(0.0,) * 9)

@@ -34,8 +34,6 @@ class Nurbs(Placed):
         closest = ClosestPoint(patch)
         self.tables = closest.tables
         self.scratch = closest.scratch()
-        follow(*self.tables, (0.0, 0.0, 0.0), self.hysteresis, *self.scratch, memory(patch.points))
-        self.scratch[0][:] = 0.0
         self.memory = memory(patch.points, self.surface in OPEN)
 
     def step(self, pose: Pose) -> Proximity:
@@ -59,8 +57,6 @@ class Mesh(OnSurface):
         except ValueError as error:
             raise SettingError(f"setting 'surface': {self.surface}: {error}") from None
         self.work, self.found = closest.scratch()
-        follow_mesh(*self.tables, (0.0, 0.0, 0.0), self.hysteresis, self.work, self.found, memory(mesh.vertices))
-        self.work[0] = -1
         self.memory = memory(mesh.vertices, edge_counts(mesh.triangles, len(mesh.vertices))[0] > 0)
 
     def step(self, pose: Pose) -> Proximity:

@@ -62,8 +62,6 @@ class Haptic(Node):
             dtype=float,
         )
         self._reset()
-        haptic(self.gains, self.state, self.past, 0.0, (0.0, 0.0, 1.0), ZERO, 0.0, ZERO, ZERO, 1e-3)
-        self._reset()
 
     def _reset(self) -> None:
         self.state, self.past = buffers(self.delay)

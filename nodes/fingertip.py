@@ -47,7 +47,7 @@ class Slide(Node):
 
     def step(self, *, dt: float) -> Pose:
         """Where the bone edge is."""
-        self.time += max(dt, 0.0)
+        self.time += dt
         sliding = max(self.time - self.depth / self.press - self.hold, 0.0)
         way = min(self.speed * sliding, self.distance)
         depth = min(self.press * self.time, self.depth)
@@ -55,11 +55,9 @@ class Slide(Node):
             since = sliding - (self.distance / self.speed if self.distance > 0 else 0.0)
             depth = max(depth - self.lift * since, -CLEAR)
         place = (way * math.cos(self.direction), way * math.sin(self.direction), self.thickness + self.plate - depth)
-        velocity: Vector3 = (0.0, 0.0, 0.0)
-        if dt > 0:
-            x, y, z = self.place
-            velocity = ((place[0] - x) / dt, (place[1] - y) / dt, (place[2] - z) / dt)
-            self.place = place
+        x, y, z = self.place
+        velocity = ((place[0] - x) / dt, (place[1] - y) / dt, (place[2] - z) / dt)
+        self.place = place
         return Pose(position=place, velocity=velocity, dt=dt)
 
 
@@ -107,13 +105,9 @@ class BundleContact(Node):
             where = f"shape {self.shape!r}, angle {math.degrees(self.angle):.1f}°, reach {self.reach * 1e3:g} mm"
             raise SettingError(f"{where}: {error}") from None
         self.state = State(self.bundle)
-        # Compiles what the steps need, and tells the response before touch.
-        step(self.bundle, self.state, -1.0, (0.0, 0.0), self.friction, 1e-3)
-        self.state.time = 0.0
         self.before: Vector3 | None = None
         self.depth = 0.0
         self.onset = -1.0
-        self.reaction = np.zeros(3)
 
     def _bundle(self) -> Bundle:
         tissue = Material(self.tissue_modulus, self.tissue_relaxation, self.poisson)
@@ -132,32 +126,28 @@ class BundleContact(Node):
     def step(self, pose: Pose, *, dt: float) -> tuple[Contact, Friction, Slip, Surface]:
         """Press and slide the bundle to the pose."""
         x, y, z = pose.position
-        rate = 0.0
-        if dt > 0:
-            last = self.before or pose.position
-            depth = min(max(self.thickness + self.plate - z, -FARTHEST), FARTHEST)
-            shift = (x - last[0], y - last[1])
-            rate = (max(depth, 0.0) - max(self.depth, 0.0)) / max(dt, SHORTEST_STEP)
-            self.before, self.depth = pose.position, depth
-            self.reaction = step(self.bundle, self.state, depth, shift, self.friction, dt, most=self.rounds)
-            if self.state.summary.contacts == 0:
-                self.onset = -1.0
-            elif self.onset < 0 and shift != (0.0, 0.0):
-                self.onset = self.state.time - dt
+        last = self.before or pose.position
+        depth = min(max(self.thickness + self.plate - z, -FARTHEST), FARTHEST)
+        shift = (x - last[0], y - last[1])
+        rate = (max(depth, 0.0) - max(self.depth, 0.0)) / max(dt, SHORTEST_STEP)
+        self.before, self.depth = pose.position, depth
+        reaction = step(self.bundle, self.state, depth, shift, self.friction, dt, most=self.rounds)
+        if self.state.summary.contacts == 0:
+            self.onset = -1.0
+        elif self.onset < 0 and shift != (0.0, 0.0):
+            self.onset = self.state.time - dt
         foot = (x, y, self.plate)
-        force = float(self.reaction[2])
+        force = float(reaction[2])
         compression = max(self.depth, 0.0)
         contact = Contact(foot=foot, normal=UP, force=force, compression=compression, indentation=0.0,
                           compression_rate=rate, indentation_rate=0.0)  # fmt: skip
         slip = self._slip()
-        return contact, self._friction(slip), slip, self._surface()
+        return contact, self._friction(slip, reaction), slip, self._surface()
 
-    def _friction(self, slip: Slip) -> Friction:
+    def _friction(self, slip: Slip, reaction: np.ndarray) -> Friction:
         touching = self.state.normal > 0
         bristle = -self.state.deflection[touching].mean(axis=0) if slip.contacts else np.zeros(2)
-        return Friction(
-            force=(-self.reaction[0], -self.reaction[1], 0.0), bristle=(*bristle, 0.0), stick=not slip.gross
-        )
+        return Friction(force=(-reaction[0], -reaction[1], 0.0), bristle=(*bristle, 0.0), stick=not slip.gross)
 
     def _slip(self) -> Slip:
         s = self.state

@@ -18,23 +18,19 @@ SIGNS = {">": "gt", ">=": "ge", "<": "lt", "<=": "le"}
 
 
 class _Sliding(Node):
-    """What all laws share: state, the answer to a message without new time, and the form of the output."""
+    """What all laws share: the state and the form of the output."""
 
     law: ClassVar[Any]
 
     def start(self) -> None:
         self._law = bristle.kernel_form(self.law(**{name: getattr(self, name) for name in self.law._fields}))
-        bristle.step(self._law, bristle.Bristles(), (0.0, 0.0, 1.0), (1e-3, 0.0, 0.0), 1.0, 1e-3)
         self._bristles = bristle.Bristles()
-        self.last = Friction(force=bristle.NOTHING, bristle=bristle.NOTHING, stick=False)
 
     def step(self, contact: Contact, proximity: Proximity, *, dt: float) -> Friction:
-        if dt > 0.0:
-            self._bristles, force, stick = bristle.step(
-                self._law, self._bristles, contact.normal, proximity.slip, contact.force, dt
-            )
-            self.last = Friction(force=force, bristle=self._bristles.z, stick=stick)
-        return self.last
+        self._bristles, force, stick = bristle.step(
+            self._law, self._bristles, contact.normal, proximity.slip, contact.force, dt
+        )
+        return Friction(force=force, bristle=self._bristles.z, stick=stick)
 
 
 def node_of(law: type, name: str = "", module: str = __name__) -> type[Node]:

@@ -40,7 +40,7 @@ class _Tracker(Node):
 
     def _stamp(self, state: DeviceState, dt: float) -> int:
         """Time of the sample [ns]: the message's own, or the sum of the steps where it brings none."""
-        self.clock = state.time if state.time >= 0 else self.clock + max(round(dt * 1e9), 0)
+        self.clock = state.time if state.time >= 0 else self.clock + round(dt * 1e9)
         return self.clock
 
     def _taken(self, x: float, y: float, z: float, vx: float, vy: float, vz: float, dt: float) -> Pose:
@@ -80,8 +80,6 @@ class Falcon(_Tracker):
     def start(self) -> None:
         self.geometry = FALCON.geometry
         self._reset(HOME)
-        self._track(0, *ZERO)
-        self._reset(HOME)
 
     def step(self, state: Annotated[DeviceState, Wants("joints", "homed")], *, dt: float) -> Pose:
         time = self._stamp(state, dt)
@@ -105,8 +103,6 @@ class Cartesian(_Tracker):
     """Pose of a device that reports a position: the same filter and the same refusal of impossible speeds."""
 
     def start(self) -> None:
-        self._reset(ZERO)
-        self._track(0, *ZERO)
         self._reset(ZERO)
 
     def step(self, state: Annotated[DeviceState, Wants("position", "homed")], *, dt: float) -> Pose:
@@ -134,7 +130,6 @@ class FalconStatics(Node):
 
     def start(self) -> None:
         self.geometry = FALCON.geometry
-        torque_kernel(self.geometry, *ZERO, *HOME)
 
     def step(
         self,

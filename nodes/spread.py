@@ -12,7 +12,7 @@ from palpate.nodes.base.surface import OnSurface
 from palpate.physics.contact.spread import Spreader
 
 NO_NODES = np.zeros(0, dtype=np.int32)
-NO_FORCES = np.zeros((0, 3))
+NO_VECTORS = np.zeros((0, 3))
 
 
 class Kernel(OnSurface):
@@ -26,13 +26,9 @@ class Kernel(OnSurface):
 
     def start(self) -> None:
         self._spreader = Spreader(self.mesh(), self.radius, self.kernel)
-        self._spreader.spread((0.0, 0.0, 0.0), (0.0, 0.0, 1.0), (0.0, 0.0, -1.0))
-        Load(nodes=NO_NODES, forces=NO_FORCES, foot=(0.0, 0.0, 0.0), normal=(0.0, 0.0, 1.0))
-        # The rarer path, for a foot point without nodes in range.
-        self._spreader.grid.nearest((0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
 
     def step(self, contact: Contact, friction: Friction | None) -> Load:
-        nodes, forces = NO_NODES, NO_FORCES
+        nodes, forces = NO_NODES, NO_VECTORS
         if contact.force > 0.0:
             f, n = contact.force, contact.normal
             t = (0.0, 0.0, 0.0) if friction is None else friction.force

@@ -32,7 +32,7 @@ class {title}(Node):
 
     def step(self, {port}: {takes}, *, dt: float) -> {sends}:
         """The first input drives; add others as arguments, `name: Type | None` where it may be absent."""
-        self.way += max(dt, 0.0)
+        self.way += dt
         return {answer}
 '''
 

@@ -209,8 +209,7 @@ class Player:
         due = self.restarts.get(part.name)
         if due and tick >= due[0]:
             due.pop(0)
-            part.slot.node.stop()
-            part.slot.begin()
+            part.slot.restart()
 
 
 def _every(plan: Plan, node: str) -> int | None:

@@ -15,6 +15,7 @@ from palpate.launch.running.carrier import Inlet
 from palpate.launch.running.health import Health
 from palpate.launch.running.job import InputJob, NodeJob, ObserverJob
 from palpate.launch.running.schedule import needed
+from palpate.launch.running.warm import warm
 from palpate.messages import Message, MessageError, check_finite, fields
 from palpate.messages.checks import finite_check
 from palpate.nodes.base import InputFault, Node, Observer, Port, inputs, outputs
@@ -175,18 +176,30 @@ class Slot:
         return found
 
     def start(self) -> None:
-        """Start the node. NodeFault: it raised."""
+        """Start the node and warm it, so that no step compiles. What touches the world, a device or a file, is not
+        stepped before its time. NodeFault: it raised."""
+        self.begin()
+        if not (self.node.hardware or self.node.sink):
+            warm(self.node)
+            self.restart()
+
+    def restart(self) -> None:
+        """Stop the node and start it anew. NodeFault: it raised."""
+        try:
+            self.node.stop()
+        except BaseException as error:
+            raise NodeFault(self.name, "stop", error) from error
+        self.begin()
+
+    def begin(self) -> None:
+        """Start the node as a new process would: without a step before. NodeFault: it raised."""
+        self.time = None
+        for output in self.outputs:
+            output.previous = output.last = None
         try:
             self.node.start()
         except BaseException as error:
             raise NodeFault(self.name, "start", error) from error
-
-    def begin(self) -> None:
-        """Start the node anew, as a new process would: without a step before. NodeFault: it raised."""
-        self.time = None
-        for output in self.outputs:
-            output.previous = output.last = None
-        self.start()
 
     def step(self, tick: int, at: int, messages: list[Message | None], nominal: float) -> None:
         """Run the node on these inputs and set its outputs. Where no time has passed since its last step, because the

@@ -76,7 +76,7 @@ class Node:
     Settings are annotated class attributes, `Annotated[type, unit]` with a default or without; the constructor
     takes them by name. The signature of `step` is the wiring: its arguments are the inputs, its return annotation is
     the output (a tuple of types: several outputs). The first input drives: its arrival runs the step. `dt`,
-    keyword-only, comes from the runner: the time [s] since the previous step of this node on the graph's clock.
+    keyword-only, comes from the runner: the time [s] since the previous step of this node on the graph's clock, > 0.
 
     A step reads no clock, file, socket or random source without a seed in the settings: its answer depends on its
     inputs and its state alone, and the state is made in `start`, so that a run can be replayed exactly.
@@ -107,7 +107,8 @@ class Node:
         return self.wanted is None or field in self.wanted
 
     def start(self) -> None:
-        """Make the state; also the reset. Slow work (compile, load, build) belongs here."""
+        """Make the state; also the reset. Slow work (load, build) belongs here. The runner steps the node on examples
+        and starts it again before the run, so that what is compiled is compiled by then."""
 
     step: Any
 

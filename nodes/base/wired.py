@@ -54,7 +54,7 @@ class Wired(Node):
         if not self.steps and self.go is not None:  # an emulated hand goes its way from the graph's first tick
             self.go()
         self.steps += 1
-        self.seconds += max(dt, 0.0)
+        self.seconds += dt
         self.exchange.command(command)
         return self.exchange.sample()
 

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 import msgspec
 
-from palpate.messages import Contact, Proximity, Surface, Vector3
+from palpate.messages import Contact, Proximity, Surface
 from palpate.nodes.base import InputFault, Node, Wants
 from palpate.physics.bodies.place_energy import on_hand
 from palpate.physics.contact.series import Law, exponential, hertz_exponential, power, series_step
@@ -45,12 +45,7 @@ class Series(Node):
     def start(self) -> None:
         self.compression = 0.0
         self.indentation: float | None = None
-        self.last: Contact | None = None
         self._law = self._finger()
-        self._solve(1e-3, 1e-3, 3e3, 1.5, 5.0, 0.0, 0.0)
-        free_recovery(0.0, 0.0, self.finger_damping, 1e-3)
-        on_hand((0.0, 0.0, 0.0), (0.0,) * 9, 0.0, (0.0, 0.0, 1.0))
-        self._contact((0.0, 0.0, 0.0), (0.0, 0.0, 1.0), 0.0, 0.0, 0.0, 0.0, 0.0)
 
     def _finger(self) -> Law:
         if self.finger_law == "power":
@@ -97,11 +92,6 @@ class Series(Node):
         dt: float,
     ) -> Contact:
         before = self.compression
-        if not dt > 0.0:
-            # A duplicate or reordered message: no time has passed, so nothing has changed.
-            if self.last is None:
-                self.last = self._contact(proximity.foot, proximity.normal, 0.0, 0.0, 0.0, 0.0, 0.0)
-            return self.last
         along = (0.0, 0.0, 0.0)
         if body is None:
             force, indentation, indentation_rate = 0.0, 0.0, 0.0
@@ -115,36 +105,13 @@ class Series(Node):
             if force > 0.0 and len(body.turning) == 9:
                 along = on_hand(body.slope, body.turning, proximity.approach, proximity.normal)
         rate = (self.compression - before) / dt
-        self.last = self._contact(
-            proximity.foot,
-            proximity.normal,
-            force,
-            self.compression,
-            indentation,
-            rate,
-            indentation_rate,
-            along,
-        )
-        return self.last
-
-    @staticmethod
-    def _contact(
-        foot: Vector3,
-        normal: Vector3,
-        force: float,
-        s1: float,
-        s2: float,
-        rate1: float,
-        rate2: float,
-        along: Vector3 = (0.0, 0.0, 0.0),
-    ) -> Contact:
         return Contact(
-            foot=foot,
-            normal=normal,
+            foot=proximity.foot,
+            normal=proximity.normal,
             force=force,
-            compression=s1,
-            indentation=s2,
-            compression_rate=rate1,
-            indentation_rate=rate2,
+            compression=self.compression,
+            indentation=indentation,
+            compression_rate=rate,
+            indentation_rate=indentation_rate,
             along=along,
         )

@@ -57,21 +57,13 @@ class BeamBundle(WithNodule):
             Material(modulus, relaxation, self.poisson)
             for modulus, relaxation in zip(self.moduli, self.relaxations, strict=True)
         )
-        make = (mesh, self.hardness(), self.layers, materials, self.radius)
-        node, foot, normal = np.zeros(1, dtype=np.int32), tuple(mesh.vertices[0].tolist()), (0.0, 0.0, 1.0)
-        warm = Bed(*make)
-        for push in (0.0, -1e-3):  # compiles both ways
-            warm.step(_sealed(node), _sealed(np.array([[0.0, 0.0, push]])), foot, normal, 1e-3)
-        self.bed = Bed(*make)
+        self.bed = Bed(mesh, self.hardness(), self.layers, materials, self.radius)
         self.facing = mesh.normals
         self.areas = mesh.areas
         self.push = np.zeros(len(mesh.areas))
-        self.last: Surface | None = None
 
     def step(self, load: Load, *, dt: float) -> Surface:
         """Step the beams under the load; the indentation told is conjugate to the force."""
-        if not dt > 0.0 and self.last is not None:
-            return self.last
         bed = self.bed
         try:
             stiffness, exponent, free, previous, clamped, _ = bed.step(
@@ -83,7 +75,7 @@ class BeamBundle(WithNodule):
             ) from None
         told = self.wants("displacement") or self.wants("pressure")
         nodes = bed.nodes[: bed.count if told else 0]
-        self.last = Surface(
+        return Surface(
             nodes=nodes,
             displacement=bed.moved[: len(nodes)],
             pressure=self._pressure(load, nodes) if self.wants("pressure") else NO_PRESSURE,
@@ -96,7 +88,6 @@ class BeamBundle(WithNodule):
             relaxation=bed.relaxation(dt),
             clamped=int(clamped),
         )
-        return self.last
 
     def _pressure(self, load: Load, nodes: np.ndarray) -> np.ndarray:
         """Of the displaced nodes; 0 for those that still recover."""
@@ -106,9 +97,3 @@ class BeamBundle(WithNodule):
         found = np.maximum(self.push[nodes], 0.0) / self.areas[nodes]
         self.push[load.nodes] = 0.0
         return found
-
-
-def _sealed(array: np.ndarray) -> np.ndarray:
-    """As arrays come in messages: read-only, which numba compiles for on its own."""
-    array.flags.writeable = False
-    return array

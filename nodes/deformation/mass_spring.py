@@ -14,10 +14,7 @@ from palpate.physics.bodies.spring_net import NetBody
 from palpate.physics.contact.terminal import indentation
 
 NO_NODES = np.zeros(0, dtype=np.int32)
-NO_FORCES = np.zeros((0, 3))
-# As in messages: compiled code for writable arrays would not fit these.
-NO_NODES.flags.writeable = NO_FORCES.flags.writeable = False
-UP = (0.0, 0.0, 1.0)
+NO_VECTORS = np.zeros((0, 3))
 NotNegative = msgspec.Meta(ge=0)
 
 
@@ -41,13 +38,9 @@ class MassSpring(WithNodule):
     """of neighbours round the loaded nodes that move with them in the net"""
 
     def start(self) -> None:
-        self.indentation = self._dt = 0.0
+        self.indentation = 0.0
         self._law = (self.stiffness, self.exponent, self.damping, 0.0)
-        self.last = self._surface(NO_NODES, NO_FORCES)
         self._hardness = self.hardness() if self.nodule_radius > 0.0 else None
-        if self._hardness is not None:
-            mean_hardness(NO_NODES, NO_FORCES, UP, self._hardness)
-        indentation(normal_force(NO_FORCES, UP), 1e-3, *self._law, 0.0)
         self._body: NodalBody | NetBody | None = None
         if self.wants("displacement"):
             mesh = self.mesh()
@@ -58,23 +51,16 @@ class MassSpring(WithNodule):
                 if self.coupling > 0.0
                 else NodalBody(mesh, *law, self._hardness)
             )
-            self._body.step(NO_NODES, NO_FORCES, UP, 1e-3)
 
     def step(self, load: Load, *, dt: float) -> Surface:
-        if dt > 0.0:
-            force = normal_force(load.forces, load.normal)
-            if self._hardness is not None and len(load.nodes):
-                harder = self.stiffness * mean_hardness(load.nodes, load.forces, load.normal, self._hardness)
-                self._law = (harder, self.exponent, self.damping, 0.0)
-            self._dt = dt
-            self.indentation = indentation(force, dt, *self._law, self.indentation)
-            nodes, displacement = NO_NODES, NO_FORCES
-            if self._body is not None:
-                nodes, displacement = self._body.step(load.nodes, load.forces, load.normal, dt)
-            self.last = self._surface(nodes, displacement)
-        return self.last
-
-    def _surface(self, nodes: np.ndarray, displacement: np.ndarray) -> Surface:
+        force = normal_force(load.forces, load.normal)
+        if self._hardness is not None and len(load.nodes):
+            harder = self.stiffness * mean_hardness(load.nodes, load.forces, load.normal, self._hardness)
+            self._law = (harder, self.exponent, self.damping, 0.0)
+        self.indentation = indentation(force, dt, *self._law, self.indentation)
+        nodes, displacement = NO_NODES, NO_VECTORS
+        if self._body is not None:
+            nodes, displacement = self._body.step(load.nodes, load.forces, load.normal, dt)
         return Surface(
             nodes=nodes,
             displacement=displacement,
@@ -83,5 +69,5 @@ class MassSpring(WithNodule):
             damping=self.damping,
             free=0.0,
             previous=self.indentation,
-            step=self._dt,
+            step=dt,
         )

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 import msgspec
 import numpy as np
 
-from palpate.messages import Load, Surface, Vector3
+from palpate.messages import Load, Surface, Vector, Vector3
 from palpate.nodes.base import SettingError
 from palpate.nodes.base.surface import SURFACES, OnSurface, surface_mesh
 from palpate.nodes.deformation.basis_store import (
@@ -32,7 +32,7 @@ from palpate.physics.bodies.sampled_body import SampledBasis, SampledBody
 from palpate.physics.geometry.mesh import Mesh
 
 NO_NODES = np.zeros(0, dtype=np.int32)
-NO_FORCES = np.zeros((0, 3))
+NO_VECTORS = np.zeros((0, 3))
 BUILT_FROM = (
     "model", "modes", "surface", "file_unit", "poisson", "bed", "coarse", "nodule_centre", "nodule_radius",
     "nodule_ratio", "capsule_thickness", "capsule_ratio",
@@ -81,19 +81,6 @@ class ReducedFE(OnSurface):
 
     def start(self) -> None:
         self._body = self._made()
-        mesh = self._body.mesh
-        foot, normal = tuple(mesh.vertices[0].tolist()), tuple(mesh.normals[0].tolist())
-        push = -1e-3 * mesh.normals[:1]
-        for nodes, forces in ((NO_NODES, NO_FORCES), (np.zeros(1, dtype=np.int32), push)):  # compiles both ways
-            nodes, forces = nodes.view(), forces.view()
-            nodes.setflags(write=False)  # as messages carry them
-            forces.setflags(write=False)
-            self._answer(nodes, forces, foot, normal, 1e-3)
-            self._body.displaced(foot)
-            if isinstance(self._body, CondensedBody):
-                self._body.along()
-        self._body = self._made()
-        self.last = self._surface(NO_NODES, NO_FORCES, 0.0, *self._answer(NO_NODES, NO_FORCES, foot, normal, 1e-3))
 
     def _made(self) -> CondensedBody | SampledBody:
         """The body at its place, at rest."""
@@ -120,35 +107,20 @@ class ReducedFE(OnSurface):
         dents = basis.dents if self.model == "nonlinear" else np.zeros((count, 0))
         return CondensedBody(Basis(vertices, basis.triangles, turned(basis.compliance), dents), *given)
 
-    def _answer(
-        self, nodes: np.ndarray, forces: np.ndarray, foot: tuple, normal: tuple, dt: float
-    ) -> tuple[float, float, float, float]:
+    def _answer(self, load: Load, dt: float) -> tuple[float, float, float, float]:
         """K, n and s_free of the next step's terminal law, and the indentation now [m]."""
         if isinstance(self._body, SampledBody):
-            return self._body.step(nodes, forces, foot, normal, dt)
-        compliance, free, now = self._body.step(nodes, forces, foot, normal, dt)
+            return self._body.step(load.nodes, load.forces, load.foot, load.normal, dt)
+        compliance, free, now = self._body.step(load.nodes, load.forces, load.foot, load.normal, dt)
         return 1.0 / max(compliance, LEAST), 1.0, free, now
 
     def step(self, load: Load, *, dt: float) -> Surface:
-        if dt > 0.0:
-            law = self._answer(load.nodes, load.forces, load.foot, load.normal, dt)
-            nodes, moved = self._body.displaced(load.foot) if self.wants("displacement") else (NO_NODES, NO_FORCES)
-            self.last = self._surface(nodes, moved, dt, *law)
-            if self.wants("slope") and isinstance(self._body, CondensedBody) and len(load.nodes):
-                slope, turning = self._body.along()
-                self.last = msgspec.structs.replace(self.last, slope=slope, turning=turning)
-        return self.last
-
-    def _surface(
-        self,
-        nodes: np.ndarray,
-        moved: np.ndarray,
-        dt: float,
-        stiffness: float,
-        exponent: float,
-        free: float,
-        now: float,
-    ) -> Surface:
+        stiffness, exponent, free, now = self._answer(load, dt)
+        nodes, moved = self._body.displaced(load.foot) if self.wants("displacement") else (NO_NODES, NO_VECTORS)
+        slope: Vector3 = (0.0, 0.0, 0.0)
+        turning: Vector = ()
+        if self.wants("slope") and isinstance(self._body, CondensedBody) and len(load.nodes):
+            slope, turning = self._body.along()
         return Surface(
             nodes=nodes,
             displacement=moved,
@@ -160,6 +132,8 @@ class ReducedFE(OnSurface):
             step=dt,
             relaxation=self.retardation,
             beyond=self._body.beyond,
+            slope=slope,
+            turning=turning,
         )
 
     def coarse_mesh(self) -> Mesh:

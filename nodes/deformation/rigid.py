@@ -13,7 +13,6 @@ from palpate.physics.bodies.mass_spring import normal_force
 
 NO_NODES = np.zeros(0, dtype=np.int32)
 NO_VECTORS = np.zeros((0, 3))
-NO_VECTORS.flags.writeable = False  # as in messages: compiled code for writable arrays would not fit these
 
 
 class Rigid(Node):
@@ -22,16 +21,7 @@ class Rigid(Node):
 
     plate_stiffness: Annotated[float, "N/m", msgspec.Meta(gt=0)] = 1e9
 
-    def start(self) -> None:
-        self.last = self._surface(0.0, 0.0)
-        normal_force(NO_VECTORS, (0.0, 0.0, 1.0))
-
     def step(self, load: Load, *, dt: float) -> Surface:
-        if dt > 0.0:
-            self.last = self._surface(normal_force(load.forces, load.normal) / self.plate_stiffness, dt)
-        return self.last
-
-    def _surface(self, indentation: float, dt: float) -> Surface:
         return Surface(
             nodes=NO_NODES,
             displacement=NO_VECTORS,
@@ -39,6 +29,6 @@ class Rigid(Node):
             exponent=1.0,
             damping=0.0,
             free=0.0,
-            previous=indentation,
+            previous=normal_force(load.forces, load.normal) / self.plate_stiffness,
             step=dt,
         )

@@ -66,7 +66,7 @@ class Replayed(Node):
 
     def step(self, torque: Torque | None, force: Force | None, *, dt: float) -> DeviceState:
         if self.motion is not None:
-            here, self.clock = self.motion.at(self.clock, self.repeat), self.clock + max(dt, 0.0)
+            here, self.clock = self.motion.at(self.clock, self.repeat), self.clock + dt
             return here
         if not self.first:
             state = next(self.states, None)

@@ -83,10 +83,6 @@ class PinArray(OnSurface):
             self.spacing = float(np.sqrt(np.median(mesh.areas)))
             self.moved = np.zeros_like(self.points)
             self.tree = cKDTree(self.points)
-        nothing = np.zeros((1, 2)), np.zeros(1), np.ones(1)
-        heights_from_pressure(self.grid, *nothing, self.finger.b, self.finger.m, self.shape)
-        self._from_force(0.0)
-        self._drive(0.0, 0.0)
 
     def theory(self, force: np.ndarray | float, modulus: np.ndarray | float | None = None) -> PadContact:
         """States of the fingerpad under forces [N] on tissue of this modulus [Pa], or of the node's own: a table."""

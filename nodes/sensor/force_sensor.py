@@ -48,7 +48,7 @@ class ForceSensor(Node):
         self.clock: float | None = None
 
     def step(self, *, dt: float) -> Contact:
-        self.clock = self.times[0] if self.clock is None else self.clock + max(dt, 0.0)
+        self.clock = self.times[0] if self.clock is None else self.clock + dt
         if self.repeat and self.clock > self.times[-1] > self.times[0]:
             self.clock = self.times[0] + (self.clock - self.times[0]) % (self.times[-1] - self.times[0])
         return Contact(

@@ -63,7 +63,7 @@ class _Measured(Wired):
 
     def step(self, *, dt: float) -> Contact:
         sample = self.talk((), dt)
-        self.clock += max(dt, 0.0)
+        self.clock += dt
         force = 0.0
         if sample is not None and sample.wrench:
             press = -sum(f * n for f, n in zip(sample.wrench[:3], self.normal, strict=True))

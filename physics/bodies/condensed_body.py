@@ -166,14 +166,15 @@ class CondensedBody:
         twice that; 0 where only the linear organ is known."""
         return float(self._found[5])
 
-    def along(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    def along(self) -> tuple[tuple[float, float, float], tuple[float, ...]]:
         """What the energy at the force of the last step gains along the surface [N] (3), and how the normal turns there
         [1/m] (9), row by row: see `physics.bodies.place_energy`."""
         along(
             self._ground, self._work[2, :, 0], self._touched, self._work[1], self._patch, self._pull, self._normal,
             float(self._found[4]), self._slope, self._turning,
         )  # fmt: skip
-        return tuple(self._slope.tolist()), tuple(self._turning.ravel().tolist())
+        x, y, z = self._slope.tolist()
+        return (x, y, z), tuple(self._turning.ravel().tolist())
 
     def displaced(self, foot: tuple) -> tuple[np.ndarray, np.ndarray]:
         """Vertices of the mesh within reach of the foot point, and their displacements [m] (k,3)."""

@@ -10,14 +10,12 @@ from pytest import approx
 from scipy.optimize import brentq
 
 from palpate.launch.testing import FakeBus
-from palpate.messages import Load, Proximity, pack, unpack
+from palpate.messages import Load, Proximity
 from palpate.nodes.contact import Series
 from palpate.nodes.deformation import MassSpring
 from palpate.nodes.spread import Kernel
-from palpate.physics.bodies import mass_spring, spring_net
 from palpate.physics.bodies.mass_spring import MOST_STRAIN, NodalBody
 from palpate.physics.bodies.spring_net import NetBody
-from palpate.physics.contact import terminal
 from palpate.physics.contact.series import exponential, series_path
 from palpate.physics.contact.spread import Spreader, kernel
 from palpate.physics.contact.terminal import terminal_force
@@ -278,15 +276,3 @@ def test_coupling_leaves_the_terminal_law_as_it_is():
         for k in (0.0, 30.0)
     ]
     assert found[0] == found[1]
-
-
-@pytest.mark.parametrize("coupling", [0.0, 30.0])
-def test_no_compilation_falls_into_a_step(coupling):
-    compiled = (mass_spring.nodal_step, mass_spring.normal_force, spring_net.net_step, terminal.indentation)
-    node = MassSpring(surface="plane", vertices=400, coupling=coupling)
-    node.start()
-    before = [len(kernel.signatures) for kernel in compiled]
-    on = Load(nodes=[5, 6], forces=[[0, 0, -1.0], [0, 0, -1.0]], foot=(0, 0, 0), normal=UP)
-    node.step(unpack(pack(on), Load), dt=1e-3)
-    node.step(on, dt=1e-3)
-    assert [len(kernel.signatures) for kernel in compiled] == before

@@ -1,7 +1,5 @@
 """The condensed organ against its full model, and as a body that contact can be solved against."""
 
-import subprocess
-import sys
 from functools import lru_cache
 
 import numpy as np
@@ -273,26 +271,3 @@ def test_a_basis_that_nobody_built_is_asked_for(monkeypatch, tmp_path):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     with pytest.raises(SettingError, match=r"palpate reduce --set poisson=0\.31$"):
         FakeBus(ReducedFE(poisson=0.31))
-
-
-def test_the_first_touch_compiles_nothing():
-    """In a process of its own, as another test may have compiled it: arrays of messages cannot be written, which to
-    the compiler is another type."""
-    code = """
-import numpy as np
-from palpate.messages import Load
-from palpate.nodes.deformation import ReducedFE
-from palpate.physics.bodies import condensed_body as reduced_fe
-node = ReducedFE()
-node.start()
-count = lambda: [len(kernel.signatures) for kernel in (reduced_fe._step, reduced_fe._displaced)]
-before, mesh = count(), node.mesh()
-top = int(mesh.vertices[:, 2].argmax())
-nodes, forces = np.array([top], dtype=np.int32), np.array([[0.0, 0.0, -0.1]])
-nodes.setflags(write=False), forces.setflags(write=False)
-foot, normal = tuple(mesh.vertices[top].tolist()), tuple(mesh.normals[top].tolist())
-moved = node.step(Load(nodes=nodes, forces=forces, foot=foot, normal=normal), dt=1e-3)
-assert len(moved.nodes) and count() == before, (before, count())
-"""
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr

@@ -1,0 +1,39 @@
+"""Warming a node: what its step compiles, or loads from the cache of kernels, is there before the run begins."""
+
+from __future__ import annotations
+
+import inspect
+import warnings
+
+import msgspec
+import numpy as np
+
+from palpate.messages import Message, pack, unpack
+from palpate.nodes.base import Node, Port, inputs
+
+STEP = 1e-3  # [s]
+
+
+def warm(node: Node) -> None:
+    """Step a started node on examples of its inputs: at rest, under a light load, and with optional inputs absent. Its
+    state is that of no run afterwards: start it anew.
+
+    An example that a node refuses tells nothing of the run: it is passed over.
+    """
+    ports = inputs(type(node))
+    given = {"dt": STEP} if "dt" in inspect.signature(type(node).step).parameters else {}
+    with warnings.catch_warnings(), np.errstate(all="ignore"):
+        warnings.simplefilter("ignore")
+        for tick, (loaded, absent) in enumerate(((False, False), (True, False), (True, True))):
+            try:
+                node.step(*(_message(port, tick, loaded, absent) for port in ports), **given)
+            except (Exception, SystemExit):
+                continue
+
+
+def _message(port: Port, tick: int, loaded: bool, absent: bool) -> Message | None:
+    """As it comes from the wire: its arrays cannot be written, which to a compiler is a type of its own."""
+    if absent and port.optional:
+        return None
+    made = msgspec.structs.replace(port.type.example(loaded), tick=tick, time=round(tick * STEP * 1e9))
+    return unpack(pack(made), port.type)
