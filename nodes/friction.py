@@ -20,6 +20,7 @@ SIGNS = {">": "gt", ">=": "ge", "<": "lt", "<=": "le"}
 class _Sliding(Node):
     """What all laws share: the state and the form of the output."""
 
+    effect = "friction"
     law: ClassVar[Any]
 
     def start(self) -> None:

@@ -42,6 +42,8 @@ class Mcap(Observer):
     is killed leaves such a file, too.
     """
 
+    effect = "recording"
+
     path: Annotated[str, "1"] = "palpate.mcap"
     thin: Annotated[dict[str, int], "1"] = {}
     """Streams to thin out: name and n, to keep each n-th message."""
@@ -49,6 +51,8 @@ class Mcap(Observer):
     """Streams not to record."""
     within: Annotated[float, "s", msgspec.Meta(ge=0.0, le=60.0)] = 0.2
     """What has come is in the file after this time at the latest; what a kill of everything may cost."""
+    fields: Annotated[tuple[str, ...] | typing.Literal["all"], "1"] = ()
+    """Of a stream that other nodes read too: fields to compute for the recording, beside those that are read."""
     compression: Annotated[typing.Literal["zstd", "lz4", "none"], "1"] = "zstd"
 
     def start(self) -> None:
@@ -56,6 +60,10 @@ class Mcap(Observer):
         for name in (*self.thin, *self.leave_out):
             if name not in known:
                 raise SettingError(f"there is no stream {name!r} to thin or leave out; streams: {', '.join(known)}")
+        names = {field.name for stream in self.streams for field in fields(stream.type)}
+        for name in () if self.fields == "all" else self.fields:
+            if name not in names:
+                raise SettingError(f"fields: no stream has a field {name!r}; fields: {', '.join(sorted(names))}")
         for name, keep in self.thin.items():
             if keep < 1:
                 raise SettingError(f"thin: {name}: found {keep}, expected to keep each n-th message, n from 1")

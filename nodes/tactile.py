@@ -23,6 +23,8 @@ class Flow(Node):
     recorded forces they are linear, beyond the last one they stay. Only what somebody reads is computed.
     """
 
+    effect = "tactile"
+
     plate: Annotated[Literal["steel", "silicone"], "1"] = "silicone"
     """The plate that the curves were computed on: hard or soft."""
     friction: Annotated[float, "1", msgspec.Meta(gt=0)] = 0.5

@@ -117,6 +117,9 @@ def apply(overrides: list[Override], graph: Source, scene: Source, faults: Fault
         nodes = nodes if isinstance(nodes, dict) else {}
         if head == "scene" and rest:
             _set_scene(override, rest, scene, faults)
+        elif head == "effects" and len(rest) == 1:
+            said = scene.data.get(head)
+            (scene if isinstance(said, dict) and rest[0] in said else graph).put((head, *rest), override.value)
         elif head in top and not rest:
             graph.put((head,), override.value)
         elif head in nodes and not rest and override.value.data is None:
@@ -128,8 +131,9 @@ def apply(overrides: list[Override], graph: Source, scene: Source, faults: Fault
             faults.add(f"found {'.'.join(override.keys)!r}, expected {head}.setting, {head}.use or {head}.in.input", "",
                        override.place, node=head)  # fmt: skip
         else:
-            cure = choices("Targets", head, [*nodes, "scene.<path>", *top])
-            faults.add(f"found {head!r}, expected a node, scene.<path>, rate or wanted", cure, override.place)
+            cure = choices("Targets", head, [*nodes, "scene.<path>", "effects.<name>", *top])
+            text = f"found {head!r}, expected a node, scene.<path>, effects.<name>, rate or wanted"
+            faults.add(text, cure, override.place)
 
 
 def _set_scene(override: Override, rest: list[str], scene: Source, faults: Faults) -> None:

@@ -14,6 +14,10 @@ from typing import Any
 
 from palpate.launch.loading.classes import ClassError, find_class
 from palpate.launch.loading.demand import missing_senders
+from palpate.launch.loading.effects import KEY as EFFECTS
+from palpate.launch.loading.effects import Choice
+from palpate.launch.loading.effects import apply as switch
+from palpate.launch.loading.effects import chosen as chosen_effects
 from palpate.launch.loading.faults import NOWHERE, Fault, Faults, GraphError, Place, choices
 from palpate.launch.loading.files import GRAPHS, Override, apply, find_file, read_extended, read_scene
 from palpate.launch.loading.scene import Scene, condition
@@ -28,7 +32,8 @@ from palpate.nodes.base import Node, Observer, inputs, settings
 __all__ = ["Edge", "Fault", "Graph", "GraphError", "NodeSpec", "load"]
 
 RATE = 1000.0
-KEYS = ("scene", "rate", "nodes", "wanted", "extends")
+KEYS = ("scene", "rate", "nodes", "wanted", EFFECTS, "extends")
+RESERVED = ("scene", "rate", "wanted", EFFECTS, "all")
 LINE = ("use", "in", "with", "when", "every", "restart")
 
 
@@ -72,8 +77,9 @@ class NodeSpec:
 
 @dataclass
 class Graph:
-    """A checked graph. `rate` [Hz]; `wanted` are streams that must be computed, None where nothing is said; `source`
-    is what the graph's file says beside the scene, with all that was set from outside."""
+    """A checked graph. `rate` [Hz]; `wanted` are streams that must be computed, None where nothing is said; `effects`
+    what was said of these; `source` is what the graph's file says beside the scene, with all that was set from
+    outside."""
 
     path: Path
     rate: float
@@ -81,6 +87,7 @@ class Graph:
     nodes: dict[str, NodeSpec]
     wanted: tuple[str, ...] | None = None
     source: dict[str, Any] = field(default_factory=dict)
+    effects: dict[str, Choice] = field(default_factory=dict)
 
     @property
     def streams(self) -> dict[str, type[Message]]:
@@ -132,6 +139,7 @@ def load_source(
     changes = _overrides(overrides, faults)
     written = uses(source)
     apply(changes, source, scene_source, faults)
+    said = chosen_effects(source, scene_source, faults)
     world = Scene(scene_source)
     for key in source.data:
         if key not in KEYS:
@@ -153,6 +161,7 @@ def load_source(
     if not unclear:
         check_offers(offers, world, faults)
         check_units(offers, written, faults)
+    switch(said, nodes, faults)
     if any(change.keys == ("wanted",) for change in changes):
         holder = source
     elif wanted is not None:
@@ -160,8 +169,8 @@ def load_source(
     else:
         holder = source if scene_source.data.get("wanted") is None else scene_source
     found_wanted = _wanted(holder, kinds, unclear, faults)
-    said = {key: value for key, value in source.data.items() if key != "scene"}
-    graph = Graph(file, rate, world.data, nodes, found_wanted, said)
+    written_down = {key: value for key, value in source.data.items() if key != "scene"}
+    graph = Graph(file, rate, world.data, nodes, found_wanted, written_down, said)
     faults.found.extend(missing_senders(graph))
     faults.done()
     return graph
@@ -195,8 +204,8 @@ def _drafts(source: Source, faults: Faults) -> tuple[dict[str, _Draft], set[str]
     for name in given:
         place = source.place("nodes", name)
         line = source.sub("nodes", name)
-        if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_-]*", name) or name in ("scene", "rate", "wanted", "all"):
-            faults.add(f"{name!r} cannot name a node", "Letters, digits, _ and -; not scene, rate, wanted, all.", place)
+        if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_-]*", name) or name in RESERVED:
+            faults.add(f"{name!r} cannot name a node", f"Letters, digits, _ and -; not {', '.join(RESERVED)}.", place)
         if not isinstance(line.data, dict):
             faults.add(f"found {line.data!r}, expected {{use: module.Class, in: ...}}", "", place, node=name)
             unclear.add(name)

@@ -12,6 +12,7 @@ from typing import Any
 
 from palpate.launch.loading.classes import body
 from palpate.launch.loading.demand import missing_senders, running_nodes, skipped_nodes
+from palpate.launch.loading.effects import Choice, trimmed
 from palpate.launch.loading.faults import Fault, GraphError, Place, short
 from palpate.launch.loading.graph import Graph, NodeSpec
 from palpate.launch.loading.load import full_name, load_class
@@ -58,6 +59,7 @@ class Plan:
             "scene": graph.scene,
             "source": graph.source,
             "streams": None if graph.wanted is None else list(graph.wanted),
+            "effects": {name: [choice.on, *_spot(choice.place)] for name, choice in graph.effects.items()},
             "nodes": [_node_spec(node) for node in graph.nodes.values()],
             "order": self.order,
             "skipped": self.skipped,
@@ -79,7 +81,8 @@ class Plan:
         if faults:
             raise GraphError(faults)
         wanted = None if spec["streams"] is None else tuple(spec["streams"])
-        graph = Graph(Path(spec["path"]), spec["rate"], spec["scene"], nodes, wanted, spec.get("source", {}))
+        said = {name: Choice(on, Place(*spot)) for name, (on, *spot) in spec.get("effects", {}).items()}
+        graph = Graph(Path(spec["path"]), spec["rate"], spec["scene"], nodes, wanted, spec.get("source", {}), said)
         return cls(
             graph,
             list(spec["order"]),
@@ -125,17 +128,32 @@ def _order(graph: Graph, running: set[str]) -> Iterator[str]:
 
 
 def _wanted(graph: Graph, edges: dict[str, tuple[Edge, ...]], streams: list[str]) -> dict[str, frozenset[str]]:
+    """Body fields of each stream that somebody reads, or that an effect asks for.
+
+    A stream that is wanted by name, or that observers alone read, is wanted whole. Of others an observer gets what is
+    computed for their readers, and the `fields:` that it asks for.
+    """
     kinds = graph.streams
-    found: dict[str, frozenset[str]] = dict.fromkeys(streams, frozenset())
+    fields: dict[str, frozenset[str]] = dict.fromkeys(streams, frozenset())
     for name, own in edges.items():
         ports = {p.name: p for p in inputs(graph.nodes[name].cls)}
         for edge in own:
-            found[edge.stream] |= ports[edge.port].wants & body(kinds[edge.stream])
-    heard = set(graph.wanted or ())
+            fields[edge.stream] |= ports[edge.port].wants & body(kinds[edge.stream])
+    whole, extra = set(graph.wanted or ()), dict.fromkeys(streams, frozenset[str]())
     for spec in graph.nodes.values():
         if spec.observer and spec.off is None:
-            heard |= set(streams if spec.listen is None and graph.wanted is None else spec.listen or ())
-    return {s: body(kinds[s]) if s in heard else names for s, names in found.items()}
+            heard = streams if spec.listen is None and graph.wanted is None else spec.listen or ()
+            asked = spec.settings.get("fields", "all")
+            for stream in heard:
+                if asked == "all" or not fields[stream]:
+                    whole.add(stream)
+                else:
+                    extra[stream] |= body(kinds[stream]).intersection(asked)
+    return trimmed(
+        {s: body(kinds[s]) if s in whole else read | extra[s] for s, read in fields.items()},
+        graph.effects,
+        [graph.nodes[name] for name in edges],
+    )
 
 
 def _node_spec(node: NodeSpec) -> dict[str, Any]:
@@ -150,8 +168,12 @@ def _node_spec(node: NodeSpec) -> dict[str, Any]:
         "off": node.off,
         "edges": _edge_specs(node.edges),
         "listen": None if node.listen is None else list(node.listen),
-        "place": [short(node.place.file), node.place.line, node.place.column],
+        "place": _spot(node.place),
     }
+
+
+def _spot(place: Place) -> list[Any]:
+    return [short(place.file), place.line, place.column]
 
 
 def _node(spec: dict[str, Any]) -> NodeSpec:

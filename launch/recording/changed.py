@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
+from palpate.launch.loading.classes import body
+from palpate.launch.loading.effects import trimmed
 from palpate.launch.loading.faults import Place
 from palpate.launch.loading.graph import Graph, load_source
 from palpate.launch.loading.launchfile import find
@@ -33,8 +36,16 @@ def changed(recording: Recording, overrides: Sequence[str] = (), graph: str | No
     else:
         return plan_of(recording)
     _same_rate(recording, loaded)
-    set_recording(loaded, recording.path)  # every stream is heard, as in a recorded run: nodes leave nothing out
-    return plan(loaded)
+    set_recording(loaded, recording.path)  # every stream is heard, as in a recorded run
+    return _with_fields(plan(loaded), recording.about.get("plan", {}).get("wanted", {}))
+
+
+def _with_fields(found: Plan, recorded: Mapping[str, Collection[str]]) -> Plan:
+    """The plan with the fields that were recorded, but those of effects that are switched off now."""
+    nodes = found.graph.nodes
+    kinds = found.graph.streams
+    wanted = {s: names | body(kinds[s]).intersection(recorded.get(s, ())) for s, names in found.wanted.items()}
+    return replace(found, wanted=trimmed(wanted, found.graph.effects, [nodes[name] for name in found.edges]))
 
 
 def no_idle(overrides: Sequence[str], plan: Plan, running: Collection[str]) -> None:

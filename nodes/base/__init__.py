@@ -1,5 +1,6 @@
 """What every node is made of: settings, ports, state; and what several of them share."""
 
+from palpate.nodes.base.effect import Effect, Switch, effects, part
 from palpate.nodes.base.node import (
     InputFault,
     Node,
@@ -16,6 +17,7 @@ from palpate.nodes.base.node import (
 )
 
 __all__ = [
+    "Effect",
     "InputFault",
     "Node",
     "Observer",
@@ -23,9 +25,12 @@ __all__ = [
     "Setting",
     "SettingError",
     "Stream",
+    "Switch",
     "Wants",
     "convert",
+    "effects",
     "inputs",
     "outputs",
+    "part",
     "settings",
 ]

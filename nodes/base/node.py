@@ -42,12 +42,14 @@ class Wants:
 
 @dataclass(frozen=True)
 class Setting:
-    """One setting of a node: name, SI unit, Python type with its limits, default (`...` where there is none)."""
+    """One setting of a node: name, SI unit, Python type with its limits, default (`...` where there is none), and what
+    else its annotation says."""
 
     name: str
     unit: str
     type: Any
     default: Any
+    marks: tuple[Any, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -88,6 +90,9 @@ class Node:
     """True where the node matters for itself (it drives hardware, writes a file, shows a picture)."""
     hardware: ClassVar[bool] = False
     """True for a node that talks to a device: its graph runs on the real clock unless told otherwise."""
+
+    effect: ClassVar[str] = ""
+    """The effect that this node computes as a whole, if there is a name for it (nodes/base/effect.py)."""
 
     wanted: frozenset[str] | None = None
     """Names of the output fields that somebody reads, set by the runner before `start`; None means all."""
@@ -160,7 +165,8 @@ def settings(kind: type[Node]) -> dict[str, Setting]:
             limits = [m for m in marks if isinstance(m, msgspec.Meta)]
             plain = typing.get_args(hint)[0]
             bound = Annotated[plain, limits[0]] if limits else plain
-            found[name] = Setting(name, unit, bound, getattr(kind, name, ...))
+            others = tuple(m for m in marks if not isinstance(m, str | msgspec.Meta))
+            found[name] = Setting(name, unit, bound, getattr(kind, name, ...), others)
     return found
 
 

@@ -8,6 +8,7 @@ import msgspec
 import numpy as np
 
 from palpate.messages import Vector3
+from palpate.nodes.base.effect import Switch
 from palpate.nodes.base.surface import OnSurface
 from palpate.physics.bodies.nodule import modulus_map, nodule_centre, stiffness_map
 
@@ -15,7 +16,7 @@ from palpate.physics.bodies.nodule import modulus_map, nodule_centre, stiffness_
 class WithNodule(OnSurface):
     """Settings of a body with a hard (or soft) sphere below its surface (docs/equations/shape-display.md)."""
 
-    nodule_radius: Annotated[float, "m", msgspec.Meta(ge=0, le=1)] = 0.0
+    nodule_radius: Annotated[float, "m", msgspec.Meta(ge=0, le=1), Switch("nodule")] = 0.0
     """Of the sphere; 0: there is none."""
     nodule_position: Annotated[Vector3, "m"] = (0.0, 0.0, 0.0)
     """Point of the surface, in the world, below which it lies."""

@@ -10,7 +10,7 @@ import numpy as np
 import yaml
 
 from palpate.messages import Contact, ForceBand, Vector
-from palpate.nodes.base import Node, SettingError, Wants
+from palpate.nodes.base import Node, SettingError, Wants, part
 from palpate.physics.contact.force_band import PUBLISHED, Band, band_at, truncated_quantile, uniform
 from palpate.physics.contact.force_models import MODELS
 
@@ -31,6 +31,8 @@ class Probabilistic(Node):
     `draw`: "tick" draws a new force at each step, "session" keeps one rank in the distribution for the whole run, as
     one session of the experiment does; "none" draws nothing. A draw depends on `seed` and the tick alone.
     """
+
+    effect = "band"
 
     model: Annotated[str, "1"] = ""
     subject: Annotated[str, "1"] = ""
@@ -77,18 +79,22 @@ class Probabilistic(Node):
                 mean=0.0, deviation=0.0, levels=self.levels, quantiles=nothing, sample=0.0, valid=depth == 0.0
             )
         mean, deviation, inside = (v.item() for v in band_at(depth, self.band))
-        sample = 0.0
-        if self.draw != "none" and self.wants("sample"):
-            rank = self.session if self.draw == "session" else uniform(self.seed, contact.tick)
-            sample = float(truncated_quantile(rank, mean, deviation, self.freedom))
         return ForceBand(
             mean=mean,
             deviation=deviation,
             levels=self.levels,
             quantiles=tuple(truncated_quantile(self.rank, mean, deviation, self.freedom).tolist()),
-            sample=sample,
+            sample=self._sample(mean, deviation, contact.tick),
             valid=inside,
         )
+
+    @part("sample", "sample", otherwise=0.0)
+    def _sample(self, mean: float, deviation: float, tick: int) -> float:
+        """A force [N] drawn from the band, for each message or for the session."""
+        if self.draw == "none":
+            return 0.0
+        rank = self.session if self.draw == "session" else uniform(self.seed, tick)
+        return float(truncated_quantile(rank, mean, deviation, self.freedom))
 
 
 def read_law(path: Path, subject: str) -> dict[str, Any]:

@@ -8,12 +8,13 @@ import msgspec
 import numpy as np
 
 from palpate.messages import Load, Surface, Vector
-from palpate.nodes.base import SettingError
+from palpate.nodes.base import SettingError, Switch, part
 from palpate.nodes.base.nodule import WithNodule
 from palpate.physics.bodies.beam_bed import LARGEST_FORCE, Bed
 from palpate.physics.materials.viscoelastic import SKIN, TISSUE, Material
 
 NO_PRESSURE = np.zeros(0)
+NO_NODES = np.zeros(0, dtype=np.int32)
 
 
 class BeamBundle(WithNodule):
@@ -23,10 +24,12 @@ class BeamBundle(WithNodule):
     is the load of each node over its area. A nodule makes the beams above it stiffer.
     """
 
+    effect = "deformation"
+
     layers: Annotated[Vector, "m"] = (1e-3, 9e-3)
     """Thickness of each layer."""
     moduli: Annotated[Vector, "Pa"] = (SKIN.modulus, TISSUE.modulus)
-    relaxations: Annotated[Vector, "s"] = (SKIN.relaxation, TISSUE.relaxation)
+    relaxations: Annotated[Vector, "s", Switch("relaxation")] = (SKIN.relaxation, TISSUE.relaxation)
     """Viscosity over modulus of each layer."""
     poisson: Annotated[float, "1", msgspec.Meta(gt=-1, le=0.5)] = TISSUE.poisson
     radius: Annotated[float, "m", msgspec.Meta(gt=0)] = 6e-3
@@ -73,12 +76,11 @@ class BeamBundle(WithNodule):
             raise SettingError(
                 f"Load.nodes: {error} ({self.surface!r}); give the node that spreads the load the same surface"
             ) from None
-        told = self.wants("displacement") or self.wants("pressure")
-        nodes = bed.nodes[: bed.count if told else 0]
+        nodes = self._displaced()
         return Surface(
             nodes=nodes,
             displacement=bed.moved[: len(nodes)],
-            pressure=self._pressure(load, nodes) if self.wants("pressure") else NO_PRESSURE,
+            pressure=self._pressure(load, nodes),
             stiffness=stiffness,
             exponent=exponent,
             damping=0.0,
@@ -89,6 +91,12 @@ class BeamBundle(WithNodule):
             clamped=int(clamped),
         )
 
+    @part("shape", "nodes", "displacement", otherwise=NO_NODES, also=("pressure",))
+    def _displaced(self) -> np.ndarray:
+        """The vertices of the surface that are displaced."""
+        return self.bed.nodes[: self.bed.count]
+
+    @part("pressure", "pressure", otherwise=NO_PRESSURE)
     def _pressure(self, load: Load, nodes: np.ndarray) -> np.ndarray:
         """Of the displaced nodes; 0 for those that still recover."""
         held = np.clip(load.forces, -LARGEST_FORCE, LARGEST_FORCE)  # as the beams take it

@@ -8,6 +8,7 @@ import msgspec
 import numpy as np
 
 from palpate.messages import Load, Surface
+from palpate.nodes.base import Switch, part
 from palpate.nodes.base.nodule import WithNodule
 from palpate.physics.bodies.mass_spring import NodalBody, mean_hardness, normal_force
 from palpate.physics.bodies.spring_net import NetBody
@@ -26,12 +27,14 @@ class MassSpring(WithNodule):
     law, or with `coupling` by a net of springs between neighbours, which costs far more and leaves the force as it is.
     """
 
+    effect = "deformation"
+
     stiffness: Annotated[float, "N/m^n", msgspec.Meta(gt=0)] = 3.0e3
     exponent: Annotated[float, "1", msgspec.Meta(ge=1, le=3)] = 1.5
-    damping: Annotated[float, "s/m", NotNegative] = 5.0
+    damping: Annotated[float, "s/m", NotNegative, Switch("relaxation")] = 5.0
     tangential_stiffness: Annotated[float, "N/m", msgspec.Meta(gt=0)] = 300.0
     tangential_damping: Annotated[float, "N s/m", NotNegative] = 3.0
-    coupling: Annotated[float, "N/m", NotNegative] = 0.0
+    coupling: Annotated[float, "N/m", NotNegative, Switch("coupling")] = 0.0
     """of a spring between neighbours; 0: none, every node moves by itself"""
     coupling_damping: Annotated[float, "N s/m", NotNegative] = 0.1
     rings: Annotated[int, "1", msgspec.Meta(ge=0, le=50)] = 3
@@ -41,16 +44,7 @@ class MassSpring(WithNodule):
         self.indentation = 0.0
         self._law = (self.stiffness, self.exponent, self.damping, 0.0)
         self._hardness = self.hardness() if self.nodule_radius > 0.0 else None
-        self._body: NodalBody | NetBody | None = None
-        if self.wants("displacement"):
-            mesh = self.mesh()
-            normal_law = (self.stiffness, self.exponent, self.damping)
-            law = (*normal_law, self.tangential_stiffness, self.tangential_damping)
-            self._body = (
-                NetBody(mesh, *law, self.coupling, self.coupling_damping, self.rings, self._hardness)
-                if self.coupling > 0.0
-                else NodalBody(mesh, *law, self._hardness)
-            )
+        self._body = self._nodes()
 
     def step(self, load: Load, *, dt: float) -> Surface:
         force = normal_force(load.forces, load.normal)
@@ -58,9 +52,7 @@ class MassSpring(WithNodule):
             harder = self.stiffness * mean_hardness(load.nodes, load.forces, load.normal, self._hardness)
             self._law = (harder, self.exponent, self.damping, 0.0)
         self.indentation = indentation(force, dt, *self._law, self.indentation)
-        nodes, displacement = NO_NODES, NO_VECTORS
-        if self._body is not None:
-            nodes, displacement = self._body.step(load.nodes, load.forces, load.normal, dt)
+        nodes, displacement = self._moved(load, dt)
         return Surface(
             nodes=nodes,
             displacement=displacement,
@@ -71,3 +63,18 @@ class MassSpring(WithNodule):
             previous=self.indentation,
             step=dt,
         )
+
+    @part("shape", "nodes", "displacement", otherwise=None)
+    def _nodes(self) -> NodalBody | NetBody | None:
+        """What moves the surface."""
+        mesh = self.mesh()
+        law = (self.stiffness, self.exponent, self.damping, self.tangential_stiffness, self.tangential_damping)
+        if self.coupling > 0.0:
+            return NetBody(mesh, *law, self.coupling, self.coupling_damping, self.rings, self._hardness)
+        return NodalBody(mesh, *law, self._hardness)
+
+    @part("shape", "nodes", "displacement", otherwise=(NO_NODES, NO_VECTORS))
+    def _moved(self, load: Load, dt: float) -> tuple[np.ndarray, np.ndarray]:
+        """The vertices of the surface that are displaced, and how far [m]."""
+        assert self._body is not None
+        return self._body.step(load.nodes, load.forces, load.normal, dt)

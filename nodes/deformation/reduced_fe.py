@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 
 from palpate.messages import Load, Surface, Vector, Vector3
-from palpate.nodes.base import SettingError
+from palpate.nodes.base import SettingError, Switch, part
 from palpate.nodes.base.surface import SURFACES, OnSurface, surface_mesh
 from palpate.nodes.deformation.basis_store import (
     FINGER,
@@ -52,6 +52,8 @@ class ReducedFE(OnSurface):
     read.
     """
 
+    effect = "deformation"
+
     model: Annotated[Literal["nonlinear", "linear", "sampled"], "1"] = "nonlinear"
     """How it follows large displacement: by dents under the patch, not at all, or in modes of the whole body with its
     energy sampled; the last is meant for the fingertip."""
@@ -59,13 +61,13 @@ class ReducedFE(OnSurface):
     """Of the sampled model."""
     young: Annotated[float, "Pa", msgspec.Meta(ge=10, le=1e9)] = 19e3
     poisson: Annotated[float, "1", msgspec.Meta(gt=-1, lt=0.5)] = 0.45
-    retardation: Annotated[float, "s", msgspec.Meta(ge=0)] = 0.02
+    retardation: Annotated[float, "s", msgspec.Meta(ge=0), Switch("relaxation")] = 0.02
     """Kelvin-Voigt: viscosity over modulus."""
     bed: Annotated[float, "1/m", msgspec.Meta(gt=0)] = 50.0
     """Stiffness per area of what the underside lies on, over `young`."""
     nodule_centre: Annotated[Vector3, "m"] = (0.0, 0.0, 0.0)
     """In the surface's own frame."""
-    nodule_radius: Annotated[float, "m", msgspec.Meta(ge=0)] = 0.0
+    nodule_radius: Annotated[float, "m", msgspec.Meta(ge=0), Switch("nodule")] = 0.0
     nodule_ratio: Annotated[float, "1", msgspec.Meta(gt=0)] = 10.0
     """Modulus of the nodule over that of the organ."""
     capsule_thickness: Annotated[float, "m", msgspec.Meta(ge=0)] = 0.0
@@ -116,11 +118,8 @@ class ReducedFE(OnSurface):
 
     def step(self, load: Load, *, dt: float) -> Surface:
         stiffness, exponent, free, now = self._answer(load, dt)
-        nodes, moved = self._body.displaced(load.foot) if self.wants("displacement") else (NO_NODES, NO_VECTORS)
-        slope: Vector3 = (0.0, 0.0, 0.0)
-        turning: Vector = ()
-        if self.wants("slope") and isinstance(self._body, CondensedBody) and len(load.nodes):
-            slope, turning = self._body.along()
+        nodes, moved = self._displaced(load.foot)
+        slope, turning = self._along(len(load.nodes))
         return Surface(
             nodes=nodes,
             displacement=moved,
@@ -135,6 +134,16 @@ class ReducedFE(OnSurface):
             slope=slope,
             turning=turning,
         )
+
+    @part("shape", "nodes", "displacement", otherwise=(NO_NODES, NO_VECTORS))
+    def _displaced(self, foot: Vector3) -> tuple[np.ndarray, np.ndarray]:
+        """The vertices of the surface that are displaced within reach, and how far [m]."""
+        return self._body.displaced(foot)
+
+    @part("slope", "slope", "turning", otherwise=((0.0, 0.0, 0.0), ()))
+    def _along(self, loaded: int) -> tuple[Vector3, Vector]:
+        """How the body's energy changes along its surface, which pushes the finger to where it is softer."""
+        return self._body.along() if isinstance(self._body, CondensedBody) and loaded else ((0.0, 0.0, 0.0), ())
 
     def coarse_mesh(self) -> Mesh:
         """The surface that the organ is condensed to, in its own frame."""

@@ -39,6 +39,8 @@ class PinArray(OnSurface):
     `pad_radius` replace single parameters of it.
     """
 
+    effect = "display"
+
     shows: Annotated[Literal["force", "surface", "pressure"], "1"] = "force"
 
     rows: Annotated[int, "1", msgspec.Meta(ge=1, le=1000)] = 6

@@ -26,6 +26,8 @@ class Still(Guard):
 class _Shown(Wired):
     """What both displays share: the picture in the middle of the pins, and what it shows before the first one."""
 
+    effect = "display"
+
     rows: Annotated[int, "1", msgspec.Meta(ge=1, le=1000)]
     columns: Annotated[int, "1", msgspec.Meta(ge=1, le=1000)]
 

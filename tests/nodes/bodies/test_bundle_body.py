@@ -106,7 +106,7 @@ def test_a_nodule_holds_up_the_surface_of_a_net_too(coupling):
 @pytest.fixture(scope="module")
 def kidney(tmp_path_factory):
     file = tmp_path_factory.mktemp("beams") / "run.mcap"
-    sets = ("tissue.use=deformation.BeamBundle", "scene.surface.vertices=1500")
+    sets = ("tissue.use=deformation.BeamBundle", "effects.pressure=on", "scene.surface.vertices=1500")
     assert execute(find("kidney").but(record=file, place="fused", overrides=sets)).result.ok
     return Recording(file)
 
