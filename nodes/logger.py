@@ -72,6 +72,7 @@ class Mcap(Observer):
         self._gaps: dict[str, int] = {}
         self._last: dict[str, deque[int]] = {}
         self._steps: dict[str, int] = {}
+        self._times: dict[str, dict[str, float]] = {}
         self._since: dict[str, int] = {}
         self._before: dict[str, int] = {}
         self._notes: list[str] = []
@@ -137,6 +138,7 @@ class Mcap(Observer):
             self._since[node] = message.since
             self._begun_anew(node, message.since)
         self._steps[node] = message.steps
+        self._times[node] = {"steps": message.steps, "median": message.median, "p99": message.p99}
 
     def _begun_anew(self, node: str, since: int) -> None:
         """A node has begun anew, with a new state: a replay has to do so at the same place. Messages of its new life
@@ -188,6 +190,7 @@ class Mcap(Observer):
             counts = {s.name: {"count": self.counts[s.name], "lost": self.lost(s)} for s in known}
             self._close_chunk()
             add_metadata(self._writer, "palpate.counts", {name: json.dumps(value) for name, value in counts.items()})
+            add_metadata(self._writer, "palpate.times", {name: json.dumps(told) for name, told in self._times.items()})
             self._writer.finish()
             self._file.close()
         except OSError as error:

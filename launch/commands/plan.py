@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -11,11 +12,13 @@ from typer.core import TyperCommand
 from palpate.launch.commands.common import Fused, Graph, Json, PlaceOption, SceneOption, Sets, chosen, console, tell
 
 if TYPE_CHECKING:
+    from palpate.launch.loading.bill import Item
     from palpate.launch.loading.placement import Placement
     from palpate.launch.loading.plan import Plan
 
 MERMAID = "mermaid"
 _PICTURE = ".mmd"
+NEWEST = 20  # recordings that are looked through for the times of a graph
 
 
 class PlanCommand(TyperCommand):
@@ -40,33 +43,100 @@ def plan(
         str | None,
         typer.Option(help="Print the graph as Mermaid text, or write it to FILE.mmd.", metavar="[FILE]"),
     ] = None,
+    prove: Annotated[
+        Path | None,
+        typer.Option(help="A recorded touch: compute it with each effect the other way, and say what changes."),
+    ] = None,
     as_json: Json = False,
 ) -> None:
-    """Show what of a graph runs, in which order, and why the rest does not."""
+    """Show what of a graph runs, in which order, and why the rest does not; and the bill of its effects.
+
+    Times are those of the newest recording of the graph below runs/, or of the one to prove with.
+    """
+    from palpate.launch.loading.bill import bill
+
     run = chosen(graph, sets, scene, place, fused)
     found = run.plan()
     placement = run.placement(found)
+    times, source = _times(found, prove)
+    items = bill(found, times)
+    if prove is not None:
+        _prove(prove, items, sets or [], as_json)
     if draw is not None:
-        _draw(found, draw)
+        _draw(found, draw, times)
     elif as_json:
         groups = [{"name": g.name, "nodes": g.nodes, "core": g.core, "priority": g.priority, "host": g.host}
                   for g in placement.groups]  # fmt: skip
-        tell(found.to_spec() | {"groups": groups})
+        told = {"times": times, "times_from": source and str(source), "bill": [asdict(item) for item in items]}
+        tell(found.to_spec() | {"groups": groups} | told)
     else:
         out = console()
         out.print(_running(found, placement))
         if found.skipped:
             out.print()
             out.print(_skipped(found))
+        if items:
+            out.print()
+            out.print(_bill(items, source))
 
 
-def _draw(found: Plan, draw: str) -> None:
+def _times(found: Plan, given: Path | None) -> tuple[dict[str, float], Path | None]:
+    """Median duration [s] of a step of each node, and the recording that says so."""
+    from palpate.launch.recording.reader import Recording, RecordingError
+
+    newest = sorted(Path("runs").glob("*/*.mcap"), key=lambda file: -file.stat().st_mtime)
+    for file in [given] if given else newest[:NEWEST]:
+        try:
+            recording = Recording(file)
+        except RecordingError:
+            if given:
+                raise
+            continue
+        if recording.times and (given or Path(recording.about["plan"]["path"]).name == found.graph.path.name):
+            return {name: told["median"] for name, told in recording.times.items()}, file
+    return {}, None
+
+
+def _prove(file: Path, items: list[Item], sets: list[str], silent: bool) -> None:
+    from rich.progress import Progress
+
+    from palpate.launch.recording.prove import prove
+    from palpate.launch.recording.reader import Recording
+
+    with Progress(console=console(stderr=True), transient=True, disable=silent) as progress:
+        task = progress.add_task("computing the touch again", total=len(items))
+        prove(
+            Recording(file), items, sets, lambda name: progress.update(task, advance=1, description=f"without {name}")
+        )
+
+
+def _bill(items: list[Item], source: Path | None) -> Any:
+    from rich.table import Table
+    from rich.text import Text
+
+    timed = f"times of {source}" if source else "times not measured: run the graph first"
+    table = Table(title=f"effects, µs a tick ({timed})", title_justify="left", box=None, pad_edge=False)
+    for column, justify in (("", "left"), ("effect", "left"), ("µs", "right"), ("why", "left")):
+        table.add_column(column, overflow="fold", justify=justify)  # type: ignore[arg-type]
+    for item in items:
+        word = Text("on", style="green") if item.on else Text("off", style="yellow")
+        price = "" if not item.nodes else "?" if item.price is None else f"{item.price * 1e6:.1f}"
+        why = Text(item.rule)
+        if item.nodes or item.fields:
+            why.append(f"\nfor it alone: {', '.join([*item.nodes, *item.fields])}", style="dim")
+        if item.proof:
+            why.append(f"\n{item.proof}", style="cyan")
+        table.add_row(word, Text(item.effect), price, why)
+    return table
+
+
+def _draw(found: Plan, draw: str, times: dict[str, float]) -> None:
     from palpate.launch.loading.draw import mermaid
 
     if draw == MERMAID:
-        typer.echo(mermaid(found), nl=False)
+        typer.echo(mermaid(found, times), nl=False)
     elif draw.endswith(_PICTURE):
-        Path(draw).write_text(mermaid(found), encoding="utf-8")
+        Path(draw).write_text(mermaid(found, times), encoding="utf-8")
         typer.echo(draw)
     else:
         raise typer.BadParameter(f"found {draw!r}, expected a file name ending in .mmd", param_hint="--draw")

@@ -56,6 +56,7 @@ class Recording:
     streams    what it holds, by name
     about      provenance of the run
     counts     per stream, how many messages were written and how many the logger did not get; empty after a crash
+    times      per node, its steps and their duration [s] (median, p99) on the machine of the run; empty after a crash
     restarted  nodes that were started again during the run, and the tick from which they began anew
     complete   false where the file was cut off or is damaged: it is read up to there
     damage     where that is, and what was found; None where there is none
@@ -68,6 +69,7 @@ class Recording:
         self.streams: dict[str, Channelled] = {}
         self.about: dict[str, Any] = {}
         self.counts: dict[str, dict[str, int]] = {}
+        self.times: dict[str, dict[str, float]] = {}
         self.restarted: dict[str, list[int]] = {}
         self.damage: Broken | None = None
         self._channels: dict[int, str] = {}
@@ -139,6 +141,8 @@ class Recording:
                     self.about = {key: json.loads(value) for key, value in told.items()}
                 case "palpate.counts":
                     self.counts = {key: json.loads(value) for key, value in told.items()}
+                case "palpate.times":
+                    self.times = {key: json.loads(value) for key, value in told.items()}
                 case "palpate.restarted":
                     self.restarted.setdefault(told["node"], []).append(int(told["tick"]))
         except (ValueError, KeyError) as error:

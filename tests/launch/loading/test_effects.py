@@ -6,20 +6,16 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from short_touch import short_touch
 
 from palpate.launch.loading.effects import known
 from palpate.launch.loading.faults import GraphError
 from palpate.launch.loading.graph import load
-from palpate.launch.loading.launchfile import find
 from palpate.launch.loading.plan import Plan, plan
 from palpate.launch.recording.changed import changed
-from palpate.launch.recording.reader import Recording
-from palpate.launch.running.execute import execute
 from palpate.nodes.base import Switch, effects, part
 from palpate.nodes.deformation.beam_bundle import BeamBundle
 from palpate.nodes.deformation.mass_spring import MassSpring
-
-QUICK = ("scene.surface.vertices=600", "scene.hand.begin=[0, 0, 0.107]")
 
 
 def planned(*sets, graph="kidney", **more):
@@ -141,13 +137,6 @@ def test_a_part_does_no_work_where_nobody_reads_it():
     assert node.pressure() == 2
 
 
-def run(folder, name, *sets, **more):
-    file = folder / f"{name}.mcap"
-    outcome = execute(find("kidney").but(record=file, place="fused", duration=0.35, overrides=(*QUICK, *sets), **more))
-    assert outcome.result.ok
-    return Recording(file)
-
-
 BODIES = {"MassSpring": MassSpring, "BeamBundle": BeamBundle}
 
 
@@ -157,20 +146,22 @@ def test_what_is_wanted_is_the_same_without_the_parts_that_nobody_reads(tmp_path
     folder = tmp_path_factory.mktemp("parts")
     swap = f"tissue.use=deformation.{body}"
     parts = sorted({e.name for e in effects(BODIES[body]) if e.how == "part"})
-    whole = run(folder, "whole", swap, "log.fields=all", *(f"effects.{p}=on" for p in parts), "effects.band=on")
+    whole = short_touch(folder, "whole", swap, "log.fields=all", *(f"effects.{p}=on" for p in parts), "effects.band=on")
     forces = [payload for _, _, payload in whole.payloads("controller")]
     assert np.abs(whole.columns("contact")["force"]).max() > 0.01, "a run without a touch shows nothing"
 
     @settings(max_examples=4)
     @given(st.sets(st.sampled_from([*parts, "band", "sample"])))
     def check(off):
-        less = run(folder, "less", swap, "effects.band=on", *(f"effects.{p}=off" for p in off), wanted=("controller",))
+        less = short_touch(
+            folder, "less", swap, "effects.band=on", *(f"effects.{p}=off" for p in off), wanted=("controller",)
+        )
         assert [payload for _, _, payload in less.payloads("controller")] == forces
 
     check()
 
 
 def test_a_replay_keeps_the_recorded_fields_but_for_effects_that_are_switched_off(tmp_path):
-    recording = run(tmp_path, "one", "log.fields=all")
+    recording = short_touch(tmp_path, "one", "log.fields=all")
     assert "displacement" in changed(recording, ["tissue.damping=1"]).wanted["tissue"]
     assert "displacement" not in changed(recording, ["effects.shape=off"]).wanted["tissue"]

@@ -1,0 +1,128 @@
+"""The bill of a plan: for each effect whether it is on, what decided that, and what it drags in."""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import dataclass, field, replace
+
+from palpate.launch.loading.effects import Choice, known, state, trimmed
+from palpate.launch.loading.faults import NOWHERE, GraphError
+from palpate.launch.loading.plan import Plan, plan
+from palpate.nodes.base import Effect, effects, inputs
+
+
+@dataclass
+class Item:
+    """One effect on the bill.
+
+    on      whether it is computed
+    rule    what decided
+    where   the nodes that compute it, or would; `node.setting` where a setting holds it
+    nodes   nodes that run for it alone
+    fields  fields that are computed for it alone, `stream.field`
+    setting whether it is a value of a setting
+    beside  whether it only listens: no message depends on it
+    price   [s] duration of a tick that goes to these nodes, None where it was not measured
+    proof   what the opposite would change in the forces, None where it was not tried
+    """
+
+    effect: str
+    about: str
+    on: bool
+    rule: str
+    where: list[str]
+    setting: bool = False
+    beside: bool = False
+    nodes: list[str] = field(default_factory=list)
+    fields: list[str] = field(default_factory=list)
+    price: float | None = None
+    proof: str | None = None
+
+
+def bill(found: Plan, times: dict[str, float] | None = None) -> list[Item]:
+    """One item for each effect that a node of the graph can compute, those that are on first.
+
+    times  [s] duration of a step of each node, as a run has measured it
+    """
+    items = []
+    for name in known():
+        able = [(spec.name, e) for spec in found.graph.nodes.values() for e in effects(spec.cls) if e.name == name]
+        if able:
+            items.append(_item(found, name, able, times or {}))
+    return sorted(items, key=lambda item: not item.on)
+
+
+def _item(found: Plan, name: str, able: list[tuple[str, Effect]], times: dict[str, float]) -> Item:
+    nodes = found.graph.nodes
+    running = [(node, e) for node, e in able if node in found.edges or node in found.observers]
+    on = any(
+        state(nodes[node].cls, nodes[node].settings, e, found.fields(node) if node in found.edges else frozenset())
+        for node, e in running
+    )
+    where = [f"{node}.{e.setting}" if e.setting else node for node, e in able]
+    about = next((e.about for _, e in able if e.about), "")
+    setting = all(e.how == "setting" for _, e in able)
+    beside = all(nodes[node].observer for node, _ in able)
+    item = Item(name, about, on, _rule(found, name, able, on), list(dict.fromkeys(where)), setting, beside)
+    if on:
+        without = _without(found, name, able)
+        if without is not None:
+            item.nodes = [n for n in (*found.order, *found.observers) if n not in (*without.order, *without.observers)]
+            item.fields = [
+                f"{stream}.{f}"
+                for stream, names in found.wanted.items()
+                if stream in without.wanted
+                for f in sorted(names - without.wanted[stream])
+            ]
+        measured = [times[n] / nodes[n].every for n in item.nodes if n in times]
+        item.price = sum(measured) if measured else None
+    return item
+
+
+def _without(found: Plan, name: str, able: list[tuple[str, Effect]]) -> Plan | None:
+    """The plan with one effect off; None where the rest cannot run without it."""
+    graph = found.graph
+    off = {n for n, e in able if e.how == "node"}
+    specs = {n: replace(spec, off="off") if n in off else copy.copy(spec) for n, spec in graph.nodes.items()}
+    said = graph.effects | {name: Choice(False, NOWHERE)}
+    try:
+        other = plan(replace(graph, nodes=specs, effects=said))
+    except GraphError:
+        return None
+    wanted = {s: found.wanted[s] & names for s, names in other.wanted.items() if s in found.wanted}
+    return replace(other, wanted=trimmed(wanted, said, [specs[n] for n in other.edges]))
+
+
+def _rule(found: Plan, name: str, able: list[tuple[str, Effect]], on: bool) -> str:
+    graph = found.graph
+    if name in graph.effects:
+        choice = graph.effects[name]
+        return f"effects: {name} is {choice.word} ({choice.place})"
+    node, effect = able[0]
+    spec = graph.nodes[node]
+    if effect.how == "setting":
+        return f"{node}.{effect.setting} is {spec.settings[effect.setting]}"
+    if node in found.skipped:
+        return found.skipped[node]
+    if effect.how == "part":
+        return _readers(found, node, effect, on)
+    if spec.when is not None:
+        return f"{spec.when} holds ({spec.place})"
+    return f"{node} is in the graph ({spec.place})"
+
+
+def _readers(found: Plan, node: str, effect: Effect, on: bool) -> str:
+    """Who reads a part of a node's message."""
+    told = " or ".join(effect.fields)
+    if not on:
+        return f"nobody reads {told}"
+    graph = found.graph
+    streams = graph.nodes[node].streams
+    readers = [reader for reader, edges in found.edges.items() if any(e.stream in streams for e in edges)]
+    by = []
+    for reader in readers:
+        ports = {p.name: p for p in inputs(graph.nodes[reader].cls)}
+        if any(ports[e.port].wants & set(effect.fields) for e in found.edges[reader] if e.stream in streams):
+            by.append(reader)
+    by += [n for n in found.observers if not by and graph.nodes[n].settings.get("fields", "all")]
+    return f"{told}: read by {', '.join(by)}" if by else f"{told}: wanted"

@@ -1,0 +1,90 @@
+"""`palpate plan` as a bill: what is on and why, what runs for it alone, what it costs, and what it changes."""
+
+import json
+
+import pytest
+from short_touch import short_touch
+from typer.testing import CliRunner
+
+from palpate.launch.__main__ import app
+from palpate.launch.loading.bill import bill
+from palpate.launch.loading.graph import load
+from palpate.launch.loading.plan import plan
+from palpate.launch.recording.prove import prove
+from palpate.launch.recording.reader import Recording, RecordingError
+
+
+def items(*sets, graph="kidney", times=None):
+    return {item.effect: item for item in bill(plan(load(graph, overrides=sets)), times)}
+
+
+def test_each_effect_of_the_graph_is_told_with_the_rule_that_decided():
+    found = items()
+    assert found["friction"].on and found["friction"].rule.startswith("tissue.friction holds (")
+    assert not found["band"].on and found["band"].rule.startswith("finger.band is false (")
+    assert found["relaxation"].on and found["relaxation"].rule == "tissue.damping is 5.0"
+    assert not found["coupling"].on and found["shape"].on and "read by log" in found["shape"].rule
+    switched = items("effects.friction=off", "effects.band=on")
+    assert switched["friction"].rule == "effects: friction is off (--set effects.friction=off)"
+    assert switched["band"].on and switched["band"].nodes == ["band"]
+    assert "pressure" not in found, "MassSpring has none"
+    beams = items("tissue.use=deformation.BeamBundle")
+    assert not beams["pressure"].on and beams["pressure"].rule == "nobody reads pressure"
+
+
+def test_what_runs_for_an_effect_alone_is_what_its_absence_leaves_out():
+    found = items("wanted=[controller]")
+    assert found["friction"].nodes == ["friction"]
+    assert found["deformation"].nodes[-1] == "tissue" and "controller" not in found["deformation"].nodes
+    assert items()["shape"].fields == ["tissue.displacement", "tissue.nodes"]
+
+
+def test_the_price_is_that_of_the_nodes_that_run_for_it_alone_by_their_divisors():
+    times = {"friction": 4e-6, "band": 30e-6}
+    found = items("effects.band=on", times=times)
+    assert found["friction"].price == 4e-6 and found["band"].price == pytest.approx(3e-6)
+    assert found["deformation"].price is None and found["coupling"].price is None
+
+
+def command(*args):
+    return CliRunner().invoke(app, [str(arg) for arg in args])
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory):
+    return short_touch(tmp_path_factory.mktemp("bill"), "touch")
+
+
+def test_a_recording_knows_the_times_of_its_nodes(recording):
+    assert set(recording.times) >= {"device", "contact", "tissue"}
+    assert all(0 < told["median"] <= told["p99"] and told["steps"] == 350 for told in recording.times.values())
+
+
+def test_the_proof_says_what_the_force_would_be_the_other_way_round(recording):
+    found = items()
+    prove(recording, list(found.values()))
+    assert "without it: force differs by" in found["friction"].proof
+    assert "without it: the same force" in found["shape"].proof
+    assert "with it: the same force" in found["band"].proof
+    assert found["nodule"].proof == "not tried: give tissue.nodule_radius a value"
+    assert found["recording"].proof == "no message depends on it"
+
+
+def test_the_command_tells_it_as_text_as_json_and_as_a_picture(recording, monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    text = command("plan", "kidney", "--prove", recording.path).stdout
+    assert "friction" in text and "force differs by" in text and "not measured" not in text
+    data = json.loads(command("plan", "kidney", "--json").stdout)
+    told = {item["effect"]: item for item in data["bill"]}
+    assert told["friction"]["on"] and told["friction"]["price"] is None and data["times_from"] is None
+    (tmp_path / "runs" / "kidney-1").mkdir(parents=True)
+    (tmp_path / "runs" / "kidney-1" / "kidney.mcap").write_bytes(recording.path.read_bytes())
+    assert "kidney.mcap" in command("plan", "kidney").stdout
+    assert ' µs"]' in command("plan", "kidney", "--draw").stdout
+    assert command("plan", "kidney", "--prove", tmp_path / "none.mcap").exit_code == 1
+
+
+def test_a_file_that_is_no_recording_is_told(tmp_path):
+    (tmp_path / "x.mcap").write_bytes(b"no")
+    with pytest.raises(RecordingError):
+        Recording(tmp_path / "x.mcap")

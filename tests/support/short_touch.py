@@ -1,0 +1,18 @@
+"""A third of a second of the kidney graph in one process, which comes down to the surface at once."""
+
+from pathlib import Path
+from typing import Any
+
+from palpate.launch.loading.launchfile import find
+from palpate.launch.recording.reader import Recording
+from palpate.launch.running.execute import execute
+
+QUICK = ("scene.surface.vertices=600", "scene.hand.begin=[0, 0, 0.107]")
+
+
+def short_touch(folder: Path, name: str, *sets: str, **more: Any) -> Recording:
+    """Its recording, `name`.mcap in the folder, with these overrides."""
+    file = folder / f"{name}.mcap"
+    outcome = execute(find("kidney").but(record=file, place="fused", duration=0.35, overrides=(*QUICK, *sets), **more))
+    assert outcome.result.ok
+    return Recording(file)
