@@ -94,6 +94,8 @@ class Records:
                 yield _open(at, _parse(at, Chunk, content))
             elif kind in _KINDS:
                 yield self._checked(at, _parse(at, _KINDS[kind], content))
+            elif kind == Opcode.MESSAGE_INDEX and len(content) != 6 + int.from_bytes(content[2:6], "little"):
+                raise Broken(at, "an index of messages has another length than it says")  # a chunk, one bit off
             at += _RECORD.size + len(content)
 
     def indexed(self) -> list[Schema | Channel | Metadata]:
@@ -213,7 +215,11 @@ def _open(at: int, chunk: Chunk) -> bytes:
 
 
 def _parse(at: int, kind: Any, content: bytes) -> Any:
+    source = BytesIO(content)
     try:
-        return kind.read(ReadDataStream(BytesIO(content)))
+        record = kind.read(ReadDataStream(source))
     except _BAD:
         raise Broken(at, f"a record {kind.__name__} cannot be read") from None
+    if source.tell() != len(content):  # its length is damaged: it would swallow what follows
+        raise Broken(at, f"a record {kind.__name__} is not as long as it says")
+    return record

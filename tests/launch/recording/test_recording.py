@@ -311,6 +311,36 @@ def test_a_flipped_bit_anywhere_is_told_or_harmless(small, tmp_path, seed):
     # Every third lies before the messages or behind them, where schemas, channels, metadata and the index stand.
     at = draw.choice([*range(8, 6000), *range(len(data) - 6000, len(data))]) if seed % 3 else draw.randrange(len(data))
     data[at] ^= 1 << draw.randrange(8)
+    told_or_harmless(small, data, tmp_path)
+
+
+def test_a_record_of_another_kind_or_length_is_told(small, tmp_path):
+    """A flipped bit in the byte that says what a record is: a chunk of messages becomes an index of messages. Or in its
+    length: it swallows the records behind it, and what follows may fit by chance."""
+    data = small.read_bytes()
+    places, at = {}, 8
+    while data[at] != 15:  # the end of the data
+        places.setdefault(data[at], []).append(at)
+        at += 9 + int.from_bytes(data[at + 1 : at + 9], "little")
+    assert len(places[6]) > 3 and len(places[7]) > 3
+    for kind, found in places.items():
+        for number, place in enumerate(found[:3]):
+            for bit in range(24):
+                folder = tmp_path / f"{kind}-{number}-{bit}"
+                folder.mkdir()
+                flipped = bytearray(data)
+                flipped[place + bit // 8] ^= 1 << bit % 8
+                told_or_harmless(small, flipped, folder)
+    chunk = places[6][1]
+    for end in places[6][2:12]:  # the chunk's length leads to another record's beginning
+        flipped = bytearray(data)
+        flipped[chunk + 1 : chunk + 9] = (end - chunk - 9).to_bytes(8, "little")
+        folder = tmp_path / f"to-{end}"
+        folder.mkdir()
+        told_or_harmless(small, flipped, folder)
+
+
+def told_or_harmless(small: Path, data: bytes, tmp_path: Path) -> None:
     path = tmp_path / "flipped.mcap"
     path.write_bytes(data)
     good = Recording(small)
