@@ -24,7 +24,7 @@ from pathlib import Path
 from palpate.launch.loading.launchfile import LaunchFile
 from palpate.launch.running.execute import execute
 launch = LaunchFile(graph=Path(sys.argv[1]), duration=float(sys.argv[2]), record=Path(sys.argv[3]))
-outcome = execute(launch, patience=0.7)
+outcome = execute(launch, patience=2.0)
 raise SystemExit("; ".join(str(death) for death in outcome.result.deaths) or 0)
 """
 
