@@ -1,5 +1,7 @@
 """What nodes say to one another: typed messages with units and shapes, and their wire form."""
 
+from typing import TYPE_CHECKING, Any
+
 from palpate.messages.base import (
     Field,
     Floats,
@@ -51,3 +53,14 @@ __all__ = [
     "pack",
     "unpack",
 ]
+
+if not TYPE_CHECKING:
+
+    def __getattr__(name: str) -> Any:
+        """A message type of any other file of this folder."""
+        from palpate.messages.docs import message_types
+
+        kind = None if name.startswith("_") else message_types().get(name)
+        if kind is None:
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        return kind

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import importlib
 import inspect
+import pkgutil
 import re
 import sys
 from typing import NamedTuple
@@ -35,10 +37,12 @@ def summary(thing: object) -> str:
 
 
 def message_types() -> dict[str, type[Message]]:
-    """All message types that ship, by name."""
+    """All message types that ship, by name: those of every file of this folder."""
     package = sys.modules[Message.__module__.rpartition(".")[0]]
-    found = (thing for thing in vars(package).values() if isinstance(thing, type) and issubclass(thing, Message))
-    return {kind.__name__: kind for kind in sorted(found, key=lambda kind: kind.__name__) if kind is not Message}
+    files = [importlib.import_module(f"{package.__name__}.{f.name}") for f in pkgutil.iter_modules(package.__path__)]
+    things = (thing for file in files for thing in vars(file).values() if isinstance(thing, type))
+    kinds = (thing for thing in things if issubclass(thing, Message) and thing is not Message)
+    return {kind.__name__: kind for kind in sorted(kinds, key=lambda kind: kind.__name__)}
 
 
 def _shape(text: str) -> tuple[int | str, ...]:

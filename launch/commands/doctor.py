@@ -18,7 +18,7 @@ def doctor(
     as_json: Json = False,
 ) -> None:
     """Look at Python, packages, cores, wake-ups at 1 kHz, pictures and devices. Exit code 1 if palpate cannot run."""
-    from palpate.launch.commands.examine import examine
+    from palpate.launch.commands.findings import examine
 
     if as_json:
         found = list(examine(pictures=pictures, seconds=seconds))

@@ -21,7 +21,7 @@ _PICTURE = ".mmd"
 NEWEST = 20  # recordings that are looked through for the times of a graph
 
 
-class PlanCommand(TyperCommand):
+class Command(TyperCommand):
     """Lets `--draw` stand alone: then it means Mermaid text on standard output."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:

@@ -19,6 +19,7 @@ from palpate.messages import Message, fields
 from palpate.messages.base import HEADER
 from palpate.messages.docs import summary
 from palpate.nodes.base import Node, Observer, inputs, outputs, settings
+from palpate.nodes.base.room import offered
 from palpate.physics.errors import MISUSE, PalpateError
 
 SHIPPED = palpate.nodes.__name__
@@ -142,7 +143,7 @@ def body(kind: type[Message]) -> frozenset[str]:
 def classes(module: ModuleType) -> list[type[Node]]:
     """The node classes that a module offers, sorted by name, base classes of palpate left out."""
     found = []
-    for name in sorted(set(getattr(module, "__all__", ())) | set(vars(module))):
+    for name in sorted(set(vars(module)) | set(offered(getattr(module, "__path__", ())))):
         thing = getattr(module, name, None)
         if (
             isinstance(thing, type) and issubclass(thing, Node) and not name.startswith("_")

@@ -1,16 +1,12 @@
-"""Normal contact of fingertip and tissue."""
+"""Normal contact of fingertip and tissue. Each class is found by its name in any file of this folder."""
 
 from typing import Any
 
+from palpate.nodes.base.room import class_of
 from palpate.nodes.contact.series import Series
 
-__all__ = ["Probabilistic", "Series"]
+__all__ = ["Series"]
 
 
 def __getattr__(name: str) -> Any:
-    """`contact.Probabilistic`, brought in when it is asked for: the force path does not need what it imports."""
-    if name == "Probabilistic":
-        from palpate.nodes.contact.probabilistic import Probabilistic
-
-        return Probabilistic
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return class_of(__name__, __path__, name)

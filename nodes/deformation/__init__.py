@@ -1,8 +1,16 @@
-"""Deformable bodies. Each takes `Load`, sends `Surface`, and can stand in for any other."""
+"""Deformable bodies. Each takes `Load`, sends `Surface`, and can stand in for any other; it is found by its name in any
+file of this folder."""
 
+from typing import Any
+
+from palpate.nodes.base.room import class_of
 from palpate.nodes.deformation.beam_bundle import BeamBundle
 from palpate.nodes.deformation.mass_spring import MassSpring
 from palpate.nodes.deformation.reduced_fe import ReducedFE
 from palpate.nodes.deformation.rigid import Rigid
 
 __all__ = ["BeamBundle", "MassSpring", "ReducedFE", "Rigid"]
+
+
+def __getattr__(name: str) -> Any:
+    return class_of(__name__, __path__, name)

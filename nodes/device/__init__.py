@@ -1,24 +1,12 @@
-"""Devices: the nodes that stand where hardware is bound in."""
+"""Devices: the nodes that stand where hardware is bound in. Each is found by its name in any file of this folder."""
 
 from typing import Any
 
+from palpate.nodes.base.room import class_of
 from palpate.nodes.device.simulated import Segment, Simulated
 
-_ELSEWHERE = {
-    "Falcon": "falcon",
-    "Haply2Diy": "haply",
-    "Hid": "hid",
-    "Inverse3": "haply",
-    "RawHid": "hid",
-    "Replayed": "replayed",
-}
-__all__ = ["Falcon", "Haply2Diy", "Hid", "Inverse3", "RawHid", "Replayed", "Segment", "Simulated"]
+__all__ = ["Segment", "Simulated"]
 
 
 def __getattr__(name: str) -> Any:
-    """A device of a file that is read when it is asked for: a graph with one device needs no other."""
-    from importlib import import_module
-
-    if name in _ELSEWHERE:
-        return getattr(import_module(f"{__name__}.{_ELSEWHERE[name]}"), name)
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return class_of(__name__, __path__, name)

@@ -1,16 +1,13 @@
-"""Force sensors: the finger's force when no simulated contact makes it."""
+"""Force sensors: the finger's force when no simulated contact makes it. Each is found by its name in any file of this
+folder."""
 
 from typing import Any
 
+from palpate.nodes.base.room import class_of
 from palpate.nodes.sensor.force_sensor import ForceSensor
 
-__all__ = ["Bota", "ForceSensor", "NetFT"]
+__all__ = ["ForceSensor"]
 
 
 def __getattr__(name: str) -> Any:
-    """`sensor.NetFT` and `sensor.Bota`, brought in when they are asked for."""
-    if name in ("Bota", "NetFT"):
-        from palpate.nodes.sensor import measured
-
-        return getattr(measured, name)
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return class_of(__name__, __path__, name)

@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 from palpate.drivers import discover
 from palpate.launch.__main__ import app
-from palpate.launch.commands import examine
+from palpate.launch.commands import findings
 
 runner = CliRunner()
 
@@ -191,19 +191,19 @@ def test_doctor_looks_at_the_machine():
 
 def test_doctor_finds_a_device(tmp_path, monkeypatch):
     monkeypatch.setattr(discover, "USB", tmp_path)
-    assert [f.found for f in examine._usb()] == ["none on USB"]
+    assert [f.found for f in findings._usb()] == ["none on USB"]
     folder = tmp_path / "1-1"
     folder.mkdir()
     for name, text in {"idVendor": "0403", "idProduct": "cb48", "busnum": "999", "devnum": "7"}.items():
         (folder / name).write_text(f"{text}\n")
-    (found,) = examine._usb()
+    (found,) = findings._usb()
     assert found.what == "Novint Falcon"
     if "devices" not in found.cure or "pip" not in found.cure:
         assert "/dev/bus/usb/999/007" in found.found and "--install-udev" in found.cure
 
 
 def test_doctor_fails_where_a_needed_package_is_missing(monkeypatch):
-    monkeypatch.setattr(examine, "_version", lambda name: None if name == "msgspec" else "1.0")
+    monkeypatch.setattr(findings, "_version", lambda name: None if name == "msgspec" else "1.0")
     result = run("doctor", "--no-pictures", "--seconds", "0")
     assert result.exit_code == 1 and "pip install msgspec" in result.stdout
 

@@ -1,6 +1,6 @@
 """One contract for every deformable body: a body can stand in for any other in a graph.
 
-Every class that `palpate.nodes.deformation` exports is found and tried with its default settings on a small plane.
+Every class of `palpate.nodes.deformation` is found and tried with its default settings on a small plane.
 """
 
 import math
@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pytest import approx
 
+from palpate.launch.loading.classes import classes
 from palpate.launch.testing import FakeBus
 from palpate.messages import Load, Proximity, Surface
 from palpate.nodes import deformation
@@ -19,7 +20,7 @@ from palpate.nodes.base import settings as settings_of
 from palpate.nodes.contact import Series
 from palpate.nodes.spread import Kernel
 
-BODIES = [getattr(deformation, name) for name in deformation.__all__]
+BODIES = classes(deformation)
 PLANE = {"surface": "plane", "vertices": 900, "position": (0.0, 0.0, 0.0)}
 UP = (0.0, 0.0, 1.0)
 every_body = pytest.mark.parametrize("kind", BODIES, ids=lambda k: k.__name__)

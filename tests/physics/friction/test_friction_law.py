@@ -77,26 +77,6 @@ def test_a_law_in_its_own_file_is_a_node(folder):
     assert answers[-1].force == approx((0.72, 0.96, 0.0), rel=1e-3) and answers[0].stick
 
 
-def test_a_law_beside_the_others_is_found_without_a_list(folder, monkeypatch):
-    import importlib
-
-    import palpate.nodes.friction
-    import palpate.physics.friction
-    from palpate.launch.loading.graph import load
-
-    (folder / "dahl.py").write_text(dedent(LAW))
-    monkeypatch.setattr(palpate.physics.friction, "__path__", [*palpate.physics.friction.__path__, str(folder)])
-    try:
-        importlib.reload(palpate.nodes.friction)
-        graph = load("kidney", overrides=["friction.use=friction.Dahl"])
-        node = graph.nodes["friction"]
-        assert node.settings == {"mu": 0.5, "bristle_stiffness": 500.0}
-        assert slide(node.cls(**node.settings))[-1].force[0] == approx(0.6, rel=0.01)
-    finally:
-        monkeypatch.undo()
-        del palpate.nodes.friction.Dahl
-
-
 def test_a_law_of_another_folder_runs_in_the_kidney_graph(folder):
     (folder / "dahl.py").write_text(dedent(LAW + NODE))
     path = "[{to: [-0.02, 0, 0.098], time: 0.15}, {to: [0.0, 0, 0.097], time: 0.2}]"

@@ -1,0 +1,279 @@
+"""What it costs to add something: one file each for a friction law, a material, a body, a device, a message, a command.
+
+Each is written into a folder that stands beside the room that it belongs to, and nothing else is touched; then all of
+them are found, checked, run together, recorded, replayed and exported by the command line.
+"""
+
+import csv
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+from textwrap import dedent
+
+import pytest
+
+MORE_ROOMS = Path(__file__).parents[1] / "support" / "more_rooms"
+
+ADDED = {
+    "physics/friction/dahl.py": '''
+        """Dahl friction (P. R. Dahl, Aerospace Corp. TOR-0158(3107-18)-1, 1968) over the normal force."""
+
+        import math
+        from typing import Annotated, NamedTuple
+
+        from numba import njit
+
+
+        @njit
+        def dahl(law, z, v, load, dt):
+            """dz/dt = v - |v| z/limit, backward Euler."""
+            limit = law.mu / law.bristle_stiffness
+            x = math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]) * dt / limit
+            z = ((z[0] + v[0] * dt) / (1 + x), (z[1] + v[1] * dt) / (1 + x), (z[2] + v[2] * dt) / (1 + x))
+            k = load * law.bristle_stiffness
+            return z, (k * z[0], k * z[1], k * z[2]), x < 0.5
+
+
+        class Dahl(NamedTuple):
+            """Dahl friction."""
+
+            mu: Annotated[float, "1", "> 0"] = 0.5
+            bristle_stiffness: Annotated[float, "1/m", "> 0"] = 3000.0
+
+            @property
+            def advance(self):
+                return dahl
+    ''',
+    "physics/materials/gent.py": '''
+        """Gent: chains of limited length.
+
+            W = -(mu m/2) ln(1 - I/m),    U = (kappa/2) (J - 1)²,    I = J^(-2/3) I1 - 3
+
+        A. N. Gent, Rubber Chem. Technol. 69 (1996) 59-61.
+        """
+
+        import numba
+        import numpy as np
+
+        from palpate.physics.materials.hyperelastic import Material, moduli
+        from palpate.physics.materials.invariants import shape_invariants, shape_stress
+
+        EXAMPLE = (1e4, 0.4, 2.0)
+
+
+        @numba.njit
+        def energy(F, J, p, P, A):
+            shear, bulk, limit = p[0], p[1], p[2]
+            _, i, _ = shape_invariants(F)
+            left = 1.0 - i / limit
+            shape_stress(F, 0.5 * shear / left, 0.0, 0.5 * shear / (limit * left**2), 0.0, 0.0, P, A)
+            return -0.5 * shear * limit * np.log(left), 0.5 * bulk * (J - 1.0) ** 2, bulk * (J - 1.0), bulk
+
+
+        def gent(young, poisson, limit):
+            """mu and kappa from Young's modulus [Pa] and Poisson's ratio; m [1] the greatest I."""
+            return Material(energy, (*moduli(young, poisson), limit))
+    ''',
+    "nodes/deformation/putty.py": '''
+        """A body that stays where it was pressed to."""
+
+        from typing import Annotated
+
+        import numpy as np
+
+        from palpate.messages import Load, Surface
+        from palpate.nodes import Node
+
+
+        class Putty(Node):
+            """Indentation grows with force and time, and never comes back."""
+
+            mobility: Annotated[float, "m/(N s)"] = 2e-3
+            plate: Annotated[float, "N/m"] = 2e3
+
+            def start(self):
+                self.dent = 0.0
+
+            def step(self, load: Load, *, dt: float) -> Surface:
+                force = max(-float(load.forces.sum(axis=0) @ np.array(load.normal)), 0.0)
+                self.dent += self.mobility * force * dt
+                return Surface(
+                    nodes=[], displacement=np.zeros((0, 3)), stiffness=self.plate, exponent=1.0, damping=0.0,
+                    free=self.dent, previous=self.dent + force / self.plate, step=dt,
+                )
+    ''',
+    "nodes/device/crank.py": '''
+        """A crank that lowers the finger, with its driver."""
+
+        import time
+
+        from palpate.drivers.guard import Sample
+        from palpate.drivers.limits import Limits
+        from palpate.messages import DeviceState, Force
+        from palpate.nodes.device.hardware import Hardware, state
+
+
+        class Driver:
+            """3 mm down in 0.1 s, and back in the next 0.1 s."""
+
+            limits = Limits(command=2.0, power=2.0, speed=1.0)
+            size = 3
+
+            def open(self):
+                self.begun = time.monotonic()
+
+            def cycle(self, command):
+                time.sleep(1e-3)
+                way = abs(0.1 - (time.monotonic() - self.begun) % 0.2) / 0.1
+                return Sample(time.monotonic_ns(), position=(0.0, 0.0, 0.107 + 0.003 * way))
+
+            def close(self):
+                pass
+
+
+        class Crank(Hardware):
+            """A finger on a crank."""
+
+            def driver(self):
+                return Driver()
+
+            def step(self, force: Force | None, *, dt: float) -> DeviceState:
+                return state(self.talk(force.force if force is not None else (0.0, 0.0, 0.0), dt))
+    ''',
+    "messages/warmth.py": '''
+        """Message of a skin that feels warm."""
+
+        from typing import Annotated
+
+        from palpate.messages.base import Message
+
+
+        class Warmth(Message):
+            """How warm rubbing makes the skin.
+
+            power  [W] ()  of friction
+            """
+
+            power: Annotated[float, "W"]
+    ''',
+    "launch/commands/greet.py": '''
+        """`palpate greet`: a friendly word."""
+
+        import typer
+
+
+        def greet(name: str) -> None:
+            """Greet somebody."""
+            typer.echo(f"Good day, {name}.")
+    ''',
+}
+"""What is added, by its place from the root of the tree."""
+OWN = {
+    "skin.py": '''
+        from palpate.messages import Friction, Proximity, Warmth
+        from palpate.nodes import Node
+
+
+        class Skin(Node):
+            """Feels its friction."""
+
+            def step(self, friction: Friction, proximity: Proximity) -> Warmth:
+                return Warmth(power=sum(f * v for f, v in zip(friction.force, proximity.slip)))
+    ''',
+    "rub.yaml": """
+        extends: cartesian
+        nodes:
+          device: {use: device.Crank, port: emulator, ramp: 0.01, in: {force: controller}}
+          friction: {use: friction.Dahl, mu: 0.3, in: {contact: contact, proximity: collision}}
+          tissue: {use: deformation.Putty, in: {load: spread}}
+          skin: {use: skin.Skin, in: {friction: friction, proximity: collision}}
+    """,
+}
+"""What a user of them writes in a folder of their own."""
+COMMANDS = {
+    "greet": ["greet", "Ada"],
+    "nodes": ["nodes", "--json"],
+    "messages": ["messages", "Warmth", "--json"],
+    "laws": ["fe", "laws", "--json"],
+    "check": ["check", "rub.yaml"],
+    "wrong": ["check", "rub.yaml", "--set", "friction.mu=-1"],
+    "run": ["run", "rub.yaml", "--fused", "--duration", "0.5", "--record", "rub.mcap", "--quiet"],
+    "replay": ["replay", "rub.mcap", "--check"],
+    "info": ["info", "rub.mcap", "--json"],
+    "csv": ["export", "rub.mcap", "--to", "csv", "--out", "tables"],
+    "foxglove": ["export", "rub.mcap", "--to", "foxglove", "--out", "rub-json.mcap"],
+    "emulate": ["devices", "--emulate", "crank", "--seconds", "0.1", "--json"],
+}
+
+
+@pytest.fixture(scope="module")
+def said(tmp_path_factory):
+    """What each command says, and the folder in which they ran."""
+    rooms, here = tmp_path_factory.mktemp("rooms"), tmp_path_factory.mktemp("here")
+    for files, folder in ((ADDED, rooms), (OWN, here)):
+        for name, text in files.items():
+            (folder / name).parent.mkdir(parents=True, exist_ok=True)
+            (folder / name).write_text(dedent(text).lstrip())
+    done = subprocess.run(
+        [sys.executable, MORE_ROOMS / "commands.py"], input=json.dumps(list(COMMANDS.values())), cwd=here, check=False,
+        capture_output=True, text=True, env={**os.environ, "PYTHONPATH": str(MORE_ROOMS), "MORE_ROOMS": str(rooms)},
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    return dict(zip(COMMANDS, json.loads(done.stdout), strict=True)), here
+
+
+def answer(said, name):
+    code, text = said[0][name]
+    assert code == 0, text
+    return text
+
+
+def test_a_command_is_one_file(said):
+    assert answer(said, "greet") == "Good day, Ada.\n"
+
+
+def test_a_law_a_body_and_a_device_are_in_the_catalogue(said):
+    entries = {entry["use"]: entry for entry in json.loads(answer(said, "nodes"))["nodes"]}
+    assert [s["unit"] for s in entries["friction.Dahl"]["settings"]] == ["1", "1/m"]
+    assert entries["deformation.Putty"]["outputs"] == ["Surface"]
+    assert entries["device.Crank"]["outputs"] == ["DeviceState"]
+
+
+def test_a_message_is_listed_with_units_and_words(said):
+    (kind,) = json.loads(answer(said, "messages"))["messages"]
+    assert kind["fields"] == [{"name": "power", "unit": "W", "shape": [], "about": "of friction"}]
+
+
+def test_a_material_is_in_the_table_of_laws(said):
+    rows = {row["law"]: row for row in json.loads(answer(said, "laws"))["laws"]}
+    assert "J^(-2/3) I1 - 3" in rows["gent"]["text"] and rows["gent"]["shear Pa"] == pytest.approx(1e4 / 2.8)
+
+
+def test_a_graph_of_them_is_checked_with_units_and_limits(said):
+    answer(said, "check")
+    code, text = said[0]["wrong"]
+    assert code == 2 and "'friction', setting 'mu'" in text and "-1" in text, text
+
+
+def test_they_run_together_and_their_recording_comes_again_bit_for_bit(said):
+    answer(said, "run")
+    answer(said, "replay")
+    streams = {stream["name"]: stream["type"] for stream in json.loads(answer(said, "info"))["streams"]}
+    assert streams["skin"] == "Warmth"
+
+
+def test_their_messages_are_exported_with_units(said):
+    answer(said, "csv")
+    answer(said, "foxglove")
+    with (said[1] / "tables" / "tissue.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    dents = [float(row["free [m]"]) for row in rows]
+    assert dents == sorted(dents) and dents[-1] > 0.0
+    with (said[1] / "tables" / "skin.csv").open() as file:
+        assert "power [W]" in next(csv.reader(file))
+
+
+def test_the_device_is_driven_by_hand_too(said):
+    assert json.loads(answer(said, "emulate"))["device"] == "Crank"
