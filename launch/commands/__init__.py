@@ -24,6 +24,7 @@ ORDER = [
     "plan",
     "nodes",
     "messages",
+    "effects",
     "pictures",
     "doctor",
     "devices",

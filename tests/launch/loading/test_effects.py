@@ -1,6 +1,7 @@
 """Effects by name: what they switch, what is refused, and that leaving one out changes nothing that is still wanted."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -165,3 +166,15 @@ def test_a_replay_keeps_the_recorded_fields_but_for_effects_that_are_switched_of
     recording = short_touch(tmp_path, "one", "log.fields=all")
     assert "displacement" in changed(recording, ["tissue.damping=1"]).wanted["tissue"]
     assert "displacement" not in changed(recording, ["effects.shape=off"]).wanted["tissue"]
+
+
+def test_the_documented_catalogue_is_the_one_there_is():
+    from typer.testing import CliRunner
+
+    from palpate.launch.__main__ import app
+
+    shown = CliRunner().invoke(app, ["effects", "--markdown"]).stdout
+    assert shown.count("\n") > 10
+    assert shown in (Path(__file__).parents[3] / "docs" / "effects.md").read_text(encoding="utf-8")
+    data = json.loads(CliRunner().invoke(app, ["effects", "--json"]).stdout)
+    assert {"effect", "computed_by", "shown_by", "about"} <= set(data["effects"][0])

@@ -1,0 +1,56 @@
+"""`palpate effects`: the catalogue of effects."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+import typer
+
+from palpate.launch.commands.common import Json, console, tell
+
+
+def effects(
+    markdown: Annotated[bool, typer.Option("--markdown", help="As the table of docs/effects.md.")] = False,
+    as_json: Json = False,
+) -> None:
+    """List the effects that scenes and graphs name, what computes each, and what shows it."""
+    from palpate.launch.loading.effects import known
+
+    rows = [_row(name, parts) for name, parts in known().items()]
+    if as_json:
+        tell({"effects": rows})
+    elif markdown:
+        typer.echo(table(rows), nl=False)
+    else:
+        _print(rows)
+
+
+def _row(name: str, parts: list[Any]) -> dict[str, Any]:
+    about = next((effect.about for _, effect in parts if effect.about and effect.how == "part"), "")
+    return {
+        "effect": name,
+        "about": about,
+        "computed_by": sorted({use + (f", {effect.setting}" if effect.setting else "") for use, effect in parts}),
+        "shown_by": sorted({field for _, effect in parts for field in effect.fields}),
+    }
+
+
+def table(rows: list[dict[str, Any]]) -> str:
+    """The catalogue as a Markdown table."""
+    lines = ["| effect | what computes it | fields that show it |", "|---|---|---|"]
+    for row in rows:
+        by = "; ".join(f"`{one}`" for one in row["computed_by"])
+        lines.append(f"| `{row['effect']}` | {by} | {', '.join(f'`{f}`' for f in row['shown_by']) or 'all it sends'} |")
+    return "\n".join(lines) + "\n"
+
+
+def _print(rows: list[dict[str, Any]]) -> None:
+    from rich.table import Table
+    from rich.text import Text
+
+    shown = Table(box=None, pad_edge=False, header_style="bold")
+    for title in ("effect", "computed by", "shown by"):
+        shown.add_column(title, overflow="fold")
+    for row in rows:
+        shown.add_row(*map(Text, (row["effect"], "\n".join(row["computed_by"]), ", ".join(row["shown_by"]))))
+    console().print(shown)
