@@ -2,7 +2,9 @@
 
 A reading at rest jumps to and fro between two neighbouring steps, and what differences it (the damping of a contact)
 makes a great speed of each jump. So a reading that has stayed within two neighbouring steps for `REST` gives way to its
-mean since it came there. The first reading outside counts at once, as it is: what moves has no delay.
+mean since it came there. From the first reading outside on each change of the reading counts at once, without delay.
+How far the mean was from that reading, at most two steps, fades out over `BLEND`: as a jump it would be a great speed,
+too.
 
 Without it a stiff contact has no place to rest: N. Diolaiti, G. Niemeyer, F. Barbagli, J. K. Salisbury, "Stability
 of haptic rendering: discretization, quantization, time delay, and Coulomb effects", IEEE Trans. Robotics
@@ -11,28 +13,30 @@ of haptic rendering: discretization, quantization, time delay, and Coulomb effec
 
 from __future__ import annotations
 
+import math
+
 import numba
 import numpy as np
 
 REST = 0.05  # [s]
-BLEND = 0.01  # [s] from the reading to the mean
-LOW, HIGH, HELD, SUM = range(4)
+BLEND = 0.01  # [s] from the reading to the mean, and back
+LOW, HIGH, HELD, SUM, TOLD, AWAY = range(6)
 
 
 @numba.njit(cache=True)
 def begin(cell, x, y, z):
     """Forget what was."""
     cell[LOW, 0], cell[LOW, 1], cell[LOW, 2] = x, y, z
-    cell[HIGH, :] = cell[LOW, :]
-    cell[HELD:, :] = 0.0
+    cell[HIGH, :] = cell[TOLD, :] = cell[LOW, :]
+    cell[HELD, :] = cell[SUM, :] = cell[AWAY, :] = 0.0
 
 
 @numba.njit(cache=True)
 def settle(cell, x, y, z, step, dt):
     """The place (3) after a reading (x, y, z), in its unit.
 
-    cell  (4,3)  the range of the readings since they came here, the time [s] since, and the integral over it of
-                 the reading above the lowest; changed in place
+    cell  (6,3)  the range of the readings since they came here, the time [s] since, the integral over it of the
+                 reading above the lowest, the place told last, and what of its distance fades out; changed in place
     step         of the reading, above 0
     dt    [s]    since the last reading, above 0
     """
@@ -47,17 +51,26 @@ def rest(cell, i, reading, step, dt):
         cell[SUM, i] += (cell[LOW, i] - reading) * cell[HELD, i]
         cell[LOW, i] = reading
     cell[HIGH, i] = max(cell[HIGH, i], reading)
+    cell[AWAY, i] *= math.exp(-dt / BLEND)
     if not cell[HIGH, i] - cell[LOW, i] < 1.5 * step:
+        cell[AWAY, i] += _share(cell[HELD, i]) * (cell[TOLD, i] - cell[AWAY, i] - reading)
         cell[LOW, i] = cell[HIGH, i] = reading
         cell[HELD, i] = cell[SUM, i] = 0.0
-        return reading
-    cell[HELD, i] += dt
-    cell[SUM, i] += (reading - cell[LOW, i]) * dt
-    share = min(max((cell[HELD, i] - REST) / BLEND, 0.0), 1.0)
-    away = cell[SUM, i] / cell[HELD, i] + cell[LOW, i] - reading
-    return reading + share * away
+    else:
+        cell[HELD, i] += dt
+        cell[SUM, i] += (reading - cell[LOW, i]) * dt
+        mean = cell[SUM, i] / cell[HELD, i] + cell[LOW, i]
+        reading += _share(cell[HELD, i]) * (mean - reading)
+    cell[TOLD, i] = reading + cell[AWAY, i]
+    return cell[TOLD, i]
+
+
+@numba.njit(cache=True)
+def _share(held):
+    """Of the mean in what is told, after the readings have stayed for this time [s]."""
+    return min(max((held - REST) / BLEND, 0.0), 1.0)
 
 
 def buffers() -> np.ndarray:
-    """Fresh state (4,3) of `settle`."""
-    return np.zeros((4, 3))
+    """Fresh state (6,3) of `settle`."""
+    return np.zeros((6, 3))

@@ -87,7 +87,7 @@ def track(cursor, times, points, cell, step, limit, t, x, y, z):
     """Take one sample: (x, y, z, vx, vy, vz, dt) of the last good one; dt is 0 where the sample was not taken.
 
     cursor, times, points, limit  as in `judge`
-    cell    [m]  (4,3)  as in `between.settle`
+    cell    [m]  (6,3)  as in `between.settle`
     step    [m]  ()     of the device's position; 0: exact
     """
     kind = judge(cursor, times, points, limit, t, x, y, z)
