@@ -225,7 +225,8 @@ def test_coulomb_never_gives_energy_even_while_the_load_changes(path):
     supplied = np.cumsum(np.sum(force * v, axis=1) * 1e-3)
     stored = 750.0 * np.sum(z * z, axis=1)
     assert (supplied - stored >= -1e-12).all()
-    assert (np.linalg.norm(force, axis=1) <= 0.5 * load * (1 + 1e-12)).all()
+    size = np.array([math.hypot(*f) for f in force])  # squares of the smallest forces would underflow
+    assert (size <= 0.5 * load * (1 + 1e-12)).all()
 
 
 def contact(load, normal=(0, 0, 1)):
