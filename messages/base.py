@@ -24,7 +24,7 @@ from typing import Annotated, Any, Self, TypeVar
 import msgspec
 import numpy as np
 
-from palpate.messages.checks import settle
+from palpate.messages.checks import SETTLE
 from palpate.messages.example import example
 from palpate.messages.fields import HEADER, Field, Floats, Ints, MessageError, Vector, Vector2, Vector3, fields
 
@@ -60,7 +60,7 @@ class Message(msgspec.Struct, frozen=True, kw_only=True, gc=False):
     used: Annotated[tuple[int, ...], "1", ("u",)] = ()
 
     def __post_init__(self) -> None:
-        settle(self)
+        SETTLE[type(self)](self)
 
     @classmethod
     def example(cls, loaded: bool) -> Self:

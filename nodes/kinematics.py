@@ -11,7 +11,7 @@ from palpate.nodes.base import Node, Wants
 from palpate.physics.device import between, window
 from palpate.physics.device.falcon import FALCON, HOME
 from palpate.physics.device.falcon_statics import torque_kernel
-from palpate.physics.device.tracking import buffers, track, track_falcon
+from palpate.physics.device.tracking import buffers, pose, pose_falcon
 from palpate.physics.device.velocity import FILLED
 
 ZERO = (0.0, 0.0, 0.0)
@@ -27,31 +27,15 @@ class _Tracker(Node):
 
     def _reset(self, home: Vector3) -> None:
         self.cursor, self.times, self.points = buffers(self.differences, *home)
-        self.cell = between.buffers()
-        self.window = window.buffers()
-        window.settle(*self.window, 0.0, *home, self.resolution)
-        self._forget()
+        self.window, ring, self.line = window.buffers()
+        self.filter = self.cursor, self.times, self.points, between.buffers(), self.window, ring, self.line
         self.clock = 0
         self.last = home
-
-    def _forget(self) -> None:
-        self.window[0][:] = 0
-        self.line: tuple[float, ...] | None = None
 
     def _stamp(self, state: DeviceState, dt: float) -> int:
         """Time of the sample [ns]: the message's own, or the sum of the steps where it brings none."""
         self.clock = state.time if state.time >= 0 else self.clock + round(dt * 1e9)
         return self.clock
-
-    def _taken(self, x: float, y: float, z: float, vx: float, vy: float, vz: float, dt: float) -> Pose:
-        """The pose after a sample; between the device's steps where they are known."""
-        if self.resolution > 0.0 and dt > 0.0:
-            self.line = window.settle(*self.window, self.clock * 1e-9, x, y, z, self.resolution)
-        if self.line is not None:
-            x, y, z, *even, n = self.line
-            if n >= window.REST:
-                vx, vy, vz = even
-        return self._pose(x, y, z, vx, vy, vz, dt)
 
     def _pose(self, x: float, y: float, z: float, vx: float, vy: float, vz: float, dt: float) -> Pose:
         self.last = x, y, z
@@ -61,7 +45,7 @@ class _Tracker(Node):
     def _lost(self) -> Pose:
         """The last position at rest, while the device does not know where it is; then the history begins anew."""
         self.cursor[FILLED] = 0
-        self._forget()
+        window.forget(self.window, self.line)
         return self._pose(*self.last, 0.0, 0.0, 0.0, 0.0)
 
 
@@ -90,12 +74,9 @@ class Falcon(_Tracker):
                 f"DeviceState.joints: found {len(state.joints)} angles, expected 3 [rad]. "
                 "For a device that reports a position use kinematics.Cartesian."
             )
-        return self._taken(*self._track(time, *state.joints))
-
-    def _track(self, time: int, *angles: float) -> tuple[float, ...]:
-        count = FALCON.count if self.resolution > 0.0 else 0.0
-        return track_falcon(
-            self.cursor, self.times, self.points, self.cell, count, self.geometry, self.speed_limit, time, *angles
+        t0, t1, t2 = state.joints
+        return self._pose(
+            *pose_falcon(*self.filter, self.resolution, self.speed_limit, time, t0, t1, t2, FALCON.count, self.geometry)
         )
 
 
@@ -114,10 +95,7 @@ class Cartesian(_Tracker):
                 f"DeviceState.position: found {len(state.position)} numbers, expected 3 [m]. "
                 "For a device that reports the angles of a Falcon use kinematics.Falcon."
             )
-        return self._taken(*self._track(time, *state.position))
-
-    def _track(self, time: int, *point: float) -> tuple[float, ...]:
-        return track(self.cursor, self.times, self.points, self.cell, self.resolution, self.speed_limit, time, *point)
+        return self._pose(*pose(*self.filter, self.resolution, self.speed_limit, time, *state.position))
 
 
 class FalconStatics(Node):

@@ -113,8 +113,10 @@ class Input:
     def at(self, tick: int) -> Message | None:
         """The message that a step at `tick` of the simulated clock uses, if it is here; None where it has not come yet,
         and where there is none (see `absent`). Older ones are dropped."""
-        need = needed(tick, self.every, self.loop)
-        message = self.newest(need)
+        need = tick - self.loop if self.every == 1 else needed(tick, self.every, self.loop)
+        message = self.newest(need) if self.output is None else self.output.last
+        if message is not None and message.tick > need:
+            message = self.newest(need)
         return message if message is not None and message.tick == need else None
 
     def absent(self, tick: int) -> bool:
@@ -152,6 +154,7 @@ class Slot:
         """[ns] of the last step; None: there was none since the start."""
         self._step = node.step
         self._takes_dt = "dt" in inspect.signature(type(node).step).parameters
+        self._single = len(self.outputs) == 1
 
     def wire(self, known: dict[str, Output]) -> None:
         """Connect the inputs; `known` holds the outputs of this worker by stream."""
@@ -225,12 +228,13 @@ class Slot:
             except BaseException as error:
                 raise NodeFault(self.name, f"step at tick {tick}", error) from error
             self.health.step.add(perf_counter_ns() - begun)
-            answers = (answer,) if len(outputs) == 1 else self._several(answer, tick)
+            answers = (answer,) if self._single else self._several(answer, tick)
         self.health.tick = tick
         if not outputs:
             return
-        used = (-1 if messages[0] is None else messages[0].tick,) if len(messages) == 1 else _ticks(messages)
-        for output, message in zip(outputs, answers, strict=True):
+        used = tuple([-1 if message is None else message.tick for message in messages])
+        for place, output in enumerate(outputs):
+            message = answers[place]
             if type(message) is not output.kind or message.tick != -1:
                 message = self._other(output, message, tick)
             if not output.finite(message):
@@ -265,10 +269,6 @@ class Slot:
             check_finite(message)
         except MessageError as error:
             raise NodeFault(self.name, f"step at tick {tick}", error) from None
-
-
-def _ticks(messages: list[Message | None]) -> tuple[int, ...]:
-    return tuple([-1 if message is None else message.tick for message in messages])
 
 
 def _forces(message: Message) -> dict[str, float]:

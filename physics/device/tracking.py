@@ -15,6 +15,7 @@ import numpy as np
 from palpate.physics.device.between import begin, settle
 from palpate.physics.device.falcon import forward_kernel
 from palpate.physics.device.velocity import FILLED, HEAD, mean_velocity, push, restart
+from palpate.physics.device.window import smooth
 
 REFUSED = 3  # place in the cursor: samples refused in a row
 PATIENCE = 4  # samples that must agree before a jump is believed
@@ -122,6 +123,21 @@ def track_falcon(cursor, times, points, cell, step, geometry, limit, t, t0, t1, 
         if ok:  # within half a count of the reading: at the edge of the reach there may be no place
             x, y, z = sx, sy, sz
     return take(cursor, times, points, kind, t, x, y, z)
+
+
+@numba.njit(cache=True)
+def pose(cursor, times, points, cell, window, ring, line, resolution, limit, t, x, y, z):
+    """`track` at the device's resolution [m], then `window.smooth`; `window`, `ring`, `line` as there."""
+    sample = track(cursor, times, points, cell, resolution, limit, t, x, y, z)
+    return smooth(window, ring, line, t, sample, resolution)
+
+
+@numba.njit(cache=True)
+def pose_falcon(cursor, times, points, cell, window, ring, line, resolution, limit, t, t0, t1, t2, count, geometry):
+    """`track_falcon` of angles in steps of `count` [rad], then `window.smooth` at the resolution [m]."""
+    count = count if resolution > 0.0 else 0.0
+    sample = track_falcon(cursor, times, points, cell, count, geometry, limit, t, t0, t1, t2)
+    return smooth(window, ring, line, t, sample, resolution)
 
 
 def buffers(order: int, x: float, y: float, z: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -80,6 +80,31 @@ def settle(cursor, ring, t, x, y, z, step):
     return x + ex, y + ey, z + ez, vx, vy, vz, n
 
 
-def buffers() -> tuple[np.ndarray, np.ndarray]:
-    """Empty state of `settle`."""
-    return np.zeros(3, dtype=np.int64), np.zeros((LENGTH + 1, 4))
+@numba.njit(cache=True)
+def smooth(cursor, ring, line, t, sample, step):
+    """A sample of `tracking.track`, (x, y, z, vx, vy, vz, dt), on the line; the velocity from a window of `REST` on.
+
+    line  (7)     what `settle` told of the last sample that was taken (dt > 0), n below 0: none; changed in place
+    t     [ns]    of the sample
+    step  [m]     of the position; 0: exact
+    """
+    x, y, z, vx, vy, vz, dt = sample
+    if step > 0.0 and dt > 0.0:
+        line[0], line[1], line[2], line[3], line[4], line[5], line[6] = settle(cursor, ring, t * 1e-9, x, y, z, step)
+    if line[6] >= REST:
+        return line[0], line[1], line[2], line[3], line[4], line[5], dt
+    if line[6] >= 0.0:
+        return line[0], line[1], line[2], vx, vy, vz, dt
+    return x, y, z, vx, vy, vz, dt
+
+
+def buffers() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Empty state of `smooth`: cursor, ring and line."""
+    cursor, ring, line = np.zeros(3, dtype=np.int64), np.zeros((LENGTH + 1, 4)), np.zeros(7)
+    forget(cursor, line)
+    return cursor, ring, line
+
+
+def forget(cursor: np.ndarray, line: np.ndarray) -> None:
+    """Begin anew."""
+    cursor[:], line[:] = 0, -1.0

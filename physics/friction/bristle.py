@@ -54,16 +54,16 @@ def turn(zx, zy, zz, ax, ay, az, bx, by, bz):
 
 
 @njit(cache=True, error_model="numpy")
-def carry(bristles, normal, slip, load, rescale):
-    """The deflection [m] (3) under this step's normal and load, and the tangential part of the slip [m/s] (3).
+def carry(z, a, before, b, slip, load, rescale):
+    """The deflection [m] (3) under this step's normal b and load, and the tangential part of the slip [m/s] (3).
 
+    z, a, before  deflection [m] (3), normal [1] (3) and load [N] of the last step
     rescale  True: z shrinks by sqrt(f_old/f_new) when the load rises, so that bristles whose stiffness grows with the
              load take no energy from that
     """
-    a, b = bristles.normal, normal
-    x, y, z = turn(bristles.z[0], bristles.z[1], bristles.z[2], a[0], a[1], a[2], b[0], b[1], b[2])
-    if rescale and load > bristles.load > 0.0:
-        shrink = math.sqrt(bristles.load / load)
+    x, y, z = turn(z[0], z[1], z[2], a[0], a[1], a[2], b[0], b[1], b[2])
+    if rescale and load > before > 0.0:
+        shrink = math.sqrt(before / load)
         x, y, z = x * shrink, y * shrink, z * shrink
     along = slip[0] * b[0] + slip[1] * b[1] + slip[2] * b[2]
     return (x, y, z), (slip[0] - along * b[0], slip[1] - along * b[1], slip[2] - along * b[2])
@@ -82,7 +82,7 @@ def step(law: Any, before: Bristles, normal: Vector, slip: Vector, load: float, 
     """
     if not load > 0.0:
         return Bristles(), NOTHING, False
-    z, v = carry(before, normal, slip, load, getattr(law, "rescale", False))
+    z, v = carry(*before, normal, slip, load, getattr(law, "rescale", False))
     z, force, stick = law.advance(law, z, v, load, dt)
     return Bristles(z, normal, load), force, stick
 
