@@ -9,9 +9,11 @@ import numpy as np
 
 from palpate.messages import Contact, Force, Friction, Pose
 from palpate.nodes.base import Node, Wants
-from palpate.physics.device.controller import buffers, haptic
+from palpate.physics.device.controller import LIMIT, buffers, haptic
 
 ZERO = (0.0, 0.0, 0.0)
+GAP = 9e-3
+"""[s] without a step, and three times the step before, that count as an outage: the device was without torque then."""
 
 
 class Haptic(Node):
@@ -27,8 +29,11 @@ class Haptic(Node):
                          Too large a value is safe but shows less stiffness than it could
     resolution           step of the device's position; 0: exact
     limit, slew          largest force, and its largest change over time
+    ramp                 time in which the largest force is permitted again after an outage
 
-    The force is zero without a contact or a pose; without a friction it is the contact's own alone.
+    The force is zero without a contact or a pose; without a friction it is the contact's own alone. After an outage (a
+    contact, a pose, an input that the contact is computed from, or the steps themselves were missing) it comes in from
+    zero, never above limit/ramp times the time since, and the observer begins anew.
     """
 
     stiffness: Annotated[float, "N/m", msgspec.Meta(ge=0)] = 0.0
@@ -42,6 +47,7 @@ class Haptic(Node):
     resolution: Annotated[float, "m", msgspec.Meta(ge=0)] = 60e-6
     limit: Annotated[float, "N", msgspec.Meta(gt=0)] = 9.0
     slew: Annotated[float, "N/s", msgspec.Meta(gt=0)] = 5000.0
+    ramp: Annotated[float, "s", msgspec.Meta(ge=0)] = 0.1
 
     def start(self) -> None:
         observe = self.passivity or self.wants("energy")
@@ -61,10 +67,29 @@ class Haptic(Node):
             ],
             dtype=float,
         )
+        self._whole = self._lost = False
+        self._last, self._since = 0.0, self.ramp
         self._reset()
 
     def _reset(self) -> None:
         self.state, self.past = buffers(self.delay)
+
+    def _share(self, lacks: bool, dt: float) -> float:
+        """The share of force and limit in this step [1]. `lacks`: an input of the contact was missing."""
+        late = dt > GAP and 0.0 < 3.0 * self._last < dt
+        self._lost = self._lost or late or (self._whole and lacks)
+        self._last = dt
+        if not lacks:
+            self._whole = True
+            if self._lost:
+                self._lost, self._since = False, 0.0
+                self._reset()
+        if self._since >= self.ramp:
+            return 1.0
+        self._since += dt
+        share = min(self._since / self.ramp, 1.0)
+        self.gains[LIMIT] = share * self.limit
+        return share
 
     def step(
         self,
@@ -75,17 +100,18 @@ class Haptic(Node):
         dt: float,
     ) -> Force:
         if contact is None or pose is None:
+            self._lost = self._whole
             self._reset()
             return Force(force=ZERO, state="free", energy=0.0)
-        pull = friction.force if friction is not None else ZERO
-        a = contact.along
+        share = self._share(-1 in contact.used, dt)
+        p, a = friction.force if friction is not None else ZERO, contact.along
         fx, fy, fz, touching, energy = haptic(
             self.gains,
             self.state,
             self.past,
-            contact.force,
+            share * contact.force,
             contact.normal,
-            (pull[0] - a[0], pull[1] - a[1], pull[2] - a[2]),
+            (share * (p[0] - a[0]), share * (p[1] - a[1]), share * (p[2] - a[2])),
             contact.compression + contact.indentation,
             pose.position,
             pose.velocity,
