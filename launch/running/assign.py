@@ -35,6 +35,7 @@ def jobs(
     Groups on the force path that name no core share one; the others get the rest.
     """
     path = force_path(plan)
+    links = _links(plan, path)
     place = {name: group.name for group in placement.groups for name in group.nodes}
     found = []
     for phase, group in enumerate(placement.groups):
@@ -50,6 +51,7 @@ def jobs(
                 rate=plan.graph.rate,
                 ticks=ticks,
                 pace=pace,
+                links=links,
                 core=group.core or _cores(on_path, len(placement.groups)),
                 priority=group.priority or (PRIORITY + leads if on_path else None),
                 host=group.host,
@@ -82,6 +84,17 @@ def _reach(start: Iterable[str], ways: dict[str, set[str]]) -> set[str]:
             found.add(name)
             left.append(name)
     return found
+
+
+def _links(plan: Plan, path: set[str]) -> int:
+    """See `Job.links`."""
+    count = 0
+    for name in path:
+        cls = plan.graph.nodes[name].cls
+        held = inputs(cls) if cls.paced else inputs(cls)[1:]
+        needed = {port.name for port in held if not port.optional}
+        count += sum(edge.port in needed and edge.producer in path for edge in plan.edges[name])
+    return count
 
 
 def node_job(plan: Plan, name: str, path: set[str]) -> NodeJob:

@@ -60,8 +60,8 @@ class Job(msgspec.Struct, frozen=True):
     rate      [Hz] base rate
     ticks     number of ticks of the run, None: until stopped
     pace      simulated time passes at this multiple of real time, None: as fast as the machine allows
-    stale     [s] on the real clock, an input older than this (or three of its periods) counts as absent: with
-              the tick that notices it, the force is gone 20 ms after its sender
+    links     number of inputs on the force path, in all groups, that are held and cannot be done without: who holds one
+              falls silent when it is too old, and the next one holds what it sent last. They share the time for that
     phase     tells the workers apart, so that they do not all send their bursts to the observers in the same tick
     leads     true where a paced node is among the nodes
     carrier   "zmq" or "local": how the streams of this group get to nodes of other groups
@@ -76,7 +76,7 @@ class Job(msgspec.Struct, frozen=True):
     rate: float = 1000.0
     ticks: int | None = None
     pace: float | None = None
-    stale: float = 0.017
+    links: int = 0
     core: tuple[int, ...] | None = None
     priority: int | None = None
     host: str | None = None

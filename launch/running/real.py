@@ -4,8 +4,19 @@ A node waits up to one period for inputs of the same tick from the force path an
 others; the header's `used` records which. A tick that could not begin within its period is left out and counted.
 
 An input that is older than a stated age counts as absent, whoever is to blame: `HELD` for a node, `RELEASED` for a
-paced one, or three periods of the sender where these are longer. Where a node hangs, others hold its last message up to
-the first, and then the device holds its last torque up to the second: together less than 20 ms.
+paced one, or three periods of the sender where these are longer. So a node that stops is without effect on the device
+after less than 20 ms, at 1 kHz:
+
+* Those that it drives fall silent at once, for a step runs on a new driving message only, and all that are left do not
+  depend on it but by inputs that they hold.
+* Who can do without such an input does so after `HELD`, and says what is so (no tissue: no force) with fresh messages.
+* Who cannot falls silent then, and the next one begins to hold its last message. All such inputs of the graph, n of
+  them, share `HELD`: each is held for HELD / n (`Job.links`).
+* The device holds the last torque of those who fell silent for `RELEASED`: n (HELD / n) + RELEASED = 16 ms. Where the
+  others go on, it is at most RELEASED behind them: HELD + RELEASED again, and the controller's slew.
+
+On a machine too busy for its loop, the same ages take the torque away: a loop that is more than `RELEASED` late is an
+outage to the device, and after it the controller's force comes in anew.
 """
 
 from __future__ import annotations
@@ -95,13 +106,20 @@ def _gather(worker: Worker, slot: Slot, tick: int, deadline: int, leading: bool)
             if drives:
                 return None
             slot.health.held += 1
-            stale = RELEASED if slot.node.paced else HELD
-            if (tick - found.tick) / worker.job.rate > max(stale, 3 * port.every / worker.job.rate):
+            if (tick - found.tick) / worker.job.rate > _permitted(worker, slot, port):
                 found = None
         if found is None and not port.port.optional:
             return None
         messages.append(found)
     return messages
+
+
+def _permitted(worker: Worker, slot: Slot, port: Input) -> float:
+    """The age [s] up to which an input is held."""
+    period = port.every / worker.job.rate
+    age = max(RELEASED if slot.node.paced else HELD, 3 * period)
+    chained = worker.job.links > 1 and not (slot.node.paced or port.port.optional)
+    return max(age / worker.job.links, period) if chained else age
 
 
 def _pick(worker: Worker, port: Input, tick: int, deadline: int, waits: bool) -> Message | None:

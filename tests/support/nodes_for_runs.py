@@ -78,6 +78,20 @@ class Sum(Node):
         return Torque(torques=(float(load.forces[:, 0].sum()) / 1225.0, float(friction is None), 0.0))
 
 
+class Hold(Node):
+    """A force that it holds, told again at each pose."""
+
+    def step(self, pose: Pose, force: Force) -> Force:
+        return Force(force=force.force, state=force.state, energy=0.0)
+
+
+class Turn(Node):
+    """A torque of 1 N m as long as there is a force."""
+
+    def step(self, force: Force) -> Torque:
+        return Torque(torques=(1.0, 0.0, 0.0))
+
+
 class Faulty(Spring):
     """Fails in a chosen way at a chosen step, and writes the tick of it to a file, if one is named."""
 
