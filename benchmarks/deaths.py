@@ -3,9 +3,9 @@
     python benchmarks/deaths.py [--carrier zmq|local] [--json]
 
 For each node: time from the kill until the launcher reports the death, and until the device works without torque; and
-the latter after SIGSTOP, which looks to the others like a node that hangs. Without `friction` the others go on. Where the
-system took this program off the processor while it sent the signal, so that the moment is not known to 1 ms, the fault
-is made again.
+the latter after SIGSTOP, which looks to the others like a node that hangs. Without `friction` the others go on. Where
+the system took this program off the processor while it sent the signal, so that the moment is not known to 1 ms, the
+fault is made again.
 """
 
 from __future__ import annotations
