@@ -1,0 +1,161 @@
+"""The rules of the real clock one by one, without processes: ages of inputs, ticks left out, messages passed over."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import msgspec
+import pytest
+
+from palpate.launch.running import real
+from palpate.launch.running.job import InputJob, NodeJob
+from palpate.launch.running.slot import Slot, make
+from palpate.launch.running.worker import Ended
+from palpate.messages import Force, Message, Pose, Torque
+
+FORCE = Force(force=(1.0, 0.0, 0.0), state="free", energy=0.0)
+POSE = Pose(position=(0, 0, 0), velocity=(0, 0, 0), dt=1e-3)
+TORQUE = Torque(torques=(1.0, 0.0, 0.0))
+MS = 1_000_000
+
+
+def slot(cls: str, *ports: tuple[str, dict]) -> Slot:
+    """A node of tests/support with inputs from elsewhere."""
+    jobs = tuple(InputJob(port=name, stream=name, producer=name, **given) for name, given in ports)
+    job = NodeJob("node", f"nodes_for_runs.{cls}", {}, 1, jobs, ("node",))
+    made = Slot(job, make(job), ())
+    made.wire({})
+    for port in made.inputs:
+        port.feed = port
+    return made
+
+
+def put(made: Slot, port: int, message: Message, tick: int) -> None:
+    made.inputs[port].put(msgspec.structs.replace(message, tick=tick, time=tick * MS), 0)
+
+
+def worker(rate: float = 1000.0, links: int = 0, wait=lambda feed: None) -> SimpleNamespace:
+    return SimpleNamespace(
+        job=SimpleNamespace(rate=rate, links=links), wait=wait, stopping=False, tick=-1, mute=set(), drain=lambda: None
+    )
+
+
+def drag(age: int, every: int = 1, loop: bool = False, **given) -> tuple[Slot, list | None]:
+    """Its inputs at tick 100 with a held force that is `age` ticks old."""
+    made = slot("Drag", ("pose", {}), ("force", {"every": every, "loop": loop, "waits": False}))
+    put(made, 0, POSE, 100)
+    put(made, 1, FORCE, 100 - age)
+    return made, real._gather(worker(**given), made, 100, 0, leading=True)
+
+
+@pytest.mark.parametrize(
+    ("given", "oldest"),
+    [
+        ({}, 7),
+        ({"links": 1}, 7),
+        ({"links": 2}, 3),
+        ({"links": 7}, 1),
+        ({"links": 100}, 1),
+        ({"rate": 500.0}, 3),
+        ({"rate": 100.0}, 3),
+        ({"rate": 2000.0}, 14),
+        ({"every": 10}, 30),
+        ({"every": 10, "links": 2}, 15),
+    ],
+)
+def test_a_needed_input_is_held_up_to_its_age(given, oldest):
+    assert drag(oldest, **given)[1] is not None
+    assert drag(oldest + 1, **given)[1] is None
+
+
+def test_an_input_that_a_node_can_do_without_is_absent_beyond_its_age():
+    for links in (0, 3):
+        for age, absent in ((7, False), (8, True)):
+            made = slot("Spread", ("force", {}), ("friction", {"optional": True, "waits": False}))
+            put(made, 0, FORCE, 100)
+            put(made, 1, FORCE, 100 - age)
+            found = real._gather(worker(links=links), made, 100, 0, leading=True)
+            assert found is not None and (found[1] is None) == absent
+
+
+@pytest.mark.parametrize(("age", "absent"), [(9, False), (10, True)])
+def test_a_device_is_without_torque_beyond_its_own_age(age, absent):
+    made = slot("Source", ("torque", {"loop": True, "optional": True}))
+    put(made, 0, TORQUE, 100 - age)
+    found = real._gather(worker(links=5), made, 100, 0, leading=True)
+    assert found is not None and (found[0] is None) == absent
+
+
+@pytest.mark.parametrize(
+    ("age", "every", "loop", "held"),
+    [(0, 1, False, 0), (1, 1, False, 1), (1, 1, True, 0), (2, 1, True, 1), (0, 10, False, 0)],
+)
+def test_only_what_is_older_than_the_tick_asks_for_counts_as_held(age, every, loop, held):
+    made, found = drag(age, every, loop)
+    assert found is not None and made.health.held == held
+
+
+def test_a_step_waits_for_its_inputs_until_the_deadline_and_no_longer(monkeypatch):
+    clock = [0]
+    monkeypatch.setattr(real, "now", lambda: clock[0])
+
+    def gather(comes: int | None, waits: bool) -> tuple[list | None, int]:
+        clock[0] = 0
+        made = slot("Drag", ("pose", {}), ("force", {"waits": waits}))
+        put(made, 0, POSE, 100)
+        put(made, 1, FORCE, 99)
+
+        def wait(feed: object) -> None:
+            clock[0] += MS
+            if clock[0] == comes:
+                put(made, 1, FORCE, 100)
+
+        found = real._gather(worker(wait=wait), made, 100, 5 * MS, leading=True)
+        return [message.tick for message in found], clock[0]
+
+    assert gather(3 * MS, True) == ([100, 100], 3 * MS)
+    assert gather(None, True) == ([100, 99], 5 * MS)
+    assert gather(3 * MS, False) == ([100, 99], 0)
+
+
+def test_a_driving_message_that_does_not_come_means_no_step():
+    made = slot("Drag", ("pose", {}), ("force", {"waits": False}))
+    put(made, 0, POSE, 99)
+    put(made, 1, FORCE, 100)
+    assert real._gather(worker(), made, 100, 0, leading=False) is None
+    assert made.health.held == 0
+
+
+def test_of_several_driving_messages_the_newest_counts_and_the_others_are_lost():
+    made, here = slot("Drag", ("pose", {}), ("force", {})), worker()
+    for tick in (3, 4, 6):
+        put(made, 0, POSE, tick)
+    assert real._follow(here, made) == (6, 6 * MS)
+    assert made.health.lost == 2
+    here.tick = 6
+    assert real._follow(here, made) is None
+    assert made.health.lost == 5 and not made.inputs[0].queue
+
+
+def test_a_node_that_waits_ends_when_it_is_told():
+    made, here = slot("Drag", ("pose", {}), ("force", {})), worker()
+
+    def heed() -> None:
+        here.stopping = True
+
+    here.heed = heed
+    with pytest.raises(Ended):
+        real._follow(here, made)
+
+
+@pytest.mark.parametrize(("late", "skipped"), [(0.0, 0), (0.9, 0), (1.1, 1), (2.6, 2)])
+@pytest.mark.parametrize("before", [-1, 4])
+def test_ticks_whose_whole_period_has_passed_are_left_out_and_counted(monkeypatch, late, skipped, before):
+    origin, deadlines = 1000, []
+    monkeypatch.setattr(real, "sleep_until", lambda deadline: deadlines.append(deadline) or round(late * MS))
+    monkeypatch.setattr(real, "now", lambda: origin + 77)
+    made, here = slot("Source", ("torque", {"loop": True})), worker()
+    here.tick = before
+    assert real._pace(here, made, origin, MS) == (before + 1 + skipped, 77)
+    assert deadlines == [origin + (before + 1) * MS]
+    assert made.health.late == (skipped if before >= 0 else 0)
