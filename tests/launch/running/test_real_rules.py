@@ -159,3 +159,74 @@ def test_ticks_whose_whole_period_has_passed_are_left_out_and_counted(monkeypatc
     assert real._pace(here, made, origin, MS) == (before + 1 + skipped, 77)
     assert deadlines == [origin + (before + 1) * MS]
     assert made.health.late == (skipped if before >= 0 else 0)
+
+
+def test_a_run_that_is_told_to_stop_ends_at_its_next_tick(monkeypatch):
+    monkeypatch.setattr(real, "sleep_until", lambda deadline: 0)
+    here = worker()
+    here.stopping = True
+    with pytest.raises(Ended):
+        real._pace(here, slot("Source", ("torque", {"loop": True})), 0, MS)
+
+
+def test_what_a_dead_sender_sent_is_not_used():
+    made, _ = drag(0)
+    made.inputs[1].dead = True
+    assert real._gather(worker(), made, 100, 0, leading=True) is None
+
+
+def test_the_input_of_a_loop_is_of_the_tick_before():
+    made = slot("Source", ("torque", {"loop": True}))
+    put(made, 0, TORQUE, 99)
+    put(made, 0, TORQUE, 100)
+    assert real._gather(worker(), made, 100, 0, leading=True)[0].tick == 99
+
+
+class Here(SimpleNamespace):
+    """A worker with a paced node at each tick, one at every second, and one that is mute."""
+
+    def __init__(self, last: int) -> None:
+        super().__init__(job=SimpleNamespace(rate=1000.0, links=0), tick=-1, last=last, mute={"silent"}, stopping=False)
+        self.clock = [0]
+        self.slots = [slot("Source", ("torque", {"loop": True, "optional": True})) for _ in range(3)]
+        for made in self.slots:
+            made.begin()
+        self.slots[1].every = 2
+        self.slots[2].name = "silent"
+        self.sent: list[tuple[int, int]] = []
+
+    def send(self, made: Slot) -> None:
+        self.sent.append((self.slots.index(made), made.outputs[0].last.tick))
+        self.clock[0] += 30_000
+
+    def drain(self) -> None:
+        """Nothing comes."""
+
+    heed = housekeep = drain
+
+
+def test_each_node_runs_at_its_ticks_up_to_the_last(monkeypatch):
+    here, deadlines = Here(last=3), []
+    origin = 5 * MS
+
+    def sleep(deadline: int) -> int:
+        here.clock[0] = deadline + 10_000
+        return 10_000
+
+    def gather(worker, made, tick, deadline, leading):
+        deadlines.append((deadline, leading))
+        return None if tick == 3 else [None]
+
+    monkeypatch.setattr(real, "sleep_until", sleep)
+    monkeypatch.setattr(real, "now", lambda: here.clock[0])
+    monkeypatch.setattr(real, "_gather", gather)
+    real.run_real(here, origin)
+    assert here.sent == [(0, 0), (1, 0), (0, 1), (0, 2), (1, 2)]
+    ticks = (0, 0, 1, 2, 2, 3)
+    assert deadlines == [
+        (origin + tick * MS + 10_000 + MS, leading)
+        for tick, leading in zip(ticks, (True, False, True, True, False, True), strict=True)
+    ]
+    assert [made.health.lost for made in here.slots] == [1, 0, 0]
+    assert here.slots[0].outputs[0].last.time == 2 * MS + 10_000
+    assert here.slots[0].health.age.longest == 30_000 and here.slots[1].health.age.longest == 60_000
