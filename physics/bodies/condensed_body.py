@@ -21,6 +21,7 @@ import zipfile
 import zlib
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import NamedTuple
 
 import numba
 import numpy as np
@@ -94,6 +95,31 @@ class Basis:
         return cls(vertices, triangles, full, dents)
 
 
+class Model(NamedTuple):
+    """What a condensed body is made of.
+
+    compliance, vertices, dents  as in `Basis`
+    moments           of the hats of the coarse vertices, see `dents.hat_moments`
+    corners, weights  [1] (W,3)  vertices of the triangle that a vertex of the fine mesh lies on, and its share of each
+    young [Pa], retardation [s]  E, tau;  margin [m]  longest edge of the coarse surface
+    """
+
+    compliance: np.ndarray
+    vertices: np.ndarray
+    dents: np.ndarray
+    moments: np.ndarray
+    corners: np.ndarray
+    weights: np.ndarray
+    young: float
+    retardation: float
+    margin: float
+
+
+COMPLIANCE, FREE, NOW, MORE, OWN, BEYOND = range(6)
+"""Numbers that a body keeps: compliance [m/N], s_free and s [m] of the law that was told, the load [N] on the patch that
+large displacement adds, compliance of the linear body at rest [m/N], how far beyond the deepest press it is [1]."""
+
+
 class CondensedBody:
     """The state of a condensed organ under the contact.
 
@@ -114,22 +140,21 @@ class CondensedBody:
         self.young, self.retardation, self.reach = young, retardation, reach
         count = len(basis.vertices)
         edges = coarse.vertices[coarse.triangles]
-        self._margin = float(np.linalg.norm(edges - np.roll(edges, 1, axis=1), axis=2).max())
-        self.held = np.zeros((count, 3))
+        margin = float(np.linalg.norm(edges - np.roll(edges, 1, axis=1), axis=2).max())
+        self._count = self._touched = 0
+        dents = basis.dents if basis.dents.size else np.zeros((count, 0))
+        moments = hat_moments(coarse)
+        self._model = Model(
+            basis.compliance, basis.vertices, dents, moments, self.corners, self.weights, young, retardation, margin
+        )
+        self._fields, self._marks = np.zeros((4, count, 3)), np.zeros((2, count), dtype=np.int64)
+        self._curve, self._numbers = np.zeros((2, dents.shape[1] + 1)), np.zeros(6)
+        self.held = self._fields[0]
         """[N] (V,3) loads that the displacement follows, h."""
-        self._active = np.zeros(count, dtype=np.int64)
-        self._state = np.zeros(count, dtype=np.int64)
-        self._count = 0
-        self._work = np.zeros((3, count, 3))
-        self._dents = basis.dents if basis.dents.size else np.zeros((count, 0))
-        self._moments = hat_moments(coarse)
-        self._curve = np.zeros((2, self._dents.shape[1] + 1))
-        self._found = np.zeros(6)
-        self._touched = 0
         self._normal = (0.0, 0.0, 0.0)
         slopes = weight_slopes(coarse, self.corners)
         soft = softness(coarse, basis.compliance, self._spreader, self.corners, self.weights)
-        self._ground = Ground(basis.vertices, coarse.normals, self._moments, self.corners, slopes, soft, self._dents)
+        self._ground = Ground(basis.vertices, coarse.normals, moments, self.corners, slopes, soft, dents)
         self._patch, self._pull = np.zeros(0, dtype=np.int32), np.zeros((0, 3))
         self._slope, self._turning = np.zeros(3), np.zeros((3, 3))
         self._nodes = np.zeros(len(mesh.vertices), dtype=np.int32)
@@ -152,26 +177,27 @@ class CondensedBody:
         else:
             patch, pull, share = nodes, forces, 1.0
         self._count, self._touched = _step(
-            self.basis.compliance, self.corners, self.weights, patch, pull, share, normal, dt, self.young,
-            self.retardation, self.held, self._active, self._state, self._count, self._work, self._found,
-            self.basis.vertices, self._moments, self._dents, self._curve,
+            self._model, patch, pull, share, normal, dt, self._fields, self._marks, self._curve, self._numbers,
+            self._count,
         )  # fmt: skip
         self._normal = normal
         self._patch, self._pull = nodes, forces
-        return float(self._found[0]), float(self._found[1]), float(self._found[2])
+        compliance, free, now = self._numbers[:MORE].tolist()
+        return compliance, free, now
 
     @property
     def beyond(self) -> float:
         """How far the last step's indentation is beyond the deepest that the organ was pressed to: 0 within, 1 at
         twice that; 0 where only the linear organ is known."""
-        return float(self._found[5])
+        return float(self._numbers[BEYOND])
 
     def along(self) -> tuple[tuple[float, float, float], tuple[float, ...]]:
         """What the energy at the force of the last step gains along the surface [N] (3), and how the normal turns there
         [1/m] (9), row by row: see `physics.bodies.place_energy`."""
+        _, _, measure, order = self._fields
         along(
-            self._ground, self._work[2, :, 0], self._touched, self._work[1], self._patch, self._pull, self._normal,
-            float(self._found[4]), self._slope, self._turning,
+            self._ground, order[:, 0], self._touched, measure, self._patch, self._pull, self._normal,
+            float(self._numbers[OWN]), self._slope, self._turning,
         )  # fmt: skip
         x, y, z = self._slope.tolist()
         return (x, y, z), tuple(self._turning.ravel().tolist())
@@ -179,31 +205,34 @@ class CondensedBody:
     def displaced(self, foot: tuple) -> tuple[np.ndarray, np.ndarray]:
         """Vertices of the mesh within reach of the foot point, and their displacements [m] (k,3)."""
         count = _displaced(
-            self.basis.compliance, self.basis.vertices, self.corners, self.weights, self.mesh.vertices, foot,
-            self.reach, self._margin, self.young, self.held, self._active, self._count, self._work, self._nodes,
-            self._moved, self._touched, self._normal, float(self._found[3]),
+            self._model, self.mesh.vertices, foot, self.reach, self._fields, self._marks[0], self._count,
+            self._touched, self._normal, float(self._numbers[MORE]), self._nodes, self._moved,
         )  # fmt: skip
         return self._nodes[:count], self._moved[:count]
 
 
 @numba.njit(cache=True)
-def _step(
-    compliance, corners, weights, patch, pull, share, normal, dt, young, retardation, held, active, state, count,
-    work, found, points, moments, dents, curve,
-):  # fmt: skip
+def _step(model, patch, pull, share, normal, dt, fields, marked, curve, numbers, count):
     """`share` is 1 where `pull` is a load, 0 where it only marks the patch. Returns how many vertices hold load, and
-    how many the patch touches."""
-    load, measure = work[0], work[1]
+    how many the patch touches.
+
+    fields  (4,V,3)    h [N]; the load, later the displacement; shares of the normal force; the vertices of the patch
+    marked  [1] (2,V)  the vertices that hold load; 1 for each of these
+    curve   (2,D+1)    knots and slopes of the indentation over that of the linear body
+    """
+    compliance, corners, weights = model.compliance, model.corners, model.weights
+    dents, young = model.dents, model.young
+    held, load, measure, order = fields[0], fields[1], fields[2], fields[3, :, 0]
+    active, marks = marked[0], marked[1]
     touched = 0
-    order = work[2, :, 0]
     total = normal_force(pull, normal)
     for k in range(len(patch)):
         p = patch[k]
         part = share_of(k, pull, normal, total)
         for a in range(3):
             v = corners[p, a]
-            if state[v] < 2:  # 1: holds load, 2: touched now
-                state[v] += 2
+            if marks[v] < 2:  # 1: holds load, 2: touched now
+                marks[v] += 2
                 order[touched] = v
                 touched += 1
                 load[v] = 0.0
@@ -212,18 +241,18 @@ def _step(
             measure[v, 0] += w * part
             for i in range(3):
                 load[v, i] += share * w * pull[k, i]
-    keep, take = retardation / (dt + retardation), dt / (dt + retardation)
+    keep, take = model.retardation / (dt + model.retardation), dt / (dt + model.retardation)
     for k in range(count):
         for i in range(3):
             held[active[k], i] *= keep
     for k in range(touched):
         v = int(order[k])
-        state[v] -= 2
+        marks[v] -= 2
         if share > 0.0:
             for i in range(3):
                 held[v, i] += take * load[v, i]
-            if state[v] == 0:
-                state[v] = 1
+            if marks[v] == 0:
+                marks[v] = 1
                 active[count] = v
                 count += 1
     # drop what has faded
@@ -232,7 +261,7 @@ def _step(
         v = active[k]
         if abs(held[v, 0]) + abs(held[v, 1]) + abs(held[v, 2]) < FORGOTTEN:
             held[v] = 0.0
-            state[v] = 0
+            marks[v] = 0
         else:
             active[kept] = v
             kept += 1
@@ -261,35 +290,35 @@ def _step(
     own /= young
     aside = static - own * total if share > 0.0 and total > 0.0 else 0.0  # what the tangential load adds
     free = keep * now + take * aside
-    found[0], found[1], found[2], found[3] = take * own, free, now, 0.0
-    found[4], found[5] = own, 0.0
+    numbers[COMPLIANCE], numbers[FREE], numbers[NOW] = take * own, free, now
+    numbers[MORE], numbers[OWN], numbers[BEYOND] = 0.0, own, 0.0
     if dents.shape[1] == 0 or not own > 0.0:
         return count, touched
-    radius = patch_radius(points, moments, order, touched, measure)
+    radius = patch_radius(model.vertices, model.moments, order, touched, measure)
     knots, slopes = curve[0], curve[1]
     rise(dents, order, touched, measure, knots, slopes)
     force = max(total * share, LEAST_FORCE)
-    found[2] = radius * risen(now / radius, knots, slopes)[0]
-    found[1] = radius * risen(free / radius, knots, slopes)[0]
+    numbers[NOW] = radius * risen(now / radius, knots, slopes)[0]
+    numbers[FREE] = radius * risen(free / radius, knots, slopes)[0]
     end = SPACING * dents.shape[1]
-    found[5] = max(found[2] / (radius * end) - 1.0, 0.0)
+    numbers[BEYOND] = max(numbers[NOW] / (radius * end) - 1.0, 0.0)
     then, slope = risen((free + take * own * force) / radius, knots, slopes)
-    found[0] = (radius * then - found[1]) / force
-    if slope * take * own > found[0]:  # of a convex s(f): so contact comes to its force from above, and does not swing
-        found[0] = slope * take * own
-        found[1] = radius * then - found[0] * force
-    found[3] = (found[2] - now) / own
+    numbers[COMPLIANCE] = (radius * then - numbers[FREE]) / force
+    # of a convex s(f): so contact comes to its force from above, and does not swing
+    if slope * take * own > numbers[COMPLIANCE]:
+        numbers[COMPLIANCE] = slope * take * own
+        numbers[FREE] = radius * then - numbers[COMPLIANCE] * force
+    numbers[MORE] = (numbers[NOW] - now) / own
     return count, touched
 
 
 @numba.njit(cache=True)
-def _displaced(
-    compliance, points, corners, weights, vertices, foot, reach, margin, young, held, active, count, work, nodes, moved,
-    touched, normal, more,
-):  # fmt: skip
-    """`more` [N] is the load on the patch that large displacement adds; the patch is the last step's, in `work`."""
-    u, share, order = work[0], work[1], work[2, :, 0]
-    far = (reach + 1.5 * margin) ** 2
+def _displaced(model, vertices, foot, reach, fields, active, count, touched, normal, more, nodes, moved):
+    """`more` [N] is the load on the patch that large displacement adds; the patch is the last step's."""
+    compliance, points, held, u, share, order = (
+        model.compliance, model.vertices, fields[0], fields[1], fields[2], fields[3, :, 0]
+    )  # fmt: skip
+    far = (reach + 1.5 * model.margin) ** 2
     for v in range(len(points)):
         d0, d1, d2 = points[v, 0] - foot[0], points[v, 1] - foot[1], points[v, 2] - foot[2]
         if d0 * d0 + d1 * d1 + d2 * d2 > far:
@@ -305,5 +334,5 @@ def _displaced(
                     b = int(order[k])
                     along = row[3 * b] * normal[0] + row[3 * b + 1] * normal[1] + row[3 * b + 2] * normal[2]
                     total -= more * share[b, 0] * along
-            u[v, i] = total / young
-    return carried(corners, weights, u, vertices, foot, reach, nodes, moved)
+            u[v, i] = total / model.young
+    return carried(model.corners, model.weights, u, vertices, foot, reach, nodes, moved)

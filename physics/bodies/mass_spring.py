@@ -14,6 +14,7 @@ Only nodes under load or not yet recovered are touched; they are kept in a compa
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -26,6 +27,19 @@ AT_REST = 1e-9
 """[m] Displacement below which an unloaded node counts as recovered."""
 MOST_STRAIN = 0.8
 """Largest difference of displacement between neighbours, over the length of their edge."""
+
+
+class Edges(NamedTuple):
+    """Neighbours on a mesh of V vertices, each edge from both ends (E).
+
+    spans       [m] (E)    its length
+    first       [1] (V+1)  place in `neighbours` of the first neighbour of each node
+    neighbours  [1] (E)    nodes that share an edge with it
+    """
+
+    spans: np.ndarray
+    first: np.ndarray
+    neighbours: np.ndarray
 
 
 @njit(cache=True, error_model="numpy")
@@ -89,22 +103,19 @@ def take_load(nodes, forces, normal, per_area, where, active, state, count):
 
 
 @njit(cache=True, error_model="numpy")
-def nodal_step(
-    nodes, forces, normal, dt, law, hardness, per_area, spans, first, neighbours, where, active, state, out, count
-):
+def nodal_step(nodes, forces, normal, dt, law, nodal, edges, slots, state, out, count):
     """One step of the nodal law; returns how many nodes are displaced.
 
     nodes (k), forces [N] (k,3)   the load; normal [1] (3): outward at the contact
     law      (6)     K [N/m^n], n, c [s/m], k_t [N/m], d_t [N s/m], shortest edge [m]
-    hardness (V)     factor on K of each node
-    per_area (V)     inverse nodal areas [1/m²]
-    spans, first, neighbours  edge lengths [m] and neighbours of each node
-    where    (V)     slot of each node in the list, -1 outside;  active (V): node of each slot
+    nodal    (2,V)   factor on K of each node, and inverse nodal areas [1/m²]
+    slots    (2,V)   slot of each node in the list, -1 outside, and node of each slot
     state    (V,10)  by slot: u [m], u_t [m] (3), the normal [1] (3) against which it was last pressed, load [N] (3)
     out      (V,3)   displacement [m] by slot
     count            length of the list before the step
     """
     stiffness, exponent, damping, k_t, d_t, shortest = law[0], law[1], law[2], law[3], law[4], law[5]
+    hardness, per_area, where, active = nodal[0], nodal[1], slots[0], slots[1]
     nx, ny, nz = normal[0], normal[1], normal[2]
     total, peak, count = take_load(nodes, forces, normal, per_area, where, active, state, count)
     gain = 1.0 / (k_t + d_t / dt)
@@ -130,7 +141,7 @@ def nodal_step(
             state[slot, 0] = max(0.0, u - dt / damping) if damping > 0.0 else 0.0
         widest = max(widest, state[slot, 1] ** 2 + state[slot, 2] ** 2 + state[slot, 3] ** 2)
     if 2.0 * math.sqrt(widest) > MOST_STRAIN * shortest:
-        limit_differences(state, 1, count, spans, first, neighbours, where, active)
+        limit_differences(state, 1, count, edges, where, active)
     count = drop_rested(where, active, state, count)
     for slot in range(count):
         for k in range(3):
@@ -159,11 +170,12 @@ def drop_rested(where, active, state, count):
 
 
 @njit(cache=True, error_model="numpy")
-def limit_differences(state, column, count, spans, first, neighbours, where, active):
+def limit_differences(state, column, count, edges, where, active):
     """Hold |u_i - u_j| <= 0.8 edge length between neighbours, for the vectors in three columns of `state`.
 
     A few sweeps that move both ends equally spread the excess; what is left is scaled away, which always suffices.
     """
+    spans, first, neighbours = edges
     for sweep in range(9):
         worst = 1.0
         for slot in range(count):
@@ -200,25 +212,29 @@ def limit_differences(state, column, count, spans, first, neighbours, where, act
 class Net:
     """What both forms of the body need of a mesh: nodal areas, neighbours, and room for the compact list.
 
-    per_area    [1/m²] (V)  inverse nodal areas; a node without area counts as a millionth of the mean
-    first       [1]  (V+1)  place in `neighbours` of the first neighbour of each node
-    neighbours  [1]  (E)    nodes that share an edge with it
-    spans       [m]  (E)    length of that edge
+    nodal  (2,V)  factor on K of each node [1], and inverse nodal areas [1/m²]; a node without area counts as a
+                  millionth of the mean
     """
 
-    def __init__(self, mesh: Mesh) -> None:
+    def __init__(self, mesh: Mesh, hardness: np.ndarray | None) -> None:
         size = len(mesh.vertices)
         self.vertices = np.ascontiguousarray(mesh.vertices, dtype=float)
         self.normals = np.ascontiguousarray(mesh.normals)
         mean = float(mesh.areas.mean())
-        self.per_area = 1.0 / np.maximum(mesh.areas, 1e-6 * mean if mean > 0 else 1.0)
-        self.first, self.neighbours, self.spans = neighbours(mesh)
-        self.shortest = float(self.spans.min(initial=math.inf))
-        self.where = np.full(size, -1, np.int32)
-        self.active = np.zeros(size, np.int32)
+        per_area = 1.0 / np.maximum(mesh.areas, 1e-6 * mean if mean > 0 else 1.0)
+        self.nodal = np.stack([np.ones(size) if hardness is None else np.asarray(hardness, float), per_area])
+        first, others, spans = neighbours(mesh)
+        self.edges = Edges(spans, first, others)
+        self.shortest = float(spans.min(initial=math.inf))
+        self.slots = np.stack([np.full(size, -1, np.int32), np.zeros(size, np.int32)])
         self.state = np.zeros((size, 10))
         self.displacement = np.zeros((size, 3))
         self.count = 0
+
+    @property
+    def displaced(self) -> tuple[np.ndarray, np.ndarray]:
+        """The nodes of the list (k), and their displacements [m] (k,3)."""
+        return self.slots[1, : self.count], self.displacement[: self.count]
 
 
 class NodalBody:
@@ -238,14 +254,12 @@ class NodalBody:
         tangential_damping: float,
         hardness: np.ndarray | None = None,
     ) -> None:
-        self.net = net = Net(mesh)
+        self.net = net = Net(mesh, hardness)
         law = np.array([stiffness, exponent, damping, tangential_stiffness, tangential_damping, net.shortest])
-        hardness = np.ones(len(net.per_area)) if hardness is None else np.ascontiguousarray(hardness, float)
-        self._fixed = (law, hardness, net.per_area, net.spans, net.first, net.neighbours)
-        self._list = (net.where, net.active, net.state, net.displacement)
+        self._fixed = (law, net.nodal, net.edges, net.slots, net.state, net.displacement)
 
     def step(self, nodes: np.ndarray, forces: np.ndarray, normal: tuple[float, float, float], dt: float):
         """Displaced nodes (k) and their displacement [m] (k,3) after a step dt > 0 [s] under nodal forces [N]."""
         net = self.net
-        net.count = nodal_step(nodes, forces, normal, dt, *self._fixed, *self._list, net.count)
-        return net.active[: net.count], net.displacement[: net.count]
+        net.count = nodal_step(nodes, forces, normal, dt, *self._fixed, net.count)
+        return net.displaced

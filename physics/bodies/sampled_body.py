@@ -20,7 +20,7 @@ import zipfile
 import zlib
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numba
 import numpy as np
@@ -113,6 +113,30 @@ class SampledBasis:
             raise BasisError(f"{path}: not a sampled basis: {error}. Rebuild it with `palpate reduce`") from None
 
 
+class Model(NamedTuple):
+    """What a sampled body is made of: its basis, where the fine mesh lies on its surface, its material.
+
+    missed, modes, points, bend, vertices  as in `SampledBasis`
+    corners, weights  [1] (W,3)  vertices of the triangle that a vertex of the fine mesh lies on, and its share of each
+    young [Pa], retardation [s]  E, tau
+    """
+
+    missed: np.ndarray
+    modes: np.ndarray
+    points: Points
+    bend: tuple[float, float, float]
+    vertices: np.ndarray
+    corners: np.ndarray
+    weights: np.ndarray
+    young: float
+    retardation: float
+
+
+STIFFNESS, EXPONENT, FREE, NOW, GAMMA, ENERGY, UNSETTLED, ALLOWED, LENGTH = range(9)
+"""Numbers that a body keeps: K, n, s_free and s of the law that was told, gamma, the energy of the modes, steps in a
+row that did not settle, and the budget of `sampled_solve.settle`: evaluations, and length of the first step to try."""
+
+
 class SampledBody:
     """The state of a sampled body under the contact.
 
@@ -136,18 +160,19 @@ class SampledBody:
         edges = coarse.vertices[coarse.triangles]
         self._margin = float(np.linalg.norm(edges - np.roll(edges, 1, axis=1), axis=2).max())
         count, r = len(basis.vertices), basis.modes.shape[1]
-        self.held = np.zeros((count, 3))
-        """[N] (V,3) loads that the displacement follows, h."""
-        self._load, self._measure, self._bent = np.zeros((count, 3)), np.zeros((count, 3)), np.zeros((count, 3))
-        self._active = np.zeros(count, dtype=np.int64)
         size = len(self._spreader.nodes)
         self._patch, self._pull = np.zeros(size, dtype=np.int32), np.zeros((size, 3))
+        self._model = Model(
+            basis.missed, basis.modes, basis.points, basis.bend, basis.vertices, self.corners, self.weights, young,
+            retardation,
+        )  # fmt: skip
+        self._fields, self._active = np.zeros((4, count, 3)), np.zeros(count, dtype=np.int64)
+        self._vectors, self._matrices = np.zeros((9, r)), np.stack([np.eye(r), np.zeros((r, r)), np.zeros((r, r))])
+        self.held, self.q = self._fields[0], self._vectors[1]
+        """Loads that the displacement follows, h [N] (V,3), and the amounts of the modes."""
+        self._numbers = np.zeros(9)
+        self._numbers[LENGTH] = 1.0
         self._scratch = scratch(basis.points)
-        self.q, self._p, self._g = np.zeros(r), np.zeros(r), np.zeros(r)
-        self._inverse, self._square, self._factor = np.eye(r), np.zeros((r, r)), np.zeros((r, r))
-        self._vectors = np.zeros((6, r))
-        self._found = np.zeros(9)
-        self._found[8] = 1.0
         self._nodes = np.zeros(len(mesh.vertices), dtype=np.int32)
         self._moved = np.zeros((len(mesh.vertices), 3))
         self.evaluations = 0
@@ -172,12 +197,11 @@ class SampledBody:
             self._patch[:count], self._pull[:count] = nodes, forces  # one type of array, whoever sends them
             patch, pull, share = self._patch[:count], self._pull[:count], 1.0
         self.evaluations, self.settled = _step(
-            self.basis.missed, self.basis.modes, self.basis.points, self.basis.bend, self.corners, self.weights,
-            patch, pull, share, normal, dt, self.young, self.retardation, self.held, self._load, self._measure,
-            self._bent, self._active, self._scratch, self._p, self.q, self._g, self._inverse, self._square,
-            self._factor, self._vectors, self._found,
+            self._model, patch, pull, share, normal, dt, self._fields, self._active, self._vectors, self._matrices,
+            self._scratch, self._numbers,
         )  # fmt: skip
-        return float(self._found[0]), float(self._found[1]), float(self._found[2]), float(self._found[3])
+        stiffness, exponent, free, now = self._numbers[:GAMMA].tolist()
+        return stiffness, exponent, free, now
 
     @property
     def beyond(self) -> float:
@@ -188,9 +212,8 @@ class SampledBody:
     def displaced(self, foot: tuple) -> tuple[np.ndarray, np.ndarray]:
         """Vertices of the mesh within reach of the foot point, and their displacements [m] (k,3)."""
         count = _displaced(
-            self.basis.missed, self.basis.modes, self.basis.vertices, self.corners, self.weights, self.mesh.vertices,
-            foot, self.reach, self._margin, self.young, self.held, self._active, self.q, self._found, self._bent,
-            self._nodes, self._moved,
+            self._model, self.mesh.vertices, foot, self.reach, self._margin, self._fields, self._active, self.q,
+            float(self._numbers[GAMMA]), self._nodes, self._moved,
         )  # fmt: skip
         return self._nodes[:count], self._moved[:count]
 
@@ -267,11 +290,20 @@ def _dot(x, y, active, count):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _step(
-    missed, modes, points, bend, corners, weights, patch, pull, share, normal, dt, young, retardation, held, load,
-    measure, bent, active, work, p, q, g, inverse, square, factor, vectors, found,
-):  # fmt: skip
-    force = _gather(corners, weights, patch, pull, share, normal, load, measure)
+def _step(model, patch, pull, share, normal, dt, fields, active, vectors, matrices, room, numbers):
+    """`share` is 1 where `pull` is a load, 0 where it only marks the patch. Returns evaluations of the energy, and
+    whether it settled.
+
+    fields   [N]   (4,V,3)  h, the load, shares of the normal force; R times one of them
+    active   [1]   (V,)     room for the vertices that hold load
+    vectors  (9,r)          Phi'h/E, the modes' amounts q, the gradient of W there, and room
+    matrices (3,r,r)        inverse of the tangent d2W/dq2, and room
+    room, numbers           of the energy's evaluation; by their names
+    """
+    missed, modes, bend, young, retardation = model.missed, model.modes, model.bend, model.young, model.retardation
+    held, load, measure, bent = fields[0], fields[1], fields[2], fields[3]
+    p, q, g, inverse = vectors[0], vectors[1], vectors[2], matrices[0]
+    force = _gather(model.corners, model.weights, patch, pull, share, normal, load, measure)
     keep, take = retardation / (dt + retardation), dt / (dt + retardation)
     count, holds = 0, False
     for v in range(len(held)):
@@ -288,8 +320,8 @@ def _step(
             active[count] = v
             count += 1
     r = len(q)
-    used, settled, late = 0, True, int(found[6])
-    budget = found[7:]
+    used, settled, late = 0, True, int(numbers[UNSETTLED])
+    budget = numbers[ALLOWED:]
     budget[0] = EACH
     if late >= LATE:  # what was kept of the curvature misleads
         late = 0
@@ -300,14 +332,16 @@ def _step(
         _project(modes, held, active, count, p)
         for k in range(r):
             p[k] /= young
-        found[5], used, settled = settle(points, work, p, q, g, inverse, square, factor, vectors, found[5], budget)
+        numbers[ENERGY], used, settled = settle(
+            model.points, room, p, q, g, inverse, matrices[1], matrices[2], vectors[3:], numbers[ENERGY], budget
+        )
         late = 0 if settled else late + 1
     else:  # at rest the tangent is known
         for k in range(r):
             p[k] = q[k] = g[k] = 0.0
             for m in range(r):
                 inverse[k, m] = 1.0 if k == m else 0.0
-        found[5] = 0.0
+        numbers[ENERGY] = 0.0
         late = 0
     # what the modes miss
     _missing(missed, held, active, count, bent)
@@ -315,10 +349,10 @@ def _step(
     gam, turn = gamma(strain, bend[0], bend[1], bend[2])
     along = _dot(measure, bent, active, count) / young  # measure.R h/E
     across = _dot(load, bent, active, count) / young
-    mine = vectors[4]
+    mine = vectors[7]
     _project(modes, measure, active, count, mine)
     reached = own = rest = 0.0
-    lean = vectors[5]
+    lean = vectors[8]
     np.dot(inverse, mine, lean)
     for k in range(r):
         own += mine[k] * lean[k]
@@ -329,7 +363,7 @@ def _step(
     for k in range(r):
         by_held += lean[k] * p[k]
     by_held += gam * along + turn * along * strain
-    found[4] = gam
+    numbers[GAMMA] = gam
     # the same for the unit normal force and for the rest of the load
     _missing(missed, measure, active, count, bent)
     own = own / young + gam * _dot(measure, bent, active, count) / young + turn * along * along / young
@@ -346,8 +380,8 @@ def _step(
     press = max(force, LEAST_FORCE)
     ahead = now + take * (press * own + aside - by_held)
     slope = 1.0 / max(take * own, 1e-12)
-    found[0], found[1] = fit_terminal(free, max(ahead, free + LEAST_DEPTH), slope, press)
-    found[2], found[3], found[6] = free, now, late
+    numbers[STIFFNESS], numbers[EXPONENT] = fit_terminal(free, max(ahead, free + LEAST_DEPTH), slope, press)
+    numbers[FREE], numbers[NOW], numbers[UNSETTLED] = free, now, late
     return used, settled
 
 
@@ -362,23 +396,22 @@ def _ray(t, end, start_slope, end_slope):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _displaced(
-    missed, modes, points, corners, weights, vertices, foot, reach, margin, young, held, active, q, found, u, nodes,
-    moved,
-):  # fmt: skip
+def _displaced(model, vertices, foot, reach, margin, fields, active, q, more, nodes, moved):
+    missed, points, held, u = model.missed, model.vertices, fields[0], fields[3]
+    scale = more / model.young
     count = 0
     for v in range(len(held)):
         if held[v, 0] != 0.0 or held[v, 1] != 0.0 or held[v, 2] != 0.0:
             active[count] = v
             count += 1
-    np.dot(modes, q, u.reshape(-1))
+    np.dot(model.modes, q, u.reshape(-1))
     far = (reach + 1.5 * margin) ** 2
     for v in range(len(points)):
         d0, d1, d2 = points[v, 0] - foot[0], points[v, 1] - foot[1], points[v, 2] - foot[2]
         if d0 * d0 + d1 * d1 + d2 * d2 > far:
             continue
         out0, out1, out2 = _missing_at(missed, held, active, count, v)
-        u[v, 0] += found[4] / young * out0
-        u[v, 1] += found[4] / young * out1
-        u[v, 2] += found[4] / young * out2
-    return carried(corners, weights, u, vertices, foot, reach, nodes, moved)
+        u[v, 0] += scale * out0
+        u[v, 1] += scale * out1
+        u[v, 2] += scale * out2
+    return carried(model.corners, model.weights, u, vertices, foot, reach, nodes, moved)

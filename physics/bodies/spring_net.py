@@ -17,18 +17,67 @@ contact's own law and a coupling of zero gives the nodal law.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
-from palpate.physics.bodies.mass_spring import Net, admit, drop_rested, limit_differences, take_load
+from palpate.physics.bodies.mass_spring import Edges, Net, admit, drop_rested, limit_differences, take_load
 from palpate.physics.contact.terminal import indentation, terminal_force
 from palpate.physics.geometry.mesh import Mesh
 
 
+class Law(NamedTuple):
+    """Of a node at the centre of the contact: K [N/m^n], n, c [s/m], k_t [N/m], d_t [N s/m]; of a spring between
+    neighbours [N/m] and of the damper beside it [N s/m]."""
+
+    stiffness: float
+    exponent: float
+    damping: float
+    tangential_stiffness: float
+    tangential_damping: float
+    coupling: float
+    coupling_damping: float
+
+
+class Tables(NamedTuple):
+    """What a step needs of a mesh: vertices [m] and normals [1] (V,3), factor on K and inverse area [1/m²] of each node
+    (2,V), edges."""
+
+    vertices: np.ndarray
+    normals: np.ndarray
+    nodal: np.ndarray
+    edges: Edges
+
+
+class Listed(NamedTuple):
+    """The compact list, as in `mass_spring.nodal_step`."""
+
+    where: np.ndarray
+    active: np.ndarray
+    state: np.ndarray
+
+
+class Room(NamedTuple):
+    """Memory of a step.
+
+    edges   (E,5)   direction of each edge [1] (3), its stiffness [N/m] along it, less that across, and across
+    work    (V,17)  by slot: see `_linearise` and `_solve`
+    share   (V)     of the total force that a node of its area bears
+    memory  (1)     greatest pressure over total force [1/m²] so far
+    """
+
+    edges: np.ndarray
+    work: np.ndarray
+    share: np.ndarray
+    memory: np.ndarray
+
+
 @njit(cache=True, error_model="numpy")
-def grow(rings, first, neighbours, where, active, state, count):
+def grow(rings, tables, listed, count):
     """Add rings of neighbours round the loaded nodes; returns the count."""
+    _, first, neighbours = tables.edges
+    where, active, state = listed
     start, end = 0, count
     for ring in range(rings):
         for slot in range(start, end):
@@ -43,12 +92,14 @@ def grow(rings, first, neighbours, where, active, state, count):
 
 
 @njit(cache=True, error_model="numpy")
-def _linearise(
-    law, hardness, share, dt, vertices, normals, spans, first, neighbours, where, active, state, edges, work, count
-):
+def _linearise(law, dt, tables, listed, room, count):
     """Residual [N] in columns 0-2 of `work`, foundation slopes in 12-13, and the edges' data; see `net_step`."""
-    stiffness, exponent, damping, k_t = law[0], law[1], law[2], law[3]
-    d_t, coupling, edge_damping = law[4], law[5], law[6]
+    damping, k_t, d_t = law.damping, law.tangential_stiffness, law.tangential_damping
+    coupling, edge_damping = law.coupling, law.coupling_damping
+    vertices, normals, hardness = tables.vertices, tables.normals, tables.nodal[0]
+    spans, first, neighbours = tables.edges
+    where, active, state = listed
+    edges, work, share = room.edges, room.work, room.share
     largest = 0.0
     for slot in range(count):
         node = active[slot]
@@ -60,8 +111,8 @@ def _linearise(
         before = -(bx * mx + by * my + bz * mz)
         rest = max(0.0, before - dt / damping) if damping > 0.0 else 0.0
         if u > rest:
-            local = stiffness * hardness[node]
-            value, slope = terminal_force(u, dt, local, exponent, damping, 0.0, before)
+            local = law.stiffness * hardness[node]
+            value, slope = terminal_force(u, dt, local, law.exponent, damping, 0.0, before)
         else:
             # Outwards of its free recovery the node is drawn back to it.
             value, slope = k_t * (u - rest), k_t
@@ -106,8 +157,11 @@ def _linearise(
 
 
 @njit(cache=True, error_model="numpy")
-def _apply(normals, first, neighbours, where, active, edges, work, count):
+def _apply(tables, listed, room, count):
     """Columns 9-11 of `work` become the matrix times columns 6-8; returns the product of the two."""
+    normals, edges, work = tables.normals, room.edges, room.work
+    _, first, neighbours = tables.edges
+    where, active, _ = listed
     total = 0.0
     for slot in range(count):
         node = active[slot]
@@ -132,8 +186,9 @@ def _apply(normals, first, neighbours, where, active, edges, work, count):
 
 
 @njit(cache=True, error_model="numpy")
-def _solve(normals, first, neighbours, where, active, edges, work, count):
+def _solve(tables, listed, room, count):
     """Conjugate gradients with the diagonal as preconditioner: columns 3-5 of `work` solve for columns 0-2."""
+    work = room.work
     rho = 0.0
     for slot in range(count):
         for k in range(3):
@@ -144,7 +199,7 @@ def _solve(normals, first, neighbours, where, active, edges, work, count):
     for _ in range(200):
         if not rho > goal:
             return
-        curvature = _apply(normals, first, neighbours, where, active, edges, work, count)
+        curvature = _apply(tables, listed, room, count)
         if not curvature > 0.0:
             return
         step = rho / curvature
@@ -162,25 +217,21 @@ def _solve(normals, first, neighbours, where, active, edges, work, count):
 
 
 @njit(cache=True, error_model="numpy")
-def net_step(
-    nodes, forces, normal, dt, law, hardness, rings, vertices, normals, per_area, spans, first, neighbours, edges, work,
-    share, memory, where, active, state, out, count,
-):  # fmt: skip
+def net_step(nodes, forces, normal, dt, law, rings, tables, listed, room, out, count):
     """One step of the net; returns how many nodes are in its list.
 
-    law     (7)     K, n, c, k_t, d_t, coupling [N/m], damping along the edges [N s/m]
-    hardness (V)    factor on K of each node
-    rings           of neighbours that are added round loaded and moving nodes
-    normals (V,3)   of the vertices
-    edges (E,5), work (V,17), share (V)  room;  memory (1): greatest pressure over total force [1/m²] so far
-    state   (V,10)  by slot: x [m] (3), unused, x before the step (3), load [N] (3)
+    rings  of neighbours that are added round loaded and moving nodes
 
-    Other arguments as in `mass_spring.nodal_step`.
+    State of a slot: x [m] (3), unused, x before the step (3), load [N] (3). Other arguments as in
+    `mass_spring.nodal_step`.
     """
+    normals, hardness, per_area = tables.normals, tables.nodal[0], tables.nodal[1]
+    where, active, state = listed
+    work, share, memory = room.work, room.share, room.memory
     total, peak, count = take_load(nodes, forces, normal, per_area, where, active, state, count)
     if total > 0.0:
         memory[0] = peak / total
-    count = grow(rings, first, neighbours, where, active, state, count)
+    count = grow(rings, tables, listed, count)
     size = 0.0
     for slot in range(count):
         node = active[slot]
@@ -194,37 +245,21 @@ def net_step(
         state[slot, 3] = 0.0
         if push > 0.0 and not before > 0.0:
             # A node at rest has no stiffness to start from: it starts at the answer of the nodal law.
-            u = indentation(push / share[node], dt, law[0] * hardness[node], law[1], law[2], 0.0, 0.0)
+            local = law.stiffness * hardness[node]
+            u = indentation(push / share[node], dt, local, law.exponent, law.damping, 0.0, 0.0)
             for k in range(3):
                 state[slot, k] -= (u - before) * normals[node, k]
     goal = 1e-6 * size + 1e-12
-    fixed = (
-        law,
-        hardness,
-        share,
-        dt,
-        vertices,
-        normals,
-        spans,
-        first,
-        neighbours,
-        where,
-        active,
-        state,
-        edges,
-        work,
-        count,
-    )
-    residual = _linearise(*fixed)
+    residual = _linearise(law, dt, tables, listed, room, count)
     for _ in range(20):
         if residual <= goal:
             break
-        _solve(normals, first, neighbours, where, active, edges, work, count)
+        _solve(tables, listed, room, count)
         for slot in range(count):
             for k in range(3):
                 state[slot, k] += work[slot, 3 + k]
                 out[slot, k] = work[slot, 3 + k]
-        following = _linearise(*fixed)
+        following = _linearise(law, dt, tables, listed, room, count)
         for _ in range(4):
             if following <= residual:
                 break
@@ -232,9 +267,9 @@ def net_step(
                 for k in range(3):
                     out[slot, k] *= 0.5
                     state[slot, k] -= out[slot, k]
-            following = _linearise(*fixed)
+            following = _linearise(law, dt, tables, listed, room, count)
         residual = following
-    limit_differences(state, 0, count, spans, first, neighbours, where, active)
+    limit_differences(state, 0, count, tables.edges, where, active)
     count = drop_rested(where, active, state, count)
     out[:count] = state[:count, :3]
     return count
@@ -263,19 +298,22 @@ class NetBody:
         rings: int = 3,
         hardness: np.ndarray | None = None,
     ) -> None:
-        self.net = net = Net(mesh)
-        size = len(net.per_area)
-        law = (stiffness, exponent, damping, tangential_stiffness, tangential_damping, coupling, coupling_damping)
-        hardness = np.ones(size) if hardness is None else np.ascontiguousarray(hardness, float)
+        self.net = net = Net(mesh, hardness)
+        normal_law = (stiffness, exponent, damping, tangential_stiffness, tangential_damping)
+        law = Law(*map(float, (*normal_law, coupling, coupling_damping)))
+        size, count = len(mesh.vertices), len(net.edges.spans)
         self._fixed = (
-            *(np.array(law, dtype=float), hardness, rings, net.vertices, net.normals),
-            *(net.per_area, net.spans, net.first, net.neighbours),
-            *(np.zeros((len(net.spans), 5)), np.zeros((size, 17)), np.zeros(size), np.zeros(1)),
-            *(net.where, net.active, net.state, net.displacement),
+            *(
+                law,
+                rings,
+                Tables(net.vertices, net.normals, net.nodal, net.edges),
+                Listed(net.slots[0], net.slots[1], net.state),
+            ),
+            *(Room(np.zeros((count, 5)), np.zeros((size, 17)), np.zeros(size), np.zeros(1)), net.displacement),
         )
 
     def step(self, nodes: np.ndarray, forces: np.ndarray, normal: tuple[float, float, float], dt: float):
         """Displaced nodes (k) and their displacement [m] (k,3) after a step dt > 0 [s] under nodal forces [N]."""
         net = self.net
         net.count = net_step(nodes, forces, normal, dt, *self._fixed, net.count)
-        return net.active[: net.count], net.displacement[: net.count]
+        return net.displaced

@@ -160,7 +160,7 @@ def test_only_the_zone_is_kept_in_the_list():
         nodes, _ = body.step(spreader.nodes[:count], spreader.forces[:count], UP, 1e-2)
         assert len(nodes) < 3 * count and len(set(nodes.tolist())) == len(nodes)
     outside = np.setdiff1d(np.arange(len(MESH.vertices)), nodes)
-    assert (body.net.where[outside] == -1).all()
+    assert (body.net.slots[0, outside] == -1).all()
 
 
 def test_the_zone_of_a_large_mesh_moves_as_that_of_a_small_one():
