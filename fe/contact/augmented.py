@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -15,6 +15,16 @@ STIFF = 10.0
 points slide."""
 SMOOTH = 10.0
 """By how much more without friction: fewer rounds, and no sliding points that would want more iterations."""
+
+
+class Traces(NamedTuple):
+    """What an evaluation writes at each point, see `Augmented`."""
+
+    traction: np.ndarray
+    shear: np.ndarray
+    gap: np.ndarray
+    normal: np.ndarray
+    slip: np.ndarray
 
 
 class Augmented:
@@ -40,6 +50,11 @@ class Augmented:
         self.faces = checked_faces(faces)
         self.friction, self.bound, self.penalty = float(friction), float(bound), float(penalty)
         self.value, _ = face_rule.shape(face_rule.POINTS)
+
+    @property
+    def traces(self) -> Traces:
+        """What an evaluation writes."""
+        return Traces(self.traction, self.shear, self.gap, self.normal, self.slip)
 
     def clear(self, points: np.ndarray) -> None:
         """A fresh state on a mesh with these points [m] (N,3)."""

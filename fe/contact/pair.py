@@ -7,6 +7,8 @@ or the softer side. T. A. Laursen, Computational Contact and Impact Mechanics, S
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numba
 import numpy as np
 from scipy.spatial import cKDTree
@@ -80,11 +82,27 @@ def _project(point, points, face, value, slope, normal):
     return np.sqrt(np.dot(r, r)), np.dot(r, n)
 
 
+class _Faces(NamedTuple):
+    """Where two surfaces may meet: their faces (F,6), (G,6), which of them (C,1 + n), the nodes that these couple (C,k)
+    and their blocks of the tangent (C,k,k); shape functions (6,6) and areas [m²] (F,6) of the slave's points."""
+
+    slave: np.ndarray
+    master: np.ndarray
+    candidates: np.ndarray
+    cliques: np.ndarray
+    where: np.ndarray
+    value: np.ndarray
+    area: np.ndarray
+
+
 @numba.njit(cache=True)
-def _touch(
-    points, start, slave, master, candidates, cliques, value, area, penalty, friction, reach, multiplier, sliding,
-    traction, shear, gap, normals, slip, hits, feet, total, tangent, where, force, data,
-):  # fmt: skip
+def _touch(points, start, faces, law, reach, given, traces, met, total, tangent, force, data):
+    """`law`: penalty and coefficient of friction; `met`: face (F,6) and its shape functions (F,6,6) at each foot."""
+    slave, master, candidates, cliques, where, value, area = faces
+    penalty, friction = law
+    multiplier, sliding = given
+    traction, shear, gap, normals, slip = traces
+    hits, feet = met
     n, best_n, x, s, q = np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3)
     m, slope, best_m, block = np.zeros(6), np.zeros((6, 2)), np.zeros(6), np.zeros((3, 3))
     share, spot = np.zeros(12), np.zeros(12, dtype=np.int64)
@@ -233,11 +251,10 @@ class Pair(Augmented):
     def add(self, displacement: np.ndarray, load: float, tangent: bool, force: np.ndarray, data: np.ndarray) -> None:
         """Add the contact to the residual (N,3) and, if asked, to the tangent's blocks."""
         self.traction[:], self.shear[:], self.gap[:], self.slip[:] = 0.0, 0.0, np.inf, False
+        faces = _Faces(self.faces, self.master, self._candidates, self._cliques, self._where, self.value, self.area)
         _touch(
-            self.points + displacement, self._start, self.faces, self.master, self._candidates, self._cliques,
-            self.value, self.area, self.penalty, self.friction, self._reach, self.multiplier, self.sliding,
-            self.traction, self.shear, self.gap, self.normal, self.slip, self._hit, self._feet,
-            self.force, tangent, self._where, force, data,
+            self.points + displacement, self._start, faces, (self.penalty, self.friction), self._reach,
+            (self.multiplier, self.sliding), self.traces, (self._hit, self._feet), self.force, tangent, force, data,
         )  # fmt: skip
 
     def switching(self) -> Switching | None:

@@ -70,10 +70,15 @@ def capsule(x, p, normal, curvature):
 
 
 @numba.njit(cache=True)
-def _touch(
-    shape, points, faces, value, area, move, turn, before, p, penalty, friction, multiplier, sliding, bend, traction,
-    shear, gap, normals, slip, total, tangent, where, force, data,
-):  # fmt: skip
+def _touch(shape, p, points, mine, place, law, given, traces, total, tangent, force, data):
+    """`mine`: faces (F,6) that may touch, their blocks of the tangent (F,6,6), shape functions (6,6) and areas [m²]
+    (F,6) of their points; `law`: penalty and coefficient of friction; `given`: multipliers, those of the shear, the
+    traction that is foretold, and places before the step in the frame of the rigid body."""
+    faces, where, value, area = mine
+    move, turn = place
+    penalty, friction = law
+    multiplier, sliding, bend, before = given
+    traction, shear, gap, normals, slip = traces
     normal, curvature, x, y = np.zeros(3), np.zeros((3, 3)), np.zeros(3), np.zeros(3)
     d, q, pull, block, half = np.zeros(3), np.zeros(3), np.zeros(3), np.zeros((3, 3)), np.zeros((3, 3))
     total[:] = 0.0
@@ -270,11 +275,12 @@ class Rigid(Augmented):
     def add(self, displacement: np.ndarray, load: float, tangent: bool, force: np.ndarray, data: np.ndarray) -> None:
         """Add the contact to the residual (N,3) and, if asked, to the tangent's blocks."""
         total = np.zeros((2, 3))
-        origin, self._turn = self.placed(load)
+        place = self.placed(load)
+        self._turn = place[1]
         _touch(
-            self._shape, self.points + displacement, self.faces, self.value, self.area, origin, self._turn,
-            self._before, self.parameters, self.penalty, self.friction, self.multiplier, self.sliding, self._bend,
-            self.traction, self.shear, self.gap, self.normal, self.slip, total, tangent, self._where, force, data,
+            self._shape, self.parameters, self.points + displacement, (self.faces, self._where, self.value, self.area),
+            place, (self.penalty, self.friction), (self.multiplier, self.sliding, self._bend, self._before),
+            self.traces, total, tangent, force, data,
         )  # fmt: skip
         self.force, self.moment = total
 

@@ -8,7 +8,7 @@ I. S. Duff, J. K. Reid, ACM Trans. Math. Softw. 9 (1983) 302-325; J. W. H. Liu, 
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numba
 import numba.experimental.function_type  # lets kernels take the routines of BLAS as arguments, which can be cached
@@ -71,10 +71,15 @@ class Cholesky:
         self._panel = np.concatenate([[0], np.cumsum(sizes)])
         self._children = np.bincount(tree.parent[tree.parent >= 0], minlength=len(tree.parent))
         self._relative = _relative(tree)
+        self._fronts = _Fronts(self._pivots, self._rows, tree.start, self._panel)
         self._blocks = _destinations(tree, indptr, indices)
         self._stack = _stack(tree)
         self._scale = np.array([1.0, -1.0], dtype=self.dtype)
         self._factor: np.ndarray | None = None
+
+    def _words(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """What BLAS takes by address: letters, 1 and -1, and room for sizes."""
+        return _LETTERS, self._scale, np.zeros(4, dtype=np.int32)
 
     @property
     def nonzeros(self) -> int:
@@ -91,14 +96,12 @@ class Cholesky:
             largest = int(3 * self._rows.max())
             self._front = np.empty(largest * largest, dtype=self.dtype)
             self._updates = np.empty(self._stack, dtype=self.dtype)
-        tree, (which, begin, row, column) = self.tree, self._blocks
         bad = _factor(
-            self._potrf, self._trsm, self._syrk, self._pivots, self._rows, self._children, tree.start,
-            self._relative, begin, which, row, column, np.ascontiguousarray(data), self._panel, self._factor,
-            self._front, self._updates, _LETTERS, self._scale, np.zeros(4, dtype=np.int32),
+            self._potrf, self._trsm, self._syrk, self._fronts, (self._children, self._relative), self._blocks,
+            np.ascontiguousarray(data), self._factor, self._front, self._updates, self._words(),
         )  # fmt: skip
         if bad >= 0:
-            raise NotPositive(int(tree.order[bad]))
+            raise NotPositive(int(self.tree.order[bad]))
 
     def solve(self, rhs: np.ndarray) -> np.ndarray:
         """Solution for right sides (3N,) or (3N,m), by the latest factor."""
@@ -109,8 +112,8 @@ class Cholesky:
         largest = int(3 * self._rows.max())
         work = np.empty(largest * x.shape[1], dtype=self.dtype)
         _solve(
-            self._trsm, self._gemm, self._pivots, self._rows, self.tree.first, self.tree.start, self.tree.boundary,
-            self._panel, self._factor, x, work, _LETTERS, self._scale, np.zeros(4, dtype=np.int32),
+            self._trsm, self._gemm, self._fronts, self.tree.first, self.tree.boundary, self._factor, x, work,
+            self._words(),
         )  # fmt: skip
         found = np.empty((len(self.tree.order), 3, x.shape[1]))
         found[self.tree.order] = x.reshape(-1, 3, x.shape[1])
@@ -167,11 +170,21 @@ def _stack(tree: Tree) -> int:
     return most
 
 
+class _Fronts(NamedTuple):
+    """The fronts of the tree (T,): pivots and rows in nodes, where their boundary begins, where their panel does."""
+
+    pivots: np.ndarray
+    rows: np.ndarray
+    start: np.ndarray
+    panel: np.ndarray
+
+
 @numba.njit(cache=True)
-def _factor(
-    potrf, trsm, syrk, pivots, rows, children, start, relative, begin, which, row, column, data, panel, factor,
-    front, updates, letter, scale, size,
-):  # fmt: skip
+def _factor(potrf, trsm, syrk, fronts, below_them, blocks, data, factor, front, updates, words):
+    pivots, rows, start, panel = fronts
+    children, relative = below_them
+    which, begin, row, column = blocks
+    letter, scale, size = words
     # what BLAS gets the address of is an argument: an array made here could be freed before the last call
     low, right, transposed, plain = (
         letter.ctypes.data, letter[1:].ctypes.data, letter[2:].ctypes.data, letter[3:].ctypes.data
@@ -228,7 +241,9 @@ def _factor(
 
 
 @numba.njit(cache=True)
-def _solve(trsm, gemm, pivots, rows, first, start, boundary, panel, factor, x, work, letter, scale, size):
+def _solve(trsm, gemm, fronts, first, boundary, factor, x, work, words):
+    pivots, rows, start, panel = fronts
+    letter, scale, size = words
     low, transposed, plain = letter.ctypes.data, letter[2:].ctypes.data, letter[3:].ctypes.data
     n_at, p_at, u_at, m_at = size.ctypes.data, size[1:].ctypes.data, size[2:].ctypes.data, size[3:].ctypes.data
     one, minus = scale.ctypes.data, scale[1:].ctypes.data

@@ -10,7 +10,7 @@ import msgspec
 from palpate.messages import Contact, Proximity, Surface
 from palpate.nodes.base import InputFault, Node, Wants
 from palpate.physics.bodies.place_energy import on_hand
-from palpate.physics.contact.series import Law, exponential, hertz_exponential, power, series_step
+from palpate.physics.contact.series import Law, exponential, hertz_exponential, kernel_form, power, series_step
 from palpate.physics.contact.terminal import LEAST_FREE, Terminal, check_law, free_recovery, law_at
 
 LATE = 1.5
@@ -45,7 +45,7 @@ class Series(Node):
     def start(self) -> None:
         self.compression = 0.0
         self.indentation: float | None = None
-        self._law = self._finger()
+        self._law = kernel_form(self._finger(), self.finger_damping)
 
     def _finger(self) -> Law:
         if self.finger_law == "power":
@@ -55,7 +55,7 @@ class Series(Node):
         return exponential(self.finger_stiffness, self.finger_hardening)
 
     def _solve(self, approach: float, dt: float, *body: float) -> tuple[float, float, float]:
-        return series_step(approach, dt, self.compression, *self._law, self.finger_damping, *body)
+        return series_step(approach, dt, self.compression, self._law, *body)
 
     def _law_now(self, body: Surface, time: int, dt: float) -> tuple[float, float, float, float, float]:
         """K, n, c, s_free, s_prev of the body's law for a step of `dt` [s] that ends at `time` [ns].

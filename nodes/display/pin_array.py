@@ -12,7 +12,7 @@ from palpate.messages import Contact, Pins, Surface, Vector3
 from palpate.nodes.base import SettingError, Wants
 from palpate.nodes.base.surface import OnSurface
 from palpate.physics.display.pin_heights import heights_from_force, heights_from_pressure, heights_from_surface
-from palpate.physics.display.pins import drive, pin_grid
+from palpate.physics.display.pins import Drives, drive, pin_grid
 from palpate.physics.display.shape_display import (
     FINGERPADS,
     VALID_RATIO,
@@ -163,21 +163,10 @@ class PinArray(OnSurface):
             )
 
     def _drive(self, approach: float, dt: float) -> bool:
-        self.actuator, limited = drive(
-            self.pins,
-            self.shape,
-            self.actuator,
-            approach,
-            dt,
-            self.stroke,
-            self.travel,
-            self.rate,
-            self.actuator_rate,
-            self.rise_time,
-            self.fall_time,
-            self.resolution,
-            self.shown,
+        by = Drives(
+            self.stroke, self.travel, self.rate, self.actuator_rate, self.rise_time, self.fall_time, self.resolution
         )
+        self.actuator, limited = drive(self.pins, self.shape, self.actuator, approach, dt, by, self.shown)
         return limited
 
 

@@ -116,8 +116,8 @@ class Model(NamedTuple):
 
 
 COMPLIANCE, FREE, NOW, MORE, OWN, BEYOND = range(6)
-"""Numbers that a body keeps: compliance [m/N], s_free and s [m] of the law that was told, the load [N] on the patch that
-large displacement adds, compliance of the linear body at rest [m/N], how far beyond the deepest press it is [1]."""
+"""Numbers that a body keeps: compliance [m/N], s_free and s [m] of the law that was told, the load [N] on the patch
+that large displacement adds, compliance [m/N] of the linear body at rest, how far beyond the deepest press it is."""
 
 
 class CondensedBody:

@@ -31,6 +31,11 @@ class Law(NamedTuple):
     radius: float
 
 
+def kernel_form(law: Law, damping: float) -> np.ndarray:
+    """A fingertip's law and its damping [s/m] as kernels take them (5): an array costs them less than five numbers."""
+    return np.array([*law, damping], dtype=float)
+
+
 def power(stiffness: float, exponent: float) -> Law:
     """g = K s^n; K [N/m^n] > 0, n [1] >= 1 (1.5 for a sphere: Hertz)."""
     return Law(POWER, float(stiffness), float(exponent), 0.0)
@@ -103,14 +108,14 @@ def energy(law: Law, s: ArrayLike) -> np.ndarray:
 
 
 @njit(cache=True, error_model="numpy")
-def series_step(approach, dt, s1, kind, first, second, radius, c1, stiffness, exponent, c2, free, previous):
+def series_step(approach, dt, s1, finger, stiffness, exponent, c2, free, previous):
     """One step of fingertip and body in series: s1 + s2 = approach, one common force. Returns (f, s1, s2) [N, m, m].
 
     approach  [m]  e at the end of the step; no contact where e <= 0
     dt        [s]  T > 0; infinite gives the static split
     s1        [m]  fingertip compression before the step
-    kind, first, second, radius, c1              the fingertip's law and damping [s/m]
-    stiffness, exponent, c2, free, previous      the body's terminal law
+    finger    (5)  the fingertip's law and its damping c1 [s/m], see `kernel_form`
+    stiffness, exponent, c2, free, previous  the body's terminal law
 
     Both recover freely to r1, r2. Where these together still fill the approach, there is no contact. Otherwise
 
@@ -120,6 +125,7 @@ def series_step(approach, dt, s1, kind, first, second, radius, c1, stiffness, ex
     Euler: f >= 0 and s1 >= 0 whatever T, and f (ds1 + ds2) >= dV1 + dV2 because V is convex. s2 is negative only
     where the body's own free indentation is.
     """
+    kind, first, second, radius, c1 = int(finger[0]), finger[1], finger[2], finger[3], finger[4]
     r1 = free_recovery(s1, 0.0, c1, dt)
     r2 = free_recovery(previous, free, c2, dt)
     if not (approach > 0.0 and r1 + r2 < approach):
@@ -160,9 +166,8 @@ def series(approach: float, dt: float, compression: float, finger: Law, finger_d
     """
     if not dt > 0.0:
         raise ValueError(f"dt {dt} s: expected a positive step; infinity gives the static split")
-    return series_step(
-        float(approach), float(dt), float(compression), *finger, float(finger_damping), *map(float, body)
-    )
+    form = kernel_form(finger, finger_damping)
+    return series_step(float(approach), float(dt), float(compression), form, *map(float, body))
 
 
 def static_split(approach: ArrayLike, finger: Law, body_stiffness: float, body_exponent: float):
@@ -174,12 +179,10 @@ def static_split(approach: ArrayLike, finger: Law, body_stiffness: float, body_e
 
 
 @njit(cache=True, error_model="numpy")
-def _path(approach, dt, kind, first, second, radius, c1, stiffness, exponent, c2, out):
+def _path(approach, dt, finger, stiffness, exponent, c2, out):
     s1 = s2 = 0.0
     for i in range(approach.size):
-        f, s1, s2 = series_step(
-            approach[i], dt[i], s1, kind, first, second, radius, c1, stiffness, exponent, c2, 0.0, s2
-        )
+        f, s1, s2 = series_step(approach[i], dt[i], s1, finger, stiffness, exponent, c2, 0.0, s2)
         out[0, i], out[1, i], out[2, i] = f, s1, s2
 
 
@@ -201,7 +204,6 @@ def series_path(
     if not (steps > 0).all():
         raise ValueError(f"dt: found {steps.min()} s, expected positive steps")
     out = np.empty((3, e.size))
-    _path(
-        e, steps, *finger, float(finger_damping), float(body_stiffness), float(body_exponent), float(body_damping), out
-    )
+    form = kernel_form(finger, finger_damping)
+    _path(e, steps, form, float(body_stiffness), float(body_exponent), float(body_damping), out)
     return out[0], out[1], out[2]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numba
 import numpy as np
@@ -96,21 +97,27 @@ def quantise(value: float, step: float, stroke: float) -> float:
     return min(np.rint(value / step), math.floor(stroke / step * (1.0 + 1e-12))) * step
 
 
+class Drives(NamedTuple):
+    """What moves a display.
+
+    stroke, travel       [m]    of a pin, of the linear actuator
+    rate, actuator_rate  [m/s]  greatest speed of each
+    rise, fall           [s]    time constants of the pins
+    step                 [m]    resolution of the pins, 0 for none
+    """
+
+    stroke: float
+    travel: float
+    rate: float
+    actuator_rate: float
+    rise: float
+    fall: float
+    step: float
+
+
 @numba.njit(cache=True)
 def drive(
-    pins: np.ndarray,
-    wanted: np.ndarray,
-    actuator: float,
-    approach: float,
-    dt: float,
-    stroke: float,
-    travel: float,
-    rate: float,
-    actuator_rate: float,
-    rise: float,
-    fall: float,
-    step: float,
-    shown: np.ndarray,
+    pins: np.ndarray, wanted: np.ndarray, actuator: float, approach: float, dt: float, by: Drives, shown: np.ndarray
 ):
     """One step of the whole display; the new (actuator position [m], whether a stroke limits the surface). Kernel.
 
@@ -118,18 +125,14 @@ def drive(
     wanted    [m]  (n)  fingerpad deformation to be shown
     actuator  [m]  ()   position of the linear actuator, positive away from the finger
     approach  [m]  ()   rigid-body motion to be shown
-    stroke, travel      [m]    ()  of a pin, of the linear actuator
-    rate, actuator_rate [m/s]  ()  greatest speed of each
-    rise, fall          [s]    ()  time constants of the pins
-    step      [m]  ()   resolution of the pins, 0 for none
     shown     [m]  (n)  receives the pin heights after quantisation; used as scratch
     """
-    offset = fit_stroke(wanted, stroke, shown)
+    offset = fit_stroke(wanted, by.stroke, shown)
     limited = False
     for i in range(pins.size):
         limited = limited or abs(shown[i] + offset - wanted[i]) > 1e-12
-        pins[i] = approach_target(pins[i], shown[i], dt, rate, rise, fall)
-        shown[i] = quantise(pins[i], step, stroke)
-    target = min(max(approach - offset, 0.0), travel)
+        pins[i] = approach_target(pins[i], shown[i], dt, by.rate, by.rise, by.fall)
+        shown[i] = quantise(pins[i], by.step, by.stroke)
+    target = min(max(approach - offset, 0.0), by.travel)
     limited = limited or target != approach - offset
-    return approach_target(actuator, target, dt, actuator_rate, 0.0, 0.0), limited
+    return approach_target(actuator, target, dt, by.actuator_rate, 0.0, 0.0), limited

@@ -8,7 +8,7 @@ from pytest import approx
 from scipy.integrate import solve_ivp
 from scipy.optimize import lsq_linear
 
-from palpate.physics.display.pins import approach_target, drive, fit_stroke, pin_grid, quantise
+from palpate.physics.display.pins import Drives, approach_target, drive, fit_stroke, pin_grid, quantise
 from palpate.physics.display.shape_display import pad_contact, pad_displacement
 
 heights = st.lists(st.floats(0, 8e-3), min_size=1, max_size=40).map(np.array)
@@ -110,10 +110,11 @@ def test_pins_stop_at_whole_steps_within_the_stroke():
 
 def test_the_actuator_takes_over_what_the_pins_cannot_show():
     wanted, pins, shown = np.array([1e-3, 3e-3, 7e-3]), np.zeros(3), np.empty(3)
-    actuator, limited = drive(pins, wanted, 0.0, 9e-3, 1e3, 2e-3, 0.05, 1e3, 1e3, 0.0, 0.0, 0.0, shown)
+    by = Drives(stroke=2e-3, travel=0.05, rate=1e3, actuator_rate=1e3, rise=0.0, fall=0.0, step=0.0)
+    actuator, limited = drive(pins, wanted, 0.0, 9e-3, 1e3, by, shown)
     assert limited
     assert shown.mean() - actuator == approx(wanted.mean() - 9e-3)
-    actuator, limited = drive(pins, wanted / 10, actuator, 9e-3, 1e3, 2e-3, 0.05, 1e3, 1e3, 0.0, 0.0, 0.0, shown)
+    actuator, limited = drive(pins, wanted / 10, actuator, 9e-3, 1e3, by, shown)
     assert not limited and actuator == approx(9e-3) and shown == approx(wanted / 10)
-    actuator, limited = drive(pins, wanted / 10, actuator, 0.09, 1e3, 2e-3, 0.05, 1e3, 1e3, 0.0, 0.0, 0.0, shown)
+    actuator, limited = drive(pins, wanted / 10, actuator, 0.09, 1e3, by, shown)
     assert limited and actuator == approx(0.05)
