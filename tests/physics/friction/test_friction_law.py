@@ -5,6 +5,7 @@ from textwrap import dedent
 
 import numpy as np
 import pytest
+from added_laws import DAHL
 from pytest import approx
 
 from palpate.launch.loading.launchfile import find
@@ -14,35 +15,6 @@ from palpate.launch.testing import FakeBus
 from palpate.messages import Contact, Proximity
 from palpate.nodes.friction import node_of
 
-LAW = '''
-    """Dahl friction (P. R. Dahl, Aerospace Corp. TOR-0158(3107-18)-1, 1968) over the normal force."""
-
-    import math
-    from typing import Annotated, NamedTuple
-
-    from numba import njit
-
-
-    @njit
-    def dahl(law, z, v, load, dt):
-        """dz/dt = v - |v| z/limit, backward Euler."""
-        limit = law.mu / law.bristle_stiffness
-        x = math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]) * dt / limit
-        z = ((z[0] + v[0] * dt) / (1 + x), (z[1] + v[1] * dt) / (1 + x), (z[2] + v[2] * dt) / (1 + x))
-        k = load * law.bristle_stiffness
-        return z, (k * z[0], k * z[1], k * z[2]), x < 0.5
-
-
-    class Dahl(NamedTuple):
-        """Dahl friction."""
-
-        mu: Annotated[float, "1", "> 0"] = 0.5
-        bristle_stiffness: Annotated[float, "1/m", "> 0"] = 3000.0
-
-        @property
-        def advance(self):
-            return dahl
-'''
 NODE = """
 
     from palpate.nodes.friction import node_of
@@ -61,7 +33,7 @@ def slide(node, steps=400):
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
-    assert len(dedent(LAW).strip().splitlines()) <= 40
+    assert len(DAHL.splitlines()) <= 40
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(str(tmp_path))
     yield tmp_path
@@ -70,7 +42,7 @@ def folder(tmp_path, monkeypatch):
 
 
 def test_a_law_in_its_own_file_is_a_node(folder):
-    (folder / "dahl.py").write_text(dedent(LAW))
+    (folder / "dahl.py").write_text(DAHL)
     import dahl
 
     answers = slide(node_of(dahl.Dahl)(mu=0.6))
@@ -78,7 +50,7 @@ def test_a_law_in_its_own_file_is_a_node(folder):
 
 
 def test_a_law_of_another_folder_runs_in_the_kidney_graph(folder):
-    (folder / "dahl.py").write_text(dedent(LAW + NODE))
+    (folder / "dahl.py").write_text(DAHL + dedent(NODE))
     path = "[{to: [-0.02, 0, 0.098], time: 0.15}, {to: [0.0, 0, 0.097], time: 0.2}]"
     sets = ("friction.use=dahl.Sliding", "friction.mu=0.3", "scene.surface.vertices=1500")
     sets += ("scene.hand.begin=[-0.02, 0, 0.111]", f"scene.hand.path={path}")

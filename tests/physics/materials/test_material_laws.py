@@ -1,9 +1,8 @@
 """Every material law that is found: stress, tangent, objectivity, moduli; and a law that is one file."""
 
-import textwrap
-
 import numpy as np
 import pytest
+from added_laws import GENT
 from pytest import approx
 from scipy.linalg import expm
 
@@ -18,40 +17,11 @@ from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.materials.compiled import LAW, compiled
 from palpate.physics.materials.hyperelastic import example, law, laws, rest_moduli
 
-GENT = '''
-    """Gent: chains of limited length.
-
-        W = -(mu m/2) ln(1 - I/m),    U = (kappa/2) (J - 1)²,    I = J^(-2/3) I1 - 3
-
-    A. N. Gent, Rubber Chem. Technol. 69 (1996) 59-61.
-    """
-    import numba
-    import numpy as np
-    from palpate.physics.materials.hyperelastic import Material, moduli
-    from palpate.physics.materials.invariants import shape_invariants, shape_stress
-
-    EXAMPLE = (1e4, 0.4, 2.0)
-
-
-    @numba.njit(cache=True)
-    def energy(F, J, p, P, A):
-        shear, bulk, limit = p[0], p[1], p[2]
-        _, i, _ = shape_invariants(F)
-        left = 1.0 - i / limit
-        shape_stress(F, 0.5 * shear / left, 0.0, 0.5 * shear / (limit * left**2), 0.0, 0.0, P, A)
-        return -0.5 * shear * limit * np.log(left), 0.5 * bulk * (J - 1.0) ** 2, bulk * (J - 1.0), bulk
-
-
-    def gent(young, poisson, limit):
-        """mu and kappa from Young's modulus [Pa] and Poisson's ratio; m [1] the greatest I."""
-        return Material(energy, (*moduli(young, poisson), limit))
-'''
-
 
 @pytest.fixture
 def gent(tmp_path, monkeypatch):
     """A folder with one more law in it."""
-    (tmp_path / "gent.py").write_text(textwrap.dedent(GENT))
+    (tmp_path / "gent.py").write_text(GENT)
     monkeypatch.setattr(materials, "__path__", [*materials.__path__, str(tmp_path)])
 
 
