@@ -106,7 +106,7 @@ def _decode_array(kind: type, value: Any) -> Any:
         if dtype.kind not in "fiu":
             raise ValueError(f"dtype {value['dtype']!r}, expected numbers")
         return np.frombuffer(value["data"], dtype=dtype).reshape(value["shape"])
-    except (KeyError, TypeError, ValueError, OverflowError) as error:
+    except (KeyError, TypeError, ValueError, OverflowError, SyntaxError) as error:  # numpy parses the name of a type
         raise ValueError(f"expected an array as {{dtype, shape, data}}: {error}") from None
 
 

@@ -16,7 +16,7 @@ KINDS = list(message_types().values())
 ids = [kind.__name__ for kind in KINDS]
 
 
-ODD_TYPES = ["<f8", "<i4", "O", "(2,)f8", "f8,f8", "M8", "V0", "U0"]
+ODD_TYPES = ["<f8", ",", "(", "<i4", "O", "(2,)f8", "f8,f8", "M8", "V0", "U0"]
 
 
 def value_of(field, lengths, draw):
