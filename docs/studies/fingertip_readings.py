@@ -115,7 +115,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path, help="of the runs")
     parser.add_argument("--cells", type=int, default=5)
-    parser.add_argument("--depth", type=float, default=2.4, help="how far the plate rises [mm]")
+    parser.add_argument("--depth", type=float, default=2.4, help="travel of the plate [mm]")
     parser.add_argument("--json", action="store_true")
     given = parser.parse_args()
     rows = [row(name, *press(name, given.cells, 1e-3 * given.depth, given.folder)) for name in READINGS]

@@ -13,7 +13,7 @@ def check(
     fused: Fused = False,
     as_json: Json = False,
 ) -> None:
-    """Check a graph, its scene and its placement; all faults are told at once. Exit code 2 where there are any."""
+    """Check a graph, its scene and its placement; all faults are reported at once. Exit code 2 if there are any."""
     run = chosen(graph, sets, scene, place, fused)
     plan = run.plan()
     groups = run.placement(plan).groups

@@ -34,17 +34,20 @@ def _as_json(context: typer.Context, value: bool) -> bool:
 
 
 Graph = Annotated[
-    str, typer.Argument(help="Launch file or graph: one that ships, or a path.", autocompletion=_names, metavar="GRAPH")
+    str,
+    typer.Argument(
+        help="Name of a shipped launch file or graph, or the path of one.", autocompletion=_names, metavar="GRAPH"
+    ),
 ]
 Sets = Annotated[
     list[str] | None,
     typer.Option("--set", help="Set one value: tissue.stiffness=2e3, scene.finger.h0='3 mm', rate=500."),
 ]
-SceneOption = Annotated[str | None, typer.Option("--scene", help="Scene in place of the graph's own.")]
+SceneOption = Annotated[str | None, typer.Option("--scene", help="Scene to use instead of the graph's own.")]
 PlaceOption = Annotated[
-    str | None, typer.Option("--place", help="Placement file: who shares a process, on which core.")
+    str | None, typer.Option("--place", help="Placement file: which nodes share a process, and on which core.")
 ]
-Fused = Annotated[bool, typer.Option("--fused", help="Everything in one process.")]
+Fused = Annotated[bool, typer.Option("--fused", help="Run all nodes in one process.")]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON for programs.", callback=_as_json, is_eager=True)]
 
 
@@ -71,7 +74,7 @@ def chosen(
 
     scene_file = None if scene is None else find_file(scene, SCENES, what="scene")
     if fused and place not in (None, FUSED):
-        raise typer.BadParameter(f"--fused puts everything in one process, --place {place} says otherwise: take one")
+        raise typer.BadParameter(f"--fused puts everything in one process, --place {place} contradicts it: give one")
     place_file: Path | str | None = None
     if fused or place == FUSED:
         place_file = FUSED

@@ -16,23 +16,21 @@ if TYPE_CHECKING:
 
 def compare(
     file: File,
-    sets: Annotated[list[str] | None, typer.Option("--set", help="One variant by one value: tissue.use=...")] = None,
+    sets: Annotated[list[str] | None, typer.Option("--set", help="Variant with one new value: tissue.use=...")] = None,
     variants: Annotated[
         list[str] | None,
-        typer.Option("--variant", help="One variant by several values, in quotes."),
+        typer.Option("--variant", help="Variant with several new values, in quotes."),
     ] = None,
     reference: Annotated[
-        str | None, typer.Option(help='What they are held against: "recorded" or values; the first if not given.')
+        str | None, typer.Option(help='Reference: "recorded" or changed values; by default the first variant.')
     ] = None,
-    picture: Annotated[
-        Path | None, typer.Option(help="File of the picture; beside the recording if not given.")
-    ] = None,
-    no_picture: Annotated[bool, typer.Option("--no-picture", help="Draw none.")] = False,
+    picture: Annotated[Path | None, typer.Option(help="File of the picture; by default beside the recording.")] = None,
+    no_picture: Annotated[bool, typer.Option("--no-picture", help="Draw no picture.")] = False,
     as_json: Json = False,
 ) -> None:
-    """Compute one recorded touch in several ways: differences in force, indentation and shape, and step times.
+    """Compute a recorded touch with several variants: differences in force, indentation and shape, and step times.
 
-    A single variant is held against the graph as it was recorded.
+    A single variant is compared with the graph as it was recorded.
     """
     import shlex
 

@@ -20,7 +20,7 @@ def devices(
         bool, typer.Option("--install-udev", help="Write the udev rule that lets you use them. Needs root.")
     ] = False,
     probe: Annotated[
-        bool, typer.Option("--probe", help="Open those that have a firmware to load, and say whether it runs.")
+        bool, typer.Option("--probe", help="Open the devices that need firmware, and say whether it runs.")
     ] = False,
     emulate: Annotated[
         str | None, typer.Option(help="Run an emulated device instead, and show what it answers: falcon, rawhid, ...")
@@ -30,7 +30,7 @@ def devices(
 ) -> None:
     """List the devices on this machine: what drives them, permissions, and what to do next.
 
-    No hardware? `port: emulator` at any device's node runs the whole graph on its emulator, with real bytes.
+    Without hardware, `port: emulator` on a device's node runs the whole graph with an emulator of its protocol.
     """
     if install_udev:
         _install(as_json)

@@ -13,11 +13,11 @@ from palpate.launch.commands.common import TROUBLE, Json, console, tell
 def doctor(
     pictures: Annotated[bool, typer.Option(help="Try to draw a picture, which takes some seconds.")] = True,
     seconds: Annotated[
-        float, typer.Option(help="[s] to watch how late this machine wakes up, twice; 0: not at all.", min=0, max=600)
+        float, typer.Option(help="Seconds for each of two measurements of wake-up latency; 0: none.", min=0, max=600)
     ] = 2.0,
     as_json: Json = False,
 ) -> None:
-    """Look at Python, packages, cores, wake-ups at 1 kHz, pictures and devices. Exit code 1 if palpate cannot run."""
+    """Check Python, packages, cores, wake-ups at 1 kHz, pictures and devices. Exit code 1 if palpate cannot run."""
     from palpate.launch.commands.findings import examine
 
     if as_json:

@@ -19,10 +19,10 @@ if TYPE_CHECKING:
 def echo(
     first: Annotated[str, typer.Argument(help="Recording, or the stream of a running graph.", metavar="FILE|STREAM")],
     second: Annotated[str | None, typer.Argument(help="Stream of the recording.", metavar="[STREAM]")] = None,
-    count: Annotated[int | None, typer.Option("--count", "-n", help="Stop after so many messages.", min=1)] = None,
+    count: Annotated[int | None, typer.Option("--count", "-n", help="Stop after that many messages.", min=1)] = None,
     every: Annotated[int, typer.Option(help="Only each n-th message.", min=1)] = 1,
-    run: Annotated[str | None, typer.Option(help="Name of the run, where several go on.")] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="A JSON object a line.")] = False,
+    run: Annotated[str | None, typer.Option(help="Name of the run, if there are several.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object per line.")] = False,
 ) -> None:
     """Print the messages of a stream with units: `echo FILE STREAM`, or `echo STREAM` of a running graph.
 

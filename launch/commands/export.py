@@ -15,7 +15,7 @@ def export(
     file: File,
     to: Annotated[str, typer.Option(help="foxglove, parquet, csv or vtk.")],
     out: Annotated[
-        Path | None, typer.Option(help="File (foxglove) or folder; beside the recording if not given.")
+        Path | None, typer.Option(help="File (foxglove) or folder; by default beside the recording.")
     ] = None,
     stream: Annotated[list[str] | None, typer.Option(help="Only this stream; may be repeated.")] = None,
     every: Annotated[int, typer.Option(help="Only each n-th message.", min=1)] = 1,

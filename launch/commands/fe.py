@@ -35,13 +35,13 @@ def fingertip(
             "cortical/36.4, or a number: the divisor of the printed moduli"
         ),
     ] = "calibrated",
-    depth: Annotated[float, typer.Option(help="how far the plate rises, mm")] = 2.4,
+    depth: Annotated[float, typer.Option(help="travel of the plate, mm")] = 2.4,
     cells: Annotated[int, typer.Option(help="elements across an eighth of the circumference")] = 6,
     friction: Annotated[float, typer.Option(help="Coulomb's coefficient")] = 0.2,
     finger: Annotated[
-        Path | None, typer.Option(help="a measured finger in place of the paper's, of `palpate fingertip SCAN -o FILE`")
+        Path | None, typer.Option(help="a measured finger instead of the paper's, of `palpate fingertip SCAN -o FILE`")
     ] = None,
-    folder: Annotated[Path, typer.Option("--to", help="folder for the results; a broken run goes on there")] = Path(
+    folder: Annotated[Path, typer.Option("--to", help="folder of results; an interrupted run continues")] = Path(
         "runs/fingertip"
     ),
     as_json: Json = False,
@@ -72,7 +72,7 @@ def compare(
     to: Annotated[Path, typer.Option("--to", help="folder for the pictures")] = Path("runs/fingertip"),
     as_json: Json = False,
 ) -> None:
-    """Both plates side by side: which of the paper's statements hold, and pictures like its Figures 3 to 5."""
+    """Compare both plates: which of the paper's statements hold, and pictures like its Figures 3 to 5."""
     from palpate.fe.study.paper_claims import statements
     from palpate.fe.study.press_record import Run
 
@@ -98,7 +98,7 @@ def table(
 ) -> None:
     """Write the table that tactile.Flow reads: area and isostrain volumes against force for both plates.
 
-    A steel run of another material is scaled: on a rigid plate all moduli divided by one number divide the force by it.
+    A steel run with another divisor is scaled: on a rigid plate the force is proportional to the moduli.
     """
     import numpy as np
 
@@ -122,7 +122,7 @@ def table(
 
 @fe.command()
 def laws(as_json: Json = False) -> None:
-    """The material laws: equation, and moduli at rest of an example."""
+    """List the material laws: equation, and moduli at small strain of an example."""
     from palpate.physics.materials.hyperelastic import constructor, example, rest_moduli
     from palpate.physics.materials.hyperelastic import laws as every
 
@@ -261,5 +261,5 @@ def _check_pair(runs: dict[str, Run], scaled: bool = False) -> float:
         hard |= {"divisor": soft["divisor"]}
     other = differing(hard, soft)
     if other is not None:
-        raise RunError(f"{other[0]} is {other[1]} on steel, {other[2]} on silicone; expected two runs that are alike")
+        raise RunError(f"{other[0]} is {other[1]} on steel, {other[2]} on silicone; expected the same in both")
     return ratio

@@ -37,12 +37,12 @@ def fingertip(
         str,
         typer.Option(
             help="Where slices, rows, columns run: T/H to tip or hand, N/P to nail or pulp, R/L seen from the tip, nail"
-            " up. Images without: tip and nail are found, the next slice lies behind."
+            " up. By default for images: tip and nail are detected, each slice lies behind the previous one."
         ),
     ] = "",
     picture: Annotated[Path | None, typer.Option(help="Picture of the result; by default beside the output.")] = None,
     phantom: Annotated[
-        Path | None, typer.Option(help="Write images of a made-up finger to try, and end: a new folder, or .nii.gz.")
+        Path | None, typer.Option(help="Write images of a synthetic finger, and exit: a new folder, or .nii.gz.")
     ] = None,
     as_json: Json = False,
 ) -> None:

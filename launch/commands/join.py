@@ -8,11 +8,11 @@ import typer
 
 
 def join(
-    address: Annotated[str, typer.Argument(help="Of the launcher, tcp://host:port.", metavar="ADDRESS")],
+    address: Annotated[str, typer.Argument(help="Address of the launcher, tcp://host:port.", metavar="ADDRESS")],
     group: Annotated[str, typer.Argument(help="Name of the group in the placement.", metavar="GROUP")],
-    patience: Annotated[float, typer.Option(help="[s] to wait for the launcher.", min=0.1)] = 60.0,
+    patience: Annotated[float, typer.Option(help="Time to wait for the launcher, in s.", min=0.1)] = 60.0,
     key: Annotated[str, typer.Option(help="Key that secures the run; see `palpate keys`.")] = "rig",
-    unencrypted: Annotated[bool, typer.Option("--unencrypted", help="For a run that nothing secures.")] = False,
+    unencrypted: Annotated[bool, typer.Option("--unencrypted", help="For a run without encryption.")] = False,
 ) -> None:
     """Run a group of a placement here, for a launcher on another machine (`palpate run --address ...`)."""
     from palpate.launch.running.clock import one_blas_thread

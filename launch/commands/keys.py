@@ -16,8 +16,8 @@ def keys(
 ) -> None:
     """List the keys of this user, or make one.
 
-    Who holds the file of a key takes part in runs that it secures. Copy it to the same place on every machine of a rig,
-    and let nobody else read it.
+    Whoever has the file of a key can take part in the runs that it secures. Copy it to the same place on every machine
+    of a rig, and let nobody else read it.
     """
     from rich.text import Text
 

@@ -9,12 +9,12 @@ import typer
 
 from palpate.launch.commands.common import Json, tell
 
-new = typer.Typer(no_args_is_help=True, help="Write files to begin from.")
+new = typer.Typer(no_args_is_help=True, help="Write templates of files.")
 
 
 @new.callback()
 def _group() -> None:
-    """Write files to begin from."""
+    """Write templates of files."""
 
 
 @new.command("node")
@@ -25,7 +25,7 @@ def node(
     folder: Annotated[Path, typer.Option(help="Where to write.")] = Path(),
     as_json: Json = False,
 ) -> None:
-    """Write a node and its test, which runs as it is."""
+    """Write a node and its test, which passes unchanged."""
     from palpate.launch.commands.template import node_files
     from palpate.launch.loading.faults import Faults, choices
     from palpate.messages.docs import message_types

@@ -12,7 +12,7 @@ from palpate.launch.commands.common import TROUBLE, Json, console, tell
 
 def pictures(
     file: Annotated[Path, typer.Argument(help="A recording (.mcap).", metavar="FILE")],
-    out: Annotated[Path | None, typer.Option("-o", "--out", help="Folder; the recording's own if left out.")] = None,
+    out: Annotated[Path | None, typer.Option("-o", "--out", help="Folder; by default that of the recording.")] = None,
     as_json: Json = False,
 ) -> None:
     """Draw the pictures of a recording. Exit code 1 if there was nothing that could be drawn."""

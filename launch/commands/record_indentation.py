@@ -16,19 +16,19 @@ if TYPE_CHECKING:
 def record_indentation(
     sessions: Annotated[Path, typer.Argument(help="CSV that the session is added to.")],
     subject: Annotated[str, typer.Option(help="Who or what is pressed.")],
-    session: Annotated[str, typer.Option(help="Name of this press; another one for each.")],
+    session: Annotated[str, typer.Option(help="Name of this press; use a new one for each press.")],
     graph: Annotated[str, typer.Option(help="Graph with a pose `finger` and a force `sensor`.")] = "indentation",
     sets: Sets = None,
-    duration: Annotated[float, typer.Option(help="[s] to press in.", min=0.5, max=3600)] = 10.0,
-    depth: Annotated[float, typer.Option(help="[mm] to which the forces are taken.", min=0.1, max=100)] = 5.0,
-    step: Annotated[float, typer.Option(help="[mm] between two of them.", min=0.01, max=10)] = 0.5,
-    touch: Annotated[float, typer.Option(help="[N] from which on it touches.", min=1e-4, max=10)] = 0.05,
+    duration: Annotated[float, typer.Option(help="Duration of the press, in s.", min=0.5, max=3600)] = 10.0,
+    depth: Annotated[float, typer.Option(help="Largest depth of the forces, in mm.", min=0.1, max=100)] = 5.0,
+    step: Annotated[float, typer.Option(help="Spacing of the depths, in mm.", min=0.01, max=10)] = 0.5,
+    touch: Annotated[float, typer.Option(help="Force at which contact begins, in N.", min=1e-4, max=10)] = 0.05,
     as_json: Json = False,
 ) -> None:
     """Record one press: push slowly against the tissue, along the sensor's normal, deeper than --depth.
 
-    The forces of the way in, at even depths, become a session of a CSV that `palpate fit` reads. The whole press lies
-    beside it as a recording.
+    The forces of the loading phase, at evenly spaced depths, are added as a session to a CSV that `palpate fit` reads.
+    A recording of the whole press is written beside it.
     """
     from palpate.launch.commands.press import add_session, press_of
     from palpate.launch.loading.launchfile import find

@@ -13,10 +13,10 @@ from palpate.launch.commands.info import File
 
 def recover(
     file: File,
-    out: Annotated[Path | None, typer.Option(help="File to write; beside the recording where not given.")] = None,
+    out: Annotated[Path | None, typer.Option(help="File to write; by default beside the recording.")] = None,
     as_json: Json = False,
 ) -> None:
-    """Make a complete recording of what is before the place where one was cut off or damaged."""
+    """Make a complete recording from the readable part of a truncated or damaged one."""
     from palpate.launch.recording.recover import recover as save
 
     target, counts = save(file, out)

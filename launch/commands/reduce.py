@@ -38,7 +38,7 @@ def reduce(
     folder: Annotated[str | None, typer.Option("--to", help="Folder to store it in; by default the cache.")] = None,
     as_json: Json = False,
 ) -> None:
-    """Build the basis of deformation.ReducedFE for a surface and a material, once; the cache keeps it."""
+    """Build the basis of deformation.ReducedFE for a surface and a material, and store it in the cache."""
     from pathlib import Path
 
     from palpate.nodes.base import SettingError
@@ -242,8 +242,8 @@ def _sampled(node: ReducedFE, bar: Progress) -> tuple[SampledBasis, dict[str, fl
     seen, held = finger_pressed(body, pressing, touches()) if finger else organ_pressed(body, pressing)
     if len(seen) < 2 or not held:
         raise SettingError(
-            f"surface {node.surface!r}, bed {node.bed}: the full model settled under {len(seen) + len(held)} touches, "
-            "too few to make modes of. A greater `bed` would hold it"
+            f"surface {node.surface!r}, bed {node.bed}: the full model converged for {len(seen) + len(held)} touches, "
+            "too few for modes. A greater `bed` would hold it"
         )
     sampling = bar.add_task("sampling", total=1.0, note=f"{node.modes} modes")
     basis = build(body, seen, held, node.modes, lambda share: bar.update(sampling, completed=share))

@@ -30,14 +30,14 @@ def replay(
     ] = False,
     tolerance: Annotated[
         float | None,
-        typer.Option(help="Of --check, relative; 0 for a recording that was computed alike, else 1e-6.", min=0.0),
+        typer.Option(help="Relative tolerance of --check; by default 0 for the same arithmetic, else 1e-6.", min=0.0),
     ] = None,
     speed: Annotated[
         float | None, typer.Option(help="Multiple of real time; as fast as possible if not given.")
     ] = None,
-    begin: Annotated[float, typer.Option("--from", help="[s] Show and pace from here on.", min=0.0)] = 0.0,
-    end: Annotated[float | None, typer.Option("--to", help="[s] End here.", min=0.0)] = None,
-    loop: Annotated[bool, typer.Option("--loop", help="Again and again, until Ctrl-C.")] = False,
+    begin: Annotated[float, typer.Option("--from", help="Show and pace from this time on, in s.", min=0.0)] = 0.0,
+    end: Annotated[float | None, typer.Option("--to", help="End at this time, in s.", min=0.0)] = None,
+    loop: Annotated[bool, typer.Option("--loop", help="Repeat until Ctrl-C.")] = False,
     step: Annotated[bool, typer.Option("--step", help="Wait for Enter at each instant; q ends.")] = False,
     record: Annotated[Path | None, typer.Option(help="Record the replay to this file.")] = None,
     as_json: Json = False,
@@ -45,7 +45,7 @@ def replay(
     """Replay a recording: its device drives its graph, or another one, or with --only a part of it.
 
     --check computes every message of every node again from exactly the inputs that it names, and prints the first
-    difference. Exit code 1 where there is one. Bytes are compared where the recording was computed with the same
+    difference. Exit code 1 if there is one. Bytes are compared if the recording was computed with the same
     versions and instructions, else numbers within 1e-6, and it says so.
     """
     from palpate.launch.recording.changed import changed

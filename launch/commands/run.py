@@ -37,7 +37,7 @@ def run(
     clock: Annotated[str | None, typer.Option(help="simulated or real.")] = None,
     duration: Annotated[
         float | None,
-        typer.Option(help="Of the graph's clock: seconds, or with a unit.", parser=seconds, metavar="TIME"),
+        typer.Option(help="On the graph's clock: seconds, or with a unit.", parser=seconds, metavar="TIME"),
     ] = None,
     pace: Annotated[
         float | None, typer.Option(help="Simulated time at this multiple of real time.", min=1e-3, max=1e6)
@@ -48,18 +48,18 @@ def run(
     thin: Annotated[list[str] | None, typer.Option(help="STREAM=N: record each N-th message only.")] = None,
     out: Annotated[Path | None, typer.Option(help="Folder of recording and pictures.")] = None,
     pictures: Annotated[bool, typer.Option(help="Draw the pictures of the run at its end.")] = True,
-    patience: Annotated[float, typer.Option(help="[s] after which a silent node counts as hung.", min=0.1)] = 5.0,
-    carrier: Annotated[str | None, typer.Option(help="Between processes: zmq or local; for all groups.")] = None,
+    patience: Annotated[float, typer.Option(help="Time in s after which a silent node counts as hung.", min=0.1)] = 5.0,
+    carrier: Annotated[str | None, typer.Option(help="Between processes, for all groups: zmq or local.")] = None,
     address: Annotated[str | None, typer.Option(help="tcp://host:port where workers of other hosts join.")] = None,
-    key: Annotated[str, typer.Option(help="Key that secures what goes to other hosts; see `palpate keys`.")] = "rig",
-    unencrypted: Annotated[bool, typer.Option("--unencrypted", help="Nothing secures what goes over TCP.")] = False,
-    reconnect: Annotated[bool, typer.Option("--reconnect", help="Wait for a device that is pulled out.")] = False,
+    key: Annotated[str, typer.Option(help="Key that secures connections to other hosts; see `palpate keys`.")] = "rig",
+    unencrypted: Annotated[bool, typer.Option("--unencrypted", help="Do not encrypt TCP connections.")] = False,
+    reconnect: Annotated[bool, typer.Option("--reconnect", help="Wait for a device that is unplugged.")] = False,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No live view.")] = False,
     as_json: Json = False,
 ) -> None:
     """Run a graph: live view, recording, summary, pictures.
 
-    Ctrl-C or SIGTERM ends it in order. Exit code 1 when a node failed.
+    Ctrl-C or SIGTERM ends it in an orderly way. Exit code 1 when a node failed.
     """
     from palpate.launch.running.forkserver import ForkServer
 

@@ -15,9 +15,9 @@ if TYPE_CHECKING:
 
 
 def top(
-    run: Annotated[str | None, typer.Option(help="Name of the run, where several go on.")] = None,
-    once: Annotated[bool, typer.Option("--once", help="Look for a second, print, and end.")] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Look for a second, print JSON, and end.")] = False,
+    run: Annotated[str | None, typer.Option(help="Name of the run, if there are several.")] = None,
+    once: Annotated[bool, typer.Option("--once", help="Collect for one second, print, and exit.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Collect for one second, print JSON, and exit.")] = False,
 ) -> None:
     """Show a running graph: rate, step times, late, lost and held messages of each node. Ctrl-C ends it."""
     from rich.live import Live

@@ -124,7 +124,7 @@ class _Builder:
         place = Place(self.file, node.start_mark.line + 1, node.start_mark.column + 1)
         self.places.setdefault(keys, place)
         if id(node) in parents:
-            raise GraphError([Fault("an alias that holds itself", place=place)])
+            raise GraphError([Fault("an alias that contains itself", place=place)])
         if len(self.places) > _TOO_MANY:
             raise GraphError([Fault(f"more than {_TOO_MANY} entries", place=place)])
         if not node.tag.startswith("tag:yaml.org,2002:"):

@@ -56,7 +56,7 @@ def no_idle(overrides: Sequence[str], plan: Plan, running: Collection[str]) -> N
         if name in plan.order and name not in running:
             raise RecordingError(
                 f"{path}: {name!r} is played as it was recorded, so this has no effect. A played node runs with "
-                f"--only {name}; a source answers the forces of now in a new run (palpate run)"
+                f"--only {name}; a source reacts to new forces only in a new run (palpate run)"
             )
 
 
@@ -65,7 +65,7 @@ def _same_rate(recording: Recording, graph: Graph) -> None:
     rate = recording.about.get("plan", {}).get("rate", graph.rate)
     if graph.rate != rate:
         raise RecordingError(
-            f"{recording.path}: recorded at {rate:g} Hz, and its ticks come again as they were: found "
+            f"{recording.path}: recorded at {rate:g} Hz, and a replay keeps these ticks: found "
             f"rate={graph.rate:g}, expected {rate:g}. A node may run less often: --set NODE.every=2"
         )
 
