@@ -6,6 +6,8 @@ import sys
 from importlib.metadata import version
 
 import pytest
+import typer
+from rich.text import Text
 from typer.testing import CliRunner
 
 from palpate.drivers import discover
@@ -34,6 +36,20 @@ def test_help_lists_the_verbs():
     for verb in ("check", "plan", "nodes", "messages", "doctor", "new"):
         assert verb in text
     assert run().exit_code == 2
+
+
+def test_help_shows_every_word_of_its_texts():
+    """Units in brackets, such as [s] at the start of a text, are styles to rich, which drops them."""
+
+    def texts(command):
+        yield command.help or ""
+        yield from (option.help or "" for option in command.params if hasattr(option, "help"))
+        for sub in getattr(command, "commands", {}).values():
+            yield from texts(sub)
+
+    every = [text for text in texts(typer.main.get_command(app)) if text]
+    assert len(every) > 100
+    assert [text for text in every if Text.from_markup(text).plain != text] == []
 
 
 def test_check_of_a_right_graph(whole):
