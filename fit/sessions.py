@@ -190,8 +190,8 @@ def check_stiffness(subjects: list[Subject]) -> None:
         faults.append(
             f"{one.file}, from row {one.rows[0]}, column 'force': subject {one.name!r} has {force:.3g} N at"
             f" {depth * 1e3:.3g} mm, {force / depth:.3g} N/m; soft tissue under a fingertip has {low:g} ... {high:g}"
-            f" N/m. Is a unit in the header wrong? {' or '.join(cures.values()) or 'None'} would do. Where the"
-            " numbers are right, --any-stiffness takes them"
+            f" N/m. Is a unit in the header wrong? {' or '.join(cures.values()) or 'None'} would fit. If the"
+            " numbers are right, --any-stiffness accepts them"
         )
     _refuse(faults)
 
@@ -275,7 +275,7 @@ def _subject(path: Path, name: str, rows: list[tuple[int, dict]], factors: dict[
                 back = np.flatnonzero(np.diff(time) <= 0)
                 if len(back):
                     raise SessionError(
-                        f"{path}, row {rows[at[back[0] + 1]][0]}, column 'time': does not grow within session {label!r}"
+                        f"{path}, row {rows[at[back[0] + 1]][0]}, column 'time': does not increase in session {label!r}"
                         f" of subject {name!r}"
                     )
                 rate[at] = np.gradient(depth[at], time)

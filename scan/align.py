@@ -1,4 +1,4 @@
-"""The finger's own axes, however it lay in the scanner.
+"""The finger's own axes, for any orientation in the scanner.
 
 y is the axis of the bone, from the tip to the hand; x runs across, where the cross-sections are broadest; z to the
 nail, the side of the finger on which the bone lies. All three are taken from what lies before a cut square to the axis,
@@ -77,7 +77,7 @@ def find_frame(lying: Fingertip, nail: np.ndarray | None) -> Frame:
     z, breadth = _upright(skin, y)
     if breadth < LEAST_BREADTH:
         if nail is None:
-            raise ScanError("the finger is as deep as it is broad; say where the nail is (--dorsal or --axes)")
+            raise ScanError("the finger is as thick as it is wide; say where the nail is (--dorsal or --axes)")
         z = nail - (nail @ y) * y
     offset = float((middle - bone._replace(points=_sections(bone.points, skin, y)).middle()) @ z)
     if nail is not None:
@@ -85,7 +85,7 @@ def find_frame(lying: Fingertip, nail: np.ndarray | None) -> Frame:
         if abs(offset) < 0.5:
             raise ScanError("the nail is said to be on a narrow side of the finger; expected one of its broad sides")
     elif abs(offset) < LEAST_OFFSET:
-        raise ScanError("the bone lies midway between nail and pulp; say where the nail is (--dorsal or --axes)")
+        raise ScanError("the bone is midway between nail and pulp; say where the nail is (--dorsal or --axes)")
     z = z / np.linalg.norm(z) * np.sign(offset)
     axes = np.stack([np.cross(y, z), y, z])
     return Frame(middle + (_tip(lying, skin, y) - middle @ y) * y, axes)

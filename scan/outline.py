@@ -107,7 +107,7 @@ def _foreground(image: np.ndarray, where: str) -> float:
     standing = image[image > air + 8 * noise]
     standing = standing[standing > air + 0.1 * (image.max() - air)]
     if not len(standing):
-        raise ScanError(f"{where}: nothing stands out from the rim of the images, expected a bright finger in air")
+        raise ScanError(f"{where}: nothing is brighter than the border of the images, expected a bright finger in air")
     return air + max(0.25 * (float(np.median(standing)) - air), 6 * noise)
 
 
@@ -203,7 +203,7 @@ def enclosed(curve: np.ndarray) -> float:
 
 
 def smooth(curve: np.ndarray) -> np.ndarray:
-    """A closed curve (n,2) as 256 points (256,2) evenly along its length, without its finest waves."""
+    """A closed curve (n,2) as 256 points (256,2) evenly along its length, without its highest harmonics."""
     if np.allclose(curve[0], curve[-1]):
         curve = curve[:-1]
     closed = np.concatenate([curve, curve[:1]])

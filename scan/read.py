@@ -69,7 +69,7 @@ def _nifti(path: Path):
             f"{path}: its affine has no size along an axis; give the spacing and the axes with a new header"
         )
     if np.abs((turn / zooms).T @ (turn / zooms) - np.eye(3)).max() > 0.01:
-        raise ScanError(f"{path}: the axes of its affine are not square to each other; resample the images")
+        raise ScanError(f"{path}: the axes of its affine are not orthogonal; resample the images")
     stated = any(int(image.header[code]) > 0 for code in ("qform_code", "sform_code") if code in image.header)
     # NIfTI rows grow upwards (to superior or anterior), those of an image downwards.
     mirrored = bool(np.linalg.det(turn) > 0) if stated else None
@@ -149,7 +149,9 @@ def _dicom(folder: Path, files: list[Path]):
     places = np.array([p for p, _ in placed])
     aside = np.array([np.array(s.ImagePositionPatient, float) - p * normal for p, s in placed])
     if np.abs(aside - aside[0]).max() > 0.1 * max(float(v) for v in slices[0].PixelSpacing):
-        raise ScanError(f"{folder}: the slices are not square to the way from one to the next; resample the images")
+        raise ScanError(
+            f"{folder}: the slices are not perpendicular to the direction of the stack; resample the images"
+        )
     gaps = np.diff(places)
     usual = float(np.median(gaps)) if len(gaps) else 0.0
     wrong = np.flatnonzero(np.abs(gaps - usual) > 0.05 * abs(usual) + 1e-3)

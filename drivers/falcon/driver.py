@@ -66,7 +66,7 @@ class Falcon:
             return
         if self.image is None:
             raise DeviceError(
-                "no firmware runs on the Falcon, and the setting `firmware` names none. It wants the image that came"
+                "no firmware runs on the Falcon, and the setting `firmware` names none. It needs the image that came"
                 " with its driver (nvent_firmware.bin, also in the source tree of libnifalcon): firmware: path/to/it."
             )
         data = self.image()
@@ -85,7 +85,7 @@ class Falcon:
         return False
 
     def _frame(self) -> bytes | None:
-        """The newest whole frame that comes within the patience."""
+        """The newest complete frame that arrives within the patience."""
         assert self.chip is not None
         deadline = self.clock() + round(PATIENCE * 1e9)
         while (left := deadline - self.clock()) > 0:
@@ -117,7 +117,7 @@ class Falcon:
         return Sample(now, (a, b, c), self.place, found.buttons)
 
     def _believed(self, counts: Counts, now: int) -> Counts | None:
-        """The counts, or the last ones where these cannot be: unless several in a row agree with one another.
+        """The counts, or the last ones where these are implausible, unless several in a row agree with one another.
 
         None before the first several. The frames have no check sum, so a wrong nibble looks like a jump of 16 counts
         or more from the way that the arm was on.

@@ -1,4 +1,4 @@
-"""Loading a Falcon: it forgets its firmware with its power, and takes it anew over the same line.
+"""Loading a Falcon: it loses its firmware when switched off, and is loaded again over the same line.
 
 The image is the user's own: it came with the maker's driver, and lies in the open driver's source tree as
 `firmware/nvent_firmware.bin`. None is part of palpate. The load is known to fail now and then; it is tried again.
@@ -67,7 +67,7 @@ def load(chip: Ftdi, data: bytes, now: Callable[[], int]) -> int:
         except Refused as error:
             text = str(error)
     raise DeviceError(
-        f"the firmware could not be loaded in {ATTEMPTS} attempts: {text}. Take the Falcon off its power for a moment,"
+        f"the firmware could not be loaded in {ATTEMPTS} attempts: {text}. Switch the Falcon off for a moment,"
         " plug it into the machine itself without a hub, and try again."
     )
 

@@ -84,7 +84,7 @@ class Inverse3:
         while "inverse3" not in first and time.monotonic() < deadline:
             first = state(self.link.read(0.2))
         if "inverse3" not in first:
-            raise DeviceError(f"the {NAME} tells of no devices within 2 s. Is it version 3 of the service?")
+            raise DeviceError(f"the {NAME} reports no devices within 2 s. Is it version 3 of the service?")
         known = [str(d.get("device_id")) for d in first["inverse3"] or [] if isinstance(d, dict)]
         if not known:
             raise DeviceError(f"the {NAME} runs, but knows no Inverse3. Plug it in and give it power.")

@@ -115,7 +115,7 @@ class RawHid:
             raise DeviceError(f"the {NAME} has {self.info.axes} axes, expected 1 to 3.")
         scales = (*self.info.per_count[: self.info.axes], *self.info.per_unit[: self.info.axes])
         if not all(math.isfinite(s) and s != 0.0 for s in scales):
-            raise DeviceError(f"the {NAME} tells scales of {scales}, expected numbers but 0: look at its firmware.")
+            raise DeviceError(f"the {NAME} reports scales of {scales}, expected none to be 0: check its firmware.")
 
     def _ask(self) -> Info:
         assert self.device is not None
@@ -157,7 +157,7 @@ class RawHid:
         self.last = found.sequence
         now = time.monotonic_ns()
         if found.flags & FAULT:
-            raise DeviceError(f"the {NAME} reports a fault of its own. Switch it off and on; look at its firmware.")
+            raise DeviceError(f"the {NAME} reports a fault. Switch it off and on; check its firmware.")
         if not found.flags & HOMED:
             return Sample(now, buttons=found.buttons, homed=False)
         axes = self.info.axes

@@ -122,7 +122,7 @@ class DotPad:
         self.model = self._ask(NAME_REQUEST, NAME_REPLY).decode("ascii", errors="replace")
         told = self._ask(BOARD_REQUEST, BOARD_REPLY)
         if len(told) < BOARD.size:
-            raise DeviceError(f"the {NAME} {self.model!r} tells {len(told)} bytes of its board, expected {BOARD.size}.")
+            raise DeviceError(f"the {NAME} {self.model!r} sends {len(told)} bytes about its board, not {BOARD.size}.")
         features, _, _, _, text_rows, _, _, _, rows, columns, _, _ = BOARD.unpack(told[: BOARD.size])
         if not features & GRAPHIC:
             raise DeviceError(f"the {NAME} {self.model!r} has no graphic display.")

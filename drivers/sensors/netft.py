@@ -81,7 +81,7 @@ class NetFT:
 
     def open(self) -> None:
         if not self.host:
-            raise DeviceError(f"the {NAME} is on the network: say its address with `port`, 192.168.1.1 as delivered.")
+            raise DeviceError(f"the {NAME} is on the network: give its address as `port`, 192.168.1.1 as delivered.")
         self.scale = scale(self._page())
         self.link = Udp(self.host, self.rdt, NAME)
         self.number = -1

@@ -38,7 +38,7 @@ class SerialLine:
         self.serial = package("serial")
         self.name = name
         if not port:
-            raise DeviceError(f"the {name} is on a serial port: say which with `port`. {_ports()}")
+            raise DeviceError(f"the {name} is on a serial port: give it as `port`. {_ports()}")
         try:
             self.line: Any = self.serial.Serial(port, baud, timeout=0, write_timeout=1.0, exclusive=True)
         except self.serial.SerialException as error:

@@ -1,4 +1,4 @@
-"""What all contact by augmented Lagrangian shares: settings, state, the multipliers between two rounds."""
+"""Shared by all augmented-Lagrangian contacts: settings, state, the multipliers between two updates."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class Augmented:
             raise ValueError(f"friction {friction}: expected a number >= 0")
         if not (0.0 <= bound < np.inf and 0.0 <= penalty < np.inf):
             raise ValueError(
-                f"bound {bound} m, penalty {penalty} Pa/m: expected positive numbers, or 0 to have them found"
+                f"bound {bound} m, penalty {penalty} Pa/m: expected positive numbers, or 0 to choose them automatically"
             )
         self.faces = checked_faces(faces)
         self.friction, self.bound, self.penalty = float(friction), float(bound), float(penalty)
@@ -93,7 +93,7 @@ class Augmented:
         return f"the other body passes through the surface at {point_text(at)} and presses on it from behind"
 
     def remember(self) -> None:
-        """Keep the multipliers, that a load step which fails may be forgotten."""
+        """Save the multipliers, so that a failed load step can be undone."""
         self._saved = self.multiplier.copy(), self.sliding.copy()
 
     def back(self) -> None:

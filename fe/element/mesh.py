@@ -69,8 +69,8 @@ class TetMesh:
             bad, volume = int(wrong[0]), float(self.corner_volumes[wrong[0]])
             if volume > 0.0:
                 raise MeshError(
-                    f"element {bad} at {self.place(bad)}: its edges are bent until it turns inside out in places; "
-                    "straighten them or take smaller elements"
+                    f"element {bad} at {self.place(bad)}: its edges are so curved that its Jacobian is "
+                    "negative in places; straighten them or take smaller elements"
                 )
             raise MeshError(
                 f"element {bad} at {self.place(bad)}: volume {volume:.3g} m³, expected a positive one; swap two "

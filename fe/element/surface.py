@@ -1,4 +1,4 @@
-"""Closed surfaces of triangles that cross themselves: what they bound is not what a mesher would fill."""
+"""Closed triangle surfaces that intersect themselves: their interior is not what a mesher would fill."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ def check_surface(points: np.ndarray, triangles: np.ndarray) -> None:
     if found is not None:
         one, other, at = found
         raise MeshError(
-            f"surface: triangles {one} and {other} cross at {point_text(at)}: it passes through itself, so that what "
-            "it bounds is not told. Join the parts into one surface (a union), or mesh it anew"
+            f"surface: triangles {one} and {other} cross at {point_text(at)}: it intersects itself, so that its "
+            "interior is not defined. Join the parts into one surface (a union), or mesh it again"
         )
 
 

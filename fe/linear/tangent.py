@@ -1,4 +1,4 @@
-"""Newton's direction: the symmetric tangent is factored, what is left out of it is iterated on."""
+"""Newton's direction: the symmetric tangent is factored, its unsymmetric part is left to GMRES."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ class Tangent:
                 more = max(10.0 * shift, 1e-4 * mean) - shift
                 matrix[self.diagonal] += more * np.eye(3)
                 shift += more
-        raise UnheldError("the tangent is not positive definite; is the body held against rigid motion?")
+        raise UnheldError("the tangent is not positive definite; is the body supported against rigid motion?")
 
     def solve(self, rhs: np.ndarray) -> np.ndarray:
         """Displacements (3N,) or (3N,k) for forces of that shape, by the last factor."""

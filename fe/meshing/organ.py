@@ -139,7 +139,7 @@ class Organ:
 
     def __post_init__(self) -> None:
         if not self.bed > 0:
-            raise MeshError(f"bed: found {self.bed} 1/m, expected a positive number, or the organ is not held")
+            raise MeshError(f"bed: found {self.bed} 1/m, expected a positive number, or the organ has no support")
         across = float(np.ptp(self.surface.vertices, axis=0).max())
         if not 1e-3 <= across <= 3.0:
             raise MeshError(f"surface: found {across:.4g} m across, expected 1 mm ... 3 m; is its unit right?")

@@ -25,7 +25,7 @@ def solid(surface: Mesh) -> tuple[TetMesh, Mesh]:
         from pytetwild import tetrahedralize
     except ModuleNotFoundError:
         raise MeshError(
-            "surface: no point inside sees all of its triangles; such a one is filled by the package pytetwild: "
+            "surface: no point inside sees all of its triangles; such a surface is meshed by the package pytetwild: "
             "pip install 'palpate[mesh]'"
         ) from None
     corner = surface.vertices[surface.triangles]
@@ -35,7 +35,7 @@ def solid(surface: Mesh) -> tuple[TetMesh, Mesh]:
     with TemporaryDirectory() as folder, chdir(folder):  # it leaves a file where it runs
         found, tets = tetrahedralize(*own, edge_length_abs=edge / size, num_threads=1)[:2]
     if len(tets) == 0:
-        raise MeshError("surface: found no tetrahedra inside it; does it cross itself?")
+        raise MeshError("surface: found no tetrahedra inside it; does it intersect itself?")
     points, tets = middle + size * np.asarray(found, dtype=np.float64), np.asarray(tets, dtype=np.int64)
     a, b, c, d = (points[tets[:, i]] for i in range(4))
     turned = np.einsum("ij,ij->i", np.cross(b - a, c - a), d - a) < 0

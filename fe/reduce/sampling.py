@@ -232,7 +232,7 @@ def _place(law: Material) -> int:
     """
     name = law.name
     if law.small:
-        raise ValueError(f"material law {name!r}: it is for small strains, a sampled body turns and bends")
+        raise ValueError(f"material law {name!r}: it is for small strains, but a sampled body has large rotations")
     if law.mixed:
         raise ValueError(
             f"material law {name!r} with the mixed element: expected the plain one, as the energy of a sampled body is "

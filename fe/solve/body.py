@@ -53,7 +53,9 @@ class ElasticBody:
             slope, det = gradients(mesh.points, mesh.elements[own])
             if (det <= 0).any():
                 bad = own[np.argmax((det <= 0).any(axis=1))]
-                raise MeshError(f"element {bad} at {mesh.place(bad)}: its edges are bent until it turns inside out")
+                raise MeshError(
+                    f"element {bad} at {mesh.place(bad)}: its edges are so curved that its Jacobian is negative"
+                )
             self.groups.append(Group(materials[region], own, slope, det / 24.0))
         self._where: list[np.ndarray] = []
         for bed in self.beds:

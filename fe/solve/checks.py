@@ -1,4 +1,4 @@
-"""What is asked of a model before it is solved: plausible units, a body that is held, functions of the right shape."""
+"""Checks of a model before it is solved: plausible units, a supported body, functions of the right shape."""
 
 from __future__ import annotations
 
@@ -72,8 +72,8 @@ def check_held(mesh: TetMesh, fixed: np.ndarray, touched: Iterable[np.ndarray]) 
     at = mesh.points[own[:, :4]].mean(axis=(0, 1))
     _, same = np.unique(np.round(mesh.points / (1e-9 * mesh.size)), axis=0, return_counts=True)
     raise MeshError(
-        f"the piece of {len(own)} elements round ({at[0]:.4g}, {at[1]:.4g}, {at[2]:.4g}) m is not held: none of its "
-        f"nodes is fixed or on a contact. Fix some of it, or join it to the rest: {int((same > 1).sum())} places of "
+        f"the piece of {len(own)} elements round ({at[0]:.4g}, {at[1]:.4g}, {at[2]:.4g}) m has no support: none of its "
+        f"nodes is fixed or in contact. Fix some of it, or join it to the rest: {int((same > 1).sum())} places of "
         "the mesh hold more than one node"
     )
 

@@ -140,7 +140,7 @@ class Solver:
         found = [f"contact {k}" for k, contact in enumerate(self.contacts) if not contact.touches()]
         if not found:
             return ""
-        return f"; nothing touches {', '.join(found)}: contact is lost or not yet made, and what it should hold is free"
+        return f"; nothing touches {', '.join(found)}: contact is lost or not yet made, so a support is missing"
 
     def _try(self, load: float) -> tuple[str, int]:
         """One load step: why it failed, empty where it did not; and the iterations used."""

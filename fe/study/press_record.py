@@ -94,8 +94,8 @@ class Run:
         if other is not None:
             name, there, here = other
             raise RunError(
-                f"{self.folder}: holds a run with {name} {there}, this one has {here}. Another folder, or that one "
-                "removed, would do"
+                f"{self.folder}: holds a run with {name} {there}, this one has {here}. Use another folder, or "
+                "remove that one"
             )
         if not (self.folder / "state.npz").exists():
             return [first]

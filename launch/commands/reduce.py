@@ -243,7 +243,7 @@ def _sampled(node: ReducedFE, bar: Progress) -> tuple[SampledBasis, dict[str, fl
     if len(seen) < 2 or not held:
         raise SettingError(
             f"surface {node.surface!r}, bed {node.bed}: the full model converged for {len(seen) + len(held)} touches, "
-            "too few for modes. A greater `bed` would hold it"
+            "too few for modes. A larger `bed` would support it"
         )
     sampling = bar.add_task("sampling", total=1.0, note=f"{node.modes} modes")
     basis = build(body, seen, held, node.modes, lambda share: bar.update(sampling, completed=share))

@@ -50,7 +50,7 @@ def read_mesh(path: str, scale: float) -> Mesh:
     if shared:
         raise SettingError(
             f"setting 'surface': {path} has {shared} edges that more than two triangles share: it has no inside. "
-            "Mend it in a mesh editor (remove inner faces, make it manifold)."
+            "Repair it in a mesh editor (remove inner faces, make it manifold)."
         )
     return Mesh(vertices, outward(vertices, triangles))
 
@@ -92,6 +92,6 @@ def _plausible(path: str, vertices: np.ndarray) -> None:
     longest = float(np.ptp(vertices, axis=0).max())
     if not SMALLEST <= longest <= LARGEST:
         raise SettingError(
-            f"setting 'file_unit': {path} comes out {longest:.3g} m across, expected {SMALLEST} to {LARGEST} m. "
+            f"setting 'file_unit': {path} is {longest:.3g} m across, expected {SMALLEST} to {LARGEST} m. "
             "Mesh files are usually in millimetres: file_unit: mm."
         )

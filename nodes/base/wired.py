@@ -1,4 +1,4 @@
-"""What all nodes with a device at the other end share: which one, whether it is waited for, and the thread between."""
+"""Shared by all nodes that communicate with a device: its port, whether to wait for it, and the thread."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ class Wired(Node):
             self.told = True
             found.append(
                 f"the device answers {rate:.0f} times a second, the graph asks {self.steps / self.seconds:.0f} times:"
-                f" the rest is carried on from the last answers. `rate: {50 * max(1, int(rate / 50))}` fits;"
+                f" the rest is extrapolated from the last answers. `rate: {50 * max(1, int(rate / 50))}` fits;"
                 " `palpate doctor` shows what slows this machine."
             )
         return found

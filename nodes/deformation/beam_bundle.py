@@ -54,7 +54,7 @@ class BeamBundle(WithNodule):
         if closed and sum(self.layers) > thickness:
             raise SettingError(
                 f"layers: found {sum(self.layers) * 1e3:g} mm in all, the body is {thickness * 1e3:.1f} mm thick: its "
-                f"beams would come out on the other side"
+                f"beams would end beyond the other side"
             )
         materials = tuple(
             Material(modulus, relaxation, self.poisson)

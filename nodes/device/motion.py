@@ -56,12 +56,12 @@ def read_motion(path: str) -> Motion:
     except UnicodeDecodeError:
         raise wrong("not a text in UTF-8; expected a CSV") from None
     if not rows:
-        raise wrong("empty; expected a head such as t,x,y,z and rows of numbers")
+        raise wrong("empty; expected a header such as t,x,y,z and rows of numbers")
     head = [name.strip().lower() for name in rows[0][1]]
     angles = sorted((n for n in head if re.fullmatch(r"joint\d+", n)), key=lambda n: int(n[5:]))
     names = list(PLACE) if set(PLACE) <= set(head) else angles
     if "t" not in head or not names:
-        raise wrong(f"its head is {', '.join(head)}; expected t and x, y, z [m], or t and joint1, joint2, ... [rad]")
+        raise wrong(f"its header is {', '.join(head)}; expected t and x, y, z [m], or t and joint1, joint2, ... [rad]")
     numbers = []
     for line, row in rows[1:]:
         try:
@@ -76,7 +76,7 @@ def read_motion(path: str) -> Motion:
     times = table[:, head.index("t")]
     if np.any(np.diff(times) <= 0.0):
         bad = int(np.argmax(np.diff(times) <= 0.0)) + 1
-        raise wrong(f"line {rows[1 + bad][0]}: the time {times[bad]} does not grow")
+        raise wrong(f"line {rows[1 + bad][0]}: the time {times[bad]} does not increase")
     values = table[:, [head.index(name) for name in names]]
     buttons = table[:, head.index("buttons")] if "buttons" in head else np.zeros(len(times))
     return Motion(times, values, names is angles, buttons.astype(np.int64))

@@ -1,4 +1,4 @@
-"""A force sensor, computed: the finger's force on a display when no simulated contact makes it."""
+"""A simulated force sensor: the finger's force on a display when there is no simulated contact."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from palpate.nodes.base import Node, SettingError
 
 
 class ForceSensor(Node):
-    """Simulated sensor: a normal force that follows given points, straight in between.
+    """Simulated sensor: a normal force interpolated linearly between given points.
 
     It knows the force only, so compression and indentation of its messages are 0. After the last point the force
     stays, or with `repeat` starts again. The default presses from 0 to 4 N and lets go.
@@ -35,7 +35,7 @@ class ForceSensor(Node):
                 " of the one as of the other, at least one"
             )
         if not (np.isfinite(times).all() and np.all(np.diff(times) > 0)):
-            raise SettingError(f"setting 'times' [s]: found {self.times}, expected finite times that grow")
+            raise SettingError(f"setting 'times' [s]: found {self.times}, expected finite increasing times")
         if not (np.isfinite(forces).all() and np.all(forces >= 0)):
             raise SettingError(f"setting 'forces' [N]: found {self.forces}, expected finite forces >= 0")
         length = math.hypot(*self.normal)

@@ -1,4 +1,4 @@
-"""Force sensors at the machine: what a real indentation feels."""
+"""Real force sensors: the force of a real indentation."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class _Measured(Wired):
         self.normal = (x / length, y / length, z / length)
         if len(self.times) != len(self.forces) or not self.times or not np.all(np.diff(self.times) > 0):
             raise SettingError(
-                f"settings 'times' and 'forces': found {self.times} and {self.forces}, expected times that grow, and as"
+                f"settings 'times' and 'forces': found {self.times} and {self.forces}, expected increasing times and as"
                 " many forces"
             )
 

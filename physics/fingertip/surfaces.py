@@ -70,7 +70,7 @@ class Fingertip:
             raise FingertipError(f"{path}: cannot be read as a fingertip (.npz): {error}") from None
         shapes = {getattr(tip, k).shape for k in ("skin", "tissue", "bone")}
         if len(shapes) != 1 or tip.skin.ndim != 3 or tip.origin.shape != (3,) or tip.spacing.shape != (3,):
-            raise FingertipError(f"{path}: grids of shape {shapes}, expected three alike with three axes")
+            raise FingertipError(f"{path}: grids of shape {shapes}, expected three of equal shape with three axes")
         if not all(np.isfinite(getattr(tip, k)).all() for k in FIELDS) or np.any(tip.spacing <= 0):
             raise FingertipError(f"{path}: expected finite distances and spacing > 0")
         return tip

@@ -116,7 +116,7 @@ def test_the_firmware_is_loaded_however_often_it_takes(flaky):
 
 def test_a_load_that_never_succeeds_says_what_to_do():
     driver, device, _ = pair(Faults(flaky=99))
-    with pytest.raises(DeviceError, match=r"10 attempts: the echo .* is wrong\. Take the Falcon off its power"):
+    with pytest.raises(DeviceError, match=r"10 attempts: the echo .* is wrong\. Switch the Falcon off"):
         driver.open()
     assert not device.running
 

@@ -119,7 +119,7 @@ def test_something_else_on_the_line_is_told():
 def test_a_port_that_is_not_there_is_told():
     with pytest.raises(DeviceError, match=r"no port /dev/ttyNONE\. There (is|are)"):
         SerialLine("/dev/ttyNONE", 9600, "Bota")
-    with pytest.raises(DeviceError, match="say which with `port`"):
+    with pytest.raises(DeviceError, match="give it as `port`"):
         SerialLine("", 9600, "Bota")
 
 
@@ -190,7 +190,7 @@ def test_a_net_ft_that_sends_faster_than_it_is_read_does_not_hold_a_cycle():
 def test_no_net_ft_at_an_address_is_told():
     with pytest.raises(DeviceError, match=r"no Net F/T at 127\.0\.0\.1: .*refused.*192\.168\.1\.1"):
         netft.NetFT("127.0.0.1", web=9).open()
-    with pytest.raises(DeviceError, match="say its address with `port`"):
+    with pytest.raises(DeviceError, match="give its address as `port`"):
         netft.NetFT("").open()
 
 

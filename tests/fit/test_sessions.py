@@ -48,7 +48,7 @@ def test_the_rate_comes_from_its_column_or_from_the_time(file):
     write(file, HEAD + ",time [ms]", "a,1,0,0,0", "a,1,1,1,100", "a,1,2,1,200", "a,2,0,0,0", "a,2,1,1,10")
     assert read_sessions(file)[0][0].rate == approx([0.01, 0.01, 0.01, 0.1, 0.1])
     write(file, HEAD + ",time [s]", "a,1,0,0,0", "a,1,1,1,0")
-    with pytest.raises(SessionError, match="row 3, column 'time': does not grow within session '1'"):
+    with pytest.raises(SessionError, match="row 3, column 'time': does not increase in session '1'"):
         read_sessions(file)
 
 
@@ -189,9 +189,9 @@ def test_noise_about_zero_is_read_as_it_stands(file):
         (
             "subject,session,depth [mm],force [mN]",
             "a,1,5,2.7",
-            "0.54 N/m; .* 'force .N.' or 'depth .(µ|μ|u)m.' would do",
+            "0.54 N/m; .* 'force .N.' or 'depth .(µ|μ|u)m.' would fit",
         ),
-        ("subject,session,depth [mm],force [N]", "a,1,5,2700", "5.4e.05 N/m; .* 'force .mN.' or 'depth .m.' would do"),
+        ("subject,session,depth [mm],force [N]", "a,1,5,2700", "5.4e.05 N/m; .* 'force .mN.' or 'depth .m.' would fit"),
         ("subject,session,depth [mm],force [N]", "a,1,0.005,2.7", "5.4e.05 N/m"),
     ],
 )

@@ -223,7 +223,7 @@ def test_a_press_of_four_newton_drives_the_display():
     ("given", "text"),
     [
         ({"times": (0, 1)}, "found 2 times and 4 forces"),
-        ({"times": (0, 0), "forces": (1, 1)}, "expected finite times that grow"),
+        ({"times": (0, 0), "forces": (1, 1)}, "expected finite increasing times"),
         ({"times": (0, 1), "forces": (0, -1)}, "expected finite forces >= 0"),
         ({"normal": (0, 0, 0)}, "expected a direction"),
     ],

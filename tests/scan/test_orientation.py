@@ -185,13 +185,13 @@ def test_letters_against_the_images_are_refused(tmp_path):
 def test_slices_that_are_not_square_to_their_order_are_refused(tmp_path):
     axes = np.eye(3)
     axes[2] = (0.0, np.sin(0.2), np.cos(0.2))
-    with pytest.raises(ScanError, match="not square"):
+    with pytest.raises(ScanError, match="not perpendicular"):
         read(phantom.write_dicom(STACK, tmp_path / "d", axes))
     image = nibabel.load(phantom.write_nifti(STACK, tmp_path / "v.nii"))
     sheared = image.affine.copy()
     sheared[0, 2] += 0.3
     nibabel.save(nibabel.Nifti1Image(np.asanyarray(image.dataobj), sheared), tmp_path / "s.nii")
-    with pytest.raises(ScanError, match="not square"):
+    with pytest.raises(ScanError, match="not orthogonal"):
         read(tmp_path / "s.nii")
 
 

@@ -283,7 +283,7 @@ def test_an_organ_in_modes_says_how_far_it_is_off_where_it_was_not_pressed(tmp_p
     assert 0.0 < unseen["mean"] < unseen["worst"] < 0.1 and 0.0 < unseen["linear_mean"] < unseen["linear_worst"]
     assert SampledBasis.load(Path(told["path"])).modes.shape[1] == 8
     loose = run("reduce", *sets, "--set", "bed=0.01", "--to", str(tmp_path), "--json")
-    assert loose.exit_code == 2 and "under 0 touches" in json.loads(loose.stdout)["text"]
+    assert loose.exit_code == 2 and "for 0 touches" in json.loads(loose.stdout)["text"]
 
 
 @pytest.mark.parametrize("page", ["README.md", "docs/fingertip.md"])

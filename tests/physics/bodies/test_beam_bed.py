@@ -128,7 +128,7 @@ def test_on_a_round_body_too_the_work_of_the_contact_is_the_work_on_the_beams():
 
 
 def test_beams_longer_than_the_body_is_thick_are_refused():
-    with pytest.raises(SettingError, match="come out on the other side"):
+    with pytest.raises(SettingError, match="end beyond the other side"):
         BeamBundle(surface="kidney", layers=(1e-3, 60e-3)).start()
 
 
