@@ -1,4 +1,4 @@
-"""The devices that palpate knows: how each is found, whose driver it is, and what a user has to be allowed."""
+"""The devices that palpate knows: how each is found, which driver it has, and which permission a user needs."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ RULE = "/etc/udev/rules.d/70-palpate.rules"
 
 
 def udev_rules() -> str:
-    """The text of a rules file that lets the user at the machine, and the group plugdev, use all of them."""
+    """The text of a rules file that permits the user at the machine, and the group plugdev, to use all of them."""
     lines = [
         "# Devices that palpate drives. After a change: udevadm control --reload, then plug the device in again.",
     ]

@@ -1,4 +1,4 @@
-"""What goes wrong with a device, told in one line with the next step."""
+"""What goes wrong with a device, reported in one line with the next step."""
 
 from __future__ import annotations
 

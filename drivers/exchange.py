@@ -1,4 +1,4 @@
-"""The thread that talks to a device: newest command out, newest sample in. The force loop never waits for it.
+"""The thread that communicates with a device: newest command out, newest sample in. The force loop never waits for it.
 
 It asks the guard before every command, keeps the device talking (some fall silent without traffic), looks for a device
 that is gone when asked to, and leaves no force behind when it stops.
@@ -71,7 +71,7 @@ class Exchange:
         self._command = command, time.monotonic_ns()
 
     def sample(self) -> Sample | None:
-        """The newest answer, carried on to now; None before the first. Returns at once. DeviceError: it is gone."""
+        """The newest answer, extrapolated to now; None before the first. Returns at once. DeviceError: it is gone."""
         if self._fault is not None:
             raise self._fault
         sample, rates = self._newest

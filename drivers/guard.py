@@ -1,4 +1,4 @@
-"""The last step before the wire: every command is held to the device's limits, whatever asked for it.
+"""The last step before a command is sent: it is limited to what the device may do, whatever node asked for it.
 
 One gain between 0 and 1 multiplies the command. It rises to 1 within the ramp time while all is well, and falls to 0
 within FALL as soon as something is not: the device is not homed, answers are missing, the command is old, the dead-man
@@ -70,7 +70,7 @@ class Guard:
             self._samples.append(sample)
 
     def why(self, now: int, given: int) -> str:
-        """What stands against a command at `now` [ns] that was given at `given` [ns]; empty when nothing does."""
+        """Why a command of `given` [ns] may not be sent at `now` [ns]; empty where it may."""
         if not self._samples:
             return "not homed"
         last = self._samples[-1]
@@ -135,7 +135,7 @@ class Guard:
 
 
 def ahead(sample: Sample, rates: tuple[tuple[float, ...], tuple[float, ...]], now: int) -> Sample:
-    """A sample carried on at its rates to `now` [ns], by HORIZON at most.
+    """A sample extrapolated with its rates to `now` [ns], by HORIZON at most.
 
     A graph that runs at another rate than its device gets samples of uneven age. Left as they are, they look like a
     jerk within one tick, and a damped contact answers with a jerk of the force.

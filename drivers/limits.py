@@ -1,4 +1,4 @@
-"""What each device may do to a hand: the one place for these numbers. `guard.Guard` holds every command to them.
+"""The safety limits of each device: the only place for these numbers. `guard.Guard` applies them to every command.
 
 A row limits the command in the device's own terms: forces [N], or torques [N m] of its arms. The Falcon's torque is the
 full scale of its motor words (libnifalcon). All other numbers are this project's own, chosen so that what a user of

@@ -1,4 +1,4 @@
-"""A band that holds as many forces of a new session as it says, from few sessions whose forces err together.
+"""A band with the stated coverage for a new session, from few sessions with correlated errors.
 
 The curve F(d) and the scatter sigma(d) are fitted to S sessions at D depths. A force of a new session lies off the
 fitted curve by its own scatter and by the error of the curve, and sigma is itself estimated:

@@ -84,7 +84,7 @@ def fit_sessions(
 
 
 def write_example(path: Path) -> None:
-    """Write synthetic sessions of two made-up subjects, 20 sessions each. SessionError: the file is there already."""
+    """Write synthetic sessions of two subjects, 20 sessions each. SessionError: the file is there already."""
     if path.exists():
         raise SessionError(f"{path}: is there already; --example writes a new file only")
     lines = [

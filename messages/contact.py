@@ -32,7 +32,7 @@ class Proximity(Message):
 
 
 class Contact(Message):
-    """How fingertip and tissue share the approach, and the force that holds them in balance.
+    """How fingertip and tissue share the approach, and the contact force in equilibrium.
 
     foot              [m]   (3)  point of the undeformed surface
     normal            [1]   (3)  outward unit normal there

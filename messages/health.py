@@ -8,7 +8,7 @@ from palpate.messages.base import Message
 
 
 class Health(Message):
-    """How a node is doing. `source` says which; `tick` is that of its last step. Sent by the worker, not by the node.
+    """The health of a node. `source` names it; `tick` is that of its last step. Sent by the worker, not by the node.
 
     since    [1]  ()  first tick that it could step at since it was started last
     steps    [1]  ()  steps since then

@@ -1,4 +1,4 @@
-"""Message of a force that is known with a spread."""
+"""Message of a force with its scatter."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from palpate.messages.base import Message, Vector
 
 
 class ForceBand(Message):
-    """What force an indentation causes, and how sure that is; all zero when apart.
+    """The force at an indentation, and its scatter; all zero when apart.
 
     mean       [N] ()   mean of the normal law
     deviation  [N] ()   standard deviation of the normal law

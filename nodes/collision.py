@@ -1,4 +1,4 @@
-"""Where the finger is against the undeformed surface: foot point, normal, gap, approach, slip.
+"""Where the finger is relative to the undeformed surface: foot point, normal, gap, approach, slip.
 
 With p the bone edge of the fingertip, S the nearest point of the surface and n its outward normal, the gap is the
 signed distance d = (p - S).n, and the approach is e = <h0 - d> for a fingertip with tissue of thickness h0 before the

@@ -18,7 +18,7 @@ SIGNS = {">": "gt", ">=": "ge", "<": "lt", "<=": "le"}
 
 
 class _Sliding(Node):
-    """What all laws share: the state and the form of the output."""
+    """Shared by all laws: the state and the form of the output."""
 
     effect = "friction"
     law: ClassVar[Any]

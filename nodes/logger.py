@@ -35,7 +35,7 @@ _HEADER = msgspec.msgpack.Decoder(_Header)
 
 
 class Mcap(Observer):
-    """Writes what it hears to an MCAP file: channels with units in their schemas, and the run's provenance.
+    """Writes the streams to an MCAP file: channels with units in their schemas, and the run's provenance.
 
     What it did not get is counted in the file, per stream: messages that their node sent and that did not come. A full
     disk ends the recording with one line and leaves a file that opens up to its last chunk; the run goes on. A run that

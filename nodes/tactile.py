@@ -1,4 +1,4 @@
-"""What the fingertip's skin feels beyond force (docs/equations/tactile-flow.md)."""
+"""Contact area and tactile flow of the fingertip (docs/equations/tactile-flow.md)."""
 
 from __future__ import annotations
 

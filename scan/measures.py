@@ -1,4 +1,4 @@
-"""What a fingertip that was read measures, for the eye of the user."""
+"""The dimensions of a reconstructed fingertip, for the user to check."""
 
 from __future__ import annotations
 

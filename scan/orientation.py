@@ -1,4 +1,4 @@
-"""Which way the images lie: handedness from a header or from the user, and cross-sections whichever axis was sliced.
+"""Orientation of the images: handedness from a header or from the user, and cross-sections for any slice axis.
 
 Three letters say where slices, rows and columns run, in this order and in the words of the finger:
 

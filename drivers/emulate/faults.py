@@ -9,7 +9,7 @@ import msgspec
 
 
 class Faults(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What goes wrong with an emulated device; the same seed gives the same bad days.
+    """What goes wrong with an emulated device; the same seed gives the same faults.
 
     latency   [s]  by which every answer comes later
     dropouts  [1]  chance that an answer is lost
@@ -36,7 +36,7 @@ class Faults(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 @dataclass
 class Days:
-    """The faults of one device, played. `begun` [ns]: when it first answered; nothing happens before."""
+    """The faults of one device over time. `begun` [ns]: when it first answered; nothing happens before."""
 
     faults: Faults
     begun: int | None = None

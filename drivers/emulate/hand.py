@@ -16,7 +16,7 @@ LONGEST = 0.25  # [s] a longer pause between two looks counts as this one
 
 @dataclass(frozen=True)
 class Script:
-    """The way that a hand wants to go, and the arm that goes it.
+    """The path that a hand wants to follow, and the arm that follows it.
 
     points     [m]   (n+1,3)  in the device's frame
     ends       [s]   (n)      when each segment ends

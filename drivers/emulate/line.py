@@ -21,7 +21,7 @@ class Device(Protocol):
 
     @property
     def period(self) -> float:
-        """[s] between two things that it says by itself; 0: it only answers."""
+        """[s] between two messages that it sends by itself; 0: it only answers."""
 
     def hear(self, data: bytes, now: int) -> list[bytes]:
         """Its answers to bytes that came at `now` [ns]."""

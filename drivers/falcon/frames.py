@@ -76,7 +76,7 @@ def torques(values: tuple[int, int, int]) -> tuple[float, float, float]:
 
 
 class Reader:
-    """Finds frames in what comes off the line, whatever came before.
+    """Finds frames in the received bytes, whatever comes between them.
 
     wrong  [1]  bytes that belonged to no frame
     """

@@ -18,7 +18,7 @@ UNIT = 1e-3  # [N]
 
 
 class EmulatedRawHid:
-    """A device with three axes that answers every command, and lets go when none comes: `transport.hid.Hid`."""
+    """A device with three axes that answers every command, and stops without commands: `transport.hid.Hid`."""
 
     def __init__(self, script: Script | None = None, faults: Faults | None = None, *, waits: bool = False) -> None:
         self.hand, self.days, self.waits = Hand(script or Script()), Days(faults or Faults()), waits

@@ -1,4 +1,4 @@
-"""Gamepads and joysticks: whatever axes and buttons their report descriptor tells."""
+"""Gamepads and joysticks: the axes and buttons of their report descriptor."""
 
 from __future__ import annotations
 

@@ -44,7 +44,7 @@ def frame(reading: Reading) -> bytes:
 
 
 class Reader:
-    """Finds frames in what comes off the line. wrong [1]: bytes that belonged to none."""
+    """Finds frames in the received bytes. wrong [1]: bytes that belonged to none."""
 
     def __init__(self) -> None:
         self._rest = b""

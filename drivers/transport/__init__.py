@@ -1,1 +1,1 @@
-"""The ways to a device. Each is a few methods narrow, so that an emulator can stand at its other end."""
+"""The connections to a device. Each has only a few methods, so that an emulator can take the place of the device."""

@@ -1,4 +1,4 @@
-"""Area of contact from the gaps at the integration points: the level lines of the gap, carried on to the edge.
+"""Area of contact from the gaps at the integration points: the level lines of the gap, extrapolated to the edge.
 
 At the edge of a smooth contact the gap grows with the distance d from it as d^(3/2) (K. L. Johnson, Contact Mechanics,
 Cambridge 1985, ch. 4, 5), but a mesh resolves it from about half an edge length on. So the area A within a level g is

@@ -12,7 +12,7 @@ from palpate.fe.linear.pattern import Pattern
 
 
 class Bed:
-    """Springs between faces and where they were, for `fe.Solver` among its contacts.
+    """Springs between faces and their undeformed position, for `fe.Solver` among its contacts.
 
     faces      (F,6) boundary faces that lie on the bed
     stiffness  [Pa/m] > 0
@@ -63,7 +63,7 @@ class Bed:
         return None
 
     def foresee(self, traction: np.ndarray) -> None:
-        """Never called, as there are no points that switch."""
+        """Never called, as there is no active set."""
 
     def skew(self, change: np.ndarray, force: np.ndarray) -> None:
         """Nothing is left out of the tangent."""

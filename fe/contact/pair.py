@@ -262,7 +262,7 @@ class Pair(Augmented):
         return None
 
     def foresee(self, traction: np.ndarray) -> None:
-        """Never called, as there are no points that switch."""
+        """Never called, as the active set does not change within a step."""
 
     def skew(self, change: np.ndarray, force: np.ndarray) -> None:
         """Add to `force` (N,3) what the part of the tangent that `add` leaves out gives for a change (N,3) of the

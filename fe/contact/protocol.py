@@ -1,4 +1,4 @@
-"""What the solver asks of a contact or support: `fe.Rigid`, `fe.Pair`, `fe.bed.Bed`, or an own class."""
+"""What the solver needs of a contact or support: `fe.Rigid`, `fe.Pair`, `fe.bed.Bed`, or an own class."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class ContactPair(Protocol):
         """Add to the residual [N] (N,3) and, if asked, to the tangent's blocks [N/m] (B,3,3), symmetric."""
 
     def switching(self) -> Switching | None:
-        """Its points about the last evaluation, None where a step takes them to stay as they are."""
+        """Its points, linearised about the last evaluation; None if the active set is kept within a step."""
 
     def foresee(self, traction: np.ndarray) -> None:
         """Tractions [Pa] (P,) that a step gave the points of `switching`."""
@@ -45,7 +45,7 @@ class ContactPair(Protocol):
         """Add the product of a change of displacement (N,3) with what `add` leaves out of the tangent."""
 
     def touches(self) -> bool:
-        """Whether it carried anything at the last evaluation."""
+        """Whether it carried a force at the last evaluation."""
 
     def deep(self) -> bool:
         """Whether the penetration is above its bound."""

@@ -285,7 +285,7 @@ class Rigid(Augmented):
         self.force, self.moment = total
 
     def switching(self) -> Switching | None:
-        """Its points, that a step may find which of them touch; None with friction."""
+        """Its points, to find the active set within a step; None with friction."""
         if self.friction > 0.0:
             return None
         level = (self.multiplier - self.penalty * self.gap).ravel()

@@ -1,4 +1,4 @@
-"""Which points touch after a Newton step: found in the step itself, with the tangent that is factored already.
+"""The active set of contact points after a Newton step, found within the step with the factored tangent.
 
 Newton's step takes it that the points that carry pressure go on to do so. With gap g, its change b.v in the step v,
 multiplier l and penalty e, the step ends with s = l - e (g + b.v). Where s is negative though the point was taken to
@@ -53,7 +53,7 @@ def joined(parts: list[Switching]) -> Switching:
 def switched(
     points: Switching, step: np.ndarray, solve: Callable[[np.ndarray], np.ndarray]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Newton's step [m] (3N,) with the points that switch in it, and the tractions [Pa] (P,) at its end.
+    """Newton's step [m] (3N,) with the active set at its end, and the tractions [Pa] (P,) there.
 
     step   [m] (3N,) as Newton's method gives it, no point switching
     solve  displacements [m] (3N,k) for forces [N] of that shape, by the tangent that made the step

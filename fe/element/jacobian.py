@@ -1,4 +1,4 @@
-"""Whether bent elements are the right way round everywhere: the sign of det dX/dxi over whole elements.
+"""Whether curved elements have a positive Jacobian everywhere: the sign of det dX/dxi over whole elements.
 
 The determinant is a cubic polynomial over a quadratic tetrahedron. It lies between the least and the greatest of its
 Bernstein coefficients; where these leave its sign open the element is cut into eight and asked again. A. Johnen,

@@ -157,7 +157,7 @@ def _destinations(tree: Tree, indptr: np.ndarray, indices: np.ndarray) -> tuple[
 
 
 def _stack(tree: Tree) -> int:
-    """Most numbers that waiting updates take at once."""
+    """Largest size of the stack of update matrices, in numbers."""
     sizes = (3 * np.diff(tree.start)) ** 2
     waiting: list[int] = []
     children = np.bincount(tree.parent[tree.parent >= 0], minlength=len(tree.parent))

@@ -125,7 +125,7 @@ class Layers(ABC):
 
     @abstractmethod
     def describe(self) -> dict[str, Any]:
-        """What tells this finger from another, as plain data."""
+        """What distinguishes this finger from others, as plain data."""
 
     @cached_property
     def _meshed(self) -> tuple[TetMesh, np.ndarray]:

@@ -1,4 +1,4 @@
-"""The point from which all of a closed surface is seen, if there is one."""
+"""The point from which all of a closed surface is seen, if it is star-shaped."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the nonlinear organ does that the linear one does not, place by place: the dents of `physics.dents`.
+"""The nonlinear correction of the linear organ, place by place: the dents of `physics.dents`.
 
 The full model is pressed at scattered places (`fe.indent`), every time to the same indentations over the radius of the
 patch; between the places the dents are carried over the surface by a spline.
@@ -35,7 +35,7 @@ def press(
     depths: np.ndarray,
     report: Callable[[float], None] | None = None,
 ) -> list[Curve]:
-    """What presses the organ of modulus 1 Pa at places (P,) whose surface sticks to what presses it.
+    """Force curves of the organ of modulus 1 Pa at places (P,) whose surface sticks to the finger.
 
     patches  (P,V,3)  unit loads at each place, by the vertices of the surface
     depths   [m] (P,L) growing indentations, each the mean displacement along the load, weighted as it is

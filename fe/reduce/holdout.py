@@ -1,4 +1,4 @@
-"""How far a sampled body is off on touches that it was not made from."""
+"""Error of a sampled body on touches that were not used for its basis."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A held body and the surface that it is touched on: what a reduction needs to know of a model."""
+"""A supported body and the surface on which it is touched: what a reduction needs of a model."""
 
 from __future__ import annotations
 

@@ -17,7 +17,7 @@ from palpate.physics.materials.hyperelastic import Material
 
 
 class Inverted(ArithmeticError):
-    """An element is inside out at some displacement; says which and where."""
+    """An element is inverted at some displacement; says which and where."""
 
 
 class Balance(NamedTuple):
@@ -101,7 +101,7 @@ class Assembly:
         return Balance(force, data, size)
 
     def switched(self, step: np.ndarray) -> np.ndarray:
-        """Newton's step (N,3) with the points of contact that switch in it, see `contact.switching`."""
+        """Newton's step (N,3) with the active set of contact points at its end, see `contact.switching`."""
         found = [(contact, contact.switching()) for contact in self.contacts]
         parts = [(contact, points) for contact, points in found if points is not None]
         if not parts:

@@ -1,4 +1,4 @@
-"""The file that a broken run goes on from: load, displacement, the next step's size and direction, and the
+"""The file from which an interrupted run continues: load, displacement, the next step's size and direction, and the
 multipliers of contact."""
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""`palpate compare`: one recorded touch, computed in several ways."""
+"""`palpate compare`: one recorded touch, computed with several variants."""
 
 from __future__ import annotations
 

@@ -97,7 +97,7 @@ def _list(probe: bool, as_json: bool) -> None:
 
 
 def _firmware(found: Found) -> str:
-    """Whether a Falcon has its firmware, or why that cannot be told; nothing is loaded, and no force commanded."""
+    """Whether a Falcon has its firmware, or why that is not known; nothing is loaded, and no force commanded."""
     from palpate.drivers import falcon
     from palpate.drivers.errors import DeviceError
     from palpate.drivers.falcon import driver

@@ -1,4 +1,4 @@
-"""`palpate keys`: the keys that secure what goes to other machines."""
+"""`palpate keys`: the keys that secure connections to other machines."""
 
 from __future__ import annotations
 

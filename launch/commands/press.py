@@ -21,7 +21,7 @@ class PressError(PalpateError, ValueError):
 
 
 def press_of(file: Path, deepest: float, step: float, touch: float) -> tuple[np.ndarray, np.ndarray]:
-    """Depths [m] (n) from 0 in even steps, and the forces [N] (n) of the first way in.
+    """Depths [m] (n) from 0 in even steps, and the forces [N] (n) of the first loading.
 
     file     recording with one stream of `Pose` and one of `Contact`
     deepest  [m]  touch  [N] above which it touches; the depth is counted from the last place before

@@ -1,4 +1,4 @@
-"""`palpate replay`: a recorded touch once more, in part or as a whole, or checked byte for byte."""
+"""`palpate replay`: a recorded touch computed again, in part or as a whole, or checked byte for byte."""
 
 from __future__ import annotations
 

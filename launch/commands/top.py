@@ -1,4 +1,4 @@
-"""`palpate top`: how the nodes of a running graph are doing."""
+"""`palpate top`: the health of the nodes of a running graph."""
 
 from __future__ import annotations
 

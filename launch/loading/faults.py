@@ -82,7 +82,7 @@ class GraphError(PalpateError, ValueError):
 
 @dataclass
 class Faults:
-    """Collects faults, so that all of them are told at once."""
+    """Collects faults, so that all of them are reported at once."""
 
     found: list[Fault] = field(default_factory=list)
 

@@ -33,7 +33,7 @@ def find_file(name: str, folder: Path, beside: Path | None = None, place: Place 
 
 
 def read_extended(path: Path, folder: Path, inside: tuple[Path, ...] = ()) -> Source:
-    """A file laid over the one that it `extends:`, and so on down; paths of scenes become absolute.
+    """A file that overrides the one that it `extends:`, and so on; paths of scenes become absolute.
 
     GraphError: a file is missing or not YAML, not a mapping, or extends itself.
     """
@@ -58,7 +58,7 @@ def read_extended(path: Path, folder: Path, inside: tuple[Path, ...] = ()) -> So
 
 
 def _join(base: Source, top: Source) -> Source:
-    """A scene written in place is laid over the scene file of the graph below."""
+    """A scene written in the graph overrides the scene file of the graph that it extends."""
     if isinstance(base.data.get("scene"), str) and isinstance(top.data.get("scene"), dict):
         base.put(("scene",), read_extended(Path(base.data["scene"]), SCENES))
     return merge(base, top)

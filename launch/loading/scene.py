@@ -1,4 +1,4 @@
-"""What a scene says: values by dotted path, `$path` in settings, and the conditions of `when:`."""
+"""The values of a scene by dotted path, `$path` in settings, and the conditions of `when:`."""
 
 from __future__ import annotations
 

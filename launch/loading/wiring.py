@@ -1,4 +1,4 @@
-"""Who feeds whom: the inputs of every node, their types, and which edges close a loop."""
+"""The edges: the inputs of every node, their types, and which edges close a loop."""
 
 from __future__ import annotations
 

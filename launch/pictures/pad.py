@@ -1,4 +1,4 @@
-"""Maps of a fingertip's pad: pressure while it is pressed and held, then how slip eats into the contact."""
+"""Maps of a fingertip's pad: pressure while it is pressed and held, then how slip spreads into the contact."""
 
 from __future__ import annotations
 

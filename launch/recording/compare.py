@@ -1,4 +1,4 @@
-"""One recorded touch, felt by several models: how force, indentation and shape differ, and what it costs."""
+"""One recorded touch, computed by several models: differences of force, indentation and shape, and step times."""
 
 from __future__ import annotations
 

@@ -72,7 +72,7 @@ class Report:
 
     @property
     def ok(self) -> bool:
-        """Nothing came out otherwise, and something was checked."""
+        """No message differs, and at least one was checked."""
         return self.first is None and any(report.checked for report in self.nodes.values())
 
     @property

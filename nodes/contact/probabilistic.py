@@ -1,4 +1,4 @@
-"""The contact force as a probability: what a measured subject's finger gives at this indentation, and how surely."""
+"""The contact force as a random variable: mean and scatter of a measured subject's finger at this indentation."""
 
 from __future__ import annotations
 

@@ -16,7 +16,7 @@ NO_VECTORS = np.zeros((0, 3))
 
 
 class Rigid(Node):
-    """A plate that gives in by force/stiffness, 10 nm at 10 N unless set otherwise, and sends no displacement: for
+    """A plate that is indented by force/stiffness, 10 nm at 10 N unless set otherwise, and sends no displacement: for
     scenes without tissue, and to see the fingertip alone."""
 
     plate_stiffness: Annotated[float, "N/m", msgspec.Meta(gt=0)] = 1e9

@@ -1,4 +1,4 @@
-"""What all real devices share: how they are found, held to their limits, waited for, and emulated."""
+"""Shared by all real devices: how they are found, limited, waited for, and emulated."""
 
 from __future__ import annotations
 

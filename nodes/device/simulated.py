@@ -1,4 +1,4 @@
-"""A device and the hand that holds it, computed."""
+"""A simulated device and the simulated hand that holds it."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ GLITCH = 1000 * FALCON.count  # [rad]
 
 
 class Segment(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """One piece of the way that a scripted hand wants to go: a move, or a rest.
+    """One piece of the path that a scripted hand wants to follow: a move, or a rest.
 
         {to: [0, 0, 0.10], time: 0.5}                    to a point [m, world], starting and ending at rest
         {to: [0, 0, 0.10], time: 0.5, shape: linear}     at constant speed

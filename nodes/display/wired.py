@@ -1,4 +1,4 @@
-"""Pin displays at the machine, driven by `Pins`."""
+"""Real pin displays, driven by `Pins`."""
 
 from __future__ import annotations
 

@@ -298,7 +298,7 @@ def _bed_step(nodes, forces, normal, dt, count, beams, moving, patch, touched):
 
 @numba.njit(cache=True)
 def _joined(count, beams, moving, skin):
-    """Hold the displacement that is told together: along the surface, then as a whole; how many vertices it held."""
+    """Limit the displacement that is sent: along the surface, then as a whole; how many vertices were limited."""
     moved, sideways = moving.moved, skin.sideways
     for k in range(count):
         normal = beams.normals[moving.nodes[k]]

@@ -1,4 +1,4 @@
-"""Between the coarse surface that a body is reduced to and the finer mesh that is touched and drawn."""
+"""Interpolation between the coarse surface of a reduced body and the finer mesh that is touched and drawn."""
 
 from __future__ import annotations
 

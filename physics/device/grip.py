@@ -1,4 +1,4 @@
-"""The hand that holds the grip of a device, and the way that it wants to go.
+"""The hand that holds the grip of a device, and the path that it wants to follow.
 
 The grip is a mass with drag; the arm pulls it towards the wanted point p(t) through a spring and a damper:
 

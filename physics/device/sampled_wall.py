@@ -1,4 +1,4 @@
-"""How stiff a sampled wall may be: the device damping that keeps it from giving out energy.
+"""How stiff a sampled wall may be: the device damping that keeps it passive.
 
 J. E. Colgate, G. G. Schenkel, J. Robotic Systems 14 (1997) 37-47.
 """

@@ -33,7 +33,7 @@ class Bristles(NamedTuple):
 
 @njit(cache=True, error_model="numpy")
 def turn(zx, zy, zz, ax, ay, az, bx, by, bz):
-    """z [m], tangent to the unit normal a, turned with the smallest rotation that takes a to b; length kept.
+    """z [m], tangent to the unit normal a, rotated by the smallest rotation that takes a to b; length kept.
 
     For b = -a, where that rotation is not unique, z is the axis and stays.
     """

@@ -1,4 +1,4 @@
-"""Elasto-plastic friction: LuGre with bristles that only bend, without slip, up to a share of their limit.
+"""Elasto-plastic friction: LuGre with bristles that deflect elastically, without slip, up to a share of their limit.
 
     dz/dt = v - alpha(z, v) sigma0 v z/g(v)        v = |v|, r = sigma0 |z|/g(v)
     alpha = 0 for r <= share or z.v <= 0,  (1 - cos(pi (r - share)/(1 - share)))/2 up to r = 1,  1 beyond
@@ -19,7 +19,7 @@ from palpate.physics.friction.lugre import force, stribeck
 
 @njit(cache=True, error_model="numpy")
 def slipping(r, share):
-    """alpha [1]: the part of the motion that is lasting slip, against the deflection over its limit r [1]."""
+    """alpha [1]: the part of the motion that is plastic slip, against the deflection over its limit r [1]."""
     return 0.0 if r <= share else 1.0 if r >= 1.0 else 0.5 - 0.5 * math.cos(math.pi * (r - share) / (1.0 - share))
 
 
@@ -27,7 +27,7 @@ def slipping(r, share):
 def elastoplastic(law, z, v, load, dt):
     """Backward Euler, z+ = (z + v h)/(1 + alpha(z+) sigma0 v h/g), over parts of the step in which the finger moves by
     no more than a twentieth of the bristles' limit, at most 40 of them; |z| <= mu_s/sigma0 for any v and T. The root is
-    found by halving: the right side falls with |z+|. It sticks while at most half of the motion is lasting slip."""
+    found by bisection: the right side falls with |z+|. It sticks while at most half of the motion is plastic slip."""
     speed = math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
     g = stribeck(speed, law.mu_slide, law.mu_static, law.stribeck)
     parts = int(min(max(math.ceil(20.0 * law.bristle_stiffness * speed * dt / g), 1.0), 40.0))
@@ -50,7 +50,7 @@ def elastoplastic(law, z, v, load, dt):
 
 
 class ElastoPlastic(NamedTuple):
-    """LuGre friction that does not creep: below `elastic` of static friction the bristles bend and nothing slips."""
+    """LuGre friction that does not creep: below `elastic` of static friction nothing slips."""
 
     mu_slide: Annotated[float, "1", "> 0"] = 0.5
     mu_static: Annotated[float, "1", "> 0"] = 0.7

@@ -79,7 +79,7 @@ class LuGre(NamedTuple):
 
 
 def passive_viscous(mu_slide: float, mu_static: float, bristle_damping: float) -> float:
-    """Least sigma2 [s/m] at which LuGre friction under constant load never gives out energy: sigma1 (mu_s - mu_c)/mu_c
+    """Least sigma2 [s/m] at which LuGre friction under constant load is passive: sigma1 (mu_s - mu_c)/mu_c
     (Barabanov & Ortega, IEEE Trans. Autom. Control 45, 2000, 675-686)."""
     return bristle_damping * (mu_static - mu_slide) / mu_slide
 

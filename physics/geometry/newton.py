@@ -229,7 +229,7 @@ def newton(data, layout, p0, p1, p2, u, v, work, d):
 
 @numba.njit(cache=True)
 def _direction(g1, g2, h11, h12, h22, a11, a12, a22, hold1, hold2, steep):
-    """Newton's step where H is positive definite, else the one with the sizes of its eigenvalues; without the held
+    """Newton's step where H is positive definite, else with the magnitudes of its eigenvalues; without the fixed
     directions. `steep`: along the gradient, scaled."""
     if hold1 or hold2 or steep:
         s1 = 0.0 if hold1 or a11 <= 0.0 else -g1 / (a11 if steep else max(abs(h11), 1e-6 * a11))

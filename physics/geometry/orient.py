@@ -1,4 +1,4 @@
-"""The topology of a triangle mesh: closed or open, manifold or not, and its triangles turned one way round."""
+"""The topology of a triangle mesh: closed or open, manifold or not, and its triangles oriented consistently."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def edge_counts(triangles: np.ndarray, vertices: int) -> tuple[int, int]:
 
 
 def outward(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
-    """The triangles of a manifold mesh, each piece turned one way round; a closed mesh gets positive volume.
+    """The triangles of a manifold mesh, each piece oriented consistently; a closed mesh gets positive volume.
 
     vertices [m] (V,3), triangles (T,3). Where the pieces of a closed mesh are consistent already they keep their sense
     towards each other, so that a cavity stays a cavity; a piece that had to be mended is turned to positive volume by

@@ -155,7 +155,7 @@ def _stay(p, memory, found):
 
 @numba.njit(cache=True)
 def _end(p, moved, inside, found, memory):
-    """Hold the gap to the tool's way, and remember the step; whether the last foot stays until the gap has come up.
+    """Limit the change of the gap to the tool's motion; store the step; whether the last foot stays.
 
     inside  whether the tool was inside in the last step
     """
