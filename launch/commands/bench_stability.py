@@ -1,0 +1,181 @@
+"""`palpate bench stability`: how stiff a wall may be on a device, by theory and in the simulated loop."""
+
+from __future__ import annotations
+
+import csv
+from itertools import product
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from palpate.launch.commands.common import Json, console, tell
+from palpate.physics.errors import MISUSE, PalpateError
+
+COLUMNS = ("rate", "delay", "damping", "passive", "stable", "quantised", "bare", "controlled", "given_out")
+UNITS = ("Hz", "1", "N s/m", "N/m", "N/m", "N/m", "N/m", "N/m", "J")
+
+
+class StabilityError(PalpateError, ValueError):
+    """Options that describe no device."""
+
+    exit_code = MISUSE
+
+
+def stability(
+    rate: Annotated[list[float] | None, typer.Option(help="Rate of the loop, Hz; may be given again.")] = None,
+    delay: Annotated[list[int] | None, typer.Option(help="Whole samples of delay; may be given again.")] = None,
+    damping: Annotated[list[float] | None, typer.Option(help="Of the wall, N s/m; may be given again.")] = None,
+    mass: Annotated[float, typer.Option(help="Of the device's grip, kg.")] = 0.1,
+    drag: Annotated[float, typer.Option(help="Of the device, N s/m.")] = 0.2,
+    coulomb: Annotated[float, typer.Option(help="Dry friction of the device, N.")] = 0.0,
+    resolution: Annotated[float, typer.Option(help="Step of the device's position, m; 0: exact.")] = 60e-6,
+    limit: Annotated[float, typer.Option(help="Greatest force of the device, N.")] = 9.0,
+    order: Annotated[int, typer.Option("--filter", help="Differences in the mean that is the velocity.")] = 1,
+    lost: Annotated[float, typer.Option(help="Share of samples that repeat the one before.")] = 0.0,
+    jitter: Annotated[float, typer.Option(help="Share by which the length of a step varies.")] = 0.0,
+    seed: Annotated[int, typer.Option(help="Of lost samples and jitter.")] = 0,
+    out: Annotated[Path, typer.Option("-o", "--out", help="Folder of picture and table.")] = Path("stability"),
+    as_json: Json = False,
+) -> None:
+    """The stiffest wall that a device can hold: by theory, and simulated with and without the controller.
+
+    `passive` and `stable` are exact for a linear loop, `quantised` for a spring without delay. `bare` and `controlled`
+    are the simulated loop with a hand, a wall that lets go, and the encoder: the last stiffness, on eighths of an
+    octave, at which the swing dies down within three seconds.
+    """
+    from palpate.physics.device.wall_loop import Device
+
+    device = Device(mass, drag, coulomb, resolution, limit)
+    rates, delays, dampings = rate or [500.0, 1000.0, 4000.0], delay or [0, 1, 2, 5], damping or [0.0, 0.05, 0.1, 0.2]
+    _check(device, rates, delays, dampings, order, lost, jitter)
+    rows = [
+        row(device, f, d, b, order, lost, jitter, seed)
+        for f, d, b in product(sorted(rates), sorted(delays), sorted(dampings))
+    ]
+    out.mkdir(parents=True, exist_ok=True)
+    table = out / "stability.csv"
+    with table.open("w", newline="", encoding="utf-8") as file:
+        write = csv.writer(file)
+        write.writerow([f"{name} [{unit}]" for name, unit in zip(COLUMNS, UNITS, strict=True)])
+        write.writerows([[f"{one[name]:.6g}" for name in COLUMNS] for one in rows])
+    picture = _picture(rows, out / "stability.png")
+    if as_json:
+        tell({"table": str(table), "picture": picture, "rows": rows})
+        return
+    _print(rows)
+    typer.echo(f"{table}" + (f", {picture}" if picture else "; no picture without matplotlib: palpate[view]"))
+
+
+def _check(device: Any, rates: list[float], delays: list[int], dampings: list[float], order: int, lost: float,
+           jitter: float) -> None:  # fmt: skip
+    for name, value, low, high, expected in (
+        ("--mass", device.mass, 1e-6, 1e3, "1e-6 to 1000 kg"),
+        ("--drag", device.drag, 1e-6, 1e4, "1e-6 to 10000 N s/m; theory has no bound without drag"),
+        ("--coulomb", device.coulomb, 0.0, 1e3, "0 to 1000 N"),
+        ("--resolution", device.resolution, 0.0, 1e-2, "0 to 0.01 m"),
+        ("--limit", device.limit, 1e-3, 1e4, "0.001 to 10000 N"),
+        ("--filter", order, 1, 1000, "1 to 1000"),
+        ("--lost", lost, 0.0, 0.99, "0 to 0.99"),
+        ("--jitter", jitter, 0.0, 0.99, "0 to 0.99"),
+        *(("--rate", f, 1.0, 1e5, "1 to 100000 Hz") for f in rates),
+        *(("--delay", d, 0, 100, "0 to 100 samples") for d in delays),
+        *(("--damping", b, 0.0, 1e4, "0 to 10000 N s/m") for b in dampings),
+    ):
+        if not low <= value <= high:
+            raise StabilityError(f"{name}: found {value:g}, expected {expected}")
+
+
+def row(device: Any, rate: float, delay: int, damping: float, order: int, lost: float, jitter: float, seed: int
+        ) -> dict[str, float]:  # fmt: skip
+    """One row of the table: bounds on the stiffness [N/m] by theory, and where the simulated loop swings on, bare and
+    with the controller; beside it the most energy [J] that the controlled loop gave to the hand at any of them."""
+    import numpy as np
+
+    from palpate.physics.device import stability as theory
+    from palpate.physics.device.wall_loop import run, settles
+
+    period, rng = 1.0 / rate, np.random.default_rng(seed)
+    steps = period * (1.0 + jitter * rng.uniform(-1.0, 1.0, round(max(3.0 * rate, 600))))
+    missing = rng.random(len(steps)) < lost
+    most = [0.0]
+
+    def settled(stiffness: float, controlled: bool) -> bool:
+        path = run(
+            device, stiffness, damping, controlled=controlled, steps=steps, delay=delay, order=order, lost=missing
+        )
+        if controlled:
+            most[0] = max(most[0], float(path[:, 2].max()))
+        return settles(path[:, 0], device.resolution)
+
+    return {
+        "rate": rate,
+        "delay": delay,
+        "damping": damping,
+        "passive": theory.passive_stiffness(damping, device.drag, period, delay, order),
+        "stable": theory.stable_stiffness(damping, device.mass, device.drag, period, delay, order),
+        "quantised": theory.quantised_stiffness(device.drag, device.coulomb, period, device.resolution),
+        "bare": largest(lambda k: settled(k, False)),
+        "controlled": largest(lambda k: settled(k, True)),
+        "given_out": most[0],
+    }
+
+
+def largest(settled: Any, low: float = 10.0, high: float = 1e7) -> float:
+    """The first stiffness [N/m] at which a loop no longer comes to rest, on eighths of an octave; `high` where there is
+    none, 0 where the softest does not."""
+    k = low
+    while k < high:
+        if not settled(k):
+            return k * 2**-0.125 if k > low else 0.0
+        k *= 2**0.125
+    return high
+
+
+def _print(rows: list[dict[str, float]]) -> None:
+    from rich.table import Table
+
+    shown = Table(box=None, pad_edge=False, header_style="bold", title="stiffest wall, N/m", title_justify="left")
+    for name in COLUMNS:
+        shown.add_column(name, justify="right")
+    for one in rows:
+        cells = [f"{one[name]:.4g}" for name in COLUMNS[:-2]]
+        whole = ">= 1e7" if one["controlled"] >= 1e7 else f"{one['controlled']:.4g}"
+        shown.add_row(*cells, whole, f"{one['given_out']:.2g}")
+    console().print(shown)
+
+
+def _picture(rows: list[dict[str, float]], path: Path) -> str:
+    """Left: stiffness over damping at the middle rate and least delay. Right: stiffness over delay at each rate. The
+    path of the picture, "" where matplotlib is missing."""
+    try:
+        from palpate.launch.pictures.style import ENERGY, FINGER, NORMAL, SPEED, figure
+
+        drawn = figure(11.0, 5.0, "How stiff a wall the device can hold")
+    except ModuleNotFoundError:
+        return ""
+    left, right = drawn.subplots(1, 2)
+    rates = sorted({one["rate"] for one in rows})
+    delay, rate = min(one["delay"] for one in rows), rates[len(rates) // 2]
+    plane = [one for one in rows if one["rate"] == rate and one["delay"] == delay]
+    lines = (
+        ("passive", NORMAL, "-", "passive, theory"),
+        ("stable", SPEED, "-", "stable, theory"),
+        ("bare", FINGER, "o", "simulated, bare"),
+        ("controlled", ENERGY, "^", "simulated, controller on"),
+    )
+    for name, colour, mark, label in lines:
+        left.plot([one["damping"] for one in plane], [one[name] for one in plane], mark, color=colour, label=label)
+    left.set(xlabel="damping of the wall  B  [N s/m]", ylabel="stiffness of the wall  K  [N/m]", yscale="log",
+             title=f"{rate:g} Hz, {delay:g} samples of delay")  # fmt: skip
+    left.legend(loc="best")
+    least = min(one["damping"] for one in rows)
+    for f, width in zip(rates, (0.8, 1.6, 2.6, 3.4, 4.2), strict=False):
+        part = [one for one in rows if one["rate"] == f and one["damping"] == least]
+        for name, colour, mark, _ in lines[:3]:
+            right.plot([one["delay"] for one in part], [one[name] for one in part], mark, color=colour, linewidth=width,
+                       markersize=3 + 1.5 * width)  # fmt: skip
+        right.annotate(f"{f:g} Hz", (part[0]["delay"], max(part[0]["stable"], 1.0)), fontsize=9)
+    right.set(xlabel="delay [samples]", yscale="log", title=f"B = {least:g} N s/m; thicker: faster")
+    drawn.savefig(path)
+    return str(path)

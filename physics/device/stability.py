@@ -1,0 +1,122 @@
+"""How stiff a sampled wall may be before the loop with the device turns unstable: where theory is exact.
+
+The device is a mass with viscous drag, m v' = F - b v, under a force held over each step T. The wall answers `delay`
+samples late with F = -K x - B (x_k - x_{k-N})/(N T), and never lets go. The loop is linear, and its poles tell.
+
+Stability is not passivity: the passive bound (sampled_wall.py) holds for every hand that is itself passive, the stable
+one for a hand that lets the device alone. T. Hulin, A. Albu-Schäffer, G. Hirzinger, IEEE Trans. Control Syst. Technol.
+22 (2014) 1297-1309, draw both in one plane.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from palpate.physics.device.sampled_wall import required_damping, wall_response
+
+MOST = 1e9
+"""[N/m] A wall that is stable up to here counts as stable whatever its stiffness."""
+
+
+def held(mass: float, drag: float, period: float) -> tuple[float, float, float, float]:
+    """Of a mass [kg] with drag b > 0 [N s/m] over a step T [s] under a held force F [N],
+
+        x+ = x + a v + c F     v+ = p v + q F
+
+    a = (m/b)(1 - p) [s], p = e^{-bT/m} [1], c = (T - a)/b [m/N], q = (1 - p)/b [m/(N s)]."""
+    ratio = drag * period / mass
+    rest = -math.expm1(-ratio)
+    a = mass / drag * rest
+    # T - a cancels for little drag; its series is T (r/2 - r²/6 + r³/24).
+    short = ratio / 2 * (1 - ratio / 3 * (1 - ratio / 4)) if ratio < 1e-3 else 1.0 - rest / ratio
+    return a, 1.0 - rest, period * short / drag, rest / drag
+
+
+def poles(
+    stiffness: float, damping: float, mass: float, drag: float, period: float, delay: int = 0, order: int = 1
+) -> np.ndarray:
+    """Eigenvalues [1] (delay + order + 2) of the loop over one sample; stable where all lie within the unit circle.
+
+    stiffness  [N/m]    K of the wall      damping  [N s/m]  B of the wall, on the mean of `order` differences
+    mass, drag [kg], [N s/m] > 0 of the device;  period [s] T;  delay [1] whole samples
+    """
+    a, p, c, q = held(mass, drag, period)
+    back = delay + order  # places that the loop remembers beside x and v
+    loop = np.zeros((2 + back, 2 + back))
+    answer = np.zeros(2 + back)  # force of now, from x, v, x_-1, x_-2 ...
+    places = [0, *range(2, 2 + back)]
+    slope = damping / (order * period)
+    answer[places[delay]] -= stiffness + slope
+    answer[places[delay + order]] += slope
+    loop[0, :2], loop[1, 1] = (1.0, a), p
+    loop[0] += c * answer
+    loop[1] += q * answer
+    loop[2, 0] = 1.0
+    for i in range(3, 2 + back):
+        loop[i, i - 1] = 1.0
+    return np.asarray(np.linalg.eigvals(loop))
+
+
+def stable_stiffness(damping: float, mass: float, drag: float, period: float, delay: int = 0, order: int = 1) -> float:
+    """The stiffness K [N/m] at which the loop leaves the unit circle; arguments as of `poles`.
+
+    0 where it is unstable for the softest wall, `MOST` where it is stable for the stiffest. The first crossing from
+    below is looked for on eighths of an octave, and then halved down to 1e-9 of itself.
+    """
+
+    def outside(k: float) -> bool:
+        return bool(np.abs(poles(k, damping, mass, drag, period, delay, order)).max() > 1.0 + 1e-12)
+
+    low = 1e-3 * drag / period
+    if outside(low):
+        return 0.0
+    high = low
+    while not outside(high):
+        low, high = high, high * 2**0.125
+        if high > MOST:
+            return MOST
+    while high - low > 1e-9 * high:
+        middle = 0.5 * (low + high)
+        low, high = (low, middle) if outside(middle) else (middle, high)
+    return low
+
+
+def jury_stiffness(mass: float, drag: float, period: float) -> float:
+    """The same in closed form for a spring alone without delay, from Jury's conditions on z² - tr z + det:
+
+    det < 1:           K < (1 - p)/(a q - p c)
+    1 + tr + det > 0:  K < 2 (1 + p)/(c (1 + p) - a q)   where that is positive
+    """
+    a, p, c, q = held(mass, drag, period)
+    bounds = [(1.0 - p) / (a * q - p * c)]
+    if (below := c * (1.0 + p) - a * q) > 0.0:
+        bounds.append(2.0 * (1.0 + p) / below)
+    return min(bounds)
+
+
+def passive_stiffness(damping: float, drag: float, period: float, delay: int = 0, order: int = 1) -> float:
+    """The greatest K [N/m] of a passive wall: b > max over w of (T/2) Re[(1 - e^{-jwT}) H]/(1 - cos wT), Colgate &
+    Schenkel 1997; 0 where the damping [N s/m] of the wall alone is too much for the drag [N s/m] of the device."""
+
+    def needed(k: float) -> float:
+        return required_damping(wall_response(k, damping, period, delay, order), period, 1024)
+
+    low, high = 0.0, 4.0 * drag / period
+    if needed(1e-9) > drag:
+        return 0.0
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        low, high = (low, middle) if needed(middle) > drag else (middle, high)
+    return low
+
+
+def quantised_stiffness(drag: float, coulomb: float, period: float, resolution: float) -> float:
+    """K [N/m] up to which a wall seen through an encoder is passive, K <= min(2 b/T, 2 f_c/step): necessary and
+    sufficient for a spring without delay (J. J. Abbott, A. M. Okamura, IEEE Trans. Robotics 21, 2005, 952-964).
+
+    coulomb     [N]  dry friction f_c of the device      resolution  [m]  step of its position; 0 means exact
+    """
+    viscous = 2.0 * drag / period
+    return viscous if resolution == 0.0 else min(viscous, 2.0 * coulomb / resolution)

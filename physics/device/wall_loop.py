@@ -1,0 +1,129 @@
+"""A device held against a sampled wall, step by step: with what theory leaves out.
+
+A mass with viscous drag and dry friction, pushed by a steady hand, meets a wall at x = 0 that is seen through an
+encoder, a delay, a velocity filter, lost samples and uneven steps; the force goes through the controller, or not.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numba
+import numpy as np
+
+from palpate.physics.device.controller import buffers, haptic
+
+
+class Device(NamedTuple):
+    """What a user knows of a device.
+
+    mass [kg] and drag [N s/m] > 0 of the moving grip; coulomb [N] dry friction; resolution [m] step of the position, 0:
+    exact; limit [N] greatest force; slew [N/s] greatest change of it
+    """
+
+    mass: float = 0.1
+    drag: float = 0.2
+    coulomb: float = 0.0
+    resolution: float = 60e-6
+    limit: float = 9.0
+    slew: float = 5000.0
+
+
+@numba.njit(cache=True)
+def _advance(x, v, force, mass, drag, coulomb, dt):
+    """Place [m] and speed [m/s] after a step under a held force [N]; exact without dry friction. With it the step is
+    parted in eight; in each the friction takes away momentum, at most all of it."""
+    parts = 8 if coulomb > 0.0 else 1
+    h = dt / parts
+    keep = math.exp(-drag / mass * h)
+    for _ in range(parts):
+        if v == 0.0 and abs(force) <= coulomb:
+            continue
+        steady = force / drag
+        x += steady * h + (v - steady) * (1.0 - keep) * mass / drag
+        v = steady + (v - steady) * keep
+        if coulomb > 0.0:
+            v = math.copysign(max(abs(v) - coulomb / mass * h, 0.0), v)
+    return x, v
+
+
+@numba.njit(cache=True)
+def _run(device, wall, gains, state, past, controlled, steps, lost, out):
+    mass, drag, coulomb, resolution = device[0], device[1], device[2], device[3]
+    stiffness, damping, delay, order, push, begin, speed, twosided = wall
+    x, v, force, energy, seen = begin, -speed, 0.0, 0.0, begin
+    seen_at, last = np.full(int(order) + 1, begin), int(order)
+    line = np.full(int(delay) + 1, begin)
+    normal, zero = (0.0, 0.0, 1.0), (0.0, 0.0, 0.0)
+    for i in range(len(steps)):
+        dt, before = steps[i], x
+        x, v = _advance(x, v, force - push, mass, drag, coulomb, dt)
+        energy += force * (x - before)
+        line[1:] = line[:-1].copy()
+        line[0] = x
+        if not lost[i]:
+            seen = line[-1] if resolution == 0.0 else resolution * math.floor(line[-1] / resolution + 0.5)
+        seen_at[:-1] = seen_at[1:].copy()
+        seen_at[last] = seen
+        rate = (seen - seen_at[0]) / (order * dt)
+        force = 0.0
+        if twosided != 0.0:
+            force = -stiffness * seen - damping * rate
+        elif seen < 0.0:
+            force = max(-stiffness * seen - damping * rate, 0.0)
+        if controlled:
+            place, velocity = (0.0, 0.0, seen), (0.0, 0.0, rate)
+            force = haptic(gains, state, past, force, normal, zero, max(-seen, 0.0), place, velocity, dt)[2]
+        elif twosided == 0.0:
+            force = min(force, device[4])
+        out[i, 0], out[i, 1], out[i, 2] = x, force, energy
+        if not abs(x) < 1e3:
+            out[i:, 0] = math.inf
+            return
+
+
+def run(
+    device: Device,
+    stiffness: float,
+    damping: float,
+    *,
+    controlled: bool,
+    steps: np.ndarray,
+    delay: int = 0,
+    order: int = 1,
+    lost: np.ndarray | None = None,
+    push: float = 0.5,
+    free: bool = False,
+) -> np.ndarray:
+    """Place [m], force [N] and energy given to the hand [J], (k,3), over steps [s] (k).
+
+    stiffness [N/m], damping [N s/m] of the wall on the mean of `order` differences; delay [1] samples; lost (k) bool,
+    samples that repeat the one before; push [N] of the hand; free: no hand, and a wall that never lets go
+    """
+    gains = np.array([0.0, 0.0, 0.0, device.resolution, device.mass, device.drag, device.limit, device.slew,
+                      device.resolution, 1.0, 1.0])  # fmt: skip
+    state, past = buffers(delay)
+    begin, speed = (1e-3, 0.0) if free else (1e-3, 0.05)
+    wall = (stiffness, damping, float(delay), float(order), 0.0 if free else push, begin, speed, float(free))
+    out = np.zeros((len(steps), 3))
+    missing = np.zeros(len(steps), dtype=np.bool_) if lost is None else lost
+    _run(np.array(device), wall, gains, state, past, controlled, steps, missing, out)
+    return out
+
+
+def settles(path: np.ndarray, resolution: float) -> bool:
+    """Whether places [m] (k) come to rest: the swing of the last quarter is less than nine tenths of that before it, or
+    below two steps of the position and 5 um."""
+    if not np.isfinite(path).all():
+        return False
+    *_, before, last = (float(np.ptp(part)) for part in np.array_split(path, 4))
+    return last <= max(0.9 * before, 2.0 * resolution + 5e-6)
+
+
+def decays(path: np.ndarray) -> bool:
+    """Whether a linear swing dies down: less of it in the last eighth of places [m] (k) than in the second."""
+    if not np.isfinite(path).all():
+        return False
+    parts = np.array_split(path, 8)
+    return float(np.ptp(parts[-1])) < float(np.ptp(parts[1]))
