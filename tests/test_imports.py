@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+import palpate.bench
 import palpate.drivers
 import palpate.fe
 import palpate.fit
@@ -19,6 +20,7 @@ import palpate.physics
 
 PACKAGES = (
     palpate.physics,
+    palpate.bench,
     palpate.drivers,
     palpate.fe,
     palpate.fit,
@@ -35,8 +37,9 @@ OURS = {
     "messages": {"messages"},
     "nodes": {"nodes", "drivers", "messages", "physics"},
     "scan": {"scan", "physics"},
+    "bench": {"bench", "fe", "nodes", "messages", "physics"},
     "fit": {"fit", "nodes", "messages", "physics"},
-    "launch": {"launch", "drivers", "nodes", "messages", "graphs", "scan", "fe", "fit", "physics"},
+    "launch": {"launch", "bench", "drivers", "nodes", "messages", "graphs", "scan", "fe", "fit", "physics"},
 }
 THEIRS = {
     "physics": {"numpy", "scipy", "numba"},

@@ -8,6 +8,7 @@ EXTRAS = {
     "scan": {"scikit-image": "skimage", "pydicom": "pydicom", "nibabel": "nibabel", "matplotlib": "matplotlib"},
     "export": {"pyarrow": "pyarrow"},
     "mesh": {"meshio": "meshio", "trimesh": "trimesh"},
+    "bench": {"felupe": "felupe", "matplotlib": "matplotlib"},
 }
 """Extra -> package on the index -> name under which it is imported."""
 

@@ -26,7 +26,7 @@ def about(plan: Plan, *, here: bool = True, **more: object) -> dict[str, object]
             node["settings"] = {**node["settings"], "path": Path(node["settings"]["path"]).name}
     return {
         "plan": spec,
-        "versions": {"python": platform.python_version(), **{name: _version(name) for name in PACKAGES}},
+        "versions": _versions(PACKAGES),
         "arithmetic": in_force(here=here),
         "machine": {
             "system": platform.platform(),
@@ -41,6 +41,19 @@ def about(plan: Plan, *, here: bool = True, **more: object) -> dict[str, object]
     }
 
 
+def machine(*packages: str) -> dict[str, Any]:
+    """What a measurement says of where it was made: versions, processor, cores, commit, date."""
+    return {
+        **_versions(("palpate", *packages)),
+        "arithmetic": in_force(),
+        "system": platform.platform(),
+        "processor": _processor(),
+        "cores": os.cpu_count(),
+        "commit": commit(),
+        "date": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+    }
+
+
 def rounding(told: dict[str, Any]) -> list[str]:
     """How this process differs from what made a recording, of which `told` is the provenance, in what decides on the
     last bits of results: empty where the same bytes are to be expected."""
@@ -52,6 +65,10 @@ def rounding(told: dict[str, Any]) -> list[str]:
         for name in {**then, **here}
         if then.get(name) != here.get(name)
     ]
+
+
+def _versions(packages: tuple[str, ...]) -> dict[str, str | None]:
+    return {"python": platform.python_version(), **{name: _version(name) for name in packages}}
 
 
 def _version(package: str) -> str | None:

@@ -1,0 +1,4 @@
+"""What accuracy costs in time: every model on standard touches, its error beside its price.
+
+`palpate bench accuracy` runs it; docs/accuracy.md says how to read what comes out and how each reference was made.
+"""

@@ -1,0 +1,211 @@
+"""The methods: which touches each can compute, and at which fidelities."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from palpate.bench import chain, laboratory
+from palpate.bench.continuum import BED, POISSON, YOUNG
+from palpate.bench.errors import BenchError
+from palpate.bench.outcome import Fidelity, Outcome
+from palpate.bench.touches import Touch
+from palpate.bench.truth import HERTZ
+from palpate.fe.meshing.organ import SLAB
+from palpate.nodes.base import Node, settings
+from palpate.nodes.base.surface import OnSurface
+from palpate.nodes.deformation import BeamBundle, MassSpring, ReducedFE, Rigid
+from palpate.nodes.deformation.basis_store import shipped
+
+RATES = (250.0, 500.0, 1000.0, 2000.0, 4000.0)
+MESHES = (400, 1000, 3000, 10000)
+NODULE = {"nodule_radius": 4e-3, "nodule_depth": 6e-3, "nodule_ratio": 10.0}
+
+
+@dataclass(frozen=True)
+class Method:
+    """One method.
+
+    compute     (touch, fidelity, repeats) -> outcome; raises Refused, or what went wrong
+    refuses     why it cannot compute a touch; empty where it can
+    fidelities  from coarse to fine on each axis
+    """
+
+    name: str
+    title: str
+    compute: Callable[[Touch, Fidelity, int], Outcome]
+    fidelities: tuple[Fidelity, ...]
+    refuses: Callable[[Touch], str] = lambda touch: ""
+    source: tuple[str, ...] = field(default_factory=tuple)
+    """What else its answers depend on, for the key of a kept result."""
+
+
+def steps() -> list[Fidelity]:
+    """The usual steps."""
+    return [Fidelity(f"{rate:g} Hz", "step", rate, quick=rate in (500.0, 1000.0)) for rate in RATES]
+
+
+def meshes(counts: tuple[int, ...] = MESHES) -> list[Fidelity]:
+    """Surfaces of growing numbers of vertices."""
+    return [Fidelity(f"{n} vertices", "mesh", settings={"surface": {"vertices": n}}, quick=n == 1000) for n in counts]
+
+
+def _spread(name: str, value: object, text: str) -> Fidelity:
+    return Fidelity(text, "reach" if name == "radius" else "form", settings={"spread": {name: value}})
+
+
+def _of_body(cls: type[Node], own: Callable[[Touch], dict[str, Any]]) -> Callable[[Touch, Fidelity, int], Outcome]:
+    def compute(touch: Touch, fidelity: Fidelity, repeats: int) -> Outcome:
+        given = dict(fidelity.settings)
+        given["body"] = own(touch) | given.get("body", {})
+        finger = chain.BALL if touch.finger == "ball" else {}
+        return chain.run(touch, cls, replace(fidelity, settings=given), finger, repeats)
+
+    return compute
+
+
+def _mass_spring(touch: Touch) -> dict[str, Any]:
+    """Hertz's law for the ball; its own default damping where the slab is viscous."""
+    law: dict[str, Any] = {"stiffness": HERTZ, "exponent": 1.5}
+    if touch.retardation == 0.0:
+        law["damping"] = 0.0
+    return law | (NODULE if touch.nodule else {})
+
+
+def _beams(touch: Touch) -> dict[str, Any]:
+    """One layer as thick as the slab."""
+    layer = {"layers": (SLAB,), "moduli": (YOUNG,), "relaxations": (touch.retardation,), "poisson": POISSON}
+    return layer | {"radius": 8e-3} | (NODULE if touch.nodule else {})
+
+
+def _reduced(model: str) -> Callable[[Touch], dict[str, Any]]:
+    def own(touch: Touch) -> dict[str, Any]:
+        outcome: dict[str, Any] = {"model": model, "young": YOUNG, "poisson": POISSON, "bed": BED,
+                                 "retardation": touch.retardation}  # fmt: skip
+        if touch.nodule:
+            outcome |= {"nodule_centre": (0.0, 0.0, -6e-3), "nodule_radius": 4e-3, "nodule_ratio": 10.0}
+        return outcome
+
+    return own
+
+
+def _claiming(model: str) -> Callable[[Touch, Fidelity, int], Outcome]:
+    """With the mean error of the indentation that the stored basis says of itself."""
+    compute = _of_body(ReducedFE, _reduced(model))
+
+    def claiming(touch: Touch, fidelity: Fidelity, repeats: int) -> Outcome:
+        outcome = compute(touch, fidelity, repeats)
+        node = ReducedFE(surface="plane", position=(0.0, 0.0, 0.0), **_reduced(model)(touch))
+        own = [about["error"] for about in shipped().values() if about["key"] == node.key()]
+        if model == "nonlinear" and own and own[0]:
+            outcome.claimed = float(own[0]["mean"])
+        return outcome
+
+    return claiming
+
+
+class _Silent(MassSpring):
+    """The terminal law alone: nobody asks for the surface."""
+
+    wanted = frozenset({"stiffness", "exponent", "damping", "free", "previous", "step"})
+
+
+class _Hard(Rigid):
+    """A plate that nobody looks at."""
+
+    wanted = frozenset({"stiffness", "exponent", "damping", "free", "previous", "step"})
+
+
+def _law(finger: Callable[[Touch], dict[str, Any]]) -> Callable[[Touch, Fidelity, int], Outcome]:
+    """contact.Series with one law against a rigid body: the law alone."""
+
+    def compute(touch: Touch, fidelity: Fidelity, repeats: int) -> Outcome:
+        hard = replace(fidelity, settings={"body": {"plate_stiffness": 1e12}})
+        return chain.run(touch, _Hard, hard, finger(touch), repeats)
+
+    return compute
+
+
+def _hertz(touch: Touch) -> dict[str, Any]:
+    return {"finger_law": "power", "finger_power_stiffness": HERTZ, "finger_power_exponent": 1.5, "finger_damping": 0.0}
+
+
+def _only_slab(touch: Touch) -> str:
+    return "the plate does not give: there is no body to compute" if touch.body == "plate" else ""
+
+
+def _no_nodule(touch: Touch) -> str:
+    return _only_slab(touch) or ("a law knows of no nodule" if touch.nodule else "")
+
+
+def _only_ball(touch: Touch) -> str:
+    return "" if touch.body == "half-space" else "Hertz's law is of a ball on a half-space, with nothing in series"
+
+
+def _only_fingertip(touch: Touch) -> str:
+    return "" if touch.body == "plate" else "the law is of a fingertip, and knows no tissue under it"
+
+
+def standard() -> list[Method]:
+    """The methods that come with palpate, and outside solvers that are installed."""
+    surfaces = [*steps(), *meshes()]
+    reaches = [_spread("radius", r, f"R = {1e3 * r:g} mm") for r in (4e-3, 6e-3, 10e-3)]
+    forms = [_spread("kernel", k, k) for k in ("wendland", "cosine")]
+    net = [Fidelity(f"net, {n} rings", "form", settings={"body": {"coupling": 100.0, "rings": n}}) for n in (1, 3)]
+    sparse = meshes((1000, 3000, 10000))
+    return [
+        Method("hertz", "Hertz's law", _law(_hertz), tuple(steps()), _only_ball),
+        Method("exponential", "exponential law", _law(lambda t: {"finger_law": "exponential"}), tuple(steps()),
+               _only_fingertip),
+        Method("hertz-exponential", "Hertz law, stiffening modulus", _law(lambda t: {"finger_law": "hertz"}),
+               tuple(steps()), _only_fingertip),
+        Method("hunt-crossley", "power law, Hunt-Crossley damping", _law(lambda t: {"finger_law": "power"}),
+               tuple(steps()), _only_fingertip),
+        Method("series", "laws in series, no surface", _of_body(_Silent, lambda t: _mass_spring(t)),
+               tuple(steps()), _no_nodule),
+        Method("MassSpring", "MassSpring", _of_body(MassSpring, _mass_spring), (*surfaces, *reaches, *forms, *net),
+               _only_slab),
+        Method("BeamBundle", "BeamBundle", _of_body(BeamBundle, _beams), (*surfaces, *reaches), _only_slab),
+        Method("ReducedFE-linear", "ReducedFE linear", _of_body(ReducedFE, _reduced("linear")),
+               (*steps(), *sparse), _only_slab),
+        Method("ReducedFE", "ReducedFE condensed", _claiming("nonlinear"), (*steps(), *sparse, *reaches[:2]),
+               _only_slab),
+        Method("ReducedFE-sampled", "ReducedFE sampled", _of_body(ReducedFE, _reduced("sampled")), tuple(steps()),
+               _only_slab),
+        *laboratory.methods(),
+    ]  # fmt: skip
+
+
+def of_user(path: str) -> Method:
+    """A body of one's own: the full name of its class, `mylab.tissue.Liver`.
+
+    BenchError: there is no such class, or it is no node.
+    """
+    module, _, name = path.rpartition(".")
+    try:
+        cls = getattr(importlib.import_module(module), name)
+    except (ImportError, AttributeError, ValueError) as error:
+        raise BenchError(
+            f"body {path!r}: {error}. Expected the full name of a class, such as mylab.tissue.Liver"
+        ) from None
+    if not (isinstance(cls, type) and issubclass(cls, Node)):
+        raise BenchError(f"body {path!r}: expected a class derived from palpate.nodes.base.Node")
+    known = settings(cls)
+
+    def own(touch: Touch) -> dict[str, Any]:
+        material = {"young": YOUNG, "poisson": POISSON, "retardation": touch.retardation}
+        return {k: v for k, v in material.items() if k in known}
+
+    points = [*steps(), *(meshes() if issubclass(cls, OnSurface) else ())]
+    return Method(path, path, _of_body(cls, own), tuple(points), _only_slab, (_text_of(cls),))
+
+
+def _text_of(cls: type) -> str:
+    import inspect
+
+    try:
+        return inspect.getsource(inspect.getmodule(cls) or cls)
+    except (OSError, TypeError):
+        return cls.__name__

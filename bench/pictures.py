@@ -1,0 +1,159 @@
+"""The pictures: error over time of a step, for each touch and for all, and orders of convergence."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from palpate.bench.cells import Cell
+from palpate.bench.labels import place
+from palpate.bench.order import Study
+from palpate.bench.pareto import Summary, front, point
+from palpate.bench.score import CHARGED, CHARGED_STEP
+from palpate.bench.touches import TOUCHES
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+COLOURS = ("#1f5f8b", "#d97706", "#a4243b", "#4c8c4a", "#6d4c9f", "#8c564b", "#c2659b", "#5f6b73", "#9a8f1f", "#2aa1a8",
+           "#2b2b33", "#b0522a")  # fmt: skip
+MARKS = "osD^vPX<>hdp"
+LOOPS = ((1e-3, "1 kHz"), (1e-4, "10 kHz"))
+INK, FAINT = "#2b2b33", "#b9b9c4"
+
+
+def touch_picture(cells: Sequence[Cell], path: Path) -> None:
+    """All methods on one touch."""
+    own = [c for c in cells if c.status != "refused"]
+    refused = [c for c in cells if c.status == "refused"]
+    figure, axes = _empty(f"{cells[0].touch}: {TOUCHES[cells[0].touch].title}")
+    look = _looks(cells)
+    points = [point(c) for c in own]
+    best = front(points)
+    for method in dict.fromkeys(c.method for c in own):
+        mine = [k for k, c in enumerate(own) if c.method == method]
+        colour, mark = look[method]
+        for k in mine:
+            cell, (x, y) = own[k], points[k]
+            axes.plot([cell.p50, cell.p99], [y, y], color=colour, alpha=0.35, linewidth=1)
+            failed = cell.status == "failed"
+            axes.plot(x, y, "x" if failed else mark, color=colour, markersize=7 if k in best else 5,
+                      markerfacecolor="white" if cell.at_reference() else colour)  # fmt: skip
+        axes.plot([], [], mark, color=colour, label=own[mine[0]].title)
+    if best:
+        axes.step([points[k][0] for k in best], [points[k][1] for k in best], where="post", color=INK, linewidth=1.2,
+                  linestyle=":", label="Pareto front", zorder=1)  # fmt: skip
+    bands = [c.errors["force"]["band"] for c in own if c.status == "ok"]
+    charged = [(CHARGED_STEP, CHARGED)] if refused else []
+    _finish(axes, "rms error of the force, over its peak", points + charged)
+    if bands and max(bands) > axes.get_ylim()[0]:
+        axes.axhspan(axes.get_ylim()[0], max(bands), color=FAINT, alpha=0.35, linewidth=0, label="at the reference")
+    if refused:
+        told = ", ".join(dict.fromkeys(c.title for c in refused))
+        axes.plot(CHARGED_STEP, CHARGED, "x", color=INK, label=f"cannot do it, charged:\n{_wrapped(told)}")
+    axes.legend(fontsize=8, loc="upper left", bbox_to_anchor=(1.01, 1.0), frameon=False)
+    ends = [next(k for k, c in enumerate(own) if c.method == m) for m in dict.fromkeys(c.method for c in own)]
+    labelled = list(dict.fromkeys([*best, *ends]))
+    place(axes, [(*points[k], f"{own[k].title}, {own[k].fidelity}" if k in best else own[k].fidelity,
+                  look[own[k].method][0]) for k in labelled], points + charged)  # fmt: skip
+    _save(figure, path)
+
+
+def overview(told: Sequence[Summary], cells: Sequence[Cell], path: Path) -> None:
+    """All touches: the mean error of each method and setting over its median time."""
+    figure, axes = _empty(f"what accuracy costs: {told[0].touches} touches; what a method cannot do is charged")
+    look = _looks(cells)
+    points = [(s.p99, s.error) for s in told]
+    best = front(points)
+    for method in dict.fromkeys(s.method for s in told):
+        colour, mark = look[method]
+        mine = [k for k, s in enumerate(told) if s.method == method]
+        axes.plot(*np.array([points[k] for k in mine]).T, mark, color=colour, markersize=5, alpha=0.8,
+                  label=f"{told[mine[0]].title}: {told[mine[0]].computed} of {told[mine[0]].touches}")  # fmt: skip
+    axes.step([points[k][0] for k in best], [points[k][1] for k in best], where="post", color=INK, linewidth=1.2,
+              linestyle=":", label="Pareto front", zorder=1)  # fmt: skip
+    _finish(axes, "mean over the touches of the force's rms error, over its peak", points)
+    axes.legend(fontsize=8, loc="upper left", bbox_to_anchor=(1.01, 1.0), frameon=False, title="touches computed")
+    texts = [(*points[k], f"{told[k].title}, {told[k].fidelity}", look[told[k].method][0]) for k in best]
+    place(axes, texts, points)
+    _save(figure, path)
+
+
+def convergence(studies: Sequence[Study], path: Path) -> None:
+    """How fast each method comes to its own limit."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(11, 5.2), layout="constrained", facecolor="white")
+    FigureCanvasAgg(figure)
+    for axes, axis, label in zip(
+        figure.subplots(1, 2),
+        ("step", "mesh"),
+        ("length of the step [s]", "size of a cell over the radius [1]"),
+        strict=True,
+    ):
+        own = [s for s in studies if s.axis == axis]
+        for k, study in enumerate(own):
+            text = f"{study.title} on {study.touch}: {study.observed:.2f}"
+            axes.loglog(study.sizes, study.differences, MARKS[k % len(MARKS)] + "-", color=COLOURS[k % len(COLOURS)],
+                        markersize=4, linewidth=1, label=text)  # fmt: skip
+        axes.set_title(f"order of convergence, theory {own[0].theory if own else '-'}", loc="left", fontsize=11)
+        axes.set_xlabel(label)
+        axes.set_ylabel(
+            "change of the force by a refinement, over its peak" if axis == "step" else "error of the force"
+        )
+        axes.grid(alpha=0.25)
+        if own:
+            axes.legend(fontsize=7, frameon=False)
+    _save(figure, path)
+
+
+def _looks(cells: Sequence[Cell]) -> dict[str, tuple[str, str]]:
+    """Colour and mark of each method: the same in all pictures of a run."""
+    order = sorted({c.method for c in cells} | set(ORDER), key=lambda m: (ORDER.index(m) if m in ORDER else 99, m))
+    return {m: (COLOURS[k % len(COLOURS)], MARKS[k % len(MARKS)]) for k, m in enumerate(order)}
+
+
+ORDER = ("MassSpring", "BeamBundle", "ReducedFE", "ReducedFE-linear", "ReducedFE-sampled", "full-FE", "FElupe",
+         "series", "hertz", "exponential", "hertz-exponential", "hunt-crossley")  # fmt: skip
+
+
+def _empty(title: str) -> tuple[Any, Any]:
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(10.5, 6.2), layout="constrained", facecolor="white")
+    FigureCanvasAgg(figure)
+    axes = figure.subplots()
+    axes.set_title(title, loc="left", fontsize=12, color=INK)
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    axes.grid(alpha=0.25, which="major")
+    axes.spines[["top", "right"]].set_visible(False)
+    return figure, axes
+
+
+def _finish(axes: Axes, label: str, points: Sequence[tuple[float, float]]) -> None:
+    times, errors = np.array(points).T
+    axes.set_xlim(min(times.min() / 3, 5e-6), max(times.max() * 3, 3e-3))
+    axes.set_ylim(errors.min() / 3, max(2.0, errors.max() * 1.6))
+    for period, name in LOOPS:
+        axes.axvline(period, color=FAINT, linewidth=1, zorder=0)
+        axes.annotate(name, (period, 0.01), xycoords=("data", "axes fraction"), xytext=(3, 0), color="#77777f",
+                      textcoords="offset points", fontsize=8)  # fmt: skip
+    axes.set_xlabel("time of a step [s]: point p99, line from p50")
+    axes.set_ylabel(label)
+
+
+def _wrapped(text: str) -> str:
+    import textwrap
+
+    return "\n".join(textwrap.wrap(text, 34))
+
+
+def _save(figure: Any, path: Path) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(path, dpi=120)

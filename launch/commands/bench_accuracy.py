@@ -1,0 +1,145 @@
+"""`palpate bench accuracy`: what the models cost and how wrong they are, on this machine."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from palpate.launch.commands.common import Json, console, tell
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from palpate.bench.cells import Cell
+
+
+def accuracy(
+    touches: Annotated[list[str] | None, typer.Option("--touch", help="One touch only; may be given again.")] = None,
+    only: Annotated[list[str] | None, typer.Option("--method", help="One method only; may be given again.")] = None,
+    body: Annotated[
+        list[str] | None, typer.Option(help="A body of your own beside them: mylab.tissue.Liver; may be given again.")
+    ] = None,
+    quick: Annotated[bool, typer.Option("--quick", help="Few settings, one repeat: within two minutes.")] = False,
+    fresh: Annotated[bool, typer.Option("--fresh", help="Compute again what was kept of earlier runs.")] = False,
+    out: Annotated[Path, typer.Option("-o", "--out", help="Folder of page, pictures and table.")] = Path("accuracy"),
+    rebuild: Annotated[
+        bool, typer.Option("--rebuild-references", help="Compute the stored references anew; needs FElupe, 30 minutes.")
+    ] = False,
+    as_json: Json = False,
+) -> None:
+    """Error beside time per step: every model on standard touches, against references. Makes a page, pictures, a table.
+
+    A run that was ended goes on where it was.
+    """
+    from palpate.bench import methods as known
+    from palpate.bench.cells import compute, matrix
+    from palpate.bench.errors import BenchError
+    from palpate.bench.touches import chosen
+
+    about = _about()
+    if rebuild:
+        _rebuild(about, silent=as_json)
+        return
+    wanted = chosen(touches)
+    methods = [*known.standard(), *(known.of_user(path) for path in body or ())]
+    for name in only or ():
+        if name not in {m.name for m in methods}:
+            raise BenchError(f"method: found {name!r}, expected one of {', '.join(m.name for m in methods)}")
+    methods = [m for m in methods if not only or m.name in only or m.name in (body or ())]
+    todo = matrix(wanted, methods, quick)
+
+    def work(report: Callable[[int, str], None]) -> list[Cell]:
+        return compute(todo, 1 if quick else 3, fresh, str(about["processor"]), report)
+
+    cells = work(lambda done, what: None) if as_json else _shown(work, len(todo))
+    files = _written(cells, about, out)
+    if as_json:
+        from dataclasses import asdict
+
+        tell({"ok": True, "about": about, "files": {k: str(v) for k, v in files.items()},
+              "cells": [asdict(c) | {"plateau": c.plateau} for c in cells]})  # fmt: skip
+        return
+    _print(cells)
+    for name, file in files.items():
+        console(soft_wrap=True).print(f"{name:14} {file}", markup=False)
+
+
+def _about() -> dict[str, Any]:
+    """Versions, machine and commit."""
+    from palpate.launch.running.provenance import machine
+
+    return {**machine("numpy", "scipy", "numba", "felupe"), "seeds": "none, nothing here is random"}
+
+
+def _shown(work: Callable[[Callable[[int, str], None]], list[Cell]], count: int) -> list[Cell]:
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+    columns = (BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TextColumn("{task.description}"))
+    with Progress(*columns, console=console(stderr=True), transient=True) as progress:
+        task = progress.add_task("", total=count)
+        return work(lambda done, what: progress.update(task, completed=done, description=what))
+
+
+def _rebuild(about: dict[str, Any], silent: bool) -> None:
+    from palpate.bench.places import PLACES, SHIPPED
+    from palpate.bench.places import rebuild as work
+
+    about = {**about, "command": "palpate bench accuracy --rebuild-references"}
+    for what, share in work(list(PLACES), about):
+        if not silent:
+            console().print(f"{100 * share:3.0f} %  {what}", markup=False)
+    if silent:
+        tell({"ok": True, "folder": str(SHIPPED), "places": list(PLACES)})
+
+
+def _written(cells: list[Cell], about: dict[str, Any], folder: Path) -> dict[str, Path]:
+    """Table, pictures where matplotlib is there, page."""
+    from palpate.bench import page, table
+    from palpate.bench.pareto import summaries
+
+    table.write(cells, about, folder / "accuracy.csv")
+    drawn: dict[str, Path] = {}
+    try:
+        from palpate.bench.order import studies
+        from palpate.bench.pictures import convergence, overview, touch_picture
+
+        for touch in dict.fromkeys(c.touch for c in cells):
+            drawn[touch] = folder / f"{touch}.png"
+            touch_picture([c for c in cells if c.touch == touch], drawn[touch])
+        drawn["overview"] = folder / "overview.png"
+        overview(summaries(cells), cells, drawn["overview"])
+        orders = studies(cells)
+        if orders:
+            drawn["convergence"] = folder / "convergence.png"
+            convergence(orders, drawn["convergence"])
+    except ImportError:
+        from palpate.launch.loading.extras import install
+
+        drawn = {}
+        console(stderr=True).print(f"no pictures: they need matplotlib ({install('view')})", markup=False)
+    page.write(cells, about, drawn, folder / "accuracy.md")
+    return {"page": folder / "accuracy.md", "table": folder / "accuracy.csv", **drawn}
+
+
+def _print(cells: list[Cell]) -> None:
+    from rich.table import Table
+
+    from palpate.bench.page import default_costs
+    from palpate.bench.pareto import front, summaries
+
+    told = summaries(cells)
+    best = front([(s.p99, s.error) for s in told])
+    shown = Table(box=None, header_style="bold", pad_edge=False)
+    for title in ("", "touches", "force off by\nmean rms %", "step [us]\np50", "\np99"):
+        shown.add_column(title, justify="left" if not title else "right")
+    for k, s in enumerate(told):
+        shown.add_row(
+            f"{s.title}, {s.fidelity}", f"{s.computed}/{s.touches}", f"{100 * s.error:.3g}",
+            *(f"{1e6 * t:.4g}" for t in (s.p50, s.p99)), style="bold" if k in best else None,
+        )  # fmt: skip
+    out = console()
+    out.print(shown)
+    out.print("Bold: on the Pareto front. What a method cannot do is charged with 100 %.")
+    out.print(default_costs(cells), markup=False)
