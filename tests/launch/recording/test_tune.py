@@ -1,0 +1,105 @@
+"""The body for a budget: what is picked, and what is told."""
+
+import json
+import math
+
+import pytest
+import yaml
+from typer.testing import CliRunner
+
+from palpate.launch.__main__ import app
+from palpate.launch.loading.launchfile import find
+from palpate.launch.recording import tune
+from palpate.launch.recording.tune import Candidate, Goal, TuneError, body_of, candidates, pick, read_error
+
+FAST = Candidate({"tissue.use": "deformation.MassSpring"}, 0.15, 30e-6, 60e-6)
+MIDDLE = Candidate({"tissue.use": "deformation.ReducedFE", "tissue.every": 5}, 0.01, 50e-6, 100e-6)
+BEST = Candidate({"tissue.use": "deformation.ReducedFE"}, 0.003, 100e-6, 200e-6)
+BROKEN = Candidate({"tissue.use": "deformation.BeamBundle"}, 0.0, 0.0, 0.0, "too thick")
+ALL = [FAST, BROKEN, MIDDLE, BEST]
+
+
+@pytest.mark.parametrize(
+    ("goal", "chosen"),
+    [
+        (Goal(150e-6, None), MIDDLE),
+        (Goal(1e-3, None), BEST),
+        (Goal(None, 0.02), MIDDLE),
+        (Goal(None, 0.5), FAST),
+        (Goal(1e-3, 0.02), BEST),
+        (Goal(50e-6, None), None),
+        (Goal(80e-6, 0.02), None),
+    ],
+)
+def test_the_most_accurate_that_keeps_the_budget_or_the_cheapest_that_keeps_the_error(goal, chosen):
+    assert pick(ALL, goal) is chosen
+
+
+@pytest.mark.parametrize(
+    ("text", "share"), [("2 % force", (0.02, "force")), ("0.5% shape", (0.005, "shape")), ("3 %", (0.03, "force"))]
+)
+def test_an_error_is_a_share_of_a_quantity(text, share):
+    found, quantity = read_error(text)
+    assert (pytest.approx(found), quantity) == share
+
+
+@pytest.mark.parametrize("text", ["2", "force", "-1 % force", "2 % colour", "nan % force"])
+def test_an_error_that_is_none_is_told(text):
+    with pytest.raises(TuneError, match="such as '2 % force'"):
+        read_error(text)
+
+
+def test_a_graph_without_a_body_is_told():
+    with pytest.raises(TuneError, match="expected one deformable body"):
+        body_of(find("softness").load())
+
+
+def test_candidates_are_every_model_at_every_fidelity():
+    found = candidates(find("kidney").load())
+    assert len({json.dumps(c) for c in found}) == len(found) == 27
+    assert {"tissue.use": "deformation.MassSpring"} in found
+
+
+def test_what_is_written_is_a_launch_file_with_the_choice(tmp_path):
+    launch = find("kidney").but(duration=0.5, overrides=["scene.tissue.friction=false"])
+    tune.write(launch, MIDDLE, ["why"], tmp_path / "tuned.yaml")
+    assert (tmp_path / "tuned.yaml").read_text().startswith("# why\n")
+    again = find(str(tmp_path / "tuned.yaml"))
+    graph = again.load()
+    assert again.duration == 0.5
+    assert graph.nodes["tissue"].every == 5
+    assert graph.nodes["tissue"].cls.__name__ == "ReducedFE"
+    assert yaml.safe_load((tmp_path / "tuned.yaml").read_text())["set"]["scene.tissue.friction"] is False
+
+
+def test_a_budget_is_promised_run_and_compared_with_what_came(tmp_path, monkeypatch):
+    monkeypatch.setattr(tune, "MODELS", ("deformation.ReducedFE", "deformation.MassSpring"))
+    monkeypatch.setattr(tune, "COARSER", (10,))
+    monkeypatch.setattr(tune, "EVERY", (1, 5))
+    given = ["tune", "kidney", "--duration", "0.6 s", "--budget", "2 s", "-o", str(tmp_path / "t.yaml"), "--json"]
+    ran = CliRunner().invoke(app, given)
+    assert ran.exit_code == 0, ran.output
+    told = json.loads(ran.stdout)
+    errors = {json.dumps(c["set"]): c["error"] for c in told["candidates"]}
+    assert told["promised"]["error"] == min(errors.values())
+    assert told["promised"]["set"] == told["reference"]
+    assert told["came"]["error"] == pytest.approx(told["promised"]["error"], abs=1e-6)
+    assert math.isfinite(told["came"]["p99_s"])
+    assert CliRunner().invoke(app, ["check", str(tmp_path / "t.yaml")]).exit_code == 0
+
+
+def test_what_nothing_keeps_is_said(tmp_path, monkeypatch):
+    monkeypatch.setattr(tune, "MODELS", ("deformation.MassSpring",))
+    monkeypatch.setattr(tune, "COARSER", (10,))
+    monkeypatch.setattr(tune, "EVERY", (1,))
+    given = ["tune", "kidney", "--duration", "0.3 s", "--budget", "1 us", "-o", str(tmp_path / "t.yaml")]
+    ran = CliRunner().invoke(app, given)
+    assert ran.exit_code == 1
+    assert "Nothing keeps 0.001 ms at p99 here." in " ".join(ran.output.split())
+    assert not (tmp_path / "t.yaml").exists()
+
+
+def test_it_asks_for_a_budget_or_an_error():
+    ran = CliRunner().invoke(app, ["tune", "kidney"])
+    assert ran.exit_code == 2
+    assert "--budget" in ran.output
