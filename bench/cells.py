@@ -25,6 +25,9 @@ from palpate.bench.truth import truth
 POINTS = 200
 """Instants of a touch at which the force of a cell is kept, so that fidelities can be held against each other."""
 
+SHOWING = ("labels.py", "limits.py", "order.py", "page.py", "pareto.py", "pictures.py", "table.py")
+"""Modules that only show results."""
+
 
 @dataclass
 class Cell:
@@ -36,7 +39,8 @@ class Cell:
     memory          [byte];  offline [s];  claimed [1]
     trace           [N] (POINTS,) force over the touch, over its peak in truth
     discretisation  [1] rms of the force from that of the finest setting on the same axis, over the peak of the truth
-    model           [1] rms of the force of that finest setting from the truth
+    finest          [1] rms of the force of that finest setting from the truth
+    falling         axes on which the finest setting has not come to an end, see `bench.limits`
     """
 
     touch: str
@@ -56,21 +60,13 @@ class Cell:
     claimed: float | None = None
     trace: list[float] = field(default_factory=list)
     discretisation: float | None = None
-    model: float | None = None
+    finest: float | None = None
+    falling: str = ""
 
     def at_reference(self, quantity: str = "force") -> bool:
         """Whether the error is below what the reference itself may be off by."""
         own = self.errors.get(quantity)
         return own is not None and self.status == "ok" and own["rms"] <= own["band"]
-
-    @property
-    def plateau(self) -> str:
-        """What the error mostly is: "model", "discretisation", or "reference" where it cannot be told."""
-        if self.status != "ok" or self.model is None or self.discretisation is None:
-            return ""
-        if self.at_reference():
-            return "reference"
-        return "model" if self.discretisation < 0.5 * self.errors["force"]["rms"] else "discretisation"
 
 
 def matrix(
@@ -105,7 +101,6 @@ def compute(
             part.write_text(json.dumps(asdict(cell)), encoding="utf-8")
             part.replace(path)
         computed.append(cell)
-    told_apart(computed)
     report(len(cells), "")
     return computed
 
@@ -139,20 +134,6 @@ def one(touch: Touch, method: Method, fidelity: Fidelity, repeats: int = 1) -> C
     return cell
 
 
-def told_apart(cells: list[Cell]) -> None:
-    """Discretisation and model: each setting against the finest on its axis, and that against the truth."""
-    groups: dict[tuple[str, str, str], list[Cell]] = {}
-    for cell in cells:
-        if cell.status == "ok" and cell.axis in ("step", "mesh"):
-            groups.setdefault((cell.touch, cell.method, cell.axis), []).append(cell)
-    for own in groups.values():
-        finest = own[-1]
-        for cell in own if len(own) > 1 else ():
-            apart = np.array(cell.trace) - np.array(finest.trace)
-            cell.discretisation = float(np.sqrt(np.mean(apart**2)))
-            cell.model = finest.errors["force"]["rms"]
-
-
 def _key(touch: Touch, method: Method, fidelity: Fidelity, repeats: int, machine: str) -> str:
     told = (repr(touch), method.name, method.source, repr(fidelity), repeats, _sources(), machine, np.__version__)
     return hashlib.sha256(repr(told).encode()).hexdigest()[:24]
@@ -173,7 +154,8 @@ def _sources() -> str:
         spec = find_spec(package)
         for folder in (spec.submodule_search_locations or ()) if spec else ():
             for file in sorted(Path(folder).rglob("*.py")):
-                digest.update(f"{package}/{file.relative_to(folder)}".encode() + file.read_bytes())
+                if file.name not in SHOWING or package != "palpate.bench":
+                    digest.update(f"{package}/{file.relative_to(folder)}".encode() + file.read_bytes())
     for file in sorted(SHIPPED.glob("*.npz")):
         digest.update(file.name.encode() + file.read_bytes())
     return digest.hexdigest()

@@ -16,7 +16,7 @@ LOOKS = 12
 class Fidelity:
     """One setting of a method.
 
-    axis      what is refined: "step", "mesh", "reach", "form"; the last setting on an axis is its finest
+    axis      what is refined: "step", "mesh", "basis", "reach", "form"; the last setting on an axis is its finest
     rate      [Hz] of the steps
     settings  by node: {"body": {...}, "spread": {...}, "surface": {...}}
     quick     whether a quick run has it

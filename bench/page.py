@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from palpate.bench.cells import Cell
+from palpate.bench.limits import AXES, mostly, still_falling
 from palpate.bench.order import studies
 from palpate.bench.pareto import front, point, summaries
 from palpate.bench.places import stored
@@ -39,8 +40,8 @@ def default_costs(cells: Sequence[Cell]) -> str:
     worst = max(own, key=lambda c: c.errors["force"]["rms"])
     return (
         f"The default, {own[0].title} at 1 kHz on 10 000 vertices, takes {1e6 * time:.0f} µs a step (p99), off by "
-        f"{100 * sum(errors) / len(errors):.0f} % of the peak force in the mean of {len(own)} touches on a slab (rms), "
-        f"{100 * max(errors):.0f} % at worst ({worst.touch})."
+        f"{100 * sum(errors) / len(errors):.0f} % of the peak force rms in the mean of the touches on a slab "
+        f"({len(own)}), {100 * max(errors):.0f} % at worst ({worst.touch})."
     )
 
 
@@ -89,9 +90,9 @@ def _of_touch(own: list[Cell], picture: Path | None) -> list[str]:
         memory = "" if cell.memory is None else f"{cell.memory / 1e6:.1f} MB"
         lines.append(
             f"| {mark}{cell.title}, {cell.fidelity}{mark} | {errors} | {_time(cell.p50)} | {_time(cell.p99)} "
-            f"| {memory} | {cell.offline:.1f} s | {cell.plateau or cell.why} |"
+            f"| {memory} | {cell.offline:.1f} s | {mostly(cell) or cell.why} |"
         )
-    lines += ["", *_plateaus(own), *_claims(own)]
+    lines += ["", *_limits(own), *_claims(own)]
     refused = {c.title: c.why for c in own if c.status == "refused"}
     return [*lines, *(f"* {title}: charged, {why}" for title, why in refused.items()), ""]
 
@@ -109,26 +110,24 @@ def _reference(own: list[Cell]) -> str:
     return f"Reference: {meshes}. It may be off by {_percent(band)} of the peak force."
 
 
-def _plateaus(own: list[Cell]) -> list[str]:
+def _limits(own: list[Cell]) -> list[str]:
     """What is left when a method is refined, axis by axis."""
     lines = []
     for method in dict.fromkeys(c.method for c in own if c.status == "ok"):
-        for axis, text in (("step", "shorter steps"), ("mesh", "finer meshes")):
-            line = [c for c in own if (c.method, c.axis) == (method, axis) and c.model is not None]
-            if line:
-                last = line[-1]
-                told = "at the reference" if last.at_reference() else f"{_percent(last.model or 0.0)}, "
-                flat = "" if last.at_reference() else _what(line)
-                lines.append(f"* {last.title}, {text}: {told}{flat}")
+        for axis, text in AXES.items():
+            line = [c for c in own if (c.method, c.axis) == (method, axis) and c.discretisation is not None]
+            if not line:
+                continue
+            last, change = (
+                line[-1],
+                f"the last refinement changed the force by {_percent(line[-2].discretisation or 0.0)}",
+            )
+            if last.at_reference():
+                lines.append(f"* {last.title}, {text}: comes to the reference")
+                continue
+            flat = "still falling" if still_falling(line) else "flat"
+            lines.append(f"* {last.title}, {text}: {_percent(last.errors['force']['rms'])} is left, {flat}; {change}")
     return lines
-
-
-def _what(line: list[Cell]) -> str:
-    """Whether an axis has come to its end, by its last but one setting."""
-    left = line[-2].discretisation or 0.0
-    if left < 0.2 * (line[-1].model or 0.0):
-        return f"an error of the model; the last refinement changed the force by {_percent(left)}"
-    return f"still falling; the last refinement changed the force by {_percent(left)}"
 
 
 def _claims(own: list[Cell]) -> list[str]:

@@ -55,10 +55,13 @@ def touch_picture(cells: Sequence[Cell], path: Path) -> None:
         told = ", ".join(dict.fromkeys(c.title for c in refused))
         axes.plot(CHARGED_STEP, CHARGED, "x", color=INK, label=f"cannot do it, charged:\n{_wrapped(told)}")
     axes.legend(fontsize=8, loc="upper left", bbox_to_anchor=(1.01, 1.0), frameon=False)
-    ends = [next(k for k, c in enumerate(own) if c.method == m) for m in dict.fromkeys(c.method for c in own)]
-    labelled = list(dict.fromkeys([*best, *ends]))
-    place(axes, [(*points[k], f"{own[k].title}, {own[k].fidelity}" if k in best else own[k].fidelity,
-                  look[own[k].method][0]) for k in labelled], points + charged)  # fmt: skip
+    lowest = [
+        min((k for k, c in enumerate(own) if c.method == m), key=lambda k: points[k][1])
+        for m in dict.fromkeys(c.method for c in own)
+    ]
+    beside = [k for k in lowest if own[k].method not in {own[b].method for b in best}]
+    texts = [(*points[k], f"{own[k].title}, {own[k].fidelity}", look[own[k].method][0]) for k in [*best, *beside]]
+    place(axes, texts, points + charged)
     _save(figure, path)
 
 
@@ -89,18 +92,18 @@ def convergence(studies: Sequence[Study], path: Path) -> None:
 
     figure = Figure(figsize=(11, 5.2), layout="constrained", facecolor="white")
     FigureCanvasAgg(figure)
-    for axes, axis, label in zip(
-        figure.subplots(1, 2),
-        ("step", "mesh"),
-        ("length of the step [s]", "size of a cell over the radius [1]"),
-        strict=True,
-    ):
-        own = [s for s in studies if s.axis == axis]
+    kinds = (("step", "length of the step [s]"), ("mesh", "size of a cell [1], over the radius, or over the slab"))
+    for axes, (axis, label) in zip(figure.subplots(1, 2), kinds, strict=True):
+        own = [s for s in studies if (s.axis == "step") == (axis == "step")]
         for k, study in enumerate(own):
             text = f"{study.title} on {study.touch}: {study.observed:.2f}"
             axes.loglog(study.sizes, study.differences, MARKS[k % len(MARKS)] + "-", color=COLOURS[k % len(COLOURS)],
                         markersize=4, linewidth=1, label=text)  # fmt: skip
-        axes.set_title(f"order of convergence, theory {own[0].theory if own else '-'}", loc="left", fontsize=11)
+        axes.set_title(
+            "order of convergence in time, theory 1" if axis == "step" else "... in space, theory 2 to 4",
+            loc="left",
+            fontsize=11,
+        )
         axes.set_xlabel(label)
         axes.set_ylabel(
             "change of the force by a refinement, over its peak" if axis == "step" else "error of the force"

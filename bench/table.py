@@ -10,19 +10,20 @@ from typing import Any
 
 from palpate.bench.cells import Cell
 from palpate.bench.errors import BenchError
+from palpate.bench.limits import mostly
 from palpate.bench.truth import QUANTITIES
 
 PLAIN = {
     "touch": str, "method": str, "title": str, "fidelity": str, "axis": str, "rate": float, "status": str, "why": str,
     "p50": float, "p99": float, "steps": int, "memory": int, "offline": float, "claimed": float,
-    "discretisation": float, "model": float,
+    "discretisation": float, "finest": float, "falling": str,
 }  # fmt: skip
 MEASURES = ("rms", "worst", "band")
 
 
 def write(cells: Sequence[Cell], about: dict[str, Any], path: Path) -> None:
     """A line of provenance as JSON behind a `#`, then a row a cell: [s], [byte], errors over the peak of the truth."""
-    names = [*PLAIN, "plateau", *(f"{q} {m}" for q in QUANTITIES for m in MEASURES)]
+    names = [*PLAIN, "mostly", *(f"{q} {m}" for q in QUANTITIES for m in MEASURES)]
     path.parent.mkdir(parents=True, exist_ok=True)
     with path.open("w", newline="", encoding="utf-8") as file:
         file.write(f"# {json.dumps(about, ensure_ascii=False, default=str)}\n")
@@ -31,7 +32,7 @@ def write(cells: Sequence[Cell], about: dict[str, Any], path: Path) -> None:
         for cell in cells:
             row: dict[str, Any] = {n: "" if getattr(cell, n) is None else getattr(cell, n) for n in PLAIN}
             errors = {f"{q} {m}": own[m] for q, own in cell.errors.items() for m in MEASURES}
-            rows.writerow({**row, "plateau": cell.plateau, **errors})
+            rows.writerow({**row, "mostly": mostly(cell), **errors})
 
 
 def read(path: Path) -> tuple[list[Cell], dict[str, Any]]:

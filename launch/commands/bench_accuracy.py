@@ -36,14 +36,16 @@ def accuracy(
     from palpate.bench import methods as known
     from palpate.bench.cells import compute, matrix
     from palpate.bench.errors import BenchError
+    from palpate.bench.limits import told_apart
     from palpate.bench.touches import chosen
+    from palpate.launch.loading.classes import find_class
 
     about = _about()
     if rebuild:
         _rebuild(about, silent=as_json)
         return
     wanted = chosen(touches)
-    methods = [*known.standard(), *(known.of_user(path) for path in body or ())]
+    methods = [*known.standard(), *(known.of_user(name, find_class(name)) for name in body or ())]
     for name in only or ():
         if name not in {m.name for m in methods}:
             raise BenchError(f"method: found {name!r}, expected one of {', '.join(m.name for m in methods)}")
@@ -54,12 +56,15 @@ def accuracy(
         return compute(todo, 1 if quick else 3, fresh, str(about["processor"]), report)
 
     cells = work(lambda done, what: None) if as_json else _shown(work, len(todo))
+    told_apart(cells)
     files = _written(cells, about, out)
     if as_json:
         from dataclasses import asdict
 
+        from palpate.bench.limits import mostly
+
         tell({"ok": True, "about": about, "files": {k: str(v) for k, v in files.items()},
-              "cells": [asdict(c) | {"plateau": c.plateau} for c in cells]})  # fmt: skip
+              "cells": [asdict(c) | {"mostly": mostly(c)} for c in cells]})  # fmt: skip
         return
     _print(cells)
     for name, file in files.items():

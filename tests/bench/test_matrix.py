@@ -2,11 +2,14 @@
 
 from dataclasses import replace
 
+import bodies_for_bench
 import numpy as np
 import pytest
 
-from palpate.bench import chain, methods
-from palpate.bench.cells import compute, matrix, one, told_apart
+from palpate.bench import bases, chain, methods
+from palpate.bench.cells import Cell, compute, matrix, one
+from palpate.bench.errors import Refused
+from palpate.bench.limits import mostly, told_apart
 from palpate.bench.methods import Method, of_user
 from palpate.bench.order import studies
 from palpate.bench.outcome import Fidelity
@@ -14,13 +17,18 @@ from palpate.bench.pareto import front, point, summaries
 from palpate.bench.score import CHARGED, CHARGED_STEP
 from palpate.bench.touches import TOUCHES
 from palpate.bench.truth import HERTZ
-from palpate.nodes.deformation import MassSpring
+from palpate.nodes.contact import Series
+from palpate.nodes.deformation import MassSpring, ReducedFE
 from palpate.physics.errors import PalpateError
 
 STANDARD = {m.name: m for m in methods.standard()}
 SMALL = {"surface": {"vertices": 400}}
 RATES = tuple(Fidelity(f"{rate} Hz", "step", rate, SMALL) for rate in (500.0, 1000.0, 2000.0, 4000.0))
 DEFAULT = RATES[1]
+
+
+def user(name):
+    return of_user(name, getattr(bodies_for_bench, name))
 
 
 def spring_with(stiffness):
@@ -46,8 +54,6 @@ def test_a_law_in_time_comes_to_the_closed_form_as_its_steps_shrink():
 def test_hertz_is_at_the_reference_of_a_ball():
     cell = one(TOUCHES["ball"], STANDARD["hertz"], DEFAULT)
     assert cell.at_reference()
-    told_apart([cell])
-    assert cell.plateau in ("reference", "")
 
 
 def test_a_model_made_worse_moves_up_by_what_it_was_made_worse():
@@ -63,13 +69,13 @@ def test_an_error_of_the_model_is_told_from_one_of_the_steps():
     cells = [one(TOUCHES["ball"], spring, fidelity) for fidelity in RATES]
     plate = [one(TOUCHES["plate"], STANDARD["exponential"], fidelity) for fidelity in RATES]
     told_apart(cells + plate)
-    assert cells[0].plateau == "model"
-    assert plate[0].plateau == "discretisation"
+    assert mostly(cells[0]) == "model"
+    assert mostly(plate[0]) == "discretisation"
 
 
 def test_a_linear_body_of_the_right_stiffness_is_nearer_than_one_of_half():
     """The slab under the patch is nearly linear: 273 N/m by the reference."""
-    body = of_user("bodies_for_bench.Spring")
+    body = user("Spring")
     cell = one(TOUCHES["indent"], body, DEFAULT)
     assert cell.status == "ok"
     assert 0.01 < cell.errors["force"]["rms"] < 0.08
@@ -80,7 +86,7 @@ def test_a_linear_body_of_the_right_stiffness_is_nearer_than_one_of_half():
     ("name", "why"), [("Raises", "no convergence in 40 iterations"), ("Drifts", "not finite|InputFault")]
 )
 def test_a_broken_body_is_a_point_on_the_chart_and_charged(name, why):
-    cell = one(TOUCHES["indent"], of_user(f"bodies_for_bench.{name}"), DEFAULT)
+    cell = one(TOUCHES["indent"], user(name), DEFAULT)
     assert cell.status == "failed"
     import re
 
@@ -122,7 +128,40 @@ def test_arrays_are_counted_once_however_they_are_reached():
     assert chain.held_bytes([{"a": table, "b": table[10:]}, [table]]) == table.nbytes
 
 
-@pytest.mark.parametrize("path", ["nowhere.Body", "palpate.nodes.deformation.Liver", "numpy.ndarray", "Liver"])
-def test_a_body_that_there_is_not_is_told(path):
-    with pytest.raises(PalpateError, match=r"expected|Expected"):
-        of_user(path)
+def test_a_node_that_is_no_body_is_told():
+    with pytest.raises(PalpateError, match="takes Load and sends Surface"):
+        of_user("contact.Series", Series)
+
+
+def test_a_basis_that_is_not_stored_is_built_once_and_charged(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    node = ReducedFE(model="linear", surface="plane", position=(0.0, 0.0, 0.0), coarse=50)
+    seconds = bases.ready(node)
+    assert seconds > 0.0
+    assert bases.ready(node) == seconds
+    node.start()
+    with pytest.raises(Refused, match="palpate reduce"):
+        bases.ready(ReducedFE(surface="plane", position=(0.0, 0.0, 0.0), coarse=50))
+
+
+def test_what_condensing_smears_falls_with_the_square_of_the_distance_of_its_vertices():
+    """Of cells as they come out: errors of h² on surfaces of 150, 300 and 600 vertices."""
+    cells = [
+        Cell("indent", "ReducedFE-linear", "", f"condensed to {n}", "basis", 1000.0,
+             errors={"force": {"rms": 90.0 / n, "worst": 0.0, "band": 0.0}}) for n in (150, 300, 600)
+    ]  # fmt: skip
+    assert studies(cells)[0].observed == pytest.approx(2.0)
+
+
+def test_a_body_whose_basis_is_too_coarse_is_not_called_a_wrong_model():
+    def cell(method, name, axis, error):
+        own = {"force": {"rms": error, "worst": error, "band": 0.001}}
+        return Cell("indent", method, "", name, axis, 1000.0, errors=own, trace=[error] * 200)
+
+    basis = [cell("ReducedFE-linear", f"condensed to {n}", "basis", 90.0 / n) for n in (150, 300, 600)]
+    steps = [cell("ReducedFE", f"{rate} Hz", "step", 0.15) for rate in (500, 1000)]
+    springs = [cell("MassSpring", f"{rate} Hz", "step", 0.15) for rate in (500, 1000)]
+    told_apart([*basis, *steps, *springs])
+    assert mostly(steps[0]) == "discretisation (basis)"
+    assert mostly(basis[0]) == "discretisation"
+    assert mostly(springs[0]) == "model"

@@ -101,7 +101,8 @@ def test_the_command_makes_page_pictures_and_table(tmp_path, monkeypatch):
     [
         (["--touch", "stroke"], "expected one of ball"),
         (["--method", "magic"], "expected one of hertz"),
-        (["--body", "mylab.Liver"], "full name of a class"),
+        (["--body", "mylab.Liver"], "not found"),
+        (["--body", "contact.Series"], "takes Load and sends Surface"),
     ],
 )
 def test_wrong_names_are_told_with_the_right_ones(given, text):

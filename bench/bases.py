@@ -1,0 +1,49 @@
+"""Bases of the reduced bodies that do not ship: built once, as `palpate reduce` does, and charged as offline time."""
+
+from __future__ import annotations
+
+import json
+import os
+import time
+
+import numpy as np
+
+from palpate.bench.errors import Refused
+from palpate.fe.meshing.organ import Nodule, Organ
+from palpate.fe.reduce.reducible import of_organ
+from palpate.fe.reduce.reduction import build, organ_pressed
+from palpate.nodes.deformation import ReducedFE
+from palpate.nodes.deformation.basis_store import SHIPPED, about, cache, find, key
+from palpate.physics.bodies.condensed_body import Basis
+from palpate.physics.bodies.sampled_body import SampledBasis
+
+
+def ready(node: ReducedFE) -> float:
+    """Have the basis of these settings stored; the seconds that building it took, 0 for one that ships.
+
+    Refused: dents at a hundred places, which take too long to be built here.
+    """
+    for folder in (SHIPPED, cache()):
+        path = find(folder, node.key())
+        if path is not None and node.stored(folder) is not None:
+            return float((about(path) or {}).get("seconds", 0.0))
+    if node.model == "nonlinear":
+        raise Refused(f"no basis with dents is stored for these settings. Build it once: {node.command()}")
+    begun = time.perf_counter()
+    nodule = Nodule(node.nodule_centre, node.nodule_radius, node.nodule_ratio)
+    organ = of_organ(Organ(node.coarse_mesh(), node.poisson, node.bed, nodule))
+    basis: Basis | SampledBasis
+    if node.model == "sampled":
+        basis = build(organ, *organ_pressed(organ, lambda share: None), node.modes, lambda share: None)
+    else:
+        surface = organ.surface
+        basis = Basis(surface.vertices, surface.triangles, organ.compliance(), np.zeros((len(surface.vertices), 0)))
+    seconds = time.perf_counter() - begun
+    inputs = node.inputs()
+    told = {"key": key(inputs), "inputs": inputs, "command": node.command(), "error": {}, "seconds": seconds}
+    path = cache() / node.filename()
+    path.parent.mkdir(parents=True, exist_ok=True)
+    part = path.with_name(f".{os.getpid()}.npz")
+    basis.save(part, json.dumps(told))
+    part.replace(path)
+    return seconds
