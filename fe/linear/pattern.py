@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import bsr_array
+from scipy.sparse import bsr_array, csr_array
 
 
 @dataclass(frozen=True)
@@ -40,11 +40,12 @@ class Pattern:
 
 def pattern(count: int, elements: np.ndarray) -> Pattern:
     """Pattern of `count` nodes coupled by elements (E,k); -1 fills up the end of an element of fewer nodes."""
-    parts = [np.arange(count) * (count + 1)]
-    filled = (elements >= 0).sum(axis=1)
-    for size in np.unique(filled):
-        own = elements[filled == size, :size]
-        parts.append(np.unique(own[:, :, None] * count + own[:, None, :]))
-    keys = np.unique(np.concatenate(parts))
-    indptr = np.searchsorted(keys, np.arange(count + 1) * count)
-    return Pattern(indptr.astype(np.int32), (keys % count).astype(np.int32))
+    clique, place = np.nonzero(elements >= 0)
+    node = elements[clique, place]
+    ones = np.ones(len(node) + count, dtype=np.int32)
+    alone = len(elements) + np.arange(count)  # each node is coupled to itself, whatever holds it
+    held = (np.concatenate([clique, alone]), np.concatenate([node, np.arange(count)]))
+    incidence = csr_array((ones, held), shape=(len(elements) + count, count))
+    coupled = csr_array(incidence.T @ incidence)
+    coupled.sort_indices()
+    return Pattern(coupled.indptr.astype(np.int32), coupled.indices.astype(np.int32))
