@@ -28,7 +28,7 @@ from palpate.scan import rebuild, segment
 from palpate.scan.phantom import scan
 
 CELLS = 5
-MEASURED = 4
+MEASURED = 3
 """Cells of the measured finger, of which both sides are meshed."""
 
 
