@@ -7,6 +7,8 @@ EXTRAS = {
     "view": {"matplotlib": "matplotlib", "pyvista": "pyvista"},
     "scan": {"scikit-image": "skimage", "pydicom": "pydicom", "nibabel": "nibabel", "matplotlib": "matplotlib"},
     "export": {"pyarrow": "pyarrow"},
+    "table": {"pandas": "pandas"},
+    "film": {"pyvista": "pyvista", "matplotlib": "matplotlib", "imageio-ffmpeg": "imageio_ffmpeg", "pillow": "PIL"},
     "mesh": {"meshio": "meshio", "trimesh": "trimesh"},
     "bench": {"felupe": "felupe", "matplotlib": "matplotlib"},
 }

@@ -1,0 +1,70 @@
+"""Any fields of a recording over time, one axis each, in the look of all pictures."""
+
+from __future__ import annotations
+
+import importlib.util
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from palpate.launch.loading.extras import install
+from palpate.physics.errors import PalpateError
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from palpate.launch.recording.samples import Run
+
+PREFIXES = {"m": (1e3, "mm"), "m^2": (1e6, "mm^2"), "m/s": (1e3, "mm/s"), "J": (1e3, "mJ"), "Pa": (1e-3, "kPa")}
+"""What a figure shows in place of an SI unit, and the factor to it: what a finger does lies in these."""
+
+
+class PlotError(PalpateError, ValueError):
+    """What cannot be drawn over time, and what can."""
+
+
+def plot(run: Run, names: Sequence[str]) -> Figure:
+    """A figure of fields `stream.field` over time. PlotError, RecordingError: what cannot be drawn."""
+    if importlib.util.find_spec("matplotlib") is None:
+        raise PlotError(f"plots need the package matplotlib: {install('view')}")
+    if not names:
+        raise PlotError(
+            f"nothing to plot; name fields of {run.path} as STREAM.FIELD; streams: {', '.join(run.streams)}"
+        )
+    from matplotlib import rc_context
+
+    from palpate.launch.pictures.style import ENERGY, FRICTION, INK, LOOK, NORMAL, TISSUE, figure
+    from palpate.launch.recording.samples import Stream
+
+    with rc_context(LOOK):
+        out = figure(9.0, 1.2 + 2.1 * len(names), run.path.name)
+        panels = out.subplots(len(names), 1, sharex=True, squeeze=False)[:, 0]
+        for axes, name in zip(panels, names, strict=True):
+            values = run[name]
+            if isinstance(values, Stream):
+                raise PlotError(f"{name!r} is a stream; name one of its fields: "
+                                f"{', '.join(f'{name}.{field}' for field in values.columns)}")  # fmt: skip
+            if isinstance(values, list):
+                raise PlotError(f"{name!r} has arrays of changing length; `palpate picture` draws the shape")
+            if not len(values):
+                raise PlotError(f"{name!r}: no message was recorded")
+            plain, shown = np.asarray(values), values.unit
+            if plain.dtype.kind not in "bif" or plain.ndim > 2:
+                raise PlotError(f"{name!r} is no number or vector over time; `palpate echo {run.path} "
+                                f"{name.rpartition('.')[0]}` shows it")  # fmt: skip
+            factor, shown = PREFIXES.get(values.unit, (1.0, values.unit))
+            plain = plain * factor
+            if plain.ndim == 1:
+                axes.plot(values.time, plain, color=NORMAL, linewidth=1.2)
+            else:
+                palette = (NORMAL, FRICTION, ENERGY, TISSUE, INK)
+                for i in range(plain.shape[1]):
+                    label = "xyz"[i] if plain.shape[1] == 3 else str(i)
+                    axes.plot(values.time, plain[:, i], color=palette[i % 5], linewidth=1.2, label=label)
+                if plain.shape[1] <= 5:
+                    axes.legend(loc="upper right", ncols=plain.shape[1])
+            axes.set_title(name)
+            axes.set_ylabel(f"[{shown}]")
+        panels[-1].set_xlabel("time [s]")
+    return out

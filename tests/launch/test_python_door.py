@@ -1,0 +1,152 @@
+"""The public door `import palpate`: runs and recordings as Python code and notebooks see them."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from short_touch import QUICK, short_touch
+from typer.testing import CliRunner
+
+import palpate
+from palpate.launch.__main__ import app
+from palpate.launch.recording.reader import Recording
+
+
+@pytest.fixture(scope="module")
+def file(tmp_path_factory):
+    return short_touch(tmp_path_factory.mktemp("door"), "kidney").path
+
+
+@pytest.fixture(scope="module")
+def run(file):
+    return palpate.open(file)
+
+
+def test_the_door_imports_nothing_and_keeps_its_rooms_open():
+    code = (
+        "import sys, palpate; print('numpy' in sys.modules); import palpate.physics, palpate.fe;"
+        "print(sorted(palpate.__all__) == sorted(set(palpate.__all__) & set(dir(palpate))), palpate.Run.__name__)"
+    )
+    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    assert out.split() == ["False", "True", "Run"]
+
+
+def test_a_field_is_an_array_with_unit_and_times(run, file):
+    columns = Recording(file).columns("contact")
+    force = run.contact.force
+    assert isinstance(force, np.ndarray)
+    assert (force.unit, force.label) == ("N", "contact.force [N]")
+    np.testing.assert_array_equal(force, columns["force"])
+    np.testing.assert_array_equal(force.time, columns["time"])
+    assert run.contact.normal.shape == (len(force), 3)
+    assert run["contact.force"].unit == "N"
+
+
+def test_rows_keep_their_times_and_arithmetic_gives_plain_numbers(run):
+    force = run.contact.force
+    pressed = force[force > 0.0]
+    assert 0 < len(pressed) < len(force)
+    np.testing.assert_array_equal(pressed.time, force.time[np.asarray(force) > 0.0])
+    assert pressed.unit == "N"
+    assert force[10:20].time[0] == force.time[10]
+    assert run.contact.normal[5:9, 2].time.shape == (4,)
+    assert type(force * 2.0) is np.ndarray
+    assert isinstance(force.max(), float)
+    assert isinstance(force[3], float)
+
+
+def test_arrays_of_changing_length_come_as_a_list(run):
+    displacement = run.tissue.displacement
+    assert isinstance(displacement, list)
+    assert len(displacement) == len(run.tissue)
+    assert len({array.shape for array in displacement}) > 1
+    assert all(len(array) == len(nodes) for array, nodes in zip(displacement, run.tissue.nodes, strict=True))
+
+
+def test_a_table_has_a_column_for_each_number(run):
+    pytest.importorskip("pandas", reason="pandas is not installed (extra table)")
+    table = run.frame("contact")
+    assert table.index.name == "time [s]"
+    np.testing.assert_array_equal(table["force [N]"], run.contact.force)
+    np.testing.assert_array_equal(table["normal[2] [1]"], run.contact.normal[:, 2])
+    assert "nodes [1]" not in run.frame("tissue")
+
+
+def test_what_is_not_there_is_told_with_what_is(run, tmp_path):
+    with pytest.raises(AttributeError, match=r"no stream 'contakt'.*contact"):
+        run.contakt  # noqa: B018
+    with pytest.raises(AttributeError, match=r"no field 'forse'.*force"):
+        run.contact.forse  # noqa: B018
+    with pytest.raises(palpate.PalpateError, match="no stream"):
+        run["nothing.force"]
+    with pytest.raises(palpate.PalpateError, match="is a field"):
+        run.frame("contact.force")
+    with pytest.raises(palpate.PalpateError, match="No such file"):
+        palpate.open(tmp_path / "none.mcap")
+
+
+def test_a_notebook_shows_what_a_run_and_a_field_hold(run):
+    assert "<td>contact</td><td>Contact</td><td>350</td>" in run._repr_html_()
+    assert "contact.force [N]" in run.contact.force._repr_html_()
+    assert "contact" in dir(run)
+    assert "force" in dir(run.contact)
+
+
+def test_a_run_from_python_takes_a_model_and_settings(tmp_path):
+    file = tmp_path / "rigid.mcap"
+    run = palpate.run(
+        "kidney", record=file, duration="0.05 s", sets=QUICK, tissue="deformation.Rigid", controller={"delay": 2}
+    )
+    assert run.path == file
+    assert len(run.contact) == 50
+    nodes = {node["name"]: node for node in run.about["plan"]["nodes"]}
+    assert nodes["tissue"]["use"] == "deformation.Rigid"
+    assert nodes["controller"]["settings"]["delay"] == 2
+
+
+@pytest.mark.parametrize(
+    ("given", "told"),
+    [
+        ({"graph": "kidnei"}, "kidney"),
+        ({"tissue": "deformation.Jelly"}, "deformation"),
+        ({"tissue": 3}, "expected a model"),
+        ({"tissue": {"stiffness": object()}}, "tissue.stiffness: found object"),
+        ({"duration": -1.0}, "expected a time"),
+        ({"duration": "2 N"}, "duration"),
+        ({"clock": "wall"}, "expected 'simulated' or 'real'"),
+        ({"sets": "tissue.stiffness=2e3"}, "expected a list"),
+        ({"nobody": "deformation.Rigid"}, "nobody"),
+    ],
+)
+def test_wrong_arguments_say_what_would_work(given, told, tmp_path):
+    with pytest.raises(palpate.PalpateError, match=told):
+        palpate.run(**{"record": tmp_path / "x.mcap", **given})
+
+
+def test_fields_are_plotted_with_their_units(run, file, tmp_path):
+    figure = run.plot("contact.force", "contact.indentation", "finger.position")
+    assert [axes.get_ylabel() for axes in figure.axes] == ["[N]", "[mm]", "[mm]"]
+    drawn = figure.axes[1].lines[0].get_ydata()
+    np.testing.assert_allclose(drawn, 1e3 * np.asarray(run.contact.indentation))
+    target = tmp_path / "out" / "force.png"
+    result = CliRunner().invoke(app, ["plot", str(file), "contact.force", "-o", str(target)])
+    assert result.exit_code == 0
+    assert target.read_bytes()[:4] == b"\x89PNG"
+
+
+@pytest.mark.parametrize(
+    ("names", "told"),
+    [
+        (["contact"], "contact.force"),
+        (["tissue.displacement"], "changing length"),
+        (["controller.state"], "no number"),
+        (["contact.forse"], "no field 'forse'"),
+        (["contact.force", "-o", "x.gif"], "expected .png"),
+    ],
+)
+def test_what_cannot_be_plotted_is_told_in_one_line(file, names, told):
+    result = CliRunner().invoke(app, ["plot", str(file), *names])
+    assert result.exit_code != 0
+    assert told in " ".join(result.stderr.split())
+    assert "Traceback" not in result.output
