@@ -52,6 +52,7 @@ def _draw(recording: Recording, folder: Path, console: Console | None, step: Cal
         softness,
     )
     from palpate.launch.pictures.moments import NoMesh
+    from palpate.launch.pictures.off_screen import NoRendering
     from palpate.launch.pictures.touch import Touch
 
     touch = Touch(recording)
@@ -80,7 +81,7 @@ def _draw(recording: Recording, folder: Path, console: Console | None, step: Cal
         if views is not None:
             try:
                 found = views.draw()
-            except deformation.NoRendering as error:
+            except NoRendering as error:
                 _tell(console, str(error))
             else:
                 made.insert(0, folder / f"{deformation.NAME}.png")

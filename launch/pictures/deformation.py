@@ -2,21 +2,15 @@
 
 from __future__ import annotations
 
-import contextlib
 import math
-import os
-import subprocess
-import sys
-import tempfile
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from palpate.launch.pictures.moments import Instant, instants, surface_mesh
+from palpate.launch.pictures.off_screen import Rendering
 from palpate.launch.pictures.style import DEFORMATION, figure
 from palpate.launch.pictures.touch import Touch
-from palpate.physics.errors import PalpateError
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -24,14 +18,6 @@ if TYPE_CHECKING:
 NAME = "deformation"
 TITLE = "The surface under the finger  (ball: fingertip; arrow: force on the hand)"
 COUNT, COLUMNS = 6, 3
-PATIENCE = 60.0  # [s]
-WINDOWS = ("", "vtkOSOpenGLRenderWindow")
-"""What VTK draws into: its own choice, which is EGL where there is no display; then OSMesa."""
-CURE = "install Mesa's off-screen drawing (Debian: apt install libosmesa6, or libegl1 libgl1-mesa-dri)"
-
-
-class NoRendering(PalpateError, RuntimeError):
-    """Why no 3-D picture can be drawn on this machine, and what to install."""
 
 
 class Views:
@@ -44,62 +30,19 @@ class Views:
         self.columns = min(COLUMNS, count)
         self.near = sorted(sorted(range(count), key=lambda i: -self.instants[i].depth)[: self.columns])
         lengths = np.array([np.linalg.norm(one.displacement, axis=1).max() for one in self.instants])
-        self.deepest = _round_up(float(lengths.max()))
-        self._folder = tempfile.TemporaryDirectory(prefix="palpate-")
-        self._source, self._target = (Path(self._folder.name) / name for name in ("views.npz", "pixels.npz"))
-        nowhere = np.full(3, np.nan)
-        np.savez(
-            self._source,
-            vertices=mesh.vertices,
-            triangles=mesh.triangles,
-            displacement=np.array([one.displacement for one in self.instants], dtype=np.float32),
-            tips=np.array([nowhere if one.tip is None else one.tip for one in self.instants]),
-            normals=np.array([one.normal for one in self.instants]),
-            forces=np.array([one.force for one in self.instants]),
-            near=np.array(self.near),
-            deepest=self.deepest,
-        )
-        self._process = self._begin(WINDOWS[0])
-
-    def _begin(self, window: str) -> subprocess.Popen:
-        environment = {key: value for key, value in os.environ.items() if key != "DISPLAY"}
-        if window:
-            environment["VTK_DEFAULT_OPENGL_WINDOW"] = window
-        command = [sys.executable, "-m", f"{__package__}.render", str(self._source), str(self._target)]
-        return subprocess.Popen(
-            command, env=environment, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE
-        )
-
-    def pixels(self) -> dict[str, np.ndarray]:
-        """Wait for the pictures. NoRendering: this machine cannot draw them."""
-        for following in (*WINDOWS[1:], None):
-            try:
-                _, errors = self._process.communicate(timeout=PATIENCE)
-            except subprocess.TimeoutExpired:
-                raise NoRendering(f"no 3-D picture within {PATIENCE:.0f} s; {CURE}") from None
-            if self._process.returncode == 0 and self._target.is_file():
-                with np.load(self._target) as found:
-                    return dict(found)
-            if following is not None:
-                self._process = self._begin(following)
-        raise NoRendering(
-            f"no 3-D picture: {_reason(self._process.returncode, errors.decode(errors='replace'))}; {CURE}"
-        )
+        self.deepest = round_up(float(lengths.max()))
+        self._rendering = Rendering(mesh, self.instants, self.near, self.deepest)
 
     def close(self) -> None:
-        """End the process, remove the files."""
-        if self._process.poll() is None:
-            self._process.kill()
-        with contextlib.suppress(ValueError):
-            self._process.communicate()
-        self._folder.cleanup()
+        """End the drawing."""
+        self._rendering.close()
 
     def draw(self) -> Figure:
         """The figure. NoRendering: this machine cannot draw it."""
         from matplotlib.cm import ScalarMappable
         from matplotlib.colors import LinearSegmentedColormap, Normalize
 
-        pixels = self.pixels()
+        pixels = self._rendering.pixels()
         columns = self.columns
         rows = -(-len(self.instants) // columns)
         out = figure(
@@ -129,7 +72,7 @@ def _title(one: Instant) -> str:
     return f"{one.time:.2f} s:  {one.depth * 1e3:.1f} mm deep,  {one.load:.2f} N"
 
 
-def _round_up(length: float) -> float:
+def round_up(length: float) -> float:
     """The next full millimetre up to 20 mm; below 1 mm and above 20 mm the next of 1, 2, 5, 10 in its decade."""
     if 1e-3 < length <= 20e-3:
         return math.ceil(length * 1e3 - 1e-6) / 1e3
@@ -137,11 +80,3 @@ def _round_up(length: float) -> float:
         return 1e-3
     decade = 10.0 ** math.floor(math.log10(length))
     return float(next(step for step in (1.0, 2.0, 5.0, 10.0) if step * decade >= length * (1 - 1e-9)) * decade)
-
-
-def _reason(code: int, errors: str) -> str:
-    """The last line that a process said, or how it ended."""
-    lines = [line.strip() for line in errors.splitlines() if line.strip()]
-    if code < 0:
-        return f"VTK's drawing process was ended by signal {-code}"
-    return lines[-1][:200] if lines else f"VTK's drawing process ended with exit code {code}"

@@ -100,17 +100,30 @@ def choose(contact: Columns, count: int) -> list[int]:
 
 def instants(touch: Touch, vertices: int, count: int = 6) -> list[Instant]:
     """Up to `count` instants. NoMesh: no contact, surface or displacement was recorded, or it does not fit the mesh."""
-    stream = touch.recording.stream_of(Surface)
-    if stream is None or touch.contact is None:
+    if touch.recording.stream_of(Surface) is None or touch.contact is None:
         raise NoMesh("the recording has no contact on a surface")
-    surfaces = touch.at(Surface, choose(touch.contact, count))
-    if not surfaces:
+    chosen = instants_at(touch, vertices, choose(touch.contact, count))
+    if not chosen:
         raise NoMesh("nothing was touched")
+    if not any(one.displacement.any() for one in chosen):
+        raise NoMesh("no displacement was recorded")
+    return chosen
+
+
+def instants_at(touch: Touch, vertices: int, ticks: list[int]) -> list[Instant]:
+    """The instants at these ticks, as far as both contact and surface were recorded there.
+
+    NoMesh: no contact or surface was recorded, or it does not fit the mesh.
+    """
+    if touch.recording.stream_of(Surface) is None or touch.contact is None:
+        raise NoMesh("the recording has no contact on a surface")
     rows = {int(tick): row for row, tick in enumerate(touch.contact["tick"])}
     tips = _tips(touch)
     forces = {} if touch.force is None else dict(zip(touch.force["tick"].tolist(), touch.force["force"], strict=True))
     found = []
-    for tick, surface in surfaces.items():
+    for tick, surface in touch.at(Surface, ticks).items():
+        if tick not in rows:
+            continue
         row = rows[tick]
         contact = {name: values[row] for name, values in touch.contact.items()}
         found.append(
@@ -124,8 +137,6 @@ def instants(touch: Touch, vertices: int, count: int = 6) -> list[Instant]:
                 depth=float(contact["indentation"]),
             )
         )
-    if not any(one.displacement.any() for one in found):
-        raise NoMesh("no displacement was recorded")
     return found
 
 

@@ -63,7 +63,7 @@ def plot(run: Run, names: Sequence[str]) -> Figure:
                     label = "xyz"[i] if plain.shape[1] == 3 else str(i)
                     axes.plot(values.time, plain[:, i], color=palette[i % 5], linewidth=1.2, label=label)
                 if plain.shape[1] <= 5:
-                    axes.legend(loc="upper right", ncols=plain.shape[1])
+                    axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=plain.shape[1])
             axes.set_title(name)
             axes.set_ylabel(f"[{shown}]")
         panels[-1].set_xlabel("time [s]")

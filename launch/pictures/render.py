@@ -28,7 +28,8 @@ def render(views: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     """Pictures of all instants, wide (k, h, w, 3), and of some from near, close (n, h, w, 3): red, green, blue bytes.
 
     vertices [m] (V,3), triangles (T,3), displacement [m] (k,V,3), tips [m] (k,3; not finite: no finger),
-    normals [1] (k,3), forces [N] (k,3), near (n): which instants from near, deepest [m] of the colour scale
+    normals [1] (k,3), forces [N] (k,3), near (n): which instants from near, deepest [m] of the colour scale,
+    balls [m] (m,3) all places of the finger that the camera shall see, greatest [N] force of the longest arrow
     """
     import pyvista
 
@@ -38,11 +39,8 @@ def render(views: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     deepest = float(views["deepest"])
     wide: list[np.ndarray] = []
     close: list[np.ndarray] = []
-    greatest = max(float(np.linalg.norm(views["forces"], axis=1).max(initial=0.0)), LEAST_FORCE)
-    longest = min(ARROW, ARROW_SHARE * float(np.ptp(views["vertices"], axis=0).max()))
-    arrows = views["forces"] * (longest / greatest)
-    balls = views["tips"] + FINGER_RADIUS * views["normals"]
-    balls = balls[np.isfinite(balls).all(axis=1)]
+    arrows = views["forces"] * (_longest(views["vertices"]) / max(float(views["greatest"]), LEAST_FORCE))
+    balls = views["balls"]
     shots = list(zip(views["displacement"], views["tips"], views["normals"], arrows, strict=True))
     for shape, out, which in ((SIZE, wide, range(len(shots))), (CLOSE_SIZE, close, views["near"].tolist())):
         plotter = pyvista.Plotter(off_screen=True, window_size=list(shape), lighting="none")
@@ -55,6 +53,17 @@ def render(views: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
             out.append(np.asarray(plotter.screenshot(return_img=True))[..., :3])
         plotter.close()
     return {"wide": np.array(wide), "close": np.array(close)}
+
+
+def ball_centres(tips: np.ndarray, normals: np.ndarray) -> np.ndarray:
+    """Centres [m] (m,3) of the balls that stand for the fingertip, at all finite tips [m] (k,3)."""
+    balls = tips + FINGER_RADIUS * normals
+    return balls[np.isfinite(balls).all(axis=1)]
+
+
+def _longest(vertices: np.ndarray) -> float:
+    """[m] of the arrow of the greatest force."""
+    return min(ARROW, ARROW_SHARE * float(np.ptp(vertices, axis=0).max()))
 
 
 def _lights(pyvista: Any, plotter: Any) -> None:

@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 
 from palpate.launch.__main__ import app
 from palpate.launch.loading.launchfile import find
-from palpate.launch.pictures import deformation, draw, render
+from palpate.launch.pictures import deformation, draw, off_screen, render
 from palpate.launch.pictures.moments import NoMesh, choose, displaced, instants, surface_mesh
 from palpate.launch.pictures.regions import _stretches, regions
 from palpate.launch.pictures.style import mean
@@ -264,7 +264,7 @@ def test_instants_are_in_contact_and_the_deepest_is_one_of_them():
     ("length", "scale"), [(9.04e-3, 10e-3), (8e-3, 8e-3), (0.0, 1e-3), (3e-9, 5e-9), (0.13, 0.2), (1e-3, 1e-3)]
 )
 def test_the_colour_scale_ends_at_a_round_number(length, scale):
-    assert deformation._round_up(length) == pytest.approx(scale, rel=1e-12)
+    assert deformation.round_up(length) == pytest.approx(scale, rel=1e-12)
 
 
 def test_the_finger_on_a_surface_as_small_as_itself_is_not_cut_off():
@@ -318,7 +318,7 @@ def test_a_crash_of_the_graphics_driver_leaves_the_plots(touch_file, tmp_path, m
     def crash(self, window):
         return subprocess.Popen([sys.executable, "-c", end], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
 
-    monkeypatch.setattr(deformation.Views, "_begin", crash)
+    monkeypatch.setattr(off_screen.Rendering, "_begin", crash)
     made, told = drawn(touch_file, tmp_path)
     assert made == PLOTS
     assert len(told) == 1 and "libosmesa6" in told[0] and ("signal 6" in told[0] or "no context" in told[0])

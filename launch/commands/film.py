@@ -1,0 +1,22 @@
+"""`palpate film`: the deformed surface through a recording, as MP4 or GIF."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def film(
+    file: Annotated[Path, typer.Argument(help="A recording (.mcap).", metavar="FILE")],
+    out: Annotated[Path | None, typer.Option("-o", "--out", help="MP4 or GIF; FILE.mp4 if left out.")] = None,
+    rate: Annotated[float, typer.Option(help="[1/s] frames of the film.", min=1, max=60)] = 25.0,
+    speed: Annotated[float, typer.Option(help="0.5 is slow motion.", min=1e-3, max=100)] = 1.0,
+) -> None:
+    """Film a recording: the surface under the finger, coloured by its displacement in millimetres."""
+    from palpate.launch.pictures.film import film as make
+
+    target = out or file.with_suffix(".mp4")
+    frames = make(file, target, rate, speed)
+    typer.echo(f"{target}  {frames} frames, {frames / rate:.1f} s")
