@@ -74,6 +74,8 @@ def overview(told: Sequence[Summary], cells: Sequence[Cell], path: Path) -> None
     for method in dict.fromkeys(s.method for s in told):
         colour, mark = look[method]
         mine = [k for k, s in enumerate(told) if s.method == method]
+        for k in mine:
+            axes.plot([told[k].p50, told[k].p99], [told[k].error] * 2, color=colour, alpha=0.35, linewidth=1)
         axes.plot(*np.array([points[k] for k in mine]).T, mark, color=colour, markersize=5, alpha=0.8,
                   label=f"{told[mine[0]].title}: {told[mine[0]].computed} of {told[mine[0]].touches}")  # fmt: skip
     axes.step([points[k][0] for k in best], [points[k][1] for k in best], where="post", color=INK, linewidth=1.2,
