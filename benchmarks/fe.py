@@ -60,8 +60,8 @@ def hertz() -> list[dict[str, object]]:
         ("block", 0.3, 4, 1e-2),
     ):  # fmt: skip
         begun = time.process_time()
-        found = indented(poisson, faces, ratio, body == "ball")
-        rows.append({"body": body, "poisson": poisson, "faces over a": faces, "approach/radius": ratio, **found})
+        ratios = indented(poisson, faces, ratio, body == "ball")
+        rows.append({"body": body, "poisson": poisson, "faces over a": faces, "approach/radius": ratio, **ratios})
         rows[-1]["CPU s"] = time.process_time() - begun
     return rows
 

@@ -34,9 +34,9 @@ class FacePlane:
 
     def _vector(self, field: Any = None, **_: Any) -> csr_matrix:
         push = self.area * self.penalty * np.maximum(-self._gap(), 0.0)
-        found = np.zeros(self.points.shape)
-        np.add.at(found[:, 2], self.faces, -push @ self.value)
-        return csr_matrix(found.reshape(-1, 1))
+        force = np.zeros(self.points.shape)
+        np.add.at(force[:, 2], self.faces, -push @ self.value)
+        return csr_matrix(force.reshape(-1, 1))
 
     def _matrix(self, field: Any = None, **_: Any) -> csr_matrix:
         stiff = self.penalty * np.where(self._gap() < 0.0, self.area, 0.0)
@@ -80,11 +80,11 @@ def felupe(problem: Problem, faces: bool = False, cholmod: bool = False) -> dict
         bounds["move"].update(-problem.travel * step / problem.steps)
         dof0, dof1 = fem.dof.partition(field, bounds)
         ext0 = fem.dof.apply(field, bounds, dof0)
-        found = fem.newtonraphson(
+        newton = fem.newtonraphson(
             items=items, dof0=dof0, dof1=dof1, ext0=ext0, solver=lambda a, b: spsolve(a.tocsr(), b), verbose=0,
             tol=1e-6, maxiter=40,
         )  # fmt: skip
-        iterations += found.iterations
+        iterations += newton.iterations
     reaction = items[0].assemble.vector(field).toarray().reshape(-1, 3)
     return {
         "solver": f"FElupe, {name}, contact of faces" if faces else f"FElupe, {name}",
@@ -110,8 +110,8 @@ def _cholmod():
         if "factor" not in kept or kept["size"] != matrix.nnz:
             kept.update(factor=analyze(matrix), size=matrix.nnz)
         kept["factor"].cholesky_inplace(matrix)
-        found: np.ndarray = kept["factor"](np.asarray(rhs).ravel())
-        return found
+        solution: np.ndarray = kept["factor"](np.asarray(rhs).ravel())
+        return solution
 
     return "CHOLMOD", solve
 
@@ -122,8 +122,8 @@ def _direct():
     try:
         if "PYPARDISO_MKL_RT" not in os.environ:
             parts = importlib.metadata.files("mkl") or []
-            found = [str(p.locate().resolve()) for p in parts if "mkl_rt" in p.name and p.locate().exists()]
-            os.environ.update({"PYPARDISO_MKL_RT": found[0]} if found else {})
+            libraries = [str(p.locate().resolve()) for p in parts if "mkl_rt" in p.name and p.locate().exists()]
+            os.environ.update({"PYPARDISO_MKL_RT": libraries[0]} if libraries else {})
         from pypardiso import spsolve
 
         return "PARDISO", spsolve

@@ -59,7 +59,7 @@ def indented(poisson: float, faces: int, ratio: float, ball: bool = False) -> di
     field = nodal_pressure(touch, body.displacement)[touch.faces[:, :3]] @ HATS.T
     norm = (touch.area * right**2).sum()
     points_off, field_off = (
-        float(np.sqrt((touch.area * (found - right) ** 2).sum() / norm)) for found in (touch.traction, field)
+        float(np.sqrt((touch.area * (pressure - right) ** 2).sum() / norm)) for pressure in (touch.traction, field)
     )
     return {
         "degrees of freedom": 3 * len(p),
@@ -80,5 +80,7 @@ def boussinesq(points: np.ndarray, force: float, poisson: float) -> np.ndarray:
     r, down = np.linalg.norm(points, axis=1), -points[:, 2]
     out = down / r**3 - (1 - 2 * poisson) / (r * (r + down))
     sink = down**2 / r**3 + 2 * (1 - poisson) / r
-    found: np.ndarray = force / (4 * np.pi * shear) * np.stack([out * points[:, 0], out * points[:, 1], -sink], axis=1)
-    return found
+    displacement: np.ndarray = (
+        force / (4 * np.pi * shear) * np.stack([out * points[:, 0], out * points[:, 1], -sink], axis=1)
+    )
+    return displacement

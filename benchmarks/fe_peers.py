@@ -148,13 +148,13 @@ def main() -> None:
         "palpate": palpate, "felupe": felupe, "felupe-faces": partial(felupe, faces=True),
         "felupe-cholmod": partial(felupe, cholmod=True), "calculix": calculix,
     }  # fmt: skip
-    found = own[solver](problem)
-    if found is None:
+    answer = own[solver](problem)
+    if answer is None:
         how = "apt install calculix-ccx" if solver == "calculix" else "pip install felupe pypardiso scikit-sparse"
         print(f"{solver} is left out, as it is not installed: {how}", file=sys.stderr)
         raise SystemExit(MISSING)
-    found.setdefault("peak MB", resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
-    print(json.dumps(found | {"degrees of freedom": 3 * len(problem.mesh.points)}))
+    answer.setdefault("peak MB", resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
+    print(json.dumps(answer | {"degrees of freedom": 3 * len(problem.mesh.points)}))
 
 
 if __name__ == "__main__":

@@ -82,7 +82,7 @@ def _octant(cells: int) -> TetMesh:
     """The part x, y > 0 > z of a ball with curved faces: a core of bricks and shells round it, finest at the pole."""
     t = np.linspace(0.0, 1.0, cells + 1)
     fine = 0.5 * t + 0.5 * t**2
-    core, found = grid(fine, fine, t)
+    core, hexahedra = grid(fine, fine, t)
     n = cells + 1
     node = np.arange(len(core)).reshape(n, n, n)
     quad = np.array([[0, 1, n, n + 1], [0, 1, n * n, n * n + 1], [0, n, n * n, n * n + n]])
@@ -93,7 +93,7 @@ def _octant(cells: int) -> TetMesh:
     ]
     surface, on = np.unique(np.concatenate(outer), return_inverse=True)
     on = on.reshape(-1, 4)
-    points, every, below = [np.column_stack([core, np.zeros(len(core))])], [found], surface[on]
+    points, every, below = [np.column_stack([core, np.zeros(len(core))])], [hexahedra], surface[on]
     levels = 1.0 - (1.0 - np.linspace(0.0, 1.0, cells + 1)[1:]) ** 1.5
     for k, level in enumerate(levels):
         above = len(core) + k * len(surface) + on
@@ -111,5 +111,5 @@ def _place(lattice: np.ndarray) -> np.ndarray:
     cube, shell = lattice[:, :3], lattice[:, 3:]
     ray = np.tan(np.pi / 4 * cube)
     ray /= np.maximum(np.linalg.norm(ray, axis=1, keepdims=True), 1e-12)
-    found: np.ndarray = RADIUS * ((1.0 - shell) * 0.5 * cube + shell * ray) * (1.0, 1.0, -1.0)
-    return found
+    points: np.ndarray = RADIUS * ((1.0 - shell) * 0.5 * cube + shell * ray) * (1.0, 1.0, -1.0)
+    return points

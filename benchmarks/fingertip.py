@@ -30,9 +30,9 @@ def press(name: str, plate: str, cells: int, folder: Path) -> tuple[Run, Record]
     def tell(load: float) -> None:
         print(f"\r{run.folder.name}: {1e3 * load:.2f} mm", end="", file=sys.stderr, flush=True)
 
-    found = record(Pressing(Fingertip(cells=cells), plate, name), ENDS[name][plate], run, tell)
+    pressed = record(Pressing(Fingertip(cells=cells), plate, name), ENDS[name][plate], run, tell)
     print(file=sys.stderr)
-    return run, found
+    return run, pressed
 
 
 def main() -> None:
@@ -45,10 +45,10 @@ def main() -> None:
     every = {
         name: {plate: press(name, plate, given.cells, given.folder) for plate in ends} for name, ends in ENDS.items()
     }
-    found = {name: {plate: pair[1] for plate, pair in plates.items()} for name, plates in every.items()}
-    tables = {"Table III": points(found)}
-    tables |= {f"statements, {name}": statements(**plates) for name, plates in found.items()}
-    divisor = fit_divisor(found["calibrated"]["steel"].softened(1.0 / CALIBRATED))
+    records = {name: {plate: pair[1] for plate, pair in plates.items()} for name, plates in every.items()}
+    tables = {"Table III": points(records)}
+    tables |= {f"statements, {name}": statements(**plates) for name, plates in records.items()}
+    divisor = fit_divisor(records["calibrated"]["steel"].softened(1.0 / CALIBRATED))
     if given.pictures:
         from palpate.launch.pictures.fe_fingertip import draw
 

@@ -39,10 +39,10 @@ def plain(turns: int, core: int) -> float:
     workers = [context.Process(target=_pass_on, args=(rank, turns, core, answer, os.getpid())) for rank in range(COUNT)]
     for worker in workers:
         worker.start()
-    found = answer.get()
+    duration = answer.get()
     for worker in workers:
         worker.join()
-    return found / COUNT
+    return duration / COUNT
 
 
 def _pass_on(rank: int, turns: int, core: int, answer, key: int) -> None:
@@ -115,13 +115,13 @@ def main() -> None:
         "palpate, zmq": functools.partial(ours, carrier="zmq"),
         "palpate, local": functools.partial(ours, carrier="local"),
     }
-    found: dict[str, list[float]] = {name: [] for name in measures}
+    hops: dict[str, list[float]] = {name: [] for name in measures}
     for _ in range(3):  # interleaved, so that a busy neighbour troubles all of them
         for name, measure in measures.items():
             value = measure(given.turns, core)
             if value is not None:
-                found[name].append(value)
-    best = {name: min(values) for name, values in found.items() if values}
+                hops[name].append(value)
+    best = {name: min(values) for name, values in hops.items() if values}
     base = best.get("C", best["pyzmq"])
     if given.json:
         print(

@@ -50,13 +50,13 @@ def _unrecorded(launch: LaunchFile) -> LaunchFile:
 
 def rates(seconds: float) -> dict[str, dict[str, float]]:
     """[Hz] of simulated time as fast as the machine allows."""
-    found: dict[str, list[Result]] = {name: [] for name in ("fused", *CARRIERS)}
+    runs: dict[str, list[Result]] = {name: [] for name in ("fused", *CARRIERS)}
     for _ in track(range(3), "rates", transient=True):
-        found["fused"].append(run("fused", "simulated", seconds))
+        runs["fused"].append(run("fused", "simulated", seconds))
         for carrier in CARRIERS:
-            found[carrier].append(run(None, "simulated", seconds, carrier))
+            runs[carrier].append(run(None, "simulated", seconds, carrier))
     answer = {}
-    for name, results in found.items():
+    for name, results in runs.items():
         hertz = [result.ticks / result.wall for result in results]
         age = min((result.health["device"]["age"] for result in results), key=lambda age: age["p50"])
         answer[name] = {
@@ -64,7 +64,7 @@ def rates(seconds: float) -> dict[str, dict[str, float]]:
             "median": statistics.median(hertz),
             **{k: age[k] for k in ("p50", "p99", "p999")},
         }
-    best = max(found["fused"], key=lambda result: result.ticks / result.wall)
+    best = max(runs["fused"], key=lambda result: result.ticks / result.wall)
     answer["steps"] = {name: health["step"]["p50"] for name, health in best.health.items()}
     return answer
 
@@ -99,19 +99,19 @@ def memory() -> dict[str, float]:
     launch = _unrecorded(find("kidney").but(duration=1.5))
     graph = launch.load()
     graph.nodes["log"].off = "nothing is recorded"
-    found: dict[str, float] = {}
+    sizes: dict[str, float] = {}
 
     def look(launcher: Launcher) -> None:
-        if launcher.phase == "running" and len(found) < len(launcher.pids):
+        if launcher.phase == "running" and len(sizes) < len(launcher.pids):
             for group, pid in launcher.pids.items():
                 text = Path(f"/proc/{pid}/smaps_rollup")
                 match = re.search(r"Pss:\s+(\d+)", text.read_text() if text.exists() else "")
                 if match:
-                    found[group] = int(match[1]) / 1024
+                    sizes[group] = int(match[1]) / 1024
 
     steps = plan(graph)
     Launcher(jobs(steps, launch.placement(steps), ticks=1500), show=look).run()
-    return found
+    return sizes
 
 
 def main() -> None:
@@ -119,7 +119,7 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=6.0, help="simulated time of each run")
     parser.add_argument("--json", action="store_true")
     given = parser.parse_args()
-    found = {
+    figures = {
         "machine": platform.platform(),
         "load": os.getloadavg()[0],
         "rates": rates(given.seconds),
@@ -128,20 +128,20 @@ def main() -> None:
         "memory": memory(),
     }
     if given.json:
-        print(json.dumps(found))
+        print(json.dumps(figures))
         return
     out = Console()
     table = Table(title="kidney loop, simulated time as fast as possible", box=None)
     for title in ("", "best [Hz]", "median [Hz]", "tick p50 [us]", "p99 [us]", "p99.9 [us]"):
         table.add_column(Text(title), justify="right")
     for name in ("fused", *CARRIERS):
-        row = found["rates"][name]
+        row = figures["rates"][name]
         times = (f"{row[key] * 1e6:.0f}" for key in ("p50", "p99", "p999"))
         table.add_row(name, f"{row['best']:.0f}", f"{row['median']:.0f}", *times)
     out.print(table)
-    steps = found["rates"]["steps"]
+    steps = figures["rates"]["steps"]
     out.print("step p50 \\[us]:", ", ".join(f"{name} {value * 1e6:.1f}" for name, value in steps.items()))
-    for carrier, real in found["real"].items():
+    for carrier, real in figures["real"].items():
         out.print(
             f"real clock, 1 kHz, {carrier}, {real['ticks']} ticks: {real['late']:.2%} late, {real['held']:.2%} "
             f"answered after the next tick; latency p50 {real['p50'] * 1e6:.0f}, p99 {real['p99'] * 1e6:.0f}, "
@@ -149,9 +149,9 @@ def main() -> None:
         )
         if real["refused"]:
             out.print(f"refused by the system: {real['refused']}")
-    out.print(f"load of the machine at the end: {found['load']:.1f}")
-    out.print(f"from the command to the first tick: {found['first tick']:.2f} s")
-    sizes = found["memory"]
+    out.print(f"load of the machine at the end: {figures['load']:.1f}")
+    out.print(f"from the command to the first tick: {figures['first tick']:.2f} s")
+    sizes = figures["memory"]
     out.print(f"memory \\[MB]: {sum(sizes.values()):.0f} in all;", ", ".join(f"{n} {s:.0f}" for n, s in sizes.items()))
 
 

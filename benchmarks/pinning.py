@@ -63,11 +63,11 @@ def main() -> None:
     rounds = parser.parse_args().rounds
     rows: list[dict[str, object]] = []
     for what, code in (("kidney loop, fused, 20 000 ticks", LOOP), ("stiffness, factored and solved", FACTOR)):
-        found = {native: [measure(code, native) for _ in range(rounds)] for native in (False, True)}
-        least = {native: min(seconds for seconds, _ in times) for native, times in found.items()}
+        times_of = {native: [measure(code, native) for _ in range(rounds)] for native in (False, True)}
+        least = {native: min(seconds for seconds, _ in times) for native, times in times_of.items()}
         rows.append({"what": what, "pinned s": least[False], "this processor s": least[True],
                      "ratio": least[False] / least[True]})  # fmt: skip
-    show(f"this processor: {found[True][0][1]}; load {os.getloadavg()[0]:.1f}", rows)
+    show(f"this processor: {times_of[True][0][1]}; load {os.getloadavg()[0]:.1f}", rows)
 
 
 if __name__ == "__main__":

@@ -38,15 +38,15 @@ def rate(seconds: float, record: Path | None, place: str | None) -> float:
 
 def overhead(seconds: float, folder: Path) -> dict[str, dict[str, float]]:
     """Rates with and without recording, of one process and of a process per node."""
-    found: dict[str, dict[str, float]] = {}
+    rates: dict[str, dict[str, float]] = {}
     for name, place in (("fused", "fused"), ("processes", None)):
         without, with_it = [], []
         for _ in range(ROUNDS):  # interleaved, so that a busy neighbour troubles both
             without.append(rate(seconds, None, place))
             with_it.append(rate(seconds, folder / f"{name}.mcap", place))
         a, b = statistics.median(without), statistics.median(with_it)
-        found[name] = {"without_Hz": a, "with_Hz": b, "ratio": b / a}
-    return found
+        rates[name] = {"without_Hz": a, "with_Hz": b, "ratio": b / a}
+    return rates
 
 
 def replayed(path: Path, *options: str) -> dict[str, float]:
@@ -59,10 +59,10 @@ def replayed(path: Path, *options: str) -> dict[str, float]:
         process.returncode = os.waitstatus_to_exitcode(status)
     if process.returncode:
         raise SystemExit(f"{' '.join(command)}: exit code {process.returncode}")
-    found = {"memory_MB": usage.ru_maxrss / 1024, "cpu_s": usage.ru_utime + usage.ru_stime}
+    figures = {"memory_MB": usage.ru_maxrss / 1024, "cpu_s": usage.ru_utime + usage.ru_stime}
     if "wall" in told:
-        found["speed"] = told["seconds"] / told["wall"]
-    return found
+        figures["speed"] = told["seconds"] / told["wall"]
+    return figures
 
 
 def main(given: Sequence[str] | None = None) -> None:
@@ -73,33 +73,33 @@ def main(given: Sequence[str] | None = None) -> None:
     options = parser.parse_args(given)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        found: dict[str, object] = {"overhead": overhead(options.seconds, folder)}
+        figures: dict[str, object] = {"overhead": overhead(options.seconds, folder)}
         short, long = folder / "short.mcap", folder / "long.mcap"
         for path, seconds in ((short, 2.0), (long, options.minutes * 60)):
             rate(seconds, path, "fused")
         seconds = options.minutes * 60
-        found["recording"] = {"seconds": seconds, "kB_per_s": long.stat().st_size / seconds / 1e3}
-        found["replay short"] = replayed(short)
-        found["replay long"] = replayed(long)
-        found["check long"] = {**(check := replayed(long, "--check")), "speed": seconds / check["cpu_s"]}
+        figures["recording"] = {"seconds": seconds, "kB_per_s": long.stat().st_size / seconds / 1e3}
+        figures["replay short"] = replayed(short)
+        figures["replay long"] = replayed(long)
+        figures["check long"] = {**(check := replayed(long, "--check")), "speed": seconds / check["cpu_s"]}
     if options.json:
-        print(json.dumps(found))
+        print(json.dumps(figures))
         return
-    _print(found)
+    _print(figures)
 
 
-def _print(found: dict) -> None:
+def _print(figures: dict) -> None:
     out = Console()
     table = Table(title="ticks a second of the kidney graph", box=None)
     for title in ("", "without", "with recording", "ratio"):
         table.add_column(title, justify="right")
-    for name, row in found["overhead"].items():
+    for name, row in figures["overhead"].items():
         table.add_row(name, f"{row['without_Hz']:.0f}", f"{row['with_Hz']:.0f}", f"{row['ratio']:.2f}")
     out.print(table)
-    size = found["recording"]
+    size = figures["recording"]
     out.print(f"recording of {size['seconds']:.0f} s: {size['kB_per_s']:.0f} kB a second of simulated time")
     for name in ("replay short", "replay long", "check long"):
-        row = found[name]
+        row = figures[name]
         out.print(f"{name}: {row['speed']:.1f} x real time, peak memory {row['memory_MB']:.0f} MB")
 
 

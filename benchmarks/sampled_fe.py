@@ -38,13 +38,13 @@ YOUNG = SUBCUTIS_MODULUS / 36.4
 Row = dict[str, object]
 
 
-def errors(full: Reducible, found: list[Pressed], basis: SampledBasis) -> list[Row]:
+def errors(full: Reducible, presses: list[Pressed], basis: SampledBasis) -> list[Row]:
     """Error of the indentation and, at the same approach, of the force with a finger in series."""
     finger = exponential(Series().finger_stiffness, Series().finger_hardening)
     missed: list[list[float]] = [[] for _ in STIFFENING]
     forces: list[list[float]] = [[] for _ in STIFFENING]
     depths: list[list[float]] = [[] for _ in STIFFENING]
-    for own in found:
+    for own in presses:
         body = SampledBody(basis, full.surface, YOUNG, 0.0, 5e-3, 1.0)
         nodes = np.flatnonzero(np.abs(own.touch.load).max(axis=1) > 0).astype(np.int32)
         along = -(own.touch.load @ own.touch.normal)
@@ -157,11 +157,11 @@ def main() -> None:
     assert isinstance(basis, SampledBasis)
     full = of_finger(Fingertip(cells=CELLS))
     begun = time.perf_counter()
-    found = press(full, finger_touches(full, given.touches, given.seed))
-    seconds = (time.perf_counter() - begun) / max(sum(len(p.solutions) for p in found), 1)
+    presses = press(full, finger_touches(full, given.touches, given.seed))
+    seconds = (time.perf_counter() - begun) / max(sum(len(p.solutions) for p in presses), 1)
     node.start()
     shown = {
-        "error by load": errors(full, found, basis),
+        "error by load": errors(full, presses, basis),
         "times": times(node, seconds),
         "basis": [
             {"modes": basis.modes.shape[1], "points": len(basis.points.kinds), "of": 4 * len(full.mesh.elements)}

@@ -79,8 +79,8 @@ class Exchange:
 
     def notes(self) -> list[str]:
         """What the user should see; each line is given once."""
-        found, self._notes = self._notes, []
-        return found
+        notes, self._notes = self._notes, []
+        return notes
 
     def stop(self) -> None:
         """Command zero and close the device."""

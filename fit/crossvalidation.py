@@ -144,7 +144,9 @@ def choose(
         if protocol == "whole":
             scatter = _scatter(depths, used, curve)
             curves = [_fit_mean(mean, depths, forces, rows) for rows in groups]
-        over_folds = [_scatter(depths, forces[rows], one) for rows, one in zip(groups, curves, strict=True)]
+        over_folds = [
+            _scatter(depths, forces[rows], fold_curve) for rows, fold_curve in zip(groups, curves, strict=True)
+        ]
         spread = {name: _spread(name, depths, over_folds, scatter) for name in MODELS}
         deviation = deviation or min(spread, key=lambda name: spread[name][1])
         around = _fit_deviation(deviation, depths, scatter)
@@ -182,5 +184,5 @@ def _fit_deviation(name: str, depths: np.ndarray, scatter: np.ndarray) -> Fit:
 
 
 def _spread(name: str, depths: np.ndarray, over_folds: list[np.ndarray], scatter: np.ndarray) -> tuple[float, float]:
-    train = [_fit_deviation(name, depths, one).rmse for one in over_folds]
+    train = [_fit_deviation(name, depths, own).rmse for own in over_folds]
     return float(np.mean(train)), _fit_deviation(name, depths, scatter).rmse

@@ -116,14 +116,16 @@ def _search(model: ForceModel, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray
         basis = np.stack(model.basis(x, *nonlinear), axis=-1)
         return basis @ _linear(basis, y) - y
 
-    found = least_squares(
+    optimum = least_squares(
         residual, begin, bounds=(low, high), x_scale=(high - low) / 100.0, ftol=1e-15, xtol=1e-15, gtol=1e-15
     ).x
-    basis = np.stack(model.basis(x, *found), axis=-1)
-    parameters = np.concatenate([_linear(basis, y), found])
+    basis = np.stack(model.basis(x, *optimum), axis=-1)
+    parameters = np.concatenate([_linear(basis, y), optimum])
     near = 1e-6 * (high - low)
     at_limit = tuple(
-        name for name, f, a, b, e in zip(model.nonlinear, found, low, high, near, strict=True) if f < a + e or f > b - e
+        name
+        for name, f, a, b, e in zip(model.nonlinear, optimum, low, high, near, strict=True)
+        if f < a + e or f > b - e
     )
     return (parameters if at_limit else _polish(model, x, y, parameters, low, high)), at_limit
 

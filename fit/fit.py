@@ -63,8 +63,8 @@ def fit_sessions(
     _known(protocol, get_args(Protocol), "--protocol")
     if depth_limit is not None and not depth_limit > 0:
         raise SessionError(f"--depth-limit: found {depth_limit:g}, expected a depth > 0 [mm]")
-    found, ignored = read_sessions(sessions, np.inf if depth_limit is None else depth_limit * 1e-3)
-    wanted = _select(found, subjects, sessions)
+    all_subjects, ignored = read_sessions(sessions, np.inf if depth_limit is None else depth_limit * 1e-3)
+    wanted = _select(all_subjects, subjects, sessions)
     if not any_stiffness:
         check_stiffness(wanted)
     chosen: list[Chosen] = []

@@ -36,34 +36,34 @@ class Fitted(NamedTuple):
     note: str
 
 
-def model_tables(found: list[Chosen]) -> Iterator[Table]:
+def model_tables(choices: list[Chosen]) -> Iterator[Table]:
     """Errors of each model for each subject, the smallest marked, then the parameters of the chosen ones."""
-    yield _rmse("RMSE of the force on training sessions [mN], mean of the folds", found, lambda c, m: c.force[m][0])
-    yield _rmse("RMSE of the force on validation sessions [mN]", found, lambda c, m: c.force[m][1])
-    yield _rmse("RMSE of the force on test sessions [mN]", found, lambda c, m: c.force[m][2])
-    if all(c.choice.spread for c in found):
-        yield _rmse("RMSE of the standard deviation, training sessions [mN]", found, lambda c, m: c.spread[m][0])
-        yield _rmse("RMSE of the standard deviation, all sessions [mN]", found, lambda c, m: c.spread[m][1])
-    for subject, _, _, choice in found:
+    yield _rmse("RMSE of the force on training sessions [mN], mean of the folds", choices, lambda c, m: c.force[m][0])
+    yield _rmse("RMSE of the force on validation sessions [mN]", choices, lambda c, m: c.force[m][1])
+    yield _rmse("RMSE of the force on test sessions [mN]", choices, lambda c, m: c.force[m][2])
+    if all(c.choice.spread for c in choices):
+        yield _rmse("RMSE of the standard deviation, training sessions [mN]", choices, lambda c, m: c.spread[m][0])
+        yield _rmse("RMSE of the standard deviation, all sessions [mN]", choices, lambda c, m: c.spread[m][1])
+    for subject, _, _, choice in choices:
         yield _parameters(f"Subject {subject.name}, force, all kept sessions: ", choice.mean)
         if choice.deviation is not None:
             yield _parameters(f"Subject {subject.name}, standard deviation: ", choice.deviation)
 
 
-def law_tables(found: list[Fitted]) -> Iterator[Table]:
+def law_tables(fits: list[Fitted]) -> Iterator[Table]:
     """Parameters of a contact law for each subject."""
-    for subject, fit, _ in found:
+    for subject, fit, _ in fits:
         yield _parameters(f"Subject {subject.name}: ", fit)
 
 
-def _rmse(title: str, found: list[Chosen], value: Callable[[Choice, str], float]) -> Table:
+def _rmse(title: str, choices: list[Chosen], value: Callable[[Choice, str], float]) -> Table:
     table = Table(title=escape(title), title_justify="left")
     table.add_column("subject")
     for model in MODELS:
         table.add_column(model, justify="right")
-    rows = [[value(choice, model) * 1e3 for model in MODELS] for _, _, _, choice in found]
+    rows = [[value(choice, model) * 1e3 for model in MODELS] for _, _, _, choice in choices]
     for name, row in zip(
-        [*(f.subject.name for f in found), "average"], [*rows, np.mean(rows, axis=0).tolist()], strict=True
+        [*(f.subject.name for f in choices), "average"], [*rows, np.mean(rows, axis=0).tolist()], strict=True
     ):
         best = min(row)
         table.add_row(escape(name), *(f"[bold]{v:.2f} *[/bold]" if v == best else f"{v:.2f}  " for v in row))
@@ -92,7 +92,7 @@ def _parameters(title: str, fit: Fit) -> Table:
 def _listed(fit: Fit) -> list[tuple[str, str, float, float, tuple[float, float]]]:
     """Name, unit, value, standard error and interval of each parameter, and of those that follow from them."""
     intervals = fit.interval()
-    found = [
+    rows = [
         (name, unit, float(value), float(error), (float(low), float(high)))
         for (name, unit), value, error, (low, high) in zip(
             fit.model.parameters.items(), fit.parameters, fit.errors, intervals, strict=True
@@ -101,14 +101,14 @@ def _listed(fit: Fit) -> list[tuple[str, str, float, float, tuple[float, float]]
     if fit.model.name == "hunt-crossley":
         value, error = fit.ratio(1, 0)
         half = error * (intervals[0, 1] - fit.parameters[0]) / fit.errors[0] if fit.errors[0] > 0 else 0.0
-        found.append(("c", "s/m", value, error, (value - half, value + half)))
-    return found
+        rows.append(("c", "s/m", value, error, (value - half, value + half)))
+    return rows
 
 
-def choice_notes(found: list[Chosen]) -> list[str]:
+def choice_notes(choices: list[Chosen]) -> list[str]:
     """What was dropped, the test error of the chosen force model, and how its band was made."""
     notes = []
-    for subject, _, _, choice in found:
+    for subject, _, _, choice in choices:
         test, band = choice.force[choice.mean.model.name][2], choice.band
         text = f"test error {test * 1e3:.1f} mN, {100 * choice.test_share:.1f} % of the mean force"
         if choice.dropped:
@@ -130,12 +130,12 @@ def _dropped(subject: Subject, choice: Choice) -> dict[str, str]:
     return dict(zip(("smallest", "largest"), (subject.sessions[i] for i in choice.dropped), strict=False))
 
 
-def fit_data(found: list[Fitted]) -> dict[str, Any]:
+def fit_data(fits: list[Fitted]) -> dict[str, Any]:
     """Plain data of a fitted law for each subject."""
-    return {subject.name: _fit(fit) for subject, fit, _ in found}
+    return {subject.name: _fit(fit) for subject, fit, _ in fits}
 
 
-def choice_data(found: list[Chosen]) -> dict[str, Any]:
+def choice_data(choices: list[Chosen]) -> dict[str, Any]:
     """Plain data of all errors and of the chosen models for each subject."""
     return {
         subject.name: {
@@ -154,7 +154,7 @@ def choice_data(found: list[Chosen]) -> dict[str, Any]:
             "mean": _fit(choice.mean),
             "deviation": None if choice.deviation is None else _fit(choice.deviation),
         }
-        for subject, _, _, choice in found
+        for subject, _, _, choice in choices
     }
 
 
@@ -176,14 +176,14 @@ def _fit(fit: Fit) -> dict[str, Any]:
     }
 
 
-def model_yaml(found: list[Chosen], source: Path) -> str:
+def model_yaml(choices: list[Chosen], source: Path) -> str:
     """The file that `contact.Probabilistic` takes as its `model`; each subject holds settings of that node."""
     lines = [
         f"# Fitted by `palpate fit` to {source.name}. SI units. Each subject holds settings of contact.Probabilistic:",
         "# name this file as its `model`, or copy a subject into a scene.",
         "subjects:",
     ]
-    for subject, depths, _, choice in found:
+    for subject, depths, _, choice in choices:
         law = law_settings(choice, depths[-1])
         lines.append(f"  {_scalar(subject.name)}:")
         for role, fit in (("mean", choice.mean), ("deviation", choice.deviation)):
@@ -201,10 +201,10 @@ def model_yaml(found: list[Chosen], source: Path) -> str:
     return "\n".join(lines) + "\n"
 
 
-def law_yaml(found: list[Fitted], source: Path) -> str:
+def law_yaml(fits: list[Fitted], source: Path) -> str:
     """Parameters of a contact law with their errors, for each subject."""
     lines = [f"# Fitted by `palpate fit` to {source.name}. SI units.", "subjects:"]
-    for subject, fit, _ in found:
+    for subject, fit, _ in fits:
         lines += [f"  {_scalar(subject.name)}:", f"    law: {fit.model.name}  # {fit.model.formula}"]
         for key, unit, value, error, _ in _listed(fit):
             lines.append(f"    {key}: {_number(value)}  # [{unit}] standard error {error:.3g}")

@@ -136,9 +136,9 @@ def read_sessions(path: Path, depth_limit: float = math.inf) -> tuple[list[Subje
         if len(cells) > len(header):
             faults.append(_too_many(path, number, cells, len(header), separator))
             continue
-        found = _row(path, number, cells, columns, factors, faults)
-        if found is not None and found["depth"] <= depth_limit * (1.0 + 1e-9):
-            rows.append((number, found))
+        measurement = _row(path, number, cells, columns, factors, faults)
+        if measurement is not None and measurement["depth"] <= depth_limit * (1.0 + 1e-9):
+            rows.append((number, measurement))
     names = list(dict.fromkeys(row["subject"] for _, row in rows))
     largest = {name: max(row["force"] for _, row in rows if row["subject"] == name) for name in names}
     for number, row in rows:
@@ -174,21 +174,21 @@ def check_stiffness(subjects: list[Subject]) -> None:
     """SessionError: a subject whose largest force, over its depth, soft tissue cannot have; a unit is wrong."""
     faults = []
     low, high = STIFFNESS
-    for one in subjects:
-        pressed = one.depth > 0
-        if not pressed.any() or not (force := one.force[pressed].max()) > 0:
+    for subject in subjects:
+        pressed = subject.depth > 0
+        if not pressed.any() or not (force := subject.force[pressed].max()) > 0:
             continue
-        depth = one.depth[pressed][one.force[pressed].argmax()]
+        depth = subject.depth[pressed][subject.force[pressed].argmax()]
         if low <= force / depth <= high:
             continue
         cures = {
             factor: f"'{name} [{unit}]'"
             for name, power in (("force", 1), ("depth", -1))
             for unit, factor in UNITS[name].items()
-            if low <= force / depth * (factor / one.units[name]) ** power <= high
+            if low <= force / depth * (factor / subject.units[name]) ** power <= high
         }
         faults.append(
-            f"{one.file}, from row {one.rows[0]}, column 'force': subject {one.name!r} has {force:.3g} N at"
+            f"{subject.file}, from row {subject.rows[0]}, column 'force': subject {subject.name!r} has {force:.3g} N at"
             f" {depth * 1e3:.3g} mm, {force / depth:.3g} N/m; soft tissue under a fingertip has {low:g} ... {high:g}"
             f" N/m. Is a unit in the header wrong? {' or '.join(cures.values()) or 'None'} would fit. If the"
             " numbers are right, --any-stiffness accepts them"
@@ -237,14 +237,14 @@ def _row(
 ) -> dict | None:
     """The values of one row in SI units; None, and faults, where it cannot be used."""
     before = len(faults)
-    found: dict = {}
+    measurement: dict = {}
     for name, place in columns.items():
         where = f"{path}, row {number}, column {name!r}"
         text = cells[place].strip() if place < len(cells) else ""
         if not text:
             faults.append(f"{where}: empty, expected {'a label' if name in LABELS else 'a number'}")
         elif name in LABELS:
-            found[name] = text
+            measurement[name] = text
         else:
             try:
                 value = float(text)
@@ -258,8 +258,8 @@ def _row(
             elif abs(value * factors[name]) > MOST[name]:
                 faults.append(f"{where}: found {text}, which cannot be a {name}; is the unit in the header right?")
             else:
-                found[name] = value * factors[name]
-    return found if len(faults) == before else None
+                measurement[name] = value * factors[name]
+    return measurement if len(faults) == before else None
 
 
 def _subject(path: Path, name: str, rows: list[tuple[int, dict]], factors: dict[str, float]) -> Subject:

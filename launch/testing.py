@@ -131,13 +131,13 @@ class FakeBus:
         if self._swap and self._waiting is None:
             self._waiting = message
             return []
-        found = [message]
+        arrivals = [message]
         if self._waiting is not None:
-            found, self._waiting, self._swap = [message, self._waiting], None, False
+            arrivals, self._waiting, self._swap = [message, self._waiting], None, False
         if self._twice:
             self._twice = False
-            found = found * 2
-        return found
+            arrivals = arrivals * 2
+        return arrivals
 
     def _step(self, driving: Message | None) -> Any:
         messages = dict(self.held)

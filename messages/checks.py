@@ -145,43 +145,43 @@ def _number(kind: type, field: Field, value: Any) -> float:
 
 def _plain(kind: type, field: Field, value: Any) -> Any:
     """Text, whole numbers and flags; numpy's own kinds of them count, too."""
-    found = value.item() if isinstance(value, np.generic) else value
-    if (isinstance(found, str) and field.type is str) or type(found) is field.type:
-        return field.type(found)
+    scalar = value.item() if isinstance(value, np.generic) else value
+    if (isinstance(scalar, str) and field.type is str) or type(scalar) is field.type:
+        return field.type(scalar)
     raise MessageError(f"{kind.__name__}.{field.name}: found {value!r}, expected {field.type.__name__} [{field.unit}]")
 
 
 def _tuple(kind: type, field: Field, value: Any) -> Vector:
     try:
-        found = tuple(map(_element(field), value))
+        vector = tuple(map(_element(field), value))
     except (TypeError, ValueError):
         raise MessageError(
             f"{kind.__name__}.{field.name}: found {value!r}, expected {field.shape} numbers [{field.unit}]"
         ) from None
-    if isinstance(field.shape[0], int) and len(found) != field.shape[0]:
+    if isinstance(field.shape[0], int) and len(vector) != field.shape[0]:
         raise MessageError(
-            f"{kind.__name__}.{field.name}: found {len(found)} numbers, expected {field.shape[0]} [{field.unit}]"
+            f"{kind.__name__}.{field.name}: found {len(vector)} numbers, expected {field.shape[0]} [{field.unit}]"
         )
-    return found
+    return vector
 
 
 def _array(kind: type, field: Field, value: Any, lengths: dict[str, int]) -> np.ndarray:
     try:
         if isinstance(value, np.ndarray) and not value.flags.writeable and value.dtype == field.dtype:
-            found = np.ascontiguousarray(value)
+            array = np.ascontiguousarray(value)
         else:
-            found = np.array(value, dtype=field.dtype, order="C")
+            array = np.array(value, dtype=field.dtype, order="C")
     except (TypeError, ValueError):
         raise MessageError(f"{kind.__name__}.{field.name}: not an array of {field.dtype} [{field.unit}]") from None
-    fits = found.ndim == len(field.shape) and all(
+    fits = array.ndim == len(field.shape) and all(
         length == (lengths.setdefault(want, length) if isinstance(want, str) else want)
-        for want, length in zip(field.shape, found.shape, strict=True)
+        for want, length in zip(field.shape, array.shape, strict=True)
     )
     if not fits:
         want = tuple(lengths.get(s, s) if isinstance(s, str) else s for s in field.shape)
-        raise MessageError(f"{kind.__name__}.{field.name}: found shape {found.shape}, expected {want} [{field.unit}]")
-    found.flags.writeable = False
-    return found
+        raise MessageError(f"{kind.__name__}.{field.name}: found shape {array.shape}, expected {want} [{field.unit}]")
+    array.flags.writeable = False
+    return array
 
 
 def _settle_arrays(kind: type, arrays: list[Field], message: Any) -> None:

@@ -26,8 +26,8 @@ class Documented(NamedTuple):
 def documented(kind: type) -> list[Documented]:
     """The fields that a message's docstring describes, in its order."""
     lines = map(str.strip, (inspect.getdoc(kind) or "").splitlines())
-    found = [match for match in map(_LINE.fullmatch, lines) if match]
-    return [Documented(m[1], m[2], _shape(m[3]), m[4]) for m in found]
+    matches = [match for match in map(_LINE.fullmatch, lines) if match]
+    return [Documented(m[1], m[2], _shape(m[3]), m[4]) for m in matches]
 
 
 def summary(thing: object) -> str:
@@ -40,8 +40,8 @@ def message_types() -> dict[str, type[Message]]:
     """All message types that ship, by name: those of every file of this folder."""
     package = sys.modules[Message.__module__.rpartition(".")[0]]
     files = [importlib.import_module(f"{package.__name__}.{f.name}") for f in pkgutil.iter_modules(package.__path__)]
-    things = (thing for file in files for thing in vars(file).values() if isinstance(thing, type))
-    kinds = (thing for thing in things if issubclass(thing, Message) and thing is not Message)
+    things = (member for file in files for member in vars(file).values() if isinstance(member, type))
+    kinds = (member for member in things if issubclass(member, Message) and member is not Message)
     return {kind.__name__: kind for kind in sorted(kinds, key=lambda kind: kind.__name__)}
 
 

@@ -56,17 +56,17 @@ class Mesh(OnSurface):
             self.tables = closest.tables.arrays
         except ValueError as error:
             raise SettingError(f"setting 'surface': {self.surface}: {error}") from None
-        self.work, self.found = closest.scratch()
+        self.work, self.foot = closest.scratch()
         self.memory = memory(mesh.vertices, edge_counts(mesh.triangles, len(mesh.vertices))[0] > 0)
 
     def step(self, pose: Pose) -> Proximity:
-        follow_mesh(*self.tables, pose.position, self.hysteresis, self.work, self.found, self.memory)
-        return _proximity(self.found, int(self.found[9]), self.thickness, pose)
+        follow_mesh(*self.tables, pose.position, self.hysteresis, self.work, self.foot, self.memory)
+        return _proximity(self.foot, int(self.foot[9]), self.thickness, pose)
 
 
-def _proximity(found: np.ndarray[Any, Any], element: int, thickness: float, pose: Pose) -> Proximity:
+def _proximity(foot: np.ndarray[Any, Any], element: int, thickness: float, pose: Pose) -> Proximity:
     """The message of a result: foot (3), normal (3), coordinates (2), signed distance."""
-    f0, f1, f2, n0, n1, n2, u, v, gap, *_ = found.tolist()
+    f0, f1, f2, n0, n1, n2, u, v, gap, *_ = foot.tolist()
     v0, v1, v2 = pose.velocity
     out = v0 * n0 + v1 * n1 + v2 * n2
     return Proximity(

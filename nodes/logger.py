@@ -156,8 +156,8 @@ class Mcap(Observer):
             self._give_up(error)
 
     def notes(self) -> list[str]:
-        found, self._notes = self._notes, []
-        return found
+        notes, self._notes = self._notes, []
+        return notes
 
     def lost(self, stream: Stream) -> int:
         """How many messages of a stream were sent and did not come. Where the sender did not tell how many it sent,
@@ -190,7 +190,9 @@ class Mcap(Observer):
             counts = {s.name: {"count": self.counts[s.name], "lost": self.lost(s)} for s in known}
             self._close_chunk()
             add_metadata(self._writer, "palpate.counts", {name: json.dumps(value) for name, value in counts.items()})
-            add_metadata(self._writer, "palpate.times", {name: json.dumps(told) for name, told in self._times.items()})
+            add_metadata(
+                self._writer, "palpate.times", {name: json.dumps(losses) for name, losses in self._times.items()}
+            )
             self._writer.finish()
             self._file.close()
         except OSError as error:
@@ -199,8 +201,8 @@ class Mcap(Observer):
         self._file = None
         lost = {name: value["lost"] for name, value in counts.items() if value["lost"]}
         if lost:
-            told = ", ".join(f"{name} {number}" for name, number in lost.items())
-            self._notes.append(f"recording {self.path} lacks messages that did not reach it in time: {told}")
+            losses = ", ".join(f"{name} {number}" for name, number in lost.items())
+            self._notes.append(f"recording {self.path} lacks messages that did not reach it in time: {losses}")
 
 
 def schema(kind: type[Message]) -> dict[str, Any]:
@@ -210,14 +212,14 @@ def schema(kind: type[Message]) -> dict[str, Any]:
     properties["source"] = {"type": "string"}
     properties["used"] = {"type": "array", "items": {"type": "integer"}}
     for field in fields(kind):
-        found: dict[str, Any] = {"unit": field.unit, "shape": list(field.shape)}
+        entry: dict[str, Any] = {"unit": field.unit, "shape": list(field.shape)}
         if field.dtype is not None:
-            found |= {"type": "object", "dtype": field.dtype.str}
+            entry |= {"type": "object", "dtype": field.dtype.str}
         elif field.shape:
-            found |= {"type": "array", "items": {"type": "number"}}
+            entry |= {"type": "array", "items": {"type": "number"}}
         else:
-            found["type"] = names.get(field.type, "string")
-        properties[field.name] = found
+            entry["type"] = names.get(field.type, "string")
+        properties[field.name] = entry
     about = (kind.__doc__ or "").partition("\n")[0]
     return {
         "title": kind.__name__,

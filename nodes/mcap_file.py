@@ -108,18 +108,18 @@ class Records:
         if crc and zlib.crc32(footer, zlib.crc32(summary)) != crc:
             raise Broken(start, "the index at its end does not match its checksum")
         self._check_data(start)
-        found: list[Any] = []
+        records: list[Any] = []
         at = 0
         while at < len(summary):
             kind, length = _RECORD.unpack_from(summary, at)
             content = summary[at + _RECORD.size : at + _RECORD.size + length]
             if kind == Opcode.METADATA_INDEX:
                 place = _parse(start + at, MetadataIndex, content).offset
-                found.append(self._checked(place, _parse(place, Metadata, self._record(place)[1])))
+                records.append(self._checked(place, _parse(place, Metadata, self._record(place)[1])))
             elif kind in (Opcode.SCHEMA, Opcode.CHANNEL):
-                found.append(_parse(start + at, _KINDS[kind], content))
+                records.append(_parse(start + at, _KINDS[kind], content))
             at += _RECORD.size + length
-        return found
+        return records
 
     def _summary(self) -> tuple[int, int]:
         """Where the summary begins, and its checksum."""
@@ -142,14 +142,14 @@ class Records:
         expected = int.from_bytes(content, "little")
         if not expected:
             return
-        found, left = 0, end - _DATA_END
+        checksum, left = 0, end - _DATA_END
         self.file.seek(0)
         while left > 0:
             block = self.file.read(min(BLOCK, left))
-            found, left = zlib.crc32(block, found), left - len(block)
+            checksum, left = zlib.crc32(block, checksum), left - len(block)
             if not block:
                 raise Broken(end - left, "the file has become shorter", cut=True)
-        if found != expected:
+        if checksum != expected:
             raise Broken(0, "the data do not match their checksum")
 
     def _record(self, at: int) -> tuple[int, bytes]:

@@ -35,9 +35,9 @@ class Flow(Node):
     def start(self) -> None:
         path = Path(self.table) if self.table else TABLE
         try:
-            with np.load(path) as found:
-                force, area, volumes = (found[f"{self.plate}.{name}"] for name in ("force", "area", "volumes"))
-                self._levels = found["levels"]
+            with np.load(path) as archive:
+                force, area, volumes = (archive[f"{self.plate}.{name}"] for name in ("force", "area", "volumes"))
+                self._levels = archive["levels"]
         except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
             raise SettingError(f"setting 'table': {path}: {error}. `palpate fe table` writes one") from None
         rows = force.size

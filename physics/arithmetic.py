@@ -89,8 +89,8 @@ def _newer() -> str:
     """What numpy calls the instructions beyond x86-64-v3: other names before 2.4. It must not be imported for this."""
     spec = find_spec("numpy")
     text = Path(spec.origin).with_name("version.py").read_text(encoding="utf-8") if spec and spec.origin else ""
-    found = re.search(r'^version = "(\d+)\.(\d+)', text, re.MULTILINE)
-    if found is None or tuple(map(int, found.groups())) >= (2, 4):
+    version = re.search(r'^version = "(\d+)\.(\d+)', text, re.MULTILINE)
+    if version is None or tuple(map(int, version.groups())) >= (2, 4):
         return "X86_V4 AVX512_ICL AVX512_SPR"
     return "AVX512F AVX512CD AVX512_SKX AVX512_CLX AVX512_CNL AVX512_ICL AVX512_SPR"
 
@@ -115,7 +115,7 @@ def _openblas() -> list[tuple[str, int]]:
             paths = {line.split(maxsplit=5)[5].strip() for line in file if "openblas" in line}
     except OSError:
         return []
-    found = []
+    cores = []
     for path in sorted(paths):
         library = ctypes.CDLL(path)
         for prefix, suffix in (("scipy_", "64_"), ("scipy_", ""), ("", "64_"), ("", "")):
@@ -123,9 +123,9 @@ def _openblas() -> list[tuple[str, int]]:
             if core is not None:
                 core.restype = ctypes.c_char_p
                 threads = getattr(library, f"{prefix}openblas_get_num_threads{suffix}")
-                found.append((core().decode(), threads()))
+                cores.append((core().decode(), threads()))
                 break
-    return found
+    return cores
 
 
 def _kernels() -> str:

@@ -38,14 +38,14 @@ def use() -> None:
 
 def key() -> str:
     """A hash of the names and contents of the sources of `palpate.physics` and `palpate.fe`."""
-    found = hashlib.sha256()
+    hasher = hashlib.sha256()
     for package in ("palpate.physics", "palpate.fe"):
         spec = find_spec(package)
         for folder in (spec.submodule_search_locations or ()) if spec else ():
             for file in sorted(Path(folder).rglob("*.py")):
                 content = hashlib.sha256(file.read_bytes()).digest()
-                found.update(f"{package}/{file.relative_to(folder)}".encode() + b"\0" + content)
-    return found.hexdigest()[:16]
+                hasher.update(f"{package}/{file.relative_to(folder)}".encode() + b"\0" + content)
+    return hasher.hexdigest()[:16]
 
 
 def _root() -> Path:

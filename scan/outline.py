@@ -73,28 +73,31 @@ def segment(stack: Stack, skin: float | None = None) -> Outlines:
 
     reach = round(0.8e-3 / min(plane))
     wide = [binary_dilation(mask, iterations=reach) if mask.any() else mask for mask in inside]
-    borders = [_largest(one, outer, plane, mask) for one, mask in zip(image, wide, strict=True)]
+    borders = [_largest(slice_image, outer, plane, mask) for slice_image, mask in zip(image, wide, strict=True)]
     if skin is None:
         both = zip(image, wide, borders, strict=True)
-        inner = [None if b is None else _largest(one, 0.5 * (shell + tissue), plane, mask) for one, mask, b in both]
+        inner = [
+            None if b is None else _largest(slice_image, 0.5 * (shell + tissue), plane, mask)
+            for slice_image, mask, b in both
+        ]
     else:
         inner = [None if b is None else _inner(b, skin, image.shape[1:], plane) for b in borders]
     core = np.stack([
-        np.zeros(one.shape, bool) if curve is None
-        else (one < 0.5 * (air + tissue)) & (_level_of(curve, one.shape, plane) < -BELOW_SKIN)
-        for one, curve in zip(image, inner, strict=True)
+        np.zeros(slice_image.shape, bool) if curve is None
+        else (slice_image < 0.5 * (air + tissue)) & (_level_of(curve, slice_image.shape, plane) < -BELOW_SKIN)
+        for slice_image, curve in zip(image, inner, strict=True)
     ])  # fmt: skip
     core = _largest_part(core)
     if core.sum() * between * plane[0] * plane[1] < LEAST_BONE:
         raise ScanError(f"{where}: no bone: no dark core in the finger. Expected images in which tissue is bright")
     bone = _level(image[core], "bone", where)
     cores: list[np.ndarray | None] = []
-    for one, mask in zip(image, core, strict=True):
+    for slice_image, mask in zip(image, core, strict=True):
         around = binary_dilation(mask, iterations=reach) if mask.any() else mask
-        cores.append(_largest(np.where(around, -one, -tissue), -0.5 * (bone + tissue), plane, around))
-    found = Outlines(between, borders, inner, cores, stack.axes)
-    _check(found, where)
-    return found
+        cores.append(_largest(np.where(around, -slice_image, -tissue), -0.5 * (bone + tissue), plane, around))
+    outlines = Outlines(between, borders, inner, cores, stack.axes)
+    _check(outlines, where)
+    return outlines
 
 
 def _foreground(image: np.ndarray, where: str) -> float:
@@ -212,8 +215,8 @@ def smooth(curve: np.ndarray) -> np.ndarray:
     even = np.interp(at, length, closed[:, 0]) + 1j * np.interp(at, length, closed[:, 1])
     waves = np.fft.fft(even)
     waves[HARMONICS + 1 : -HARMONICS] = 0
-    found = np.fft.ifft(waves)
-    return np.stack([found.real, found.imag], axis=1)
+    points = np.fft.ifft(waves)
+    return np.stack([points.real, points.imag], axis=1)
 
 
 def _next_area(area: float, step: float) -> float:
@@ -224,28 +227,28 @@ def _next_area(area: float, step: float) -> float:
     return 1.0 - max(np.sqrt(max(1.0 - area, 0.0)) - step, 0.0) ** 2
 
 
-def _check(found: Outlines, where: str) -> None:
+def _check(outlines: Outlines, where: str) -> None:
     """The finger runs through neighbouring slices, has the breadth of a finger, and a bone."""
-    seen = [k for k, curve in enumerate(found.skin) if curve is not None]
+    seen = [k for k, curve in enumerate(outlines.skin) if curve is not None]
     if len(seen) < 4:
         raise ScanError(f"{where}: a finger in {len(seen)} slices only, expected 4 or more")
-    holes = [k for k in range(seen[0], seen[-1]) if found.skin[k] is None]
+    holes = [k for k in range(seen[0], seen[-1]) if outlines.skin[k] is None]
     if holes:
         raise ScanError(
             f"{where}: no finger in slice {holes[0] + 1}, but before and after it: a slice is missing or dark"
         )
-    breadth = max(float(np.ptp(curve, axis=0).max()) for curve in found.skin if curve is not None)
-    centres = [curve.mean(axis=0) for curve in found.skin if curve is not None]
-    areas = [enclosed(curve) for curve in found.skin if curve is not None]
+    breadth = max(float(np.ptp(curve, axis=0).max()) for curve in outlines.skin if curve is not None)
+    centres = [curve.mean(axis=0) for curve in outlines.skin if curve is not None]
+    areas = [enclosed(curve) for curve in outlines.skin if curve is not None]
     for k, (a, b) in enumerate(pairwise(areas)):
         jump = float(np.linalg.norm(centres[k + 1] - centres[k]))
         less, more = min(a, b) / max(areas), max(a, b) / max(areas)
-        if jump > 0.2 * breadth or (less > 0.4 and more > 1.3 * _next_area(less, found.spacing / (0.4 * breadth))):
+        if jump > 0.2 * breadth or (less > 0.4 and more > 1.3 * _next_area(less, outlines.spacing / (0.4 * breadth))):
             raise ScanError(f"{where}: the outline jumps from slice {seen[k] + 1} to {seen[k] + 2}: slices are missing "
                             f"or out of order")  # fmt: skip
-    boned = [k for k, curve in enumerate(found.bone) if curve is not None]
+    boned = [k for k, curve in enumerate(outlines.bone) if curve is not None]
     if len(boned) < 3:
         raise ScanError(f"{where}: bone in {len(boned)} slices only, expected 3 or more")
     if boned[-1] - boned[0] + 1 != len(boned):
-        gap = next(k for k in range(boned[0], boned[-1]) if found.bone[k] is None)
+        gap = next(k for k in range(boned[0], boned[-1]) if outlines.bone[k] is None)
         raise ScanError(f"{where}: no bone in slice {gap + 1}, but before and after it; the image there is too noisy")

@@ -98,21 +98,21 @@ def write_dicom(stack: Stack, folder: str | Path, axes=None) -> Path:
         meta.MediaStorageSOPInstanceUID = generate_uid()
         meta.TransferSyntaxUID = ExplicitVRLittleEndian
         name = folder / f"image_{len(data) - k:03d}.dcm"
-        one = FileDataset(str(name), {}, file_meta=meta, preamble=b"\0" * 128)
-        one.SOPClassUID, one.SOPInstanceUID = meta.MediaStorageSOPClassUID, meta.MediaStorageSOPInstanceUID
-        one.StudyInstanceUID, one.SeriesInstanceUID, one.FrameOfReferenceUID = study, series, frame
-        one.PatientName, one.PatientID, one.Modality = "Phantom^Fingertip", "phantom", "MR"
-        one.StudyDate = one.SeriesDate = one.ContentDate = "20000101"
-        one.InstanceNumber = k + 1
-        one.Rows, one.Columns = image.shape
-        one.PixelSpacing = [f"{s * 1e3:.6g}" for s in stack.spacing[1:]]
-        one.SliceThickness = f"{stack.spacing[0] * 1e3:.6g}"
-        one.ImageOrientationPatient = [f"{v:.12f}" for v in (*across, *down)]
-        one.ImagePositionPatient = [f"{v:.9f}" for v in k * stack.spacing[0] * 1e3 * on]
-        one.SamplesPerPixel, one.PhotometricInterpretation = 1, "MONOCHROME2"
-        one.BitsAllocated, one.BitsStored, one.HighBit, one.PixelRepresentation = 16, 16, 15, 0
-        one.PixelData = image.tobytes()
-        pydicom.dcmwrite(name, one, enforce_file_format=True)
+        dataset = FileDataset(str(name), {}, file_meta=meta, preamble=b"\0" * 128)
+        dataset.SOPClassUID, dataset.SOPInstanceUID = meta.MediaStorageSOPClassUID, meta.MediaStorageSOPInstanceUID
+        dataset.StudyInstanceUID, dataset.SeriesInstanceUID, dataset.FrameOfReferenceUID = study, series, frame
+        dataset.PatientName, dataset.PatientID, dataset.Modality = "Phantom^Fingertip", "phantom", "MR"
+        dataset.StudyDate = dataset.SeriesDate = dataset.ContentDate = "20000101"
+        dataset.InstanceNumber = k + 1
+        dataset.Rows, dataset.Columns = image.shape
+        dataset.PixelSpacing = [f"{s * 1e3:.6g}" for s in stack.spacing[1:]]
+        dataset.SliceThickness = f"{stack.spacing[0] * 1e3:.6g}"
+        dataset.ImageOrientationPatient = [f"{v:.12f}" for v in (*across, *down)]
+        dataset.ImagePositionPatient = [f"{v:.9f}" for v in k * stack.spacing[0] * 1e3 * on]
+        dataset.SamplesPerPixel, dataset.PhotometricInterpretation = 1, "MONOCHROME2"
+        dataset.BitsAllocated, dataset.BitsStored, dataset.HighBit, dataset.PixelRepresentation = 16, 16, 15, 0
+        dataset.PixelData = image.tobytes()
+        pydicom.dcmwrite(name, dataset, enforce_file_format=True)
     return folder
 
 

@@ -34,21 +34,21 @@ def read(path: str | Path, spacing: tuple[float, float, float] | None = None, ax
     if path.is_file():
         name = path.name.lower()
         if name.endswith((".nii", ".nii.gz")):
-            volume, found, mirrored = _nifti(path)
+            volume, own_spacing, mirrored = _nifti(path)
         elif name.endswith((".tif", ".tiff")):
-            volume, found, mirrored = _pages(path), None, None
+            volume, own_spacing, mirrored = _pages(path), None, None
         else:
             raise ScanError(f"{path}: not a stack. Expected a folder, .nii, .nii.gz, or a .tif of many pages")
     else:
         files = sorted(f for f in path.iterdir() if f.is_file() and not f.name.startswith("."))
         pictures = [f for f in files if f.suffix.lower() in PICTURES]
-        volume, found, mirrored = (_images(path, pictures), None, None) if pictures else _dicom(path, files)
-    used = found or spacing
+        volume, own_spacing, mirrored = (_images(path, pictures), None, None) if pictures else _dicom(path, files)
+    used = own_spacing or spacing
     if used is None:
         raise ScanError(f"{path}: images have no spacing. Give it as slice,row,column in mm, such as 1.2,0.23,0.23")
     stack = Stack(np.asarray(volume, dtype=np.float32), used, str(path))
     stack = cross_sections(oriented(stack, axes, mirrored))
-    return checked(stack if found is None or spacing is None else dataclasses.replace(stack, spacing=spacing))
+    return checked(stack if own_spacing is None or spacing is None else dataclasses.replace(stack, spacing=spacing))
 
 
 def _nifti(path: Path):

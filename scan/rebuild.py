@@ -110,9 +110,9 @@ def _between(curves: list[np.ndarray | None], spacing: float, plane: np.ndarray,
         tail = _cap(known[-1], known[-2], spacing)
         knots += [(places[-1] + s, level) for s, level in tail]
     at, levels = np.array([k[0] for k in knots]), np.stack([k[1] for k in knots])
-    found = PchipInterpolator(at, levels, axis=0)(np.clip(y, at[0], at[-1]))
+    signed_distance = PchipInterpolator(at, levels, axis=0)(np.clip(y, at[0], at[-1]))
     beyond = np.maximum(at[0] - y, 0) + np.maximum(y - at[-1], 0)
-    return found + beyond[:, None]
+    return signed_distance + beyond[:, None]
 
 
 def _cap(last: np.ndarray, before: np.ndarray, spacing: float) -> list[tuple[float, np.ndarray]]:

@@ -63,10 +63,10 @@ def _changes(node: ast.AST) -> list:
 def tests_of(file: Path) -> list[str]:
     """The test files that look at a module."""
     if "running" in file.parts:
-        return [str(found.relative_to(ROOT)) for name in RUNS for found in ROOT.glob(f"tests/**/{name}.py")]
+        return [str(path.relative_to(ROOT)) for name in RUNS for path in ROOT.glob(f"tests/**/{name}.py")]
     module = f"palpate.{'.'.join(file.with_suffix('').parts)}"
-    return [str(found.relative_to(ROOT)) for found in sorted(ROOT.glob("tests/**/test_*.py"))
-            if f"{module} import" in found.read_text(encoding="utf-8")]  # fmt: skip
+    return [str(path.relative_to(ROOT)) for path in sorted(ROOT.glob("tests/**/test_*.py"))
+            if f"{module} import" in path.read_text(encoding="utf-8")]  # fmt: skip
 
 
 def survives(tree: Path, tests: list[str]) -> bool:

@@ -69,15 +69,15 @@ def as_shipped(path: Path) -> None:
 def normal_force(path: Path) -> None:
     """Where the pad carries how much, held for a second."""
     figure, all_axes = plt.subplots(1, 3, figsize=(12, 4.6), layout="constrained", sharey=True, sharex=True)
-    found = []
+    pressures = []
     for angle in (20, 40, 60):
         touch = run(f"angle='{angle} deg'", "direction='90 deg'")
         tick = 1499
         slip, surface = touch.at(Slip, [tick])[tick], touch.at(Surface, [tick])[tick]
         cell = touch.contact["force"][tick] / surface.pressure.sum()
-        found.append((angle, slip.points[surface.nodes] * 1e3, surface.pressure * cell * 1e3))
-    largest = max(force.max() for _, _, force in found)
-    for axes, (angle, (x, y), force) in zip(all_axes, ((a, p.T, f) for a, p, f in found), strict=True):
+        pressures.append((angle, slip.points[surface.nodes] * 1e3, surface.pressure * cell * 1e3))
+    largest = max(force.max() for _, _, force in pressures)
+    for axes, (angle, (x, y), force) in zip(all_axes, ((a, p.T, f) for a, p, f in pressures), strict=True):
         shown = axes.scatter(x, y, c=force, s=95, marker="s", cmap="inferno", vmin=0, vmax=largest)
         axes.plot((x * force).sum() / force.sum(), (y * force).sum() / force.sum(), "w+", ms=12, mew=2)
         axes.set(aspect="equal", xlabel="across x [mm]", facecolor="0.93")

@@ -34,12 +34,12 @@ def main() -> None:
             size = WIDTH, round(picture.height * WIDTH / picture.width)
             small = picture.convert("RGB").resize(size, Image.Resampling.LANCZOS)
         palette = small.quantize(256, Image.Quantize.MAXCOVERAGE, kmeans=8)
-        found = small.quantize(palette=palette, dither=Image.Dither.FLOYDSTEINBERG)
-        colours = found.getpalette() or []
-        corner = 3 * int(np.asarray(found)[0, 0])
+        indexed = small.quantize(palette=palette, dither=Image.Dither.FLOYDSTEINBERG)
+        colours = indexed.getpalette() or []
+        corner = 3 * int(np.asarray(indexed)[0, 0])
         colours[corner : corner + 3] = [255, 255, 255]  # the background
-        found.putpalette(colours)
-        found.save(TARGET, optimize=True)
+        indexed.putpalette(colours)
+        indexed.save(TARGET, optimize=True)
     print(f"{TARGET}: {TARGET.stat().st_size / 1e3:.0f} kB")
 
 

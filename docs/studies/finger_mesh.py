@@ -42,11 +42,11 @@ def finger(cells: int, mixed: bool) -> Reducible:
 
 def at_rest(body: Reducible, count: int) -> np.ndarray:
     """Indentation [m] (count,) for 1 N and 1 Pa."""
-    solver, found = body.rest(), []
+    solver, indentations = body.rest(), []
     for own in finger_touches(body, count, SEED):
         load = np.where(body.fixed, 0.0, body.hats @ own.load)
-        found.append(float(load.ravel() @ solver.solve(load.ravel())))
-    return np.array(found)
+        indentations.append(float(load.ravel() @ solver.solve(load.ravel())))
+    return np.array(indentations)
 
 
 def main() -> None:

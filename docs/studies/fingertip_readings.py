@@ -51,11 +51,11 @@ def multiplied(quadratic: float = 1.0, d1: float = 1.0) -> Laws:
     """The printed set with the quadratic constants and D1 of dermis and subcutis multiplied."""
 
     def laws(material: str | float) -> dict[int, Material]:
-        found = materials(material)
+        layers = materials(material)
         for layer in (SUBCUTIS, DERMIS):
-            c10, c01, c20, c11, c02, d = found[layer].parameters
-            found[layer] = mooney_rivlin(c10, c01, quadratic * c20, quadratic * c11, quadratic * c02, d1 * d)
-        return found
+            c10, c01, c20, c11, c02, d = layers[layer].parameters
+            layers[layer] = mooney_rivlin(c10, c01, quadratic * c20, quadratic * c11, quadratic * c02, d1 * d)
+        return layers
 
     return laws
 
@@ -96,18 +96,20 @@ def press(name: str, cells: int, depth: float, folder: Path) -> tuple[Record, st
         print(file=sys.stderr)
 
 
-def row(name: str, found: Record, fault: str) -> dict[str, object]:
+def row(name: str, pressing: Record, fault: str) -> dict[str, object]:
     """Indentations at the paper's forces [mm], and what one divisor makes of them."""
     cells: dict[str, object] = {"reading": name}
     for force, _ in PAPER["steel"]:
-        cells[f"{force} N"] = 1e3 * found.at(force)[0] if force <= found.force[-1] else None
-    if found.indentation[-1] >= max(depth for _, depth in PAPER["steel"]):
-        divisor = fit_divisor(found)
+        cells[f"{force} N"] = 1e3 * pressing.at(force)[0] if force <= pressing.force[-1] else None
+    if pressing.indentation[-1] >= max(depth for _, depth in PAPER["steel"]):
+        divisor = fit_divisor(pressing)
         cells["divisor"] = divisor
         for force, _ in PAPER["steel"]:
-            cells[f"{force} N, divided"] = 1e3 * found.softened(divisor).at(force)[0]
+            cells[f"{force} N, divided"] = 1e3 * pressing.softened(divisor).at(force)[0]
     else:
-        cells["ends at"] = f"{1e3 * found.indentation[-1]:.2f} mm, {found.force[-1]:.3g} N" + (fault and f": {fault}")
+        cells["ends at"] = f"{1e3 * pressing.indentation[-1]:.2f} mm, {pressing.force[-1]:.3g} N" + (
+            fault and f": {fault}"
+        )
     return cells
 
 

@@ -62,9 +62,9 @@ def solved(mesh: TetMesh, law: Material, ratio: float, field) -> float:  # type:
     fixed[np.unique(mesh.faces)] = True
     body = Solver(mesh, {0: law}, fixed, lambda t: t * goal, lambda t: t * load, settings=STEPS)
     body.advance(1.0)
-    found = np.einsum("na,eai->eni", value, body.displacement[mesh.elements])
+    displacement = np.einsum("na,eai->eni", value, body.displacement[mesh.elements])
     exact = field(place.reshape(-1, 3), ratio)[0].reshape(place.shape)
-    return float(np.sqrt(np.sum(det[..., None] * (found - exact) ** 2) / np.sum(det[..., None] * exact**2)))
+    return float(np.sqrt(np.sum(det[..., None] * (displacement - exact) ** 2) / np.sum(det[..., None] * exact**2)))
 
 
 def pressed(cells: int, law: Material) -> float:
@@ -80,17 +80,17 @@ def pressed(cells: int, law: Material) -> float:
 
 def row(ratio: float) -> dict[str, float]:
     """Both elements at one Poisson's ratio."""
-    found: dict[str, float] = {"ratio": ratio}
+    errors: dict[str, float] = {"ratio": ratio}
     coarse, fine = (box((1.0, 1.0, 1.0), (n,) * 3) for n in (2, 4))
     laws = {name: replace(linear(1e4, ratio), mixed=name == "mixed") for name in ("plain", "mixed")}
     for title, field in (("swelling", swelling), ("keeping", keeping)):
         for name, law in laws.items():
             rough, good = (solved(mesh, law, ratio, field) for mesh in (coarse, fine))
-            found |= {f"{title}, {name}": good, f"order, {title}, {name}": float(np.log2(rough / good))}
+            errors |= {f"{title}, {name}": good, f"order, {title}, {name}": float(np.log2(rough / good))}
     right = pressed(8, laws["mixed"])
-    found |= {f"press, {name} %": 100.0 * (pressed(2, law) / right - 1.0) for name, law in laws.items()}
-    found["press 8³, plain %"] = 100.0 * (pressed(8, laws["plain"]) / right - 1.0)
-    return found
+    errors |= {f"press, {name} %": 100.0 * (pressed(2, law) / right - 1.0) for name, law in laws.items()}
+    errors["press 8³, plain %"] = 100.0 * (pressed(8, laws["plain"]) / right - 1.0)
+    return errors
 
 
 def main() -> None:

@@ -40,16 +40,16 @@ def directions(touch: Touch) -> np.ndarray:
     normal = np.array(touch.normal)
     _, _, axes = np.linalg.svd(normal[None])
     angle = 2.0 * np.pi / 3.0 * np.arange(3)
-    found: np.ndarray = np.outer(np.cos(angle), axes[1]) + np.outer(np.sin(angle), axes[2])
-    return found
+    vectors: np.ndarray = np.outer(np.cos(angle), axes[1]) + np.outer(np.sin(angle), axes[2])
+    return vectors
 
 
 def moved(body: CondensedBody, touch: Touch, push: np.ndarray, force: float) -> float:
     """Mean displacement along a load per newton of normal force (k,3), after a long step under `force` of it [m]."""
     body.step(touch.nodes, force * push, touch.foot, touch.normal, 1e6)
-    nodes, found = body.displaced(touch.foot)
+    nodes, displacement = body.displaced(touch.foot)
     u = np.zeros_like(body.mesh.vertices)
-    u[nodes] = found
+    u[nodes] = displacement
     return float(np.sum(push * u[touch.nodes]))
 
 

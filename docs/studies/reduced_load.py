@@ -111,11 +111,11 @@ def ball(material: Material, depths: np.ndarray) -> np.ndarray:
     rigid = Rigid(top, sphere, (BALL,), lambda depth: np.array([0.0, 0.0, BALL - depth]), bound=2e-5)
     steps = Settings(tolerance=1e-5, step=2e-4, largest=1e-3, least=1e-6)
     body = Solver(mesh, {0: replace(material, mixed=False)}, fixed, contacts=[rigid], settings=steps)
-    found = []
+    forces = []
     for depth in depths:
         body.advance(float(depth))
-        found.append(-4.0 * float(rigid.force[2]))
-    return np.array(found)
+        forces.append(-4.0 * float(rigid.force[2]))
+    return np.array(forces)
 
 
 def balls() -> list[dict[str, object]]:

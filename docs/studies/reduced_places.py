@@ -43,8 +43,8 @@ def places(surface: str) -> dict[str, object]:
     levels = SPACING * np.arange(1, basis.dents.shape[1] + 1)
     x = levels * (1.0 + shares @ basis.dents)
     before = np.tile([-2.0 * SPACING, -SPACING, 0.0], (len(x), 1))
-    found = np.abs(np.diff(np.concatenate([before, x], axis=1), 3, axis=1)) > ROUNDED
-    last = len(levels) - 1 - np.argmax(found[:, ::-1], axis=1)
+    kinks = np.abs(np.diff(np.concatenate([before, x], axis=1), 3, axis=1)) > ROUNDED
+    last = len(levels) - 1 - np.argmax(kinks[:, ::-1], axis=1)
     own = np.arange(len(x))
     depth, force = across * levels[last], across * stiffness * x[own, last]
     whole = last == len(levels) - 1

@@ -58,10 +58,10 @@ def kept(file: Path | None, solve) -> tuple[list[Pressed], list[Pressed]]:
     """Solutions of the touches that were seen and of those that were not."""
     if file is not None and file.exists():
         return pickle.loads(file.read_bytes())
-    found = solve()
+    solutions = solve()
     if file is not None:
-        file.write_bytes(pickle.dumps(found))
-    return found
+        file.write_bytes(pickle.dumps(solutions))
+    return solutions
 
 
 def fingertip(given: argparse.Namespace) -> None:
@@ -162,9 +162,9 @@ def organ(given: argparse.Namespace) -> None:
             press_from_rest(full, spots(full, UNSEEN, SEED)),
         ),
     )
-    seen, unseen = ([p for p in found if len(p.solutions)] for found in (seen[: given.touches], unseen))
-    for name, found in (("seen", seen), ("unseen", unseen)):
-        print(f"{name}: {sum(len(p.solutions) for p in found)} solutions of {len(found)} touches")
+    seen, unseen = ([p for p in presses if len(p.solutions)] for presses in (seen[: given.touches], unseen))
+    for name, presses in (("seen", seen), ("unseen", unseen)):
+        print(f"{name}: {sum(len(p.solutions) for p in presses)} solutions of {len(presses)} touches")
     print(f"{time.perf_counter() - begun:.0f} s", flush=True)
     surface, compliance = full.surface, full.compliance().astype(np.float32)
     nothing = np.zeros((len(surface.vertices), 0))

@@ -89,9 +89,9 @@ class Falcon:
         assert self.chip is not None
         deadline = self.clock() + round(PATIENCE * 1e9)
         while (left := deadline - self.clock()) > 0:
-            found = self.reader.feed(payload(self.chip.read(left * 1e-9)))
-            if found:
-                return found[-1]
+            batch = self.reader.feed(payload(self.chip.read(left * 1e-9)))
+            if batch:
+                return batch[-1]
         return None
 
     def cycle(self, command: tuple[float, ...]) -> Sample | None:
@@ -101,20 +101,20 @@ class Falcon:
         frame = self._frame()
         if frame is None:
             return None
-        found = frames.read(frame)
+        reading = frames.read(frame)
         now = self.clock()
-        if not all(found.homed):
+        if not all(reading.homed):
             self.state, self.last = frames.HOMING | frames.RED, None
-            return Sample(now, buttons=found.buttons, homed=False)
+            return Sample(now, buttons=reading.buttons, homed=False)
         self.state = frames.HOMING | frames.GREEN  # the homing bit stays on: the firmware wants it so
-        counts = self._believed(found.counts, now)
+        counts = self._believed(reading.counts, now)
         if counts is None:
-            return Sample(now, buttons=found.buttons, homed=False)
+            return Sample(now, buttons=reading.buttons, homed=False)
         a, b, c = (FALCON.zero + n * FALCON.count for n in counts)
         ok, x, y, z = forward_kernel(self.geometry, a, b, c, *self.place)
         if ok and math.isfinite(x + y + z):
             self.place = x, y, z
-        return Sample(now, (a, b, c), self.place, found.buttons)
+        return Sample(now, (a, b, c), self.place, reading.buttons)
 
     def _believed(self, counts: Counts, now: int) -> Counts | None:
         """The counts, or the last ones where these are implausible, unless several in a row agree with one another.

@@ -204,10 +204,10 @@ class EmulatedChip:
         if due > deadline:
             return b""
         self.timer = due
-        found = bytearray()
-        while self.line and len(found) < ftdi.PACKET - 2 and self.line[0][0] <= due:
-            found.append(self.line.popleft()[1])
-        return MODEM_BYTES + bytes(found)
+        packet = bytearray()
+        while self.line and len(packet) < ftdi.PACKET - 2 and self.line[0][0] <= due:
+            packet.append(self.line.popleft()[1])
+        return MODEM_BYTES + bytes(packet)
 
     def _wait(self, until: int) -> None:
         left = until - self.device.now()

@@ -108,7 +108,7 @@ def _send(chip: Ftdi, data: bytes, now: Callable[[], int]) -> None:
 
 def _take(chip: Ftdi, count: int, patience: float, now: Callable[[], int], until: bytes = b"") -> bytes:
     """Up to `count` bytes of the line, or what has come when the patience [s] is over or the end is seen."""
-    found, deadline = b"", now() + round(patience * 1e9)
-    while len(found) < count and now() < deadline and not (until and found.endswith(until)):
-        found += payload(chip.read((deadline - now()) * 1e-9))
-    return found
+    answer, deadline = b"", now() + round(patience * 1e9)
+    while len(answer) < count and now() < deadline and not (until and answer.endswith(until)):
+        answer += payload(chip.read((deadline - now()) * 1e-9))
+    return answer

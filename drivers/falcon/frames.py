@@ -36,11 +36,11 @@ def words(values: tuple[int, int, int]) -> bytes:
 
 def numbers(data: bytes) -> tuple[int, int, int]:
     """Three int16 of 12 bytes."""
-    found = []
+    integers = []
     for i in (0, 4, 8):
         raw = sum((data[i + k] - BASE & 0xF) << 4 * k for k in range(4))
-        found.append(raw - 0x10000 if raw & 0x8000 else raw)
-    return found[0], found[1], found[2]
+        integers.append(raw - 0x10000 if raw & 0x8000 else raw)
+    return integers[0], integers[1], integers[2]
 
 
 def command(motors: tuple[int, int, int], state: int = 0) -> bytes:
@@ -91,7 +91,7 @@ class Reader:
 
     def feed(self, data: bytes) -> list[bytes]:
         """Take bytes; the whole frames among all that came."""
-        rest, found = self._rest + data, []
+        rest, frames = self._rest + data, []
         while True:
             start = rest.find(b"<")
             if start < 0:
@@ -104,10 +104,10 @@ class Reader:
                 break
             body = rest[1:13]
             if rest[15:16] == b">" and all(BASE <= b <= BASE + 0xF for b in body) and BASE <= rest[13] <= BASE + 0x7F:
-                found.append(rest[:LENGTH])
+                frames.append(rest[:LENGTH])
                 rest = rest[LENGTH:]
             else:
                 self.wrong += 1
                 rest = rest[1:]
         self._rest = rest
-        return found
+        return frames

@@ -102,12 +102,12 @@ class Haply2Diy:
     def _take(self, data: bytes) -> Sample | None:
         if len(data) < ANSWER or len(data) % ANSWER or data[-ANSWER] != NUMBER:
             return None  # cut off, or two of which one is: the next answer begins anew
-        found = struct.unpack("<2f", data[-ANSWER + 1 :])
-        if not all(math.isfinite(a) and abs(a) < 720.0 for a in found):
+        angles = struct.unpack("<2f", data[-ANSWER + 1 :])
+        if not all(math.isfinite(a) and abs(a) < 720.0 for a in angles):
             return None
         q = [0.0, 0.0]
         for place, encoder in enumerate(self.order):
-            q[encoder] = math.radians(found[place])
+            q[encoder] = math.radians(angles[place])
         where = handle(self.mechanism, q[0], q[1])
         if where is None:
             return None

@@ -37,20 +37,20 @@ def command(device: str, force: tuple[float, ...]) -> str:
 def state(text: str) -> dict[str, Any]:
     """A message of the service; an empty mapping where it is none."""
     try:
-        found = json.loads(text)
+        message = json.loads(text)
     except ValueError:
         return {}
-    return found if isinstance(found, dict) else {}
+    return message if isinstance(message, dict) else {}
 
 
 def position(device: dict[str, Any]) -> tuple[float, float, float] | None:
     """The cursor's position [m] of a device's entry; None where it has none."""
     try:
         given = device["state"]["cursor_position"]
-        found = float(given["x"]), float(given["y"]), float(given["z"])
+        coordinates = float(given["x"]), float(given["y"]), float(given["z"])
     except (KeyError, TypeError, ValueError):
         return None
-    return found if all(map(math.isfinite, found)) else None
+    return coordinates if all(map(math.isfinite, coordinates)) else None
 
 
 def buttons(message: dict[str, Any]) -> int:

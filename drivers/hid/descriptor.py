@@ -47,7 +47,7 @@ class Field:
 
 def fields(descriptor: bytes) -> list[Field]:
     """The axes and buttons of a descriptor, in their order; what is cut off or unknown ends or is skipped."""
-    found: list[Field] = []
+    entries: list[Field] = []
     state: dict[str, int] = {"page": 0, "low": 0, "high": 0, "size": 0, "count": 0, "report": 0}
     stack: list[dict[str, int]] = []
     usages: list[int] = []
@@ -88,11 +88,11 @@ def fields(descriptor: bytes) -> list[Field]:
             case 0x28 if least is not None:
                 usages += [state["page"] << 16 | u for u in range(least, min(number, least + 255) + 1)]
             case 0x80:
-                found += _input(state, usages, offsets, constant=bool(number & 1), array=not number & 2)
+                entries += _input(state, usages, offsets, constant=bool(number & 1), array=not number & 2)
                 usages, least = [], None
             case 0x90 | 0xB0 | 0xA0 | 0xC0:
                 usages, least = [], None
-    return found
+    return entries
 
 
 def _input(

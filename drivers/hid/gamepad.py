@@ -34,10 +34,10 @@ class Gamepad:
 
     def open(self) -> None:
         self.device = self.connect()
-        found = fields(self.device.descriptor())
-        self.numbered = any(f.report for f in found)
-        self.axes: dict[int, Field] = {f.usage: f for f in reversed(found) if f.page == DESKTOP}
-        self.keys = [f for f in found if f.page == BUTTON][:32]
+        inputs = fields(self.device.descriptor())
+        self.numbered = any(f.report for f in inputs)
+        self.axes: dict[int, Field] = {f.usage: f for f in reversed(inputs) if f.page == DESKTOP}
+        self.keys = [f for f in inputs if f.page == BUTTON][:32]
         if AXES[0] not in self.axes or AXES[1] not in self.axes:
             raise DeviceError(
                 f"the {NAME} describes no stick (axes X and Y). `palpate devices` shows what else is there."

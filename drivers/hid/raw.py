@@ -123,9 +123,9 @@ class RawHid:
         while time.monotonic() < deadline:
             self._send(ASK_INFO, (0,) * AXES)
             for _ in range(8):
-                found = unpack(self.device.read(LENGTH, 0.01))
-                if isinstance(found, Info):
-                    return found
+                answer = unpack(self.device.read(LENGTH, 0.01))
+                if isinstance(answer, Info):
+                    return answer
         raise DeviceError(f"the {NAME} does not answer as docs/raw_hid.md says. Is its firmware of version {VERSION}?")
 
     def _send(self, flags: int, values: tuple[int, ...]) -> None:
@@ -144,28 +144,28 @@ class RawHid:
             raise DeviceError(f"the {NAME} is not open", lost=True)
         self._send(ENABLE | HOME, self.units(command))
         deadline = time.monotonic() + PATIENCE
-        found = None
-        while found is None and (left := deadline - time.monotonic()) > 0.0:
+        state = None
+        while state is None and (left := deadline - time.monotonic()) > 0.0:
             report = self.device.read(LENGTH, left)
             message = unpack(report)
             if isinstance(message, State) and message.sequence != self.last:
-                found = message
+                state = message
             elif report and message is None:
                 self.wrong += 1
-        if found is None:
+        if state is None:
             return None
-        self.last = found.sequence
+        self.last = state.sequence
         now = time.monotonic_ns()
-        if found.flags & FAULT:
+        if state.flags & FAULT:
             raise DeviceError(f"the {NAME} reports a fault. Switch it off and on; check its firmware.")
-        if not found.flags & HOMED:
-            return Sample(now, buttons=found.buttons, homed=False)
+        if not state.flags & HOMED:
+            return Sample(now, buttons=state.buttons, homed=False)
         axes = self.info.axes
-        where = tuple(n * s for n, s in zip(found.counts[:axes], self.info.per_count, strict=False))
+        where = tuple(n * s for n, s in zip(state.counts[:axes], self.info.per_count, strict=False))
         where += (0.0,) * (3 - axes)
         if self.info.flags & TORQUES:
-            return Sample(now, joints=where, buttons=found.buttons)
-        return Sample(now, position=where, buttons=found.buttons)
+            return Sample(now, joints=where, buttons=state.buttons)
+        return Sample(now, position=where, buttons=state.buttons)
 
     def close(self) -> None:
         if self.device is not None:

@@ -59,7 +59,7 @@ class Reader:
 
     def feed(self, data: bytes) -> list[Packet]:
         """Take bytes; the packets among all that came."""
-        rest, found = self._rest + data, []
+        rest, packets = self._rest + data, []
         while (start := rest.find(SYNC)) >= 0:
             self.wrong += start
             rest = rest[start:]
@@ -74,7 +74,7 @@ class Reader:
                 break
             body, check = rest[4 : 3 + length], rest[3 + length]
             if reduce(xor, body, SEED) == check:
-                found.append(Packet(body[0], int.from_bytes(body[1:3]), body[3], body[4:]))
+                packets.append(Packet(body[0], int.from_bytes(body[1:3]), body[3], body[4:]))
                 rest = rest[4 + length :]
             else:
                 self.wrong += 1
@@ -84,7 +84,7 @@ class Reader:
             self.wrong += len(rest) - len(keep)
             rest = keep
         self._rest = rest
-        return found
+        return packets
 
 
 def cells(dots: list[bool], rows: int, columns: int) -> list[bytes]:
@@ -120,10 +120,10 @@ class DotPad:
         self.waiting: dict[int, bytes] = {}
         self.line = self.connect()
         self.model = self._ask(NAME_REQUEST, NAME_REPLY).decode("ascii", errors="replace")
-        told = self._ask(BOARD_REQUEST, BOARD_REPLY)
-        if len(told) < BOARD.size:
-            raise DeviceError(f"the {NAME} {self.model!r} sends {len(told)} bytes about its board, not {BOARD.size}.")
-        features, _, _, _, text_rows, _, _, _, rows, columns, _, _ = BOARD.unpack(told[: BOARD.size])
+        reply = self._ask(BOARD_REQUEST, BOARD_REPLY)
+        if len(reply) < BOARD.size:
+            raise DeviceError(f"the {NAME} {self.model!r} sends {len(reply)} bytes about its board, not {BOARD.size}.")
+        features, _, _, _, text_rows, _, _, _, rows, columns, _, _ = BOARD.unpack(reply[: BOARD.size])
         if not features & GRAPHIC:
             raise DeviceError(f"the {NAME} {self.model!r} has no graphic display.")
         self.first = text_rows if features & TEXT else 0

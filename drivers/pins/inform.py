@@ -100,9 +100,9 @@ class InForm:
             rest = rest[start + (2 + PINS if max(body) < SEND else 1) :]
             if max(body) >= SEND or not 1 <= body[0] <= BOARDS:
                 continue
-            for pin, found in enumerate(body[1:]):
+            for pin, level in enumerate(body[1:]):
                 row, column = PLACES[body[0], pin]
-                height = LOW + HIGH - found if inverted(body[0]) else found
+                height = LOW + HIGH - level if inverted(body[0]) else level
                 self.measured[row * SIDE + column] = (height - LOW) / (HIGH - LOW) * TRAVEL
         self.rest[index] = rest[-8:]
 

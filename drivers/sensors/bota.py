@@ -52,7 +52,7 @@ class Reader:
 
     def feed(self, data: bytes) -> list[Reading]:
         """Take bytes; the frames among all that came."""
-        rest, found, at = self._rest + data, [], 0
+        rest, readings, at = self._rest + data, [], 0
         while True:
             start = rest.find(HEADER, at)
             if start < 0:
@@ -66,13 +66,13 @@ class Reader:
             body, check = rest[at + 1 : at + 1 + BODY.size], rest[at + 1 + BODY.size : at + FRAME]
             if crc16_x25(body) == int.from_bytes(check, "little"):
                 status, *wrench, stamp, warmth = BODY.unpack(body)
-                found.append(Reading(status, tuple(wrench), stamp, warmth))
+                readings.append(Reading(status, tuple(wrench), stamp, warmth))
                 at += FRAME
             else:
                 self.wrong += 1
                 at += 1
         self._rest = rest[at:]
-        return found
+        return readings
 
 
 class Bota:
@@ -119,9 +119,9 @@ class Bota:
             raise DeviceError(f"the {NAME} is not open", lost=True)
         deadline = time.monotonic() + PATIENCE
         while (left := deadline - time.monotonic()) > 0.0:
-            found = [r for r in self.reader.feed(self.line.read(left)) if not r.status & INVALID]
-            if found:
-                return Sample(time.monotonic_ns(), wrench=found[-1].wrench)
+            readings = [r for r in self.reader.feed(self.line.read(left)) if not r.status & INVALID]
+            if readings:
+                return Sample(time.monotonic_ns(), wrench=readings[-1].wrench)
         return None
 
     def close(self) -> None:

@@ -71,17 +71,17 @@ class UsbFtdi:
 
     def _choose(self, vendor: int, product: int, port: str, backend: Any) -> Any:
         try:
-            found = list(self.usb.find(find_all=True, idVendor=vendor, idProduct=product, backend=backend))
+            devices = list(self.usb.find(find_all=True, idVendor=vendor, idProduct=product, backend=backend))
         except self.usb.NoBackendError:
             raise DeviceError(
                 "libusb, which pyusb needs, is not on this machine. Install it: apt install libusb-1.0-0"
             ) from None
-        names = {f"{d.bus}:{d.address}": d for d in found}
+        names = {f"{d.bus}:{d.address}": d for d in devices}
         if port:
             for name, device in names.items():
                 if port in (name, self._serial(device)):
                     return device
-        if not found:
+        if not devices:
             raise DeviceError(
                 f"no {self.name} on USB ({vendor:04x}:{product:04x}). Plug it in and give it power; `palpate devices`"
                 " shows what is there; `port: emulator` runs without one."
@@ -89,9 +89,9 @@ class UsbFtdi:
         listed = ", ".join(names)
         if port:
             raise DeviceError(f"no {self.name} at port {port!r}. There are: {listed}.")
-        if len(found) > 1:
-            raise DeviceError(f"{len(found)} devices are a {self.name}. Say which one with `port`: {listed}.")
-        return found[0]
+        if len(devices) > 1:
+            raise DeviceError(f"{len(devices)} devices are a {self.name}. Say which one with `port`: {listed}.")
+        return devices[0]
 
     def _serial(self, device: Any) -> str | None:
         try:

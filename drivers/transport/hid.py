@@ -39,13 +39,13 @@ class UsbHid:
 
     def __init__(self, fits: Callable[[dict[str, Any]], bool], name: str, port: str = "") -> None:
         self.hid, self.name = package("hid"), name
-        found: dict[str, dict[str, Any]] = {}
+        entries: dict[str, dict[str, Any]] = {}
         for entry in self.hid.enumerate():
             if fits(entry):
-                found.setdefault(os.fsdecode(entry["path"]), entry)
-        chosen = [p for p, e in found.items() if not port or port in (p, e.get("serial_number"))]
-        listed = ", ".join(found)
-        if not found:
+                entries.setdefault(os.fsdecode(entry["path"]), entry)
+        chosen = [p for p, e in entries.items() if not port or port in (p, e.get("serial_number"))]
+        listed = ", ".join(entries)
+        if not entries:
             raise DeviceError(
                 f"no {name} on USB or Bluetooth. Plug it in; `palpate devices` shows what is there; `port: emulator`"
                 " runs without one."

@@ -78,5 +78,5 @@ class SerialLine:
 
 
 def _ports() -> str:
-    found = sorted(str(p) for pattern in ("ttyUSB*", "ttyACM*") for p in Path("/dev").glob(pattern))
-    return f"There are: {', '.join(found)}." if found else "There is none on USB: plug it in."
+    ports = sorted(str(p) for pattern in ("ttyUSB*", "ttyACM*") for p in Path("/dev").glob(pattern))
+    return f"There are: {', '.join(ports)}." if ports else "There is none on USB: plug it in."

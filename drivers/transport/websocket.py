@@ -48,12 +48,12 @@ class WebSocket:
 
     def read(self, timeout: float) -> str:
         try:
-            found = self.link.recv(timeout=timeout)
+            message = self.link.recv(timeout=timeout)
         except TimeoutError:
             return ""
         except (self.errors.ConnectionClosed, OSError):
             raise self._gone() from None
-        return found if isinstance(found, str) else found.decode(errors="replace")
+        return message if isinstance(message, str) else message.decode(errors="replace")
 
     def close(self) -> None:
         self.context.__exit__(None, None, None)

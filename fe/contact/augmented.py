@@ -134,10 +134,12 @@ def checked_faces(faces: np.ndarray) -> np.ndarray:
 
     ValueError: none, or not six nodes each.
     """
-    found = np.ascontiguousarray(faces, dtype=np.int64)
-    if found.ndim != 2 or found.shape[1] != 6 or len(found) == 0:
-        raise ValueError(f"faces: found shape {found.shape}, expected (F, 6) with F > 0, as `TetMesh.faces` holds them")
-    return found
+    numbers = np.ascontiguousarray(faces, dtype=np.int64)
+    if numbers.ndim != 2 or numbers.shape[1] != 6 or len(numbers) == 0:
+        raise ValueError(
+            f"faces: found shape {numbers.shape}, expected (F, 6) with F > 0, as `TetMesh.faces` holds them"
+        )
+    return numbers
 
 
 def stiffness_per_area(faces: np.ndarray, area: np.ndarray, stiffness: np.ndarray) -> float:

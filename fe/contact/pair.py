@@ -233,15 +233,15 @@ class Pair(Augmented):
         self._start = self.points + displacement
         tree = cKDTree(self._start[self.master[:, :3]].mean(axis=1))
         middle = self._start[self.faces[:, :3]].mean(axis=1)
-        found = tree.query_ball_point(middle, self._reach)
-        near = [f for f, hits in enumerate(found) if hits]
-        width = max((len(found[f]) for f in near), default=1)
+        neighbours = tree.query_ball_point(middle, self._reach)
+        near = [f for f, hits in enumerate(neighbours) if hits]
+        width = max((len(neighbours[f]) for f in near), default=1)
         candidates = np.full((len(near), 1 + width), -1, dtype=np.int64)
         groups = []
         for row, f in enumerate(near):
             candidates[row, 0] = f
-            candidates[row, 1 : 1 + len(found[f])] = sorted(found[f])
-            groups.append(np.unique(np.concatenate([self.faces[f], self.master[found[f]].ravel()])))
+            candidates[row, 1 : 1 + len(neighbours[f])] = sorted(neighbours[f])
+            groups.append(np.unique(np.concatenate([self.faces[f], self.master[neighbours[f]].ravel()])))
         long = max((len(g) for g in groups), default=1)
         cliques = np.full((len(near), long), -1, dtype=np.int64)
         for row, group in enumerate(groups):

@@ -43,8 +43,8 @@ def nodal_pressure(touch: Augmented, displacement: np.ndarray) -> np.ndarray:
     """The same at every node of the mesh [Pa] (N,), zero off the faces, halfway between the corners on their edges: for
     files that hold fields on quadratic elements."""
     nodes, value = pressure(touch, displacement)
-    found = np.zeros(len(displacement))
-    found[nodes] = value
+    pressures = np.zeros(len(displacement))
+    pressures[nodes] = value
     for k, (i, j) in enumerate(((0, 1), (1, 2), (2, 0))):
-        found[touch.faces[:, 3 + k]] = 0.5 * (found[touch.faces[:, i]] + found[touch.faces[:, j]])
-    return found
+        pressures[touch.faces[:, 3 + k]] = 0.5 * (pressures[touch.faces[:, i]] + pressures[touch.faces[:, j]])
+    return pressures

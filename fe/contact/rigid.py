@@ -159,7 +159,7 @@ def _touch(shape, p, points, mine, place, law, given, traces, total, tangent, fo
 def _deepest(shape, points, move, turn, p):
     """The point (N,3) that lies deepest in the rigid body, and its gap [m]."""
     normal, curvature, y = np.zeros(3), np.zeros((3, 3)), np.zeros(3)
-    found, least = 0, np.inf
+    deepest, least = 0, np.inf
     for k in range(len(points)):
         for i in range(3):
             y[i] = 0.0
@@ -167,8 +167,8 @@ def _deepest(shape, points, move, turn, p):
                 y[i] += turn[j, i] * (points[k, j] - move[j])
         g = shape(y, p, normal, curvature)
         if g < least:
-            found, least = k, g
-    return found, least
+            deepest, least = k, g
+    return deepest, least
 
 
 class Rigid(Augmented):
@@ -228,13 +228,13 @@ class Rigid(Augmented):
         fault = super().leapt(start, load, end, target)
         if fault:
             return fault
-        found = self._touching_points(start)
+        positions = self._touching_points(start)
         ends = [self.placed(load), self.placed(target)]
-        before, after = ((found - origin) @ turn for origin, turn in ends)
+        before, after = ((positions - origin) @ turn for origin, turn in ends)
         pieces = min(int(np.ceil(2.0 * np.linalg.norm(after - before, axis=2).max() / self.edge)), LOOKS)
         if pieces < 2:
             return ""
-        points = found.reshape(-1, 3)
+        points = positions.reshape(-1, 3)
         least = min(_deepest(self._shape, points, *place, self.parameters)[1] for place in ends)
         for k in range(1, pieces):
             place = self.placed(load + k / pieces * (target - load))
@@ -245,8 +245,8 @@ class Rigid(Augmented):
 
     def _touching_points(self, displacement: np.ndarray) -> np.ndarray:
         """Where the points of the faces are [m] (F,6,3)."""
-        found: np.ndarray = np.einsum("qa,fai->fqi", self.value, (self.points + displacement)[self.faces])
-        return found
+        positions: np.ndarray = np.einsum("qa,fai->fqi", self.value, (self.points + displacement)[self.faces])
+        return positions
 
     def begin(self, displacement: np.ndarray, load: float) -> None:
         """Start of a load step from a converged state."""
@@ -260,12 +260,12 @@ class Rigid(Augmented):
 
         ValueError: the path gives something else.
         """
-        found = self.path(load)
-        origin, turn = found if isinstance(found, tuple) else (found, np.eye(3))
+        pose = self.path(load)
+        origin, turn = pose if isinstance(pose, tuple) else (pose, np.eye(3))
         origin, turn = np.array(origin, dtype=np.float64), np.array(turn, dtype=np.float64)
         if origin.shape != (3,) or turn.shape != (3, 3) or not (np.isfinite(origin).all() and np.isfinite(turn).all()):
             raise ValueError(
-                f"path at load {load:.6g}: found {found!r}, expected a place [m] (3), or a place and a rotation (3,3), "
+                f"path at load {load:.6g}: found {pose!r}, expected a place [m] (3), or a place and a rotation (3,3), "
                 "all finite"
             )
         if np.abs(turn @ turn.T - np.eye(3)).max() > 1e-6 or np.linalg.det(turn) < 0:

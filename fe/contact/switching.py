@@ -61,7 +61,7 @@ def switched(
     rows, level, penalty, area = points
     sign = np.where(level > 0.0, -1.0, 1.0)
     start = level - penalty * (rows @ step)
-    answers, found, end = _Answers(rows, area, solve), step, start
+    answers, change, end = _Answers(rows, area, solve), step, start
     wrong = np.flatnonzero(sign * start > 0.0)
     for _ in range(ROUNDS):
         if not len(wrong) or not answers.fetch(wrong):
@@ -71,12 +71,12 @@ def switched(
         if np.linalg.cond(small) > SINGULAR:
             break
         part = sign[wrong] * np.linalg.solve(small, start[wrong])
-        found, end = step + moved @ part, start - penalty * (opened @ part)
+        change, end = step + moved @ part, start - penalty * (opened @ part)
         after = np.flatnonzero(sign * end > 0.0)
         if np.array_equal(after, wrong):
             break
         wrong = after
-    return found, np.maximum(end, 0.0)
+    return change, np.maximum(end, 0.0)
 
 
 class _Answers:

@@ -42,8 +42,8 @@ _EIGHT = np.array([
 def _determinants(points: np.ndarray, elements: np.ndarray, at: np.ndarray) -> np.ndarray:
     """det dX/dxi [m³] (E,n)."""
     _, natural = shape(at)
-    found: np.ndarray = np.linalg.det(np.einsum("eai,nak->enik", points[elements], natural))
-    return found
+    determinants: np.ndarray = np.linalg.det(np.einsum("eai,nak->enik", points[elements], natural))
+    return determinants
 
 
 def inverted(points: np.ndarray, elements: np.ndarray, folded: float = 0.0) -> np.ndarray:

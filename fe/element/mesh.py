@@ -113,10 +113,10 @@ class TetMesh:
 
 def _whole(name: str, numbers: np.ndarray) -> np.ndarray:
     """Whole numbers as such. MeshError: others, which would be cut."""
-    found = np.asarray(numbers)
-    if found.size and found.dtype.kind not in "iu":
-        raise MeshError(f"{name}: found {found.dtype} numbers, expected whole ones; `{name}.astype(int)` makes them")
-    return np.ascontiguousarray(found, dtype=np.int64)
+    integers = np.asarray(numbers)
+    if integers.size and integers.dtype.kind not in "iu":
+        raise MeshError(f"{name}: found {integers.dtype} numbers, expected whole ones; `{name}.astype(int)` makes them")
+    return np.ascontiguousarray(integers, dtype=np.int64)
 
 
 def point_text(at: np.ndarray) -> str:
@@ -173,8 +173,8 @@ def grid(x: np.ndarray, y: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.nd
 def box(size: tuple[float, float, float], cells: tuple[int, int, int]) -> TetMesh:
     """A box [0, size] of `cells` bricks, six quadratic tetrahedra each."""
     x, y, z = (np.linspace(0.0, s, n + 1) for s, n in zip(size, cells, strict=True))
-    points, found = grid(x, y, z)
-    return quadratic(points, bricks(points, found))
+    points, hexahedra = grid(x, y, z)
+    return quadratic(points, bricks(points, hexahedra))
 
 
 def check_closed(points: np.ndarray, triangles: np.ndarray) -> None:

@@ -31,17 +31,17 @@ def read_mesh(path: str | Path, unit: float = 1.0) -> tuple[TetMesh, dict[str, i
     if not Path(path).is_file():
         raise MeshError(f"{path}: no such file")
     try:
-        found = meshio.read(path)
+        mesh = meshio.read(path)
     except (Exception, SystemExit) as error:  # meshio leaves the program on some damaged files
         raise MeshError(f"{path}: cannot be read as a mesh: {error}") from None
-    blocks = [k for k, block in enumerate(found.cells) if block.type in ("tetra", "tetra10")]
-    kinds = {found.cells[k].type for k in blocks}
+    blocks = [k for k, block in enumerate(mesh.cells) if block.type in ("tetra", "tetra10")]
+    kinds = {mesh.cells[k].type for k in blocks}
     if len(kinds) != 1:
-        others = sorted({block.type for block in found.cells})
+        others = sorted({block.type for block in mesh.cells})
         raise MeshError(f"{path}: found cells {', '.join(others) or 'none'}; expected tetra or tetra10, one of them")
-    points = np.asarray(found.points, dtype=np.float64) * unit
-    cells = np.concatenate([found.cells[k].data for k in blocks]).astype(np.int64)
-    region, names = _regions(path, found, blocks)
+    points = np.asarray(mesh.points, dtype=np.float64) * unit
+    cells = np.concatenate([mesh.cells[k].data for k in blocks]).astype(np.int64)
+    region, names = _regions(path, mesh, blocks)
     used, cells = np.unique(cells, return_inverse=True)
     points, cells = points[used], cells.reshape(len(region), -1)
     if kinds == {"tetra"}:
@@ -49,20 +49,20 @@ def read_mesh(path: str | Path, unit: float = 1.0) -> tuple[TetMesh, dict[str, i
     return TetMesh(points, cells, region), names
 
 
-def _regions(path: str | Path, found: Any, blocks: list[int]) -> tuple[np.ndarray, dict[str, int]]:
+def _regions(path: str | Path, mesh: Any, blocks: list[int]) -> tuple[np.ndarray, dict[str, int]]:
     """Region of each tetrahedron, and the regions' names."""
-    count = [len(found.cells[k].data) for k in blocks]
+    count = [len(mesh.cells[k].data) for k in blocks]
     for field in REGION_FIELDS:
-        if field in found.cell_data:
-            region = np.concatenate([np.asarray(found.cell_data[field][k]).ravel() for k in blocks])
+        if field in mesh.cell_data:
+            region = np.concatenate([np.asarray(mesh.cell_data[field][k]).ravel() for k in blocks])
             if not np.array_equal(region, np.round(region)):
                 raise MeshError(f"{path}: the cell field {field!r} holds no whole numbers, as regions are")
-            tags = {name: int(tag[0]) for name, tag in found.field_data.items() if int(tag[1]) == 3}
+            tags = {name: int(tag[0]) for name, tag in mesh.field_data.items() if int(tag[1]) == 3}
             return region.astype(np.int64), tags
     region = np.full(sum(count), -1, dtype=np.int64)
     names: dict[str, int] = {}
     start = np.concatenate([[0], np.cumsum(count)])
-    for name, parts in found.cell_sets.items():
+    for name, parts in mesh.cell_sets.items():
         own = [start[n] + np.asarray(parts[k], dtype=np.int64) for n, k in enumerate(blocks) if parts[k] is not None]
         inside = np.concatenate(own) if own else np.zeros(0, dtype=np.int64)
         if not len(inside) or name.startswith("gmsh:"):

@@ -11,11 +11,11 @@ from palpate.fe.element.mesh import MeshError, check_closed, point_text
 def check_surface(points: np.ndarray, triangles: np.ndarray) -> None:
     """MeshError: triangles (T,3) of points [m] (N,3) that are not closed, or that cross one another; says where."""
     check_closed(points, triangles)
-    found = crossing(points, triangles)
-    if found is not None:
-        one, other, at = found
+    intersection = crossing(points, triangles)
+    if intersection is not None:
+        first, other, at = intersection
         raise MeshError(
-            f"surface: triangles {one} and {other} cross at {point_text(at)}: it intersects itself, so that its "
+            f"surface: triangles {first} and {other} cross at {point_text(at)}: it intersects itself, so that its "
             "interior is not defined. Join the parts into one surface (a union), or mesh it again"
         )
 
@@ -31,8 +31,8 @@ def crossing(points: np.ndarray, triangles: np.ndarray) -> tuple[int, int, np.nd
     order = np.argsort(corner[:, :, 0].min(axis=1))
     low, high = corner[order].min(axis=1), corner[order].max(axis=1)
     at = np.zeros(3)
-    one, other = _crossing(points, triangles[order], low, high, float((high - low)[:, 0].max()), at)
-    return None if one < 0 else (int(order[one]), int(order[other]), at)
+    first, other = _crossing(points, triangles[order], low, high, float((high - low)[:, 0].max()), at)
+    return None if first < 0 else (int(order[first]), int(order[other]), at)
 
 
 @numba.njit(cache=True)

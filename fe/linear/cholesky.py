@@ -115,22 +115,22 @@ class Cholesky:
             self._trsm, self._gemm, self._fronts, self.tree.first, self.tree.boundary, self._factor, x, work,
             self._words(),
         )  # fmt: skip
-        found = np.empty((len(self.tree.order), 3, x.shape[1]))
-        found[self.tree.order] = x.reshape(-1, 3, x.shape[1])
-        return found.reshape(rhs.shape)
+        solution = np.empty((len(self.tree.order), 3, x.shape[1]))
+        solution[self.tree.order] = x.reshape(-1, 3, x.shape[1])
+        return solution.reshape(rhs.shape)
 
 
 def _relative(tree: Tree) -> np.ndarray:
     """Place of each boundary node in the front of the parent."""
-    found = np.zeros(len(tree.boundary), dtype=np.int64)
+    places = np.zeros(len(tree.boundary), dtype=np.int64)
     for t, up in enumerate(tree.parent):
         mine = tree.boundary[tree.start[t] : tree.start[t + 1]]
         if up < 0 or len(mine) == 0:
             continue
         low, high = tree.first[up], tree.first[up + 1]
         far = np.searchsorted(tree.boundary[tree.start[up] : tree.start[up + 1]], mine)
-        found[tree.start[t] : tree.start[t + 1]] = np.where(mine < high, mine - low, high - low + far)
-    return found
+        places[tree.start[t] : tree.start[t + 1]] = np.where(mine < high, mine - low, high - low + far)
+    return places
 
 
 def _destinations(tree: Tree, indptr: np.ndarray, indices: np.ndarray) -> tuple[np.ndarray, ...]:
@@ -190,7 +190,7 @@ def _factor(potrf, trsm, syrk, fronts, below_them, blocks, data, factor, front, 
         letter.ctypes.data, letter[1:].ctypes.data, letter[2:].ctypes.data, letter[3:].ctypes.data
     )  # fmt: skip
     n_at, p_at, u_at, info = size.ctypes.data, size[1:].ctypes.data, size[2:].ctypes.data, size[3:].ctypes.data
-    one, minus = scale.ctypes.data, scale[1:].ctypes.data
+    plus, minus = scale.ctypes.data, scale[1:].ctypes.data
     waiting = np.zeros(len(pivots), dtype=np.int64)
     depth, top, done = 0, 0, 0
     for t in range(len(pivots)):
@@ -225,8 +225,8 @@ def _factor(potrf, trsm, syrk, fronts, below_them, blocks, data, factor, front, 
         if u > 0:
             below = front[p:].ctypes.data
             corner = front[p * n + p :].ctypes.data
-            trsm(right, low, transposed, plain, u_at, p_at, one, front.ctypes.data, n_at, below, n_at)
-            syrk(low, plain, u_at, p_at, minus, below, n_at, one, corner, n_at)
+            trsm(right, low, transposed, plain, u_at, p_at, plus, front.ctypes.data, n_at, below, n_at)
+            syrk(low, plain, u_at, p_at, minus, below, n_at, plus, corner, n_at)
             for j in range(u):
                 for i in range(j, u):
                     updates[top + j * u + i] = front[(p + j) * n + p + i]
@@ -246,7 +246,7 @@ def _solve(trsm, gemm, fronts, first, boundary, factor, x, work, words):
     letter, scale, size = words
     low, transposed, plain = letter.ctypes.data, letter[2:].ctypes.data, letter[3:].ctypes.data
     n_at, p_at, u_at, m_at = size.ctypes.data, size[1:].ctypes.data, size[2:].ctypes.data, size[3:].ctypes.data
-    one, minus = scale.ctypes.data, scale[1:].ctypes.data
+    plus, minus = scale.ctypes.data, scale[1:].ctypes.data
     many = x.shape[1]
     size[3] = many
     for sweep in range(2):
@@ -268,13 +268,13 @@ def _solve(trsm, gemm, fronts, first, boundary, factor, x, work, words):
             below = factor[panel[t] + p :].ctypes.data
             head, tail = work.ctypes.data, work[p:].ctypes.data
             if sweep == 0:
-                trsm(low, low, plain, plain, p_at, m_at, one, panel_at, n_at, head, n_at)
+                trsm(low, low, plain, plain, p_at, m_at, plus, panel_at, n_at, head, n_at)
                 if u > 0:
-                    gemm(plain, plain, u_at, m_at, p_at, minus, below, n_at, head, n_at, one, tail, n_at)
+                    gemm(plain, plain, u_at, m_at, p_at, minus, below, n_at, head, n_at, plus, tail, n_at)
             else:
                 if u > 0:
-                    gemm(transposed, plain, p_at, m_at, u_at, minus, below, n_at, tail, n_at, one, head, n_at)
-                trsm(low, low, transposed, plain, p_at, m_at, one, panel_at, n_at, head, n_at)
+                    gemm(transposed, plain, p_at, m_at, u_at, minus, below, n_at, tail, n_at, plus, head, n_at)
+                trsm(low, low, transposed, plain, p_at, m_at, plus, panel_at, n_at, head, n_at)
             for k in range(many):
                 for i in range(p):
                     x[3 * first[t] + i, k] = work[k * n + i]

@@ -68,7 +68,7 @@ def dissect(points: np.ndarray, indptr: np.ndarray, indices: np.ndarray) -> Tree
 
 def _cut(points: np.ndarray, graph: csr_array) -> np.ndarray | None:
     """Side of each node: 0, 1, or 2 for the separator; None where there is no cut."""
-    best, found = np.inf, None
+    best, sides = np.inf, None
     count = len(points)
     for direction in DIRECTIONS if count > 150 else DIRECTIONS[:3]:
         rank = np.empty(count)
@@ -79,8 +79,8 @@ def _cut(points: np.ndarray, graph: csr_array) -> np.ndarray | None:
         sizes = np.bincount(side, minlength=3)
         cost = sizes[2] * (1.0 + 0.5 * abs(sizes[0] - sizes[1]) / count)
         if cost < best and sizes[2] < count:
-            best, found = cost, side
-    return found
+            best, sides = cost, side
+    return sides
 
 
 def _minimum_cut(graph: csr_array, first: np.ndarray, last: np.ndarray) -> np.ndarray | None:
@@ -129,10 +129,10 @@ def _boundaries(graph: csr_array, pivots: list[np.ndarray], parents: list[int]) 
     rows = []
     for t, own in enumerate(pivots):
         near = place[graph[own].indices] if len(own) else np.zeros(0, dtype=np.int64)
-        found = np.unique(np.concatenate([near, *passed[t]]))
-        found = found[found >= first[t + 1]]
-        rows.append(found)
+        boundary = np.unique(np.concatenate([near, *passed[t]]))
+        boundary = boundary[boundary >= first[t + 1]]
+        rows.append(boundary)
         if parents[t] >= 0:
-            passed[parents[t]].append(found)
+            passed[parents[t]].append(boundary)
     start = np.concatenate([[0], np.cumsum([len(r) for r in rows])])
     return Tree(order, first, np.array(parents), np.concatenate(rows), start)

@@ -27,10 +27,10 @@ class Pattern:
         keys = np.repeat(np.arange(count), np.diff(self.indptr)) * count + self.indices
         a, b = elements[:, :, None], elements[:, None, :]
         wanted = np.where((a >= 0) & (b >= 0), a * count + b, keys[0])
-        found = np.searchsorted(keys, wanted)
-        if (keys[np.minimum(found, len(keys) - 1)] != wanted).any():
+        places = np.searchsorted(keys, wanted)
+        if (keys[np.minimum(places, len(keys) - 1)] != wanted).any():
             raise ValueError("nodes that the pattern does not couple")
-        return found
+        return places
 
     def matrix(self, data: np.ndarray) -> bsr_array:
         """The sparse matrix with these blocks (B,3,3)."""

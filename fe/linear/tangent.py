@@ -31,13 +31,13 @@ class Tangent:
 
     def stiffness(self, data: np.ndarray) -> np.ndarray:
         """Mean stiffness of each node [N/m] (N,) from the blocks (B,3,3)."""
-        found: np.ndarray = np.trace(data[self.diagonal], axis1=1, axis2=2) / 3.0
-        return found
+        mean: np.ndarray = np.trace(data[self.diagonal], axis1=1, axis2=2) / 3.0
+        return mean
 
     def product(self, data: np.ndarray, change: np.ndarray) -> np.ndarray:
         """Forces [N] (N,3) of the blocks (B,3,3) for a change (N,3) of displacement."""
-        found: np.ndarray = (self.pattern.matrix(data) @ change.ravel()).reshape(-1, 3)
-        return found
+        forces: np.ndarray = (self.pattern.matrix(data) @ change.ravel()).reshape(-1, 3)
+        return forces
 
     def direction(self, data: np.ndarray, rhs: np.ndarray, skew: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
         """Change of displacement [m] (N,3) for forces [N] (N,3); `skew` is the product of a change with what the blocks
@@ -51,12 +51,12 @@ class Tangent:
             return first.reshape(-1, 3)
 
         def whole(x: np.ndarray) -> np.ndarray:
-            found: np.ndarray = x + self._factor.solve(skew(x.reshape(-1, 3)).ravel())
-            return found
+            product: np.ndarray = x + self._factor.solve(skew(x.reshape(-1, 3)).ravel())
+            return product
 
         operator = LinearOperator((len(first), len(first)), matvec=whole, dtype=np.float64)
-        found, _ = gmres(operator, first, rtol=1e-3, maxiter=1, restart=20)
-        return np.asarray(found).reshape(-1, 3)
+        solution, _ = gmres(operator, first, rtol=1e-3, maxiter=1, restart=20)
+        return np.asarray(solution).reshape(-1, 3)
 
     def factor(self, data: np.ndarray) -> None:
         """Factor the tangent; one that is not positive definite is shifted until it is."""

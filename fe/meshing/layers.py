@@ -130,12 +130,12 @@ class Layers(ABC):
     @cached_property
     def _meshed(self) -> tuple[TetMesh, np.ndarray]:
         """The mesh, whose edges follow the surfaces, and its nodes' lattice coordinates (N,4)."""
-        found = lattice(self.cells, self.radii, self.whole)
-        count = len(found.points)
-        corners = bricks(self.place(found.points), found.cells)
+        blocks = lattice(self.cells, self.radii, self.whole)
+        count = len(blocks.points)
+        corners = bricks(self.place(blocks.points), blocks.cells)
         elements, edges = edge_nodes(count, corners)
-        points = np.concatenate([found.points, found.points[edges].mean(axis=1)])
-        return TetMesh(self.place(points), elements, np.repeat(found.region, 6)), points
+        points = np.concatenate([blocks.points, blocks.points[edges].mean(axis=1)])
+        return TetMesh(self.place(points), elements, np.repeat(blocks.region, 6)), points
 
     @property
     def mesh(self) -> TetMesh:
@@ -169,8 +169,8 @@ class Layers(ABC):
         """Nodes of the rear face and of the upper epidermis (N,) bool; the upper epidermis is the quarter of the skin
         that the nail lies on."""
         mesh = self.mesh
-        found = self.rear.copy()
+        held = self.rear.copy()
         nail = np.unique(mesh.elements[mesh.region == NAIL])
         skin = np.unique(mesh.elements[mesh.region == EPIDERMIS])
-        found[np.intersect1d(nail, skin)] = True
-        return found
+        held[np.intersect1d(nail, skin)] = True
+        return held

@@ -34,13 +34,13 @@ def seen_from(surface: Mesh) -> np.ndarray | None:
     unit = surface.face_vectors[large] / np.linalg.norm(surface.face_vectors[large], axis=1, keepdims=True)
     middle, size = vertices.mean(axis=0), float(np.ptp(vertices))
     reach = np.einsum("ij,ij->i", unit, vertices[triangles[large, 0]] - middle) / size
-    found = linprog(
+    optimum = linprog(
         (0.0, 0.0, 0.0, -1.0), A_ub=np.column_stack([unit, np.ones(len(unit))]), b_ub=reach,
         bounds=[(-1.0, 1.0)] * 3 + [(None, 1.0)],
     )  # fmt: skip
-    if found.status != 0:
+    if optimum.status != 0:
         return None
-    hub: np.ndarray = middle + size * found.x[:3]
+    hub: np.ndarray = middle + size * optimum.x[:3]
     return hub if _seen(surface, hub) else None
 
 

@@ -33,10 +33,10 @@ def solid(surface: Mesh) -> tuple[TetMesh, Mesh]:
     middle, size = surface.vertices.mean(axis=0), float(np.ptp(surface.vertices))
     own = np.ascontiguousarray((surface.vertices - middle) / size), np.ascontiguousarray(surface.triangles, np.int32)
     with TemporaryDirectory() as folder, chdir(folder):  # it leaves a file where it runs
-        found, tets = tetrahedralize(*own, edge_length_abs=edge / size, num_threads=1)[:2]
+        vertices, tets = tetrahedralize(*own, edge_length_abs=edge / size, num_threads=1)[:2]
     if len(tets) == 0:
         raise MeshError("surface: found no tetrahedra inside it; does it intersect itself?")
-    points, tets = middle + size * np.asarray(found, dtype=np.float64), np.asarray(tets, dtype=np.int64)
+    points, tets = middle + size * np.asarray(vertices, dtype=np.float64), np.asarray(tets, dtype=np.int64)
     a, b, c, d = (points[tets[:, i]] for i in range(4))
     turned = np.einsum("ij,ij->i", np.cross(b - a, c - a), d - a) < 0
     tets[turned] = tets[turned][:, [0, 2, 1, 3]]

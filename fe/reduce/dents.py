@@ -51,7 +51,10 @@ def press(
             report(done / depths.size)
 
     return model.run(
-        [model.curve(hats @ one, deep, sticking(hats, one), count) for one, deep in zip(patches, depths, strict=True)]
+        [
+            model.curve(hats @ unit_load, deep, sticking(hats, unit_load), count)
+            for unit_load, deep in zip(patches, depths, strict=True)
+        ]
     )
 
 
@@ -136,12 +139,12 @@ def unseen(organ: Reducible, table: np.ndarray, count: int = UNSEEN, radius: flo
     moments, every = hat_moments(surface), np.arange(len(surface.vertices))
     across = np.array([patch_radius(surface.vertices, moments, every, len(every), m[:, None]) for m in shares])
     deep = SPACING * np.arange(1, levels + 1)
-    found = np.full((len(own), levels), np.nan)
+    errors = np.full((len(own), levels), np.nan)
     for k, curve in enumerate(press(organ, patches, across[:, None] * deep)):
         knots, slopes = np.zeros((2, levels + 1))
         rise(table, every, len(every), shares[k][:, None], knots, slopes)
-        found[k] = knots[1:] * curve.stiffness * across[k] / curve.force - 1.0
-    return found
+        errors[k] = knots[1:] * curve.stiffness * across[k] / curve.force - 1.0
+    return errors
 
 
 def pressed_places(surface: Mesh, places: int, radius: float) -> tuple[np.ndarray, np.ndarray]:
@@ -189,6 +192,6 @@ def spread_out(points: np.ndarray, shares: np.ndarray, values: np.ndarray) -> np
     system[:many, many:] = shares @ line
     system[many:, :many] = system[:many, many:].T
     given = np.concatenate([values, np.zeros((4, values.shape[1]))])
-    found = np.linalg.lstsq(system, given, rcond=1e-12)[0]  # points in a plane leave one slope open
-    out: np.ndarray = kernel @ found[:many] / size + line @ found[many:]
+    coefficients = np.linalg.lstsq(system, given, rcond=1e-12)[0]  # points in a plane leave one slope open
+    out: np.ndarray = kernel @ coefficients[:many] / size + line @ coefficients[many:]
     return out

@@ -30,7 +30,7 @@ def settled(body: SampledBody, own: Pressed, nodes: np.ndarray, force: float) ->
 def errors(body: Reducible, basis: SampledBasis, pressed: list[Pressed]) -> tuple[np.ndarray, np.ndarray]:
     """Relative errors (S,) of the indentation at every load of these touches: of the sampled body, and of the linear
     one, whose compliance it has at rest."""
-    found, linear = [], []
+    sampled, linear = [], []
     for own in pressed:
         it = SampledBody(basis, body.surface, YOUNG, 0.0, RADIUS, RADIUS)
         nodes = np.flatnonzero(np.abs(own.touch.load).max(axis=1) > 0.0).astype(np.int32)
@@ -39,6 +39,6 @@ def errors(body: Reducible, basis: SampledBasis, pressed: list[Pressed]) -> tupl
         answer = measure @ (basis.missed @ unit) + (measure @ basis.modes) @ (basis.modes.T @ unit)
         for level, u in zip(own.touch.levels, own.solutions, strict=False):
             deep = float(np.sum((body.hats @ along) * u))
-            found.append(settled(it, own, nodes, float(level) * YOUNG)[3] / deep - 1.0)
+            sampled.append(settled(it, own, nodes, float(level) * YOUNG)[3] / deep - 1.0)
             linear.append(float(level) * answer / deep - 1.0)
-    return np.array(found), np.array(linear)
+    return np.array(sampled), np.array(linear)

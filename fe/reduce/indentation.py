@@ -88,7 +88,7 @@ class Press:
 
     def run(self, works: list[Asking]) -> list[Any]:
         """What each returns in the end."""
-        found: list[Any] = [None] * len(works)
+        answers: list[Any] = [None] * len(works)
         todo = list(range(len(works)))[::-1]
         wanted: dict[int, np.ndarray] = {}
         while todo or wanted:
@@ -101,9 +101,9 @@ class Press:
                 try:
                     wanted[k] = works[k].send(np.ascontiguousarray(solved[:, column]))
                 except StopIteration as end:
-                    found[k] = end.value
+                    answers[k] = end.value
                     del wanted[k]
-        return found
+        return answers
 
     def curve(
         self,
@@ -123,8 +123,8 @@ class Press:
         force, energy = np.full((2, len(depths)), np.nan)
         multipliers = np.full((len(depths), len(place.shares)), np.nan)
         for k, depth in enumerate(depths):
-            found = yield from place.carry(float(depth))
-            if not found:
+            converged = yield from place.carry(float(depth))
+            if not converged:
                 count(len(depths) - k)
                 break
             force[k], energy[k], multipliers[k] = place.force, place.energy, place.multipliers
@@ -149,10 +149,10 @@ class _Place:
         count, size = self._means.shape
         self._units = np.empty((count, size), np.float32)
         for k in range(count):
-            found = yield self._means[[k]].toarray().ravel()
+            displacement = yield self._means[[k]].toarray().ravel()
             if k == 0:
-                self.unit = found
-            self._units[k] = found
+                self.unit = displacement
+            self._units[k] = displacement
         moved = self._means @ self.unit
         self.compliance = float(moved[0])
         self.shares = moved / self.compliance
@@ -183,18 +183,18 @@ class _Place:
         past = self._past
         if len(past) == 1:
             return depth / self.compliance * self.unit
-        found = np.zeros_like(self.unit)
+        guess = np.zeros_like(self.unit)
         for i, (a, u) in enumerate(past):
             share = 1.0
             for j, (b, _) in enumerate(past):
                 if i != j:
                     share *= (depth - b) / (a - b)
-            found += share * u
-        return found
+            guess += share * u
+        return guess
 
     def _inner(self, u: np.ndarray) -> tuple[float, np.ndarray] | None:
-        found = self._press.body.balance(u.reshape(-1, 3))
-        return None if found is None else (found[0], found[1].ravel())
+        balance = self._press.body.balance(u.reshape(-1, 3))
+        return None if balance is None else (balance[0], balance[1].ravel())
 
     def _newton(self, depth: float) -> Asking:
         """Equilibrium at an indentation, from those before; whether it was found."""
@@ -237,7 +237,7 @@ class _Place:
     def _direction(self, rest: np.ndarray, step: np.ndarray) -> Asking:
         """Newton direction (3N,) that leaves the means alone, from the residual and K0⁻¹ of it; None where the
         energy is no minimum among such displacements."""
-        found = np.zeros_like(rest)
+        direction = np.zeros_like(rest)
         left, move = -rest, -step
         way, size = move.copy(), float(step @ rest)
         goal = FORCING * FORCING * size
@@ -247,7 +247,7 @@ class _Place:
             if curvature <= 0.0:
                 return None
             share = size / curvature
-            found += share * way
+            direction += share * way
             left = left - share * pulled
             solved = yield left
             move, _ = self._left(solved)
@@ -255,4 +255,4 @@ class _Place:
             if size <= goal:
                 break
             way = move + size / before * way
-        return self._left(found)[0]
+        return self._left(direction)[0]

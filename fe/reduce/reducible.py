@@ -50,10 +50,10 @@ class Reducible:
     @cached_property
     def digest(self) -> bytes:
         """A hash of all that its answers depend on."""
-        found = hashlib.sha256(self.elastic.digest())
+        hasher = hashlib.sha256(self.elastic.digest())
         for part in (self.fixed, self.hats, self.surface.vertices, self.surface.triangles):
-            found.update(np.ascontiguousarray(part).tobytes())
-        return found.digest()
+            hasher.update(np.ascontiguousarray(part).tobytes())
+        return hasher.digest()
 
     def rest(self) -> Tangent:
         """The tangent at rest, factored."""

@@ -59,7 +59,7 @@ def finger_touches(body: Reducible, count: int, seed: int, pulled: bool = False)
     """Touches of one side of the pulp, up to `ROUND` round it and over the tip and `BEHIND` behind it, by Halton's
     sequence; half of them with a tangential force, or all with the greatest."""
     radius = float(body.surface.vertices[:, 2].max())
-    found = []
+    touches = []
     for x in qmc.Halton(5, seed=seed).random(count):
         y, turn = x[0] * (BEHIND + radius * ROUND) - BEHIND, x[1] * ROUND
         tip = max(y, 0.0) / radius
@@ -68,8 +68,8 @@ def finger_touches(body: Reducible, count: int, seed: int, pulled: bool = False)
         patch = RADII[0] + x[2] * (RADII[1] - RADII[0])
         share = 1.0 if pulled else max(2.0 * x[3] - 1.0, 0.0)
         pull = ASIDE * share * aside(out, np.array([0.0, 1.0, 0.0]), x[4])
-        found.append(touch(body.surface, foot, out, patch, HARDEST * patch**2 * STIFFENING, pull))
-    return found
+        touches.append(touch(body.surface, foot, out, patch, HARDEST * patch**2 * STIFFENING, pull))
+    return touches
 
 
 def finger_pressed(
@@ -77,8 +77,8 @@ def finger_pressed(
 ) -> tuple[list[Pressed], list[Pressed]]:
     """Full solutions of the fingertip's touches and of their mirror images; and of those that are held out."""
     touches = finger_touches(body, TOUCHES, SEED) + finger_touches(body, PULLED, PULLED_SEED, pulled=True)
-    found = press(body, touches + finger_touches(body, HELD, HELD_SEED), report, folder)
-    seen, held = ([p for p in part if len(p.solutions)] for part in (found[: len(touches)], found[len(touches) :]))
+    presses = press(body, touches + finger_touches(body, HELD, HELD_SEED), report, folder)
+    seen, held = ([p for p in part if len(p.solutions)] for part in (presses[: len(touches)], presses[len(touches) :]))
     return seen + mirrored(seen, mirror(body.mesh.points), mirror(body.surface.vertices)), held
 
 
@@ -93,10 +93,10 @@ def organ_pressed(
     body: Reducible, report: Callable[[float], None] | None = None
 ) -> tuple[list[Pressed], list[Pressed]]:
     """Full solutions of an organ's touches; and of those that are held out."""
-    found = press_from_rest(body, organ_touches(body, ORGAN_TOUCHES + ORGAN_HELD, SEED), report)
+    presses = press_from_rest(body, organ_touches(body, ORGAN_TOUCHES + ORGAN_HELD, SEED), report)
     return (
-        [p for p in found[:ORGAN_TOUCHES] if len(p.solutions)],
-        [p for p in found[ORGAN_TOUCHES:] if len(p.solutions)],
+        [p for p in presses[:ORGAN_TOUCHES] if len(p.solutions)],
+        [p for p in presses[ORGAN_TOUCHES:] if len(p.solutions)],
     )
 
 

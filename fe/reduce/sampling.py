@@ -62,10 +62,10 @@ def modes(body: Reducible, pressed: list[Pressed], count: int) -> tuple[np.ndarr
     size = np.diag(gram) ** -0.5
     values, vectors = np.linalg.eigh(gram * size[:, None] * size)
     kept = vectors[:, ::-1][:, :count] / np.sqrt(np.maximum(values[::-1][:count], 1e-12 * values[-1]))
-    found = (every.T * size) @ kept
+    basis = (every.T * size) @ kept
     rest = body.elastic.pattern.matrix(body.elastic.tangent(np.zeros_like(body.mesh.points))).tocsr()
-    lower = np.linalg.cholesky(found.T @ (rest @ found))
-    phi = np.ascontiguousarray(solve_triangular(lower, found.T, lower=True).T)
+    lower = np.linalg.cholesky(basis.T @ (rest @ basis))
+    phi = np.ascontiguousarray(solve_triangular(lower, basis.T, lower=True).T)
     states = np.linalg.solve(phi.T @ (mean @ phi), phi.T @ turned).T
     return phi.reshape(-1, 3, phi.shape[1]), states
 
@@ -192,13 +192,13 @@ def nonnegative(
             np.append(x, 0.0),
         )
         while True:
-            found = cho_solve(cho_factor(gram + 1e-12 * np.trace(gram) / len(kept) * np.eye(len(kept))), right)
-            if (found > 0.0).all():
-                x = found
+            solution = cho_solve(cho_factor(gram + 1e-12 * np.trace(gram) / len(kept) * np.eye(len(kept))), right)
+            if (solution > 0.0).all():
+                x = solution
                 break
-            down = found <= 0.0
-            step = float(np.min(x[down] / np.maximum(x[down] - found[down], 1e-300)))
-            x = x + step * (found - x)
+            down = solution <= 0.0
+            step = float(np.min(x[down] / np.maximum(x[down] - solution[down], 1e-300)))
+            x = x + step * (solution - x)
             stay = ~(down & (x <= 1e-12 * x.max(initial=1e-300)))
             if stay.all():
                 stay[int(np.argmin(x))] = False
@@ -214,15 +214,15 @@ def bent(w: np.ndarray, pull: np.ndarray, weight: np.ndarray) -> tuple[float, fl
     pull    [1] (S,) how far it moves there
     weight  [1] (S,) what a miss counts
     """
-    best, found = np.inf, (1.0, 1.0)
+    best, parameters = np.inf, (1.0, 1.0)
     low, high = np.log(w.min() / 10.0), np.log(w.max())
     for scale in np.exp(np.linspace(low, high, 60)):
         for power in np.linspace(0.0, 2.0, 81):
             guess = np.array([gamma(x * x, scale, power, np.inf)[0] for x in w]) * w
             miss = float(np.mean(np.abs(guess - pull) * weight))
             if miss < best:
-                best, found = miss, (float(scale), float(power))
-    return found
+                best, parameters = miss, (float(scale), float(power))
+    return parameters
 
 
 def _place(law: Material) -> int:

@@ -63,10 +63,10 @@ def touch(
 
 def aside(normal: np.ndarray, along: np.ndarray, turn: float) -> np.ndarray:
     """Unit vector (3) square to the normal, `turn` revolutions round it from where it is square to `along`, too."""
-    one = np.cross(normal, along)
-    one /= np.linalg.norm(one)
-    found: np.ndarray = np.cos(2.0 * np.pi * turn) * one + np.sin(2.0 * np.pi * turn) * np.cross(normal, one)
-    return found
+    across = np.cross(normal, along)
+    across /= np.linalg.norm(across)
+    direction: np.ndarray = np.cos(2.0 * np.pi * turn) * across + np.sin(2.0 * np.pi * turn) * np.cross(normal, across)
+    return direction
 
 
 def scatter(
@@ -86,14 +86,14 @@ def scatter(
     corner = surface.vertices[surface.triangles]
     area = np.linalg.norm(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), axis=1) * region
     share = np.cumsum(area) / area.sum()
-    found = []
+    touches = []
     for x in qmc.Halton(3, seed=seed).random(count):
         t = int(np.searchsorted(share, x[0]))
         a, b = np.sqrt(x[1]), x[2]
         weight = np.array([1.0 - a, a * (1.0 - b), a * b])
         foot, normal = weight @ corner[t], weight @ surface.normals[surface.triangles[t]]
-        found.append(touch(surface, foot, normal / np.linalg.norm(normal), radius, levels, np.zeros(3)))
-    return found
+        touches.append(touch(surface, foot, normal / np.linalg.norm(normal), radius, levels, np.zeros(3)))
+    return touches
 
 
 def press(
@@ -101,12 +101,12 @@ def press(
 ) -> list[Pressed]:
     """The full model's answers; `report` hears the share done. A folder keeps each as soon as it is found: what it
     holds is not computed again."""
-    found = []
+    presses = []
     for k, own in enumerate(touches):
-        found.append(pressed(body, own) if folder is None else _kept(body, own, folder))
+        presses.append(pressed(body, own) if folder is None else _kept(body, own, folder))
         if report is not None:
             report((k + 1) / len(touches))
-    return found
+    return presses
 
 
 def _kept(body: Reducible, own: Touch, folder: Path) -> Pressed:
@@ -117,16 +117,16 @@ def _kept(body: Reducible, own: Touch, folder: Path) -> Pressed:
     path = folder / f"{name.hexdigest()[:24]}.npy"
     with suppress(OSError, ValueError, EOFError):  # none yet, or one that was damaged
         return Pressed(own, np.load(path))
-    found = pressed(body, own)
+    answer = pressed(body, own)
     folder.mkdir(parents=True, exist_ok=True)
     half = path.with_suffix(f".{os.getpid()}.part")
     try:
         with half.open("wb") as file:
-            np.save(file, found.solutions)
+            np.save(file, answer.solutions)
         half.replace(path)
     finally:
         half.unlink(missing_ok=True)
-    return found
+    return answer
 
 
 def pressed(body: Reducible, own: Touch) -> Pressed:
@@ -160,11 +160,11 @@ def press_from_rest(
     solver = body.rest()
 
     def solve(force: np.ndarray) -> np.ndarray:
-        found = solver.solve(np.where(body.fixed, 0.0, force).ravel()[:, None]).reshape(-1, 3)
-        found[body.fixed] = 0.0
-        return found
+        displacement = solver.solve(np.where(body.fixed, 0.0, force).ravel()[:, None]).reshape(-1, 3)
+        displacement[body.fixed] = 0.0
+        return displacement
 
-    found = []
+    presses = []
     for k, own in enumerate(touches):
         load = body.hats @ own.load
         slope = solve(load)
@@ -177,10 +177,10 @@ def press_from_rest(
             u = after
             slope, last = (u - start) / (level - last), level
             kept.append(u)
-        found.append(Pressed(own, np.array(kept).reshape(-1, *body.mesh.points.shape)))
+        presses.append(Pressed(own, np.array(kept).reshape(-1, *body.mesh.points.shape)))
         if report is not None:
             report((k + 1) / len(touches))
-    return found
+    return presses
 
 
 def _settled(

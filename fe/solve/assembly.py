@@ -69,12 +69,12 @@ class Assembly:
 
     def recouple(self) -> None:
         """Widen the pattern where contacts have come to couple other nodes."""
-        found = [c.couples() for c in self.contacts]
-        found = [x for x in found if len(x)]
-        if not found:
+        couplings = [c.couples() for c in self.contacts]
+        couplings = [x for x in couplings if len(x)]
+        if not couplings:
             return
-        width = max(x.shape[1] for x in found)
-        extra = np.concatenate([_widen(x, width) for x in found])
+        width = max(x.shape[1] for x in couplings)
+        extra = np.concatenate([_widen(x, width) for x in couplings])
         if not np.array_equal(extra, self._extra):
             self._extra = extra
             self._couple()
@@ -102,8 +102,8 @@ class Assembly:
 
     def switched(self, step: np.ndarray) -> np.ndarray:
         """Newton's step (N,3) with the active set of contact points at its end, see `contact.switching`."""
-        found = [(contact, contact.switching()) for contact in self.contacts]
-        parts = [(contact, points) for contact, points in found if points is not None]
+        switches = [(contact, contact.switching()) for contact in self.contacts]
+        parts = [(contact, points) for contact, points in switches if points is not None]
         if not parts:
             return step
         free = ~self.fixed.reshape(-1, 1)

@@ -64,9 +64,9 @@ class ElasticBody:
     @cached_property
     def pattern(self) -> Pattern:
         """Of its tangent."""
-        found = pattern(len(self.mesh.points), self.mesh.elements)
-        self.couple(found)
-        return found
+        sparsity = pattern(len(self.mesh.points), self.mesh.elements)
+        self.couple(sparsity)
+        return sparsity
 
     def couple(self, wider: Pattern) -> None:
         """Take up a pattern that couples more than the elements do, for `add`."""
@@ -108,14 +108,14 @@ class ElasticBody:
 
     def forces(self, u: np.ndarray) -> np.ndarray | None:
         """Inner forces [N] (N,3) at displacements [m] (N,3), springs included; None where an element is inverted."""
-        found = self.balance(u)
-        return None if found is None else found[1]
+        balance = self.balance(u)
+        return None if balance is None else balance[1]
 
     def rest(self, fixed: np.ndarray) -> Tangent:
         """The tangent at rest, factored, these displacement components (N,3) bool held."""
-        found = Tangent(self.mesh.points, self.mesh.elements, fixed)
-        found.factor(self.tangent(np.zeros_like(self.mesh.points)))
-        return found
+        tangent = Tangent(self.mesh.points, self.mesh.elements, fixed)
+        tangent.factor(self.tangent(np.zeros_like(self.mesh.points)))
+        return tangent
 
     def compliance(
         self, fixed: np.ndarray, hats: np.ndarray, report: Callable[[float], None] | None = None
@@ -126,7 +126,7 @@ class ElasticBody:
         hears the share done.
         """
         solver, count = self.rest(fixed), hats.shape[1]
-        found = np.empty((count, 3, count, 3))
+        compliance = np.empty((count, 3, count, 3))
         for start in range(0, count, COLUMNS):
             part = hats[:, start : start + COLUMNS]
             size = part.shape[1]
@@ -136,24 +136,24 @@ class ElasticBody:
             rhs[fixed] = 0.0
             u = solver.solve(rhs.reshape(3 * len(hats), -1)).reshape(len(hats), 3, 3 * size)
             u[fixed] = 0.0
-            found[:, :, start : start + size] = (hats.T @ u.reshape(len(hats), -1)).reshape(count, 3, size, 3)
+            compliance[:, :, start : start + size] = (hats.T @ u.reshape(len(hats), -1)).reshape(count, 3, size, 3)
             if report is not None:
                 report((start + size) / count)
-        full = found.reshape(3 * count, 3 * count)
+        full = compliance.reshape(3 * count, 3 * count)
         return 0.5 * (full + full.T)
 
     def digest(self) -> bytes:
         """A hash of all that its forces depend on."""
-        found = hashlib.sha256()
+        hasher = hashlib.sha256()
         for law, own, slope, weight in self.groups:
-            found.update(repr((law.name, law.parameters, law.mixed, law.small)).encode())
+            hasher.update(repr((law.name, law.parameters, law.mixed, law.small)).encode())
             for part in (own, slope, weight):
-                found.update(np.ascontiguousarray(part).tobytes())
+                hasher.update(np.ascontiguousarray(part).tobytes())
         for bed in self.beds:
-            found.update(repr(bed.stiffness).encode() + np.ascontiguousarray(bed.faces).tobytes())
+            hasher.update(repr(bed.stiffness).encode() + np.ascontiguousarray(bed.faces).tobytes())
         for part in (self.mesh.points, self.mesh.elements):
-            found.update(np.ascontiguousarray(part).tobytes())
-        return found.digest()
+            hasher.update(np.ascontiguousarray(part).tobytes())
+        return hasher.digest()
 
 
 def hats(mesh: TetMesh, faces: np.ndarray, corners: np.ndarray) -> np.ndarray:

@@ -32,13 +32,13 @@ class State(NamedTuple):
 
 def write_state(path: str | Path, state: State, contacts: Sequence[ContactPair]) -> None:
     """Write a converged state; a run that is killed meanwhile leaves the file as it was."""
-    found = {name: np.asarray(value) for name, value in state._asdict().items()}
+    arrays = {name: np.asarray(value) for name, value in state._asdict().items()}
     for k, contact in enumerate(contacts):
-        found |= {f"contact{k}.{name}": value for name, value in contact.state().items()}
+        arrays |= {f"contact{k}.{name}": value for name, value in contact.state().items()}
     path = Path(path)
     part = path.with_name(path.name + ".part")
     with part.open("wb") as file:
-        np.savez(file, allow_pickle=False, **found)
+        np.savez(file, allow_pickle=False, **arrays)
     part.replace(path)
 
 
@@ -49,14 +49,14 @@ def read_state(path: str | Path, like: np.ndarray, contacts: Sequence[ContactPai
     """
     try:
         with np.load(path) as file:
-            found = {name: file[name] for name in file.files}
-        load, step, moved = (float(found[name]) for name in ("load", "step", "moved"))
-        state = State(load, found["displacement"], step, moved, found["change"])
+            arrays = {name: file[name] for name in file.files}
+        load, step, moved = (float(arrays[name]) for name in ("load", "step", "moved"))
+        state = State(load, arrays["displacement"], step, moved, arrays["change"])
     except (ValueError, KeyError, EOFError, BadZipFile) as error:
         raise ValueError(f"{path}: not a saved state ({error}); remove it to begin again") from None
     if state.displacement.shape != like.shape:
         raise ValueError(f"{path}: a state of {len(state.displacement)} nodes, the mesh has {len(like)}")
-    kept = {name.partition(".")[0] for name in found if name.startswith("contact")}
+    kept = {name.partition(".")[0] for name in arrays if name.startswith("contact")}
     if len(kept) != len(contacts):
         raise ValueError(
             f"{path}: a state of {len(kept)} contacts, the model has {len(contacts)}; it is of another model"
@@ -64,7 +64,7 @@ def read_state(path: str | Path, like: np.ndarray, contacts: Sequence[ContactPai
     states = []
     for k, contact in enumerate(contacts):
         head = f"contact{k}."
-        own = {name.removeprefix(head): value for name, value in found.items() if name.startswith(head)}
+        own = {name.removeprefix(head): value for name, value in arrays.items() if name.startswith(head)}
         sizes, wanted = ({name: np.shape(x) for name, x in s.items()} for s in (own, contact.state()))
         if sizes != wanted:
             raise ValueError(f"{path}: contact {k} has {sizes}, the model's {wanted}; it is of another model")

@@ -25,11 +25,11 @@ def check_units(mesh: TetMesh, materials: Mapping[int, Material]) -> None:
             "a mesh in millimetres take points * 1e-3"
         )
     for region in np.unique(mesh.region).tolist():
-        found = young(materials[region])
-        if not SOFTEST <= found <= STIFFEST:
+        E = young(materials[region])
+        if not SOFTEST <= E <= STIFFEST:
             raise MaterialError(
-                f"region {region}: Young's modulus {found:.4g} Pa, expected {SOFTEST:g} ... {STIFFEST:g} Pa. Moduli "
-                f"are in pascals: {found:.4g} kPa is {1e3 * found:.4g} Pa, {found:.4g} MPa is {1e6 * found:.4g} Pa"
+                f"region {region}: Young's modulus {E:.4g} Pa, expected {SOFTEST:g} ... {STIFFEST:g} Pa. Moduli "
+                f"are in pascals: {E:.4g} kPa is {1e3 * E:.4g} Pa, {E:.4g} MPa is {1e6 * E:.4g} Pa"
             )
 
 
@@ -78,16 +78,16 @@ def check_held(mesh: TetMesh, fixed: np.ndarray, touched: Iterable[np.ndarray]) 
     )
 
 
-def checked(what: str, found: np.ndarray, load: float, wanted: np.ndarray) -> np.ndarray:
+def checked(what: str, values: np.ndarray, load: float, wanted: np.ndarray) -> np.ndarray:
     """What a user's function of the load gives, zero where it is not wanted (N,3).
 
     ValueError: another shape, or a number that is not finite.
     """
-    found = np.asarray(found, dtype=np.float64)
-    if found.shape != wanted.shape:
-        raise ValueError(f"{what} at load {load:.6g}: found shape {found.shape}, expected {wanted.shape}")
-    found = np.where(wanted, found, 0.0)
-    if not np.isfinite(found).all():
-        node = int(np.argwhere(~np.isfinite(found))[0][0])
+    values = np.asarray(values, dtype=np.float64)
+    if values.shape != wanted.shape:
+        raise ValueError(f"{what} at load {load:.6g}: found shape {values.shape}, expected {wanted.shape}")
+    values = np.where(wanted, values, 0.0)
+    if not np.isfinite(values).all():
+        node = int(np.argwhere(~np.isfinite(values))[0][0])
         raise ValueError(f"{what} at load {load:.6g}: the value at node {node} is not finite")
-    return found
+    return values

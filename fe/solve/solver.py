@@ -137,10 +137,10 @@ class Solver:
 
     def _apart(self) -> str:
         """The contacts that nothing touches, which often is why a step fails."""
-        found = [f"contact {k}" for k, contact in enumerate(self.contacts) if not contact.touches()]
-        if not found:
+        apart = [f"contact {k}" for k, contact in enumerate(self.contacts) if not contact.touches()]
+        if not apart:
             return ""
-        return f"; nothing touches {', '.join(found)}: contact is lost or not yet made, so a support is missing"
+        return f"; nothing touches {', '.join(apart)}: contact is lost or not yet made, so a support is missing"
 
     def _try(self, load: float) -> tuple[str, int]:
         """One load step: why it failed, empty where it did not; and the iterations used."""
@@ -228,11 +228,11 @@ class Solver:
         slope, least, best, length = abs(float(np.sum(du * now.force))), np.inf, 0.0, 1.0
         for _ in range(12):
             try:
-                found = self._body.balance(u + length * du, load)
+                balance = self._body.balance(u + length * du, load)
             except Inverted as error:
                 fault = error
             else:
-                slant = abs(float(np.sum(du * found.force)))
+                slant = abs(float(np.sum(du * balance.force)))
                 if slant < least:
                     least, best = slant, length
                 if slant <= 0.9 * slope or length < 0.05:
@@ -241,7 +241,7 @@ class Solver:
         if best == 0.0:
             raise fault
         u = u + best * du
-        return u, found if best == length else self._body.balance(u, load)
+        return u, balance if best == length else self._body.balance(u, load)
 
     def save(self, path: str | Path) -> None:
         """Write what `resume` needs: a run that is resumed takes the steps that it would have taken."""
@@ -253,6 +253,6 @@ class Solver:
 
         ValueError: the file is of another model, or is none of `save`.
         """
-        found = read_state(path, self.displacement, self.contacts)
-        self.load, self.displacement, self._step = found.load, found.displacement, found.step
-        self._last = (found.moved, found.change) if found.moved else None
+        state = read_state(path, self.displacement, self.contacts)
+        self.load, self.displacement, self._step = state.load, state.displacement, state.step
+        self._last = (state.moved, state.change) if state.moved else None

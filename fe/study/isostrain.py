@@ -58,7 +58,7 @@ def volumes_above(mesh: TetMesh, displacement: np.ndarray, levels: np.ndarray, c
     at, pieces = subdivided(cuts)
     value, _ = shape(at)
     moved, poisson = mesh.points + displacement, _poisson(mesh)
-    found = np.zeros(len(levels))
+    volumes = np.zeros(len(levels))
     for start in range(0, len(mesh.elements), CHUNK):
         own = mesh.elements[start : start + CHUNK]
         slope, _ = gradients(mesh.points, own, at)
@@ -70,8 +70,8 @@ def volumes_above(mesh: TetMesh, displacement: np.ndarray, levels: np.ndarray, c
         place = np.einsum("na,eai->eni", value, moved[own])
         corner = place[:, pieces].reshape(-1, 4, 3)
         volume = np.abs(np.linalg.det(corner[:, 1:] - corner[:, :1])) / 6.0
-        found += isostrain_volume(values[:, pieces].reshape(-1, 4), volume, levels)
-    return found
+        volumes += isostrain_volume(values[:, pieces].reshape(-1, 4), volume, levels)
+    return volumes
 
 
 def subdivided(cuts: int) -> tuple[np.ndarray, np.ndarray]:
@@ -82,7 +82,7 @@ def subdivided(cuts: int) -> tuple[np.ndarray, np.ndarray]:
     steps = range(cuts + 1)
     points = [(x, y, z) for x in steps for y in range(x + 1) for z in range(y + 1)]
     number = {point: k for k, point in enumerate(points)}
-    found = []
+    tetrahedra = []
     for first in points:
         for order in itertools.permutations(range(3)):
             corner, walk = list(first), [first]
@@ -90,9 +90,9 @@ def subdivided(cuts: int) -> tuple[np.ndarray, np.ndarray]:
                 corner[axis] += 1
                 walk.append((corner[0], corner[1], corner[2]))
             if all(place in number for place in walk):
-                found.append([number[place] for place in walk])
+                tetrahedra.append([number[place] for place in walk])
     x, y, z = np.array(points).T / cuts
-    return np.stack([x - y, y - z, z], axis=1), np.array(found)
+    return np.stack([x - y, y - z, z], axis=1), np.array(tetrahedra)
 
 
 def smooth(mesh: TetMesh, values: np.ndarray) -> np.ndarray:
@@ -132,7 +132,7 @@ def cross(level: np.ndarray, *carried: np.ndarray) -> list[np.ndarray]:
     above = level > 0.0
     order = np.argsort(~above, axis=1, kind="stable")
     many = above.sum(axis=1)
-    found: list[list[np.ndarray]] = [[] for _ in carried]
+    polygons: list[list[np.ndarray]] = [[] for _ in carried]
     for count, edges in _RINGS[corners]:
         own = np.flatnonzero(many == count)
         local = order[own]
@@ -145,7 +145,7 @@ def cross(level: np.ndarray, *carried: np.ndarray) -> list[np.ndarray]:
                 part = (here[:, i] / (here[:, i] - here[:, j])).reshape(-1, *extra)
                 ring.append(turned[:, i] + part * (turned[:, j] - turned[:, i]))
             if corners == 3:
-                found[k].append(np.stack(ring, axis=1))
+                polygons[k].append(np.stack(ring, axis=1))
             else:
-                found[k] += [np.stack([ring[0], ring[m], ring[m + 1]], axis=1) for m in range(1, len(ring) - 1)]
-    return [np.concatenate(x) for x in found]
+                polygons[k] += [np.stack([ring[0], ring[m], ring[m + 1]], axis=1) for m in range(1, len(ring) - 1)]
+    return [np.concatenate(x) for x in polygons]

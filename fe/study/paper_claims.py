@@ -27,8 +27,8 @@ def points(sets: dict[str, dict[str, Record]]) -> list[dict[str, Any]]:
         for force, paper in marks:
             row: dict[str, Any] = {"plate": plate, "force N": force, "paper mm": 1e3 * paper}
             for name, records in sets.items():
-                found = records[plate]
-                row[f"{name} mm"] = 1e3 * found.at(force)[0] if force <= found.force[-1] else None
+                record = records[plate]
+                row[f"{name} mm"] = 1e3 * record.at(force)[0] if force <= record.force[-1] else None
             rows.append(row)
     return rows
 

@@ -124,12 +124,12 @@ class Run:
     def settings(self) -> dict[str, Any]:
         """What was run. RunError: no run."""
         try:
-            found = json.loads((self.folder / "run.json").read_text())
+            settings = json.loads((self.folder / "run.json").read_text())
         except (OSError, ValueError) as error:
             raise self._damaged("run.json", error) from None
-        if not isinstance(found, dict) or not {"plate", "divisor", "bone", "friction", "finger"} <= set(found):
+        if not isinstance(settings, dict) or not {"plate", "divisor", "bone", "friction", "finger"} <= set(settings):
             raise self._damaged("run.json", "found no settings of a pressing in it")
-        return found
+        return settings
 
     def table(self) -> np.ndarray:
         """Rows (k, 3 + l): indentation, force, area, volumes. RunError: no run."""
@@ -144,9 +144,9 @@ class Run:
 
     def mesh(self) -> tuple[TetMesh, float]:
         """The mesh, plate included, and the sides that it stands for, see `Pressing.sides`. RunError: no run."""
-        found = self._read("mesh.npz")
+        arrays = self._read("mesh.npz")
         try:
-            return TetMesh(found["points"], found["elements"], found["region"]), float(found["sides"])
+            return TetMesh(arrays["points"], arrays["elements"], arrays["region"]), float(arrays["sides"])
         except DAMAGED as error:
             raise self._damaged("mesh.npz", error) from None
 
@@ -161,8 +161,8 @@ class Run:
         `fe.contact.pressure`; none in the first row. RunError: no such step."""
         if row == 0:
             return np.zeros(0, dtype=np.int64), np.zeros(0)
-        found = self._read(f"step-{row:03d}.npz")
-        return found["corners"], found["pressure"]
+        arrays = self._read(f"step-{row:03d}.npz")
+        return arrays["corners"], arrays["pressure"]
 
     def displacement_at(self, force: float) -> np.ndarray:
         """Displacement [m] (N,3) at a force [N], between the steps. RunError: not reached."""
@@ -182,8 +182,8 @@ class Run:
 
     def _read(self, name: str) -> dict[str, np.ndarray]:
         try:
-            with np.load(self.folder / name) as found:
-                return {key: found[key] for key in found.files}
+            with np.load(self.folder / name) as archive:
+                return {key: archive[key] for key in archive.files}
         except DAMAGED as error:
             raise self._damaged(name, error) from None
 
@@ -200,7 +200,7 @@ class Run:
     def _damaged(self, name: str, reason: object) -> RunError:
         path = self.folder / name
         if not path.exists():
-            inside = sorted(found.parent for found in self.folder.glob(f"*/{name}"))
+            inside = sorted(file.parent for file in self.folder.glob(f"*/{name}"))
             such = f", such as {inside[0]}" if inside else ""
             return RunError(
                 f"{self.folder}: no {name} in it. Expected a folder that `palpate fe fingertip` has written{such}"
@@ -257,8 +257,8 @@ def record(
 
 def as_record(rows: list[list[float]]) -> Record:
     """A record of rows: indentation, force, area, volumes."""
-    found = np.array(rows)
-    return Record(found[:, 0], np.maximum.accumulate(found[:, 1]), found[:, 2], LEVELS, found[:, 3:])
+    table = np.array(rows)
+    return Record(table[:, 0], np.maximum.accumulate(table[:, 1]), table[:, 2], LEVELS, table[:, 3:])
 
 
 def fit_divisor(steel: Record) -> float:

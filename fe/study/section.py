@@ -43,18 +43,18 @@ def section(mesh: TetMesh, displacement: np.ndarray, values: np.ndarray) -> Sect
     flat, carried = parts(moved, mesh.elements[own], values)
     before, _ = parts(mesh.points, mesh.elements[own], np.zeros((own.sum(), 4)))
     near = np.abs(before[:, :, 0] - shift).min(axis=1) < 0.2 * mesh.size
-    triangles, found = cross((before[:, :, 0] - shift)[near], flat[near][:, :, 1:], carried[near])
+    triangles, corner_values = cross((before[:, :, 0] - shift)[near], flat[near][:, :, 1:], carried[near])
     lines = [_outline(mesh, moved, np.flatnonzero(mesh.region == k), shift) for k in np.unique(mesh.region[own])]
     plate = np.zeros((0, 2, 2))
     if not own.all():
         plate = _outline(mesh, moved, np.flatnonzero(~own), shift)
-    return Section(triangles, found, np.concatenate(lines), plate)
+    return Section(triangles, corner_values, np.concatenate(lines), plate)
 
 
 def _outline(mesh: TetMesh, moved: np.ndarray, elements: np.ndarray, shift: float) -> np.ndarray:
     faces = mesh.boundary(elements)[:, _SPLIT].reshape(-1, 3)
-    (found,) = cross(mesh.points[faces][:, :, 0] - shift, moved[faces][:, :, 1:])
-    return found
+    (segments,) = cross(mesh.points[faces][:, :, 0] - shift, moved[faces][:, :, 1:])
+    return segments
 
 
 def finger(mesh: TetMesh) -> TetMesh:
@@ -74,6 +74,6 @@ def flow(
     """
     first, second = (smooth(mesh, strain(mesh, u)) for u in (low, high))
     middle = (mesh.points + 0.5 * (low + high))[mesh.elements[:, :4]]
-    found = tactile_flow(middle, first, second, force_low, force_high)
-    every = np.repeat(found[:, None, :], 4, axis=1)
+    flows = tactile_flow(middle, first, second, force_low, force_high)
+    every = np.repeat(flows[:, None, :], 4, axis=1)
     return 0.5 * (first + second), np.stack([smooth(mesh, every[:, :, k]) for k in range(3)], axis=2)

@@ -56,12 +56,12 @@ def seconds(text: str) -> float:
     from palpate.launch.loading.units import UnitError, convert
 
     try:
-        found = convert(text, "s")
+        duration = convert(text, "s")
     except UnitError as error:
         raise typer.BadParameter(str(error)) from None
-    if not 1e-9 <= found <= 1e9:
+    if not 1e-9 <= duration <= 1e9:
         raise typer.BadParameter(f"found {text!r}; expected a time from 1e-9 to 1e9 s")
-    return found
+    return duration
 
 
 def chosen(
@@ -107,12 +107,12 @@ class Verbs(TyperGroup):
             own = hasattr(error, "exit_code") or isinstance(error, typer.Abort | BrokenPipeError | EOFError)
             if ctx.params.get("debug") or (own and not known):
                 raise
-            told = error if isinstance(error, PalpateError) else _Foreign(error)
+            reported = error if isinstance(error, PalpateError) else _Foreign(error)
             if ctx.find_root().meta.get("palpate.json"):
-                tell({"ok": False, **told.to_spec()})
+                tell({"ok": False, **reported.to_spec()})
             else:
-                _complain(str(told), told.hint)
-            raise typer.Exit(told.exit_code) from None
+                _complain(str(reported), reported.hint)
+            raise typer.Exit(reported.exit_code) from None
 
 
 class _Foreign(PalpateError):

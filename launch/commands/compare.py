@@ -47,35 +47,35 @@ def compare(
         base = []
     recording = Recording(file)
     if as_json:
-        found = work(recording, wanted, reference=base)
+        outcomes = work(recording, wanted, reference=base)
     else:
         from rich.progress import Progress
 
         with Progress(console=console(stderr=True), transient=True) as progress:
             task = progress.add_task("computing", total=None)
-            found = work(
+            outcomes = work(
                 recording,
                 wanted,
                 reference=base,
                 show=lambda tick, last: progress.update(task, completed=tick, total=last),
             )
-    drawn = None if no_picture else _draw(found, picture or file.with_name(f"{file.stem}-compare.png"))
+    drawn = None if no_picture else _draw(outcomes, picture or file.with_name(f"{file.stem}-compare.png"))
     if as_json:
-        tell({"ok": True, "complete": recording.complete, "ending": recording.ending, "reference": found[0].name,
-              "variants": [variant.report() for variant in found], "picture": drawn and str(drawn)})  # fmt: skip
+        tell({"ok": True, "complete": recording.complete, "ending": recording.ending, "reference": outcomes[0].name,
+              "variants": [variant.report() for variant in outcomes], "picture": drawn and str(drawn)})  # fmt: skip
         return
-    _print(found)
+    _print(outcomes)
     if recording.ending:
         console(soft_wrap=True).print(recording.ending, style="yellow", markup=False)
     if drawn:
         console().print(f"picture {drawn}", markup=False)
 
 
-def _draw(found: list[Variant], path: Path) -> Path | None:
+def _draw(variants: list[Variant], path: Path) -> Path | None:
     from palpate.launch.recording.compare import draw
 
     try:
-        draw(found, path)
+        draw(variants, path)
     except ImportError:
         from palpate.launch.loading.extras import install
 
@@ -84,13 +84,13 @@ def _draw(found: list[Variant], path: Path) -> Path | None:
     return path
 
 
-def _print(found: list[Variant]) -> None:
+def _print(variants: list[Variant]) -> None:
     from rich.table import Table
     from rich.text import Text
 
     out = console()
-    names = [chr(ord("A") + i) if i < 26 else str(i) for i in range(len(found))]
-    for name, variant in zip(names, found, strict=True):
+    names = [chr(ord("A") + i) if i < 26 else str(i) for i in range(len(variants))]
+    for name, variant in zip(names, variants, strict=True):
         changed = f", changes {', '.join(variant.swapped)}" if variant.swapped else ""
         out.print(Text.assemble((name, "bold"), f"  {variant.name}{changed}"))
     table = Table(box=None, header_style="bold", pad_edge=False)
@@ -99,7 +99,7 @@ def _print(found: list[Variant]) -> None:
               "step [us]\np50", "\np99", "all [us]\np50", "\np99")  # fmt: skip
     for title in titles:
         table.add_column(title, justify="right")
-    for name, variant in zip(names, found, strict=True):
+    for name, variant in zip(names, variants, strict=True):
         force, depth, shape = (s.report() for s in (variant.force, variant.indentation, variant.shape))
         step, whole = variant.step.report(), variant.whole.report()
         table.add_row(
@@ -108,7 +108,7 @@ def _print(found: list[Variant]) -> None:
             *(f"{s[k] * 1e6:.1f}" for s in (step, whole) for k in ("p50", "p99")),
         )  # fmt: skip
     out.print(table)
-    first = found[0]
+    first = variants[0]
     out.print(
         f"Differences from A, whose peaks are {first.force.scale:.3f} N, {first.indentation.scale * 1e3:.3f} mm and "
         f"{first.shape.scale * 1e3:.3f} mm. step: the nodes that were changed (of A, or else the body); all: one tick.",

@@ -64,17 +64,17 @@ def _install(as_json: bool) -> None:
 def _list(probe: bool, as_json: bool) -> None:
     from palpate.drivers.discover import devices as plugged
 
-    found = list(plugged())
-    firmware = {f.port: _firmware(f) if probe else "" for f in found}
+    usb_devices = list(plugged())
+    firmware = {f.port: _firmware(f) if probe else "" for f in usb_devices}
     if as_json:
-        told = [{**asdict(f), "firmware": firmware[f.port], "next": _next(f)} for f in found]
-        tell({"ok": True, "devices": told})
+        listing = [{**asdict(f), "firmware": firmware[f.port], "next": _next(f)} for f in usb_devices]
+        tell({"ok": True, "devices": listing})
         return
     from rich.table import Table
     from rich.text import Text
 
     out = console()
-    if not found:
+    if not usb_devices:
         out.print(
             "No known device on USB. Network devices (Inverse3, Net F/T) are not listed: give their address as `port`."
         )
@@ -83,7 +83,7 @@ def _list(probe: bool, as_json: bool) -> None:
     table = Table(box=None, header_style="bold", pad_edge=False)
     for title in ("device", "node", "port", "kernel driver", "firmware", "next step"):
         table.add_column(title)
-    for f in found:
+    for f in usb_devices:
         cells = (
             f"{f.name} {f.ids}",
             f.use,
@@ -96,16 +96,16 @@ def _list(probe: bool, as_json: bool) -> None:
     out.print(table)
 
 
-def _firmware(found: Found) -> str:
+def _firmware(usb_device: Found) -> str:
     """Whether a Falcon has its firmware, or why that is not known; nothing is loaded, and no force commanded."""
     from palpate.drivers import falcon
     from palpate.drivers.errors import DeviceError
     from palpate.drivers.falcon import driver
     from palpate.drivers.transport import ftdi
 
-    if found.use != "device.Falcon" or _next(found):
+    if usb_device.use != "device.Falcon" or _next(usb_device):
         return ""
-    device = driver.Falcon(lambda: ftdi.UsbFtdi(falcon.VENDOR, falcon.PRODUCT, falcon.NAME, found.port))
+    device = driver.Falcon(lambda: ftdi.UsbFtdi(falcon.VENDOR, falcon.PRODUCT, falcon.NAME, usb_device.port))
     try:
         device.open()
     except DeviceError as error:
@@ -115,12 +115,12 @@ def _firmware(found: Found) -> str:
     return "runs"
 
 
-def _next(found: Found) -> str:
-    if found.missing:
+def _next(usb_device: Found) -> str:
+    if usb_device.missing:
         return 'pip install "palpate[devices]"'
-    if not found.file:
+    if not usb_device.file:
         return "no file of the system yet: its kernel driver is not bound"
-    if not found.permitted:
+    if not usb_device.permitted:
         return "not permitted: palpate devices --install-udev"
     return ""
 
@@ -148,15 +148,15 @@ def _emulate(name: str, seconds: float, as_json: bool) -> None:
                 lines += 1
                 typer.echo(_told(sample))
             time.sleep(1e-3)
-        told = {"ok": node.exchange.answers > 0, "device": kind.__name__, "cycles": node.exchange.cycles,
+        counts = {"ok": node.exchange.answers > 0, "device": kind.__name__, "cycles": node.exchange.cycles,
                 "answers": node.exchange.answers, "rate": node.exchange.answers / seconds}  # fmt: skip
     finally:
         node.stop()
     if as_json:
-        tell(told)
+        tell(counts)
     else:
-        typer.echo(f"{told['answers']} answers of {told['cycles']} cycles in {seconds:g} s")
-    if not told["ok"]:
+        typer.echo(f"{counts['answers']} answers of {counts['cycles']} cycles in {seconds:g} s")
+    if not counts["ok"]:
         raise typer.Exit(MISUSE)
 
 

@@ -21,19 +21,19 @@ def doctor(
     from palpate.launch.commands.findings import examine
 
     if as_json:
-        found = list(examine(pictures=pictures, seconds=seconds))
-        tell({"ok": all(f.state != "fault" for f in found), "findings": [asdict(f) for f in found]})
+        findings = list(examine(pictures=pictures, seconds=seconds))
+        tell({"ok": all(f.state != "fault" for f in findings), "findings": [asdict(f) for f in findings]})
     else:
         from rich.text import Text
 
         colours = {"ok": "green", "note": "yellow", "fault": "red"}
         out = console(soft_wrap=True)
-        found = []
+        findings = []
         for finding in examine(pictures=pictures, seconds=seconds):
-            found.append(finding)
+            findings.append(finding)
             line = Text.assemble((f"{finding.state:6}", colours[finding.state]), f"{finding.what:20} {finding.found}")
             out.print(line)
             if finding.cure:
                 out.print(Text(f"{'':27}{finding.cure}", style="dim"))
-    if any(f.state == "fault" for f in found):
+    if any(f.state == "fault" for f in findings):
         raise typer.Exit(TROUBLE)

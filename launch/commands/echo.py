@@ -63,11 +63,11 @@ def _running(stream: str, run: str | None) -> Iterator[Message]:
     from palpate.launch.running.discover import NoRun, find, hear
     from palpate.messages import Health, unpack
 
-    found = find(run)
+    live_run = find(run)
     kind: type[Message] | None = Health if stream == HEALTH else None
     reports: dict[str, int] = {}
     heard = False
-    for name, payload in hear(found, list({stream, HEALTH})):
+    for name, payload in hear(live_run, list({stream, HEALTH})):
         if name == stream:
             heard = True
             kind = kind or _type_of(payload)
@@ -77,7 +77,7 @@ def _running(stream: str, run: str | None) -> Iterator[Message]:
             source = msgspec.msgpack.decode(payload)["source"]
             reports[source] = reports.get(source, 0) + 1
             if reports[source] > 5 and stream.partition(".")[0] not in reports:
-                raise NoRun(f"run {found.name} has no stream {stream!r}. {choices('Nodes', stream, reports)}")
+                raise NoRun(f"run {live_run.name} has no stream {stream!r}. {choices('Nodes', stream, reports)}")
 
 
 def _type_of(payload: bytes) -> type[Message]:

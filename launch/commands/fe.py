@@ -52,14 +52,14 @@ def fingertip(
     _check_depth(depth, tip)
     place = folder / run_name(plate, material, cells, friction, finger)
     pressing, run = _pressing(tip, plate, material, friction, place)
-    found = _press(pressing, 1e-3 * depth, run, as_json)
+    record = _press(pressing, 1e-3 * depth, run, as_json)
     _fields(pressing, place / "finger.vtu")
     made = _pictures({plate: run}, place)
     if as_json:
-        data = {"ok": True} | numbers(plate, material, found, finger is None)
+        data = {"ok": True} | numbers(plate, material, record, finger is None)
         tell(data | {"folder": str(place), "pictures": [str(path) for path in made]})
         return
-    show(plate, material, found, finger is None)
+    show(plate, material, record, finger is None)
     typer.echo(f"{place / 'finger.vtu'}: displacement, equivalent strain and contact pressure")
     for path in made:
         typer.echo(path)
@@ -108,16 +108,16 @@ def table(
     ratio = _check_pair(runs, scaled=True)
     if to.suffix != ".npz":
         raise RunError(f"--to {to}: expected a name that ends in .npz")
-    found = {"steel": runs["steel"].record().softened(ratio), "silicone": runs["silicone"].record()}
+    records = {"steel": runs["steel"].record().softened(ratio), "silicone": runs["silicone"].record()}
     data = {"levels": LEVELS}
-    for plate, one in found.items():
-        keep = np.concatenate([[True], np.diff(one.force) > 0])
-        data |= {f"{plate}.{n}": getattr(one, n)[keep] for n in ("force", "area", "volumes", "indentation")}
+    for plate, record in records.items():
+        keep = np.concatenate([[True], np.diff(record.force) > 0])
+        data |= {f"{plate}.{n}": getattr(record, n)[keep] for n in ("force", "area", "volumes", "indentation")}
     np.savez_compressed(to, allow_pickle=False, **data)
     if as_json:
-        tell({"ok": True, "table": str(to), "force": {p: r.force[-1] for p, r in found.items()}})
+        tell({"ok": True, "table": str(to), "force": {p: r.force[-1] for p, r in records.items()}})
     else:
-        typer.echo(f"{to}: {', '.join(f'{p} to {r.force[-1]:.3g} N' for p, r in found.items())}")
+        typer.echo(f"{to}: {', '.join(f'{p} to {r.force[-1]:.3g} N' for p, r in records.items())}")
 
 
 @fe.command()
@@ -251,11 +251,11 @@ def _check_pair(runs: dict[str, Run], scaled: bool = False) -> float:
     scaled. RunError: they are not."""
     from palpate.fe.study.press_record import RunError, differing
 
-    found = {plate: run.settings() for plate, run in runs.items()}
-    for plate, settings in found.items():
+    run_settings = {plate: run.settings() for plate, run in runs.items()}
+    for plate, settings in run_settings.items():
         if settings.get("plate") != plate:
             raise RunError(f"{runs[plate].folder}: a run on {settings.get('plate')}, expected one on {plate}")
-    hard, soft = ({k: v for k, v in s.items() if k != "plate"} for s in found.values())
+    hard, soft = ({k: v for k, v in s.items() if k != "plate"} for s in run_settings.values())
     ratio = float(soft["divisor"]) / float(hard["divisor"])
     if scaled:
         hard |= {"divisor": soft["divisor"]}

@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from palpate.fe.study.press_record import Record
 
 
-def numbers(plate: str, material: str, found: Record, paper: bool) -> dict[str, Any]:
+def numbers(plate: str, material: str, record: Record, paper: bool) -> dict[str, Any]:
     """The record as plain data, with the paper's points beside it."""
     from palpate.fe.meshing.fingertip import PAPER, divisor_and_bone
 
@@ -20,19 +20,19 @@ def numbers(plate: str, material: str, found: Record, paper: bool) -> dict[str, 
         "material": material,
         "divisor": divisor,
         "bone": bone,
-        "indentation": found.indentation.tolist(),
-        "force": found.force.tolist(),
-        "area": found.area.tolist(),
-        "levels": found.levels.tolist(),
-        "volumes": found.volumes.tolist(),
+        "indentation": record.indentation.tolist(),
+        "force": record.force.tolist(),
+        "area": record.area.tolist(),
+        "levels": record.levels.tolist(),
+        "volumes": record.volumes.tolist(),
         "paper": [
-            {"force": f, "indentation": d, "found": found.at(f)[0] if f <= found.force[-1] else None}
+            {"force": f, "indentation": d, "found": record.at(f)[0] if f <= record.force[-1] else None}
             for f, d in (PAPER[plate] if paper else ())
         ],
     }
 
 
-def show(plate: str, material: str, found: Record, paper: bool) -> None:
+def show(plate: str, material: str, record: Record, paper: bool) -> None:
     """Print the record, and where the paper has points, those."""
     from rich.table import Table
 
@@ -46,17 +46,17 @@ def show(plate: str, material: str, found: Record, paper: bool) -> None:
         title=f"{plate}, moduli / {divisor:g}, bone {bone / divisor:.3g} Pa; V in mm³ by strain",
         title_justify="left",
     )
-    for name in ("mm", "N", "mm²", *(f"V({x:g})" for x in found.levels)):
+    for name in ("mm", "N", "mm²", *(f"V({x:g})" for x in record.levels)):
         table.add_column(name, justify="right", no_wrap=True)
-    for k in range(0, len(found.force), max(1, len(found.force) // 15)):
-        row = (1e3 * found.indentation[k], found.force[k], 1e6 * found.area[k], *(1e9 * found.volumes[k]))
+    for k in range(0, len(record.force), max(1, len(record.force) // 15)):
+        row = (1e3 * record.indentation[k], record.force[k], 1e6 * record.area[k], *(1e9 * record.volumes[k]))
         table.add_row(*(f"{x:.3g}" if x < 1000 else f"{x:.0f}" for x in row))
     out.print(table)
     for force, depth in PAPER[plate] if paper else ():
-        if force > found.force[-1]:
+        if force > record.force[-1]:
             out.print(f"{force} N: not reached (paper: {1e3 * depth:.2f} mm)")
         else:
-            out.print(f"{force} N: {1e3 * found.at(force)[0]:.2f} mm (paper: {1e3 * depth:.2f} mm)")
+            out.print(f"{force} N: {1e3 * record.at(force)[0]:.2f} mm (paper: {1e3 * depth:.2f} mm)")
 
 
 def show_statements(rows: list[dict[str, Any]]) -> None:

@@ -78,8 +78,8 @@ def _packages() -> Iterator[Finding]:
     for extra, packages in EXTRAS.items():
         versions = {name: _version(name) for name in packages}
         lacking = [name for name, version in versions.items() if version is None]
-        found = ", ".join(f"{name} {version or 'not installed'}" for name, version in versions.items())
-        yield Finding(f"extra {extra}", "note" if lacking else "ok", found, install(extra) if lacking else "")
+        listing = ", ".join(f"{name} {version or 'not installed'}" for name, version in versions.items())
+        yield Finding(f"extra {extra}", "note" if lacking else "ok", listing, install(extra) if lacking else "")
 
 
 def _version(name: str) -> str | None:
@@ -113,9 +113,9 @@ def _pictures() -> Finding:
 
 def _cores() -> Finding:
     cores = sorted(os.sched_getaffinity(0))
-    found = f"{len(cores)} usable: {', '.join(map(str, cores))}"
+    listing = f"{len(cores)} usable: {', '.join(map(str, cores))}"
     few = len(cores) < 2
-    return Finding("cores", "note" if few else "ok", found, "The force path wants a core to itself." if few else "")
+    return Finding("cores", "note" if few else "ok", listing, "The force path wants a core to itself." if few else "")
 
 
 def _fifo() -> Finding:
@@ -145,9 +145,9 @@ def _memory() -> Finding:
 def _usb() -> Iterator[Finding]:
     from palpate.drivers.discover import devices
 
-    found = False
+    attached = False
     for device in devices():
-        found = True
+        attached = True
         if device.missing:
             yield Finding(device.name, "note", f"at {device.port}, without its package", install("devices"))
         elif device.permitted:
@@ -157,7 +157,7 @@ def _usb() -> Iterator[Finding]:
                 device.name, "note", f"at {device.file or device.ids}, not permitted for you",
                 "palpate devices --install-udev writes the rule; then plug it in again.",
             )  # fmt: skip
-    if not found:
+    if not attached:
         cure = "Nothing to do: `port: emulator` and device.Simulated run without one. See `palpate devices`."
         yield Finding("haptic device", "note", "none on USB", cure)
 
@@ -168,9 +168,9 @@ def _libusb() -> Iterator[Finding]:
 
     if _version("pyusb") is None:
         return
-    found = ctypes.util.find_library("usb-1.0")
-    yield Finding("libusb", "ok" if found else "note", found or "not on this machine: the Falcon cannot be reached",
-                  "" if found else "apt install libusb-1.0-0")  # fmt: skip
+    library = ctypes.util.find_library("usb-1.0")
+    yield Finding("libusb", "ok" if library else "note", library or "not on this machine: the Falcon cannot be reached",
+                  "" if library else "apt install libusb-1.0-0")  # fmt: skip
 
 
 def _wake_ups(seconds: float) -> Iterator[Finding]:

@@ -72,7 +72,7 @@ def fingertip(
     tip, frame = reconstruct(outlines, dorsal=dorsal.value)
     tip.save(output)
     draw(tip, shown, stack, outlines)
-    found = {
+    report = {
         "ok": True,
         "output": str(output),
         "picture": str(shown),
@@ -86,9 +86,9 @@ def fingertip(
         **measures(tip),
     }
     if as_json:
-        tell(found)
+        tell(report)
         return
-    _table(found)
+    _table(report)
 
 
 def _phantom(path: Path, as_json: bool) -> None:
@@ -119,12 +119,12 @@ def _spacing(text: str) -> tuple[float, float, float] | None:
     return slice_, row, column
 
 
-def _table(found: dict) -> None:
+def _table(report: dict) -> None:
     from rich.table import Table
     from rich.text import Text
 
     table = Table(show_header=False, box=None)
-    for name, value in found.items():
+    for name, value in report.items():
         if name == "ok":
             continue
         text = ", ".join(f"{v:g}" for v in value) if isinstance(value, list) else value

@@ -57,7 +57,7 @@ def fit(
         return
     if sessions is None:
         raise SessionError("no file: give SESSIONS.csv, or --example FILE.csv to write one to try")
-    told = fit_sessions(
+    fitted = fit_sessions(
         sessions,
         law=law,
         subjects=subject or [],
@@ -70,21 +70,21 @@ def fit(
         any_stiffness=any_stiffness,
     )
     if pictures is not None:
-        drawn = _draw(told, pictures)
+        drawn = _draw(fitted, pictures)
     if as_json:
-        found = {"ok": True, "subjects": told.data, "notes": told.notes}
-        typer.echo(json.dumps(found | {"file": str(told.file), "pictures": drawn}, indent=2))
+        summary = {"ok": True, "subjects": fitted.data, "notes": fitted.notes}
+        typer.echo(json.dumps(summary | {"file": str(fitted.file), "pictures": drawn}, indent=2))
         return
     from rich.console import Console
 
     console = Console()
-    for table in told.tables:
+    for table in fitted.tables:
         console.print(table)
-    for note in [*told.notes, f"Wrote {', '.join([str(told.file), *drawn])}"]:
+    for note in [*fitted.notes, f"Wrote {', '.join([str(fitted.file), *drawn])}"]:
         console.print(note, markup=False, highlight=False)
 
 
-def _draw(told: Told, folder: Path) -> list[str]:
+def _draw(fitted: Told, folder: Path) -> list[str]:
     """The pictures of every subject; their files. SessionError: no matplotlib, or a folder that cannot be written."""
     from palpate.fit.sessions import SessionError
 
@@ -95,9 +95,9 @@ def _draw(told: Told, folder: Path) -> list[str]:
     paths: list[Path] = []
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        for number, choice in enumerate(told.chosen, 1):
+        for number, choice in enumerate(fitted.chosen, 1):
             paths += draw_choice(choice, folder / f"subject-{number}")
-        for number, fit in enumerate(told.fitted, 1):
+        for number, fit in enumerate(fitted.fitted, 1):
             paths += draw_law(fit, folder / f"subject-{number}")
     except OSError as error:
         raise SessionError(f"{folder}: cannot be written: {error.strerror}") from None

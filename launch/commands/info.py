@@ -84,8 +84,8 @@ def _print(data: dict[str, Any]) -> None:
     if data["arithmetic"]:
         how = dict(data["arithmetic"])
         instructions = how.pop("instructions")
-        told = ", ".join(f"{name} {value}" for name, value in how.items())
-        out.print(Text(f"arithmetic {instructions}: {told}", style="dim"))
+        settings = ", ".join(f"{name} {value}" for name, value in how.items())
+        out.print(Text(f"arithmetic {instructions}: {settings}", style="dim"))
     out.print(Text(f"graph {data['graph']}, {data['rate']:g} Hz" if data["rate"] else "graph unknown", style="dim"))
     table = Table(box=None, pad_edge=False, header_style="bold")
     for title in ("stream", "type"):

@@ -24,14 +24,14 @@ def keys(
     from palpate.launch.running import keys as known
 
     made = known.make(name) if make else None
-    found = dict(known.known())
+    paths = dict(known.known())
     if as_json:
-        tell({"ok": True, "made": None if made is None else str(made), "keys": {n: str(p) for n, p in found.items()}})
+        tell({"ok": True, "made": None if made is None else str(made), "keys": {n: str(p) for n, p in paths.items()}})
         return
     out = console(soft_wrap=True)
     if made is not None:
         out.print(Text(f"made {made}; copy it to the same place on the other machines", style="green"))
-    for each, path in found.items():
-        out.print(Text(f"{each}  {path}"))
-    if not found:
+    for key_name, path in paths.items():
+        out.print(Text(f"{key_name}  {path}"))
+    if not paths:
         out.print(Text(f"no keys in {known.folder()}; `palpate keys --make` makes one", style="dim"))

@@ -54,8 +54,8 @@ def measure(seconds: float, priority: int | None) -> Lateness | None:
     return Lateness(float(p50), float(p99), float(p999), float(late.max()), float(np.mean(late > PERIOD)))
 
 
-def words(found: Lateness) -> str:
+def words(lateness: Lateness) -> str:
     """One line for people."""
     parts = [f"{name} {1e3 * value:.3f}" for name, value in (
-        ("p50", found.p50), ("p99", found.p99), ("p99.9", found.p999), ("max", found.worst))]  # fmt: skip
-    return f"{', '.join(parts)} ms late; {100 * found.missed:.2f} % miss their millisecond"
+        ("p50", lateness.p50), ("p99", lateness.p99), ("p99.9", lateness.p999), ("max", lateness.worst))]  # fmt: skip
+    return f"{', '.join(parts)} ms late; {100 * lateness.missed:.2f} % miss their millisecond"

@@ -22,15 +22,15 @@ def messages(
     if name is not None and name not in kinds:
         raise GraphError([Fault(f"no message type {name!r}", choices("Types", name, kinds))])
     shown: list[type] = [Message, *kinds.values()] if name is None else [kinds[name]]
-    found = [describe(kind) for kind in shown]
+    descriptions = [describe(kind) for kind in shown]
     if as_json:
-        tell({"messages": found})
+        tell({"messages": descriptions})
         return
     from rich.table import Table
     from rich.text import Text
 
     out = console()
-    for data in found:
+    for data in descriptions:
         title = f"{data['name']}  {data['about']}"
         table = Table(
             box=None, pad_edge=False, title=Text(title, style="bold"), title_justify="left", show_header=False

@@ -82,17 +82,19 @@ def _type(hint: Any) -> str:
     if get_origin(plain) is Literal:
         return " or ".join(map(str, get_args(plain)))
     if get_origin(plain) in (Union, UnionType):
-        return " or ".join("none" if one is type(None) else _type(one) for one in get_args(plain))
+        return " or ".join("none" if member is type(None) else _type(member) for member in get_args(plain))
     return plain.__name__ if isinstance(plain, type) and not hasattr(plain, "__args__") else str(plain)
 
 
 def _limits(hint: Any) -> str:
     """The bounds of a setting, "> 0, <= 1"."""
     signs = {"gt": ">", "ge": ">=", "lt": "<", "le": "<=", "min_length": "length >=", "max_length": "length <="}
-    found = []
+    bounds = []
     for meta in getattr(hint, "__metadata__", ()):
-        found += [f"{sign} {getattr(meta, key)}" for key, sign in signs.items() if getattr(meta, key, None) is not None]
-    return ", ".join(found)
+        bounds += [
+            f"{sign} {getattr(meta, key)}" for key, sign in signs.items() if getattr(meta, key, None) is not None
+        ]
+    return ", ".join(bounds)
 
 
 def _show(name: str, cls: type[Node]) -> None:

@@ -56,31 +56,31 @@ def plan(
     from palpate.launch.loading.bill import bill
 
     run = chosen(graph, sets, scene, place, fused)
-    found = run.plan()
-    placement = run.placement(found)
-    times, source = _times(found, prove)
-    items = bill(found, times)
+    planned = run.plan()
+    placement = run.placement(planned)
+    times, source = _times(planned, prove)
+    items = bill(planned, times)
     if prove is not None:
         _prove(prove, items, sets or [], as_json)
     if draw is not None:
-        _draw(found, draw, times)
+        _draw(planned, draw, times)
     elif as_json:
         groups = [{"name": g.name, "nodes": g.nodes, "core": g.core, "priority": g.priority, "host": g.host}
                   for g in placement.groups]  # fmt: skip
-        told = {"times": times, "times_from": source and str(source), "bill": [asdict(item) for item in items]}
-        tell(found.to_spec() | {"groups": groups} | told)
+        addition = {"times": times, "times_from": source and str(source), "bill": [asdict(item) for item in items]}
+        tell(planned.to_spec() | {"groups": groups} | addition)
     else:
         out = console()
-        out.print(_running(found, placement))
-        if found.skipped:
+        out.print(_running(planned, placement))
+        if planned.skipped:
             out.print()
-            out.print(_skipped(found))
+            out.print(_skipped(planned))
         if items:
             out.print()
             out.print(_bill(items, source))
 
 
-def _times(found: Plan, given: Path | None) -> tuple[dict[str, float], Path | None]:
+def _times(planned: Plan, given: Path | None) -> tuple[dict[str, float], Path | None]:
     """Median duration [s] of a step of each node, and the recording that says so."""
     from palpate.launch.recording.reader import Recording, RecordingError
 
@@ -92,8 +92,8 @@ def _times(found: Plan, given: Path | None) -> tuple[dict[str, float], Path | No
             if given:
                 raise
             continue
-        if recording.times and (given or Path(recording.about["plan"]["path"]).name == found.graph.path.name):
-            return {name: told["median"] for name, told in recording.times.items()}, file
+        if recording.times and (given or Path(recording.about["plan"]["path"]).name == planned.graph.path.name):
+            return {name: quantiles["median"] for name, quantiles in recording.times.items()}, file
     return {}, None
 
 
@@ -130,34 +130,34 @@ def _bill(items: list[Item], source: Path | None) -> Any:
     return table
 
 
-def _draw(found: Plan, draw: str, times: dict[str, float]) -> None:
+def _draw(planned: Plan, draw: str, times: dict[str, float]) -> None:
     from palpate.launch.loading.draw import mermaid
 
     if draw == MERMAID:
-        typer.echo(mermaid(found, times), nl=False)
+        typer.echo(mermaid(planned, times), nl=False)
     elif draw.endswith(_PICTURE):
-        Path(draw).write_text(mermaid(found, times), encoding="utf-8")
+        Path(draw).write_text(mermaid(planned, times), encoding="utf-8")
         typer.echo(draw)
     else:
         raise typer.BadParameter(f"found {draw!r}, expected a file name ending in .mmd", param_hint="--draw")
 
 
-def _running(found: Plan, placement: Placement) -> Any:
+def _running(planned: Plan, placement: Placement) -> Any:
     from rich.table import Table
     from rich.text import Text
 
     table = Table(
-        title=f"{found.graph.path.name}, {found.graph.rate:g} Hz", title_justify="left", box=None, pad_edge=False
+        title=f"{planned.graph.path.name}, {planned.graph.rate:g} Hz", title_justify="left", box=None, pad_edge=False
     )
     for column in ("", "node", "class", "inputs (~ held)", "process"):
         table.add_column(column, overflow="fold", no_wrap=column in ("node", "class"))
-    for name in (*found.order, *found.observers):
-        spec = found.graph.nodes[name]
-        if name in found.observers:
-            count = len(found.observers[name])
+    for name in (*planned.order, *planned.observers):
+        spec = planned.graph.nodes[name]
+        if name in planned.observers:
+            count = len(planned.observers[name])
             wires = "all streams" if spec.listen is None else f"{count} stream{'s' * (count != 1)}"
         else:
-            wires = ", ".join(f"{'~' * edge.loop}{edge.stream}" for edge in found.edges[name])
+            wires = ", ".join(f"{'~' * edge.loop}{edge.stream}" for edge in planned.edges[name])
         group = placement.group_of(name)
         core = "" if group.core is None else f" (core {', '.join(map(str, group.core))})"
         use = spec.use if spec.every == 1 else f"{spec.use}, every {spec.every}"
@@ -165,11 +165,11 @@ def _running(found: Plan, placement: Placement) -> Any:
     return table
 
 
-def _skipped(found: Plan) -> Any:
+def _skipped(planned: Plan) -> Any:
     from rich.table import Table
     from rich.text import Text
 
     table = Table(box=None, pad_edge=False, show_header=False)
-    for name, reason in found.skipped.items():
+    for name, reason in planned.skipped.items():
         table.add_row(Text("skip", style="yellow"), Text(name), Text(reason))
     return table

@@ -77,16 +77,16 @@ def _given(sets: list[str]) -> dict[str, Any]:
 
     from palpate.nodes.base import SettingError
 
-    found = {}
+    settings = {}
     for text in sets:
         name, sign, value = text.partition("=")
         if not sign:
             raise SettingError(f"--set {text}: expected name=value")
         try:
-            found[name.removeprefix("tissue.")] = yaml.safe_load(value)
+            settings[name.removeprefix("tissue.")] = yaml.safe_load(value)
         except yaml.YAMLError:
             raise SettingError(f"--set {text}: expected a number, a name or a list such as '[0, 0, 0.012]'") from None
-    return found
+    return settings
 
 
 def _check_writable(folder: Path) -> None:
@@ -145,7 +145,7 @@ def _about(node: ReducedFE, missed: dict[str, float]) -> str:
     from palpate.nodes.deformation.basis_store import key
 
     inputs = node.inputs()
-    told = {
+    provenance = {
         "key": key(inputs),
         "inputs": inputs,
         "version": version("palpate"),
@@ -153,7 +153,7 @@ def _about(node: ReducedFE, missed: dict[str, float]) -> str:
         "command": node.command(),
         "error": {name: round(value, 5) for name, value in missed.items()},
     }
-    return json.dumps(told)
+    return json.dumps(provenance)
 
 
 def _shipped_name(node: ReducedFE) -> str:
@@ -169,8 +169,8 @@ def _enter(path: Path) -> None:
 
     index = path.with_name(INDEX)
     if index.exists():
-        told = json.loads(index.read_text(encoding="utf-8")) | {path.name: about(path)}
-        index.write_text(json.dumps(told, indent=1, sort_keys=True) + "\n", encoding="utf-8")
+        entries = json.loads(index.read_text(encoding="utf-8")) | {path.name: about(path)}
+        index.write_text(json.dumps(entries, indent=1, sort_keys=True) + "\n", encoding="utf-8")
 
 
 def _organ(node: ReducedFE) -> Organ:
@@ -250,10 +250,10 @@ def _sampled(node: ReducedFE, bar: Progress) -> tuple[SampledBasis, dict[str, fl
     bar.update(sampling, completed=1.0)
     checked = bar.add_task("checking", total=1.0, note=f"{UNSEEN} touches that it was not made from")
     others = (finger_touches if finger else organ_touches)(body, UNSEEN, UNSEEN_SEED)
-    found = (press if finger else press_from_rest)(body, others, lambda share: bar.update(checked, completed=share))
-    if not any(len(other.solutions) for other in found):
+    presses = (press if finger else press_from_rest)(body, others, lambda share: bar.update(checked, completed=share))
+    if not any(len(other.solutions) for other in presses):
         return basis, {}
-    own, linear = (abs(miss) for miss in errors(body, basis, found))
+    own, linear = (abs(miss) for miss in errors(body, basis, presses))
     return basis, {
         "mean": float(own.mean()),
         "worst": float(own.max()),

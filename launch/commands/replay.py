@@ -113,8 +113,8 @@ def _print(recording: Recording, report: Report, tolerance: float, elsewhere: li
         if node.stopped:
             out.print(Text(f"not checked: {name}: {node.stopped}", style="yellow"))
     if report.cut:
-        told = recording.ending or f"{recording.path} was recovered"
-        out.print(Text(f"{told} The last messages may lack some of their inputs.", style="yellow"))
+        ending = recording.ending or f"{recording.path} was recovered"
+        out.print(Text(f"{ending} The last messages may lack some of their inputs.", style="yellow"))
 
 
 def _play(

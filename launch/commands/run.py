@@ -104,20 +104,20 @@ def run(
 
 def _reconnecting(launch: LaunchFile) -> list[str]:
     """The settings by which all nodes with a device wait for it."""
-    found = [name for name, spec in launch.load().nodes.items() if spec.cls.hardware]
-    if not found:
+    devices = [name for name, spec in launch.load().nodes.items() if spec.cls.hardware]
+    if not devices:
         raise typer.BadParameter("--reconnect: no node of this graph talks to a device")
-    return [f"{name}.reconnect=true" for name in found]
+    return [f"{name}.reconnect=true" for name in devices]
 
 
 def _thin(given: list[str]) -> dict[str, int]:
-    found = {}
+    factors = {}
     for text in given:
         stream, _, number = text.partition("=")
         if not number.isdigit() or int(number) < 1:
             raise typer.BadParameter(f"--thin: found {text!r}, expected STREAM=N with N from 1")
-        found[stream] = int(number)
-    return found
+        factors[stream] = int(number)
+    return factors
 
 
 def _pictures(outcome: Outcome, folder: Path, silent: bool) -> list[Path]:

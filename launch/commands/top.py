@@ -26,29 +26,29 @@ def top(
     from palpate.launch.running.discover import NoRun, find, hear
     from palpate.messages import Health, unpack
 
-    found = find(run)
+    live_run = find(run)
     rows: dict[str, Row] = {}
     until = time.monotonic() + 1.0 if once or as_json else None
     view = Live(console=console(), refresh_per_second=4, transient=until is not None)
     try:
         with view if until is None else contextlib.nullcontext():
-            for _, payload in hear(found, [HEALTH]):
+            for _, payload in hear(live_run, [HEALTH]):
                 message = unpack(payload, Health)
                 rows.setdefault(message.source, Row()).take(message, time.monotonic())
                 if until is None:
-                    view.update(_table(found.name, rows))
+                    view.update(_table(live_run.name, rows))
                 elif time.monotonic() > until:
                     break
     except KeyboardInterrupt:
         raise typer.Exit from None
     if not rows:
-        raise NoRun(f"run {found.name} has ended")
+        raise NoRun(f"run {live_run.name} has ended")
     if as_json:
         from palpate.launch.commands.common import tell
 
-        tell({"run": found.name, "nodes": {name: row.data() for name, row in rows.items()}})
+        tell({"run": live_run.name, "nodes": {name: row.data() for name, row in rows.items()}})
     elif until is not None:
-        console().print(_table(found.name, rows))
+        console().print(_table(live_run.name, rows))
 
 
 class Row:

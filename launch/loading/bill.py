@@ -39,38 +39,40 @@ class Item:
     proof: str | None = None
 
 
-def bill(found: Plan, times: dict[str, float] | None = None) -> list[Item]:
+def bill(planned: Plan, times: dict[str, float] | None = None) -> list[Item]:
     """One item for each effect that a node of the graph can compute, those that are on first.
 
     times  [s] duration of a step of each node, as a run has measured it
     """
     items = []
     for name in known():
-        able = [(spec.name, e) for spec in found.graph.nodes.values() for e in effects(spec.cls) if e.name == name]
+        able = [(spec.name, e) for spec in planned.graph.nodes.values() for e in effects(spec.cls) if e.name == name]
         if able:
-            items.append(_item(found, name, able, times or {}))
+            items.append(_item(planned, name, able, times or {}))
     return sorted(items, key=lambda item: not item.on)
 
 
-def _item(found: Plan, name: str, able: list[tuple[str, Effect]], times: dict[str, float]) -> Item:
-    nodes = found.graph.nodes
-    running = [(node, e) for node, e in able if node in found.edges or node in found.observers]
+def _item(planned: Plan, name: str, able: list[tuple[str, Effect]], times: dict[str, float]) -> Item:
+    nodes = planned.graph.nodes
+    running = [(node, e) for node, e in able if node in planned.edges or node in planned.observers]
     on = any(
-        state(nodes[node].cls, nodes[node].settings, e, found.fields(node) if node in found.edges else frozenset())
+        state(nodes[node].cls, nodes[node].settings, e, planned.fields(node) if node in planned.edges else frozenset())
         for node, e in running
     )
     where = [f"{node}.{e.setting}" if e.setting else node for node, e in able]
     about = next((e.about for _, e in able if e.about), "")
     setting = all(e.how == "setting" for _, e in able)
     beside = all(nodes[node].observer for node, _ in able)
-    item = Item(name, about, on, _rule(found, name, able, on), list(dict.fromkeys(where)), setting, beside)
+    item = Item(name, about, on, _rule(planned, name, able, on), list(dict.fromkeys(where)), setting, beside)
     if on:
-        without = _without(found, name, able)
+        without = _without(planned, name, able)
         if without is not None:
-            item.nodes = [n for n in (*found.order, *found.observers) if n not in (*without.order, *without.observers)]
+            item.nodes = [
+                n for n in (*planned.order, *planned.observers) if n not in (*without.order, *without.observers)
+            ]
             item.fields = [
                 f"{stream}.{f}"
-                for stream, names in found.wanted.items()
+                for stream, names in planned.wanted.items()
                 if stream in without.wanted
                 for f in sorted(names - without.wanted[stream])
             ]
@@ -79,9 +81,9 @@ def _item(found: Plan, name: str, able: list[tuple[str, Effect]], times: dict[st
     return item
 
 
-def _without(found: Plan, name: str, able: list[tuple[str, Effect]]) -> Plan | None:
+def _without(planned: Plan, name: str, able: list[tuple[str, Effect]]) -> Plan | None:
     """The plan with one effect off; None where the rest cannot run without it."""
-    graph = found.graph
+    graph = planned.graph
     off = {n for n, e in able if e.how == "node"}
     specs = {n: replace(spec, off="off") if n in off else copy.copy(spec) for n, spec in graph.nodes.items()}
     said = graph.effects | {name: Choice(False, NOWHERE)}
@@ -89,12 +91,12 @@ def _without(found: Plan, name: str, able: list[tuple[str, Effect]]) -> Plan | N
         other = plan(replace(graph, nodes=specs, effects=said))
     except GraphError:
         return None
-    wanted = {s: found.wanted[s] & names for s, names in other.wanted.items() if s in found.wanted}
+    wanted = {s: planned.wanted[s] & names for s, names in other.wanted.items() if s in planned.wanted}
     return replace(other, wanted=trimmed(wanted, said, [specs[n] for n in other.edges]))
 
 
-def _rule(found: Plan, name: str, able: list[tuple[str, Effect]], on: bool) -> str:
-    graph = found.graph
+def _rule(planned: Plan, name: str, able: list[tuple[str, Effect]], on: bool) -> str:
+    graph = planned.graph
     if name in graph.effects:
         choice = graph.effects[name]
         return f"effects: {name} is {choice.word} ({choice.place})"
@@ -102,27 +104,27 @@ def _rule(found: Plan, name: str, able: list[tuple[str, Effect]], on: bool) -> s
     spec = graph.nodes[node]
     if effect.how == "setting":
         return f"{node}.{effect.setting} is {spec.settings[effect.setting]}"
-    if node in found.skipped:
-        return found.skipped[node]
+    if node in planned.skipped:
+        return planned.skipped[node]
     if effect.how == "part":
-        return _readers(found, node, effect, on)
+        return _readers(planned, node, effect, on)
     if spec.when is not None:
         return f"{spec.when} holds ({spec.place})"
     return f"{node} is in the graph ({spec.place})"
 
 
-def _readers(found: Plan, node: str, effect: Effect, on: bool) -> str:
+def _readers(planned: Plan, node: str, effect: Effect, on: bool) -> str:
     """Who reads a part of a node's message."""
-    told = " or ".join(effect.fields)
+    names = " or ".join(effect.fields)
     if not on:
-        return f"nobody reads {told}"
-    graph = found.graph
+        return f"nobody reads {names}"
+    graph = planned.graph
     streams = graph.nodes[node].streams
-    readers = [reader for reader, edges in found.edges.items() if any(e.stream in streams for e in edges)]
+    readers = [reader for reader, edges in planned.edges.items() if any(e.stream in streams for e in edges)]
     by = []
     for reader in readers:
         ports = {p.name: p for p in inputs(graph.nodes[reader].cls)}
-        if any(ports[e.port].wants & set(effect.fields) for e in found.edges[reader] if e.stream in streams):
+        if any(ports[e.port].wants & set(effect.fields) for e in planned.edges[reader] if e.stream in streams):
             by.append(reader)
-    by += [n for n in found.observers if not by and graph.nodes[n].settings.get("fields", "all")]
-    return f"{told}: read by {', '.join(by)}" if by else f"{told}: wanted"
+    by += [n for n in planned.observers if not by and graph.nodes[n].settings.get("fields", "all")]
+    return f"{names}: read by {', '.join(by)}" if by else f"{names}: wanted"

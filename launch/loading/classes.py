@@ -142,15 +142,15 @@ def body(kind: type[Message]) -> frozenset[str]:
 
 def classes(module: ModuleType) -> list[type[Node]]:
     """The node classes that a module offers, sorted by name, base classes of palpate left out."""
-    found = []
+    node_classes = []
     for name in sorted(set(vars(module)) | set(offered(getattr(module, "__path__", ())))):
-        thing = getattr(module, name, None)
+        member = getattr(module, name, None)
         if (
-            isinstance(thing, type) and issubclass(thing, Node) and not name.startswith("_")
-            and (issubclass(thing, Observer) or hasattr(thing, "step")) and thing not in (Node, Observer)
+            isinstance(member, type) and issubclass(member, Node) and not name.startswith("_")
+            and (issubclass(member, Observer) or hasattr(member, "step")) and member not in (Node, Observer)
         ):  # fmt: skip
-            found.append(thing)
-    return found
+            node_classes.append(member)
+    return node_classes
 
 
 def shipped_modules() -> list[str]:
@@ -167,7 +167,7 @@ def _node_modules() -> list[str]:
 @lru_cache(maxsize=1)
 def catalogue() -> tuple[tuple[Entry, ...], dict[str, str]]:
     """All node classes that ship, sorted by name, and the modules that cannot be imported with the reason."""
-    found: dict[type[Node], str] = {}
+    uses: dict[type[Node], str] = {}
     missing = {}
     for name in shipped_modules():
         try:
@@ -178,8 +178,8 @@ def catalogue() -> tuple[tuple[Entry, ...], dict[str, str]]:
             continue
         for cls in offered:
             if cls.__module__.startswith(module.__name__):
-                found.setdefault(cls, f"{name}.{cls.__name__}")
-    return tuple(Entry(use, cls) for cls, use in sorted(found.items(), key=lambda item: item[1])), missing
+                uses.setdefault(cls, f"{name}.{cls.__name__}")
+    return tuple(Entry(use, cls) for cls, use in sorted(uses.items(), key=lambda item: item[1])), missing
 
 
 def senders(kind: type[Message]) -> list[str]:

@@ -47,13 +47,13 @@ def running_nodes(graph: Graph) -> set[str]:
     queue += [n for n in graph.nodes if n in may and not asked.isdisjoint(graph.nodes[n].streams)]
     if graph.wanted is None and any(spec.listen is None for spec in listening):
         queue += [name for name in graph.nodes if name in may]
-    found: set[str] = set()
+    running: set[str] = set()
     while queue:
         name = queue.pop()
-        if name in may and name not in found:
-            found.add(name)
+        if name in may and name not in running:
+            running.add(name)
             queue += [e.producer for e in graph.nodes[name].edges]
-    return found
+    return running
 
 
 def _is_root(spec: NodeSpec) -> bool:
@@ -62,15 +62,17 @@ def _is_root(spec: NodeSpec) -> bool:
 
 def skipped_nodes(graph: Graph, running: set[str]) -> dict[str, str]:
     """The nodes that do not run and the reason."""
-    found = {}
+    reasons = {}
     for name, spec in graph.nodes.items():
         if name in running:
             continue
         if spec.off is not None:
-            found[name] = spec.off
+            reasons[name] = spec.off
             continue
         readers = [n for n, other in graph.nodes.items() if any(e.producer == name for e in other.edges)]
-        found[name] = f"nobody wants {', '.join(spec.streams)}"
+        reasons[name] = f"nobody wants {', '.join(spec.streams)}"
         if readers:
-            found[name] += f"; read only by {', '.join(readers)}, which {'does' if len(readers) == 1 else 'do'} not run"
-    return found
+            reasons[name] += (
+                f"; read only by {', '.join(readers)}, which {'does' if len(readers) == 1 else 'do'} not run"
+            )
+    return reasons

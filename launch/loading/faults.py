@@ -84,24 +84,24 @@ class GraphError(PalpateError, ValueError):
 class Faults:
     """Collects faults, so that all of them are reported at once."""
 
-    found: list[Fault] = field(default_factory=list)
+    entries: list[Fault] = field(default_factory=list)
 
     def add(self, text: str, cure: str = "", place: Place = NOWHERE, **about: str) -> None:
         """Note one fault; `about` names node, port or setting."""
-        self.found.append(Fault(text, cure, place, **about))
+        self.entries.append(Fault(text, cure, place, **about))
 
     def keep(self, read: Callable[..., T], *given: Any) -> T | None:
         """What `read(*given)` gives; None if it raises a GraphError, whose faults are noted."""
         try:
             return read(*given)
         except GraphError as error:
-            self.found.extend(error.faults)
+            self.entries.extend(error.faults)
             return None
 
     def done(self) -> None:
         """Raise GraphError if there is a fault."""
-        if self.found:
-            raise GraphError(self.found)
+        if self.entries:
+            raise GraphError(self.entries)
 
 
 def nearest(name: str, known: Iterable[str], count: int = 3, likeness: float = 0.6) -> list[str]:

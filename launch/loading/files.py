@@ -44,8 +44,8 @@ def read_extended(path: Path, folder: Path, inside: tuple[Path, ...] = ()) -> So
     base_name = source.data.pop("extends", None)
     place = source.place("extends")
     if folder == GRAPHS and isinstance(source.data.get("scene"), str):
-        found = find_file(source.data["scene"], SCENES, path.parent, source.place("scene"), "scene")
-        source.data["scene"] = str(found)
+        scene = find_file(source.data["scene"], SCENES, path.parent, source.place("scene"), "scene")
+        source.data["scene"] = str(scene)
     if base_name is None:
         return source
     if not isinstance(base_name, str):
@@ -77,7 +77,7 @@ def read_scene(scene: str | Path | Mapping[str, Any] | None, graph: Source, faul
         if isinstance(named, dict):
             return graph.sub("scene")
     except GraphError as error:
-        faults.found.extend(error.faults)
+        faults.entries.extend(error.faults)
         return Source({}, {(): Place()})
     if named is not None:
         faults.add(f"scene: found {named!r}, expected a file or a mapping", "", graph.place("scene"))

@@ -171,14 +171,14 @@ def load_source(
     found_wanted = _wanted(holder, kinds, unclear, faults)
     written_down = {key: value for key, value in source.data.items() if key != "scene"}
     graph = Graph(file, rate, world.data, nodes, found_wanted, written_down, said)
-    faults.found.extend(missing_senders(graph))
+    faults.entries.extend(missing_senders(graph))
     faults.done()
     return graph
 
 
 def _overrides(given: Sequence[str | Override], faults: Faults) -> list[Override]:
-    found = [faults.keep(Override.parse, item) if isinstance(item, str) else item for item in given]
-    return [item for item in found if item is not None]
+    overrides = [faults.keep(Override.parse, item) if isinstance(item, str) else item for item in given]
+    return [item for item in overrides if item is not None]
 
 
 def _rate(source: Source, faults: Faults) -> float:
@@ -241,7 +241,7 @@ def _tell_class(name: str, use: str, error: ClassError, source: Source, faults: 
 
 def _asked(name: str, nodes: dict[str, Any]) -> list[type[Message]]:
     """The message types that other nodes expect of a node."""
-    found: dict[type[Message], None] = {}
+    expected: dict[type[Message], None] = {}
     for line in nodes.values():
         given = line.get("in") if isinstance(line, dict) else None
         if not (isinstance(given, dict) and isinstance(line.get("use"), str)):
@@ -255,8 +255,8 @@ def _asked(name: str, nodes: dict[str, Any]) -> list[type[Message]]:
             except ClassError:
                 continue
             ports = () if issubclass(cls, Observer) else inputs(cls)
-            found |= {p.type: None for p in ports if p.name == port_name}
-    return list(found)
+            expected |= {p.type: None for p in ports if p.name == port_name}
+    return list(expected)
 
 
 def _node(name: str, draft: _Draft, scene: Scene, offers: list[Offer], faults: Faults) -> NodeSpec:
@@ -314,12 +314,12 @@ def _streams(
     given: list[Any], key: str, source: Source, kinds: Kinds, unclear: set[str],
     faults: Faults, node: str,
 ) -> tuple[str, ...]:  # fmt: skip
-    found: dict[str, None] = {}
+    selected: dict[str, None] = {}
     for index, item in enumerate(given):
         streams = find_streams(item, kinds) if isinstance(item, str) else []
         if not streams and str(item).partition(".")[0] not in unclear:
             known = [s for own in kinds.values() for s in own]
             place = source.place(key, index)
             faults.add(f"{key}: there is no stream {item!r}", choices("Streams", str(item), known), place, node=node)
-        found |= dict.fromkeys(streams)
-    return tuple(found)
+        selected |= dict.fromkeys(streams)
+    return tuple(selected)

@@ -64,9 +64,9 @@ class LaunchFile:
         """What runs. GraphError: whatever is wrong."""
         return plan(self.load())
 
-    def placement(self, found: Plan) -> Placement:
+    def placement(self, planned: Plan) -> Placement:
         """Where it runs. GraphError: whatever is wrong with the placement file."""
-        place = load_place(self.place, found)
+        place = load_place(self.place, planned)
         for group in place.groups:
             group.carrier = self.carrier or group.carrier
         return place
@@ -120,7 +120,7 @@ def _read(path: Path) -> LaunchFile:
         faults.add(f"record: found {record!r}, expected the name of a file", "", source.place("record"))
         record = None
     scene = data.get("scene")
-    found = LaunchFile(
+    launch = LaunchFile(
         graph=_file("graph", source, GRAPHS, path, faults) or path,
         path=path,
         scene=scene if isinstance(scene, dict) else _file("scene", source, SCENES, path, faults),
@@ -134,7 +134,7 @@ def _read(path: Path) -> LaunchFile:
         overrides=_overrides(source, faults),
     )
     faults.done()
-    return found
+    return launch
 
 
 def _file(key: str, source: Source, folder: Path, path: Path, faults: Faults) -> Path | None:
@@ -178,9 +178,9 @@ def _overrides(source: Source, faults: Faults) -> tuple[Override, ...]:
 
 def _flat(source: Source, head: tuple[str, ...]) -> list[Override]:
     """Mappings lead on, except one that is the value of a node's setting."""
-    found = []
+    overrides = []
     for key, value in source.data.items():
         keys = (*head, *key.split("."))
         leads_on = isinstance(value, dict) and (keys[0] == "scene" or len(keys) == 1 or keys[1:] == ("in",))
-        found += _flat(source.sub(key), keys) if leads_on else [Override(keys, source.sub(key))]
-    return found
+        overrides += _flat(source.sub(key), keys) if leads_on else [Override(keys, source.sub(key))]
+    return overrides

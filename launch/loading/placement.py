@@ -142,7 +142,7 @@ def _group(name: str, line: Source, known: list[str], taken: dict[str, str], fau
     given = fill(_Line, line, about, faults)
     if line.data.get("nodes") is None:
         faults.add(f"{about}, nodes: found None, expected a list of node names", "", line.place("nodes"))
-    found = []
+    members = []
     for index, node in enumerate(given.nodes):
         place = line.place("nodes", index)
         if node not in known:
@@ -151,11 +151,11 @@ def _group(name: str, line: Source, known: list[str], taken: dict[str, str], fau
             faults.add(f"{about}: node {node!r} is in group {taken[node]!r} already", "Remove one.", place)
         else:
             taken[node] = name
-            found.append(node)
+            members.append(node)
     cores = given.core if isinstance(given.core, list) else [given.core] if given.core is not None else []
     return Group(
         name,
-        found,
+        members,
         core=tuple(cores) or None,
         priority=given.priority,
         host=given.host and given.host.removeprefix("tcp://"),

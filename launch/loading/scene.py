@@ -102,10 +102,10 @@ def condition(text: Any, scene: Scene, faults: Faults, place: Place, node: str) 
         faults.add(f"when: the scene has no {path!r}", scene.cure(path), place, node=node)
         return None
     value = scene.fill(scene.get(path), faults, place, {"node": node})
-    found = f"{path} is {_words(value)} ({scene.place(path)})"
+    fact = f"{path} is {_words(value)} ({scene.place(path)})"
     left, dimension = _measure(value)
     if sign is None:
-        return None if bool(left) != bool(negate) else found
+        return None if bool(left) != bool(negate) else fact
     other, expected = _measure(scalar(right.strip("'\"")))
     try:
         if None not in (dimension, expected) and dimension != expected:
@@ -114,7 +114,7 @@ def condition(text: Any, scene: Scene, faults: Faults, place: Place, node: str) 
     except TypeError:
         faults.add(f"when: found {text!r}; {_words(value)} and {right} cannot be compared", "", place, node=node)
         return None
-    return None if holds else f"{path} {sign} {right} is false: {found}"
+    return None if holds else f"{path} {sign} {right} is false: {fact}"
 
 
 def _words(value: Any) -> str:

@@ -56,27 +56,27 @@ def resolve(
             given[key] = (line.data[key], line.place(key))
         else:
             faults.add("unknown", _cure(key, cls, known), line.place(key), node=name, setting=key)
-    found = {}
-    count = len(faults.found)
+    values = {}
+    count = len(faults.entries)
     for key, setting in known.items():
         about = {"node": name, "setting": key, "unit": setting.unit}
         if key in given:
             value, place = given[key]
-            before = len(faults.found)
+            before = len(faults.entries)
             value = scene.fill(value, faults, place, about)
-            if len(faults.found) == before:
-                found[key] = _checked(setting, value, place, about, faults)
+            if len(faults.entries) == before:
+                values[key] = _checked(setting, value, place, about, faults)
         elif setting.default is ...:
             faults.add("missing", "It has no default.", line.place(), **about)
-    if len(faults.found) == count:
+    if len(faults.entries) == count:
         try:
-            node = cls(**found)
-            found = {key: _plain(getattr(node, key)) for key in known}
+            node = cls(**values)
+            values = {key: _plain(getattr(node, key)) for key in known}
         except SettingError as error:
             faults.add(str(error), "", line.place(), node=name)
         except Exception as error:  # a user's constructor may fail in any way
             faults.add(f"{cls.__name__} cannot be made: {type(error).__name__}: {error}", "", line.place(), node=name)
-    return found
+    return values
 
 
 def _checked(setting: Setting, value: Any, place: Place, about: dict[str, str], faults: Faults) -> Any:
@@ -99,18 +99,18 @@ def _cure(key: str, cls: type[Node], known: dict[str, Setting]) -> str:
 def _offered(name: str, line: Source, scene: Scene, faults: Faults) -> list[tuple[dict[str, Any], str]]:
     """The mappings that `with:` names: value, path in the scene ("" for one written in place)."""
     given = line.data.get("with")
-    found = []
+    mappings = []
     for item in given if isinstance(given, list) else [] if given is None else [given]:
         place, path = line.place("with"), ""
         if isinstance(item, str) and item.startswith("$"):
             path = item[1:]
         value = scene.fill(item, faults, place, {"node": name}) if path or not isinstance(item, dict) else item
         if isinstance(value, dict):
-            found.append((value, path))
+            mappings.append((value, path))
         elif not path or scene.has(path):
             faults.add(f"with: found {item!r}, expected a mapping of the scene, `$name`, or a list of them",
                        scene.cure(str(item)), place, node=name)  # fmt: skip
-    return found
+    return mappings
 
 
 def check_offers(offers: list[Offer], scene: Scene, faults: Faults) -> None:
@@ -129,18 +129,18 @@ def check_offers(offers: list[Offer], scene: Scene, faults: Faults) -> None:
             names[offer.cls], sure[offer.cls] = _family(offer.cls)
         if offer.key in names[offer.cls] or not sure[offer.cls]:
             taken.add((offer.path, offer.key))
-    told = set()
+    reported = set()
     for offer in offers:
         path = f"{offer.path}.{offer.key}"
         read = offer.path and any(used == path or used.startswith(f"{path}.") for used in scene.used)
-        if (offer.path, offer.key) in taken or read or offer.place in told:
+        if (offer.path, offer.key) in taken or read or offer.place in reported:
             continue
         if isinstance(offer.value, bool) and not nearest(offer.key, names[offer.cls], likeness=0.8):
             continue
         shipped, missing = catalogue()
         if missing or any(offer.key in settings(entry.cls) for entry in shipped):
             continue
-        told.add(offer.place)
+        reported.add(offer.place)
         text = f"with: {path.lstrip('.')!r} is a setting of no class of {offer.cls.__module__}"
         faults.add(text, _cure(offer.key, offer.cls, names[offer.cls]), offer.place, node=offer.node, setting=offer.key)
 

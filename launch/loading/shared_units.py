@@ -31,15 +31,15 @@ def check_units(offers: Iterable[Offer], written: dict[str, str], faults: Faults
     for offer in offers:
         if offer.taken and _plain_number(offer.value):
             takers.setdefault((offer.path, offer.key), []).append(offer)
-    for (path, key), found in takers.items():
+    for (path, key), claims in takers.items():
         units: dict[Unit | str, list[str]] = {}
-        for cls in dict.fromkeys(c for offer in found for c in _meant(offer, written)):
+        for cls in dict.fromkeys(c for offer in claims for c in _meant(offer, written)):
             with contextlib.suppress(TypeError, NameError):  # one that is not well formed has no say
                 if key in settings(cls):
                     unit = settings(cls)[key].unit
                     units.setdefault(_meaning(unit), []).append(f"{unit} for {cls.__name__}")
         if len(units) > 1:
-            offer = found[-1]
+            offer = claims[-1]
             said = ", ".join(name for names in units.values() for name in names)
             cure = f"Write its unit, or give {key!r} on the line of each node that takes it."
             text = (

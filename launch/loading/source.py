@@ -101,17 +101,17 @@ def merge(base: Source, top: Source) -> Source:
     """`top` laid over `base`, mapping by mapping; null in `top` takes away what stands in `base`."""
     if not (isinstance(base.data, dict) and isinstance(top.data, dict)):
         return top
-    found = Source(dict(base.data), dict(base.places))
+    merged = Source(dict(base.data), dict(base.places))
     for key, value in top.data.items():
-        if value is None and key in found.data:
-            del found.data[key]
-            found.drop((key,))
-        elif isinstance(value, dict) and isinstance(found.data.get(key), dict):
-            found.put((key,), merge(found.sub(key), top.sub(key)))
+        if value is None and key in merged.data:
+            del merged.data[key]
+            merged.drop((key,))
+        elif isinstance(value, dict) and isinstance(merged.data.get(key), dict):
+            merged.put((key,), merge(merged.sub(key), top.sub(key)))
         else:
-            found.put((key,), top.sub(key))
-    found.places[()] = top.place()
-    return found
+            merged.put((key,), top.sub(key))
+    merged.places[()] = top.place()
+    return merged
 
 
 class _Builder:
@@ -137,7 +137,7 @@ class _Builder:
         return node.value if getattr(node, "style", None) else scalar(node.value)
 
     def _mapping(self, node: yaml.MappingNode, keys: Keys, inside: tuple[int, ...]) -> dict[str, Any]:
-        found: dict[str, Any] = {}
+        mapping: dict[str, Any] = {}
         for key, value in node.value:
             place = Place(self.file, key.start_mark.line + 1, key.start_mark.column + 1)
             if not isinstance(key, yaml.ScalarNode):
@@ -145,12 +145,12 @@ class _Builder:
             name = key.value
             if name == "<<":
                 raise GraphError([Fault("merge keys (<<) are not read", "Use `extends:`.", place)])
-            if name in found:
+            if name in mapping:
                 first = self.places[(*keys, name)].line
                 raise GraphError([Fault(f"{name!r} stands twice, first on line {first}", "Remove one.", place)])
             self.places[(*keys, name)] = place
-            found[name] = self.build(value, (*keys, name), inside)
-        return found
+            mapping[name] = self.build(value, (*keys, name), inside)
+        return mapping
 
 
 def scalar(text: str) -> Any:

@@ -90,15 +90,15 @@ def convert(text: str, unit: str) -> float:
         return float(number)
     if "".join(symbols.split()) == "".join(unit.split()):
         return float(number)
-    found = parse(symbols)
+    given_unit = parse(symbols)
     try:
         wanted = parse(unit)
     except UnitError:
         raise UnitError(f"found {text!r}; expected a plain number, taken in {unit}") from None
-    if found.dimension != wanted.dimension:
-        raise UnitError(f"found {text!r} [{symbols}], {describe(found)}; expected {describe(wanted)}")
+    if given_unit.dimension != wanted.dimension:
+        raise UnitError(f"found {text!r} [{symbols}], {describe(given_unit)}; expected {describe(wanted)}")
     try:
-        return float(number * found.factor / wanted.factor)
+        return float(number * given_unit.factor / wanted.factor)
     except (OverflowError, ZeroDivisionError):
         raise UnitError(f"found {text!r}, which is too large") from None
 
@@ -140,10 +140,10 @@ def parse(text: str) -> Unit:
     if not tokens:
         raise UnitError("a unit is missing")
     parser = _Parser(text, tokens)
-    found = parser.product()
+    unit = parser.product()
     if parser.at < len(tokens):
         raise UnitError(f"unit {text!r}: {tokens[parser.at][0].strip()!r} is out of place")
-    return found
+    return unit
 
 
 class _Parser:
@@ -154,13 +154,13 @@ class _Parser:
         return self.tokens[self.at]["sign"] if self.at < len(self.tokens) else None
 
     def product(self) -> Unit:
-        found = self.factor()
+        unit = self.factor()
         while self.at < len(self.tokens) and self.sign() != ")":
             sign = self.sign()
             if sign in ("*", "·", "/"):
                 self.at += 1
-            found = found * self.factor() ** Fraction(-1 if sign == "/" else 1)
-        return found
+            unit = unit * self.factor() ** Fraction(-1 if sign == "/" else 1)
+        return unit
 
     def factor(self) -> Unit:
         if self.at >= len(self.tokens):
@@ -168,18 +168,18 @@ class _Parser:
         token = self.tokens[self.at]
         self.at += 1
         if token["sign"] == "(":
-            found = self.product()
+            unit = self.product()
             if self.sign() != ")":
                 raise UnitError(f"unit {self.text!r}: a ) is missing")
             self.at += 1
         elif token["symbol"]:
-            found = symbol(token["symbol"]) ** _power(self.text, token["digit"] or "1")
+            unit = symbol(token["symbol"]) ** _power(self.text, token["digit"] or "1")
         else:
             raise UnitError(f"unit {self.text!r}: {token[0].strip()!r} is out of place")
         if self.at < len(self.tokens) and self.tokens[self.at]["power"]:
-            found = found ** _power(self.text, self.tokens[self.at]["power"])
+            unit = unit ** _power(self.text, self.tokens[self.at]["power"])
             self.at += 1
-        return found
+        return unit
 
 
 def _power(text: str, digits: str) -> Fraction:

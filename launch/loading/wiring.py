@@ -91,7 +91,7 @@ def wires(
     if not ports and not cls.paced:
         faults.add(f"{cls.__name__} has no input, so nothing runs it", "A source says `paced = True`.",
                    line.place(), node=name)  # fmt: skip
-    found = []
+    connections = []
     for index, port in enumerate(ports):
         driving = index == 0 and not cls.paced
         if given.get(port.name) is None:
@@ -115,8 +115,8 @@ def wires(
         if named is False and cls.paced:
             faults.add("loop: all inputs of a source are held", "Leave `loop` out.", where, node=name, port=port.name)
         producer = stream.partition(".")[0]
-        found.append(Wire(name, port, producer, stream, where, driving, held, named))
-    return found
+        connections.append(Wire(name, port, producer, stream, where, driving, held, named))
+    return connections
 
 
 def _sender(name: str, port: Port, given: Any, place: Place, faults: Faults) -> tuple[str | None, bool | None]:
@@ -186,7 +186,7 @@ def _who(port: Port, fit: list[str], unclear: set[str]) -> str:
     return f"No node sends {kind}. Classes that do: {', '.join(senders(port.type)) or 'none'}."
 
 
-def close_loops(found: Iterable[Wire], order: list[str], faults: Faults) -> None:
+def close_loops(connections: Iterable[Wire], order: list[str], faults: Faults) -> None:
     """Decide which edges are held, so that the others form no loop; sets `held` of each wire.
 
     The choice depends on the file alone: driving and required inputs are never held; of the optional ones, those
@@ -205,7 +205,7 @@ def close_loops(found: Iterable[Wire], order: list[str], faults: Faults) -> None
 
     after: dict[str, list[str]] = {name: [] for name in order}
     direct: list[Wire] = []
-    for wire in sorted((w for w in found if not w.held), key=rank):
+    for wire in sorted((w for w in connections if not w.held), key=rank):
         way = _way(after, wire.consumer, wire.producer)
         if way is None:
             after[wire.producer].append(wire.consumer)
@@ -214,7 +214,7 @@ def close_loops(found: Iterable[Wire], order: list[str], faults: Faults) -> None
             _tell_loop(wire, [wire.producer, *way], direct, faults)
         else:
             wire.held = True
-    for wire in found:
+    for wire in connections:
         if wire.held and not wire.port.optional:
             kind = wire.port.type.__name__
             faults.add(f"holds the message of an earlier tick, and at tick 0 there is none; {kind} is not optional",

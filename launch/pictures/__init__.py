@@ -73,19 +73,19 @@ def _draw(recording: Recording, folder: Path, console: Console | None, step: Cal
     try:
         for picture in (force, compression, friction, device, slip, pad, pins, softness):
             step(picture.NAME)
-            found = picture.draw(touch)
-            if found is not None:
+            drawing = picture.draw(touch)
+            if drawing is not None:
                 made.append(folder / f"{picture.NAME}.png")
-                found.savefig(made[-1])
+                drawing.savefig(made[-1])
         step(deformation.NAME)
         if views is not None:
             try:
-                found = views.draw()
+                drawing = views.draw()
             except NoRendering as error:
                 _tell(console, str(error))
             else:
                 made.insert(0, folder / f"{deformation.NAME}.png")
-                found.savefig(made[0])
+                drawing.savefig(made[0])
     finally:
         if views is not None:
             views.close()

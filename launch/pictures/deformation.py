@@ -29,7 +29,7 @@ class Views:
         count = len(self.instants)
         self.columns = min(COLUMNS, count)
         self.near = sorted(sorted(range(count), key=lambda i: -self.instants[i].depth)[: self.columns])
-        lengths = np.array([np.linalg.norm(one.displacement, axis=1).max() for one in self.instants])
+        lengths = np.array([np.linalg.norm(instant.displacement, axis=1).max() for instant in self.instants])
         self.deepest = round_up(float(lengths.max()))
         self._rendering = Rendering(mesh, self.instants, self.near, self.deepest)
 
@@ -53,10 +53,10 @@ class Views:
         grid = out.subplots(rows + 1, columns, squeeze=False, height_ratios=[1.0] * rows + [1.22])
         for axes in grid.ravel():
             axes.set_axis_off()
-        for i, one in enumerate(self.instants):
+        for i, instant in enumerate(self.instants):
             axes = grid[i // columns][i % columns]
             axes.imshow(pixels["wide"][i])
-            axes.set_title(_title(one), fontsize=11, loc="center")
+            axes.set_title(_title(instant), fontsize=11, loc="center")
         for axes, i, picture in zip(grid[rows], self.near, pixels["close"], strict=True):
             axes.imshow(picture)
             axes.set_title(f"the same at {self.instants[i].time:.2f} s, near", fontsize=11, loc="center")
@@ -68,8 +68,8 @@ class Views:
         return out
 
 
-def _title(one: Instant) -> str:
-    return f"{one.time:.2f} s:  {one.depth * 1e3:.1f} mm deep,  {one.load:.2f} N"
+def _title(instant: Instant) -> str:
+    return f"{instant.time:.2f} s:  {instant.depth * 1e3:.1f} mm deep,  {instant.load:.2f} N"
 
 
 def round_up(length: float) -> float:

@@ -34,8 +34,8 @@ def draw(touch: Touch) -> Figure | None:
     upper.plot(time, mean(size, time), color=INK, linewidth=1.2, linestyle=(0, (4, 2)), label="|F|")
     upper.set_ylabel("force on the hand [N]")
     limit = settings.get("limit")
-    told = f", of the {limit:g} N that the device is held to" if isinstance(limit, float | int) else ""
-    upper.set_title(f"largest {size.max():.2f} N{told}; shaded: in contact")
+    limit_text = f", of the {limit:g} N that the device is held to" if isinstance(limit, float | int) else ""
+    upper.set_title(f"largest {size.max():.2f} N{limit_text}; shaded: in contact")
     upper.legend(loc="upper left", ncols=4)
     low, high = upper.get_ylim()
     upper.set_ylim(low, high + 0.2 * (high - low))

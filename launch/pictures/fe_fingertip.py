@@ -58,7 +58,7 @@ def draw(runs: dict[str, Run], folder: Path) -> list[Path]:
 def force(runs: dict[str, Run]) -> Figure:
     """Force against indentation, with the paper's points where it is the paper's finger, and contact area against
     force."""
-    found, (left, right) = _axes(2, 11.0, 4.6, "Force and contact area")
+    fig, (left, right) = _axes(2, 11.0, 4.6, "Force and contact area")
     records = {plate: run.record() for plate, run in runs.items()}
     top = reached = min(TOP, 1.05 * max(float(record.force[-1]) for record in records.values()))
     for plate, record in records.items():
@@ -75,7 +75,7 @@ def force(runs: dict[str, Run]) -> Figure:
     right.set(xlabel="force [N]", ylabel="contact area [mm²]", xlim=(0, reached), ylim=(0, 1.08 * within))
     for axis in (left, right):
         axis.legend()
-    return found
+    return fig
 
 
 def strains(runs: dict[str, Run]) -> Figure:
@@ -89,22 +89,22 @@ def strains(runs: dict[str, Run]) -> Figure:
         cuts[plate] = section(mesh, u, smooth(solid, strain(solid, u)))
     top = np.ceil(20 * max(np.percentile(cut.values, 99.7) for cut in cuts.values())) / 20
     title = f"Strain in the middle of the finger at {1e3 * depth:.2f} mm"
-    found, axes = _axes(len(runs), 5.0 * len(runs) + 0.8, 4.7, title)
-    found.set_layout_engine("compressed")
+    fig, axes = _axes(len(runs), 5.0 * len(runs) + 0.8, 4.7, title)
+    fig.set_layout_engine("compressed")
     for axis, (plate, cut) in zip(axes, cuts.items(), strict=True):
         shown = _filled(axis, cut.triangles, cut.values, top)
         _shape(axis, cut, plate, depth)
         load = runs[plate].record().at_depth(depth)
         axis.set_title(f"{plate}, {load:.2g} N")
-    found.colorbar(shown, ax=list(axes), label="equivalent strain", shrink=0.8, pad=0.015, extend="max")
-    return found
+    fig.colorbar(shown, ax=list(axes), label="equivalent strain", shrink=0.8, pad=0.015, extend="max")
+    return fig
 
 
 def isostrain(runs: dict[str, Run]) -> Figure:
     """Growth of the isostrain volumes between the paper's two forces, and the volumes over strain and force."""
-    found = figure(11.0, 4.8, "Isostrain volumes: tissue strained at least that much")
-    left = found.add_subplot(1, 2, 1)
-    right: Any = found.add_subplot(1, 2, 2, projection="3d")
+    fig = figure(11.0, 4.8, "Isostrain volumes: tissue strained at least that much")
+    left = fig.add_subplot(1, 2, 1)
+    right: Any = fig.add_subplot(1, 2, 2, projection="3d")
     for plate, run in runs.items():
         forces, volumes = _volumes(run)
         low, high = (np.array([np.interp(f, forces, v) for v in volumes.T]) for f in (LOW, HIGH))
@@ -122,7 +122,7 @@ def isostrain(runs: dict[str, Run]) -> Figure:
     right.set(xticks=(0.1, 0.2, 0.3, 0.4), yticks=(0.1, 0.2, 0.3, 0.4, 0.5))
     right.view_init(elev=22, azim=-128)
     right.set_box_aspect((1.2, 1.05, 0.8), zoom=0.95)
-    return found
+    return fig
 
 
 def flows(runs: dict[str, Run]) -> Figure:
@@ -130,8 +130,8 @@ def flows(runs: dict[str, Run]) -> Figure:
     from matplotlib.collections import LineCollection
 
     title = f"Tactile flow from {LOW:g} to {HIGH:g} N"
-    found, axes = _axes(len(runs), 5.6 * len(runs) + 0.8, 3.7, title)
-    found.set_layout_engine("compressed")
+    fig, axes = _axes(len(runs), 5.6 * len(runs) + 0.8, 3.7, title)
+    fig.set_layout_engine("compressed")
     top = 1.25 * LINES[-1]
     for axis, (plate, run) in zip(axes, runs.items(), strict=True):
         mesh, _ = run.mesh()
@@ -152,8 +152,8 @@ def flows(runs: dict[str, Run]) -> Figure:
                                  zorder=6)  # fmt: skip
         axis.quiverkey(arrows, 0.93, 1.06, 10.0, "10 mm/N", labelpos="W", coordinates="axes")
         axis.set_title(f"{plate}, lines of {', '.join(f'{x:g}' for x in LINES)}")
-    found.colorbar(shown, ax=list(axes), label="equivalent strain", shrink=0.9, pad=0.015, extend="max")
-    return found
+    fig.colorbar(shown, ax=list(axes), label="equivalent strain", shrink=0.9, pad=0.015, extend="max")
+    return fig
 
 
 def _volumes(run: Run) -> tuple[np.ndarray, np.ndarray]:
@@ -220,5 +220,5 @@ def _shape(axis: Axes, cut: Any, plate: str, depth: float) -> None:
 
 
 def _axes(columns: int, width: float, height: float, title: str) -> tuple[Figure, Any]:
-    found = figure(width, height, title)
-    return found, found.subplots(1, columns, squeeze=False).ravel()
+    fig = figure(width, height, title)
+    return fig, fig.subplots(1, columns, squeeze=False).ravel()

@@ -25,12 +25,12 @@ SLOW = 0.2  # those slower than this part of its fastest; and what would take a 
 def draw(touch: Touch) -> Figure | None:
     """None where the recording holds no contact, or a force alone."""
     contact = touch.contact
-    if contact is None or not (found := touches(contact["time"], contact["force"])):
+    if contact is None or not (slices := touches(contact["time"], contact["force"])):
         return None
     approach = contact["compression"] + contact["indentation"]
     if not approach.any():
         return None
-    chosen = min(found, key=lambda one: _slid(contact["foot"][one]))
+    chosen = min(slices, key=lambda contact_slice: _slid(contact["foot"][contact_slice]))
     ways = [
         ("finger and tissue in series", approach, "approach  e = s1 + s2  [mm]"),
         ("the tissue alone", contact["indentation"], "indentation of the tissue  s2  [mm]"),
@@ -43,7 +43,7 @@ def draw(touch: Touch) -> Figure | None:
     every = out.subplots(1, count, sharey=True, squeeze=False)[0]
     left = every[0]
     for axes, (whose, way, label) in zip(every, ways, strict=False):
-        for other in found:
+        for other in slices:
             if other is not chosen:
                 _line(axes, way[other], contact["force"][other], contact["time"][other], FAINT, "other touches")
         _loop(axes, way[chosen], contact["force"][chosen], contact["time"][chosen])

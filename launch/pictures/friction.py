@@ -39,11 +39,11 @@ def sliding(touch: Touch) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarra
     contact, friction, near = touch.contact, touch.friction, touch.proximity
     if contact is None or friction is None or near is None:
         return None
-    found: list[Columns] = together(contact, friction, near)
-    if not len(found[0]["tick"]):
+    tables: list[Columns] = together(contact, friction, near)
+    if not len(tables[0]["tick"]):
         return None
-    length = np.linalg.norm(found[1]["force"], axis=1), np.linalg.norm(found[2]["slip"], axis=1)
-    return found[0]["time"], found[0]["force"], *length
+    length = np.linalg.norm(tables[1]["force"], axis=1), np.linalg.norm(tables[2]["slip"], axis=1)
+    return tables[0]["time"], tables[0]["force"], *length
 
 
 def beyond_dip(touch: Touch) -> float:

@@ -75,11 +75,11 @@ def displaced(surface: Surface, vertices: int) -> np.ndarray:
 def choose(contact: Columns, count: int) -> list[int]:
     """Ticks of instants that differ most in depth and place, in order of time: the deepest of each touch first, then
     those farthest from all that were chosen."""
-    found = touches(contact["time"], contact["force"])
-    if not found:
+    slices = touches(contact["time"], contact["force"])
+    if not slices:
         return []
     depth, foot = contact["indentation"], contact["foot"]
-    rows = np.concatenate([np.arange(one.start, one.stop) for one in found])
+    rows = np.concatenate([np.arange(touch.start, touch.stop) for touch in slices])
     deepest = max(float(depth[rows].max()), 1e-9)
     rows = rows[depth[rows] >= SHALLOWEST * deepest]
     feature = np.column_stack(
@@ -87,10 +87,10 @@ def choose(contact: Columns, count: int) -> list[int]:
     )
     # The way in and the way out look alike: the phase of the touch tells them apart.
     phase = np.zeros(len(depth))
-    for i, one in enumerate(found):
-        phase[one] = i + np.linspace(0.0, 1.0, one.stop - one.start)
+    for i, touch in enumerate(slices):
+        phase[touch] = i + np.linspace(0.0, 1.0, touch.stop - touch.start)
     feature = np.column_stack([feature, 0.5 * phase])
-    peaks = [one.start + int(depth[one].argmax()) for one in found]
+    peaks = [touch.start + int(depth[touch].argmax()) for touch in slices]
     chosen = sorted(peaks, key=lambda row: -depth[row])[: max(1, count // 2)]
     while len(chosen) < min(count, len(rows)):
         away = np.min([np.linalg.norm(feature[rows] - feature[row], axis=1) for row in chosen], axis=0)
@@ -105,7 +105,7 @@ def instants(touch: Touch, vertices: int, count: int = 6) -> list[Instant]:
     chosen = instants_at(touch, vertices, choose(touch.contact, count))
     if not chosen:
         raise NoMesh("nothing was touched")
-    if not any(one.displacement.any() for one in chosen):
+    if not any(instant.displacement.any() for instant in chosen):
         raise NoMesh("no displacement was recorded")
     return chosen
 

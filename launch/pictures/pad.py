@@ -22,10 +22,10 @@ APART, STUCK = "#f2f2f5", "#8d8d99"
 
 def draw(touch: Touch) -> Figure | None:
     """None where no fingertip told of its slip."""
-    found = slides(touch)
-    if found is None:
+    slide = slides(touch)
+    if slide is None:
         return None
-    contact, _, _, phase = found
+    contact, _, _, phase = slide
     rows = moments(contact["force"], contact["compression"], phase)
     ticks = contact["tick"][rows].tolist()
     slips, surfaces = touch.at(Slip, ticks), touch.at(Surface, ticks)
@@ -73,11 +73,11 @@ def moments(normal: np.ndarray, depth: np.ndarray, at: Phases) -> list[int]:
 
 def _pressure(slip: Slip, surface: Any) -> np.ndarray:
     """Of every node of the pad [Pa]; 0 where apart, or where no surface was recorded."""
-    found = np.zeros(len(slip.points))
+    pressure = np.zeros(len(slip.points))
     if surface is not None and len(surface.pressure) == len(surface.nodes):
-        inside = surface.nodes < len(found)
-        found[surface.nodes[inside]] = surface.pressure[inside]
-    return found
+        inside = surface.nodes < len(pressure)
+        pressure[surface.nodes[inside]] = surface.pressure[inside]
+    return pressure
 
 
 def _dots(axes: Axes, slip: Slip, coloured: np.ndarray, values: np.ndarray, colours: str, most: float) -> Any:

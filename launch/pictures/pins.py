@@ -112,17 +112,17 @@ def _over_time(
 ) -> None:
     time = pins["time"]
     upper, lower = panel.subplots(2, 1, sharex=True)
-    for axes, told in ((upper, True), (lower, False)):
+    for axes, labelled in ((upper, True), (lower, False)):
         outside = ~pins["valid"] & (contact["force"] > 0.0)
         if outside.any():
             axes.fill_between(time, 0, 1, where=outside, transform=axes.get_xaxis_transform(), color=FAINT, alpha=0.45,
-                              linewidth=0, label="outside the contact model" if told else None)  # fmt: skip
+                              linewidth=0, label="outside the contact model" if labelled else None)  # fmt: skip
         radius, position = nodule.get("nodule_radius", 0.0), nodule.get("nodule_position")
         if radius and position is not None:
             over = np.linalg.norm(contact["foot"] - np.asarray(position), axis=1) < radius
             over &= contact["force"] > 0.0
             axes.fill_between(time, 0, 1, where=over, transform=axes.get_xaxis_transform(), color=REGION_B,
-                              linewidth=0, label="finger over the nodule" if told else None)  # fmt: skip
+                              linewidth=0, label="finger over the nodule" if labelled else None)  # fmt: skip
     whole = touch.contact if touch.contact is not None else contact
     upper.plot(whole["time"], whole["force"], color=NORMAL, label="normal force")
     upper.set(ylabel="normal force [N]", ylim=(0.0, 1.3 * float(whole["force"].max())))

@@ -49,7 +49,7 @@ def _best(
 ) -> slice | None:
     """The stretch in which one quantity stays within its band and the other changes enough: of several that in which
     it changes most and longest, by range times duration, so that a finger that lifts off in mid-stroke does not win."""
-    best, found = 0.0, None
+    best, stretch = 0.0, None
     for begin, end in _stretches(held, allowed, band):
         part = varied[begin:end]
         if rising:
@@ -59,13 +59,13 @@ def _best(
         low, high = float(varied[begin:end].min()), float(varied[begin:end].max())
         duration = float(time[end - 1] - time[begin])
         if high >= LEAST_CHANGE * low and duration >= SHORTEST and (high - low) * duration > best:
-            best, found = (high - low) * duration, slice(begin, end)
-    return found
+            best, stretch = (high - low) * duration, slice(begin, end)
+    return stretch
 
 
 def _stretches(held: np.ndarray, allowed: np.ndarray, band: float) -> list[tuple[int, int]]:
     """All longest stretches of allowed samples within which max(held) <= band min(held)."""
-    found: list[tuple[int, int]] = []
+    stretches: list[tuple[int, int]] = []
     values = held.tolist()
     lows: deque[int] = deque()
     highs: deque[int] = deque()
@@ -73,7 +73,7 @@ def _stretches(held: np.ndarray, allowed: np.ndarray, band: float) -> list[tuple
     for i, ok in enumerate([*allowed.tolist(), False]):
         if not ok:
             if i > begin:
-                found.append((begin, i))
+                stretches.append((begin, i))
             begin = i + 1
             lows.clear()
             highs.clear()
@@ -86,11 +86,11 @@ def _stretches(held: np.ndarray, allowed: np.ndarray, band: float) -> list[tuple
         lows.append(i)
         highs.append(i)
         if values[highs[0]] > band * values[lows[0]]:
-            found.append((begin, i))
+            stretches.append((begin, i))
             while values[highs[0]] > band * values[lows[0]]:
                 begin += 1
                 while lows[0] < begin:
                     lows.popleft()
                 while highs[0] < begin:
                     highs.popleft()
-    return found
+    return stretches

@@ -57,10 +57,10 @@ def slides(touch: Touch) -> tuple[Columns, Columns, Columns, Phases] | None:
 
 def draw(touch: Touch) -> Figure | None:
     """None where no fingertip told of its slip."""
-    found = slides(touch)
-    if found is None:
+    slide = slides(touch)
+    if slide is None:
         return None
-    contact, friction, slip, at = found
+    contact, friction, slip, at = slide
     time, normal = contact["time"], contact["force"]
     size = np.linalg.norm(friction["force"], axis=1)
     slid = at.begin is not None
@@ -105,10 +105,10 @@ def title(normal: np.ndarray, depth: np.ndarray, at: Phases) -> str:
         stages.append("lift")
     elif depth[-1] < 0.999 * depth.max():
         stages.append("unload")
-    told = f"{', '.join(stages[:-1])} and {stages[-1]}"
+    course = f"{', '.join(stages[:-1])} and {stages[-1]}"
     if normal[-1] > 0.0:
-        return f"{told}: the recording ends in contact"
-    return f"{told}: how the contact lets go" if at.begin is not None else told
+        return f"{course}: the recording ends in contact"
+    return f"{course}: how the contact lets go" if at.begin is not None else course
 
 
 def _shade(axes: Axes, time: np.ndarray, at: Phases, named: bool) -> None:
@@ -138,12 +138,12 @@ def _relaxation(normal: np.ndarray, depth: np.ndarray, at: Phases) -> str:
 
 def _flags(slip: Columns) -> str:
     """What the model says of its own limits."""
-    told = ""
+    warnings = ""
     if slip["deeper"].any():
-        told += "; deeper than the pad is meshed for: too small a force"
+        warnings += "; deeper than the pad is meshed for: too small a force"
     if slip["clamped"].any():
-        told += f"; up to {slip['clamped'].max()} beams held at their limit"
-    return told
+        warnings += f"; up to {slip['clamped'].max()} beams held at their limit"
+    return warnings
 
 
 def _lead(time: np.ndarray, size: np.ndarray, at: Phases) -> str:

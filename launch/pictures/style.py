@@ -58,9 +58,9 @@ def figure(width: float, height: float, title: str) -> Figure:
     """An empty figure of this size [inch], without a window behind it."""
     from matplotlib.figure import Figure
 
-    found = Figure(figsize=(width, height), layout="constrained")
-    found.suptitle(title, x=0.01, ha="left", weight="bold")
-    return found
+    fig = Figure(figsize=(width, height), layout="constrained")
+    fig.suptitle(title, x=0.01, ha="left", weight="bold")
+    return fig
 
 
 def mean(values: np.ndarray, time: np.ndarray, span: float = SMOOTH) -> np.ndarray:

@@ -96,18 +96,18 @@ class Touch:
     def at(self, kind: type[Message], ticks: list[int]) -> dict[int, Any]:
         """The messages of a type at these ticks; the others are not decoded."""
         stream = self.recording.stream_of(kind)
-        found: dict[int, Any] = {}
+        messages: dict[int, Any] = {}
         if stream is None:
-            return found
+            return messages
         wanted = set(ticks)
         for _, _, payload in self.recording.payloads(stream):
             try:
                 tick = _TICK.decode(payload).tick
                 if tick in wanted:
-                    found[tick] = unpack(payload, kind)
+                    messages[tick] = unpack(payload, kind)
             except (MessageError, msgspec.DecodeError) as error:
                 raise RecordingError(f"{self.recording.path}: stream {stream!r}: {error}") from None
-        return found
+        return messages
 
     def node(self, stream: str | None) -> dict[str, Any]:
         """What the plan says of the node that sent a stream; empty where the recording does not tell."""
@@ -119,8 +119,8 @@ class Touch:
 
     def _columns(self, kind: type[Message]) -> Columns | None:
         name = self.recording.stream_of(kind)
-        found = self.recording.columns(name) if name is not None else None
-        return found if found is not None and len(found["tick"]) else None
+        columns = self.recording.columns(name) if name is not None else None
+        return columns if columns is not None and len(columns["tick"]) else None
 
 
 def together(*columns: Columns) -> list[Columns]:
@@ -129,8 +129,8 @@ def together(*columns: Columns) -> list[Columns]:
     for other in columns[1:]:
         ticks = np.intersect1d(ticks, other["tick"])
     ticks = np.unique(ticks)
-    rows = [np.searchsorted(one["tick"], ticks) for one in columns]
-    return [{name: values[row] for name, values in one.items()} for one, row in zip(columns, rows, strict=True)]
+    rows = [np.searchsorted(table["tick"], ticks) for table in columns]
+    return [{name: values[row] for name, values in table.items()} for table, row in zip(columns, rows, strict=True)]
 
 
 def touches(time: np.ndarray, force: np.ndarray) -> list[slice]:

@@ -40,12 +40,12 @@ def changed(recording: Recording, overrides: Sequence[str] = (), graph: str | No
     return _with_fields(plan(loaded), recording.about.get("plan", {}).get("wanted", {}))
 
 
-def _with_fields(found: Plan, recorded: Mapping[str, Collection[str]]) -> Plan:
+def _with_fields(planned: Plan, recorded: Mapping[str, Collection[str]]) -> Plan:
     """The plan with the fields that were recorded, but those of effects that are switched off now."""
-    nodes = found.graph.nodes
-    kinds = found.graph.streams
-    wanted = {s: names | body(kinds[s]).intersection(recorded.get(s, ())) for s, names in found.wanted.items()}
-    return replace(found, wanted=trimmed(wanted, found.graph.effects, [nodes[name] for name in found.edges]))
+    nodes = planned.graph.nodes
+    kinds = planned.graph.streams
+    wanted = {s: names | body(kinds[s]).intersection(recorded.get(s, ())) for s, names in planned.wanted.items()}
+    return replace(planned, wanted=trimmed(wanted, planned.graph.effects, [nodes[name] for name in planned.edges]))
 
 
 def no_idle(overrides: Sequence[str], plan: Plan, running: Collection[str]) -> None:
@@ -71,16 +71,16 @@ def _same_rate(recording: Recording, graph: Graph) -> None:
 
 
 def _recorded_graph(recording: Recording, overrides: Sequence[str]) -> Graph:
-    told = recording.about.get("plan", {})
-    if not told.get("source"):
+    recorded = recording.about.get("plan", {})
+    if not recorded.get("source"):
         raise RecordingError(f"{recording.path}: it does not hold its graph; give one with --graph GRAPH")
     name = f"the graph in {recording.path}"
     return load_source(
-        Source(copy.deepcopy(told["source"]), {(): Place(name)}),
-        Path(told["path"]),
+        Source(copy.deepcopy(recorded["source"]), {(): Place(name)}),
+        Path(recorded["path"]),
         overrides=overrides,
-        scene=copy.deepcopy(told["scene"]),
-        wanted=told["streams"],
+        scene=copy.deepcopy(recorded["scene"]),
+        wanted=recorded["streams"],
     )
 
 
@@ -95,19 +95,19 @@ def _match_devices(recording: Recording, graph: Graph) -> None:
             if stream in fitting:
                 continue
             if len(fitting) != 1:
-                found = ", ".join(fitting) if fitting else "none"
+                names = ", ".join(fitting) if fitting else "none"
                 raise RecordingError(
                     f"{recording.path}: the source {name!r} of {graph.path.name} sends {kind.__name__}; streams of "
-                    f"that type in the recording: {found}. Expected one, or one with the name {stream!r}."
+                    f"that type in the recording: {names}. Expected one, or one with the name {stream!r}."
                 )
             recording.rename(fitting[0], stream, name)
 
 
-def sources(recording: Recording, found: Plan) -> list[str]:
+def sources(recording: Recording, planned: Plan) -> list[str]:
     """The paced nodes of a plan. RecordingError: their streams are not all in the recording."""
-    paced = [name for name in found.order if found.graph.nodes[name].cls.paced]
+    paced = [name for name in planned.order if planned.graph.nodes[name].cls.paced]
     for name in paced:
-        for stream in found.graph.nodes[name].streams:
+        for stream in planned.graph.nodes[name].streams:
             given = recording.streams.get(stream)
             if given is None or given.thin > 1:
                 what = "was left out of the recording" if given is None else "was thinned out"

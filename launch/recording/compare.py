@@ -97,16 +97,16 @@ def compare(
     if len(wanted) < 2:
         raise RecordingError("comparing takes two variants, such as --set tissue.use=A --set tissue.use=B")
     original = changed(recording)
-    found = [_variant(recording, given, original) for given in wanted]
+    computed = [_variant(recording, given, original) for given in wanted]
     drivers = set(sources(recording, original))
     players = []
-    for variant in found:
+    for variant in computed:
         running = [name for name in variant.plan.order if name not in drivers]
         no_idle(variant.overrides, variant.plan, running)
         players.append(Player(recording, variant.plan, running, live=True))
     present = {s: row for s, row in recording.ticks().items()}
     last = max(map(len, present.values()), default=0)
-    streams = [_Streams(variant.plan, player) for variant, player in zip(found, players, strict=True)]
+    streams = [_Streams(variant.plan, player) for variant, player in zip(computed, players, strict=True)]
     every = max(1, last // POINTS)
     try:
         for player in players:
@@ -114,12 +114,12 @@ def compare(
         gc.collect()
         gc.freeze()  # collections would show as steps of milliseconds
         for tick, payloads in instants(recording, present):
-            for variant, player, own in zip(found, players, streams, strict=True):
+            for variant, player, own in zip(computed, players, streams, strict=True):
                 before = sum(part.slot.health.step.total for part in player.parts)
                 if player.step(tick, payloads):
                     variant.whole.add(sum(part.slot.health.step.total for part in player.parts) - before)
                 own.take(tick)
-            for variant, own in zip(found, streams, strict=True):
+            for variant, own in zip(computed, streams, strict=True):
                 _hold_against(variant, own, streams[0], tick % every == 0)
             if not tick % 256:
                 show(tick, last)
@@ -127,9 +127,9 @@ def compare(
         gc.unfreeze()
         for player in players:
             player.stop()
-    for variant, player in zip(found, players, strict=True):
+    for variant, player in zip(computed, players, strict=True):
         _collect(variant, player)
-    return found
+    return computed
 
 
 def _variant(recording: Recording, overrides: tuple[str, ...], original: Plan) -> Variant:
@@ -160,8 +160,8 @@ class _Streams:
     def take(self, tick: int) -> None:
         """What was sent at this tick."""
         for kind in (Force, Contact, Surface):
-            found = self.slots.get(kind)
-            message = found[0].outputs[found[1]].last if found else None
+            sender = self.slots.get(kind)
+            message = sender[0].outputs[sender[1]].last if sender else None
             self.now[kind] = message if message is not None and message.tick == tick else None
 
 

@@ -167,11 +167,11 @@ class Player:
             return False
         messages: list[Message | None] = []
         for index, port in enumerate(part.slot.inputs):
-            found = self._input(part, index, port, tick, head)
+            message = self._input(part, index, port, tick, head)
             drives = head is None and port is part.slot.driver
-            if found is None and (drives or not port.port.optional):
+            if message is None and (drives or not port.port.optional):
                 return False
-            messages.append(found)
+            messages.append(message)
         if head is None and messages and messages[0] is not None and messages[0].tick == tick:
             now = messages[0].time
         self._restart(part, tick)
@@ -194,13 +194,13 @@ class Player:
             wanted = head.used[place]
             if wanted < 0:
                 return None
-            found = history.at(wanted, reader)
-            if found is None and not self.live:
+            message = history.at(wanted, reader)
+            if message is None and not self.live:
                 raise MissingInput(f"{port.stream!r} of tick {wanted}")
-            if found is None:
+            if message is None:
                 self.substituted += 1
-                found = history.newest(wanted, reader)
-            return found
+                message = history.newest(wanted, reader)
+            return message
         limit = needed(tick, port.every, port.loop)
         return None if limit < 0 else history.newest(limit, reader)
 

@@ -121,30 +121,30 @@ class Recording:
                 return records.indexed()
             except Broken as damage:
                 self.damage = damage
-            found: list[Any] = []
+            entries: list[Any] = []
             try:
                 for record in records:
                     if isinstance(record, bytes):
-                        found += declared(record)
+                        entries += declared(record)
                     elif isinstance(record, Schema | Channel | Metadata):
-                        found.append(record)
+                        entries.append(record)
             except Broken as damage:
                 self.damage = damage
-            return found
+            return entries
 
     def _told(self, metadata: Metadata) -> None:
         """Take what the file says beside its messages."""
-        told = metadata.metadata
+        entries = metadata.metadata
         try:
             match metadata.name:
                 case "palpate.about":
-                    self.about = {key: json.loads(value) for key, value in told.items()}
+                    self.about = {key: json.loads(value) for key, value in entries.items()}
                 case "palpate.counts":
-                    self.counts = {key: json.loads(value) for key, value in told.items()}
+                    self.counts = {key: json.loads(value) for key, value in entries.items()}
                 case "palpate.times":
-                    self.times = {key: json.loads(value) for key, value in told.items()}
+                    self.times = {key: json.loads(value) for key, value in entries.items()}
                 case "palpate.restarted":
-                    self.restarted.setdefault(told["node"], []).append(int(told["tick"]))
+                    self.restarted.setdefault(entries["node"], []).append(int(entries["tick"]))
         except (ValueError, KeyError) as error:
             raise RecordingError(f"{self.path}: damaged in its metadata {metadata.name!r}: {error!r}") from None
 
@@ -162,11 +162,11 @@ class Recording:
     def _channel(self, channel: Channel, schemas: dict[int, Schema]) -> None:
         about = channel.metadata
         try:
-            told = json.loads(schemas[channel.schema_id].data)
-            found = Channelled(
-                channel.topic, told, about["producer"], int(about["every"]), int(about.get("thin", "1")), self.path
+            schema = json.loads(schemas[channel.schema_id].data)
+            stream = Channelled(
+                channel.topic, schema, about["producer"], int(about["every"]), int(about.get("thin", "1")), self.path
             )
-            version, _, _ = told.get("version"), told["class"], told["title"]
+            version, _, _ = schema.get("version"), schema["class"], schema["title"]
         except (KeyError, ValueError, TypeError, AttributeError) as error:
             raise RecordingError(
                 f"{self.path}: what it says of stream {channel.topic!r} cannot be read ({error!r}): "
@@ -177,7 +177,7 @@ class Recording:
                 f"{self.path}: stream {channel.topic!r} has schema version {version!r}, this palpate reads "
                 f"{SCHEMA_VERSION!r}; `palpate export` of the version that wrote it can convert it"
             )
-        self.streams[channel.topic] = found
+        self.streams[channel.topic] = stream
         self._channels[channel.id] = channel.topic
 
     def raw(self) -> Iterator[tuple[str, int, int, bytes]]:
@@ -208,9 +208,9 @@ class Recording:
 
         RecordingError: a stream that goes back in time, as no run writes it.
         """
-        found = {name: bytearray() for name in self.streams}
+        rows = {name: bytearray() for name in self.streams}
         for name, tick, _, _ in self.raw():
-            row = found[name]
+            row = rows[name]
             if tick >= len(row):
                 if tick >= _MOST_TICKS:
                     raise RecordingError(f"{self.path}: stream {name!r}: tick {tick}, expected less than 2^31")
@@ -219,10 +219,10 @@ class Recording:
                 raise RecordingError(f"{self.path}: stream {name!r} has tick {tick} twice; `palpate info` and `export` "
                                      "can still read it")  # fmt: skip
             row[tick] = 1
-        length = max(map(len, found.values()), default=0)
+        length = max(map(len, rows.values()), default=0)
         return {
             name: np.frombuffer(bytes(row) + bytes(length - len(row)), dtype=np.uint8).astype(bool)
-            for name, row in found.items()
+            for name, row in rows.items()
         }
 
     def messages(self, name: str) -> Iterator[Message]:
@@ -238,14 +238,14 @@ class Recording:
     def columns(self, name: str) -> dict[str, np.ndarray]:
         """Time [s], tick and all numbers and vectors of one stream, one row a message; fields with arrays of
         changing length are left out."""
-        found = list(self.messages(name))
+        stream_messages = list(self.messages(name))
         columns: dict[str, np.ndarray] = {
-            "tick": np.array([m.tick for m in found], dtype=np.int64),
-            "time": np.array([m.time for m in found], dtype=float) * 1e-9,
+            "tick": np.array([m.tick for m in stream_messages], dtype=np.int64),
+            "time": np.array([m.time for m in stream_messages], dtype=float) * 1e-9,
         }
         for field in fields(self.streams[name].type):
             if field.dtype is None and field.type is not str:
-                values = [getattr(m, field.name) for m in found]
+                values = [getattr(m, field.name) for m in stream_messages]
                 if len({len(v) if isinstance(v, tuple) else -1 for v in values}) <= 1:
                     columns[field.name] = np.array(values)
         return columns

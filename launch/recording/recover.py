@@ -41,8 +41,8 @@ def recover(path: Path, out: Path | None = None) -> tuple[Path, dict[str, int]]:
             kind, title = stream.schema["class"], stream.schema["title"]
             if kind not in schemas:
                 schemas[kind] = writer.register_schema(title, "jsonschema", json.dumps(stream.schema).encode())
-            told = {"producer": stream.producer, "every": str(stream.every), "thin": str(stream.thin)}
-            channels[name] = writer.register_channel(name, "msgpack", schemas[kind], told)
+            metadata = {"producer": stream.producer, "every": str(stream.every), "thin": str(stream.thin)}
+            channels[name] = writer.register_channel(name, "msgpack", schemas[kind], metadata)
         for name, tick, time, payload in recording.raw():
             writer.add_message(channels[name], time, payload, time, tick)
             counts[name] += 1

@@ -165,7 +165,7 @@ class Replay:
                 yield self._listening(name, node, [s for s in self._streams() if s.name in heard])
 
     def _listening(self, name: str, node: Observer, streams: list[Stream]) -> ObserverSlot:
-        told = about(self.plan, clock="replay", replay_of=str(self.recording.path), running=self.running)
-        node.listen(tuple(streams), told)
+        provenance = about(self.plan, clock="replay", replay_of=str(self.recording.path), running=self.running)
+        node.listen(tuple(streams), provenance)
         jobs = {s.name: StreamJob(full_name(s.type), s.producer, s.every) for s in streams}
         return ObserverSlot(ObserverJob(name, full_name(type(node)), {}, jobs), node)

@@ -67,8 +67,8 @@ class Report:
     @property
     def first(self) -> Difference | None:
         """The earliest difference; at one tick that of the node that stands first in the graph."""
-        found = [report.first for report in self.nodes.values() if report.first is not None]
-        return min(found, key=lambda difference: difference.tick, default=None)
+        differences = [report.first for report in self.nodes.values() if report.first is not None]
+        return min(differences, key=lambda difference: difference.tick, default=None)
 
     @property
     def ok(self) -> bool:
@@ -141,10 +141,10 @@ def verify(
                     own.stopped = f"from tick {tick} on: the step failed"
                     continue
                 for output in part.slot.outputs:
-                    found = payloads.get(output.stream)
-                    if found is not None and output.last is not None:
+                    payload = payloads.get(output.stream)
+                    if payload is not None and output.last is not None:
                         own.checked += 1
-                        compare_one(own, output.stream, found, output.last, tolerance, scales)
+                        compare_one(own, output.stream, payload, output.last, tolerance, scales)
             if not tick % 512:
                 show(tick, last)
     finally:
@@ -179,12 +179,14 @@ def compare_one(
     try:
         recorded = unpack(payload, type(message))
     except MessageError as error:
-        found: Difference | None = Difference(stream, message.tick, "type", "1", str(error), type(message).__name__)
+        difference: Difference | None = Difference(
+            stream, message.tick, "type", "1", str(error), type(message).__name__
+        )
     else:
-        found = _first(own, stream, payload, recorded, message, tolerance, scales)
-    if found is not None:
+        difference = _first(own, stream, payload, recorded, message, tolerance, scales)
+    if difference is not None:
         own.differing += 1
-        own.first = own.first or found
+        own.first = own.first or difference
 
 
 def _first(
@@ -197,21 +199,23 @@ def _first(
     scales: dict[tuple[str, str], float],
 ) -> Difference | None:
     """The first field that differs beyond the tolerance."""
-    found = None
+    difference = None
     for name in HEADER:
         if getattr(a, name) != getattr(b, name):
-            found = found or Difference(stream, b.tick, name, "1", repr(getattr(a, name)), repr(getattr(b, name)))
+            difference = difference or Difference(
+                stream, b.tick, name, "1", repr(getattr(a, name)), repr(getattr(b, name))
+            )
     for each in fields(type(b)):
         x, y = getattr(a, each.name), getattr(b, each.name)
         numeric = each.dtype is not None or bool(each.shape) or each.type is float
         if not numeric:
             if x != y:
-                found = found or Difference(stream, b.tick, each.name, each.unit, repr(x), repr(y))
+                difference = difference or Difference(stream, b.tick, each.name, each.unit, repr(x), repr(y))
             continue
         p, q = np.asarray(x), np.asarray(y)
         if p.shape != q.shape:
             shapes = (f"shape {p.shape}", f"shape {q.shape}")
-            found = found or Difference(stream, b.tick, each.name, each.unit, *shapes)
+            difference = difference or Difference(stream, b.tick, each.name, each.unit, *shapes)
             continue
         if not p.size or p.tobytes() == q.tobytes():
             continue
@@ -224,10 +228,12 @@ def _first(
         if len(wrong):
             index = tuple(int(i) for i in wrong[0])
             label = each.name + (f"[{', '.join(map(str, index))}]" if index else "")
-            found = found or Difference(stream, b.tick, label, each.unit, repr(float(p[index])), repr(float(q[index])))
-    if found is None and not tolerance:
-        found = _other_fields(stream, payload, b)
-    return found
+            difference = difference or Difference(
+                stream, b.tick, label, each.unit, repr(float(p[index])), repr(float(q[index]))
+            )
+    if difference is None and not tolerance:
+        difference = _other_fields(stream, payload, b)
+    return difference
 
 
 def _other_fields(stream: str, payload: bytes, message: Message) -> Difference:
@@ -235,5 +241,5 @@ def _other_fields(stream: str, payload: bytes, message: Message) -> Difference:
     before = list(msgspec.msgpack.decode(payload))
     now = list(msgspec.msgpack.decode(pack(message)))
     only = ([name for name in before if name not in now], [name for name in now if name not in before])
-    told = ["fields " + ", ".join(names) if names else "no other fields" for names in only]
-    return Difference(stream, message.tick, "of the encoding", "1", *told)
+    differences = ["fields " + ", ".join(names) if names else "no other fields" for names in only]
+    return Difference(stream, message.tick, "of the encoding", "1", *differences)

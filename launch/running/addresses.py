@@ -36,17 +36,17 @@ def folder() -> Path:
     """
     runtime = os.environ.get("XDG_RUNTIME_DIR", "")
     here = runtime and len(runtime) < 40 and os.access(runtime, os.W_OK | os.X_OK)
-    found = Path(runtime) / "palpate" if here else Path(f"/tmp/palpate-{os.getuid()}")
+    path = Path(runtime) / "palpate" if here else Path(f"/tmp/palpate-{os.getuid()}")
     with contextlib.suppress(FileExistsError):
-        found.mkdir(mode=0o700)
-    status = found.lstat()
+        path.mkdir(mode=0o700)
+    status = path.lstat()
     if not stat.S_ISDIR(status.st_mode) or status.st_uid != os.getuid() or status.st_mode & 0o077:
         raise PermissionError(
-            f"{found}: the sockets of a run belong into a folder of this user (uid {os.getuid()}) that nobody else can "
+            f"{path}: the sockets of a run belong into a folder of this user (uid {os.getuid()}) that nobody else can "
             f"enter; found one of uid {status.st_uid} with mode {stat.S_IMODE(status.st_mode):o}. "
             "Remove it, or set XDG_RUNTIME_DIR."
         )
-    return found
+    return path
 
 
 def endpoint(run: str, name: str, outlet: str = "") -> str:
@@ -89,18 +89,18 @@ class _Secured(msgspec.Struct):
 def key_of(run: str, group: str) -> Key | None:
     """The key that secures the outlets of a group of a run; None where nothing does."""
     try:
-        found = msgspec.json.decode((folder() / run / _KEY).read_bytes(), type=_Secured)
+        secured = msgspec.json.decode((folder() / run / _KEY).read_bytes(), type=_Secured)
     except FileNotFoundError:
         return None
-    return found.key if group in found.groups else None
+    return secured.key if group in secured.groups else None
 
 
 def runs() -> Iterator[tuple[str, list[str]]]:
     """Runs that go on, the newest last, and the groups whose outlets for observers are there."""
     with contextlib.suppress(FileNotFoundError):
-        for path in sorted(folder().iterdir(), key=lambda found: found.stat().st_ctime):
+        for path in sorted(folder().iterdir(), key=lambda file: file.stat().st_ctime):
             if _in_use(path):
-                yield path.name, sorted(unquote(found.stem) for found in path.glob("*.observers"))
+                yield path.name, sorted(unquote(file.stem) for file in path.glob("*.observers"))
 
 
 def _in_use(path: Path) -> bool:

@@ -37,12 +37,12 @@ def jobs(
     path = force_path(plan)
     links = _links(plan, path)
     place = {name: group.name for group in placement.groups for name in group.nodes}
-    found = []
+    assignments = []
     for phase, group in enumerate(placement.groups):
         names = [name for name in plan.order if name in group.nodes]
         on_path = any(name in path for name in names)
         leads = any(plan.graph.nodes[name].cls.paced for name in names)
-        found.append(
+        assignments.append(
             Job(
                 group=group.name,
                 nodes=tuple(node_job(plan, name, path) for name in names),
@@ -62,7 +62,7 @@ def jobs(
                 about=about or {},
             )
         )
-    return found
+    return assignments
 
 
 def force_path(plan: Plan) -> set[str]:
@@ -77,13 +77,13 @@ def force_path(plan: Plan) -> set[str]:
 
 
 def _reach(start: Iterable[str], ways: dict[str, set[str]]) -> set[str]:
-    found: set[str] = set()
+    reached: set[str] = set()
     left = list(start)
     while left:
-        for name in ways[left.pop()] - found:
-            found.add(name)
+        for name in ways[left.pop()] - reached:
+            reached.add(name)
             left.append(name)
-    return found
+    return reached
 
 
 def _links(plan: Plan, path: set[str]) -> int:

@@ -114,20 +114,20 @@ class Bus:
 
         Returns the endpoints by outlet. PortInUse: somebody else has that port.
         """
-        found: dict[str, list[str]] = {}
+        endpoints: dict[str, list[str]] = {}
         for step, (name, socket) in enumerate((("force", self._force), ("observers", self._observers))):
             if host and self.key is not None:
                 self._keeper = self._keeper or Keeper(self.context, self.key)
                 self.key.secure(socket, server=True)
             local = endpoint(self.run, self.group, name)
             self._bind(socket, local)
-            found[name] = [local]
+            endpoints[name] = [local]
             if host:
                 address, _, port = host.partition(":")
                 wanted = f"tcp://{address}:{int(port) + step}" if port else f"tcp://{address}:*"
                 self._bind(socket, wanted)
-                found[name].append(socket.get_string(zmq.LAST_ENDPOINT).rstrip("\0"))
-        return found
+                endpoints[name].append(socket.get_string(zmq.LAST_ENDPOINT).rstrip("\0"))
+        return endpoints
 
     def _bind(self, socket: zmq.Socket, address: str) -> None:
         try:

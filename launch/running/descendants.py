@@ -46,11 +46,11 @@ def descendants(pid: int) -> set[int]:
             with contextlib.suppress(OSError, IndexError, ValueError):
                 parent = int((entry / "stat").read_text(errors="replace").rpartition(")")[2].split()[1])
                 children.setdefault(parent, []).append(int(entry.name))
-    found: set[int] = set()
+    offspring: set[int] = set()
     left = [pid]
     while left:
         for child in children.get(left.pop(), []):
-            if child not in found:
-                found.add(child)
+            if child not in offspring:
+                offspring.add(child)
                 left.append(child)
-    return found
+    return offspring

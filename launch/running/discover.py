@@ -35,16 +35,16 @@ def running() -> list[Running]:
 
 def find(name: str | None = None) -> Running:
     """The run of this name, or the only one. NoRun: there is none, or there are several and none was named."""
-    found = running()
+    live_runs = running()
     if name is not None:
-        found = [run for run in found if run.name.startswith(name)]
-    if len(found) == 1:
-        return found[0]
-    if not found:
+        live_runs = [run for run in live_runs if run.name.startswith(name)]
+    if len(live_runs) == 1:
+        return live_runs[0]
+    if not live_runs:
         which = f"no run {name!r} goes on" if name else "no run goes on"
         raise NoRun(f"{which} on this machine (a run with --fused has no sockets to listen to); "
                     "start one: palpate run kidney --clock real")  # fmt: skip
-    raise NoRun(f"{len(found)} runs go on: {', '.join(run.name for run in found)}; name one with --run")
+    raise NoRun(f"{len(live_runs)} runs go on: {', '.join(run.name for run in live_runs)}; name one with --run")
 
 
 def hear(run: Running, streams: list[str]) -> Iterator[tuple[str, bytes]]:

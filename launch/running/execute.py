@@ -68,15 +68,15 @@ def execute(
     """
     graph = launch.load()
     set_recording(graph, launch.record, leave_out, thin)
-    found = plan(graph)
-    place = launch.placement(found)
-    clock = _clock(launch, found)
+    planned = plan(graph)
+    place = launch.placement(planned)
+    clock = _clock(launch, planned)
     ticks = None if launch.duration is None else max(1, round(launch.duration * graph.rate))
     joined = frozenset(group.name for group in place.groups if group.join or not is_here(group.host))
     fused = len(place.groups) == 1 and clock == "simulated" and not joined
     groups = {group.name: group.nodes for group in place.groups}
-    told = about(found, here=fused, clock=clock, pace=launch.pace, ticks=ticks, groups=groups)
-    work = jobs(found, place, clock=clock, ticks=ticks, pace=launch.pace, about=told)
+    provenance = about(planned, here=fused, clock=clock, pace=launch.pace, ticks=ticks, groups=groups)
+    work = jobs(planned, place, clock=clock, ticks=ticks, pace=launch.pace, about=provenance)
     if launch.record is not None:
         _check_writable(launch.record)
     if joined:
@@ -89,7 +89,7 @@ def execute(
     _check_carriers(work, joined)
     key = _key(place, joined, unencrypted, key_name)
     title = (launch.path or launch.graph).stem
-    names = [*found.order, *found.observers]
+    names = [*planned.order, *planned.observers]
     screen = Screen(console, title, graph.rate, ticks, names) if console is not None else None
     with screen or contextlib.nullcontext():
         if fused:
@@ -104,19 +104,19 @@ def execute(
                 address=address if joined else None,
                 key=key,
                 patience=patience,
-                restart=frozenset(name for name in found.order if graph.nodes[name].restart),
+                restart=frozenset(name for name in planned.order if graph.nodes[name].restart),
                 show=(lambda it: screen.show(it.result, it.phase, it.busy)) if screen else lambda _: None,
                 printed=screen.print if screen else lambda _: None,
                 died=screen.died if screen else lambda _: None,
             )
             result = launcher.run()
     result.health = {name: result.health[name] for name in names if name in result.health}
-    return Outcome(found, result, launch.record)
+    return Outcome(planned, result, launch.record)
 
 
-def _clock(launch: LaunchFile, found: Plan) -> str:
+def _clock(launch: LaunchFile, planned: Plan) -> str:
     """The clock of a run: the real one with hardware. GraphError: hardware on the simulated one."""
-    hardware = [name for name in found.order if found.graph.nodes[name].cls.hardware]
+    hardware = [name for name in planned.order if planned.graph.nodes[name].cls.hardware]
     if hardware and launch.clock == "simulated":
         faults = Faults()
         faults.add("clock: found 'simulated', but it talks to a device, which keeps real time",

@@ -73,10 +73,10 @@ class ForkServer:
 
     def printed(self) -> str:
         """What the workers have printed since the last call."""
-        found = b""
-        while len(found) < MOST_PRINTED and (data := self.output.read(65536)):
-            found += data
-        return found.decode(errors="replace")
+        printout = b""
+        while len(printout) < MOST_PRINTED and (data := self.output.read(65536)):
+            printout += data
+        return printout.decode(errors="replace")
 
     def close(self) -> str:
         """End the fork server and with it every worker that is left. Returns what they printed last."""
@@ -141,14 +141,14 @@ def _do(end: socket.socket, request: Prepare | Start | Kill, keepers: dict[int, 
             gc.collect()
             gc.freeze()  # so that the workers' collections do not touch, and so copy, the shared pages
         case Start(job):
-            told, tell = os.pipe()
+            reading, tell = os.pipe()
             keeper = os.fork()
             if keeper == 0:
-                os.close(told)
+                os.close(reading)
                 _keep(end, request, pairs, tell)
             os.close(tell)
-            pid = int(os.read(told, 16) or b"0")
-            keepers[keeper] = _Kept(job.group, pid, told)
+            pid = int(os.read(reading, 16) or b"0")
+            keepers[keeper] = _Kept(job.group, pid, reading)
             end.sendall(msgspec.json.encode(Started(job.group, pid)) + b"\n")
         case Kill(group, number):
             for kept in keepers.values():

@@ -32,13 +32,13 @@ class Histogram:
     def report(self) -> dict[str, float]:
         """Mean, quantiles and longest duration [s]."""
         total = np.cumsum(self.bins)
-        found = {"mean": self.total * 1e-9 / self.count if self.count else 0.0}
+        durations = {"mean": self.total * 1e-9 / self.count if self.count else 0.0}
         for name, q in (("p50", 0.5), ("p99", 0.99), ("p999", 0.999)):
             octave, eighth = divmod(int(np.searchsorted(total, q * self.count)), 8)
             middle = 2.0**octave * (1.0 + (eighth + 0.5) / 8.0) if self.count else 0.0
-            found[name] = min(middle, self.longest) * 1e-9
-        found["longest"] = self.longest * 1e-9
-        return found
+            durations[name] = min(middle, self.longest) * 1e-9
+        durations["longest"] = self.longest * 1e-9
+        return durations
 
 
 class Health:
@@ -82,20 +82,20 @@ class Counters(msgspec.Struct, frozen=True):
     forces: dict[str, float] = {}
 
 
-def message(node: str, time: int, since: int, told: Counters) -> messages.Health:
+def message(node: str, time: int, since: int, counters: Counters) -> messages.Health:
     """A report as observers get it. `time` [ns] on the graph's clock; `since`: tick at which its worker began."""
     return messages.Health(
-        tick=told.tick,
+        tick=counters.tick,
         time=time,
         source=node,
         since=since,
-        steps=told.steps,
-        late=told.late,
-        lost=told.lost,
-        held=told.held,
-        state=told.state,
-        median=told.step["p50"],
-        p99=told.step["p99"],
-        longest=told.step["longest"],
-        age=told.age["p50"],
+        steps=counters.steps,
+        late=counters.late,
+        lost=counters.lost,
+        held=counters.held,
+        state=counters.state,
+        median=counters.step["p50"],
+        p99=counters.step["p99"],
+        longest=counters.step["longest"],
+        age=counters.age["p50"],
     )

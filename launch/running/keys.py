@@ -114,8 +114,8 @@ def load(name: str = NAME) -> Key:
     try:
         if path.stat().st_mode & (stat.S_IRWXG | stat.S_IRWXO):
             raise KeyFault(f"key {name!r}: others can read {path}; chmod 600 {path}, and make a new one if they have")
-        found = msgspec.json.decode(path.read_bytes(), type=_File)
-        zmq.curve_public(found.secret.encode())
+        key_file = msgspec.json.decode(path.read_bytes(), type=_File)
+        zmq.curve_public(key_file.secret.encode())
     except FileNotFoundError:
         raise KeyFault(
             f"there is no key {name!r} ({path}). `palpate keys --make` makes one; copy that file to the same place on "
@@ -124,7 +124,7 @@ def load(name: str = NAME) -> Key:
         ) from None
     except (msgspec.MsgspecError, ValueError, zmq.ZMQError) as error:
         raise KeyFault(f"key {name!r}: {path} is damaged ({error})") from None
-    return Key(found.public, found.secret)
+    return Key(key_file.public, key_file.secret)
 
 
 def known() -> Iterator[tuple[str, Path]]:

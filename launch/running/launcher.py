@@ -201,10 +201,10 @@ class Launcher:
 
     def _next_report(self, wait: int = 0) -> bool:
         """Take the next report, if one comes within so many milliseconds."""
-        found = self._wires.report(wait)
-        if found is not None:
-            self._take(self.members[found.group], found.report)
-        return found is not None
+        addressed = self._wires.report(wait)
+        if addressed is not None:
+            self._take(self.members[addressed.group], addressed.report)
+        return addressed is not None
 
     def _take(self, member: Member, report: Report) -> None:
         if member.state == "gone" and not isinstance(report, Alive):
@@ -242,7 +242,9 @@ class Launcher:
 
     def _progress(self, report: Alive) -> bool:
         """Whether observers, to whom nobody sends any more, still take what was sent."""
-        return any(self.result.health.get(name, {}).get("steps") != told.steps for name, told in report.nodes.items())
+        return any(
+            self.result.health.get(name, {}).get("steps") != counters.steps for name, counters in report.nodes.items()
+        )
 
     def _left(self, member: Member) -> None:
         """A worker on another machine has no process here whose end could be seen: its last report is its end."""

@@ -98,14 +98,14 @@ class Thread(NamedTuple):
 
 def threads(pid: int) -> dict[str, Thread]:
     """The threads of a process by number; empty where the kernel does not tell."""
-    found = {}
+    states = {}
     with contextlib.suppress(OSError):
         for task in Path(f"/proc/{pid}/task").iterdir():
             with contextlib.suppress(OSError, IndexError, ValueError):
                 state = (task / "stat").read_text(errors="replace").rpartition(")")[2].split()[0]
                 ran, queued, _ = (task / "schedstat").read_text().split()
-                found[task.name] = Thread(state, int(ran) * 1e-9, int(queued) * 1e-9)
-    return found
+                states[task.name] = Thread(state, int(ran) * 1e-9, int(queued) * 1e-9)
+    return states
 
 
 def able(passed: float, before: dict[str, Thread], now: dict[str, Thread]) -> float:

@@ -108,8 +108,8 @@ def _link(bus: Bus, job: Job) -> tuple[int, set[str]]:
 
 
 def _fault(error: NodeFault) -> Fault:
-    found = death(error)
-    return Fault(found.node, found.where, found.text, found.trace)
+    cause = death(error)
+    return Fault(cause.node, cause.where, cause.text, cause.trace)
 
 
 def _stop_rest(worker: Worker | None) -> None:

@@ -54,10 +54,10 @@ def machine(*packages: str) -> dict[str, Any]:
     }
 
 
-def rounding(told: dict[str, Any]) -> list[str]:
+def rounding(recorded: dict[str, Any]) -> list[str]:
     """How this process differs from what made a recording, of which `told` is the provenance, in what decides on the
     last bits of results: empty where the same bytes are to be expected."""
-    then, here = told.get("arithmetic"), in_force()
+    then, here = recorded.get("arithmetic"), in_force()
     if not isinstance(then, dict):
         return ["the recording does not say what its numbers were computed with"]
     return [
@@ -89,7 +89,7 @@ def _processor() -> str:
 def commit() -> str | None:
     """The commit of the working directory, if it is under git."""
     try:
-        found = subprocess.run(
+        completed = subprocess.run(
             ["git", "rev-parse", "HEAD"],
             capture_output=True,
             text=True,
@@ -99,4 +99,4 @@ def commit() -> str | None:
         )
     except (OSError, subprocess.TimeoutExpired):
         return None
-    return found.stdout.strip() or None
+    return completed.stdout.strip() or None

@@ -101,16 +101,16 @@ def _gather(worker: Worker, slot: Slot, tick: int, deadline: int, leading: bool)
     messages: list[Message | None] = []
     for port in slot.inputs:
         drives = port is slot.driver
-        found = _pick(worker, port, tick, deadline, waits=(port.waits or drives) and not (leading and drives))
-        if found is not None and found.tick < needed(tick, port.every, port.loop):
+        message = _pick(worker, port, tick, deadline, waits=(port.waits or drives) and not (leading and drives))
+        if message is not None and message.tick < needed(tick, port.every, port.loop):
             if drives:
                 return None
             slot.health.held += 1
-            if (tick - found.tick) / worker.job.rate > _permitted(worker, slot, port):
-                found = None
-        if found is None and not port.port.optional:
+            if (tick - message.tick) / worker.job.rate > _permitted(worker, slot, port):
+                message = None
+        if message is None and not port.port.optional:
             return None
-        messages.append(found)
+        messages.append(message)
     return messages
 
 
@@ -126,14 +126,14 @@ def _pick(worker: Worker, port: Input, tick: int, deadline: int, waits: bool) ->
     """The message of this tick, waited for until the deadline, or the newest one before it."""
     if port.dead:
         return None
-    found = port.newest(tick - 1 if port.loop else tick)
+    message = port.newest(tick - 1 if port.loop else tick)
     need = needed(tick, port.every, port.loop)
     if not waits or port.loop or port.output is not None:
-        return found
-    while (found is None or found.tick < need) and now() < deadline:
+        return message
+    while (message is None or message.tick < need) and now() < deadline:
         assert port.feed is not None
         worker.wait(port.feed)
         if port.dead or worker.stopping:
             return None
-        found = port.newest(tick)
-    return found
+        message = port.newest(tick)
+    return message

@@ -50,14 +50,14 @@ def _await(worker: Worker, slot: Slot, port: Input, tick: int) -> Message | None
     assert port.feed is not None
     while True:
         came = worker.wait(port.feed)
-        if came and (found := port.at(tick)) is not None:
-            return found
+        if came and (message := port.at(tick)) is not None:
+            return message
         if came:
             continue
         if port.dead or slot.name in worker.mute:
             return None
-        if (found := port.at(tick)) is not None:
-            return found
+        if (message := port.at(tick)) is not None:
+            return message
         if worker.last is not None and worker.tick > worker.last:
             raise Ended
 

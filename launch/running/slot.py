@@ -172,11 +172,11 @@ class Slot:
 
     def forces(self) -> dict[str, float]:
         """Magnitude [N] of each force in the last outputs, for the live view, by `stream.field`."""
-        found: dict[str, float] = {}
+        forces: dict[str, float] = {}
         for output in self.outputs:
             if output.last is not None:
-                found |= {f"{output.stream}.{name}": value for name, value in _forces(output.last).items()}
-        return found
+                forces |= {f"{output.stream}.{name}": value for name, value in _forces(output.last).items()}
+        return forces
 
     def start(self) -> None:
         """Start the node and warm it, so that no step compiles. What touches the world, a device or a file, is not
@@ -251,8 +251,8 @@ class Slot:
             return (None,) * len(self.outputs)
         if not isinstance(answer, tuple) or len(answer) != len(self.outputs):
             kinds = ", ".join(output.kind.__name__ for output in self.outputs)
-            found = f"{len(answer)} of them" if isinstance(answer, tuple) else type(answer).__name__
-            raise NodeFault(self.name, f"step at tick {tick}", f"answered {found}, expected a tuple of {kinds}")
+            description = f"{len(answer)} of them" if isinstance(answer, tuple) else type(answer).__name__
+            raise NodeFault(self.name, f"step at tick {tick}", f"answered {description}, expected a tuple of {kinds}")
         return answer
 
     def _other(self, output: Output, message: object, tick: int) -> Message:
@@ -261,8 +261,8 @@ class Slot:
             return msgspec.structs.replace(message)
         if message is None and output.last is not None:
             return msgspec.structs.replace(output.last)
-        found = "None before it had sent a message" if message is None else f"a {type(message).__name__}"
-        raise NodeFault(self.name, f"step at tick {tick}", f"answered {found}, expected a {output.kind.__name__}")
+        description = "None before it had sent a message" if message is None else f"a {type(message).__name__}"
+        raise NodeFault(self.name, f"step at tick {tick}", f"answered {description}, expected a {output.kind.__name__}")
 
     def _check(self, message: Message, tick: int) -> None:
         try:
@@ -273,12 +273,12 @@ class Slot:
 
 def _forces(message: Message) -> dict[str, float]:
     """Magnitude [N] of each force in a message that is a number or a vector."""
-    found = {}
+    magnitudes = {}
     for field in fields(type(message)):
         if field.unit == "N" and field.dtype is None:
             value = getattr(message, field.name)
-            found[field.name] = math.hypot(*value) if isinstance(value, tuple) else abs(value)
-    return found
+            magnitudes[field.name] = math.hypot(*value) if isinstance(value, tuple) else abs(value)
+    return magnitudes
 
 
 class ObserverSlot:

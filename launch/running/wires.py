@@ -96,12 +96,12 @@ class Wires:
         """The next report of a worker of this run; None where none comes within so many milliseconds."""
         while self._told.poll(wait):
             try:
-                found = REPORTS.decode(self._told.recv())
+                addressed = REPORTS.decode(self._told.recv())
             except (msgspec.MsgspecError, ValueError):
                 self.foreign += 1
                 continue
-            if found.group in self._expected:
-                return found
+            if addressed.group in self._expected:
+                return addressed
             self.foreign += 1
         return None
 

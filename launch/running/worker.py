@@ -289,10 +289,10 @@ class Worker:
             return
         for slot in self.slots:
             last = slot.outputs[0].last if slot.outputs else None
-            told = message(slot.name, last.time if last is not None else 0, self._since, nodes[slot.name])
-            self.audience.tell([told])
+            health = message(slot.name, last.time if last is not None else 0, self._since, nodes[slot.name])
+            self.audience.tell([health])
             if far and self.bus is not None:
-                self.bus.keep(frame(HEALTH, pack(told)))
+                self.bus.keep(frame(HEALTH, pack(health)))
 
     def _pass_notes(self) -> None:
         """Hand on what the nodes and observers have to say."""

@@ -66,10 +66,8 @@ def _load(path: str) -> tuple[np.ndarray, np.ndarray]:
     except ImportError:
         raise SettingError("mesh files need the package trimesh: pip install 'palpate[mesh]'") from None
     try:
-        found: Any = trimesh.load(file, force="mesh", process=False)
-        return np.array(found.vertices, dtype=float).reshape(-1, 3), np.array(found.faces, dtype=np.int64).reshape(
-            -1, 3
-        )
+        mesh: Any = trimesh.load(file, force="mesh", process=False)
+        return np.array(mesh.vertices, dtype=float).reshape(-1, 3), np.array(mesh.faces, dtype=np.int64).reshape(-1, 3)
     except Exception as error:  # the reader raises whatever the broken bytes lead it to
         text = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise SettingError(f"setting 'surface': {path} is not a {file.suffix[1:]} mesh: {text}") from None

@@ -148,7 +148,7 @@ def settings(kind: type[Node]) -> dict[str, Setting]:
 
     TypeError: a setting without a unit.
     """
-    found = {}
+    by_name = {}
     for base in reversed(kind.__mro__):
         if base in (Node, Observer, object):
             continue
@@ -166,8 +166,8 @@ def settings(kind: type[Node]) -> dict[str, Setting]:
             plain = typing.get_args(hint)[0]
             bound = Annotated[plain, limits[0]] if limits else plain
             others = tuple(m for m in marks if not isinstance(m, str | msgspec.Meta))
-            found[name] = Setting(name, unit, bound, getattr(kind, name, ...), others)
-    return found
+            by_name[name] = Setting(name, unit, bound, getattr(kind, name, ...), others)
+    return by_name
 
 
 def convert(setting: Setting, value: Any) -> Any:
@@ -215,7 +215,7 @@ def outputs(kind: type[Node]) -> tuple[type[Message], ...]:
     """
     hint = typing.get_type_hints(kind.step).get("return")
     kinds = typing.get_args(hint) if typing.get_origin(hint) is tuple else () if hint in (None, type(None)) else (hint,)
-    for found in kinds:
-        if not (isinstance(found, type) and issubclass(found, Message)):
-            raise TypeError(f"{kind.__name__}.step: returns {found!r}, expected a message or a tuple of messages")
+    for returned in kinds:
+        if not (isinstance(returned, type) and issubclass(returned, Message)):
+            raise TypeError(f"{kind.__name__}.step: returns {returned!r}, expected a message or a tuple of messages")
     return kinds

@@ -84,19 +84,19 @@ def surface_mesh(
     SettingError: no such surface, or a file that cannot be used; says why.
     """
     if surface == "plane":
-        found = plane(PLANE_SIZE, vertices)
+        mesh = plane(PLANE_SIZE, vertices)
     elif surface in SURFACES:
-        found = tessellate(_patch(surface), max(vertices, 12))
+        mesh = tessellate(_patch(surface), max(vertices, 12))
     else:
         from palpate.nodes.base.mesh_file import read_mesh  # its package is an extra
 
         _known(surface)
         if file_unit not in UNITS:
             raise SettingError(f"setting 'file_unit': found {file_unit!r}, expected one of {', '.join(UNITS)}")
-        found = read_mesh(surface, UNITS[file_unit])
+        mesh = read_mesh(surface, UNITS[file_unit])
     turn = _matrix(rotation)
     _finite("position", position)
-    return Mesh(np.ascontiguousarray(found.vertices @ turn.T + np.asarray(position)), found.triangles)
+    return Mesh(np.ascontiguousarray(mesh.vertices @ turn.T + np.asarray(position)), mesh.triangles)
 
 
 def surface_patch(surface: str, position: Vector3 = LEVEL, rotation: Vector3 = LEVEL) -> Nurbs:

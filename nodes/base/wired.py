@@ -62,13 +62,13 @@ class Wired(Node):
         """What the user should see: a device that is gone or back, or too slow; each line once."""
         if not hasattr(self, "exchange"):
             return []
-        found = self.exchange.notes()
+        notes = self.exchange.notes()
         rate = self.exchange.rate
         if self.steps > 2000 and not self.told and 0.0 < rate < SLOW * self.steps / self.seconds:
             self.told = True
-            found.append(
+            notes.append(
                 f"the device answers {rate:.0f} times a second, the graph asks {self.steps / self.seconds:.0f} times:"
                 f" the rest is extrapolated from the last answers. `rate: {50 * max(1, int(rate / 50))}` fits;"
                 " `palpate doctor` shows what slows this machine."
             )
-        return found
+        return notes

@@ -49,7 +49,7 @@ def digest(mesh: Mesh) -> str:
 @lru_cache(maxsize=8)
 def constants(files: tuple[str, ...]) -> dict[str, str]:
     """Upper-case constants and default fields of classes in these files of the package, as they are written."""
-    found = {}
+    assignments = {}
     for file in files:
         name, _, only = file.partition(":")
         top, _, rest = name.partition("/")
@@ -68,8 +68,8 @@ def constants(files: tuple[str, ...]) -> dict[str, str]:
                     own = [n.id for n in names if isinstance(n, ast.Name)]
                     chosen = not only or set(own) & set(only.split(","))
                     if value is not None and own and chosen and (scope or own[0].isupper()):
-                        found[f"{name}:{scope}{','.join(own)}"] = ast.unparse(value)
-    return found
+                        assignments[f"{name}:{scope}{','.join(own)}"] = ast.unparse(value)
+    return assignments
 
 
 def key(inputs: dict[str, Any]) -> str:
@@ -79,8 +79,8 @@ def key(inputs: dict[str, Any]) -> str:
 
 def shipped() -> dict[str, dict[str, Any]]:
     """What is said of each shipped basis, by the name of its file."""
-    found: dict[str, dict[str, Any]] = json.loads((SHIPPED / "index.json").read_text(encoding="utf-8"))
-    return found
+    index: dict[str, dict[str, Any]] = json.loads((SHIPPED / "index.json").read_text(encoding="utf-8"))
+    return index
 
 
 def find(folder: Path, wanted: str) -> Path | None:
@@ -94,17 +94,18 @@ def find(folder: Path, wanted: str) -> Path | None:
 def about(path: Path) -> dict[str, Any] | None:
     """What a stored basis says of itself; None where it says nothing."""
     try:
-        with np.load(path) as found:
-            told: dict[str, Any] = json.loads(str(found["about"]))
+        with np.load(path) as archive:
+            provenance: dict[str, Any] = json.loads(str(archive["about"]))
     except (OSError, KeyError, ValueError, EOFError, zipfile.BadZipFile):
         return None
-    return told
+    return provenance
 
 
 def differences(made: dict[str, Any], wanted: dict[str, Any]) -> list[str]:
     """What two inputs differ in, one text each."""
     flat = [
-        {**{k: v for k, v in one.items() if k != "constants"}, **one.get("constants", {})} for one in (made, wanted)
+        {**{k: v for k, v in inputs.items() if k != "constants"}, **inputs.get("constants", {})}
+        for inputs in (made, wanted)
     ]
     return [
         f"{name} was {flat[0].get(name)}, is {flat[1].get(name)}"

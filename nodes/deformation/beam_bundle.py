@@ -102,6 +102,6 @@ class BeamBundle(WithNodule):
         held = np.clip(load.forces, -LARGEST_FORCE, LARGEST_FORCE)  # as the beams take it
         inward = -np.einsum("ka,ka->k", held, self.facing[load.nodes])
         np.add.at(self.push, load.nodes, inward)
-        found = np.maximum(self.push[nodes], 0.0) / self.areas[nodes]
+        pressure = np.maximum(self.push[nodes], 0.0) / self.areas[nodes]
         self.push[load.nodes] = 0.0
-        return found
+        return pressure

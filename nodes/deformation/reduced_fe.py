@@ -153,17 +153,17 @@ class ReducedFE(OnSurface):
         """All that the basis depends on."""
         finger = self.surface == "fingertip" and self.model == "sampled"
         files: tuple[str, ...] = FINGER if finger else ORGAN
-        found: dict[str, Any] = {"method": METHOD, "surface": _name(self.surface)}
+        inputs: dict[str, Any] = {"method": METHOD, "surface": _name(self.surface)}
         if self.model == "sampled":
             files += SAMPLED
-            found["modes"] = self.modes
+            inputs["modes"] = self.modes
         if not finger:
-            found |= {"mesh": digest(self.coarse_mesh()), "poisson": self.poisson, "bed": self.bed}
+            inputs |= {"mesh": digest(self.coarse_mesh()), "poisson": self.poisson, "bed": self.bed}
             if self.nodule_radius > 0:
-                found |= {"nodule": [*self.nodule_centre, self.nodule_radius, self.nodule_ratio]}
+                inputs |= {"nodule": [*self.nodule_centre, self.nodule_radius, self.nodule_ratio]}
             if self.capsule_thickness > 0:
-                found |= {"capsule": [self.capsule_thickness, self.capsule_ratio]}
-        return found | {"constants": constants(files)}
+                inputs |= {"capsule": [self.capsule_thickness, self.capsule_ratio]}
+        return inputs | {"constants": constants(files)}
 
     def key(self) -> str:
         """The hash that the basis is found by."""
@@ -185,13 +185,13 @@ class ReducedFE(OnSurface):
 
         SettingError: none is stored for these settings, or it cannot be read, or is of another place or shape.
         """
-        found = self.stored(SHIPPED, cache())
-        if found is None:
+        stored = self.stored(SHIPPED, cache())
+        if stored is None:
             raise SettingError(
                 "no reduced basis is stored for these settings of model, surface, poisson, bed, coarse, nodule, "
                 f"capsule{self._nearest()}. Build it once: {self.command()}"
             )
-        path, basis = found
+        path, basis = stored
         away = off(basis.vertices, self.coarse_mesh())
         if away > NEAR:
             raise SettingError(
@@ -206,9 +206,9 @@ class ReducedFE(OnSurface):
         for name, about in shipped().items():
             made = about["inputs"]
             if made["surface"] == wanted["surface"] and ("modes" in made) == ("modes" in wanted):
-                told = differences(made, wanted)
-                more = f" and {len(told) - 3} more" if len(told) > 3 else ""
-                return f"; of the shipped {name}, {'; '.join(told[:3])}{more}"
+                changes = differences(made, wanted)
+                more = f" and {len(changes) - 3} more" if len(changes) > 3 else ""
+                return f"; of the shipped {name}, {'; '.join(changes[:3])}{more}"
         return ""
 
     def stored(self, *folders: Path) -> tuple[Path, Basis | SampledBasis] | None:
@@ -223,11 +223,11 @@ class ReducedFE(OnSurface):
                 try:
                     if self.model == "sampled":
                         return path, SampledBasis.load(path)
-                    found = Basis.load(path)
+                    basis = Basis.load(path)
                 except BasisError as error:
                     raise SettingError(f"{error}, here: {self.command()} --force") from None
-                if found.dents.size or self.model == "linear":
-                    return path, found
+                if basis.dents.size or self.model == "linear":
+                    return path, basis
         return None
 
 

@@ -166,8 +166,8 @@ class Bed:
         if dt > 0:
             touched = _loaded(nodes, forces, normal, self._last, self._moving.weight)
             if touched < 0:
-                found = f"{nodes.min()} ... {nodes.max()}"
-                raise IndexError(f"found nodes {found}, the surface has {len(self.beams.areas)} vertices")
+                span = f"{nodes.min()} ... {nodes.max()}"
+                raise IndexError(f"found nodes {span}, the surface has {len(self.beams.areas)} vertices")
             patch = self._last
             if touched > 0:
                 self._last_count, self._last_foot = touched, tuple(foot)

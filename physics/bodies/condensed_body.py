@@ -80,13 +80,13 @@ class Basis:
         BasisError: not a basis, or a damaged one.
         """
         try:
-            with np.load(path) as found:
-                vertices, triangles = found["vertices"], found["triangles"]
+            with np.load(path) as archive:
+                vertices, triangles = archive["vertices"], archive["triangles"]
                 size = 3 * len(vertices)
                 full = np.zeros((size, size), dtype=np.float32)
-                lower = np.ascontiguousarray(found["lower"].T).view("<i2").ravel()
-                full[np.tril_indices(size)] = lower * np.float32(found["step"])
-                dents = found["dents"].astype(np.float64) if "dents" in found else np.zeros((0, 0))
+                lower = np.ascontiguousarray(archive["lower"].T).view("<i2").ravel()
+                full[np.tril_indices(size)] = lower * np.float32(archive["step"])
+                dents = archive["dents"].astype(np.float64) if "dents" in archive else np.zeros((0, 0))
                 if dents.size and (len(dents) != len(vertices) or not np.isfinite(dents).all()):
                     raise ValueError(f"dents of shape {dents.shape} for {len(vertices)} vertices")
         except (OSError, KeyError, ValueError, EOFError, zlib.error, zipfile.BadZipFile) as error:

@@ -48,16 +48,16 @@ def carried(corners, weights, u, vertices, foot, reach, nodes, moved):
     Fills `nodes` and `moved` [m]; returns how many.
     """
     near = reach * reach
-    found = 0
+    count = 0
     for p in range(len(vertices)):
         d0, d1, d2 = vertices[p, 0] - foot[0], vertices[p, 1] - foot[1], vertices[p, 2] - foot[2]
         if d0 * d0 + d1 * d1 + d2 * d2 > near:
             continue
-        nodes[found] = p
+        nodes[count] = p
         for i in range(3):
             total = 0.0
             for a in range(3):
                 total += weights[p, a] * u[corners[p, a], i]
-            moved[found, i] = total
-        found += 1
-    return found
+            moved[count, i] = total
+        count += 1
+    return count

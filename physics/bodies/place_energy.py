@@ -62,7 +62,7 @@ def softness(
 
     compliance [m/N] (3V,3V);  corners, weights (N,3) coarse vertices and shares of each vertex of the spreader's mesh
     """
-    found = np.full(len(mesh.vertices), np.nan)
+    compliances = np.full(len(mesh.vertices), np.nan)
     for v, (foot, n) in enumerate(zip(mesh.vertices, mesh.normals, strict=True)):
         normal = n / np.linalg.norm(n)
         count = spreader.spread(tuple(foot.tolist()), tuple(normal.tolist()), tuple((-normal).tolist()))
@@ -72,10 +72,10 @@ def softness(
             load = np.zeros((len(own), 3))
             np.add.at(load, place.reshape(-1, 3), weights[nodes][:, :, None] * forces[:, None, :])
             rows = (3 * own[:, None] + np.arange(3)).ravel()
-            found[v] = load.ravel() @ compliance[np.ix_(rows, rows)] @ load.ravel()
-    good = found > 0.0
-    found[~good] = found[good].mean() if good.any() else 1.0
-    return np.log(found)
+            compliances[v] = load.ravel() @ compliance[np.ix_(rows, rows)] @ load.ravel()
+    good = compliances > 0.0
+    compliances[~good] = compliances[good].mean() if good.any() else 1.0
+    return np.log(compliances)
 
 
 def weight_slopes(mesh: Mesh, corners: np.ndarray) -> np.ndarray:
@@ -164,9 +164,9 @@ def on_hand(slope, turning, approach, normal):
     for k in range(9):
         size += turning[k] * turning[k]
     deep = min(approach, STEEPEST / max(np.sqrt(size), 1e-12))
-    found = np.zeros(3)
+    force = np.zeros(3)
     for _ in range(40):  # Neumann's series: what is left falls to STEEPEST of itself each time
         for i in range(3):
-            found[i] = slope[i] + deep * (turning[i] * found[0] + turning[3 + i] * found[1] + turning[6 + i] * found[2])
-    out = found[0] * normal[0] + found[1] * normal[1] + found[2] * normal[2]
-    return found[0] - out * normal[0], found[1] - out * normal[1], found[2] - out * normal[2]
+            force[i] = slope[i] + deep * (turning[i] * force[0] + turning[3 + i] * force[1] + turning[6 + i] * force[2])
+    out = force[0] * normal[0] + force[1] * normal[1] + force[2] * normal[2]
+    return force[0] - out * normal[0], force[1] - out * normal[1], force[2] - out * normal[2]

@@ -63,14 +63,14 @@ class SampledBasis:
         kept = np.flatnonzero(np.abs(self.missed).sum(axis=1) > 0.0)  # held vertices have none
         block = self.missed[np.ix_(kept, kept)]
         halves = {"lower": block[np.tril_indices(len(kept))], "surface_modes": self.modes, "modes": self.points.modes}
-        found: dict[str, Any] = {}
+        arrays: dict[str, Any] = {}
         for name, value in halves.items():
             scale = max(float(np.abs(value).max(initial=0.0)), 1e-300) / 3e4
-            found |= {name: (value / scale).astype(np.float16), f"{name}_scale": np.float64(scale)}
+            arrays |= {name: (value / scale).astype(np.float16), f"{name}_scale": np.float64(scale)}
         path.parent.mkdir(parents=True, exist_ok=True)
         part = path.with_name(path.name + ".part.npz")
-        found |= {name: value for name, value in self.points._asdict().items() if name != "modes"}
-        found["laws"] = np.array([name_at(place) for place in self.points.laws])
+        arrays |= {name: value for name, value in self.points._asdict().items() if name != "modes"}
+        arrays["laws"] = np.array([name_at(place) for place in self.points.laws])
         np.savez_compressed(
             part,
             vertices=self.vertices,
@@ -78,7 +78,7 @@ class SampledBasis:
             kept=kept,
             bend=np.array(self.bend),
             about=np.array(about),
-            **found,
+            **arrays,
         )
         part.replace(path)
 
@@ -89,24 +89,24 @@ class SampledBasis:
         BasisError: not a basis with sampled points, or a damaged one.
         """
         try:
-            with np.load(path) as found:
-                size, kept = 3 * len(found["vertices"]), found["kept"]
+            with np.load(path) as archive:
+                size, kept = 3 * len(archive["vertices"]), archive["kept"]
                 lower, surface_modes, modes = (
-                    found[name].astype(np.float32) * np.float32(found[f"{name}_scale"])
+                    archive[name].astype(np.float32) * np.float32(archive[f"{name}_scale"])
                     for name in ("lower", "surface_modes", "modes")
                 )
                 half = np.zeros((len(kept), len(kept)), dtype=np.float32)
                 half[np.tril_indices(len(kept))] = lower
                 missed = np.zeros((size, size), dtype=np.float32)
                 missed[np.ix_(kept, kept)] = half + np.tril(half, -1).T
-                names = found["laws"].tolist() if "laws" in found.files else UNNAMED
+                names = archive["laws"].tolist() if "laws" in archive.files else UNNAMED
                 points = Points(
-                    modes, found["weights"], found["kinds"], found["constants"], found["springs"],
-                    float(found["limit"]), np.array([place_of(law(name), name) for name in names]),
+                    modes, archive["weights"], archive["kinds"], archive["constants"], archive["springs"],
+                    float(archive["limit"]), np.array([place_of(law(name), name) for name in names]),
                 )  # fmt: skip
-                scale, power, most = found["bend"].tolist()
+                scale, power, most = archive["bend"].tolist()
                 return cls(
-                    found["vertices"], found["triangles"], missed, surface_modes.astype(np.float64), points,
+                    archive["vertices"], archive["triangles"], missed, surface_modes.astype(np.float64), points,
                     (scale, power, most),
                 )  # fmt: skip
         except (OSError, KeyError, ValueError, EOFError, zlib.error, zipfile.BadZipFile) as error:

@@ -109,10 +109,10 @@ def settle(points, work, p, q, g, H, K, L, vectors, energy, budget):
             for i in range(r):
                 trial[i] = q[i] + length * d[i]
                 after -= p[i] * trial[i]
-            found = forces(points, trial, work, slope)
+            potential = forces(points, trial, work, slope)
             used += 1
-            after += found
-            if found < np.inf:
+            after += potential
+            if potential < np.inf:
                 turned = 0.0
                 for i in range(r):
                     turned += d[i] * (slope[i] - p[i])
@@ -120,7 +120,7 @@ def settle(points, work, p, q, g, H, K, L, vectors, energy, budget):
                 if after <= before + 1e-4 * length * along or abs(turned) <= 0.5 * abs(along):
                     break
             shorter = 0.25
-            if found < np.inf:  # the least of the parabola through both values and the slope
+            if potential < np.inf:  # the least of the parabola through both values and the slope
                 shorter = -0.5 * along / max((after - before) / length - along, 1e-300)
                 shorter = min(max(shorter, 0.1), 0.5)
             length *= shorter
@@ -134,7 +134,7 @@ def settle(points, work, p, q, g, H, K, L, vectors, energy, budget):
             curve += d[i] * lean[i]
             size += d[i] * d[i]
             q[i], g[i] = trial[i], slope[i]
-        energy = found
+        energy = potential
         if curve > 1e-12 * size:
             _improve(H, d, lean, trial, curve)
 

@@ -47,7 +47,7 @@ def isostrain_volume(values: np.ndarray, volumes: np.ndarray, levels: np.ndarray
 
 @numba.njit(cache=True)
 def _volume(values, volumes, levels):
-    found = np.zeros(len(levels))
+    volume_above = np.zeros(len(levels))
     for k in range(len(levels)):
         c = levels[k]
         for e in range(len(values)):
@@ -65,8 +65,8 @@ def _volume(values, volumes, levels):
                 share = p * q + a * b * (1.0 - q) + a * q * (1.0 - p)
             else:
                 share = (v3 - c) / (v3 - v0) * (v3 - c) / (v3 - v1) * (v3 - c) / (v3 - v2)
-            found[k] += share * volumes[e]
-    return found
+            volume_above[k] += share * volumes[e]
+    return volume_above
 
 
 def growth(low: np.ndarray, high: np.ndarray, force_low: float, force_high: float) -> np.ndarray:

@@ -142,10 +142,10 @@ def newton(geometry, t0, t1, t2, x, y, z):
     """Newton's method from a reachable point: with N the link vectors as rows and D the levers, the step is
     -N^-1 D (t1(P) - t)."""
     for _ in range(ITERATIONS):
-        _, found, n0, n1, n2, levers = links(geometry, x, y, z)
-        r0 = wrap(found[0] - t0)
-        r1 = wrap(found[1] - t1)
-        r2 = wrap(found[2] - t2)
+        _, angles, n0, n1, n2, levers = links(geometry, x, y, z)
+        r0 = wrap(angles[0] - t0)
+        r1 = wrap(angles[1] - t1)
+        r2 = wrap(angles[2] - t2)
         done = max(abs(r0), abs(r1), abs(r2)) <= TOLERANCE
         c0, c1, c2 = cross(n1, n2), cross(n2, n0), cross(n0, n1)
         volume = dot(n0, c0)
@@ -196,10 +196,10 @@ def inverse(position, falcon: Falcon = FALCON) -> tuple[np.ndarray, np.ndarray]:
     angles = np.zeros((*points.shape[:-1], 3, 3))
     reach = np.zeros(points.shape[:-1], dtype=bool)
     for index in np.ndindex(points.shape[:-1]):
-        found = [leg(geometry, i, *points[index]) for i in range(3)]
-        reach[index] = all(f[0] for f in found)
+        legs = [leg(geometry, i, *points[index]) for i in range(3)]
+        reach[index] = all(f[0] for f in legs)
         if reach[index]:
-            angles[index] = [f[1:] for f in found]
+            angles[index] = [f[1:] for f in legs]
     return angles, reach
 
 

@@ -101,8 +101,8 @@ def torque(force, position, falcon: Falcon = FALCON) -> tuple[np.ndarray, bool]:
 
     Y. Nakamura, H. Hanafusa, J. Dyn. Syst. Meas. Control 108 (1986) 163-171, for the damped inverse.
     """
-    ok, *found = torque_kernel(falcon.geometry, *map(float, force), *map(float, position))
-    return np.array(found), bool(ok)
+    ok, *torques = torque_kernel(falcon.geometry, *map(float, force), *map(float, position))
+    return np.array(torques), bool(ok)
 
 
 def force(torques, position, falcon: Falcon = FALCON) -> tuple[np.ndarray, bool]:
@@ -115,5 +115,5 @@ def force(torques, position, falcon: Falcon = FALCON) -> tuple[np.ndarray, bool]
     returns   [N]    (3)  device frame; zero where the position is out of reach
               [1]    ()   whether the position is in reach
     """
-    ok, *found = force_kernel(falcon.geometry, *map(float, torques), *map(float, position))
-    return np.array(found), bool(ok)
+    ok, *components = force_kernel(falcon.geometry, *map(float, torques), *map(float, position))
+    return np.array(components), bool(ok)

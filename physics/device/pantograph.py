@@ -38,15 +38,15 @@ def handle(mechanism: Pantograph, q1: float, q2: float) -> tuple[float, float] |
 
 def cranks(mechanism: Pantograph, x: float, y: float) -> tuple[float, float] | None:
     """Crank angles [rad] at a place of the handle [m], elbows outwards; None out of reach."""
-    found = []
+    angles = []
     for base, side in ((0.0, 1.0), (mechanism.apart, -1.0)):
         dx, r2 = x - base, (x - base) ** 2 + y * y
         cosine = (r2 + mechanism.crank**2 - mechanism.link**2) / (2.0 * mechanism.crank * math.sqrt(r2)) if r2 else 2.0
         if not abs(cosine) <= 1.0:
             return None
         # The left crank lies left of the line from its motor to the handle, the right one right of it.
-        found.append(math.atan2(y, dx) + side * math.acos(cosine))
-    return found[0], found[1]
+        angles.append(math.atan2(y, dx) + side * math.acos(cosine))
+    return angles[0], angles[1]
 
 
 def jacobian(mechanism: Pantograph, q1: float, q2: float) -> tuple[tuple[float, float], tuple[float, float]] | None:

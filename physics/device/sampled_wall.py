@@ -61,8 +61,8 @@ def required_damping(response: Callable[[np.ndarray], np.ndarray], period: float
 
     phases = np.linspace(0.0, np.pi / 2.0, points + 1)
     phases[0] = 1e-6
-    found = need(phases)
-    best = int(np.argmax(found))
+    damping = need(phases)
+    best = int(np.argmax(damping))
     low, high = phases[max(best - 1, 0)], phases[min(best + 1, points)]
     fine = minimize_scalar(lambda p: -need(p), bounds=(low, high), method="bounded", options={"xatol": 1e-12})
-    return float(max(found[best], -fine.fun))
+    return float(max(damping[best], -fine.fun))

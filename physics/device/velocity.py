@@ -80,8 +80,8 @@ def velocity(times, positions, order: int = 8) -> np.ndarray:
     returns    [m/s] (n,3)
     """
     state = buffers(order)
-    found = np.zeros((len(times), 3))
+    velocities = np.zeros((len(times), 3))
     for k, (t, point) in enumerate(zip(times, positions, strict=True)):
         push(*state, int(t), *map(float, point))
-        found[k] = mean_velocity(*state)
-    return found
+        velocities[k] = mean_velocity(*state)
+    return velocities

@@ -163,9 +163,9 @@ def press(force: float, b: float, m: float, pad_curvature: float, compliance: fl
 @numba.njit(cache=True)
 def _press_all(force, compliance, tissue_curvature, b, m, pad_curvature, out):
     for i in range(force.size):
-        found = press(force[i], b, m, pad_curvature, compliance[i], tissue_curvature[i])
+        contact = press(force[i], b, m, pad_curvature, compliance[i], tissue_curvature[i])
         for k in range(7):
-            out[k, i] = found[k]
+            out[k, i] = contact[k]
 
 
 def pad_contact(force, modulus, poisson=0.5, radius=np.inf, pad: Fingerpad = FINGERPADS["canonical"]) -> PadContact:

@@ -59,8 +59,8 @@ class Anatomy:
             return self.shaft + self.tuft * tuft + 1.1 * self.shaft * base, depth, depth, self.bone_start, self.bone_cap
         less = self.skin if name == "tissue" else 0.0
         palmar = self.palmar + self.bulge * np.exp(-(((y - self.cap) / 9e-3) ** 2))
-        one = np.ones_like(y)
-        return one * (self.width / 2 - less), palmar - less, one * (self.dorsal - less), less, self.cap - less
+        ones = np.ones_like(y)
+        return ones * (self.width / 2 - less), palmar - less, ones * (self.dorsal - less), less, self.cap - less
 
     def level(self, name: str, points) -> np.ndarray:
         """About the signed distance [m] (...) to a surface, zero exactly on it. `name` and points as in `Fingertip`."""

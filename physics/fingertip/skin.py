@@ -47,12 +47,12 @@ def grid_triangles(index: np.ndarray) -> np.ndarray:
     """
     place = {(int(i), int(j)): k for k, (i, j) in enumerate(index)}
     cells = sorted({(i - p, j - q) for i, j in place for p in (0, 1) for q in (0, 1)})
-    found = []
+    triangles = []
     for i, j in cells:
         a, b, c, d = (i, j), (i + 1, j), (i + 1, j + 1), (i, j + 1)
         halves = ((a, b, c), (a, c, d)) if (i + j) % 2 == 0 else ((a, b, d), (b, c, d))
-        found += [[place[k] for k in half] for half in halves if all(k in place for k in half)]
-    return np.array(found, dtype=np.int64).reshape(-1, 3)
+        triangles += [[place[k] for k in half] for half in halves if all(k in place for k in half)]
+    return np.array(triangles, dtype=np.int64).reshape(-1, 3)
 
 
 def plane_stress_blocks(points, triangles, modulus, poisson, thickness):

@@ -57,13 +57,13 @@ class Fingertip:
     def load(path: str | Path) -> Fingertip:
         """Read what `save` wrote. FingertipError: no such file, or not a fingertip."""
         try:
-            with np.load(path) as found:
-                missing = [k for k in FIELDS if k not in found]
+            with np.load(path) as archive:
+                missing = [k for k in FIELDS if k not in archive]
                 if missing:
                     raise FingertipError(
                         f"{path}: no {', '.join(missing)} in it; `palpate fingertip` writes such files"
                     )
-                tip = Fingertip(*(np.asarray(found[k], float) for k in FIELDS))
+                tip = Fingertip(*(np.asarray(archive[k], float) for k in FIELDS))
         except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
             if isinstance(error, FingertipError):
                 raise

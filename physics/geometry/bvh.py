@@ -87,9 +87,9 @@ def weld(vertices: np.ndarray) -> np.ndarray:
     order = np.argsort(key, kind="stable")
     inside = vertices[order]
     new = np.concatenate([[True], (inside[1:] != inside[:-1]).any(axis=1)])
-    found = np.empty(len(vertices), dtype=np.int32)
-    found[order] = order[new][np.cumsum(new) - 1]
-    return found
+    representative = np.empty(len(vertices), dtype=np.int32)
+    representative[order] = order[new][np.cumsum(new) - 1]
+    return representative
 
 
 def _stars(triangles: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
@@ -119,7 +119,7 @@ def is_segment(triangles, t):
 @numba.njit(cache=True)
 def _superfluous(triangles, at, star):
     """Whether a triangle repeats an earlier one in the same sense, or is but an edge or a corner of a proper one."""
-    found = np.zeros(len(triangles), dtype=np.bool_)
+    superfluous = np.zeros(len(triangles), dtype=np.bool_)
     for t in range(len(triangles)):
         a, b, c = triangles[t, 0], triangles[t, 1], triangles[t, 2]
         flat = is_segment(triangles, t)
@@ -128,26 +128,28 @@ def _superfluous(triangles, at, star):
             s = star[k]
             x, y, z = triangles[s, 0], triangles[s, 1], triangles[s, 2]
             if flat:
-                found[t] = found[t] or (not is_segment(triangles, s) and (x == other or y == other or z == other))
+                superfluous[t] = superfluous[t] or (
+                    not is_segment(triangles, s) and (x == other or y == other or z == other)
+                )
             elif s < t and (
                 (x == a and y == b and z == c) or (x == b and y == c and z == a) or (x == c and y == a and z == b)
             ):
-                found[t] = True
-    return found
+                superfluous[t] = True
+    return superfluous
 
 
 @numba.njit(cache=True)
 def _morton(centre, low, size):
     """Interleaved bits of the coordinates, 21 of each."""
-    found = np.empty(len(centre), dtype=np.int64)
+    codes = np.empty(len(centre), dtype=np.int64)
     for t in range(len(centre)):
         code = 0
         for i in range(3):
             x = int(min((centre[t, i] - low[i]) / size, 1.0) * 2097151.0)
             for bit in range(21):
                 code |= ((x >> bit) & 1) << (3 * bit + i)
-        found[t] = code
-    return found
+        codes[t] = code
+    return codes
 
 
 @numba.njit(cache=True)
@@ -277,7 +279,7 @@ def _topology(points, cells, star_at, star):
 @numba.njit(cache=True)
 def _neighbour(cells, star_at, star, t, a, b):
     """The triangle across the edge from corner a to b of triangle t: one of the same sense if there is one; or -1."""
-    found = -1
+    neighbour = -1
     for k in range(star_at[a], star_at[a + 1]):
         s = star[k]
         if s == t or is_segment(cells, s):
@@ -286,6 +288,6 @@ def _neighbour(cells, star_at, star, t, a, b):
             x, y = cells[s, j], cells[s, (j + 1) % 3]
             if x == b and y == a:
                 return s
-            if x == a and y == b and found < 0:
-                found = s
-    return found
+            if x == a and y == b and neighbour < 0:
+                neighbour = s
+    return neighbour

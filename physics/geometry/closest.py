@@ -67,15 +67,15 @@ class ClosestPoint:
         positive outside, of points [m] (...,3)."""
         points = np.asarray(points, dtype=float)
         flat = np.ascontiguousarray(points.reshape(-1, 3))
-        found = np.empty((len(flat), FOUND))
-        _find(*self.tables, flat, *self.scratch(), found)
-        found = found.reshape(*points.shape[:-1], FOUND)
-        return found[..., :3], found[..., 3:6], found[..., 6:8], found[..., 8]
+        feet = np.empty((len(flat), FOUND))
+        _find(*self.tables, flat, *self.scratch(), feet)
+        feet = feet.reshape(*points.shape[:-1], FOUND)
+        return feet[..., :3], feet[..., 3:6], feet[..., 6:8], feet[..., 8]
 
 
 @numba.njit(cache=True)
-def track(data, layout, seeds, index, p0, p1, p2, hysteresis, state, work, d, found):
-    """The foot point of p = (p0, p1, p2) [m] into found: foot, normal, u, v, signed distance.
+def track(data, layout, seeds, index, p0, p1, p2, hysteresis, state, work, d, foot):
+    """The foot point of p = (p0, p1, p2) [m] into `foot`: point, normal, u, v, signed distance.
 
     state  (3)  u and v of the last foot point and 1, or 0 in the last place for a start without one
     """
@@ -133,17 +133,17 @@ def track(data, layout, seeds, index, p0, p1, p2, hysteresis, state, work, d, fo
         evaluate(data, layout, u, v, work, here)
     n0, n1, n2 = normal_of(data, layout, u, v, here)
     state[0], state[1], state[2] = u, v, 1.0
-    found[0], found[1], found[2] = here[0, 0], here[0, 1], here[0, 2]
-    found[3], found[4], found[5] = n0, n1, n2
-    found[6], found[7], found[8] = u, v, signed
+    foot[0], foot[1], foot[2] = here[0, 0], here[0, 1], here[0, 2]
+    foot[3], foot[4], foot[5] = n0, n1, n2
+    foot[6], foot[7], foot[8] = u, v, signed
 
 
 @numba.njit(cache=True)
-def _find(data, layout, seeds, index, points, state, work, d, found, results):
+def _find(data, layout, seeds, index, points, state, work, d, foot, results):
     for k in range(len(points)):
         state[2] = 0.0
-        track(data, layout, seeds, index, points[k, 0], points[k, 1], points[k, 2], 0.0, state, work, d, found)
-        results[k] = found
+        track(data, layout, seeds, index, points[k, 0], points[k, 1], points[k, 2], 0.0, state, work, d, foot)
+        results[k] = foot
 
 
 @numba.njit(cache=True)
@@ -154,12 +154,12 @@ def _square(seeds, k, p0, p1, p2):
 
 @numba.njit(cache=True)
 def _nearest(seeds, index, p0, p1, p2):
-    best, found = np.inf, 0
+    best, nearest = np.inf, 0
     for k in range(index[0]):
         f = _square(seeds, k, p0, p1, p2)
         if f < best:
-            best, found = f, k
-    return found
+            best, nearest = f, k
+    return nearest
 
 
 @numba.njit(cache=True)
@@ -266,13 +266,13 @@ def _sagitta(surface: Nurbs, u: np.ndarray, v: np.ndarray) -> float:
 
 def _links(number: np.ndarray, closed_u: bool, closed_v: bool) -> np.ndarray:
     """Pairs of neighbours in a grid of sample numbers, diagonals included, both ways, none twice."""
-    found = []
+    links = []
     for du, dv in ((1, 0), (0, 1), (1, 1), (1, -1)):
         other = np.roll(number, (-du, -dv), axis=(0, 1))
         rows = slice(None) if closed_u or not du else slice(None, -1)
         columns = slice(None) if closed_v or not dv else slice(None, -1) if dv > 0 else slice(1, None)
-        found.append(np.stack([number[rows, columns].ravel(), other[rows, columns].ravel()], axis=1))
-    pairs = np.concatenate(found)
+        links.append(np.stack([number[rows, columns].ravel(), other[rows, columns].ravel()], axis=1))
+    pairs = np.concatenate(links)
     pairs = pairs[pairs[:, 0] != pairs[:, 1]]
     return np.unique(np.concatenate([pairs, pairs[:, ::-1]]), axis=0)
 

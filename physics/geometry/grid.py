@@ -73,13 +73,13 @@ class Grid:
     def nearest(self, point: ArrayLike, normal: ArrayLike) -> tuple[int, np.ndarray]:
         """The triangle nearest to `point` [m] (3) among those that look along `normal` [1] (3), see
         `nearest_triangle`, and the barycentric coordinates [1] (3) of its nearest point."""
-        found = nearest_triangle(
+        hit = nearest_triangle(
             np.asarray(point, float),
             np.asarray(normal, float),
             *(self.longest, self.origin, self.side, self.shape, self.first, self.order),
             *(self.points, self.triangles, self.corners_first, self.corners),
         )
-        return int(found[0]), np.array(found[1:])
+        return int(hit[0]), np.array(hit[1:])
 
 
 def _starts(owner: np.ndarray, count: int) -> np.ndarray:

@@ -44,15 +44,15 @@ class MeshClosestPoint:
         positive outside, of points [m] (...,3)."""
         points = np.asarray(points, dtype=float)
         flat = np.ascontiguousarray(points.reshape(-1, 3))
-        found = np.empty((len(flat), FOUND))
-        _find(*self.tables.arrays, flat, *self.scratch(), found)
-        found = found.reshape(*points.shape[:-1], FOUND)
-        return found[..., :3], found[..., 3:6], found[..., 9].astype(int), found[..., 8]
+        feet = np.empty((len(flat), FOUND))
+        _find(*self.tables.arrays, flat, *self.scratch(), feet)
+        feet = feet.reshape(*points.shape[:-1], FOUND)
+        return feet[..., :3], feet[..., 3:6], feet[..., 9].astype(int), feet[..., 8]
 
 
 @numba.njit(cache=True)
-def track_mesh(points, cells, discs, star_at, star, p0, p1, p2, hysteresis, work, found):
-    """The foot point of p = (p0, p1, p2) [m] into found: foot, normal, two weights, signed distance, triangle.
+def track_mesh(points, cells, discs, star_at, star, p0, p1, p2, hysteresis, work, foot):
+    """The foot point of p = (p0, p1, p2) [m] into `foot`: point, normal, two weights, signed distance, triangle.
 
     The nearest point reached from the last foot point by walking downhill is the branch that is followed; it bounds the
     search of the tree, and stays until the tree finds one nearer by more than the hysteresis [m]. The distance is that
@@ -67,25 +67,25 @@ def track_mesh(points, cells, discs, star_at, star, p0, p1, p2, hysteresis, work
     t = _search(points, cells, discs, p0, p1, p2, local, f, work)
     if t != local:
         g, x, y, spot = _on_triangle(points, cells, t, p0, p1, p2)
-        signed = signed_distance(points, cells, star_at, star, t, x, y, spot, p0, p1, p2, found)
+        signed = signed_distance(points, cells, star_at, star, t, x, y, spot, p0, p1, p2, foot)
         if not settled or np.sqrt(g) < np.sqrt(f) - hysteresis or _same(points, cells, local, t, v, w, x, y):
             local, v, w = t, x, y
         else:
-            foot_of(points, cells, local, v, w, found)
+            foot_of(points, cells, local, v, w, foot)
     else:
-        signed = signed_distance(points, cells, star_at, star, local, v, w, place, p0, p1, p2, found)
-    normal_at(points, cells, local, v, w, found)
+        signed = signed_distance(points, cells, star_at, star, local, v, w, place, p0, p1, p2, foot)
+    normal_at(points, cells, local, v, w, foot)
     work[0] = local
-    found[6], found[7], found[8], found[9] = v, w, signed, cells[local, ORIGIN]
+    foot[6], foot[7], foot[8], foot[9] = v, w, signed, cells[local, ORIGIN]
 
 
 @numba.njit(cache=True)
-def _find(points, cells, discs, star_at, star, queries, work, found, results):
+def _find(points, cells, discs, star_at, star, queries, work, foot, results):
     for k in range(len(queries)):
         work[0] = -1
         q = queries[k]
-        track_mesh(points, cells, discs, star_at, star, q[0], q[1], q[2], 0.0, work, found)
-        results[k] = found
+        track_mesh(points, cells, discs, star_at, star, q[0], q[1], q[2], 0.0, work, foot)
+        results[k] = foot
 
 
 @numba.njit(cache=True)

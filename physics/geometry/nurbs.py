@@ -95,9 +95,9 @@ class Nurbs:
     def derivatives(self, u: np.ndarray, v: np.ndarray) -> np.ndarray:
         """S, S_u, S_v, S_uu, S_uv, S_vv at (u, v) [m] (...,6,3); parameters beyond the domain wrap or are clamped."""
         u, v = np.broadcast_arrays(np.asarray(u, dtype=float), np.asarray(v, dtype=float))
-        found = np.empty((u.size, 6, 3))
-        _derivatives(*self.packed, u.ravel(), v.ravel(), found)
-        return found.reshape(*u.shape, 6, 3)
+        derivatives = np.empty((u.size, 6, 3))
+        _derivatives(*self.packed, u.ravel(), v.ravel(), derivatives)
+        return derivatives.reshape(*u.shape, 6, 3)
 
     def __call__(self, u: np.ndarray, v: np.ndarray) -> np.ndarray:
         """S(u, v) [m] (...,3)."""
@@ -106,9 +106,9 @@ class Nurbs:
     def normal(self, u: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Outward unit normal [1] (...,3), at a pole the limit."""
         u, v = np.broadcast_arrays(np.asarray(u, dtype=float), np.asarray(v, dtype=float))
-        found = np.empty((u.size, 3))
-        _normals(*self.packed, u.ravel(), v.ravel(), found)
-        return found.reshape(*u.shape, 3)
+        normals = np.empty((u.size, 3))
+        _normals(*self.packed, u.ravel(), v.ravel(), normals)
+        return normals.reshape(*u.shape, 3)
 
     def moved(self, rotation: np.ndarray, position: np.ndarray) -> Nurbs:
         """The patch rotated by the matrix (3,3), then shifted by `position` [m] (3)."""
@@ -125,7 +125,7 @@ def basis_matrices(knots: np.ndarray, degree: int) -> tuple[np.ndarray, np.ndarr
     """
     count = len(knots) - degree - 1
     spans = [i for i in range(degree, count) if knots[i + 1] > knots[i]]
-    found = np.zeros((len(spans), degree + 1, degree + 1))
+    matrices = np.zeros((len(spans), degree + 1, degree + 1))
     for s, i in enumerate(spans):
         a, h = knots[i], knots[i + 1] - knots[i]
         row = np.zeros((degree + 1, degree + 1))
@@ -141,9 +141,9 @@ def basis_matrices(knots: np.ndarray, degree: int) -> tuple[np.ndarray, np.ndarr
                     width = knots[j + d + 1] - knots[j + 1]
                     new[k] += ((knots[j + d + 1] - a) * row[k] - h * np.roll(row[k], 1)) / width
             row = new
-        found[s] = row
+        matrices[s] = row
     ends = np.array([knots[i] for i in spans] + [knots[spans[-1] + 1]], dtype=float)
-    return ends, np.array([i - degree for i in spans], dtype=np.int64), found
+    return ends, np.array([i - degree for i in spans], dtype=np.int64), matrices
 
 
 @numba.njit(cache=True)

@@ -101,10 +101,10 @@ def collocation(knots: np.ndarray, degree: int, t: np.ndarray, derivative: int =
     x = (t - ends[span]) / width
     m = np.arange(degree + 1)
     powers = x[:, None] ** m if derivative == 0 else m * x[:, None] ** np.maximum(m - 1, 0) / width[:, None]
-    found = np.zeros((len(t), len(knots) - degree - 1))
+    design = np.zeros((len(t), len(knots) - degree - 1))
     columns = first[span][:, None] + m
-    np.put_along_axis(found, columns, np.einsum("tkm,tm->tk", matrix[span], powers), axis=1)
-    return found
+    np.put_along_axis(design, columns, np.einsum("tkm,tm->tk", matrix[span], powers), axis=1)
+    return design
 
 
 def _arc(quarters: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -24,21 +24,21 @@ def outward(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
     towards each other, so that a cavity stays a cavity; a piece that had to be mended is turned to positive volume by
     itself. An open piece gets the sense that most of its triangles have.
     """
-    found = np.ascontiguousarray(triangles, dtype=np.int32).copy()
-    across = _across(found, len(vertices))
+    oriented = np.ascontiguousarray(triangles, dtype=np.int32).copy()
+    across = _across(oriented, len(vertices))
     closed = bool((across >= 0).all())
-    piece, turned = _one_way(found, across)
+    piece, turned = _one_way(oriented, across)
     changed = np.bincount(piece, turned)
     if closed:
-        a, b, c = (vertices[found[:, i]] for i in range(3))
+        a, b, c = (vertices[oriented[:, i]] for i in range(3))
         part = np.bincount(piece, np.einsum("ij,ij->i", a, np.cross(b, c)))
         turn = (changed > 0) & (part < 0)
         if np.where(turn, -part, part).sum() < 0:
             turn = ~turn
     else:
         turn = changed > np.bincount(piece) / 2
-    found[turn[piece]] = found[turn[piece]][:, ::-1]
-    return found
+    oriented[turn[piece]] = oriented[turn[piece]][:, ::-1]
+    return oriented
 
 
 def _across(triangles: np.ndarray, vertices: int) -> np.ndarray:
@@ -48,9 +48,9 @@ def _across(triangles: np.ndarray, vertices: int) -> np.ndarray:
     key = (np.minimum(corners, other) * vertices + np.maximum(corners, other)).ravel()
     order = np.argsort(key, kind="stable")
     pair = np.flatnonzero(key[order][1:] == key[order][:-1])
-    found = np.full(key.size, -1, dtype=np.int64)
-    found[order[pair]], found[order[pair + 1]] = order[pair + 1] // 3, order[pair] // 3
-    return found.reshape(-1, 3)
+    neighbours = np.full(key.size, -1, dtype=np.int64)
+    neighbours[order[pair]], neighbours[order[pair + 1]] = order[pair + 1] // 3, order[pair] // 3
+    return neighbours.reshape(-1, 3)
 
 
 @numba.njit(cache=True)

@@ -64,10 +64,10 @@ def memory(points: np.ndarray, border: bool = False) -> np.ndarray:
     points  [m] (...,3)  of the surface
     border  whether it is open: a sheet that ends there
     """
-    found = np.zeros(20)
-    found[OPEN] = float(border)
-    found[DEEP] = SHALLOW * float(np.ptp(points.reshape(-1, 3), axis=0).min())
-    return found
+    state = np.zeros(20)
+    state[OPEN] = float(border)
+    state[DEEP] = SHALLOW * float(np.ptp(points.reshape(-1, 3), axis=0).min())
+    return state
 
 
 @numba.njit(cache=True)
@@ -80,46 +80,46 @@ def _moved(p, memory):
 
 
 @numba.njit(cache=True)
-def _at_border(p, along, found):
+def _at_border(p, along, foot):
     """Beyond the border of a sheet, where the connection is longer than its part along the normal, the gap is the
     distance."""
-    a, b, c = p[0] - found[0], p[1] - found[1], p[2] - found[2]
+    a, b, c = p[0] - foot[0], p[1] - foot[1], p[2] - foot[2]
     distance = np.sqrt(a * a + b * b + c * c)
     if distance > abs(along) * (1.0 + BESIDE) + ROUNDING:
-        found[3], found[4], found[5], found[8] = a / distance, b / distance, c / distance, distance
+        foot[3], foot[4], foot[5], foot[8] = a / distance, b / distance, c / distance, distance
 
 
 @numba.njit(cache=True)
-def _turned(found, memory):
-    along = found[3] * memory[NORMAL] + found[4] * memory[NORMAL + 1] + found[5] * memory[NORMAL + 2]
+def _turned(foot, memory):
+    along = foot[3] * memory[NORMAL] + foot[4] * memory[NORMAL + 1] + foot[5] * memory[NORMAL + 2]
     return along < TURNED
 
 
 @numba.njit(cache=True)
-def _outside(p, found, memory):
+def _outside(p, foot, memory):
     """Whether the tool is outside as seen from this side, or far away."""
-    if not found[8] > 0.0 or found[8] > FAR_BEYOND:
-        return found[8] > 0.0
+    if not foot[8] > 0.0 or foot[8] > FAR_BEYOND:
+        return foot[8] > 0.0
     along = square = 0.0
     for k in range(3):
-        along += (p[k] - found[k]) * memory[NORMAL + k]
-        square += (p[k] - found[k]) ** 2
+        along += (p[k] - foot[k]) * memory[NORMAL + k]
+        square += (p[k] - foot[k]) ** 2
     return along >= OUTSIDE * np.sqrt(square)
 
 
 @numba.njit(cache=True)
-def _taken(p, found, memory):
+def _taken(p, foot, memory):
     """Whether a foot follows from the last one."""
-    if _turned(found, memory):
+    if _turned(foot, memory):
         return False
-    if -memory[GAP] <= memory[DEEP] and -found[8] <= memory[DEEP]:
+    if -memory[GAP] <= memory[DEEP] and -foot[8] <= memory[DEEP]:
         return True
     depth = way = side = alike = 0.0
     for k in range(3):
-        alike += found[3 + k] * memory[ENTRY + k]
+        alike += foot[3 + k] * memory[ENTRY + k]
         depth += (p[k] - memory[FOOT + k]) * memory[NORMAL + k]
     for k in range(3):
-        way += (found[k] - memory[FOOT + k]) ** 2
+        way += (foot[k] - memory[FOOT + k]) ** 2
         side += (p[k] - memory[FOOT + k] - depth * memory[NORMAL + k]) ** 2
     if -memory[GAP] > DEEPER * memory[DEEP] and alike < ALIKE:
         return False
@@ -127,51 +127,51 @@ def _taken(p, found, memory):
 
 
 @numba.njit(cache=True)
-def _regular(p, found, moved, memory):
+def _regular(p, foot, moved, memory):
     """Whether the nearest point is the foot; settles whether the tool is inside."""
     if moved == np.inf:
         memory[INSIDE] = 0.0
         return True
     if memory[INSIDE] == 0.0:
-        turned = _turned(found, memory)
-        if memory[GAP] > 0.0 and (found[8] <= 0.0 or (turned and memory[GAP] <= moved)):
+        turned = _turned(foot, memory)
+        if memory[GAP] > 0.0 and (foot[8] <= 0.0 or (turned and memory[GAP] <= moved)):
             memory[INSIDE] = 1.0
             return not turned
         return True
-    if _outside(p, found, memory):
+    if _outside(p, foot, memory):
         memory[INSIDE] = 0.0
         return True
-    return found[8] <= 0.0 and _taken(p, found, memory)
+    return foot[8] <= 0.0 and _taken(p, foot, memory)
 
 
 @numba.njit(cache=True)
-def _stay(p, memory, found):
-    """The last foot into found, the gap along its normal."""
-    found[8] = 0.0
+def _stay(p, memory, foot):
+    """The last foot into `foot`, the gap along its normal."""
+    foot[8] = 0.0
     for k in range(3):
-        found[k], found[3 + k] = memory[FOOT + k], memory[NORMAL + k]
-        found[8] += (p[k] - found[k]) * found[3 + k]
+        foot[k], foot[3 + k] = memory[FOOT + k], memory[NORMAL + k]
+        foot[8] += (p[k] - foot[k]) * foot[3 + k]
 
 
 @numba.njit(cache=True)
-def _end(p, moved, inside, found, memory):
+def _end(p, moved, inside, foot, memory):
     """Limit the change of the gap to the tool's motion; store the step; whether the last foot stays.
 
     inside  whether the tool was inside in the last step
     """
     stays = False
     if moved < np.inf:
-        gap = min(max(found[8], memory[GAP] - moved), memory[GAP] + moved)
-        stays = inside and memory[INSIDE] == 0.0 and found[8] > gap + ROUNDING
+        gap = min(max(foot[8], memory[GAP] - moved), memory[GAP] + moved)
+        stays = inside and memory[INSIDE] == 0.0 and foot[8] > gap + ROUNDING
         if stays:
             memory[INSIDE] = 1.0
-            _stay(p, memory, found)
-        found[8] = gap
-    memory[STARTED], memory[GAP] = 1.0, found[8]
+            _stay(p, memory, foot)
+        foot[8] = gap
+    memory[STARTED], memory[GAP] = 1.0, foot[8]
     for k in range(3):
-        memory[TOOL + k], memory[FOOT + k], memory[NORMAL + k] = p[k], found[k], found[3 + k]
-        if -found[8] <= DEEPER * memory[DEEP]:
-            memory[ENTRY + k] = found[3 + k]
+        memory[TOOL + k], memory[FOOT + k], memory[NORMAL + k] = p[k], foot[k], foot[3 + k]
+        if -foot[8] <= DEEPER * memory[DEEP]:
+            memory[ENTRY + k] = foot[3 + k]
     return stays
 
 
@@ -181,60 +181,58 @@ def _held(x):
 
 
 @numba.njit(cache=True)
-def follow(data, layout, seeds, index, point, hysteresis, state, work, d, found, memory):
+def follow(data, layout, seeds, index, point, hysteresis, state, work, d, foot, memory):
     """The foot of a tool at `point` [m] (3) on a NURBS surface: arguments and result as of `track`."""
     p = (_held(point[0]), _held(point[1]), _held(point[2]))
     moved, inside = _moved(p, memory), memory[INSIDE] == 1.0
-    track(data, layout, seeds, index, p[0], p[1], p[2], hysteresis, state, work, d, found)
+    track(data, layout, seeds, index, p[0], p[1], p[2], hysteresis, state, work, d, foot)
     if memory[OPEN] == 1.0:
         along = 0.0
         for k in range(3):
-            along += (p[k] - found[k]) * found[3 + k]
-        _at_border(p, along, found)
-    if not _regular(p, found, moved, memory):
-        nearest = found.copy()
+            along += (p[k] - foot[k]) * foot[3 + k]
+        _at_border(p, along, foot)
+    if not _regular(p, foot, moved, memory):
+        nearest = foot.copy()
         u, v, _ = newton(data, layout, p[0], p[1], p[2], memory[PLACE], memory[PLACE + 1], work, d[0])
         n0, n1, n2 = normal_of(data, layout, u, v, d[0])
-        found[0], found[1], found[2] = d[0, 0, 0], d[0, 0, 1], d[0, 0, 2]
-        found[3], found[4], found[5], found[6], found[7] = n0, n1, n2, u, v
-        found[8] = (p[0] - found[0]) * n0 + (p[1] - found[1]) * n1 + (p[2] - found[2]) * n2
-        if not _taken(p, found, memory):
-            _stay(p, memory, found)
-            found[6], found[7] = memory[PLACE], memory[PLACE + 1]
-        if found[8] > 0.0:
+        foot[0], foot[1], foot[2] = d[0, 0, 0], d[0, 0, 1], d[0, 0, 2]
+        foot[3], foot[4], foot[5], foot[6], foot[7] = n0, n1, n2, u, v
+        foot[8] = (p[0] - foot[0]) * n0 + (p[1] - foot[1]) * n1 + (p[2] - foot[2]) * n2
+        if not _taken(p, foot, memory):
+            _stay(p, memory, foot)
+            foot[6], foot[7] = memory[PLACE], memory[PLACE + 1]
+        if foot[8] > 0.0:
             memory[INSIDE] = 0.0
-            found[:] = nearest
-        state[0], state[1] = found[6], found[7]
-    if _end(p, moved, inside, found, memory):
-        found[6], found[7] = memory[PLACE], memory[PLACE + 1]
-    memory[PLACE], memory[PLACE + 1] = found[6], found[7]
+            foot[:] = nearest
+        state[0], state[1] = foot[6], foot[7]
+    if _end(p, moved, inside, foot, memory):
+        foot[6], foot[7] = memory[PLACE], memory[PLACE + 1]
+    memory[PLACE], memory[PLACE + 1] = foot[6], foot[7]
 
 
 @numba.njit(cache=True)
-def follow_mesh(points, cells, discs, star_at, star, point, hysteresis, work, found, memory):
+def follow_mesh(points, cells, discs, star_at, star, point, hysteresis, work, foot, memory):
     """The foot of a tool at `point` [m] (3) on a triangle mesh: arguments and result as of `track_mesh`."""
     p = (_held(point[0]), _held(point[1]), _held(point[2]))
     moved, inside = _moved(p, memory), memory[INSIDE] == 1.0
-    track_mesh(points, cells, discs, star_at, star, p[0], p[1], p[2], hysteresis, work, found)
+    track_mesh(points, cells, discs, star_at, star, p[0], p[1], p[2], hysteresis, work, foot)
     if memory[OPEN] == 1.0:
         _, v, w, place = _on_triangle(points, cells, work[0], p[0], p[1], p[2])
-        _at_border(
-            p, signed_distance(points, cells, star_at, star, work[0], v, w, place, p[0], p[1], p[2], found), found
-        )
-    if not _regular(p, found, moved, memory):
-        nearest, local = found.copy(), work[0]
+        _at_border(p, signed_distance(points, cells, star_at, star, work[0], v, w, place, p[0], p[1], p[2], foot), foot)
+    if not _regular(p, foot, moved, memory):
+        nearest, local = foot.copy(), work[0]
         t, _ = _descend(points, cells, star_at, star, p[0], p[1], p[2], int(memory[PLACE]))
         _, v, w, place = _on_triangle(points, cells, t, p[0], p[1], p[2])
-        found[8] = signed_distance(points, cells, star_at, star, t, v, w, place, p[0], p[1], p[2], found)
-        normal_at(points, cells, t, v, w, found)
-        work[0], found[6], found[7] = t, v, w
-        if found[8] > 0.0 or not _taken(p, found, memory):
-            _stay(p, memory, found)
-            work[0], found[6], found[7] = int(memory[PLACE]), memory[PLACE + 1], memory[PLACE + 2]
-        if found[8] > 0.0:
+        foot[8] = signed_distance(points, cells, star_at, star, t, v, w, place, p[0], p[1], p[2], foot)
+        normal_at(points, cells, t, v, w, foot)
+        work[0], foot[6], foot[7] = t, v, w
+        if foot[8] > 0.0 or not _taken(p, foot, memory):
+            _stay(p, memory, foot)
+            work[0], foot[6], foot[7] = int(memory[PLACE]), memory[PLACE + 1], memory[PLACE + 2]
+        if foot[8] > 0.0:
             memory[INSIDE], work[0] = 0.0, local
-            found[:] = nearest
-    if _end(p, moved, inside, found, memory):
-        work[0], found[6], found[7] = int(memory[PLACE]), memory[PLACE + 1], memory[PLACE + 2]
-    found[9] = cells[work[0], ORIGIN]
-    memory[PLACE], memory[PLACE + 1], memory[PLACE + 2] = work[0], found[6], found[7]
+            foot[:] = nearest
+    if _end(p, moved, inside, foot, memory):
+        work[0], foot[6], foot[7] = int(memory[PLACE]), memory[PLACE + 1], memory[PLACE + 2]
+    foot[9] = cells[work[0], ORIGIN]
+    memory[PLACE], memory[PLACE + 1], memory[PLACE + 2] = work[0], foot[6], foot[7]

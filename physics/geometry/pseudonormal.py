@@ -16,10 +16,10 @@ FACE, VERTEX, EDGE = 0, 1, 4
 
 
 @numba.njit(cache=True)
-def foot_of(points, cells, t, v, w, found):
+def foot_of(points, cells, t, v, w, foot):
     for c in range(3):
         a, b, d = points[cells[t, 0], c], points[cells[t, 1], c], points[cells[t, 2], c]
-        found[c] = a + v * (b - a) + w * (d - a)
+        foot[c] = a + v * (b - a) + w * (d - a)
 
 
 @numba.njit(cache=True)
@@ -36,8 +36,8 @@ def _face(points, cells, t):
 
 
 @numba.njit(cache=True)
-def normal_at(points, cells, t, v, w, found):
-    """The interpolated vertex normal into found[3:6]; the face's where they cancel, (0, 0, 1) where there is none."""
+def normal_at(points, cells, t, v, w, foot):
+    """The interpolated vertex normal into foot[3:6]; the face's where they cancel, (0, 0, 1) where there is none."""
     u = 1.0 - v - w
     i, j, k = cells[t, 0], cells[t, 1], cells[t, 2]
     x = u * points[i, 3] + v * points[j, 3] + w * points[k, 3]
@@ -49,19 +49,19 @@ def normal_at(points, cells, t, v, w, found):
         length = np.sqrt(x * x + y * y + z * z)
         if length == 0.0:
             x, y, z, length = 0.0, 0.0, 1.0, 1.0
-    found[3], found[4], found[5] = x / length, y / length, z / length
+    foot[3], foot[4], foot[5] = x / length, y / length, z / length
 
 
 @numba.njit(cache=True)
-def signed_distance(points, cells, star_at, star, t, v, w, place, p0, p1, p2, found):
-    """Signed distance of p from its nearest point, and that point into found[:3].
+def signed_distance(points, cells, star_at, star, t, v, w, place, p0, p1, p2, foot):
+    """Signed distance of p from its nearest point, and that point into foot[:3].
 
     The sign is that of (p - foot).n with the pseudonormal n: of the face, the sum over both faces of an edge, or the
     angle-weighted sum over those of a vertex. At a border it is (p - foot).n itself: an open sheet goes on flat beyond
     its border, and the distance stays continuous round it.
     """
-    foot_of(points, cells, t, v, w, found)
-    r0, r1, r2 = p0 - found[0], p1 - found[1], p2 - found[2]
+    foot_of(points, cells, t, v, w, foot)
+    r0, r1, r2 = p0 - foot[0], p1 - foot[1], p2 - foot[2]
     border = False
     if place == FACE:
         x, y, z = _face(points, cells, t)

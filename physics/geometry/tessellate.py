@@ -92,10 +92,10 @@ def _bilinear(table: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 def _triangles(numbers: np.ndarray, start: np.ndarray, shift: np.ndarray) -> np.ndarray:
     """Triangles between neighbouring rings, counter-clockwise from outside."""
-    found = []
+    bands = []
     for k in range(len(numbers) - 1):
-        found.append(_band(int(numbers[k]), int(numbers[k + 1]), int(start[k]), int(start[k + 1]), shift[k + 1]))
-    return np.concatenate(found).astype(np.int32)
+        bands.append(_band(int(numbers[k]), int(numbers[k + 1]), int(start[k]), int(start[k + 1]), shift[k + 1]))
+    return np.concatenate(bands).astype(np.int32)
 
 
 def _band(lower: int, upper: int, at: int, above: int, shift: float) -> np.ndarray:

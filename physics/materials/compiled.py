@@ -34,19 +34,19 @@ def compiled(function: Callable[..., Any], signature: Any) -> types.CompileResul
 
 def address(law: Callable[..., Any]) -> int:
     """Where a law's code begins in this process, for `law_at`."""
-    found: int = compiled(law, LAW).__wrapper_address__()
-    return found
+    pointer: int = compiled(law, LAW).__wrapper_address__()
+    return pointer
 
 
 def _law_at(typingctx, address):  # type: ignore[no-untyped-def]
     law = types.FunctionType(LAW)
 
     def build(context, builder, signature, args):  # type: ignore[no-untyped-def]
-        found = cgutils.create_struct_proxy(law)(context, builder)
+        proxy = cgutils.create_struct_proxy(law)(context, builder)
         for name in context.data_model_manager[law]._fields:
-            setattr(found, name, cgutils.get_null_value(cgutils.voidptr_t))
-        found.c_addr = builder.inttoptr(args[0], cgutils.voidptr_t)
-        return found._getvalue()
+            setattr(proxy, name, cgutils.get_null_value(cgutils.voidptr_t))
+        proxy.c_addr = builder.inttoptr(args[0], cgutils.voidptr_t)
+        return proxy._getvalue()
 
     return law(types.int64), build
 

@@ -171,5 +171,5 @@ def hencky(young: float, poisson: float) -> Material:
 
     MaterialError: see `moduli`.
     """
-    found = moduli(young, poisson)
-    return Material(energy, found, mixed=wants_mixed(*found))
+    constants = moduli(young, poisson)
+    return Material(energy, constants, mixed=wants_mixed(*constants))

@@ -133,7 +133,7 @@ def rubberlike(law: str, young: float) -> None:
 
 def laws() -> dict[str, ModuleType]:
     """The files of this folder that hold a law, by name."""
-    names = sorted(found.name for found in pkgutil.iter_modules(materials.__path__))
+    names = sorted(file.name for file in pkgutil.iter_modules(materials.__path__))
     every = {name: importlib.import_module(f"{materials.__name__}.{name}") for name in names}
     return {name: module for name, module in every.items() if hasattr(module, "energy") and hasattr(module, name)}
 
@@ -143,10 +143,10 @@ def constructor(name: str) -> Callable[..., Material]:
 
     AttributeError: no such law.
     """
-    found = laws()
-    if name not in found:
-        raise AttributeError(f"no material law {name!r}; laws: {', '.join(found)}")
-    return cast(Callable[..., Material], getattr(found[name], name))
+    modules = laws()
+    if name not in modules:
+        raise AttributeError(f"no material law {name!r}; laws: {', '.join(modules)}")
+    return cast(Callable[..., Material], getattr(modules[name], name))
 
 
 def example(name: str) -> Material:
@@ -161,8 +161,8 @@ def law(name: str) -> Law:
     """
     module, _, function = name.rpartition(".")
     try:
-        found: Any = importlib.import_module(module or f"{materials.__name__}.{name}")
-        return cast(Law, getattr(found, function if module else "energy"))
+        library: Any = importlib.import_module(module or f"{materials.__name__}.{name}")
+        return cast(Law, getattr(library, function if module else "energy"))
     except (ImportError, AttributeError):
         raise MaterialError(
             f"no material law {name!r}: expected {', '.join(laws())}, or the full name of a compiled function"

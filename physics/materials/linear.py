@@ -37,5 +37,5 @@ def linear(young: float, poisson: float) -> Material:
 
     MaterialError: see `moduli`.
     """
-    found = moduli(young, poisson)
-    return Material(energy, found, mixed=wants_mixed(*found), small=True)
+    constants = moduli(young, poisson)
+    return Material(energy, constants, mixed=wants_mixed(*constants), small=True)

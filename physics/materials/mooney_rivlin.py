@@ -32,9 +32,9 @@ def mooney_rivlin(c10: float, c01: float, c20: float, c11: float, c02: float, d1
 
     MaterialError: a shear or bulk modulus that is not positive; Young's modulus above that of any rubber.
     """
-    found = tuple(map(float, (c10, c01, c20, c11, c02, d1)))
-    shear = 2.0 * (found[0] + found[1])
-    if not all(np.isfinite(found)) or shear <= 0 or d1 <= 0:
-        raise MaterialError(f"Mooney-Rivlin constants {found}: expected c10 + c01 > 0 [Pa] and d1 > 0 [1/Pa]")
+    constants = tuple(map(float, (c10, c01, c20, c11, c02, d1)))
+    shear = 2.0 * (constants[0] + constants[1])
+    if not all(np.isfinite(constants)) or shear <= 0 or d1 <= 0:
+        raise MaterialError(f"Mooney-Rivlin constants {constants}: expected c10 + c01 > 0 [Pa] and d1 > 0 [1/Pa]")
     rubberlike("Mooney-Rivlin", 9.0 * shear / (3.0 + 0.5 * shear * d1))
-    return Material(energy, found, mixed=wants_mixed(shear, 2.0 / found[5]))
+    return Material(energy, constants, mixed=wants_mixed(shear, 2.0 / constants[5]))

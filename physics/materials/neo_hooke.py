@@ -25,6 +25,6 @@ def neo_hooke(young: float, poisson: float) -> Material:
 
     MaterialError: see `moduli`; a modulus above that of any rubber.
     """
-    found = moduli(young, poisson)
+    constants = moduli(young, poisson)
     rubberlike("neo-Hooke", young)
-    return Material(energy, found, mixed=wants_mixed(*found))
+    return Material(energy, constants, mixed=wants_mixed(*constants))

@@ -61,8 +61,8 @@ def test_devices_says_what_to_do_next(bus, monkeypatch):
 def test_devices_says_whether_the_firmware_runs(bus, monkeypatch, loaded, told):
     falcon = EmulatedFalcon(loaded=loaded)
     monkeypatch.setattr("palpate.drivers.transport.ftdi.UsbFtdi", lambda vendor, product, name, port: falcon.connect())
-    found = json.loads(run("devices", "--probe", "--json").stdout)["devices"]
-    assert [f["firmware"] for f in found] == [told, ""]
+    listed = json.loads(run("devices", "--probe", "--json").stdout)["devices"]
+    assert [f["firmware"] for f in listed] == [told, ""]
     assert all(words == (0, 0, 0) for _, words in falcon.seen) and falcon.attempts == 0
 
 
@@ -79,8 +79,8 @@ def test_the_udev_rule_is_written_and_names_every_device(tmp_path, monkeypatch):
 
 def test_a_rule_that_cannot_be_written_says_how(tmp_path, monkeypatch):
     monkeypatch.setattr(catalogue, "RULE", str(tmp_path / "none" / "70-palpate.rules"))
-    found = run("devices", "--install-udev")
-    assert found.exit_code == 1 and "sudo" in found.stderr and "Traceback" not in found.stderr
+    outcome = run("devices", "--install-udev")
+    assert outcome.exit_code == 1 and "sudo" in outcome.stderr and "Traceback" not in outcome.stderr
 
 
 def test_a_device_is_emulated_from_the_shell():
@@ -101,11 +101,11 @@ def test_a_press_becomes_a_session_that_fit_reads(tmp_path):
     """10 mm and 4 N in the same 2 s: 0.4 N for each millimetre."""
     out = tmp_path / "press.csv"
     for name in ("one", "two"):
-        found = run(
+        outcome = run(
             "record-indentation", out, "--subject", "gel", "--session", name, "--duration", 4.5, "--json", *PRESS
         )
-        assert found.exit_code == 0, found.output
-    data = json.loads(found.stdout)
+        assert outcome.exit_code == 0, outcome.output
+    data = json.loads(outcome.stdout)
     depths, forces = np.array(data["depths"]), np.array(data["forces"])
     assert depths == pytest.approx(np.arange(0, 5.1e-3, 0.5e-3))
     slope = np.polyfit(depths, forces, 1)[0]

@@ -76,18 +76,18 @@ def test_the_reader_finds_its_frames_in_any_rubbish(parts, piece):
         else:
             frame = frames.report(part, 0, (True, True, True))
             stream, whole = stream + frame, [*whole, frame]
-    reader, found = frames.Reader(), []
+    reader, received = frames.Reader(), []
     for i in range(0, len(stream), piece):
-        found += reader.feed(stream[i : i + piece])
-    assert found == whole
+        received += reader.feed(stream[i : i + piece])
+    assert received == whole
 
 
 @given(st.integers(0, 15), st.integers(0, 255))
 def test_one_wrong_byte_costs_one_frame(at, byte):
     good = [frames.report((i, -i, 7 * i), 0, (True, True, True)) for i in range(4)]
     spoilt = good[1][:at] + bytes((byte,)) + good[1][at + 1 :]
-    found = frames.Reader().feed(good[0] + spoilt + good[2] + good[3])
-    assert found[0] == good[0] and found[-2:] == good[2:]
+    received = frames.Reader().feed(good[0] + spoilt + good[2] + good[3])
+    assert received[0] == good[0] and received[-2:] == good[2:]
 
 
 @given(st.tuples(*[st.floats(-1e6, 1e6)] * 3))

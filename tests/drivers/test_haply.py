@@ -30,10 +30,10 @@ def test_the_cranks_lead_back_to_the_handle(place):
 @given(PLACES)
 def test_the_rates_are_the_finite_differences(place):
     q = np.array(cranks(NEW, *place))
-    found = np.array(jacobian(NEW, *q))
+    rates = np.array(jacobian(NEW, *q))
     for i, step in enumerate(1e-6 * np.eye(2)):
         slope = (np.array(handle(NEW, *(q + step))) - np.array(handle(NEW, *(q - step)))) / 2e-6
-        assert found[:, i] == approx(slope, rel=1e-5, abs=1e-8)
+        assert rates[:, i] == approx(slope, rel=1e-5, abs=1e-8)
 
 
 def test_the_handle_is_at_one_links_length_from_both_elbows():
@@ -80,8 +80,8 @@ def test_a_2diy_on_bad_days():
     driver = diy.Haply2Diy(line.connect)
     driver.open()
     try:
-        found = [driver.cycle((0.0, 0.0)) for _ in range(200)]
-        assert 5 < sum(s is None for s in found) < 100
+        samples = [driver.cycle((0.0, 0.0)) for _ in range(200)]
+        assert 5 < sum(s is None for s in samples) < 100
     finally:
         driver.close()
 
@@ -117,8 +117,8 @@ def test_rubbish_is_no_state(text):
 
 
 def service(**more):
-    found = inverse3.EmulatedService(Script(stiffness=300.0, damping=15.0), **more)
-    return found, inverse3.Inverse3(lambda: WebSocket(found.address, inverse3.NAME), more.get("device", ""))
+    emulated = inverse3.EmulatedService(Script(stiffness=300.0, damping=15.0), **more)
+    return emulated, inverse3.Inverse3(lambda: WebSocket(emulated.address, inverse3.NAME), more.get("device", ""))
 
 
 def test_an_inverse3_gives_way_to_a_force_over_a_real_socket():

@@ -58,12 +58,12 @@ def test_which_mice_are_meant(vendor, product, right):
 
 
 def test_a_descriptor_tells_where_axes_and_buttons_are():
-    found = fields(emulator.GAMEPAD)
-    assert [(f.usage, f.offset, f.bits, f.low, f.high) for f in found[:4]] == [
+    described = fields(emulator.GAMEPAD)
+    assert [(f.usage, f.offset, f.bits, f.low, f.high) for f in described[:4]] == [
         (0x30, 0, 8, 0, 255), (0x31, 8, 8, 0, 255), (0x32, 16, 8, 0, 255), (0x35, 24, 8, 0, 255)
     ]  # fmt: skip
-    assert [(f.page, f.usage, f.offset) for f in found[4:]] == [(9, i + 1, 32 + i) for i in range(12)]
-    assert all(f.report == 1 for f in found)
+    assert [(f.page, f.usage, f.offset) for f in described[4:]] == [(9, i + 1, 32 + i) for i in range(12)]
+    assert all(f.report == 1 for f in described)
 
 
 def test_a_descriptor_with_signed_axes_and_no_number():
@@ -164,8 +164,8 @@ class Process:
                 self.rest += os.read(self.run.stdout.fileno(), 64)
         if len(self.rest) < 64:
             return b""
-        found, self.rest = self.rest[:64], self.rest[64:]
-        return found
+        report, self.rest = self.rest[:64], self.rest[64:]
+        return report
 
     def descriptor(self):
         return b""
@@ -250,10 +250,10 @@ def test_bad_days_of_a_raw_hid_device():
     device = emulator.EmulatedRawHid(faults=Faults(dropouts=0.1, garbled=0.1, seed=9))
     driver = raw.RawHid(device.connect)
     driver.open()
-    found = [driver.cycle((0.0, 0.0, 0.0)) for _ in range(300)]
-    lost = sum(s is None for s in found)
+    samples = [driver.cycle((0.0, 0.0, 0.0)) for _ in range(300)]
+    lost = sum(s is None for s in samples)
     assert 30 < lost < 110
-    assert all(s.position == approx((0.0, 0.0, 0.11), abs=1e-4) for s in found if s)
+    assert all(s.position == approx((0.0, 0.0, 0.11), abs=1e-4) for s in samples if s)
 
 
 def test_something_else_that_is_raw_hid_is_told():

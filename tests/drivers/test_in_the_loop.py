@@ -25,15 +25,15 @@ def touch(tmp_path, *sets, seconds=2.0, use="device.Falcon", graph="kidney"):
     file = tmp_path / "touch.mcap"
     launch = find(graph).but(overrides=given, duration=seconds, record=file, place="fused", clock="real")
     outcome = execute(launch, patience=30.0)
-    found: dict[str, list] = {}
+    messages: dict[str, list] = {}
     if file.is_file():
         recording = Recording(file)
-        found = {name: list(recording.messages(name)) for name in ("device", "finger", "controller")}
-    return outcome, found
+        messages = {name: list(recording.messages(name)) for name in ("device", "finger", "controller")}
+    return outcome, messages
 
 
-def force(found):
-    return np.array([np.linalg.norm(m.force) for m in found["controller"]])
+def force(messages):
+    return np.array([np.linalg.norm(m.force) for m in messages["controller"]])
 
 
 @pytest.fixture(scope="module")
@@ -44,12 +44,12 @@ def good(tmp_path_factory):
 
 
 def test_a_falcon_touches_the_kidney(good):
-    outcome, found, _ = good
+    outcome, messages, _ = good
     assert outcome.result.ok, outcome.result.deaths
-    assert found["device"][-1].homed
-    held = np.median(force(found)[-400:])
+    assert messages["device"][-1].homed
+    held = np.median(force(messages)[-400:])
     assert 0.5 < held < 3.5  # an arm of 500 N/m that wants to be 15 mm deep; late ticks limit the stiffness for a while
-    wanted, deep = 0.0935, np.median([m.position[2] for m in found["finger"]][-400:])
+    wanted, deep = 0.0935, np.median([m.position[2] for m in messages["finger"]][-400:])
     assert held == pytest.approx(500.0 * (deep - wanted), rel=LATE), "the force has reached the hand"
 
 
@@ -61,12 +61,12 @@ def test_the_touch_is_computed_again_bit_for_bit_without_the_device(good):
 
 def test_bad_days_end_in_no_wild_force(tmp_path, good):
     days = "device.faults={dropouts: 0.02, garbled: 0.02, glitches: 0.01, noise: 0.2, latency: 0.001, seed: 4}"
-    outcome, found = touch(tmp_path, PRESS, days)
+    outcome, messages = touch(tmp_path, PRESS, days)
     assert outcome.result.ok, outcome.result.deaths
-    assert force(found).max() <= 9.0
+    assert force(messages).max() <= 9.0
     usual = np.median(force(good[1])[-500:])
-    assert np.median(force(found)[-500:]) == pytest.approx(usual, rel=LATE)
-    heights = np.array([m.position[2] for m in found["finger"]])
+    assert np.median(force(messages)[-500:]) == pytest.approx(usual, rel=LATE)
+    heights = np.array([m.position[2] for m in messages["finger"]])
     assert np.all(np.isfinite(heights)) and heights.min() > 0.09 and heights.max() < 0.125
 
 
@@ -78,13 +78,13 @@ def test_pulling_the_plug_ends_the_run_with_one_line(tmp_path):
 
 def test_a_run_that_reconnects_goes_on(tmp_path):
     days = "device.faults={unplug: 1.2, back: 1.8}"
-    outcome, found = touch(tmp_path, PRESS, days, "device.reconnect=true", seconds=4.0)
+    outcome, messages = touch(tmp_path, PRESS, days, "device.reconnect=true", seconds=4.0)
     assert outcome.result.ok, outcome.result.deaths
     assert [n for n in outcome.result.notes if "answers" not in n] == [
         "the Novint Falcon is gone. Plug it in again. Waiting until it is back.",
         "The device is back.",
     ]
-    homed = [m.homed for m in found["device"]]
+    homed = [m.homed for m in messages["device"]]
     changes = [b for a, b in pairwise(homed) if a != b]
     assert changes[-2:] == [False, True]
 
@@ -109,9 +109,9 @@ def test_faults_that_are_none_are_told(tmp_path, faults):
 
 @pytest.mark.parametrize("use", ["device.Inverse3", "device.RawHid", "device.Haply2Diy"])
 def test_devices_that_take_a_force_touch_the_kidney(tmp_path, use):
-    outcome, found = touch(tmp_path, PRESS, use=use, graph="cartesian")
+    outcome, messages = touch(tmp_path, PRESS, use=use, graph="cartesian")
     assert outcome.result.ok, outcome.result.deaths
-    held = np.median(force(found)[-300:])
-    deep = np.median([m.position[2] for m in found["finger"]][-300:])
+    held = np.median(force(messages)[-300:])
+    deep = np.median([m.position[2] for m in messages["finger"]][-300:])
     assert 0.5 < held < 3.5  # an arm of 500 N/m that wants to be 15 mm deep; late ticks limit the stiffness for a while
     assert held == pytest.approx(500.0 * (deep - 0.0935), rel=LATE), "the force has reached the hand"

@@ -81,10 +81,10 @@ def test_a_dot_pad_packet_byte_for_byte():
 def test_the_reader_finds_dot_pad_packets(given_packets, rubbish, piece):
     packets = [dotpad.Packet(*p) for p in given_packets]
     stream = b"".join(rubbish + dotpad.pack(p) for p in packets)
-    reader, found = dotpad.Reader(), []
+    reader, received = dotpad.Reader(), []
     for i in range(0, len(stream), piece):
-        found += reader.feed(stream[i : i + piece])
-    assert found == packets and reader.wrong == len(rubbish) * len(packets)
+        received += reader.feed(stream[i : i + piece])
+    assert received == packets and reader.wrong == len(rubbish) * len(packets)
 
 
 def test_cells_hold_two_columns_of_four_dots():

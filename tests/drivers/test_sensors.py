@@ -42,18 +42,18 @@ def test_the_reader_finds_bota_frames_in_any_rubbish(parts, piece):
         else:
             sent.append(bota.Reading(0, part, 5, 20.0))
             stream += bota.frame(sent[-1])
-    reader, found = bota.Reader(), []
+    reader, received = bota.Reader(), []
     for i in range(0, len(stream), piece):
-        found += reader.feed(stream[i : i + piece])
-    assert found == sent
+        received += reader.feed(stream[i : i + piece])
+    assert received == sent
 
 
 def test_a_wrong_byte_costs_one_bota_frame():
     good = [bota.frame(bota.Reading(0, (float(i),) * 6, i, 20.0)) for i in range(4)]
     spoilt = bytearray(good[1])
     spoilt[20] ^= 4
-    found = bota.Reader().feed(good[0] + bytes(spoilt) + good[2] + good[3])
-    assert [r.time for r in found] == [0, 2, 3]
+    readings = bota.Reader().feed(good[0] + bytes(spoilt) + good[2] + good[3])
+    assert [r.time for r in readings] == [0, 2, 3]
 
 
 def pressing(now):
@@ -63,8 +63,8 @@ def pressing(now):
 def sample(driver, seconds=5.0):
     end = time.monotonic() + seconds
     while time.monotonic() < end:
-        if (found := driver.cycle(())) is not None:
-            return found
+        if (reading := driver.cycle(())) is not None:
+            return reading
     raise AssertionError("no sample")
 
 
@@ -201,11 +201,11 @@ def test_a_sensor_node_sends_the_force_on_it(kind):
         bus = FakeBus(node)
         first = bus.run(1)[0]
         assert first.force == 0.0 and first.normal == approx((0.0, 0.6, 0.8))
-        end, found = time.monotonic() + 5.0, []
-        while time.monotonic() < end and (not found or found[-1] < 2.4):
-            found.append(bus.run(1)[0].force)
+        end, forces = time.monotonic() + 5.0, []
+        while time.monotonic() < end and (not forces or forces[-1] < 2.4):
+            forces.append(bus.run(1)[0].force)
             time.sleep(0.002)
-        assert found[-1] == approx(2.5, rel=0.01)
-        assert np.all(np.array(found) >= 0.0)
+        assert forces[-1] == approx(2.5, rel=0.01)
+        assert np.all(np.array(forces) >= 0.0)
     finally:
         node.stop()

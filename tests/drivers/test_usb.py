@@ -99,11 +99,11 @@ class Bus(usb.backend.IBackend):
     def bulk_read(self, handle, ep, intf, buffer, timeout):
         self._there()
         assert ep == 0x81 and len(buffer) == 64
-        found = self.chip.read(timeout * 1e-3)
-        if not found:
+        packet = self.chip.read(timeout * 1e-3)
+        if not packet:
             raise usb.core.USBTimeoutError("timed out", None, errno.ETIMEDOUT)
-        buffer[: len(found)] = type(buffer)("B", found)
-        return len(found)
+        buffer[: len(packet)] = type(buffer)("B", packet)
+        return len(packet)
 
 
 def connect(bus, port=""):

@@ -52,11 +52,11 @@ def test_compliance_is_that_of_the_tangent_at_rest():
     corners = np.unique(top[:, :3])
     own, free = hats(mesh, top, corners), np.zeros(mesh.points.shape, dtype=bool)
     assert own.sum(axis=0) == approx(1.0)
-    found = body.compliance(free, own)
+    compliance = body.compliance(free, own)
     load = np.random.default_rng(1).standard_normal((len(corners), 3))
     matrix = body.pattern.matrix(body.tangent(np.zeros_like(mesh.points))).tocsc()
     u = spsolve(matrix, (own @ load).ravel()).reshape(-1, 3)
-    assert (found @ load.ravel()).reshape(-1, 3) == approx(own.T @ u, rel=1e-9, abs=1e-12 * np.abs(u).max())
+    assert (compliance @ load.ravel()).reshape(-1, 3) == approx(own.T @ u, rel=1e-9, abs=1e-12 * np.abs(u).max())
 
 
 def test_an_inverted_displacement_has_no_forces_and_an_inverted_mesh_is_refused():

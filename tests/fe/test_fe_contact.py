@@ -226,8 +226,8 @@ def pressed(poisson, faces, ball=False, ratio=1e-4, size=30.0):
         h *= 1.8
     while x[-1] < size * a:
         x.append(x[-1] + 2.2 * (x[-1] - x[-2]))
-    points, found = grid(np.array(x), np.array(x), -np.array(z[::-1]))
-    mesh = quadratic(points, bricks(points, found))
+    points, hexahedra = grid(np.array(x), np.array(x), -np.array(z[::-1]))
+    mesh = quadratic(points, bricks(points, hexahedra))
     p, near = mesh.points, 1e-9 * a
     far = (p[:, 0] > x[-1] - near) | (p[:, 1] > x[-1] - near) | (p[:, 2] < near - z[-1])
     fixed = np.stack([(p[:, 0] < near) | far, (p[:, 1] < near) | far, far], axis=1)
@@ -266,9 +266,7 @@ def pressure_errors(faces):
     away = np.minimum(np.linalg.norm(place, axis=2) / a, 1.0)
     right = 1.5 * force / (np.pi * a * a) * np.sqrt(1.0 - away**2)
     norm = (touch.area * right**2).sum()
-    return [
-        float(np.sqrt((touch.area * (found - right) ** 2).sum() / norm)) for found in (touch.traction, linear_field)
-    ]
+    return [float(np.sqrt((touch.area * (part - right) ** 2).sum() / norm)) for part in (touch.traction, linear_field)]
 
 
 def test_the_linear_field_of_pressure_has_the_force_of_the_contact_and_not_its_scatter():

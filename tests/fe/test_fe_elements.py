@@ -40,22 +40,22 @@ LAWS = FINITE | {"linear": linear(1e4, 0.3), "linear, mixed": linear(1e4, 0.49)}
 def skewed(cells=2):
     """A box whose inner nodes are moved about."""
     x = np.linspace(0.0, 1.0, cells + 1)
-    points, found = grid(x, x, x)
+    points, hexahedra = grid(x, x, x)
     inner = ((points > 1e-9) & (points < 1 - 1e-9)).all(axis=1)
     points[inner] += 0.1 / cells * np.random.default_rng(1).standard_normal((inner.sum(), 3))
-    return quadratic(points, bricks(points, found))
+    return quadratic(points, bricks(points, hexahedra))
 
 
 def evaluate(mesh, material, u, tangent=True):
-    found = pattern(len(mesh.points), mesh.elements)
+    sparsity = pattern(len(mesh.points), mesh.elements)
     slope, det = gradients(mesh.points, mesh.elements)
-    force, data = np.zeros_like(u), np.zeros((len(found.indices), 3, 3))
+    force, data = np.zeros_like(u), np.zeros((len(sparsity.indices), 3, 3))
     law = compiled(material.law, LAW)
     energy, bad = integrate(
         law, slope, det / 24.0, mesh.elements, u, np.array(material.parameters), material.mixed, material.small,
-        tangent, found.where(mesh.elements), force, data,
+        tangent, sparsity.where(mesh.elements), force, data,
     )  # fmt: skip
-    return energy, force, found.matrix(data), bad
+    return energy, force, sparsity.matrix(data), bad
 
 
 @pytest.mark.parametrize("name", LAWS)
@@ -141,8 +141,8 @@ def test_an_own_law_is_one_function():
 def octant(cells):
     """An eighth of a hollow sphere, radii 1 and 2, with curved edges."""
     t = np.linspace(0.0, 1.0, cells + 1)
-    points, found = grid(t, t, np.linspace(1.0, 2.0, cells + 1))
-    flat = quadratic(points, bricks(points, found))
+    points, hexahedra = grid(t, t, np.linspace(1.0, 2.0, cells + 1))
+    flat = quadratic(points, bricks(points, hexahedra))
     a, b, r = flat.points.T
     # a point (a, b) of the unit square goes to the octant's plane triangle with one corner opened, then to the sphere
     s, q = a * (1 - b / 2), b * (1 - a / 2)
@@ -167,17 +167,17 @@ def lame(poisson, cells, material):
     body = Solver(mesh, {0: material}, fixed, loads=lambda load: load * push, settings=Settings(step=1.0))
     body.advance(1.0)
     wall = r < 1 + 1e-9
-    found = np.linalg.norm(body.displacement[wall], axis=1).mean() / 1e-4
+    displacement = np.linalg.norm(body.displacement[wall], axis=1).mean() / 1e-4
     a3, b3 = 1.0, 8.0
-    return found, a3 / (b3 - a3) * ((1 - 2 * poisson) + (1 + poisson) * b3 / 2.0)
+    return displacement, a3 / (b3 - a3) * ((1 - 2 * poisson) + (1 + poisson) * b3 / 2.0)
 
 
 @pytest.mark.parametrize("poisson", [0.3, 0.499, 0.49999])
 def test_a_hollow_sphere_does_not_lock(poisson):
     errors = []
     for cells in (2, 4):
-        found, exact = lame(poisson, cells, linear(1e4, poisson))
-        errors.append(abs(found / exact - 1.0))
+        computed, exact = lame(poisson, cells, linear(1e4, poisson))
+        errors.append(abs(computed / exact - 1.0))
     assert errors[1] < 0.01
     assert errors[1] < errors[0] / 3.0  # second order at least: a fourth, less what the coarse mesh's luck takes
 
@@ -186,14 +186,14 @@ def test_the_factor_solves_as_a_dense_solver_does():
     mesh, rng = skewed(2), np.random.default_rng(3)
     u = np.zeros_like(mesh.points)
     _, _, tangent, _ = evaluate(mesh, neo_hooke(1.0, 0.3), u)
-    found = pattern(len(mesh.points), mesh.elements)
+    sparsity = pattern(len(mesh.points), mesh.elements)
     data = tangent.data.copy()
-    diagonal = found.where(np.arange(len(mesh.points))[:, None])[:, 0, 0]
+    diagonal = sparsity.where(np.arange(len(mesh.points))[:, None])[:, 0, 0]
     data[diagonal] += 0.1 * np.eye(3)
     rhs = rng.standard_normal((3 * len(mesh.points), 4))
-    dense = np.linalg.solve(found.matrix(data).toarray(), rhs)
+    dense = np.linalg.solve(sparsity.matrix(data).toarray(), rhs)
     for single, tolerance in ((False, 1e-11), (True, 1e-3)):
-        factor = Cholesky(mesh.points, found.indptr, found.indices, single)
+        factor = Cholesky(mesh.points, sparsity.indptr, sparsity.indices, single)
         factor.factor(data)
         assert factor.solve(rhs) == approx(dense, abs=tolerance * np.abs(dense).max())
         assert factor.solve(rhs[:, 0]) == approx(dense[:, 0], abs=tolerance * np.abs(dense).max())
@@ -216,13 +216,13 @@ def test_hencky_stress_alone_is_that_beside_the_tangent():
     rng, law = np.random.default_rng(9), hencky(1e4, 0.3)
     for size in (1e-3, 0.05, 0.15, 0.4):
         F = np.eye(3) + size * rng.uniform(-1.0, 1.0, (3, 3))
-        found = []
+        answers = []
         for wanted in (np.nan, 0.0):
             P, A = np.zeros((3, 3)), np.zeros((9, 9))
             A[0, 0] = wanted
-            found.append((law.law(F, float(np.linalg.det(F)), np.array(law.parameters), P, A), P))
-        assert found[0][0] == approx(found[1][0], rel=1e-8)
-        assert found[0][1] == approx(found[1][1], abs=1e-8 * np.abs(found[1][1]).max())
+            answers.append((law.law(F, float(np.linalg.det(F)), np.array(law.parameters), P, A), P))
+        assert answers[0][0] == approx(answers[1][0], rel=1e-8)
+        assert answers[0][1] == approx(answers[1][1], abs=1e-8 * np.abs(answers[1][1]).max())
 
 
 def swelling(x, poisson):
@@ -262,9 +262,9 @@ def test_the_element_that_a_law_takes_is_of_third_order_in_smooth_fields(poisson
             settings=Settings(tolerance=1e-9, step=1.0, largest=1.0),
         )  # fmt: skip
         body.advance(1.0)
-        found = np.einsum("na,eai->eni", value, body.displacement[mesh.elements])
+        displacement = np.einsum("na,eai->eni", value, body.displacement[mesh.elements])
         exact = field(place.reshape(-1, 3), poisson)[0].reshape(place.shape)
-        errors.append(np.sqrt((weight[..., None] * (found - exact) ** 2).sum()))
+        errors.append(np.sqrt((weight[..., None] * (displacement - exact) ** 2).sum()))
     assert np.log2(errors[0] / errors[1]) > 2.7
 
 

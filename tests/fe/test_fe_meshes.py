@@ -117,15 +117,15 @@ def ball(centre, radius=0.02, count=12):
     rings = np.stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], axis=-1)
     many, per = 2 * count, count - 1
     points = np.concatenate([rings.reshape(-1, 3), [[0, 0, 1.0], [0, 0, -1.0]]])
-    found = []
+    triangles = []
     for i in range(many):
         j = (i + 1) % many
-        found.append((many * per, i * per, j * per))
-        found.append((many * per + 1, j * per + per - 1, i * per + per - 1))
+        triangles.append((many * per, i * per, j * per))
+        triangles.append((many * per + 1, j * per + per - 1, i * per + per - 1))
         for k in range(per - 1):
             a, b, c, d = i * per + k, i * per + k + 1, j * per + k, j * per + k + 1
-            found += [(a, b, d), (a, d, c)]
-    return radius * points + centre, np.array(found, dtype=np.int32)
+            triangles += [(a, b, d), (a, d, c)]
+    return radius * points + centre, np.array(triangles, dtype=np.int32)
 
 
 def test_two_balls_that_overlap_are_refused_and_two_apart_are_not():
@@ -156,17 +156,17 @@ def layered():
     return TetMesh(mesh.points, mesh.elements, np.where(side, 7, 3))
 
 
-def same(found, mesh):
-    assert found.points[found.elements] == approx(mesh.points[mesh.elements], abs=1e-9)
+def same(copy, mesh):
+    assert copy.points[copy.elements] == approx(mesh.points[mesh.elements], abs=1e-9)
 
 
 def test_a_vtk_file_comes_back_with_its_regions(tmp_path):
     pytest.importorskip("meshio")
     mesh = layered()
     write_vtu(tmp_path / "block.vtu", mesh)
-    found, names = read_mesh(tmp_path / "block.vtu")
-    same(found, mesh)
-    assert (found.region == mesh.region).all() and names == {}
+    copy, names = read_mesh(tmp_path / "block.vtu")
+    same(copy, mesh)
+    assert (copy.region == mesh.region).all() and names == {}
 
 
 @pytest.mark.parametrize("order", [1, 2])
@@ -181,16 +181,16 @@ def test_gmsh_and_abaqus_files_come_with_named_regions_in_their_unit(tmp_path, o
     names = {"fat": np.array([3, 3]), "skin": np.array([7, 3]), "outside": np.array([1, 2])}
     gmsh = meshio.Mesh(1e3 * mesh.points, [(kind, cells), ("triangle", skin)], cell_data=data, field_data=names)
     gmsh.write(tmp_path / "block.msh", file_format="gmsh22", binary=False)
-    found, regions = read_mesh(tmp_path / "block.msh", unit=1e-3)
+    copy, regions = read_mesh(tmp_path / "block.msh", unit=1e-3)
     assert regions == {"fat": 3, "skin": 7}
-    assert (found.region == mesh.region).all()
-    same(found, mesh)
+    assert (copy.region == mesh.region).all()
+    same(copy, mesh)
     sets = {"fat": [np.flatnonzero(mesh.region == 3)], "skin": [np.flatnonzero(mesh.region == 7)]}
     meshio.Mesh(1e3 * mesh.points, [(kind, cells)], cell_sets=sets).write(tmp_path / "block.inp")
-    found, regions = read_mesh(tmp_path / "block.inp", unit=1e-3)
+    copy, regions = read_mesh(tmp_path / "block.inp", unit=1e-3)
     assert [regions["fat"], regions["skin"]] == sorted(regions.values())
-    assert (found.region == np.where(mesh.region == 3, regions["fat"], regions["skin"])).all()
-    same(found, mesh)
+    assert (copy.region == np.where(mesh.region == 3, regions["fat"], regions["skin"])).all()
+    same(copy, mesh)
 
 
 def test_files_that_are_no_meshes_are_told(tmp_path, monkeypatch):

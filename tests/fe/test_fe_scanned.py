@@ -43,8 +43,8 @@ CAPSULES = Capsules(
 
 def volumes(finger):
     _, det = gradients(finger.mesh.points, finger.mesh.elements, POINTS)
-    found = np.array([det[finger.mesh.region == k].sum() / 24 for k in (BONE, SUBCUTIS, DERMIS, EPIDERMIS, NAIL)])
-    return found if finger.whole else 2 * found
+    layers = np.array([det[finger.mesh.region == k].sum() / 24 for k in (BONE, SUBCUTIS, DERMIS, EPIDERMIS, NAIL)])
+    return layers if finger.whole else 2 * layers
 
 
 def radius_errors(finger, start):
@@ -105,20 +105,20 @@ def joint(tip, y):
 @pytest.mark.parametrize("cells", [3, 5])
 def test_surfaces_sampled_from_the_capsules_give_the_capsules_volumes(sampled, cells):
     """Of the closed form, one layer after another; the grid's share of the error is what finer elements leave."""
-    found = Scanned(sampled, cells=cells)
-    length = found._axis.length + found._axis.centre - RADII["skin"]
+    meshed = Scanned(sampled, cells=cells)
+    length = meshed._axis.length + meshed._axis.centre - RADII["skin"]
     right = volumes(Fingertip(phalanx=length, cells=cells))
-    assert volumes(found) == approx(right, rel=5e-3)
-    assert (found.mesh.corner_volumes > 0).all()
-    assert found.mesh.points[:, 2].min() == approx(0.0, abs=3e-5)
+    assert volumes(meshed) == approx(right, rel=5e-3)
+    assert (meshed.mesh.corner_volumes > 0).all()
+    assert meshed.mesh.points[:, 2].min() == approx(0.0, abs=3e-5)
 
 
 def test_volumes_converge_with_the_grid():
     coarse, fine = (Scanned(CAPSULES.fingertip(h), cells=4) for h in (8e-4, 2e-4))
     errors = []
-    for found in (coarse, fine):
-        length = found._axis.length + found._axis.centre - RADII["skin"]
-        errors.append(np.abs(volumes(found) / volumes(Fingertip(phalanx=length, cells=4)) - 1).max())
+    for meshed in (coarse, fine):
+        length = meshed._axis.length + meshed._axis.centre - RADII["skin"]
+        errors.append(np.abs(volumes(meshed) / volumes(Fingertip(phalanx=length, cells=4)) - 1).max())
     assert errors[1] < 2e-3 and errors[1] < 0.5 * errors[0]
 
 
@@ -133,20 +133,20 @@ def test_the_imaged_capsules_are_as_stiff_as_the_parametric_finger(imaged):
     scanned = Scanned(imaged.tip, cells=3)
     length = scanned._axis.length + scanned._axis.centre - before(imaged) - RADII["skin"]
     right = record(Pressing(Fingertip(cells=3, phalanx=length), "steel", "cortical/36.4"), 6e-4)
-    found = record(Pressing(scanned, "steel", "cortical/36.4"), 6e-4)
-    assert found.force[-1] == approx(right.force[-1], rel=0.05)
-    assert np.interp(right.force[-1], found.force, found.indentation) == approx(6e-4, abs=3e-5)
+    curve = record(Pressing(scanned, "steel", "cortical/36.4"), 6e-4)
+    assert curve.force[-1] == approx(right.force[-1], rel=0.05)
+    assert np.interp(right.force[-1], curve.force, curve.indentation) == approx(6e-4, abs=3e-5)
 
 
 def test_a_finger_is_meshed_as_it_is_bent_and_one_sided():
     """The made-up anatomy: its bone lies to a side, so the mesh must not be symmetric."""
-    found = Scanned(Anatomy(bone_shift=1e-3).fingertip(), cells=3)
-    mesh = found.mesh
-    assert (mesh.corner_volumes > 0).all() and not found.cut.any()
-    assert len(found.pad) > 50 and found.held.any() and found.rear.sum() > 50
-    lattice = found._meshed[1]
+    meshed = Scanned(Anatomy(bone_shift=1e-3).fingertip(), cells=3)
+    mesh = meshed.mesh
+    assert (mesh.corner_volumes > 0).all() and not meshed.cut.any()
+    assert len(meshed.pad) > 50 and meshed.held.any() and meshed.rear.sum() > 50
+    lattice = meshed._meshed[1]
     for name, shell in (("bone", 1.0), ("skin", 4.0)):
-        place = found._local(lattice[np.abs(lattice[:, 3] - shell) < 1e-9])
+        place = meshed._local(lattice[np.abs(lattice[:, 3] - shell) < 1e-9])
         assert np.abs(Anatomy(bone_shift=1e-3).level(name, place)).max() < 1e-4
 
 

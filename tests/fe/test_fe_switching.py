@@ -25,17 +25,17 @@ def test_a_step_ends_in_balance_with_the_points_that_touch_at_its_end(seed):
     carried = np.maximum(level, 0.0)
     tangent = elastic + rows.T @ np.diag(area * penalty * (level > 0)) @ rows.toarray()
     newton = np.linalg.solve(tangent, force + rows.T @ (area * carried))
-    found, traction = switched(points, newton, lambda forces: np.linalg.solve(tangent, forces))
-    right = np.maximum(level - penalty * (rows @ found), 0.0)
+    change, traction = switched(points, newton, lambda forces: np.linalg.solve(tangent, forces))
+    right = np.maximum(level - penalty * (rows @ change), 0.0)
     assert ((level - penalty * (rows @ newton) > 0) != (level > 0)).any()  # some point switches
-    assert np.abs(elastic @ found - force - rows.T @ (area * right)).max() < 1e-8 * np.abs(force).max()
+    assert np.abs(elastic @ change - force - rows.T @ (area * right)).max() < 1e-8 * np.abs(force).max()
     assert traction == approx(right, abs=1e-8)
 
 
 def test_where_nothing_switches_the_step_stands():
     elastic, _, points = linear_contact(1)
-    found, traction = switched(points, np.zeros(12), lambda forces: np.linalg.solve(elastic, forces))
-    assert (found == 0.0).all() and traction == approx(np.maximum(points.level, 0.0))
+    change, traction = switched(points, np.zeros(12), lambda forces: np.linalg.solve(elastic, forces))
+    assert (change == 0.0).all() and traction == approx(np.maximum(points.level, 0.0))
 
 
 def test_what_only_the_parting_points_hold_keeps_newton_s_step():
@@ -43,8 +43,8 @@ def test_what_only_the_parting_points_hold_keeps_newton_s_step():
     points = Switching(rows, np.array([1.0]), np.array([10.0]), np.array([1.0]))
     tangent = np.diag([10.0, 1.0])  # the first component is held by the point alone
     step = np.array([0.5, 0.2])
-    found, _ = switched(points, step, lambda forces: np.linalg.solve(tangent, forces))
-    assert found == approx(step)
+    change, _ = switched(points, step, lambda forces: np.linalg.solve(tangent, forces))
+    assert change == approx(step)
 
 
 def test_points_of_several_contacts_stand_one_after_the_other():

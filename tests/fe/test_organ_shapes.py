@@ -60,9 +60,9 @@ def test_a_nodule_in_a_ring_stiffens_what_lies_over_it(monkeypatch):
     once = solid(torus())  # fTetWild does not give the same mesh twice
     monkeypatch.setattr("palpate.fe.meshing.organ.solid", lambda surface: (replace(once[0]), once[1]))
     soft, hard = (Organ(torus(), nodule=Nodule((0.03, 0.0, 0.0), 5e-3, ratio)) for ratio in (1.0, 50.0))
-    found = [of_organ(soft).compliance(), of_organ(hard).compliance()]
-    assert np.linalg.eigvalsh(found[1]).min() > 0
-    over, away = ([softness(c, once[1], (x, 0.0, 0.01), 6e-3) for c in found] for x in (0.03, -0.03))
+    compliances = [of_organ(soft).compliance(), of_organ(hard).compliance()]
+    assert np.linalg.eigvalsh(compliances[1]).min() > 0
+    over, away = ([softness(c, once[1], (x, 0.0, 0.01), 6e-3) for c in compliances] for x in (0.03, -0.03))
     assert over[1] < 0.95 * over[0]
     assert away[1] == approx(away[0], rel=0.01)
 
@@ -83,8 +83,8 @@ def test_both_ways_to_fill_a_kidney_agree(monkeypatch):
     assert len(wild.mesh.elements) != len(shells.mesh.elements)
     assert wild.mesh.corner_volumes.sum() == approx(shells.mesh.corner_volumes.sum(), rel=5e-3)
     top = kidney.vertices[np.argmax(kidney.vertices[:, 2])]
-    found = [softness(of_organ(organ).compliance(), organ.surface, top, 0.012) for organ in (shells, wild)]
-    assert found[1] == approx(found[0], rel=0.04)
+    compliances = [softness(of_organ(organ).compliance(), organ.surface, top, 0.012) for organ in (shells, wild)]
+    assert compliances[1] == approx(compliances[0], rel=0.04)
 
 
 def test_what_cannot_be_filled_is_refused(monkeypatch):

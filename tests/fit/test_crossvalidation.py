@@ -58,9 +58,9 @@ def test_other_numbers_of_sessions_are_cut_as_evenly_as_they_can_be():
 
 def test_noise_free_sessions_give_the_published_curve_and_no_scatter():
     forces = np.tile(MODELS["fourier"](DEPTHS, PUBLISHED.mean_parameters), (20, 1))
-    found = choose(DEPTHS, forces)
-    assert found.mean.model.name == "fourier" and found.deviation is None
-    assert found.mean.parameters == approx(PUBLISHED.mean_parameters, rel=1e-6)
+    choice = choose(DEPTHS, forces)
+    assert choice.mean.model.name == "fourier" and choice.deviation is None
+    assert choice.mean.parameters == approx(PUBLISHED.mean_parameters, rel=1e-6)
 
 
 def test_noisy_sessions_give_curve_and_scatter_within_their_errors():
@@ -71,36 +71,36 @@ def test_noisy_sessions_give_curve_and_scatter_within_their_errors():
     sigma = MODELS["exponential"](fine, PUBLISHED.deviation_parameters)
     for seed in range(20):
         forces = synthetic_sessions(seed, together=0.0)[:, 1:]
-        found = choose(DEPTHS[1:], forces, count=3, mean="fourier", deviation="exponential")
-        assert found.mean(fine) == approx(truth, abs=0.08)
-        laws.append((found.mean.parameters, found.deviation(fine)))
+        choice = choose(DEPTHS[1:], forces, count=3, mean="fourier", deviation="exponential")
+        assert choice.mean(fine) == approx(truth, abs=0.08)
+        laws.append((choice.mean.parameters, choice.deviation(fine)))
     assert np.mean([p for p, _ in laws], axis=0) == approx(PUBLISHED.mean_parameters, rel=0.15)
     assert np.mean([s for _, s in laws], axis=0) == approx(sigma, rel=0.2)
 
 
 def test_the_band_covers_about_95_percent_of_new_forces():
     """Laws from one set of sessions, coverage on others of the same finger."""
-    found = choose(DEPTHS, synthetic_sessions(11, sessions=200, together=0.0), count=3)
+    choice = choose(DEPTHS, synthetic_sessions(11, sessions=200, together=0.0), count=3)
     new = synthetic_sessions(12, sessions=2000, together=0.0)[:, 1:]
-    mean, sigma = found.mean(DEPTHS[1:]), found.deviation(DEPTHS[1:])
+    mean, sigma = choice.mean(DEPTHS[1:]), choice.deviation(DEPTHS[1:])
     inside = np.abs(new - mean) <= 1.96 * sigma
     assert inside.mean() == approx(0.95, abs=0.01)
 
 
 def test_errors_are_taken_on_the_sessions_that_they_name():
     forces = synthetic_sessions(3)
-    found = choose(DEPTHS, forces, protocol="published")
+    choice = choose(DEPTHS, forces, protocol="published")
     test, validation = [], []
-    for fold in found.folds:
+    for fold in choice.folds:
         x = np.tile(DEPTHS, 14)
         p = np.polyfit(x, forces[fold.train].ravel(), 2)
         validation.append(np.sqrt(np.mean((forces[fold.validation] - np.polyval(p, DEPTHS)) ** 2)))
         test.append(np.sqrt(np.mean((forces[fold.test] - np.polyval(p, DEPTHS)) ** 2)))
-    assert found.force["quadratic"][1:] == approx((np.mean(validation), np.mean(test)), rel=1e-9)
-    kept = [i for i in range(20) if i not in found.dropped]
+    assert choice.force["quadratic"][1:] == approx((np.mean(validation), np.mean(test)), rel=1e-9)
+    kept = [i for i in range(20) if i not in choice.dropped]
     spread = forces[kept, 1:].std(axis=0, ddof=1)
-    assert found.spread["linear"][1] == approx(fit_curve(MODELS["linear"], DEPTHS[1:], spread).rmse)
-    assert found.mean.model.name == min(found.force, key=lambda m: found.force[m][1])
+    assert choice.spread["linear"][1] == approx(fit_curve(MODELS["linear"], DEPTHS[1:], spread).rmse)
+    assert choice.mean.model.name == min(choice.force, key=lambda m: choice.force[m][1])
 
 
 def test_constant_forces_are_refused():
@@ -120,8 +120,8 @@ def test_synthetic_sessions_have_the_laws_they_are_made_of():
 
 def test_a_scatter_that_is_the_same_at_all_depths_is_a_result():
     forces = MODELS["fourier"](DEPTHS, PUBLISHED.mean_parameters) + np.tile([[0.0], [0.25]], (10, 1))
-    found = choose(DEPTHS, np.round(forces * 1024) / 1024)
-    assert found.deviation(DEPTHS) == approx(np.full(11, found.deviations[0]), rel=1e-6)
+    choice = choose(DEPTHS, np.round(forces * 1024) / 1024)
+    assert choice.deviation(DEPTHS) == approx(np.full(11, choice.deviations[0]), rel=1e-6)
 
 
 # --- the band and the errors for a new session: 200 data sets of 20 sessions each -------------------------------------
@@ -157,10 +157,10 @@ def test_the_band_holds_what_a_curve_misses():
 def test_the_published_band_holds_fewer_than_it_says():
     held = []
     for seed in range(30):
-        found = choose(DEPTHS, synthetic_sessions(seed, together=0.9), 3, "fourier", "exponential", "published")
-        assert found.band.reach() == approx(1.96, abs=1e-3) and len(found.dropped) == 2
-        error = np.abs(new_sessions(seed, 0.9)[:, 1:] - found.mean(DEPTHS[1:]))
-        held.append(np.mean(error <= found.band.reach() * found.deviation(DEPTHS[1:])))
+        choice = choose(DEPTHS, synthetic_sessions(seed, together=0.9), 3, "fourier", "exponential", "published")
+        assert choice.band.reach() == approx(1.96, abs=1e-3) and len(choice.dropped) == 2
+        error = np.abs(new_sessions(seed, 0.9)[:, 1:] - choice.mean(DEPTHS[1:]))
+        held.append(np.mean(error <= choice.band.reach() * choice.deviation(DEPTHS[1:])))
     assert np.mean(held) < 0.91
 
 
@@ -181,8 +181,10 @@ def test_the_test_error_is_that_on_new_sessions(together):
 
 @pytest.mark.parametrize("together", [0.0, 0.4, 0.8])
 def test_the_share_between_sessions_is_that_of_the_synthetic_ones(together):
-    found = [between_sessions(synthetic_sessions(seed, sessions=40, together=together)[:, 2:]) for seed in range(100)]
-    assert np.mean(found) == approx(together, abs=0.04)
+    fractions = [
+        between_sessions(synthetic_sessions(seed, sessions=40, together=together)[:, 2:]) for seed in range(100)
+    ]
+    assert np.mean(fractions) == approx(together, abs=0.04)
 
 
 def test_one_depth_has_the_prediction_interval_of_a_normal_sample():

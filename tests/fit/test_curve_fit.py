@@ -74,12 +74,12 @@ CURVES = [(MODELS[name], known) for name, known in KNOWN.items()] + [
 def test_the_slopes_are_those_of_the_curve(model, known):
     p = np.array(known, float)
     x = np.stack([DEPTHS + 1e-4, np.linspace(0.01, 0.1, 11)], axis=1)
-    found = model.jacobian(x, p)
+    jacobian = model.jacobian(x, p)
     for k in range(len(p)):
         step = np.zeros_like(p)
         step[k] = 1e-6 * abs(p[k])
         slope = (model.predict(x, p + step) - model.predict(x, p - step)) / (2 * step[k])
-        assert found[:, k] == approx(slope, rel=1e-6, abs=1e-9 * np.abs(slope).max())
+        assert jacobian[:, k] == approx(slope, rel=1e-6, abs=1e-9 * np.abs(slope).max())
 
 
 @pytest.mark.parametrize("name", ["linear", "quadratic", "fourier", "exponential"])

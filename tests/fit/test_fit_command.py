@@ -122,9 +122,9 @@ def test_the_node_gives_the_band_that_the_fit_tells(example, tmp_path):
     node.start()
     law = Contact(foot=(0, 0, 0), normal=(0, 0, 1), force=1.0, compression=3e-3, indentation=0.0,
                   compression_rate=0.0, indentation_rate=0.0)  # fmt: skip
-    found = node.step(law, dt=1e-3).quantiles
+    quantiles = node.step(law, dt=1e-3).quantiles
     reach = student.ppf(0.975, data["band"]["freedom"]) * data["band"]["widening"] * scatter
-    assert found == approx([mean - reach, mean, mean + reach], rel=1e-6)
+    assert quantiles == approx([mean - reach, mean, mean + reach], rel=1e-6)
 
 
 def test_newtons_under_millinewtons_are_questioned_and_can_be_accepted(example, tmp_path):
@@ -156,8 +156,8 @@ def test_hunt_crossley_needs_two_speeds_for_its_damping(tmp_path):
         forces = LAWS["hunt-crossley"](DEPTHS, known, rate)
         rows += [f"a,{session},{d * 1e3},{f},{rate * 1e3}" for d, f in zip(DEPTHS, forces, strict=True)]
     path.write_text("\n".join([HEAD + ",rate [mm/s]", *rows]))
-    found = json.loads(run(path, "--law", "hunt-crossley", "--json").stdout)["subjects"]["a"]["parameters"]
-    assert [found[k]["value"] for k in ("K", "lambda", "n", "c")] == approx([*known, 4.2], rel=1e-6)
+    parameters = json.loads(run(path, "--law", "hunt-crossley", "--json").stdout)["subjects"]["a"]["parameters"]
+    assert [parameters[k]["value"] for k in ("K", "lambda", "n", "c")] == approx([*known, 4.2], rel=1e-6)
     slow = [row for row in rows if row.endswith(",10.0")]
     path.write_text("\n".join([HEAD + ",rate [mm/s]", *slow]))
     told = json.loads(run(path, "--law", "hunt-crossley", "--json").stdout)

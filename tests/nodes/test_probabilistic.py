@@ -54,8 +54,8 @@ def test_quantiles_are_those_of_the_law_cut_off_at_zero(mean, sigma):
 
 
 def test_quantiles_stay_finite_however_far_below_zero_the_mean_lies():
-    found = truncated_quantile([0.025, 0.5, 0.975], -5.0, np.array([[1.0], [1e-3], [1e-9]]))
-    assert np.isfinite(found).all() and np.all(found >= 0) and np.all(np.diff(found, axis=1) >= 0)
+    quantiles = truncated_quantile([0.025, 0.5, 0.975], -5.0, np.array([[1.0], [1e-3], [1e-9]]))
+    assert np.isfinite(quantiles).all() and np.all(quantiles >= 0) and np.all(np.diff(quantiles, axis=1) >= 0)
     assert truncated_quantile(0.5, [-1.0, 0.3], 0.0).tolist() == [0.0, 0.3]
 
 
@@ -119,8 +119,8 @@ def test_a_session_keeps_its_rank():
 
 
 def test_uniform_numbers_fill_the_unit_interval():
-    found = np.array([uniform(1, t) for t in range(3000)])
-    assert found.min() >= 0 and found.max() < 1 and kstest(found, "uniform").pvalue > 1e-3
+    numbers = np.array([uniform(1, t) for t in range(3000)])
+    assert numbers.min() >= 0 and numbers.max() < 1 and kstest(numbers, "uniform").pvalue > 1e-3
 
 
 def test_a_fitted_law_that_runs_below_zero_is_held_at_zero():

@@ -48,18 +48,18 @@ def test_what_was_imported_earlier_is_told_and_does_not_bind_the_workers():
 
 def test_kernels_that_were_compiled_earlier_are_told():
     code = "import numba; f = numba.njit(lambda x: x + 1.0); f(1.0); " + ASK.format("in_force()")
-    found = told(code, **FOREIGN)["instructions"]
-    assert "kernels" in found and f"kernels {LEVEL}," not in found
+    instructions = told(code, **FOREIGN)["instructions"]
+    assert "kernels" in instructions and f"kernels {LEVEL}," not in instructions
 
 
 def test_the_user_may_leave_the_choice_to_the_processor():
-    found = told("import palpate.physics; " + ASK.format("in_force()"), **FOREIGN, **NATIVE)["instructions"]
-    assert "numpy X86_V3" not in found and "kernels nehalem/" in found and found != LEVEL
+    instructions = told("import palpate.physics; " + ASK.format("in_force()"), **FOREIGN, **NATIVE)["instructions"]
+    assert "numpy X86_V3" not in instructions and "kernels nehalem/" in instructions and instructions != LEVEL
 
 
 def test_more_threads_of_linear_algebra_are_told():
-    found = told("import palpate.physics; " + ASK.format("in_force()"), OPENBLAS_NUM_THREADS="2")["instructions"]
-    assert found.endswith(f"threads {min(2, os.cpu_count())}") or os.cpu_count() == 1
+    instructions = told("import palpate.physics; " + ASK.format("in_force()"), OPENBLAS_NUM_THREADS="2")["instructions"]
+    assert instructions.endswith(f"threads {min(2, os.cpu_count())}") or os.cpu_count() == 1
 
 
 def check(name, **environment):
@@ -70,16 +70,16 @@ def check(name, **environment):
 @pytest.mark.parametrize("name", ["kidney", "live"])
 def test_a_golden_recording_computes_again_under_a_foreign_environment(name):
     """What is pinned gives the recorded bytes wherever it was recorded with the same versions."""
-    found = check(name, **FOREIGN)
-    assert found["ok"] and found["complete"]
-    assert not any(each.startswith("instructions") for each in found["computed_otherwise"])
-    assert found["tolerance"] == (1e-6 if found["computed_otherwise"] else 0.0)
+    report = check(name, **FOREIGN)
+    assert report["ok"] and report["complete"]
+    assert not any(each.startswith("instructions") for each in report["computed_otherwise"])
+    assert report["tolerance"] == (1e-6 if report["computed_otherwise"] else 0.0)
 
 
 @pytest.mark.parametrize("name", ["kidney", "live"])
 def test_other_instructions_stay_within_the_tolerance(name):
     """The compiled kernels are those of x86-64-v3 here, to spare their compilation; numpy and OpenBLAS are foreign."""
     kernels = {"NUMBA_CPU_NAME": LEVEL, "NUMBA_CPU_FEATURES": ""}
-    found = check(name, **FOREIGN | kernels | NATIVE)
-    assert found["ok"] and found["complete"] and found["tolerance"] == 1e-6
-    assert found["computed_otherwise"]
+    report = check(name, **FOREIGN | kernels | NATIVE)
+    assert report["ok"] and report["complete"] and report["tolerance"] == 1e-6
+    assert report["computed_otherwise"]

@@ -32,14 +32,14 @@ LARGEST = 1.2 / phantom.FULL
 
 def forces(tip, angles=(0, 20, 45)):
     """Normal force [N] at rest, 2 mm deep, at some inclinations."""
-    found = []
+    normal_forces = []
     for degrees in angles:
         body = fill(tip, 2e-3, pitch=0.6e-3, angle=np.radians(degrees))
         state = State(body)
         for _ in range(30):
             force = step(body, state, 2e-3, (0, 0), 0.7, 1.0)
-        found.append(force[2])
-    return np.array(found)
+        normal_forces.append(force[2])
+    return np.array(normal_forces)
 
 
 def thumb_side(tip):
@@ -84,9 +84,9 @@ def test_every_order_and_direction_of_the_axes_of_nifti_gives_the_same_finger(tm
     image = nibabel.load(phantom.write_nifti(STACK, tmp_path / "v.nii"))
     turned = image.as_reoriented(np.column_stack([order, flips]))
     nibabel.save(turned, tmp_path / "turned.nii")
-    found = read(tmp_path / "turned.nii")
-    assert sum(same_up_to_a_turn(found.volume)) == 1
-    assert found.spacing == approx(SPACING) and found.handed == "header"
+    stack = read(tmp_path / "turned.nii")
+    assert sum(same_up_to_a_turn(stack.volume)) == 1
+    assert stack.spacing == approx(SPACING) and stack.handed == "header"
 
 
 @pytest.mark.parametrize(("order", "flips"), [ALL[k] for k in (5, 11, 18, 29, 36, 47)])
@@ -105,8 +105,8 @@ def test_the_forces_are_those_of_the_finger_however_nifti_stores_it(tmp_path, pl
 def test_every_orientation_of_dicom_gives_the_same_finger(tmp_path, order, flips, oblique):
     stack, axes = stored(order, flips)
     turn = Rotation.from_euler("zyx", [0.5, 0.2, -0.7]).as_matrix() if oblique else np.eye(3)
-    found = read(phantom.write_dicom(stack, tmp_path / "d", axes @ turn.T))
-    assert sum(same_up_to_a_turn(found.volume)) == 1 and found.handed == "header"
+    copy = read(phantom.write_dicom(stack, tmp_path / "d", axes @ turn.T))
+    assert sum(same_up_to_a_turn(copy.volume)) == 1 and copy.handed == "header"
 
 
 def test_a_finger_turned_half_round_its_vertical_is_not_mirrored(plain):
@@ -160,8 +160,8 @@ def test_letters_say_where_images_run(tmp_path, plain, axes, order, flips):
 def test_images_along_the_finger_become_cross_sections(tmp_path, axes, order, flips):
     stack, _ = stored(order, flips)
     for given in (axes, ""):
-        found = read(phantom.write_images(stack, tmp_path / f"i{given}"), stack.spacing, given)
-        assert found.spacing[0] == SPACING[0] and (given == "" or sum(same_up_to_a_turn(found.volume)) == 1)
+        copy = read(phantom.write_images(stack, tmp_path / f"i{given}"), stack.spacing, given)
+        assert copy.spacing[0] == SPACING[0] and (given == "" or sum(same_up_to_a_turn(copy.volume)) == 1)
 
 
 @pytest.mark.parametrize("axes", ["HP", "HPX", "HHP", "HTP", "NPR", "HPRL"])

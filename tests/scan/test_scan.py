@@ -82,9 +82,9 @@ def test_the_pulp_lies_where_it_should_also_between_slices(rebuilt, degrees):
     known = Fingertip(tip.origin, tip.spacing, *(SHAPE.level(name, there) for name in ("skin", "tissue", "bone")))
     angle = np.radians(degrees)
     x, y = np.meshgrid(np.arange(-7e-3, 7e-3, 5e-4), np.arange(-8e-3, 26e-3, 5e-4))
-    right, found = cast(known, x, y, angle), cast(tip, x, y, angle)
+    right, rays = cast(known, x, y, angle), cast(tip, x, y, angle)
     touches = right.bottom < np.nanmin(right.bottom) + 2e-3
-    error = np.abs(found.bottom - right.bottom)[touches]
+    error = np.abs(rays.bottom - right.bottom)[touches]
     assert np.isfinite(error).all() and np.median(error) < 0.06e-3 and np.percentile(error, 95) < 0.25e-3
 
 
@@ -102,20 +102,20 @@ def test_the_force_is_that_of_the_known_shape(tip):
 @pytest.mark.parametrize("kind", ["dicom", "nifti", "png", "tif"])
 def test_every_format_brings_the_same_images_back(stack, tmp_path, kind):
     if kind == "dicom":
-        found = read(phantom.write_dicom(stack, tmp_path / "d"))
+        copy = read(phantom.write_dicom(stack, tmp_path / "d"))
     elif kind == "nifti":
-        found = read(phantom.write_nifti(stack, tmp_path / "v.nii.gz"))
+        copy = read(phantom.write_nifti(stack, tmp_path / "v.nii.gz"))
     else:
-        found = read(phantom.write_images(stack, tmp_path / "i", kind), SPACING)
-    assert found.spacing == approx(SPACING)
+        copy = read(phantom.write_images(stack, tmp_path / "i", kind), SPACING)
+    assert copy.spacing == approx(SPACING)
     scale = 1.2 / phantom.FULL
-    assert found.volume * scale == approx(np.clip(stack.volume, 0, 1.2), abs=scale)
+    assert copy.volume * scale == approx(np.clip(stack.volume, 0, 1.2), abs=scale)
 
 
 @pytest.mark.parametrize("seed", [1, 2])
 def test_noise_of_a_tenth_of_the_tissue_is_borne(seed):
-    found = segment(phantom.scan(noise=0.09, seed=seed, start=START))
-    for k, points in in_anatomy(found, "skin").items():
+    segmented = segment(phantom.scan(noise=0.09, seed=seed, start=START))
+    for k, points in in_anatomy(segmented, "skin").items():
         if k > 3:
             assert np.abs(SHAPE.level("skin", points)).mean() < 0.5 * SPACING[1]
 
@@ -125,8 +125,8 @@ def test_skin_as_bright_as_tissue_needs_its_thickness(stack, monkeypatch):
     plain = phantom.scan(start=START)
     with pytest.raises(ScanError, match="--skin"):
         segment(plain)
-    found = rebuild(segment(plain, skin=1.1e-3))
-    rays = cast(found, np.zeros(9), np.linspace(8e-3, 20e-3, 9))
+    rebuilt_tip = rebuild(segment(plain, skin=1.1e-3))
+    rays = cast(rebuilt_tip, np.zeros(9), np.linspace(8e-3, 20e-3, 9))
     assert rays.inner - rays.bottom == approx(1.1e-3, abs=0.25e-3)
 
 
@@ -146,17 +146,17 @@ def test_other_fingers_contrasts_and_resolutions_are_read_as_well(monkeypatch, s
     for name, value in light.items():
         monkeypatch.setitem(phantom.BRIGHTNESS, name, value)
     stack = phantom.scan(shape, **{"start": START, **images})
-    found = segment(stack)
+    segmented = segment(stack)
     centre = phantom.image_centre(shape)
     for name in ("skin", "tissue", "bone"):
         errors = []
-        for k, curve in enumerate(getattr(found, name)):
+        for k, curve in enumerate(getattr(segmented, name)):
             if curve is not None:
                 y = np.full(len(curve), images.get("start", START) + k * stack.spacing[0])
                 points = np.stack([curve[:, 1], y, centre - curve[:, 0]], axis=1)
                 errors.append(np.abs(shape.level(name, points)).mean())
         assert np.median(errors) < 0.15 * max(stack.spacing[1:])
-    assert len(fill(rebuild(found), 2e-3).heights) > 60
+    assert len(fill(rebuild(segmented), 2e-3).heights) > 60
 
 
 def test_two_fingers_are_refused(stack):
@@ -248,17 +248,17 @@ def test_images_without_anything_are_refused(stack, fill_value):
 def test_smoothing_keeps_an_ellipse():
     t = np.linspace(0, 2 * np.pi, 400)
     curve = np.stack([3 * np.cos(t), 2 * np.sin(t)], axis=1)
-    found = smooth(curve)
-    assert np.hypot(found[:, 0] / 3, found[:, 1] / 2) == approx(1, abs=2e-3)
+    smoothed = smooth(curve)
+    assert np.hypot(smoothed[:, 0] / 3, smoothed[:, 1] / 2) == approx(1, abs=2e-3)
 
 
 def test_the_command_writes_the_fingertip_and_its_picture(stack, tmp_path):
     folder = phantom.write_dicom(stack, tmp_path / "d")
     result = CliRunner().invoke(app, ["fingertip", str(folder), "-o", str(tmp_path / "finger.npz"), "--json"])
     assert result.exit_code == 0, result.output
-    found = json.loads(result.output)
-    assert found["slices"] == 23 and found["breadth_mm"] == approx(16, abs=0.6)
-    assert found["skin_mm"] == approx(1.2, abs=0.3)
+    report = json.loads(result.output)
+    assert report["slices"] == 23 and report["breadth_mm"] == approx(16, abs=0.6)
+    assert report["skin_mm"] == approx(1.2, abs=0.3)
     assert Fingertip.load(tmp_path / "finger.npz").skin.min() < -4e-3
     assert (tmp_path / "finger.png").stat().st_size > 20_000
 
@@ -281,5 +281,5 @@ def test_the_command_writes_images_to_try_that_it_can_read(tmp_path, name):
 
 @pytest.mark.parametrize("start", [-1.5e-3, -0.5e-3, 0.3e-3, 1e-3])
 def test_slices_of_2_4_mm_are_thick_not_missing(start):
-    found = rebuild(segment(phantom.scan(slices=12, spacing=(2.4e-3, 0.23e-3, 0.23e-3), start=start)))
-    assert len(fill(found, 2e-3).heights) > 60
+    rebuilt_tip = rebuild(segment(phantom.scan(slices=12, spacing=(2.4e-3, 0.23e-3, 0.23e-3), start=start)))
+    assert len(fill(rebuilt_tip, 2e-3).heights) > 60

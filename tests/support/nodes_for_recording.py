@@ -33,18 +33,18 @@ class SlowDrag(Drag):
         self.steps += 1
         if not self.steps % 40:
             time.sleep(0.008)
-        found = super().step(pose, force)
-        return Friction(force=found.force, bristle=(self.steps * 1e-3, dt, 0.0), stick=False)
+        friction = super().step(pose, force)
+        return Friction(force=friction.force, bristle=(self.steps * 1e-3, dt, 0.0), stick=False)
 
 
 class Wanderer(Source):
     """A source that is late now and then."""
 
     def step(self, torque: Torque | None, *, dt: float) -> Pose:
-        found = super().step(torque, dt=dt)
+        pose = super().step(torque, dt=dt)
         if abs(self.x) < 0.02:
             time.sleep(0.004)
-        return found
+        return pose
 
 
 class Behind(Source):

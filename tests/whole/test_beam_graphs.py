@@ -14,10 +14,10 @@ def run(name, path, *overrides, duration=None, place="fused"):
     """The recorded bytes of each stream of a shipped run."""
     outcome = execute(find(name).but(overrides=overrides, duration=duration, record=path, place=place))
     assert outcome.result.ok, outcome.result.deaths
-    found = {}
+    payloads = {}
     for stream, _, payload in Recording(path).payloads():
-        found.setdefault(stream, []).append(payload)
-    return found
+        payloads.setdefault(stream, []).append(payload)
+    return payloads
 
 
 def decoded(streams, name, kind):

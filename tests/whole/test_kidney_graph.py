@@ -34,10 +34,10 @@ def run(folder: Path, *sets: str, name: str = "run", **more) -> Recording:
 
 
 def payloads(recording: Recording) -> dict[str, list[bytes]]:
-    found: dict[str, list[bytes]] = {}
+    by_stream: dict[str, list[bytes]] = {}
     for name, _, payload in recording.payloads():
-        found.setdefault(name, []).append(payload)
-    return found
+        by_stream.setdefault(name, []).append(payload)
+    return by_stream
 
 
 @pytest.fixture(scope="module")
@@ -78,10 +78,10 @@ def test_the_hand_feels_at_most_what_the_device_can_give(columns):
 
 def test_the_hand_feels_nothing_out_of_contact(columns):
     size = np.linalg.norm(columns["controller"]["force"], axis=1)
-    found = touches(columns["contact"]["time"], columns["contact"]["force"])
-    assert len(found) == 2
-    assert (size[: found[0].start + 1] == 0.0).all()
-    for end, begin in ((found[0].stop, found[1].start), (found[1].stop, len(size))):
+    slices = touches(columns["contact"]["time"], columns["contact"]["force"])
+    assert len(slices) == 2
+    assert (size[: slices[0].start + 1] == 0.0).all()
+    for end, begin in ((slices[0].stop, slices[1].start), (slices[1].stop, len(size))):
         assert (size[end : begin + 1] == 0.0).all()
 
 
@@ -200,9 +200,9 @@ def test_what_is_wanted_is_the_same_when_the_rest_is_left_out(tmp_path, friction
     sets = (*QUICK, f"scene.tissue.friction={friction}")
     full = payloads(run(tmp_path, *sets, name="full", place="fused", duration=0.65))
     pruned = run(tmp_path, *sets, name="pruned", place="fused", duration=0.65, wanted=("contact",))
-    found = payloads(pruned)
-    assert ("friction" in full) == ("friction" in found) == (friction == "true")
-    assert found["contact"] == full["contact"]
+    fewer = payloads(pruned)
+    assert ("friction" in full) == ("friction" in fewer) == (friction == "true")
+    assert fewer["contact"] == full["contact"]
     assert all(len(surface.nodes) == 0 for surface in pruned.messages("tissue")), "nobody wants the displacement"
 
 

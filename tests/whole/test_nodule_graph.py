@@ -15,10 +15,10 @@ from palpate.physics.display.pins import pin_grid
 def run(path, *overrides, place="fused", duration=2.2):
     outcome = execute(find("nodule").but(duration=duration, record=path, place=place, overrides=overrides))
     assert outcome.result.ok, outcome.result.deaths
-    found: dict[str, list[bytes]] = {}
+    payloads: dict[str, list[bytes]] = {}
     for name, _, payload in Recording(path).payloads():
-        found.setdefault(name, []).append(payload)
-    return found
+        payloads.setdefault(name, []).append(payload)
+    return payloads
 
 
 @pytest.fixture(scope="module")

@@ -31,7 +31,7 @@ def below(folder, name):
 
 
 def own_scene(graph):
-    return next(Path(found["scene"]).stem for g in below(GRAPHS, graph) if "scene" in (found := read(GRAPHS, g)))
+    return next(Path(content["scene"]).stem for g in below(GRAPHS, graph) if "scene" in (content := read(GRAPHS, g)))
 
 
 PAIRS = [(graph, scene) for graph in NAMES for scene in SCENE_NAMES if own_scene(graph) in below(SCENES, scene)]
@@ -87,7 +87,7 @@ def test_the_band_is_left_out_of_the_kidney_unless_the_scene_asks_for_it():
 
 
 def test_the_band_changes_no_byte_of_the_other_streams(tmp_path):
-    found = []
+    runs = []
     for wanted in ("true", "false"):
         file = tmp_path / f"{wanted}.mcap"
         sets = (f"scene.finger.band={wanted}", "scene.surface.vertices=1500", "scene.hand.begin=[0, 0, 0.107]")
@@ -95,9 +95,9 @@ def test_the_band_changes_no_byte_of_the_other_streams(tmp_path):
         streams: dict[str, list[bytes]] = {}
         for name, _, payload in Recording(file).payloads():
             streams.setdefault(name, []).append(payload)
-        found.append(streams)
-    assert len(found[0].pop("band")) == 40
-    assert found[0] == found[1] and len(found[1]["contact"]) == 400
+        runs.append(streams)
+    assert len(runs[0].pop("band")) == 40
+    assert runs[0] == runs[1] and len(runs[1]["contact"]) == 400
 
 
 def test_a_setting_that_cannot_be_is_told_without_a_traceback():

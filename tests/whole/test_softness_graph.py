@@ -18,10 +18,10 @@ def run(folder, duration, **more):
     launch = find("softness").but(duration=duration, record=folder / "run.mcap", **more)
     outcome = execute(launch)
     assert outcome.result.ok, outcome.result.deaths
-    found: dict[str, list[bytes]] = {}
+    payloads: dict[str, list[bytes]] = {}
     for name, _, payload in Recording(folder / "run.mcap").payloads():
-        found.setdefault(name, []).append(payload)
-    return found
+        payloads.setdefault(name, []).append(payload)
+    return payloads
 
 
 def test_the_launch_file_is_the_whole_press():

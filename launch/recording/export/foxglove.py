@@ -54,11 +54,11 @@ def write_foxglove(recording: Recording, target: Path, streams: tuple[str, ...],
 
 def as_plain(message: Message) -> dict[str, Any]:
     """A message as numbers, texts and lists."""
-    found: dict[str, Any] = {"tick": message.tick, "time": message.time, "source": message.source, "used": message.used}
+    plain: dict[str, Any] = {"tick": message.tick, "time": message.time, "source": message.source, "used": message.used}
     for field in fields(type(message)):
         value = getattr(message, field.name)
-        found[field.name] = value.tolist() if isinstance(value, np.ndarray) else value
-    return found
+        plain[field.name] = value.tolist() if isinstance(value, np.ndarray) else value
+    return plain
 
 
 def json_schema(kind: type[Message]) -> dict[str, Any]:
@@ -73,12 +73,12 @@ def json_schema(kind: type[Message]) -> dict[str, Any]:
     assert tuple(properties) == HEADER
     for field in fields(kind):
         if field.dtype is None and not field.shape:
-            found: dict[str, Any] = {"type": plain.get(field.type, "string")}
+            schema: dict[str, Any] = {"type": plain.get(field.type, "string")}
         else:
             whole = field.dtype is not None and field.dtype.kind in "iu"
-            found = {"type": "integer" if whole else "number"}
+            schema = {"type": "integer" if whole else "number"}
             for _ in field.shape:
-                found = {"type": "array", "items": found}
-        properties[field.name] = {**found, "title": field.label}
+                schema = {"type": "array", "items": schema}
+        properties[field.name] = {**schema, "title": field.label}
     about = (kind.__doc__ or "").partition("\n")[0]
     return {"title": kind.__name__, "description": about, "type": "object", "properties": properties}

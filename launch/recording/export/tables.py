@@ -22,7 +22,7 @@ def write_csv(recording: Recording, folder: Path, streams: tuple[str, ...], ever
     """A file per stream: tick, time [s], source, then each number in a column of its own, `force[0] [N]`. Arrays of
     changing length stand as JSON in one cell."""
     folder.mkdir(parents=True, exist_ok=True)
-    found = []
+    paths = []
     for name in streams:
         path = folder / f"{name}.csv"
         kind = recording.streams[name].type
@@ -32,8 +32,8 @@ def write_csv(recording: Recording, folder: Path, streams: tuple[str, ...], ever
             for message in _messages(recording, name, every):
                 cells = [x for field in fields(kind) for x in _cells(field, getattr(message, field.name))]
                 writer.writerow([message.tick, f"{message.time * 1e-9:.9f}", json.dumps(message.used), *cells])
-        found.append(path)
-    return found
+        paths.append(path)
+    return paths
 
 
 def _messages(recording: Recording, name: str, every: int) -> Iterator[Message]:
@@ -65,16 +65,16 @@ def write_parquet(recording: Recording, folder: Path, streams: tuple[str, ...], 
     except ImportError:
         raise RecordingError(f"Parquet needs the package pyarrow: {install('export')}") from None
     folder.mkdir(parents=True, exist_ok=True)
-    found = []
+    paths = []
     for name in streams:
         kind = recording.streams[name].type
-        told = {"stream": name, "type": kind.__name__, "about": json.dumps(recording.about)}
+        metadata = {"stream": name, "type": kind.__name__, "about": json.dumps(recording.about)}
         schema = pa.schema([
             pa.field("tick", pa.int64()),
             pa.field("time", pa.int64(), metadata={"unit": "ns"}),
             pa.field("used", pa.list_(pa.int64())),
             *(pa.field(f.name, _arrow(pa, f), metadata={"unit": f.unit}) for f in fields(kind)),
-        ], metadata=told)  # fmt: skip
+        ], metadata=metadata)  # fmt: skip
         path = folder / f"{name}.parquet"
         part = path.with_name(path.name + ".part")
         with pq.ParquetWriter(part, schema, compression="zstd") as writer:
@@ -86,8 +86,8 @@ def write_parquet(recording: Recording, folder: Path, streams: tuple[str, ...], 
                     rows.clear()
             writer.write_table(_table(pa, rows, schema))
         os.replace(part, path)
-        found.append(path)
-    return found
+        paths.append(path)
+    return paths
 
 
 def _arrow(pa: Any, field: Field) -> Any:

@@ -31,7 +31,7 @@ def write_vtk(recording: Recording, folder: Path, streams: tuple[str, ...], ever
     if not chosen:
         raise RecordingError(f"{recording.path}: none of its streams ({', '.join(streams)}) holds a deformed surface")
     folder.mkdir(parents=True, exist_ok=True)
-    found: list[Path] = []
+    paths: list[Path] = []
     for name in chosen:
         rest = _rest(recording, name)
         faces = np.hstack([np.full((len(rest[1]), 1), 3), rest[1]]).ravel()
@@ -54,10 +54,10 @@ def write_vtk(recording: Recording, folder: Path, streams: tuple[str, ...], ever
             surface.field_data["TimeValue"] = np.array([message.time * 1e-9])
             path = folder / f"{name}-{len(times):06d}.vtp"
             surface.save(path)
-            found.append(path)
+            paths.append(path)
             times.append((message.time * 1e-9, path.name))
-        found += _series(folder, name, times)
-    return found
+        paths += _series(folder, name, times)
+    return paths
 
 
 def _rest(recording: Recording, stream: str) -> tuple[np.ndarray, np.ndarray]:

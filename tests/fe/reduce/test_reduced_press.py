@@ -49,14 +49,14 @@ def missed(feet, normals):
     mesh = organ().surface
     patches = np.stack([patch(mesh, foot, n, RADIUS) for foot, n in zip(feet, normals, strict=True)])
     curves = press(organ(), patches, np.tile(DEPTHS, (len(feet), 1)))
-    found = np.zeros((2, len(feet), 2))
+    errors = np.zeros((2, len(feet), 2))
     for k, (foot, n, load, curve) in enumerate(zip(feet, normals, patches, curves, strict=True)):
         nodes = np.flatnonzero(np.abs(load).max(axis=1) > 0).astype(np.int32)
         for j, (depth, force) in enumerate(zip(DEPTHS, YOUNG * curve.force, strict=True)):
             for i, body in enumerate(bodies()):
                 law = body.step(nodes, force * load[nodes], tuple(foot.tolist()), tuple(n.tolist()), 1e3)
-                found[i, k, j] = law[2] / depth - 1.0
-    return np.abs(found)
+                errors[i, k, j] = law[2] / depth - 1.0
+    return np.abs(errors)
 
 
 def test_where_the_organ_was_pressed_the_body_repeats_the_full_model():
@@ -139,8 +139,8 @@ def test_a_patch_has_the_radius_of_its_pressure():
     every = np.arange(len(mesh.vertices))
     for radius in (6e-3, 15e-3):
         share = patch(mesh, np.zeros(3), np.array([0, 0, 1.0]), radius)
-        found = patch_radius(mesh.vertices, hat_moments(mesh), every, len(every), -share[:, 2:])
-        assert found == approx(radius, rel=0.12 if radius < 0.01 else 0.03)
+        equivalent = patch_radius(mesh.vertices, hat_moments(mesh), every, len(every), -share[:, 2:])
+        assert equivalent == approx(radius, rel=0.12 if radius < 0.01 else 0.03)
         assert share.sum(axis=0) == approx([0, 0, -1])
 
 
@@ -165,10 +165,10 @@ def test_values_are_carried_over_the_surface_and_kept_where_they_were_found():
     chosen = scattered(mesh.vertices, 20, 12e-3)
     shares = np.stack([-patch(mesh, mesh.vertices[v], mesh.normals[v], 12e-3) @ mesh.normals[v] for v in chosen])
     values = np.stack([np.ones(20), shares @ mesh.vertices[:, 0]], axis=1)
-    found = spread_out(mesh.vertices, shares, values)
-    assert found[:, 0] == approx(np.ones(len(mesh.vertices)))
-    assert shares @ found == approx(values)
-    assert found[:, 1] == approx(mesh.vertices[:, 0], abs=5e-3)
+    spread = spread_out(mesh.vertices, shares, values)
+    assert spread[:, 0] == approx(np.ones(len(mesh.vertices)))
+    assert shares @ spread == approx(values)
+    assert spread[:, 1] == approx(mesh.vertices[:, 0], abs=5e-3)
 
 
 def test_indentations_that_were_not_reached_go_on_as_the_parabola_of_the_last_three():

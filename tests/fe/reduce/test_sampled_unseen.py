@@ -43,7 +43,7 @@ def test_touches_elsewhere_are_met_by_modes_that_span_every_snapshot():
     basis, compliance = build(slab(), pressed(10, 3), pressed(4, 29), 40, tolerance=3e-3), slab().compliance()
     assert basis.modes.shape[1] == 40
     unseen = pressed(5, 17)
-    missed, linear = (np.abs(found).reshape(5, -1) for found in errors(slab(), basis, unseen))
+    missed, linear = (np.abs(errors_of).reshape(5, -1) for errors_of in errors(slab(), basis, unseen))
     by_hand = [p.touch.levels[-1] * p.touch.load.ravel() @ compliance @ p.touch.load.ravel() for p in unseen]
     assert linear[:, -1] == approx([abs(s / depth(p) - 1.0) for s, p in zip(by_hand, unseen, strict=True)], rel=1e-3)
     assert missed.mean(axis=0)[-1] < linear.mean(axis=0)[-1]
@@ -54,16 +54,16 @@ def test_the_energy_in_modes_falls_with_their_number_and_stays_above_the_full_on
     """Fewer modes are spanned by more, these by all displacements: W - p.q falls. All points count; of the full model
     its own solution is the one mode."""
     seen, unseen = pressed(10, 3), pressed(5, 17)[:2]
-    found = []
+    energies = []
     for count in (4, 12, 40):
         phi, _ = modes(slab(), seen, count)
         points = points_of(slab(), phi, UNBOUND)
-        found.append([least(points, np.einsum("nia,ni->a", phi, whole_load(own))) for own in unseen])
+        energies.append([least(points, np.einsum("nia,ni->a", phi, whole_load(own))) for own in unseen])
     whole = []
     for own in unseen:
         points = points_of(slab(), own.solutions[-1][..., None], UNBOUND)
         whole.append(forces(points, np.ones(1), scratch(points), np.zeros(1)) - own.touch.levels[-1] * depth(own))
-    assert (np.diff([*found, whole], axis=0) < 0).all()
+    assert (np.diff([*energies, whole], axis=0) < 0).all()
 
 
 def whole_load(own):

@@ -90,8 +90,8 @@ def fingertip(*words):
 def steel(tmp_path_factory):
     """A short run on steel, all of it in its folder."""
     folder = tmp_path_factory.mktemp("runs")
-    found = json.loads(fingertip("--depth", "0.1", "--material", "20", "--to", str(folder), "--json").stdout)
-    return folder, found
+    report = json.loads(fingertip("--depth", "0.1", "--material", "20", "--to", str(folder), "--json").stdout)
+    return folder, report
 
 
 def one_line(result, code, *texts):
@@ -103,17 +103,17 @@ def one_line(result, code, *texts):
 
 
 def test_fe_fingertip_reports_the_run_beside_the_paper(steel):
-    folder, found = steel
-    assert found["divisor"] == 20.0 and found["indentation"][-1] == pytest.approx(1e-4)
-    assert found["paper"][0] == {"force": 0.11, "indentation": 1.24e-3, "found": None}
+    folder, report = steel
+    assert report["divisor"] == 20.0 and report["indentation"][-1] == pytest.approx(1e-4)
+    assert report["paper"][0] == {"force": 0.11, "indentation": 1.24e-3, "found": None}
     assert len(list(folder.rglob("finger.vtu"))) == 1
 
 
 def test_the_record_and_the_file_for_paraview_hold_the_pressure(steel):
-    folder, found = steel
+    folder, report = steel
     run = Run(folder / "steel-20-3-0.2")
-    nodes, pressure = run.pressure(len(found["force"]) - 1)
-    mean = found["force"][-1] / found["area"][-1]
+    nodes, pressure = run.pressure(len(report["force"]) - 1)
+    mean = report["force"][-1] / report["area"][-1]
     assert 0.2 * mean < pressure.max() < 4.0 * mean  # so light a contact is narrower than a face
     assert np.unique(nodes).size == nodes.size == pressure.size
     assert 'Name="pressure"' in next(folder.rglob("finger.vtu")).read_text()
@@ -121,8 +121,8 @@ def test_the_record_and_the_file_for_paraview_hold_the_pressure(steel):
 
 def test_fe_fingertip_draws_what_the_run_has(steel):
     pytest.importorskip("matplotlib")
-    folder, found = steel
-    assert [path.rpartition("/")[2] for path in found["pictures"]] == ["force.png", "strain.png"]
+    folder, report = steel
+    assert [path.rpartition("/")[2] for path in report["pictures"]] == ["force.png", "strain.png"]
     assert min(path.stat().st_size for path in folder.rglob("*.png")) > 20_000
 
 
@@ -130,10 +130,10 @@ def test_the_area_of_a_light_run_fills_its_picture_beside_the_papers_greater_for
     pytest.importorskip("matplotlib")
     from palpate.launch.pictures.fe_fingertip import force
 
-    folder, found = steel
+    folder, report = steel
     left, right = force({"steel": Run(folder / "steel-20-3-0.2")}).axes
     assert left.get_ylim()[1] > 0.5
-    assert right.get_xlim()[1] == pytest.approx(1.05 * found["force"][-1])
+    assert right.get_xlim()[1] == pytest.approx(1.05 * report["force"][-1])
 
 
 def test_without_matplotlib_the_run_is_kept_and_says_what_to_install(steel, monkeypatch):
@@ -147,18 +147,18 @@ def test_without_matplotlib_the_run_is_kept_and_says_what_to_install(steel, monk
 @pytest.mark.long
 def test_a_run_beyond_the_papers_forces_has_all_four_pictures(tmp_path):
     pytest.importorskip("matplotlib")
-    found = json.loads(fingertip("--material", "cortical", "--depth", "0.9", "--to", str(tmp_path), "--json").stdout)
-    names = [path.rpartition("/")[2] for path in found["pictures"]]
+    report = json.loads(fingertip("--material", "cortical", "--depth", "0.9", "--to", str(tmp_path), "--json").stdout)
+    names = [path.rpartition("/")[2] for path in report["pictures"]]
     assert names == ["force.png", "strain.png", "isostrain.png", "flow.png"]
     assert min(path.stat().st_size for path in tmp_path.rglob("*.png")) > 20_000
-    assert found["paper"][1]["found"] == pytest.approx(0.77e-3, abs=0.03e-3)  # 0.76 mm on finer meshes
+    assert report["paper"][1]["found"] == pytest.approx(0.77e-3, abs=0.03e-3)  # 0.76 mm on finer meshes
 
 
 def test_the_same_command_again_computes_nothing(steel):
-    folder, found = steel
+    folder, report = steel
     before = (folder / "steel-20-3-0.2" / "state.npz").stat().st_mtime_ns
     again = json.loads(fingertip("--depth", "0.1", "--material", "20", "--to", str(folder), "--json").stdout)
-    assert again == found
+    assert again == report
     assert (folder / "steel-20-3-0.2" / "state.npz").stat().st_mtime_ns == before
 
 
@@ -236,10 +236,10 @@ def test_ctrl_c_keeps_the_steps_and_the_same_command_goes_on(tmp_path):
     begun.send_signal(signal.SIGINT)
     _, errors = begun.communicate(timeout=60)
     assert begun.returncode == 130 and "the same command goes on from there" in errors and "Traceback" not in errors
-    found = json.loads(run(*words, "--json").stdout)
-    assert found["indentation"][-1] == pytest.approx(3e-4) and (np.diff(found["indentation"]) > 0).all()
+    report = json.loads(run(*words, "--json").stdout)
+    assert report["indentation"][-1] == pytest.approx(3e-4) and (np.diff(report["indentation"]) > 0).all()
     whole = json.loads(run(*words, "--json", "--to", str(tmp_path / "whole")).stdout)
-    assert found["force"][-1] == pytest.approx(whole["force"][-1], rel=5e-3)
+    assert report["force"][-1] == pytest.approx(whole["force"][-1], rel=5e-3)
 
 
 @pytest.mark.long
@@ -250,10 +250,10 @@ def test_fe_compare_puts_both_plates_side_by_side(steel, tmp_path):
     words = ["--plate", "silicone", "--material", "20", "--depth", "0.1", "--to", str(tmp_path), "--json"]
     soft = json.loads(fingertip(*words).stdout)
     both = (str(folder / "steel-20-3-0.2"), soft["folder"])
-    found = json.loads(run("fe", "compare", *both, "--to", str(tmp_path / "both"), "--json").stdout)
-    (row,) = found["statements"]
+    report = json.loads(run("fe", "compare", *both, "--to", str(tmp_path / "both"), "--json").stdout)
+    (row,) = report["statements"]
     assert "strain 0.1" in row["statement"] and row["steel"] is None and row["holds"] is None
-    assert [path.rpartition("/")[2] for path in found["pictures"]] == ["force.png", "strain.png"]
+    assert [path.rpartition("/")[2] for path in report["pictures"]] == ["force.png", "strain.png"]
     shown = run("fe", "compare", *both, "--to", str(tmp_path / "both"))
     assert shown.exit_code == 0 and "less on silicone" in shown.output
 

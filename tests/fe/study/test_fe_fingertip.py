@@ -24,17 +24,17 @@ from palpate.physics.materials.hyperelastic import rest_moduli
 @lru_cache
 def pressed():
     press = Pressing(Fingertip(cells=3), "steel", "cortical")
-    found = record(press, 2.5e-4)
-    return press, found
+    curve = record(press, 2.5e-4)
+    return press, curve
 
 
 def test_the_layers_have_their_volumes():
     tip = Fingertip(cells=5)
     _, det = gradients(tip.mesh.points, tip.mesh.elements, POINTS)
     volume = det.sum(axis=1) / 24
-    found = [volume[tip.mesh.region == k].sum() for k in (BONE, SUBCUTIS, DERMIS, EPIDERMIS)]
+    volumes = [volume[tip.mesh.region == k].sum() for k in (BONE, SUBCUTIS, DERMIS, EPIDERMIS)]
     capsule = 0.5 * (np.pi * tip.radii**2 * tip.phalanx + 2 / 3 * np.pi * tip.radii**3)
-    assert np.cumsum(found) == approx(capsule, rel=2e-3)
+    assert np.cumsum(volumes) == approx(capsule, rel=2e-3)
 
 
 def test_the_finger_first_touches_at_the_origin_with_its_tip_lower():
@@ -64,7 +64,7 @@ def test_other_dimensions_are_one_argument_and_bad_ones_are_refused():
 def test_the_sets_differ_by_one_divisor_and_by_the_bone():
     printed, calibrated, cortical = (materials(name) for name in ("printed", "calibrated", "cortical"))
     for layer in (BONE, SUBCUTIS, DERMIS, EPIDERMIS, NAIL):
-        hard, soft = (np.array(rest_moduli(found[layer])) for found in (printed, calibrated))
+        hard, soft = (np.array(rest_moduli(moduli[layer])) for moduli in (printed, calibrated))
         assert hard / soft == approx(16.3)  # bone, nail and bulk moduli too
     assert rest_moduli(cortical[BONE])[0] / rest_moduli(printed[BONE])[0] == approx(1000.0)
     assert cortical | {BONE: printed[BONE]} == printed
@@ -74,14 +74,14 @@ def test_the_sets_differ_by_one_divisor_and_by_the_bone():
 
 
 def test_pressing_makes_force_area_and_strain_and_the_bone_stays_rigid():
-    press, found = pressed()
-    assert (np.diff(found.force) > 0).all() and (np.diff(found.volumes, axis=0) >= -1e-15).all()
-    assert (np.diff(found.volumes, axis=1) <= 1e-15).all()
-    assert found.area[-1] > 0
+    press, curve = pressed()
+    assert (np.diff(curve.force) > 0).all() and (np.diff(curve.volumes, axis=0) >= -1e-15).all()
+    assert (np.diff(curve.volumes, axis=1) <= 1e-15).all()
+    assert curve.area[-1] > 0
     values = press.strain()
     bone = press.finger.mesh.region == BONE
     assert values[bone].max() < 1e-3 * values.max()
-    assert press.volumes(LEVELS) == approx(found.volumes[-1])
+    assert press.volumes(LEVELS) == approx(curve.volumes[-1])
     reaction = press.solver.reaction.sum(axis=0)[2]
     assert 2 * reaction == approx(-press.force, rel=1e-3)
     touch = press.touch
@@ -188,8 +188,8 @@ def test_flow_holds_no_curve_that_nobody_reads(tmp_path, wanted, columns):
     [{"force": [0.0, 0.5, 0.5]}, {"force": [0.1, 0.2, 0.5]}, {"area": [0.0, np.nan, 1.0]}, {"area": [0.0, 1.0]}],
 )
 def test_flow_refuses_a_table_that_is_no_curve(tmp_path, wrong):
-    with np.load(table(tmp_path)) as found:
-        data = {name: found[name] for name in found.files}
+    with np.load(table(tmp_path)) as archive:
+        data = {name: archive[name] for name in archive.files}
     np.savez(tmp_path / "wrong.npz", **(data | {f"silicone.{name}": values for name, values in wrong.items()}))
     with pytest.raises(SettingError, match="forces that rise from 0"):
         FakeBus(Flow(table=str(tmp_path / "wrong.npz")))

@@ -129,9 +129,9 @@ def test_a_front_of_strain_that_moves_is_followed():
     mean, motion = flow(mesh, 0.95 * up, 1.05 * up, 0.95, 1.05)
     height = mesh.points[mesh.elements[:, :4]].mean(axis=1)[:, 2]
     inner = (height > 0.3) & (height < 0.7)
-    found = motion[inner].mean(axis=1)[:, 2]
-    assert np.mean(found / -height[inner]) == approx(1.0, abs=0.02)
-    assert found == approx(-height[inner], rel=0.25)  # smoothing takes the mean over neighbours that lie to one side
+    speed = motion[inner].mean(axis=1)[:, 2]
+    assert np.mean(speed / -height[inner]) == approx(1.0, abs=0.02)
+    assert speed == approx(-height[inner], rel=0.25)  # smoothing takes the mean over neighbours that lie to one side
     assert np.abs(motion[inner][:, :, :2]).max() < 1e-2
     assert mean.mean(axis=1) == approx(height * 1e-4 / 1.5, rel=1e-2)
 

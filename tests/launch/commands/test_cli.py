@@ -212,10 +212,10 @@ def test_doctor_finds_a_device(tmp_path, monkeypatch):
     folder.mkdir()
     for name, text in {"idVendor": "0403", "idProduct": "cb48", "busnum": "999", "devnum": "7"}.items():
         (folder / name).write_text(f"{text}\n")
-    (found,) = findings._usb()
-    assert found.what == "Novint Falcon"
-    if "devices" not in found.cure or "pip" not in found.cure:
-        assert "/dev/bus/usb/999/007" in found.found and "--install-udev" in found.cure
+    (finding,) = findings._usb()
+    assert finding.what == "Novint Falcon"
+    if "devices" not in finding.cure or "pip" not in finding.cure:
+        assert "/dev/bus/usb/999/007" in finding.found and "--install-udev" in finding.cure
 
 
 def test_doctor_fails_where_a_needed_package_is_missing(monkeypatch):

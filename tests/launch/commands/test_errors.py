@@ -33,9 +33,9 @@ def raised():
 
 
 def test_every_error_has_the_one_root():
-    found = dict(raised())
-    assert len(found) > 20
-    without = {name for name, bases in found.items() if "PalpateError" not in bases} - {"PalpateError"}
+    errors = dict(raised())
+    assert len(errors) > 20
+    without = {name for name, bases in errors.items() if "PalpateError" not in bases} - {"PalpateError"}
     assert without <= INSIDE | APART, "an error that a user may meet derives from PalpateError"
 
 

@@ -222,9 +222,9 @@ def test_the_deformation_lands_on_its_vertices(tmp_path):
     mesh = surface_mesh(touch)
     assert abs(len(mesh.vertices) - 200) < 40
     assert (mesh.vertices.min(axis=0) + mesh.vertices.max(axis=0))[0] / 2 == pytest.approx(0.01, abs=1e-3)
-    found = instants(touch, len(mesh.vertices), 6)
-    assert len(found) == 6 and max(one.depth for one in found) == depths.max()
-    for one in found:
+    chosen = instants(touch, len(mesh.vertices), 6)
+    assert len(chosen) == 6 and max(one.depth for one in chosen) == depths.max()
+    for one in chosen:
         tick = round(one.time * 1e3)
         assert one.depth == depths[tick] and one.load == pytest.approx(300.0 * depths[tick])
         assert (one.displacement[nodes[tick]] == moved[tick]).all()

@@ -115,8 +115,8 @@ def test_the_mean_of_a_ring_leaves_what_is_not_round():
 
 def test_moments_of_pins_lie_in_the_touch():
     force = np.r_[np.zeros(100), np.ones(200), np.zeros(100)]
-    found = pins.moments(force)
-    assert len(found) == 5 and all(force[row] > 0 for row in found)
+    rows = pins.moments(force)
+    assert len(rows) == 5 and all(force[row] > 0 for row in rows)
     assert pins.moments(np.zeros(5)) == [] and pins.moments(np.ones(1)) == [0]
 
 
@@ -157,8 +157,8 @@ def test_a_node_that_cannot_be_made_again_costs_its_picture_only(tmp_path):
 
 def test_every_message_of_a_touch_is_found_by_its_tick(slide):
     touch = Touch(Recording(slide))
-    found = touch.at(Contact, [3, 700, 99999])
-    assert sorted(found) == [3, 700] and found[700].tick == 700
+    messages = touch.at(Contact, [3, 700, 99999])
+    assert sorted(messages) == [3, 700] and messages[700].tick == 700
     assert touch.at(Pins, [3]) == {}
 
 
@@ -204,10 +204,10 @@ def test_a_press_without_a_slide_has_no_empty_panels_and_a_title_of_its_own(tmp_
     file = run(
         "fingertip-slide", tmp_path, "scene.finger.hold='0.3 s'", "finger.pitch='2.4 mm'", *sets, duration=duration
     )
-    found = slip.draw(Touch(Recording(file)))
-    assert found.get_suptitle() == title and len(found.axes) == panels
+    figure = slip.draw(Touch(Recording(file)))
+    assert figure.get_suptitle() == title and len(figure.axes) == panels
     if panels == 2:  # relaxed at the end of the hold, not after unloading
-        told = [float(word) for word in _title(found.axes[0]).split() if word.replace(".", "").isdigit()]
+        told = [float(word) for word in _title(figure.axes[0]).split() if word.replace(".", "").isdigit()]
         contact = Touch(Recording(file)).contact
         held = contact["force"][np.flatnonzero(contact["compression"] >= contact["compression"].max() * (1 - 1e-9))]
         assert told == approx([held[0], contact["compression"].max() * 1e3, held[-1]], abs=0.06)
@@ -215,9 +215,9 @@ def test_a_press_without_a_slide_has_no_empty_panels_and_a_title_of_its_own(tmp_
 
 def test_the_pad_is_seen_from_below(slide):
     """Looking up, with y upwards, x grows to the left."""
-    found = pad.draw(Touch(Recording(slide)))
-    left, right = found.axes[0].get_xlim()
-    low, high = found.axes[0].get_ylim()
+    figure = pad.draw(Touch(Recording(slide)))
+    left, right = figure.axes[0].get_xlim()
+    low, high = figure.axes[0].get_ylim()
     assert left > right and low < high
 
 

@@ -19,31 +19,31 @@ def items(*sets, graph="kidney", times=None):
 
 
 def test_each_effect_of_the_graph_is_told_with_the_rule_that_decided():
-    found = items()
-    assert found["friction"].on and found["friction"].rule.startswith("tissue.friction holds (")
-    assert not found["band"].on and found["band"].rule.startswith("finger.band is false (")
-    assert found["relaxation"].on and found["relaxation"].rule == "tissue.damping is 5.0"
-    assert not found["coupling"].on and found["shape"].on and "read by log" in found["shape"].rule
+    bill_items = items()
+    assert bill_items["friction"].on and bill_items["friction"].rule.startswith("tissue.friction holds (")
+    assert not bill_items["band"].on and bill_items["band"].rule.startswith("finger.band is false (")
+    assert bill_items["relaxation"].on and bill_items["relaxation"].rule == "tissue.damping is 5.0"
+    assert not bill_items["coupling"].on and bill_items["shape"].on and "read by log" in bill_items["shape"].rule
     switched = items("effects.friction=off", "effects.band=on")
     assert switched["friction"].rule == "effects: friction is off (--set effects.friction=off)"
     assert switched["band"].on and switched["band"].nodes == ["band"]
-    assert "pressure" not in found, "MassSpring has none"
+    assert "pressure" not in bill_items, "MassSpring has none"
     beams = items("tissue.use=deformation.BeamBundle")
     assert not beams["pressure"].on and beams["pressure"].rule == "nobody reads pressure"
 
 
 def test_what_runs_for_an_effect_alone_is_what_its_absence_leaves_out():
-    found = items("wanted=[controller]")
-    assert found["friction"].nodes == ["friction"]
-    assert found["deformation"].nodes[-1] == "tissue" and "controller" not in found["deformation"].nodes
+    bill_items = items("wanted=[controller]")
+    assert bill_items["friction"].nodes == ["friction"]
+    assert bill_items["deformation"].nodes[-1] == "tissue" and "controller" not in bill_items["deformation"].nodes
     assert items()["shape"].fields == ["tissue.displacement", "tissue.nodes"]
 
 
 def test_the_price_is_that_of_the_nodes_that_run_for_it_alone_by_their_divisors():
     times = {"friction": 4e-6, "band": 30e-6}
-    found = items("effects.band=on", times=times)
-    assert found["friction"].price == 4e-6 and found["band"].price == pytest.approx(3e-6)
-    assert found["deformation"].price is None and found["coupling"].price is None
+    bill_items = items("effects.band=on", times=times)
+    assert bill_items["friction"].price == 4e-6 and bill_items["band"].price == pytest.approx(3e-6)
+    assert bill_items["deformation"].price is None and bill_items["coupling"].price is None
 
 
 def command(*args):
@@ -61,13 +61,13 @@ def test_a_recording_knows_the_times_of_its_nodes(recording):
 
 
 def test_the_proof_says_what_the_force_would_be_the_other_way_round(recording):
-    found = items()
-    prove(recording, list(found.values()))
-    assert "without it: force differs by" in found["friction"].proof
-    assert "without it: the same force" in found["shape"].proof
-    assert "with it: the same force" in found["band"].proof
-    assert found["nodule"].proof == "not tried: give tissue.nodule_radius a value"
-    assert found["recording"].proof == "no message depends on it"
+    bill_items = items()
+    prove(recording, list(bill_items.values()))
+    assert "without it: force differs by" in bill_items["friction"].proof
+    assert "without it: the same force" in bill_items["shape"].proof
+    assert "with it: the same force" in bill_items["band"].proof
+    assert bill_items["nodule"].proof == "not tried: give tissue.nodule_radius a value"
+    assert bill_items["recording"].proof == "no message depends on it"
 
 
 def test_the_command_tells_it_as_text_as_json_and_as_a_picture(recording, monkeypatch, tmp_path):

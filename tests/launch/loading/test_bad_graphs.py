@@ -251,11 +251,11 @@ def test_any_change_of_a_graph_gives_a_plan_or_faults(write, way, value, key):
         spot[way[-1]] = value
     file = write("odd.yaml", yaml.safe_dump(data, sort_keys=False))
     try:
-        found = plan(load(file))
+        planned = plan(load(file))
     except GraphError as error:
         assert error.faults and "odd.yaml" in str(error)
         return
-    assert Plan.from_spec(found.to_spec()).order == found.order
+    assert Plan.from_spec(planned.to_spec()).order == planned.order
 
 
 @settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -274,13 +274,13 @@ def test_any_launch_file_gives_a_run_or_faults(write, whole, key, value):
 @settings(max_examples=100, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(group=st.dictionaries(st.sampled_from(["nodes", "core", "priority", "host", "x"]), ODD, max_size=3) | ODD)
 def test_any_placement_gives_groups_or_faults(write, whole, group):
-    found = plan(load(whole))
+    planned = plan(load(whole))
     try:
-        groups = load_place(write("place.yaml", yaml.safe_dump({"g": group})), found).groups
+        groups = load_place(write("place.yaml", yaml.safe_dump({"g": group})), planned).groups
     except GraphError as error:
         assert "place.yaml" in str(error)
         return
-    assert sorted(n for g in groups for n in g.nodes) == sorted([*found.order, *found.observers])
+    assert sorted(n for g in groups for n in g.nodes) == sorted([*planned.order, *planned.observers])
 
 
 def test_one_slip_is_one_fault(whole):

@@ -24,22 +24,21 @@ def planned(*sets, graph="kidney", **more):
 
 
 def test_a_node_effect_that_is_off_does_not_run_and_says_where_that_was_said(write):
-    found = planned("effects.friction=off")
-    assert "friction" not in found.order
-    assert found.skipped["friction"] == "the effect friction is off (--set effects.friction=off)"
+    run = planned("effects.friction=off")
+    assert "friction" not in run.order
+    assert run.skipped["friction"] == "the effect friction is off (--set effects.friction=off)"
     scene = write("scenes/wet.yaml", "extends: kidney\neffects: {friction: off}\n")
-    found = planned(scene=scene)
+    run = planned(scene=scene)
     assert (
-        found.skipped["friction"].startswith("the effect friction is off (")
-        and "wet.yaml:2" in found.skipped["friction"]
+        run.skipped["friction"].startswith("the effect friction is off (") and "wet.yaml:2" in run.skipped["friction"]
     )
 
 
 def test_an_override_goes_before_the_scene_and_the_scene_before_the_graph(write):
     graph = write("g.yaml", "extends: kidney\nscene: s.yaml\neffects: {friction: on, band: off}\n")
     write("s.yaml", "extends: kidney\neffects: {friction: off, band: on}\n")
-    found = planned(graph=graph)
-    assert "friction" not in found.order and "band" in found.order
+    run = planned(graph=graph)
+    assert "friction" not in run.order and "band" in run.order
     assert "friction" in planned("effects.friction=on", graph=graph).order
 
 
@@ -61,10 +60,10 @@ def test_a_part_is_computed_where_it_is_read_recorded_or_switched_on_and_nowhere
 
 
 def test_a_setting_effect_that_is_off_gets_its_value_without_it():
-    found = planned("effects.relaxation=off")
-    assert found.graph.nodes["tissue"].settings["damping"] == 0.0
-    found = planned("tissue.use=deformation.BeamBundle", "effects.relaxation=off")
-    assert found.graph.nodes["tissue"].settings["relaxations"] == [0.0, 0.0]
+    run = planned("effects.relaxation=off")
+    assert run.graph.nodes["tissue"].settings["damping"] == 0.0
+    run = planned("tissue.use=deformation.BeamBundle", "effects.relaxation=off")
+    assert run.graph.nodes["tissue"].settings["relaxations"] == [0.0, 0.0]
     nodule = planned("effects.nodule=off", graph="nodule").graph.nodes["tissue"].settings
     assert (
         nodule["nodule_radius"] == 0.0 and planned(graph="nodule").graph.nodes["tissue"].settings["nodule_radius"] > 0
@@ -93,10 +92,10 @@ def test_a_body_of_the_users_own_is_taken_to_fill_its_message():
 
 
 def test_a_plan_keeps_what_was_said():
-    found = planned("effects.friction=off", "effects.shape=on")
-    again = Plan.from_spec(json.loads(json.dumps(found.to_spec())))
+    run = planned("effects.friction=off", "effects.shape=on")
+    again = Plan.from_spec(json.loads(json.dumps(run.to_spec())))
     assert {n: c.on for n, c in again.graph.effects.items()} == {"friction": False, "shape": True}
-    assert again.wanted == found.wanted and again.skipped == found.skipped
+    assert again.wanted == run.wanted and again.skipped == run.skipped
 
 
 def test_each_declared_effect_names_fields_and_settings_that_exist():

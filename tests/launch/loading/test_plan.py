@@ -31,13 +31,13 @@ def planned(path, *sets, **given):
 
 
 def test_each_node_comes_after_the_senders_of_its_direct_edges(whole):
-    found = planned(whole)
-    place = {name: i for i, name in enumerate(found.order)}
-    direct = [(e.producer, name) for name, edges in found.edges.items() for e in edges if not e.loop]
+    run = planned(whole)
+    place = {name: i for i, name in enumerate(run.order)}
+    direct = [(e.producer, name) for name, edges in run.edges.items() for e in edges if not e.loop]
     assert direct and all(place[a] < place[b] for a, b in direct)
-    assert sorted(found.order) == sorted(set(found.graph.nodes) - {"log"})
-    assert found.observers == {"log": tuple(found.order)}
-    assert found.skipped == {}
+    assert sorted(run.order) == sorted(set(run.graph.nodes) - {"log"})
+    assert run.observers == {"log": tuple(run.order)}
+    assert run.skipped == {}
 
 
 def test_a_listener_of_everything_wants_everything(write):
@@ -45,20 +45,20 @@ def test_a_listener_of_everything_wants_everything(write):
 
 
 def test_without_listener_and_wanted_only_sources_and_sinks_pull(write):
-    found = planned(write("g.yaml", TWO_DISPLAYS))
-    assert found.order == ["device"]
-    assert found.skipped["control"] == "nobody wants control"
-    assert found.skipped["friction"] == "nobody wants friction; read only by control, which does not run"
+    run = planned(write("g.yaml", TWO_DISPLAYS))
+    assert run.order == ["device"]
+    assert run.skipped["control"] == "nobody wants control"
+    assert run.skipped["friction"] == "nobody wants friction; read only by control, which does not run"
     lamp = TWO_DISPLAYS + "  lamp: {use: graph_nodes.Lamp, in: {friction: friction}}\n"
-    found = planned(write("g.yaml", lamp))
-    assert set(found.skipped) == {"control"}
+    run = planned(write("g.yaml", lamp))
+    assert set(run.skipped) == {"control"}
 
 
 def test_wanted_streams_pull_what_they_need_and_a_listener_of_all_pulls_nothing_more(write):
     path = write("g.yaml", "wanted: [contact]\n" + TWO_DISPLAYS + "  log: {use: graph_nodes.Tape, in: all}\n")
-    found = planned(path)
-    assert set(found.skipped) == {"friction", "control"}
-    assert found.observers == {"log": ("device", "finger", "near", "contact", "spread", "tissue")}
+    run = planned(path)
+    assert set(run.skipped) == {"friction", "control"}
+    assert run.observers == {"log": ("device", "finger", "near", "contact", "spread", "tissue")}
     assert set(planned(path, "wanted=[control]").skipped) == set()
     assert planned(path, wanted=["device"]).order == ["device"]
     assert planned(path, scene={"wanted": "device"}).order == ["device"]
@@ -68,16 +68,16 @@ def test_wanted_streams_pull_what_they_need_and_a_listener_of_all_pulls_nothing_
 
 
 def test_a_listener_of_some_streams_pulls_those(write):
-    found = planned(write("g.yaml", TWO_DISPLAYS + "  log: {use: graph_nodes.Tape, in: [friction]}\n"))
-    assert set(found.skipped) == {"control"}
-    assert found.observers == {"log": ("friction",)}
+    run = planned(write("g.yaml", TWO_DISPLAYS + "  log: {use: graph_nodes.Tape, in: [friction]}\n"))
+    assert set(run.skipped) == {"control"}
+    assert run.observers == {"log": ("friction",)}
 
 
 def test_an_effect_that_the_scene_lacks_is_left_out_with_the_reason(whole):
-    found = planned(whole, "scene.tissue.friction=off")
-    assert found.skipped == {"friction": "tissue.friction is false (--set scene.tissue.friction=off)"}
-    assert [e.port for e in found.edges["spread"]] == ["contact"]
-    assert [e.port for e in found.edges["control"]] == ["contact"]
+    run = planned(whole, "scene.tissue.friction=off")
+    assert run.skipped == {"friction": "tissue.friction is false (--set scene.tissue.friction=off)"}
+    assert [e.port for e in run.edges["spread"]] == ["contact"]
+    assert [e.port for e in run.edges["control"]] == ["contact"]
     compared = planned(whole, "friction.when=tissue.cells > 20")
     reason = compared.skipped["friction"]  # the file's path is shown from where the command runs
     assert reason.startswith("tissue.cells > 20 is false: tissue.cells is 12 (") and reason.endswith("whole.yaml:3)")
@@ -92,10 +92,10 @@ def test_pruning_leaves_the_held_edges_as_they_are(whole):
 
 
 def test_only_fields_that_somebody_reads_are_wanted(whole):
-    found = planned(whole, "wanted=[control]")
-    assert found.wanted["tissue"] == {"stiffness", "free"}
-    assert found.wanted["control"] == {"force", "state", "energy"}
-    node = found.make("tissue")
+    run = planned(whole, "wanted=[control]")
+    assert run.wanted["tissue"] == {"stiffness", "free"}
+    assert run.wanted["control"] == {"force", "state", "energy"}
+    node = run.make("tissue")
     assert node.wants("free") and not node.wants("displacement")
     everything = planned(whole)
     assert "displacement" in everything.wanted["tissue"]
@@ -106,10 +106,10 @@ def test_only_fields_that_somebody_reads_are_wanted(whole):
 def test_a_plan_goes_through_json_and_back(whole, monkeypatch):
     monkeypatch.chdir("/usr/lib")  # from here no file below another root is told by a shorter, relative path
     for sets in ((), ("scene.tissue.friction=off", "wanted=[control]", "near.offset=[1 mm, 0, 0]")):
-        found = planned(whole, *sets)
-        spec = json.loads(json.dumps(found.to_spec()))
+        run = planned(whole, *sets)
+        spec = json.loads(json.dumps(run.to_spec()))
         again = Plan.from_spec(spec)
-        assert again == found
+        assert again == run
         assert again.make("finger").radius == 0.006
 
 
@@ -139,11 +139,11 @@ def test_plans_do_not_depend_on_the_order_of_hashes(whole):
 
 
 def test_by_default_each_node_has_its_own_process(whole):
-    found = planned(whole)
-    assert [g.nodes for g in apart(found).groups] == [[n] for n in (*found.order, "log")]
-    assert [g.nodes for g in fused(found).groups] == [[*found.order, "log"]]
-    assert load_place(None, found).groups == apart(found).groups
-    assert load_place("fused", found).groups == fused(found).groups
+    run = planned(whole)
+    assert [g.nodes for g in apart(run).groups] == [[n] for n in (*run.order, "log")]
+    assert [g.nodes for g in fused(run).groups] == [[*run.order, "log"]]
+    assert load_place(None, run).groups == apart(run).groups
+    assert load_place("fused", run).groups == fused(run).groups
 
 
 def test_a_placement_groups_nodes(whole, write):
@@ -155,15 +155,15 @@ def test_a_placement_groups_nodes(whole, write):
         rest: [log, spread]
     """,
     )
-    found = planned(whole, "scene.tissue.friction=off")
-    groups = load_place(place, found).groups
+    run = planned(whole, "scene.tissue.friction=off")
+    groups = load_place(place, run).groups
     assert groups[:3] == [
         Group("loop", ["near", "contact"], (1,), 80),
         Group("far", ["tissue"], (0, 1), None, "10.0.0.2"),
         Group("rest", ["spread", "log"]),
     ]
     assert {g.name for g in groups[3:]} == {"device", "finger", "control", "motor"}
-    assert load_place(place, found).group_of("log").name == "rest"
+    assert load_place(place, run).group_of("log").name == "rest"
 
 
 @pytest.mark.parametrize(
@@ -213,11 +213,11 @@ def test_a_launch_file_is_one_run(whole, write):
     )
     assert (run.graph, run.scene, run.clock, run.duration, run.pace) == (whole, scene, "real", 1.5, 2.0)
     assert str(run.record) == "out.mcap"
-    found = run.plan()
-    assert found.graph.rate == 500.0 and set(found.skipped) == {"friction"}
-    assert found.graph.nodes["tissue"].settings["stiffness"] == 5.0
-    assert found.graph.nodes["finger"].settings["radius"] == 0.001
-    assert run.placement(found).groups[0] == Group("loop", ["near", "contact"])
+    what_runs = run.plan()
+    assert what_runs.graph.rate == 500.0 and set(what_runs.skipped) == {"friction"}
+    assert what_runs.graph.nodes["tissue"].settings["stiffness"] == 5.0
+    assert what_runs.graph.nodes["finger"].settings["radius"] == 0.001
+    assert run.placement(what_runs).groups[0] == Group("loop", ["near", "contact"])
     assert run.but(overrides=["tissue.stiffness=6"]).load().nodes["tissue"].settings["stiffness"] == 6.0
     assert run.but(clock="simulated", duration=None).clock == "simulated" and run.but(duration=None).duration == 1.5
 
@@ -265,9 +265,9 @@ def test_what_ships_is_found_by_name():
 
 
 def test_the_drawing_shows_every_node_and_edge(whole):
-    found = planned(whole, "scene.tissue.friction=off")
-    text = mermaid(found)
-    assert text.count("-->") + text.count("-.->") == sum(map(len, found.edges.values()))
+    run = planned(whole, "scene.tissue.friction=off")
+    text = mermaid(run)
+    assert text.count("-->") + text.count("-.->") == sum(map(len, run.edges.values()))
     assert text.count("-.->") == 2 and "class n4 skipped" in text
-    for name in found.graph.nodes:
+    for name in run.graph.nodes:
         assert f'["{name}<br/>' in text

@@ -48,9 +48,9 @@ def test_scalars_are_read_as_people_mean_them(text, value):
 def test_merging_keeps_order_and_places():
     base = parse("a: {x: 1, y: 2}\nb: 3\n", "base")
     top = parse("\n\na: {y: null, z: 4}\n", "top")
-    found = merge(base, top)
-    assert found.data == {"a": {"x": 1, "z": 4}, "b": 3}
-    assert str(found.place("a", "x")) == "base:1" and str(found.place("a", "z")) == "top:3"
+    merged = merge(base, top)
+    assert merged.data == {"a": {"x": 1, "z": 4}, "b": 3}
+    assert str(merged.place("a", "x")) == "base:1" and str(merged.place("a", "z")) == "top:3"
     assert base.data == {"a": {"x": 1, "y": 2}, "b": 3}
 
 

@@ -27,15 +27,15 @@ def recording() -> Recording:
 
 def test_foxglove_reads_json_channels_with_their_schemas(recording, tmp_path):
     (path,) = export(recording, "foxglove", tmp_path / "a.mcap")
-    found: dict[str, list] = {}
+    topics: dict[str, list] = {}
     with open(path, "rb") as file:
         reader = make_reader(file, validate_crcs=True)
         for schema, channel, record in reader.iter_messages():
             assert channel.message_encoding == "json" and schema.encoding == "jsonschema"
-            found.setdefault(channel.topic, []).append((json.loads(record.data), json.loads(schema.data), record))
-    assert set(found) == {f"/{name}" for name in recording.streams}
+            topics.setdefault(channel.topic, []).append((json.loads(record.data), json.loads(schema.data), record))
+    assert set(topics) == {f"/{name}" for name in recording.streams}
     for name in recording.streams:
-        for message, (data, schema, record) in zip(recording.messages(name), found[f"/{name}"], strict=True):
+        for message, (data, schema, record) in zip(recording.messages(name), topics[f"/{name}"], strict=True):
             assert set(data) == set(schema["properties"]) and schema["type"] == "object"
             assert record.log_time == message.time and record.sequence == message.tick
             for field in fields(type(message)):

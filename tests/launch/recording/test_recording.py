@@ -287,8 +287,8 @@ def test_a_damaged_chunk_ends_the_reading_and_nothing_wrong_is_read(tmp_path, go
     at = int(len(good) * 0.9)
     path.write_bytes(good[:at] + bytes([good[at] ^ 0xFF]) + good[at + 1 :])
     recording = Recording(path)
-    found = list(recording.raw())
-    assert not recording.complete and 0 < len(found) < 4000 * len(NODES)
+    read_back = list(recording.raw())
+    assert not recording.complete and 0 < len(read_back) < 4000 * len(NODES)
 
 
 @pytest.fixture(scope="module")
@@ -323,8 +323,8 @@ def test_a_record_of_another_kind_or_length_is_told(small, tmp_path):
         places.setdefault(data[at], []).append(at)
         at += 9 + int.from_bytes(data[at + 1 : at + 9], "little")
     assert len(places[6]) > 3 and len(places[7]) > 3
-    for kind, found in places.items():
-        for number, place in enumerate(found[:3]):
+    for kind, starts in places.items():
+        for number, place in enumerate(starts[:3]):
             for bit in range(24):
                 folder = tmp_path / f"{kind}-{number}-{bit}"
                 folder.mkdir()
@@ -350,16 +350,16 @@ def told_or_harmless(small: Path, data: bytes, tmp_path: Path) -> None:
     except RecordingError as error:
         assert "damaged" in str(error) or "not an MCAP file" in str(error) or "cut off" in str(error)
         return
-    found = list(recording.raw())
+    read_back = list(recording.raw())
     assert not recording.complete and "byte" in recording.ending and "palpate recover" in recording.ending
-    assert found == whole[: len(found)]
+    assert read_back == whole[: len(read_back)]
     assert {name: good.streams[name].schema for name in recording.streams} == {
         name: stream.schema for name, stream in recording.streams.items()
     }
     assert recording.about == good.about and recording.counts in ({}, good.counts)
     target, counts = recover(path, tmp_path / "recovered.mcap")
     again = Recording(target)
-    assert again.complete and list(again.raw()) == found and sum(counts.values()) == len(found)
+    assert again.complete and list(again.raw()) == read_back and sum(counts.values()) == len(read_back)
     assert again.about == {**good.about, "recovered_from": str(path)}
 
 
@@ -463,9 +463,9 @@ def test_a_payload_that_is_not_its_type_is_told_with_stream(tmp_path):
     node.observe("device", 0, pack(DeviceState(tick=0, time=0)).replace(b"homed", b"humed"))
     node.observe("device", 1, pack(DeviceState(tick=1, time=1)).replace(b"homed\xc3", b"homed\x01"))
     node.stop()
-    found = Recording(path)
-    assert next(found.messages("device")).homed  # an unknown field is no fault: a newer sender may have it
+    recording = Recording(path)
+    assert next(recording.messages("device")).homed  # an unknown field is no fault: a newer sender may have it
     with pytest.raises(RecordingError, match=r"stream 'device'.*not a DeviceState"):
-        list(found.messages("device"))
+        list(recording.messages("device"))
     with pytest.raises(RecordingError, match="no stream"):
-        next(found.payloads("nothing"))
+        next(recording.payloads("nothing"))

@@ -59,10 +59,10 @@ def play(path: Path, out: Path, *sets: str, **more) -> Replay:
 
 
 def streams(path: Path) -> dict[str, list[bytes]]:
-    found: dict[str, list[bytes]] = {}
+    payloads: dict[str, list[bytes]] = {}
     for name, _, _, payload in Recording(path).raw():
-        found.setdefault(name, []).append(payload)
-    return found
+        payloads.setdefault(name, []).append(payload)
+    return payloads
 
 
 @pytest.fixture(scope="module")
@@ -388,15 +388,15 @@ def test_the_device_of_a_recording_is_a_node_like_any_other(kidney, tmp_path):
         f"nodes:\n  device: {{use: device.Replayed, path: {kidney}}}\n"
         "  finger: {use: kinematics.Falcon, in: {state: device}}\n"
     )
-    found = []
+    runs = []
     for place in ("fused", None):
         path = tmp_path / f"{place}.mcap"
         outcome = execute(LaunchFile(graph=graph, duration=0.2, record=path, place=place))
         assert outcome.result.ok, outcome.result.deaths
-        found.append(streams(path))
+        runs.append(streams(path))
         joints = [m.joints for m in Recording(path).messages("device")]
         assert joints[:120] == recorded and set(joints[120:]) == {recorded[-1]}
-    assert found[0] == found[1]
+    assert runs[0] == runs[1]
 
 
 # -- other ticks ----------------------------------------------------------------------------------------------------

@@ -76,13 +76,13 @@ class Run:
 
     def left(self) -> list[str]:
         """Processes that carry this run's mark, after at most two seconds for the kernel to end them."""
-        found: list[str] = []
+        processes: list[str] = []
         for _ in range(40):
-            found = [pid for pid in filter(str.isdigit, os.listdir("/proc")) if self._marked(pid)]
-            if not found:
+            processes = [pid for pid in filter(str.isdigit, os.listdir("/proc")) if self._marked(pid)]
+            if not processes:
                 break
             time.sleep(0.05)
-        return found
+        return processes
 
     def _marked(self, pid: str) -> bool:
         try:

@@ -74,11 +74,11 @@ def carrier(request) -> str:
 
 @pytest.fixture
 def wire(carrier) -> Iterator[Wire]:
-    found = Wire(carrier, real=False)
-    yield found
-    found.inlet.close()
-    if found.context is not None:
-        found.context.destroy(linger=0)
+    ends = Wire(carrier, real=False)
+    yield ends
+    ends.inlet.close()
+    if ends.context is not None:
+        ends.context.destroy(linger=0)
 
 
 def test_frames_of_any_size_come_whole_and_in_order(wire):

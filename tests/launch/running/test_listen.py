@@ -45,11 +45,11 @@ def run(tmp_path_factory):
     with subprocess.Popen([sys.executable, "-c", RUN, str(graph)], env=ENV) as process:
         until = time.monotonic() + 30
         while time.monotonic() < until:
-            found = [r for r in running() if r.name.startswith(f"{process.pid}-")]
-            if found and len(found[0].groups) == len(NODES):
+            own_runs = [r for r in running() if r.name.startswith(f"{process.pid}-")]
+            if own_runs and len(own_runs[0].groups) == len(NODES):
                 break
             time.sleep(0.05)
-        yield found[0].name
+        yield own_runs[0].name
         process.send_signal(2)
         process.wait(20)
 
@@ -75,9 +75,9 @@ def test_the_example_in_c_reads_a_stream(run, tmp_path):
         pytest.skip("needs a C compiler and ZeroMQ's headers")
     address = endpoint(run, "sum", "observers")
     done = subprocess.run([tmp_path / "listen", address, "sum", "5"], capture_output=True, text=True, timeout=20)
-    found = [re.fullmatch(r"sum tick (\d+) time ([\d.]+) s, \d+ bytes", line) for line in done.stdout.splitlines()]
-    assert len(found) == 5
-    for match in found:
+    matches = [re.fullmatch(r"sum tick (\d+) time ([\d.]+) s, \d+ bytes", line) for line in done.stdout.splitlines()]
+    assert len(matches) == 5
+    for match in matches:
         assert abs(float(match[2]) - int(match[1]) * 1e-3) < 0.1
 
 

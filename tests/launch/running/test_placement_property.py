@@ -40,10 +40,10 @@ def run(folder: Path, place: Path | str | None, carrier: str | None = None) -> d
     launch = LaunchFile(graph=folder / "g.yaml", duration=TICKS / 1000, record=record, place=place, carrier=carrier)
     outcome = execute(launch)
     assert outcome.result.ok, outcome.result.deaths
-    found: dict[str, list[bytes]] = {}
+    payloads: dict[str, list[bytes]] = {}
     for stream, _, payload in Recording(record).payloads():
-        found.setdefault(stream, []).append(payload)
-    return found
+        payloads.setdefault(stream, []).append(payload)
+    return payloads
 
 
 @pytest.mark.parametrize("seed", [*range(4), *(pytest.param(s, marks=pytest.mark.long) for s in range(4, 24))])

@@ -38,15 +38,15 @@ def go(tmp_path: Path, text: str = GRAPH, ticks: int = TICKS, record: bool = Tru
 
 
 def streams(path: Path) -> dict[str, list[bytes]]:
-    found: dict[str, list[bytes]] = {}
+    payloads: dict[str, list[bytes]] = {}
     for name, _, payload in Recording(path).payloads():
-        found.setdefault(name, []).append(payload)
-    return found
+        payloads.setdefault(name, []).append(payload)
+    return payloads
 
 
 def processes() -> set[str]:
     """Fork servers that this process has started and workers that lost theirs, as the kernel lists them."""
-    found = set()
+    pids = set()
     for entry in Path("/proc").iterdir():
         if entry.name.isdigit():
             try:
@@ -55,8 +55,8 @@ def processes() -> set[str]:
             except OSError:
                 continue
             if "palpate.launch.running.forkserver" in line and parent in ("1", str(os.getpid())):
-                found.add(entry.name)
-    return found
+                pids.add(entry.name)
+    return pids
 
 
 @pytest.fixture(autouse=True)
@@ -72,9 +72,9 @@ def reference(tmp_path_factory):
     folder = tmp_path_factory.mktemp("reference")
     outcome = go(folder, place="fused")
     assert outcome.result.ok, outcome.result.deaths
-    found = streams(folder / "run.mcap")
-    assert {name: len(sent) for name, sent in found.items()} == dict.fromkeys(NODES, TICKS)
-    return found
+    payloads = streams(folder / "run.mcap")
+    assert {name: len(sent) for name, sent in payloads.items()} == dict.fromkeys(NODES, TICKS)
+    return payloads
 
 
 def test_processes_send_the_same_bytes_as_one_process(tmp_path, reference):
@@ -152,10 +152,10 @@ def test_a_slower_node_is_held_at_its_own_ticks(tmp_path):
 
 def test_each_message_names_the_ticks_that_it_was_computed_from(tmp_path):
     go(tmp_path, place="fused")
-    found = {name: list(Recording(tmp_path / "run.mcap").messages(name)) for name in NODES}
-    assert [m.used for m in found["source"]][:3] == [(-1,), (0,), (1,)]
-    assert all(m.used == (m.tick, m.tick) for m in found["spread"])
-    assert [m.time for m in found["sum"]] == [tick * 1_000_000 for tick in range(TICKS)]
+    messages = {name: list(Recording(tmp_path / "run.mcap").messages(name)) for name in NODES}
+    assert [m.used for m in messages["source"]][:3] == [(-1,), (0,), (1,)]
+    assert all(m.used == (m.tick, m.tick) for m in messages["spread"])
+    assert [m.time for m in messages["sum"]] == [tick * 1_000_000 for tick in range(TICKS)]
 
 
 def test_the_real_clock_keeps_its_rate(tmp_path):
@@ -230,8 +230,8 @@ def test_ctrl_c_ends_all_streams_at_the_same_tick(tmp_path):
     threading.Thread(target=interrupt, daemon=True).start()
     outcome = go(tmp_path, ticks=0)
     assert outcome.result.interrupted and outcome.result.ok
-    found = streams(tmp_path / "run.mcap")
-    assert len({len(sent) for sent in found.values()}) == 1 and len(found["sum"]) > 10
+    payloads = streams(tmp_path / "run.mcap")
+    assert len({len(sent) for sent in payloads.values()}) == 1 and len(payloads["sum"]) > 10
 
 
 def test_a_port_in_use_is_one_clear_line(tmp_path):

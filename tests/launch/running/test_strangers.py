@@ -87,17 +87,17 @@ def test_frames_that_are_no_subscriptions_or_orders_are_dropped_and_counted(tmp_
 
 
 def test_the_sockets_of_a_run_are_for_its_user_alone_and_gone_at_its_end(tmp_path):
-    found: dict[str, int] = {}
+    modes: dict[str, int] = {}
 
     def look(launcher: Launcher) -> None:
         for path in (addresses.folder(), *(addresses.folder() / launcher.run_id).parent.glob(launcher.run_id)):
-            found[str(path)] = stat.S_IMODE(path.stat().st_mode)
+            modes[str(path)] = stat.S_IMODE(path.stat().st_mode)
         text = Path("/proc/net/unix").read_text()
         assert "@palpate" not in text and launcher.run_id in text
 
     assert run(tmp_path, look).ok
-    assert len(found) == 2 and set(found.values()) == {0o700}
-    assert not any(Path(path).exists() for path in list(found)[1:])
+    assert len(modes) == 2 and set(modes.values()) == {0o700}
+    assert not any(Path(path).exists() for path in list(modes)[1:])
 
 
 def test_a_folder_that_others_can_enter_is_refused(tmp_path, monkeypatch):

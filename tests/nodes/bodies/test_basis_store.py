@@ -79,10 +79,10 @@ def test_the_key_follows_the_surface_the_constants_and_the_method(monkeypatch, t
 
 
 def test_layers_and_touches_of_the_fingertip_are_in_its_key():
-    found = basis_store.constants(basis_store.FINGER + basis_store.SAMPLED)
-    assert {f"fe/reduce/reduction.py:{name}" for name in ("CELLS", "TOUCHES,SEED")} <= set(found)
-    assert found["fe/meshing/fingertip.py:Fingertip.dermis"] == "0.00093"
-    assert found["fe/reduce/reduction.py:ROUND,BEHIND"] == "(float(np.deg2rad(65.0)), 0.007)"
+    constants = basis_store.constants(basis_store.FINGER + basis_store.SAMPLED)
+    assert {f"fe/reduce/reduction.py:{name}" for name in ("CELLS", "TOUCHES,SEED")} <= set(constants)
+    assert constants["fe/meshing/fingertip.py:Fingertip.dermis"] == "0.00093"
+    assert constants["fe/reduce/reduction.py:ROUND,BEHIND"] == "(float(np.deg2rad(65.0)), 0.007)"
 
 
 def test_the_last_bits_of_a_vertex_do_not_change_the_key():

@@ -117,9 +117,9 @@ def test_a_kidney_of_beams_absorbs_work_in_each_touch(kidney):
     contact = kidney.columns("contact")
     approach = contact["compression"] + contact["indentation"]
     assert (contact["force"] >= 0).all() and contact["force"].max() > 0.5
-    found = touches(contact["time"], contact["force"])
-    assert len(found) >= 2
-    assert all(work(approach[one], contact["force"][one]) > 0 for one in found)
+    slices = touches(contact["time"], contact["force"])
+    assert len(slices) >= 2
+    assert all(work(approach[one], contact["force"][one]) > 0 for one in slices)
     assert kidney.columns("controller")["energy"].min() > -5e-4
     assert np.linalg.norm(kidney.columns("controller")["force"], axis=1).max() <= 9.0
 

@@ -96,9 +96,9 @@ def test_messages_that_are_held_now_and_then_hardly_change_the_force(kind):
 @pytest.mark.parametrize("every", [3, 10])
 def test_a_closed_touch_absorbs_work_at_a_divisor(kind, every):
     for path in PATHS.values():
-        found = forces(kind, path, every)
-        assert np.isfinite(found).all() and (found >= 0).all()
-        assert found @ np.diff(path, prepend=0.0) > 0
+        force = forces(kind, path, every)
+        assert np.isfinite(force).all() and (force >= 0).all()
+        assert force @ np.diff(path, prepend=0.0) > 0
 
 
 @pytest.mark.parametrize("tau", [1e-3, 0.02, 1.4])
@@ -127,14 +127,14 @@ def test_a_law_without_times_is_taken_as_it_is():
 
 def test_a_whole_run_feels_the_same_with_a_body_at_a_divisor(tmp_path):
     """The kidney, felt by a hand that gives way, friction included."""
-    found = []
+    runs = []
     for every in (1, 10):
         file = tmp_path / f"{every}.mcap"
         launch = find("kidney").but(
             record=file, place="fused", duration=2.5, overrides=(f"tissue.every={every}", "scene.surface.vertices=800")
         )
         assert execute(launch).result.ok
-        found.append(Recording(file).columns("contact")["force"])
-    assert found[0].max() > 2.0
-    assert np.abs(found[1] - found[0]).max() < 1e-6
-    assert math.isfinite(found[1].sum())
+        runs.append(Recording(file).columns("contact")["force"])
+    assert runs[0].max() > 2.0
+    assert np.abs(runs[1] - runs[0]).max() < 1e-6
+    assert math.isfinite(runs[1].sum())

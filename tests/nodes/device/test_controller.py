@@ -96,8 +96,8 @@ def press(
 def test_contact_force_is_normal_force_less_friction():
     b = bus()
     b.hold("friction", friction(0.3, -0.4, 0.0))
-    found = touch(b, -1e-3, 1.5, 1e-3)
-    assert found.force == approx((-0.3, 0.4, 1.5)) and found.state == "contact"
+    answer = touch(b, -1e-3, 1.5, 1e-3)
+    assert answer.force == approx((-0.3, 0.4, 1.5)) and answer.state == "contact"
 
 
 def test_contact_adds_its_damping():
@@ -109,8 +109,8 @@ def test_contact_adds_its_damping():
 def test_free_motion_is_a_spring_and_damper_about_where_it_began():
     b = bus(stiffness=50.0, damping=2.0, passivity=False)
     touch(b, 0.010)
-    found = touch(b, 0.012, speed=0.1)
-    assert found.force[2] == approx(-50.0 * 0.002 - 2.0 * 0.1) and found.state == "free"
+    answer = touch(b, 0.012, speed=0.1)
+    assert answer.force[2] == approx(-50.0 * 0.002 - 2.0 * 0.1) and answer.state == "free"
 
 
 def test_free_motion_gives_back_no_more_than_it_took():
@@ -121,15 +121,15 @@ def test_free_motion_gives_back_no_more_than_it_took():
 
 
 def test_spring_and_damper_bring_a_thrown_grip_back():
-    found = press(Haptic(stiffness=100.0, damping=4.0, passivity=False), 0.0, push=0.0, speed=0.2, drag=0.0)
+    motion = press(Haptic(stiffness=100.0, damping=4.0, passivity=False), 0.0, push=0.0, speed=0.2, drag=0.0)
     reference = np.exp(-20.0 * 0.02) * 0.2 / np.sqrt(600.0) * np.sin(np.sqrt(600.0) * 0.02)
-    assert found.z[19] == approx(-reference, rel=0.15)  # the filter's delay is what is left
-    assert found.z[-1] == approx(found.z[0], abs=1e-6) and np.ptp(found.z[1000:]) < 1e-5
+    assert motion.z[19] == approx(-reference, rel=0.15)  # the filter's delay is what is left
+    assert motion.z[-1] == approx(motion.z[0], abs=1e-6) and np.ptp(motion.z[1000:]) < 1e-5
 
 
 def test_zero_state_and_zero_motion_give_zero_force():
-    for found in bus().publish(*[contact()] * 5):
-        assert found.force == (0.0, 0.0, 0.0) and found.state == "free" and found.energy == 0.0
+    for answer in bus().publish(*[contact()] * 5):
+        assert answer.force == (0.0, 0.0, 0.0) and answer.state == "free" and answer.energy == 0.0
 
 
 def test_contact_ends_only_beyond_the_hysteresis():
@@ -156,10 +156,10 @@ def test_position_noise_of_one_count_does_not_chatter():
 def test_the_switch_makes_no_bump():
     b = bus(stiffness=100.0, damping=3.0, contact_damping=1.0, slew=1e9, passivity=False)
     z = 2e-3 - 0.1 * T * np.arange(60)
-    found = [touch(b, a, 400.0 * max(-a, 0.0), max(-a, 0.0), speed=-0.1) for a in z]
-    states = [f.state for f in found]
+    answers = [touch(b, a, 400.0 * max(-a, 0.0), max(-a, 0.0), speed=-0.1) for a in z]
+    states = [f.state for f in answers]
     assert states[0] == "free" and states[-1] == "contact"
-    forces = np.array([f.force[2] for f in found])
+    forces = np.array([f.force[2] for f in answers])
     at_switch = states.index("contact")
     # 100 N/m and 400 N/m at 0.1 mm a step, and the old law's 0.5 N fading over 10 ms
     assert abs(forces[at_switch] - forces[at_switch - 1]) < 0.06
@@ -184,9 +184,9 @@ def test_a_switch_drops_a_credit_and_keeps_a_debt():
 def test_the_force_is_bounded_in_size_with_its_direction_kept():
     b = bus(slew=1e9)
     b.hold("friction", friction(60.0, 0.0, 0.0))
-    found = touch(b, -0.03, 80.0, 0.03).force
-    assert np.linalg.norm(found) == approx(9.0)
-    assert found[0] / found[2] == approx(-60.0 / 80.0)
+    force = touch(b, -0.03, 80.0, 0.03).force
+    assert np.linalg.norm(force) == approx(9.0)
+    assert force[0] / force[2] == approx(-60.0 / 80.0)
     assert np.linalg.norm(touch(b, -0.03, 1e200, 0.03).force) <= 9.0 + 1e-9
 
 
@@ -200,8 +200,8 @@ def test_an_impact_that_jumps_thirty_millimetres_stays_bounded():
     b = bus()
     for z, speed in [(0.0, 0.0), (-0.03, -3.0), (-0.03, 3.0), (0.03, 3.0), (0.06, 0.0)]:
         e = max(-z, 0.0)
-        found = touch(b, z, 1e4 * e**1.5 * (1 + 8 * max(-speed, 0)), e, speed)
-        assert np.linalg.norm(found.force) <= 9.0 + 1e-12 and np.isfinite(found.energy)
+        answer = touch(b, z, 1e4 * e**1.5 * (1 + 8 * max(-speed, 0)), e, speed)
+        assert np.linalg.norm(answer.force) <= 9.0 + 1e-12 and np.isfinite(answer.energy)
 
 
 @pytest.mark.parametrize("port", ["contact", "pose"])
@@ -210,10 +210,10 @@ def test_the_force_is_zero_when_what_it_needs_is_gone(port):
     assert touch(b, -1e-3, 4.0, 1e-3).force[2] == 4.0
     b.kill(port)
     if port == "pose":
-        (found,) = b.publish(contact(4.0, 1e-3))
+        (answer,) = b.publish(contact(4.0, 1e-3))
     else:
-        (found,) = b.run()
-    assert found.force == (0.0, 0.0, 0.0)
+        (answer,) = b.run()
+    assert answer.force == (0.0, 0.0, 0.0)
 
 
 def test_without_friction_the_normal_force_remains():
@@ -244,9 +244,9 @@ def test_steps_from_a_microsecond_to_ten_seconds_stay_finite():
         node = Haptic(stiffness=10.0, damping=1.0)
         node.start()
         for z in (0.0, -1e-3, 1e-3, -5e-3, 0.0):
-            found = node.step(contact(100 * max(-z, 0), max(-z, 0)), None, pose(z), dt=dt)
-            assert np.all(np.isfinite(found.force)) and np.linalg.norm(found.force) <= 9.0 + 1e-12
-            assert np.isfinite(found.energy)
+            answer = node.step(contact(100 * max(-z, 0), max(-z, 0)), None, pose(z), dt=dt)
+            assert np.all(np.isfinite(answer.force)) and np.linalg.norm(answer.force) <= 9.0 + 1e-12
+            assert np.isfinite(answer.energy)
 
 
 def test_an_input_that_is_not_finite_gives_no_force_and_is_forgotten():
@@ -265,15 +265,15 @@ def test_the_energy_is_observed_only_where_somebody_needs_it():
         node.wanted = frozenset(wanted)
         node.start()
         for z in (0.0, -1e-3, -2e-3):
-            found = node.step(contact(1.0 if z else 0.0, -z), None, pose(z), dt=T)
-        assert found.energy == approx(expected)
+            answer = node.step(contact(1.0 if z else 0.0, -z), None, pose(z), dt=T)
+        assert answer.energy == approx(expected)
 
 
 def test_a_thrown_mass_leaves_a_sampled_spring_faster_than_it_came_unless_controlled():
     def restitution(**settings):
         node = Haptic(resolution=0.0, **settings)
-        found = press(node, 1000.0, steps=200, mass=0.3, drag=0.0, push=0.0, speed=0.2)
-        return (found.z[-1] - found.z[-11]) / (10 * T) / 0.2
+        motion = press(node, 1000.0, steps=200, mass=0.3, drag=0.0, push=0.0, speed=0.2)
+        return (motion.z[-1] - motion.z[-11]) / (10 * T) / 0.2
 
     assert restitution(passivity=False) == approx(1.046, abs=0.003)
     for delay in (0, 1):
@@ -321,9 +321,9 @@ def test_a_closed_cycle_gives_no_energy_beyond_the_leak_of_one_step():
     z = -depth * np.sin(np.linspace(0.0, np.pi, steps + 1))
     b = bus(passivity=False)
     for a in z:
-        found = touch(b, a, stiffness * max(-a, 0.0), max(-a, 0.0))
+        answer = touch(b, a, stiffness * max(-a, 0.0), max(-a, 0.0))
     leak = 0.5 * stiffness * np.sum(np.diff(z) ** 2)
-    assert found.energy == approx(-leak, rel=1e-2)
+    assert answer.energy == approx(-leak, rel=1e-2)
     assert leak < stiffness * depth * np.abs(np.diff(z)).max()
 
 

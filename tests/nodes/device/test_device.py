@@ -67,11 +67,11 @@ def test_a_stiff_hand_follows_its_path_and_stays_at_the_end():
         {"hold": 0.05, "buttons": 4},
         {"to": [0.01, 0.02, 0.12], "time": 0.1},
     ]
-    found = FakeBus(Simulated(path=path, **STIFF)).run(400)
-    assert place(found[49]) == approx((0.005, 0.0, 0.11), abs=5e-5)
-    assert place(found[140]) == approx((0.01, 0.0, 0.11), abs=1e-5) and found[140].buttons == 4
-    assert place(found[199]) == approx((0.01, 0.01, 0.115), abs=5e-4) and found[199].buttons == 0
-    assert place(found[-1]) == approx((0.01, 0.02, 0.12), abs=1e-8)
+    states = FakeBus(Simulated(path=path, **STIFF)).run(400)
+    assert place(states[49]) == approx((0.005, 0.0, 0.11), abs=5e-5)
+    assert place(states[140]) == approx((0.01, 0.0, 0.11), abs=1e-5) and states[140].buttons == 4
+    assert place(states[199]) == approx((0.01, 0.01, 0.115), abs=5e-4) and states[199].buttons == 0
+    assert place(states[-1]) == approx((0.01, 0.02, 0.12), abs=1e-8)
 
 
 def test_the_path_is_the_same_whatever_the_period():
@@ -79,8 +79,8 @@ def test_the_path_is_the_same_whatever_the_period():
         node = Simulated(path=[{"to": [0.02, 0.0, 0.10], "time": 0.2}], resolution=0.0)
         node.start()
         for _ in range(steps):
-            found = node.step(None, dt=period)
-        return place(found)
+            state = node.step(None, dt=period)
+        return place(state)
 
     fine = end(1e-4, 1500)
     assert end(1e-3, 150) == approx(fine, abs=2e-6)
@@ -319,7 +319,7 @@ def test_a_grip_dragged_along_an_even_way_is_the_solution_of_its_equation_of_mot
         return np.concatenate([v, (-drag * v + k * (begin + speed * t - x) + c * (speed - v)) / mass])
 
     ran = node.state[2, 0]
-    found = solve_ivp(motion, (0.0, ran), np.concatenate([begin, np.zeros(3)]), rtol=1e-10, atol=1e-13).y[:, -1]
+    reference = solve_ivp(motion, (0.0, ran), np.concatenate([begin, np.zeros(3)]), rtol=1e-10, atol=1e-13).y[:, -1]
     assert ran == pytest.approx(0.151, abs=1e-9)
-    assert np.abs(node.state[0] - found[:3]).max() < 1e-9
-    assert np.abs(node.state[1] - found[3:]).max() < 1e-7
+    assert np.abs(node.state[0] - reference[:3]).max() < 1e-9
+    assert np.abs(node.state[1] - reference[3:]).max() < 1e-7

@@ -86,8 +86,8 @@ def test_what_is_soft_enough_is_rendered_as_it_is():
         law = 350.0 * d
         contact = Contact(foot=(0.0, 0.0, 0.0), normal=UP, force=law, compression=d, indentation=0.0,
                           compression_rate=0.0, indentation_rate=0.0)  # fmt: skip
-        found = node.step(contact, None, Pose(position=(0.0, 0.0, -d), velocity=(0.0, 0.0, 0.0), dt=1e-3), dt=1e-3)
-        assert found.force[2] == approx(law, abs=1e-12 if d >= before else 0.02)
+        answer = node.step(contact, None, Pose(position=(0.0, 0.0, -d), velocity=(0.0, 0.0, 0.0), dt=1e-3), dt=1e-3)
+        assert answer.force[2] == approx(law, abs=1e-12 if d >= before else 0.02)
 
 
 def test_what_is_felt_of_a_rigid_wall_is_the_stiffest_slope():

@@ -30,16 +30,16 @@ def glide(count: int, speed: float = 0.1) -> np.ndarray:
 
 def test_position_and_velocity_follow_the_grip():
     points = glide(30)
-    found = poses(points)
-    for point, pose in zip(points, found, strict=True):
+    motion = poses(points)
+    for point, pose in zip(points, motion, strict=True):
         assert pose.position == approx(point, abs=1e-9)
-    assert found[0].velocity == (0.0, 0.0, 0.0) and found[0].dt == 0.0
-    assert found[-1].velocity == approx((0.1, 0.0, 0.0), abs=1e-6) and found[-1].dt == approx(1e-3)
+    assert motion[0].velocity == (0.0, 0.0, 0.0) and motion[0].dt == 0.0
+    assert motion[-1].velocity == approx((0.1, 0.0, 0.0), abs=1e-6) and motion[-1].dt == approx(1e-3)
 
 
 def test_the_origin_places_the_device_in_the_world():
-    (found,) = poses([HOME], FakeBus(Falcon(origin=(0.1, -0.2, 0.3))))
-    assert found.position == approx((0.1, -0.2, 0.41))
+    (pose,) = poses([HOME], FakeBus(Falcon(origin=(0.1, -0.2, 0.3))))
+    assert pose.position == approx((0.1, -0.2, 0.41))
 
 
 @pytest.mark.parametrize("leg", [0, 1, 2])
@@ -49,20 +49,20 @@ def test_an_encoder_glitch_is_refused(leg, sign):
     states = [device(p) for p in points]
     bad = list(states[20].joints)
     bad[leg] += sign * 1000 * FALCON.count
-    found = FakeBus(Falcon()).publish(*states[:20], DeviceState(joints=bad), *states[21:])
-    assert found[20].position == found[19].position and found[20].dt == 0.0
-    assert found[20].velocity == approx((0.1, 0.0, 0.0), abs=1e-6)
-    assert found[21].position == approx(points[21], abs=1e-9) and found[21].dt == approx(2e-3)
-    speeds = [np.linalg.norm(p.velocity) for p in found[10:]]
+    motion = FakeBus(Falcon()).publish(*states[:20], DeviceState(joints=bad), *states[21:])
+    assert motion[20].position == motion[19].position and motion[20].dt == 0.0
+    assert motion[20].velocity == approx((0.1, 0.0, 0.0), abs=1e-6)
+    assert motion[21].position == approx(points[21], abs=1e-9) and motion[21].dt == approx(2e-3)
+    speeds = [np.linalg.norm(p.velocity) for p in motion[10:]]
     assert max(speeds) == approx(0.1, abs=1e-6)
 
 
 def test_a_real_jump_is_believed_after_four_samples():
     there = np.tile((0.03, 0.0, 0.12), (10, 1))
-    found = poses([*glide(20), *there])
-    assert [f.position[2] > 0.115 for f in found[20:24]] == [False, False, False, True]
-    assert found[23].velocity == (0.0, 0.0, 0.0)
-    assert found[-1].position == approx(there[0], abs=1e-9) and found[-1].velocity == approx((0, 0, 0), abs=1e-6)
+    motion = poses([*glide(20), *there])
+    assert [f.position[2] > 0.115 for f in motion[20:24]] == [False, False, False, True]
+    assert motion[23].velocity == (0.0, 0.0, 0.0)
+    assert motion[-1].position == approx(there[0], abs=1e-9) and motion[-1].velocity == approx((0, 0, 0), abs=1e-6)
 
 
 def test_wild_samples_that_do_not_agree_are_never_believed():
@@ -72,13 +72,13 @@ def test_wild_samples_that_do_not_agree_are_never_believed():
     for p in wild[1:]:
         if np.linalg.norm(p - keep[-1]) > 0.02 and np.linalg.norm(p - glide(20)[-1]) > 5 * 1e-3 * (len(keep) + 1):
             keep.append(p)
-    found = poses([*glide(20), *keep[1:7]])
-    assert len({f.position for f in found[19:]}) == 1
+    motion = poses([*glide(20), *keep[1:7]])
+    assert len({f.position for f in motion[19:]}) == 1
 
 
 def test_a_fast_hand_is_no_glitch():
-    found = poses(glide(8, speed=4.0))
-    assert found[-1].velocity[0] == approx(4.0, rel=1e-6)
+    motion = poses(glide(8, speed=4.0))
+    assert motion[-1].velocity[0] == approx(4.0, rel=1e-6)
 
 
 def test_angles_that_no_position_has_leave_the_pose_standing():
@@ -103,9 +103,9 @@ def test_doubled_reordered_and_late_samples_are_not_differentiated():
     assert newer.position == approx(points[22], abs=1e-9) and older.position == newer.position
     assert older.velocity == approx((0.1, 0, 0), abs=1e-6)
     bus.late(0.5e-3)
-    found = bus.publish(*[device(p) for p in points[23:]])
-    assert found[0].dt == approx(1.5e-3) and found[1].dt == approx(0.5e-3)
-    assert all(np.linalg.norm(f.velocity) < 0.11 for f in found)
+    motion = bus.publish(*[device(p) for p in points[23:]])
+    assert motion[0].dt == approx(1.5e-3) and motion[1].dt == approx(0.5e-3)
+    assert all(np.linalg.norm(f.velocity) < 0.11 for f in motion)
 
 
 def test_lost_samples_are_bridged_by_their_stamps():
@@ -113,9 +113,9 @@ def test_lost_samples_are_bridged_by_their_stamps():
     points = glide(40)
     poses(points[:20], bus)
     bus.drop(3)
-    found = bus.publish(*[device(p) for p in points[20:]])
-    assert found[0].dt == approx(4e-3)
-    assert all(f.velocity == approx((0.1, 0, 0), abs=1e-6) for f in found)
+    motion = bus.publish(*[device(p) for p in points[20:]])
+    assert motion[0].dt == approx(4e-3)
+    assert all(f.velocity == approx((0.1, 0, 0), abs=1e-6) for f in motion)
 
 
 def test_a_device_that_is_not_homed_holds_the_last_pose_and_begins_anew():
@@ -137,16 +137,16 @@ def test_the_wrong_device_is_named_with_the_right_node():
 def test_a_device_that_reports_a_position_gets_the_same_filter():
     points = glide(30)
     bus = FakeBus(Cartesian(origin=(0.0, 0.0, 1.0)))
-    found = bus.publish(*[DeviceState(position=p) for p in points])
-    assert found[-1].position == approx(points[-1] + (0, 0, 1.0))
-    assert found[-1].velocity == approx((0.1, 0, 0), abs=1e-9)
+    motion = bus.publish(*[DeviceState(position=p) for p in points])
+    assert motion[-1].position == approx(points[-1] + (0, 0, 1.0))
+    assert motion[-1].velocity == approx((0.1, 0, 0), abs=1e-9)
 
 
 def test_a_position_that_is_not_finite_is_left_out():
     bus = FakeBus(Cartesian())
     for bad in (float("nan"), float("inf")):
-        (found,) = bus.publish(DeviceState(position=(bad, 0.0, 0.0)))
-        assert found.position == (0.0, 0.0, 0.0)
+        (pose,) = bus.publish(DeviceState(position=(bad, 0.0, 0.0)))
+        assert pose.position == (0.0, 0.0, 0.0)
 
 
 def pushed(force, position, **settings) -> np.ndarray:
@@ -166,14 +166,14 @@ def test_a_force_beyond_the_motors_keeps_its_direction():
     wish = np.array([20.0, -10.0, 40.0])
     torques = pushed(wish, HOME)
     assert np.abs(torques).max() == approx(FALCON.limit, rel=1e-12)
-    found = force_of(torques, HOME)[0]
-    assert found / np.linalg.norm(found) == approx(wish / np.linalg.norm(wish), abs=1e-9)
+    force = force_of(torques, HOME)[0]
+    assert force / np.linalg.norm(force) == approx(wish / np.linalg.norm(wish), abs=1e-9)
 
 
 def test_no_torque_without_a_force_a_pose_or_in_an_impossible_place():
     assert np.all(pushed((1, 1, 1), (0, 0, 9.0)) == 0.0)
     bus = FakeBus(FalconStatics())
-    (found,) = bus.publish(Force(force=(1, 1, 1), state="free", energy=0.0))
-    assert found.torques == (0.0, 0.0, 0.0)
+    (command,) = bus.publish(Force(force=(1, 1, 1), state="free", energy=0.0))
+    assert command.torques == (0.0, 0.0, 0.0)
     bus = FakeBus(FalconStatics(), pose=Pose(position=HOME, velocity=(0, 0, 0), dt=1e-3))
     assert bus.run()[0].torques == (0.0, 0.0, 0.0)

@@ -16,16 +16,16 @@ def table(tmp_path, text):
 
 def test_it_goes_straight_between_the_rows_and_stays_at_the_end(tmp_path):
     path = table(tmp_path, "# a slide\nt,x,y,z,buttons\n0,0,0,0.1,0\n0.1,0.01,0,0.1,2\n0.2,0.01,0.02,0.1,0\n")
-    found = FakeBus(Replayed(path=path)).run(300)
-    assert found[50].position == approx((0.005, 0.0, 0.1)) and found[50].buttons == 0
-    assert found[150].position == approx((0.01, 0.01, 0.1)) and found[150].buttons == 2
-    assert found[-1].position == approx((0.01, 0.02, 0.1)) and found[-1].joints == ()
+    states = FakeBus(Replayed(path=path)).run(300)
+    assert states[50].position == approx((0.005, 0.0, 0.1)) and states[50].buttons == 0
+    assert states[150].position == approx((0.01, 0.01, 0.1)) and states[150].buttons == 2
+    assert states[-1].position == approx((0.01, 0.02, 0.1)) and states[-1].joints == ()
 
 
 def test_it_repeats(tmp_path):
     path = table(tmp_path, "z,x,y,t\n0.1,0,0,5\n0.1,1,0,5.1\n")
-    found = FakeBus(Replayed(path=path, repeat=True)).run(250)
-    assert found[150].position[0] == approx(found[50].position[0], abs=1e-9)
+    states = FakeBus(Replayed(path=path, repeat=True)).run(250)
+    assert states[150].position[0] == approx(states[50].position[0], abs=1e-9)
 
 
 def test_joint_angles(tmp_path):

@@ -42,17 +42,17 @@ def net(coupling, mesh=MESH):
     return NetBody(mesh, K, N, C, 300.0, 3.0, coupling, 1e-3 * coupling)
 
 
-def dense(found, mesh=MESH):
+def dense(displaced, mesh=MESH):
     out = np.zeros((len(mesh.vertices), 3))
-    out[found[0]] = found[1]
+    out[displaced[0]] = displaced[1]
     return out
 
 
 def test_at_rest_the_centre_goes_in_by_the_contact_indentation_and_the_rest_follows_the_kernel():
     s = (2.0 / K) ** (1 / N)
-    found = dense(nodal().step(*load((0.0, 0.0, -2.0)), UP, math.inf))
+    displacement = dense(nodal().step(*load((0.0, 0.0, -2.0)), UP, math.inf))
     d = np.linalg.norm(MESH.vertices, axis=1)
-    assert -found[:, 2] == approx(s * kernel("biweight", d / 8e-3) ** (1 / N), abs=1e-12)
+    assert -displacement[:, 2] == approx(s * kernel("biweight", d / 8e-3) ** (1 / N), abs=1e-12)
 
 
 @steps
@@ -63,22 +63,22 @@ def test_each_node_obeys_its_own_implicit_step(dt):
     rng = np.random.default_rng(0)
     for _ in range(4):
         scale = rng.uniform(0.1, 3)
-        found = -dense(body.step(nodes, forces * scale, UP, dt))[:, 2]
+        depth = -dense(body.step(nodes, forces * scale, UP, dt))[:, 2]
         p = -forces[:, 2] * scale / MESH.areas[nodes]
         total = 1.5 * scale
         for j in range(0, len(nodes), 17):
             node = nodes[j]
             goal = total * p[j] / p.max()
-            value = terminal_force(found[node], dt, K, N, C, 0.0, before[node])[0]
+            value = terminal_force(depth[node], dt, K, N, C, 0.0, before[node])[0]
             assert value == approx(goal, rel=1e-7)
-        before = found
+        before = depth
 
 
 def test_a_symmetric_load_gives_a_symmetric_surface():
-    found = dense(nodal().step(*load((0.0, 0.0, -2.0)), UP, 1e-3))[:, 2].reshape(61, 61)
-    assert found == approx(found[::-1], abs=1e-15)
-    assert found == approx(found[:, ::-1], abs=1e-15)
-    assert found == approx(found.T, abs=1e-15)
+    depth = dense(nodal().step(*load((0.0, 0.0, -2.0)), UP, 1e-3))[:, 2].reshape(61, 61)
+    assert depth == approx(depth[::-1], abs=1e-15)
+    assert depth == approx(depth[:, ::-1], abs=1e-15)
+    assert depth == approx(depth.T, abs=1e-15)
 
 
 def test_the_surface_moves_continuously_with_the_foot():
@@ -86,9 +86,9 @@ def test_the_surface_moves_continuously_with_the_foot():
     spreader = Spreader(MESH, 8e-3)
     for x in np.linspace(0, 2e-3, 401):
         count = spreader.spread((x, 0.3e-3, 0.0), UP, (0.0, 0.0, -2.0))
-        found = dense(nodal(mesh=MESH).step(spreader.nodes[:count], spreader.forces[:count], UP, math.inf))
-        assert before is None or np.abs(found - before).max() < 30e-6
-        before = found
+        displacement = dense(nodal(mesh=MESH).step(spreader.nodes[:count], spreader.forces[:count], UP, math.inf))
+        assert before is None or np.abs(displacement - before).max() < 30e-6
+        before = displacement
 
 
 @steps
@@ -100,14 +100,14 @@ def test_after_release_the_surface_returns_without_overshoot(dt, coupling):
         body.step(*on, UP, max(dt, 1e-3))
     size = np.linalg.norm(dense(body.step(*NOTHING, UP, dt)), axis=1).max()
     for _ in range(60):
-        found = dense(body.step(*NOTHING, UP, dt))
-        now = np.linalg.norm(found, axis=1).max()
+        displacement = dense(body.step(*NOTHING, UP, dt))
+        now = np.linalg.norm(displacement, axis=1).max()
         assert now <= size * (1 + 1e-9) + 1e-12
-        assert found[:, 2].max() < (1e-9 if not coupling else 0.2 * size + 1e-9)
+        assert displacement[:, 2].max() < (1e-9 if not coupling else 0.2 * size + 1e-9)
         size = now
     for _ in range(300):
-        found = dense(body.step(*NOTHING, UP, 0.05))
-    assert (found == 0).all()
+        displacement = dense(body.step(*NOTHING, UP, 0.05))
+    assert (displacement == 0).all()
 
 
 def test_released_nodes_recover_at_the_rate_of_their_damping():
@@ -122,12 +122,12 @@ def test_the_tangential_spring_is_backward_euler():
     body, at, dt = nodal(), load((0.3, 0.0, -2.0)), 1e-3
     expected = 0.0
     for _ in range(5):
-        found = dense(body.step(*at, UP, dt))[:, 0].max()
+        stretch = dense(body.step(*at, UP, dt))[:, 0].max()
         expected = (0.3 * dt + 3.0 * expected) / (300.0 * dt + 3.0)
-        assert found == approx(expected, rel=1e-9)
+        assert stretch == approx(expected, rel=1e-9)
     for _ in range(300):
-        found = dense(body.step(*at, UP, dt))[:, 0].max()
-    assert found == approx(0.3 / 300.0, rel=1e-6)
+        stretch = dense(body.step(*at, UP, dt))[:, 0].max()
+    assert stretch == approx(0.3 / 300.0, rel=1e-6)
 
 
 @pytest.mark.parametrize("coupling", [0.0, 50.0])
@@ -138,16 +138,16 @@ def test_neighbours_never_part_by_more_than_the_limit(coupling):
     for force in ((3.0, 0.0, -4.0), (-3.0, 2.0, -4.0), (0.0, 0.0, -9.0)):
         at = load(force, foot=(0.3e-3, 0.1e-3, 0.0))
         for _ in range(6):
-            found = dense(body.step(*at, UP, 0.05))
-            columns = found if coupling else found[:, :2]
+            displacement = dense(body.step(*at, UP, 0.05))
+            columns = displacement if coupling else displacement[:, :2]
             parted = np.linalg.norm(columns[edges[:, 0]] - columns[edges[:, 1]], axis=1)
             assert (parted <= MOST_STRAIN * lengths * (1 + 1e-9)).all()
 
 
 def test_a_tangential_pull_never_turns_a_triangle_over():
     body = nodal(k_t=20.0)
-    found = dense(body.step(*load((5.0, 1.0, -5.0)), UP, 1.0))
-    corner = (MESH.vertices + found)[MESH.triangles][:, :, :2]
+    displacement = dense(body.step(*load((5.0, 1.0, -5.0)), UP, 1.0))
+    corner = (MESH.vertices + displacement)[MESH.triangles][:, :, :2]
     a, b = corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]
     assert (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0] > 0).all()
 
@@ -190,10 +190,10 @@ def test_coupling_shares_the_indentation_with_the_neighbours():
     for coupling in (0.1, 10.0, 100.0):
         body = net(coupling)
         for _ in range(30):
-            found = -dense(body.step(*at, UP, 0.1))[:, 2]
+            depth = -dense(body.step(*at, UP, 0.1))[:, 2]
         d = np.linalg.norm(MESH.vertices, axis=1)
-        deepest.append(found.max())
-        outside.append(found[(d > 8e-3) & (d < 10e-3)].max())
+        deepest.append(depth.max())
+        outside.append(depth[(d > 8e-3) & (d < 10e-3)].max())
     assert deepest == sorted(deepest, reverse=True) and outside == sorted(outside)
 
 
@@ -204,8 +204,8 @@ def test_a_single_node_of_the_net_balances_its_springs():
     body = NetBody(mesh, K, N, C, 300.0, 3.0, coupling, 0.0, rings=0)
     node = 15 * 31 + 15
     for _ in range(40):
-        found = body.step(np.array([node], np.int32), np.array([[0.0, 0.0, -force]]), UP, 10.0)
-    u = -dense(found, mesh)[node, 2]
+        displaced = body.step(np.array([node], np.int32), np.array([[0.0, 0.0, -force]]), UP, 10.0)
+    u = -dense(displaced, mesh)[node, 2]
     near = mesh.vertices[np.unique(mesh.triangles[(mesh.triangles == node).any(axis=1)])]
     rest = np.linalg.norm(near - mesh.vertices[node], axis=1)
     rest = rest[rest > 0]
@@ -228,8 +228,8 @@ def test_any_load_and_step_stays_finite_and_bounded(path, coupling):
     body = net(coupling, SMALL) if coupling else nodal(mesh=SMALL)
     for normal, tangential, x, exponent in path:
         at = load((tangential, 0.0, -normal), foot=(x, 0.0, 0.0), radius=5e-3, mesh=SMALL)
-        found = dense(body.step(*at, UP, 10.0**exponent), SMALL)
-        assert np.isfinite(found).all() and np.abs(found).max() < 0.1
+        displacement = dense(body.step(*at, UP, 10.0**exponent), SMALL)
+        assert np.isfinite(displacement).all() and np.abs(displacement).max() < 0.1
 
 
 SMALL = plane(0.05, 26**2)
@@ -271,8 +271,8 @@ def test_the_field_is_left_out_where_nobody_wants_it():
 def test_coupling_leaves_the_terminal_law_as_it_is():
     nodes, forces = load((0.0, 0.0, -1.0))
     on = Load(nodes=nodes, forces=forces, foot=(0, 0, 0), normal=UP)
-    found = [
+    indentations = [
         FakeBus(MassSpring(surface="plane", vertices=3721, coupling=k)).publish(on, on)[-1].previous
         for k in (0.0, 30.0)
     ]
-    assert found[0] == found[1]
+    assert indentations[0] == indentations[1]

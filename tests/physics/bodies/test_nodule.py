@@ -31,8 +31,8 @@ def settled(z, reach):
 @pytest.mark.parametrize(("top", "bottom", "reach"), [(2e-3, 10e-3, 6e-3), (0.0, 3e-3, 4e-3), (8e-3, 9e-3, 5e-3)])
 def test_the_share_of_a_column_is_that_of_the_loaded_half_space(top, bottom, reach):
     share = (settled(top, reach) - settled(bottom, reach)) / settled(0.0, reach)
-    found = above((top + bottom) / 2, (bottom - top) / 2, 8.0, reach)
-    assert 1 / found == approx(1 - share * (1 - 1 / 8.0), rel=1e-6)
+    stiffening = above((top + bottom) / 2, (bottom - top) / 2, 8.0, reach)
+    assert 1 / stiffening == approx(1 - share * (1 - 1 / 8.0), rel=1e-6)
 
 
 def test_a_nodule_like_the_tissue_and_one_that_is_not_below_change_nothing():
@@ -50,8 +50,8 @@ def test_the_surface_stiffens_with_ratio_and_size_and_softens_with_depth_and_dis
 
 
 def test_the_map_is_positive_and_finite_however_hard_the_nodule():
-    found = stiffness_map(MESH.vertices, MESH.normals, [0, 0, -1e-3], 30e-3, 1e12, 5e-3)
-    assert np.isfinite(found).all() and found.min() >= 1.0
+    stiffening = stiffness_map(MESH.vertices, MESH.normals, [0, 0, -1e-3], 30e-3, 1e12, 5e-3)
+    assert np.isfinite(stiffening).all() and stiffening.min() >= 1.0
 
 
 def test_the_centre_lies_below_the_surface_along_its_normal():
@@ -61,8 +61,8 @@ def test_the_centre_lies_below_the_surface_along_its_normal():
 
 def test_the_map_follows_the_normal_of_a_tilted_surface():
     tilt = np.array([0.6, 0.0, 0.8])
-    found = stiffness_map([[0.0, 0.0, 0.0]], [tilt], -6e-3 * tilt, 4e-3, 10.0, 6e-3)
-    assert found[0] == approx(above(6e-3, 4e-3, 10.0, 6e-3))
+    stiffening = stiffness_map([[0.0, 0.0, 0.0]], [tilt], -6e-3 * tilt, 4e-3, 10.0, 6e-3)
+    assert stiffening[0] == approx(above(6e-3, 4e-3, 10.0, 6e-3))
 
 
 def test_the_modulus_is_multiplied_inside_the_sphere_only():

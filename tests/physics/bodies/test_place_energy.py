@@ -121,12 +121,12 @@ def test_rounds_at_one_depth_give_out_nothing(turn, radius, approach):
 
 def energy(body, spread, foot, normal, force):
     """V* [J] at a force [N] by quadrature of the indentation over the force."""
-    at, n, found = tuple(foot.tolist()), tuple(normal.tolist()), []
+    at, n, depths = tuple(foot.tolist()), tuple(normal.tolist()), []
     forces = np.linspace(0.0, force, 200)
     for f in forces:
         count = spread.spread(at, n, tuple((-max(f, 1e-9) * normal).tolist()))
-        found.append(body.step(spread.nodes[:count], spread.forces[:count], at, n, 1e6)[2])
-    return float(np.sum(0.5 * (np.array(found)[1:] + found[:-1]) * np.diff(forces)))
+        depths.append(body.step(spread.nodes[:count], spread.forces[:count], at, n, 1e6)[2])
+    return float(np.sum(0.5 * (np.array(depths)[1:] + depths[:-1]) * np.diff(forces)))
 
 
 @pytest.mark.parametrize("place", [(0.0, 0.0), (0.02, 0.005), (0.03, -0.004), (-0.02, 0.01)])
@@ -142,8 +142,8 @@ def test_the_slope_is_the_change_of_the_energy_with_place(place):
         feet, normals, *_ = hand.closest.find(np.array([foot - h * way, foot + h * way]))
         low, high = (energy(hand.body, hand.spread, p, n, force) for p, n in zip(feet, normals, strict=True))
         change.append((high - low) / np.linalg.norm(feet[1] - feet[0]))
-    found = np.array([slope @ way for way in ways])
-    assert np.linalg.norm(found - change) < 0.3 * np.linalg.norm(change) + 1e-3
+    slopes = np.array([slope @ way for way in ways])
+    assert np.linalg.norm(slopes - change) < 0.3 * np.linalg.norm(change) + 1e-3
     assert slope @ normal == approx(0.0, abs=1e-12)
 
 
@@ -169,8 +169,8 @@ def test_over_a_ball_the_hand_moves_less_than_the_foot_point():
     """Of radius R, where the normal turns by dp/R: the force is greater by 1/(1 - e/R)."""
     normal, slope, radius = np.array([0.0, 0.6, 0.8]), np.array([0.1, 0.0, 0.0]), 0.02
     turning = (np.eye(3) - np.outer(normal, normal)) / radius
-    found = on_hand(tuple(slope), tuple(turning.ravel()), 0.008, tuple(normal))
-    assert found == approx((0.1 / (1 - 0.4), 0.0, 0.0))
+    near = on_hand(tuple(slope), tuple(turning.ravel()), 0.008, tuple(normal))
+    assert near == approx((0.1 / (1 - 0.4), 0.0, 0.0))
     far = on_hand(tuple(slope), tuple(turning.ravel()), 0.5, tuple(normal))
     assert np.isfinite(far).all()
 
@@ -194,6 +194,6 @@ def test_the_node_sends_it():
     share = (1 - q[nodes] ** 2) ** 2
     press = np.outer(share / share.sum(), (0, 0, -1.0))
     load = Load(nodes=nodes, forces=press, foot=tuple(top_vertex), normal=(0, 0, 1))
-    found = bus.publish(load)[-1]
-    assert len(found.turning) == 9 and np.isfinite(found.slope).all()
-    assert 1e-4 < np.linalg.norm(found.slope) < 0.05
+    surface = bus.publish(load)[-1]
+    assert len(surface.turning) == 9 and np.isfinite(surface.slope).all()
+    assert 1e-4 < np.linalg.norm(surface.slope) < 0.05

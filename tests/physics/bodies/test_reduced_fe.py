@@ -62,8 +62,8 @@ def test_condensation_is_exact_for_any_load():
         full.elastic.pattern.matrix(full.elastic.tangent(np.zeros_like(full.mesh.points))).tocsc(),
         (hats @ force).ravel(),
     ).reshape(-1, 3)
-    found = (basis().compliance @ force.ravel()).reshape(-1, 3)
-    assert found == approx(hats.T @ u, abs=1e-5 * np.abs(u).max())
+    displacement = (basis().compliance @ force.ravel()).reshape(-1, 3)
+    assert displacement == approx(hats.T @ u, abs=1e-5 * np.abs(u).max())
 
 
 def test_a_light_touch_agrees_with_the_nonlinear_model():
@@ -102,9 +102,9 @@ def test_a_capsule_is_a_layer_of_even_thickness(surface):
 def test_a_capsule_stiffens_the_organ_and_one_of_its_own_modulus_is_no_capsule():
     mesh = organ().surface
     soft = np.trace(organ().compliance())
-    found = [np.trace(of_organ(Organ(mesh, capsule=Capsule(1e-3, r))).compliance()) for r in (1.0, 10.0, 30.0)]
-    assert found[0] == approx(soft, rel=0.02)  # the layers lie elsewhere
-    assert found[2] < 0.9 * found[1] < 0.8 * found[0]
+    traces = [np.trace(of_organ(Organ(mesh, capsule=Capsule(1e-3, r))).compliance()) for r in (1.0, 10.0, 30.0)]
+    assert traces[0] == approx(soft, rel=0.02)  # the layers lie elsewhere
+    assert traces[2] < 0.9 * traces[1] < 0.8 * traces[0]
 
 
 def test_a_nodule_outside_the_organ_is_refused():
@@ -149,15 +149,15 @@ def test_a_stored_basis_keeps_its_numbers_and_a_damaged_one_is_refused(tmp_path)
 def test_it_creeps_to_the_static_indentation_whatever_the_step():
     nodes, share, foot = patch(surface_mesh("sphere", 400))
     forces = -0.5 * np.outer(share, UP)
-    found = []
+    indentations = []
     for dt, steps in ((1e-3, 400), (0.1, 20), (100.0, 1)):
         it = body()
         for _ in range(steps):
             law = it.step(nodes, forces, foot, UP, dt)
-        found.append(law[2])
-    assert found == approx([found[0]] * 3, rel=1e-3)
-    assert found[0] > 0
-    assert body(0.0).step(nodes, forces, foot, UP, 1e-3)[2] == approx(found[0], rel=1e-3)
+        indentations.append(law[2])
+    assert indentations == approx([indentations[0]] * 3, rel=1e-3)
+    assert indentations[0] > 0
+    assert body(0.0).step(nodes, forces, foot, UP, 1e-3)[2] == approx(indentations[0], rel=1e-3)
 
 
 def test_the_terminal_law_foretells_the_next_step():
@@ -196,13 +196,13 @@ def test_random_loads_never_get_more_work_back_than_they_gave():
 def test_the_compliance_does_not_jump_while_the_foot_moves():
     it = body()
     angle = np.linspace(-0.5, 0.5, 401)
-    found = []
+    compliances = []
     for a in angle:
         n = (float(np.sin(a)), 0.0, float(np.cos(a)))
         foot = tuple(0.021 * np.array(n))
-        found.append(it.step(np.zeros(0, np.int32), np.zeros((0, 3)), foot, n, 1e-3)[0])
-    found = np.array(found)
-    assert np.abs(np.diff(found)).max() < 0.02 * found.mean()
+        compliances.append(it.step(np.zeros(0, np.int32), np.zeros((0, 3)), foot, n, 1e-3)[0])
+    compliances = np.array(compliances)
+    assert np.abs(np.diff(compliances)).max() < 0.02 * compliances.mean()
 
 
 def test_after_release_it_recovers_without_overshoot_and_forgets():

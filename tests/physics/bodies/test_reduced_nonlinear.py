@@ -82,9 +82,9 @@ def test_the_mean_displacement_of_the_patch_is_the_indentation():
     foot, n, nodes, push = at_vertex(49)
     it = body()
     s = settled(it, foot, n, nodes, push, 1.4)[2]
-    found, moved = it.displaced(foot)
+    vertices, moved = it.displaced(foot)
     u = np.zeros_like(organ().surface.vertices)
-    u[found] = moved
+    u[vertices] = moved
     assert np.sum(push * u[nodes]) == approx(s, rel=1e-5)
 
 
@@ -141,14 +141,14 @@ def test_contact_in_series_settles_at_the_static_force():
 
 def test_a_loaded_finger_that_slides_meets_no_jump():
     mesh = surface_mesh("plane", 2500)
-    it, found = CondensedBody(basis(), mesh, YOUNG, 0.02, RADIUS, 1.0), []
+    it, laws = CondensedBody(basis(), mesh, YOUNG, 0.02, RADIUS, 1.0), []
     for x in np.linspace(-0.02, 0.02, 801):
         foot = np.array([x, 0.3 * x, 0.0])
         q = np.linalg.norm(mesh.vertices - foot, axis=1) / RADIUS
         nodes = np.flatnonzero(q < 1).astype(np.int32)
         share = (1 - q[nodes] ** 2) ** 2
-        found.append(it.step(nodes, np.outer(share / share.sum(), (0, 0, -2.5)), tuple(foot), UP, 1e-3))
-    later = np.array(found[200:])
+        laws.append(it.step(nodes, np.outer(share / share.sum(), (0, 0, -2.5)), tuple(foot), UP, 1e-3))
+    later = np.array(laws[200:])
     assert (np.abs(np.diff(later, axis=0)).max(axis=0) < 0.01 * later.mean(axis=0)).all()
 
 
@@ -160,13 +160,13 @@ def test_contact_settles_on_a_plateau_of_the_force():
     foot, n, nodes, push = at_vertex(40)
     flat = Basis(given.vertices, given.triangles, given.compliance, dents)
     it, finger = CondensedBody(flat, organ().surface, YOUNG, 0.0, RADIUS, 1.0), exponential(600.0, 900.0)
-    law, s1, found = it.step(nodes[:0], push[:0], foot, n, 1e3), 0.0, []
+    law, s1, forces = it.step(nodes[:0], push[:0], foot, n, 1e3), 0.0, []
     for _ in range(80):
         f, s1, _ = series(9e-3, 1e3, s1, finger, 0.0, Terminal(1 / law[0], 1.0, 0.0, law[1], law[2]))
         law = it.step(nodes, f * push, foot, n, 1e3)
-        found.append(f)
+        forces.append(f)
     assert law[2] > 0.25 * RADIUS
-    assert found[-20:] == approx([found[-1]] * 20, rel=1e-6)
+    assert forces[-20:] == approx([forces[-1]] * 20, rel=1e-6)
 
 
 class Finger:
@@ -248,8 +248,8 @@ def test_smooth_dents_are_followed_between_their_levels():
     knots, slopes = np.zeros(8), np.zeros(8)
     rise((-0.5 * levels**2)[None], np.zeros(1), 1, np.array([[1.0]]), knots, slopes)
     s = np.linspace(0, 0.7, 100)
-    found = np.array([risen(x, knots, slopes)[0] for x in s * (1 - 0.5 * s**2)])
-    assert found == approx(s, abs=1e-3)
+    depths = np.array([risen(x, knots, slopes)[0] for x in s * (1 - 0.5 * s**2)])
+    assert depths == approx(s, abs=1e-3)
 
 
 def test_past_a_limit_load_the_force_stays_until_the_curve_is_above_it_again():
@@ -273,7 +273,7 @@ def test_a_basis_without_dents_serves_the_linear_model_only(monkeypatch, tmp_pat
 
 def test_the_node_with_dents_of_a_fifth_is_softer_than_its_linear_model_by_a_quarter(monkeypatch, tmp_path):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    given, found = basis(), []
+    given, indentations = basis(), []
     even = Basis(given.vertices, given.triangles, given.compliance, np.full_like(given.dents, -0.2))
     for model in ("nonlinear", "linear"):
         node = ReducedFE(surface="plane", coarse=80, model=model, vertices=400, position=(0, 0, 0))
@@ -286,8 +286,8 @@ def test_the_node_with_dents_of_a_fifth_is_softer_than_its_linear_model_by_a_qua
         press = np.outer(share / share.sum(), (0, 0, -5.0))
         last = bus.publish(*[Load(nodes=nodes, forces=press, foot=top, normal=(0, 0, 1))] * 200)[-1]
         assert last.stiffness * (last.previous - last.free) > 0
-        found.append(last.previous)
-    assert found[0] == approx(1.25 * found[1], rel=0.02)
+        indentations.append(last.previous)
+    assert indentations[0] == approx(1.25 * indentations[1], rel=0.02)
 
 
 def test_beyond_the_deepest_press_the_body_stiffens():
@@ -318,10 +318,10 @@ def test_ten_newtons_do_not_push_the_kidney_through():
     q = np.linalg.norm(mesh.vertices - top, axis=1) / 8e-3
     nodes = np.flatnonzero(q < 1)
     share = (1 - q[nodes] ** 2) ** 2
-    found = []
+    surfaces = []
     for force in (0.5, 10.0):
         press = np.outer(share / share.sum(), (0, 0, -force))
         load = Load(nodes=nodes, forces=press, foot=tuple(top), normal=(0, 0, 1))
-        found.append(bus.publish(*[load] * 400)[-1])
-    assert found[0].beyond == 0.0
-    assert found[1].beyond > 0.5 and found[1].previous < 25e-3
+        surfaces.append(bus.publish(*[load] * 400)[-1])
+    assert surfaces[0].beyond == 0.0
+    assert surfaces[1].beyond > 0.5 and surfaces[1].previous < 25e-3

@@ -118,10 +118,10 @@ def test_with_all_modes_and_all_points_it_is_the_full_model():
         invert(K, L, H)
         q += H @ (p - g)
         assert forces(points, q, scratch(points), g) < np.inf
-    found = (phi.reshape(-1, r) @ q).reshape(-1, 3)
+    displacement = (phi.reshape(-1, r) @ q).reshape(-1, 3)
     linear = (phi.reshape(-1, r) @ p).reshape(-1, 3)
     size = np.abs(full.displacement).max()
-    assert found == approx(full.displacement, abs=1e-3 * size)
+    assert displacement == approx(full.displacement, abs=1e-3 * size)
     assert np.abs(linear - full.displacement).max() > 0.02 * size
 
 
@@ -156,13 +156,13 @@ def test_elements_with_one_volume_ratio_are_refused():
 
 def test_modes_in_single_precision_give_the_same_forces():
     points = points_of(slab(), modes(slab(), pressed()[:6], 8)[0], 1e300)
-    q, found = np.random.default_rng(3).standard_normal(8) * 1e-3, []
+    q, derivatives = np.random.default_rng(3).standard_normal(8) * 1e-3, []
     for kind in (np.float64, np.float32):
         own, g, hessian = points._replace(modes=points.modes.astype(kind)), np.zeros(8), np.zeros((8, 8))
         energy = forces(own, q, scratch(own), g)
         assert tangent(own, q, scratch(own), hessian)
-        found.append(np.r_[energy / 1e-6, g / 1e-3, hessian.ravel()])
-    assert found[1] == approx(found[0], abs=3e-6 * np.abs(found[0]).max())
+        derivatives.append(np.r_[energy / 1e-6, g / 1e-3, hessian.ravel()])
+    assert derivatives[1] == approx(derivatives[0], abs=3e-6 * np.abs(derivatives[0]).max())
 
 
 def test_a_touch_that_was_pressed_is_kept_and_a_damaged_file_is_not_taken(tmp_path, monkeypatch):
@@ -232,8 +232,8 @@ def test_a_light_touch_is_the_condensed_body_at_every_place():
     linear = CondensedBody(rest, slab().surface, YOUNG, 0.0, RADIUS, 1.0)
     for place in ((0.0, 0.0, 0.0), (0.013, -0.021, 0.0), (-0.044, 0.04, 0.0)):
         foot, n, nodes, push = at(place)
-        found = settled(body(), foot, n, nodes, push, 1e-6)[3]
-        assert found == approx(linear.step(nodes, 1e-6 * push, foot, n, 1e6)[2], rel=1e-3)
+        indentation = settled(body(), foot, n, nodes, push, 1e-6)[3]
+        assert indentation == approx(linear.step(nodes, 1e-6 * push, foot, n, 1e6)[2], rel=1e-3)
 
 
 def unseen():
@@ -243,7 +243,7 @@ def unseen():
 @lru_cache
 def missed_by(count):
     """Errors of the indentation at the greatest load of touches that were not in the snapshots."""
-    found = []
+    errors = []
     for own in unseen():
         it, push = body(count=count), own.touch.load
         nodes = np.flatnonzero(np.abs(push).max(axis=1) > 0).astype(np.int32)
@@ -254,8 +254,8 @@ def missed_by(count):
         u = np.zeros_like(push)
         where, moved = it.displaced(foot)
         u[where] = moved
-        found.append(abs(float(np.sum(push * u)) / truth - 1))
-    return found
+        errors.append(abs(float(np.sum(push * u)) / truth - 1))
+    return errors
 
 
 def test_touches_that_were_not_in_the_snapshots_are_met_and_more_modes_do_better():
@@ -369,11 +369,11 @@ def test_the_terminal_law_foretells_the_next_step():
 
 def test_a_loaded_finger_that_slides_meets_no_jump():
     mesh = surface_mesh("plane", 2500)
-    it, found = SampledBody(basis(), mesh, YOUNG, 0.02, RADIUS, 1.0), []
+    it, laws = SampledBody(basis(), mesh, YOUNG, 0.02, RADIUS, 1.0), []
     for x in np.linspace(-0.02, 0.02, 801):
         foot, n, nodes, push = at((x, 0.3 * x, 0.0), mesh=mesh)
-        found.append(it.step(nodes, 0.8 * push, foot, n, 1e-3))
-    later = np.array(found[200:])[:, 3]
+        laws.append(it.step(nodes, 0.8 * push, foot, n, 1e-3))
+    later = np.array(laws[200:])[:, 3]
     assert np.abs(np.diff(later)).max() < 0.01 * later.mean()
 
 
@@ -413,8 +413,8 @@ def test_the_barrier_and_gamma_have_the_slopes_they_say():
 def test_the_bend_of_known_data_is_found():
     w = np.geomspace(1e-3, 1.0, 60)
     pull = np.array([gamma(x * x, 0.05, 0.3, np.inf)[0] for x in w]) * w
-    found = bent(w, pull, 1.0 / pull)
-    again = np.array([gamma(x * x, *found, np.inf)[0] for x in w]) * w
+    parameters = bent(w, pull, 1.0 / pull)
+    again = np.array([gamma(x * x, *parameters, np.inf)[0] for x in w]) * w
     assert again == approx(pull, rel=0.05)
 
 
@@ -432,7 +432,7 @@ def test_a_stored_basis_keeps_its_numbers_and_a_damaged_one_is_refused(tmp_path)
 
 def test_the_node_takes_a_load_and_sends_a_surface_wherever_it_is_placed(monkeypatch, tmp_path):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    found = []
+    indentations = []
     for turn in ((0.0, 0.0, 0.0), (0.4, -0.3, 0.2)):
         node = ReducedFE(
             surface="plane", coarse=80, vertices=900, model="sampled", modes=16, young=YOUNG, rotation=turn,
@@ -451,8 +451,8 @@ def test_the_node_takes_a_load_and_sends_a_surface_wherever_it_is_placed(monkeyp
         last = bus.publish(*[load] * 6)[-1]
         assert last.stiffness > 0 and 1 <= last.exponent <= 3
         assert (last.displacement @ n).min() < -1e-3
-        found.append(last.previous)
-    assert found[1] == approx(found[0], rel=1e-3)
+        indentations.append(last.previous)
+    assert indentations[1] == approx(indentations[0], rel=1e-3)
 
 
 def test_a_basis_that_is_not_stored_is_asked_for(monkeypatch, tmp_path):
@@ -480,10 +480,10 @@ def test_touching_a_fingertip_replays_itself_in_every_placement(tmp_path):
         sets = ("scene.hand.begin=[0, 0, 0.1085]", "scene.surface.vertices=1200")
         run = find("fingertip").but(record=file, duration=0.35, overrides=sets, **({"place": place} if place else {}))
         assert execute(run).result.ok
-        found = {}
+        payloads = {}
         for name, _, payload in Recording(file).payloads():
-            found.setdefault(name, []).append(payload)
-        streams.append(found)
+            payloads.setdefault(name, []).append(payload)
+        streams.append(payloads)
     assert len(streams[0]["tissue"]) == 350
     assert streams[0] == streams[1]
 

@@ -16,9 +16,9 @@ SIZE = len(MESH.vertices)
 def held(nodes, vectors, limit=0.8):
     place = np.full(SIZE, -1)
     place[nodes] = np.arange(len(nodes))
-    found = np.ascontiguousarray(vectors, float).copy()
-    shorter = hold_together(found, len(nodes), limit, JOINED, place, nodes.astype(np.int32), Room.of(SIZE))
-    return found, shorter
+    shortened = np.ascontiguousarray(vectors, float).copy()
+    shorter = hold_together(shortened, len(nodes), limit, JOINED, place, nodes.astype(np.int32), Room.of(SIZE))
+    return shortened, shorter
 
 
 def furthest(nodes, vectors):
@@ -48,45 +48,45 @@ lengths = st.floats(-0.03, 0.03)
 )  # fmt: skip
 def test_no_edge_passes_the_limit_and_every_vector_keeps_its_direction(centre, radius, pull, push, limit):
     nodes, wanted = patch(centre, radius, pull, push)
-    found, shorter = held(nodes, wanted, limit)
-    assert furthest(nodes, found) <= limit * (1 + 1e-6)
-    before, after = np.linalg.norm(wanted, axis=1), np.linalg.norm(found, axis=1)
+    shortened, shorter = held(nodes, wanted, limit)
+    assert furthest(nodes, shortened) <= limit * (1 + 1e-6)
+    before, after = np.linalg.norm(wanted, axis=1), np.linalg.norm(shortened, axis=1)
     assert (after <= before * (1 + 1e-12)).all()
-    assert np.allclose(found * before[:, None], wanted * after[:, None], atol=1e-15)
+    assert np.allclose(shortened * before[:, None], wanted * after[:, None], atol=1e-15)
     assert (shorter > 0) == (furthest(nodes, wanted) > limit)
 
 
 def test_what_keeps_the_limit_is_left_as_it_is():
     nodes, wanted = patch(10, 0.01, (1e-3, 0, 0), 1e-3)
-    found, shorter = held(nodes, wanted)
-    assert shorter == 0 and (found == wanted).all()
+    shortened, shorter = held(nodes, wanted)
+    assert shorter == 0 and (shortened == wanted).all()
 
 
 def test_of_one_direction_it_is_the_longest_field_that_keeps_the_limit():
     """By shortest paths: the length of each is at most that of any other plus the limit times the way there."""
     nodes, wanted = patch(10, 0.012, (0.03, 0, 0), 0.0)
-    found, _ = held(nodes, wanted)
+    shortened, _ = held(nodes, wanted)
     least = np.zeros(SIZE)
     least[nodes] = wanted[:, 0]
     owner = np.repeat(np.arange(SIZE), np.diff(JOINED.first))
     for _ in range(200):
         np.minimum.at(least, owner, least[JOINED.others] + 0.8 * JOINED.spans)
-    assert found[:, 0] == pytest.approx(least[nodes], rel=1e-6)
+    assert shortened[:, 0] == pytest.approx(least[nodes], rel=1e-6)
 
 
 def test_the_order_of_the_nodes_does_not_matter_and_a_moving_load_moves_it_smoothly():
     rng = np.random.default_rng(2)
     nodes, wanted = patch(500, 0.012, (0.02, 0.01, 0), 0.008)
-    found, _ = held(nodes, wanted)
+    shortened, _ = held(nodes, wanted)
     order = rng.permutation(len(nodes))
     again, _ = held(nodes[order], wanted[order])
-    assert again == pytest.approx(found[order], abs=1e-8)
+    assert again == pytest.approx(shortened[order], abs=1e-8)
     near, _ = held(nodes, 1.001 * wanted)
-    assert np.abs(near - found).max() <= 0.0011 * np.abs(wanted).max()
+    assert np.abs(near - shortened).max() <= 0.0011 * np.abs(wanted).max()
 
 
 def test_noise_comes_out_within_the_limit():
     rng = np.random.default_rng(0)
     nodes = rng.permutation(SIZE)[:600]
-    found, _ = held(nodes, rng.normal(size=(600, 3)))
-    assert furthest(nodes, found) <= 0.8 * (1 + 1e-6) and np.abs(found).max() > 1e-4
+    shortened, _ = held(nodes, rng.normal(size=(600, 3)))
+    assert furthest(nodes, shortened) <= 0.8 * (1 + 1e-6) and np.abs(shortened).max() > 1e-4

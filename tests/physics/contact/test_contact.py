@@ -72,7 +72,7 @@ def test_ramp_hold_release_matches_an_independent_solution():
         d1 = (g2 * (1 + C2 * rate) - g1) / max(g1 * C1 + g2 * C2, 1e-30)
         return d1, g1 * (1 + C1 * d1)
 
-    s1, found = 1e-6 * 0.58, {}
+    s1, reference = 1e-6 * 0.58, {}
     for start, end, rate, ask in ((1e-5, 0.1, 0.08, (0.05,)), (0.1, 0.3, 0.0, (0.2,)), (0.3, 0.31, -0.08, (0.31,))):
         run = solve_ivp(
             lambda t, y, r=rate: [forces(t, y[0], r)[0]],
@@ -84,13 +84,13 @@ def test_ramp_hold_release_matches_an_independent_solution():
             dense_output=True,
         )
         for t in ask:
-            found[t] = forces(t, run.sol(t)[0], rate)[1]
+            reference[t] = forces(t, run.sol(t)[0], rate)[1]
         s1 = run.y[0, -1]
     step = 1e-5
     f, _, _ = series_path(ramp(step), step, FINGER, C1, K, N, C2)
     for t, expected in ((0.05, 0.38719), (0.2, 1.19458), (0.31, 0.69501)):
         assert f[round(t / step) - 1] == approx(expected, abs=3e-5)
-        assert found[t] == approx(expected, abs=2e-5)
+        assert reference[t] == approx(expected, abs=2e-5)
     assert f[round(0.1 / step) - 1] == approx(1.55543, abs=3e-5)
 
 

@@ -129,11 +129,11 @@ def test_the_nearest_triangle_is_that_of_a_plain_search():
     for _ in range(100):
         p = rng.normal(size=3) * 0.03
         normal = p / np.linalg.norm(p)
-        found, shares = grid.nearest(p, normal)
+        triangle, shares = grid.nearest(p, normal)
         a, b, c = (mesh.vertices[mesh.triangles[:, k]] for k in range(3))
         facing = mesh.face_vectors @ normal > 0
         distances = [barycentric(p, a[t], b[t], c[t])[3] if facing[t] else math.inf for t in range(len(mesh.triangles))]
-        here = np.sum((shares @ mesh.vertices[mesh.triangles[found]] - p) ** 2)
+        here = np.sum((shares @ mesh.vertices[mesh.triangles[triangle]] - p) ** 2)
         assert here == approx(min(distances), rel=1e-9)
 
 

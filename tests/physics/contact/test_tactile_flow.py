@@ -52,9 +52,9 @@ def test_a_clipped_tetrahedron_agrees_with_the_limit_of_counting(values, level):
 def test_volumes_fall_with_the_level_and_add_up():
     rng = np.random.default_rng(1)
     values, volumes = rng.random((50, 4)), rng.random(50)
-    found = isostrain_volume(values, volumes, np.linspace(-0.1, 1.1, 30))
-    assert found[0] == approx(volumes.sum()) and found[-1] == 0.0
-    assert (np.diff(found) <= 1e-12).all()
+    above = isostrain_volume(values, volumes, np.linspace(-0.1, 1.1, 30))
+    assert above[0] == approx(volumes.sum()) and above[-1] == 0.0
+    assert (np.diff(above) <= 1e-12).all()
     assert (isostrain_volume(values + 0.01, volumes, [0.5]) >= isostrain_volume(values, volumes, [0.5])).all()
 
 
@@ -68,8 +68,8 @@ def test_the_volume_of_a_ball_is_found_with_second_order():
         tets = bricks(points, cells)
         corner = points[tets]
         volumes = np.linalg.det(corner[:, 1:] - corner[:, :1]) / 6
-        found = isostrain_volume(-np.linalg.norm(corner, axis=2), volumes, [-0.8])[0]
-        errors.append(abs(found / (4 / 3 * np.pi * 0.8**3) - 1))
+        volume = isostrain_volume(-np.linalg.norm(corner, axis=2), volumes, [-0.8])[0]
+        errors.append(abs(volume / (4 / 3 * np.pi * 0.8**3) - 1))
     assert errors[1] < 0.03 and errors[1] < errors[0] / 3
 
 

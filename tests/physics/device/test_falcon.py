@@ -33,10 +33,10 @@ def workspace(count: int, seed: int = 0) -> np.ndarray:
 
 @pytest.mark.parametrize(("point", "angles", "encoder", "torques"), TABLE)
 def test_angles_counts_and_torques_agree_with_the_table(point, angles, encoder, torques):
-    found, reach = inverse(point)
+    joints, reach = inverse(point)
     assert reach
-    assert np.degrees(found[:, 0]) == approx(angles, abs=6e-5)
-    assert tuple(counts(found[:, 0])) == encoder
+    assert np.degrees(joints[:, 0]) == approx(angles, abs=6e-5)
+    assert tuple(counts(joints[:, 0])) == encoder
     for axis, expected in enumerate(torques):
         assert torque(np.eye(3)[axis], point)[0] * 1e3 == approx(expected, abs=6e-4)
 
@@ -64,13 +64,13 @@ def test_forward_undoes_inverse_to_a_nanometre():
     rng = np.random.default_rng(1)
     for point in workspace(400):
         for start in (HOME, point + rng.normal(0.0, 1e-3, 3)):
-            found, ok = forward(inverse(point)[0][:, 0], start)
-            assert ok and np.abs(found - point).max() <= 1e-9
+            position, ok = forward(inverse(point)[0][:, 0], start)
+            assert ok and np.abs(position - point).max() <= 1e-9
 
 
 def test_forward_starts_anew_from_a_place_out_of_reach():
-    found, ok = forward(inverse(CENTRE)[0][:, 0], start=(1.0, -2.0, 5.0))
-    assert ok and found == approx(CENTRE, abs=1e-9)
+    position, ok = forward(inverse(CENTRE)[0][:, 0], start=(1.0, -2.0, 5.0))
+    assert ok and position == approx(CENTRE, abs=1e-9)
 
 
 def test_rates_are_the_derivative_of_the_angles():
@@ -114,8 +114,8 @@ def test_a_point_out_of_reach_is_said_so_without_nan(point):
 
 @pytest.mark.parametrize("angles", [(-1.5, 1.5, 3.0), (3.1, 3.1, 3.1), (np.nan, 0, 0), (np.inf, 0, 0), (1e300, 0, 0)])
 def test_angles_that_no_position_has_fail_with_a_flag(angles):
-    found, ok = forward(angles)
-    assert not ok and np.all(np.isfinite(found))
+    position, ok = forward(angles)
+    assert not ok and np.all(np.isfinite(position))
 
 
 def test_inverse_takes_arrays():
@@ -171,9 +171,9 @@ def test_damping_sets_in_without_a_step():
     assert min(volumes) < 0.02
 
     def largest_jump(count):
-        found = [torque((0.01, 0.0, 0.0), start + s * (end - start)) for s in np.linspace(0.0, 1.0, count)]
-        assert all(ok for _, ok in found)
-        return np.abs(np.diff([t for t, _ in found], axis=0)).max()
+        torques = [torque((0.01, 0.0, 0.0), start + s * (end - start)) for s in np.linspace(0.0, 1.0, count)]
+        assert all(ok for _, ok in torques)
+        return np.abs(np.diff([t for t, _ in torques], axis=0)).max()
 
     assert largest_jump(20001) < 0.6 * largest_jump(10001)
 

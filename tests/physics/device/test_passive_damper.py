@@ -20,9 +20,9 @@ def damper(delay, way, velocity, debt=-1.0):
     haptic(gains, state, past, 0.0, up, rest, 0.0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), T)
     state[controller.ENERGY, :2] = debt
     # Twice the way, as the time of the first step, without movement, counts as well.
-    found = haptic(gains, state, past, 0.0, up, rest, 0.0, (2 * way, 0.0, 0.0), (velocity, 0.0, 0.0), T)
-    assert found[1] == found[2] == 0.0
-    return found[0]
+    force = haptic(gains, state, past, 0.0, up, rest, 0.0, (2 * way, 0.0, 0.0), (velocity, 0.0, 0.0), T)
+    assert force[1] == force[2] == 0.0
+    return force[0]
 
 
 @pytest.mark.parametrize("delay", [0, 1, 2, 5])

@@ -13,8 +13,8 @@ T = 1e-3
 
 def test_the_general_formula_gives_the_closed_bound_without_delay():
     for stiffness, damping in [(500.0, 0.0), (500.0, 5.0), (500.0, -0.1), (10.0, 2.0), (0.0, 0.0)]:
-        found = required_damping(wall_response(stiffness, damping, T), T)
-        assert found == approx(wall_damping(stiffness, damping, T), rel=1e-6, abs=1e-12)
+        bound = required_damping(wall_response(stiffness, damping, T), T)
+        assert bound == approx(wall_damping(stiffness, damping, T), rel=1e-6, abs=1e-12)
     assert wall_damping(500.0, 5.0, T) == wall_damping(500.0, -5.0, T) == 5.25
 
 
@@ -80,9 +80,9 @@ def test_the_clamp_keeps_the_direction():
     for size in (1e-3, 8.9, 9.1, 1e3, 1e200, 1e300):
         wish = rng.normal(size=3)
         wish *= size / np.linalg.norm(wish)
-        found = np.array(clamp(*wish, 9.0))
-        assert np.linalg.norm(found) == approx(min(size, 9.0), rel=1e-12)
-        assert np.cross(found / np.linalg.norm(found), wish / size) == approx(np.zeros(3), abs=1e-12)
+        clamped = np.array(clamp(*wish, 9.0))
+        assert np.linalg.norm(clamped) == approx(min(size, 9.0), rel=1e-12)
+        assert np.cross(clamped / np.linalg.norm(clamped), wish / size) == approx(np.zeros(3), abs=1e-12)
     assert clamp(0.0, 0.0, 0.0, 9.0) == (0.0, 0.0, 0.0)
     assert clamp(np.nan, 0.0, 0.0, 9.0) == (0.0, 0.0, 0.0)
     assert clamp(np.inf, 1.0, 0.0, 9.0) == (0.0, 0.0, 0.0)

@@ -90,8 +90,8 @@ def test_a_clock_set_back_begins_a_new_history():
     state = buffers(4)
     for k in range(10):
         push(*state, 10**12 + k * 1_000_000, 1.0, 0.0, 0.0)
-    found = [push(*state, k * 1_000_000, 1e-4 * k, 0.0, 0.0) for k in range(12)]
-    assert found[-1] == approx(1e-3)
+    periods = [push(*state, k * 1_000_000, 1e-4 * k, 0.0, 0.0) for k in range(12)]
+    assert periods[-1] == approx(1e-3)
     assert mean_velocity(*state)[0] == approx(0.1)
 
 

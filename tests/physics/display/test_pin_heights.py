@@ -45,12 +45,12 @@ def test_the_surface_of_a_hertz_contact_gives_its_fingerpad_deformation(force, m
     side = np.arange(-12e-3, 12e-3, 0.2e-3)
     x, y = (v.ravel() for v in np.meshgrid(side, side))
     tissue = np.stack([x, y, -tissue_displacement(np.hypot(x, y), state)], axis=1)
-    found = heights_from_surface(GRID, near(tissue), float(state.approach), PAD.radius, 0.2e-3)
+    heights = heights_from_surface(GRID, near(tissue), float(state.approach), PAD.radius, 0.2e-3)
     inside = 0.95 * state.radius > R
     assert inside.sum() >= 8
     # The local plane smooths the dimple's curvature over its weights: about (0.2 mm)²/(2 R).
-    assert found[inside] == approx(pad_displacement(R[inside], state), abs=4e-6)
-    assert np.all(found >= 0)
+    assert heights[inside] == approx(pad_displacement(R[inside], state), abs=4e-6)
+    assert np.all(heights >= 0)
 
 
 @pytest.mark.parametrize("spacing", [1e-3, 0.5e-3])
@@ -93,9 +93,9 @@ def test_tissue_that_stays_up_raises_the_pins_above_it():
     x, y = (v.ravel() for v in np.meshgrid(side, side))
     sunk = np.full(len(x), -2e-3)
     lump = sunk + 1e-3 * np.exp(-((x - 3e-3) ** 2 + y**2) / (2e-3) ** 2)
-    flat, found = (
+    flat, raised = (
         heights_from_surface(GRID, near(np.stack([x, y, z], axis=1)), 4e-3, PAD.radius, 0.5e-3) for z in (sunk, lump)
     )
-    top = int(np.argmax(found - flat))
+    top = int(np.argmax(raised - flat))
     assert abs(GRID[top, 0] - 3e-3) <= 1e-3 and abs(GRID[top, 1]) <= 1e-3
-    assert 0.5e-3 < found[top] - flat[top] < 1e-3
+    assert 0.5e-3 < raised[top] - flat[top] < 1e-3

@@ -83,8 +83,8 @@ def test_the_actuator_follows_its_differential_equation(value, target):
 
     at = np.array([0.01, 0.05, 0.1, 0.2, 0.4])
     exact = solve_ivp(speed, (0, 0.4), [value], t_eval=at, rtol=1e-10, atol=1e-14, max_step=1e-3).y[0]
-    found = [approach_target(value, target, t, rate, rise, fall) for t in at]
-    assert found == approx(exact, abs=1e-8)
+    pin_heights = [approach_target(value, target, t, rate, rise, fall) for t in at]
+    assert pin_heights == approx(exact, abs=1e-8)
 
 
 def test_an_actuator_neither_overshoots_nor_moves_without_time():

@@ -42,10 +42,10 @@ def force_of(x, modulus, poisson=0.5, radius=np.inf, pad=PAD):
 @pytest.mark.parametrize("modulus", STATES)
 def test_the_table_of_states_is_met(modulus):
     for force, (x, approach, radius) in STATES[modulus].items():
-        found = pad_contact(force, modulus)
-        assert found.deflection * 1e3 == approx(x, abs=1e-5)
-        assert found.approach * 1e3 == approx(approach, abs=1e-5)
-        assert radius is None or found.radius * 1e3 == approx(radius, abs=1e-3)
+        contact = pad_contact(force, modulus)
+        assert contact.deflection * 1e3 == approx(x, abs=1e-5)
+        assert contact.approach * 1e3 == approx(approach, abs=1e-5)
+        assert radius is None or contact.radius * 1e3 == approx(radius, abs=1e-3)
 
 
 @pytest.mark.parametrize("pad", FINGERPADS.values(), ids=FINGERPADS)
@@ -72,8 +72,8 @@ def test_the_root_inverts_the_closed_form_of_the_force(x, modulus, poisson, curv
 
 
 def test_the_calibrated_finger_meets_the_points_it_was_fitted_to():
-    found = pad_contact([0.11, 0.50], np.inf, pad=FINGERPADS["calibrated"])
-    assert found.deflection * 1e3 == approx([1.24, 2.08], abs=1e-2)
+    contact = pad_contact([0.11, 0.50], np.inf, pad=FINGERPADS["calibrated"])
+    assert contact.deflection * 1e3 == approx([1.24, 2.08], abs=1e-2)
 
 
 @pytest.mark.parametrize(("force", "modulus"), [(0.05, 15e3), (1.0, 5e3), (3.0, 15e3), (4.0, np.inf)])

@@ -133,8 +133,8 @@ def test_deeper_contact_sticks_longer(depth, when):
 
 
 def test_deeper_contact_has_more_friction():
-    found = [-slide(d)[1][-1, 0] for d in (1e-3, 1.5e-3, 2e-3, 2.5e-3)]
-    assert np.all(np.diff(found) > 0)
+    frictions = [-slide(d)[1][-1, 0] for d in (1e-3, 1.5e-3, 2e-3, 2.5e-3)]
+    assert np.all(np.diff(frictions) > 0)
 
 
 def test_four_directions_feel_alike_and_opposite_ones_the_same():
@@ -191,30 +191,30 @@ def press(body, path, dt=DT, friction=MU):
 def test_the_normal_force_is_the_sum_of_the_chains():
     body = two_layers()
     path = np.linspace(0, DEPTH, 501)[1:]
-    found, _ = press(body, path)
+    force, _ = press(body, path)
     time = np.arange(501) * DT
     total = 0.0
     for height in body.heights:
         strain = np.concatenate([[0], np.maximum(path - height, 0) / 4e-3])
         total += stress_history(time, strain, body.moduli, body.viscosities, [0.25, 0.75])[1:] * PITCH**2
-    assert found == approx(total, rel=1e-12)
+    assert force == approx(total, rel=1e-12)
 
 
 def test_the_force_relaxes_while_the_depth_is_held_and_returns_to_rest():
     body = two_layers()
     path = np.concatenate([np.linspace(0, DEPTH, 500), np.full(6000, DEPTH), np.linspace(DEPTH, 0, 500), np.zeros(500)])
-    found, _ = press(body, path)
-    hold = found[500:6500]
+    force, _ = press(body, path)
+    hold = force[500:6500]
     assert np.all(np.diff(hold) <= 1e-9)
     static = (np.maximum(DEPTH - body.heights, 0) / (1e-3 / 1.36e5 + 3e-3 / 3.4e4)).sum() * PITCH**2
     assert hold[-1] == approx(static, rel=1e-3)
-    assert found[499] > 1.3 * static
+    assert force[499] > 1.3 * static
     # Exponential: one relaxation time for a chain of two elements, so the logarithm is straight.
     start, later, last = (np.log(hold[k] - static) for k in (300, 800, 1300))
     assert later - start == approx(last - later, rel=0.02)
-    unload = found[6500:7000]
-    assert np.all(np.diff(unload) <= 0) and np.all(found[7000:] == 0)
-    loading_at_half, unloading_at_half = found[249], found[6749]
+    unload = force[6500:7000]
+    assert np.all(np.diff(unload) <= 0) and np.all(force[7000:] == 0)
+    loading_at_half, unloading_at_half = force[249], force[6749]
     assert loading_at_half > 2 * unloading_at_half
 
 

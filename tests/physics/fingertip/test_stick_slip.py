@@ -83,14 +83,14 @@ def test_one_node_against_a_general_minimiser(seed):
     root = random.normal(size=(2, 2))
     a = root @ root.T + 0.1 * np.eye(2)
     r, limit = random.normal(size=2) * 3, 0.5
-    found = np.array(node_slip(a[0, 0], a[0, 1], a[1, 1], r[0], r[1], limit))
+    slip = np.array(node_slip(a[0, 0], a[0, 1], a[1, 1], r[0], r[1], limit))
 
     def energy(w):
         return 0.5 * w @ a @ w - r @ w + limit * np.hypot(*w)
 
-    best = min((minimize(energy, s, method="Nelder-Mead", options={"xatol": 1e-9, "fatol": 1e-14}) for s in (r, found)),
+    best = min((minimize(energy, s, method="Nelder-Mead", options={"xatol": 1e-9, "fatol": 1e-14}) for s in (r, slip)),
                key=lambda m: m.fun)  # fmt: skip
-    assert found == approx(best.x, abs=1e-6)
+    assert slip == approx(best.x, abs=1e-6)
 
 
 def test_no_friction_gives_the_linear_answer_and_no_force():

@@ -12,18 +12,18 @@ from palpate.physics.geometry.nurbs_fit import interpolate, plane_patch, sphere,
 
 
 def directions(rng, count):
-    found = rng.normal(size=(count, 3))
-    return found / np.linalg.norm(found, axis=1)[:, None]
+    vectors = rng.normal(size=(count, 3))
+    return vectors / np.linalg.norm(vectors, axis=1)[:, None]
 
 
 def follow(closest, path, hysteresis=1e-4):
     """The results of tracking along a path (k,9): foot, normal, u, v, signed distance."""
     scratch = closest.scratch()
-    found = []
+    feet = []
     for p in np.asarray(path, dtype=float):
         track(*closest.tables, *p, hysteresis, *scratch)
-        found.append(scratch[3].copy())
-    return np.array(found)
+        feet.append(scratch[3].copy())
+    return np.array(feet)
 
 
 def excess(distance, path):
@@ -109,18 +109,18 @@ def test_the_distance_never_changes_faster_than_the_point_moves(seed):
     rng = np.random.default_rng(seed)
     closest = ClosestPoint(kidney())
     path = smooth_path(rng, 0.03, 4000)
-    found = follow(closest, path)
-    assert excess(found[:, 8], path) <= 1e-9
-    np.testing.assert_allclose(found[:, 8], closest.find(path)[3], atol=1e-9)
+    feet = follow(closest, path)
+    assert excess(feet[:, 8], path) <= 1e-9
+    np.testing.assert_allclose(feet[:, 8], closest.find(path)[3], atol=1e-9)
 
 
 def test_jumps_of_any_length_land_on_the_nearest_point():
     rng = np.random.default_rng(8)
     closest = ClosestPoint(kidney())
     path = rng.uniform(-0.1, 0.1, (2000, 3)) * rng.choice([0.1, 1.0, 100.0], (2000, 1))
-    found = follow(closest, path)
-    np.testing.assert_allclose(found[:, 8], closest.find(path)[3], atol=1e-9, rtol=1e-12)
-    assert excess(found[:, 8], path) <= 1e-9
+    feet = follow(closest, path)
+    np.testing.assert_allclose(feet[:, 8], closest.find(path)[3], atol=1e-9, rtol=1e-12)
+    assert excess(feet[:, 8], path) <= 1e-9
 
 
 @pytest.mark.parametrize("surface", [kidney(), sphere(0.03)], ids=["kidney", "sphere"])
@@ -133,12 +133,12 @@ def test_a_foot_point_crosses_a_pole_like_any_other_point(surface, end, height):
     for side in (across, np.cross(n, across)):
         s = np.linspace(-3e-3, 3e-3, 601)
         path = pole + height * n + s[:, None] * side
-        found = follow(closest, path)
-        np.testing.assert_allclose(found[:, 8], closest.find(path)[3], atol=1e-10)
-        assert excess(found[:, 8], path) <= 1e-10
+        feet = follow(closest, path)
+        np.testing.assert_allclose(feet[:, 8], closest.find(path)[3], atol=1e-10)
+        assert excess(feet[:, 8], path) <= 1e-10
         # 1 - d kappa > 0.6 here: the foot moves at most 1.7 times as far, the normal turns with it.
-        assert np.linalg.norm(np.diff(found[:, :3], axis=0), axis=1).max() < 2e-5
-        assert np.linalg.norm(np.diff(found[:, 3:6], axis=0), axis=1).max() < 5e-3
+        assert np.linalg.norm(np.diff(feet[:, :3], axis=0), axis=1).max() < 2e-5
+        assert np.linalg.norm(np.diff(feet[:, 3:6], axis=0), axis=1).max() < 5e-3
 
 
 @pytest.mark.parametrize("height", [4e-3, -2e-3])
@@ -162,9 +162,9 @@ def test_the_distance_is_the_same_from_both_sides_of_seam_and_pole(height):
 def test_at_the_border_of_a_patch_the_foot_point_is_clamped_and_the_distance_continuous():
     closest = ClosestPoint(plane_patch(0.1))
     path = np.stack([np.linspace(0.03, 0.07, 400), np.linspace(-0.08, 0.0, 400), np.full(400, 0.01)], axis=1)
-    found = follow(closest, path)
-    np.testing.assert_allclose(found[:, :2], np.clip(path[:, :2], -0.05, 0.05), atol=1e-9)
-    np.testing.assert_allclose(found[:, 8], 0.01, atol=1e-12)
+    feet = follow(closest, path)
+    np.testing.assert_allclose(feet[:, :2], np.clip(path[:, :2], -0.05, 0.05), atol=1e-9)
+    np.testing.assert_allclose(feet[:, 8], 0.01, atol=1e-12)
     a, b = closest.find(np.array([[0.05 - 1e-10, 0, -0.003], [0.05 + 1e-10, 0, -0.003]]))[3]
     assert abs(a - b) <= 1e-9 and a == pytest.approx(-0.003)
 
@@ -182,9 +182,9 @@ def test_crossing_the_axis_of_a_torus_moves_the_foot_once_and_the_distance_goes_
     closest = ClosestPoint(torus(0.04, 0.01))
     x = np.linspace(0.02, -0.02, 2001)
     path = np.stack([x, 0 * x, 0 * x], axis=1)
-    found = follow(closest, path)
-    np.testing.assert_allclose(found[:, 8], 0.03 - np.abs(x), atol=1e-9)
-    assert (np.linalg.norm(np.diff(found[:, :3], axis=0), axis=1) > 1e-3).sum() == 1
+    feet = follow(closest, path)
+    np.testing.assert_allclose(feet[:, 8], 0.03 - np.abs(x), atol=1e-9)
+    assert (np.linalg.norm(np.diff(feet[:, :3], axis=0), axis=1) > 1e-3).sum() == 1
 
 
 @pytest.mark.parametrize("hysteresis", [0.0, 1e-4, 5e-4])
@@ -192,11 +192,11 @@ def test_the_foot_stays_until_the_other_side_is_nearer_by_the_hysteresis(hystere
     closest = ClosestPoint(kidney())
     z = np.linspace(2e-3, -2e-3, 801)
     path = np.stack([0 * z, 0 * z + 0.004, z], axis=1)
-    found = follow(closest, path, hysteresis)
-    assert excess(found[:, 8], path) <= 1e-9
-    own = np.linalg.norm(path - found[:, :3], axis=1)
-    assert (own + found[:, 8]).max() <= hysteresis + 1e-9
-    jumps = np.flatnonzero(np.linalg.norm(np.diff(found[:, :3], axis=0), axis=1) > 1e-3)
+    feet = follow(closest, path, hysteresis)
+    assert excess(feet[:, 8], path) <= 1e-9
+    own = np.linalg.norm(path - feet[:, :3], axis=1)
+    assert (own + feet[:, 8]).max() <= hysteresis + 1e-9
+    jumps = np.flatnonzero(np.linalg.norm(np.diff(feet[:, :3], axis=0), axis=1) > 1e-3)
     assert len(jumps) == 1
     # Front and back are symmetric: their distances differ by 2 |z|, a little less where the faces slope.
     assert z[jumps[0] + 1] >= -0.6 * hysteresis - 2e-5
@@ -206,9 +206,9 @@ def test_the_foot_stays_until_the_other_side_is_nearer_by_the_hysteresis(hystere
 def test_trembling_on_the_medial_axis_does_not_change_the_branch():
     closest = ClosestPoint(kidney())
     path = np.array([0.0, 0.004, 0.0]) + np.array([0, 0, 1e-5]) * (-1.0) ** np.arange(50)[:, None]
-    found = follow(closest, path)
-    assert np.linalg.norm(found[:, :3] - found[0, :3], axis=1).max() < 1e-3
-    assert excess(found[:, 8], path) <= 1e-9
+    feet = follow(closest, path)
+    assert np.linalg.norm(feet[:, :3] - feet[0, :3], axis=1).max() < 1e-3
+    assert excess(feet[:, 8], path) <= 1e-9
 
 
 def test_approaching_the_hilum_from_outside_passes_its_focus():
@@ -216,10 +216,10 @@ def test_approaching_the_hilum_from_outside_passes_its_focus():
     y = np.linspace(-0.15, -0.005, 3000)
     for x, z in ((0.0, 0.0), (0.004, 0.002)):
         path = np.stack([0 * y + x, y, 0 * y + z], axis=1)
-        found = follow(closest, path)
-        assert excess(found[:, 8], path) <= 1e-9
-        np.testing.assert_allclose(found[:, 8], closest.find(path)[3], atol=1e-9)
-        assert found[-1, 8] < 0 < found[0, 8]
+        feet = follow(closest, path)
+        assert excess(feet[:, 8], path) <= 1e-9
+        np.testing.assert_allclose(feet[:, 8], closest.find(path)[3], atol=1e-9)
+        assert feet[-1, 8] < 0 < feet[0, 8]
 
 
 def test_a_border_that_is_one_point_is_left_in_any_direction():
@@ -230,9 +230,9 @@ def test_a_border_that_is_one_point_is_left_in_any_direction():
     rng = np.random.default_rng(6)
     out = directions(rng, 500) * (0.2, 0.2, 1)
     out /= np.linalg.norm(out, axis=1)[:, None]
-    found = ClosestPoint(lying).find(out * 0.04)
-    np.testing.assert_allclose(found[3], 0.01, atol=1e-9)
-    np.testing.assert_allclose(found[1], out, atol=1e-7)
+    feet = ClosestPoint(lying).find(out * 0.04)
+    np.testing.assert_allclose(feet[3], 0.01, atol=1e-9)
+    np.testing.assert_allclose(feet[1], out, atol=1e-7)
     x, y = np.meshgrid(np.linspace(0, 1, 5), np.linspace(0, 1, 4), indexing="ij")
     knots = [np.repeat([0.0, 1.0], 5), np.repeat([0.0, 1.0], 4)]
     flat = Nurbs(np.stack([x * y, y, 0 * y], -1) * 0.1, np.ones((5, 4)), *knots, 4, 3)
@@ -272,8 +272,8 @@ def test_the_hessian_is_positive_definite_exactly_where_one_minus_d_kappa_is():
 def test_points_at_any_distance_give_finite_answers():
     closest = ClosestPoint(kidney())
     points = np.array([[1e3, 0, 0], [0, -1e8, 1], [1e300, -1e300, 1e300], [1e-300, 0, 0], [0, 0, 0]])
-    for found in closest.find(points):
-        assert np.isfinite(found).all()
+    for array in closest.find(points):
+        assert np.isfinite(array).all()
     assert closest.find(points)[3][0] == pytest.approx(1e3 - 0.055, rel=1e-9)
 
 

@@ -26,11 +26,11 @@ def volume(mesh):
 def angles(mesh):
     """The least angle of each triangle [rad]."""
     corners = mesh.vertices[mesh.triangles]
-    found = []
+    corner_angles = []
     for i in range(3):
         p, q = corners[:, (i + 1) % 3] - corners[:, i], corners[:, (i + 2) % 3] - corners[:, i]
-        found.append(np.arctan2(np.linalg.norm(np.cross(p, q), axis=1), np.einsum("ij,ij->i", p, q)))
-    return np.min(found, axis=0)
+        corner_angles.append(np.arctan2(np.linalg.norm(np.cross(p, q), axis=1), np.einsum("ij,ij->i", p, q)))
+    return np.min(corner_angles, axis=0)
 
 
 @pytest.mark.parametrize("size", [(0.110, 0.060, 0.042), (0.098, 0.051, 0.039)])

@@ -44,11 +44,11 @@ def brute(mesh, points):
 
 def follow(mesh, path, hysteresis=1e-4):
     closest = MeshClosestPoint(mesh)
-    work, found = closest.scratch()
+    work, foot = closest.scratch()
     results = []
     for p in np.asarray(path, dtype=float):
-        track_mesh(*closest.tables.arrays, *p, hysteresis, work, found)
-        results.append(found.copy())
+        track_mesh(*closest.tables.arrays, *p, hysteresis, work, foot)
+        results.append(foot.copy())
     return np.array(results)
 
 
@@ -106,24 +106,24 @@ def test_a_fine_sphere_has_the_distance_of_the_sphere():
 @pytest.mark.parametrize("seed", range(2))
 def test_the_distance_never_changes_faster_than_the_point_moves(mesh, seed):
     path = wander(np.random.default_rng(seed), 0.03, 4000)
-    found = follow(mesh, path)
-    assert excess(found[:, 8], path) <= 1e-12
-    np.testing.assert_allclose(found[:, 8], MeshClosestPoint(mesh).find(path)[3], atol=1e-13)
+    feet = follow(mesh, path)
+    assert excess(feet[:, 8], path) <= 1e-12
+    np.testing.assert_allclose(feet[:, 8], MeshClosestPoint(mesh).find(path)[3], atol=1e-13)
 
 
 def test_the_followed_foot_is_at_most_the_hysteresis_farther_than_the_nearest():
     path = wander(np.random.default_rng(5), 0.02, 4000)
     for hysteresis in (0.0, 1e-4, 1e-3):
-        found = follow(tessellate(kidney(), 1500), path, hysteresis)
-        own = np.linalg.norm(path - found[:, :3], axis=1)
-        assert (own - np.abs(found[:, 8])).max() <= hysteresis + 1e-12
+        feet = follow(tessellate(kidney(), 1500), path, hysteresis)
+        own = np.linalg.norm(path - feet[:, :3], axis=1)
+        assert (own - np.abs(feet[:, 8])).max() <= hysteresis + 1e-12
 
 
 def test_trembling_between_two_faces_keeps_the_foot():
     path = np.array([0, 0, 0.005]) + np.array([1e-5, 0, 0]) * (-1.0) ** np.arange(40)[:, None]
-    found = follow(Mesh(CUBE.vertices * (0.25, 1, 1), CUBE.triangles), path)
-    assert np.ptp(found[:, 0]) == 0.0
-    np.testing.assert_allclose(found[:, 8], -0.005 + 1e-5, atol=1e-15)
+    feet = follow(Mesh(CUBE.vertices * (0.25, 1, 1), CUBE.triangles), path)
+    assert np.ptp(feet[:, 0]) == 0.0
+    np.testing.assert_allclose(feet[:, 8], -0.005 + 1e-5, atol=1e-15)
 
 
 def test_the_normal_turns_smoothly_along_the_surface():
@@ -179,18 +179,18 @@ def test_an_open_sheet_goes_on_flat_beyond_its_border():
 
 def test_the_weights_give_the_foot_point():
     mesh = tessellate(kidney(), 500)
-    found = follow(mesh, wander(np.random.default_rng(8), 0.04, 200), 0.0)
-    corners = mesh.vertices[mesh.triangles[found[:, 9].astype(int)]]
-    v, w = found[:, 6:7], found[:, 7:8]
+    feet = follow(mesh, wander(np.random.default_rng(8), 0.04, 200), 0.0)
+    corners = mesh.vertices[mesh.triangles[feet[:, 9].astype(int)]]
+    v, w = feet[:, 6:7], feet[:, 7:8]
     assert (v >= 0).all() and (w >= 0).all() and (v + w <= 1 + 1e-12).all()
     foot = (1 - v - w) * corners[:, 0] + v * corners[:, 1] + w * corners[:, 2]
-    np.testing.assert_allclose(foot, found[:, :3], atol=1e-15)
+    np.testing.assert_allclose(foot, feet[:, :3], atol=1e-15)
 
 
 def test_any_distance_gives_finite_answers():
     points = np.array([[1e300, 0, 0], [-1e8, 1e8, 1e-300], [0, 0, 0]])
-    for found in MeshClosestPoint(tessellate(kidney(), 100)).find(points):
-        assert np.isfinite(found).all()
+    for array in MeshClosestPoint(tessellate(kidney(), 100)).find(points):
+        assert np.isfinite(array).all()
 
 
 @pytest.mark.parametrize(
@@ -216,9 +216,9 @@ def test_equal_vertices_are_welded_and_others_are_not():
     rng = np.random.default_rng(9)
     base = rng.normal(size=(200, 3))
     pick = rng.integers(0, 200, 1000)
-    found = weld(base[pick])
-    np.testing.assert_array_equal(base[pick][found], base[pick])
-    assert len(np.unique(found)) == len(np.unique(pick))
+    representative = weld(base[pick])
+    np.testing.assert_array_equal(base[pick][representative], base[pick])
+    assert len(np.unique(representative)) == len(np.unique(pick))
 
 
 def test_triangles_are_turned_outwards_and_a_cavity_stays_one():

@@ -79,9 +79,9 @@ def test_repeated_and_empty_triangles_and_spare_vertices_are_left_out(tmp_path):
 def test_the_collision_node_takes_a_file_at_its_place(tmp_path):
     file = save(tmp_path / "k.stl", scale=1e3)
     bus = FakeBus(MeshNode(surface=file, file_unit="mm", position=(0.01, 0, 0.05), rotation=(0, 0, np.pi / 2)))
-    (found,) = bus.publish(Pose(position=(0.01, 0, 0.08), velocity=(0, 0, 0), dt=1e-3))
-    assert found.gap == pytest.approx(0.009, abs=3e-4)
-    assert found.normal[2] > 0.99
+    (proximity,) = bus.publish(Pose(position=(0.01, 0, 0.08), velocity=(0, 0, 0), dt=1e-3))
+    assert proximity.gap == pytest.approx(0.009, abs=3e-4)
+    assert proximity.normal[2] > 0.99
 
 
 @pytest.mark.parametrize(

@@ -31,10 +31,10 @@ def test_a_patch_and_its_derivatives_equal_those_of_scipy_splines(p, q):
     rng = np.random.default_rng(p * 10 + q)
     patch = random_patch(rng, p, q, weighted=False)
     u, v = rng.random((2, 50))
-    found = patch.derivatives(u, v)
+    derivatives = patch.derivatives(u, v)
     for k, (du, dv) in enumerate([(0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2)]):
         expected = scipy_surface(patch, u, v, du, dv)[:, :3]
-        np.testing.assert_allclose(found[:, k], expected, atol=1e-11 * max(1.0, np.abs(expected).max()))
+        np.testing.assert_allclose(derivatives[:, k], expected, atol=1e-11 * max(1.0, np.abs(expected).max()))
 
 
 @pytest.mark.parametrize(("p", "q"), [(2, 2), (3, 3), (3, 5)])

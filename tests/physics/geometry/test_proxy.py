@@ -42,34 +42,34 @@ def flat(radius, thickness):
 def patch_run(surface, path):
     closest = ClosestPoint(surface)
     scratch, kept = closest.scratch(), memory(surface.points)
-    found = []
+    feet = []
     for p in path:
         follow(*closest.tables, tuple(map(float, p)), 1e-4, *scratch, kept)
-        found.append(scratch[3][:9].copy())
-    return np.array(found)
+        feet.append(scratch[3][:9].copy())
+    return np.array(feet)
 
 
 def mesh_run(mesh, path):
     closest = MeshClosestPoint(mesh)
     (work, result), kept = closest.scratch(), memory(mesh.vertices)
-    found = []
+    feet = []
     for p in path:
         follow_mesh(*closest.tables.arrays, tuple(map(float, p)), 1e-4, work, result, kept)
-        found.append(result[:9].copy())
-    return np.array(found)
+        feet.append(result[:9].copy())
+    return np.array(feet)
 
 
 def line(*points, step=1e-4):
-    found = [np.array(points[:1], float)]
+    points_of_way = [np.array(points[:1], float)]
     for a, b in itertools.pairwise(points):
         a, b = np.array(a, float), np.array(b, float)
         n = max(int(np.linalg.norm(b - a) / step), 1)
-        found.append(a + np.arange(1, n + 1)[:, None] / n * (b - a))
-    return np.concatenate(found)
+        points_of_way.append(a + np.arange(1, n + 1)[:, None] / n * (b - a))
+    return np.concatenate(points_of_way)
 
 
-def lipschitz(path, found):
-    return (np.abs(np.diff(found[:, 8])) - np.linalg.norm(np.diff(path, axis=0), axis=1)).max()
+def lipschitz(path, feet):
+    return (np.abs(np.diff(feet[:, 8])) - np.linalg.norm(np.diff(path, axis=0), axis=1)).max()
 
 
 SLABS = {
@@ -85,10 +85,10 @@ every_slab = pytest.mark.parametrize("slab", SLABS)
 def test_a_tool_driven_through_a_thin_body_is_pushed_back_all_the_way(slab, drift):
     run, body = SLABS[slab]
     path = line((0.001, 0.002, 0.005), (0.001 + drift, 0.002, -0.019))
-    found = run(body, path)
-    assert (found[:, 5] > 0.9).all()
-    assert found[:, 8] == approx(path[:, 2], abs=2e-4 if drift == 0 else 6e-4)
-    assert lipschitz(path, found) <= 1e-12
+    feet = run(body, path)
+    assert (feet[:, 5] > 0.9).all()
+    assert feet[:, 8] == approx(path[:, 2], abs=2e-4 if drift == 0 else 6e-4)
+    assert lipschitz(path, feet) <= 1e-12
     back = np.concatenate([path, path[::-1]])
     again = run(body, back)
     assert (again[:, 5] > 0.9).all() and again[-1, 8] == approx(0.005, abs=2e-4)
@@ -98,22 +98,22 @@ def test_a_tool_driven_through_a_thin_body_is_pushed_back_all_the_way(slab, drif
 def test_the_proxy_slides_along_with_a_tool_that_is_through(slab):
     run, body = SLABS[slab]
     path = line((0, 0, 0.003), (0, 0, -0.006), (0.005, 0, -0.006), (0, 0.003, -0.006))
-    found = run(body, path)
-    assert (found[:, 5] > 0.8).all()
-    assert np.abs(found[:, :2] - path[:, :2]).max() < 1.5e-3
-    assert lipschitz(path, found) <= 1e-12
+    feet = run(body, path)
+    assert (feet[:, 5] > 0.8).all()
+    assert np.abs(feet[:, :2] - path[:, :2]).max() < 1.5e-3
+    assert lipschitz(path, feet) <= 1e-12
 
 
 @every_slab
 def test_a_tool_that_leaves_sideways_is_free(slab):
     run, body = SLABS[slab]
     path = line((0.01, 0, 0.003), (0.01, 0, -0.014), (0.06, 0, -0.014), (0.06, 0, 0.02), (0.045, 0, 0.0))
-    found = run(body, path)
+    feet = run(body, path)
     fresh = run(body, path[-1:])
-    assert found[-1, :3] == approx(fresh[-1, :3], abs=1e-9) and found[-1, 8] == approx(fresh[-1, 8], abs=1e-9)
-    assert found[-1, 8] > 0.01
-    assert found[path[:, 0] > 0.055, 8].max() > 0.02
-    assert lipschitz(path, found) <= 1e-12
+    assert feet[-1, :3] == approx(fresh[-1, :3], abs=1e-9) and feet[-1, 8] == approx(fresh[-1, 8], abs=1e-9)
+    assert feet[-1, 8] > 0.01
+    assert feet[path[:, 0] > 0.055, 8].max() > 0.02
+    assert lipschitz(path, feet) <= 1e-12
 
 
 @pytest.mark.parametrize("aside", [0.0, 1e-4, 1e-3])
@@ -121,10 +121,10 @@ def test_a_tool_that_leaves_sideways_is_free(slab):
 def test_in_a_ball_the_force_does_not_turn_either(form, aside):
     ball = sphere(0.02)
     path = line((aside, 0, 0.025), (aside, 0, -0.03), (aside, 0, 0.025))
-    found = patch_run(ball, path) if form == "patch" else mesh_run(tessellate(ball, 3000), path)
-    assert (found[:, 5] > 0.8).all()
-    assert lipschitz(path, found) <= 1e-12
-    assert found[-1, 8] == approx(0.005, abs=1e-4)
+    feet = patch_run(ball, path) if form == "patch" else mesh_run(tessellate(ball, 3000), path)
+    assert (feet[:, 5] > 0.8).all()
+    assert lipschitz(path, feet) <= 1e-12
+    assert feet[-1, 8] == approx(0.005, abs=1e-4)
 
 
 @pytest.mark.parametrize("form", ["patch", "mesh"])
@@ -139,8 +139,8 @@ def test_where_nothing_is_thin_the_proxy_is_the_nearest_point(form):
     high = np.column_stack([top[0] + across[:, 0], top[1] + across[:, 1], np.full(len(t), top[2] + 2e-3)])
     foot, normal = ClosestPoint(organ).find(high)[:2]
     path = foot + depth[:, None] * normal
-    found = patch_run(organ, path) if form == "patch" else mesh_run(mesh, path)
-    nearest = np.empty_like(found)
+    feet = patch_run(organ, path) if form == "patch" else mesh_run(mesh, path)
+    nearest = np.empty_like(feet)
     if form == "patch":
         closest = ClosestPoint(organ)
         scratch = closest.scratch()
@@ -153,7 +153,7 @@ def test_where_nothing_is_thin_the_proxy_is_the_nearest_point(form):
         for k, p in enumerate(path):
             track_mesh(*closest.tables.arrays, *p, 1e-4, work, result)
             nearest[k] = result[:9]
-    assert (found == nearest).all() or found == approx(nearest, abs=1e-12)
+    assert (feet == nearest).all() or feet == approx(nearest, abs=1e-12)
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -164,7 +164,7 @@ def test_the_gap_changes_no_faster_than_the_tool_on_any_path(slab, seed):
     t = np.linspace(0, 1, 3000)[:, None]
     a, b = rng.normal(size=(2, 5, 3)) * (0.012, 0.012, 0.006)
     path = np.sin(2 * np.pi * t * np.arange(1, 6)) @ a + np.cos(2 * np.pi * t * np.arange(1, 6)) @ b
-    found = run(body, path)
-    assert np.isfinite(found).all() and lipschitz(path, found) <= 1e-12
+    feet = run(body, path)
+    assert np.isfinite(feet).all() and lipschitz(path, feet) <= 1e-12
     away = run(body, np.concatenate([path, line(path[-1], (0, 0, 0.1), (0, 0, 0.005))]))
     assert away[-1, 8] == approx(0.005, abs=1e-6)

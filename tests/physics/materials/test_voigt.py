@@ -47,9 +47,9 @@ def test_the_chain_converges_to_the_closed_form_at_first_order():
     errors = []
     for n in (1000, 2000, 4000):
         time, strain = ramp_and_hold(n)
-        found = stress_history(time, strain, E, C, ONES)
+        stress = stress_history(time, strain, E, C, ONES)
         at = [round(0.25 * n), round(0.5 * n), n]
-        errors.append(np.abs(found[at] - [10703.03, 15708.53, 7042.11]) / 1e4)
+        errors.append(np.abs(stress[at] - [10703.03, 15708.53, 7042.11]) / 1e4)
     errors = np.array(errors)
     assert np.all(errors[2] < 2e-3)
     assert errors[0] / errors[1] == approx([2, 2, 2], rel=0.1)
@@ -58,17 +58,17 @@ def test_the_chain_converges_to_the_closed_form_at_first_order():
 
 def test_richardson_of_two_steps_gives_the_reference_numbers():
     coarse, fine = (stress_history(*ramp_and_hold(n), E, C, ONES) for n in (4000, 8000))
-    found = [2 * fine[round(t * 8000)] - coarse[round(t * 4000)] for t in (0.25, 0.5, 1.0)]
-    assert found == approx([10703.03, 15708.53, 7042.11], rel=1e-5)
+    stress = [2 * fine[round(t * 8000)] - coarse[round(t * 4000)] for t in (0.25, 0.5, 1.0)]
+    assert stress == approx([10703.03, 15708.53, 7042.11], rel=1e-5)
 
 
 def test_stress_relaxes_to_the_springs_in_series_with_shares():
     lengths = np.array([1.0, 3.0])
     shares = lengths / lengths.sum()
     time = np.concatenate([[0, 0.01], 0.01 + np.geomspace(1e-3, 60, 500)])
-    found = stress_history(time, np.where(time > 0, 0.2, 0.0), E, C, shares)
-    assert found[-1] == approx(0.2 / (shares / E).sum(), rel=1e-6)
-    assert np.all(np.diff(found[1:]) <= 1e-6)
+    stress = stress_history(time, np.where(time > 0, 0.2, 0.0), E, C, shares)
+    assert stress[-1] == approx(0.2 / (shares / E).sum(), rel=1e-6)
+    assert np.all(np.diff(stress[1:]) <= 1e-6)
 
 
 def test_splitting_an_element_in_two_of_half_the_length_changes_nothing():
