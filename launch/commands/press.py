@@ -56,7 +56,7 @@ def press_of(file: Path, deepest: float, step: float, touch: float) -> tuple[np.
         )
     start = first - 1 if first else 0
     deep, push = depth[start : start + last + 1], forces[start : start + last + 1]
-    rising = np.concatenate([[True], np.diff(np.maximum.accumulate(deep)) > 0.0])  # the way in, without the shiver
+    rising = np.concatenate([[True], np.diff(np.maximum.accumulate(deep)) > 0.0])  # the way in, without the tremor
     depths = np.arange(0.0, deepest + 0.5 * step, step)
     return depths, np.interp(depths, np.maximum.accumulate(deep)[rising], push[rising])
 
