@@ -202,7 +202,7 @@ def test_a_sensor_node_sends_the_force_on_it(kind):
         first = bus.run(1)[0]
         assert first.force == 0.0 and first.normal == approx((0.0, 0.6, 0.8))
         end, forces = time.monotonic() + 5.0, []
-        while time.monotonic() < end and (not forces or forces[-1] < 2.4):
+        while time.monotonic() < end and (not forces or forces[-1] < 2.48):
             forces.append(bus.run(1)[0].force)
             time.sleep(0.002)
         assert forces[-1] == approx(2.5, rel=0.01)

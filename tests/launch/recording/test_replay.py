@@ -223,7 +223,7 @@ def test_a_recording_with_streams_left_out_is_checked_as_far_as_it_goes(tmp_path
 
 
 def test_the_shipped_loop_computes_again_bit_for_bit_live(tmp_path):
-    launch = LaunchFile(graph=HERE / "golden" / "plane.yaml", duration=0.3, record=tmp_path / "a.mcap", clock="real")
+    launch = LaunchFile(graph=HERE / "golden" / "plane.yaml", duration=0.8, record=tmp_path / "a.mcap", clock="real")
     outcome = execute(launch)
     assert outcome.result.ok, outcome.result.deaths
     report = check(tmp_path / "a.mcap")
