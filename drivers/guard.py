@@ -99,12 +99,11 @@ class Guard:
         zero = (0.0,) * len(command)
         if self.gain == 0.0 or not all(map(math.isfinite, command)):
             return zero
-        size = max(map(abs, command), default=0.0)
-        if size == 0.0:
+        largest = max(map(abs, command), default=0.0)
+        if largest == 0.0:
             return zero
-        if not self.limits.each:
-            size *= math.hypot(*(c / size for c in command))
-        scale = self.gain * min(1.0, self.limits.command / size)
+        length = 1.0 if self.limits.each else math.hypot(*(c / largest for c in command))
+        scale = self.gain * min(1.0, self.limits.command / length / largest)  # their product may be beyond all numbers
         power = scale * self._power(command)
         if power > self.limits.power:
             scale *= self.limits.power / power

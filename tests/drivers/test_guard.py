@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from pytest import approx
 
@@ -80,6 +80,7 @@ def test_the_dead_man_button_has_to_be_held():
 
 
 @given(st.tuples(NUMBER, NUMBER, NUMBER), st.booleans())
+@example((0.0, 1.3e308, 1.3e308), False)
 def test_no_command_passes_the_limit_and_its_direction_stays(command, each):
     limits = Limits(command=0.4, power=math.inf, speed=math.inf, each=each, ramp=0.0)
     guard = Guard(limits)
