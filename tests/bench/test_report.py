@@ -101,7 +101,7 @@ def test_the_command_makes_page_pictures_and_table(tmp_path, monkeypatch):
     [
         (["--touch", "stroke"], "expected one of ball"),
         (["--method", "magic"], "expected one of hertz"),
-        (["--body", "mylab.Liver"], "not found"),
+        (["--body", "no_such_lab.Liver"], "not found"),
         (["--body", "contact.Series"], "takes Load and sends Surface"),
     ],
 )
