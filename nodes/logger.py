@@ -138,7 +138,8 @@ class Mcap(Observer):
             self._since[node] = message.since
             self._begun_anew(node, message.since)
         self._steps[node] = message.steps
-        self._times[node] = {"steps": message.steps, "median": message.median, "p99": message.p99}
+        if message.median > 0.0:  # a replay tells none
+            self._times[node] = {"steps": message.steps, "median": message.median, "p99": message.p99}
 
     def _begun_anew(self, node: str, since: int) -> None:
         """A node has begun anew, with a new state: a replay has to do so at the same place. Messages of its new life

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 MERMAID = "mermaid"
 _PICTURE = ".mmd"
-NEWEST = 20  # recordings that are looked through for the times of a graph
+NEWEST = 3  # recordings that are looked through for the times of a graph
 
 
 class Command(TyperCommand):
@@ -81,10 +81,12 @@ def plan(
 
 
 def _times(planned: Plan, given: Path | None) -> tuple[dict[str, float], Path | None]:
-    """Median duration [s] of a step of each node, and the recording that says so."""
+    """Median duration [s] of a step of each node, and the recording that says so: each is read whole, so that only the
+    newest few with the graph's name are tried."""
     from palpate.launch.recording.reader import Recording, RecordingError
 
-    newest = sorted(Path("runs").glob("*/*.mcap"), key=lambda file: -file.stat().st_mtime)
+    named = Path("runs").glob(f"*/{planned.graph.path.stem}.mcap")
+    newest = sorted(named, key=lambda file: -file.stat().st_mtime)
     for file in [given] if given else newest[:NEWEST]:
         try:
             recording = Recording(file)

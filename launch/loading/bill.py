@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 from dataclasses import dataclass, field, replace
 
-from palpate.launch.loading.effects import Choice, known, state, trimmed
+from palpate.launch.loading.effects import Choice, state, trimmed
 from palpate.launch.loading.faults import NOWHERE, GraphError
 from palpate.launch.loading.plan import Plan, plan
 from palpate.nodes.base import Effect, effects, inputs
@@ -44,11 +44,11 @@ def bill(planned: Plan, times: dict[str, float] | None = None) -> list[Item]:
 
     times  [s] duration of a step of each node, as a run has measured it
     """
-    items = []
-    for name in known():
-        able = [(spec.name, e) for spec in planned.graph.nodes.values() for e in effects(spec.cls) if e.name == name]
-        if able:
-            items.append(_item(planned, name, able, times or {}))
+    able: dict[str, list[tuple[str, Effect]]] = {}
+    for spec in planned.graph.nodes.values():
+        for effect in effects(spec.cls):
+            able.setdefault(effect.name, []).append((spec.name, effect))
+    items = [_item(planned, name, able[name], times or {}) for name in sorted(able)]
     return sorted(items, key=lambda item: not item.on)
 
 

@@ -11,7 +11,6 @@ from palpate.launch.loading.bill import bill
 from palpate.launch.loading.graph import load
 from palpate.launch.loading.plan import plan
 from palpate.launch.recording.prove import prove
-from palpate.launch.recording.reader import Recording, RecordingError
 
 
 def items(*sets, graph="kidney", times=None):
@@ -37,6 +36,13 @@ def test_what_runs_for_an_effect_alone_is_what_its_absence_leaves_out():
     assert bill_items["friction"].nodes == ["friction"]
     assert bill_items["deformation"].nodes[-1] == "tissue" and "controller" not in bill_items["deformation"].nodes
     assert items()["shape"].fields == ["tissue.displacement", "tissue.nodes"]
+
+
+def test_an_effect_of_a_class_of_ones_own_is_on_the_bill(monkeypatch):
+    from palpate.nodes.spread import Kernel
+
+    monkeypatch.setattr(Kernel, "effect", "glow", raising=False)
+    assert items()["glow"].on
 
 
 def test_the_price_is_that_of_the_nodes_that_run_for_it_alone_by_their_divisors():
@@ -82,9 +88,3 @@ def test_the_command_tells_it_as_text_as_json_and_as_a_picture(recording, monkey
     assert "kidney.mcap" in command("plan", "kidney").stdout
     assert ' µs"]' in command("plan", "kidney", "--draw").stdout
     assert command("plan", "kidney", "--prove", tmp_path / "none.mcap").exit_code == 1
-
-
-def test_a_file_that_is_no_recording_is_told(tmp_path):
-    (tmp_path / "x.mcap").write_bytes(b"no")
-    with pytest.raises(RecordingError):
-        Recording(tmp_path / "x.mcap")
