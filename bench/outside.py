@@ -107,10 +107,10 @@ class _Outer:
 
 def _bricks(fem: Any, axes: tuple[np.ndarray, ...]) -> Any:
     """A mesh of bricks of 27 nodes on the grid."""
-    found = fem.Grid(*axes)
+    grid = fem.Grid(*axes)
     for add in (fem.mesh.add_midpoints_edges, fem.mesh.add_midpoints_faces, fem.mesh.add_midpoints_volumes):
-        found = add(found)
-    return found
+        grid = add(grid)
+    return grid
 
 
 def _quadratic_rule(axis: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -123,8 +123,8 @@ def _quadratic_rule(axis: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarra
 
 def _lines(axis: np.ndarray) -> np.ndarray:
     """Nodes (c,3) of each quadratic cell on a line."""
-    found: np.ndarray = 2 * np.arange(len(axis) - 1)[:, None] + np.arange(3)
-    return found
+    places: np.ndarray = 2 * np.arange(len(axis) - 1)[:, None] + np.arange(3)
+    return places
 
 
 def _load(points: np.ndarray, axes: tuple[np.ndarray, ...], place: float) -> np.ndarray:
@@ -135,9 +135,9 @@ def _load(points: np.ndarray, axes: tuple[np.ndarray, ...], place: float) -> np.
     on_top = np.zeros((2 * len(axes[0]) - 1, 2 * len(axes[1]) - 1))
     rows, columns = _lines(axes[0]), _lines(axes[1])
     np.add.at(on_top, (rows[:, :, None, None], columns[None, None]), nodal)
-    found = np.zeros(points.shape)
-    found[_top(points, halved(axes[0]), halved(axes[1])), 2] = -on_top / on_top.sum()
-    return found
+    forces = np.zeros(points.shape)
+    forces[_top(points, halved(axes[0]), halved(axes[1])), 2] = -on_top / on_top.sum()
+    return forces
 
 
 def _bed(points: np.ndarray, axes: tuple[np.ndarray, ...]) -> csr_matrix:
@@ -159,16 +159,16 @@ def _bed(points: np.ndarray, axes: tuple[np.ndarray, ...]) -> csr_matrix:
 def _top(points: np.ndarray, x: np.ndarray, y: np.ndarray, height: float = 0.0) -> np.ndarray:
     """Nodes (len(x),len(y)) at these lines."""
     at = np.stack([*np.meshgrid(x, y, indexing="ij"), np.full((len(x), len(y)), height)], axis=-1)
-    away, found = KDTree(points).query(at.reshape(-1, 3))
+    away, nearest = KDTree(points).query(at.reshape(-1, 3))
     assert away.max() < 1e-7 * SIDE
-    return np.asarray(found).reshape(len(x), len(y))
+    return np.asarray(nearest).reshape(len(x), len(y))
 
 
 def _solve(matrix: Any, rhs: Any) -> np.ndarray:
     """SuperLU with an order for symmetric patterns."""
     from scipy.sparse.linalg import splu
 
-    found: np.ndarray = splu(
+    solution: np.ndarray = splu(
         matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
     ).solve(np.asarray(rhs).ravel())
-    return found
+    return solution

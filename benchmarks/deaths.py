@@ -51,8 +51,8 @@ def once(node: str, number: int, carrier: str, file: Path) -> dict[str, float | 
     launch = dataclasses.replace(find("kidney"), record=file, carrier=carrier)
     graph = launch.load()
     set_recording(graph, file)
-    found = plan(graph)
-    work = jobs(found, launch.placement(found), clock="real", ticks=2000, about=about(found))
+    steps = plan(graph)
+    work = jobs(steps, launch.placement(steps), clock="real", ticks=2000, about=about(steps))
     times: dict[str, float] = {}
 
     def look(launcher: Launcher) -> None:

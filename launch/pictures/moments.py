@@ -120,13 +120,13 @@ def instants_at(touch: Touch, vertices: int, ticks: list[int]) -> list[Instant]:
     rows = {int(tick): row for row, tick in enumerate(touch.contact["tick"])}
     tips = _tips(touch)
     forces = {} if touch.force is None else dict(zip(touch.force["tick"].tolist(), touch.force["force"], strict=True))
-    found = []
+    moments = []
     for tick, surface in touch.at(Surface, ticks).items():
         if tick not in rows:
             continue
         row = rows[tick]
         contact = {name: values[row] for name, values in touch.contact.items()}
-        found.append(
+        moments.append(
             Instant(
                 time=float(contact["time"]),
                 displacement=displaced(surface, vertices),
@@ -137,7 +137,7 @@ def instants_at(touch: Touch, vertices: int, ticks: list[int]) -> list[Instant]:
                 depth=float(contact["indentation"]),
             )
         )
-    return found
+    return moments
 
 
 def _tips(touch: Touch) -> dict[int, np.ndarray]:

@@ -74,8 +74,8 @@ class Rendering:
             except subprocess.TimeoutExpired:
                 raise NoRendering(f"no 3-D picture within {PATIENCE:.0f} s; {CURE}") from None
             if self._process.returncode == 0 and self._target.is_file():
-                with np.load(self._target) as found:
-                    return dict(found)
+                with np.load(self._target) as archive:
+                    return dict(archive)
             if following is not None:
                 self._process = self._begin(following)
         raise NoRendering(

@@ -117,8 +117,8 @@ def test_slivers_give_finite_forces_or_are_refused_by_name(flatness, seed):
         assert "element" in str(error)
         return
     u = 1e-6 * rng.normal(size=mesh.points.shape)
-    found = body.balance(u)
-    assert found is None or (math.isfinite(found[0]) and np.isfinite(found[1]).all())
+    balanced = body.balance(u)
+    assert balanced is None or (math.isfinite(balanced[0]) and np.isfinite(balanced[1]).all())
     assert body.balance(np.zeros_like(u))[1] == approx(np.zeros_like(u), abs=1e-12)
 
 

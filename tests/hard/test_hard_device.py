@@ -38,10 +38,10 @@ def test_torques_clipped_one_by_one_turn_the_force_and_scaled_together_they_do_n
 def test_at_any_pose_and_force_torques_are_bounded_and_keep_the_direction(place, direction, size):
     """Forces of 1e-12 to 1e12 N within reach of the arms, near singular poses too."""
     wish = size * np.array(direction)
-    found, ok = torque(wish, place)
-    assert np.isfinite(found).all() and np.abs(found).max() <= FALCON.limit * (1 + 1e-12)
-    assert ok == reachable(FALCON.geometry, *place) and (ok or not found.any())
-    given_out, _ = force(found, place)
+    torques, ok = torque(wish, place)
+    assert np.isfinite(torques).all() and np.abs(torques).max() <= FALCON.limit * (1 + 1e-12)
+    assert ok == reachable(FALCON.geometry, *place) and (ok or not torques.any())
+    given_out, _ = force(torques, place)
     assert np.isfinite(given_out).all()
     if ok:
         assert given_out @ wish >= 0.0  # never against the wish
@@ -109,10 +109,10 @@ def test_no_sample_however_absurd_makes_a_force_beyond_the_limits(samples):
     node.start()
     for depth, place, speed, dt in samples:
         pose = Pose(position=(0.0, place, -depth), velocity=(speed, 0.0, -speed), dt=dt)
-        found = node.step(contact(min(depth, 1e300), 500.0), None, pose, dt=dt).force
-        assert all(map(math.isfinite, found)) and math.hypot(*found) <= 9.0 + 1e-9
-        assert abs(math.hypot(*found) - before) <= 5000.0 * dt + 1e-9 or not any(found)
-        before = math.hypot(*found)
+        force = node.step(contact(min(depth, 1e300), 500.0), None, pose, dt=dt).force
+        assert all(map(math.isfinite, force)) and math.hypot(*force) <= 9.0 + 1e-9
+        assert abs(math.hypot(*force) - before) <= 5000.0 * dt + 1e-9 or not any(force)
+        before = math.hypot(*force)
 
 
 @pytest.mark.parametrize("delay", [0, 2])

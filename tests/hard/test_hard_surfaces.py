@@ -27,27 +27,27 @@ def slab(width, thickness):
 def nearest(mesh, path, proxy):
     """Gap [m] (k), normals and foot points (k,3) along a path: by the proxy, or by the nearest point alone."""
     closest, rows = MeshClosestPoint(mesh), []
-    (work, found), kept = closest.scratch(), memory(mesh.vertices)
+    (work, nearest), kept = closest.scratch(), memory(mesh.vertices)
     for p in path:
         if proxy:
-            follow_mesh(*closest.tables.arrays, tuple(p.tolist()), 1e-4, work, found, kept)
+            follow_mesh(*closest.tables.arrays, tuple(p.tolist()), 1e-4, work, nearest, kept)
         else:
-            track_mesh(*closest.tables.arrays, *p.tolist(), 1e-4, work, found)
-        rows.append(found[:9].copy())
+            track_mesh(*closest.tables.arrays, *p.tolist(), 1e-4, work, nearest)
+        rows.append(nearest[:9].copy())
     rows = np.array(rows)
     return rows[:, 8], rows[:, 3:6], rows[:, :3]
 
 
 def press(mesh, proxy, mass=0.1, push=3.0, stiffness=300.0, dt=1e-3, speed=0.0):
     """Height [m] of a ball under a push onto a slab that answers in proportion to the depth."""
-    closest, (work, found) = MeshClosestPoint(mesh), MeshClosestPoint(mesh).scratch()
+    closest, (work, nearest) = MeshClosestPoint(mesh), MeshClosestPoint(mesh).scratch()
     kept, z, v, line = memory(mesh.vertices), 1e-3, -speed, []
     for _ in range(400):
         if proxy:
-            follow_mesh(*closest.tables.arrays, (1e-4, 2e-4, z), 1e-4, work, found, kept)
+            follow_mesh(*closest.tables.arrays, (1e-4, 2e-4, z), 1e-4, work, nearest, kept)
         else:
-            track_mesh(*closest.tables.arrays, 1e-4, 2e-4, z, 1e-4, work, found)
-        force = stiffness * max(-found[8], 0.0) * found[5]
+            track_mesh(*closest.tables.arrays, 1e-4, 2e-4, z, 1e-4, work, nearest)
+        force = stiffness * max(-nearest[8], 0.0) * nearest[5]
         v += dt * (force - push - 5.0 * v) / mass
         z += dt * v
         line.append(z)
@@ -130,8 +130,8 @@ def test_across_the_pole_and_the_seam_of_a_patch_the_foot_is_the_exact_one(azimu
     for lat in np.linspace(-0.3, 0.3, 31):
         up = np.array([np.sin(lat) * np.cos(azimuth), np.sin(lat) * np.sin(azimuth), np.cos(lat)])
         track(*closest.tables, *((0.02 + height) * up).tolist(), 1e-4, *scratch)
-        found = scratch[3]
-        assert found[8] == approx(height, abs=1e-9) and found[3:6] == approx(up, abs=1e-6)
+        nearest = scratch[3]
+        assert nearest[8] == approx(height, abs=1e-9) and nearest[3:6] == approx(up, abs=1e-6)
 
 
 def test_across_the_pole_the_proxy_follows_a_finger_inside():

@@ -39,8 +39,8 @@ def test_the_most_accurate_that_keeps_the_budget_or_the_cheapest_that_keeps_the_
     ("text", "share"), [("2 % force", (0.02, "force")), ("0.5% shape", (0.005, "shape")), ("3 %", (0.03, "force"))]
 )
 def test_an_error_is_a_share_of_a_quantity(text, share):
-    found, quantity = read_error(text)
-    assert (pytest.approx(found), quantity) == share
+    limit, quantity = read_error(text)
+    assert (pytest.approx(limit), quantity) == share
 
 
 @pytest.mark.parametrize("text", ["2", "force", "-1 % force", "2 % colour", "nan % force"])
@@ -55,9 +55,9 @@ def test_a_graph_without_a_body_is_told():
 
 
 def test_candidates_are_every_model_at_every_fidelity():
-    found = candidates(find("kidney").load())
-    assert len({json.dumps(c) for c in found}) == len(found) == 27
-    assert {"tissue.use": "deformation.MassSpring"} in found
+    all_of_them = candidates(find("kidney").load())
+    assert len({json.dumps(c) for c in all_of_them}) == len(all_of_them) == 27
+    assert {"tissue.use": "deformation.MassSpring"} in all_of_them
 
 
 def test_what_is_written_is_a_launch_file_with_the_choice(tmp_path):

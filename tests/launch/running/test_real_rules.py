@@ -74,16 +74,16 @@ def test_an_input_that_a_node_can_do_without_is_absent_beyond_its_age():
             made = slot("Spread", ("force", {}), ("friction", {"optional": True, "waits": False}))
             put(made, 0, FORCE, 100)
             put(made, 1, FORCE, 100 - age)
-            found = real._gather(worker(links=links), made, 100, 0, leading=True)
-            assert found is not None and (found[1] is None) == absent
+            gathered = real._gather(worker(links=links), made, 100, 0, leading=True)
+            assert gathered is not None and (gathered[1] is None) == absent
 
 
 @pytest.mark.parametrize(("age", "absent"), [(9, False), (10, True)])
 def test_a_device_is_without_torque_beyond_its_own_age(age, absent):
     made = slot("Source", ("torque", {"loop": True, "optional": True}))
     put(made, 0, TORQUE, 100 - age)
-    found = real._gather(worker(links=5), made, 100, 0, leading=True)
-    assert found is not None and (found[0] is None) == absent
+    gathered = real._gather(worker(links=5), made, 100, 0, leading=True)
+    assert gathered is not None and (gathered[0] is None) == absent
 
 
 @pytest.mark.parametrize(
@@ -91,8 +91,8 @@ def test_a_device_is_without_torque_beyond_its_own_age(age, absent):
     [(0, 1, False, 0), (1, 1, False, 1), (1, 1, True, 0), (2, 1, True, 1), (0, 10, False, 0)],
 )
 def test_only_what_is_older_than_the_tick_asks_for_counts_as_held(age, every, loop, held):
-    made, found = drag(age, every, loop)
-    assert found is not None and made.health.held == held
+    made, gathered = drag(age, every, loop)
+    assert gathered is not None and made.health.held == held
 
 
 def test_a_step_waits_for_its_inputs_until_the_deadline_and_no_longer(monkeypatch):
@@ -110,8 +110,8 @@ def test_a_step_waits_for_its_inputs_until_the_deadline_and_no_longer(monkeypatc
             if clock[0] == comes:
                 put(made, 1, FORCE, 100)
 
-        found = real._gather(worker(wait=wait), made, 100, 5 * MS, leading=True)
-        return [message.tick for message in found], clock[0]
+        gathered = real._gather(worker(wait=wait), made, 100, 5 * MS, leading=True)
+        return [message.tick for message in gathered], clock[0]
 
     assert gather(3 * MS, True) == ([100, 100], 3 * MS)
     assert gather(None, True) == ([100, 99], 5 * MS)

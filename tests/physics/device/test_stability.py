@@ -58,9 +58,9 @@ def test_the_simulated_loop_ends_at_the_poles_to_three_per_cent(delay, damping, 
 
 @pytest.mark.parametrize("delay", [0, 1, 3])
 def test_the_passive_bound_is_the_closed_one_and_lies_below_the_stable_one(delay):
-    found = passive_stiffness(0.0, 0.5, 1e-3, delay)
-    assert delayed_damping(found, 1e-3, delay) == approx(0.5, rel=1e-5)
-    assert found <= stable_stiffness(0.0, 0.1, 0.5, 1e-3, delay) * 1.01
+    stiffness = passive_stiffness(0.0, 0.5, 1e-3, delay)
+    assert delayed_damping(stiffness, 1e-3, delay) == approx(0.5, rel=1e-5)
+    assert stiffness <= stable_stiffness(0.0, 0.1, 0.5, 1e-3, delay) * 1.01
     # With damping the two part: a wall can be stable and yet feed a hand.
     assert passive_stiffness(0.3, 0.5, 1e-3, delay) < 0.9 * stable_stiffness(0.3, 0.1, 0.5, 1e-3, delay)
 
