@@ -11,12 +11,14 @@ import select
 import signal
 import time
 import uuid
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Sequence
 
 import msgspec
 import zmq
 
+from palpate.launch.running.barrier import Barrier
 from palpate.launch.running.clock import now
+from palpate.launch.running.ending import Ending
 from palpate.launch.running.forkserver import ForkServer
 from palpate.launch.running.interrupts import interrupts
 from palpate.launch.running.job import Job, members
@@ -25,8 +27,6 @@ from palpate.launch.running.member import Member, stopped
 from palpate.launch.running.reports import (
     Alive,
     Beat,
-    Close,
-    Connect,
     Done,
     End,
     Exited,
@@ -39,10 +39,8 @@ from palpate.launch.running.reports import (
     Note,
     Paused,
     Prepare,
-    Quit,
     Ready,
     Report,
-    Source,
     Start,
     Started,
     Starting,
@@ -51,9 +49,8 @@ from palpate.launch.running.reports import (
 )
 from palpate.launch.running.result import Death, Result
 from palpate.launch.running.watchdog import START_PATIENCE
-from palpate.launch.running.wires import Wires, heard, listeners, muted, pairs
+from palpate.launch.running.wires import Wires, muted, pairs
 
-STOP_PATIENCE = 3.0  # [s] for the workers to end once they were told
 HEAD_START = 40_000_000  # [ns] from the order to go to tick 0: every worker has heard it by then
 BEAT = 0.5  # [s] between signs of life for workers on other machines
 GRACE = 0.1  # [s] that the others go on after a node died on the real clock: the device gets its zero force
@@ -100,11 +97,8 @@ class Launcher:
         self.phase = "starting"
         self._real = any(job.clock == "real" for job in jobs)
         self._interrupts = self._heeded = 0
-        self._quit_at: float | None = None
-        self._deadline: float | None = None
         self._started: float | None = None
         self._ended = 0.0
-        self._closed = False
         self._tail: list[str] = []
         self._beat = 0.0
         try:
@@ -112,6 +106,8 @@ class Launcher:
         except OSError:
             self.forkserver.close()
             raise
+        self._barrier = Barrier(self.members, self._wires)
+        self._ending = Ending(self.members, self._wires, self.forkserver, self._real)
         for group in joined:
             self._wires.expect(group)
             self.members[group].busy = f"{group} (palpate join {address} {group})"
@@ -171,11 +167,8 @@ class Launcher:
 
     def _turn(self) -> None:
         ready = dict(self._poller.poll(100))
-        for group in self._wires.new():
-            member = self.members[group]
-            if member.early is not None:
-                early, member.early = member.early, None
-                self._ready(member, early)
+        for member, report in self._barrier.early():
+            self._ready(member, report)
         for _ in range(MOST_REPORTS):
             if not self._next_report():
                 break
@@ -209,7 +202,7 @@ class Launcher:
     def _take(self, member: Member, report: Report) -> None:
         if member.state == "gone" and not isinstance(report, Alive):
             return  # overtaken by the end of its process, which says the same
-        if not self._closed or not isinstance(report, Alive) or self._progress(report):
+        if not self._ending.closed or not isinstance(report, Alive) or self._progress(report):
             member.heard()
         match report:
             case Hello():
@@ -237,7 +230,7 @@ class Launcher:
                 member.delivers, member.orderly = True, orderly
                 if member.alive:
                     member.state = "done"
-                    self._after_end()
+                    self._ending.follow()
                 self._left(member)
 
     def _progress(self, report: Alive) -> bool:
@@ -252,35 +245,20 @@ class Launcher:
             self._is_gone(member)
 
     def _ready(self, member: Member, report: Ready) -> None:
-        if not self._wires.hears(member.job.group):  # its report has overtaken its subscription
-            member.early = report
+        if not self._barrier.ready(member, report):
             return
-        member.endpoints, member.secured = report.endpoints, report.secured
-        member.busy, member.state = "", "ready"
         if self._real and not any(lead.alive for lead in self._leads()):
             self._wires.tell(member.job.group, Stop())  # started again too late: the run has ended meanwhile
         self.result.notes += [n for n in report.refused if n not in self.result.notes]
         if self.phase == "running":
-            self._link(member)
-        elif all(other.state == "ready" for other in self.members.values()):
+            self._barrier.link(member)
+        elif self._barrier.all("ready"):
             self.phase = "linking"
-            for each in self.members.values():
-                self._link(each)
-
-    def _link(self, member: Member) -> None:
-        others = {group: job for group, job in self.jobs.items() if group != member.job.group}
-        sources = []
-        for group, outlet, streams in heard(member.job, others):
-            other = self.members[group]
-            if other.endpoints:
-                # The local address where both are on one machine, else the one that the network reaches.
-                address = other.endpoints[outlet][0 if member.joined == other.joined else -1]
-                sources.append(Source(group, address, tuple(streams), outlet == "observers", other.secured))
-        self._wires.tell(member.job.group, Connect(tuple(sources), listeners(member.job, others)))
+            self._barrier.link_all()
 
     def _linked(self, member: Member) -> None:
         member.state = "linked"
-        if self.phase == "linking" and all(other.state == "linked" for other in self.members.values()):
+        if self.phase == "linking" and self._barrier.all("linked"):
             self._go()
         elif self.phase == "running":
             self._back(member)
@@ -316,21 +294,20 @@ class Launcher:
         """Tell the others, so that their inputs from this group become None; then end the run, or start it again."""
         dead = {node.name for node in member.job.nodes}
         self._tell_gone(dead)
-        again = self._real and self.phase == "running" and dead and dead <= self.restart and self._deadline is None
+        again = self._real and self.phase == "running" and dead and dead <= self.restart and not self._ending.near
         if again:
             member.state = "restarting"
         elif dead or self.phase != "running":
             self._end_after(GRACE if self.phase == "running" and self._real else 0.0)
 
+    def _end_after(self, seconds: float) -> None:
+        if not self._ending.near and self.phase == "running":
+            self.phase = "ending"
+        self._ending.quit_after(seconds)
+
     def _tell_gone(self, nodes: set[str], back: bool = False) -> None:
         mute = muted(self.jobs.values(), nodes)
         self._wires.tell("*", Gone(tuple(sorted(nodes)), tuple(sorted(mute)), back))
-
-    def _end_after(self, seconds: float) -> None:
-        if self._deadline is None:
-            self.phase = "ending" if self.phase == "running" else self.phase
-            self._quit_at = time.monotonic() + seconds
-            self._deadline = self._quit_at + STOP_PATIENCE
 
     def _answer(self, answer: Started | Exited) -> None:
         member = self.members[answer.group]
@@ -356,21 +333,7 @@ class Launcher:
     def _is_gone(self, member: Member) -> None:
         member.state = "gone"
         self._ended = time.monotonic()
-        self._after_end()
-
-    def _after_end(self) -> None:
-        """When the paced workers are gone the rest has nothing to follow; when all nodes have ended, the observers.
-
-        A worker whose nodes have ended stays until the observers have what it holds for them.
-        """
-        left = [m for m in self.members.values() if not (m.state == "gone" or (m.state == "done" and m.orderly))]
-        if self._real and not any(member.job.leads for member in left):
-            self._wires.tell("*", Stop())
-        if not any(member.job.nodes for member in left):
-            lost = [group for group, member in self.members.items() if not member.orderly and member.state == "gone"]
-            self._closed = True
-            self._wires.tell("*", Close(tuple(lost)))
-            self._deadline = None if left else time.monotonic() + STOP_PATIENCE
+        self._ending.follow()
 
     def _leads(self) -> list[Member]:
         return [member for member in self.members.values() if member.job.leads]
@@ -384,29 +347,22 @@ class Launcher:
         """The first Ctrl-C stops the run in order, a second one at once."""
         self._heeded = self._interrupts
         if self.result.interrupted:
-            self._kill_rest()
+            self._ending.kill()
             return
         self.result.interrupted = True
         if self.phase in ("starting", "linking"):
             self._end_after(0.0)
         else:
             self.phase = "ending"
-            self._wires.tell("*", Stop())
-            self._deadline = time.monotonic() + STOP_PATIENCE
+            self._ending.stop()
 
     def _check_time(self) -> None:
         moment = time.monotonic()
         if self.address and moment - self._beat > BEAT:
             self._beat = moment
             self._wires.tell("*", Beat())
-        if self._quit_at is not None and moment >= self._quit_at:
-            self._quit_at = None
-            self._wires.tell("*", Quit())
-            if self.phase in ("starting", "linking"):
-                self._deadline = moment + 0.5
-        if self._deadline is not None and moment >= self._deadline:
-            self._kill_silent()
-        if self._deadline is None:
+        self._ending.check(begun=self.phase not in ("starting", "linking"))
+        if not self._ending.near:
             self._check_hung()
 
     def _check_hung(self) -> None:
@@ -425,18 +381,3 @@ class Launcher:
             self._died(member, Fault(nodes, where, text, "\n".join(self._tail[-12:])))
             self.forkserver.ask(Kill(group, int(signal.SIGKILL)))
             self._left(member)
-
-    def _kill_silent(self) -> None:
-        """Those that do not end although they were told, and who give no sign that they are about to. Nobody is left
-        to hear those whose nodes have ended."""
-        last = all(member.delivers or member.state == "gone" for member in self.members.values())
-        silent = {g for g, it in self.members.items() if not it.delivers and it.silence() > STOP_PATIENCE}
-        self._kill_rest(None if last else silent)
-
-    def _kill_rest(self, only: Collection[str] | None = None) -> None:
-        for group, member in self.members.items():
-            if member.state != "gone" and (only is None or group in only):
-                self.forkserver.ask(Kill(group, int(signal.SIGKILL)))
-                member.state = "killed" if member.state not in ("done", "failed") else member.state
-                if member.pid is None:
-                    member.state = "gone"
