@@ -22,7 +22,7 @@ from pathlib import Path
 
 from fe_hertz import indented
 from fe_peers import MISSING
-from tables import show
+from tables import tell
 
 SOLVERS = {
     "block": ("palpate", "felupe", "felupe-cholmod", "calculix"),
@@ -81,11 +81,7 @@ def main() -> None:
             tables[problem] = against_peers(problem, count)
     if given.only in (None, "hertz"):
         tables["hertz"] = hertz()
-    if given.json:
-        json.dump(tables, sys.stdout, indent=2)
-    else:
-        for title, rows in tables.items():
-            show(title, rows)
+    tell(tables, given.json)
 
 
 if __name__ == "__main__":

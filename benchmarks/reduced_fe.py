@@ -11,10 +11,8 @@ Times of a step against a load step of that solver. Takes some minutes on one co
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import pickle
-import sys
 import time
 from pathlib import Path
 
@@ -23,7 +21,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.optimize import brentq
-from tables import show
+from tables import tell
 
 from palpate.fe.meshing.organ import Organ
 from palpate.fe.reduce.dents import press, sticking
@@ -204,11 +202,7 @@ def main() -> None:
         "pressing against fe.Solver": against,
         "times": times(node, touches[0], seconds),
     }
-    if given.json:
-        json.dump(shown, sys.stdout, indent=2)
-    else:
-        for title, rows in shown.items():
-            show(title, rows, digits=2)
+    tell(shown, given.json, digits=2)
 
 
 if __name__ == "__main__":

@@ -11,9 +11,7 @@ Some minutes on one core, nearly all of it for the full model.
 from __future__ import annotations
 
 import argparse
-import json
 import os
-import sys
 import time
 from collections.abc import Callable
 
@@ -21,6 +19,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
+from tables import tell
 
 from palpate.fe.meshing.fingertip import Fingertip
 from palpate.fe.reduce.holdout import settled
@@ -133,18 +132,6 @@ def timed(node: ReducedFE, full_seconds: float, way: Callable[[float], tuple[flo
     }
 
 
-def show(title: str, rows: list[Row]) -> None:
-    from rich.console import Console
-    from rich.table import Table
-
-    table = Table(title=title, title_justify="left", box=None, padding=(0, 1))
-    for name in rows[0]:
-        table.add_column(name, justify="right")
-    for row in rows:
-        table.add_row(*(f"{c:.3g}" if isinstance(c, float) else str(c) for c in row.values()))
-    Console().print(table)
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--touches", type=int, default=6)
@@ -167,11 +154,7 @@ def main() -> None:
             {"modes": basis.modes.shape[1], "points": len(basis.points.kinds), "of": 4 * len(full.mesh.elements)}
         ],
     }
-    if given.json:
-        json.dump(shown, sys.stdout, indent=2)
-    else:
-        for title, rows in shown.items():
-            show(title, rows)
+    tell(shown, given.json, digits=3)
 
 
 if __name__ == "__main__":

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import json
+import sys
+
 from rich.console import Console
 from rich.table import Table
 
@@ -16,3 +19,12 @@ def show(title: str, rows: list[dict[str, object]], digits: int = 4) -> None:
         cells = ["" if row.get(name) is None else row[name] for name in names]
         table.add_row(*(f"{cell:.{digits}g}" if isinstance(cell, float) else str(cell) for cell in cells))
     Console().print(table)
+
+
+def tell(tables: dict[str, list[dict[str, object]]], as_json: bool, digits: int = 4) -> None:
+    """Print tables by title, as text or as JSON."""
+    if as_json:
+        json.dump(tables, sys.stdout, indent=2)
+        return
+    for title, rows in tables.items():
+        show(title, rows, digits)

@@ -12,9 +12,7 @@ linear organ. Some minutes on one core.
 from __future__ import annotations
 
 import argparse
-import json
 import os
-import sys
 from dataclasses import replace
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
@@ -22,7 +20,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 import beside  # noqa: F401
 import numpy as np
 from scipy.spatial import Delaunay
-from tables import show
+from tables import tell
 
 from palpate.fe import Rigid, Settings, Solver, neo_hooke, quadratic, sphere
 from palpate.fe.element.mesh import bricks, grid
@@ -136,11 +134,7 @@ def main() -> None:
         "a pressure that keeps its direction": [row for spacing in SPACINGS for row in pressed(spacing)],
         "a rigid ball": balls(),
     }
-    if given.json:
-        json.dump(shown, sys.stdout, indent=2)
-    else:
-        for title, rows in shown.items():
-            show(title, rows, digits=2)
+    tell(shown, given.json, digits=2)
 
 
 if __name__ == "__main__":

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from typing import Any
 
 from palpate.drivers.errors import DeviceError
 from palpate.drivers.guard import Sample
 from palpate.drivers.hid.descriptor import AXES, BUTTON, DESKTOP, GAMEPADS, Field, fields
+from palpate.drivers.hid.sender import Sender
 from palpate.drivers.limits import LIMITS
-from palpate.drivers.transport.hid import Hid
 
 NAME = "gamepad"
-PATIENCE = 0.02  # [s] it may be silent while nobody touches it
 
 
 def fits(entry: dict[str, Any]) -> bool:
@@ -21,16 +19,12 @@ def fits(entry: dict[str, Any]) -> bool:
     return entry.get("usage_page") == DESKTOP and entry.get("usage") in GAMEPADS
 
 
-class Gamepad:
+class Gamepad(Sender):
     """A gamepad. `position` of its samples: the axes X, -Y, -Rz (or -Z) in -1 .. 1: left stick right and away, right
     stick up. `buttons`: the first 32."""
 
     limits = LIMITS["gamepad"]
-    size = 0
-
-    def __init__(self, connect: Callable[[], Hid]) -> None:
-        self.connect = connect
-        self.device: Hid | None = None
+    name = NAME
 
     def open(self) -> None:
         self.device = self.connect()
@@ -56,17 +50,7 @@ class Gamepad:
                 self.buttons = self.buttons | 1 << i if pressed else self.buttons & ~(1 << i)
 
     def cycle(self, command: tuple[float, ...]) -> Sample | None:
-        if self.device is None:
-            raise DeviceError(f"the {NAME} is not open", lost=True)
-        report = self.device.read(64, PATIENCE)
-        while report:
-            self.take(report)
-            report = self.device.read(64, 0.001)
+        self.listen()
         third = AXES[5] if AXES[5] in self.axes else AXES[2]
         x, y, z = (self.values.get(usage, 0.0) for usage in (AXES[0], AXES[1], third))
         return Sample(time.monotonic_ns(), position=(x, -y, -z), buttons=self.buttons)
-
-    def close(self) -> None:
-        if self.device is not None:
-            device, self.device = self.device, None
-            device.close()

@@ -9,18 +9,15 @@ from __future__ import annotations
 
 import struct
 import time
-from collections.abc import Callable
 from typing import Any
 
-from palpate.drivers.errors import DeviceError
 from palpate.drivers.guard import Sample
+from palpate.drivers.hid.sender import Sender
 from palpate.drivers.limits import LIMITS
-from palpate.drivers.transport.hid import Hid
 
 NAME = "SpaceMouse"
 FULL = 350.0
 SIGNS = (1.0, -1.0, -1.0, -1.0, -1.0, 1.0)
-PATIENCE = 0.02  # [s] it is silent while nobody touches it
 OLD = {0xC603, 0xC605, 0xC606, 0xC621, 0xC623, 0xC625, 0xC626, 0xC627, 0xC628, 0xC629, 0xC62B}
 """Products of Logitech's time, vendor 046D, which has many mice of the ordinary kind."""
 
@@ -32,15 +29,11 @@ def fits(entry: dict[str, Any]) -> bool:
     return entry["vendor_id"] == 0x046D and entry["product_id"] in OLD
 
 
-class SpaceMouse:
+class SpaceMouse(Sender):
     """The mouse. `position` of its samples: deflection [1] (3), about -1 to 1; `joints`: rotation [1] (3), likewise."""
 
     limits = LIMITS["spacemouse"]
-    size = 0
-
-    def __init__(self, connect: Callable[[], Hid]) -> None:
-        self.connect = connect
-        self.device: Hid | None = None
+    name = NAME
 
     def open(self) -> None:
         self.axes = [0.0] * 6
@@ -58,18 +51,8 @@ class SpaceMouse:
             self.buttons = int.from_bytes(report[1:5], "little")
 
     def cycle(self, command: tuple[float, ...]) -> Sample | None:
-        if self.device is None:
-            raise DeviceError(f"the {NAME} is not open", lost=True)
-        report = self.device.read(64, PATIENCE)
-        while report:
-            self.take(report)
-            report = self.device.read(64, 0.001)
+        self.listen()
         return Sample(time.monotonic_ns(), tuple(self.axes[3:]), tuple(self.axes[:3]), self.buttons)
-
-    def close(self) -> None:
-        if self.device is not None:
-            device, self.device = self.device, None
-            device.close()
 
 
 def reports(axes: tuple[int, ...], buttons: int, together: bool) -> list[bytes]:

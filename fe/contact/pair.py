@@ -32,18 +32,25 @@ def _face_shape(x, y, value, slope):
 
 
 @numba.njit(cache=True)
+def _place(x, y, points, face, shape, frame):
+    """Fill a point of a face [m] (3) and its derivatives by x and y [m] (3), and the shape functions there."""
+    (value, slope), (at, e1, e2) = shape, frame
+    _face_shape(x, y, value, slope)
+    at[:], e1[:], e2[:] = 0.0, 0.0, 0.0
+    for a in range(6):
+        for i in range(3):
+            at[i] += value[a] * points[face[a], i]
+            e1[i] += slope[a, 0] * points[face[a], i]
+            e2[i] += slope[a, 1] * points[face[a], i]
+
+
+@numba.njit(cache=True)
 def _project(point, points, face, value, slope, normal):
     """Nearest point of a face by Gauss-Newton, held in the triangle: distance, and its part along the normal."""
     x, y = 1.0 / 3.0, 1.0 / 3.0
     at, e1, e2 = np.zeros(3), np.zeros(3), np.zeros(3)
     for _ in range(20):
-        _face_shape(x, y, value, slope)
-        at[:], e1[:], e2[:] = 0.0, 0.0, 0.0
-        for a in range(6):
-            for i in range(3):
-                at[i] += value[a] * points[face[a], i]
-                e1[i] += slope[a, 0] * points[face[a], i]
-                e2[i] += slope[a, 1] * points[face[a], i]
+        _place(x, y, points, face, (value, slope), (at, e1, e2))
         r = point - at
         a11, a12, a22 = np.dot(e1, e1), np.dot(e1, e2), np.dot(e2, e2)
         b1, b2 = np.dot(e1, r), np.dot(e2, r)
@@ -68,13 +75,7 @@ def _project(point, points, face, value, slope, normal):
         x, y = new_x, new_y
         if moved < 1e-12:
             break
-    _face_shape(x, y, value, slope)
-    at[:], e1[:], e2[:] = 0.0, 0.0, 0.0
-    for a in range(6):
-        for i in range(3):
-            at[i] += value[a] * points[face[a], i]
-            e1[i] += slope[a, 0] * points[face[a], i]
-            e2[i] += slope[a, 1] * points[face[a], i]
+    _place(x, y, points, face, (value, slope), (at, e1, e2))
     n = np.cross(e1, e2)
     n /= max(np.sqrt(np.dot(n, n)), 1e-300)
     normal[:] = n

@@ -61,13 +61,9 @@ class Fingertip(Layers):
     whole = False
 
     def __post_init__(self) -> None:
-        sizes = (self.bone, self.subcutis, self.dermis, self.epidermis, self.nail, self.phalanx, *self.plate)
-        if not all(np.isfinite(sizes)) or min(sizes) <= 0:
-            raise MeshError(f"fingertip: found sizes {sizes} m, expected positive ones")
-        if not 0.0 <= self.tilt <= np.pi / 4:
-            raise MeshError(f"fingertip: tilt {self.tilt} rad, expected 0 ... pi/4")
-        if self.cells < 3:
-            raise MeshError(f"fingertip: cells {self.cells}, expected 3 or more")
+        self.check(
+            "fingertip", self.bone, self.subcutis, self.dermis, self.epidermis, self.nail, self.phalanx, *self.plate
+        )
 
     @cached_property
     def radii(self) -> np.ndarray:

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from palpate.fe.element.mesh import TetMesh, bricks, edge_nodes, grid
+from palpate.fe.element.mesh import MeshError, TetMesh, bricks, edge_nodes, grid
 
 BONE, SUBCUTIS, DERMIS, EPIDERMIS, NAIL, PLATE = range(6)
 REGIONS = ("bone", "subcutis", "dermis", "epidermis", "nail", "plate")
@@ -105,14 +105,25 @@ def directions(box: np.ndarray) -> np.ndarray:
 class Layers(ABC):
     """A meshed finger. World frame: z up from the plate, origin where it first touches, the tip towards -y.
 
-    cells  elements across an eighth of the circumference
+    tilt   [rad] between axis and plate
+    cells  elements across an eighth of the circumference, 3 and more
     plate  [m] half-widths of a deformable plate and its thickness
     whole  whether both sides are meshed, or half of it, x >= 0
     """
 
+    tilt: float
     cells: int
     plate: tuple[float, float]
     whole: bool
+
+    def check(self, finger: str, *sizes: float) -> None:
+        """MeshError: one of the sizes [m], the tilt or the fineness is out of range."""
+        if not all(np.isfinite(sizes)) or min(sizes) <= 0:
+            raise MeshError(f"{finger}: found sizes {sizes} m, expected positive ones")
+        if not 0.0 <= self.tilt <= np.pi / 4:
+            raise MeshError(f"{finger}: tilt {self.tilt} rad, expected 0 ... pi/4")
+        if self.cells < 3:
+            raise MeshError(f"{finger}: cells {self.cells}, expected 3 or more")
 
     @property
     @abstractmethod

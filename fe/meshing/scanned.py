@@ -55,13 +55,7 @@ class Scanned(Layers):
     whole = True
 
     def __post_init__(self) -> None:
-        sizes = (self.dermis, self.epidermis, self.nail, self.phalanx, *self.plate)
-        if not all(np.isfinite(sizes)) or min(sizes) <= 0:
-            raise MeshError(f"scanned finger: found sizes {sizes} m, expected positive ones")
-        if not 0.0 <= self.tilt <= np.pi / 4:
-            raise MeshError(f"scanned finger: tilt {self.tilt} rad, expected 0 ... pi/4")
-        if self.cells < 3:
-            raise MeshError(f"scanned finger: cells {self.cells}, expected 3 or more")
+        self.check("scanned finger", self.dermis, self.epidermis, self.nail, self.phalanx, *self.plate)
 
     def describe(self) -> dict[str, Any]:
         """Its dimensions and fineness, and a digest of what was measured."""

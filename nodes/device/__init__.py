@@ -3,7 +3,8 @@
 from typing import Any
 
 from palpate.nodes.base.room import class_of
-from palpate.nodes.device.simulated import Segment, Simulated
+from palpate.nodes.device.hand import Segment
+from palpate.nodes.device.simulated import Simulated
 
 __all__ = ["Segment", "Simulated"]
 

@@ -5,19 +5,16 @@ from __future__ import annotations
 from typing import Annotated, ClassVar
 
 import msgspec
-import numpy as np
 
 from palpate.drivers.emulate.hand import Script
 from palpate.drivers.exchange import Driver
 from palpate.drivers.guard import Guard, Sample
-from palpate.messages import DeviceState, Vector3
+from palpate.messages import DeviceState
 from palpate.nodes.base.wired import Wired
-from palpate.nodes.device.simulated import Segment
-from palpate.physics.device.falcon import HOME
-from palpate.physics.device.grip import LINEAR, MINIMUM_JERK
+from palpate.nodes.device.hand import Hand
 
 
-class Hardware(Wired):
+class Hardware(Hand, Wired):
     """A device at the machine. Its commands pass the limits of `drivers/limits.py` last of all. Settings of all:
 
     deadman  mask of buttons of which one has to be held for any force; 0: none
@@ -31,28 +28,15 @@ class Hardware(Wired):
     deadman: Annotated[int, "1", msgspec.Meta(ge=0)] = 0
     ramp: Annotated[Annotated[float, msgspec.Meta(ge=0, le=60)] | None, "s"] = None
 
-    begin: Annotated[Vector3, "m"] = HOME
-    path: Annotated[tuple[Segment, ...], "1"] = ()
-    origin: Annotated[Vector3, "m"] = (0.0, 0.0, 0.0)
-    mass: Annotated[float, "kg", msgspec.Meta(gt=0)] = 0.2
-    damping: Annotated[float, "N s/m", msgspec.Meta(ge=0)] = 0.2
-    hand_stiffness: Annotated[float, "N/m", msgspec.Meta(ge=0)] = 500.0
-    hand_damping: Annotated[float, "N s/m", msgspec.Meta(ge=0)] = 10.0
-
     def guard(self, driver: Driver) -> Guard:
         return Guard(driver.limits, self.deadman, self.ramp)
 
     def script(self) -> Script:
         """The way of an emulated hand."""
-        points, here = [self.begin], self.begin
-        ox, oy, oz = self.origin
-        for segment in self.path:
-            here = segment.to or here
-            points.append(here)
         return Script(
-            points=tuple((x - ox, y - oy, z - oz) for x, y, z in points),
-            ends=tuple(np.cumsum([s.duration for s in self.path], dtype=float).tolist()),
-            shapes=tuple(LINEAR if s.shape == "linear" else MINIMUM_JERK for s in self.path),
+            points=tuple(map(tuple, self.points().tolist())),
+            ends=tuple(self.ends().tolist()),
+            shapes=tuple(self.shapes().tolist()),
             buttons=tuple(s.buttons for s in self.path),
             mass=self.mass,
             drag=self.damping,
