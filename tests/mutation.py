@@ -26,7 +26,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 ROOT = Path(__file__).parent.parent
-PACKAGES = ("drivers", "fe", "fit", "graphs", "launch", "messages", "nodes", "physics", "scan")
+PACKAGES = ("bench", "drivers", "fe", "fit", "graphs", "launch", "messages", "nodes", "physics", "public", "scan")
 RUNS = ("test_real_clock", "test_run", "test_bad_runs", "test_start_barrier", "test_carrier", "test_replay")
 PATIENCE = 600  # [s] for the tests of one mutant; one that hangs is noticed
 SWAPS: dict[type, type] = {

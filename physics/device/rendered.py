@@ -82,7 +82,7 @@ def slope(gauge, force, way, span):
     gauge[DEPTH] += way
     length = gauge[DEPTH] - gauge[FROM]
     first = gauge[FROM] == 0.0 and gauge[AT] == 0.0
-    if abs(length) >= span or (first and length > 0.0):
+    if length != 0.0 and (abs(length) >= span or (first and length > 0.0)):  # exact positions: span is 0
         gauge[SLOPE] = max((force - gauge[AT]) / length, 0.0)
     if abs(length) >= span:
         gauge[FROM], gauge[AT] = gauge[DEPTH], force

@@ -1,0 +1,110 @@
+"""The kernel of the controller alone: the same when the scene is turned, damped on the way out, and what is booked."""
+
+import math
+
+import numpy as np
+import pytest
+from pytest import approx
+from scipy.spatial.transform import Rotation
+
+from palpate.physics.device.controller import ENERGY, buffers, haptic, observe
+from palpate.physics.device.rendered import LEAP, SHARE, compensation, stiffest
+
+T, MASS, DRAG, COUNT = 1e-3, 0.1, 0.2, 60e-6
+
+
+def gains(resolution=0.0, passive=True) -> np.ndarray:
+    return np.array([0.0, 0.0, 0.0, 60e-6, MASS, DRAG, 1e6, 1e9, resolution, 1.0, float(passive)])
+
+
+def run(path, stiffness, delay=0, turn=None, friction=0.0, resolution=0.0):
+    """Forces [N] (k,3) and energies [J] on a plane z = 0 that pushes along z with `stiffness`, and drags along x by
+    `friction` of that; all of it turned by `turn`, the answer turned back."""
+    turn = np.eye(3) if turn is None else turn
+    state, past = buffers(delay)
+    forces, energies = [], []
+    n = tuple(turn @ (0.0, 0.0, 1.0))
+    for point in path:
+        depth = max(-point[2], 0.0)
+        push = stiffness * depth
+        along = tuple(turn @ (friction * push, 0.0, 0.0))
+        place = tuple(turn @ point)
+        *force, _, energy = haptic(gains(resolution), state, past, push, n, along, depth, place, (0.0, 0.0, 0.0), T)
+        forces.append(turn.T @ force)
+        energies.append(energy)
+    return np.array(forces), np.array(energies)
+
+
+def strokes() -> np.ndarray:
+    """In and out again three times, ever faster, while going sideways [m]."""
+    t = np.arange(600) * T
+    depth = -2e-3 * np.sin(2 * math.pi * (4 * t + 10 * t * t))
+    return np.stack([3e-3 * np.sin(15 * t), 2e-3 * np.cos(23 * t), depth], axis=1)
+
+
+@pytest.mark.parametrize("delay", [0, 2])
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_turned_scene_gets_the_turned_force(delay, seed):
+    turn = Rotation.random(random_state=seed).as_matrix()
+    straight, energy = run(strokes(), 2000.0, delay, friction=0.3)
+    turned, turned_energy = run(strokes(), 2000.0, delay, turn, friction=0.3)
+    assert np.abs(straight).max() > 0.4
+    assert turned == approx(straight, abs=1e-9 * np.abs(straight).max())
+    assert turned_energy == approx(energy, abs=1e-12)
+
+
+@pytest.mark.parametrize(("delay", "stiffness"), [(0, 2000.0), (1, 400.0), (3, 120.0)])
+def test_on_the_way_out_the_force_is_that_of_the_law_less_the_damping(delay, stiffness):
+    """F = K s - B v with B = 4 max(0, K t - b/2), t = T (d + 1/2), once the speed is known; in, the law alone."""
+    speed, steps = 0.05, 60
+    depth = np.concatenate([np.arange(1, steps), np.arange(steps, 0, -1)]) * speed * T
+    forces, _ = run(np.stack([0 * depth, 0 * depth, -depth], axis=1), stiffness, delay)
+    law = stiffness * depth
+    assert forces[: steps - 1, 2] == approx(law[: steps - 1], rel=1e-9)
+    out = slice(steps + delay + 15, 2 * steps - 15)
+    damping = compensation(stiffness, T * (delay + 0.5), DRAG)
+    assert damping == approx(4.0 * max(stiffness * T * (delay + 0.5) - 0.1, 0.0)) and damping > 0.1
+    assert (law - forces[:, 2])[out] == approx(damping * speed, rel=1e-6)
+
+
+def test_the_stiffest_slope_is_that_of_its_formula():
+    lag = 0.5 * T
+    assert stiffest(MASS, DRAG, 0.0, lag) == approx(DRAG / lag + SHARE * MASS / lag**2)
+    assert stiffest(MASS, DRAG, 0.0, lag) == approx(400.0 + 4000.0)
+    assert stiffest(MASS, DRAG, COUNT, lag) == approx(LEAP / COUNT)
+    assert SHARE == 0.01 and LEAP == 0.25
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+@pytest.mark.parametrize("way", [1.0, -1.0])
+def test_a_way_back_of_one_count_is_not_booked_and_a_longer_one_is(axis, way):
+    """E <- E - F.dx, in whichever direction the finger goes."""
+    push = np.array([0.3, -0.7, 1.1])
+    step = np.zeros(3)
+    step[axis] = way * COUNT
+    state, _ = buffers(0)
+    for count in (1, 2, 3):
+        observe(state, push, *(count * step), T, COUNT)
+    inward = -3 * push @ step
+    assert state[ENERGY, 0] == approx(inward)
+    for count in (2, 3, 2, 3):
+        assert observe(state, push, *(count * step), T, COUNT) == (0.0, 0.0, 0.0)
+    assert state[ENERGY, 0] == approx(inward)
+    velocity = observe(state, push, *(1 * step), T, COUNT)
+    assert velocity == approx(-2 * step / (5 * T))  # two counts, over the five steps since the last movement
+    assert state[ENERGY, 0] == approx(-push @ step)
+
+
+@pytest.mark.parametrize("resolution", [0.0, COUNT])
+def test_a_finger_at_rest_keeps_its_force(resolution):
+    deep = np.concatenate([np.linspace(0.0, 1e-3, 30), np.full(50, 1e-3)])
+    forces, _ = run(np.stack([0 * deep, 0 * deep, -deep], axis=1), 500.0, resolution=resolution)
+    assert forces[30:, 2] == approx(0.5, rel=1e-9)
+
+
+def test_an_absurd_step_gives_no_force_and_the_next_one_goes_on():
+    state, past = buffers(0)
+    up, still = (0.0, 0.0, 1.0), (0.0, 0.0, 0.0)
+    for place in ((0.0, 0.0, -1e-3), (0.0, 0.0, math.inf), (0.0, 0.0, -1e-3)):
+        fx, fy, fz, touching, _ = haptic(gains(), state, past, 0.5, up, still, 1e-3, place, still, T)
+        assert (fx, fy) == (0.0, 0.0) and fz == (0.0 if math.isinf(place[2]) else approx(0.5)) and touching
