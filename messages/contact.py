@@ -19,6 +19,7 @@ class Proximity(Message):
     element      [1]   ()   index of the patch or triangle that holds it
     gap          [m]   ()   signed distance of the bone edge, positive outside
     approach     [m]   ()   tissue thickness minus gap, 0 when apart
+    apart        [m]   ()   gap minus tissue thickness: how far the finger is from touching, 0 in contact
     slip         [m/s] (3)  velocity of the finger along the surface
     """
 
@@ -29,6 +30,7 @@ class Proximity(Message):
     gap: Annotated[float, "m"]
     approach: Annotated[float, "m"]
     slip: Annotated[Vector3, "m/s"]
+    apart: Annotated[float, "m"] = 0.0
 
 
 class Contact(Message):

@@ -20,6 +20,7 @@ class Health(Message):
     p99      [s]  ()  duration of a step that 99 of 100 stay below
     longest  [s]  ()  duration of the longest step
     age      [s]  ()  median of the time from the tick to the answer
+    asleep   [1]  ()  steps at which it was at rest, and its last answer was sent again
     """
 
     since: Annotated[int, "1"]
@@ -32,3 +33,4 @@ class Health(Message):
     p99: Annotated[float, "s"]
     longest: Annotated[float, "s"]
     age: Annotated[float, "s"]
+    asleep: Annotated[int, "1"] = 0

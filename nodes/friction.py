@@ -27,6 +27,9 @@ class _Sliding(Node):
         self._law = bristle.kernel_form(self.law(**{name: getattr(self, name) for name in self.law._fields}))
         self._bristles = bristle.Bristles()
 
+    def rests(self, contact: Contact, proximity: Proximity) -> bool:
+        return not contact.force > 0.0 and not self._bristles.load > 0.0
+
     def step(self, contact: Contact, proximity: Proximity, *, dt: float) -> Friction:
         self._bristles, force, stick = bristle.step(
             self._law, self._bristles, contact.normal, proximity.slip, contact.force, dt

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 import msgspec
 import numpy as np
 
-from palpate.messages import Contact, Friction, Load
+from palpate.messages import Contact, Friction, Load, Vector3
 from palpate.nodes.base.surface import OnSurface
 from palpate.physics.contact.spread import Spreader
 
@@ -26,10 +26,16 @@ class Kernel(OnSurface):
 
     def start(self) -> None:
         self._spreader = Spreader(self.mesh(), self.radius, self.kernel)
+        self._idle_at: tuple[Vector3, Vector3] | None = None
+
+    def rests(self, contact: Contact, friction: Friction | None) -> bool:
+        return not contact.force > 0.0 and self._idle_at == (contact.foot, contact.normal)
 
     def step(self, contact: Contact, friction: Friction | None) -> Load:
         nodes, forces = NO_NODES, NO_VECTORS
+        self._idle_at = (contact.foot, contact.normal)
         if contact.force > 0.0:
+            self._idle_at = None
             f, n = contact.force, contact.normal
             t = (0.0, 0.0, 0.0) if friction is None else friction.force
             force = (t[0] - f * n[0], t[1] - f * n[1], t[2] - f * n[2])

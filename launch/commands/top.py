@@ -70,7 +70,7 @@ class Row:
     def data(self) -> dict[str, Any]:
         """Plain data, SI units."""
         assert self.last is not None
-        names = ("tick", "steps", "late", "lost", "held", "median", "p99", "longest", "age")
+        names = ("tick", "steps", "late", "lost", "held", "asleep", "median", "p99", "longest", "age")
         return {"rate": self.rate, **{name: getattr(self.last, name) for name in names}}
 
 
@@ -80,12 +80,13 @@ def _table(run: str, rows: dict[str, Row]) -> Any:
 
     table = Table(title=f"run {run}", box=None, header_style="bold", pad_edge=False, title_justify="left")
     table.add_column("node")
-    for title in ("tick", "rate [Hz]", "p50 [us]", "p99 [us]", "longest [us]", "answer [us]", "late", "lost", "held"):
+    times = ("p50 [us]", "p99 [us]", "longest [us]", "answer [us]")
+    for title in ("tick", "rate [Hz]", *times, "late", "lost", "held", "asleep"):
         table.add_column(title, justify="right")
     for name, row in rows.items():
         it = row.last
         assert it is not None
         troubles = [Text(str(n), style="yellow" if n else "dim") for n in (it.late, it.lost, it.held)]
-        times = [f"{value * 1e6:.1f}" for value in (it.median, it.p99, it.longest, it.age)]
-        table.add_row(name, str(it.tick), f"{row.rate:.0f}", *times, *troubles)
+        durations = [f"{value * 1e6:.1f}" for value in (it.median, it.p99, it.longest, it.age)]
+        table.add_row(name, str(it.tick), f"{row.rate:.0f}", *durations, *troubles, str(it.asleep))
     return table

@@ -50,13 +50,14 @@ class Health:
     late  ticks that the clock had to leave out, because a whole period had passed
     lost  driving messages that were skipped or did not come within the period
     held  inputs older than the tick asks for
+    asleep  steps at which the node was at rest, and its last answer was sent again
     """
 
-    __slots__ = ("age", "held", "late", "lost", "state", "step", "tick")
+    __slots__ = ("age", "asleep", "held", "late", "lost", "state", "step", "tick")
 
     def __init__(self) -> None:
         self.step, self.age = Histogram(), Histogram()
-        self.late = self.lost = self.held = 0
+        self.late = self.lost = self.held = self.asleep = 0
         self.tick = -1
         self.state = "ready"
 
@@ -64,7 +65,16 @@ class Health:
         """The counters as they travel, with the forces that the node sent last."""
         step, age = self.step.report(), self.age.report()
         return Counters(
-            self.tick, self.step.count, self.late, self.lost, self.held, self.state, step, age, forces or {}
+            self.tick,
+            self.step.count + self.asleep,
+            self.late,
+            self.lost,
+            self.held,
+            self.asleep,
+            self.state,
+            step,
+            age,
+            forces or {},
         )
 
 
@@ -76,6 +86,7 @@ class Counters(msgspec.Struct, frozen=True):
     late: int
     lost: int
     held: int
+    asleep: int
     state: str
     step: dict[str, float]
     age: dict[str, float]
@@ -93,6 +104,7 @@ def message(node: str, time: int, since: int, counters: Counters) -> messages.He
         late=counters.late,
         lost=counters.lost,
         held=counters.held,
+        asleep=counters.asleep,
         state=counters.state,
         median=counters.step["p50"],
         p99=counters.step["p99"],

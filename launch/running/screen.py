@@ -102,7 +102,7 @@ def table(result: Result, speed: dict[str, float] | None = None) -> Table:
     """One row per node; `speed` [Hz] while it runs, else the mean over the run."""
     grid = Table(box=None, header_style="bold", pad_edge=False)
     grid.add_column("node")
-    for title in ("steps", "rate [Hz]", "p50 [us]", "p99 [us]", "longest [us]", "late", "lost", "held"):
+    for title in ("steps", "rate [Hz]", "p50 [us]", "p99 [us]", "longest [us]", "late", "lost", "held", "asleep"):
         grid.add_column(Text(title), justify="right")  # as text: brackets are no markup here
     for name, health in result.health.items():
         rate = speed.get(name, 0.0) if speed is not None else health["steps"] / result.wall if result.wall else 0.0
@@ -111,5 +111,6 @@ def table(result: Result, speed: dict[str, float] | None = None) -> Table:
             Text(str(health[key]), style="yellow" if health[key] else "dim") for key in ("late", "lost", "held")
         ]
         times = [f"{step[key] * 1e6:.1f}" for key in ("p50", "p99", "longest")]
-        grid.add_row(name, str(health["steps"]), f"{rate:.0f}", *times, *troubles)
+        asleep = Text(str(health["asleep"]), style="" if health["asleep"] else "dim")
+        grid.add_row(name, str(health["steps"]), f"{rate:.0f}", *times, *troubles, asleep)
     return grid

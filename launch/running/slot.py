@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import inspect
 import math
 from collections import deque
@@ -137,6 +138,9 @@ class Input:
 class Slot:
     """A node in a worker."""
 
+    sleeps = True
+    """Whether nodes at rest sleep; False to measure what that saves."""
+
     def __init__(self, job: NodeJob, node: Node, external: Collection[str]) -> None:
         self.name, self.node, self.every, self.job = job.name, node, job.every, job
         kinds = outputs(type(node))
@@ -155,6 +159,7 @@ class Slot:
         self._step = node.step
         self._takes_dt = "dt" in inspect.signature(type(node).step).parameters
         self._single = len(self.outputs) == 1
+        self._rests = node.rests if type(node).rests is not Node.rests and self.sleeps else None
 
     def wire(self, known: dict[str, Output]) -> None:
         """Connect the inputs; `known` holds the outputs of this worker by stream."""
@@ -222,23 +227,32 @@ class Slot:
             self.time = at
             begun = perf_counter_ns()
             try:
-                answer = self._step(*messages, dt=dt) if self._takes_dt else self._step(*messages)
+                if self._rests is not None and before is not None and self._rests(*messages):
+                    self.health.asleep += 1
+                    answers = (None,) * len(outputs)
+                else:
+                    answer = self._step(*messages, dt=dt) if self._takes_dt else self._step(*messages)
+                    self.health.step.add(perf_counter_ns() - begun)
+                    answers = (answer,) if self._single else self._several(answer, tick)
+            except NodeFault:
+                raise
             except InputFault as error:
                 raise NodeFault(error.source or self.name, f"input of {self.name!r} at tick {tick}", error) from error
             except BaseException as error:
                 raise NodeFault(self.name, f"step at tick {tick}", error) from error
-            self.health.step.add(perf_counter_ns() - begun)
-            answers = (answer,) if self._single else self._several(answer, tick)
         self.health.tick = tick
         if not outputs:
             return
         used = tuple([-1 if message is None else message.tick for message in messages])
         for place, output in enumerate(outputs):
             message = answers[place]
-            if type(message) is not output.kind or message.tick != -1:
-                message = self._other(output, message, tick)
-            if not output.finite(message):
-                self._check(message, tick)
+            if message is None and output.last is not None:
+                message = copy.copy(output.last)  # was checked when it was made
+            else:
+                if type(message) is not output.kind or message.tick != -1:
+                    message = self._other(output, message, tick)
+                if not output.finite(message):
+                    self._check(message, tick)
             _set(message, "tick", tick)
             _set(message, "time", at)
             _set(message, "source", self.name)
@@ -256,11 +270,9 @@ class Slot:
         return answer
 
     def _other(self, output: Output, message: object, tick: int) -> Message:
-        """A message to send where the answer is not a new one of the right type: a copy, or the last one again."""
+        """A message to send where the answer is not a new one of the right type: a copy."""
         if isinstance(message, output.kind):  # it has been sent before, as a node's input, say
             return msgspec.structs.replace(message)
-        if message is None and output.last is not None:
-            return msgspec.structs.replace(output.last)
         description = "None before it had sent a message" if message is None else f"a {type(message).__name__}"
         raise NodeFault(self.name, f"step at tick {tick}", f"answered {description}, expected a {output.kind.__name__}")
 

@@ -117,6 +117,11 @@ class Node:
 
     step: Any
 
+    def rests(self, *inputs: Any) -> bool:
+        """Whether a step on these inputs, those of `step`, would leave the state as it is and answer what was answered
+        last: then the node sleeps, and the runner sends that answer again. Never asked before the first step."""
+        return False
+
     def stop(self) -> None:
         """Give back what `start` opened."""
 

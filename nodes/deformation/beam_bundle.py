@@ -7,7 +7,7 @@ from typing import Annotated
 import msgspec
 import numpy as np
 
-from palpate.messages import Load, Surface, Vector
+from palpate.messages import Load, Surface, Vector, Vector3
 from palpate.nodes.base import SettingError, Switch, part
 from palpate.nodes.base.nodule import WithNodule
 from palpate.physics.bodies.beam_bed import LARGEST_FORCE, Bed
@@ -64,6 +64,10 @@ class BeamBundle(WithNodule):
         self.facing = mesh.normals
         self.areas = mesh.areas
         self.push = np.zeros(len(mesh.areas))
+        self._place: tuple[Vector3, Vector3] | None = None
+
+    def rests(self, load: Load) -> bool:
+        return not (len(load.nodes) or self.bed.count) and self._place == (load.foot, load.normal)
 
     def step(self, load: Load, *, dt: float) -> Surface:
         """Step the beams under the load; the indentation told is conjugate to the force."""
@@ -76,6 +80,7 @@ class BeamBundle(WithNodule):
             raise SettingError(
                 f"Load.nodes: {error} ({self.surface!r}); give the node that spreads the load the same surface"
             ) from None
+        self._place = (load.foot, load.normal)
         nodes = self._displaced()
         return Surface(
             nodes=nodes,

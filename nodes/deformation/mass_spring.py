@@ -46,6 +46,9 @@ class MassSpring(WithNodule):
         self._hardness = self.hardness() if self.nodule_radius > 0.0 else None
         self._body = self._nodes()
 
+    def rests(self, load: Load) -> bool:
+        return not len(load.nodes) and self.indentation == 0.0 and (self._body is None or not self._body.net.count)
+
     def step(self, load: Load, *, dt: float) -> Surface:
         force = normal_force(load.forces, load.normal)
         if self._hardness is not None and len(load.nodes):

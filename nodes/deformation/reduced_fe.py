@@ -83,6 +83,12 @@ class ReducedFE(OnSurface):
 
     def start(self) -> None:
         self._body = self._made()
+        self._place: tuple[Vector3, Vector3] | None = None
+
+    def rests(self, load: Load) -> bool:
+        """The sampled body never rests quite: its modes fade for ever."""
+        still = isinstance(self._body, CondensedBody) and self._body.still
+        return still and not len(load.nodes) and self._place == (load.foot, load.normal)
 
     def _made(self) -> CondensedBody | SampledBody:
         """The body at its place, at rest."""
@@ -118,6 +124,7 @@ class ReducedFE(OnSurface):
 
     def step(self, load: Load, *, dt: float) -> Surface:
         stiffness, exponent, free, now = self._answer(load, dt)
+        self._place = (load.foot, load.normal)
         nodes, moved = self._displaced(load.foot)
         slope, turning = self._along(len(load.nodes))
         return Surface(

@@ -191,6 +191,11 @@ class CondensedBody:
         twice that; 0 where only the linear organ is known."""
         return float(self._numbers[BEYOND])
 
+    @property
+    def still(self) -> bool:
+        """Whether no vertex holds a load any more."""
+        return self._count == 0
+
     def along(self) -> tuple[tuple[float, float, float], tuple[float, ...]]:
         """What the energy at the force of the last step gains along the surface [N] (3), and how the normal turns there
         [1/m] (9), row by row: see `physics.bodies.place_energy`."""
