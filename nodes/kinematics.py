@@ -62,7 +62,7 @@ class Falcon(_Tracker):
     resolution: Annotated[float, "m", msgspec.Meta(ge=0)] = 60e-6
 
     def start(self) -> None:
-        self.geometry = FALCON.geometry
+        self.falcon = FALCON.count, FALCON.geometry
         self._reset(HOME)
 
     def step(self, state: Annotated[DeviceState, Wants("joints", "homed")], *, dt: float) -> Pose:
@@ -74,9 +74,8 @@ class Falcon(_Tracker):
                 f"DeviceState.joints: found {len(state.joints)} angles, expected 3 [rad]. "
                 "For a device that reports a position use kinematics.Cartesian."
             )
-        t0, t1, t2 = state.joints
         return self._pose(
-            *pose_falcon(*self.filter, self.resolution, self.speed_limit, time, t0, t1, t2, FALCON.count, self.geometry)
+            *pose_falcon(*self.filter, self.resolution, self.speed_limit, time, state.joints, self.falcon)
         )
 
 
@@ -95,7 +94,7 @@ class Cartesian(_Tracker):
                 f"DeviceState.position: found {len(state.position)} numbers, expected 3 [m]. "
                 "For a device that reports the angles of a Falcon use kinematics.Falcon."
             )
-        return self._pose(*pose(*self.filter, self.resolution, self.speed_limit, time, *state.position))
+        return self._pose(*pose(*self.filter, self.resolution, self.speed_limit, time, state.position))
 
 
 class FalconStatics(Node):

@@ -126,17 +126,19 @@ def track_falcon(cursor, times, points, cell, step, geometry, limit, t, t0, t1, 
 
 
 @numba.njit(cache=True)
-def pose(cursor, times, points, cell, window, ring, line, resolution, limit, t, x, y, z):
-    """`track` at the device's resolution [m], then `window.smooth`; `window`, `ring`, `line` as there."""
-    sample = track(cursor, times, points, cell, resolution, limit, t, x, y, z)
+def pose(cursor, times, points, cell, window, ring, line, resolution, limit, t, place):
+    """`track` of a place [m] (3) at the device's resolution [m], then `window.smooth`; `window`, `ring`, `line` as
+    there."""
+    sample = track(cursor, times, points, cell, resolution, limit, t, place[0], place[1], place[2])
     return smooth(window, ring, line, t, sample, resolution)
 
 
 @numba.njit(cache=True)
-def pose_falcon(cursor, times, points, cell, window, ring, line, resolution, limit, t, t0, t1, t2, count, geometry):
-    """`track_falcon` of angles in steps of `count` [rad], then `window.smooth` at the resolution [m]."""
-    count = count if resolution > 0.0 else 0.0
-    sample = track_falcon(cursor, times, points, cell, count, geometry, limit, t, t0, t1, t2)
+def pose_falcon(cursor, times, points, cell, window, ring, line, resolution, limit, t, angles, falcon):
+    """`track_falcon` of angles [rad] (3), then `window.smooth` at the resolution [m]; `falcon`: the step of the angles
+    [rad] and the geometry."""
+    count = falcon[0] if resolution > 0.0 else 0.0
+    sample = track_falcon(cursor, times, points, cell, count, falcon[1], limit, t, angles[0], angles[1], angles[2])
     return smooth(window, ring, line, t, sample, resolution)
 
 
