@@ -16,6 +16,7 @@ from palpate.launch.testing import FakeBus
 from palpate.messages import Proximity, Surface
 from palpate.nodes.contact import Series
 from palpate.physics.contact.series import (
+    elastic,
     energy,
     exponential,
     force,
@@ -380,3 +381,15 @@ def test_a_duplicate_message_changes_nothing():
 def test_every_finger_law_presses(law):
     (answer,) = FakeBus(Series(finger_law=law), body=body()).publish(proximity(5e-3))
     assert answer.force > 0 and answer.compression + answer.indentation == approx(5e-3)
+
+
+@pytest.mark.parametrize(
+    "law", [power(8.1e3, 1.5), exponential(26.2641, 1681.06), hertz_exponential(5.672e6, 466.6, 9.84e-3)]
+)
+@pytest.mark.parametrize("s", [1e-5, 3e-4, 2e-3])
+def test_the_slope_of_each_law_is_its_derivative(law, s):
+    h = 1e-6 * s
+    force, slope = elastic(s, *law)
+    assert slope == approx((elastic(s + h, *law)[0] - elastic(s - h, *law)[0]) / (2 * h), rel=1e-7)
+    assert force > 0.0
+    assert elastic(0.0, *law) == elastic(-s, *law) == (0.0, 0.0)

@@ -108,3 +108,18 @@ def test_an_absurd_step_gives_no_force_and_the_next_one_goes_on():
     for place in ((0.0, 0.0, -1e-3), (0.0, 0.0, math.inf), (0.0, 0.0, -1e-3)):
         fx, fy, fz, touching, _ = haptic(gains(), state, past, 0.5, up, still, 1e-3, place, still, T)
         assert (fx, fy) == (0.0, 0.0) and fz == (0.0 if math.isinf(place[2]) else approx(0.5)) and touching
+
+
+@pytest.mark.parametrize("place", [(0.0, 0.0, 0.0), (0.05, -0.02, 0.1)])
+def test_the_way_begins_where_the_finger_is_first_seen(place):
+    """Wherever that is, it is no motion: no energy, no damping, and the spring of free motion is anchored there."""
+    law = gains()
+    law[:2] = 50.0, 2.0
+    state, past = buffers(1)
+    still = (0.0, 0.0, 0.0)
+    for _ in range(5):
+        *force, touching, energy = haptic(law, state, past, 0.0, (0.0, 0.0, 1.0), still, 0.0, place, still, T)
+        assert force == [0.0, 0.0, 0.0] and not touching and energy == 0.0
+    away = (place[0] + 1e-3, place[1], place[2])
+    *force, _, _ = haptic(law, state, past, 0.0, (0.0, 0.0, 1.0), still, 0.0, away, still, T)
+    assert force == approx([-0.05, 0.0, 0.0])
