@@ -86,8 +86,8 @@ class Block:
         away = px[:, None, None] ** 2 + py[None, :, None] ** 2 + (pz[None, None, :] + self.nodule.depth) ** 2
         inside = (away < self.nodule.radius**2).reshape(count[0], 6, count[1], 6, count[2], 6).mean(axis=(1, 3, 5))
         share = np.round(SHARES * inside) / SHARES
-        found: np.ndarray = (1.0 + (self.nodule.ratio - 1.0) * share).transpose(2, 1, 0).ravel()
-        return found
+        moduli: np.ndarray = (1.0 + (self.nodule.ratio - 1.0) * share).transpose(2, 1, 0).ravel()
+        return moduli
 
 
 @dataclass(frozen=True)
@@ -164,15 +164,15 @@ def curve(
 def stuck(points: np.ndarray, place: float) -> np.ndarray:
     """Nodes of the top under the patch (N,) bool."""
     away = np.hypot(points[:, 0] - place, points[:, 1])
-    found: np.ndarray = (points[:, 2] > -1e-9) & (away < RADIUS * (1.0 - 1e-9))
-    return found
+    loaded: np.ndarray = (points[:, 2] > -1e-9) & (away < RADIUS * (1.0 - 1e-9))
+    return loaded
 
 
 def patch_pressure(x: np.ndarray, y: np.ndarray, place: float) -> np.ndarray:
     """Pressure of a unit force [1/m²] on the patch at (x, y) [m]."""
     q = np.minimum(((x - place) ** 2 + y**2) / RADIUS**2, 1.0)
-    found: np.ndarray = 3.0 / (np.pi * RADIUS**2) * (1.0 - q) ** 2
-    return found
+    pressure: np.ndarray = 3.0 / (np.pi * RADIUS**2) * (1.0 - q) ** 2
+    return pressure
 
 
 def _load(points: np.ndarray, faces: np.ndarray, place: float) -> np.ndarray:
@@ -189,9 +189,9 @@ def _load(points: np.ndarray, faces: np.ndarray, place: float) -> np.ndarray:
     weight = face_rule.areas(points, faces)  # of the rule's points on a flat face: the same on every part, over cuts²
     weight = np.tile(weight, (1, len(small))) / cuts**2
     nodal = np.einsum("fq,qa->fa", weight * patch_pressure(own[..., 0], own[..., 1], place), value)
-    found = np.zeros(points.shape)
-    np.add.at(found[:, 2], faces, -nodal)
-    return found / -found.sum()
+    pull = np.zeros(points.shape)
+    np.add.at(pull[:, 2], faces, -nodal)
+    return pull / -pull.sum()
 
 
 def _top_grid(points: np.ndarray, axes: tuple[np.ndarray, np.ndarray, np.ndarray]) -> np.ndarray:
@@ -220,5 +220,5 @@ def _out(length: float, size: float) -> np.ndarray:
         steps.append(steps[-1] * GROWTH)
     if len(steps) > 1 and sum(steps) - length > 0.5 * steps[-1]:
         steps.pop()
-    found: np.ndarray = np.cumsum(steps) * length / sum(steps)
-    return found
+    places: np.ndarray = np.cumsum(steps) * length / sum(steps)
+    return places

@@ -76,5 +76,5 @@ def _point_force(points: np.ndarray) -> np.ndarray:
     r, down = np.linalg.norm(points, axis=1), -points[:, 2]
     out = down / r**3 - (1 - 2 * POISSON) / (r * (r + down))
     sink = down**2 / r**3 + 2 * (1 - POISSON) / r
-    found: np.ndarray = np.stack([out * points[:, 0], out * points[:, 1], -sink], axis=1) / (4 * np.pi * shear)
-    return found
+    displacement: np.ndarray = np.stack([out * points[:, 0], out * points[:, 1], -sink], axis=1) / (4 * np.pi * shear)
+    return displacement

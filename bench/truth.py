@@ -107,15 +107,15 @@ def truth(touch: Touch) -> Truth:
     place = stored(touch.place)
     fine, coarse = (in_time(touch, place.force, place.indentation, every) for every in (1, 2))
     off = in_time(touch, place.force, place.indentation + place.band)
-    found = [2.0 * a - np.interp(times, times[::2], b) for a, b in zip(fine, coarse, strict=True)]
-    found = [np.maximum(one, 0.0) for one in found]
+    refined = [2.0 * a - np.interp(times, times[::2], b) for a, b in zip(fine, coarse, strict=True)]
+    refined = [np.maximum(one, 0.0) for one in refined]
     steps = [np.abs(a - np.interp(times, times[::2], b)) for a, b in zip(fine, coarse, strict=True)]
     spread = [np.abs(a - b) + d for a, b, d in zip(off, fine, steps, strict=True)]
-    values, bands = derived(touch, times, slip, *found), {}
-    above = derived(touch, times, slip, *(a + d for a, d in zip(found, spread, strict=True)))
+    values, bands = derived(touch, times, slip, *refined), {}
+    above = derived(touch, times, slip, *(a + d for a, d in zip(refined, spread, strict=True)))
     for name in values:
         bands[name] = np.abs(above[name] - values[name])
-    return Truth(times, values, bands, found[2], touch, place)
+    return Truth(times, values, bands, refined[2], touch, place)
 
 
 def derived(
@@ -147,11 +147,11 @@ def in_time(touch: Touch, levels: np.ndarray, indentation: np.ndarray, every: in
     approach, _, _, _ = touch.at(times)
     finger = Series()
     spline = CubicSpline(np.append(0.0, levels), np.append(0.0, indentation))
-    found = _kelvin_voigt(
+    solved = _kelvin_voigt(
         approach, every / RATE, touch.retardation, finger.finger_stiffness, finger.finger_hardening,
         finger.finger_damping, np.ascontiguousarray(spline.x), np.ascontiguousarray(spline.c),
     )  # fmt: skip
-    return list(found)
+    return list(solved)
 
 
 @numba.njit(cache=True)
@@ -201,7 +201,7 @@ def _finger(s, before, dt, b, m, c):
 @numba.njit(cache=True)
 def _lugre(force, slip, dt, mu_slide, mu_static, stribeck, stiffness, damping, viscous):
     """Size of the friction force [N] of a finger that slides along a line; bristles grow exactly at constant speed."""
-    found = np.zeros(len(force))
+    friction = np.zeros(len(force))
     z = 0.0
     for i in range(len(force)):
         if force[i] <= 0.0:
@@ -211,8 +211,8 @@ def _lugre(force, slip, dt, mu_slide, mu_static, stribeck, stiffness, damping, v
         g = mu_slide + (mu_static - mu_slide) * math.exp(-((v / stribeck) ** 2))
         a = stiffness * abs(v) / g
         z = z * math.exp(-a * dt) + (v / a * -math.expm1(-a * dt) if a * dt > 1e-12 else v * dt)
-        found[i] = abs(force[i] * (stiffness * z + damping * (v - a * z) + viscous * v))
-    return found
+        friction[i] = abs(force[i] * (stiffness * z + damping * (v - a * z) + viscous * v))
+    return friction
 
 
 class Dent:
@@ -227,12 +227,12 @@ class Dent:
         levels = self._levels
         k = min(max(int(np.searchsorted(levels, force)) - 1, 1), len(levels) - 3)
         own = range(k - 1, k + 3)
-        found = np.zeros(len(points))
+        shape = np.zeros(len(points))
         for i in own:
             if i > 0:  # at rest the surface is flat
                 share = math.prod((force - levels[j]) / (levels[i] - levels[j]) for j in own if j != i)
-                found += share * self._splines[i - 1].ev(points[:, 0], np.abs(points[:, 1]))
-        return found
+                shape += share * self._splines[i - 1].ev(points[:, 0], np.abs(points[:, 1]))
+        return shape
 
 
 @lru_cache(maxsize=16)

@@ -91,9 +91,9 @@ class Chain:
 @pytest.fixture
 def chain(monkeypatch):
     def made(launch: LaunchFile, late: int = 0) -> Chain:
-        found = Chain(launch.but(place="fused"), late)
-        monkeypatch.setattr(real, "now", found.now)
-        return found
+        chain = Chain(launch.but(place="fused"), late)
+        monkeypatch.setattr(real, "now", chain.now)
+        return chain
 
     return made
 
