@@ -17,7 +17,7 @@ from palpate.messages.base import (
 )
 from palpate.messages.checks import check_finite
 from palpate.messages.contact import Contact, Friction, Load, Proximity
-from palpate.messages.device import DeviceState, Force, Pose, Torque
+from palpate.messages.device import DeviceState, Force, Pointed, Pose, Torque
 from palpate.messages.display import Pins
 from palpate.messages.health import Health
 from palpate.messages.slip import Slip
@@ -39,6 +39,7 @@ __all__ = [
     "Message",
     "MessageError",
     "Pins",
+    "Pointed",
     "Pose",
     "Proximity",
     "Slip",

@@ -22,6 +22,19 @@ class DeviceState(Message):
     homed: Annotated[bool, "1"] = True
 
 
+class Pointed(Message):
+    """Where a pointer wants the fingertip to be: the newest sample of a mouse, a pen or a finger on a touch screen.
+
+    position  [m] (3)  where it points, world frame
+    buttons   [1] ()   bit mask of the pressed buttons
+    sample    [1] ()   number that the sender gave the sample; 0 before the first
+    """
+
+    position: Annotated[Vector3, "m"]
+    buttons: Annotated[int, "1"] = 0
+    sample: Annotated[int, "1"] = 0
+
+
 class Pose(Message):
     """The fingertip's bone edge in the world frame.
 

@@ -1,0 +1,155 @@
+"""A pointer, of a mouse, a pen or a finger on a touch screen, and a hand that follows it."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import os
+import socket
+import stat
+from typing import Annotated
+
+import msgspec
+import numpy as np
+
+from palpate.messages import DeviceState, Force, Pointed, Torque, Vector3
+from palpate.nodes.base import Node, SettingError
+from palpate.physics.device.falcon import FALCON, HOME, reachable
+from palpate.physics.device.falcon_statics import torque_kernel
+from palpate.physics.device.grip import CLOCK, LINEAR, POSITION, grip_kernel
+
+LONGEST = 512  # [bytes] of a sample on the socket
+MOST = 64  # samples taken in one step: a flood does not hold the loop
+
+
+class Sample(msgspec.Struct, array_like=True, frozen=True, forbid_unknown_fields=True):
+    """What a program sends to a `device.Pointer`, as a msgpack array: number, place [m, world], buttons."""
+
+    number: int
+    place: Vector3
+    buttons: int = 0
+
+
+class Pointer(Node):
+    """Where a pointer of another program wants the fingertip to be: the newest sample on a local datagram socket.
+
+    A sample is a msgpack array [number, [x, y, z], buttons] in metres of the world. One that is not is dropped and
+    counted. Its messages are recorded, so that what a hand made of them can be computed again. Settings:
+
+    socket  path of the socket, made at the start; only this user can send to it
+    begin   where the pointer is before its first sample, world frame
+    """
+
+    paced = True
+    sink = True
+    hardware = True
+
+    socket: Annotated[str, "1"]
+    begin: Annotated[Vector3, "m"] = HOME
+
+    def start(self) -> None:
+        self.stop()
+        self.last = Sample(0, self.begin)
+        self.foreign = 0
+        try:
+            with contextlib.suppress(FileNotFoundError):
+                if not stat.S_ISSOCK(os.lstat(self.socket).st_mode):
+                    raise FileExistsError("a file that is no socket lies there")
+                os.unlink(self.socket)
+            self._inlet = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+            self._inlet.setblocking(False)
+            self._inlet.bind(self.socket)
+            os.chmod(self.socket, 0o600)
+        except OSError as error:
+            raise SettingError(
+                f"setting 'socket': found {self.socket!r}: {error.strerror or error}; expected the path of a new "
+                "socket in a folder of this user, of at most 107 bytes"
+            ) from None
+
+    def step(self, *, dt: float) -> Pointed:
+        for _ in range(MOST):
+            try:
+                data = self._inlet.recv(LONGEST)
+            except BlockingIOError:
+                break
+            try:
+                sample = msgspec.msgpack.decode(data, type=Sample)
+            except msgspec.MsgspecError:
+                self.foreign += 1
+                continue
+            if all(map(math.isfinite, sample.place)):
+                self.last = sample
+            else:
+                self.foreign += 1
+        return Pointed(position=self.last.place, buttons=self.last.buttons, sample=self.last.number)
+
+    def notes(self) -> list[str]:
+        return [] if not self.foreign else ["samples that are none came to the pointer's socket and were dropped"]
+
+    def stop(self) -> None:
+        inlet: socket.socket | None = self.__dict__.pop("_inlet", None)
+        if inlet is not None:
+            inlet.close()
+            with contextlib.suppress(FileNotFoundError):
+                os.unlink(self.socket)
+
+
+class Mouse(Node):
+    """A Falcon's grip in a hand that wants to be where a pointer is: hand, arm and grip of `device.Simulated`
+    (docs/equations/controller.md), but for the path. The hand's goal p follows the pointer q as
+
+        p' = (q - p)/lag,  |p'| <= speed
+
+    so that a pointer that jumps, sixty times a second or by a hand's breadth, moves as a hand moves. The node reports
+    both angles, in whole encoder counts, and the exact position. It takes what the graph sends, torques or a force.
+    Beyond the reach of the legs the grip stops. Settings:
+
+    begin   where the grip is at the start, world frame; origin: where the device's own frame lies in the world
+    lag     [s] and speed [m/s] with which the goal follows the pointer, assumed
+    mass    of grip and hand together; damping: of the device alone; hand_stiffness and hand_damping: of the arm
+    """
+
+    begin: Annotated[Vector3, "m"] = HOME
+    origin: Annotated[Vector3, "m"] = (0.0, 0.0, 0.0)
+    lag: Annotated[float, "s", msgspec.Meta(gt=0, le=1)] = 0.03
+    speed: Annotated[float, "m/s", msgspec.Meta(gt=0, le=2)] = 0.5
+    mass: Annotated[float, "kg", msgspec.Meta(gt=0)] = 0.2
+    damping: Annotated[float, "N s/m", msgspec.Meta(ge=0)] = 0.2
+    hand_stiffness: Annotated[float, "N/m", msgspec.Meta(ge=0)] = 500.0
+    hand_damping: Annotated[float, "N s/m", msgspec.Meta(ge=0)] = 10.0
+    resolution: Annotated[float, "rad", msgspec.Meta(ge=0)] = FALCON.count
+
+    def start(self) -> None:
+        self.geometry = FALCON.geometry
+        here = np.array(self.begin) - np.array(self.origin)
+        if not reachable(self.geometry, *here):
+            raise SettingError(
+                f"setting 'begin' [m]: found {self.begin}, {tuple(here.tolist())} from the device's origin, out of its "
+                f"reach. Points near {HOME} from its origin work; 'origin' places the device in the world."
+            )
+        self.constants = np.array(
+            [self.mass, self.damping, self.hand_stiffness, self.hand_damping, self.resolution, FALCON.limit]
+        )
+        self.state, self.memory = np.zeros((3, 3)), np.zeros((4, 3))
+        self.state[POSITION] = here
+        self.goal = here
+        self.shapes = np.array([LINEAR])
+
+    def step(self, pointer: Pointed, torque: Torque | None, force: Force | None, *, dt: float) -> DeviceState:
+        away = np.array(pointer.position) - np.array(self.origin) - self.goal
+        length = math.sqrt(away @ away)
+        way = length * -math.expm1(-dt / self.lag)
+        goal = self.goal + away * (min(way, self.speed * dt) / length if length > 0.0 else 0.0)
+        torques = (0.0, 0.0, 0.0)
+        if torque is not None:
+            torques = torque.torques
+        elif force is not None:
+            torques = torque_kernel(self.geometry, *force.force, *self.state[POSITION])[-3:]
+        self.state[CLOCK] = 0.0
+        points = np.array([self.goal, goal])
+        joints = grip_kernel(
+            self.geometry, self.constants, self.state, self.memory, np.array([dt]), points, self.shapes, *torques, dt
+        )
+        self.goal = goal
+        x, y, z = self.state[POSITION].tolist()
+        return DeviceState(joints=joints, position=(x, y, z), buttons=pointer.buttons)
