@@ -13,6 +13,7 @@ from typing import Any
 
 ORDER = [
     "run",
+    "touch",
     "check",
     "replay",
     "compare",

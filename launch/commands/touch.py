@@ -1,0 +1,74 @@
+"""`palpate touch`: a page in the browser where the mouse is the finger."""
+
+from __future__ import annotations
+
+import asyncio
+import datetime
+import signal
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from palpate.launch.commands.common import Graph, SceneOption, Sets, chosen
+from palpate.physics.errors import MISUSE, PalpateError
+
+if TYPE_CHECKING:
+    from palpate.launch.page.session import Session
+
+
+class NoPage(PalpateError, RuntimeError):
+    """What the page needs and is not installed."""
+
+    exit_code = MISUSE
+
+
+def touch(
+    graph: Graph = "kidney",
+    sets: Sets = None,
+    scene: SceneOption = None,
+    port: Annotated[int, typer.Option(help="Of the page on 127.0.0.1; 0: any.", min=0, max=65535)] = 0,
+    no_open: Annotated[bool, typer.Option("--no-open", help="Do not open the browser.")] = False,
+    no_record: Annotated[bool, typer.Option("--no-record", help="Keep no recordings unless the page asks.")] = False,
+    out: Annotated[Path | None, typer.Option(help="Folder of the recordings.")] = None,
+) -> None:
+    """Touch a graph with the mouse: its device gives way to a hand that follows the pointer of a page in the browser.
+
+    The graph runs on the real clock in processes of its own. Ctrl-C ends it.
+    """
+    from palpate.launch.loading.extras import install
+
+    try:
+        import websockets  # noqa: F401
+    except ImportError:
+        raise NoPage(f"the page needs the package websockets: {install('devices')}") from None
+    from palpate.launch.page.session import Session
+
+    folder = out or Path("runs") / f"touch-{datetime.datetime.now():%Y%m%d-%H%M%S}"
+    session = Session(chosen(graph, None, scene), folder, list(sets or []))
+    session.keep = not no_record
+    asyncio.run(_serve(session, port, no_open))
+    for file in session.kept:
+        typer.echo(f"recording {file} ({file.stat().st_size / 1e6:.1f} MB)")
+
+
+async def _serve(session: Session, port: int, no_open: bool) -> None:
+    import webbrowser
+
+    from palpate.launch.page.server import Page
+
+    page = Page(session)
+    ended = asyncio.Event()
+    loop = asyncio.get_running_loop()
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        loop.add_signal_handler(number, ended.set)
+    await page.start(port)
+    try:
+        session.start()
+        typer.echo(f"touch it at {page.address}\nCtrl-C ends it")
+        if not no_open:
+            await asyncio.to_thread(webbrowser.open, page.address)
+        await ended.wait()
+    finally:
+        await page.close()
+        await asyncio.to_thread(session.close)

@@ -1,0 +1,1 @@
+"""A page in the browser where the mouse is the finger: `palpate touch`."""

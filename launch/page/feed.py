@@ -1,0 +1,141 @@
+"""What the page hears of a run: the newest surface, and what the small streams have brought since the last frame.
+
+Surfaces are conflated by ZeroMQ: of a thousand a second one is decoded for each frame. Small streams are read in
+bursts. The run's outlets for observers drop what a listener does not take: it cannot slow the run.
+"""
+
+from __future__ import annotations
+
+import struct
+from typing import Any
+
+import msgspec
+import numpy as np
+import zmq
+
+from palpate.launch.page.steered import Touched
+from palpate.launch.running.addresses import endpoint, key_of
+from palpate.launch.running.bus import HEALTH, split
+from palpate.launch.running.discover import Running
+from palpate.launch.running.keys import connect
+from palpate.messages import (
+    Contact,
+    Force,
+    ForceBand,
+    Friction,
+    Health,
+    Message,
+    MessageError,
+    Pins,
+    Pointed,
+    Pose,
+    Proximity,
+    Surface,
+    unpack,
+)
+
+KEPT = 400
+"""Messages of small streams that wait for the next frame; older ones are dropped."""
+
+
+class Feed:
+    """Listens to one run; `frame` makes what the page draws next."""
+
+    def __init__(self, run: Running, touched: Touched) -> None:
+        self.touched = touched
+        self.kinds = {stream: kind for kind, stream in touched.streams.items()}
+        self.kinds[HEALTH] = Health
+        self.last: dict[type[Message], Message] = {}
+        self.late: dict[str, int] = {}
+        self.context = zmq.Context()
+        surface = touched.streams[Surface]
+        self.surface = self._socket(run, [surface], conflate=True)
+        self.small = self._socket(run, [stream for stream in self.kinds if stream != surface], conflate=False)
+
+    def _socket(self, run: Running, streams: list[str], conflate: bool) -> zmq.Socket:
+        socket = self.context.socket(zmq.SUB)
+        socket.set(zmq.LINGER, 0)
+        socket.set(zmq.RCVHWM, KEPT)
+        if conflate:
+            socket.set(zmq.CONFLATE, 1)
+        for stream in streams:
+            socket.subscribe(stream.encode() + b"\0")
+        for group in run.groups:
+            connect(socket, endpoint(run.name, group, "observers"), key_of(run.name, group))
+        return socket
+
+    def close(self) -> None:
+        """Hear no more."""
+        self.context.destroy(linger=0)
+
+    def frame(self) -> bytes | None:
+        """The next picture; None where nothing new has come."""
+        times, forces, depths = [], [], []
+        count = 0
+        for socket in (self.small, self.surface):
+            while count < 20 * KEPT:
+                try:
+                    stream, payload = split(socket.recv(zmq.NOBLOCK))
+                    message = unpack(payload, self.kinds[stream])
+                except zmq.Again:
+                    break
+                except (MessageError, KeyError, ValueError):
+                    continue
+                count += 1
+                if isinstance(message, Health):
+                    self.late[message.source] = message.late + message.lost
+                    continue
+                self.last[type(message)] = message
+                if isinstance(message, Contact):
+                    times.append(message.time * 1e-9)
+                    forces.append(message.force)
+                    depths.append(message.indentation)
+        if not count or Contact not in self.last:
+            return None
+        head = {"kind": "frame", "t": times, "f": forces, "s": depths, **self._now()}
+        surface = self.last.get(Surface)
+        if not isinstance(surface, Surface):
+            return packed(head, np.zeros(0, "<u4"), np.zeros(0, "<f4"), np.zeros(0, "<f4"))
+        pressure = surface.pressure if len(surface.pressure) == len(surface.nodes) else ()
+        return packed(head, np.asarray(surface.nodes, "<u4"), np.asarray(surface.displacement, "<f4").ravel(),
+                      np.asarray(pressure, "<f4"))  # fmt: skip
+
+    def _now(self) -> dict[str, Any]:
+        last = self.last
+        told: dict[str, Any] = {"late": sum(self.late.values())}
+        contact, near, pose = last[Contact], last.get(Proximity), last.get(Pose)
+        assert isinstance(contact, Contact)
+        told |= {"time": contact.time * 1e-9, "normal": contact.normal, "foot": contact.foot}
+        told |= {"load": contact.force, "depth": contact.indentation, "squeeze": contact.compression}
+        if isinstance(near, Proximity) and isinstance(pose, Pose):
+            apart = self.touched.thickness - contact.compression
+            told["tip"] = [p - apart * n for p, n in zip(pose.position, near.normal, strict=True)]
+            told["up"] = near.normal
+        if isinstance(friction := last.get(Friction), Friction):
+            told |= {"stick": friction.stick, "drag": sum(f * f for f in friction.force) ** 0.5}
+        if isinstance(force := last.get(Force), Force):
+            told |= {"force": force.force, "state": force.state, "energy": force.energy}
+        if isinstance(band := last.get(ForceBand), ForceBand):
+            told |= {"band": [band.quantiles[0], band.quantiles[-1]] if band.quantiles else None, "mean": band.mean}
+        if isinstance(pointed := last.get(Pointed), Pointed):
+            told |= {"sample": pointed.sample}
+        if isinstance(pins := last.get(Pins), Pins):
+            told |= {"pins": pins.heights.tolist()}
+        return told
+
+
+def mesh_frame(touched: Touched, about: dict[str, Any]) -> bytes:
+    """The undeformed surface, and what else the page has to know of a run."""
+    head = {"kind": "mesh", "body": touched.use, "thickness": touched.thickness, "begin": touched.begin, **about}
+    mesh = touched.mesh
+    return packed(head, np.asarray(mesh.triangles, "<u4").ravel(), np.asarray(mesh.vertices, "<f4").ravel(),
+                  np.asarray(mesh.normals, "<f4").ravel())  # fmt: skip
+
+
+def packed(head: dict[str, Any], indices: np.ndarray, first: np.ndarray, second: np.ndarray) -> bytes:
+    """One binary message to the page: length of the head, the head in JSON filled up to four bytes, then the arrays.
+    A NaN becomes null."""
+    head = head | {"sizes": [len(indices), len(first), len(second)]}
+    text = msgspec.json.encode(head)
+    text += b" " * (-len(text) % 4)
+    return struct.pack("<I", len(text)) + text + indices.tobytes() + first.tobytes() + second.tobytes()

@@ -1,0 +1,59 @@
+// Strips of the last seconds, and the pins of a display as bars.
+
+const SPAN = 6; // [s]
+const style = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+
+function fresh(canvas) {
+  const ratio = window.devicePixelRatio || 1, box = canvas.getBoundingClientRect();
+  canvas.width = box.width * ratio; canvas.height = box.height * ratio;
+  const paint = canvas.getContext("2d");
+  paint.scale(ratio, ratio); paint.font = "11px system-ui, sans-serif";
+  return { paint, w: box.width, h: box.height };
+}
+
+export class Strip {
+  constructor(canvas, unit, colour, least) { Object.assign(this, { canvas, unit, colour, least, times: [], values: [] }); }
+
+  clear() { this.times = []; this.values = []; this.bands = []; }
+
+  add(times, values) {
+    if (times.length && times[0] < this.times.at(-1)) this.clear();
+    this.times.push(...times); this.values.push(...values);
+    const old = this.times.findIndex((t) => t > this.times.at(-1) - SPAN);
+    if (old > 0) { this.times.splice(0, old); this.values.splice(0, old); }
+  }
+
+  draw(band) {
+    const { paint, w, h } = fresh(this.canvas), now = this.times.at(-1) ?? 0;
+    let high = this.least;
+    for (const v of this.values) if (v > high) high = v;
+    if (band) high = Math.max(high, band[1]);
+    const x = (t) => w - ((now - t) / SPAN) * w, y = (v) => h - 3 - (v / high) * (h - 18);
+    paint.strokeStyle = style("--line"); paint.beginPath(); paint.moveTo(0, y(0)); paint.lineTo(w, y(0)); paint.stroke();
+    if (band) { paint.fillStyle = this.colour + "33"; paint.fillRect(0, y(band[1]), w, y(band[0]) - y(band[1])); }
+    paint.strokeStyle = this.colour; paint.lineWidth = 1.8; paint.lineJoin = "round"; paint.beginPath();
+    const step = Math.max(1, Math.floor(this.values.length / (2 * w)));
+    for (let i = 0; i < this.values.length; i += step) {
+      let top = this.values[i];
+      for (let k = i; k < Math.min(i + step, this.values.length); k++) top = Math.max(top, this.values[k]);
+      paint.lineTo(x(this.times[i]), y(top));
+    }
+    paint.stroke();
+    paint.fillStyle = style("--faint"); paint.fillText(`${high.toPrecision(2)} ${this.unit}`, 0, 10);
+    paint.textAlign = "right"; paint.fillText(`last ${SPAN} s`, w, 10);
+  }
+}
+
+export function bars(canvas, heights) {
+  canvas.hidden = !heights;
+  if (!heights) return;
+  const { paint, w, h } = fresh(canvas), rows = heights.length, columns = heights[0].length;
+  const all = heights.flat(), low = Math.min(...all), span = Math.max(Math.max(...all) - low, 1e-4);
+  const wide = w / (columns + 0.4 * rows);
+  heights.forEach((row, r) => row.forEach((value, c) => {
+    const tall = 4 + ((value - low) / span) * 0.55 * h, left = c * wide + 0.4 * r * wide, foot = h - (rows - 1 - r) * (0.4 * h / rows);
+    paint.fillStyle = `hsl(205 60% ${38 + 30 * (r / Math.max(rows - 1, 1))}%)`;
+    paint.fillRect(left, foot - tall, 0.8 * wide, tall);
+  }));
+  paint.fillStyle = style("--faint"); paint.fillText(`pins, ${(1e3 * span).toFixed(2)} mm from lowest to highest`, 0, 10);
+}

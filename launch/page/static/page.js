@@ -1,0 +1,176 @@
+// What the page does: frames in, samples of the pointer out, switches.
+
+import { COLOURS, Scene } from "/scene.js";
+import { Strip, bars } from "/charts.js";
+
+const $ = (id) => document.getElementById(id);
+const HOVER = 0.006; // [m] above the surface while nothing is pressed
+const strips = [new Strip($("forces"), "N", "#2f7fb8", 0.5), new Strip($("depths"), "mm", "#c2506a", 2)];
+const aim = { x: 0, y: 0.1, down: false, turning: false, fingers: new Map() };
+let scene, socket, about, newest, paused = false, sample = 0, dirty = true, sent = new Map();
+
+try { scene = new Scene($("view")); } catch (error) { $("status").textContent = error.message; throw error; }
+const page = { frames: 0, latency: 0, get newest() { return newest?.head; }, scene };
+window.palpate = page; // for tests and the curious
+
+function connect() {
+  const scheme = location.protocol === "https:" ? "wss" : "ws";
+  socket = new WebSocket(`${scheme}://${location.host}/socket${location.search}`);
+  socket.binaryType = "arraybuffer";
+  socket.onmessage = ({ data }) => (typeof data === "string" ? say(JSON.parse(data)) : take(data));
+  socket.onclose = () => { $("status").textContent = "the run has ended: start palpate touch again"; };
+}
+
+function say(told) {
+  if (told.kind === "status") {
+    $("status").textContent = told.text;
+    $("keep").setAttribute("aria-pressed", String(told.keep));
+  } else $("status").textContent = told.text;
+}
+
+function take(data) {
+  const length = new DataView(data).getUint32(0, true), head = JSON.parse(new TextDecoder().decode(new Uint8Array(data, 4, length)));
+  const [a, b, c] = head.sizes, at = 4 + length;
+  const indices = new Uint32Array(data, at, a), first = new Float32Array(data, at + 4 * a, b), second = new Float32Array(data, at + 4 * (a + b), c);
+  if (head.kind === "mesh") return begin(head, indices, first, second);
+  if (!about || paused) return;
+  newest = { head, nodes: indices, displacement: first, pressure: second };
+  strips[0].add(head.t, head.f); strips[1].add(head.t, head.s.map((s) => 1e3 * s));
+  if (head.sample && sent.has(head.sample)) {
+    page.latency = performance.now() - sent.get(head.sample);
+    for (const number of sent.keys()) if (number <= head.sample) sent.delete(number);
+  }
+  dirty = true;
+}
+
+function begin(head, triangles, places, normals) {
+  about = head; newest = undefined; sent.clear();
+  scene.mesh(places, normals, triangles);
+  strips.forEach((strip) => strip.clear());
+  const names = head.bodies.includes(head.body) ? head.bodies : [head.body, ...head.bodies];
+  $("body").replaceChildren(...names.map((name) => new Option(name.split(".").pop(), name, false, name === head.body)));
+  dirty = true; point();
+}
+
+function show() {
+  requestAnimationFrame(show);
+  if (!dirty) return;
+  dirty = false; page.frames++;
+  if (newest) {
+    const { head, nodes, displacement, pressure } = newest, pressed = $("colour").value === "pressure" && pressure.length;
+    const values = pressed ? pressure : nodes.length ? Float32Array.from(nodes, (_, k) => Math.hypot(displacement[3 * k], displacement[3 * k + 1], displacement[3 * k + 2])) : nodes;
+    let most = pressed ? 2e3 : 4e-3;
+    for (const v of values) if (v > most) most = v;
+    scene.full = most;
+    scene.deform(nodes, displacement, values);
+    const nothing = $("colour").value === "pressure" && !pressed;
+    $("top").textContent = pressed ? `${(1e-3 * most).toFixed(1)} kPa` : `${(1e3 * most).toFixed(1)} mm`;
+    $("what").textContent = pressed ? "pressure" : nothing ? "displacement (this body tells no pressure)" : "displacement";
+    tell(head);
+  }
+  draw();
+}
+
+function draw() {
+  scene.draw(newest?.head.tip && { tip: newest.head.tip, up: newest.head.up, force: newest.head.force ?? [0, 0, 0] });
+}
+
+function tell(head) {
+  $("force").textContent = Math.hypot(...(head.force ?? [0, 0, head.load])).toFixed(2);
+  $("depth").textContent = (1e3 * head.depth).toFixed(1);
+  $("stick").textContent = head.load > 0 ? (head.stick === undefined ? "touches" : head.stick ? "sticks" : "slips") : "apart";
+  $("energy").textContent = (1e3 * (head.energy ?? 0)).toFixed(1);
+  strips[0].draw(head.load > 0 ? head.band : null); strips[1].draw();
+  bars($("pins"), head.pins);
+  $("beside").textContent = `${head.time.toFixed(1)} s · ${head.late} late ticks · ${page.latency.toFixed(0)} ms from pointer to picture`;
+}
+
+// -- the pointer -----------------------------------------------------------------------------------------------
+
+function point() {
+  if (!about || socket.readyState !== WebSocket.OPEN || paused) return;
+  const hit = scene.pick(aim.x, aim.y);
+  if (hit) aim.hit = hit;
+  if (!aim.hit) return;
+  const lift = about.thickness + (aim.down && hit ? -1e-3 * Number($("press").value) : HOVER);
+  const place = aim.hit.place.map((x, i) => x + lift * aim.hit.normal[i]);
+  sample++; sent.set(sample, performance.now());
+  if (sent.size > 500) sent.delete(sent.keys().next().value);
+  socket.send(JSON.stringify({ point: [sample, place, aim.down ? 1 : 0] }));
+}
+
+function order(what) { if (socket.readyState === WebSocket.OPEN) socket.send(JSON.stringify(what)); }
+
+function place(event) {
+  const box = $("view").getBoundingClientRect();
+  aim.x = (2 * (event.clientX - box.left)) / box.width - 1; aim.y = 1 - (2 * (event.clientY - box.top)) / box.height;
+}
+
+function turn(dx, dy) {
+  scene.azimuth -= 0.008 * dx; scene.height = Math.min(Math.max(scene.height + 0.008 * dy, -1.5), 1.5); dirty = true;
+}
+
+function press(by) {
+  $("press").value = Number($("press").value) + by;
+  $("pressed").textContent = `${$("press").value} mm`; point();
+}
+
+const view = $("view");
+view.addEventListener("pointerdown", (event) => {
+  view.setPointerCapture(event.pointerId); view.focus();
+  aim.fingers.set(event.pointerId, event);
+  aim.turning = event.button === 2 || event.shiftKey || aim.fingers.size > 1;
+  aim.down = !aim.turning; if (aim.down) place(event);
+  point();
+});
+view.addEventListener("pointermove", (event) => {
+  const before = aim.fingers.get(event.pointerId);
+  if (aim.turning) {
+    if (before) { turn(event.clientX - before.clientX, event.clientY - before.clientY); aim.fingers.set(event.pointerId, event); }
+  } else { place(event); point(); }
+});
+for (const name of ["pointerup", "pointercancel"]) view.addEventListener(name, (event) => {
+  aim.fingers.delete(event.pointerId); aim.down = false;
+  if (!aim.fingers.size) aim.turning = false;
+  point();
+});
+view.addEventListener("contextmenu", (event) => event.preventDefault());
+view.addEventListener("wheel", (event) => {
+  event.preventDefault();
+  if (event.ctrlKey) { scene.distance *= Math.exp(0.002 * event.deltaY); dirty = true; } else press(event.deltaY < 0 ? 0.5 : -0.5);
+}, { passive: false });
+const STEPS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] };
+view.addEventListener("keydown", (event) => {
+  const step = STEPS[event.key];
+  if (step && event.shiftKey) turn(12 * step[0], -12 * step[1]);
+  else if (step) { aim.x += 0.02 * step[0]; aim.y += 0.02 * step[1]; point(); }
+  else if (event.key === " ") { if (!event.repeat) { aim.down = true; point(); } }
+  else if (event.key === "+" || event.key === "=") press(0.5);
+  else if (event.key === "-") press(-0.5);
+  else return;
+  event.preventDefault();
+});
+view.addEventListener("keyup", (event) => { if (event.key === " ") { aim.down = false; point(); } });
+window.addEventListener("blur", () => { aim.down = false; point(); });
+
+// -- switches --------------------------------------------------------------------------------------------------
+
+$("press").addEventListener("input", () => press(0));
+$("body").addEventListener("change", (event) => order({ body: event.target.value }));
+$("reset").addEventListener("click", () => order({ reset: true }));
+$("keep").addEventListener("click", () => order({ keep: $("keep").getAttribute("aria-pressed") !== "true" }));
+$("colour").addEventListener("change", () => { dirty = true; });
+$("pause").addEventListener("click", () => {
+  if (!paused) { aim.down = false; point(); }
+  paused = !paused; $("pause").setAttribute("aria-pressed", String(paused));
+});
+$("shot").addEventListener("click", () => {
+  draw(); // what was drawn before is gone once it is shown
+  const link = document.createElement("a");
+  link.download = "palpate.png"; link.href = view.toDataURL("image/png"); link.click();
+});
+window.addEventListener("resize", () => { dirty = true; });
+const paint = $("scale").getContext("2d"), ramp = paint.createLinearGradient(0, 140, 0, 0);
+COLOURS.forEach((colour, i) => ramp.addColorStop(i / (COLOURS.length - 1), colour));
+paint.fillStyle = ramp; paint.fillRect(0, 0, 14, 140);
+connect(); show();

@@ -1,0 +1,221 @@
+// The picture: organ, fingertip and force arrow in WebGL 2, and the ray from a point of the screen to the organ.
+
+const VERTEX = `#version 300 es
+in vec3 place; in vec3 normal; in float value;
+uniform mat4 camera; out vec3 n; out float v;
+void main() { n = normal; v = value; gl_Position = camera * vec4(place, 1.0); }`;
+const FRAGMENT = `#version 300 es
+precision highp float;
+in vec3 n; in float v; uniform vec3 base; uniform vec3 eye; uniform float full; uniform sampler2D scale; uniform float alpha;
+out vec4 colour;
+void main() {
+  vec3 m = normalize(n); if (dot(m, eye) < 0.0) m = -m;
+  vec3 rgb = full > 0.0 ? texture(scale, vec2(clamp(v / full, 0.0, 1.0), 0.5)).rgb : base;
+  vec3 lamp = normalize(eye + vec3(-0.35, -0.15, 0.75));
+  float light = 0.42 + 0.62 * max(dot(m, lamp), 0.0);
+  float gloss = 0.22 * alpha * alpha * pow(max(dot(m, normalize(lamp + eye)), 0.0), 40.0);
+  colour = vec4(rgb * light + gloss, alpha);
+}`;
+export const COLOURS = ["#e8b9a6", "#f2a07c", "#ec7f5b", "#d2434f", "#9c1c5b", "#5b1360", "#240b40"];
+
+const sub = (a, b) => [a[0] - b[0], a[1] - b[1], a[2] - b[2]];
+const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
+const unit = (a) => { const l = Math.hypot(...a) || 1; return a.map((x) => x / l); };
+const along = (a, b, t) => a.map((x, i) => x + t * b[i]);
+
+export class Scene {
+  constructor(canvas) {
+    this.canvas = canvas;
+    this.gl = canvas.getContext("webgl2", { antialias: !software(), alpha: true });
+    if (!this.gl) throw new Error("this browser has no WebGL 2, which the picture needs");
+    this.azimuth = -1.15; this.height = 0.5; this.distance = 0.26; this.full = 0.01;
+    const gl = this.gl, program = this.program = gl.createProgram();
+    for (const [kind, text] of [[gl.VERTEX_SHADER, VERTEX], [gl.FRAGMENT_SHADER, FRAGMENT]]) {
+      const shader = gl.createShader(kind);
+      gl.shaderSource(shader, text); gl.compileShader(shader); gl.attachShader(program, shader);
+    }
+    ["place", "normal", "value"].forEach((name, i) => gl.bindAttribLocation(program, i, name));
+    gl.linkProgram(program);
+    if (!gl.getProgramParameter(program, gl.LINK_STATUS)) throw new Error(gl.getProgramInfoLog(program));
+    this.at = (name) => gl.getUniformLocation(program, name);
+    gl.useProgram(program); gl.enable(gl.DEPTH_TEST); gl.enable(gl.BLEND);
+    gl.blendFunc(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA);
+    this.organ = this.part(); this.ball = this.part(); this.arrow = this.part();
+    this.shape(this.ball, ...sphere(28)); this.shape(this.arrow, ...pointer(20));
+    const strip = document.createElement("canvas"); strip.width = 256; strip.height = 1;
+    const paint = strip.getContext("2d"), ramp = paint.createLinearGradient(0, 0, 256, 0);
+    COLOURS.forEach((c, i) => ramp.addColorStop(i / (COLOURS.length - 1), c));
+    paint.fillStyle = ramp; paint.fillRect(0, 0, 256, 1);
+    gl.bindTexture(gl.TEXTURE_2D, gl.createTexture());
+    gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA, gl.RGBA, gl.UNSIGNED_BYTE, strip);
+    for (const side of [gl.TEXTURE_WRAP_S, gl.TEXTURE_WRAP_T]) gl.texParameteri(gl.TEXTURE_2D, side, gl.CLAMP_TO_EDGE);
+    gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MIN_FILTER, gl.LINEAR);
+  }
+
+  part() {
+    const gl = this.gl, made = { array: gl.createVertexArray(), count: 0 };
+    gl.bindVertexArray(made.array);
+    ["place", "normal", "value"].forEach((name, i) => {
+      made[name] = gl.createBuffer(); gl.bindBuffer(gl.ARRAY_BUFFER, made[name]);
+      gl.enableVertexAttribArray(i); gl.vertexAttribPointer(i, i < 2 ? 3 : 1, gl.FLOAT, false, 0, 0);
+    });
+    made.index = gl.createBuffer(); gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, made.index);
+    return made;
+  }
+
+  fill(part, name, data) {
+    this.gl.bindBuffer(this.gl.ARRAY_BUFFER, part[name]);
+    this.gl.bufferData(this.gl.ARRAY_BUFFER, data, this.gl.DYNAMIC_DRAW);
+  }
+
+  shape(part, places, normals, triangles) {
+    const gl = this.gl;
+    this.fill(part, "place", places); this.fill(part, "normal", normals);
+    this.fill(part, "value", new Float32Array(places.length / 3));
+    gl.bindVertexArray(part.array); gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, part.index);
+    gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, triangles, gl.STATIC_DRAW);
+    part.count = triangles.length;
+  }
+
+  mesh(places, normals, triangles) {
+    this.rest = places; this.restNormals = normals; this.triangles = triangles;
+    this.places = places.slice(); this.normals = normals.slice(); this.values = new Float32Array(places.length / 3);
+    this.moved = new Uint32Array(0);
+    this.around = null;
+    const low = [1e9, 1e9, 1e9], high = [-1e9, -1e9, -1e9];
+    places.forEach((x, i) => { low[i % 3] = Math.min(low[i % 3], x); high[i % 3] = Math.max(high[i % 3], x); });
+    this.centre = low.map((x, i) => (x + high[i]) / 2);
+    this.size = Math.hypot(...sub(high, low)); this.distance = 1.75 * this.size;
+    this.shape(this.organ, this.places, this.normals, triangles);
+  }
+
+  // Displacement of some vertices; all others are at rest. Normals are made anew where something has moved.
+  deform(nodes, displacement, values) {
+    for (const i of this.moved) {
+      for (let c = 3 * i; c < 3 * i + 3; c++) { this.places[c] = this.rest[c]; this.normals[c] = this.restNormals[c]; }
+      this.values[i] = 0;
+    }
+    nodes.forEach((i, k) => {
+      for (let c = 0; c < 3; c++) this.places[3 * i + c] = this.rest[3 * i + c] + displacement[3 * k + c];
+      this.values[i] = values[k];
+    });
+    this.moved = nodes;
+    if (nodes.length) this.smooth(new Set(nodes));
+    this.fill(this.organ, "place", this.places); this.fill(this.organ, "normal", this.normals);
+    this.fill(this.organ, "value", this.values);
+  }
+
+  smooth(inside) {
+    const sum = new Map(), t = this.triangles, p = this.places;
+    for (let k = 0; k < t.length; k += 3) {
+      if (!(inside.has(t[k]) || inside.has(t[k + 1]) || inside.has(t[k + 2]))) continue;
+      const [a, b, c] = [t[k], t[k + 1], t[k + 2]].map((i) => [p[3 * i], p[3 * i + 1], p[3 * i + 2]]);
+      const face = cross(sub(b, a), sub(c, a));
+      for (const i of [t[k], t[k + 1], t[k + 2]]) if (inside.has(i)) sum.set(i, along(face, sum.get(i) ?? [0, 0, 0], 1));
+    }
+    for (const [i, n] of sum) this.normals.set(unit(n), 3 * i);
+  }
+
+  view() {
+    const c = Math.cos(this.height), eye = [c * Math.cos(this.azimuth), c * Math.sin(this.azimuth), Math.sin(this.height)];
+    const right = unit(cross([0, 0, 1], eye)), up = cross(eye, right);
+    return { eye, right, up, from: along(this.centre, eye, this.distance), tan: Math.tan(0.3) };
+  }
+
+  camera() {
+    const { eye, right, up, from, tan } = this.view(), aspect = this.canvas.width / this.canvas.height;
+    const near = 0.02 * this.distance, far = 6 * this.distance, a = (far + near) / (near - far), b = (2 * far * near) / (near - far);
+    const rows = [[...right, -dot(right, from)], [...up, -dot(up, from)], [...eye, -dot(eye, from)]];
+    const m = new Float32Array(16);
+    for (let i = 0; i < 4; i++) {
+      m[4 * i] = rows[0][i] / (tan * aspect); m[4 * i + 1] = rows[1][i] / tan;
+      m[4 * i + 2] = a * rows[2][i] + (i === 3 ? b : 0); m[4 * i + 3] = -rows[2][i];
+    }
+    return m;
+  }
+
+  // Where a point of the screen (each from -1 to 1) meets the undeformed organ: place and normal, or null.
+  pick(x, y) {
+    if (!this.rest) return null;
+    const { eye, right, up, from, tan } = this.view(), aspect = this.canvas.width / this.canvas.height;
+    const ray = unit(along(along(along([0, 0, 0], right, x * tan * aspect), up, y * tan), eye, -1));
+    const t = this.triangles, p = this.rest;
+    let best = Infinity, hit = null;
+    for (let k = 0; k < t.length; k += 3) {
+      const [i, j, l] = [3 * t[k], 3 * t[k + 1], 3 * t[k + 2]];
+      const a = [p[i], p[i + 1], p[i + 2]], u = sub([p[j], p[j + 1], p[j + 2]], a), v = sub([p[l], p[l + 1], p[l + 2]], a);
+      const h = cross(ray, v), d = dot(u, h);
+      if (d < 1e-14) continue;
+      const s = sub(from, a), f = dot(s, h) / d, q = cross(s, u), g = dot(ray, q) / d;
+      if (f < 0 || g < 0 || f + g > 1) continue;
+      const away = dot(v, q) / d;
+      if (away > 0 && away < best) { best = away; hit = unit(cross(u, v)); }
+    }
+    return hit && { place: along(from, ray, best), normal: hit };
+  }
+
+  draw(finger) {
+    const gl = this.gl, ratio = Math.min(window.devicePixelRatio || 1, 1.5), box = this.canvas.getBoundingClientRect();
+    const [w, h] = [Math.round(box.width * ratio), Math.round(box.height * ratio)];
+    if (this.canvas.width !== w || this.canvas.height !== h) { this.canvas.width = w; this.canvas.height = h; }
+    gl.viewport(0, 0, w, h); gl.clearColor(0, 0, 0, 0); gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
+    if (!this.rest) return;
+    const camera = this.camera();
+    gl.uniform3fv(this.at("eye"), this.view().eye);
+    gl.uniformMatrix4fv(this.at("camera"), false, camera);
+    this.paint(this.organ, [1, 1, 1], this.full, 1);
+    if (!finger) return;
+    const radius = 0.006, up = finger.up, load = Math.hypot(...finger.force);
+    if (load > 0.02) {
+      const length = Math.min(0.012 * load, 0.06), way = unit(finger.force);
+      this.paintAt(camera, this.arrow, along(finger.tip, up, radius), way, length, 0.0022 + 0.0004 * Math.min(load, 4), [0.12, 0.42, 0.66], 1);
+    }
+    this.paintAt(camera, this.ball, along(finger.tip, up, radius), up, radius, radius, [0.78, 0.55, 0.42], 0.45);
+  }
+
+  paintAt(camera, part, place, axis, length, width, colour, alpha) {
+    const side = unit(cross(Math.abs(axis[2]) < 0.9 ? [0, 0, 1] : [1, 0, 0], axis)), other = cross(axis, side), m = new Float32Array(16);
+    const columns = [side.map((x) => x * width), other.map((x) => x * width), axis.map((x) => x * length), place];
+    columns.forEach((c, j) => {
+      for (let i = 0; i < 4; i++) m[4 * j + i] = camera[i] * c[0] + camera[4 + i] * c[1] + camera[8 + i] * c[2] + (j === 3 ? camera[12 + i] : 0);
+    });
+    const { eye } = this.view();
+    this.gl.uniform3fv(this.at("eye"), [dot(eye, side), dot(eye, other), dot(eye, axis)]);
+    this.gl.uniformMatrix4fv(this.at("camera"), false, m);
+    this.paint(part, colour, 0, alpha);
+    this.gl.uniform3fv(this.at("eye"), eye);
+  }
+
+  paint(part, colour, full, alpha) {
+    const gl = this.gl;
+    gl.uniform3fv(this.at("base"), colour); gl.uniform1f(this.at("full"), full); gl.uniform1f(this.at("alpha"), alpha);
+    gl.bindVertexArray(part.array); gl.drawElements(gl.TRIANGLES, part.count, gl.UNSIGNED_INT, 0);
+  }
+}
+
+// Smooth edges cost a software renderer more than the rest of the picture.
+function software() {
+  const gl = document.createElement("canvas").getContext("webgl2"), about = gl?.getExtension("WEBGL_debug_renderer_info");
+  return Boolean(about) && /swiftshader|llvmpipe|software/i.test(gl.getParameter(about.UNMASKED_RENDERER_WEBGL));
+}
+
+function turned(profile, count) {
+  const places = [], normals = [], triangles = [], rows = profile.length;
+  for (const [r, z, nr, nz] of profile) for (let k = 0; k < count; k++) {
+    const a = (2 * Math.PI * k) / count;
+    places.push(r * Math.cos(a), r * Math.sin(a), z); normals.push(nr * Math.cos(a), nr * Math.sin(a), nz);
+  }
+  for (let i = 0; i + 1 < rows; i++) for (let k = 0; k < count; k++) {
+    const a = i * count + k, b = i * count + ((k + 1) % count);
+    triangles.push(a, b, a + count, b, b + count, a + count);
+  }
+  return [new Float32Array(places), new Float32Array(normals), new Uint32Array(triangles)];
+}
+
+const sphere = (count) => turned(Array.from({ length: count / 2 + 1 }, (_, i) => {
+  const a = (2 * Math.PI * i) / count - Math.PI / 2;
+  return [Math.cos(a), Math.sin(a), Math.cos(a), Math.sin(a)];
+}), count);
+
+const pointer = (count) => turned([[0, 0, 0, -1], [0.5, 0, 1, 0], [0.5, 0.75, 1, 0], [1.3, 0.75, 0, -1], [1.3, 0.75, 0.9, 0.4], [0, 1, 0.9, 0.4]], count);
