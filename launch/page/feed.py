@@ -83,7 +83,8 @@ class Feed:
                     continue
                 count += 1
                 if isinstance(message, Health):
-                    self.late[message.source] = message.late + message.lost
+                    if message.source in self.touched.place["loop"]["nodes"]:
+                        self.late[message.source] = message.late + message.lost
                     continue
                 self.last[type(message)] = message
                 if isinstance(message, Contact):
@@ -102,7 +103,7 @@ class Feed:
 
     def _now(self) -> dict[str, Any]:
         last = self.last
-        told: dict[str, Any] = {"late": sum(self.late.values())}
+        told: dict[str, Any] = {"late": max(self.late.values(), default=0)}
         contact, near, pose = last[Contact], last.get(Proximity), last.get(Pose)
         assert isinstance(contact, Contact)
         told |= {"time": contact.time * 1e-9, "normal": contact.normal, "foot": contact.foot}
