@@ -1,0 +1,72 @@
+"""The page in a real Chromium: it loads, the organ gives way under the mouse, switches work, the console stays empty."""
+
+import shutil
+
+import pytest
+
+pytest.importorskip("websockets")
+sync_api = pytest.importorskip("playwright.sync_api")
+
+from test_page import WAIT, Server
+
+CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
+pytestmark = [pytest.mark.long, pytest.mark.skipif(CHROMIUM is None, reason="no Chromium: apt install chromium")]
+SOFTWARE = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+
+
+@pytest.fixture(scope="module")
+def server(tmp_path_factory):
+    made = Server(tmp_path_factory.mktemp("touch"))
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def page(server):
+    with sync_api.sync_playwright() as play:
+        browser = play.chromium.launch(executable_path=CHROMIUM, args=SOFTWARE)
+        # The page's own policy forbids the evaluation of texts, by which the test looks inside.
+        page = browser.new_page(bypass_csp=True, viewport={"width": 1000, "height": 700})
+        page.set_default_timeout(1e3 * WAIT)
+        page.problems = []
+        page.on("console", lambda it: page.problems.append(it.text) if it.type in ("error", "warning") else None)
+        page.on("pageerror", lambda error: page.problems.append(str(error)))
+        page.goto(server.url())
+        page.wait_for_function("window.palpate && palpate.newest")
+        yield page
+        browser.close()
+
+
+def test_the_mouse_is_the_finger(page):
+    page.mouse.move(500, 330)
+    page.mouse.down()
+    page.wait_for_function("palpate.newest.load > 0.3 && palpate.scene.moved.length > 0")
+    page.wait_for_function("Number(document.getElementById('force').value) > 0.3")
+    near = """() => {
+        const box = document.getElementById('view').getBoundingClientRect();
+        const hit = palpate.scene.pick(2 * 500 / box.width - 1, 1 - 2 * 330 / box.height);
+        return Math.hypot(...hit.place.map((x, i) => x - palpate.newest.foot[i]));
+    }"""
+    page.wait_for_function(f"({near})() < 0.008")
+    shallow = page.evaluate("palpate.newest.load")
+    for _ in range(6):
+        page.mouse.wheel(0, -100)
+    page.wait_for_function(f"palpate.newest.load > {1.1 * shallow}")
+    page.mouse.up()
+    page.wait_for_function("palpate.newest.load == 0")
+    assert page.problems == []
+
+
+def test_keys_press_and_switches_start_another_body(page):
+    page.focus("#view")
+    page.keyboard.down(" ")
+    page.wait_for_function("palpate.newest.load > 0.1")
+    page.keyboard.up(" ")
+    page.select_option("#body", "deformation.ReducedFE")
+    page.wait_for_function("document.getElementById('body').value == 'deformation.ReducedFE'")
+    page.wait_for_function("document.getElementById('status').textContent == 'running' && palpate.newest")
+    page.click("#pause")
+    assert page.get_attribute("#pause", "aria-pressed") == "true"
+    page.click("#keep")
+    page.wait_for_selector("#keep[aria-pressed=false]")
+    assert page.problems == []
