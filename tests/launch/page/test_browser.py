@@ -1,4 +1,4 @@
-"""The page in a real Chromium: it loads, the organ gives way under the mouse, switches work, the console stays empty."""
+"""The page in a real Chromium: it loads, the organ gives way under the mouse, switches work, no console errors."""
 
 import shutil
 
@@ -7,7 +7,7 @@ import pytest
 pytest.importorskip("websockets")
 sync_api = pytest.importorskip("playwright.sync_api")
 
-from test_page import WAIT, Server
+from test_page import WAIT, Server  # noqa: E402  the packages above may be missing
 
 CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
 pytestmark = [pytest.mark.long, pytest.mark.skipif(CHROMIUM is None, reason="no Chromium: apt install chromium")]
