@@ -104,9 +104,11 @@ def run(
 
 def _reconnecting(launch: LaunchFile) -> list[str]:
     """The settings by which all nodes with a device wait for it."""
-    devices = [name for name, spec in launch.load().nodes.items() if spec.cls.hardware]
+    from palpate.nodes.base import settings
+
+    devices = [name for name, spec in launch.load().nodes.items() if "reconnect" in settings(spec.cls)]
     if not devices:
-        raise typer.BadParameter("--reconnect: no node of this graph talks to a device")
+        raise typer.BadParameter("--reconnect: no node of this graph talks to a device that it could wait for")
     return [f"{name}.reconnect=true" for name in devices]
 
 

@@ -104,7 +104,9 @@ def runs() -> Iterator[tuple[str, list[str]]]:
 
 
 def _in_use(path: Path) -> bool:
-    """Whether the launcher of this run lives, or has made the folder a moment ago."""
+    """Whether the launcher of this run lives, or has made the folder a moment ago. A stray file is no run."""
+    if not path.is_dir():
+        return False
     try:
         number = os.open(path / _LOCK, os.O_RDWR | os.O_CLOEXEC)
     except FileNotFoundError:

@@ -109,6 +109,8 @@ class Mouse(Node):
     mass    of grip and hand together; damping: of the device alone; hand_stiffness and hand_damping: of the arm
     """
 
+    sink = True
+
     begin: Annotated[Vector3, "m"] = HOME
     origin: Annotated[Vector3, "m"] = (0.0, 0.0, 0.0)
     lag: Annotated[float, "s", msgspec.Meta(gt=0, le=1)] = 0.03

@@ -82,7 +82,7 @@ function tell(head) {
   $("energy").textContent = (1e3 * (head.energy ?? 0)).toFixed(1);
   strips[0].draw(head.load > 0 ? head.band : null); strips[1].draw();
   bars($("pins"), head.pins);
-  $("beside").textContent = `${head.time.toFixed(1)} s · ${head.late} late ticks · ${page.latency.toFixed(0)} ms from pointer to picture`;
+  $("beside").textContent = `${head.time.toFixed(1)} s · ${head.late} late ticks · ${page.latency.toFixed(0)} ms from pointer to frame`;
 }
 
 // -- the pointer -----------------------------------------------------------------------------------------------

@@ -196,3 +196,14 @@ def test_keys_are_made_and_listed_and_belong_to_their_user(tmp_path, monkeypatch
     path.write_text("{}")
     with pytest.raises(keys.KeyFault, match="damaged"):
         keys.load()
+
+
+def test_a_stray_file_among_the_runs_is_none_and_harms_none():
+    stray = addresses.folder() / "stray"
+    stray.write_text("x")
+    try:
+        folder = addresses.RunFolder("2-mine")
+        assert "stray" not in dict(addresses.runs()) and "2-mine" in dict(addresses.runs())
+        folder.close()
+    finally:
+        stray.unlink(missing_ok=True)
