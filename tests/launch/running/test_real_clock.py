@@ -53,7 +53,7 @@ def test_a_node_waits_for_an_input_of_the_same_tick_up_to_the_end_of_the_period(
 
 
 def test_a_node_does_not_wait_beyond_the_period(tmp_path):
-    """The spring takes over two periods for each force; drag answers ticks that the spring never does, by older forces."""
+    """The spring takes over two periods for each force; drag answers also other ticks, by older forces."""
     result, recording = live(tmp_path, slow("Spring", "Late", delay=2.3 / RATE), 40)
     ticks = {name: {message.tick for message in recording.messages(name)} for name in ("source", "spring", "drag")}
     assert result.ok and 0 < len(ticks["spring"]) < len(ticks["source"]) / 2
