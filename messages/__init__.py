@@ -20,6 +20,7 @@ from palpate.messages.contact import Contact, Friction, Load, Proximity
 from palpate.messages.device import DeviceState, Force, Pointed, Pose, Torque
 from palpate.messages.display import Pins
 from palpate.messages.health import Health
+from palpate.messages.ledger import Ledger
 from palpate.messages.slip import Slip
 from palpate.messages.tactile import Tactile
 from palpate.messages.tissue import Surface
@@ -35,6 +36,7 @@ __all__ = [
     "Friction",
     "Health",
     "Ints",
+    "Ledger",
     "Load",
     "Message",
     "MessageError",

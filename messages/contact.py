@@ -7,7 +7,7 @@ from typing import Annotated, Self
 import msgspec
 import numpy as np
 
-from palpate.messages.base import Floats, Ints, Message, Vector2, Vector3
+from palpate.messages.base import Floats, Ints, Message, Vector, Vector2, Vector3
 
 
 class Proximity(Message):
@@ -44,6 +44,7 @@ class Contact(Message):
     compression_rate  [m/s] ()   change of s1 over the step
     indentation_rate  [m/s] ()   change of s2 over the step
     along             [N]   (3)  force on the finger along the surface, towards where the body is softer; not friction
+    stored            [J]   (e)  energy that the fingertip holds; e = 1, 0 where nobody reads it
     """
 
     foot: Annotated[Vector3, "m"]
@@ -54,6 +55,7 @@ class Contact(Message):
     compression_rate: Annotated[float, "m/s"]
     indentation_rate: Annotated[float, "m/s"]
     along: Annotated[Vector3, "N"] = (0.0, 0.0, 0.0)
+    stored: Annotated[Vector, "J", ("e",)] = ()
 
 
 class Friction(Message):
@@ -62,11 +64,13 @@ class Friction(Message):
     force    [N] (3)  tangential to the surface
     bristle  [m] (3)  mean bristle deflection
     stick    [1] ()   true while the contact does not slide
+    stored   [J] (e)  energy that the bristles hold; e = 1, 0 where the law does not tell or nobody reads it
     """
 
     force: Annotated[Vector3, "N"]
     bristle: Annotated[Vector3, "m"]
     stick: Annotated[bool, "1"]
+    stored: Annotated[Vector, "J", ("e",)] = ()
 
 
 class Load(Message):

@@ -36,6 +36,8 @@ class Surface(Message):
                                  the surface; 0 where the model does not know. The finger is pushed that way
     turning       [1/m]   (t)    change of the outward normal with place, dn_i/dx_j row by row; t = 9, 0 without slope
     beyond        [1]     ()     how far beyond the range that the model was made from: 0 within, 1 at twice its end
+    stored        [J]     (e)    energy that the body holds under the normal force; e = 1, 0 where the model does not
+                                 tell or nobody reads it
     """
 
     nodes: Annotated[Ints, "1", ("k",)]
@@ -53,6 +55,7 @@ class Surface(Message):
     slope: Annotated[Vector3, "N"] = (0.0, 0.0, 0.0)
     turning: Annotated[Vector, "1/m", ("t",)] = ()
     beyond: Annotated[float, "1"] = 0.0
+    stored: Annotated[Vector, "J", ("e",)] = ()
 
     @classmethod
     def example(cls, loaded: bool) -> Self:

@@ -7,7 +7,7 @@ from typing import Annotated
 import msgspec
 import numpy as np
 
-from palpate.messages import Contact, Force, Friction, Pose
+from palpate.messages import Contact, Force, Friction, Ledger, Pose
 from palpate.nodes.base import Node, Wants
 from palpate.physics.device.controller import LIMIT, buffers, haptic
 
@@ -33,7 +33,8 @@ class Haptic(Node):
 
     The force is zero without a contact or a pose; without a friction it is the contact's own alone. After an outage (a
     contact, a pose, an input that the contact is computed from, or the steps themselves were missing) it comes in from
-    zero, never above limit/ramp times the time since, and the observer begins anew.
+    zero, never above limit/ramp times the time since, and the observer begins anew. When a ledger trips it goes to zero
+    within the same time, and stays there.
     """
 
     stiffness: Annotated[float, "N/m", msgspec.Meta(ge=0)] = 0.0
@@ -69,6 +70,7 @@ class Haptic(Node):
         )
         self._whole = self._lost = False
         self._last, self._since = 0.0, self.ramp
+        self._open, self._tripped = 1.0, False
         self._reset()
 
     def _reset(self) -> None:
@@ -91,11 +93,18 @@ class Haptic(Node):
         self.gains[LIMIT] = share * self.limit
         return share
 
+    def _closed(self, dt: float) -> float:
+        """The share of the force that is left since the ledger tripped [1]: none after `ramp`."""
+        self._open = max(self._open - dt / self.ramp, 0.0) if self.ramp > 0.0 else 0.0
+        self.gains[LIMIT] = min(self.gains[LIMIT], self._open * self.limit)
+        return self._open
+
     def step(
         self,
         contact: Annotated[Contact | None, Wants("normal", "force", "compression", "indentation", "along")],
         friction: Annotated[Friction | None, Wants("force")],
         pose: Annotated[Pose | None, Wants("position", "velocity")],
+        ledger: Annotated[Ledger | None, Wants("tripped")] = None,
         *,
         dt: float,
     ) -> Force:
@@ -104,6 +113,9 @@ class Haptic(Node):
             self._reset()
             return Force(force=ZERO, state="free", energy=0.0)
         share = self._share(-1 in contact.used, dt)
+        self._tripped = self._tripped or (ledger is not None and ledger.tripped)
+        if self._tripped:
+            share *= self._closed(dt)
         p, a = friction.force if friction is not None else ZERO, contact.along
         fx, fy, fz, touching, energy = haptic(
             self.gains,

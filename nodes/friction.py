@@ -9,8 +9,8 @@ from typing import Annotated, Any, ClassVar
 
 import msgspec
 
-from palpate.messages import Contact, Friction, Proximity
-from palpate.nodes.base import Node
+from palpate.messages import Contact, Friction, Proximity, Vector
+from palpate.nodes.base import Node, Wants, part
 from palpate.physics import friction
 from palpate.physics.friction import bristle
 
@@ -30,11 +30,23 @@ class _Sliding(Node):
     def rests(self, contact: Contact, proximity: Proximity) -> bool:
         return not contact.force > 0.0 and not self._bristles.load > 0.0
 
-    def step(self, contact: Contact, proximity: Proximity, *, dt: float) -> Friction:
+    def step(
+        self,
+        contact: Annotated[Contact, Wants("normal", "force")],
+        proximity: Annotated[Proximity, Wants("slip")],
+        *,
+        dt: float,
+    ) -> Friction:
         self._bristles, force, stick = bristle.step(
             self._law, self._bristles, contact.normal, proximity.slip, contact.force, dt
         )
-        return Friction(force=force, bristle=self._bristles.z, stick=stick)
+        return Friction(force=force, bristle=self._bristles.z, stick=stick, stored=self._stored())
+
+    @part("energy", "stored", otherwise=())
+    def _stored(self) -> Vector:
+        """The energy that the bristles hold; a law without `stored` does not tell."""
+        stored = getattr(self._law, "stored", None)
+        return (stored(self._bristles.z, self._bristles.load),) if stored is not None else ()
 
 
 def node_of(law: type, name: str = "", module: str = __name__) -> type[Node]:

@@ -8,6 +8,7 @@ import msgspec
 import numpy as np
 
 from palpate.messages import Contact, Friction, Load, Vector3
+from palpate.nodes.base import Wants
 from palpate.nodes.base.surface import OnSurface
 from palpate.physics.contact.spread import Spreader
 
@@ -31,7 +32,11 @@ class Kernel(OnSurface):
     def rests(self, contact: Contact, friction: Friction | None) -> bool:
         return not contact.force > 0.0 and self._idle_at == (contact.foot, contact.normal)
 
-    def step(self, contact: Contact, friction: Friction | None) -> Load:
+    def step(
+        self,
+        contact: Annotated[Contact, Wants("foot", "normal", "force")],
+        friction: Annotated[Friction | None, Wants("force")],
+    ) -> Load:
         nodes, forces = NO_NODES, NO_VECTORS
         self._idle_at = (contact.foot, contact.normal)
         if contact.force > 0.0:

@@ -10,7 +10,7 @@ import msgspec
 import numpy as np
 
 from palpate.messages import Contact, Friction, Tactile
-from palpate.nodes.base import Node, SettingError
+from palpate.nodes.base import Node, SettingError, Wants
 from palpate.physics.contact.tactile import stick_radius
 
 TABLE = Path(__file__).parent / "tables" / "fingertip.npz"
@@ -56,7 +56,11 @@ class Flow(Node):
         self._slopes = np.diff(self._columns, axis=0) / np.diff(force)[:, None]
         self._flat = np.zeros(self._columns.shape[1])
 
-    def step(self, contact: Contact, friction: Friction | None) -> Tactile:
+    def step(
+        self,
+        contact: Annotated[Contact, Wants("force")],
+        friction: Annotated[Friction | None, Wants("force")],
+    ) -> Tactile:
         force = contact.force
         row = int(np.searchsorted(self._force, force, side="right")) - 1
         last = len(self._force) - 1

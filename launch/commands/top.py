@@ -70,8 +70,15 @@ class Row:
     def data(self) -> dict[str, Any]:
         """Plain data, SI units."""
         assert self.last is not None
-        names = ("tick", "steps", "late", "lost", "held", "asleep", "median", "p99", "longest", "age")
+        names = ("tick", "steps", "late", "lost", "held", "asleep", "median", "p99", "longest", "age", "state")
         return {"rate": self.rate, **{name: getattr(self.last, name) for name in names}}
+
+
+def _state(state: str) -> Any:
+    """What is out of order; nothing where all is well."""
+    from rich.text import Text
+
+    return Text("" if state == "ready" else state, style="red")
 
 
 def _table(run: str, rows: dict[str, Row]) -> Any:
@@ -83,10 +90,11 @@ def _table(run: str, rows: dict[str, Row]) -> Any:
     times = ("p50 [us]", "p99 [us]", "longest [us]", "answer [us]")
     for title in ("tick", "rate [Hz]", *times, "late", "lost", "held", "asleep"):
         table.add_column(title, justify="right")
+    table.add_column("state")
     for name, row in rows.items():
         it = row.last
         assert it is not None
         troubles = [Text(str(n), style="yellow" if n else "dim") for n in (it.late, it.lost, it.held)]
         durations = [f"{value * 1e6:.1f}" for value in (it.median, it.p99, it.longest, it.age)]
-        table.add_row(name, str(it.tick), f"{row.rate:.0f}", *durations, *troubles, str(it.asleep))
+        table.add_row(name, str(it.tick), f"{row.rate:.0f}", *durations, *troubles, str(it.asleep), _state(it.state))
     return table

@@ -44,6 +44,7 @@ def _draw(recording: Recording, folder: Path, console: Console | None, step: Cal
         compression,
         deformation,
         device,
+        energy,
         force,
         friction,
         pad,
@@ -71,7 +72,7 @@ def _draw(recording: Recording, folder: Path, console: Console | None, step: Cal
         ):  # else there is none to draw, or it is a pad
             _tell(console, f"no picture of the surface: {error}")
     try:
-        for picture in (force, compression, friction, device, slip, pad, pins, softness):
+        for picture in (force, compression, friction, device, energy, slip, pad, pins, softness):
             step(picture.NAME)
             drawing = picture.draw(touch)
             if drawing is not None:
@@ -92,7 +93,7 @@ def _draw(recording: Recording, folder: Path, console: Console | None, step: Cal
     return made
 
 
-STEPS = 10
+STEPS = 11
 
 
 @contextmanager

@@ -15,6 +15,7 @@ from palpate.messages import (
     Force,
     ForceBand,
     Friction,
+    Ledger,
     Message,
     MessageError,
     Pins,
@@ -60,6 +61,10 @@ class Touch:
     @cached_property
     def force(self) -> Columns | None:
         return self._columns(Force)
+
+    @cached_property
+    def ledger(self) -> Columns | None:
+        return self._columns(Ledger)
 
     @cached_property
     def slip(self) -> Columns | None:

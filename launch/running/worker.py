@@ -275,6 +275,8 @@ class Worker:
     def sign_of_life(self) -> None:
         """Tell the launcher and the observers how the nodes are doing."""
         self._reported = now()
+        for slot in self.slots:
+            slot.health.state = slot.node.condition() or "ready"
         nodes = {slot.name: slot.health.report(slot.forces()) for slot in self.slots}
         self._tell_observers(nodes)
         nodes |= {observer.name: observer.health.report() for observer in self.audience.slots}

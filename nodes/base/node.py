@@ -125,6 +125,10 @@ class Node:
     def stop(self) -> None:
         """Give back what `start` opened."""
 
+    def condition(self) -> str:
+        """What is out of order with it, in a few words; "" while all is well. `Health.state` tells it."""
+        return ""
+
     def notes(self) -> list[str]:
         """Lines that the user should see; asked a few times a second, and each line is given once."""
         return []

@@ -7,10 +7,10 @@ from typing import Annotated, Literal
 
 import msgspec
 
-from palpate.messages import Contact, Proximity, Surface
-from palpate.nodes.base import InputFault, Node, Wants
+from palpate.messages import Contact, Proximity, Surface, Vector
+from palpate.nodes.base import InputFault, Node, Wants, part
 from palpate.physics.bodies.place_energy import on_hand
-from palpate.physics.contact.series import Law, exponential, hertz_exponential, kernel_form, power, series_step
+from palpate.physics.contact.series import Law, energy, exponential, hertz_exponential, kernel_form, power, series_step
 from palpate.physics.contact.terminal import LEAST_FREE, Terminal, check_law, free_recovery, law_at
 
 FAR = 2e-3
@@ -51,7 +51,8 @@ class Series(Node):
         self.compression = 0.0
         self.indentation: float | None = None
         self._idle = False
-        self._law = kernel_form(self._finger(), self.finger_damping)
+        self._finger_law = self._finger()
+        self._law = kernel_form(self._finger_law, self.finger_damping)
 
     def _finger(self) -> Law:
         if self.finger_law == "power":
@@ -123,7 +124,13 @@ class Series(Node):
             compression_rate=rate,
             indentation_rate=indentation_rate,
             along=along,
+            stored=self._stored(),
         )
+
+    @part("energy", "stored", otherwise=())
+    def _stored(self) -> Vector:
+        """The energy that the fingertip holds."""
+        return (float(energy(self._finger_law, self.compression)),)
 
 
 def _in_range(body: Surface) -> bool:

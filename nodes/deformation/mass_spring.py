@@ -7,7 +7,7 @@ from typing import Annotated
 import msgspec
 import numpy as np
 
-from palpate.messages import Load, Surface
+from palpate.messages import Load, Surface, Vector
 from palpate.nodes.base import Switch, part
 from palpate.nodes.base.nodule import WithNodule
 from palpate.physics.bodies.mass_spring import NodalBody, mean_hardness, normal_force
@@ -65,7 +65,14 @@ class MassSpring(WithNodule):
             free=0.0,
             previous=self.indentation,
             step=dt,
+            stored=self._stored(),
         )
+
+    @part("energy", "stored", otherwise=())
+    def _stored(self) -> Vector:
+        """The energy of the law that the normal force moves, K s^(n+1)/(n+1)."""
+        grown = self.exponent + 1.0
+        return (self._law[0] * max(self.indentation, 0.0) ** grown / grown,)
 
     @part("shape", "nodes", "displacement", otherwise=None)
     def _nodes(self) -> NodalBody | NetBody | None:

@@ -140,7 +140,13 @@ class ReducedFE(OnSurface):
             beyond=self._body.beyond,
             slope=slope,
             turning=turning,
+            stored=self._stored(),
         )
+
+    @part("energy", "stored", otherwise=())
+    def _stored(self) -> Vector:
+        """The energy that the condensed organ holds; a sampled one does not tell."""
+        return (self._body.stored(),) if isinstance(self._body, CondensedBody) else ()
 
     @part("shape", "nodes", "displacement", otherwise=(NO_NODES, NO_VECTORS))
     def _displaced(self, foot: Vector3) -> tuple[np.ndarray, np.ndarray]:

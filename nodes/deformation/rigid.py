@@ -29,6 +29,7 @@ class Rigid(Node):
             exponent=1.0,
             damping=0.0,
             free=0.0,
-            previous=normal_force(load.forces, load.normal) / self.plate_stiffness,
+            previous=(push := normal_force(load.forces, load.normal)) / self.plate_stiffness,
             step=dt,
+            stored=(0.5 * push * push / self.plate_stiffness,),
         )

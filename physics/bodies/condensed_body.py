@@ -28,7 +28,7 @@ import numpy as np
 
 from palpate.physics.bodies.dents import SPACING, hat_moments, patch_radius, rise, risen
 from palpate.physics.bodies.patch import barycentric, carried, normal_force, share_of
-from palpate.physics.bodies.place_energy import Ground, along, softness, weight_slopes
+from palpate.physics.bodies.place_energy import Ground, along, held, softness, weight_slopes
 from palpate.physics.contact.spread import Spreader
 from palpate.physics.errors import PalpateError
 from palpate.physics.geometry.mesh import Mesh
@@ -195,6 +195,18 @@ class CondensedBody:
     def still(self) -> bool:
         """Whether no vertex holds a load any more."""
         return self._count == 0
+
+    def stored(self) -> float:
+        """Energy [J] held under the last step's patch at its indentation, V(s) of `physics.bodies.place_energy`; what
+        tangential loads and places left behind hold is not in it."""
+        now, own = float(self._numbers[NOW]), float(self._numbers[OWN])
+        if not (now > 0.0 and own > 0.0):
+            return 0.0
+        if not self._model.dents.shape[1]:
+            return 0.5 * now * now / own
+        _, _, measure, order = self._fields
+        radius = patch_radius(self._model.vertices, self._model.moments, order[:, 0], self._touched, measure)
+        return float(radius * radius / own * held(self._curve[0], self._curve[1], now / radius))
 
     def along(self) -> tuple[tuple[float, float, float], tuple[float, ...]]:
         """What the energy at the force of the last step gains along the surface [N] (3), and how the normal turns there

@@ -6,8 +6,9 @@ and its property `advance` is a compiled function
     advance(law, z, v, load, dt) -> (z [m] (3), force [N] (3), stick)
 
 of the deflection before the step, the slip velocity [m/s] (3), both tangential, the normal force [N] > 0 and the step
-[s] > 0; the force is along the sliding velocity of the finger. `friction.NAME` in a graph is the law NAME of any file
-of this folder.
+[s] > 0; the force is along the sliding velocity of the finger. `friction.NAME` in a
+graph is the law NAME of any file of this folder. A law may have a method `stored(z, load)`, the energy [J] that the
+bristles hold: the ledger then tells what is dissipated.
 """
 
 from __future__ import annotations

@@ -77,6 +77,10 @@ class LuGre(NamedTuple):
     def advance(self):
         return lugre
 
+    def stored(self, z, load):
+        """Energy [J] that the bristles hold at the deflection z [m] (3) and the load [N]."""
+        return 0.5 * load * self.bristle_stiffness * (z[0] * z[0] + z[1] * z[1] + z[2] * z[2])
+
 
 def passive_viscous(mu_slide: float, mu_static: float, bristle_damping: float) -> float:
     """Least sigma2 [s/m] at which LuGre friction under constant load is passive: sigma1 (mu_s - mu_c)/mu_c

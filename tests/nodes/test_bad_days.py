@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from palpate.launch.loading.launchfile import find
 from palpate.launch.testing import FakeBus
-from palpate.messages import Contact, DeviceState, Force, Friction, Load, Pose, Proximity, Surface, Torque, pack
+from palpate.messages import Contact, DeviceState, Force, Friction, Ledger, Load, Pose, Proximity, Surface, Torque, pack
 from palpate.nodes.base import inputs
 
 EXAMPLES = int(os.environ.get("PALPATE_EXAMPLES", 25))
@@ -52,6 +52,8 @@ def loads(draw) -> Load:
     return Load(nodes=nodes, forces=forces, foot=draw(vector(1e9)), normal=tuple(normal.tolist()))
 
 
+BOOKS = [name for name, kind in Ledger.__annotations__.items() if "float" in str(kind)]
+HELD = st.just(()) | st.tuples(number(1e9))
 MESSAGES = {
     DeviceState: st.builds(DeviceState, joints=vector(1e9), homed=st.booleans()),
     Pose: st.builds(Pose, position=vector(1e9), velocity=vector(1e9), dt=number(1e6)),
@@ -74,8 +76,9 @@ MESSAGES = {
         indentation=number(1e3),
         compression_rate=number(1e9),
         indentation_rate=number(1e9),
+        stored=HELD,
     ),
-    Friction: st.builds(Friction, force=vector(1e9), bristle=vector(1.0), stick=st.booleans()),
+    Friction: st.builds(Friction, force=vector(1e9), bristle=vector(1.0), stick=st.booleans(), stored=HELD),
     Surface: st.builds(
         Surface,
         nodes=st.just(np.zeros(0, np.int32)),
@@ -85,10 +88,12 @@ MESSAGES = {
         damping=number(1e6, 0.0),
         free=number(0.1),
         previous=number(1.0),
+        stored=HELD,
     ),
     Load: loads(),
     Force: st.builds(Force, force=vector(1e12), state=st.just("contact"), energy=number(1e9)),
     Torque: st.builds(Torque, torques=vector(1e9)),
+    Ledger: st.builds(Ledger, **dict.fromkeys(BOOKS, number(1e9)), culprit=st.just("tissue"), tripped=st.booleans()),
 }
 VARIANTS = {
     "tissue with neighbours": ("tissue", {"coupling": 200.0, "damping": 0.0}),
@@ -98,7 +103,19 @@ VARIANTS = {
     "held free": ("controller", {"stiffness": 500.0, "damping": 5.0, "contact_damping": 2.0, "delay": 3}),
     "bad reports": ("device", {"delay": 2, "lost": 0.3, "glitches": 0.3}),
 }
-NAMES = ("device", "finger", "collision", "contact", "friction", "spread", "tissue", "controller", "statics", *VARIANTS)
+NAMES = (
+    "device",
+    "finger",
+    "collision",
+    "contact",
+    "friction",
+    "spread",
+    "tissue",
+    "controller",
+    "statics",
+    "ledger",
+    *VARIANTS,
+)
 
 
 @functools.cache

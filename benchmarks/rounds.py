@@ -1,0 +1,121 @@
+"""Closed rounds of a finger over the kidney, by the ledger: does any body give out work?
+
+    python benchmarks/rounds.py [--turns 5]
+
+The finger goes along a prescribed way (no device, controller or friction; no damping but the body's own): it presses
+here, slides at one approach, lifts there and comes back through the air; or it goes in circles. Printed: the work put
+in each time round, what the body had made in all by the end, and as a share of the work put in; the books' own error.
+"""
+
+from __future__ import annotations
+
+import argparse
+
+import numpy as np
+
+from palpate.launch.testing import FakeBus
+from palpate.messages import Force, Pose
+from palpate.nodes.collision import Mesh
+from palpate.nodes.contact import Series
+from palpate.nodes.deformation import BeamBundle, MassSpring, ReducedFE
+from palpate.nodes.ledger import Energy
+from palpate.nodes.spread import Kernel
+from palpate.physics.geometry.mesh_closest import MeshClosestPoint
+
+PLACE = {"surface": "kidney", "vertices": 10000, "position": (0.0, 0.0, 0.0)}
+BODIES = {
+    "MassSpring, c = 0": lambda: MassSpring(damping=0.0, **PLACE),
+    "MassSpring": lambda: MassSpring(**PLACE),
+    "ReducedFE, tau = 0": lambda: ReducedFE(retardation=0.0, **PLACE),
+    "ReducedFE": lambda: ReducedFE(**PLACE),
+    "ReducedFE, linear, tau = 0": lambda: ReducedFE(model="linear", retardation=0.0, **PLACE),
+    "BeamBundle": lambda: BeamBundle(**PLACE),
+}
+THICKNESS = 4e-3
+SOFT, STIFF = np.array([-0.0432, -0.0027, 0.0145]), np.array([0.0275, -0.0076, 0.0195])
+SOFT_4, STIFF_4 = np.array([-0.0424, -0.0175, 0.013]), np.array([0.0069, 0.0025, 0.021])
+
+
+def slide(a: np.ndarray, b: np.ndarray, approach: float, steps: int = 150) -> tuple[np.ndarray, np.ndarray]:
+    """Points near the surface (k,3) and approaches [m] (k): down at a, along, up at b, and back above it."""
+    way, ramp, air = np.linspace(a, b, 500), np.linspace(0.0, approach, steps), np.full(50, -5e-3)
+    points = np.concatenate([np.repeat(a[None], steps, 0), way, np.repeat(b[None], steps, 0), np.linspace(b, a, 50)])
+    return points, np.concatenate([ramp, np.full(500, approach), ramp[::-1], air])
+
+
+def circle(radius: float, approach: float, turn: float) -> tuple[np.ndarray, np.ndarray]:
+    """A circle on the kidney's top at one approach."""
+    angle = turn * np.linspace(0.0, 2.0 * np.pi, 400, endpoint=False)
+    points = np.stack([radius * np.cos(angle), radius * np.sin(angle), np.full(len(angle), 0.021)], axis=1)
+    return points, np.full(len(angle), approach)
+
+
+ROUNDS = {
+    "slide soft to stiff, 10 mm": slide(SOFT, STIFF, 10e-3),
+    "slide stiff to soft, 10 mm": slide(STIFF, SOFT, 10e-3),
+    "slide soft to stiff, 4 mm": slide(SOFT_4, STIFF_4, 4e-3),
+    "slide stiff to soft, 4 mm": slide(STIFF_4, SOFT_4, 4e-3),
+    "circle of 12 mm, 10 mm deep": circle(12e-3, 10e-3, 1.0),
+    "the other way round": circle(12e-3, 10e-3, -1.0),
+}
+
+
+class Touch:
+    """A finger that is moved along a way over a body, and the ledger of it."""
+
+    def __init__(self, body) -> None:
+        self.near = FakeBus(Mesh(thickness=THICKNESS, **PLACE))
+        self.contact, self.spread = FakeBus(Series(finger_damping=0.0)), FakeBus(Kernel(**PLACE))
+        self.body, self.ledger = FakeBus(body), FakeBus(Energy(bound=0.0))
+        self.surface = None
+        self.put = 0.0
+
+    def to(self, place: np.ndarray):
+        """Move the finger to a place [m] (3)."""
+        pose = Pose(position=tuple(place.tolist()), velocity=(0.0, 0.0, 0.0), dt=1e-3)
+        (near,) = self.near.publish(pose)
+        held = [self.surface] if self.surface is not None else []
+        contact = self.contact.publish(*held, near)[-1]
+        (load,) = self.spread.publish(contact)
+        (self.surface,) = self.body.publish(load)
+        n, a = np.array(contact.normal), np.array(contact.along)
+        force = Force(force=tuple((contact.force * n + a).tolist()), state="contact", energy=0.0)
+        books = self.ledger.publish(pose, contact, self.surface, force)[-1]
+        self.put += max(books.work, 0.0)
+        return books
+
+
+def measure(body, points: np.ndarray, approaches: np.ndarray, turns: int) -> tuple[float, float, float, bool]:
+    """Work put in each time round, energy made in all, what the books leave unexplained [J]; whether the body tells."""
+    touch = Touch(body)
+    foot, normal, *_ = MeshClosestPoint(body.mesh()).find(points)
+    places = foot + (THICKNESS - approaches)[:, None] * normal
+    before = max(approaches[0], 0.0)
+    for e in np.linspace(-1e-3, before, 100):  # down to where the round begins
+        touch.to(foot[0] + (THICKNESS - e) * normal[0])
+    for _ in range(turns):
+        for place in places:
+            books = touch.to(place)
+    for e in np.linspace(approaches[-1], -1e-3, 100):
+        books = touch.to(foot[-1] + (THICKNESS - e) * normal[-1])
+    return touch.put / turns, touch.ledger.node.made("tissue"), books.unexplained, bool(touch.surface.stored)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("--turns", type=int, default=5)
+    turns = parser.parse_args().turns
+    titles = f"body | round, {turns} times | put in, once [mJ] | made [mJ] | of what was put in | unexplained [mJ]"
+    print(f"| {titles} |")
+    print("|---|---|---|---|---|---|")
+    for name, body in BODIES.items():
+        for kind, way in ROUNDS.items():
+            put, made, unexplained, tells = measure(body(), *way, turns)
+            note = "" if tells else " (does not tell what it holds)"
+            share = 100.0 * made / (put * turns)
+            row = f"{put * 1e3:.3f} | {made * 1e3:.3f}{note} | {share:.1f} % | {unexplained * 1e3:.4f}"
+            print(f"| {name} | {kind} | {row} |", flush=True)
+
+
+if __name__ == "__main__":
+    main()

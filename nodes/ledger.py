@@ -1,0 +1,104 @@
+"""The energy of a touch, and the force that is taken away where energy is made (docs/equations/controller.md)."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import msgspec
+
+from palpate.messages import Contact, Force, Friction, Ledger, Pose, Surface
+from palpate.nodes.base import Node, Wants
+from palpate.physics.contact.ledger import Books, Moment
+
+ZERO = (0.0, 0.0, 0.0)
+PRESS = Wants("normal", "force", "compression", "indentation", "along", "stored")
+
+
+class Energy(Node):
+    """Keeps book of the energy of a touch: work of the hand, what fingertip, tissue and bristles hold and dissipate.
+
+    bound  energy that a part, or the display as a whole, may give out beyond what it had; beyond it the ledger trips
+           for the rest of the run, and the controller that hears it takes the force to zero. 0: it never trips
+    delay  samples between the motion that a force was computed from and the one that it works on; the controller's own
+    """
+
+    effect = "energy"
+
+    bound: Annotated[float, "J", msgspec.Meta(ge=0)] = 0.02
+    delay: Annotated[int, "1", msgspec.Meta(ge=0, le=1000)] = 0
+
+    def start(self) -> None:
+        self._books = Books(self.delay)
+        self._tripped = False
+        self._news: list[str] = []
+
+    def made(self, part: str) -> float:
+        """Energy [J] that one part has given out and cannot have had."""
+        return self._books.part(part).made
+
+    def notes(self) -> list[str]:
+        news, self._news = self._news, []
+        return news
+
+    def condition(self) -> str:
+        return "tripped" if self._tripped else ""
+
+    def step(
+        self,
+        force: Annotated[Force, Wants("force")],
+        contact: Annotated[Contact | None, PRESS],
+        pose: Annotated[Pose | None, Wants("position")],
+        friction: Annotated[Friction | None, Wants("force", "stored")],
+        body: Annotated[Surface | None, Wants("stored")],
+    ) -> Ledger:
+        books = self._books
+        if contact is None or pose is None or body is None:
+            books.gap()
+        else:
+            books.book(
+                Moment(
+                    pose.position,
+                    force.force,
+                    contact.normal,
+                    contact.force,
+                    contact.compression,
+                    contact.indentation,
+                    contact.along,
+                    friction.force if friction is not None else ZERO,
+                    (
+                        _told(contact.stored),
+                        _told(body.stored),
+                        _told(friction.stored) if friction is not None else 0.0,
+                    ),
+                )
+            )
+        culprit, made = books.worst()
+        if self.bound and made > self.bound and not self._tripped:
+            self._tripped = True
+            self._news.append(
+                f"the {culprit} gave out {made * 1e3:.3g} mJ that it cannot have had, beyond the bound of "
+                f"{self.bound * 1e3:.3g} mJ, at {force.time * 1e-9:.3f} s: the force goes to zero"
+            )
+        work, balance = books.step
+        return Ledger(
+            hand=books.hand,
+            controller=books.controller,
+            sampling=books.sampling,
+            fingertip_stored=books.fingertip.stored or 0.0,
+            fingertip_dissipated=books.fingertip.dissipated,
+            tissue_stored=books.tissue.stored or 0.0,
+            tissue_dissipated=books.tissue.dissipated,
+            friction_stored=books.friction.stored or 0.0,
+            friction_dissipated=books.friction.dissipated,
+            work=work,
+            balance=balance,
+            unexplained=books.balance,
+            made=made,
+            culprit=culprit if made else "",
+            tripped=self._tripped,
+        )
+
+
+def _told(stored: tuple[float, ...]) -> float | None:
+    """What a part says that it holds [J]; None where it says nothing."""
+    return stored[0] if stored else None

@@ -1,0 +1,148 @@
+"""Books of the energy of a touch: what the hand puts in, what each part holds, and what none of them can have given.
+
+A part (fingertip, tissue, friction) takes up work W and holds the energy V; the rest is dissipated,
+
+    D = W - V,    dD >= 0
+
+whatever the part does: a D that falls is energy made. Over a step that ends at k the works of the hand and of the parts
+and what lies between them are
+
+    hand        -F_{k-1-d} . dx                       F [N] (3) on the hand, held over the step; d samples of delay
+    controller  -(F - G)_{k-1-d} . dx                 G = f_n n + a - f_t, what contact and friction ask for
+    fingertip   f_n ds1       tissue  f_n ds2 - a . dx       friction  f_t . dx
+    sampling    G_{k-1-d} where the parts take G_k; a spring K makes K |dx|^2 a step
+    balance     hand - controller - sampling - parts; 0 but for the curvature of the surface over a step
+
+with the forces f_n, a, f_t at the step's end, as the contact's own implicit step has them: a convex V then has dD >= 0
+exactly. The display as a whole is judged as a part is: hand's work less all that is held.
+
+J. E. Colgate, G. G. Schenkel, J. Robotic Systems 14 (1997) 37-47: the work of a sampled wall. J. C. Willems, Arch.
+Rational Mech. Anal. 45 (1972) 321-351: stored and supplied energy.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from typing import NamedTuple
+
+Vector = tuple[float, float, float]
+
+
+class Account:
+    """What one part took up and holds [J], and the most that it has given beyond that since any earlier moment.
+
+    work  so far        stored  now, None where the part does not tell: then its work alone may not fall below 0
+    """
+
+    __slots__ = ("_highest", "stored", "work")
+
+    def __init__(self) -> None:
+        self.work = 0.0
+        self.stored: float | None = 0.0
+        self._highest = 0.0
+
+    def book(self, work: float, stored: float | None) -> None:
+        """Work [J] of a step, and what is held at its end."""
+        self.work += work
+        self.stored = stored
+        if stored is not None:
+            self._highest = max(self._highest, self.work - stored)
+
+    @property
+    def dissipated(self) -> float:
+        """D [J]; without a told energy all the work counts."""
+        return self.work - (self.stored or 0.0)
+
+    @property
+    def made(self) -> float:
+        """Energy [J] that the part has given out and cannot have had."""
+        return max(self._highest - self.dissipated, 0.0) if self.stored is not None else max(-self.work, 0.0)
+
+
+class Moment(NamedTuple):
+    """A touch at the end of a step.
+
+    place [m] (3) of the finger   force [N] (3) on the hand   normal [1] (3)   push [N] f_n
+    compression, indentation [m] s1, s2   along [N] (3) a   friction [N] (3) f_t
+    stored [J] of fingertip, tissue and friction; None where one does not tell
+    """
+
+    place: Vector
+    force: Vector
+    normal: Vector
+    push: float
+    compression: float
+    indentation: float
+    along: Vector
+    friction: Vector
+    stored: tuple[float | None, float | None, float | None]
+
+    @property
+    def asked(self) -> Vector:
+        """G [N] (3)."""
+        (n, m, o), (a, b, c), (p, q, r) = self.normal, self.along, self.friction
+        return self.push * n + a - p, self.push * m + b - q, self.push * o + c - r
+
+
+NAMES = "fingertip", "tissue", "friction", "display"
+
+
+class Books:
+    """The accounts of a run.
+
+    delay  samples d between the place that a force was computed from and the way that it does its work on
+    """
+
+    def __init__(self, delay: int = 0) -> None:
+        self.fingertip, self.tissue, self.friction, self.display = self.accounts = [Account() for _ in NAMES]
+        self.controller = self.sampling = self.balance = self.hand = 0.0
+        self.step = (0.0, 0.0)
+        """[J] hand's work and balance of the last step."""
+        self._past: deque[Moment] = deque(maxlen=delay + 1)
+
+    def gap(self) -> None:
+        """The touch was lost: the way to the next moment is nobody's."""
+        self._past.clear()
+
+    def book(self, now: Moment) -> None:
+        """Book the step from the last moment to this one; the first one books what is held."""
+        if not self._past:
+            self._past.append(now)
+            return
+        last, held = self._past[-1], self._past[0]
+        way = _less(now.place, last.place)
+        deeper = now.compression - last.compression, now.indentation - last.indentation
+        hand, asked = -_dot(held.force, way), -_dot(held.asked, way)
+        parts = now.push * deeper[0], now.push * deeper[1] - _dot(now.along, way), _dot(now.friction, way)
+        # Midway between the normals; a finger that came through the air pressed less than it moved.
+        between = -0.5 * (_dot(now.normal, way) + _dot(last.normal, way))
+        pressed = between if last.push > 0.0 else sum(deeper)
+        rendered = now.push * pressed - _dot(now.along, way) + parts[2]
+        for account, work, stored in zip(self.accounts, parts, now.stored, strict=False):
+            account.book(work, stored)
+        told = [s for s in now.stored if s is not None]
+        self.display.book(hand, sum(told) if len(told) == len(now.stored) else None)
+        self.controller += hand - asked
+        self.sampling += asked - rendered
+        self.hand += hand
+        self.step = hand, rendered - sum(parts)
+        self.balance += self.step[1]
+        self._past.append(now)
+
+    def part(self, name: str) -> Account:
+        """One of the accounts by its name."""
+        return self.accounts[NAMES.index(name)]
+
+    def worst(self) -> tuple[str, float]:
+        """The part that has made most energy, and how much [J]."""
+        made = [account.made for account in self.accounts]
+        most = max(made)
+        return NAMES[made.index(most)], most
+
+
+def _dot(a: Vector, b: Vector) -> float:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def _less(a: Vector, b: Vector) -> Vector:
+    return a[0] - b[0], a[1] - b[1], a[2] - b[2]

@@ -1,0 +1,132 @@
+"""The ledger in a graph: it closes on a touch, catches a body that gives out energy, and the force goes to zero."""
+
+import numpy as np
+import pytest
+from pytest import approx
+
+from palpate.launch.loading.launchfile import find
+from palpate.launch.recording.reader import Recording
+from palpate.launch.running.execute import execute
+from palpate.launch.testing import FakeBus
+from palpate.messages import Contact, Force, Ledger, Pose, Surface
+from palpate.nodes.controller import Haptic
+from palpate.nodes.ledger import Energy
+
+UP = (0.0, 0.0, 1.0)
+BOUNCE = (
+    "scene.surface.vertices=1500",
+    "scene.energy.ledger=true",
+    "scene.hand.begin=[0, 0, 0.111]",
+    "scene.hand.path=[" + "{to: [0, 0, 0.095], time: 0.15}, {to: [0, 0, 0.103], time: 0.15}, " * 4
+    + "{to: [0, 0, 0.115], time: 0.15}]",
+)  # fmt: skip
+GIVING = ("tissue.use=nodes_that_make_energy.Giving", "scene.tissue.damping=0")
+STROKE = (
+    "scene.surface.vertices=1500",
+    "scene.energy.ledger=true",
+    "scene.hand.begin=[-0.02, 0, 0.111]",
+    "scene.hand.path=[{to: [-0.02, 0, 0.098], time: 0.15}, {to: [0.02, 0, 0.097], time: 0.3},"
+    " {to: [0.02, 0, 0.115], time: 0.15}]",
+)
+
+
+@pytest.fixture
+def kidney(tmp_path):
+    """Runs the kidney with these settings; its recording and its result."""
+
+    def run(*sets, duration=0.7):
+        file = tmp_path / "kidney.mcap"
+        launch = find("kidney").but(record=file, place="fused", overrides=sets, duration=duration)
+        result = execute(launch).result
+        assert result.ok, [str(death) for death in result.deaths]
+        return Recording(file), result
+
+    return run
+
+
+@pytest.mark.parametrize("body", ["MassSpring", "ReducedFE", "BeamBundle"])
+def test_the_books_of_a_stroke_close_and_no_part_makes_energy(kidney, body):
+    recording, result = kidney(*STROKE, f"tissue.use=deformation.{body}")
+    last, every = (messages := list(recording.messages("ledger")))[-1], recording.messages("ledger")
+    parts = sum(
+        getattr(last, f"{p}_{k}") for p in ("fingertip", "tissue", "friction") for k in ("stored", "dissipated")
+    )
+    assert last.hand > 5e-3
+    assert last.hand - last.controller - last.sampling == approx(parts + last.unexplained, rel=1e-9)
+    assert abs(last.unexplained) < 1e-3 * last.hand
+    assert max(m.made for m in every) < 0.05 * last.hand and not last.tripped
+    assert min(np.diff([m.fingertip_dissipated for m in messages])) >= -1e-9
+    assert not any("cannot have had" in note for note in result.notes)
+
+
+def test_a_body_that_gives_out_energy_trips_it_and_the_force_is_gone_within_the_ramp(kidney):
+    recording, result = kidney(*BOUNCE, *GIVING, "scene.energy.bound=2 mJ", duration=1.4)
+    ledger = list(recording.messages("ledger"))
+    tripped = next(m.tick for m in ledger if m.tripped)
+    assert ledger[-1].tripped and ledger[tripped].culprit in ("tissue", "display")
+    assert ledger[tripped - 1].made <= 2e-3 < ledger[tripped].made
+    sizes = np.array([np.linalg.norm(m.force) for m in recording.messages("controller")])
+    contact = np.array([m.force for m in recording.messages("contact")])
+    assert sizes[:tripped].max() > 0.3 and not sizes[tripped + 102 :].any()
+    assert contact[tripped + 102 :].max() > 0.3  # the tissue would still press
+    told = [note for note in result.notes if "cannot have had" in note]
+    assert len(told) == 1 and "bound of 2 mJ" in told[0] and f"at {tripped / 1000:.3f} s" in told[0]
+    assert result.health["ledger"]["state"] == "tripped" and result.health["tissue"]["state"] == "ready"
+
+
+def test_the_same_body_without_a_bound_goes_on(kidney):
+    recording, _ = kidney(*BOUNCE, *GIVING, "scene.energy.bound=0", duration=1.4)
+    assert not any(m.tripped for m in recording.messages("ledger"))
+    assert max(m.made for m in recording.messages("ledger")) > 2e-3
+
+
+def test_without_a_ledger_nothing_of_it_is_computed(kidney):
+    sets = [s for s in STROKE if "ledger" not in s]
+    recording, _ = kidney(*sets)
+    assert "ledger" not in recording.streams
+    for stream in ("contact", "friction", "tissue"):
+        assert not any(m.stored for m in recording.messages(stream))
+
+
+def test_the_ledger_changes_no_force_while_it_does_not_trip(kidney):
+    forces = []
+    for sets in (STROKE, [s for s in STROKE if "ledger" not in s]):
+        recording, _ = kidney(*sets)
+        forces.append([m.force for m in recording.messages("controller")])
+    assert forces[0] == forces[1]
+
+
+def test_the_controller_ramps_down_and_stays_down():
+    contact = Contact(foot=(0, 0, 0), normal=UP, force=1.0, compression=1e-3, indentation=1e-3, compression_rate=0.0,
+                      indentation_rate=0.0, used=(0, 0))  # fmt: skip
+    pose = Pose(position=(0.0, 0.0, 0.0), velocity=(0.0, 0.0, 0.0), dt=1e-3)
+    bus = FakeBus(Haptic(passivity=False, ramp=0.05, slew=1e6), pose=pose)
+    books = {
+        f: 0.0 for f in Ledger.__struct_fields__ if f not in ("tick", "time", "source", "used", "culprit", "tripped")
+    }
+    good, bad = Ledger(**books), Ledger(**books, tripped=True)
+    full = [bus.publish(good, contact)[-1].force[2] for _ in range(5)]
+    down = [bus.publish(bad, contact)[-1].force[2] for _ in range(60)]
+    assert full[-1] == approx(1.0) and np.diff(down).max() <= 0.0
+    assert down[24] == approx(0.5, abs=0.03) and not any(down[50:])
+    back = [bus.publish(good, contact)[-1].force[2] for _ in range(3)]
+    assert not any(back)  # a ledger that was started again does not give the force back
+
+
+def test_an_outage_is_no_way_of_the_hand():
+    body = Surface(nodes=[], displacement=np.zeros((0, 3)), stiffness=1e3, exponent=1.0, damping=0.0, free=0.0,
+                   previous=0.0, stored=(0.0,))  # fmt: skip
+    contact = Contact(foot=(0, 0, 0), normal=UP, force=0.0, compression=0.0, indentation=0.0, compression_rate=0.0,
+                      indentation_rate=0.0, stored=(0.0,))  # fmt: skip
+    bus = FakeBus(Energy())
+    force = Force(force=(0.0, 0.0, 1.0), state="contact", energy=0.0)
+
+    def at(z):
+        return bus.publish(Pose(position=(0.0, 0.0, z), velocity=(0.0, 0.0, 0.0), dt=1e-3), contact, body, force)[-1]
+
+    at(0.0)
+    assert at(1e-3).hand == approx(-1e-3)
+    bus.hold("contact", None)
+    assert bus.publish(force)[-1].hand == approx(-1e-3)
+    assert at(0.5).hand == approx(-1e-3)
+    assert at(0.501).hand == approx(-2e-3)

@@ -1,0 +1,125 @@
+"""The books of a touch: closed paths over springs, friction, and a part that gives out energy on purpose."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pytest import approx
+
+from palpate.physics.contact.ledger import Books, Moment
+from palpate.physics.contact.series import energy, exponential, series_path
+from palpate.physics.friction.bristle import path
+from palpate.physics.friction.coulomb import Coulomb
+from palpate.physics.friction.lugre import LuGre
+
+UP = (0.0, 0.0, 1.0)
+NONE = (0.0, 0.0, 0.0)
+
+
+def spring(depths, stiffness=500.0, gain=0.0):
+    """Books of a hand that moves along these depths [m] in a plain spring that is the tissue alone, of `gain` more
+    force on the way out."""
+    books, last = Books(), 0.0
+    for s in depths:
+        f = stiffness * s * (1.0 + gain * (s < last))
+        held = 0.5 * stiffness * s * s
+        books.book(Moment((0.0, 0.0, -s), (0.0, 0.0, f), UP, f, 0.0, s, NONE, NONE, (0.0, held, 0.0)))
+        last = s
+    return books
+
+
+def there_and_back(count, depth=5e-3):
+    return depth * np.sin(np.linspace(0.0, math.pi, count + 1))
+
+
+def test_a_conservative_spring_has_no_balance_and_the_sampled_one_makes_what_theory_says():
+    """Held over a step, K makes K|dx|^2 of which its own implicit step takes half: Colgate's b = K T/2."""
+    for count in (100, 200, 400):
+        depths = there_and_back(count)
+        books, made = spring(depths), 500.0 * float(np.sum(np.diff(depths) ** 2))
+        assert books.balance == approx(0.0, abs=1e-15) and books.controller == approx(0.0, abs=1e-15)
+        assert books.sampling == approx(-made, rel=1e-12)
+        assert books.tissue.dissipated == approx(0.5 * made, rel=1e-9)
+        assert books.hand == approx(-0.5 * made, rel=1e-9)
+        assert books.tissue.made == approx(0.0, abs=1e-15) and books.display.made == approx(0.5 * made, rel=1e-6)
+
+
+def test_a_body_that_gives_out_more_than_it_took_is_told_by_name():
+    books = spring(there_and_back(20000), gain=0.05)
+    work = 0.5 * 500.0 * 5e-3**2
+    assert books.worst()[0] in ("tissue", "display") and books.tissue.made == approx(0.05 * work, rel=0.02)
+
+
+def test_a_debt_is_not_hidden_by_what_was_dissipated_before():
+    """Ten presses that lose a tenth each, then one that gives out a fifth."""
+    lossy = [s for _ in range(10) for s in there_and_back(10000)]
+    books, last = Books(), 0.0
+    for k, s in enumerate([*lossy, *there_and_back(10000)]):
+        gain = -0.1 if k < len(lossy) else 0.2
+        f = 500.0 * s * (1.0 + gain * (s < last))
+        books.book(Moment((0, 0, -s), (0, 0, f), UP, f, 0.0, s, NONE, NONE, (0.0, 250.0 * s * s, 0.0)))
+        last = s
+    assert books.tissue.dissipated > 0.0 and books.tissue.made == approx(0.2 * 250.0 * 5e-3**2, rel=0.03)
+
+
+def test_a_part_that_does_not_tell_is_held_to_what_it_was_given():
+    books = Books()
+    for s in there_and_back(1000):
+        f = 500.0 * s
+        books.book(Moment((0, 0, -s), (0, 0, f), UP, f, 0.0, s, NONE, NONE, (0.0, None, 0.0)))
+    assert books.tissue.work >= 0.0 and books.tissue.made == 0.0
+    assert books.tissue.stored is None and books.tissue.dissipated == books.tissue.work
+
+
+@pytest.mark.parametrize("law", [Coulomb(), LuGre(stribeck=1.0, mu_static=0.5, viscous=0.0)])
+def test_friction_takes_the_force_times_the_way_less_what_its_bristles_hold(law):
+    speed, dt, load = 0.05, 1e-3, 2.0
+    force, z, _ = path(law, np.tile((speed, 0.0, 0.0), (400, 1)), load, dt)
+    books = Books()
+    for k, (f, bristle) in enumerate(zip(force, z, strict=True)):
+        place, held = (speed * dt * k, 0.0, 0.0), law.stored(tuple(bristle), load)
+        books.book(Moment(place, tuple(-f), UP, load, 0, 0, NONE, tuple(f), (0.0, 0.0, held)))
+    slid = speed * dt * (len(force) - 1)
+    held = law.stored(tuple(z[-1]), load)
+    ends = float(np.sum(force[1:, 0])) * speed * dt
+    assert books.friction.dissipated == approx(ends - held, abs=1e-12)
+    assert books.friction.dissipated == approx(0.5 * load * slid, rel=0.05) and books.friction.made < 1e-12
+
+
+@given(st.lists(st.floats(0.0, 0.012), min_size=3, max_size=40), st.sampled_from([1e-4, 1e-3, 1e-2]))
+def test_fingertip_and_tissue_never_make_energy_whatever_the_path(approaches, dt):
+    """Implicit steps: the dissipation of each grows, jumps of 12 mm included."""
+    law = exponential(26.2641, 1681.06)
+    f, s1, s2 = series_path([0.0, *approaches], dt, law, 8.0, 3e3, 1.5, 5.0)
+    books = Books()
+    for force, a, b in zip(f, s1, s2, strict=True):
+        held = float(energy(law, a)), 3e3 * max(b, 0.0) ** 2.5 / 2.5, 0.0
+        books.book(Moment((0, 0, -a - b), (0, 0, force), UP, force, a, b, NONE, NONE, held))
+    scale = max(1e-9, float(f.max()) * 0.012)
+    assert books.fingertip.made <= 1e-9 * scale and books.tissue.made <= 1e-9 * scale
+
+
+def test_books_do_not_depend_on_the_frame():
+    turn = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))[0]
+    here, there = Books(), Books()
+    rng = np.random.default_rng(4)
+    for _ in range(50):
+        x, f, a, t = rng.normal(size=(4, 3))
+        n = rng.normal(size=3)
+        n /= np.linalg.norm(n)
+        rest = (1.0, *rng.random(2))
+        here.book(Moment(tuple(x), tuple(f), tuple(n), *rest, tuple(a), tuple(t), (0.1, 0.2, 0.3)))
+        x, f, n, a, t = (tuple(v @ turn.T) for v in (x, f, n, a, t))
+        there.book(Moment(x, f, n, *rest, a, t, (0.1, 0.2, 0.3)))
+    for name in ("hand", "controller", "sampling", "balance"):
+        assert getattr(here, name) == approx(getattr(there, name), abs=1e-9)
+
+
+def test_the_way_of_a_gap_is_nobodys():
+    books = spring(there_and_back(10)[:6])
+    before = books.hand
+    books.gap()
+    books.book(Moment((1.0, 0, 0), (9.0, 0, 0), UP, 0.0, 0, 0, NONE, NONE, (0.0, 0.0, 0.0)))
+    assert books.hand == before
