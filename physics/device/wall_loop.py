@@ -31,7 +31,7 @@ class Device(NamedTuple):
 
 
 @numba.njit(cache=True)
-def _advance(x, v, force, mass, drag, coulomb, dt):
+def advance(x, v, force, mass, drag, coulomb, dt):
     """Place [m] and speed [m/s] after a step under a held force [N]; exact without dry friction. With it the step is
     parted in eight; in each the friction takes away momentum, at most all of it."""
     parts = 8 if coulomb > 0.0 else 1
@@ -58,7 +58,7 @@ def _run(device, wall, gains, state, past, controlled, steps, lost, out):
     normal, zero = (0.0, 0.0, 1.0), (0.0, 0.0, 0.0)
     for i in range(len(steps)):
         dt, before = steps[i], x
-        x, v = _advance(x, v, force - push, mass, drag, coulomb, dt)
+        x, v = advance(x, v, force - push, mass, drag, coulomb, dt)
         energy += force * (x - before)
         line[1:] = line[:-1].copy()
         line[0] = x
@@ -95,16 +95,17 @@ def run(
     lost: np.ndarray | None = None,
     push: float = 0.5,
     free: bool = False,
+    begin: float = 1e-3,
 ) -> np.ndarray:
     """Place [m], force [N] and energy given to the hand [J], (k,3), over steps [s] (k).
 
     stiffness [N/m], damping [N s/m] of the wall on the mean of `order` differences; delay [1] samples; lost (k) bool,
-    samples that repeat the one before; push [N] of the hand; free: no hand, and a wall that never lets go
+    samples that repeat the one before; push [N] of the hand; free: no hand, and a wall that never lets go; begin [m]
     """
     gains = np.array([0.0, 0.0, 0.0, device.resolution, device.mass, device.drag, device.limit, device.slew,
                       device.resolution, 1.0, 1.0])  # fmt: skip
     state, past = buffers(delay)
-    begin, speed = (1e-3, 0.0) if free else (1e-3, 0.05)
+    speed = 0.0 if free else 0.05
     wall = (stiffness, damping, float(delay), float(order), 0.0 if free else push, begin, speed, float(free))
     out = np.zeros((len(steps), 3))
     missing = np.zeros(len(steps), dtype=np.bool_) if lost is None else lost
