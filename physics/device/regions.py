@@ -5,8 +5,8 @@
 
 beta >= 1/2 and sigma >= 1/2: passive (J. J. Abbott, A. M. Okamura, IEEE Trans. Robotics 21, 2005, 952-964). Else drag
 and dry friction may share the work, by how fast the device moves: N. Diolaiti, G. Niemeyer, F. Barbagli, J. K.
-Salisbury, IEEE Trans. Robotics 22 (2006) 256-268 part the plane into rest from anywhere, rest from near by only, a swing
-that is kept, and one that grows. Here the regions come from simulation, and the lines at 1/2 are drawn over them.
+Salisbury, IEEE Trans. Robotics 22 (2006) 256-268 part the plane into rest from anywhere, rest from near by only, a
+swing that is kept, and one that grows. Here the regions come from simulation, and the lines at 1/2 are drawn over them.
 """
 
 from __future__ import annotations

@@ -32,7 +32,7 @@ def test_the_reduced_organ_is_kelvin_voigt(period):
 
 @pytest.mark.parametrize(("body", "delay"), [(MassSpring, 1), (MassSpring, 5), (ReducedFE, 1)])
 def test_the_loop_ends_where_the_poles_leave_the_circle(body, delay):
-    """An exact encoder, no dry friction: within the eighth of an octave that is looked for. The controller holds all."""
+    """An exact encoder, no dry friction: within an eighth of an octave. The controller holds all."""
     *_, row = rows(EXACT, body, 1000.0, delay)
     assert row["bare"] == approx(row["stable"], rel=0.1)
     assert math.isinf(row["controlled"]) and row["given_out"] < 2e-3
