@@ -92,13 +92,13 @@ def _reduced(model: str) -> Callable[[Touch], dict[str, Any]]:
     return own
 
 
-def _reducing(model: str, **fixed: object) -> Callable[[Touch, Fidelity, int], Outcome]:
+def _reducing(model: str, patient: bool = False, **fixed: object) -> Callable[[Touch, Fidelity, int], Outcome]:
     """With its basis built where none is stored, and with what a stored one says of its error."""
 
     def compute(touch: Touch, fidelity: Fidelity, repeats: int) -> Outcome:
         own = _reduced(model)(touch) | fixed | fidelity.settings.get("body", {})
         node = ReducedFE(surface="plane", position=(0.0, 0.0, 0.0), **own)
-        offline = bases.ready(node)
+        offline = bases.ready(node, patient)
         outcome = _of_body(ReducedFE, lambda touch: own)(touch, fidelity, repeats)
         outcome.offline += offline
         errors = [about["error"] for about in shipped().values() if about["key"] == node.key()]
@@ -151,8 +151,11 @@ def _only_fingertip(touch: Touch) -> str:
     return "" if touch.body == "plate" else "the law is of a fingertip, and knows no tissue under it"
 
 
-def standard() -> list[Method]:
-    """The methods that come with palpate, and outside solvers that are installed."""
+def standard(patient: bool = False) -> list[Method]:
+    """The methods that come with palpate, and outside solvers that are installed.
+
+    patient  whether a basis that is not stored is built even where that takes minutes
+    """
     surfaces = [*steps(), *meshes()]
     reaches = [_spread("radius", r, f"R = {1e3 * r:g} mm") for r in (4e-3, 6e-3, 10e-3)]
     forms = [_spread("kernel", k, k) for k in ("wendland", "cosine")]
@@ -174,7 +177,7 @@ def standard() -> list[Method]:
         Method("BeamBundle", "BeamBundle", _of_body(BeamBundle, _beams), (*surfaces, *reaches), _only_slab),
         Method("ReducedFE-linear", "ReducedFE linear", _reducing("linear"),
                (*steps(), *sparse, *condensed, *reaches[:2]), _only_slab),
-        Method("ReducedFE", "ReducedFE condensed", _reducing("nonlinear"), (*steps(), *sparse, *reaches[:2]),
+        Method("ReducedFE", "ReducedFE condensed", _reducing("nonlinear", patient), (*steps(), *sparse, *reaches[:2]),
                _only_slab),
         Method("ReducedFE-sampled", "ReducedFE sampled", _reducing("sampled", modes=20, coarse=150), tuple(steps()),
                _only_slab),

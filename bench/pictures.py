@@ -88,19 +88,27 @@ def overview(told: Sequence[Summary], cells: Sequence[Cell], path: Path) -> None
 
 
 def convergence(studies: Sequence[Study], path: Path) -> None:
-    """How fast each method comes to its own limit."""
+    """How fast each method comes to its own limit: a line a touch, and the orders that were observed."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(11, 5.2), layout="constrained", facecolor="white")
+    figure = Figure(figsize=(11, 6.4), layout="constrained", facecolor="white")
     FigureCanvasAgg(figure)
+    methods = list(dict.fromkeys(s.method for s in studies))
     kinds = (("step", "length of the step [s]"), ("mesh", "size of a cell [1], over the radius, or over the slab"))
     for axes, (axis, label) in zip(figure.subplots(1, 2), kinds, strict=True):
-        own = [s for s in studies if (s.axis == "step") == (axis == "step")]
-        for k, study in enumerate(own):
-            text = f"{study.title} on {study.touch}: {study.observed:.2f}"
-            axes.loglog(study.sizes, study.differences, MARKS[k % len(MARKS)] + "-", color=COLOURS[k % len(COLOURS)],
-                        markersize=4, linewidth=1, label=text)  # fmt: skip
+        for k, method in enumerate(methods):
+            own = [s for s in studies if (s.axis == "step") == (axis == "step") and s.method == method]
+            colour, mark = COLOURS[k % len(COLOURS)], MARKS[k % len(MARKS)]
+            for study in own:
+                axes.loglog(
+                    study.sizes, study.differences, mark + "-", color=colour, markersize=4, linewidth=1, alpha=0.7
+                )
+            if own:
+                orders = sorted(s.observed for s in own)
+                span = f"{orders[0]:.2f} to {orders[-1]:.2f}" if len(orders) > 1 else f"{orders[0]:.2f}"
+                axes.plot([], [], mark + "-", color=colour, markersize=4,
+                          label=f"{own[0].title}: {span}, median {np.median(orders):.2f}")  # fmt: skip
         axes.set_title(
             "order of convergence in time, theory 1" if axis == "step" else "... in space, theory 2 to 4",
             loc="left",
@@ -111,8 +119,8 @@ def convergence(studies: Sequence[Study], path: Path) -> None:
             "change of the force by a refinement, over its peak" if axis == "step" else "error of the force"
         )
         axes.grid(alpha=0.25)
-        if own:
-            axes.legend(fontsize=7, frameon=False)
+        if axes.lines:
+            axes.legend(fontsize=7.5, frameon=False, loc="upper left", bbox_to_anchor=(0.0, -0.12))
     _save(figure, path)
 
 

@@ -45,7 +45,7 @@ def accuracy(
         _rebuild(about, silent=as_json)
         return
     wanted = chosen(touches)
-    methods = [*known.standard(), *(known.of_user(name, find_class(name)) for name in body or ())]
+    methods = [*known.standard(patient=not quick), *(known.of_user(name, find_class(name)) for name in body or ())]
     for name in only or ():
         if name not in {m.name for m in methods}:
             raise BenchError(f"method: found {name!r}, expected one of {', '.join(m.name for m in methods)}")

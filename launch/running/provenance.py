@@ -49,7 +49,7 @@ def machine(*packages: str) -> dict[str, Any]:
         "system": platform.platform(),
         "processor": _processor(),
         "cores": os.cpu_count(),
-        "commit": commit(),
+        "commit": commit(Path(__file__).parent),
         "date": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
     }
 
@@ -86,17 +86,18 @@ def _processor() -> str:
         return platform.machine()
 
 
-def commit() -> str | None:
-    """The commit of the working directory, if it is under git."""
+def commit(folder: Path | None = None) -> str | None:
+    """The commit of the working directory, or of a folder whose files git keeps; None where there is none."""
+    if folder is not None and not _git("ls-files", folder=folder):
+        return None
+    return _git("rev-parse", "HEAD", folder=folder) or None
+
+
+def _git(*what: str, folder: Path | None = None) -> str:
     try:
         completed = subprocess.run(
-            ["git", "rev-parse", "HEAD"],
-            capture_output=True,
-            text=True,
-            timeout=2,
-            check=False,
-            stdin=subprocess.DEVNULL,
+            ["git", *what], cwd=folder, capture_output=True, text=True, timeout=2, check=False, stdin=subprocess.DEVNULL
         )
     except (OSError, subprocess.TimeoutExpired):
-        return None
-    return completed.stdout.strip() or None
+        return ""
+    return completed.stdout.strip()
