@@ -79,14 +79,16 @@ def run(
         file = (record or folder / (launch.record.name if launch.record else f"{name}.mcap")) if keep else None
         launch = dataclasses.replace(launch, record=file)
 
+        from palpate.launch.running.descendants import none_left
         from palpate.launch.running.execute import execute
         from palpate.launch.running.screen import tell as fault
 
         view = None if quiet or as_json else console()
-        outcome = execute(
-            launch, console=view, forkserver=forkserver, patience=patience, address=address,
-            leave_out=leave_out or (), thin=_thin(thin or []), unencrypted=unencrypted, key_name=key,
-        )  # fmt: skip
+        with none_left():
+            outcome = execute(
+                launch, console=view, forkserver=forkserver, patience=patience, address=address,
+                leave_out=leave_out or (), thin=_thin(thin or []), unencrypted=unencrypted, key_name=key,
+            )  # fmt: skip
     finally:
         if forkserver is not None:
             forkserver.close()

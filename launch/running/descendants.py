@@ -7,6 +7,7 @@ import ctypes
 import os
 import signal
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 _PR_SET_PDEATHSIG, _PR_SET_CHILD_SUBREAPER = 1, 36
@@ -23,6 +24,20 @@ def adopt_orphans() -> None:
     ctypes.CDLL(None).prctl(_PR_SET_CHILD_SUBREAPER, 1)
 
 
+def stopped(pid: int) -> bool:
+    """Whether a process was stopped by a signal (SIGSTOP)."""
+    with contextlib.suppress(OSError, IndexError):
+        return Path(f"/proc/{pid}/stat").read_text(errors="replace").rpartition(")")[2].split()[0] in "Tt"
+    return False
+
+
+def awake(pid: int) -> None:
+    """Have a process that was stopped by a signal go on; for those that others wait for, and no node runs in."""
+    if stopped(pid):
+        with contextlib.suppress(ProcessLookupError, PermissionError):
+            os.kill(pid, signal.SIGCONT)
+
+
 def end_descendants() -> None:
     """Kill all processes below this one, and wait for their end. The caller adopts orphans."""
     until = time.monotonic() + PATIENCE
@@ -36,6 +51,25 @@ def end_descendants() -> None:
         except ChildProcessError:
             return
         time.sleep(0.001)
+
+
+@contextlib.contextmanager
+def none_left() -> Iterator[None]:
+    """What is started meanwhile below this process, and is left there at the end, ends: a node that runs in this very
+    process may have forked, or started a program in a session of its own."""
+    before = descendants(os.getpid())
+    adopt_orphans()
+    try:
+        yield
+    finally:
+        until = time.monotonic() + PATIENCE
+        while (left := descendants(os.getpid()) - before) and time.monotonic() < until:
+            for pid in left:
+                with contextlib.suppress(ProcessLookupError, PermissionError):
+                    os.kill(pid, signal.SIGKILL)
+                with contextlib.suppress(ChildProcessError):
+                    os.waitpid(pid, os.WNOHANG)
+            time.sleep(0.001)
 
 
 def descendants(pid: int) -> set[int]:

@@ -26,7 +26,7 @@ import msgspec
 
 from palpate.launch.running.carrier import Pairs, pair
 from palpate.launch.running.clock import one_blas_thread
-from palpate.launch.running.descendants import adopt_orphans, die_with_parent, end_descendants
+from palpate.launch.running.descendants import adopt_orphans, awake, die_with_parent, end_descendants
 from palpate.launch.running.reports import ANSWERS, REQUESTS, Exited, Kill, Prepare, Start, Started
 
 MOST_PRINTED = 1 << 20  # [bytes] of what workers print that are taken in one go, so that the launcher comes to the rest
@@ -83,6 +83,7 @@ class ForkServer:
         if self.output.closed:
             return ""
         self.socket.close()
+        awake(self.process.pid)
         try:
             self.process.wait(10)
         except subprocess.TimeoutExpired:
@@ -149,7 +150,7 @@ def _do(end: socket.socket, request: Prepare | Start | Kill, keepers: dict[int, 
             os.close(tell)
             pid = int(os.read(reading, 16) or b"0")
             keepers[keeper] = _Kept(job.group, pid, reading)
-            end.sendall(msgspec.json.encode(Started(job.group, pid)) + b"\n")
+            end.sendall(msgspec.json.encode(Started(job.group, pid, keeper)) + b"\n")
         case Kill(group, number):
             for kept in keepers.values():
                 if kept.group == group and kept.pid:

@@ -7,9 +7,12 @@ import sys
 import time
 import traceback
 from collections.abc import Callable
+from pathlib import Path
 
 import msgspec
 
+import palpate.launch
+import palpate.messages
 from palpate.launch.running.clock import now
 from palpate.launch.running.interrupts import interrupts
 from palpate.launch.running.job import Job
@@ -76,6 +79,9 @@ def run_fused(job: Job, show: Callable[[Result], None] = lambda _: None, patienc
     return result
 
 
+OURS = tuple(str(Path(module.__file__ or "").parent) for module in (palpate.launch, palpate.messages))
+
+
 def _note(result: Result, error: NodeFault | KeyboardInterrupt) -> None:
     """A second Ctrl-C shows up as an error of the node that was running; it is nobody's fault."""
     cause = error.cause if isinstance(error, NodeFault) else error
@@ -87,6 +93,13 @@ def death(fault: NodeFault) -> Death:
     """A fault as the result tells it."""
     cause = fault.cause
     if isinstance(cause, BaseException):
-        trace = "".join(traceback.format_exception(cause))
-        return Death(fault.node, fault.where, f"{type(cause).__name__}: {cause}".removesuffix(": "), trace)
+        return Death(fault.node, fault.where, f"{type(cause).__name__}: {cause}".removesuffix(": "), _trace(cause))
     return Death(fault.node, fault.where, cause)
+
+
+def _trace(cause: BaseException) -> str:
+    """The traceback from the node's own code on; none where no line of it is the node's, as for a NaN that it sent."""
+    own = cause.__traceback__
+    while own is not None and own.tb_frame.f_code.co_filename.startswith(OURS):
+        own = own.tb_next
+    return "".join(traceback.format_exception(type(cause), cause, own)) if own is not None else ""

@@ -18,12 +18,13 @@ import zmq
 
 from palpate.launch.running.barrier import Barrier
 from palpate.launch.running.clock import now
+from palpate.launch.running.descendants import awake, stopped
 from palpate.launch.running.ending import Ending
 from palpate.launch.running.forkserver import ForkServer
 from palpate.launch.running.interrupts import interrupts
 from palpate.launch.running.job import Job, members
 from palpate.launch.running.keys import Key
-from palpate.launch.running.member import Member, stopped
+from palpate.launch.running.member import Member
 from palpate.launch.running.reports import (
     Alive,
     Beat,
@@ -52,7 +53,7 @@ from palpate.launch.running.watchdog import START_PATIENCE
 from palpate.launch.running.wires import Wires, muted, pairs
 
 HEAD_START = 40_000_000  # [ns] from the order to go to tick 0: every worker has heard it by then
-BEAT = 0.5  # [s] between signs of life for workers on other machines
+BEAT = 0.5  # [s] between signs of life for workers on other machines, and looks at who stands between
 GRACE = 0.1  # [s] that the others go on after a node died on the real clock: the device gets its zero force
 MOST_REPORTS = 1000  # taken in a row, so that the launcher comes to the rest
 
@@ -312,7 +313,7 @@ class Launcher:
     def _answer(self, answer: Started | Exited) -> None:
         member = self.members[answer.group]
         if isinstance(answer, Started):
-            member.pid = answer.pid
+            member.pid, member.keeper = answer.pid, answer.keeper
             return
         # Its last words were sent before its end, but may come after the news of it.
         until = time.monotonic() + (0.5 if answer.status >= 0 else 0.002)
@@ -324,7 +325,7 @@ class Launcher:
             self._listen()
             trace = "\n".join(self._tail) if status != -signal.SIGKILL else ""
             self._died(member, Fault("", "process", f"its process ended: {how}", trace))
-        member.pid = None
+        member.pid = member.keeper = None
         if member.state == "restarting":
             self._fork(member)
         else:
@@ -358,9 +359,12 @@ class Launcher:
 
     def _check_time(self) -> None:
         moment = time.monotonic()
-        if self.address and moment - self._beat > BEAT:
+        if moment - self._beat > BEAT:
             self._beat = moment
-            self._wires.tell("*", Beat())
+            if self.address:
+                self._wires.tell("*", Beat())
+            for pid in (self.forkserver.process.pid, *(m.keeper for m in self.members.values() if m.keeper)):
+                awake(pid)  # who would never tell of a worker's end
         self._ending.check(begun=self.phase not in ("starting", "linking"))
         if not self._ending.near:
             self._check_hung()

@@ -26,7 +26,7 @@ class Member:
     joined     started by hand on another machine
     state      starting, ready, linked, running; done, failed, killed, restarting; gone
     busy       what it is doing while it starts
-    pid        of its process, once there is one here
+    pid        of its process, once there is one here; keeper: of the one above it
     endpoints  of its outlets, once it is ready; secured: by the key of the run
     early      a report that it is ready, which has overtaken its subscription
     paused     the tick after which it waits to hear which one is the last
@@ -40,6 +40,7 @@ class Member:
     state: str = "starting"
     busy: str = ""
     pid: int | None = None
+    keeper: int | None = None
     endpoints: dict[str, list[str]] = field(default_factory=dict)
     secured: bool = False
     early: Ready | None = None
@@ -119,10 +120,3 @@ def able(passed: float, before: dict[str, Thread], now: dict[str, Thread]) -> fl
     if ready:
         return max(ready)
     return passed - max((new.queued - old.queued for old, new in pairs), default=0.0)
-
-
-def stopped(pid: int) -> bool:
-    """Whether a process was stopped by a signal (SIGSTOP)."""
-    with contextlib.suppress(OSError, IndexError):
-        return Path(f"/proc/{pid}/stat").read_text(errors="replace").rpartition(")")[2].split()[0] in "Tt"
-    return False

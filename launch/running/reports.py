@@ -168,10 +168,11 @@ class Kill(msgspec.Struct, frozen=True, tag=True):
 
 
 class Started(msgspec.Struct, frozen=True, tag=True):
-    """The fork server has forked this worker."""
+    """The fork server has forked this worker, below this keeper."""
 
     group: str
     pid: int
+    keeper: int
 
 
 class Exited(msgspec.Struct, frozen=True, tag=True):

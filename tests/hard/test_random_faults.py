@@ -1,0 +1,54 @@
+"""Faults drawn at random and put into whole runs: every process ends, nothing is left behind, the culprit is told, the
+recording can be read, and no force beyond the limit is in it.
+
+One that fails is run again by `python tests/support/random_faults.py SEED`.
+"""
+
+from __future__ import annotations
+
+import os
+from collections import Counter
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import pytest
+from random_faults import Fault, draw, run
+
+STOPPED = (100, 1028)
+"""A keeper, and the fork server, stopped by SIGSTOP: the run waited for ever for the news of its workers' ends."""
+
+
+def tried(seed: int) -> tuple[int, Fault, list[str]]:
+    with TemporaryDirectory() as folder:
+        return seed, draw(seed), run(draw(seed), Path(folder))
+
+
+def check(seeds: range | tuple[int, ...]) -> None:
+    with ThreadPoolExecutor(2) as pool:
+        outcomes = list(pool.map(tried, seeds))
+    kinds = Counter(f"{fault.kind}: {fault.what}" for _, fault, _ in outcomes)
+    failed = [f"seed {seed}, {fault}: {'; '.join(wrong)}" for seed, fault, wrong in outcomes if wrong]
+    print(f"{len(outcomes)} faults of {len(kinds)} kinds, {len(failed)} failures")
+    assert not failed, "\n".join(failed)
+
+
+def test_a_keeper_that_was_stopped_keeps_nobody_from_ending():
+    check(STOPPED)
+
+
+def test_two_dozen_faults():
+    check(range(24))
+
+
+@pytest.mark.long
+def test_a_thousand_faults():
+    """As many as PALPATE_FAULTS says."""
+    check(range(10_000, 10_000 + int(os.environ.get("PALPATE_FAULTS", "1000"))))
+
+
+def test_each_seed_is_one_fault_and_all_kinds_come():
+    drawn = [draw(seed) for seed in range(10_000, 11_000)]
+    assert drawn == [draw(seed) for seed in range(10_000, 11_000)]
+    assert len({(f.kind, f.what) for f in drawn}) >= 30
+    assert {f.whom for f in drawn if f.kind == "signal"} == {"launcher", "fork server", "one"}

@@ -1,0 +1,252 @@
+"""Faults drawn at random, put into a run of `palpate run` as a user starts it, and what must hold after each of them.
+
+python tests/support/random_faults.py SEED [COUNT]      draws and runs them again, one line each
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import pty
+import random
+import resource
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+import uuid
+from pathlib import Path
+from typing import NamedTuple
+
+SUPPORT = Path(__file__).parent
+sys.path.insert(0, str(SUPPORT))
+
+from graphs_for_runs import GRAPH, write_graph, write_place  # noqa: E402
+from unlucky import BEARABLE, BREAKS  # noqa: E402
+
+from palpate.launch.recording.reader import Recording, RecordingError  # noqa: E402
+
+SIGNALS = ("SIGKILL", "SIGTERM", "SIGSEGV", "SIGSTOP", "SIGINT", "SIGABRT", "SIGHUP")
+LONGEST = 60.0
+"""[s] after which a run that has not ended hangs."""
+RUN = 3.0
+"""[s] of the graph's clock: all faults come before its end on the real clock."""
+
+
+class Fault(NamedTuple):
+    """What goes wrong, where and when.
+
+    kind    "node": a node does `what`; "signal": a process gets `what`; "limit": the system refuses `what`; "terminal":
+            the terminal is closed
+    whom    of a signal: "launcher", "fork server" or "one", a process below it by the number `moment`
+    moment  [s] after the first sign of the run, or [1] steps of the node
+    """
+
+    kind: str
+    what: str
+    whom: str
+    clock: str
+    carrier: str
+    placement: str
+    graph: str
+    moment: float
+
+
+def draw(seed: int) -> Fault:
+    """The fault of this seed."""
+    rng = random.Random(seed)
+    clock, carrier = rng.choice(("simulated", "real")), rng.choice(("zmq", "local"))
+    placement, graph = rng.choice(("each", "groups", "fused")), rng.choice(("loop", "loop", "loop", "kidney"))
+    kind = rng.choices(("node", "signal", "limit", "terminal"), (10, 9, 2, 1))[0]
+    if kind == "node":
+        how = rng.choice(sorted(BREAKS | BEARABLE))
+        return Fault(kind, how, "spring", clock, carrier, placement, "loop", rng.randint(20, 200))
+    if kind == "signal":
+        whom = rng.choice(("launcher", "fork server", "one", "one", "one"))
+        name = rng.choice(SIGNALS[:5] if whom == "launcher" else SIGNALS)
+        name = "SIGTERM" if whom == "launcher" and name == "SIGSTOP" else name  # a stopped run waits, as it should
+        return Fault(kind, name, whom, clock, carrier, placement, graph, rng.uniform(0.0, 1.5))
+    if kind == "limit":
+        what = rng.choice(("file size", "descriptors"))
+        return Fault(kind, what, "", clock, carrier, placement, graph, rng.uniform(0.0, 1.0))
+    return Fault(kind, "closed", "", clock, carrier, placement, graph, rng.uniform(0.0, 1.5))
+
+
+def run(fault: Fault, folder: Path) -> list[str]:
+    """Run it; what did not hold, nothing where all did."""
+    mark, before = uuid.uuid4().hex, _left_over()
+    file = folder / "run.mcap"
+    command = [sys.executable, "-m", "palpate.launch", "run", *_graph(fault, folder), "--record", str(file),
+               "--clock", fault.clock, "--carrier", fault.carrier, "--no-pictures", "--patience", "1",
+               "--duration", str(RUN if fault.clock == "real" else 40.0)]  # fmt: skip
+    environment = os.environ | {"PALPATE_FAULT": mark, "PYTHONPATH": f"{SUPPORT}:{os.environ.get('PYTHONPATH', '')}",
+                                "XDG_RUNTIME_DIR": str(folder), "COLUMNS": "200"}  # fmt: skip
+    master, slave = pty.openpty() if fault.kind == "terminal" else (None, None)
+    told = folder / "told"
+    with told.open("wb") as out:
+        child = subprocess.Popen(
+            command, cwd=folder, env=environment, start_new_session=True, preexec_fn=_limits(fault),
+            stdin=slave if slave is not None else subprocess.DEVNULL, stdout=slave or out, stderr=slave or out,
+        )  # fmt: skip
+    hit = _strike(fault, child, file, master)
+    if slave is not None:
+        os.close(slave)
+    try:
+        code = child.wait(LONGEST)
+    except subprocess.TimeoutExpired:
+        _sweep(mark)
+        child.wait()
+        return [f"did not end within {LONGEST:g} s: {told.read_text(errors='replace')[-500:]}"]
+    return _judge(fault, code, hit, told.read_text(errors="replace"), file, mark, before)
+
+
+def _graph(fault: Fault, folder: Path) -> list[str]:
+    """The graph and where its nodes run, as `palpate run` takes them."""
+    if fault.graph == "kidney":
+        graph, groups = ["kidney", "--set", "scene.surface.vertices=1000"], [["device", "finger", "collision"]]
+    else:
+        how = f'unlucky.Unlucky, how: "{fault.what}", at: {int(fault.moment)},'
+        text = GRAPH.replace("nodes_for_runs.Spring,", how) if fault.kind == "node" else GRAPH
+        graph, groups = [str(write_graph(folder, text))], [["source", "drag"], ["spring"], ["spread", "sum"]]
+    if fault.placement == "groups":
+        return [*graph, "--place", str(write_place(folder, groups))]
+    return [*graph, "--fused"] if fault.placement == "fused" else graph
+
+
+def _limits(fault: Fault):  # type: ignore[no-untyped-def]
+    """What the system refuses to the run."""
+    if fault.kind != "limit":
+        return None
+    if fault.what == "descriptors":
+        return lambda: resource.setrlimit(resource.RLIMIT_NOFILE, (24 + int(40 * fault.moment),) * 2)
+    size = 2000 + int(200_000 * fault.moment)
+    return lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))
+
+
+def _strike(fault: Fault, child: subprocess.Popen[bytes], file: Path, master: int | None) -> bool:
+    """Wait for the moment, and do it; whether it reached anything."""
+    if fault.kind in ("node", "limit"):
+        return True
+    until = time.monotonic() + 20.0
+    while child.poll() is None and time.monotonic() < until and not file.exists():
+        time.sleep(0.01)
+    time.sleep(fault.moment)
+    if fault.kind == "terminal":
+        assert master is not None
+        os.close(master)
+        return child.poll() is None
+    below = _below(child.pid)
+    pid = child.pid
+    if fault.whom == "fork server":
+        pid = below[0] if below else 0
+    elif fault.whom == "one":
+        pid = below[int(1000 * fault.moment) % len(below)] if below else 0
+    if not pid or child.poll() is not None:
+        return False
+    try:
+        os.kill(pid, getattr(signal, fault.what))
+    except ProcessLookupError:
+        return False
+    return True
+
+
+def _below(pid: int) -> list[int]:
+    """Processes below one, parents first."""
+    parents: dict[int, list[int]] = {}
+    for entry in Path("/proc").iterdir():
+        if entry.name.isdigit():
+            try:
+                fields = (entry / "stat").read_text().rpartition(")")[2].split()
+            except OSError:
+                continue
+            parents.setdefault(int(fields[1]), []).append(int(entry.name))
+    todo, below = [pid], []
+    while todo:
+        own = sorted(parents.get(todo.pop(0), []))
+        below += own
+        todo += own
+    return below
+
+
+def _marked(mark: str) -> list[int]:
+    """Processes that were started from a run, whatever became of their parents."""
+    pids = []
+    for entry in Path("/proc").iterdir():
+        if entry.name.isdigit():
+            try:
+                if mark.encode() in (entry / "environ").read_bytes():
+                    pids.append(int(entry.name))
+            except OSError:
+                continue
+    return pids
+
+
+def _sweep(mark: str) -> None:
+    for pid in _marked(mark):
+        os.kill(pid, signal.SIGKILL)
+
+
+def _left_over() -> set[str]:
+    places = (Path("/dev/shm"), Path(tempfile.gettempdir()))
+    return {str(path) for place in places if place.is_dir() for path in place.glob("palpate*")}
+
+
+def _judge(fault: Fault, code: int, hit: bool, told: str, file: Path, mark: str, before: set[str]) -> list[str]:
+    wrong = []
+    until = time.monotonic() + 5.0
+    while (left := _marked(mark)) and time.monotonic() < until:
+        time.sleep(0.05)
+    if left:
+        wrong.append(f"{len(left)} processes are left")
+        _sweep(mark)
+    breaks = hit and (fault.kind == "signal" or (fault.kind == "node" and fault.what in BREAKS))
+    finished = "ticks in" in told  # a signal that came as the run was over
+    if breaks and code == 0 and not finished:
+        wrong.append("the exit code is 0")
+    if "Traceback" in told and "unlucky.py" not in told:  # that of a node's own code is what its author needs
+        wrong.append("a traceback")
+    if fault.kind == "node" and fault.what in BREAKS and "spring" not in told:
+        wrong.append("the culprit is not named")
+    if code > 0 and not told.strip() and fault.kind != "terminal":
+        wrong.append(f"nothing was said of code {code}")
+    if len(told) > 20_000 and fault.what != "prints without end":
+        wrong.append(f"{len(told)} characters were said")
+    if file.exists() and file.stat().st_size:
+        wrong += _recorded(fault, file)
+    hard = fault.kind == "signal" and fault.whom != "one"  # who is killed cannot clean up: told, not asked
+    if not hard and (more := _left_over() - before):
+        wrong.append(f"left over: {', '.join(sorted(more)[:3])}")
+    return wrong if not wrong else [*wrong, f"code {code}: {told[-700:]}"]
+
+
+def _recorded(fault: Fault, file: Path) -> list[str]:
+    """What is wrong with what was recorded before."""
+    torque, limit = ("statics", math.inf) if fault.graph == "kidney" else ("sum", math.inf)
+    try:
+        recording = Recording(file)
+        if torque in recording.streams:
+            for message in recording.messages(torque):
+                if not all(math.isfinite(x) and abs(x) < limit for x in message.torques):
+                    return [f"tick {message.tick}: torque {message.torques}"]
+        if fault.graph == "kidney" and "controller" in recording.streams:
+            for message in recording.messages("controller"):
+                if not math.hypot(*message.force) <= 9.0 + 1e-9:
+                    return [f"tick {message.tick}: force {message.force}"]
+    except RecordingError as error:
+        return [] if "no messages" in str(error) or "empty" in str(error) else [f"the recording: {error}"]
+    return []
+
+
+def main() -> None:
+    seed, count = int(sys.argv[1]), int(sys.argv[2]) if len(sys.argv) > 2 else 1
+    for own in range(seed, seed + count):
+        with tempfile.TemporaryDirectory() as folder:
+            fault, begun = draw(own), time.monotonic()
+            wrong = run(fault, Path(folder))
+            print(json.dumps([own, round(time.monotonic() - begun, 1), fault._asdict(), wrong]), flush=True)
+
+
+if __name__ == "__main__":
+    main()
