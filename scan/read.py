@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import io
 import re
 from itertools import pairwise
 from pathlib import Path
@@ -123,7 +124,8 @@ def _dicom(folder: Path, files: list[Path]):
     series: dict[str, list] = {}
     for file in files:
         try:
-            data = pydicom.dcmread(file)
+            # From memory: a file's `read` makes room for as much as a damaged length claims.
+            data = pydicom.dcmread(io.BytesIO(file.read_bytes()))
         except (pydicom.errors.InvalidDicomError, OSError):
             continue
         if "PixelData" in data:

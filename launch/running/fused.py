@@ -13,6 +13,7 @@ import msgspec
 
 import palpate.launch
 import palpate.messages
+import palpate.nodes
 from palpate.launch.running.clock import now
 from palpate.launch.running.interrupts import interrupts
 from palpate.launch.running.job import Job
@@ -22,6 +23,7 @@ from palpate.launch.running.result import Death, Result
 from palpate.launch.running.slot import NodeFault
 from palpate.launch.running.watchdog import START_PATIENCE, watched
 from palpate.launch.running.worker import Worker
+from palpate.physics.errors import PalpateError
 
 
 def run_fused(job: Job, show: Callable[[Result], None] = lambda _: None, patience: float | None = None) -> Result:
@@ -80,6 +82,7 @@ def run_fused(job: Job, show: Callable[[Result], None] = lambda _: None, patienc
 
 
 OURS = tuple(str(Path(module.__file__ or "").parent) for module in (palpate.launch, palpate.messages))
+NODES = str(Path(palpate.nodes.__file__ or "").parent)
 
 
 def _note(result: Result, error: NodeFault | KeyboardInterrupt) -> None:
@@ -98,8 +101,12 @@ def death(fault: NodeFault) -> Death:
 
 
 def _trace(cause: BaseException) -> str:
-    """The traceback from the node's own code on; none where no line of it is the node's, as for a NaN that it sent."""
+    """The traceback from the node's own code on; none where no line of it is the node's, as for a NaN that it sent, and
+    for what the system refuses to a node of ours, as the message says it all."""
     own = cause.__traceback__
     while own is not None and own.tb_frame.f_code.co_filename.startswith(OURS):
         own = own.tb_next
-    return "".join(traceback.format_exception(type(cause), cause, own)) if own is not None else ""
+    told = isinstance(cause, OSError | PalpateError)
+    if own is None or (told and own.tb_frame.f_code.co_filename.startswith(NODES)):
+        return ""
+    return "".join(traceback.format_exception(type(cause), cause, own))
