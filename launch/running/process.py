@@ -75,7 +75,10 @@ def serve(start: Start, pairs: Pairs, alone: bool = False) -> int:
         _stop_rest(worker)
         return 1
     except Exception as error:
-        bus.report(Fault("", "process", f"{type(error).__name__}: {error}", traceback.format_exc()))
+        trace = (
+            "" if isinstance(error, OSError) else traceback.format_exc()
+        )  # what the system refuses is told in a line
+        bus.report(Fault("", "process", f"{type(error).__name__}: {error}", trace))
         return 1
     finally:
         bus.report(Done(orderly))

@@ -207,7 +207,8 @@ def _judge(fault: Fault, code: int, hit: bool, told: str, file: Path, mark: str,
         wrong.append("the exit code is 0")
     if "Traceback" in told and "unlucky.py" not in told:  # that of a node's own code is what its author needs
         wrong.append("a traceback")
-    if fault.kind == "node" and fault.what in BREAKS and "spring" not in told:
+    mute = fault.placement == "fused" and fault.what in ("kills itself", "crashes")  # with who could have told
+    if fault.kind == "node" and fault.what in BREAKS and "spring" not in told and not mute:
         wrong.append("the culprit is not named")
     if code > 0 and not told.strip() and fault.kind != "terminal":
         wrong.append(f"nothing was said of code {code}")
