@@ -98,6 +98,24 @@ class Records:
                 raise Broken(at, "an index of messages has another length than it says")  # a chunk, one bit off
             at += _RECORD.size + len(content)
 
+    def chunks(self) -> Iterator[tuple[int, bytes]]:
+        """Where each chunk begins, and what is in it, as far as the file is good."""
+        at = len(MAGIC)
+        try:
+            while True:
+                kind, content = self._record(at)
+                if kind == Opcode.DATA_END:
+                    return
+                if kind == Opcode.CHUNK:
+                    yield at, _open(at, _parse(at, Chunk, content))
+                at += _RECORD.size + len(content)
+        except Broken:
+            return
+
+    def chunk(self, at: int) -> bytes:
+        """What is in the chunk that begins there."""
+        return _open(at, _parse(at, Chunk, self._record(at)[1]))
+
     def indexed(self) -> list[Schema | Channel | Metadata]:
         """Schemas, channels and metadata of a complete file, by the summary at its end. Broken: the file is not
         complete, or not as it was written, wherever in it."""

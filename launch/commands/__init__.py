@@ -30,6 +30,7 @@ ORDER = [
     "plot",
     "picture",
     "film",
+    "view",
     "doctor",
     "devices",
     "reduce",

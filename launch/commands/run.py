@@ -48,6 +48,7 @@ def run(
     thin: Annotated[list[str] | None, typer.Option(help="STREAM=N: record each N-th message only.")] = None,
     out: Annotated[Path | None, typer.Option(help="Folder of recording and pictures.")] = None,
     pictures: Annotated[bool, typer.Option(help="Draw the pictures of the run at its end.")] = True,
+    see: Annotated[bool, typer.Option("--view", help="Look at the recording in the browser at the end.")] = False,
     patience: Annotated[float, typer.Option(help="Time in s after which a silent node counts as hung.", min=0.1)] = 5.0,
     carrier: Annotated[str | None, typer.Option(help="Between processes, for all groups: zmq or local.")] = None,
     address: Annotated[str | None, typer.Option(help="tcp://host:port where workers of other hosts join.")] = None,
@@ -77,6 +78,8 @@ def run(
         folder = out or Path("runs") / f"{name}-{datetime.datetime.now():%Y%m%d-%H%M%S}"
         keep = not no_record and (record is not None or out is not None or launch.record is not None)
         file = (record or folder / (launch.record.name if launch.record else f"{name}.mcap")) if keep else None
+        if see and (file is None or as_json):
+            raise typer.BadParameter("--view: it needs a recording (--record FILE), and does not go with --json")
         launch = dataclasses.replace(launch, record=file)
 
         from palpate.launch.running.descendants import none_left
@@ -100,6 +103,10 @@ def run(
             _summary(outcome, name, drawn)
         for death in outcome.result.deaths:
             fault(death, console(stderr=True, soft_wrap=True))
+    if see and outcome.recording is not None:
+        from palpate.launch.commands.view import look
+
+        look([outcome.recording])
     if not outcome.result.ok:
         raise typer.Exit(TROUBLE)
 

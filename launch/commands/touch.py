@@ -11,16 +11,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from palpate.launch.commands.common import Graph, SceneOption, Sets, chosen
-from palpate.physics.errors import MISUSE, PalpateError
 
 if TYPE_CHECKING:
     from palpate.launch.page.session import Session
-
-
-class NoPage(PalpateError, RuntimeError):
-    """What the page needs and is not installed."""
-
-    exit_code = MISUSE
 
 
 def touch(
@@ -37,11 +30,12 @@ def touch(
     The graph runs on the real clock in processes of its own. Ctrl-C ends it.
     """
     from palpate.launch.loading.extras import install
+    from palpate.launch.recording.samples import PageError
 
     try:
         import websockets  # noqa: F401
     except ImportError:
-        raise NoPage(f"the page needs the package websockets: {install('devices')}") from None
+        raise PageError(f"the page needs the package websockets: {install('devices')}") from None
     from palpate.launch.page.session import Session
 
     folder = out or Path("runs") / f"touch-{datetime.datetime.now():%Y%m%d-%H%M%S}"

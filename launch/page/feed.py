@@ -33,6 +33,7 @@ from palpate.messages import (
     Surface,
     unpack,
 )
+from palpate.physics.geometry.mesh import Mesh
 
 KEPT = 400
 """Messages of small streams that wait for the next frame; older ones are dropped."""
@@ -93,44 +94,53 @@ class Feed:
                     depths.append(message.indentation)
         if not count or Contact not in self.last:
             return None
-        head = {"kind": "frame", "t": times, "f": forces, "s": depths, **self._now()}
-        surface = self.last.get(Surface)
-        if not isinstance(surface, Surface):
-            return packed(head, np.zeros(0, "<u4"), np.zeros(0, "<f4"), np.zeros(0, "<f4"))
-        pressure = surface.pressure if len(surface.pressure) == len(surface.nodes) else ()
-        return packed(head, np.asarray(surface.nodes, "<u4"), np.asarray(surface.displacement, "<f4").ravel(),
-                      np.asarray(pressure, "<f4"))  # fmt: skip
+        head = {"kind": "frame", "t": times, "f": forces, "s": depths, "late": max(self.late.values(), default=0)}
+        return frame(head | now(self.last, self.touched.thickness), self.last.get(Surface))
 
-    def _now(self) -> dict[str, Any]:
-        last = self.last
-        told: dict[str, Any] = {"late": max(self.late.values(), default=0)}
-        contact, near, pose = last[Contact], last.get(Proximity), last.get(Pose)
-        assert isinstance(contact, Contact)
-        told |= {"time": contact.time * 1e-9, "normal": contact.normal, "foot": contact.foot}
-        told |= {"load": contact.force, "depth": contact.indentation, "squeeze": contact.compression}
-        if isinstance(near, Proximity) and isinstance(pose, Pose):
-            apart = self.touched.thickness - contact.compression
-            told["tip"] = [p - apart * n for p, n in zip(pose.position, near.normal, strict=True)]
-            told["up"] = near.normal
-        if isinstance(friction := last.get(Friction), Friction):
-            told |= {"stick": friction.stick, "drag": sum(f * f for f in friction.force) ** 0.5}
-        if isinstance(force := last.get(Force), Force):
-            told |= {"force": force.force, "state": force.state, "energy": force.energy}
-        if isinstance(band := last.get(ForceBand), ForceBand):
-            told |= {"band": [band.quantiles[0], band.quantiles[-1]] if band.quantiles else None, "mean": band.mean}
-        if isinstance(pointed := last.get(Pointed), Pointed):
-            told |= {"sample": pointed.sample}
-        if isinstance(pins := last.get(Pins), Pins):
-            told |= {"pins": pins.heights.tolist()}
-        return told
+
+def frame(head: dict[str, Any], surface: Message | None) -> bytes:
+    """A picture: what is told in its head, and the surface's nodes, displacements and pressures."""
+    if not isinstance(surface, Surface):
+        return packed(head, np.zeros(0, "<u4"), np.zeros(0, "<f4"), np.zeros(0, "<f4"))
+    pressure = surface.pressure if len(surface.pressure) == len(surface.nodes) else ()
+    return packed(head, np.asarray(surface.nodes, "<u4"), np.asarray(surface.displacement, "<f4").ravel(),
+                  np.asarray(pressure, "<f4"))  # fmt: skip
+
+
+def now(last: dict[type[Message], Message], thickness: float) -> dict[str, Any]:
+    """What the page tells of the last message of each kind; thickness [m] of the fingertip."""
+    contact, near, pose = last[Contact], last.get(Proximity), last.get(Pose)
+    assert isinstance(contact, Contact)
+    told: dict[str, Any] = {"time": contact.time * 1e-9, "normal": contact.normal, "foot": contact.foot}
+    told |= {"load": contact.force, "depth": contact.indentation, "squeeze": contact.compression}
+    if isinstance(near, Proximity) and isinstance(pose, Pose):
+        apart = thickness - contact.compression
+        told["tip"] = [p - apart * n for p, n in zip(pose.position, near.normal, strict=True)]
+        told["up"] = near.normal
+    if isinstance(friction := last.get(Friction), Friction):
+        told |= {"stick": friction.stick, "drag": sum(f * f for f in friction.force) ** 0.5}
+    if isinstance(force := last.get(Force), Force):
+        told |= {"force": force.force, "state": force.state, "energy": force.energy}
+    if isinstance(band := last.get(ForceBand), ForceBand):
+        told |= {"band": [band.quantiles[0], band.quantiles[-1]] if band.quantiles else None, "mean": band.mean}
+    if isinstance(pointed := last.get(Pointed), Pointed):
+        told |= {"sample": pointed.sample}
+    if isinstance(pins := last.get(Pins), Pins):
+        told |= {"pins": pins.heights.tolist()}
+    return told
 
 
 def mesh_frame(touched: Touched, about: dict[str, Any]) -> bytes:
     """The undeformed surface, and what else the page has to know of a run."""
-    head = {"kind": "mesh", "body": touched.use, "thickness": touched.thickness, "begin": touched.begin, **about}
-    mesh = touched.mesh
-    return packed(head, np.asarray(mesh.triangles, "<u4").ravel(), np.asarray(mesh.vertices, "<f4").ravel(),
-                  np.asarray(mesh.normals, "<f4").ravel())  # fmt: skip
+    return surface_frame(
+        touched.mesh, {"body": touched.use, "thickness": touched.thickness, "begin": touched.begin, **about}
+    )
+
+
+def surface_frame(mesh: Mesh, about: dict[str, Any]) -> bytes:
+    """An undeformed surface, and what is told with it."""
+    return packed({"kind": "mesh", **about}, np.asarray(mesh.triangles, "<u4").ravel(),
+                  np.asarray(mesh.vertices, "<f4").ravel(), np.asarray(mesh.normals, "<f4").ravel())  # fmt: skip
 
 
 def packed(head: dict[str, Any], indices: np.ndarray, first: np.ndarray, second: np.ndarray) -> bytes:

@@ -110,22 +110,27 @@ def touched(planned: Plan) -> Touched:
         if kind not in streams:
             raise NoTouch(f"{planned.graph.path.stem}: no node sends {kind.__name__}; a page needs a body, its contact "
                           "and the finger. Try: palpate touch kidney")  # fmt: skip
+    mesh, thickness = shape(planned, senders[streams[Surface]], senders[streams[Proximity]])
     body = senders[streams[Surface]]
-    node = planned.make(body)
-    try:
-        mesh = node.mesh()  # type: ignore[attr-defined]
-    except (AttributeError, SettingError, ValueError, OSError) as error:
-        raise NoTouch(f"node {body!r} ({planned.graph.nodes[body].use}) has no mesh to show: {error}") from None
-    collision = planned.make(senders[streams[Proximity]])
     return Touched(
         body=body,
         use=planned.graph.nodes[body].use,
         mesh=mesh,
         place=_place(planned),
         streams={kind: streams[kind] for kind in SHOWN if kind in streams},
-        thickness=float(getattr(collision, "thickness", 4e-3)),
+        thickness=thickness,
         begin=tuple(planned.graph.nodes[POINTER].settings["begin"]),
     )
+
+
+def shape(planned: Plan, body: str, collision: str) -> tuple[Mesh, float]:
+    """The undeformed mesh of a body, and the thickness [m] of the fingertip. NoTouch: it has none."""
+    node = planned.make(body)
+    try:
+        mesh = node.mesh()  # type: ignore[attr-defined]
+    except (AttributeError, SettingError, ValueError, OSError) as error:
+        raise NoTouch(f"node {body!r} ({planned.graph.nodes[body].use}) has no mesh to show: {error}") from None
+    return mesh, float(getattr(planned.make(collision), "thickness", 4e-3))
 
 
 def _place(planned: Plan) -> dict[str, dict[str, Any]]:

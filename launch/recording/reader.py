@@ -72,7 +72,8 @@ class Recording:
         self.times: dict[str, dict[str, float]] = {}
         self.restarted: dict[str, list[int]] = {}
         self.damage: Broken | None = None
-        self._channels: dict[int, str] = {}
+        self.channels: dict[int, str] = {}
+        """Number in the file -> stream."""
         try:
             with open(self.path, "rb") as file:
                 begin = file.read(8)
@@ -178,12 +179,12 @@ class Recording:
                 f"{SCHEMA_VERSION!r}; `palpate export` of the version that wrote it can convert it"
             )
         self.streams[channel.topic] = stream
-        self._channels[channel.id] = channel.topic
+        self.channels[channel.id] = channel.topic
 
     def raw(self) -> Iterator[tuple[str, int, int, bytes]]:
         """Stream, tick, time [ns] and wire bytes of each message, in the order in which they were recorded, up to
         where the file is cut off or damaged."""
-        channels = self._channels
+        channels = self.channels
         try:
             for chunk in opened(self.path):
                 if not isinstance(chunk, bytes):
@@ -258,7 +259,7 @@ class Recording:
     def rename(self, old: str, new: str, producer: str) -> None:
         """Call a stream otherwise, as if this node had sent it."""
         self.streams[new] = replace(self.streams.pop(old), name=new, producer=producer)
-        self._channels = {key: new if name == old else name for key, name in self._channels.items()}
+        self.channels = {key: new if name == old else name for key, name in self.channels.items()}
 
     def known(self, name: str) -> Channelled:
         """The stream of this name. RecordingError: there is none; names the nearest."""

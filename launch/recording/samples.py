@@ -19,9 +19,18 @@ from palpate.launch.loading.extras import install
 from palpate.launch.loading.faults import choices
 from palpate.launch.recording.reader import Recording, RecordingError
 from palpate.messages import Field, Message, fields
+from palpate.physics.errors import MISUSE, PalpateError
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+    from palpate.launch.page.shown import Shown
+
+
+class PageError(PalpateError, RuntimeError):
+    """What the page of a recording needs and is not installed."""
+
+    exit_code = MISUSE
 
 
 class Samples(np.ndarray):
@@ -212,6 +221,23 @@ class Run:
         from palpate.launch.pictures.plot import plot
 
         return plot(self, names)
+
+    def view(self, *others: str | Path, port: int = 0, show: bool = True) -> Shown:
+        """The recording in the browser, at any time of it, beside another one if one is named; `palpate view` does the
+        same from the shell. The page is there until it is closed, or the program ends.
+
+        RecordingError: nothing to show in it. PalpateError: the page's package is missing, or its port taken.
+        """
+        try:
+            from palpate.launch.page.shown import Shown
+        except ImportError:
+            raise PageError(f"the page needs the package websockets: {install('devices')}") from None
+        page = Shown([self.path, *map(Path, others)], port)
+        if show:
+            import webbrowser
+
+            webbrowser.open(page.address)
+        return page
 
     def __repr__(self) -> str:
         return f"<run {self.path}: {', '.join(self.streams)}>"

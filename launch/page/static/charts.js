@@ -44,6 +44,28 @@ export class Strip {
   }
 }
 
+// A whole recording, and where one is in it.
+export class Record {
+  constructor(canvas, unit, colour) { Object.assign(this, { canvas, unit, colour, times: [0, 1], values: [0, 0] }); }
+
+  set(times, values) { this.times = times; this.values = values; }
+
+  draw(now, band) {
+    const { paint, w, h } = fresh(this.canvas), [begin, end] = [this.times[0], this.times.at(-1)];
+    let low = 0, high = 1e-9;
+    for (const v of this.values) { if (v > high) high = v; if (v < low) low = v; }
+    const x = (t) => ((t - begin) / Math.max(end - begin, 1e-9)) * w, y = (v) => h - 3 - ((v - low) / (high - low)) * (h - 18);
+    paint.strokeStyle = style("--line"); paint.beginPath(); paint.moveTo(0, y(0)); paint.lineTo(w, y(0)); paint.stroke();
+    paint.strokeStyle = this.colour; paint.lineWidth = 1.4; paint.lineJoin = "round"; paint.beginPath();
+    this.times.forEach((t, i) => paint.lineTo(x(t), y(this.values[i])));
+    paint.stroke();
+    if (band) { paint.fillStyle = this.colour + "33"; paint.fillRect(x(now) - 6, y(band[1]), 12, y(band[0]) - y(band[1])); }
+    paint.strokeStyle = style("--ink"); paint.lineWidth = 1; paint.beginPath(); paint.moveTo(x(now), 12); paint.lineTo(x(now), h); paint.stroke();
+    paint.fillStyle = style("--faint"); paint.fillText(`${high.toPrecision(2)} ${this.unit}`, 0, 10);
+    paint.textAlign = "right"; paint.fillText(`${begin.toFixed(1)} to ${end.toFixed(1)} s`, w, 10);
+  }
+}
+
 export function bars(canvas, heights) {
   canvas.hidden = !heights;
   if (!heights) return;

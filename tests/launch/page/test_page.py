@@ -24,7 +24,8 @@ pytest.importorskip("websockets")
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
-from palpate.launch.page.server import Page, PortTaken
+from palpate.launch.page.doors import PortTaken
+from palpate.launch.page.server import Page
 
 WAIT = 90.0  # [s] that a busy machine may take
 PRESSED = (0.0, 0.0, 0.101)

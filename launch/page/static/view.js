@@ -1,0 +1,145 @@
+// Recordings: the page asks for a time and draws what comes, one picture for each recording.
+
+import { COLOURS, Scene } from "/scene.js";
+import { Record, bars } from "/charts.js";
+
+const $ = (id) => document.getElementById(id);
+const STEP = 0.001; // [s]
+const reels = [];
+let socket, wanted = null, waiting = 0, time = 0, begin = 0, end = 1, playing = false, before = 0;
+const page = { frames: 0, reels, get time() { return time; }, get playing() { return playing; } };
+window.palpate = page; // for tests and the curious
+
+function connect() {
+  const scheme = location.protocol === "https:" ? "wss" : "ws";
+  socket = new WebSocket(`${scheme}://${location.host}/socket${location.search}`);
+  socket.binaryType = "arraybuffer";
+  socket.onopen = () => { $("status").textContent = ""; };
+  socket.onmessage = ({ data }) => {
+    if (typeof data === "string") { $("status").textContent = JSON.parse(data).text; waiting = 0; } else take(data);
+  };
+  socket.onclose = () => { playing = false; $("status").textContent = "palpate view has ended: start it again"; };
+}
+
+function take(data) {
+  const length = new DataView(data).getUint32(0, true), head = JSON.parse(new TextDecoder().decode(new Uint8Array(data, 4, length)));
+  const [a, b, c] = head.sizes, at = 4 + length;
+  const indices = new Uint32Array(data, at, a), first = new Float32Array(data, at + 4 * a, b), second = new Float32Array(data, at + 4 * (a + b), c);
+  if (head.kind === "mesh") return open(head, indices, first, second);
+  const reel = reels[head.reel];
+  reel.newest = { head, nodes: indices, displacement: first, pressure: second };
+  waiting = Math.max(0, waiting - 1);
+  if (!waiting) { show(); ask(); }
+}
+
+function open(head, triangles, places, normals) {
+  const node = $("reel").content.firstElementChild.cloneNode(true), pick = (name) => node.querySelector(name);
+  $("reels").append(node);
+  const scene = new Scene(pick("canvas.scene"));
+  scene.mesh(places, normals, triangles);
+  pick("h2").textContent = `${head.name} · ${head.body.split(".").pop()}`;
+  const strips = [new Record(pick(".forces"), "N", "#2f7fb8"), new Record(pick(".depths"), "mm", "#c2506a")];
+  strips[0].set(head.t, head.f); strips[1].set(head.t, head.s.map((s) => 1e3 * s));
+  reels[head.reel] = { scene, strips, pick, about: head };
+  handle(pick("canvas.scene"));
+  begin = Math.min(...reels.map((r) => r.about.t[0])); end = Math.max(...reels.map((r) => r.about.t.at(-1)));
+  Object.assign($("time"), { min: begin, max: end, step: STEP });
+  seek(begin);
+}
+
+function seek(to) { time = Math.min(Math.max(to, begin), end); wanted = time; ask(); }
+
+function ask() {
+  if (wanted === null || waiting || socket.readyState !== WebSocket.OPEN) return;
+  waiting = reels.length; socket.send(JSON.stringify({ at: wanted })); wanted = null;
+}
+
+function show() {
+  page.frames++;
+  const pressed = $("colour").value === "pressure" && reels.every((r) => r.newest?.pressure.length || !r.newest?.nodes.length);
+  let most = pressed ? 2e3 : 4e-3;
+  for (const reel of reels) if (reel.newest) {
+    const { nodes, displacement, pressure } = reel.newest;
+    reel.values = pressed ? pressure : Float32Array.from(nodes, (_, k) => Math.hypot(displacement[3 * k], displacement[3 * k + 1], displacement[3 * k + 2]));
+    for (const v of reel.values) if (v > most) most = v;
+  }
+  for (const { newest, scene, strips, pick, values } of reels) if (newest) {
+    const { head, nodes, displacement } = newest;
+    scene.full = most; scene.deform(nodes, displacement, values);
+    const load = head.load ?? 0;
+    pick(".force").textContent = Math.hypot(...(head.force ?? [0, 0, load])).toFixed(2);
+    pick(".depth").textContent = (1e3 * (head.depth ?? 0)).toFixed(1);
+    pick(".stick").textContent = load > 0 ? (head.stick === undefined ? "touches" : head.stick ? "sticks" : "slips") : "apart";
+    pick("small").textContent = head.energy === undefined ? "" : `energy ${(1e3 * head.energy).toFixed(1)} mJ`;
+    strips[0].draw(head.asked, load > 0 ? head.band : null); strips[1].draw(head.asked);
+    bars(pick(".pins"), head.pins);
+  }
+  $("top").textContent = pressed ? `${(1e-3 * most).toFixed(1)} kPa` : `${(1e3 * most).toFixed(1)} mm`;
+  $("what").textContent = pressed ? "pressure" : $("colour").value === "pressure" ? "displacement (no pressure told)" : "displacement";
+  $("time").value = time; $("now").textContent = `${time.toFixed(3)} s`;
+  draw();
+}
+
+function draw() {
+  for (const { newest, scene } of reels) scene.draw(newest?.head.tip && { tip: newest.head.tip, up: newest.head.up, force: newest.head.force ?? [0, 0, 0] });
+}
+
+function play(on) {
+  playing = on; $("play").setAttribute("aria-pressed", String(on)); $("play").textContent = on ? "stop" : "play";
+  if (on) { if (time >= end) seek(begin); before = performance.now(); requestAnimationFrame(go); }
+}
+
+function go(moment) {
+  if (!playing) return;
+  const passed = Math.max(0, moment - before); before = moment;
+  if (waiting) { requestAnimationFrame(go); return; } // the time that a picture takes is played all the same
+  seek(time + 1e-3 * passed * Number($("speed").value));
+  if (time >= end) play(false); else requestAnimationFrame(go);
+}
+
+// -- turning, all pictures alike -------------------------------------------------------------------------------
+
+function turn(dx, dy) {
+  for (const { scene } of reels) { scene.azimuth -= 0.008 * dx; scene.height = Math.min(Math.max(scene.height + 0.008 * dy, -1.5), 1.5); }
+  draw();
+}
+
+function handle(view) {
+  let held = null;
+  view.addEventListener("pointerdown", (event) => { view.setPointerCapture(event.pointerId); view.focus(); held = event; });
+  view.addEventListener("pointermove", (event) => { if (held) { turn(event.clientX - held.clientX, event.clientY - held.clientY); held = event; } });
+  for (const name of ["pointerup", "pointercancel"]) view.addEventListener(name, () => { held = null; });
+  view.addEventListener("wheel", (event) => {
+    event.preventDefault();
+    for (const { scene } of reels) scene.distance *= Math.exp(0.001 * event.deltaY);
+    draw();
+  }, { passive: false });
+  const steps = { ArrowLeft: [-12, 0], ArrowRight: [12, 0], ArrowUp: [0, -12], ArrowDown: [0, 12] };
+  view.addEventListener("keydown", (event) => { if (steps[event.key]) { turn(...steps[event.key]); event.preventDefault(); } });
+}
+
+document.addEventListener("keydown", (event) => {
+  if (event.target instanceof HTMLSelectElement || event.target instanceof HTMLButtonElement) return;
+  if (event.key === " ") play(!playing);
+  else if (event.key === ",") { play(false); seek(time - STEP); }
+  else if (event.key === ".") { play(false); seek(time + STEP); }
+  else return;
+  event.preventDefault();
+});
+$("time").addEventListener("input", () => { play(false); seek(Number($("time").value)); });
+$("play").addEventListener("click", () => play(!playing));
+$("back").addEventListener("click", () => { play(false); seek(time - STEP); });
+$("on").addEventListener("click", () => { play(false); seek(time + STEP); });
+$("colour").addEventListener("change", show);
+$("shot").addEventListener("click", () => {
+  draw(); // what was drawn before is gone once it is shown
+  for (const { scene, about } of reels) {
+    const link = document.createElement("a");
+    link.download = `${about.name.replace(/\.mcap$/, "")}-${time.toFixed(3)}s.png`; link.href = scene.canvas.toDataURL("image/png"); link.click();
+  }
+});
+window.addEventListener("resize", show);
+const paint = $("scale").getContext("2d"), ramp = paint.createLinearGradient(0, 140, 0, 0);
+COLOURS.forEach((colour, i) => ramp.addColorStop(i / (COLOURS.length - 1), colour));
+paint.fillStyle = ramp; paint.fillRect(0, 0, 14, 140);
+connect();

@@ -1,0 +1,140 @@
+"""A recording on a page: what is shown of any time is what was recorded last before it; bad files are told."""
+
+import json
+import urllib.error
+import urllib.request
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from palpate.launch.__main__ import app
+from palpate.launch.loading.launchfile import find
+from palpate.launch.recording.reader import Recording, RecordingError
+from palpate.launch.recording.samples import Run
+from palpate.launch.running.execute import execute
+
+pytest.importorskip("websockets")
+
+from test_page import read
+from websockets.exceptions import InvalidStatus
+from websockets.sync.client import connect
+
+from palpate.launch.page.doors import PortTaken
+from palpate.launch.page.reel import POINTS, Reel
+from palpate.launch.page.shown import Shown
+
+SETS = ("scene.surface.vertices=1000", "scene.hand.begin=[0, 0, 0.111]",
+        "scene.hand.path=[{to: [0, 0, 0.098], time: 0.3}, {to: [0, 0, 0.112], time: 0.3}]")  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def file(tmp_path_factory):
+    path = tmp_path_factory.mktemp("view") / "touch.mcap"
+    execute(find("kidney").but(record=path, place="fused", overrides=SETS, duration=0.7))
+    return path
+
+
+@pytest.fixture
+def shown(file):
+    page = Shown([file, file])
+    yield page
+    page.close()
+
+
+def test_any_time_shows_the_last_messages_before_it(file):
+    reel, contact = Reel(file), Recording(file).columns("contact")
+    surfaces = {m.tick: m for m in Recording(file).messages("tissue")}
+    for time in np.random.default_rng(1).uniform(0.0, 0.7, 40).tolist() + [0.0, 0.25, 5.0, -1.0]:
+        head, nodes, moved, _ = read(reel.frame(time, 1))
+        tick = min(max(int(np.searchsorted(contact["time"], min(max(time, 0), 0.699) + 1e-12)) - 1, 0), 699)
+        assert head["reel"] == 1 and head["asked"] == time
+        assert head["load"] == contact["force"][tick] and head["depth"] == contact["indentation"][tick]
+        assert nodes.tolist() == surfaces[tick].nodes.tolist()
+        assert moved == pytest.approx(surfaces[tick].displacement.ravel(), rel=1e-6)
+    reel.close()
+
+
+def test_the_beginning_tells_the_mesh_and_all_of_the_touch(file):
+    reel = Reel(file)
+    head, triangles, places, normals = read(reel.begin(0))
+    force = Recording(file).columns("contact")["force"]
+    assert head["name"] == "touch.mcap" and head["body"] == "deformation.MassSpring"
+    assert len(head["t"]) == len(force) < POINTS and max(head["f"]) == force.max() > 0.5
+    assert places.reshape(-1, 3) == pytest.approx(reel.mesh.vertices, abs=1e-7)
+    assert len(triangles) == reel.mesh.triangles.size and len(normals) == len(places)
+
+
+def test_a_long_recording_keeps_its_peaks(file, monkeypatch):
+    monkeypatch.setattr("palpate.launch.page.reel.POINTS", 50)
+    reel = Reel(file)
+    assert len(reel.times) == 50 and max(reel.forces) == Recording(file).columns("contact")["force"].max()
+    assert reel.times == sorted(reel.times) and reel.times[-1] == pytest.approx(0.699)
+
+
+def test_what_was_cut_off_is_shown_as_far_as_it_goes(file, tmp_path):
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(file.read_bytes()[: int(0.7 * file.stat().st_size)])
+    reel = Reel(cut)
+    assert 0.1 < reel.times[-1] < 0.65 and "recover" in reel.recording.ending
+    assert read(reel.frame(reel.times[-1], 0))[0]["time"] == pytest.approx(reel.times[-1])
+
+
+def talk(page, token=None, origin="http://127.0.0.1"):
+    host, _, own = page.address.partition("/?token=")
+    address = f"{host.replace('http', 'ws')}/socket?token={token or own}"
+    return connect(address, origin=origin, max_size=None, compression=None)
+
+
+def test_two_recordings_side_by_side_answer_each_time(shown):
+    with talk(shown) as client:
+        begun = [read(client.recv())[0]["reel"] for _ in range(2)]
+        for at in (0.3, 0.05):
+            client.send(json.dumps({"at": at}))
+            heads = [read(client.recv())[0] for _ in range(2)]
+            assert [h["reel"] for h in heads] == begun == [0, 1] and heads[0]["time"] == heads[1]["time"]
+            assert heads[0]["time"] == pytest.approx(at, abs=1.1e-3)
+        client.send('{"at": "soon"}')
+        assert json.loads(client.recv())["kind"] == "refused"
+
+
+def test_strangers_see_nothing(shown):
+    with pytest.raises(InvalidStatus, match="403"):
+        talk(shown, token="guess")
+    with pytest.raises(InvalidStatus, match="403"):
+        talk(shown, origin="http://example.org")
+    host = shown.address.partition("?")[0]
+    with pytest.raises(urllib.error.HTTPError, match="403"):
+        urllib.request.urlopen(host)
+    page = urllib.request.urlopen(shown.address).read().decode()
+    for name in ("view.js", "scene.js", "charts.js", "page.css"):
+        assert urllib.request.urlopen(host + name).status == 200
+    assert "view.js" in page
+
+
+def test_from_python(file):
+    page = Run(file).view(show=False)
+    assert page.address in page._repr_html_() and urllib.request.urlopen(page.address).status == 200
+    page.close()
+    page.close()
+
+
+def test_what_cannot_be_shown_is_told_in_a_line(file, tmp_path, shown):
+    empty = tmp_path / "empty.mcap"
+    empty.write_bytes(b"")
+    bare = tmp_path / "bare.mcap"
+    execute(find("kidney").but(record=bare, place="fused", overrides=(*SETS, "log.in=[contact]"), duration=0.05))
+    for files, told in (
+        ([tmp_path / "none.mcap"], "No such file"),
+        ([empty], "empty file"),
+        ([bare], "no body in it"),
+        ([file] * 3, "expected one, or two"),
+    ):
+        ran = CliRunner().invoke(app, ["view", *map(str, files), "--no-open"])
+        assert ran.exit_code != 0 and told in " ".join(ran.output.split()) and "Traceback" not in ran.output
+    with pytest.raises(PortTaken, match="port"):
+        Shown([file], port=int(shown.address.partition("1:")[2].partition("/")[0]))
+    with pytest.raises(RecordingError, match="no body"):
+        Reel(bare)
+    ran = CliRunner().invoke(app, ["run", "kidney", "--view", "--no-record"])
+    assert ran.exit_code == 2 and "needs a recording" in " ".join(ran.output.split())
