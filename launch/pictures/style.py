@@ -55,10 +55,18 @@ LOOK: Any = {
 
 
 def figure(width: float, height: float, title: str) -> Figure:
-    """An empty figure of this size [inch], without a window behind it."""
+    """An empty figure of this size [inch], without a window behind it; it shows itself in a notebook."""
+    import io
+
     from matplotlib.figure import Figure
 
-    fig = Figure(figsize=(width, height), layout="constrained")
+    class Shown(Figure):
+        def _repr_png_(self) -> bytes:
+            drawn = io.BytesIO()
+            self.savefig(drawn, format="png", dpi=100)
+            return drawn.getvalue()
+
+    fig = Shown(figsize=(width, height), layout="constrained")
     fig.suptitle(title, x=0.01, ha="left", weight="bold")
     return fig
 
