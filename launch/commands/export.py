@@ -13,15 +13,15 @@ from palpate.launch.commands.info import File
 
 def export(
     file: File,
-    to: Annotated[str, typer.Option(help="foxglove, parquet, csv or vtk.")],
+    to: Annotated[str, typer.Option(help="foxglove, rerun, parquet, csv or vtk.")],
     out: Annotated[
-        Path | None, typer.Option(help="File (foxglove) or folder; by default beside the recording.")
+        Path | None, typer.Option(help="File (foxglove, rerun) or folder; by default beside the recording.")
     ] = None,
     stream: Annotated[list[str] | None, typer.Option(help="Only this stream; may be repeated.")] = None,
     every: Annotated[int, typer.Option(help="Only each n-th message.", min=1)] = 1,
     as_json: Json = False,
 ) -> None:
-    """Write a recording as MCAP of JSON (Foxglove, PlotJuggler), Parquet, CSV, or VTK (ParaView)."""
+    """Write a recording as MCAP of JSON (Foxglove, PlotJuggler), for Rerun, as Parquet, CSV, or VTK (ParaView)."""
     from palpate.launch.recording.export import export as write
     from palpate.launch.recording.reader import Recording
 

@@ -7,7 +7,8 @@ from pathlib import Path
 
 from palpate.launch.recording.reader import Recording, RecordingError
 
-FORMATS = ("foxglove", "parquet", "csv", "vtk")
+FORMATS = ("foxglove", "rerun", "parquet", "csv", "vtk")
+ENDINGS = {"foxglove": ".foxglove.mcap", "rerun": ".rrd"}
 
 
 def export(
@@ -20,8 +21,8 @@ def export(
 ) -> list[Path]:
     """Write a recording in another format; the files written.
 
-    to       one of FORMATS: foxglove (MCAP with JSON channels), parquet, csv (a file per stream), vtk (a series of
-             surfaces for ParaView)
+    to       one of FORMATS: foxglove (MCAP with JSON channels), rerun (.rrd), parquet, csv (a file per stream), vtk (a
+             series of surfaces for ParaView)
     out      file or folder; None: beside the recording
     streams  to write; none: all that fit
     every    each n-th message only
@@ -37,6 +38,10 @@ def export(
         from palpate.launch.recording.export.foxglove import write_foxglove
 
         writers[to] = write_foxglove
+    elif to == "rerun":
+        from palpate.launch.recording.export.rerun import write_rerun
+
+        writers[to] = write_rerun
     elif to == "vtk":
         from palpate.launch.recording.export.vtk import write_vtk
 
@@ -45,5 +50,5 @@ def export(
         from palpate.launch.recording.export.tables import write_csv, write_parquet
 
         writers |= {"csv": write_csv, "parquet": write_parquet}
-    target = out or recording.path.with_name(recording.path.stem + (".foxglove.mcap" if to == "foxglove" else f"-{to}"))
+    target = out or recording.path.with_name(recording.path.stem + ENDINGS.get(to, f"-{to}"))
     return writers[to](recording, target, tuple(streams) or tuple(recording.streams), every)

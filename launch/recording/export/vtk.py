@@ -33,20 +33,14 @@ def write_vtk(recording: Recording, folder: Path, streams: tuple[str, ...], ever
     folder.mkdir(parents=True, exist_ok=True)
     paths: list[Path] = []
     for name in chosen:
-        rest = _rest(recording, name)
+        rest = rest_shape(recording, name)
         faces = np.hstack([np.full((len(rest[1]), 1), 3), rest[1]]).ravel()
         step = max(every, -(-sum(1 for _ in recording.messages(name)) // MOST)) if every == 1 else every
         times: list[tuple[float, str]] = []
         for index, message in enumerate(recording.messages(name)):
             if index % step or not isinstance(message, Surface):
                 continue
-            moved = np.zeros_like(rest[0])
-            if len(message.nodes) and int(message.nodes.max()) >= len(moved):
-                raise RecordingError(
-                    f"{recording.path}: stream {name!r} moves vertex {int(message.nodes.max())}, but the mesh of its "
-                    f"node has {len(moved)}: it is not the one that was recorded. `--to parquet` needs no mesh."
-                )
-            moved[message.nodes] = message.displacement
+            moved = displaced(recording, name, message, rest[0])
             surface = pv.PolyData(rest[0] + moved, faces)
             surface.point_data["displacement"] = moved
             surface.point_data["displacement magnitude"] = np.linalg.norm(moved, axis=1)
@@ -60,7 +54,19 @@ def write_vtk(recording: Recording, folder: Path, streams: tuple[str, ...], ever
     return paths
 
 
-def _rest(recording: Recording, stream: str) -> tuple[np.ndarray, np.ndarray]:
+def displaced(recording: Recording, stream: str, message: Surface, rest: np.ndarray) -> np.ndarray:
+    """Displacement [m] (V,3) of all vertices. RecordingError: the mesh at rest has fewer than were recorded."""
+    moved = np.zeros_like(rest)
+    if len(message.nodes) and int(message.nodes.max()) >= len(moved):
+        raise RecordingError(
+            f"{recording.path}: stream {stream!r} moves vertex {int(message.nodes.max())}, but the mesh of its "
+            f"node has {len(moved)}: it is not the one that was recorded. `--to parquet` needs no mesh."
+        )
+    moved[message.nodes] = message.displacement
+    return moved
+
+
+def rest_shape(recording: Recording, stream: str) -> tuple[np.ndarray, np.ndarray]:
     """Vertices [m] and triangles of the body that sends a stream."""
     producer = recording.streams[stream].producer
     node: Any = plan_of(recording).make(producer)

@@ -139,3 +139,20 @@ def test_the_command_exports_a_file_that_was_cut_off(tmp_path):
     cut.write_bytes(data[: len(data) - 400])
     result = CliRunner().invoke(app, ["export", str(cut), "--to", "csv"], env={"COLUMNS": "200"})
     assert result.exit_code == 0 and "9 files" in result.stdout and "cut off" in result.stdout
+
+
+def test_rerun_reads_curves_and_surfaces_back(recording, tmp_path):
+    """By its own reader."""
+    pytest.importorskip("rerun")
+    reading = pytest.importorskip("rerun.chunk")
+    (path,) = export(recording, "rerun", tmp_path / "a.rrd")
+    batches: dict[str, list] = {}
+    for chunk in reading.RrdReader(str(path)).stream().to_chunks():
+        if not chunk.is_static:
+            batches.setdefault(chunk.entity_path, []).append(chunk.to_record_batch())
+    column = next(name for name in batches["/contact/force"][0].schema.names if "calars" in name)
+    curve = np.concatenate([np.array(batch[column].to_pylist()).ravel() for batch in batches["/contact/force"]])
+    assert np.array_equal(np.sort(curve), np.sort(recording.columns("contact")["force"]))
+    assert {"/contact/foot/2", "/contact/arrow", "/tissue/surface"} <= set(batches)
+    shown = sum(batch.num_rows for batch in batches["/tissue/surface"])
+    assert 2 <= shown <= 1 + 30 * recording.columns("contact")["time"].max() + 1
