@@ -24,6 +24,7 @@ from palpate.messages import (
     ForceBand,
     Friction,
     Health,
+    Load,
     Message,
     MessageError,
     Pins,
@@ -49,9 +50,9 @@ class Feed:
         self.last: dict[type[Message], Message] = {}
         self.late: dict[str, int] = {}
         self.context = zmq.Context()
-        surface = touched.streams[Surface]
-        self.surface = self._socket(run, [surface], conflate=True)
-        self.small = self._socket(run, [stream for stream in self.kinds if stream != surface], conflate=False)
+        large = [touched.streams[kind] for kind in (Surface, Load) if kind in touched.streams]
+        self.large = [self._socket(run, [stream], conflate=True) for stream in large]
+        self.small = self._socket(run, [stream for stream in self.kinds if stream not in large], conflate=False)
 
     def _socket(self, run: Running, streams: list[str], conflate: bool) -> zmq.Socket:
         socket = self.context.socket(zmq.SUB)
@@ -73,7 +74,7 @@ class Feed:
         """The next picture; None where nothing new has come."""
         times, forces, depths = [], [], []
         count = 0
-        for socket in (self.small, self.surface):
+        for socket in (self.small, *self.large):
             while count < 20 * KEPT:
                 try:
                     stream, payload = split(socket.recv(zmq.NOBLOCK))
@@ -127,6 +128,8 @@ def now(last: dict[type[Message], Message], thickness: float) -> dict[str, Any]:
         told |= {"sample": pointed.sample}
     if isinstance(pins := last.get(Pins), Pins):
         told |= {"pins": pins.heights.tolist()}
+    if isinstance(load := last.get(Load), Load):
+        told |= {"patch": load.nodes.tolist(), "loads": np.round(np.linalg.norm(load.forces, axis=1), 6).tolist()}
     return told
 
 

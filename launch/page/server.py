@@ -19,6 +19,7 @@ class Order(msgspec.Struct, forbid_unknown_fields=True):
 
     point: tuple[int, tuple[float, float, float], int] | None = None
     body: str | None = None
+    effect: tuple[str, bool] | None = None
     reset: bool = False
     keep: bool | None = None
 
@@ -73,8 +74,8 @@ class Page(Doors):
             self.session.point(*order.point)
         if order.keep is not None:
             self.session.keep = order.keep
-        if order.body is not None or order.reset:
-            self.session.begin_again(order.body)
+        if order.body is not None or order.effect is not None or order.reset:
+            self.session.begin_again(order.body, order.effect)
 
     async def _show(self, connection: ServerConnection) -> None:
         """Send what is new; a page that is slow gets the next frame when it has taken the last one."""

@@ -21,6 +21,7 @@ from palpate.launch.page.feed import Feed, mesh_frame
 from palpate.launch.page.steered import BODIES, Touched, steered, touched
 from palpate.launch.running.descendants import die_with_parent
 from palpate.launch.running.discover import running
+from palpate.messages import ForceBand, Friction
 from palpate.physics.errors import PalpateError
 
 FRAMES = 30.0  # [1/s] at most
@@ -44,6 +45,8 @@ class Session:
         self.launch, self.socket = steered(launch, Path(self.place.name))
         self.folder, self.sets = folder, sets
         self.touched: Touched = touched(self.launch.but(overrides=sets).plan())
+        self.effects = {name: on for name, on in self._effects().items() if self._computable(name)}
+        """The effects that the page may switch, and whether they are on."""
         self.keep = True
         self.kept: list[Path] = []
         self.mesh = self.frame = b""
@@ -51,6 +54,7 @@ class Session:
         self.status = "starting"
         self.told: Callable[[], object] = lambda: None
         self._wish = self.touched.use
+        self._switched: dict[str, bool] = {}
         self._ended = threading.Event()
         self._change = threading.Event()
         self._outlet = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
@@ -70,12 +74,29 @@ class Session:
         """The hand goes back to where it began: nobody steers any more."""
         self.point(0, self.touched.begin, 0)
 
-    def begin_again(self, body: str | None = None) -> None:
-        """End the run and start one with this body, or the same. NoBody: there is no such one."""
+    def begin_again(self, body: str | None = None, effect: tuple[str, bool] | None = None) -> None:
+        """End the run and start one with this body, or the same, and this effect on or off. NoBody: no such one."""
         if body is not None and body not in BODIES:
             raise NoBody(f"body: found {body!r}, expected one of {', '.join(BODIES)}")
+        if effect is not None and effect[0] not in self.effects:
+            raise NoBody(f"effect: found {effect[0]!r}, expected one of {', '.join(self.effects) or 'none'}")
+        if effect is not None:
+            self.effects[effect[0]] = effect[1]
+            self._switched[effect[0]] = effect[1]
         self._wish = body or self.touched.use
         self._change.set()
+
+    def _effects(self) -> dict[str, bool]:
+        shown = self.touched.streams
+        return {"friction": Friction in shown, "relaxation": True, "band": ForceBand in shown}
+
+    def _computable(self, name: str) -> bool:
+        """Whether a node of the graph computes this effect."""
+        try:
+            self.launch.but(overrides=[*self.sets, f"effects.{name}=on"]).plan()
+        except PalpateError:
+            return False
+        return True
 
     def close(self) -> None:
         """End the run, its recording being closed in order."""
@@ -97,8 +118,9 @@ class Session:
                 self._change.wait()
 
     def _one_run(self) -> None:
-        sets = [*self.sets, f"{self.touched.body}.use={self._wish}"]
-        if self._wish != self.touched.use:
+        switched = [f"effects.{name}={'on' if on else 'off'}" for name, on in self._switched.items()]
+        sets = [*self.sets, *switched, f"{self.touched.body}.use={self._wish}"]
+        if self._wish != self.touched.use or switched:
             self.touched = touched(self.launch.but(overrides=sets).plan())
         self._say("starting")
         self.number += 1
@@ -109,7 +131,9 @@ class Session:
             try:
                 feed = self._feed(process)
                 if feed is not None:
-                    self.mesh = mesh_frame(self.touched, {"recording": str(record), "bodies": BODIES})
+                    self.mesh = mesh_frame(self.touched, {
+                        "recording": str(record), "bodies": BODIES, "effects": self.effects,
+                    })  # fmt: skip
                     self._say("running")
                     self._follow(process, feed)
             finally:

@@ -17,6 +17,7 @@ from palpate.messages import (
     Force,
     ForceBand,
     Friction,
+    Load,
     Message,
     Pins,
     Pointed,
@@ -30,7 +31,7 @@ from palpate.physics.errors import MISUSE, PalpateError
 from palpate.physics.geometry.mesh import Mesh
 
 BODIES = ("deformation.MassSpring", "deformation.BeamBundle", "deformation.ReducedFE")
-SHOWN = (Pose, Proximity, Contact, Friction, Force, ForceBand, Pins, Pointed, Surface)
+SHOWN = (Pose, Proximity, Contact, Friction, Force, ForceBand, Pins, Pointed, Load, Surface)
 POINTER = "palpate-pointer"
 
 

@@ -76,13 +76,14 @@ def draw(seed: int) -> Fault:
 
 def run(fault: Fault, folder: Path) -> list[str]:
     """Run it; what did not hold, nothing where all did."""
-    mark, before = uuid.uuid4().hex, _left_over()
+    mark, own = uuid.uuid4().hex, folder / "own"
+    own.mkdir()
     file = folder / "run.mcap"
     command = [sys.executable, "-m", "palpate.launch", "run", *_graph(fault, folder), "--record", str(file),
                "--clock", fault.clock, "--carrier", fault.carrier, "--no-pictures", "--patience", "1",
                "--duration", str(RUN if fault.clock == "real" else 40.0)]  # fmt: skip
     environment = os.environ | {"PALPATE_FAULT": mark, "PYTHONPATH": f"{SUPPORT}:{os.environ.get('PYTHONPATH', '')}",
-                                "XDG_RUNTIME_DIR": str(folder), "COLUMNS": "200"}  # fmt: skip
+                                "XDG_RUNTIME_DIR": str(own), "TMPDIR": str(own), "COLUMNS": "200"}  # fmt: skip
     master, slave = pty.openpty() if fault.kind == "terminal" else (None, None)
     told = folder / "told"
     with told.open("wb") as out:
@@ -99,7 +100,7 @@ def run(fault: Fault, folder: Path) -> list[str]:
         _sweep(mark)
         child.wait()
         return [f"did not end within {LONGEST:g} s: {told.read_text(errors='replace')[-500:]}"]
-    return _judge(fault, code, hit, told.read_text(errors="replace"), file, mark, before)
+    return _judge(fault, code, hit, told.read_text(errors="replace"), file, mark, own)
 
 
 def _graph(fault: Fault, folder: Path) -> list[str]:
@@ -188,12 +189,7 @@ def _sweep(mark: str) -> None:
         os.kill(pid, signal.SIGKILL)
 
 
-def _left_over() -> set[str]:
-    places = (Path("/dev/shm"), Path(tempfile.gettempdir()))
-    return {str(path) for place in places if place.is_dir() for path in place.glob("palpate*")}
-
-
-def _judge(fault: Fault, code: int, hit: bool, told: str, file: Path, mark: str, before: set[str]) -> list[str]:
+def _judge(fault: Fault, code: int, hit: bool, told: str, file: Path, mark: str, own: Path) -> list[str]:
     wrong = []
     until = time.monotonic() + 5.0
     while (left := _marked(mark)) and time.monotonic() < until:
@@ -217,8 +213,8 @@ def _judge(fault: Fault, code: int, hit: bool, told: str, file: Path, mark: str,
     if file.exists() and file.stat().st_size:
         wrong += _recorded(fault, file)
     hard = fault.kind == "signal" and fault.whom != "one"  # who is killed cannot clean up: told, not asked
-    if not hard and (more := _left_over() - before):
-        wrong.append(f"left over: {', '.join(sorted(more)[:3])}")
+    if not hard and (more := sorted(path.name for path in own.rglob("*") if not path.is_dir())):
+        wrong.append(f"left over: {', '.join(more[:3])}")
     return wrong if not wrong else [*wrong, f"code {code}: {told[-700:]}"]
 
 

@@ -1,6 +1,6 @@
 // What the page does: frames in, samples of the pointer out, switches.
 
-import { COLOURS, Scene } from "/scene.js";
+import { COLOURS, Scene, painted } from "/scene.js";
 import { Strip, bars } from "/charts.js";
 
 const $ = (id) => document.getElementById(id);
@@ -49,23 +49,25 @@ function begin(head, triangles, places, normals) {
   strips.forEach((strip) => strip.clear());
   const names = head.bodies.includes(head.body) ? head.bodies : [head.body, ...head.bodies];
   $("body").replaceChildren(...names.map((name) => new Option(name.split(".").pop(), name, false, name === head.body)));
+  $("effects").replaceChildren(...Object.entries(head.effects ?? {}).map(([name, on]) => {
+    const label = document.createElement("label"), box = Object.assign(document.createElement("input"), { type: "checkbox", checked: on });
+    box.dataset.effect = name;
+    box.addEventListener("change", () => order({ effect: [name, box.checked] }));
+    label.append(box, name);
+    return label;
+  }));
   dirty = true; point();
 }
 
 function show() {
   requestAnimationFrame(show);
+  gamepad();
   if (!dirty) return;
   dirty = false; page.frames++;
   if (newest) {
-    const { head, nodes, displacement, pressure } = newest, pressed = $("colour").value === "pressure" && pressure.length;
-    const values = pressed ? pressure : nodes.length ? Float32Array.from(nodes, (_, k) => Math.hypot(displacement[3 * k], displacement[3 * k + 1], displacement[3 * k + 2])) : nodes;
-    let most = pressed ? 2e3 : 4e-3;
-    for (const v of values) if (v > most) most = v;
-    scene.full = most;
-    scene.deform(nodes, displacement, values);
-    const nothing = $("colour").value === "pressure" && !pressed;
-    $("top").textContent = pressed ? `${(1e-3 * most).toFixed(1)} kPa` : `${(1e3 * most).toFixed(1)} mm`;
-    $("what").textContent = pressed ? "pressure" : nothing ? "displacement (this body tells no pressure)" : "displacement";
+    const { most, text, what } = painted([[scene, newest]], $("colour").value);
+    scene.full = most; $("top").textContent = text; $("what").textContent = what;
+    const { head } = newest;
     tell(head);
   }
   draw();
@@ -152,6 +154,21 @@ view.addEventListener("keydown", (event) => {
 });
 view.addEventListener("keyup", (event) => { if (event.key === " ") { aim.down = false; point(); } });
 window.addEventListener("blur", () => { aim.down = false; point(); });
+
+// Left stick aims, right stick turns, a trigger or the first button presses, the shoulders set the depth.
+const held = {};
+function gamepad() {
+  const pad = [...(navigator.getGamepads?.() ?? [])].find((one) => one?.axes.length >= 2);
+  if (!pad) return;
+  const [x, y, u = 0, v = 0] = pad.axes.map((a) => (Math.abs(a) > 0.15 ? a : 0)), on = (k) => Boolean(pad.buttons[k]?.pressed || pad.buttons[k]?.value > 0.1);
+  const once = (k) => { const was = held[k]; held[k] = on(k); return held[k] && !was; };
+  if (u || v) turn(-6 * u, 6 * v);
+  if (once(5)) press(0.5);
+  if (once(4)) press(-0.5);
+  const down = on(0) || on(7), moved = x || y;
+  aim.x = Math.min(Math.max(aim.x + 0.012 * x, -1), 1); aim.y = Math.min(Math.max(aim.y - 0.012 * y, -1), 1);
+  if (moved || down !== Boolean(held.down)) { held.down = down; aim.down = down; point(); }
+}
 
 // -- switches --------------------------------------------------------------------------------------------------
 

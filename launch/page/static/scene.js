@@ -94,8 +94,8 @@ export class Scene {
   deform(nodes, displacement, values) {
     for (const i of this.moved) {
       for (let c = 3 * i; c < 3 * i + 3; c++) { this.places[c] = this.rest[c]; this.normals[c] = this.restNormals[c]; }
-      this.values[i] = 0;
     }
+    this.values.fill(0);
     nodes.forEach((i, k) => {
       for (let c = 0; c < 3; c++) this.places[3 * i + c] = this.rest[3 * i + c] + displacement[3 * k + c];
       this.values[i] = values[k];
@@ -103,6 +103,13 @@ export class Scene {
     this.moved = nodes;
     if (nodes.length) this.smooth(new Set(nodes));
     this.fill(this.organ, "place", this.places); this.fill(this.organ, "normal", this.normals);
+    this.fill(this.organ, "value", this.values);
+  }
+
+  // Colours apart from what moves: of the vertices that carry load.
+  colour(nodes, values) {
+    this.values.fill(0);
+    nodes.forEach((i, k) => { this.values[i] = values[k]; });
     this.fill(this.organ, "value", this.values);
   }
 
@@ -192,6 +199,26 @@ export class Scene {
     gl.uniform3fv(this.at("base"), colour); gl.uniform1f(this.at("full"), full); gl.uniform1f(this.at("alpha"), alpha);
     gl.bindVertexArray(part.array); gl.drawElements(gl.TRIANGLES, part.count, gl.UNSIGNED_INT, 0);
   }
+}
+
+// Deform and colour scenes by their newest pictures, on one scale: its end, in words with its unit, and what it is of.
+export function painted(pairs, wish) {
+  const can = {
+    displacement: () => true,
+    pressure: ({ pressure, nodes }) => pressure.length || !nodes.length,
+    load: ({ head }) => head.patch,
+  };
+  const of = pairs.every(([, newest]) => can[wish](newest)) ? wish : "displacement";
+  const length = (d) => Float32Array.from({ length: d.length / 3 }, (_, k) => Math.hypot(d[3 * k], d[3 * k + 1], d[3 * k + 2]));
+  let most = { displacement: 4e-3, pressure: 2e3, load: 5e-3 }[of];
+  for (const [scene, newest] of pairs) {
+    const moved = length(newest.displacement), values = of === "pressure" ? newest.pressure : moved;
+    scene.deform(newest.nodes, newest.displacement, values);
+    if (of === "load") scene.colour(newest.head.patch, newest.head.loads);
+    for (const v of of === "load" ? newest.head.loads : values) if (v > most) most = v;
+  }
+  const text = { displacement: `${(1e3 * most).toFixed(1)} mm`, pressure: `${(1e-3 * most).toFixed(1)} kPa`, load: `${(1e3 * most).toFixed(0)} mN` }[of];
+  return { most, text, what: of === wish ? (of === "load" ? "load on a vertex" : of) : `displacement (this body tells no ${wish})` };
 }
 
 // Smooth edges cost a software renderer more than the rest of the picture.

@@ -1,6 +1,6 @@
 // Recordings: the page asks for a time and draws what comes, one picture for each recording.
 
-import { COLOURS, Scene } from "/scene.js";
+import { COLOURS, Scene, painted } from "/scene.js";
 import { Record, bars } from "/charts.js";
 
 const $ = (id) => document.getElementById(id);
@@ -56,16 +56,12 @@ function ask() {
 
 function show() {
   page.frames++;
-  const pressed = $("colour").value === "pressure" && reels.every((r) => r.newest?.pressure.length || !r.newest?.nodes.length);
-  let most = pressed ? 2e3 : 4e-3;
-  for (const reel of reels) if (reel.newest) {
-    const { nodes, displacement, pressure } = reel.newest;
-    reel.values = pressed ? pressure : Float32Array.from(nodes, (_, k) => Math.hypot(displacement[3 * k], displacement[3 * k + 1], displacement[3 * k + 2]));
-    for (const v of reel.values) if (v > most) most = v;
-  }
-  for (const { newest, scene, strips, pick, values } of reels) if (newest) {
-    const { head, nodes, displacement } = newest;
-    scene.full = most; scene.deform(nodes, displacement, values);
+  const shown = reels.filter((reel) => reel.newest);
+  const { most, text, what } = painted(shown.map(({ scene, newest }) => [scene, newest]), $("colour").value);
+  $("top").textContent = text; $("what").textContent = what;
+  for (const { newest, scene, strips, pick } of shown) {
+    const { head } = newest;
+    scene.full = most;
     const load = head.load ?? 0;
     pick(".force").textContent = Math.hypot(...(head.force ?? [0, 0, load])).toFixed(2);
     pick(".depth").textContent = (1e3 * (head.depth ?? 0)).toFixed(1);
@@ -74,8 +70,6 @@ function show() {
     strips[0].draw(head.asked, load > 0 ? head.band : null); strips[1].draw(head.asked);
     bars(pick(".pins"), head.pins);
   }
-  $("top").textContent = pressed ? `${(1e-3 * most).toFixed(1)} kPa` : `${(1e3 * most).toFixed(1)} mm`;
-  $("what").textContent = pressed ? "pressure" : $("colour").value === "pressure" ? "displacement (no pressure told)" : "displacement";
   $("time").value = time; $("now").textContent = `${time.toFixed(3)} s`;
   draw();
 }

@@ -70,3 +70,49 @@ def test_keys_press_and_switches_start_another_body(page):
     page.click("#keep")
     page.wait_for_selector("#keep[aria-pressed=false]")
     assert page.problems == []
+
+
+PAD = """(axes, pressed) => {
+    navigator.getGamepads = () => [{ axes, buttons: pressed.map((on) => ({ pressed: on, value: Number(on) })) }];
+}"""
+
+
+def test_a_gamepad_aims_and_presses(page):
+    page.evaluate(f"({PAD})([0, 0, 0, 0], [])")
+    page.mouse.move(500, 330)
+    page.evaluate(f"({PAD})([0.5, 0, 0, 0], [true])")
+    page.wait_for_function("palpate.newest.load > 0.1")
+    turned = page.evaluate("palpate.scene.azimuth")
+    page.evaluate(f"({PAD})([0, 0, 1, 0], [false])")
+    page.wait_for_function(f"palpate.newest.load == 0 && palpate.scene.azimuth != {turned}")
+    page.evaluate(f"({PAD})([0, 0, 0, 0], [])")
+    assert page.problems == []
+
+
+def test_the_contact_patch_is_a_colour(page):
+    page.select_option("#colour", "load")
+    page.mouse.move(500, 330)
+    page.mouse.down()
+    page.wait_for_function("palpate.newest.patch.length > 3")
+    page.wait_for_function("document.getElementById('what').textContent == 'load on a vertex'")
+    loaded = "palpate.newest.loads.filter((v) => v > 0).length"
+    page.wait_for_function(f"palpate.scene.values.filter((v) => v > 0).length == {loaded} && {loaded} > 3")
+    page.mouse.up()
+    page.wait_for_function("palpate.newest.load == 0")
+    page.select_option("#colour", "displacement")
+    page.mouse.move(510, 330)
+    assert page.problems == []
+
+
+def test_an_effect_is_switched_off_while_it_runs(page):
+    box = "input[data-effect=friction]"
+    page.wait_for_selector(box)
+    assert page.is_checked(box) and page.locator("#effects input").count() == 3
+    page.uncheck(box)
+    page.wait_for_function("document.getElementById('status').textContent == 'starting'")
+    page.wait_for_function("document.getElementById('status').textContent == 'running' && palpate.newest")
+    page.wait_for_function("palpate.newest && palpate.newest.stick === undefined")
+    assert not page.is_checked(box)
+    page.check(box)
+    page.wait_for_function("palpate.newest && palpate.newest.stick !== undefined")
+    assert page.problems == []
