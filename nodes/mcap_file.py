@@ -40,10 +40,16 @@ _KINDS: dict[int, Any] = {
 _IN_DATA = {Opcode.HEADER, Opcode.SCHEMA, Opcode.CHANNEL, Opcode.CHUNK, Opcode.MESSAGE_INDEX, Opcode.ATTACHMENT,
             Opcode.METADATA}  # fmt: skip
 _UNPACK: dict[str, Callable[[bytes], bytes]] = {"": bytes, "zstd": zstandard.decompress, "lz4": lz4.frame.decompress}
+# What the packed bytes say of their length, by which the libraries reserve memory.
+_SAYS: dict[str, Callable[[bytes], int]] = {
+    "": len, "zstd": zstandard.frame_content_size, "lz4": lambda data: lz4.frame.get_frame_info(data)["content_size"],
+}  # fmt: skip
 # What the libraries raise on bytes that are not what they should be; lz4 has RuntimeError alone.
 _BAD = (McapError, EOFError, ValueError, RuntimeError, KeyError, TypeError, MemoryError, OverflowError, struct.error,
         zstandard.ZstdError)  # fmt: skip
 BLOCK = 1 << 20
+MOST = 1 << 28
+"""[bytes] Largest chunk, unpacked; a logger begins a new one long before."""
 
 
 class Broken(Exception):
@@ -223,7 +229,11 @@ def _inside(chunk: bytes) -> Iterator[tuple[int, bytes]]:
 
 
 def _open(at: int, chunk: Chunk) -> bytes:
+    size = chunk.uncompressed_size
     try:
+        # zstd and lz4 may leave their length out (-1, 0); zstd then refuses, lz4 makes room as it goes.
+        if size > MOST or _SAYS[chunk.compression](chunk.data) not in (size, -1, 0):
+            raise ValueError(f"{size} bytes, unpacked")
         data = _UNPACK[chunk.compression](chunk.data)
     except _BAD:
         raise Broken(at, "a chunk of messages cannot be unpacked") from None

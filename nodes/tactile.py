@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import zipfile
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -11,6 +10,7 @@ import numpy as np
 
 from palpate.messages import Contact, Friction, Tactile
 from palpate.nodes.base import Node, SettingError, Wants
+from palpate.physics.archive import ArchiveError, read_arrays
 from palpate.physics.contact.tactile import stick_radius
 
 TABLE = Path(__file__).parent / "tables" / "fingertip.npz"
@@ -35,10 +35,10 @@ class Flow(Node):
     def start(self) -> None:
         path = Path(self.table) if self.table else TABLE
         try:
-            with np.load(path) as archive:
-                force, area, volumes = (archive[f"{self.plate}.{name}"] for name in ("force", "area", "volumes"))
-                self._levels = archive["levels"]
-        except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+            archive = read_arrays(path)
+            force, area, volumes = (archive[f"{self.plate}.{name}"] for name in ("force", "area", "volumes"))
+            self._levels = archive["levels"]
+        except (ArchiveError, KeyError) as error:
             raise SettingError(f"setting 'table': {path}: {error}. `palpate fe table` writes one") from None
         rows = force.size
         alike = force.shape == area.shape == (rows,) and volumes.shape == (rows, self._levels.size)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import io
+import math
 import re
 from itertools import pairwise
 from pathlib import Path
@@ -14,6 +15,8 @@ import numpy as np
 from palpate.scan.orientation import cross_sections, oriented
 from palpate.scan.stack import ScanError, Stack, checked
 
+MOST_PACKED = 1032
+"""[1] Bytes out of one of deflate, at most (zlib, technical details)."""
 PICTURES = (".png", ".tif", ".tiff")
 
 
@@ -57,6 +60,10 @@ def _nifti(path: Path):
 
     try:
         image: Any = nibabel.load(path)
+        claimed = math.prod(map(int, image.shape)) * int(image.get_data_dtype().itemsize)
+        held = path.stat().st_size * (MOST_PACKED if path.name.lower().endswith(".gz") else 1)
+        if not 0 < claimed <= held:  # memory is reserved before the voxels are read
+            raise ValueError(f"its header says {claimed} bytes of voxels, the file holds at most {held}")
         data = np.squeeze(np.asanyarray(image.dataobj).astype(np.float32))
     except Exception as error:  # nibabel and its compressors raise many types; all mean the same to the user
         raise ScanError(f"{path}: cannot be read as NIfTI: {error}") from None
@@ -78,11 +85,23 @@ def _nifti(path: Path):
     return data.transpose(2, 1, 0)[:, ::-1], (along, row, column), mirrored
 
 
-def _pages(path: Path):
+def _picture(path: Path):
+    """The pixels of a picture. ValueError: a TIFF that says it has more than it can hold; many others."""
     from skimage.io import imread
 
+    if path.suffix.lower() in (".tif", ".tiff"):
+        import tifffile
+
+        with tifffile.TiffFile(path) as file:
+            claimed = max((int(series.size) * series.dtype.itemsize for series in file.series), default=0)
+        if claimed > MOST_PACKED * path.stat().st_size:  # memory is reserved before the pixels are read
+            raise ValueError(f"its header says {claimed} bytes of pixels, the file has {path.stat().st_size}")
+    return imread(path)
+
+
+def _pages(path: Path):
     try:
-        data = imread(path)
+        data = _picture(path)
     except Exception as error:  # as above: many readers, many types
         raise ScanError(f"{path}: cannot be read as TIFF: {error}") from None
     if data.ndim != 3 or data.shape[-1] in (3, 4):
@@ -91,8 +110,6 @@ def _pages(path: Path):
 
 
 def _images(folder: Path, files: list[Path]):
-    from skimage.io import imread
-
     numbered = []
     for file in files:
         numbers = re.findall(r"\d+", file.stem)
@@ -109,7 +126,7 @@ def _images(folder: Path, files: list[Path]):
     slices = []
     for _, file in numbered:
         try:
-            image = imread(file)
+            image = _picture(file)
         except Exception as error:  # as above
             raise ScanError(f"{file}: cannot be read: {error}") from None
         slices.append(image[..., :3].mean(axis=-1) if image.ndim == 3 else image)
@@ -119,6 +136,15 @@ def _images(folder: Path, files: list[Path]):
 
 
 def _dicom(folder: Path, files: list[Path]):
+    try:
+        return _series(folder, files)
+    except ScanError:
+        raise
+    except Exception as error:  # as above: a value is read from its text when it is asked for
+        raise ScanError(f"{folder}: cannot be read as DICOM: {error}") from None
+
+
+def _series(folder: Path, files: list[Path]):
     import pydicom
 
     series: dict[str, list] = {}

@@ -38,9 +38,15 @@ def state(text: str) -> dict[str, Any]:
     """A message of the service; an empty mapping where it is none."""
     try:
         message = json.loads(text)
-    except ValueError:
+    except (ValueError, RecursionError):
         return {}
     return message if isinstance(message, dict) else {}
+
+
+def entries(message: dict[str, Any], kind: str) -> list[Any]:
+    """The devices or handles of a kind in a message."""
+    given = message.get(kind)
+    return given if isinstance(given, list) else []
 
 
 def position(device: dict[str, Any]) -> tuple[float, float, float] | None:
@@ -48,7 +54,7 @@ def position(device: dict[str, Any]) -> tuple[float, float, float] | None:
     try:
         given = device["state"]["cursor_position"]
         coordinates = float(given["x"]), float(given["y"]), float(given["z"])
-    except (KeyError, TypeError, ValueError):
+    except (KeyError, TypeError, ValueError, OverflowError):
         return None
     return coordinates if all(map(math.isfinite, coordinates)) else None
 
@@ -56,8 +62,9 @@ def position(device: dict[str, Any]) -> tuple[float, float, float] | None:
 def buttons(message: dict[str, Any]) -> int:
     """The mask of the first handle's buttons, in the order of their names."""
     for kind in GRIPS:
-        for grip in message.get(kind) or []:
-            pressed = (grip.get("state") or {}).get("buttons") if isinstance(grip, dict) else None
+        for grip in entries(message, kind):
+            own = grip.get("state") if isinstance(grip, dict) else None
+            pressed = own.get("buttons") if isinstance(own, dict) else None
             if isinstance(pressed, dict):
                 return sum(1 << i for i, name in enumerate(sorted(pressed)) if pressed[name] is True)
     return 0
@@ -85,7 +92,7 @@ class Inverse3:
             first = state(self.link.read(0.2))
         if "inverse3" not in first:
             raise DeviceError(f"the {NAME} reports no devices within 2 s. Is it version 3 of the service?")
-        known = [str(d.get("device_id")) for d in first["inverse3"] or [] if isinstance(d, dict)]
+        known = [str(d.get("device_id")) for d in entries(first, "inverse3") if isinstance(d, dict)]
         if not known:
             raise DeviceError(f"the {NAME} runs, but knows no Inverse3. Plug it in and give it power.")
         if self.device and self.device not in known:
@@ -102,7 +109,7 @@ class Inverse3:
         while text and (more := self.link.read(0.0)):  # the newest counts
             text = more
         message = state(text)
-        for device in message.get("inverse3") or []:
+        for device in entries(message, "inverse3"):
             if isinstance(device, dict) and str(device.get("device_id")) == self.chosen:
                 place = position(device)
                 return None if place is None else Sample(time.monotonic_ns(), position=place, buttons=buttons(message))
@@ -156,7 +163,7 @@ class EmulatedService:
                     return
                 if not self.waits and not self.hand.begun:
                     self.hand.begin(now)
-                for device in state(text).get("inverse3") or []:
+                for device in entries(state(text), "inverse3"):
                     if device.get("device_id") == self.ids[0]:
                         given = device["commands"]["set_cursor_force"]["values"]
                         self.force = given["x"], given["y"], given["z"]

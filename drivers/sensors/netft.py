@@ -45,6 +45,10 @@ class Scale(NamedTuple):
     torque: float
 
 
+LEAST, MOST = 1e-9, 1e12
+"""[1] Counts per unit beyond which no sensor is: real ones have 1e3 to 1e9."""
+
+
 def scale(text: bytes) -> Scale:
     """The scale that a sensor's own page tells. DeviceError: it does not."""
     try:
@@ -55,7 +59,7 @@ def scale(text: bytes) -> Scale:
             f"the {NAME}'s /netftapi2.xml has no counts per force and torque (cfgcpf, cfgcpt). Is this a {NAME}?"
         ) from None
     units = page.get("scfgfu", "N"), page.get("scfgtu", "Nm")
-    if units[0] not in FORCES or units[1] not in TORQUES or not (force > 0.0 and torque > 0.0):
+    if units[0] not in FORCES or units[1] not in TORQUES or not (LEAST < force < MOST and LEAST < torque < MOST):
         raise DeviceError(
             f"the {NAME} measures {force:g} counts a {units[0]!r} and {torque:g} a {units[1]!r}. Set it to N and Nm on"
             " its web page."

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import yaml
+from yaml.scanner import ScannerError
 
 from palpate.launch.loading.faults import Fault, GraphError, Place
 
@@ -25,6 +26,7 @@ _WORDS = {
     ".inf": math.inf, "+.inf": math.inf, "-.inf": -math.inf, ".nan": math.nan,
 }  # fmt: skip
 _TOO_MANY = 200_000
+_DEEPEST = 100  # brackets inside one another: the scanner looks at all of them at each word
 
 
 @dataclass
@@ -81,7 +83,7 @@ def read(path: Path) -> Source:
 def parse(text: str | bytes, file: str) -> Source:
     """The data of a YAML text with places; `file` is what the places call it."""
     try:
-        root = yaml.compose(text, Loader=yaml.SafeLoader)
+        root = yaml.compose(text, Loader=_Loader)
         source = Source(None, {(): Place(file, 1, 1)})
         if root is not None:
             source.data = _Builder(file, source.places).build(root, (), ())
@@ -112,6 +114,15 @@ def merge(base: Source, top: Source) -> Source:
             merged.put((key,), top.sub(key))
     merged.places[()] = top.place()
     return merged
+
+
+class _Loader(yaml.SafeLoader):
+    """Refuses what is nested too deeply while it scans, and not after the minutes that this would take."""
+
+    def fetch_flow_collection_start(self, TokenClass: Any) -> None:
+        if self.flow_level >= _DEEPEST:
+            raise ScannerError(None, None, f"more than {_DEEPEST} brackets inside one another", self.get_mark())
+        super().fetch_flow_collection_start(TokenClass)
 
 
 class _Builder:

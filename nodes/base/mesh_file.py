@@ -34,6 +34,11 @@ def read_mesh(path: str, scale: float) -> Mesh:
         raise SettingError(f"setting 'surface': {path} holds no triangles")
     if not np.isfinite(vertices).all():
         raise SettingError(f"setting 'surface': {path} holds a vertex that is not a finite number")
+    if not 0 <= triangles.min() <= triangles.max() < len(vertices):
+        raise SettingError(
+            f"setting 'surface': {path}: a triangle has the corner {triangles.max()}, the file holds {len(vertices)} "
+            "vertices: it is damaged"
+        )
     vertices = vertices * scale
     triangles = _distinct(weld(vertices)[triangles])
     if not len(triangles):

@@ -12,13 +12,13 @@ import hashlib
 import importlib.util
 import json
 import os
-import zipfile
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from palpate.physics.archive import ArchiveError, read_arrays
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.geometry.mesh_closest import MeshClosestPoint
 
@@ -94,11 +94,10 @@ def find(folder: Path, wanted: str) -> Path | None:
 def about(path: Path) -> dict[str, Any] | None:
     """What a stored basis says of itself; None where it says nothing."""
     try:
-        with np.load(path) as archive:
-            provenance: dict[str, Any] = json.loads(str(archive["about"]))
-    except (OSError, KeyError, ValueError, EOFError, zipfile.BadZipFile):
+        provenance = json.loads(str(read_arrays(path, "about")["about"]))
+    except (ArchiveError, KeyError, ValueError, RecursionError):
         return None
-    return provenance
+    return provenance if isinstance(provenance, dict) else None
 
 
 def differences(made: dict[str, Any], wanted: dict[str, Any]) -> list[str]:

@@ -17,8 +17,6 @@ the same step stays passive at a place: the load's work is at least the growth o
 
 from __future__ import annotations
 
-import zipfile
-import zlib
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
@@ -26,6 +24,7 @@ from typing import NamedTuple
 import numba
 import numpy as np
 
+from palpate.physics.archive import read_arrays
 from palpate.physics.bodies.dents import SPACING, hat_moments, patch_radius, rise, risen
 from palpate.physics.bodies.patch import barycentric, carried, normal_force, share_of
 from palpate.physics.bodies.place_energy import Ground, along, held, softness, weight_slopes
@@ -80,16 +79,16 @@ class Basis:
         BasisError: not a basis, or a damaged one.
         """
         try:
-            with np.load(path) as archive:
-                vertices, triangles = archive["vertices"], archive["triangles"]
-                size = 3 * len(vertices)
-                full = np.zeros((size, size), dtype=np.float32)
-                lower = np.ascontiguousarray(archive["lower"].T).view("<i2").ravel()
-                full[np.tril_indices(size)] = lower * np.float32(archive["step"])
-                dents = archive["dents"].astype(np.float64) if "dents" in archive else np.zeros((0, 0))
-                if dents.size and (len(dents) != len(vertices) or not np.isfinite(dents).all()):
-                    raise ValueError(f"dents of shape {dents.shape} for {len(vertices)} vertices")
-        except (OSError, KeyError, ValueError, EOFError, zlib.error, zipfile.BadZipFile) as error:
+            archive = read_arrays(path)
+            vertices, triangles = archive["vertices"], archive["triangles"]
+            size = 3 * len(vertices)
+            full = np.zeros((size, size), dtype=np.float32)
+            lower = np.ascontiguousarray(archive["lower"].T).view("<i2").ravel()
+            full[np.tril_indices(size)] = lower * np.float32(archive["step"])
+            dents = archive["dents"].astype(np.float64) if "dents" in archive else np.zeros((0, 0))
+            if dents.size and (len(dents) != len(vertices) or not np.isfinite(dents).all()):
+                raise ValueError(f"dents of shape {dents.shape} for {len(vertices)} vertices")
+        except (KeyError, ValueError, TypeError, AttributeError, IndexError, MemoryError) as error:
             raise BasisError(f"{path}: not a reduced basis: {error}. Rebuild it with `palpate reduce`") from None
         full += np.tril(full, -1).T
         return cls(vertices, triangles, full, dents)

@@ -16,8 +16,6 @@ growth of h.u - V*: the body is passive at a place.
 
 from __future__ import annotations
 
-import zipfile
-import zlib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -25,6 +23,7 @@ from typing import Any, NamedTuple
 import numba
 import numpy as np
 
+from palpate.physics.archive import read_arrays
 from palpate.physics.bodies.condensed_body import FORGOTTEN, LEAST_FORCE, BasisError
 from palpate.physics.bodies.patch import barycentric, carried, normal_force, share_of
 from palpate.physics.bodies.sampled_energy import Points, scratch
@@ -89,27 +88,27 @@ class SampledBasis:
         BasisError: not a basis with sampled points, or a damaged one.
         """
         try:
-            with np.load(path) as archive:
-                size, kept = 3 * len(archive["vertices"]), archive["kept"]
-                lower, surface_modes, modes = (
-                    archive[name].astype(np.float32) * np.float32(archive[f"{name}_scale"])
-                    for name in ("lower", "surface_modes", "modes")
-                )
-                half = np.zeros((len(kept), len(kept)), dtype=np.float32)
-                half[np.tril_indices(len(kept))] = lower
-                missed = np.zeros((size, size), dtype=np.float32)
-                missed[np.ix_(kept, kept)] = half + np.tril(half, -1).T
-                names = archive["laws"].tolist() if "laws" in archive.files else UNNAMED
-                points = Points(
-                    modes, archive["weights"], archive["kinds"], archive["constants"], archive["springs"],
-                    float(archive["limit"]), np.array([place_of(law(name), name) for name in names]),
-                )  # fmt: skip
-                scale, power, most = archive["bend"].tolist()
-                return cls(
-                    archive["vertices"], archive["triangles"], missed, surface_modes.astype(np.float64), points,
-                    (scale, power, most),
-                )  # fmt: skip
-        except (OSError, KeyError, ValueError, EOFError, zlib.error, zipfile.BadZipFile) as error:
+            archive = read_arrays(path)
+            size, kept = 3 * len(archive["vertices"]), archive["kept"]
+            lower, surface_modes, modes = (
+                archive[name].astype(np.float32) * np.float32(archive[f"{name}_scale"])
+                for name in ("lower", "surface_modes", "modes")
+            )
+            half = np.zeros((len(kept), len(kept)), dtype=np.float32)
+            half[np.tril_indices(len(kept))] = lower
+            missed = np.zeros((size, size), dtype=np.float32)
+            missed[np.ix_(kept, kept)] = half + np.tril(half, -1).T
+            names = archive["laws"].tolist() if "laws" in archive else UNNAMED
+            points = Points(
+                modes, archive["weights"], archive["kinds"], archive["constants"], archive["springs"],
+                float(archive["limit"]), np.array([place_of(law(name), name) for name in names]),
+            )  # fmt: skip
+            scale, power, most = archive["bend"].tolist()
+            return cls(
+                archive["vertices"], archive["triangles"], missed, surface_modes.astype(np.float64), points,
+                (scale, power, most),
+            )  # fmt: skip
+        except (KeyError, ValueError, TypeError, AttributeError, IndexError, MemoryError) as error:
             raise BasisError(f"{path}: not a sampled basis: {error}. Rebuild it with `palpate reduce`") from None
 
 

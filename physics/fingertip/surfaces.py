@@ -8,13 +8,13 @@ that it sits on: MR shows no dry nail. It is rigid, and beams end there.
 from __future__ import annotations
 
 import math
-import zipfile
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from scipy.ndimage import map_coordinates
 
+from palpate.physics.archive import read_arrays
 from palpate.physics.errors import MISUSE, PalpateError
 from palpate.physics.fingertip.beam_bundle import Bundle, bundle, check_count
 from palpate.physics.materials.viscoelastic import BONE, SKIN, TISSUE, Material
@@ -57,16 +57,14 @@ class Fingertip:
     def load(path: str | Path) -> Fingertip:
         """Read what `save` wrote. FingertipError: no such file, or not a fingertip."""
         try:
-            with np.load(path) as archive:
-                missing = [k for k in FIELDS if k not in archive]
-                if missing:
-                    raise FingertipError(
-                        f"{path}: no {', '.join(missing)} in it; `palpate fingertip` writes such files"
-                    )
-                tip = Fingertip(*(np.asarray(archive[k], float) for k in FIELDS))
-        except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
-            if isinstance(error, FingertipError):
-                raise
+            archive = read_arrays(path)
+            missing = [k for k in FIELDS if k not in archive]
+            if missing:
+                raise FingertipError(f"{path}: no {', '.join(missing)} in it; `palpate fingertip` writes such files")
+            tip = Fingertip(*(np.asarray(archive[k], float) for k in FIELDS))
+        except FingertipError:
+            raise
+        except (ValueError, TypeError) as error:
             raise FingertipError(f"{path}: cannot be read as a fingertip (.npz): {error}") from None
         shapes = {getattr(tip, k).shape for k in ("skin", "tissue", "bone")}
         if len(shapes) != 1 or tip.skin.ndim != 3 or tip.origin.shape != (3,) or tip.spacing.shape != (3,):

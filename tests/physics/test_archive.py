@@ -1,0 +1,80 @@
+"""Archives of arrays: what was written comes back; what was damaged, or claims too much, is told."""
+
+from __future__ import annotations
+
+import io
+import tracemalloc
+import zipfile
+
+import numpy as np
+import pytest
+
+from palpate.physics.archive import ArchiveError, read_arrays
+
+
+def test_what_was_written_comes_back(tmp_path):
+    path = tmp_path / "a.npz"
+    arrays = {
+        "rows": np.arange(12.0).reshape(3, 4),
+        "columns": np.asfortranarray(np.arange(6, dtype=np.int16).reshape(2, 3)),
+        "none": np.zeros((0, 3), dtype=np.float32),
+        "text": np.array("word"),
+        "one": np.array(2.5),
+    }
+    for write in (np.savez, np.savez_compressed):
+        write(path, **arrays)
+        again = read_arrays(path)
+        assert again.keys() == arrays.keys()
+        for name, array in arrays.items():
+            assert again[name].dtype == array.dtype
+            np.testing.assert_array_equal(again[name], array)
+    assert read_arrays(path, "one", "other").keys() == {"one"}
+
+
+def claiming(path, header: bytes, data: bytes = b"") -> None:
+    """An archive with one array, of this header."""
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("rows.npy", b"\x93NUMPY\x01\x00" + len(header).to_bytes(2, "little") + header + data)
+
+
+def test_no_array_is_made_by_a_length_that_is_only_claimed(tmp_path):
+    """numpy's own reader makes the array first: 8 GB for a file of some hundred bytes."""
+    claiming(tmp_path / "a.npz", b"{'descr': '<f8', 'fortran_order': False, 'shape': (1000000000,)}")
+    tracemalloc.start()
+    with pytest.raises(ArchiveError, match=r"a\.npz"):
+        read_arrays(tmp_path / "a.npz")
+    most = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert most < 10_000_000
+
+
+def test_objects_are_refused_and_nothing_of_them_is_run(tmp_path):
+    class Runs:
+        def __reduce__(self):
+            return (open, (str(tmp_path / "was run"), "w"))
+
+    path = tmp_path / "a.npz"
+    np.savez(path, rows=np.array([Runs()], dtype=object))
+    with pytest.raises(ArchiveError, match="objects"):
+        read_arrays(path)
+    assert not (tmp_path / "was run").exists()
+
+
+def test_an_archive_that_says_more_than_it_may_hold_is_refused_unread(tmp_path, monkeypatch):
+    monkeypatch.setattr("palpate.physics.archive.MOST", 1000)
+    np.savez_compressed(tmp_path / "a.npz", rows=np.zeros(1000))
+    with pytest.raises(ArchiveError, match="more than 1000 bytes"):
+        read_arrays(tmp_path / "a.npz")
+
+
+@pytest.mark.parametrize("what", ["nothing", "text", "an array", "a folder", "no file"])
+def test_what_is_no_archive_is_told(tmp_path, what):
+    path = tmp_path / "a.npz"
+    single = io.BytesIO()
+    np.save(single, np.zeros(3))
+    if what == "a folder":
+        path.mkdir()
+    elif what != "no file":
+        path.write_bytes({"nothing": b"", "text": b"words", "an array": single.getvalue()}[what])
+    with pytest.raises(ArchiveError, match=r"a\.npz: cannot be read as \.npz"):
+        read_arrays(path)
