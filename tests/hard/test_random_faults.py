@@ -15,8 +15,18 @@ from tempfile import TemporaryDirectory
 import pytest
 from random_faults import Fault, draw, run
 
+from palpate.launch.loading.launchfile import find
+from palpate.launch.running.execute import execute
+
 STOPPED = (100, 1028)
 """A keeper, and the fork server, stopped by SIGSTOP: the run waited for ever for the news of its workers' ends."""
+
+
+@pytest.fixture(scope="module", autouse=True)
+def compiled():
+    """The kernels are there: a run that compiles is not at the moment that a fault is meant for."""
+    sets = ("scene.surface.vertices=1000",)
+    assert execute(find("kidney").but(place="fused", duration=0.01, overrides=sets)).result.ok
 
 
 def tried(seed: int) -> tuple[int, Fault, list[str]]:
