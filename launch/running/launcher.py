@@ -55,6 +55,7 @@ from palpate.launch.running.wires import Wires, muted, pairs
 HEAD_START = 40_000_000  # [ns] from the order to go to tick 0: every worker has heard it by then
 BEAT = 0.5  # [s] between signs of life for workers on other machines, and looks at who stands between
 GRACE = 0.1  # [s] that the others go on after a node died on the real clock: the device gets its zero force
+LAST_WORDS = 5.0  # [s] that the report of an orderly end may take
 MOST_REPORTS = 1000  # taken in a row, so that the launcher comes to the rest
 
 
@@ -315,8 +316,9 @@ class Launcher:
         if isinstance(answer, Started):
             member.pid, member.keeper = answer.pid, answer.keeper
             return
-        # Its last words were sent before its end, but may come after the news of it.
-        until = time.monotonic() + (0.5 if answer.status >= 0 else 0.002)
+        # Its last words were sent before its end, but may come after the news of it; on a busy machine long after, and
+        # one that ended well has sent them.
+        until = time.monotonic() + (LAST_WORDS if answer.status == 0 else 0.5 if answer.status > 0 else 0.002)
         while member.alive and time.monotonic() < until:
             self._next_report(1)
         if member.alive:
@@ -377,8 +379,10 @@ class Launcher:
                 continue
             how = "it was stopped by a signal" if member.pid and stopped(member.pid) else "it hangs"
             self.forkserver.ask(Kill(group, int(signal.SIGUSR1)))  # prints where it hangs
-            time.sleep(0.05)
-            self._listen()
+            before, until = len(self._tail), time.monotonic() + (0.05 if "stopped" in how else 0.5)
+            while len(self._tail) == before and time.monotonic() < until:
+                time.sleep(0.05)
+                self._listen()
             where = "start" if member.state == "starting" else "step"
             nodes = member.busy or ", ".join(node.name for node in member.job.nodes) or member.names
             text = f"no sign of life for {limit:.3g} s: {how}"
