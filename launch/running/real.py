@@ -3,9 +3,9 @@
 A node waits up to one period for inputs of the same tick from the force path and holds the newest message of all
 others; the header's `used` records which. A tick that could not begin within its period is left out and counted.
 
-An input that is older than a stated age counts as absent, whoever is to blame: `HELD` for a node, `RELEASED` for a
-paced one, or three periods of the sender where these are longer. So a node that stops is without effect on the device
-after less than 20 ms, at 1 kHz:
+An input that is older than a stated age counts as absent, whoever is to blame: `HELD` for a node, less the time for
+which it did not step itself, `RELEASED` for a paced one, or three periods of the sender where these are longer. So a
+node that stops is without effect on the device after less than 20 ms, at 1 kHz:
 
 * Those that it drives fall silent at once, for a step runs on a new driving message only, and all that are left do not
   depend on it but by inputs that they hold.
@@ -106,12 +106,19 @@ def _gather(worker: Worker, slot: Slot, tick: int, deadline: int, leading: bool)
             if drives:
                 return None
             slot.health.held += 1
-            if (tick - message.tick) / worker.job.rate > _permitted(worker, slot, port):
+            if (tick - message.tick - _slept(slot, tick)) / worker.job.rate > _permitted(worker, slot, port):
                 message = None
         if message is None and not port.port.optional:
             return None
         messages.append(message)
     return messages
+
+
+def _slept(slot: Slot, tick: int) -> int:
+    """Ticks for which the node itself did not step. They do not make its inputs old: who stood still together with it,
+    as a whole loop does on a machine that stalls, has said all that there was to say. A paced node counts them: after
+    an outage the device is without torque."""
+    return max(0, tick - slot.due) if slot.due and not slot.node.paced else 0
 
 
 def _permitted(worker: Worker, slot: Slot, port: Input) -> float:

@@ -8,7 +8,8 @@ from typing import Annotated
 
 from nodes_for_runs import Drag, Source, Spring
 
-from palpate.messages import Force, Friction, Pose, Torque
+from palpate.messages import Force, Friction, Load, Pose, Surface, Torque
+from palpate.nodes.deformation import MassSpring
 from palpate.nodes.logger import Mcap
 
 
@@ -97,3 +98,20 @@ class Dozing(Drag):
         if self.steps == self.at:
             time.sleep(self.seconds)
         return super().step(pose, force)
+
+
+class DozingTissue(MassSpring):
+    """Falls silent once, at a chosen step, and with it all that run in its process."""
+
+    at: Annotated[int, "1"] = 500
+    seconds: Annotated[float, "s"] = 0.15
+
+    def start(self) -> None:
+        super().start()
+        self.steps = 0
+
+    def step(self, load: Load, *, dt: float) -> Surface:
+        self.steps += 1
+        if self.steps == self.at:
+            time.sleep(self.seconds)
+        return super().step(load, dt=dt)

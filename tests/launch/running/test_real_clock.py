@@ -8,10 +8,11 @@ from __future__ import annotations
 from itertools import pairwise
 from pathlib import Path
 
+import numpy as np
 import pytest
 from graphs_for_runs import GRAPH, write_graph, write_place
 
-from palpate.launch.loading.launchfile import LaunchFile
+from palpate.launch.loading.launchfile import LaunchFile, find
 from palpate.launch.recording.reader import Recording
 from palpate.launch.running.execute import execute
 from palpate.launch.running.result import Result
@@ -94,3 +95,23 @@ def test_after_a_death_the_others_go_on_until_the_device_has_heard_of_it(tmp_pat
     alone = [message.tick for message in recording.messages("source") if message.position[2] and message.tick > 0]
     assert alone and alone[0] <= last + RATE  # within a second; silence would count after thirty
     assert max(m.tick for m in recording.messages("source")) < last + 3 * RATE
+
+
+def test_a_loop_that_stood_still_goes_on_where_it_was(tmp_path):
+    """All in one process stand still for 150 ms. What the tissue had said before is not too old for the contact then,
+    which stood still as well: without it the contact forgot the indentation, and met all of it anew in one tick."""
+    loop = ["device", "finger", "collision", "contact", "friction", "spread", "tissue", "controller", "statics"]
+    path, place = tmp_path / "run.mcap", write_place(tmp_path, [loop])
+    sets = (
+        "scene.surface.vertices=1000", "tissue.use=nodes_for_recording.DozingTissue", "tissue.at=500",
+        "scene.hand.begin=[0, 0, 0.111]", "scene.hand.path=[{to: [0, 0, 0.096], time: 0.3}]",
+    )  # fmt: skip
+    launch = find("kidney").but(record=path, clock="real", duration=1.8, place=place, overrides=sets)
+    assert execute(launch, patience=30).result.ok
+    contact = Recording(path).columns("contact")
+    held = int(np.searchsorted(contact["time"], 0.5))  # the finger is down, whatever the machine did before
+    at = held + int(np.argmax(np.diff(contact["tick"][held:])))
+    assert contact["tick"][at + 1] - contact["tick"][at] > 100
+    before, after = contact["force"][at], contact["force"][at + 1 : at + 20]
+    assert before > 1.0
+    assert after[0] > 0.5 * before and after.max() < 10.0
