@@ -121,7 +121,9 @@ class _Loader(yaml.SafeLoader):
 
     def fetch_flow_collection_start(self, TokenClass: Any) -> None:
         if self.flow_level >= _DEEPEST:
-            raise ScannerError(None, None, f"more than {_DEEPEST} brackets inside one another", self.get_mark())
+            raise ScannerError(
+                None, None, f"nested too deeply: more than {_DEEPEST} brackets inside one another", self.get_mark()
+            )
         super().fetch_flow_collection_start(TokenClass)
 
 

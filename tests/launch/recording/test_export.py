@@ -113,7 +113,7 @@ def test_every_nth_message_only(recording, tmp_path):
 
 def test_what_cannot_be_exported_is_told(recording, tmp_path):
     for args, words in (
-        (("xls",), "expected one of foxglove, parquet, csv, vtk"),
+        (("xls",), "expected one of foxglove, rerun, parquet, csv, vtk"),
         (("csv", tmp_path, ["contct"]), "Did you mean 'contact'"),
         (("vtk", tmp_path, ["contact"]), "none of its streams (contact) holds a deformed surface"),
         (("foxglove", TOUCH), "is the recording itself"),
