@@ -38,18 +38,15 @@ def awake(pid: int) -> None:
             os.kill(pid, signal.SIGCONT)
 
 
-def end_descendants() -> None:
-    """Kill all processes below this one, and wait for their end. The caller adopts orphans."""
+def end_descendants(but: frozenset[int] = frozenset()) -> None:
+    """Kill all processes below this one, but these, and wait for their end. The caller adopts orphans."""
     until = time.monotonic() + PATIENCE
-    while time.monotonic() < until:
-        for pid in descendants(os.getpid()):
+    while (left := descendants(os.getpid()) - but) and time.monotonic() < until:
+        for pid in left:
             with contextlib.suppress(ProcessLookupError, PermissionError):
                 os.kill(pid, signal.SIGKILL)
-        try:
-            while os.waitpid(-1, os.WNOHANG)[0]:
-                pass
-        except ChildProcessError:
-            return
+            with contextlib.suppress(ChildProcessError):
+                os.waitpid(pid, os.WNOHANG)
         time.sleep(0.001)
 
 
@@ -57,19 +54,12 @@ def end_descendants() -> None:
 def none_left() -> Iterator[None]:
     """What is started meanwhile below this process, and is left there at the end, ends: a node that runs in this very
     process may have forked, or started a program in a session of its own."""
-    before = descendants(os.getpid())
+    before = frozenset(descendants(os.getpid()))
     adopt_orphans()
     try:
         yield
     finally:
-        until = time.monotonic() + PATIENCE
-        while (left := descendants(os.getpid()) - before) and time.monotonic() < until:
-            for pid in left:
-                with contextlib.suppress(ProcessLookupError, PermissionError):
-                    os.kill(pid, signal.SIGKILL)
-                with contextlib.suppress(ChildProcessError):
-                    os.waitpid(pid, os.WNOHANG)
-            time.sleep(0.001)
+        end_descendants(before)
 
 
 def descendants(pid: int) -> set[int]:

@@ -82,8 +82,10 @@ class Basis:
             archive = read_arrays(path)
             vertices, triangles = archive["vertices"], archive["triangles"]
             size = 3 * len(vertices)
-            full = np.zeros((size, size), dtype=np.float32)
             lower = np.ascontiguousarray(archive["lower"].T).view("<i2").ravel()
+            if lower.size != size * (size + 1) // 2:  # before room is made for all of the matrix
+                raise ValueError(f"{lower.size} compliances for {len(vertices)} vertices")
+            full = np.zeros((size, size), dtype=np.float32)
             full[np.tril_indices(size)] = lower * np.float32(archive["step"])
             dents = archive["dents"].astype(np.float64) if "dents" in archive else np.zeros((0, 0))
             if dents.size and (len(dents) != len(vertices) or not np.isfinite(dents).all()):

@@ -34,6 +34,8 @@ from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.geometry.mesh_closest import MeshClosestPoint
 from palpate.physics.materials.hyperelastic import law, name_at, place_of
 
+MOST_VERTICES = 2000
+"""Of a surface that a body is condensed to, as of `deformation.ReducedFE.coarse`."""
 UNNAMED = ("neo_hooke", "mooney_rivlin", "hencky")
 """Laws of a stored basis that does not name them."""
 
@@ -94,6 +96,8 @@ class SampledBasis:
                 archive[name].astype(np.float32) * np.float32(archive[f"{name}_scale"])
                 for name in ("lower", "surface_modes", "modes")
             )
+            if lower.size != len(kept) * (len(kept) + 1) // 2 or size > 3 * MOST_VERTICES:  # before room is made
+                raise ValueError(f"{lower.size} compliances of {len(kept)}, {size // 3} vertices")
             half = np.zeros((len(kept), len(kept)), dtype=np.float32)
             half[np.tril_indices(len(kept))] = lower
             missed = np.zeros((size, size), dtype=np.float32)

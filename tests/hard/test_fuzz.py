@@ -391,3 +391,16 @@ def test_archives_run_no_code(tmp_path):
             with pytest.raises(PalpateError):
                 load(tmp_path / name)
     assert not (tmp_path / "mark").exists()
+
+
+def test_a_basis_of_many_vertices_and_few_numbers_reserves_no_matrix(tmp_path):
+    """100 000 vertices would be a matrix of 360 GB; what is there is counted first."""
+    path, many, none = tmp_path / "wide.npz", np.zeros((100_000, 3)), np.zeros((6, 2), np.uint8)
+    np.savez_compressed(path, vertices=many, triangles=np.zeros((1, 3), int), lower=none, step=1.0)
+    with pytest.raises(PalpateError, match="compliances for 100000 vertices"):
+        Basis.load(path)
+    with np.load(basis_store.SHIPPED / "fingertip-sampled.npz") as shipped:
+        arrays = dict(shipped)
+    np.savez_compressed(path, **{**arrays, "vertices": many})
+    with pytest.raises(PalpateError, match="100000 vertices"):
+        SampledBasis.load(path)
