@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
-from palpate.bench.chain import BALL
+from palpate.bench.chain import BALL, LAW, NO_FORCES, NO_NODES, UP
 from palpate.bench.errors import BenchError
 from palpate.messages import Contact, Load, Pose, Proximity, Surface
 from palpate.nodes.base import Node, inputs, outputs, settings
@@ -36,8 +36,7 @@ STIFF = ("Pa", "N/m", "N/m^n")
 """Units of settings that say how stiff a body is."""
 NARROW = 3
 """Halvings of an octave."""
-UP, NONE = (0.0, 0.0, 1.0), (0.0, 0.0, 0.0)
-LAW = frozenset({"stiffness", "exponent", "damping", "free", "previous", "step", "relaxation"})
+NONE = (0.0, 0.0, 0.0)
 
 
 def stiffened(cls: type[Node], factor: float) -> Node:
@@ -102,10 +101,6 @@ class Wall:
         return contact.force
 
 
-NO_NODES = np.zeros(0, dtype=np.int32)
-NO_FORCES = np.zeros((0, 3))
-
-
 def held(device: Device, body: Node, *, controlled: bool, period: float, delay: int) -> tuple[bool, float]:
     """Whether the device comes to rest on the body, and the most energy [J] that it gave to the hand."""
     wall = Wall(body, period)
@@ -145,12 +140,12 @@ def stable(device: Device, cls: type[Node], factor: float, period: float, delay:
     return bool(np.abs(poles(stiffness, damping, device.mass, device.drag, period, delay)).max() <= 1.0)
 
 
-def rows(device: Device, cls: type[Node], rate: float, delay: int) -> Iterator[dict[str, float]]:
-    """One dictionary as each figure is found, the last one with all of them: K [N/m] at the hand's push up to which the
-    loop comes to rest, by the poles (`stable`), simulated (`bare`) and with the controller (`controlled`); `inf` where
-    all do, 0 where the softest does not; and the most energy [J] that the controlled loop gave to the hand."""
+def row(device: Device, cls: type[Node], rate: float, delay: int) -> dict[str, float]:
+    """K [N/m] at the hand's push up to which the loop comes to rest, by the poles (`stable`), simulated (`bare`) and
+    with the controller (`controlled`); `inf` where all do, 0 where the softest does not; and the most energy [J] that
+    the controlled loop gave to the hand (`given_out`)."""
     period, most = 1.0 / rate, 0.0
-    row: dict[str, float] = {"rate": rate, "delay": delay}
+    told: dict[str, float] = {"rate": rate, "delay": delay}
 
     def rests(factor: float, controlled: bool) -> bool:
         nonlocal most
@@ -165,9 +160,8 @@ def rows(device: Device, cls: type[Node], rate: float, delay: int) -> Iterator[d
     ):
         factor = stiffest(holds)
         between = 0.0 < factor < math.inf
-        row[name] = Wall(stiffened(cls, factor), period).linear(PUSH)[0] if between else factor
-        yield dict(row)
-    yield row | {"given_out": most}
+        told[name] = Wall(stiffened(cls, factor), period).linear(PUSH)[0] if between else factor
+    return told | {"given_out": most}
 
 
 def stiffest(holds: Callable[[float], bool], low: float = 1 / 16, high: float = 256.0) -> float:

@@ -30,6 +30,10 @@ BALL: dict[str, Any] = {"finger_law": "power", "finger_power_stiffness": 1e12, "
                         "finger_damping": 0.0}  # fmt: skip
 """A finger that does not give."""
 UP = (0.0, 0.0, 1.0)
+LAW = frozenset({"stiffness", "exponent", "damping", "free", "previous", "step", "relaxation"})
+"""Fields of a body that the contact reads: its terminal law."""
+NO_NODES = np.zeros(0, dtype=np.int32)
+NO_FORCES = np.zeros((0, 3))
 
 
 class NotFinite(ArithmeticError):
@@ -153,10 +157,6 @@ class _Chain:
         finally:
             gc.enable()
         return heard, 1e-9 * spent
-
-
-NO_NODES = np.zeros(0, dtype=np.int32)
-NO_FORCES = np.zeros((0, 3))
 
 
 def _copied(load: Load) -> Load:

@@ -112,13 +112,13 @@ def _reducing(model: str, patient: bool = False, **fixed: object) -> Callable[[T
 class _Silent(MassSpring):
     """The terminal law alone: nobody asks for the surface."""
 
-    wanted = frozenset({"stiffness", "exponent", "damping", "free", "previous", "step"})
+    wanted = chain.LAW
 
 
 class _Hard(Rigid):
     """A plate that nobody looks at."""
 
-    wanted = frozenset({"stiffness", "exponent", "damping", "free", "previous", "step"})
+    wanted = chain.LAW
 
 
 def _law(finger: Callable[[Touch], dict[str, Any]]) -> Callable[[Touch, Fidelity, int], Outcome]:

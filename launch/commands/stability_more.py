@@ -27,7 +27,7 @@ def bodies(
     """A row for each body, rate and delay."""
     from rich.progress import Progress
 
-    from palpate.bench.body_wall import rows, stiffened
+    from palpate.bench.body_wall import row, stiffened
 
     classes = {name: find_class(name) for name in names}
     for cls in classes.values():
@@ -38,8 +38,7 @@ def bodies(
         task = progress.add_task("", total=len(todo))
         for (name, cls), rate, delay in todo:
             progress.update(task, description=f"{name}, {rate:g} Hz, {delay} samples late")
-            *_, row = rows(device, cls, rate, delay)
-            told.append({"body": name, **row})
+            told.append({"body": name, **row(device, cls, rate, delay)})
             progress.advance(task)
     return told
 

@@ -29,13 +29,9 @@ def touch(
 
     The graph runs on the real clock in processes of its own. Ctrl-C ends it.
     """
-    from palpate.launch.loading.extras import install
-    from palpate.launch.recording.samples import PageError
+    from palpate.launch.page import needs
 
-    try:
-        import websockets  # noqa: F401
-    except ImportError:
-        raise PageError(f"the page needs the package websockets: {install('devices')}") from None
+    needs.check()
     from palpate.launch.page.session import Session
 
     folder = out or Path("runs") / f"touch-{datetime.datetime.now():%Y%m%d-%H%M%S}"

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from palpate.launch.recording.reader import RecordingError
-from palpate.launch.recording.samples import PageError
 
 if TYPE_CHECKING:
     from palpate.launch.page.reel import Reel
@@ -33,12 +32,9 @@ def view(
 
 def look(files: list[Path], port: int = 0, no_open: bool = False) -> None:
     """Serve the page until Ctrl-C."""
-    from palpate.launch.loading.extras import install
+    from palpate.launch.page import needs
 
-    try:
-        import websockets  # noqa: F401
-    except ImportError:
-        raise PageError(f"the page needs the package websockets: {install('devices')}") from None
+    needs.check()
     from palpate.launch.page.reel import Reel
 
     if len(files) > MOST:

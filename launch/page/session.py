@@ -22,6 +22,7 @@ from palpate.launch.page.steered import BODIES, Touched, steered, touched
 from palpate.launch.running.descendants import die_with_parent
 from palpate.launch.running.discover import running
 from palpate.messages import ForceBand, Friction
+from palpate.nodes.base.effect import effects
 from palpate.physics.errors import PalpateError
 
 FRAMES = 30.0  # [1/s] at most
@@ -45,7 +46,7 @@ class Session:
         self.launch, self.socket = steered(launch, Path(self.place.name))
         self.folder, self.sets = folder, sets
         self.touched: Touched = touched(self.launch.but(overrides=sets).plan())
-        self.effects = {name: on for name, on in self._effects().items() if self._computable(name)}
+        self.effects = self._effects()
         """The effects that the page may switch, and whether they are on."""
         self.keep = True
         self.kept: list[Path] = []
@@ -87,16 +88,10 @@ class Session:
         self._change.set()
 
     def _effects(self) -> dict[str, bool]:
-        shown = self.touched.streams
-        return {"friction": Friction in shown, "relaxation": True, "band": ForceBand in shown}
-
-    def _computable(self, name: str) -> bool:
-        """Whether a node of the graph computes this effect."""
-        try:
-            self.launch.but(overrides=[*self.sets, f"effects.{name}=on"]).plan()
-        except PalpateError:
-            return False
-        return True
+        nodes, shown = self.launch.but(overrides=self.sets).load().nodes.values(), self.touched.streams
+        can = {effect.name for spec in nodes for effect in effects(spec.cls)}
+        on = {"friction": Friction in shown, "relaxation": True, "band": ForceBand in shown}
+        return {name: is_on for name, is_on in on.items() if name in can}
 
     def close(self) -> None:
         """End the run, its recording being closed in order."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import io
+from functools import cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -56,8 +58,14 @@ LOOK: Any = {
 
 def figure(width: float, height: float, title: str) -> Figure:
     """An empty figure of this size [inch], without a window behind it; it shows itself in a notebook."""
-    import io
+    fig = _shown()(figsize=(width, height), layout="constrained")
+    fig.suptitle(title, x=0.01, ha="left", weight="bold")
+    return fig
 
+
+@cache
+def _shown() -> type[Figure]:
+    """A figure that a notebook knows how to show."""
     from matplotlib.figure import Figure
 
     class Shown(Figure):
@@ -66,9 +74,7 @@ def figure(width: float, height: float, title: str) -> Figure:
             self.savefig(drawn, format="png", dpi=100)
             return drawn.getvalue()
 
-    fig = Shown(figsize=(width, height), layout="constrained")
-    fig.suptitle(title, x=0.01, ha="left", weight="bold")
-    return fig
+    return Shown
 
 
 def mean(values: np.ndarray, time: np.ndarray, span: float = SMOOTH) -> np.ndarray:

@@ -19,18 +19,11 @@ from palpate.launch.loading.extras import install
 from palpate.launch.loading.faults import choices
 from palpate.launch.recording.reader import Recording, RecordingError
 from palpate.messages import Field, Message, fields
-from palpate.physics.errors import MISUSE, PalpateError
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from palpate.launch.page.shown import Shown
-
-
-class PageError(PalpateError, RuntimeError):
-    """What the page of a recording needs and is not installed."""
-
-    exit_code = MISUSE
 
 
 class Samples(np.ndarray):
@@ -228,10 +221,11 @@ class Run:
 
         RecordingError: nothing to show in it. PalpateError: the page's package is missing, or its port taken.
         """
-        try:
-            from palpate.launch.page.shown import Shown
-        except ImportError:
-            raise PageError(f"the page needs the package websockets: {install('devices')}") from None
+        from palpate.launch.page import needs
+
+        needs.check()
+        from palpate.launch.page.shown import Shown
+
         page = Shown([self.path, *map(Path, others)], port)
         if show:
             import webbrowser

@@ -5,7 +5,7 @@ import math
 import pytest
 from pytest import approx
 
-from palpate.bench.body_wall import PUSH, Wall, held, rows, stiffened, stiffest
+from palpate.bench.body_wall import PUSH, Wall, held, row, stiffened, stiffest
 from palpate.bench.errors import BenchError
 from palpate.nodes.collision import Mesh
 from palpate.nodes.deformation import BeamBundle, MassSpring, ReducedFE
@@ -33,15 +33,15 @@ def test_the_reduced_organ_is_kelvin_voigt(period):
 @pytest.mark.parametrize(("body", "delay"), [(MassSpring, 1), (MassSpring, 5), (ReducedFE, 1)])
 def test_the_loop_ends_where_the_poles_leave_the_circle(body, delay):
     """An exact encoder, no dry friction: within an eighth of an octave. The controller holds all."""
-    *_, row = rows(EXACT, body, 1000.0, delay)
-    assert row["bare"] == approx(row["stable"], rel=0.1)
-    assert math.isinf(row["controlled"]) and row["given_out"] < 2e-3
+    told = row(EXACT, body, 1000.0, delay)
+    assert told["bare"] == approx(told["stable"], rel=0.1)
+    assert math.isinf(told["controlled"]) and told["given_out"] < 2e-3
 
 
 def test_a_viscous_body_is_told_as_one_that_cannot_be_held():
     """The beams' skin takes hundreds of N s/m: more than a grip of 0.1 kg can be held by, late by five samples."""
-    *_, row = rows(Device(), BeamBundle, 1000.0, 5)
-    assert row["stable"] == 0.0
+    told = row(Device(), BeamBundle, 1000.0, 5)
+    assert told["stable"] == 0.0
     assert not held(Device(), stiffened(BeamBundle, 64.0), controlled=False, period=1e-3, delay=5)[0]
 
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from palpate.launch.loading.extras import install
+from palpate.launch.pictures.style import DEFORMATION
 from palpate.launch.recording.export.vtk import displaced, rest_shape
 from palpate.launch.recording.reader import Recording, RecordingError
 from palpate.messages import Contact, Force, Surface, fields
@@ -16,8 +17,8 @@ RATE = 30.0
 """[Hz] of surfaces at most, unless it is said otherwise: each carries all of its vertices."""
 LENGTH = 0.012
 """[m/N] of an arrow."""
-SCALE = np.array([(232, 185, 166), (236, 127, 91), (156, 28, 91), (36, 11, 64)], dtype=float)
-"""Colours from rest to the largest displacement, as on the page of `palpate touch`."""
+SCALE = np.array([list(bytes.fromhex(colour[1:])) for colour in DEFORMATION], dtype=float)
+"""[1] (c,3) Colours from rest to the largest displacement, those of the pictures."""
 
 
 def write_rerun(recording: Recording, path: Path, streams: tuple[str, ...], every: int = 1) -> list[Path]:

@@ -1,17 +1,14 @@
 """The page in a real Chromium: it loads, the organ gives way under the mouse, switches work, no console errors."""
 
-import shutil
-
 import pytest
+from browser import NEEDED, opened
 
 pytest.importorskip("websockets")
-sync_api = pytest.importorskip("playwright.sync_api")
+pytest.importorskip("playwright.sync_api")
 
-from test_page import WAIT, Server  # noqa: E402  the packages above may be missing
+from test_page import Server
 
-CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
-pytestmark = [pytest.mark.long, pytest.mark.skipif(CHROMIUM is None, reason="no Chromium: apt install chromium")]
-SOFTWARE = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+pytestmark = NEEDED
 
 
 @pytest.fixture(scope="module")
@@ -23,18 +20,8 @@ def server(tmp_path_factory):
 
 @pytest.fixture
 def page(server):
-    with sync_api.sync_playwright() as play:
-        browser = play.chromium.launch(executable_path=CHROMIUM, args=SOFTWARE)
-        # The page's own policy forbids the evaluation of texts, by which the test looks inside.
-        page = browser.new_page(bypass_csp=True, viewport={"width": 1000, "height": 700})
-        page.set_default_timeout(1e3 * WAIT)
-        page.problems = []
-        page.on("console", lambda it: page.problems.append(it.text) if it.type in ("error", "warning") else None)
-        page.on("pageerror", lambda error: page.problems.append(str(error)))
-        page.goto(server.url())
-        page.wait_for_function("window.palpate && palpate.newest")
+    with opened(server.url(), "window.palpate && palpate.newest") as page:
         yield page
-        browser.close()
 
 
 def test_the_mouse_is_the_finger(page):

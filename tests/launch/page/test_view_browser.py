@@ -3,19 +3,18 @@
 import shutil
 
 import pytest
+from browser import NEEDED, opened
 
 pytest.importorskip("websockets")
-sync_api = pytest.importorskip("playwright.sync_api")
+pytest.importorskip("playwright.sync_api")
 
-from test_browser import CHROMIUM, SOFTWARE  # noqa: E402  the packages above may be missing
-from test_page import WAIT  # noqa: E402
-from test_view import SETS  # noqa: E402
+from test_view import SETS
 
-from palpate.launch.loading.launchfile import find  # noqa: E402
-from palpate.launch.page.shown import Shown  # noqa: E402
-from palpate.launch.running.execute import execute  # noqa: E402
+from palpate.launch.loading.launchfile import find
+from palpate.launch.page.shown import Shown
+from palpate.launch.running.execute import execute
 
-pytestmark = [pytest.mark.long, pytest.mark.skipif(CHROMIUM is None, reason="no Chromium: apt install chromium")]
+pytestmark = NEEDED
 
 
 @pytest.fixture(scope="module")
@@ -30,17 +29,10 @@ def shown(tmp_path_factory):
 
 @pytest.fixture
 def page(shown):
-    with sync_api.sync_playwright() as play:
-        browser = play.chromium.launch(executable_path=CHROMIUM, args=SOFTWARE)
-        page = browser.new_page(bypass_csp=True, viewport={"width": 1000, "height": 700})
-        page.set_default_timeout(1e3 * WAIT)
-        page.problems = []
-        page.on("console", lambda it: page.problems.append(it.text) if it.type in ("error", "warning") else None)
-        page.on("pageerror", lambda error: page.problems.append(str(error)))
-        page.goto(shown.address)
-        page.wait_for_function("window.palpate && palpate.reels.length == 2 && palpate.reels.every((r) => r.newest)")
+    with opened(
+        shown.address, "window.palpate && palpate.reels.length == 2 && palpate.reels.every((r) => r.newest)"
+    ) as page:
         yield page
-        browser.close()
 
 
 def test_the_slider_goes_to_a_time_and_both_are_there(page):

@@ -1,0 +1,33 @@
+"""A real Chromium with software rendering, for the tests of pages."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import pytest
+
+CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
+NEEDED = [pytest.mark.long, pytest.mark.skipif(CHROMIUM is None, reason="no Chromium: apt install chromium")]
+SOFTWARE = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+WAIT = 90.0  # [s] that a busy machine may take
+
+
+@contextmanager
+def opened(address: str, ready: str) -> Iterator[Any]:
+    """The page at an address, once it is ready (an expression of the page's); `problems` is what its console says."""
+    sync_api = pytest.importorskip("playwright.sync_api")
+    with sync_api.sync_playwright() as play:
+        browser = play.chromium.launch(executable_path=CHROMIUM, args=SOFTWARE)
+        # The page's own policy forbids the evaluation of texts, by which the test looks inside.
+        page = browser.new_page(bypass_csp=True, viewport={"width": 1000, "height": 700})
+        page.set_default_timeout(1e3 * WAIT)
+        page.problems = []
+        page.on("console", lambda it: page.problems.append(it.text) if it.type in ("error", "warning") else None)
+        page.on("pageerror", lambda error: page.problems.append(str(error)))
+        page.goto(address)
+        page.wait_for_function(ready)
+        yield page
+        browser.close()
