@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+import signal
+import threading
 
-import typer
+_here = threading.current_thread() is threading.main_thread()
+_before = signal.getsignal(signal.SIGINT)
+if _here:  # Ctrl-C while the modules below are read ends the program at once, without a traceback
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
 
-from palpate.launch.commands import verbs
-from palpate.launch.commands.common import Verbs
+from typing import Annotated  # noqa: E402
+
+import typer  # noqa: E402
+
+from palpate.launch.commands import verbs  # noqa: E402
+from palpate.launch.commands.common import Verbs  # noqa: E402
 
 app = typer.Typer(
     cls=Verbs,
@@ -40,6 +48,8 @@ for _name, _verb, _kind in verbs():
         app.add_typer(_verb, name=_name)
     else:
         app.command(cls=_kind)(_verb)
+if _here:
+    signal.signal(signal.SIGINT, _before)
 
 
 def main() -> None:

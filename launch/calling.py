@@ -58,6 +58,8 @@ def run_and_open(
     if not outcome.result.ok:
         kept = f" What was recorded before is in {outcome.recording}."
         raise RunFailed("; ".join(map(str, outcome.result.deaths)) + kept)
+    if not outcome.ok:
+        raise RunFailed("; ".join(outcome.result.notes) or f"the recording {outcome.recording} is not whole")
     assert outcome.recording is not None
     return Run(outcome.recording)
 

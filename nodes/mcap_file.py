@@ -52,6 +52,16 @@ MOST = 1 << 28
 """[bytes] Largest chunk, unpacked; a logger begins a new one long before."""
 
 
+def is_complete(path: Path) -> bool:
+    """Whether a recording ends as one that was closed does."""
+    try:
+        with path.open("rb") as file:
+            file.seek(-len(MAGIC), os.SEEK_END)
+            return file.read() == MAGIC
+    except OSError:
+        return False
+
+
 class Broken(Exception):
     """Bytes of a file that are missing or not what was written, and from which on nothing can be relied on.
 

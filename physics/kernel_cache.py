@@ -21,10 +21,15 @@ KEPT = 3
 PREFIX = "kernels-"
 
 
+ROOM = 100_000_000
+"""[bytes] free where new kernels are kept; all of ours take about a third. numba ends a program on a full disk."""
+
+
 def use() -> None:
     """Have numba keep the kernels of this process, and of processes started from here, in the folder of the sources as
     they are now. Before the first kernel is declared."""
-    folder = _root() / f"{PREFIX}{key()}"
+    name = f"{PREFIX}{key()}"
+    folder = _root(name) / name
     new = not folder.exists()
     folder.mkdir(parents=True, exist_ok=True)
     os.utime(folder)
@@ -48,8 +53,9 @@ def key() -> str:
     return hasher.hexdigest()[:16]
 
 
-def _root() -> Path:
-    """The user's folder for kernels; else beside the sources; where nobody may write there, the user's cache."""
+def _root(name: str) -> Path:
+    """The user's folder for kernels; else beside the sources; where nobody may write there or the disk is full, the
+    user's cache. `name` is that of the folder: where it is there already it needs no room."""
     given = os.environ.get("NUMBA_CACHE_DIR")
     if given:
         path = Path(given)
@@ -59,7 +65,7 @@ def _root() -> Path:
     for place in places:
         with contextlib.suppress(OSError):
             place.mkdir(parents=True, exist_ok=True)
-            if os.access(place, os.W_OK):
+            if os.access(place, os.W_OK) and ((place / name).exists() or shutil.disk_usage(place).free > ROOM):
                 return place
     return Path(tempfile.mkdtemp(prefix="palpate-"))  # of this process alone: what others left there is not to be run
 

@@ -60,7 +60,7 @@ def run(
 ) -> None:
     """Run a graph: live view, recording, summary, pictures.
 
-    Ctrl-C or SIGTERM ends it in an orderly way. Exit code 1 when a node failed.
+    Ctrl-C or SIGTERM ends it in an orderly way. Exit code 1 when a node failed, or the recording is not whole.
     """
     from palpate.launch.running.forkserver import ForkServer
 
@@ -107,7 +107,7 @@ def run(
         from palpate.launch.commands.view import look
 
         look([outcome.recording])
-    if not outcome.result.ok:
+    if not outcome.ok:
         raise typer.Exit(TROUBLE)
 
 
@@ -172,7 +172,7 @@ def _summary(outcome: Outcome, name: str, drawn: list[Path]) -> None:
 def _data(outcome: Outcome) -> dict[str, Any]:
     result = outcome.result
     return {
-        "ok": result.ok,
+        "ok": outcome.ok,
         "ticks": result.ticks,
         "rate": outcome.plan.graph.rate,
         "start": result.start,

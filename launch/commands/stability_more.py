@@ -9,9 +9,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from palpate.launch.commands.common import console
-from palpate.launch.loading.classes import find_class
+from palpate.launch.loading.classes import ClassError, find_class
 
 if TYPE_CHECKING:
+    from palpate.nodes.base import Node
     from palpate.physics.device.wall_loop import Device
 
 COLUMNS = {
@@ -19,6 +20,13 @@ COLUMNS = {
 }  # fmt: skip
 POINTS = 13
 """Of the plane of regions, each way."""
+
+
+def _body(name: str) -> type[Node]:
+    try:
+        return find_class(name)
+    except ClassError as error:
+        raise ClassError(str(error).replace("use:", "--body:", 1), error.cure) from None
 
 
 def bodies(
@@ -29,7 +37,7 @@ def bodies(
 
     from palpate.bench.body_wall import row, stiffened
 
-    classes = {name: find_class(name) for name in names}
+    classes = {name: _body(name) for name in names}
     for cls in classes.values():
         stiffened(cls, 1.0)  # tells what is no body before anything is computed
     todo = list(product(classes.items(), sorted(rates), sorted(delays)))

@@ -28,6 +28,7 @@ from palpate.launch.running.provenance import about
 from palpate.launch.running.result import Result
 from palpate.launch.running.screen import Screen
 from palpate.nodes.logger import Mcap
+from palpate.nodes.mcap_file import is_complete
 
 PATIENCE = 5.0  # [s] after which a silent worker counts as hung
 
@@ -39,6 +40,11 @@ class Outcome:
     plan: Plan
     result: Result
     recording: Path | None
+
+    @property
+    def ok(self) -> bool:
+        """Whether every node lived to the end, and the recording is whole: a disk may have become full."""
+        return self.result.ok and (self.recording is None or not self.result.ticks or is_complete(self.recording))
 
 
 def execute(

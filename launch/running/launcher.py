@@ -6,6 +6,7 @@ outlet waits until it has seen its readers; then all get the time of tick 0. No 
 
 from __future__ import annotations
 
+import math
 import os
 import select
 import signal
@@ -24,6 +25,7 @@ from palpate.launch.running.forkserver import ForkServer
 from palpate.launch.running.interrupts import interrupts
 from palpate.launch.running.job import Job, members
 from palpate.launch.running.keys import Key
+from palpate.launch.running.lost import lost
 from palpate.launch.running.member import Member
 from palpate.launch.running.reports import (
     Alive,
@@ -51,6 +53,7 @@ from palpate.launch.running.reports import (
 from palpate.launch.running.result import Death, Result
 from palpate.launch.running.watchdog import START_PATIENCE
 from palpate.launch.running.wires import Wires, muted, pairs
+from palpate.launch.running.worker import REPORT
 
 HEAD_START = 40_000_000  # [ns] from the order to go to tick 0: every worker has heard it by then
 BEAT = 0.5  # [s] between signs of life for workers on other machines, and looks at who stands between
@@ -215,9 +218,10 @@ class Launcher:
                 self._ready(member, report)
             case Linked():
                 self._linked(member)
-            case Alive(nodes, foreign):
+            case Alive(nodes, foreign, awaits):
                 self.result.health.update(msgspec.to_builtins(nodes))
                 member.foreign = foreign
+                member.waits(awaits)
             case Paused(tick):
                 member.paused = tick
                 ticks = [lead.paused for lead in self._leads()]
@@ -370,6 +374,15 @@ class Launcher:
         self._ending.check(begun=self.phase not in ("starting", "linking"))
         if not self._ending.near:
             self._check_hung()
+            self._check_lost()
+
+    def _check_lost(self) -> None:
+        """A message that was lost ends the run as its sender's failure."""
+        if self._real or self.phase != "running":
+            return
+        gone = lost(self.members.values(), self.result.health, math.ceil(1e9 * self.patience / REPORT))
+        if gone is not None:
+            self._died(gone[0], Fault("", "stream", gone[1]))
 
     def _check_hung(self) -> None:
         for group, member in self.members.items():

@@ -33,6 +33,7 @@ class Member:
     delivers   its nodes have ended, and others get what they sent
     orderly    they have ended as they were told, and all that they sent was delivered
     foreign    frames that it has dropped
+    awaits     stream and tick of the message that it waits for; awaited: in so many signs of life in a row
     """
 
     job: Job
@@ -48,6 +49,8 @@ class Member:
     delivers: bool = False
     orderly: bool = False
     foreign: int = 0
+    awaits: tuple[str, int] | None = None
+    awaited: int = 0
     _silence: float = 0.0
     _looked: float = field(default_factory=time.monotonic)
     _threads: dict[str, Thread] = field(default_factory=dict)
@@ -66,6 +69,11 @@ class Member:
         """It has given a sign of life."""
         self._silence = 0.0
         self._looked = time.monotonic()
+
+    def waits(self, awaits: tuple[str, int] | None) -> None:
+        """It tells what it waits for."""
+        self.awaited = self.awaited + 1 if awaits is not None and awaits == self.awaits else 0
+        self.awaits = awaits
 
     def silence(self) -> float:
         """[s] that it has been silent although it could have spoken; call this often.

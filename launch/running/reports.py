@@ -98,10 +98,12 @@ class Linked(msgspec.Struct, frozen=True, tag=True):
 
 
 class Alive(msgspec.Struct, frozen=True, tag=True):
-    """A sign of life: the counters of each node, and how many frames were dropped as none of this run's."""
+    """A sign of life: the counters of each node, and how many frames were dropped as none of this run's. `awaits`: on
+    the simulated clock, the stream and the tick of the message without which the worker cannot go on."""
 
     nodes: dict[str, Counters]
     foreign: int = 0
+    awaits: tuple[str, int] | None = None
 
 
 class Paused(msgspec.Struct, frozen=True, tag=True):

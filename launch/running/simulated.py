@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from palpate.launch.running.clock import now, sleep_until
 from palpate.launch.running.reports import Paused
-from palpate.launch.running.schedule import nanoseconds
-from palpate.launch.running.slot import Input, Slot
+from palpate.launch.running.schedule import nanoseconds, needed
+from palpate.launch.running.slot import Input, NodeFault, Slot
 from palpate.launch.running.worker import Ended, Worker
 from palpate.messages import Message
 
@@ -48,18 +48,24 @@ def run_simulated(worker: Worker, origin: int) -> None:
 
 def _await(worker: Worker, slot: Slot, port: Input, tick: int) -> Message | None:
     assert port.feed is not None
-    while True:
-        came = worker.wait(port.feed)
-        if came and (message := port.at(tick)) is not None:
-            return message
-        if came:
-            continue
-        if port.dead or slot.name in worker.mute:
-            return None
-        if (message := port.at(tick)) is not None:
-            return message
-        if worker.last is not None and worker.tick > worker.last:
-            raise Ended
+    try:
+        while True:
+            came = worker.wait(port.feed)
+            if came and (message := port.at(tick)) is not None:
+                return message
+            if (need := port.lost(tick)) is not None:
+                raise NodeFault(port.producer, f"stream {port.stream!r}", f"its message of tick {need} was lost")
+            if came:
+                continue
+            if port.dead or slot.name in worker.mute:
+                return None
+            if (message := port.at(tick)) is not None:
+                return message
+            if worker.last is not None and worker.tick > worker.last:
+                raise Ended
+            worker.awaits = port.stream, needed(tick, port.every, port.loop)
+    finally:
+        worker.awaits = None
 
 
 def _agree_on_the_end(worker: Worker, tick: int) -> None:

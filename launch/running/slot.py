@@ -120,6 +120,12 @@ class Input:
             message = self.newest(need)
         return message if message is not None and message.tick == need else None
 
+    def lost(self, tick: int) -> int | None:
+        """The tick of the message that a step at `tick` of the simulated clock needs, where a later one has come:
+        frames come in order, so it will not."""
+        need = needed(tick, self.every, self.loop)
+        return need if self.queue and self.queue[0].tick > need else None
+
     def absent(self, tick: int) -> bool:
         """Whether no message will come for a step at `tick`: the sender is gone, or it is the first tick of a loop."""
         return self.dead or needed(tick, self.every, self.loop) < 0

@@ -53,6 +53,8 @@ class Worker:
         self.last = job.ticks - 1 if job.ticks is not None else None
         self.tick = -1
         self.foreign = 0
+        self.awaits: tuple[str, int] | None = None
+        """Stream and tick of the message that it waits for, once that takes longer than a look round."""
         self._since = 0
         self._reported = 0
         self._glanced, self._silence = now(), 0
@@ -281,7 +283,7 @@ class Worker:
         self._tell_observers(nodes)
         nodes |= {observer.name: observer.health.report() for observer in self.audience.slots}
         foreign = self.foreign + self.audience.foreign + (self.bus.foreign if self.bus is not None else 0)
-        self.report(Alive(nodes, foreign))
+        self.report(Alive(nodes, foreign, self.awaits))
         self._pass_notes()
 
     def _tell_observers(self, nodes: dict[str, Counters]) -> None:

@@ -12,6 +12,7 @@ import os
 import pty
 import random
 import resource
+import shutil
 import signal
 import subprocess
 import sys
@@ -19,6 +20,8 @@ import tempfile
 import threading
 import time
 import uuid
+from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
@@ -26,7 +29,7 @@ SUPPORT = Path(__file__).parent
 sys.path.insert(0, str(SUPPORT))
 
 from graphs_for_runs import GRAPH, write_graph, write_place  # noqa: E402
-from unlucky import BEARABLE, BREAKS  # noqa: E402
+from unlucky import BEARABLE, BREAKS, WIRES  # noqa: E402
 
 from palpate.launch.recording.reader import Recording, RecordingError  # noqa: E402
 
@@ -40,8 +43,8 @@ RUN = 3.0
 class Fault(NamedTuple):
     """What goes wrong, where and when.
 
-    kind    "node": a node does `what`; "signal": a process gets `what`; "limit": the system refuses `what`; "terminal":
-            the terminal is closed
+    kind    "node": a node does `what`; "wire": the way of its messages does; "signal": a process gets `what`; "limit":
+            the system refuses `what`; "terminal": the terminal is closed; "busy": others want the processors
     whom    of a signal: "launcher", "fork server" or "one", a process below it by the number `moment`
     moment  [s] after the first sign of the run, or [1] steps of the node
     """
@@ -61,7 +64,10 @@ def draw(seed: int) -> Fault:
     rng = random.Random(seed)
     clock, carrier = rng.choice(("simulated", "real")), rng.choice(("zmq", "local"))
     placement, graph = rng.choice(("each", "groups", "fused")), rng.choice(("loop", "loop", "loop", "kidney"))
-    kind = rng.choices(("node", "signal", "limit", "terminal"), (10, 9, 2, 1))[0]
+    kind = rng.choices(("node", "signal", "limit", "terminal", "wire", "busy"), (10, 9, 3, 1, 4, 1))[0]
+    if kind == "wire":
+        placement = "each" if placement == "fused" else placement  # there are no wires in a fused run
+        return Fault(kind, rng.choice(sorted(WIRES)), "spring", clock, carrier, placement, "loop", rng.randint(20, 200))
     if kind == "node":
         how = rng.choice(sorted(BREAKS | BEARABLE))
         return Fault(kind, how, "spring", clock, carrier, placement, "loop", rng.randint(20, 200))
@@ -71,8 +77,11 @@ def draw(seed: int) -> Fault:
         name = "SIGTERM" if whom == "launcher" and name == "SIGSTOP" else name  # a stopped run waits, as it should
         return Fault(kind, name, whom, clock, carrier, placement, graph, rng.uniform(0.0, 1.5))
     if kind == "limit":
-        what = rng.choice(("file size", "descriptors"))
+        what = rng.choice(("file size", "descriptors", "disk"))
+        what = what if what != "disk" or has_small_disks() else "file size"
         return Fault(kind, what, "", clock, carrier, placement, graph, rng.uniform(0.0, 1.0))
+    if kind == "busy":
+        return Fault(kind, "4 loops", "", clock, carrier, placement, graph, 0.0)
     return Fault(kind, "closed", "", clock, carrier, placement, graph, rng.uniform(0.0, 1.5))
 
 
@@ -81,9 +90,15 @@ def run(fault: Fault, folder: Path) -> list[str]:
     mark, own = uuid.uuid4().hex, folder / "own"
     own.mkdir()
     file = folder / "run.mcap"
+    kept = file
+    if fault.what == "disk":
+        (folder / "disk").mkdir()
+        file = folder / "disk" / "run.mcap"
     command = [sys.executable, "-m", "palpate.launch", "run", *_graph(fault, folder), "--record", str(file),
                "--clock", fault.clock, "--carrier", fault.carrier, "--no-pictures", "--patience", "1",
                "--duration", str(RUN if fault.clock == "real" else 40.0)]  # fmt: skip
+    if fault.what == "disk":
+        command = [*_small_disk(fault, folder / "disk", kept), *command]
     environment = os.environ | {"PALPATE_FAULT": mark, "PYTHONPATH": f"{SUPPORT}:{os.environ.get('PYTHONPATH', '')}",
                                 "XDG_RUNTIME_DIR": str(own), "TMPDIR": str(own), "COLUMNS": "200"}  # fmt: skip
     master, slave = pty.openpty() if fault.kind == "terminal" else (None, None)
@@ -95,16 +110,46 @@ def run(fault: Fault, folder: Path) -> list[str]:
         )  # fmt: skip
     if master is not None:
         threading.Thread(target=_drain, args=(master,), daemon=True).start()
-    hit = _strike(fault, child, file, master)
-    if slave is not None:
-        os.close(slave)
+    with _company(4 if fault.kind == "busy" else 0):
+        hit = _strike(fault, child, file, master)
+        if slave is not None:
+            os.close(slave)
+        try:
+            code = child.wait(LONGEST)
+        except subprocess.TimeoutExpired:
+            _sweep(mark)
+            child.wait()
+            return [f"did not end within {LONGEST:g} s: {told.read_text(errors='replace')[-500:]}"]
+    return _judge(fault, code, hit, told.read_text(errors="replace"), kept, mark, own)
+
+
+@contextlib.contextmanager
+def _company(count: int) -> Iterator[None]:
+    """So many others that want all of a processor."""
+    others = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(count)]
     try:
-        code = child.wait(LONGEST)
-    except subprocess.TimeoutExpired:
-        _sweep(mark)
-        child.wait()
-        return [f"did not end within {LONGEST:g} s: {told.read_text(errors='replace')[-500:]}"]
-    return _judge(fault, code, hit, told.read_text(errors="replace"), file, mark, own)
+        yield
+    finally:
+        for other in others:
+            other.kill()
+            other.wait()
+
+
+def _small_disk(fault: Fault, place: Path, kept: Path) -> list[str]:
+    """A file system of 60 to 460 kB at `place` for the command that follows; the recording is kept beyond its end."""
+    script = 'mount -t tmpfs -o size=$1k tmpfs "$2" || exit 99; disk=$2 kept=$3; shift 3; "$@"; code=$?'
+    script += '; cp "$disk/run.mcap" "$kept"; exit $code'
+    return ["unshare", "-rm", "sh", "-c", script, "sh", str(60 + int(400 * fault.moment)), str(place), str(kept)]
+
+
+@cache
+def has_small_disks() -> bool:
+    """Whether this system lets a user have a file system of his own."""
+    if shutil.which("unshare") is None:
+        return False
+    with tempfile.TemporaryDirectory() as place:
+        mount = ["unshare", "-rm", "mount", "-t", "tmpfs", "-o", "size=60k", "tmpfs", place]
+        return subprocess.run(mount, capture_output=True).returncode == 0
 
 
 def _drain(master: int) -> None:
@@ -120,7 +165,7 @@ def _graph(fault: Fault, folder: Path) -> list[str]:
         graph, groups = ["kidney", "--set", "scene.surface.vertices=1000"], [["device", "finger", "collision"]]
     else:
         how = f'unlucky.Unlucky, how: "{fault.what}", at: {int(fault.moment)},'
-        text = GRAPH.replace("nodes_for_runs.Spring,", how) if fault.kind == "node" else GRAPH
+        text = GRAPH.replace("nodes_for_runs.Spring,", how) if fault.kind in ("node", "wire") else GRAPH
         graph, groups = [str(write_graph(folder, text))], [["source", "drag"], ["spring"], ["spread", "sum"]]
     if fault.placement == "groups":
         return [*graph, "--place", str(write_place(folder, groups))]
@@ -129,7 +174,7 @@ def _graph(fault: Fault, folder: Path) -> list[str]:
 
 def _limits(fault: Fault):  # type: ignore[no-untyped-def]
     """What the system refuses to the run."""
-    if fault.kind != "limit":
+    if fault.kind != "limit" or fault.what == "disk":
         return None
     if fault.what == "descriptors":
         return lambda: resource.setrlimit(resource.RLIMIT_NOFILE, (24 + int(40 * fault.moment),) * 2)
@@ -139,7 +184,7 @@ def _limits(fault: Fault):  # type: ignore[no-untyped-def]
 
 def _strike(fault: Fault, child: subprocess.Popen[bytes], file: Path, master: int | None) -> bool:
     """Wait for the moment, and do it; whether it reached anything."""
-    if fault.kind in ("node", "limit"):
+    if fault.kind in ("node", "limit", "wire", "busy"):
         return True
     until = time.monotonic() + 20.0
     while child.poll() is None and time.monotonic() < until and not file.exists():
@@ -208,14 +253,17 @@ def _judge(fault: Fault, code: int, hit: bool, told: str, file: Path, mark: str,
     if left:
         wrong.append(f"{len(left)} processes are left")
         _sweep(mark)
-    breaks = hit and (fault.kind == "signal" or (fault.kind == "node" and fault.what in BREAKS))
+    lost = fault.kind == "wire" and WIRES[fault.what] and fault.clock == "simulated"
+    breaks = hit and (fault.kind == "signal" or (fault.kind == "node" and fault.what in BREAKS) or lost)
     finished = "ticks in" in told  # a signal that came as the run was over
     if breaks and code == 0 and not finished:
         wrong.append("the exit code is 0")
+    if code and (fault.kind == "busy" or fault.what in ("sends a frame twice", "steps the clock")):
+        wrong.append("it ended by what does no harm")
     if "Traceback" in told and "unlucky.py" not in told:  # that of a node's own code is what its author needs
         wrong.append("a traceback")
     mute = fault.placement == "fused" and fault.what in ("kills itself", "crashes")  # with who could have told
-    if fault.kind == "node" and fault.what in BREAKS and "spring" not in told and not mute:
+    if (lost or (fault.kind == "node" and fault.what in BREAKS)) and "spring" not in told and not mute:
         wrong.append("the culprit is not named")
     if code > 0 and not told.strip() and fault.kind != "terminal":
         wrong.append(f"nothing was said of code {code}")

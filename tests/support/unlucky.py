@@ -1,4 +1,4 @@
-"""A node that goes wrong in one of many ways at one of its steps, for faults that are drawn at random."""
+"""A node that goes wrong in one of many ways at one of its steps, and a wire that does, for faults drawn at random."""
 
 from __future__ import annotations
 
@@ -8,11 +8,13 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from typing import Annotated, Any
 
 import numpy as np
 from nodes_for_runs import Spring
 
+from palpate.launch.running import carrier
 from palpate.messages import Force, Pose
 
 
@@ -44,6 +46,17 @@ def _eat() -> None:
         time.sleep(0.01)
 
 
+def _exhaust() -> None:
+    np.ones(1 << 60, dtype=np.int8)
+
+
+def _step_clock() -> None:
+    """The wall clock of this process goes back by an hour."""
+    wall, wall_ns = time.time, time.time_ns
+    time.time = lambda: wall() - 3600.0
+    time.time_ns = lambda: wall_ns() - 3_600_000_000_000
+
+
 def _fork() -> None:
     if os.fork() == 0:
         time.sleep(1000)
@@ -69,6 +82,7 @@ BREAKS = {
     "prints without end": _print,
     "closes its descriptors": lambda: os.closerange(3, 512),
     "eats memory and hangs": _eat,
+    "asks for more memory than there is": _exhaust,
 }
 """Ways that end a run."""
 BEARABLE = {
@@ -78,8 +92,62 @@ BEARABLE = {
     "forks": _fork,
     "starts a program": lambda: subprocess.Popen(["sleep", "1000"]),
     "starts a program in a session of its own": lambda: subprocess.Popen(["sleep", "1000"], start_new_session=True),
+    "steps the clock": _step_clock,
 }
 """Ways that a run may survive, or not: what counts is that nothing is left of it."""
+
+
+class Wire:
+    """What becomes of the frames that this process sends to nodes of others. `how` is set by the node at its step."""
+
+    how = ""
+
+    def __init__(self) -> None:
+        self.held: Callable[[], None] | None = None
+
+    def carry(self, send: Callable[[], None], garbled: Callable[[], None]) -> None:
+        """One frame."""
+        how, Wire.how = Wire.how, ""
+        if how == "loses a frame":
+            return
+        if how == "swaps two frames":
+            self.held = send
+            return
+        if how == "is slow once":
+            time.sleep(0.3)
+        for _ in range({"sends a frame twice": 2, "floods": 20_000}.get(how, 1)):
+            (garbled if how == "garbles a frame" else send)()
+        if self.held is not None:
+            held, self.held = self.held, None
+            held()
+
+
+WIRES = {
+    "loses a frame": True,
+    "swaps two frames": True,
+    "garbles a frame": True,
+    "is slow once": False,
+    "sends a frame twice": False,
+    "floods": False,
+}
+"""What a wire does, and whether a run on the simulated clock ends by it: there each message is waited for."""
+
+
+def _faulty(outlet: type) -> None:
+    """Frames of this kind of outlet go by a wire of its own; where no fault was set, as they did before."""
+    sound = outlet.send
+
+    def send(self, frame: bytes) -> None:
+        if not hasattr(self, "wire"):
+            self.wire = Wire()
+        head, zero, tail = frame.partition(b"\0") if outlet is carrier.ZmqOutlet else (b"", b"", frame)
+        self.wire.carry(lambda: sound(self, frame), lambda: sound(self, head + zero + b"\xc1" + tail))
+
+    outlet.send = send
+
+
+for _outlet in (carrier.ZmqOutlet, carrier.LocalOutlet):
+    _faulty(_outlet)
 
 
 class Unlucky(Spring):
@@ -94,6 +162,9 @@ class Unlucky(Spring):
     def step(self, pose: Pose) -> Force:
         self.count += 1
         if self.count == self.at:
+            if self.how in WIRES:
+                Wire.how = self.how
+                return super().step(pose)
             done = (BREAKS | BEARABLE)[self.how]()
             if done is not None and not isinstance(done, subprocess.Popen):
                 return done
