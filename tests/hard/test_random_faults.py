@@ -36,7 +36,11 @@ def tried(seed: int) -> tuple[int, Fault, list[str]]:
 
 def check(seeds: range | tuple[int, ...]) -> None:
     with ThreadPoolExecutor(2) as pool:
-        outcomes = list(pool.map(tried, seeds))
+        outcomes = []
+        for outcome in pool.map(tried, seeds):
+            outcomes.append(outcome)
+            if outcome[2]:
+                print(f"seed {outcome[0]}, the {len(outcomes)}th: {'; '.join(outcome[2])}", flush=True)
     kinds = Counter(f"{fault.kind}: {fault.what}" for _, fault, _ in outcomes)
     failed = [f"seed {seed}, {fault}: {'; '.join(wrong)}" for seed, fault, wrong in outcomes if wrong]
     print(f"{len(outcomes)} faults of {len(kinds)} kinds, {len(failed)} failures")
@@ -52,6 +56,7 @@ def test_two_dozen_faults():
 
 
 @pytest.mark.long
+@pytest.mark.timeout(4 * 3600)
 def test_a_thousand_faults():
     """As many as PALPATE_FAULTS says."""
     check(range(10_000, 10_000 + int(os.environ.get("PALPATE_FAULTS", "1000"))))
