@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer.core import TyperCommand
 
 from palpate.launch.commands.common import (
     TROUBLE,
@@ -25,7 +26,19 @@ from palpate.launch.commands.common import (
 
 if TYPE_CHECKING:
     from palpate.launch.loading.launchfile import LaunchFile
+    from palpate.launch.page.watching import Onlooker
     from palpate.launch.running.execute import Outcome
+
+
+class Command(TyperCommand):
+    """Lets `--view` stand alone: then it means a window."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        given = list(args)
+        for at in range(len(given) - 1, -1, -1):
+            if given[at] == "--view" and given[at + 1 : at + 2] not in (["web"], ["window"]):
+                given.insert(at + 1, "window")
+        return super().parse_args(ctx, given)
 
 
 def run(
@@ -48,7 +61,9 @@ def run(
     thin: Annotated[list[str] | None, typer.Option(help="STREAM=N: record each N-th message only.")] = None,
     out: Annotated[Path | None, typer.Option(help="Folder of recording and pictures.")] = None,
     pictures: Annotated[bool, typer.Option(help="Draw the pictures of the run at its end.")] = True,
-    see: Annotated[bool, typer.Option("--view", help="Look at the recording in the browser at the end.")] = False,
+    see: Annotated[
+        str | None, typer.Option("--view", help="Look at it meanwhile: in a window, or web: in the browser.")
+    ] = None,
     patience: Annotated[float, typer.Option(help="Time in s after which a silent node counts as hung.", min=0.1)] = 5.0,
     carrier: Annotated[str | None, typer.Option(help="Between processes, for all groups: zmq or local.")] = None,
     address: Annotated[str | None, typer.Option(help="tcp://host:port where workers of other hosts join.")] = None,
@@ -64,6 +79,7 @@ def run(
     """
     from palpate.launch.running.forkserver import ForkServer
 
+    seen: Onlooker | None = None
     forkserver = None if fused and clock != "real" else ForkServer()  # it imports while the graph is read
     try:
         launch = chosen(graph, sets, scene, place, fused)
@@ -78,9 +94,12 @@ def run(
         folder = out or Path("runs") / f"{name}-{datetime.datetime.now():%Y%m%d-%H%M%S}"
         keep = not no_record and (record is not None or out is not None or launch.record is not None)
         file = (record or folder / (launch.record.name if launch.record else f"{name}.mcap")) if keep else None
-        if see and (file is None or as_json):
-            raise typer.BadParameter("--view: it needs a recording (--record FILE), and does not go with --json")
         launch = dataclasses.replace(launch, record=file)
+        if see:
+            from palpate.launch.page.watching import watchable
+
+            launch = watchable(launch)
+            seen = _seen(launch, see, as_json)
 
         from palpate.launch.running.descendants import none_left
         from palpate.launch.running.execute import execute
@@ -92,6 +111,10 @@ def run(
                 launch, console=view, forkserver=forkserver, patience=patience, address=address,
                 leave_out=leave_out or (), thin=_thin(thin or []), unencrypted=unencrypted, key_name=key,
             )  # fmt: skip
+    except BaseException:
+        if seen is not None:
+            seen.close()
+        raise
     finally:
         if forkserver is not None:
             forkserver.close()
@@ -103,12 +126,30 @@ def run(
             _summary(outcome, name, drawn)
         for death in outcome.result.deaths:
             fault(death, console(stderr=True, soft_wrap=True))
-    if see and outcome.recording is not None:
-        from palpate.launch.commands.view import look
-
-        look([outcome.recording])
+    if seen is not None:
+        if outcome.result.interrupted or as_json:
+            seen.close()
+        else:
+            typer.echo("the view stays until it is closed, or Ctrl-C", err=True)
+            seen.wait()
     if not outcome.ok:
         raise typer.Exit(TROUBLE)
+
+
+def _seen(launch: LaunchFile, how: str, silent: bool) -> Onlooker:
+    """Open what shows the run. BadParameter, PalpateError: nothing can be opened."""
+    from palpate.launch.page.watching import WAYS, onlooker
+
+    if how not in WAYS:
+        raise typer.BadParameter(f"--view: found {how!r}, expected {' or '.join(WAYS)}")
+    opened = onlooker(launch, how)
+    if opened.address:
+        import webbrowser
+
+        if not silent:
+            typer.echo(f"see it at {opened.address}", err=True)
+        webbrowser.open(opened.address)
+    return opened
 
 
 def _reconnecting(launch: LaunchFile) -> list[str]:

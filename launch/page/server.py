@@ -1,16 +1,14 @@
-"""The server of a page to touch: each page gets the newest frame only."""
+"""The server of a page to touch: pages are shown one session, and what they send is done."""
 
 from __future__ import annotations
 
 import asyncio
-import contextlib
-from typing import Any
 
 import msgspec
 from websockets.asyncio.server import ServerConnection
 from websockets.exceptions import ConnectionClosed
 
-from palpate.launch.page.doors import SHARED, Doors
+from palpate.launch.page.live import Live
 from palpate.launch.page.session import NoBody, Session
 
 
@@ -24,33 +22,15 @@ class Order(msgspec.Struct, forbid_unknown_fields=True):
     keep: bool | None = None
 
 
-class Page(Doors):
+class Page(Live):
     """Serves one session to any number of pages. Whoever points last steers."""
 
-    files = SHARED | {"/": ("index.html", "text/html"), "/page.js": ("page.js", "text/javascript")}
     command = "palpate touch"
 
     def __init__(self, session: Session) -> None:
-        super().__init__()
+        super().__init__(session)
         self.session = session
-        self._news = asyncio.Condition()
         self._steering: ServerConnection | None = None
-
-    async def start(self, port: int) -> None:
-        await super().start(port)
-        loop = asyncio.get_running_loop()
-        self.session.told = lambda: loop.call_soon_threadsafe(self._wake)
-
-    async def close(self) -> None:
-        self.session.told = lambda: None
-        await super().close()
-
-    def _wake(self) -> None:
-        asyncio.ensure_future(self._notify())  # noqa: RUF006  ends at once
-
-    async def _notify(self) -> None:
-        async with self._news:
-            self._news.notify_all()
 
     async def _talk(self, connection: ServerConnection) -> None:
         writer = asyncio.create_task(self._show(connection))
@@ -76,26 +56,3 @@ class Page(Doors):
             self.session.keep = order.keep
         if order.body is not None or order.effect is not None or order.reset:
             self.session.begin_again(order.body, order.effect)
-
-    async def _show(self, connection: ServerConnection) -> None:
-        """Send what is new; a page that is slow gets the next frame when it has taken the last one."""
-        mesh = frame = b""
-        status = None
-        with contextlib.suppress(ConnectionClosed):
-            while True:
-                session = self.session
-                news = (session.status, session.keep)
-                if news != status:
-                    status = news
-                    told: dict[str, Any] = {"kind": "status", "text": session.status, "keep": session.keep}
-                    await connection.send(msgspec.json.encode(told).decode())
-                elif session.mesh is not mesh:
-                    mesh = session.mesh
-                    await connection.send(mesh)
-                elif session.frame is not frame and mesh:
-                    frame = session.frame
-                    await connection.send(frame)
-                else:
-                    async with self._news:
-                        with contextlib.suppress(TimeoutError):
-                            await asyncio.wait_for(self._news.wait(), 0.5)

@@ -100,27 +100,40 @@ def _ports(feeds: dict[type[Message], str]) -> dict[str, type[Message]]:
 
 
 def touched(planned: Plan) -> Touched:
-    """What the page shows of a plan. NoTouch: no body with a mesh, or nobody tells where the finger is."""
+    """What the page shows of a plan that its pointer steers. NoTouch: no body with a mesh, or nobody tells where the
+    finger is."""
+    begin = tuple(planned.graph.nodes[POINTER].settings["begin"])
+    return _shown(planned, (Surface, Pose, Proximity, Contact), _place(planned), begin)
+
+
+def watched(planned: Plan) -> Touched:
+    """What a page shows of a plan that it does not steer. NoTouch: no body with a mesh, or no contact."""
+    return _shown(planned, (Surface, Contact), {"loop": {"nodes": planned.order}}, (0.0, 0.0, 0.0))
+
+
+def _shown(
+    planned: Plan, needed: tuple[type[Message], ...], place: dict[str, dict[str, Any]], begin: tuple[float, ...]
+) -> Touched:
     streams: dict[type[Message], str] = {}
     senders = {}
     for name in planned.order:
         for stream, kind in planned.graph.nodes[name].streams.items():
             streams.setdefault(kind, stream)
             senders[stream] = name
-    for kind in (Surface, Pose, Proximity, Contact):
+    for kind in needed:
         if kind not in streams:
             raise NoTouch(f"{planned.graph.path.stem}: no node sends {kind.__name__}; a page needs a body, its contact "
                           "and the finger. Try: palpate touch kidney")  # fmt: skip
-    mesh, thickness = shape(planned, senders[streams[Surface]], senders[streams[Proximity]])
     body = senders[streams[Surface]]
+    mesh, thickness = shape(planned, body, senders[streams[Proximity]] if Proximity in streams else body)
     return Touched(
         body=body,
         use=planned.graph.nodes[body].use,
         mesh=mesh,
-        place=_place(planned),
+        place=place,
         streams={kind: streams[kind] for kind in SHOWN if kind in streams},
         thickness=thickness,
-        begin=tuple(planned.graph.nodes[POINTER].settings["begin"]),
+        begin=(begin[0], begin[1], begin[2]),
     )
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import errno
 import os
+import resource
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -29,8 +30,18 @@ from palpate.launch.running.result import Result
 from palpate.launch.running.screen import Screen
 from palpate.nodes.logger import Mcap
 from palpate.nodes.mcap_file import is_complete
+from palpate.physics.errors import PalpateError
 
 PATIENCE = 5.0  # [s] after which a silent worker counts as hung
+
+
+FILES, FILES_EACH = 64, 6
+"""That one process of a run may have open: at least, and more for each group. With 9 groups the launcher has 33, a
+worker up to 60."""
+
+
+class TooFewFiles(PalpateError, OSError):
+    """What the system permits is too little for a run."""
 
 
 @dataclass
@@ -103,6 +114,7 @@ def execute(
                 forkserver.close()
             result = run_fused(work[0], screen.show if screen else lambda _: None, patience)
         else:
+            _open_files(len(work))
             launcher = Launcher(
                 work,
                 forkserver,
@@ -150,6 +162,19 @@ def _key(place: Placement, joined: frozenset[str], unencrypted: bool, name: str)
     if unencrypted or any(group.unencrypted for group in place.groups):
         return None
     return keys.load(name) if joined else Key.make()
+
+
+def _open_files(groups: int) -> None:
+    """Permit this process, and those that it starts, as many open files as the system lets it. TooFewFiles: ZeroMQ
+    ends a process without a word when it may open no more."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    needed = FILES + FILES_EACH * groups
+    most = needed if hard == resource.RLIM_INFINITY else min(needed, hard)
+    if soft != resource.RLIM_INFINITY and soft < most:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (most, hard))
+    if most < needed:
+        raise TooFewFiles(f"a run of {groups} processes opens up to {needed} files in one, and the system permits "
+                          f"{hard}: `ulimit -n {needed}`, or --fused")  # fmt: skip
 
 
 def _check_writable(file: Path) -> None:

@@ -87,6 +87,7 @@ def draw(seed: int) -> Fault:
 
 def run(fault: Fault, folder: Path) -> list[str]:
     """Run it; what did not hold, nothing where all did."""
+    patience = "5" if fault.kind == "busy" else "1"
     mark, own = uuid.uuid4().hex, folder / "own"
     own.mkdir()
     file = folder / "run.mcap"
@@ -95,7 +96,7 @@ def run(fault: Fault, folder: Path) -> list[str]:
         (folder / "disk").mkdir()
         file = folder / "disk" / "run.mcap"
     command = [sys.executable, "-m", "palpate.launch", "run", *_graph(fault, folder), "--record", str(file),
-               "--clock", fault.clock, "--carrier", fault.carrier, "--no-pictures", "--patience", "1",
+               "--clock", fault.clock, "--carrier", fault.carrier, "--no-pictures", "--patience", patience,
                "--duration", str(RUN if fault.clock == "real" else 40.0)]  # fmt: skip
     if fault.what == "disk":
         command = [*_small_disk(fault, folder / "disk", kept), *command]
@@ -177,7 +178,7 @@ def _limits(fault: Fault):  # type: ignore[no-untyped-def]
     if fault.kind != "limit" or fault.what == "disk":
         return None
     if fault.what == "descriptors":
-        return lambda: resource.setrlimit(resource.RLIMIT_NOFILE, (24 + int(40 * fault.moment),) * 2)
+        return lambda: resource.setrlimit(resource.RLIMIT_NOFILE, (24 + int(200 * fault.moment),) * 2)
     size = 2000 + int(200_000 * fault.moment)
     return lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))
 

@@ -45,6 +45,7 @@ function take(data) {
 
 function begin(head, triangles, places, normals) {
   about = head; newest = undefined; sent.clear();
+  document.body.classList.toggle("watch", Boolean(head.watch)); // nothing that goes on here can be steered
   scene.mesh(places, normals, triangles);
   strips.forEach((strip) => strip.clear());
   const names = head.bodies.includes(head.body) ? head.bodies : [head.body, ...head.bodies];
@@ -84,13 +85,13 @@ function tell(head) {
   $("energy").textContent = (1e3 * (head.energy ?? 0)).toFixed(1);
   strips[0].draw(head.load > 0 ? head.band : null); strips[1].draw();
   bars($("pins"), head.pins);
-  $("beside").textContent = `${head.time.toFixed(1)} s · ${head.late} late ticks · ${page.latency.toFixed(0)} ms from pointer to frame`;
+  $("beside").textContent = `${head.time.toFixed(1)} s · ${head.late} late ticks${about.watch ? "" : ` · ${page.latency.toFixed(0)} ms from pointer to frame`}`;
 }
 
 // -- the pointer -----------------------------------------------------------------------------------------------
 
 function point() {
-  if (!about || socket.readyState !== WebSocket.OPEN || paused) return;
+  if (!about || about.watch || socket.readyState !== WebSocket.OPEN || paused) return;
   const hit = scene.pick(aim.x, aim.y);
   if (hit) aim.hit = hit;
   if (!aim.hit) return;
@@ -121,7 +122,7 @@ const view = $("view");
 view.addEventListener("pointerdown", (event) => {
   view.setPointerCapture(event.pointerId); view.focus();
   aim.fingers.set(event.pointerId, event);
-  aim.turning = event.button === 2 || event.shiftKey || aim.fingers.size > 1;
+  aim.turning = event.button === 2 || event.shiftKey || aim.fingers.size > 1 || Boolean(about?.watch);
   aim.down = !aim.turning; if (aim.down) place(event);
   point();
 });
@@ -144,7 +145,7 @@ view.addEventListener("wheel", (event) => {
 const STEPS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] };
 view.addEventListener("keydown", (event) => {
   const step = STEPS[event.key];
-  if (step && event.shiftKey) turn(12 * step[0], -12 * step[1]);
+  if (step && (event.shiftKey || about?.watch)) turn(12 * step[0], -12 * step[1]);
   else if (step) { aim.x += 0.02 * step[0]; aim.y += 0.02 * step[1]; point(); }
   else if (event.key === " ") { if (!event.repeat) { aim.down = true; point(); } }
   else if (event.key === "+" || event.key === "=") press(0.5);
