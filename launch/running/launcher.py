@@ -106,6 +106,8 @@ class Launcher:
         self._ended = 0.0
         self._tail: list[str] = []
         self._beat = 0.0
+        self._abreast = False
+        """Whether all reports that have come were taken."""
         try:
             self._wires = Wires(self.run_id, self.jobs, address, key)
         except OSError:
@@ -174,8 +176,10 @@ class Launcher:
         ready = dict(self._poller.poll(100))
         for member, report in self._barrier.early():
             self._ready(member, report)
+        self._abreast = False
         for _ in range(MOST_REPORTS):
             if not self._next_report():
+                self._abreast = True
                 break
         if self.forkserver.output.fileno() in ready:
             self._listen()
@@ -378,7 +382,7 @@ class Launcher:
 
     def _check_lost(self) -> None:
         """A message that was lost ends the run as its sender's failure."""
-        if self._real or self.phase != "running":
+        if self._real or self.phase != "running" or not self._abreast:
             return
         gone = lost(self.members.values(), self.result.health, math.ceil(1e9 * self.patience / REPORT))
         if gone is not None:

@@ -33,7 +33,8 @@ class Member:
     delivers   its nodes have ended, and others get what they sent
     orderly    they have ended as they were told, and all that they sent was delivered
     foreign    frames that it has dropped
-    awaits     stream and tick of the message that it waits for; awaited: in so many signs of life in a row
+    awaits     stream and tick of the message that it waits for; awaited: in so many signs of life since it was sent,
+               None: it was not sent yet, as far as is known
     """
 
     job: Job
@@ -50,7 +51,7 @@ class Member:
     orderly: bool = False
     foreign: int = 0
     awaits: tuple[str, int] | None = None
-    awaited: int = 0
+    awaited: int | None = None
     _silence: float = 0.0
     _looked: float = field(default_factory=time.monotonic)
     _threads: dict[str, Thread] = field(default_factory=dict)
@@ -72,7 +73,10 @@ class Member:
 
     def waits(self, awaits: tuple[str, int] | None) -> None:
         """It tells what it waits for."""
-        self.awaited = self.awaited + 1 if awaits is not None and awaits == self.awaits else 0
+        if awaits != self.awaits:
+            self.awaited = None
+        elif self.awaited is not None:
+            self.awaited += 1
         self.awaits = awaits
 
     def silence(self) -> float:
