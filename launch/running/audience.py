@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 
 from palpate.launch.loading.load import load_class
 from palpate.launch.running.bus import END, HEALTH
@@ -14,10 +14,13 @@ from palpate.nodes.base import Observer, Stream
 
 
 class Audience:
-    """The observers of a worker."""
+    """The observers of a worker.
 
-    def __init__(self, job: Job) -> None:
-        self.job = job
+    leave  called with each group that has said that it sends no more: it waits until nobody listens
+    """
+
+    def __init__(self, job: Job, leave: Callable[[str], None] | None) -> None:
+        self.job, self._leave = job, leave
         self.slots: list[ObserverSlot] = []
         for given in job.observers:
             node = make(given)
@@ -57,7 +60,10 @@ class Audience:
                 self.tell([unpack(payload, Health)])
                 return -1
             if stream == END:
-                self.ended.add(payload.decode(errors="replace"))
+                group = payload.decode(errors="replace")
+                self.ended.add(group)
+                if self._leave is not None:
+                    self._leave(group)
                 return -1
             tick = unpack(payload, Message).tick
         except MessageError:

@@ -4,7 +4,9 @@ A frame of ZeroMQ is the stream's name, a zero byte, and the message as one msgp
 that any program can subscribe by the stream's name. Observers have an outlet of their own: frames for them are kept
 back and sent in bursts, because waking a second reader costs 60-100 us, which the force path must not pay.
 
-On the simulated clock an outlet waits when a reader is slow; on the real clock it drops, and the reader counts.
+On the simulated clock an outlet waits when a reader is slow; on the real clock it drops, and the reader counts. An
+outlet is closed when its readers have taken all: what a connection holds when its other end closes is lost to a reader
+that had no room for it.
 """
 
 from __future__ import annotations
@@ -91,6 +93,11 @@ class Bus:
         self._observed.set(zmq.RCVTIMEO, wait)
         self._inlets: dict[str, Inlet] = {}
         self.listeners: dict[bytes, int] = {}
+        self._readers = 0
+        """Inlets of the nodes elsewhere that read here."""
+        self._sources: dict[str, str] = {}
+        """Endpoint of each group that is observed here."""
+        self._overhears: set[str] = set()
         self._kept: list[bytes] = []
         self._topics: tuple[bytes, ...] = ()
 
@@ -101,7 +108,7 @@ class Bus:
 
     def _outlet(self) -> zmq.Socket:
         socket = self._socket(zmq.XPUB, -1)
-        socket.set(zmq.XPUB_VERBOSE, 1)
+        socket.set(zmq.XPUB_VERBOSER, 1)  # each one who comes or goes is told
         socket.set(zmq.SNDHWM, HIGH_WATER)
         socket.set(zmq.MAXMSGSIZE, 1024)  # subscriptions only
         if not self.real:
@@ -165,15 +172,23 @@ class Bus:
             )
         return self._inlets[stream]
 
-    def connect(self, address: str, streams: Iterable[str], observed: bool, secured: bool) -> None:
-        """Read these streams from the outlet at `address`."""
+    def connect(self, address: str, streams: Iterable[str], observed: bool, secured: bool, group: str) -> None:
+        """Read these streams from the outlet of a group at `address`."""
         known = [self._inlets[stream] for stream in streams] if not observed else []
         sockets = [self._observed] if observed else [inlet.socket for inlet in known if isinstance(inlet, ZmqInlet)]
         for socket in sockets:
             connect(socket, address, self.key if secured else None)
         if observed:
+            self._sources[group] = address
             for stream in streams:
-                self._observed.subscribe(stream.encode() + b"\0")
+                if stream not in self._overhears:  # each time is counted where it is sent
+                    self._overhears.add(stream)
+                    self._observed.subscribe(stream.encode() + b"\0")
+
+    def ended(self, group: str) -> None:
+        """The last frame of a group that is observed here was taken: so it may close."""
+        if group in self._sources:
+            self._observed.disconnect(self._sources.pop(group))
 
     def forget(self) -> None:
         """Throw away what was sent to a predecessor."""
@@ -204,6 +219,8 @@ class Bus:
         """
         for socket, expected in ((self._force, nodes), (self._observers, observers)):
             missing = {stream.encode() + b"\0": count for stream, count in expected.items() if count}
+            if socket is self._force:
+                self._readers = sum(missing.values())
             while any(count > 0 for count in missing.values()):
                 if not socket.poll(LOOK):
                     look()
@@ -263,6 +280,15 @@ class Bus:
             self._listener(self._observers.recv())
         return changed
 
+    def _wait_taken(self) -> None:
+        """Wait until all have taken what was sent: nodes elsewhere close their inlets, observers leave at the end."""
+        while self.heard(END):
+            if self._observers.poll(LOOK):
+                self._listener(self._observers.recv())
+        while self._readers > 0 and not self.real:
+            if self._force.poll(LOOK) and self._force.recv()[:1] == b"\x00":
+                self._readers -= 1
+
     def close(self, orderly: bool) -> None:
         """Deliver what is under way and close; after an orderly end say that this was all."""
         for inlet in self._inlets.values():
@@ -275,6 +301,7 @@ class Bus:
                 self._observers.set(zmq.SNDTIMEO, LOOK)
                 self._kept.append(frame(END, self.group.encode()))
                 self.flush(_wait)
+                self._wait_taken()
         if self._keeper is not None:
             self._keeper.close()
         self._control.close(linger=0)

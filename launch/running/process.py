@@ -102,7 +102,7 @@ def _link(bus: Bus, job: Job) -> tuple[int, set[str]]:
             case Connect(sources, observed):
                 bus.forget()
                 for source in sources:
-                    bus.connect(source.address, source.streams, source.observed, source.secured)
+                    bus.connect(source.address, source.streams, source.observed, source.secured, source.group)
                 senders = {source.group for source in sources if source.observed}
                 bus.wait_linked(readers, observed, look)
                 bus.report(Linked())

@@ -46,7 +46,7 @@ class Worker:
         for slot in self.slots:
             slot.wire(self.outputs)
             self._feed(slot)
-        self.audience = Audience(job)
+        self.audience = Audience(job, bus.ended if bus is not None else None)
         self._real = job.clock == "real"
         self.mute: set[str] = set()
         self.stopping = False

@@ -32,6 +32,7 @@ from graphs_for_runs import GRAPH, write_graph, write_place  # noqa: E402
 from unlucky import BEARABLE, BREAKS, WIRES  # noqa: E402
 
 from palpate.launch.recording.reader import Recording, RecordingError  # noqa: E402
+from palpate.launch.running.descendants import die_with_parent  # noqa: E402
 
 SIGNALS = ("SIGKILL", "SIGTERM", "SIGSEGV", "SIGSTOP", "SIGINT", "SIGABRT", "SIGHUP")
 LONGEST = 150.0
@@ -127,7 +128,8 @@ def run(fault: Fault, folder: Path) -> list[str]:
 @contextlib.contextmanager
 def _company(count: int) -> Iterator[None]:
     """So many others that want all of a processor."""
-    others = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(count)]
+    loop = [sys.executable, "-c", "while True: pass"]
+    others = [subprocess.Popen(loop, preexec_fn=die_with_parent) for _ in range(count)]
     try:
         yield
     finally:
@@ -275,7 +277,10 @@ def _judge(fault: Fault, code: int, hit: bool, told: str, file: Path, mark: str,
     hard = fault.kind == "signal" and fault.whom != "one"  # who is killed cannot clean up: told, not asked
     if not hard and (more := sorted(path.name for path in own.rglob("*") if not path.is_dir())):
         wrong.append(f"left over: {', '.join(more[:3])}")
-    return wrong if not wrong else [*wrong, f"code {code}: {told[-700:]}"]
+    if not wrong:
+        return []
+    trace = told.find("Traceback")
+    return [*wrong, f"code {code}: {told[trace : trace + 3000] if trace >= 0 else told[-700:]}"]
 
 
 def _recorded(fault: Fault, file: Path) -> list[str]:
