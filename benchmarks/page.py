@@ -23,7 +23,8 @@ from palpate.launch.loading.launchfile import find
 from palpate.launch.page.server import Page
 from palpate.launch.page.session import Session
 
-SOFTWARE = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+SOFTWARE = ["--no-sandbox", "--enable-unsafe-swiftshader"]
+"""As Chromium starts by itself where there is no GPU: WebGL by SwiftShader, the page put together without it."""
 SPAN = 8.0  # [s]
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import datetime
 from pathlib import Path
@@ -130,8 +131,10 @@ def run(
         if outcome.result.interrupted or as_json:
             seen.close()
         else:
-            typer.echo("the view stays until it is closed, or Ctrl-C", err=True)
-            seen.wait()
+            with contextlib.suppress(KeyboardInterrupt):
+                typer.echo("the view stays until it is closed, or Ctrl-C", err=True)
+                seen.wait()
+            seen.close()
     if not outcome.ok:
         raise typer.Exit(TROUBLE)
 

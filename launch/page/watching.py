@@ -91,13 +91,8 @@ class Onlooker:
         self.address: str = told["address"]
 
     def wait(self) -> None:
-        """Until its window is closed, or Ctrl-C."""
-        try:
-            self._process.wait()
-        except KeyboardInterrupt:
-            pass
-        finally:
-            self.close()
+        """Until its window is closed."""
+        self._process.wait()
 
     def close(self) -> None:
         """End it."""

@@ -5,6 +5,7 @@ import { Strip, bars } from "/charts.js";
 
 const $ = (id) => document.getElementById(id);
 const HOVER = 0.006; // [m] above the surface while nothing is pressed
+const ENOUGH = 27; // [1/s] pictures; at most 30 come
 const strips = [new Strip($("forces"), "N", "#2f7fb8", 0.5), new Strip($("depths"), "mm", "#c2506a", 2)];
 const aim = { x: 0, y: 0.1, down: false, turning: false, fingers: new Map() };
 let scene, socket, about, newest, paused = false, sample = 0, dirty = true, sent = new Map();
@@ -34,7 +35,7 @@ function take(data) {
   const indices = new Uint32Array(data, at, a), first = new Float32Array(data, at + 4 * a, b), second = new Float32Array(data, at + 4 * (a + b), c);
   if (head.kind === "mesh") return begin(head, indices, first, second);
   if (!about || paused) return;
-  newest = { head, nodes: indices, displacement: first, pressure: second };
+  newest = { head, nodes: indices, displacement: first, pressure: second }; tally.came++;
   strips[0].add(head.t, head.f); strips[1].add(head.t, head.s.map((s) => 1e3 * s));
   if (head.sample && sent.has(head.sample)) {
     page.latency = performance.now() - sent.get(head.sample);
@@ -62,9 +63,9 @@ function begin(head, triangles, places, normals) {
 
 function show() {
   requestAnimationFrame(show);
-  gamepad();
+  gamepad(); pace(performance.now());
   if (!dirty) return;
-  dirty = false; page.frames++;
+  dirty = false; page.frames++; tally.drawn++;
   if (newest) {
     const { most, text, what } = painted([[scene, newest]], $("colour").value);
     scene.full = most; $("top").textContent = text; $("what").textContent = what;
@@ -72,6 +73,16 @@ function show() {
     tell(head);
   }
   draw();
+}
+
+// Where the browser draws fewer pictures than come, the next ones get fewer pixels: a smooth movement tells more.
+const tally = { came: 0, drawn: 0, since: performance.now() };
+function pace(moment) {
+  const seconds = 1e-3 * (moment - tally.since);
+  if (seconds < 1) return;
+  const came = tally.came / seconds, drawn = tally.drawn / seconds;
+  if (came > ENOUGH && drawn < ENOUGH && !document.hidden) scene.sharp = Math.max(0.5, scene.sharp - 0.1);
+  Object.assign(tally, { came: 0, drawn: 0, since: moment });
 }
 
 function draw() {
@@ -183,11 +194,12 @@ $("pause").addEventListener("click", () => {
   paused = !paused; $("pause").setAttribute("aria-pressed", String(paused));
 });
 $("shot").addEventListener("click", () => {
-  draw(); // what was drawn before is gone once it is shown
+  const sharp = scene.sharp;
+  scene.sharp = 1; draw(); scene.sharp = sharp; // what was drawn before is gone once it is shown
   const link = document.createElement("a");
   link.download = "palpate.png"; link.href = view.toDataURL("image/png"); link.click();
 });
-window.addEventListener("resize", () => { dirty = true; });
+window.addEventListener("resize", () => { scene.sharp = 1; dirty = true; });
 const paint = $("scale").getContext("2d"), ramp = paint.createLinearGradient(0, 140, 0, 0);
 COLOURS.forEach((colour, i) => ramp.addColorStop(i / (COLOURS.length - 1), colour));
 paint.fillStyle = ramp; paint.fillRect(0, 0, 14, 140);

@@ -30,6 +30,7 @@ export class Scene {
     this.gl = canvas.getContext("webgl2", { antialias: !software(), alpha: true });
     if (!this.gl) throw new Error("this browser has no WebGL 2, which the picture needs");
     this.azimuth = -1.15; this.height = 0.5; this.distance = 0.26; this.full = 0.01;
+    this.sharp = 1; // share of the screen's pixels along an edge
     const gl = this.gl, program = this.program = gl.createProgram();
     for (const [kind, text] of [[gl.VERTEX_SHADER, VERTEX], [gl.FRAGMENT_SHADER, FRAGMENT]]) {
       const shader = gl.createShader(kind);
@@ -163,7 +164,7 @@ export class Scene {
   }
 
   draw(finger) {
-    const gl = this.gl, ratio = Math.min(window.devicePixelRatio || 1, 1.5), box = this.canvas.getBoundingClientRect();
+    const gl = this.gl, ratio = this.sharp * Math.min(window.devicePixelRatio || 1, 1.5), box = this.canvas.getBoundingClientRect();
     const [w, h] = [Math.round(box.width * ratio), Math.round(box.height * ratio)];
     if (this.canvas.width !== w || this.canvas.height !== h) { this.canvas.width = w; this.canvas.height = h; }
     gl.viewport(0, 0, w, h); gl.clearColor(0, 0, 0, 0); gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
