@@ -7,8 +7,9 @@ The patch sticks to the finger, which does not move sideways while it presses. H
 touched place lies on y = 0. What comes out is a static curve: indentation s = mean of -u_z weighted with p, so that
 f ds is work done on the block, and the shape of its top.
 
-Two solvers share this description and nothing else: `fe.Solver` on quadratic tetrahedra, and FElupe on bricks of 27
-nodes (`bench.outside`). Each makes its own load, bed and elements from the grid.
+Two solvers, which make the references, share this description and nothing else: `fe.Solver` on quadratic tetrahedra,
+and FElupe on bricks of 27 nodes (`bench.outside`). Each makes its own load, bed and elements from the grid. CalculiX
+(`bench.calculix`) and MuJoCo (`bench.flex`) take the tetrahedra of the first.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ import numpy as np
 
 from palpate.fe.contact.bed import Bed
 from palpate.fe.element import faces as face_rule
-from palpate.fe.element.mesh import bricks, grid, quadratic
+from palpate.fe.element.mesh import TetMesh, bricks, grid, quadratic
 from palpate.fe.meshing.organ import SLAB
 from palpate.fe.solve.solver import Settings, Solver
 from palpate.physics.materials.neo_hooke import neo_hooke
@@ -109,38 +110,61 @@ class Curve:
     seconds: np.ndarray
 
 
-def press(
-    block: Block, levels: np.ndarray = LEVELS, young: float = YOUNG, report: Callable[[float], None] = lambda done: None
-) -> Curve:
-    """Press the block with `fe.Solver`."""
+@dataclass(frozen=True)
+class Tetrahedra:
+    """The block cut into quadratic tetrahedra, with load and supports.
+
+    mesh    its regions have the moduli `ratios` (R,) over that of the tissue
+    unit    [1] (N,3) nodal forces of a unit force on the half patch
+    fixed   (N,3) bool displacements that are held;  under (F,6) faces on the bed
+    top     (len(x),len(y)) nodes of the top at its lines [m]
+    """
+
+    mesh: TetMesh
+    ratios: np.ndarray
+    unit: np.ndarray
+    fixed: np.ndarray
+    under: np.ndarray
+    top: np.ndarray
+    x: np.ndarray
+    y: np.ndarray
+
+
+def tetrahedra(block: Block) -> Tetrahedra:
+    """Cut the block."""
     axes = block.axes()
     points, cells = grid(*axes)
     corners = bricks(points, cells)
-    hardness, region = np.unique(np.repeat(block.hardness(), 6), return_inverse=True)
+    ratios, region = np.unique(np.repeat(block.hardness(), 6), return_inverse=True)
     mesh = quadratic(points, corners, region.astype(np.int64))
     p, near = mesh.points, 1e-9
     corner_z = p[mesh.faces[:, :3], 2]
     top = mesh.faces[(corner_z > -near).all(axis=1)]
     under = mesh.faces[(corner_z < near - SLAB).all(axis=1)]
-    unit = _load(p, top, block.place)
     fixed = np.zeros(p.shape, dtype=bool)
     fixed[p[:, 1] < near, 1] = True
     fixed[stuck(p, block.place), :2] = True
-    materials = {k: neo_hooke(young * float(h), POISSON) for k, h in enumerate(hardness)}
-    body = Solver(
-        mesh, materials, fixed, loads=lambda f: 0.5 * f * unit, contacts=[Bed(under, BED * young)], settings=STEPS
-    )
-    at = _top_grid(p, axes)
+    x, y = (halved(a) for a in axes[:2])
+    return Tetrahedra(mesh, ratios, _load(p, top, block.place), fixed, under, _top_grid(p, axes), x, y)
+
+
+def press(
+    block: Block, levels: np.ndarray = LEVELS, young: float = YOUNG, report: Callable[[float], None] = lambda done: None
+) -> Curve:
+    """Press the block with `fe.Solver`."""
+    cut = tetrahedra(block)
+    materials = {k: neo_hooke(young * float(h), POISSON) for k, h in enumerate(cut.ratios)}
+    bed = Bed(cut.under, BED * young)
+    body = Solver(cut.mesh, materials, cut.fixed, loads=lambda f: 0.5 * f * cut.unit, contacts=[bed], settings=STEPS)
     depth, shape, seconds = [], [], []
     for k, level in enumerate(levels):
         begun = time.perf_counter()
         body.advance(float(level))
         seconds.append(time.perf_counter() - begun)
-        depth.append(float(np.sum(unit * body.displacement)))
-        shape.append(-body.displacement[at, 2])
+        depth.append(float(np.sum(cut.unit * body.displacement)))
+        shape.append(-body.displacement[cut.top, 2])
         report((k + 1) / len(levels))
-    x, y = (halved(a) for a in axes[:2])
-    return curve(levels, depth, shape, x, y, p.size, seconds)
+    return curve(levels, depth, shape, cut.x, cut.y, cut.mesh.points.size, seconds)
 
 
 def curve(

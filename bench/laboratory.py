@@ -6,16 +6,18 @@ A load step of the static curve is the step that is priced; the touch over time 
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from palpate.bench import halfspace, outside, places, truth
+from palpate.bench import calculix, flex, halfspace, outside, places, truth
 from palpate.bench.continuum import Block
 from palpate.bench.errors import Refused
 from palpate.bench.outcome import LOOKS, NEAR, Fidelity, Outcome
-from palpate.bench.places import PLACES
+from palpate.bench.places import PLACES, cells_text
 from palpate.bench.touches import Touch
 
 if TYPE_CHECKING:
@@ -23,44 +25,81 @@ if TYPE_CHECKING:
 
 TICKS = 1000.0
 """[Hz] At which the touch is told."""
-CELLS = {"fe": (1, 2, 3, 4), "felupe": (1, 2)}
+CELLS = (1, 2, 3, 4)
+"""Across the radius, of full FE."""
+
+
+@dataclass(frozen=True)
+class Outside:
+    """A solver that others wrote.
+
+    name, method  in tables, and of the method
+    version       of what is installed, None where it is not;  install  what to type then
+    cells         across the radius, by the name of its curves in `places.SOLVERS`
+    apart         what sets curves apart from the first where there are several
+    """
+
+    name: str
+    method: str
+    version: Callable[[], str | None]
+    install: str
+    cells: dict[str, tuple[int, ...]]
+    apart: dict[str, str] = field(default_factory=dict)
+
+
+OUTSIDE = (
+    Outside("FElupe", "FElupe", outside.version, outside.INSTALL, {"felupe": (1, 2)}),
+    Outside("CalculiX", "CalculiX", calculix.version, calculix.INSTALL, {"calculix": (1, 2, 3)}),
+    Outside("MuJoCo flex", "MuJoCo", flex.version, flex.INSTALL, {"mujoco": (1, 2, 3, 4), "mujoco-own": (1, 2)},
+            {"mujoco-own": "its own material"}),
+)  # fmt: skip
+"""To add one: `press(block, levels) -> Curve` as in `bench.outside`, its name in `places.SOLVERS`, a line here."""
+
+
+def missing() -> list[str]:
+    """How to install those outside solvers that are not."""
+    return [f"{one.name}: {one.install}" for one in OUTSIDE if one.version() is None]
 
 
 def methods() -> list[Method]:
-    """Full FE, and FElupe where it is installed."""
+    """Full FE, and the outside solvers that are installed."""
     from palpate.bench.methods import Method
 
-    def finer(solver: str) -> tuple[Fidelity, ...]:
-        return tuple(
-            Fidelity(f"{n} cells a radius", "mesh", settings={"fe": {"cells": n}}, quick=n == 1) for n in CELLS[solver]
-        )
-
-    known = [Method("full-FE", "full FE", _full, finer("fe"), _of_body)]
-    if outside.version() is not None:
-        known.append(Method("FElupe", f"FElupe {outside.version()}", _felupe, finer("felupe"), _of_slab))
+    finer = tuple(_cut("fe", cells) for cells in CELLS)
+    known = [Method("full-FE", "full FE", _full, finer, _of_body)]
+    for one in OUTSIDE:
+        version = one.version()
+        if version is not None:
+            cuts = [_cut(solver, n, one.apart.get(solver, "")) for solver, own in one.cells.items() for n in own]
+            known.append(
+                Method(one.method, f"{one.name} {version}", _of_solver, tuple(cuts), _of_slab(one.name), (version,))
+            )
     return known
+
+
+def _cut(solver: str, cells: int, apart: str = "") -> Fidelity:
+    """A mesh of a solver; one that is set apart is no refinement of the others."""
+    settings: dict[str, dict[str, object]] = {"fe": {"cells": cells, "solver": solver}}
+    text = f"{cells_text(cells)}, {apart}" if apart else cells_text(cells)
+    return Fidelity(text, "form" if apart else "mesh", settings=settings, quick=cells == 1 and not apart)
 
 
 def _of_body(touch: Touch) -> str:
     return "the layered fingertip takes minutes: palpate fe fingertip" if touch.body == "plate" else ""
 
 
-def _of_slab(touch: Touch) -> str:
-    return "" if touch.body == "slab" else "FElupe has no contact with a ball"
+def _of_slab(name: str) -> Callable[[Touch], str]:
+    return lambda touch: "" if touch.body == "slab" else f"{name} is given no contact here, only the slab's load"
 
 
 def _full(touch: Touch, fidelity: Fidelity, repeats: int) -> Outcome:
-    cells = int(str(fidelity.settings["fe"]["cells"]))
     if touch.body == "half-space":
-        return _ball(touch, cells)
-    return _slab(touch, "fe", cells)
+        return _ball(touch, int(str(fidelity.settings["fe"]["cells"])))
+    return _of_solver(touch, fidelity, repeats)
 
 
-def _felupe(touch: Touch, fidelity: Fidelity, repeats: int) -> Outcome:
-    return _slab(touch, "felupe", int(str(fidelity.settings["fe"]["cells"])))
-
-
-def _slab(touch: Touch, solver: str, cells: int) -> Outcome:
+def _of_solver(touch: Touch, fidelity: Fidelity, repeats: int) -> Outcome:
+    solver, cells = str(fidelity.settings["fe"]["solver"]), int(str(fidelity.settings["fe"]["cells"]))
     if touch.place not in PLACES:
         raise Refused(f"place {touch.place!r} is not known")
     base = PLACES[touch.place]

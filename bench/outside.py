@@ -31,6 +31,8 @@ from palpate.bench.errors import MissingError
 from palpate.fe.meshing.organ import SLAB
 from palpate.physics.materials.hyperelastic import moduli
 
+INSTALL = 'pip install "palpate[bench]"'
+
 
 def version() -> str | None:
     """Of FElupe; None where it is not installed."""
@@ -51,7 +53,7 @@ def press(
     try:
         import felupe as fem
     except ImportError:
-        raise MissingError('FElupe is not installed. Install it: pip install "palpate[bench]"') from None
+        raise MissingError(f"FElupe is not installed. Install it: {INSTALL}") from None
     axes = block.axes()
     mesh = _bricks(fem, axes)
     field = fem.FieldContainer([fem.Field(fem.RegionTriQuadraticHexahedron(mesh), dim=3)])

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from palpate.bench.cells import Cell
+from palpate.bench.laboratory import OUTSIDE, missing
 from palpate.bench.limits import AXES, mostly, still_falling
 from palpate.bench.order import studies
 from palpate.bench.pareto import front, point, summaries
@@ -23,8 +24,6 @@ NOT_COVERED = (
     "A soft finger with a shape of its own: it loads the slab through a patch of fixed shape, as in the scenes.",
     "Slip within the patch, anisotropy, inertia, and tissue that remembers longer than one retardation time.",
     "Just noticeable differences: no line is drawn, as no number for this contact was at hand with its source.",
-    "CalculiX and MuJoCo flex. To add a solver, write what `bench/outside.py` has, `press(block) -> Curve`, and name "
-    "it in `bench/laboratory.py`.",
 )
 
 
@@ -68,9 +67,22 @@ def write(cells: Sequence[Cell], about: dict[str, Any], pictures: dict[str, Path
         lines += [f"![Orders]({pictures['convergence'].name})", ""] if "convergence" in pictures else []
         lines += ["| method | touch | refined | observed | theory |", "|---|---|---|---|---|"]
         lines += [f"| {s.title} | {s.touch} | {s.axis} | {s.observed:.2f} | {s.theory} |" for s in orders] + [""]
+    lines += _outside(cells)
     lines += ["## Run", "", *(f"* {k}: {v}" for k, v in about.items()), "", "## Not covered", ""]
     lines += [f"* {text}" for text in NOT_COVERED]
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def _outside(cells: Sequence[Cell]) -> list[str]:
+    """Which outside solvers there are, how to install the others, how to add one."""
+    ran = {c.method: c.title for c in cells}
+    told = [ran[one.method] for one in OUTSIDE if one.method in ran]
+    return [
+        "## Outside solvers", "", f"Here {', '.join(told) if told else 'none'} ran beside palpate's models.", "",
+        *(f"* Not installed: {text}" for text in missing()),
+        "* To add one, write what `bench/outside.py` has, `press(block, levels) -> Curve`, name it in `SOLVERS` of "
+        "`bench/places.py` and give it a line in `OUTSIDE` of `bench/laboratory.py`.", "",
+    ]  # fmt: skip
 
 
 def _of_touch(own: list[Cell], picture: Path | None) -> list[str]:

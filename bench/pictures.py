@@ -19,8 +19,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 COLOURS = ("#1f5f8b", "#d97706", "#a4243b", "#4c8c4a", "#6d4c9f", "#8c564b", "#c2659b", "#5f6b73", "#9a8f1f", "#2aa1a8",
-           "#2b2b33", "#b0522a")  # fmt: skip
-MARKS = "osD^vPX<>hdp"
+           "#2b2b33", "#b0522a", "#7f9c3c", "#46629e")  # fmt: skip
+MARKS = "osD^vPX<>hdp8H"
 LOOPS = ((1e-3, "1 kHz"), (1e-4, "10 kHz"))
 INK, FAINT = "#2b2b33", "#b9b9c4"
 
@@ -131,7 +131,7 @@ def _looks(cells: Sequence[Cell]) -> dict[str, tuple[str, str]]:
 
 
 ORDER = ("MassSpring", "BeamBundle", "ReducedFE", "ReducedFE-linear", "ReducedFE-sampled", "full-FE", "FElupe",
-         "series", "hertz", "exponential", "hertz-exponential", "hunt-crossley")  # fmt: skip
+         "CalculiX", "MuJoCo", "series", "hertz", "exponential", "hertz-exponential", "hunt-crossley")  # fmt: skip
 
 
 def _empty(title: str) -> tuple[Any, Any]:

@@ -13,21 +13,30 @@ import json
 import os
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, fields
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from scipy.interpolate import RegularGridInterpolator
 
-from palpate.bench import continuum, outside
+from palpate.bench import calculix, continuum, flex, outside
 from palpate.bench.continuum import LEVELS, RADIUS, Block, Curve, Nodule
 from palpate.bench.errors import BenchError, MissingError
 
 SHIPPED = Path(__file__).parent / "references"
 MESHES = {"fe": (3, 5), "felupe": (2, 3)}
 """Cells across the patch's radius, coarser and finer, of each solver."""
-SOLVERS: dict[str, Callable[..., Curve]] = {"fe": continuum.press, "felupe": outside.press}
+SOLVERS: dict[str, Callable[..., Curve]] = {
+    "fe": continuum.press,
+    "felupe": outside.press,
+    "calculix": calculix.press,
+    "mujoco": flex.press,
+    "mujoco-own": partial(flex.press, material="Saint Venant-Kirchhoff"),
+}
+"""Those of `MESHES` make the references; the others are held against them."""
+PRESSING = ("continuum.py", "outside.py", "calculix.py", "flex.py")
+"""Modules that make curves."""
 NEAR = 2.0 * RADIUS
 """[m] Round the place within which shapes are compared."""
 PLACES: dict[str, Block] = {
@@ -36,6 +45,11 @@ PLACES: dict[str, Block] = {
     **{f"nodule-{mm:02d}": Block(1e-3 * mm, nodule=Nodule()) for mm in (0, 10)},
 }
 """[m] `edge` is 10 mm from the border of the block; `nodule-NN` is NN mm beside a nodule."""
+
+
+def cells_text(cells: int) -> str:
+    """So many cells across the patch's radius, in words."""
+    return f"{cells} cell{'' if cells == 1 else 's'} a radius"
 
 
 def cache() -> Path:
@@ -93,7 +107,7 @@ def rebuild(
     todo = [(name, solver, cells) for name in names for solver in meshes for cells in meshes[solver]]
     curves_of: dict[tuple[str, str, int], Curve] = {}
     for done, (name, solver, cells) in enumerate(todo):
-        yield f"{name}: {solver}, {cells} cells a radius", done / len(todo)
+        yield f"{name}: {solver}, {cells_text(cells)}", done / len(todo)
         block = Block(PLACES[name].place, cells, PLACES[name].nodule)
         curves_of[name, solver, cells] = computed(block, solver)
     folder.mkdir(parents=True, exist_ok=True)
@@ -172,7 +186,8 @@ def _carried(curve: Curve, base: Curve) -> np.ndarray:
 def _sources() -> str:
     """A hash of what a curve depends on."""
     folder = Path(continuum.__file__).parent
-    text = b"".join((folder / name).read_bytes() for name in ("continuum.py", "outside.py"))
+    text = b"".join((folder / name).read_bytes() for name in PRESSING)
     from palpate.physics.kernel_cache import key
 
-    return hashlib.sha256(text + key().encode()).hexdigest()
+    versions = f"{outside.version()} {calculix.version()} {flex.version()}"
+    return hashlib.sha256(text + (key() + versions).encode()).hexdigest()

@@ -36,6 +36,7 @@ def accuracy(
     from palpate.bench import methods as known
     from palpate.bench.cells import compute, matrix
     from palpate.bench.errors import BenchError
+    from palpate.bench.laboratory import missing
     from palpate.bench.limits import told_apart
     from palpate.bench.touches import chosen
     from palpate.launch.loading.classes import find_class
@@ -67,15 +68,19 @@ def accuracy(
               "cells": [asdict(c) | {"mostly": mostly(c)} for c in cells]})  # fmt: skip
         return
     _print(cells)
+    for text in missing():
+        console(soft_wrap=True).print(f"not installed  {text}", markup=False)
     for name, file in files.items():
         console(soft_wrap=True).print(f"{name:14} {file}", markup=False)
 
 
 def _about() -> dict[str, Any]:
     """Versions, machine and commit."""
+    from palpate.bench.calculix import version
     from palpate.launch.running.provenance import machine
 
-    return {**machine("numpy", "scipy", "numba", "felupe"), "seeds": "none, nothing here is random"}
+    versions = machine("numpy", "scipy", "numba", "felupe", "mujoco")
+    return {**versions, "calculix": version() or "not installed", "seeds": "none, nothing here is random"}
 
 
 def _shown(work: Callable[[Callable[[int, str], None]], list[Cell]], count: int) -> list[Cell]:

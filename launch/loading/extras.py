@@ -11,7 +11,7 @@ EXTRAS = {
     "rerun": {"rerun-sdk": "rerun"},
     "film": {"pyvista": "pyvista", "matplotlib": "matplotlib", "imageio-ffmpeg": "imageio_ffmpeg", "pillow": "PIL"},
     "mesh": {"meshio": "meshio", "trimesh": "trimesh"},
-    "bench": {"felupe": "felupe", "matplotlib": "matplotlib"},
+    "bench": {"felupe": "felupe", "matplotlib": "matplotlib", "mujoco": "mujoco"},
 }
 """Extra -> package on the index -> name under which it is imported."""
 
