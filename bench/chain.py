@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from palpate.bench.errors import Refused
+from palpate.bench.kidney import along
 from palpate.bench.outcome import LOOKS, NEAR, Fidelity, Outcome
 from palpate.bench.touches import Touch
 from palpate.bench.truth import SLIDING, worked
@@ -24,8 +25,8 @@ from palpate.nodes.contact import Series
 from palpate.nodes.friction import LuGre  # type: ignore[attr-defined]
 from palpate.nodes.spread import Kernel
 
-SURFACE: dict[str, Any] = {"surface": "plane", "position": (0.0, 0.0, 0.0), "vertices": 10000}
-"""Settings of all nodes that work on the slab's surface."""
+VERTICES = 10000
+"""Of the surface, unless a setting says otherwise."""
 BALL: dict[str, Any] = {"finger_law": "power", "finger_power_stiffness": 1e12, "finger_power_exponent": 1.0,
                         "finger_damping": 0.0}  # fmt: skip
 """A finger that does not give."""
@@ -34,6 +35,11 @@ LAW = frozenset({"stiffness", "exponent", "damping", "free", "previous", "step",
 """Fields of a body that the contact reads: its terminal law."""
 NO_NODES = np.zeros(0, dtype=np.int32)
 NO_FORCES = np.zeros((0, 3))
+
+
+def surface_of(touch: Touch) -> dict[str, Any]:
+    """Settings of all nodes that work on the touched surface."""
+    return {"surface": "kidney" if touch.body == "kidney" else "plane", "position": (0.0, 0.0, 0.0)}
 
 
 class NotFinite(ArithmeticError):
@@ -49,9 +55,9 @@ def run(touch: Touch, body: type[Node], fidelity: Fidelity, contact: dict[str, A
     """
     approach, slip, place, times = _path(touch, fidelity.rate)
     begun = time.perf_counter()
-    chain = _Chain(body, fidelity, contact, touch.friction)
+    chain = _Chain(body, fidelity, contact, touch)
     offline = time.perf_counter() - begun
-    inputs = list(_proximities(approach, place, slip))
+    inputs = list(_proximities(touch, approach, place, slip))
     seconds: list[np.ndarray] = []
     first: list[tuple[Contact, Friction | None, Load | None, Surface]] = []
     for turn in range(repeats):
@@ -73,7 +79,7 @@ def run(touch: Touch, body: type[Node], fidelity: Fidelity, contact: dict[str, A
         values["friction"] = np.array([float(np.linalg.norm(f.force)) if f else 0.0 for _, f, *_ in first])
     mesh = chain.mesh
     shapes = []
-    if mesh is not None:
+    if mesh is not None and touch.body != "kidney":
         pressed = [_pressed(load, mesh.areas) for _, _, load, _ in first]
         values["area"], values["traction"] = np.array(pressed).T
         flat = mesh.vertices[:, :2]
@@ -92,11 +98,18 @@ def _path(touch: Touch, rate: float) -> tuple[np.ndarray, np.ndarray, np.ndarray
     return approach, slip, place, times
 
 
-def _proximities(approach: np.ndarray, place: np.ndarray, slip: np.ndarray) -> Iterator[Proximity]:
-    for e, x, v in zip(approach.tolist(), place.tolist(), slip.tolist(), strict=True):
+def _proximities(touch: Touch, approach: np.ndarray, place: np.ndarray, slip: np.ndarray) -> Iterator[Proximity]:
+    """On the plane, or along the top of the kidney."""
+    if touch.body == "kidney":
+        feet, normals, ahead = along(place)
+    else:
+        feet, normals, ahead = (np.zeros((len(place), 3)) for _ in range(3))
+        feet[:, 0], normals[:, 2], ahead[:, 0] = place, 1.0, 1.0
+    told = (approach, feet, normals, slip[:, None] * ahead)
+    for e, foot, normal, v in zip(*(one.tolist() for one in told), strict=True):
         yield Proximity(
-            foot=(x, 0.0, 0.0), normal=UP, coordinates=(0.0, 0.0), element=0, gap=-e, approach=max(e, 0.0),
-            slip=(v, 0.0, 0.0),
+            foot=tuple(foot), normal=tuple(normal), coordinates=(0.0, 0.0), element=0, gap=-e, approach=max(e, 0.0),
+            slip=tuple(v),
         )  # fmt: skip
 
 
@@ -111,16 +124,16 @@ def _pressed(load: Load | None, areas: np.ndarray) -> tuple[float, float]:
 class _Chain:
     """Contact, friction, spread and body."""
 
-    def __init__(self, body: type[Node], fidelity: Fidelity, contact: dict[str, Any], friction: bool) -> None:
+    def __init__(self, body: type[Node], fidelity: Fidelity, contact: dict[str, Any], touch: Touch) -> None:
         given = fidelity.settings
-        surface = SURFACE | given.get("surface", {})
+        surface = surface_of(touch) | {"vertices": VERTICES} | given.get("surface", {})
         own = given.get("body", {})
         if issubclass(body, OnSurface):
             own = {**surface, **own}
         try:
             self.body = body(**own)
             self.contact = Series(**contact)
-            self.friction = LuGre(**SLIDING._asdict()) if friction else None
+            self.friction = LuGre(**SLIDING._asdict()) if touch.friction else None
             self.spread = Kernel(**surface, **given.get("spread", {}))
             self.start()
         except SettingError as error:
@@ -139,7 +152,9 @@ class _Chain:
     ) -> tuple[list[tuple[Contact, Friction | None, Load | None, Surface]], np.ndarray]:
         """What was sent at each tick, if it is kept, and how long the tick took [s] (T,)."""
         contact, friction, spread, body = self.contact.step, self.friction, self.spread.step, self.body.step
-        surface: Surface = body(Load(nodes=NO_NODES, forces=NO_FORCES, foot=inputs[0].foot, normal=UP), dt=dt)
+        surface: Surface = body(
+            Load(nodes=NO_NODES, forces=NO_FORCES, foot=inputs[0].foot, normal=inputs[0].normal), dt=dt
+        )
         spent = np.empty(len(inputs))
         heard: list[tuple[Contact, Friction | None, Load | None, Surface]] = []
         gc.collect()

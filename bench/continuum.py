@@ -71,9 +71,9 @@ class Block:
         if self.nodule is not None:
             low, high = min(low, -self.nodule.radius), max(high, self.nodule.radius)
             below = self.nodule.depth + self.nodule.radius
-        x = _graded(-SIDE / 2, low, high, SIDE / 2, size)
-        y = _graded(0.0, 0.0, RADIUS, SIDE / 2, size)
-        z = _graded(-SLAB, -below, 0.0, 0.0, size)
+        x = graded(-SIDE / 2, low, high, SIDE / 2, size)
+        y = graded(0.0, 0.0, RADIUS, SIDE / 2, size)
+        z = graded(-SLAB, -below, 0.0, 0.0, size)
         return x, y, z
 
     def hardness(self) -> np.ndarray:
@@ -229,7 +229,7 @@ def halved(axis: np.ndarray) -> np.ndarray:
     return np.sort(np.concatenate([axis, 0.5 * (axis[1:] + axis[:-1])]))
 
 
-def _graded(low: float, begin: float, end: float, high: float, size: float) -> np.ndarray:
+def graded(low: float, begin: float, end: float, high: float, size: float) -> np.ndarray:
     """From low to high [m], cells of about `size` between begin and end, growing outside."""
     middle = np.linspace(begin, end, max(2, round((end - begin) / size) + 1))
     return np.concatenate([begin - _out(begin - low, size)[::-1], middle, end + _out(high - end, size)])

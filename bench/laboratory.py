@@ -7,17 +7,16 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from palpate.bench import calculix, flex, halfspace, outside, places, truth
-from palpate.bench.continuum import Block
 from palpate.bench.errors import Refused
 from palpate.bench.outcome import LOOKS, NEAR, Fidelity, Outcome
-from palpate.bench.places import PLACES, cells_text
+from palpate.bench.places import ON_KIDNEY, PLACES, cells_text, on_path
 from palpate.bench.touches import Touch
 
 if TYPE_CHECKING:
@@ -71,9 +70,7 @@ def methods() -> list[Method]:
         version = one.version()
         if version is not None:
             cuts = [_cut(solver, n, one.apart.get(solver, "")) for solver, own in one.cells.items() for n in own]
-            known.append(
-                Method(one.method, f"{one.name} {version}", _of_solver, tuple(cuts), _of_slab(one.name), (version,))
-            )
+            known.append(Method(one.method, f"{one.name} {version}", _of_solver, tuple(cuts), _only(one), (version,)))
     return known
 
 
@@ -88,8 +85,16 @@ def _of_body(touch: Touch) -> str:
     return "the layered fingertip takes minutes: palpate fe fingertip" if touch.body == "plate" else ""
 
 
-def _of_slab(name: str) -> Callable[[Touch], str]:
-    return lambda touch: "" if touch.body == "slab" else f"{name} is given no contact here, only the slab's load"
+def _only(one: Outside) -> Callable[[Touch], str]:
+    """What it is given: loads on the slab, and where it has curves of it on the kidney."""
+    kidney = set(one.cells) & set(ON_KIDNEY)
+
+    def refuses(touch: Touch) -> str:
+        if touch.body == "kidney":
+            return "" if kidney else f"{one.name} is given no kidney here"
+        return "" if touch.body == "slab" else f"{one.name} is given loads here, and no contact"
+
+    return refuses
 
 
 def _full(touch: Touch, fidelity: Fidelity, repeats: int) -> Outcome:
@@ -102,21 +107,25 @@ def _of_solver(touch: Touch, fidelity: Fidelity, repeats: int) -> Outcome:
     solver, cells = str(fidelity.settings["fe"]["solver"]), int(str(fidelity.settings["fe"]["cells"]))
     if touch.place not in PLACES:
         raise Refused(f"place {touch.place!r} is not known")
-    base = PLACES[touch.place]
-    curve = places.computed(Block(base.place, cells, base.nodule), solver)
+    blocks = [replace(PLACES[name], cells=cells) for name in on_path(touch.place)]
+    curves = [places.computed(block, solver) for block in blocks]
+    curve, base = curves[0], blocks[0]
     fine = np.arange(round(touch.duration * truth.RATE) + 1) / truth.RATE
     _, _, place, slip = touch.at(fine)
-    force, depth, elastic = truth.in_time(touch, curve.force, curve.indentation)
+    told = truth.in_time(touch, curve.force, np.array([c.indentation for c in curves]), at=truth.path_of(touch))
+    force, depth, elastic = told
     every = round(truth.RATE / TICKS)
     values = truth.derived(touch, fine, slip, force, depth, elastic)
-    dent = truth.Dent(curve.force, curve.x, curve.y, curve.shape)
-    times, shapes = fine[::every], []
-    for k in np.linspace(0, len(fine) - 1, LOOKS + 2).astype(int)[1:-1]:
+    shapes = []
+    if touch.body == "slab":
+        dent = truth.Dent(curve.force, curve.x, curve.y, curve.shape)
         x, y = np.meshgrid(np.linspace(-NEAR, NEAR, 17), np.linspace(-NEAR, NEAR, 17))
         own = np.stack([x.ravel(), y.ravel()], axis=1)
         own = own[np.hypot(*own.T) < NEAR]
-        shapes.append((float(fine[k]), own + (place[k], 0.0), dent(own + (base.place, 0.0), float(elastic[k]))))
-    return Outcome(times, {name: v[::every] for name, v in values.items()}, shapes, curve.seconds, None, 0.0)
+        for k in np.linspace(0, len(fine) - 1, LOOKS + 2).astype(int)[1:-1]:
+            shapes.append((float(fine[k]), own + (place[k], 0.0), dent(own + (base.place, 0.0), float(elastic[k]))))
+    seconds = np.concatenate([c.seconds for c in curves])
+    return Outcome(fine[::every], {name: v[::every] for name, v in values.items()}, shapes, seconds, None, 0.0)
 
 
 @lru_cache(maxsize=8)

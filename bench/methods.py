@@ -97,7 +97,7 @@ def _reducing(model: str, patient: bool = False, **fixed: object) -> Callable[[T
 
     def compute(touch: Touch, fidelity: Fidelity, repeats: int) -> Outcome:
         own = _reduced(model)(touch) | fixed | fidelity.settings.get("body", {})
-        node = ReducedFE(surface="plane", position=(0.0, 0.0, 0.0), **own)
+        node = ReducedFE(**chain.surface_of(touch), **own)
         offline = bases.ready(node, patient)
         outcome = _of_body(ReducedFE, lambda touch: own)(touch, fidelity, repeats)
         outcome.offline += offline

@@ -55,7 +55,7 @@ def press(
     except ImportError:
         raise MissingError(f"FElupe is not installed. Install it: {INSTALL}") from None
     axes = block.axes()
-    mesh = _bricks(fem, axes)
+    mesh = bricks(fem, axes)
     field = fem.FieldContainer([fem.Field(fem.RegionTriQuadraticHexahedron(mesh), dim=3)])
     shear, bulk = moduli(young, POISSON)
     hardness = block.hardness()
@@ -67,7 +67,7 @@ def press(
     p, near = mesh.points, 1e-9
     unit = _load(p, axes, block.place)
     springs = BED * young * _bed(p, axes)
-    outer = _Outer(field, unit, springs)
+    outer = Outer(field, unit, springs)
     half = {
         "middle": fem.Boundary(field[0], mask=p[:, 1] < near, skip=(1, 0, 1)),
         "stuck": fem.Boundary(field[0], mask=stuck(p, block.place), skip=(0, 0, 1)),
@@ -76,14 +76,8 @@ def press(
     at = _top(p, x, y)
     depth, shape, seconds = [], [], []
     for k, level in enumerate(levels):
-        begun = time.perf_counter()
         outer.force = 0.5 * float(level)
-        dof0, dof1 = fem.dof.partition(field, half)
-        fem.newtonraphson(
-            x0=field, items=[*solids, outer], dof0=dof0, dof1=dof1, ext0=fem.dof.apply(field, half, dof0), verbose=0,
-            tol=1e-7, maxiter=30, solver=_solve,
-        )  # fmt: skip
-        seconds.append(time.perf_counter() - begun)
+        seconds.append(solved(fem, field, [*solids, outer], half))
         u = field[0].values
         depth.append(float(np.sum(unit * u)))
         shape.append(-u[at, 2])
@@ -91,7 +85,18 @@ def press(
     return curve(levels, depth, shape, x, y, p.size, seconds)
 
 
-class _Outer:
+def solved(fem: Any, field: Any, items: list[Any], held: dict[str, Any]) -> float:
+    """Have the field balance these items, and the seconds that it took."""
+    begun = time.perf_counter()
+    dof0, dof1 = fem.dof.partition(field, held)
+    fem.newtonraphson(
+        x0=field, items=items, dof0=dof0, dof1=dof1, ext0=fem.dof.apply(field, held, dof0), verbose=0, tol=1e-7,
+        maxiter=30, solver=_solve,
+    )  # fmt: skip
+    return time.perf_counter() - begun
+
+
+class Outer:
     """An item for FElupe: dead load and bed."""
 
     def __init__(self, field: Any, unit: np.ndarray, springs: Any) -> None:
@@ -107,7 +112,7 @@ class _Outer:
         return self.springs
 
 
-def _bricks(fem: Any, axes: tuple[np.ndarray, ...]) -> Any:
+def bricks(fem: Any, axes: tuple[np.ndarray, ...]) -> Any:
     """A mesh of bricks of 27 nodes on the grid."""
     grid = fem.Grid(*axes)
     for add in (fem.mesh.add_midpoints_edges, fem.mesh.add_midpoints_faces, fem.mesh.add_midpoints_volumes):

@@ -11,14 +11,14 @@ from palpate.bench.laboratory import OUTSIDE, missing
 from palpate.bench.limits import AXES, mostly, still_falling
 from palpate.bench.order import studies
 from palpate.bench.pareto import front, point, summaries
-from palpate.bench.places import stored
+from palpate.bench.places import on_path, stored
 from palpate.bench.touches import TOUCHES
 from palpate.bench.truth import QUANTITIES
 
 DEFAULT = ("MassSpring", "1000 Hz")
 """What the kidney graph runs unless it is told otherwise."""
 NOT_COVERED = (
-    "Organs other than a slab: the reference of a kidney's stroke needs a finer full model than runs here.",
+    "Organs other than a slab and the top of one kidney; of that, the shape of its surface and its viscosity.",
     "Measured tissue. Each reference solves equations; whether they are those of a kidney is not asked.",
     "The transport between processes: `python benchmarks/loop.py` prices that. Closest-point search and device, too.",
     "A soft finger with a shape of its own: it loads the slab through a patch of fixed shape, as in the scenes.",
@@ -113,13 +113,15 @@ def _reference(own: list[Cell]) -> str:
     touch = TOUCHES[own[0].touch]
     if not touch.place:
         return "Reference: a closed form."
-    about = stored(touch.place).about
+    names = on_path(touch.place)
+    about = stored(names[0]).about
     meshes = "; ".join(
         f"{name} with {' and '.join(str(n) for n in told['unknowns'])} unknowns"
         for name, told in about["solvers"].items()
     )
     band = next((c.errors["force"]["band"] for c in own if c.status == "ok"), float("nan"))
-    return f"Reference: {meshes}. It may be off by {_percent(band)} of the peak force."
+    at = f", at {len(names)} places" if len(names) > 1 else ""
+    return f"Reference: {meshes}{at}. It may be off by {_percent(band)} of the peak force."
 
 
 def _limits(own: list[Cell]) -> list[str]:

@@ -12,7 +12,7 @@ import hashlib
 import json
 import os
 from collections.abc import Callable, Iterator
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
@@ -20,9 +20,10 @@ from typing import Any
 import numpy as np
 from scipy.interpolate import RegularGridInterpolator
 
-from palpate.bench import calculix, continuum, flex, outside
+from palpate.bench import calculix, continuum, flex, kidney, outside
 from palpate.bench.continuum import LEVELS, RADIUS, Block, Curve, Nodule
 from palpate.bench.errors import BenchError, MissingError
+from palpate.bench.kidney import Kidney
 
 SHIPPED = Path(__file__).parent / "references"
 MESHES = {"fe": (3, 5), "felupe": (2, 3)}
@@ -35,16 +36,27 @@ SOLVERS: dict[str, Callable[..., Curve]] = {
     "mujoco-own": partial(flex.press, material="Saint Venant-Kirchhoff"),
 }
 """Those of `MESHES` make the references; the others are held against them."""
-PRESSING = ("continuum.py", "outside.py", "calculix.py", "flex.py")
+ON_KIDNEY: dict[str, Callable[..., Curve]] = {"fe": kidney.press, "felupe": kidney.press_felupe}
+"""Those that press the kidney."""
+PRESSING = ("continuum.py", "outside.py", "calculix.py", "flex.py", "kidney.py")
 """Modules that make curves."""
 NEAR = 2.0 * RADIUS
 """[m] Round the place within which shapes are compared."""
-PLACES: dict[str, Block] = {
+PLACES: dict[str, Block | Kidney] = {
     "middle": Block(0.0),
     "edge": Block(0.04),
     **{f"nodule-{mm:02d}": Block(1e-3 * mm, nodule=Nodule()) for mm in (0, 10)},
+    **{f"kidney{mm:+03d}": Kidney(1e-3 * mm) for mm in (-12, 0, 12)},
 }
-"""[m] `edge` is 10 mm from the border of the block; `nodule-NN` is NN mm beside a nodule."""
+"""[m] `edge` is 10 mm from the border of the block; `nodule-NN` is NN mm beside a nodule; `kidney+NN` is NN mm from the
+middle of the kidney's top towards its upper pole."""
+PATHS = {"kidney": ("kidney-12", "kidney+00", "kidney+12")}
+"""Places between which a touch moves, where its curve changes on the way."""
+
+
+def on_path(name: str) -> tuple[str, ...]:
+    """The places of a touch's reference: those of its path, or the one of this name."""
+    return PATHS.get(name, (name,))
 
 
 def cells_text(cells: int) -> str:
@@ -63,7 +75,7 @@ class Place:
     """A stored reference.
 
     force, indentation, work  [N], [m], [J] (L,);  band [m] (L,) of the indentation
-    x, y, shape               as of `Curve`;  shape_band [m] (L,) rms within `NEAR` of the place
+    x, y, shape               as of `Curve`;  shape_band [m] (L,) rms within `NEAR` of the place; none of a kidney
     about                     provenance
     """
 
@@ -108,8 +120,7 @@ def rebuild(
     curves_of: dict[tuple[str, str, int], Curve] = {}
     for done, (name, solver, cells) in enumerate(todo):
         yield f"{name}: {solver}, {cells_text(cells)}", done / len(todo)
-        block = Block(PLACES[name].place, cells, PLACES[name].nodule)
-        curves_of[name, solver, cells] = computed(block, solver)
+        curves_of[name, solver, cells] = computed(replace(PLACES[name], cells=cells), solver)
     folder.mkdir(parents=True, exist_ok=True)
     for name in names:
         curves = {solver: [curves_of[name, solver, cells] for cells in meshes[solver]] for solver in meshes}
@@ -132,7 +143,7 @@ def rebuild(
     yield "stored", 1.0
 
 
-def computed(block: Block, solver: str) -> Curve:
+def computed(block: Block | Kidney, solver: str) -> Curve:
     """The curve of a solver, computed or taken from what was computed before with the same sources."""
     told = f"{solver} {block} {LEVELS.tolist()} {_sources()}"
     path = cache() / "curves" / f"{hashlib.sha256(told.encode()).hexdigest()[:20]}.npz"
@@ -140,7 +151,7 @@ def computed(block: Block, solver: str) -> Curve:
         with np.load(path) as file:
             own = {f.name: file[f.name] for f in fields(Curve)}
         return Curve(**{**own, "unknowns": int(own["unknowns"])})
-    curve = SOLVERS[solver](block)
+    curve = (ON_KIDNEY if isinstance(block, Kidney) else SOLVERS)[solver](block)
     path.parent.mkdir(parents=True, exist_ok=True)
     part = path.with_suffix(f".{os.getpid()}.npz")
     np.savez(part, **{f.name: getattr(curve, f.name) for f in fields(Curve)})
@@ -148,7 +159,7 @@ def computed(block: Block, solver: str) -> Curve:
     return curve
 
 
-def combined(block: Block, curves: dict[str, list[Curve]], meshes: dict[str, tuple[int, int]]) -> Place:
+def combined(block: Block | Kidney, curves: dict[str, list[Curve]], meshes: dict[str, tuple[int, int]]) -> Place:
     """The reference from each solver's curves on its coarser and finer mesh."""
     fine = {solver: own[-1] for solver, own in curves.items()}
     base = fine["fe"]
@@ -160,6 +171,8 @@ def combined(block: Block, curves: dict[str, list[Curve]], meshes: dict[str, tup
     apart = np.ptp([c.indentation for c in fine.values()], axis=0)
     left = np.max([rest[s] * np.abs(own[-1].indentation - own[0].indentation) for s, own in curves.items()], axis=0)
     work = np.mean([c.work for c in fine.values()], axis=0)
+    if not len(base.x):
+        return Place(base.force, depth, work, apart + left, base.x, base.y, base.shape, np.zeros_like(depth), {})
     shapes = {s: [_carried(c, base) for c in own] for s, own in curves.items()}
     shape = np.mean([own[-1] for own in shapes.values()], axis=0)
     x, y = np.meshgrid(base.x, base.y, indexing="ij")

@@ -17,10 +17,11 @@ RETARDATION = 0.02
 class Touch:
     """One touch.
 
-    body         "half-space", "plate" or "slab"
+    body         "half-space", "plate", "slab" or "kidney"
     finger       "ball": rigid, of radius `RADIUS`; "soft": the exponential fingertip of contact.Series
-    knots        (time [s], approach [m], place x [m]) ..., joined by half cosines, so that the speed has no jumps
-    place        name of the stored reference (`bench.places`), empty where there is a closed form
+    knots        (time [s], approach [m], place [m]) ..., joined by half cosines, so that the speed has no jumps; the
+                 place is x, or on the kidney the way along its top, see `kidney.along`
+    place        name of the stored reference, or of a path of them (`bench.places`); empty where there is a closed form
     retardation  [s] Kelvin-Voigt, of the slab
     friction     whether the finger slides with friction
     nodule       whether the slab has the nodule of `continuum.Nodule` below (0, 0)
@@ -99,6 +100,11 @@ TOUCHES: dict[str, Touch] = {
         Touch(
             "nodule-beside", "pressed 10 mm beside a nodule", "slab", "soft", _placed(_PRESSED, 10e-3), "nodule-10",
             nodule=True,
+        ),
+        Touch(
+            "stroke", "a stroke of 24 mm along the top of a kidney", "kidney", "soft",
+            ((0.0, APART, -12e-3), (0.2, 5e-3, -12e-3), (0.3, 5e-3, -12e-3), (0.8, 5e-3, 12e-3), (0.9, 5e-3, 12e-3)),
+            "kidney", friction=True,
         ),
         Touch("edge", "pressed 10 mm from the border of the slab", "slab", "soft", _placed(_PRESSED, 40e-3), "edge"),
     )

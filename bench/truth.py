@@ -12,7 +12,8 @@ slab a Kelvin-Voigt solid whose elastic force is h:
 
 by implicit Euler at `RATE` and at half of it; 2 fine - coarse is kept, their difference is part of the band. Friction
 is the law of friction.LuGre over the true normal force, its rate taken from the differential equation. None of this
-shares code with the nodes.
+shares code with the nodes. On the kidney the curve changes along the path: S(h, x) is the parabola in x through those
+of three stored places, and what a polygon through them differs by is part of the band.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline, RectBivariateSpline
 
 from palpate.bench.continuum import POISSON, RADIUS, YOUNG
-from palpate.bench.places import Place, stored
+from palpate.bench.places import PLACES, Place, on_path, stored
 from palpate.bench.touches import Touch
 from palpate.nodes.contact import Series
 from palpate.physics.friction.lugre import LuGre
@@ -104,32 +105,37 @@ def truth(touch: Touch) -> Truth:
         force = b / m * np.expm1(m * near) * np.maximum(1.0 + c * rate, 0.0)
         values = {"force": force}
         return Truth(times, values, {"force": EXACT * force}, force, touch, None)
-    place = stored(touch.place)
-    fine, coarse = (in_time(touch, place.force, place.indentation, every) for every in (1, 2))
-    off = in_time(touch, place.force, place.indentation + place.band)
+    places, at = [stored(name) for name in on_path(touch.place)], path_of(touch)
+    levels = places[0].force
+    depth, band = (np.array([getattr(p, name) for p in places]) for name in ("indentation", "band"))
+    fine, coarse = (in_time(touch, levels, depth, every, at) for every in (1, 2))
+    off = in_time(touch, levels, depth + band, at=at)
+    bent = in_time(touch, levels, depth, at=at, smooth=False)
     refined = [2.0 * a - np.interp(times, times[::2], b) for a, b in zip(fine, coarse, strict=True)]
     refined = [np.maximum(one, 0.0) for one in refined]
     steps = [np.abs(a - np.interp(times, times[::2], b)) for a, b in zip(fine, coarse, strict=True)]
-    spread = [np.abs(a - b) + d for a, b, d in zip(off, fine, steps, strict=True)]
+    spread = [np.abs(a - b) + np.abs(c - b) + d for a, b, c, d in zip(off, fine, bent, steps, strict=True)]
     values, bands = derived(touch, times, slip, *refined), {}
     above = derived(touch, times, slip, *(a + d for a, d in zip(refined, spread, strict=True)))
     for name in values:
         bands[name] = np.abs(above[name] - values[name])
-    return Truth(times, values, bands, refined[2], touch, place)
+    return Truth(times, values, bands, refined[2], touch, places[0] if touch.body == "slab" else None)
+
+
+def path_of(touch: Touch) -> np.ndarray:
+    """Places [m] (K,) of a touch's references along its path."""
+    return np.array([PLACES[name].place for name in on_path(touch.place)])
 
 
 def derived(
     touch: Touch, times: np.ndarray, slip: np.ndarray, force: np.ndarray, depth: np.ndarray, elastic: np.ndarray
 ) -> dict[str, np.ndarray]:
-    """What is compared, from force [N], indentation [m] and elastic force [N] (T,) of a slab under the patch."""
+    """What is compared, from force [N], indentation [m] and elastic force [N] (T,) of a body under the patch; area and
+    traction on what is flat."""
     patch = math.pi * RADIUS**2
-    values = {
-        "force": force,
-        "indentation": depth,
-        "area": np.where(force > 0.0, patch, 0.0),
-        "traction": 3.0 * force / patch,
-        "energy": worked(force, depth),
-    }
+    values = {"force": force, "indentation": depth, "energy": worked(force, depth)}
+    if touch.body == "slab":
+        values |= {"area": np.where(force > 0.0, patch, 0.0), "traction": 3.0 * force / patch}
     if touch.friction:
         values["friction"] = _lugre(force, slip, 1.0 / RATE, *SLIDING[:6])
     return values
@@ -140,18 +146,36 @@ def worked(force: np.ndarray, depth: np.ndarray) -> np.ndarray:
     return np.append(0.0, np.cumsum(0.5 * (force[1:] + force[:-1]) * np.diff(depth)))
 
 
-def in_time(touch: Touch, levels: np.ndarray, indentation: np.ndarray, every: int = 1) -> list[np.ndarray]:
+def in_time(
+    touch: Touch,
+    levels: np.ndarray,
+    indentation: np.ndarray,
+    every: int = 1,
+    at: np.ndarray | None = None,
+    smooth: bool = True,
+) -> list[np.ndarray]:
     """Force [N], indentation [m] and elastic force [N] at each `every`-th instant, of a body whose static curve goes
-    through these forces [N] and indentations [m] (L,)."""
+    through these forces [N] and indentations [m] (L,) or, at the places `at` [m] (K,) of its path, (K,L). Between them
+    it is a polynomial in the place, or a polygon where it is not to be smooth."""
     times = np.arange(0, round(touch.duration * RATE) + 1, every) / RATE
-    approach, _, _, _ = touch.at(times)
+    approach, _, place, _ = touch.at(times)
     finger = Series()
-    spline = CubicSpline(np.append(0.0, levels), np.append(0.0, indentation))
+    curves = np.atleast_2d(indentation)
+    spline = CubicSpline(np.append(0.0, levels), np.pad(curves, ((0, 0), (1, 0))), axis=1)
     solved = _kelvin_voigt(
         approach, every / RATE, touch.retardation, finger.finger_stiffness, finger.finger_hardening,
-        finger.finger_damping, np.ascontiguousarray(spline.x), np.ascontiguousarray(spline.c),
+        finger.finger_damping, np.ascontiguousarray(spline.x), np.ascontiguousarray(np.moveaxis(spline.c, 2, 0)),
+        _shares(place, np.zeros(1) if at is None else at, smooth),
     )  # fmt: skip
     return list(solved)
+
+
+def _shares(place: np.ndarray, at: np.ndarray, smooth: bool) -> np.ndarray:
+    """What the curve of each place `at` [m] (K,) counts (T,K) at these places [m] (T,)."""
+    if not smooth:
+        return np.stack([np.interp(place, at, one) for one in np.eye(len(at))], axis=1)
+    others = [np.delete(at, k) for k in range(len(at))]
+    return np.stack([np.prod((place[:, None] - o) / (a - o), axis=1) for a, o in zip(at, others, strict=True)], axis=1)
 
 
 @numba.njit(cache=True)
@@ -166,10 +190,13 @@ def _at(x, c, h):
 
 
 @numba.njit(cache=True)
-def _kelvin_voigt(approach, dt, tau, b, m, c, x, coefficients):
+def _kelvin_voigt(approach, dt, tau, b, m, c, x, of_places, shares):
     force, depth, elastic = np.zeros(len(approach)), np.zeros(len(approach)), np.zeros(len(approach))
     h = s1 = 0.0
     for i in range(len(approach)):
+        coefficients = shares[i, 0] * of_places[0]
+        for k in range(1, len(of_places)):
+            coefficients += shares[i, k] * of_places[k]
         keep, take = tau / (tau + dt), dt / (tau + dt)
         s = _at(x, coefficients, keep * h)
         rest = max(s1 - dt / c, 0.0) if c > 0.0 else 0.0

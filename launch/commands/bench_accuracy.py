@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from palpate.bench.cells import Cell
+    from palpate.bench.touches import Touch
 
 
 def accuracy(
@@ -25,7 +26,11 @@ def accuracy(
     fresh: Annotated[bool, typer.Option("--fresh", help="Compute again what was kept of earlier runs.")] = False,
     out: Annotated[Path, typer.Option("-o", "--out", help="Folder of page, pictures and table.")] = Path("accuracy"),
     rebuild: Annotated[
-        bool, typer.Option("--rebuild-references", help="Compute the stored references anew; needs FElupe, 30 minutes.")
+        bool,
+        typer.Option(
+            "--rebuild-references",
+            help="Compute the stored references anew, or those of --touch; needs FElupe.",
+        ),
     ] = False,
     as_json: Json = False,
 ) -> None:
@@ -42,10 +47,10 @@ def accuracy(
     from palpate.launch.loading.classes import find_class
 
     about = _about()
-    if rebuild:
-        _rebuild(about, silent=as_json)
-        return
     wanted = chosen(touches)
+    if rebuild:
+        _rebuild(about, wanted, silent=as_json)
+        return
     methods = [*known.standard(patient=not quick), *(known.of_user(name, find_class(name)) for name in body or ())]
     for name in only or ():
         if name not in {m.name for m in methods}:
@@ -92,16 +97,17 @@ def _shown(work: Callable[[Callable[[int, str], None]], list[Cell]], count: int)
         return work(lambda done, what: progress.update(task, completed=done, description=what))
 
 
-def _rebuild(about: dict[str, Any], silent: bool) -> None:
-    from palpate.bench.places import PLACES, SHIPPED
+def _rebuild(about: dict[str, Any], wanted: list[Touch], silent: bool) -> None:
+    from palpate.bench.places import SHIPPED, on_path
     from palpate.bench.places import rebuild as work
 
+    places = list(dict.fromkeys(name for touch in wanted if touch.place for name in on_path(touch.place)))
     about = {**about, "command": "palpate bench accuracy --rebuild-references"}
-    for what, share in work(list(PLACES), about):
+    for what, share in work(places, about):
         if not silent:
             console().print(f"{100 * share:3.0f} %  {what}", markup=False)
     if silent:
-        tell({"ok": True, "folder": str(SHIPPED), "places": list(PLACES)})
+        tell({"ok": True, "folder": str(SHIPPED), "places": places})
 
 
 def _written(cells: list[Cell], about: dict[str, Any], folder: Path) -> dict[str, Path]:

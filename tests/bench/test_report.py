@@ -99,7 +99,7 @@ def test_the_command_makes_page_pictures_and_table(tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("given", "text"),
     [
-        (["--touch", "stroke"], "expected one of ball"),
+        (["--touch", "rub"], "expected one of ball"),
         (["--method", "magic"], "expected one of hertz"),
         (["--body", "no_such_lab.Liver"], "not found"),
         (["--body", "contact.Series"], "takes Load and sends Surface"),

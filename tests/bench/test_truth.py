@@ -31,7 +31,7 @@ def test_a_touch_moves_as_fast_as_its_place_changes(touch):
 
 def test_an_unknown_touch_is_told_with_those_that_there_are():
     with pytest.raises(BenchError, match="expected one of ball, plate"):
-        chosen(["stroke"])
+        chosen(["rub"])
 
 
 def test_a_held_touch_comes_to_the_static_split_of_finger_and_body():

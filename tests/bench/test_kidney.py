@@ -1,0 +1,87 @@
+"""The kidney of the stroke: its grid, its load, and two solvers at its places."""
+
+import numpy as np
+import pytest
+
+from palpate.bench import kidney, outside, places, truth
+from palpate.bench.continuum import RADIUS
+from palpate.bench.kidney import Kidney, along, press, press_felupe
+from palpate.bench.touches import TOUCHES
+from palpate.messages import Pose
+from palpate.nodes.collision import Nurbs
+
+FIRST = np.array([0.1, 0.3])
+PLACES = np.array([-0.012, 0.0, 0.012])
+
+
+def test_the_path_lies_on_the_surface_that_the_nodes_touch():
+    feet, normals, ahead = along(PLACES)
+    node = Nurbs(surface="kidney", position=(0.0, 0.0, 0.0))
+    node.start()
+    for foot, normal in zip(feet, normals, strict=True):
+        found = node.step(Pose(position=tuple(foot + 5e-3 * normal), velocity=(0.0, 0.0, 0.0), dt=1e-3))
+        assert found.foot == pytest.approx(tuple(foot), abs=2e-5)
+        assert found.normal == pytest.approx(tuple(normal), abs=2e-3)
+    assert np.einsum("ij,ij->i", normals, ahead) == pytest.approx(0.0, abs=1e-6)
+
+
+def test_places_are_ways_along_the_path():
+    feet, *_ = along(np.linspace(-0.012, 0.012, 2001))
+    assert np.linalg.norm(np.diff(feet, axis=0), axis=1).sum() == pytest.approx(0.024, rel=1e-4)
+
+
+def test_both_routes_load_the_curved_patch_alike():
+    """Second moment of the biweight over a patch that is nearly flat: R²/4; force one, no moment."""
+    frame, axes = kidney._cut(Kidney(0.0, 3))
+    fem = pytest.importorskip("felupe")
+    mesh = outside.bricks(fem, tuple(axes))
+    points = frame.points(np.array(mesh.points))
+    unit = kidney._on_bricks(points, kidney._sides(np.array(mesh.points), axes)[-1])
+    assert unit.sum(axis=0) == pytest.approx((0.0, 0.0, -1.0))
+    assert -unit[:, 2] @ points[:, :2] == pytest.approx(0.0, abs=1e-5)
+    assert -unit[:, 2] @ (points**2).sum(axis=1) == pytest.approx(RADIUS**2 / 4, rel=0.01)
+
+
+def test_all_sides_of_the_bricks_look_out_and_enclose_the_volume():
+    fem = pytest.importorskip("felupe")
+    frame, axes = kidney._cut(Kidney(0.0, 2))
+    mesh = outside.bricks(fem, tuple(axes))
+    cube = np.array(mesh.points)
+    faces = np.concatenate(kidney._sides(cube, axes))
+    _, at, normal = kidney._on_face(kidney.inside(cube), faces, 4)
+    assert np.einsum("fqi,fqi->", at, normal) / 3.0 == pytest.approx(145e-6, rel=0.05)  # [m³] published
+
+
+@pytest.mark.parametrize("place", [-0.012, 0.012])
+def test_two_solvers_that_share_no_elements_agree_on_coarse_meshes(place):
+    pytest.importorskip("felupe")
+    tetrahedra, bricks = press(Kidney(place, 1), FIRST), press_felupe(Kidney(place, 1), FIRST)
+    assert tetrahedra.indentation == pytest.approx(bricks.indentation, rel=0.08)
+
+
+def test_the_stored_reference_is_met_from_below_by_finer_meshes():
+    right = places.stored("kidney+00")
+    coarse, fine = (press(Kidney(0.0, n), right.force[:1]).indentation for n in (1, 2))
+    assert coarse < fine < right.indentation[:1] + right.band[:1]
+    assert fine == pytest.approx(right.indentation[:1], rel=0.05)
+
+
+def test_a_parabola_through_three_places_tells_what_lies_between():
+    """Computed on one mesh: the reference changes along the path by more than this misses."""
+    names = places.on_path("kidney")
+    three = np.array([press(places.replace(places.PLACES[name], cells=1), FIRST[:1]).indentation for name in names])
+    between = np.array([-0.006, 0.006])
+    own = np.array([press(Kidney(x, 1), FIRST[:1]).indentation for x in between])
+    found = truth._shares(between, truth.path_of(TOUCHES["stroke"]), True) @ three
+    assert found == pytest.approx(own, rel=3e-3)
+    assert np.ptp(three) > 0.02 * three.mean()
+
+
+def test_the_truth_of_the_stroke_has_friction_and_says_what_it_may_be_off_by():
+    right = truth.truth(TOUCHES["stroke"])
+    assert set(right.values) == {"force", "friction", "indentation", "energy"}
+    pressed = right.times > 0.25
+    assert (right.band("force", right.times)[pressed] < 0.02 * right.values["force"].max()).all()
+    # it is softer towards the upper pole, and pressed equally far there
+    force = right.value("force", np.array([0.3, 0.9]))
+    assert force[1] < force[0]
