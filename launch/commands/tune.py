@@ -39,7 +39,9 @@ def tune(
         Candidate,
         Goal,
         TuneError,
+        busy,
         candidates,
+        claim,
         kept,
         measured,
         pick,
@@ -68,6 +70,7 @@ def tune(
         recording = touched(launch, Path(folder) / "touch.mcap")
         ranked: list[Candidate] = []
         base = reference(recording, wanted)
+        claimed = claim(recording, base)
         for one in measured(recording, wanted, base, goal):
             ranked.append(one)
             progress.update(task, advance=1, description=one.title)
@@ -76,10 +79,16 @@ def tune(
         if best is not None:
             write(launch, best, _promise(best, goal), file)
             came = kept(launch, best, base, goal, Path(folder), lambda: progress.update(task, advance=1))
+    why = busy(ranked, goal) if best is None else ""
     if as_json:
-        _json(ranked, best, came, file, base)
+        _json(ranked, best, came, file, base, why)
     else:
-        _print(ranked, best, came, goal, file, Candidate(base).title)
+        against = f"Errors are against {Candidate(base).title}, " + (
+            f"what its basis claims of itself added: {100 * claimed:.2g} %."
+            if claimed
+            else "of whose own error nothing is known."
+        )
+        _print(ranked, best, came, goal, file, against, why)
     if best is None:
         raise typer.Exit(TROUBLE)
 
@@ -92,19 +101,30 @@ def _promise(best: Candidate, goal: Goal) -> list[str]:
 
 
 def _json(
-    ranked: list[Candidate], best: Candidate | None, came: Candidate | None, file: Path, base: dict[str, object]
+    ranked: list[Candidate],
+    best: Candidate | None,
+    came: Candidate | None,
+    file: Path,
+    base: dict[str, object],
+    busy: str,
 ) -> None:
     def data(one: Candidate) -> dict[str, object]:
         times = {} if one.why else {"error": one.error, "p50_s": one.p50, "p99_s": one.p99}
         return {"set": one.overrides, **times, **({"why": one.why} if one.why else {})}
 
     tell({"ok": best is not None, "file": str(file) if best else None, "reference": base,
-          "promised": best and data(best), "came": came and data(came),
+          "promised": best and data(best), "came": came and data(came), **({"why": busy} if busy else {}),
           "candidates": [data(one) for one in ranked]})  # fmt: skip
 
 
 def _print(
-    ranked: list[Candidate], best: Candidate | None, came: Candidate | None, goal: Goal, file: Path, base: str
+    ranked: list[Candidate],
+    best: Candidate | None,
+    came: Candidate | None,
+    goal: Goal,
+    file: Path,
+    against: str,
+    busy: str,
 ) -> None:
     from rich.table import Table
 
@@ -119,9 +139,9 @@ def _print(
     for one in ranked:
         if one.why:
             out.print(f"left out {one.title}: {one.why}", markup=False, style="dim")
-    out.print(f"Errors are against {base}, what its basis claims of itself added.", markup=False)
+    out.print(against, markup=False)
     if best is None:
-        out.print(f"Nothing keeps {_asked(goal)} here.", style="yellow", markup=False)
+        out.print(f"Nothing keeps {_asked(goal)} here. {busy}".rstrip(), style="yellow", markup=False)
         return
     assert came is not None
     for word, one in (("promised", best), ("came", came)):

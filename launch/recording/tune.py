@@ -7,6 +7,7 @@ stored basis says that it is off by is added to every error.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -141,13 +142,18 @@ def measured(
 
 
 def judged(one: Candidate, variant: Variant, goal: Goal, claimed: float) -> Candidate:
-    """With error and times of what it gave."""
+    """With error and times of what it gave. TuneError: nothing was touched, so that no error can be told."""
     spread = {"force": variant.force, "indentation": variant.indentation, "shape": variant.shape}[
         goal.quantity
     ].report()
     peak = spread["reference_peak"]
+    if not peak > 0.0:
+        raise TuneError(
+            f"the touch has no {goal.quantity} from its begin to its end, expected one that presses the body; a longer "
+            "one may: --duration '3 s'"
+        )
     whole = variant.whole.report()
-    return replace(one, error=spread["rms"] / peak + claimed if peak else claimed, p50=whole["p50"], p99=whole["p99"])
+    return replace(one, error=spread["rms"] / peak + claimed, p50=whole["p50"], p99=whole["p99"])
 
 
 def reference(recording: Recording, wanted: list[dict[str, Any]]) -> dict[str, Any]:
@@ -200,6 +206,18 @@ def pick(measured: list[Candidate], goal: Goal) -> Candidate | None:
     if goal.budget is None:
         return min(kept, key=lambda c: (c.p99, c.error))
     return min(kept, key=lambda c: (c.error, c.p99))
+
+
+def busy(measured: list[Candidate], goal: Goal) -> str:
+    """Where the budget is what nothing keeps, and more runs here than there are cores: that, in words. Else empty."""
+    load, cores = os.getloadavg()[0], os.cpu_count() or 1
+    late = any(not c.why and (goal.error is None or c.error <= goal.error) for c in measured)
+    if goal.budget is None or not late or load <= cores:
+        return ""
+    return (
+        f"This machine is busy: its load average is {load:.1f} on {cores} core{'s' if cores > 1 else ''}, which is the "
+        "likely cause. Tune again when it is quiet."
+    )
 
 
 def write(launch: LaunchFile, chosen: Candidate, told: list[str], path: Path) -> None:

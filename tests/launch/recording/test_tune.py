@@ -92,11 +92,28 @@ def test_what_nothing_keeps_is_said(tmp_path, monkeypatch):
     monkeypatch.setattr(tune, "MODELS", ("deformation.MassSpring",))
     monkeypatch.setattr(tune, "COARSER", (10,))
     monkeypatch.setattr(tune, "EVERY", (1,))
-    given = ["tune", "kidney", "--duration", "0.3 s", "--budget", "1 us", "-o", str(tmp_path / "t.yaml")]
+    given = ["tune", "kidney", "--duration", "0.6 s", "--budget", "1 us", "-o", str(tmp_path / "t.yaml")]
     ran = CliRunner().invoke(app, given)
     assert ran.exit_code == 1
     assert "Nothing keeps 0.001 ms at p99 here." in " ".join(ran.output.split())
     assert not (tmp_path / "t.yaml").exists()
+
+
+def test_a_busy_machine_is_named_as_the_likely_cause_where_the_budget_is_what_nothing_keeps(monkeypatch):
+    monkeypatch.setattr(tune.os, "getloadavg", lambda: (9.0, 5.0, 1.0))
+    monkeypatch.setattr(tune.os, "cpu_count", lambda: 2)
+    assert "load average is 9.0 on 2 cores" in tune.busy(ALL, Goal(10e-6, None))
+    assert tune.busy(ALL, Goal(None, 1e-4)) == ""  # the error: time has no part in it
+    assert tune.busy(ALL, Goal(10e-6, 1e-4)) == ""
+    monkeypatch.setattr(tune.os, "getloadavg", lambda: (1.9, 5.0, 1.0))
+    assert tune.busy(ALL, Goal(10e-6, None)) == ""
+
+
+def test_a_touch_that_touches_nothing_is_told_instead_of_an_error_of_zero(tmp_path):
+    given = ["tune", "fingertip", "--duration", "0.1 s", "--budget", "1 s", "-o", str(tmp_path / "t.yaml")]
+    ran = CliRunner().invoke(app, given)
+    assert ran.exit_code == 2
+    assert "a longer one may: --duration" in " ".join(ran.output.split())
 
 
 def test_it_asks_for_a_budget_or_an_error():
