@@ -105,7 +105,7 @@ def _full(touch: Touch, fidelity: Fidelity, repeats: int) -> Outcome:
 
 def _of_solver(touch: Touch, fidelity: Fidelity, repeats: int) -> Outcome:
     solver, cells = str(fidelity.settings["fe"]["solver"]), int(str(fidelity.settings["fe"]["cells"]))
-    if touch.place not in PLACES:
+    if not set(on_path(touch.place)) <= set(PLACES):
         raise Refused(f"place {touch.place!r} is not known")
     blocks = [replace(PLACES[name], cells=cells) for name in on_path(touch.place)]
     curves = [places.computed(block, solver) for block in blocks]
