@@ -136,7 +136,7 @@ def _hertz(touch: Touch) -> dict[str, Any]:
 
 
 def _only_slab(touch: Touch) -> str:
-    return "the plate does not give: there is no body to compute" if touch.body == "plate" else ""
+    return "the plate is rigid: there is no body to compute" if touch.body == "plate" else ""
 
 
 def _no_nodule(touch: Touch) -> str:
@@ -144,11 +144,11 @@ def _no_nodule(touch: Touch) -> str:
 
 
 def _only_ball(touch: Touch) -> str:
-    return "" if touch.body == "half-space" else "Hertz's law is of a ball on a half-space, with nothing in series"
+    return "" if touch.body == "half-space" else "it holds for a ball on a half-space, with nothing in series"
 
 
 def _only_fingertip(touch: Touch) -> str:
-    return "" if touch.body == "plate" else "the law is of a fingertip, and knows no tissue under it"
+    return "" if touch.body == "plate" else "it is a fingertip's law, and knows no tissue under it"
 
 
 def standard(patient: bool = False) -> list[Method]:
@@ -157,10 +157,15 @@ def standard(patient: bool = False) -> list[Method]:
     patient  whether a basis that is not stored is built even where that takes minutes
     """
     surfaces = [*steps(), *meshes()]
-    reaches = [_spread("radius", r, f"R = {1e3 * r:g} mm") for r in (4e-3, 6e-3, 10e-3)]
+    reaches = [_spread("radius", r, f"kernel of {1e3 * r:g} mm") for r in (4e-3, 6e-3, 10e-3)]
     forms = [_spread("kernel", k, k) for k in ("wendland", "cosine")]
-    net = [Fidelity(f"net, {n} rings", "form", settings={"body": {"coupling": 100.0, "rings": n}}) for n in (1, 3)]
-    condensed = [Fidelity(f"condensed to {n}", "basis", settings={"body": {"coarse": n}}) for n in (150, 300, 600)]
+    net = [
+        Fidelity(f"net, {text}", "form", settings={"body": {"coupling": 100.0, "rings": n}})
+        for n, text in ((1, "1 ring"), (3, "3 rings"))
+    ]
+    condensed = [
+        Fidelity(f"condensed to {n} vertices", "basis", settings={"body": {"coarse": n}}) for n in (150, 300, 600)
+    ]
     sparse = meshes((1000, 3000, 10000))
     return [
         Method("hertz", "Hertz's law", _law(_hertz), tuple(steps()), _only_ball),

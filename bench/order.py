@@ -88,6 +88,6 @@ def in_space(own: Sequence[Cell]) -> tuple[list[float], list[float]]:
     radius, or of the triangles of a surface of so many vertices over its side."""
     above = [c for c in own if not c.at_reference()]
     sizes = [
-        int(c.fidelity.split()[-1]) ** -0.5 if c.axis == "basis" else 1.0 / int(c.fidelity.split()[0]) for c in above
+        int(c.fidelity.split()[2]) ** -0.5 if c.axis == "basis" else 1.0 / int(c.fidelity.split()[0]) for c in above
     ]
     return sizes, [c.errors["force"]["rms"] for c in above]

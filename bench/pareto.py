@@ -51,6 +51,18 @@ class Summary:
     computed: int
     touches: int
 
+    def cost(self, seconds: float) -> str:
+        """A time of it in words."""
+        return duration(seconds) if self.computed else "charged"
+
+
+def duration(seconds: float) -> str:
+    """In the unit that fits."""
+    for unit, scale in (("µs", 1e6), ("ms", 1e3)):
+        if seconds * scale < 1000:
+            return f"{seconds * scale:.3g} {unit}"
+    return f"{seconds:.3g} s"
+
 
 def summaries(cells: Sequence[Cell]) -> list[Summary]:
     """One for each method and setting, in the order in which they come."""

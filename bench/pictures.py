@@ -48,12 +48,12 @@ def touch_picture(cells: Sequence[Cell], path: Path) -> None:
                   linestyle=":", label="Pareto front", zorder=1)  # fmt: skip
     bands = [c.errors["force"]["band"] for c in own if c.status == "ok"]
     charged = [(CHARGED_STEP, CHARGED)] if refused else []
-    _finish(axes, "rms error of the force, over its peak", points + charged)
+    _finish(axes, "rms error of the force over its peak", points + charged)
     if bands and max(bands) > axes.get_ylim()[0]:
         axes.axhspan(axes.get_ylim()[0], max(bands), color=FAINT, alpha=0.35, linewidth=0, label="at the reference")
     if refused:
         told = ", ".join(dict.fromkeys(c.title for c in refused))
-        axes.plot(CHARGED_STEP, CHARGED, "x", color=INK, label=f"cannot do it, charged:\n{_wrapped(told)}")
+        axes.plot(CHARGED_STEP, CHARGED, "x", color=INK, label=f"cannot do it and are charged:\n{_wrapped(told)}")
     axes.legend(fontsize=8, loc="upper left", bbox_to_anchor=(1.01, 1.0), frameon=False)
     lowest = [
         min((k for k, c in enumerate(own) if c.method == m), key=lambda k: points[k][1])
@@ -67,7 +67,7 @@ def touch_picture(cells: Sequence[Cell], path: Path) -> None:
 
 def overview(told: Sequence[Summary], cells: Sequence[Cell], path: Path) -> None:
     """All touches: the mean error of each method and setting over its median time."""
-    figure, axes = _empty(f"what accuracy costs: {told[0].touches} touches; what a method cannot do is charged")
+    figure, axes = _empty(f"what accuracy costs: {_touches(told[0].touches)}; what a method cannot do is charged")
     look = _looks(cells)
     points = [(s.p99, s.error) for s in told]
     best = front(points)
@@ -80,7 +80,7 @@ def overview(told: Sequence[Summary], cells: Sequence[Cell], path: Path) -> None
                   label=f"{told[mine[0]].title}: {told[mine[0]].computed} of {told[mine[0]].touches}")  # fmt: skip
     axes.step([points[k][0] for k in best], [points[k][1] for k in best], where="post", color=INK, linewidth=1.2,
               linestyle=":", label="Pareto front", zorder=1)  # fmt: skip
-    _finish(axes, "mean over the touches of the force's rms error, over its peak", points)
+    _finish(axes, "rms error of the force over its peak, mean of the touches", points)
     axes.legend(fontsize=8, loc="upper left", bbox_to_anchor=(1.01, 1.0), frameon=False, title="touches computed")
     texts = [(*points[k], f"{told[k].title}, {told[k].fidelity}", look[told[k].method][0]) for k in best]
     place(axes, texts, points)
@@ -95,7 +95,10 @@ def convergence(studies: Sequence[Study], path: Path) -> None:
     figure = Figure(figsize=(11, 6.4), layout="constrained", facecolor="white")
     FigureCanvasAgg(figure)
     methods = list(dict.fromkeys(s.method for s in studies))
-    kinds = (("step", "length of the step [s]"), ("mesh", "size of a cell [1], over the radius, or over the slab"))
+    kinds = (
+        ("step", "length of the step [s]"),
+        ("mesh", "size of a cell over the radius, or of a triangle over the slab [1]"),
+    )
     for axes, (axis, label) in zip(figure.subplots(1, 2), kinds, strict=True):
         for k, method in enumerate(methods):
             own = [s for s in studies if (s.axis == "step") == (axis == "step") and s.method == method]
@@ -110,13 +113,15 @@ def convergence(studies: Sequence[Study], path: Path) -> None:
                 axes.plot([], [], mark + "-", color=colour, markersize=4,
                           label=f"{own[0].title}: {span}, median {np.median(orders):.2f}")  # fmt: skip
         axes.set_title(
-            "order of convergence in time, theory 1" if axis == "step" else "... in space, theory 2 to 4",
+            f"order of convergence in {'time, by theory 1' if axis == 'step' else 'space, by theory 2 to 4'}",
             loc="left",
             fontsize=11,
         )
         axes.set_xlabel(label)
         axes.set_ylabel(
-            "change of the force by a refinement, over its peak" if axis == "step" else "error of the force"
+            "change of the force by halving the step, over its peak"
+            if axis == "step"
+            else "rms error of the force over its peak"
         )
         axes.grid(alpha=0.25)
         if axes.lines:
@@ -157,8 +162,12 @@ def _finish(axes: Axes, label: str, points: Sequence[tuple[float, float]]) -> No
         axes.axvline(period, color=FAINT, linewidth=1, zorder=0)
         axes.annotate(name, (period, 0.01), xycoords=("data", "axes fraction"), xytext=(3, 0), color="#77777f",
                       textcoords="offset points", fontsize=8)  # fmt: skip
-    axes.set_xlabel("time of a step [s]: point p99, line from p50")
+    axes.set_xlabel("time of a step [s]: the point is p99, its line begins at p50")
     axes.set_ylabel(label)
+
+
+def _touches(count: int) -> str:
+    return f"{count} touch{'' if count == 1 else 'es'}"
 
 
 def _wrapped(text: str) -> str:

@@ -142,20 +142,20 @@ def _written(cells: list[Cell], about: dict[str, Any], folder: Path) -> dict[str
 def _print(cells: list[Cell]) -> None:
     from rich.table import Table
 
-    from palpate.bench.page import default_costs
+    from palpate.bench.page import LEGEND, default_costs
     from palpate.bench.pareto import front, summaries
 
     told = summaries(cells)
     best = front([(s.p99, s.error) for s in told])
     shown = Table(box=None, header_style="bold", pad_edge=False)
-    for title in ("", "touches", "force off by\nmean rms %", "step [us]\np50", "\np99"):
+    for title in ("", "touches", "force off by\nrms, mean [%]", "step\np50", "\np99"):
         shown.add_column(title, justify="left" if not title else "right")
     for k, s in enumerate(told):
         shown.add_row(
             f"{s.title}, {s.fidelity}", f"{s.computed}/{s.touches}", f"{100 * s.error:.3g}",
-            *(f"{1e6 * t:.4g}" for t in (s.p50, s.p99)), style="bold" if k in best else None,
+            *(s.cost(t) for t in (s.p50, s.p99)), style="bold" if k in best else None,
         )  # fmt: skip
     out = console()
     out.print(shown)
-    out.print("Bold: on the Pareto front. What a method cannot do is charged with 100 %.")
+    out.print(LEGEND, markup=False)
     out.print(default_costs(cells), markup=False)

@@ -148,7 +148,7 @@ def test_a_basis_that_is_not_stored_is_built_once_and_charged(tmp_path, monkeypa
 def test_what_condensing_smears_falls_with_the_square_of_the_distance_of_its_vertices():
     """Of cells as they come out: errors of h² on surfaces of 150, 300 and 600 vertices."""
     cells = [
-        Cell("indent", "ReducedFE-linear", "", f"condensed to {n}", "basis", 1000.0,
+        Cell("indent", "ReducedFE-linear", "", f"condensed to {n} vertices", "basis", 1000.0,
              errors={"force": {"rms": 90.0 / n, "worst": 0.0, "band": 0.0}}) for n in (150, 300, 600)
     ]  # fmt: skip
     assert studies(cells)[0].observed == pytest.approx(2.0)
@@ -159,7 +159,7 @@ def test_a_body_whose_basis_is_too_coarse_is_not_called_a_wrong_model():
         own = {"force": {"rms": error, "worst": error, "band": 0.001}}
         return Cell("indent", method, "", name, axis, 1000.0, errors=own, trace=[error] * 200)
 
-    basis = [cell("ReducedFE-linear", f"condensed to {n}", "basis", 90.0 / n) for n in (150, 300, 600)]
+    basis = [cell("ReducedFE-linear", f"condensed to {n} vertices", "basis", 90.0 / n) for n in (150, 300, 600)]
     steps = [cell("ReducedFE", f"{rate} Hz", "step", 0.15) for rate in (500, 1000)]
     springs = [cell("MassSpring", f"{rate} Hz", "step", 0.15) for rate in (500, 1000)]
     told_apart([*basis, *steps, *springs])
