@@ -22,7 +22,7 @@ from palpate.physics.bodies.sampled_body import SampledBasis
 def ready(node: ReducedFE, patient: bool = False) -> float:
     """Have the basis of these settings stored; the seconds that building it took, 0 for one that ships.
 
-    patient  build dents at a hundred places too, which takes some minutes
+    patient  build dents at a hundred places too, which takes some minutes, and modes of a body other than the slab
 
     Refused: such a basis is not stored, and nobody is patient.
     """
@@ -30,8 +30,9 @@ def ready(node: ReducedFE, patient: bool = False) -> float:
         path = find(folder, node.key())
         if path is not None and node.stored(folder) is not None:
             return float((about(path) or {}).get("seconds", 0.0))
-    if node.model == "nonlinear" and not patient:
-        raise Refused(f"no basis with dents is stored for these settings. Build it once: {node.command()}")
+    long = {"nonlinear": "dents", "sampled": "modes" if node.surface != "plane" else ""}.get(node.model)
+    if long and not patient:
+        raise Refused(f"no basis with {long} is stored for these settings. Build it once: {node.command()}")
     begun = time.perf_counter()
     nodule = Nodule(node.nodule_centre, node.nodule_radius, node.nodule_ratio)
     organ = of_organ(Organ(node.coarse_mesh(), node.poisson, node.bed, nodule))

@@ -184,8 +184,8 @@ def standard(patient: bool = False) -> list[Method]:
                (*steps(), *sparse, *condensed, *reaches[:2]), _only_slab),
         Method("ReducedFE", "ReducedFE condensed", _reducing("nonlinear", patient), (*steps(), *sparse, *reaches[:2]),
                _only_slab),
-        Method("ReducedFE-sampled", "ReducedFE sampled", _reducing("sampled", modes=20, coarse=150), tuple(steps()),
-               _only_slab),
+        Method("ReducedFE-sampled", "ReducedFE sampled", _reducing("sampled", patient, modes=20, coarse=150),
+               tuple(steps()), _only_slab),
         *laboratory.methods(),
     ]  # fmt: skip
 

@@ -65,7 +65,7 @@ def duration(seconds: float) -> str:
 
 
 def summaries(cells: Sequence[Cell]) -> list[Summary]:
-    """One for each method and setting, in the order in which they come."""
+    """One for each method and setting, those of a method together, in the order in which they come."""
     touches = list(dict.fromkeys(c.touch for c in cells))
     lost = {(c.method, c.touch) for c in cells if c.status == "refused"}
     groups: dict[tuple[str, str], list[Cell]] = {}
@@ -86,4 +86,5 @@ def summaries(cells: Sequence[Cell]) -> list[Summary]:
                 method, own[0].title, fidelity, float(np.mean(errors)), float(p50), float(p99), len(good), len(touches)
             )
         )
-    return told
+    methods = list(dict.fromkeys(method for method, _ in groups))
+    return sorted(told, key=lambda s: methods.index(s.method))

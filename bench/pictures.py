@@ -21,7 +21,9 @@ if TYPE_CHECKING:
 COLOURS = ("#1f5f8b", "#d97706", "#a4243b", "#4c8c4a", "#6d4c9f", "#8c564b", "#c2659b", "#5f6b73", "#9a8f1f", "#2aa1a8",
            "#2b2b33", "#b0522a", "#7f9c3c", "#46629e")  # fmt: skip
 MARKS = "osD^vPX<>hdp8H"
-LOOPS = ((1e-3, "1 kHz"), (1e-4, "10 kHz"))
+LOOPS = ((1e-3, "a loop at 1 kHz"), (1e-4, "at 10 kHz"))
+HARD = "\u00a0"
+"""A space at which no line is broken."""
 INK, FAINT = "#2b2b33", "#b9b9c4"
 
 
@@ -52,7 +54,7 @@ def touch_picture(cells: Sequence[Cell], path: Path) -> None:
     if bands and max(bands) > axes.get_ylim()[0]:
         axes.axhspan(axes.get_ylim()[0], max(bands), color=FAINT, alpha=0.35, linewidth=0, label="at the reference")
     if refused:
-        told = ", ".join(dict.fromkeys(c.title for c in refused))
+        told = "; ".join(dict.fromkeys(c.title.replace(" ", HARD) for c in refused))
         axes.plot(CHARGED_STEP, CHARGED, "x", color=INK, label=f"cannot do it and are charged:\n{_wrapped(told)}")
     axes.legend(fontsize=8, loc="upper left", bbox_to_anchor=(1.01, 1.0), frameon=False)
     lowest = [
