@@ -136,9 +136,9 @@ def _print(
         style = "bold" if one is best else None
         shown.add_row(one.title, f"{100 * one.error:.3g}", f"{1e6 * one.p50:.0f}", f"{1e6 * one.p99:.0f}", style=style)
     out.print(shown)
-    for one in ranked:
-        if one.why:
-            out.print(f"left out {one.title}: {one.why}", markup=False, style="dim")
+    for why in dict.fromkeys(one.why for one in ranked if one.why):
+        titles = "; ".join(one.title for one in ranked if one.why == why)
+        out.print(f"left out {titles}: {why}", markup=False, style="dim")
     out.print(against, markup=False)
     if best is None:
         out.print(f"Nothing keeps {_asked(goal)} here. {busy}".rstrip(), style="yellow", markup=False)

@@ -116,6 +116,20 @@ def test_a_touch_that_touches_nothing_is_told_instead_of_an_error_of_zero(tmp_pa
     assert "a longer one may: --duration" in " ".join(ran.output.split())
 
 
+def test_a_reason_that_settings_share_is_told_once(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setattr(tune, "MODELS", ("deformation.ReducedFE", "deformation.MassSpring"))
+    monkeypatch.setattr(tune, "COARSER", (10,))
+    monkeypatch.setattr(tune, "EVERY", (1, 5))
+    given = ["tune", "nodule", "--duration", "1 s", "--budget", "2 s", "-o", str(tmp_path / "t.yaml")]
+    ran = CliRunner().invoke(app, given)
+    assert ran.exit_code == 0, ran.output
+    text = " ".join(ran.output.split())
+    assert "left out ReducedFE, 1000 vertices; ReducedFE, 1000 vertices, every 5:" in text
+    assert text.count("no reduced basis is stored") == 1
+    assert "Errors are against MassSpring, 1000 vertices, of whose own error nothing is known." in text
+
+
 def test_it_asks_for_a_budget_or_an_error():
     ran = CliRunner().invoke(app, ["tune", "kidney"])
     assert ran.exit_code == 2
