@@ -39,8 +39,8 @@ def tune(
         Candidate,
         Goal,
         TuneError,
-        busy,
         candidates,
+        cause,
         claim,
         kept,
         measured,
@@ -79,7 +79,7 @@ def tune(
         if best is not None:
             write(launch, best, _promise(best, goal), file)
             came = kept(launch, best, base, goal, Path(folder), lambda: progress.update(task, advance=1))
-    why = busy(ranked, goal) if best is None else ""
+    why = cause(ranked, goal) if best is None else ""
     if as_json:
         _json(ranked, best, came, file, base, why)
     else:
@@ -106,14 +106,14 @@ def _json(
     came: Candidate | None,
     file: Path,
     base: dict[str, object],
-    busy: str,
+    why: str,
 ) -> None:
     def data(one: Candidate) -> dict[str, object]:
         times = {} if one.why else {"error": one.error, "p50_s": one.p50, "p99_s": one.p99}
         return {"set": one.overrides, **times, **({"why": one.why} if one.why else {})}
 
     tell({"ok": best is not None, "file": str(file) if best else None, "reference": base,
-          "promised": best and data(best), "came": came and data(came), **({"why": busy} if busy else {}),
+          "promised": best and data(best), "came": came and data(came), **({"why": why} if why else {}),
           "candidates": [data(one) for one in ranked]})  # fmt: skip
 
 
@@ -124,7 +124,7 @@ def _print(
     goal: Goal,
     file: Path,
     against: str,
-    busy: str,
+    why: str,
 ) -> None:
     from rich.table import Table
 
@@ -136,12 +136,12 @@ def _print(
         style = "bold" if one is best else None
         shown.add_row(one.title, f"{100 * one.error:.3g}", f"{1e6 * one.p50:.0f}", f"{1e6 * one.p99:.0f}", style=style)
     out.print(shown)
-    for why in dict.fromkeys(one.why for one in ranked if one.why):
-        titles = "; ".join(one.title for one in ranked if one.why == why)
-        out.print(f"left out {titles}: {why}", markup=False, style="dim")
+    for reason in dict.fromkeys(one.why for one in ranked if one.why):
+        titles = "; ".join(one.title for one in ranked if one.why == reason)
+        out.print(f"left out {titles}: {reason}", markup=False, style="dim")
     out.print(against, markup=False)
     if best is None:
-        out.print(f"Nothing keeps {_asked(goal)} here. {busy}".rstrip(), style="yellow", markup=False)
+        out.print(f"Nothing keeps {_asked(goal)} here. {why}".rstrip(), style="yellow", markup=False)
         return
     assert came is not None
     for word, one in (("promised", best), ("came", came)):

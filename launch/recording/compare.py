@@ -50,7 +50,8 @@ class Variant:
     force        [N] of the controller, difference of the vectors
     indentation  [m] of the tissue under the contact
     shape        [m] displacement of the surface: RMS over vertices that move in one of both, per instant
-    step         [s] durations of a step of the nodes that differ from the recording; whole: of all nodes together
+    step         [s] durations of a step of the nodes that differ from the recording; whole: of all nodes together;
+                 nodes: of each node
     curves       rows of time [s], force [N], indentation [m], for the picture
     """
 
@@ -63,6 +64,7 @@ class Variant:
     shape: _Spread = field(default_factory=_Spread)
     whole: Histogram = field(default_factory=Histogram)
     step: Histogram = field(default_factory=Histogram)
+    nodes: dict[str, Histogram] = field(default_factory=dict)
     curves: list[tuple[float, float, float]] = field(default_factory=list)
 
     def report(self) -> dict[str, Any]:
@@ -203,6 +205,7 @@ def _shapes(a: Surface, b: Surface) -> tuple[float, float]:
 
 
 def _collect(variant: Variant, player: Player) -> None:
+    variant.nodes = {part.name: part.slot.health.step for part in player.parts}
     chosen = [p for p in player.parts if p.name in variant.swapped]
     # As recorded: the time of the body, so that the table has something to hold the others against.
     chosen = chosen or [

@@ -55,13 +55,15 @@ class Goal:
 @dataclass(frozen=True)
 class Candidate:
     """A body at a fidelity: overrides, and what they gave. Error [1] with that of the reference added; p50 and p99 [s]
-    of a tick; why says what went wrong, if something did."""
+    of a tick; why says what went wrong, if something did; slowest is the node beside the body that takes longest of
+    those that run in at least one tick of a hundred, and the p50 [s] of its steps."""
 
     overrides: dict[str, Any]
     error: float = float("inf")
     p50: float = float("inf")
     p99: float = float("inf")
     why: str = ""
+    slowest: tuple[str, float] = ("", 0.0)
 
     @property
     def title(self) -> str:
@@ -152,8 +154,10 @@ def judged(one: Candidate, variant: Variant, goal: Goal, claimed: float) -> Cand
             f"the touch has no {goal.quantity} from its begin to its end, expected one that presses the body; a longer "
             "one may: --duration '3 s'"
         )
-    whole = variant.whole.report()
-    return replace(one, error=spread["rms"] / peak + claimed, p50=whole["p50"], p99=whole["p99"])
+    whole, body = variant.whole.report(), body_of(variant.plan.graph)
+    often = [(n, h.report()["p50"]) for n, h in variant.nodes.items() if 100 * h.count >= variant.whole.count]
+    slowest = max((own for own in often if own[0] != body), key=lambda own: own[1], default=("", 0.0))
+    return replace(one, error=spread["rms"] / peak + claimed, p50=whole["p50"], p99=whole["p99"], slowest=slowest)
 
 
 def reference(recording: Recording, wanted: list[dict[str, Any]]) -> dict[str, Any]:
@@ -208,11 +212,20 @@ def pick(measured: list[Candidate], goal: Goal) -> Candidate | None:
     return min(kept, key=lambda c: (c.error, c.p99))
 
 
-def busy(measured: list[Candidate], goal: Goal) -> str:
-    """Where the budget is what nothing keeps, and more runs here than there are cores: that, in words. Else empty."""
+def cause(measured: list[Candidate], goal: Goal) -> str:
+    """Why nothing keeps the budget, in words: another node that takes longer than it, or a machine on which more runs
+    than it has cores. Empty where it is the error that nothing keeps, or nothing is known."""
+    late = [c for c in measured if not c.why and (goal.error is None or c.error <= goal.error)]
+    if goal.budget is None or not late:
+        return ""
+    name, took = min((c.slowest for c in late), key=lambda own: own[1])
+    if took > goal.budget:
+        return (
+            f"Node {name!r} alone takes {1e6 * took:.0f} us (p50 of its steps), whatever the body is: give a larger "
+            "budget, or tune the graph without it."
+        )
     load, cores = os.getloadavg()[0], os.cpu_count() or 1
-    late = any(not c.why and (goal.error is None or c.error <= goal.error) for c in measured)
-    if goal.budget is None or not late or load <= cores:
+    if load <= cores:
         return ""
     return (
         f"This machine is busy: its load average is {load:.1f} on {cores} core{'s' if cores > 1 else ''}, which is the "

@@ -2,6 +2,7 @@
 
 import json
 import math
+from dataclasses import replace
 
 import pytest
 import yaml
@@ -102,11 +103,27 @@ def test_what_nothing_keeps_is_said(tmp_path, monkeypatch):
 def test_a_busy_machine_is_named_as_the_likely_cause_where_the_budget_is_what_nothing_keeps(monkeypatch):
     monkeypatch.setattr(tune.os, "getloadavg", lambda: (9.0, 5.0, 1.0))
     monkeypatch.setattr(tune.os, "cpu_count", lambda: 2)
-    assert "load average is 9.0 on 2 cores" in tune.busy(ALL, Goal(10e-6, None))
-    assert tune.busy(ALL, Goal(None, 1e-4)) == ""  # the error: time has no part in it
-    assert tune.busy(ALL, Goal(10e-6, 1e-4)) == ""
+    assert "load average is 9.0 on 2 cores" in tune.cause(ALL, Goal(10e-6, None))
+    assert tune.cause(ALL, Goal(None, 1e-4)) == ""  # the error: time has no part in it
+    assert tune.cause(ALL, Goal(10e-6, 1e-4)) == ""
     monkeypatch.setattr(tune.os, "getloadavg", lambda: (1.9, 5.0, 1.0))
-    assert tune.busy(ALL, Goal(10e-6, None)) == ""
+    assert tune.cause(ALL, Goal(10e-6, None)) == ""
+
+
+def test_a_node_that_no_body_makes_faster_is_named_before_the_machine(monkeypatch):
+    monkeypatch.setattr(tune.os, "getloadavg", lambda: (9.0, 5.0, 1.0))
+    shown = [replace(one, slowest=("display", 600e-6)) for one in ALL]
+    assert "Node 'display' alone takes 600 us" in tune.cause(shown, Goal(0.5e-3, None))
+    assert "load average" in tune.cause(shown, Goal(0.7e-3, None))
+
+
+def test_the_slowest_node_beside_the_body_is_found(tmp_path):
+    launch = find("nodule").but(duration=1.0)
+    recording = tune.touched(launch, tmp_path / "t.mcap")
+    wanted = {"tissue.use": "deformation.MassSpring", "scene.surface.vertices": 400}
+    (one,) = tune.measured(recording, [wanted], {"tissue.use": "deformation.MassSpring"}, Goal(1.0, None))
+    assert one.slowest[0] not in ("", "tissue")
+    assert 0.0 < one.slowest[1] < 1.0
 
 
 def test_a_touch_that_touches_nothing_is_told_instead_of_an_error_of_zero(tmp_path):
