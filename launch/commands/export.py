@@ -21,20 +21,23 @@ def export(
     every: Annotated[int, typer.Option(help="Only each n-th message.", min=1)] = 1,
     as_json: Json = False,
 ) -> None:
-    """Write a recording as MCAP of JSON (Foxglove, PlotJuggler), for Rerun, as Parquet, CSV, or VTK (ParaView)."""
+    """Write a recording as MCAP with a scene (Foxglove, PlotJuggler), for Rerun, as Parquet, CSV, or VTK (ParaView)."""
     from palpate.launch.recording.export import export as write
     from palpate.launch.recording.reader import Recording
 
     recording = Recording(file)
-    written = write(recording, to, out, stream or (), every=every)
+    notes: list[str] = []
+    written = write(recording, to, out, stream or (), every=every, tell=notes.append)
     if as_json:
         files = [str(path) for path in written]
-        tell({"ok": True, "files": files, "complete": recording.complete, "ending": recording.ending})
+        tell({"ok": True, "files": files, "notes": notes, "complete": recording.complete, "ending": recording.ending})
         return
     from rich.text import Text
 
     size = sum(path.stat().st_size for path in written)
     where = written[0] if len(written) == 1 else written[0].parent
     console().print(Text(f"{where}: {len(written)} file{'s' * (len(written) != 1)}, {size / 1e6:.2f} MB"))
+    for note in notes:
+        console(soft_wrap=True).print(Text(note, style="yellow"))
     if not recording.complete:
         console(soft_wrap=True).print(Text(recording.ending, style="yellow"))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 
 from palpate.launch.recording.reader import Recording, RecordingError
@@ -18,14 +19,16 @@ def export(
     streams: Sequence[str] = (),
     *,
     every: int = 1,
+    tell: Callable[[str], object] = lambda _: None,
 ) -> list[Path]:
     """Write a recording in another format; the files written.
 
-    to       one of FORMATS: foxglove (MCAP with JSON channels), rerun (.rrd), parquet, csv (a file per stream), vtk (a
-             series of surfaces for ParaView)
+    to       one of FORMATS: foxglove (MCAP with JSON channels and a scene), rerun (.rrd), parquet, csv (a file per
+             stream), vtk (a series of surfaces for ParaView)
     out      file or folder; None: beside the recording
     streams  to write; none: all that fit
     every    each n-th message only
+    tell     gets a line for each thing that is left out of a scene
 
     RecordingError: what does not fit, or which package is missing.
     """
@@ -37,11 +40,11 @@ def export(
     if to == "foxglove":
         from palpate.launch.recording.export.foxglove import write_foxglove
 
-        writers[to] = write_foxglove
+        writers[to] = partial(write_foxglove, tell=tell)
     elif to == "rerun":
         from palpate.launch.recording.export.rerun import write_rerun
 
-        writers[to] = write_rerun
+        writers[to] = partial(write_rerun, tell=tell)
     elif to == "vtk":
         from palpate.launch.recording.export.vtk import write_vtk
 

@@ -8,23 +8,17 @@ from typing import Any
 import numpy as np
 
 from palpate.launch.loading.extras import install
-from palpate.launch.pictures.style import DEFORMATION
-from palpate.launch.recording.export.vtk import displaced, rest_shape
+from palpate.launch.recording.export.shape import LENGTH, Pace, Tell, colours, displaced, shapes
 from palpate.launch.recording.reader import Recording, RecordingError
 from palpate.messages import Contact, Force, Surface, fields
 
-RATE = 30.0
-"""[Hz] of surfaces at most, unless it is said otherwise: each carries all of its vertices."""
-LENGTH = 0.012
-"""[m/N] of an arrow."""
-SCALE = np.array([list(bytes.fromhex(colour[1:])) for colour in DEFORMATION], dtype=float)
-"""[1] (c,3) Colours from rest to the largest displacement, those of the pictures."""
 
-
-def write_rerun(recording: Recording, path: Path, streams: tuple[str, ...], every: int = 1) -> list[Path]:
-    """One .rrd file. A stream of Surface becomes a mesh `STREAM/surface`, every number of every stream a curve
-    `STREAM/FIELD` with its unit, vectors one curve for each part, and a force of Contact or Force an arrow at the foot
-    point. The timeline `time` [s] is the graph's clock, `tick` counts.
+def write_rerun(
+    recording: Recording, path: Path, streams: tuple[str, ...], every: int = 1, tell: Tell = lambda _: None
+) -> list[Path]:
+    """One .rrd file. The body of a stream of Surface becomes a mesh `STREAM/surface`, every number of every stream a
+    curve `STREAM/FIELD` with its unit, vectors one curve for each part, and a force of Contact or Force an arrow at the
+    foot point. The timeline `time` [s] is the graph's clock, `tick` counts. `tell` gets what has no shape, and why.
 
     RecordingError: nothing that fits, or rerun-sdk is missing.
     """
@@ -35,12 +29,11 @@ def write_rerun(recording: Recording, path: Path, streams: tuple[str, ...], ever
     out = rerun.RecordingStream("palpate", recording_id=recording.path.stem)
     path.parent.mkdir(parents=True, exist_ok=True)
     out.save(str(path))
+    for name, shape in shapes(recording, streams, tell).items():
+        _surface(rerun, out, recording, name, every, *shape)
     foot = next((n for n in streams if recording.streams[n].type is Contact), None)
     for name in streams:
-        if issubclass(recording.streams[name].type, Surface):
-            _surface(rerun, out, recording, name, every)
-        else:
-            _numbers(rerun, out, recording, name, every)
+        _numbers(rerun, out, recording, name, every)
         if foot is not None and recording.streams[name].type in (Contact, Force):
             _arrows(rerun, out, recording, name, foot, every)
     out.flush()
@@ -66,32 +59,27 @@ def _numbers(rerun: Any, out: Any, recording: Recording, name: str, every: int) 
             out.send_columns(entity, clock, rerun.Scalars.columns(scalars=rows[:, part]))
 
 
-def _surface(rerun: Any, out: Any, recording: Recording, name: str, every: int) -> None:
-    vertices, triangles = rest_shape(recording, name)
-    last = -1.0
-    for index, message in enumerate(recording.messages(name)):
-        time = message.time * 1e-9
-        if not isinstance(message, Surface) or index % every or (every == 1 and time - last < 1.0 / RATE - 1e-9):
+def _surface(
+    rerun: Any, out: Any, recording: Recording, name: str, every: int, vertices: np.ndarray, triangles: np.ndarray
+) -> None:
+    pace = Pace(every)
+    for message in recording.messages(name):
+        if not isinstance(message, Surface) or not pace.shows(message.time):
             continue
-        last = time
         moved = displaced(recording, name, message, vertices)
         far = np.linalg.norm(moved, axis=1)
-        out.set_time("time", duration=time)
+        out.set_time("time", duration=message.time * 1e-9)
         out.set_time("tick", sequence=message.tick)
         out.log(f"{name}/surface", rerun.Mesh3D(
-            vertex_positions=vertices + moved, triangle_indices=triangles, vertex_colors=_colours(far),
+            vertex_positions=vertices + moved, triangle_indices=triangles, vertex_colors=colours(far),
         ))  # fmt: skip
-
-
-def _colours(far: np.ndarray) -> np.ndarray:
-    """Of displacements [m] (k): full at 10 mm."""
-    at = np.clip(far / 0.01, 0.0, 1.0) * (len(SCALE) - 1)
-    return np.stack([np.interp(at, np.arange(len(SCALE)), part) for part in SCALE.T], axis=1).astype(np.uint8)
 
 
 def _arrows(rerun: Any, out: Any, recording: Recording, name: str, foot: str, every: int) -> None:
     """At the foot point of the last contact before."""
     touch, own = recording.columns(foot), recording.columns(name)
+    if not len(touch["time"]) or not len(own["time"]):
+        return
     force = own["force"] if own["force"].ndim == 2 else own["force"][:, None] * own["normal"]
     at = np.clip(np.searchsorted(touch["time"], own["time"], side="right") - 1, 0, None)
     clock = _clock(rerun, own["tick"][::every], own["time"][::every])

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from palpate.launch.loading.extras import install
-from palpate.launch.recording.player import plan_of
+from palpate.launch.recording.export.shape import displaced, rest_shape
 from palpate.launch.recording.reader import Recording, RecordingError
 from palpate.messages import Surface
 
@@ -52,30 +51,6 @@ def write_vtk(recording: Recording, folder: Path, streams: tuple[str, ...], ever
             times.append((message.time * 1e-9, path.name))
         paths += _series(folder, name, times)
     return paths
-
-
-def displaced(recording: Recording, stream: str, message: Surface, rest: np.ndarray) -> np.ndarray:
-    """Displacement [m] (V,3) of all vertices. RecordingError: the mesh at rest has fewer than were recorded."""
-    moved = np.zeros_like(rest)
-    if len(message.nodes) and int(message.nodes.max()) >= len(moved):
-        raise RecordingError(
-            f"{recording.path}: stream {stream!r} moves vertex {int(message.nodes.max())}, but the mesh of its "
-            f"node has {len(moved)}: it is not the one that was recorded. `--to parquet` needs no mesh."
-        )
-    moved[message.nodes] = message.displacement
-    return moved
-
-
-def rest_shape(recording: Recording, stream: str) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices [m] and triangles of the body that sends a stream."""
-    producer = recording.streams[stream].producer
-    node: Any = plan_of(recording).make(producer)
-    if not hasattr(node, "mesh"):
-        raise RecordingError(
-            f"{recording.path}: node {producer!r} ({type(node).__name__}) has no mesh to draw; use --to parquet"
-        )
-    mesh = node.mesh()
-    return np.array(mesh.vertices, dtype=float), np.array(mesh.triangles)
 
 
 def _series(folder: Path, name: str, times: list[tuple[float, str]]) -> list[Path]:

@@ -33,7 +33,7 @@ def test_foxglove_reads_json_channels_with_their_schemas(recording, tmp_path):
         for schema, channel, record in reader.iter_messages():
             assert channel.message_encoding == "json" and schema.encoding == "jsonschema"
             topics.setdefault(channel.topic, []).append((json.loads(record.data), json.loads(schema.data), record))
-    assert set(topics) == {f"/{name}" for name in recording.streams}
+    assert set(topics) >= {f"/{name}" for name in recording.streams}
     for name in recording.streams:
         for message, (data, schema, record) in zip(recording.messages(name), topics[f"/{name}"], strict=True):
             assert set(data) == set(schema["properties"]) and schema["type"] == "object"
@@ -153,6 +153,22 @@ def test_rerun_reads_curves_and_surfaces_back(recording, tmp_path):
     column = next(name for name in batches["/contact/force"][0].schema.names if "calars" in name)
     curve = np.concatenate([np.array(batch[column].to_pylist()).ravel() for batch in batches["/contact/force"]])
     assert np.array_equal(np.sort(curve), np.sort(recording.columns("contact")["force"]))
-    assert {"/contact/foot/2", "/contact/arrow", "/tissue/surface"} <= set(batches)
+    assert {"/contact/foot/2", "/contact/arrow", "/tissue/surface", "/tissue/stiffness"} <= set(batches)
     shown = sum(batch.num_rows for batch in batches["/tissue/surface"])
     assert 2 <= shown <= 1 + 30 * recording.columns("contact")["time"].max() + 1
+
+
+def test_rerun_has_the_numbers_of_a_body_without_a_mesh(recording, tmp_path, monkeypatch):
+    pytest.importorskip("rerun")
+    reading = pytest.importorskip("rerun.chunk")
+
+    class Meshless:
+        def make(self, _: str) -> object:
+            return object()
+
+    monkeypatch.setattr("palpate.launch.recording.export.shape.plan_of", lambda _: Meshless())
+    notes: list[str] = []
+    (path,) = export(recording, "rerun", tmp_path / "a.rrd", tell=notes.append)
+    assert len(notes) == 1 and "'tissue'" in notes[0] and "no mesh to draw" in notes[0]
+    entities = {chunk.entity_path for chunk in reading.RrdReader(str(path)).stream().to_chunks()}
+    assert "/tissue/stiffness" in entities and "/tissue/surface" not in entities
