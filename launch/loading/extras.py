@@ -9,6 +9,7 @@ EXTRAS = {
     "export": {"pyarrow": "pyarrow"},
     "table": {"pandas": "pandas"},
     "rerun": {"rerun-sdk": "rerun"},
+    "lsl": {"pylsl": "pylsl"},
     "film": {"pyvista": "pyvista", "matplotlib": "matplotlib", "imageio-ffmpeg": "imageio_ffmpeg", "pillow": "PIL"},
     "mesh": {"meshio": "meshio", "trimesh": "trimesh"},
     "bench": {"felupe": "felupe", "matplotlib": "matplotlib", "mujoco": "mujoco"},

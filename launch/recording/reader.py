@@ -14,7 +14,7 @@ from mcap.records import Channel, Metadata, Schema
 from palpate.launch.loading.faults import choices
 from palpate.launch.loading.load import full_name, load_class
 from palpate.messages import Message, MessageError, fields, unpack
-from palpate.nodes.logger import PROFILE, SCHEMA_VERSION
+from palpate.nodes.logger.mcap import PROFILE, SCHEMA_VERSION
 from palpate.nodes.mcap_file import MAGIC, Broken, Records, declared, messages, opened
 from palpate.physics.errors import PalpateError
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from mcap.writer import CompressionType, Writer
 
 from palpate.launch.recording.reader import Recording, RecordingError
-from palpate.nodes.logger import CHUNK_SIZE, PROFILE
+from palpate.nodes.logger.mcap import CHUNK_SIZE, PROFILE
 from palpate.nodes.mcap_file import LIBRARY, add_metadata
 
 

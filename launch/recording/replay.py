@@ -96,6 +96,8 @@ class Replay:
                     continue
                 if first is None:
                     first, begun = time, now()
+                    for observer in self.observers:
+                        observer.node.begun(begun - first)
                 if self.speed is not None:
                     sleep_until(begun + round((time - first) / self.speed))
                 for name, ticks in begins.items():

@@ -110,6 +110,8 @@ class Worker:
     def begin(self, origin: int) -> None:
         """The run begins: who listens, and how the nodes are doing at its beginning. `origin` [ns]: when tick 0 is."""
         self._mark_heard()
+        for observer in self.audience.begun:
+            observer.node.begun(origin)
         if self._real:
             self._since = max(0, int((now() - origin) * 1e-9 * self.job.rate))
             self.tick = max(self.tick, self._since - 1)  # messages from before it began are not its own to answer

@@ -143,6 +143,10 @@ class Observer(Node):
         """Told once, before `start`: what there is to hear, and what is known of the run (plain data)."""
         self.streams, self.about = streams, about
 
+    def begun(self, origin: int) -> None:
+        """Told after `start`, before the first message: when tick 0 is, [ns] on this machine's monotonic clock. On the
+        simulated clock, unless it is paced, only tick 0 has to do with that clock."""
+
     def observe(self, stream: str, tick: int, payload: bytes) -> None:
         """Take one message in its wire form."""
         raise NotImplementedError
