@@ -7,16 +7,20 @@ from typing import Annotated
 
 import typer
 
+from palpate.launch.commands.picture import ColourOption
+
 
 def film(
     file: Annotated[Path, typer.Argument(help="A recording (.mcap).", metavar="FILE")],
     out: Annotated[Path | None, typer.Option("-o", "--out", help="MP4 or GIF; FILE.mp4 if left out.")] = None,
     rate: Annotated[float, typer.Option(help="[1/s] frames of the film.", min=1, max=60)] = 25.0,
     speed: Annotated[float, typer.Option(help="0.5 is slow motion.", min=1e-3, max=100)] = 1.0,
+    colour: ColourOption = "displacement",
 ) -> None:
-    """Film a recording: the surface under the finger, coloured by its displacement in millimetres."""
+    """Film a recording: the surface under the finger, coloured by its displacement or what is asked for."""
+    from palpate.launch.pictures import colour as colours
     from palpate.launch.pictures.film import film as make
 
     target = out or file.with_suffix(".mp4")
-    frames = make(file, target, rate, speed)
+    frames = make(file, target, rate, speed, colours.colour(colour))
     typer.echo(f"{target}  {frames} frames, {frames / rate:.1f} s")

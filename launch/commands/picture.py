@@ -7,6 +7,11 @@ from typing import Annotated
 
 import typer
 
+ColourOption = Annotated[
+    str,
+    typer.Option("--colour", help="displacement, pressure, slip or strain (largest of the surface's triangles)."),
+]
+
 
 def moment(text: str) -> float:
     """[s] of an instant of a recording: 1.2, '1200 ms', 0."""
@@ -22,12 +27,14 @@ def picture(
     file: Annotated[Path, typer.Argument(help="A recording (.mcap).", metavar="FILE")],
     at: Annotated[float, typer.Option(help="Time in the recording: 1.2, '1200 ms'.", parser=moment, metavar="TIME")],
     out: Annotated[Path | None, typer.Option("-o", "--out", help="PNG; FILE-picture.png if left out.")] = None,
+    colour: ColourOption = "displacement",
 ) -> None:
-    """Draw the surface under the finger at one instant, coloured by its displacement in millimetres."""
+    """Draw the surface under the finger at one instant, coloured by its displacement or what is asked for."""
+    from palpate.launch.pictures import colour as colours
     from palpate.launch.pictures.film import picture as draw
 
     target = out or file.with_name(f"{file.stem}-picture.png")
     if target.suffix.lower() != ".png":
         raise typer.BadParameter(f"{target}: found {target.suffix or 'no ending'!r}, expected .png")
-    drawn = draw(file, at, target)
+    drawn = draw(file, at, target, colours.colour(colour))
     typer.echo(f"{target}  at {drawn:.3f} s")

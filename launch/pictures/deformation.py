@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING
 
-import numpy as np
-
+from palpate.launch.pictures.colour import COLOURS, painted, round_up
 from palpate.launch.pictures.moments import Instant, instants, surface_mesh
 from palpate.launch.pictures.off_screen import Rendering
 from palpate.launch.pictures.style import DEFORMATION, figure
@@ -29,9 +27,9 @@ class Views:
         count = len(self.instants)
         self.columns = min(COLUMNS, count)
         self.near = sorted(sorted(range(count), key=lambda i: -self.instants[i].depth)[: self.columns])
-        lengths = np.array([np.linalg.norm(instant.displacement, axis=1).max() for instant in self.instants])
-        self.deepest = round_up(float(lengths.max()))
-        self._rendering = Rendering(mesh, self.instants, self.near, self.deepest)
+        lengths = [painted(COLOURS["displacement"], mesh, instant.surface) for instant in self.instants]
+        self.deepest = round_up(max(float(length.max()) for length in lengths))
+        self._rendering = Rendering(mesh, self.instants, lengths, self.near, self.deepest)
 
     def close(self) -> None:
         """End the drawing."""
@@ -70,13 +68,3 @@ class Views:
 
 def _title(instant: Instant) -> str:
     return f"{instant.time:.2f} s:  {instant.depth * 1e3:.1f} mm deep,  {instant.load:.2f} N"
-
-
-def round_up(length: float) -> float:
-    """The next full millimetre up to 20 mm; below 1 mm and above 20 mm the next of 1, 2, 5, 10 in its decade."""
-    if 1e-3 < length <= 20e-3:
-        return math.ceil(length * 1e3 - 1e-6) / 1e3
-    if length <= 0.0:
-        return 1e-3
-    decade = 10.0 ** math.floor(math.log10(length))
-    return float(next(step for step in (1.0, 2.0, 5.0, 10.0) if step * decade >= length * (1 - 1e-9)) * decade)

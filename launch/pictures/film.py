@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from palpate.launch.loading.extras import install
-from palpate.launch.pictures.deformation import round_up
+from palpate.launch.pictures.colour import COLOURS, Colour, check, painted, top
 from palpate.launch.pictures.moments import Instant, NoMesh, instants_at, surface_mesh
 from palpate.launch.pictures.off_screen import NoRendering, Rendering
 from palpate.launch.pictures.touch import Touch
@@ -29,7 +29,7 @@ ENDINGS = (".mp4", ".gif")
 class Frame:
     """The figure of one instant: surface, colour bar, time, force; `show` puts another instant into it."""
 
-    def __init__(self, deepest: float, pixels: np.ndarray, instant: Instant) -> None:
+    def __init__(self, of: Colour, most: float, pixels: np.ndarray, instant: Instant) -> None:
         from matplotlib.cm import ScalarMappable
         from matplotlib.colors import LinearSegmentedColormap, Normalize
 
@@ -41,8 +41,8 @@ class Frame:
         self._image = axes.imshow(pixels)
         self._title = axes.set_title("", fontsize=12, color=INK)
         colours = LinearSegmentedColormap.from_list("deformation", DEFORMATION)
-        bar = self.figure.colorbar(ScalarMappable(Normalize(0.0, deepest * 1e3), colours), ax=axes, shrink=0.7)
-        bar.set_label("displacement of the surface [mm]")
+        bar = self.figure.colorbar(ScalarMappable(Normalize(0.0, most * of.scale), colours), ax=axes, shrink=0.7)
+        bar.set_label(of.label)
         bar.outline.set_visible(False)  # type: ignore[operator]
         self.show(pixels, instant)
 
@@ -54,10 +54,10 @@ class Frame:
         )
 
 
-def picture(file: Path, at: float, target: Path) -> float:
-    """Draw the surface at the recorded instant nearest to a time [s]; that instant's time [s].
+def picture(file: Path, at: float, target: Path, of: Colour = COLOURS["displacement"]) -> float:
+    """Draw the surface at the recorded instant nearest to a time [s]; that instant's time [s]. `of`: what colours it.
 
-    RecordingError, NoMesh, NoRendering: what is missing.
+    RecordingError, NoMesh, NoColour, NoRendering: what is missing.
     """
     _check_libraries("view", "matplotlib", "pyvista")
     touch = Touch(Recording(file))
@@ -67,19 +67,21 @@ def picture(file: Path, at: float, target: Path) -> float:
     tick = int(ticks[np.abs(times - at).argmin()])
     mesh = surface_mesh(touch)
     (instant,) = instants_at(touch, len(mesh.vertices), [tick])
-    for frame in _frames(mesh, [instant]):
+    check(of, [instant.surface], f"{file} at {instant.time:.3f} s")
+    for frame in _frames(mesh, [instant], of):
         target.parent.mkdir(parents=True, exist_ok=True)
         frame.figure.savefig(target)
     return instant.time
 
 
-def film(file: Path, target: Path, rate: float = 25.0, speed: float = 1.0) -> int:
+def film(file: Path, target: Path, rate: float = 25.0, speed: float = 1.0, of: Colour = COLOURS["displacement"]) -> int:
     """Write a film of a recording; the number of its frames.
 
     rate   [1/s] frames of the film
     speed  [1] of the film's time: 0.5 is slow motion
+    of     what colours the surface
 
-    RecordingError, NoMesh, NoRendering: what is missing. OSError: the file cannot be written.
+    RecordingError, NoMesh, NoColour, NoRendering: what is missing. OSError: the file cannot be written.
     """
     if target.suffix.lower() not in ENDINGS:
         raise NoRendering(f"{target}: found {target.suffix or 'no ending'!r}, expected {' or '.join(ENDINGS)}")
@@ -91,24 +93,26 @@ def film(file: Path, target: Path, rate: float = 25.0, speed: float = 1.0) -> in
     chosen = ticks[np.minimum(np.searchsorted(times, moments - 1e-9), len(ticks) - 1)]
     mesh = surface_mesh(touch)
     by_time = instants_at(touch, len(mesh.vertices), np.unique(chosen).tolist())
+    check(of, [one.surface for one in by_time], str(file))
     rows = np.searchsorted(np.unique(chosen), chosen)
     target.parent.mkdir(parents=True, exist_ok=True)
     write = _write_gif if target.suffix.lower() == ".gif" else _write_mp4
-    write(target, _pixels(_frames(mesh, [by_time[row] for row in rows])), rate)
+    write(target, _pixels(_frames(mesh, [by_time[row] for row in rows], of)), rate)
     return count
 
 
-def _frames(mesh: Any, instants: Sequence[Instant]) -> Iterator[Frame]:
+def _frames(mesh: Any, instants: Sequence[Instant], of: Colour) -> Iterator[Frame]:
     """The figure with one instant after the other; it is the same figure each time."""
     from matplotlib import rc_context
 
     from palpate.launch.pictures.style import LOOK
 
-    deepest = round_up(max(float(np.linalg.norm(one.displacement, axis=1).max()) for one in instants))
+    most = top(of, max(float(painted(of, mesh, one.surface).max()) for one in instants))
     frame = None
     for begin in range(0, len(instants), BATCH):
         batch = instants[begin : begin + BATCH]
-        rendering = Rendering(mesh, batch, [], deepest, all_of=instants)
+        values = [painted(of, mesh, one.surface) for one in batch]
+        rendering = Rendering(mesh, batch, values, [], most, all_of=instants)
         try:
             wide = rendering.pixels()["wide"]
         finally:
@@ -116,7 +120,7 @@ def _frames(mesh: Any, instants: Sequence[Instant]) -> Iterator[Frame]:
         for pixels, instant in zip(wide, batch, strict=True):
             with rc_context(LOOK):
                 if frame is None:
-                    frame = Frame(deepest, pixels, instant)
+                    frame = Frame(of, most, pixels, instant)
                 frame.show(pixels, instant)
             yield frame
 

@@ -22,6 +22,7 @@ class Instant:
     """One instant of a touch.
 
     time          [s]
+    surface       what the body told
     displacement  [m] (V,3)  of every vertex of the mesh
     tip           [m] (3)    lowest point of the fingertip, None where the recording does not tell
     normal        [1] (3)    outward normal at the foot point
@@ -31,6 +32,7 @@ class Instant:
     """
 
     time: float
+    surface: Surface
     displacement: np.ndarray
     tip: np.ndarray | None
     normal: np.ndarray
@@ -129,6 +131,7 @@ def instants_at(touch: Touch, vertices: int, ticks: list[int]) -> list[Instant]:
         moments.append(
             Instant(
                 time=float(contact["time"]),
+                surface=surface,
                 displacement=displaced(surface, vertices),
                 tip=tips.get(tick),
                 normal=contact["normal"],

@@ -30,13 +30,14 @@ class NoRendering(PalpateError, RuntimeError):
 class Rendering:
     """Instants of a touch on the way to pixels; the process begins when this is made.
 
+    values   (V) of each instant, which colour the vertices
     near     which instants are drawn from near, too
-    deepest  [m] of the colour scale
+    most     end of the colour scale
     all_of   the instants whose finger and force set camera and arrows; the drawn ones if left out
     """
 
     def __init__(
-        self, mesh: Any, instants: Sequence[Instant], near: Sequence[int], deepest: float,
+        self, mesh: Any, instants: Sequence[Instant], values: Sequence[np.ndarray], near: Sequence[int], most: float,
         all_of: Sequence[Instant] | None = None,
     ) -> None:  # fmt: skip
         self._folder = tempfile.TemporaryDirectory(prefix="palpate-")
@@ -47,11 +48,12 @@ class Rendering:
             vertices=mesh.vertices,
             triangles=mesh.triangles,
             displacement=np.array([one.displacement for one in instants], dtype=np.float32),
+            values=np.array(values, dtype=np.float32),
             tips=_tips(instants),
             normals=np.array([one.normal for one in instants]),
             forces=np.array([one.force for one in instants]),
             near=np.array(near, dtype=np.int64),
-            deepest=deepest,
+            most=most,
             balls=ball_centres(_tips(scene), np.array([one.normal for one in scene])),
             greatest=max(float(np.linalg.norm(one.force)) for one in scene),
         )

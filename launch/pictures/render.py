@@ -27,27 +27,28 @@ VIEW = (0.2, -0.8, 0.95)
 def render(views: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     """Pictures of all instants, wide (k, h, w, 3), and of some from near, close (n, h, w, 3): red, green, blue bytes.
 
-    vertices [m] (V,3), triangles (T,3), displacement [m] (k,V,3), tips [m] (k,3; not finite: no finger),
-    normals [1] (k,3), forces [N] (k,3), near (n): which instants from near, deepest [m] of the colour scale,
-    balls [m] (m,3) all places of the finger that the camera shall see, greatest [N] force of the longest arrow
+    vertices [m] (V,3), triangles (T,3), displacement [m] (k,V,3), values (k,V) that colour the vertices, most: end of
+    the colour scale, tips [m] (k,3; not finite: no finger), normals [1] (k,3), forces [N] (k,3), near (n): which
+    instants from near, balls [m] (m,3) all places of the finger that the camera shall see, greatest [N] force of the
+    longest arrow
     """
     import pyvista
 
     pyvista.OFF_SCREEN = True
     triangles = views["triangles"]
     faces = np.column_stack([np.full(len(triangles), 3), triangles]).ravel()
-    deepest = float(views["deepest"])
+    most = float(views["most"])
     wide: list[np.ndarray] = []
     close: list[np.ndarray] = []
     arrows = views["forces"] * (_longest(views["vertices"]) / max(float(views["greatest"]), LEAST_FORCE))
     balls = views["balls"]
-    shots = list(zip(views["displacement"], views["tips"], views["normals"], arrows, strict=True))
+    shots = list(zip(views["displacement"], views["values"], views["tips"], views["normals"], arrows, strict=True))
     for shape, out, which in ((SIZE, wide, range(len(shots))), (CLOSE_SIZE, close, views["near"].tolist())):
         plotter = pyvista.Plotter(off_screen=True, window_size=list(shape), lighting="none")
         _lights(pyvista, plotter)
         for shot in (shots[i] for i in which):
             plotter.clear_actors()
-            _draw(pyvista, plotter, views["vertices"], faces, *shot, deepest, edges=out is close)
+            _draw(pyvista, plotter, views["vertices"], faces, *shot, most, edges=out is close)
             _camera(plotter, views["vertices"], balls, shot, near=out is close)
             plotter.render()
             out.append(np.asarray(plotter.screenshot(return_img=True))[..., :3])
@@ -79,20 +80,21 @@ def _draw(
     vertices: np.ndarray,
     faces: np.ndarray,
     displacement: np.ndarray,
+    values: np.ndarray,
     tip: np.ndarray,
     normal: np.ndarray,
     arrow: np.ndarray,
-    deepest: float,
+    most: float,
     edges: bool,
 ) -> None:
     from matplotlib.colors import LinearSegmentedColormap
 
     colours = LinearSegmentedColormap.from_list("deformation", DEFORMATION)
     mesh = pyvista.PolyData(vertices + displacement, faces)
-    mesh["deformation"] = np.linalg.norm(displacement, axis=1)
+    mesh["value"] = values
     plotter.set_background("white")
     plotter.add_mesh(
-        mesh, scalars="deformation", cmap=colours, clim=(0.0, deepest), show_scalar_bar=False, smooth_shading=True,
+        mesh, scalars="value", cmap=colours, clim=(0.0, most), show_scalar_bar=False, smooth_shading=True,
         split_sharp_edges=False, ambient=0.28, diffuse=0.85, specular=0.12, specular_power=20,
         show_edges=edges, edge_color="#7a5a54", line_width=0.4, edge_opacity=0.35,
     )  # fmt: skip
@@ -124,7 +126,7 @@ def _camera(plotter: Any, vertices: np.ndarray, balls: np.ndarray, shot: tuple, 
     focus = (low + high) / 2 @ axes
     width, height = plotter.window_size
     reach = MARGIN * max(high[1] - low[1], (high[0] - low[0]) * height / width) / 2
-    tip, arrow = shot[1], shot[3]
+    tip, arrow = shot[2], shot[4]
     if near and np.isfinite(tip).all():
         focus, reach = tip + 0.4 * arrow, NEAR * reach
     plotter.camera.focal_point = tuple(focus)

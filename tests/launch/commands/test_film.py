@@ -9,6 +9,7 @@ from typer.testing import CliRunner
 
 from palpate.launch.__main__ import app
 from palpate.launch.pictures import film as films
+from palpate.launch.pictures.colour import COLOURS
 from palpate.launch.pictures.off_screen import NoRendering
 from palpate.launch.recording.reader import Recording
 from palpate.messages import Pose
@@ -77,8 +78,9 @@ def test_the_arrow_and_the_camera_are_those_of_the_whole_film(file, monkeypatch)
     scenes = []
 
     class Noted:
-        def __init__(self, mesh, batch, near, deepest, all_of):
-            scenes.append((len(batch), deepest, len(all_of)))
+        def __init__(self, mesh, batch, values, near, most, all_of):
+            assert len(values) == len(batch)
+            scenes.append((len(batch), most, len(all_of)))
             self.batch = batch
 
         def pixels(self):
@@ -92,9 +94,9 @@ def test_the_arrow_and_the_camera_are_those_of_the_whole_film(file, monkeypatch)
     touch = films.Touch(Recording(file))
     mesh = films.surface_mesh(touch)
     instants = films.instants_at(touch, len(mesh.vertices), [100, 200, 300])
-    titles = [frame._title.get_text() for frame in films._frames(mesh, instants)]
+    titles = [frame._title.get_text() for frame in films._frames(mesh, instants, COLOURS["displacement"])]
     assert [(count, total) for count, _, total in scenes] == [(2, 3), (1, 3)]
-    assert len({deepest for _, deepest, _ in scenes}) == 1
+    assert len({most for _, most, _ in scenes}) == 1
     assert titles[0].startswith("0.10 s") and titles[2].startswith("0.30 s")
 
 

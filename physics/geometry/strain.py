@@ -1,0 +1,52 @@
+"""How much a surface is stretched, by its triangles alone."""
+
+from __future__ import annotations
+
+import numpy as np
+
+
+def largest_stretch(vertices: np.ndarray, triangles: np.ndarray, displacement: np.ndarray) -> np.ndarray:
+    """Largest principal engineering strain of each triangle against its rest shape [1] (T,).
+
+        F = e E⁻¹,  C = FᵀF,  strain = sqrt(largest eigenvalue of C) - 1
+
+    E (2,2) has the two edges at rest in the plane of the triangle as columns, e (3,2) the same edges displaced. So 0.1
+    is a line of the surface that has become 10 % longer, and no line of that triangle more; 0 is a rigid motion,
+    however far; below 0 all lines have become shorter. It knows nothing of what lies below the surface. 0 for a
+    triangle without area at rest.
+
+    vertices [m] (V,3) at rest, triangles [1] (T,3), displacement [m] (V,3)
+
+    J. Bonet, R. D. Wood, Nonlinear Continuum Mechanics for Finite Element Analysis, 2nd ed. (2008), section 4.6.
+    """
+    first, second = _edges(vertices, triangles)
+    length = np.linalg.norm(first, axis=1)
+    along = _product(first, second) / np.where(length > 0.0, length, 1.0)
+    height = np.linalg.norm(np.cross(first, second), axis=1) / np.where(length > 0.0, length, 1.0)
+    flat = height <= 1e-12 * (length + np.abs(along))
+    length, height = (np.where(flat, 1.0, size)[:, None] for size in (length, height))
+    one, other = _edges(vertices + displacement, triangles)
+    x = one / length  # the columns of F
+    y = (other - along[:, None] * x) / height
+    xx, xy, yy = _product(x, x), _product(x, y), _product(y, y)
+    largest = (xx + yy) / 2.0 + np.hypot((xx - yy) / 2.0, xy)
+    return np.where(flat, 0.0, np.sqrt(largest) - 1.0)
+
+
+def at_vertices(values: np.ndarray, vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+    """Mean at each vertex (V,) of the values (T,) of the triangles round it, weighted by their area at rest; 0 where
+    there is none."""
+    area = np.linalg.norm(np.cross(*_edges(vertices, triangles)), axis=1)
+    corners = triangles.ravel()
+    total = np.bincount(corners, np.repeat(values * area, 3), minlength=len(vertices))
+    weight = np.bincount(corners, np.repeat(area, 3), minlength=len(vertices))
+    return total / np.where(weight > 0.0, weight, 1.0)
+
+
+def _edges(points: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    origin = points[triangles[:, 0]]
+    return points[triangles[:, 1]] - origin, points[triangles[:, 2]] - origin
+
+
+def _product(p: np.ndarray, q: np.ndarray) -> np.ndarray:
+    return np.einsum("ij,ij->i", p, q)
