@@ -100,9 +100,12 @@ class Feed:
 
 
 def frame(head: dict[str, Any], surface: Message | None) -> bytes:
-    """A picture: what is told in its head, and the surface's nodes, displacements and pressures."""
+    """A picture: what is told in its head, and the surface's nodes, displacements and pressures. Which nodes slide is
+    told in the head, where the body knows."""
     if not isinstance(surface, Surface):
         return packed(head, np.zeros(0, "<u4"), np.zeros(0, "<f4"), np.zeros(0, "<f4"))
+    if len(surface.slipped) and len(surface.slipped) == len(surface.nodes):
+        head = head | {"slipped": surface.slipped.tolist()}
     pressure = surface.pressure if len(surface.pressure) == len(surface.nodes) else ()
     return packed(head, np.asarray(surface.nodes, "<u4"), np.asarray(surface.displacement, "<f4").ravel(),
                   np.asarray(pressure, "<f4"))  # fmt: skip

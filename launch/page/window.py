@@ -7,20 +7,20 @@ import os
 import struct
 import sys
 from importlib.util import find_spec
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 
 from palpate.launch.loading.extras import install
 from palpate.launch.page.watch import Watch
+from palpate.launch.pictures.colour import COLOURS, able, painted
 from palpate.physics.errors import MISUSE, PalpateError
 
 TIP = 6e-3
 """[m] Radius of the ball that stands for the fingertip."""
 LENGTH = 0.012
 """[m/N] Of the force arrow."""
-LEAST = 4e-3
-"""[m] Least end of the colour scale."""
 STEP = 15
 """[ms] that the window gets for the mouse between two frames."""
 
@@ -71,14 +71,19 @@ class Window:
         _, triangles, places, _ = unpacked(watch.mesh)
         self._rest = places.reshape(-1, 3).astype(float)
         self.organ: Any = pyvista.make_tri_mesh(self._rest.copy(), triangles.reshape(-1, 3).astype(np.int64))
-        self.organ["moved"] = np.zeros(len(self._rest))
-        self._top = LEAST
+        self.organ["value"] = np.zeros(len(self._rest))
+        self._undeformed = SimpleNamespace(vertices=self._rest, triangles=triangles.reshape(-1, 3).astype(np.int64))
+        self._shape: Any = None
+        self.colour = COLOURS["displacement"]
+        self._top = self.colour.least
         self.plotter: Any = pyvista.Plotter(title="palpate", off_screen=off_screen, window_size=[1000, 700])
         colours = LinearSegmentedColormap.from_list("deformation", DEFORMATION)
         self._actor = self.plotter.add_mesh(
-            self.organ, scalars="moved", cmap=colours, clim=(0.0, 1e3 * LEAST), smooth_shading=True,
-            scalar_bar_args={"title": "displacement [mm]", "n_labels": 3, "fmt": "%.1f"},
+            self.organ, scalars="value", cmap=colours, clim=(0.0, self.colour.scale * self._top), smooth_shading=True,
+            show_scalar_bar=False,
         )  # fmt: skip
+        self._bar()
+        self.plotter.add_key_event("c", self.another_colour)
         self._ball = pyvista.Sphere(radius=TIP)
         self._tip = self.plotter.add_mesh(self._ball, color="#c88c6b", opacity=0.45)
         self._tip.SetVisibility(False)
@@ -113,21 +118,41 @@ class Window:
         self._status = status
         if frame is not self._frame:
             self._frame = frame
-            self._show(*unpacked(frame)[:3])
+            self._show(*unpacked(frame))
         else:
             self._say({})
         return True
 
-    def _show(self, head: dict[str, Any], nodes: np.ndarray, moved: np.ndarray) -> None:
-        points, size = self._rest.copy(), np.zeros(len(self._rest))
-        moved = moved.reshape(-1, 3)
+    def another_colour(self) -> None:
+        """The next colour that the body tells of."""
+        if self._shape is None:
+            return
+        can = able(self._shape)
+        self.plotter.remove_scalar_bar(self.colour.label)
+        self.colour = COLOURS[can[(can.index(self.colour.name) + 1) % len(can) if self.colour.name in can else 0]]
+        self._top = self.colour.least
+        self._bar()
+        self._paint()
+
+    def _bar(self) -> None:
+        self.plotter.add_scalar_bar(self.colour.label, mapper=self._actor.mapper, n_labels=3, fmt="%.1f")
+
+    def _paint(self) -> None:
+        values = painted(self.colour, self._undeformed, self._shape)
+        self._top = max(self._top, float(values.max(initial=0.0)))
+        self.organ["value"] = self.colour.scale * values
+        self._actor.mapper.scalar_range = (0.0, self.colour.scale * self._top)
+
+    def _show(self, head: dict[str, Any], nodes: np.ndarray, moved: np.ndarray, pressure: np.ndarray) -> None:
+        points, moved = self._rest.copy(), moved.reshape(-1, 3)
         points[nodes] += moved
-        size[nodes] = 1e3 * np.linalg.norm(moved, axis=1)
-        self.organ.points, self.organ["moved"] = points, size
-        top = float(size.max(initial=0.0))
-        if top > 1e3 * self._top:
-            self._top = 1e-3 * top
-            self._actor.mapper.scalar_range = (0.0, top)
+        self.organ.points = points
+        self._shape = SimpleNamespace(
+            nodes=nodes, displacement=moved, pressure=pressure, slipped=np.array(head.get("slipped", ()), dtype=float)
+        )
+        if self.colour.name not in able(self._shape):
+            self.another_colour()
+        self._paint()
         self._point(head)
         self._say(head)
 

@@ -22,20 +22,26 @@ class NoColour(PalpateError, ValueError):
 
 @dataclass(frozen=True)
 class Colour:
-    """One kind of colour: its name, the words beside the bar, and how many of the bar's units are one in SI."""
+    """One kind of colour.
+
+    label  what stands beside the bar
+    scale  how many of the bar's units are one in SI
+    least  end of the bar, in SI, while a run goes on and nothing more has been seen
+    """
 
     name: str
     label: str
     scale: float
+    least: float
 
 
 COLOURS = {
     one.name: one
     for one in (
-        Colour("displacement", "displacement of the surface [mm]", 1e3),
-        Colour("pressure", "contact pressure [kPa]", 1e-3),
-        Colour("slip", "slip (1: slides)", 1.0),
-        Colour("strain", "strain of the surface, largest [%]", 1e2),
+        Colour("displacement", "displacement of the surface [mm]", 1e3, 4e-3),
+        Colour("pressure", "contact pressure [kPa]", 1e-3, 2e3),
+        Colour("slip", "slip (1: slides)", 1.0, 1.0),
+        Colour("strain", "strain of the surface, largest [%]", 1e2, 0.05),
     )
 }
 

@@ -83,7 +83,7 @@ export class Scene {
     this.rest = places; this.restNormals = normals; this.triangles = triangles;
     this.places = places.slice(); this.normals = normals.slice(); this.values = new Float32Array(places.length / 3);
     this.moved = new Uint32Array(0);
-    this.around = null;
+    this.weights = null;
     const low = [1e9, 1e9, 1e9], high = [-1e9, -1e9, -1e9];
     places.forEach((x, i) => { low[i % 3] = Math.min(low[i % 3], x); high[i % 3] = Math.max(high[i % 3], x); });
     this.centre = low.map((x, i) => (x + high[i]) / 2);
@@ -112,6 +112,35 @@ export class Scene {
     this.values.fill(0);
     nodes.forEach((i, k) => { this.values[i] = values[k]; });
     this.fill(this.organ, "value", this.values);
+  }
+
+  // Colour by the strain of the surface, as physics/geometry/strain.py has it: of each triangle the largest principal one,
+  // of each vertex the mean of its triangles by their area at rest. Triangles that have not moved have none.
+  strain() {
+    const t = this.triangles, r = this.rest, p = this.places, moved = new Uint8Array(r.length / 3), { values } = this;
+    const edge = (x, i, j) => [x[3 * j] - x[3 * i], x[3 * j + 1] - x[3 * i + 1], x[3 * j + 2] - x[3 * i + 2]];
+    if (!this.weights) {
+      this.weights = new Float32Array(values.length);
+      for (let k = 0; k < t.length; k += 3) {
+        const area = Math.hypot(...cross(edge(r, t[k], t[k + 1]), edge(r, t[k], t[k + 2])));
+        for (let c = k; c < k + 3; c++) this.weights[t[c]] += area;
+      }
+    }
+    for (const i of this.moved) moved[i] = 1;
+    values.fill(0);
+    for (let k = 0; k < t.length; k += 3) {
+      const [i, j, l] = [t[k], t[k + 1], t[k + 2]];
+      if (!(moved[i] || moved[j] || moved[l])) continue;
+      const first = edge(r, i, j), second = edge(r, i, l), length = Math.hypot(...first), area = Math.hypot(...cross(first, second));
+      if (!(area > 1e-7 * length * length)) continue;
+      const x = edge(p, i, j).map((v) => v / length), slope = dot(first, second) / length, height = area / length;
+      const y = edge(p, i, l).map((v, c) => (v - slope * x[c]) / height); // the columns of the gradient
+      const a = dot(x, x), b = dot(x, y), c = dot(y, y), stretch = Math.sqrt((a + c) / 2 + Math.hypot((a - c) / 2, b));
+      for (const v of [i, j, l]) values[v] += area * (stretch - 1);
+    }
+    for (let v = 0; v < values.length; v++) if (values[v]) values[v] /= this.weights[v];
+    this.fill(this.organ, "value", values);
+    return values;
   }
 
   smooth(inside) {
@@ -202,24 +231,29 @@ export class Scene {
   }
 }
 
+// What colours a surface: whether a picture has it, the least end of its scale, that end in words with its unit.
+const KINDS = {
+  displacement: { has: () => true, least: 4e-3, text: (v) => `${(1e3 * v).toFixed(1)} mm` },
+  pressure: { has: ({ pressure, nodes }) => pressure.length || !nodes.length, least: 2e3, text: (v) => `${(1e-3 * v).toFixed(1)} kPa` },
+  load: { has: ({ head }) => head.patch, least: 5e-3, text: (v) => `${(1e3 * v).toFixed(0)} mN`, name: "load on a vertex" },
+  slip: { has: ({ head, nodes }) => head.slipped || !nodes.length, least: 1, text: () => "slides" },
+  strain: { has: () => true, least: 0.05, text: (v) => `${(100 * v).toFixed(0)} %`, name: "largest strain of the surface" },
+};
+
 // Deform and colour scenes by their newest pictures, on one scale: its end, in words with its unit, and what it is of.
 export function painted(pairs, wish) {
-  const can = {
-    displacement: () => true,
-    pressure: ({ pressure, nodes }) => pressure.length || !nodes.length,
-    load: ({ head }) => head.patch,
-  };
-  const of = pairs.every(([, newest]) => can[wish](newest)) ? wish : "displacement";
+  const of = pairs.every(([, newest]) => KINDS[wish].has(newest)) ? wish : "displacement", kind = KINDS[of];
   const length = (d) => Float32Array.from({ length: d.length / 3 }, (_, k) => Math.hypot(d[3 * k], d[3 * k + 1], d[3 * k + 2]));
-  let most = { displacement: 4e-3, pressure: 2e3, load: 5e-3 }[of];
+  let most = kind.least;
   for (const [scene, newest] of pairs) {
-    const moved = length(newest.displacement), values = of === "pressure" ? newest.pressure : moved;
-    scene.deform(newest.nodes, newest.displacement, values);
-    if (of === "load") scene.colour(newest.head.patch, newest.head.loads);
-    for (const v of of === "load" ? newest.head.loads : values) if (v > most) most = v;
+    const { head, nodes, displacement, pressure } = newest;
+    let values = { pressure, slip: head.slipped ?? [] }[of] ?? length(displacement);
+    scene.deform(nodes, displacement, values);
+    if (of === "load") scene.colour(head.patch, values = head.loads);
+    if (of === "strain") values = scene.strain();
+    for (const v of values) if (v > most) most = v;
   }
-  const text = { displacement: `${(1e3 * most).toFixed(1)} mm`, pressure: `${(1e-3 * most).toFixed(1)} kPa`, load: `${(1e3 * most).toFixed(0)} mN` }[of];
-  return { most, text, what: of === wish ? (of === "load" ? "load on a vertex" : of) : `displacement (this body tells no ${wish})` };
+  return { most, text: kind.text(most), what: of === wish ? kind.name ?? of : `displacement (this body tells no ${wish})` };
 }
 
 // Smooth edges cost a software renderer more than the rest of the picture.

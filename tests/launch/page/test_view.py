@@ -21,8 +21,10 @@ from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
 from palpate.launch.page.doors import PortTaken
+from palpate.launch.page.feed import frame
 from palpate.launch.page.reel import POINTS, Reel
 from palpate.launch.page.shown import Shown
+from palpate.messages import Surface
 
 SETS = ("scene.surface.vertices=1000", "scene.hand.begin=[0, 0, 0.111]",
         "scene.hand.path=[{to: [0, 0, 0.098], time: 0.3}, {to: [0, 0, 0.112], time: 0.3}]")  # fmt: skip
@@ -53,6 +55,13 @@ def test_any_time_shows_the_last_messages_before_it(file):
         assert nodes.tolist() == surfaces[tick].nodes.tolist()
         assert moved == pytest.approx(surfaces[tick].displacement.ravel(), rel=1e-6)
     reel.close()
+
+
+def test_what_slides_is_told_where_the_body_knows():
+    law = {"stiffness": 1.0, "exponent": 1.0, "damping": 0.0, "free": 0.0, "previous": 0.0}
+    body = {"nodes": np.array([3, 5], np.int32), "displacement": np.zeros((2, 3)), **law}
+    assert read(frame({"kind": "frame"}, Surface(**body, slipped=np.array([0, 1]))))[0]["slipped"] == [0, 1]
+    assert "slipped" not in read(frame({"kind": "frame"}, Surface(**body)))[0]
 
 
 def test_the_beginning_tells_the_mesh_and_all_of_the_touch(file):

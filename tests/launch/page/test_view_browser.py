@@ -2,6 +2,7 @@
 
 import shutil
 
+import numpy as np
 import pytest
 from browser import NEEDED, opened
 
@@ -12,7 +13,9 @@ from test_view import SETS
 
 from palpate.launch.loading.launchfile import find
 from palpate.launch.page.shown import Shown
+from palpate.launch.pictures.colour import COLOURS, painted
 from palpate.launch.running.execute import execute
+from palpate.messages import Surface
 
 pytestmark = NEEDED
 
@@ -65,3 +68,36 @@ def test_keys_step_play_and_turn(page):
     page.keyboard.press(" ")
     page.wait_for_function("palpate.playing")
     assert page.problems == []
+
+
+def at(page, time):
+    """Go to a time of the recording."""
+    page.evaluate(f"const t = document.getElementById('time'); t.value = {time}; t.dispatchEvent(new Event('input'))")
+    page.wait_for_function(
+        f"palpate.reels.every((r) => Math.abs(r.newest.head.time - {time}) < 0.002 && r.scene.moved.length)"
+    )
+
+
+def test_the_strain_on_the_page_is_that_of_the_pictures(page, shown):
+    page.select_option("#colour", "strain")
+    at(page, 0.3)
+    reel = shown._reels[0]
+    surface = reel.last(0.3)[Surface]
+    expected = painted(COLOURS["strain"], reel.mesh, surface)
+    drawn = np.array(page.evaluate("Array.from(palpate.reels[0].scene.values)"))
+    assert expected.max() > 0.05 and drawn == pytest.approx(expected, abs=2e-4)
+    assert page.text_content("#top") == f"{100 * expected.max():.0f} %"
+    assert page.text_content("#what") == "largest strain of the surface" and page.problems == []
+
+
+def test_slip_is_shown_where_the_body_tells_it(page):
+    page.select_option("#colour", "slip")
+    at(page, 0.3)
+    assert page.text_content("#what") == "displacement (this body tells no slip)"
+    told = page.evaluate("""async () => {
+        const { painted } = await import("/scene.js"), { scene, newest } = palpate.reels[0];
+        const slipped = Array.from(newest.nodes, (_, k) => k % 2);
+        const { most, what } = painted([[scene, { ...newest, head: { ...newest.head, slipped } }]], "slip");
+        return [most, what, Array.from(newest.nodes, (i) => scene.values[i]), slipped];
+    }""")
+    assert told[:2] == [1, "slip"] and told[2] == told[3] and sum(told[2]) > 3 and page.problems == []

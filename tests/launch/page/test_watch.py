@@ -81,11 +81,12 @@ class Still(Watch):
 def test_the_window_draws_the_organ_where_it_is(tmp_path):
     pytest.importorskip("pyvista")
     from palpate.launch.page.feed import frame
+    from palpate.launch.pictures.colour import COLOURS, painted
     from palpate.messages import Surface
 
     source = Still(find("kidney").but(overrides=SETS).plan(), 0, set())
     window = Window(source, off_screen=True)
-    assert not window.refresh() or window.organ["moved"].max() == 0.0
+    assert not window.refresh() or window.organ["value"].max() == 0.0
     surface = Surface(
         nodes=np.array([3, 4], np.int32), displacement=np.array([[0, 0, -6e-3], [0, 0, -3e-3]]), stiffness=1.0,
         exponent=1.0, damping=0.0, free=0.0, previous=0.0, step=1e-3, relaxation=0.0,
@@ -96,9 +97,16 @@ def test_the_window_draws_the_organ_where_it_is(tmp_path):
     before = np.array(window.organ.points)
     assert window.refresh() and not window.refresh()
     assert np.allclose(np.array(window.organ.points)[3] - before[3], (0, 0, -6e-3), atol=1e-7)
-    assert window.organ["moved"][4] == pytest.approx(3.0) and np.count_nonzero(window.organ["moved"]) == 2
+    assert window.organ["value"][4] == pytest.approx(3.0) and np.count_nonzero(window.organ["value"]) == 2
     pixels = window.plotter.screenshot(None, return_img=True)
     assert len(np.unique(pixels.reshape(-1, 3), axis=0)) > 50
+    window.another_colour()
+    assert list(window.plotter.scalar_bars.keys()) == ["strain of the surface, largest [%]"]
+    strain = painted(COLOURS["strain"], source.touched.mesh, surface)
+    assert window.organ["value"] == pytest.approx(100 * strain, abs=0.01) and strain.max() > 0.05
+    assert window._actor.mapper.scalar_range[1] == pytest.approx(100 * strain.max(), rel=1e-3)
+    window.another_colour()
+    assert window.colour.name == "displacement" and window.organ["value"][4] == pytest.approx(3.0)
     window.plotter.close()
 
 
