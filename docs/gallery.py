@@ -1,29 +1,33 @@
-"""Write gallery.md: every launch file that ships, what it shows, its command, its clock and its nodes.
+"""Write gallery.md: every graph that ships, what it shows, its command, its picture, its clock and its nodes.
 
-python docs/gallery.py
+python docs/gallery.py             # the page
+python docs/pictures/gallery.py    # its pictures
 """
 
 from __future__ import annotations
 
 from pathlib import Path
 
-from palpate.launch.loading.launchfile import LAUNCHES, find
+from palpate.launch.loading.launchfile import LAUNCHES, find, names
 from palpate.launch.loading.plan import plan
 
 TARGET = Path(__file__).with_name("gallery.md")
 HEAD = """# Gallery
 
-Every graph that ships, as `python docs/gallery.py` writes it. A run ends with its [pictures](pictures.md);
-`palpate film` makes a [film](python.md) of its recording. `palpate plan GRAPH` lists what runs and why.
+Every graph that ships, as `python docs/gallery.py` writes it, with a picture by `python docs/pictures/gallery.py`: the
+surface at its deepest instant, or what the run draws of itself; devices and sensors are emulators, each on its own. A
+run ends with its [pictures](pictures.md); `palpate film` makes a [film](python.md) of its recording. `palpate plan
+GRAPH` lists what runs and why.
 
 """
 
 
 def entry(name: str) -> str:
-    """One launch file: its first comment, command, length, clock, rate and nodes."""
+    """One launch file, or graph without one: its first comment, command, picture, length, clock, rate and nodes."""
     launch = find(name)
     graph = launch.load()
-    what = next(line for line in (LAUNCHES / f"{name}.yaml").read_text(encoding="utf-8").splitlines() if line)
+    file = LAUNCHES / f"{name}.yaml"
+    what = (file if file.exists() else launch.graph).read_text(encoding="utf-8").partition("\n")[0]
     hardware = [node for node in plan(graph).order if graph.nodes[node].cls.hardware]
     command = f"palpate run {name}"
     if hardware:
@@ -32,15 +36,16 @@ def entry(name: str) -> str:
     clock = launch.clock or "simulated"
     return (
         f"## {name}\n\n{what.lstrip('# ')}\n\n```sh\n{command}\n```\n\n"
+        f"![A run of {name}](pictures/gallery-{name}.png)\n\n"
         f"{launch.duration:g} s on the {clock} clock at {graph.rate:g} Hz. Nodes: {nodes}.\n"
     )
 
 
 def gallery() -> str:
     """The whole page."""
-    return HEAD + "\n".join(entry(file.stem) for file in sorted(LAUNCHES.glob("*.yaml")))
+    return HEAD + "\n".join(entry(name) for name in names())
 
 
 if __name__ == "__main__":
     TARGET.write_text(gallery(), encoding="utf-8")
-    print(f"{TARGET}: {len(list(LAUNCHES.glob('*.yaml')))} runs")
+    print(f"{TARGET}: {len(names())} runs")

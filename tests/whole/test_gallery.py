@@ -1,9 +1,11 @@
-"""docs/gallery.md is what its script writes, and its commands name graphs that load."""
+"""docs/gallery.md is what its script writes, and has every graph that ships, its command and its picture."""
 
+import re
 import runpy
 from pathlib import Path
 
-from palpate.launch.loading.launchfile import LAUNCHES
+from palpate.launch.loading.files import GRAPHS
+from palpate.launch.loading.launchfile import LAUNCHES, find
 
 DOCS = Path(__file__).parents[2] / "docs"
 
@@ -13,7 +15,19 @@ def test_the_gallery_is_as_its_script_writes_it():
     assert page == runpy.run_path(str(DOCS / "gallery.py"))["gallery"](), "run `python docs/gallery.py`"
 
 
-def test_every_shipped_run_has_its_command():
+def test_every_shipped_graph_is_there_with_its_command():
     page = (DOCS / "gallery.md").read_text(encoding="utf-8")
-    for file in LAUNCHES.glob("*.yaml"):
-        assert f"\npalpate run {file.stem}" in page
+    commands = re.findall(r"^palpate run (\S+)", page, re.MULTILINE)
+    assert set(commands) >= {file.stem for file in LAUNCHES.glob("*.yaml")}
+    assert {find(name).graph.stem for name in commands} == {file.stem for file in GRAPHS.glob("*.yaml")}
+
+
+def test_every_entry_has_its_picture():
+    page = (DOCS / "gallery.md").read_text(encoding="utf-8")
+    entries = re.split(r"^## ", page, flags=re.MULTILINE)[1:]
+    for entry in entries:
+        name = entry.partition("\n")[0]
+        (picture,) = re.findall(r"!\[[^]]+\]\(([^)]+)\)", entry)
+        assert picture == f"pictures/gallery-{name}.png", "run `python docs/pictures/gallery.py`"
+        assert (DOCS / picture).read_bytes()[:4] == b"\x89PNG"
+    assert len(entries) == len({file.stem for folder in (GRAPHS, LAUNCHES) for file in folder.glob("*.yaml")})

@@ -1,0 +1,70 @@
+"""Make the pictures of the gallery, gallery-NAME.png: run what ships, devices as their emulators, and draw each at its
+deepest instant, or its first picture where there is no surface to see, or else force and place over time.
+
+python docs/pictures/gallery.py            # all
+python docs/pictures/gallery.py nodule     # one
+"""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+from pathlib import Path
+
+from PIL import Image
+
+from palpate.launch.loading.launchfile import find, names
+from palpate.launch.pictures import draw
+from palpate.launch.pictures.film import picture
+from palpate.launch.pictures.moments import NoMesh
+from palpate.launch.recording.reader import Recording
+from palpate.launch.recording.samples import Run
+from palpate.launch.running.execute import execute
+from palpate.messages import Contact, Pose
+
+FOLDER = Path(__file__).parent
+WIDTH = 760  # [px]
+LIVE = 6.0  # [s] of a run on the real clock
+
+
+def drawn(name: str, folder: Path) -> Path:
+    """Run a launch file and draw it; the picture."""
+    launch, file = find(name), folder / f"{name}.mcap"
+    hardware = [spec.name for spec in launch.load().nodes.values() if spec.cls.hardware]
+    launch = launch.but(record=file, place="fused", overrides=tuple(f"{node}.port=emulator" for node in hardware))
+    outcome = execute(launch.but(duration=LIVE) if hardware else launch)
+    if not outcome.result.ok:
+        raise SystemExit("\n".join(map(str, outcome.result.deaths)))
+    recording, target = Recording(file), folder / f"{name}.png"
+    touch, hand = recording.stream_of(Contact), recording.stream_of(Pose)
+    try:
+        if touch is not None:
+            contact = recording.columns(touch)
+            picture(file, float(contact["time"][contact["indentation"].argmax()]), target)
+            return target
+    except NoMesh:
+        pass
+    made = {path.stem: path for path in draw(file, folder)}
+    if not made:
+        Run(file).plot(f"{touch}.force", f"{hand}.position").savefig(target)
+    return next((made[name] for name in ("slip", "softness", *made) if name in made), target)
+
+
+def shrink(source: Path, target: Path) -> None:
+    """As wide as a page, of 256 colours, those of the bar among them."""
+    with Image.open(source) as large:
+        size = WIDTH, round(large.height * WIDTH / large.width)
+        small = large.convert("RGB").resize(size, Image.Resampling.LANCZOS)
+        small.quantize(256, Image.Quantize.MAXCOVERAGE, kmeans=8).save(target, optimize=True)
+
+
+def main() -> None:
+    for name in sys.argv[1:] or names():
+        with tempfile.TemporaryDirectory() as folder:
+            target = FOLDER / f"gallery-{name}.png"
+            shrink(drawn(name, Path(folder)), target)
+        print(f"{target}: {target.stat().st_size / 1e3:.0f} kB", flush=True)
+
+
+if __name__ == "__main__":
+    main()
