@@ -48,7 +48,7 @@ def still_falling(own: Sequence[Cell]) -> bool:
 
 
 def mostly(cell: Cell) -> str:
-    """What the error mostly is: "model", "discretisation", with the axis where it is another than the cell's own, or
+    """What the error mostly is: "model", "discretisation", with the axes on which it still falls, or
     "reference" where it cannot be told."""
     if cell.status != "ok" or cell.discretisation is None:
         return ""
@@ -56,5 +56,4 @@ def mostly(cell: Cell) -> str:
         return "reference"
     if cell.discretisation >= SMALL * cell.errors["force"]["rms"]:
         return "discretisation"
-    others = [axis for axis in cell.falling.split() if axis != cell.axis]
-    return f"discretisation ({', '.join(others)})" if others else "model"
+    return f"discretisation ({', '.join(cell.falling.split())})" if cell.falling else "model"

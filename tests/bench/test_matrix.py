@@ -154,6 +154,15 @@ def test_what_condensing_smears_falls_with_the_square_of_the_distance_of_its_ver
     assert studies(cells)[0].observed == pytest.approx(2.0)
 
 
+def test_the_finest_mesh_of_those_on_which_the_error_still_falls_is_not_called_the_model():
+    cells = [
+        Cell("indent", "MuJoCo", "", f"{n} cells a radius", "mesh", 1000.0, trace=[0.4 / n] * 200,
+             errors={"force": {"rms": 0.4 / n, "worst": 0.4 / n, "band": 0.001}}) for n in (1, 2, 3, 4)
+    ]  # fmt: skip
+    told_apart(cells)
+    assert [mostly(c) for c in cells] == ["discretisation"] * 2 + ["discretisation (mesh)"] * 2
+
+
 def test_a_body_whose_basis_is_too_coarse_is_not_called_a_wrong_model():
     def cell(method, name, axis, error):
         own = {"force": {"rms": error, "worst": error, "band": 0.001}}
