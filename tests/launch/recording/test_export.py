@@ -5,6 +5,8 @@ from __future__ import annotations
 import csv
 import json
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -123,8 +125,6 @@ def test_what_cannot_be_exported_is_told(recording, tmp_path):
 
 
 def test_a_missing_package_is_told_with_what_to_install(recording, tmp_path, monkeypatch):
-    import sys
-
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     with pytest.raises(RecordingError, match=r'pip install "palpate\[export\]"'):
         export(recording, "parquet", tmp_path)
@@ -156,6 +156,13 @@ def test_rerun_reads_curves_and_surfaces_back(recording, tmp_path):
     assert {"/contact/foot/2", "/contact/arrow", "/tissue/surface", "/tissue/stiffness"} <= set(batches)
     shown = sum(batch.num_rows for batch in batches["/tissue/surface"])
     assert 2 <= shown <= 1 + 30 * recording.columns("contact")["time"].max() + 1
+
+
+def test_reruns_own_command_finds_no_fault_in_the_file(recording, tmp_path):
+    pytest.importorskip("rerun", reason="rerun-sdk is not installed (extra rerun)")
+    (path,) = export(recording, "rerun", tmp_path / "a.rrd")
+    done = subprocess.run([sys.executable, "-m", "rerun", "rrd", "verify", str(path)], capture_output=True, text=True)
+    assert done.returncode == 0 and "1 file verified without error" in done.stdout + done.stderr, done.stderr
 
 
 def test_rerun_has_the_numbers_of_a_body_without_a_mesh(recording, tmp_path, monkeypatch):
