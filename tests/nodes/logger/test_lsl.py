@@ -181,6 +181,26 @@ def test_a_run_sends_what_it_records_at_the_times_of_its_ticks(pylsl, write, tmp
     assert before < times[0] - recorded["time"][begin] < times[-1] < after
 
 
+def test_a_replay_sends_the_recorded_numbers_again(pylsl, write, tmp_path):
+    name = f"palpate-{uuid.uuid4().hex[:8]}"
+    graph, file = write("loop.yaml", GRAPH.replace("NAME", name)), tmp_path / "a.mcap"
+    paths = os.pathsep.join([str(SUPPORT), os.environ.get("PYTHONPATH", "")])
+    palpate, env = [sys.executable, "-m", "palpate.launch"], {**os.environ, "PYTHONPATH": paths}
+    run = [*palpate, "run", str(graph), "--fused", "--duration", "6", "--record", str(file)]
+    subprocess.run(run, env=env, stdout=subprocess.DEVNULL, check=True)
+    recorded = Recording(file).columns("spring")
+    with subprocess.Popen(
+        [*palpate, "replay", str(file), "--speed", "1"], env=env, stdout=subprocess.DEVNULL
+    ) as process:
+        inlet = receiver(pylsl, f"{name}.spring")
+        samples, times = received(inlet, 200)
+        assert process.wait(60) == 0
+    begin = int(np.flatnonzero(recorded["force"][:, 0] == samples[0, 0])[0])
+    own = slice(begin, begin + len(samples))
+    assert np.array_equal(samples, recorded["force"][own])
+    assert times - times[0] == pytest.approx(recorded["time"][own] - recorded["time"][begin], abs=1e-6)
+
+
 def test_a_graph_with_it_is_checked_without_the_library(write, monkeypatch):
     monkeypatch.syspath_prepend(SUPPORT)
     monkeypatch.setitem(sys.modules, "pylsl", None)
