@@ -389,18 +389,24 @@ class Launcher:
             self._died(gone[0], Fault("", "stream", gone[1]))
 
     def _check_hung(self) -> None:
+        """A worker that was stopped by a signal, or one that computes nodes and is silent for too long."""
         for group, member in self.members.items():
-            limit = START_PATIENCE if member.state == "starting" else self.patience
-            joining = member.state == "starting" and member.joined
-            if member.state not in ("starting", "running") or joining or member.silence() <= limit:
+            if not member.alive or (member.state == "starting" and member.joined):
                 continue
-            how = "it was stopped by a signal" if member.pid and stopped(member.pid) else "it hangs"
+            silence = member.silence()
+            halted = silence > self.patience and member.pid is not None and stopped(member.pid)
+            # one that waits for the others has nothing to say
+            limit = {"starting": START_PATIENCE, "running": self.patience}.get(member.state, math.inf)
+            limit = self.patience if halted else limit
+            if silence <= limit:
+                continue
+            how = "it was stopped by a signal" if halted else "it hangs"
             self.forkserver.ask(Kill(group, int(signal.SIGUSR1)))  # prints where it hangs
-            before, until = len(self._tail), time.monotonic() + (0.05 if "stopped" in how else 0.5)
+            before, until = len(self._tail), time.monotonic() + (0.05 if halted else 0.5)
             while len(self._tail) == before and time.monotonic() < until:
                 time.sleep(0.05)
                 self._listen()
-            where = "start" if member.state == "starting" else "step"
+            where = "step" if member.state == "running" else "start"
             nodes = member.busy or ", ".join(node.name for node in member.job.nodes) or member.names
             text = f"no sign of life for {limit:.3g} s: {how}"
             self._died(member, Fault(nodes, where, text, "\n".join(self._tail[-12:])))

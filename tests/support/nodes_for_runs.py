@@ -102,8 +102,8 @@ class Faulty(Spring):
     def start(self) -> None:
         if self.how == "start":
             raise RuntimeError("cannot start")
-        if self.how == "hang in start":
-            time.sleep(1000)
+        if self.how == "stop in start":
+            os.kill(os.getpid(), signal.SIGSTOP)
         self.count = 0
 
     def step(self, pose: Pose) -> Force:

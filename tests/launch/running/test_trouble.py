@@ -15,6 +15,7 @@ from palpate.launch.recording.player import plan_of
 from palpate.launch.recording.reader import Recording
 from palpate.launch.recording.verify import verify
 from palpate.launch.running.execute import Outcome, execute
+from palpate.launch.running.watchdog import START_PATIENCE
 
 HUNG = ("hang", "stop", "spin", "print", "eat")
 KILLED = {
@@ -70,6 +71,14 @@ def test_on_the_simulated_clock_a_hung_node_is_named_and_the_record_before_it_ch
     (death,) = outcome.result.deaths
     assert death.node == "spring" and ("stopped by a signal" if how == "stop" else "hangs") in death.text
     check(tmp_path)
+
+
+def test_who_is_stopped_before_the_start_is_not_waited_for_as_one_who_compiles(tmp_path):
+    """A node may take minutes for its start; a process that was stopped will not come to its end."""
+    begun = time.monotonic()
+    (death,) = go(tmp_path, "stop in start", "simulated").result.deaths
+    assert (death.node, death.where) == ("spring", "start") and "stopped by a signal" in death.text
+    assert time.monotonic() - begun < START_PATIENCE / 2
 
 
 def test_what_a_node_starts_in_a_session_of_its_own_ends_with_the_run(tmp_path):
