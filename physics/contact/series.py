@@ -147,8 +147,9 @@ def series_step(approach, dt, s1, finger, stiffness, exponent, c2, free, previou
         following = 0.5 * (low + high)
         # Newton on ln F2 - ln F1, nearly straight for power and exponential laws alike; else halve the bracket.
         if 0.0 < f1 < math.inf and 0.0 < f2 < math.inf:
-            guess = s - math.log(f2 / f1) / (slope2 / f2 + slope1 / f1)
-            if low <= guess <= high:
+            steep = slope2 / f2 + slope1 / f1
+            guess = s - math.log(f2 / f1) / steep
+            if steep < math.inf and low <= guess <= high:  # infinite at a subnormal s, where Newton stands still
                 following = guess
             if abs(f2 - f1) <= 2e-16 * f1:
                 break

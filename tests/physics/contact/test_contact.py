@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from pytest import approx
 from scipy.integrate import quad, solve_ivp
@@ -185,6 +185,7 @@ jumps = st.floats(0.0, 0.03)
 
 
 @settings(max_examples=150, deadline=None)
+@example(FINGER, [(2.225073858507e-311, 0.0), (1 / 64, 0.0)], 0.0, 0.0, 1.0)
 @given(
     st.sampled_from(LAWS),
     st.lists(st.tuples(jumps, st.floats(-7, 4)), min_size=1, max_size=25),
