@@ -24,11 +24,21 @@ def adopt_orphans() -> None:
     ctypes.CDLL(None).prctl(_PR_SET_CHILD_SUBREAPER, 1)
 
 
+def _state(pid: int) -> str:
+    """One letter, as the kernel tells it of a process; "?" where it does not."""
+    with contextlib.suppress(OSError, IndexError):
+        return Path(f"/proc/{pid}/stat").read_text(errors="replace").rpartition(")")[2].split()[0]
+    return "?"
+
+
 def stopped(pid: int) -> bool:
     """Whether a process was stopped by a signal (SIGSTOP)."""
-    with contextlib.suppress(OSError, IndexError):
-        return Path(f"/proc/{pid}/stat").read_text(errors="replace").rpartition(")")[2].split()[0] in "Tt"
-    return False
+    return _state(pid) in "Tt"
+
+
+def at_the_disk(pid: int) -> bool:
+    """Whether a process waits in the system for a disk or another device, where no signal reaches it."""
+    return _state(pid) == "D"
 
 
 def awake(pid: int) -> None:

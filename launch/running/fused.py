@@ -64,11 +64,12 @@ def run_fused(job: Job, show: Callable[[Result], None] = lambda _: None, patienc
             started = time.monotonic()
             result.start = started - begun
             result.origin = started
-            with watched(patience):
-                try:
+            try:
+                with watched(patience):
                     run(worker, now())
-                finally:
-                    result.wall = time.monotonic() - started
+            finally:
+                result.wall = time.monotonic() - started
+                with watched(patience, START_PATIENCE):  # a long recording goes to a slow disk
                     worker.stop()
         except (NodeFault, KeyboardInterrupt) as error:
             _note(result, error)

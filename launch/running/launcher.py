@@ -19,7 +19,7 @@ import zmq
 
 from palpate.launch.running.barrier import Barrier
 from palpate.launch.running.clock import now
-from palpate.launch.running.descendants import awake, stopped
+from palpate.launch.running.descendants import at_the_disk, awake, stopped
 from palpate.launch.running.ending import Ending
 from palpate.launch.running.forkserver import ForkServer
 from palpate.launch.running.interrupts import interrupts
@@ -398,7 +398,7 @@ class Launcher:
             # one that waits for the others has nothing to say
             limit = {"starting": START_PATIENCE, "running": self.patience}.get(member.state, math.inf)
             limit = self.patience if halted else limit
-            if silence <= limit:
+            if silence <= limit or (silence <= START_PATIENCE and member.pid is not None and at_the_disk(member.pid)):
                 continue
             how = "it was stopped by a signal" if halted else "it hangs"
             self.forkserver.ask(Kill(group, int(signal.SIGUSR1)))  # prints where it hangs

@@ -21,25 +21,25 @@ class Hangs(Exception):
 
 
 @contextlib.contextmanager
-def watched(patience: float | None) -> Iterator[None]:
+def watched(patience: float | None, last: float | None = None) -> Iterator[None]:
     """A node's call that takes longer than `patience` [s] while the block runs gets `Hangs` raised inside it.
     None: nothing is watched.
 
     A timer's signal looks at the call that runs, so that the loop itself pays nothing. Time for which the process
-    waited for a processor does not count: a busy machine is no hang. Compiled code that never returns lets no handler
-    run: then the process ends at twice the time, after telling on standard error where it was. Outside the main thread
-    nothing is watched.
+    waited for a processor does not count: a busy machine is no hang. Compiled code that never returns, or a call of the
+    system that waits for a disk, lets no handler run: then the process ends after `last` [s], twice the patience where
+    it is left out, after telling on standard error where it was. Outside the main thread nothing is watched.
     """
     before: object = None
     spent, looked, queued = 0.0, time.monotonic(), _queued()
-    last = 2.0 * patience if patience is not None else 0.0
+    end = 2.0 * (patience or 0.0) if last is None else last
 
     def glance(_: int, frame: FrameType | None) -> None:
         nonlocal before, spent, looked, queued
         with contextlib.suppress(OSError, ValueError):  # a standard error that is no file
-            faulthandler.dump_traceback_later(last, exit=True)
+            faulthandler.dump_traceback_later(end, exit=True)
         moment, waited, here = time.monotonic(), _queued(), _running(frame)
-        spent += moment - looked - (waited - queued)
+        spent += min(moment - looked - (waited - queued), 2.0 * (patience or 0.0) / GLANCES)
         looked, queued = moment, waited
         if here is None or here != before:
             before, spent = here, 0.0
