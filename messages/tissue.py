@@ -38,6 +38,9 @@ class Surface(Message):
     beyond        [1]     ()     how far beyond the range that the model was made from: 0 within, 1 at twice its end
     stored        [J]     (e)    energy that the body holds under the normal force; e = 1, 0 where the model does not
                                  tell or nobody reads it
+    claimed       [1]     ()     error of the indentation at the force that a model of several fidelities owns to,
+                                 relative to the finest of them; 0 for other models
+    fidelity      [1]     ()     modes of the one in use; 0 for other models
     """
 
     nodes: Annotated[Ints, "1", ("k",)]
@@ -56,6 +59,8 @@ class Surface(Message):
     turning: Annotated[Vector, "1/m", ("t",)] = ()
     beyond: Annotated[float, "1"] = 0.0
     stored: Annotated[Vector, "J", ("e",)] = ()
+    claimed: Annotated[float, "1"] = 0.0
+    fidelity: Annotated[int, "1"] = 0
 
     @classmethod
     def example(cls, loaded: bool) -> Self:

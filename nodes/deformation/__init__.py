@@ -4,12 +4,13 @@ file of this folder."""
 from typing import Any
 
 from palpate.nodes.base.room import class_of
+from palpate.nodes.deformation.adaptive import Adaptive
 from palpate.nodes.deformation.beam_bundle import BeamBundle
 from palpate.nodes.deformation.mass_spring import MassSpring
 from palpate.nodes.deformation.reduced_fe import ReducedFE
 from palpate.nodes.deformation.rigid import Rigid
 
-__all__ = ["BeamBundle", "MassSpring", "ReducedFE", "Rigid"]
+__all__ = ["Adaptive", "BeamBundle", "MassSpring", "ReducedFE", "Rigid"]
 
 
 def __getattr__(name: str) -> Any:

@@ -28,6 +28,7 @@ from palpate.nodes.deformation.basis_store import (
     shipped,
 )
 from palpate.physics.bodies.condensed_body import Basis, BasisError, CondensedBody
+from palpate.physics.bodies.ladder import Ladder
 from palpate.physics.bodies.sampled_body import SampledBasis, SampledBody
 from palpate.physics.geometry.mesh import Mesh
 
@@ -90,8 +91,13 @@ class ReducedFE(OnSurface):
         still = isinstance(self._body, CondensedBody) and self._body.still
         return still and not len(load.nodes) and self._place == (load.foot, load.normal)
 
-    def _made(self) -> CondensedBody | SampledBody:
+    def _made(self) -> CondensedBody | SampledBody | Ladder:
         """The body at its place, at rest."""
+        basis, given = self._placed()
+        return SampledBody(basis, *given) if isinstance(basis, SampledBasis) else CondensedBody(basis, *given)
+
+    def _placed(self) -> tuple[Basis | SampledBasis, tuple[Mesh, float, float, float, float]]:
+        """The basis at its place, and what else a body of it takes."""
         basis = self.basis()
         own = surface_mesh(self.surface, self.vertices, file_unit=self.file_unit)
         placed = self.mesh()
@@ -110,14 +116,13 @@ class ReducedFE(OnSurface):
         if isinstance(basis, SampledBasis):
             modes = np.einsum("ij,ajk->aik", turn, basis.modes.reshape(count, 3, -1)).reshape(3 * count, -1)
             missed = turned(basis.missed)
-            own_basis = SampledBasis(vertices, basis.triangles, missed, modes, basis.points, basis.bend)
-            return SampledBody(own_basis, *given)
+            return SampledBasis(vertices, basis.triangles, missed, modes, basis.points, basis.bend), given
         dents = basis.dents if self.model == "nonlinear" else np.zeros((count, 0))
-        return CondensedBody(Basis(vertices, basis.triangles, turned(basis.compliance), dents), *given)
+        return Basis(vertices, basis.triangles, turned(basis.compliance), dents), given
 
     def _answer(self, load: Load, dt: float) -> tuple[float, float, float, float]:
         """K, n and s_free of the next step's terminal law, and the indentation now [m]."""
-        if isinstance(self._body, SampledBody):
+        if not isinstance(self._body, CondensedBody):
             return self._body.step(load.nodes, load.forces, load.foot, load.normal, dt)
         compliance, free, now = self._body.step(load.nodes, load.forces, load.foot, load.normal, dt)
         return 1.0 / max(compliance, LEAST), 1.0, free, now
@@ -189,7 +194,7 @@ class ReducedFE(OnSurface):
 
     def command(self) -> str:
         """The command that builds it."""
-        usual = type(self)()
+        usual = ReducedFE()
         given = [f"--set {n}={_text(getattr(self, n))}" for n in BUILT_FROM if getattr(self, n) != getattr(usual, n)]
         return " ".join(["palpate reduce", *given])
 

@@ -26,7 +26,7 @@ import numpy as np
 from palpate.physics.archive import read_arrays
 from palpate.physics.bodies.condensed_body import FORGOTTEN, LEAST_FORCE, BasisError
 from palpate.physics.bodies.patch import barycentric, carried, normal_force, share_of
-from palpate.physics.bodies.sampled_energy import Points, scratch
+from palpate.physics.bodies.sampled_energy import Points, forces, scratch
 from palpate.physics.bodies.sampled_solve import EACH, LATE, settle
 from palpate.physics.contact.spread import Spreader
 from palpate.physics.contact.terminal import LEAST_DEPTH, fit_terminal
@@ -135,9 +135,10 @@ class Model(NamedTuple):
     retardation: float
 
 
-STIFFNESS, EXPONENT, FREE, NOW, GAMMA, ENERGY, UNSETTLED, ALLOWED, LENGTH = range(9)
+STIFFNESS, EXPONENT, FREE, NOW, GAMMA, ENERGY, UNSETTLED, LINEAR, ALLOWED, LENGTH = range(10)
 """Numbers that a body keeps: K, n, s_free and s of the law that was told, gamma, the energy of the modes, steps in a
-row that did not settle, and the budget of `sampled_solve.settle`: evaluations, and length of the first step to try."""
+row that did not settle, s of the linear body, and the budget of `sampled_solve.settle`: evaluations, and length of the
+first step to try."""
 
 
 class SampledBody:
@@ -173,7 +174,9 @@ class SampledBody:
         self._vectors, self._matrices = np.zeros((9, r)), np.stack([np.eye(r), np.zeros((r, r)), np.zeros((r, r))])
         self.held, self.q = self._fields[0], self._vectors[1]
         """Loads that the displacement follows, h [N] (V,3), and the amounts of the modes."""
-        self._numbers = np.zeros(9)
+        self.measure = self._fields[2]
+        """Shares of the normal force (V,3) in the last step: its product with displacements is the indentation."""
+        self._numbers = np.zeros(10)
         self._numbers[LENGTH] = 1.0
         self._scratch = scratch(basis.points)
         self._nodes = np.zeros(len(mesh.vertices), dtype=np.int32)
@@ -211,6 +214,37 @@ class SampledBody:
         """How far |q| is beyond the greatest of the full solutions, where half the root of the barrier's limit lies:
         0 within, 1 where the barrier begins."""
         return max(2.0 * float(np.sqrt(self.q @ self.q / self.basis.points.limit)) - 1.0, 0.0)
+
+    @property
+    def linear(self) -> float:
+        """[m] Indentation of the linear body under the loads that are held."""
+        return float(self._numbers[LINEAR])
+
+    def left_over(self, measure: np.ndarray) -> float:
+        """[m] How much farther the indentation would go with the next iteration; measure [m] (r,) in modes."""
+        p, _, g = self._vectors[:3]
+        return float(measure @ (self._matrices[0] @ (p - g)))
+
+    def take_over(self, other: SampledBody, held: np.ndarray, p: np.ndarray) -> None:
+        """Go on where another body of the same modes, more or fewer of them, is: with loads that are `held`, h [N]
+        (V,3), of which p [m] (r,) is the share of all modes. What that one lacks gives way as its gamma says; the rest
+        and its tangent are as they are."""
+        both, gam = min(len(self.q), len(other.q)), float(other._numbers[GAMMA])
+        self.held[:] = held
+        self.q[:both] = other.q[:both]
+        self.q[both:] = gam * p[both : len(self.q)]
+        inverse = self._matrices[0]
+        inverse[:] = gam * np.eye(len(self.q))
+        inverse[:both, :both] = other._matrices[0, :both, :both]
+        gradient = self._vectors[2]
+        energy = forces(self.basis.points, self.q, self._scratch, gradient)
+        if not energy < np.inf:  # what was added turned a point inside out
+            self.q[both:] = 0.0
+            energy = forces(self.basis.points, self.q, self._scratch, gradient)
+        if not energy < np.inf:
+            self.q[:] = 0.0
+            energy = forces(self.basis.points, self.q, self._scratch, gradient)
+        self._numbers[ENERGY], self._numbers[UNSETTLED], self._numbers[LENGTH] = energy, 0.0, 1.0
 
     def displaced(self, foot: tuple) -> tuple[np.ndarray, np.ndarray]:
         """Vertices of the mesh within reach of the foot point, and their displacements [m] (k,3)."""
@@ -366,7 +400,7 @@ def _step(model, patch, pull, share, normal, dt, fields, active, vectors, matric
     for k in range(r):
         by_held += lean[k] * p[k]
     by_held += gam * along + turn * along * strain
-    numbers[GAMMA] = gam
+    numbers[GAMMA], numbers[LINEAR] = gam, rest + along
     # the same for the unit normal force and for the rest of the load
     _missing(missed, measure, active, count, bent)
     own = own / young + gam * _dot(measure, bent, active, count) / young + turn * along * along / young

@@ -71,6 +71,8 @@ def draw(seed: int) -> Fault:
         return Fault(kind, rng.choice(sorted(WIRES)), "spring", clock, carrier, placement, "loop", rng.randint(20, 200))
     if kind == "node":
         how = rng.choice(sorted(BREAKS | BEARABLE))
+        if how == "stops itself" and placement == "fused":  # a stopped run waits, as it should
+            placement = "each"
         return Fault(kind, how, "spring", clock, carrier, placement, "loop", rng.randint(20, 200))
     if kind == "signal":
         whom = rng.choice(("launcher", "fork server", "one", "one", "one"))

@@ -1,0 +1,69 @@
+"""The sampled body that keeps to an error (docs/effects.md)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import msgspec
+
+from palpate.messages import Load, Surface
+from palpate.nodes.base import SettingError
+from palpate.nodes.deformation.basis_store import SHIPPED, cache
+from palpate.nodes.deformation.reduced_fe import ReducedFE
+from palpate.physics.bodies.condensed_body import BasisError
+from palpate.physics.bodies.ladder import Ladder
+from palpate.physics.bodies.rungs import Rungs
+from palpate.physics.bodies.sampled_body import SampledBasis, SampledBody
+
+
+class Adaptive(ReducedFE):
+    """The sampled body with as many of its modes in use, at each tick, as a stated error asks for.
+
+    The error is that against all of its modes; what these miss of the full model is told with the basis. It is
+    claimed in each message, and may be above what was asked for while a finer body takes over, and where `most`
+    leaves that out.
+    """
+
+    model: Annotated[Literal["sampled"], "1"] = "sampled"
+    surface: Annotated[str, "1"] = "fingertip"
+    young: Annotated[float, "Pa", msgspec.Meta(ge=10, le=1e9)] = 160.0
+    error: Annotated[float, "1", msgspec.Meta(ge=1e-4, le=1)] = 0.1
+    """Relative error of the indentation that is allowed."""
+    most: Annotated[int, "1", msgspec.Meta(ge=4, le=200)] = 200
+    """Modes of the finest body that is taken, whatever the error: this keeps a deadline."""
+
+    def _made(self) -> Ladder:
+        basis, given = self._placed()
+        assert isinstance(basis, SampledBasis)  # its model is sampled
+        rungs = self.rungs()
+        if self.most < rungs.modes[0]:
+            raise SettingError(f"setting 'most' [1]: found {self.most}, expected at least {rungs.modes[0]}")
+        bodies = [SampledBody(own, *given) for own in rungs.cut(basis)]
+        return Ladder(bodies, rungs, self.error, self.most)
+
+    def step(self, load: Load, *, dt: float) -> Surface:
+        surface, ladder = super().step(load, dt=dt), self._body
+        assert isinstance(ladder, Ladder)
+        return msgspec.structs.replace(surface, claimed=ladder.claimed, fidelity=ladder.fidelity)
+
+    def rungs(self) -> Rungs:
+        """The stored rungs of the basis.
+
+        SettingError: none are stored, they cannot be read, or are those of another basis.
+        """
+        stored = self.stored(SHIPPED, cache())
+        path = beside(stored[0]) if stored else Path("none")
+        make = f"Make them: python benchmarks/adaptive.py --make --surface {self.surface} --modes {self.modes}"
+        try:
+            rungs, about = Rungs.load(path)
+        except BasisError as error:
+            raise SettingError(f"{error}. {make}") from None
+        if about.get("basis") != self.key():
+            raise SettingError(f"{path}: rungs of basis {about.get('basis')}, expected {self.key()}. {make}")
+        return rungs
+
+
+def beside(basis: Path) -> Path:
+    """Where the rungs of a stored basis lie."""
+    return basis.parent / "rungs" / basis.name

@@ -1,0 +1,176 @@
+"""A sampled body that takes as many modes as the error asks for that its user allows.
+
+Each tick the rung in use is stepped, and `Rungs.claims` says how far each rung is off the body of all modes. Where
+the claim of the one in use is above `ALERT` times the error, the cheapest below that is taken, in the same tick; a
+cheaper one is taken where its claim was below `CALM` times the error for `WAIT` ticks. It first comes to
+equilibrium, at most `WARM` ticks, then both answer for `BLEND` ticks by weights that go from one to the other in even
+steps: a switch moves the indentation by no more than their difference over `BLEND` in a tick. No other begins then.
+
+The loads that a sampled body holds follow the load alone, and are the same for all rungs. So one that is taken gets
+them as they are, and is at the state of the other as near as its modes allow. What the new one stores otherwise than
+the old is energy that a switch makes or takes: about the difference of their indentations times half the force.
+
+The choice depends on what the body was told and on nothing else.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from palpate.physics.bodies.rungs import Rungs
+from palpate.physics.bodies.sampled_body import SampledBody
+from palpate.physics.bodies.sampled_solve import TOLERANCE
+from palpate.physics.contact.terminal import LEAST_DEPTH, LEAST_FORCE, fit_terminal
+
+ALERT = 0.9
+"""[1] Share of the error that the claim may reach before a finer rung is taken: what it grows while a switch lasts."""
+CALM = 0.7
+"""[1] Share of the error that the claim of a cheaper rung has to stay below."""
+WAIT = 20
+"""Ticks for which it has to."""
+BLEND = 10
+"""Ticks that a switch lasts."""
+WARM = 10
+"""Ticks for which one that was taken may seek its equilibrium before it begins to answer."""
+LEFT = 2.0
+"""[1] What is claimed of the residual, over the next iteration: the tangent that is kept is not exact."""
+
+Law = tuple[float, float, float, float]
+
+
+class Ladder:
+    """Bodies of one basis, the cheapest first, that stand in for one another.
+
+    bodies  of the rungs, and of the whole basis
+    rungs   what they are
+    error   [1] > 0, relative error of the indentation that is allowed
+    most    modes of the finest that is taken; those above are left out whatever the error
+    """
+
+    def __init__(self, bodies: list[SampledBody], rungs: Rungs, error: float, most: int) -> None:
+        sizes = [body.basis.modes.shape[1] for body in bodies]
+        self.bodies = [body for body, size in zip(bodies, sizes, strict=True) if size <= most] or bodies[:1]
+        self.rungs, self.error = rungs, error
+        self._modes = bodies[-1].basis.modes.reshape(-1, 3, sizes[-1])
+        self._at = self._before = 0
+        self._told = BLEND
+        """Ticks for which the one in use has answered, up to `BLEND`; less than 0 while it seeks its equilibrium."""
+        self._calm = 0
+        self.claimed = 0.0
+        """Claimed relative error of the indentation in the last step."""
+        self.evaluations = np.zeros(len(self.bodies), dtype=np.int64)
+        """Evaluations of the energy by each in the last step."""
+        self.claims = np.zeros(len(bodies))
+        """Claimed relative error of each rung in the last step."""
+
+    @property
+    def fidelity(self) -> int:
+        """Modes of the rung in use."""
+        return int(self.bodies[self._at].basis.modes.shape[1])
+
+    @property
+    def body(self) -> SampledBody:
+        """The one in use."""
+        return self.bodies[self._at]
+
+    @property
+    def weight(self) -> float:
+        """Share of the one in use in the answer."""
+        return max(self._told, 0) / BLEND
+
+    @property
+    def settled(self) -> bool:
+        """Whether the one in use reached equilibrium."""
+        return self.body.settled
+
+    @property
+    def beyond(self) -> float:
+        """As of `SampledBody`."""
+        return self.body.beyond
+
+    def step(self, nodes: np.ndarray, forces: np.ndarray, foot: tuple, normal: tuple, dt: float) -> Law:
+        """As of `SampledBody`."""
+        given = nodes, forces, foot, normal, dt
+        self.evaluations[:] = 0
+        held = self.body.held.copy()
+        law = self._stepped(self._at, given)
+        p, measure = self._seen()
+        pressed = len(nodes) > 0 and law[3] > 0.0
+        self.claims = self.rungs.claims(p, self.body.linear, law[3]) if pressed else np.zeros(len(self.claims))
+        if self._told >= BLEND:
+            to = self._wanted()
+            if to != self._at:
+                self.bodies[to].take_over(self.body, held, p)
+                self._before, self._at, self._told = self._at, to, -WARM
+                now, law = law, self._stepped(to, given)
+            else:
+                now = law
+        else:
+            now = self._stepped(self._before, given)
+        if self._told < 0 and self.settled:
+            self._told = 0
+        self._told = min(self._told + 1, BLEND)
+        w = self.weight
+        self.claimed = w * self._claim(self._at, law, measure, pressed)
+        if w == 1.0:
+            return law
+        self.claimed += (1.0 - w) * self._claim(self._before, now, measure, pressed)
+        force = max(-float(np.dot(forces.sum(axis=0), normal)), LEAST_FORCE) if len(nodes) else LEAST_FORCE
+        return blended(now, law, w, force)
+
+    def displaced(self, foot: tuple) -> tuple[np.ndarray, np.ndarray]:
+        """As of `SampledBody`."""
+        nodes, moved = self.body.displaced(foot)
+        if self.weight == 1.0:
+            return nodes, moved
+        _, before = self.bodies[self._before].displaced(foot)
+        return nodes, self.weight * moved + (1.0 - self.weight) * before
+
+    def _stepped(self, rung: int, given: tuple) -> Law:
+        law = self.bodies[rung].step(*given)
+        self.evaluations[rung] = self.bodies[rung].evaluations
+        return law
+
+    def _seen(self) -> tuple[np.ndarray, np.ndarray]:
+        """Load, Phi'h/E [m] (r,), and shares of the normal force, Phi'measure [m] (r,), in all modes."""
+        body = self.body
+        rows = np.flatnonzero(body.held.any(axis=1) | body.measure.any(axis=1))
+        modes = self._modes[rows].reshape(-1, self._modes.shape[2])
+        return body.held[rows].ravel() @ modes / body.young, body.measure[rows].ravel() @ modes
+
+    def _claim(self, rung: int, law: Law, measure: np.ndarray, pressed: bool) -> float:
+        """Of a rung that was stepped, with what its step left over: the residual that it may end at, and twice the
+        next iteration."""
+        if not pressed:
+            return 0.0
+        left = self.bodies[rung].left_over(measure[: self.bodies[rung].basis.modes.shape[1]])
+        return float(self.claims[rung]) + TOLERANCE + LEFT * abs(left) / max(abs(law[3]), LEAST_DEPTH)
+
+    def _wanted(self) -> int:
+        """The rung that should be in use."""
+        claims, last = self.claims[: len(self.bodies)], len(self.bodies) - 1
+        if claims[self._at] > ALERT * self.error:
+            self._calm = 0
+            return int(np.flatnonzero(np.append(claims[:last] <= ALERT * self.error, True))[0])
+        lower = np.flatnonzero(claims[: self._at] <= CALM * self.error)
+        self._calm = self._calm + 1 if len(lower) else 0
+        if self._calm < WAIT:
+            return self._at
+        self._calm = 0
+        return int(lower[0])
+
+
+def blended(a: Law, b: Law, weight: float, force: float) -> Law:
+    """The law whose indentation and compliance at a force [N] are those of two laws, `weight` of b and the rest of a:
+    of each K, n, s_free and the indentation now."""
+    free = ahead = slack = now = 0.0
+    for (stiffness, exponent, own_free, own_now), w in ((a, 1.0 - weight), (b, weight)):
+        depth = max(math.pow(force / stiffness, 1.0 / exponent), LEAST_DEPTH)
+        free += w * own_free
+        ahead += w * (own_free + depth)
+        slack += w * depth / (exponent * force)
+        now += w * own_now
+    stiffness, exponent = fit_terminal(free, ahead, 1.0 / slack, force)
+    return stiffness, exponent, free, now

@@ -1,0 +1,109 @@
+"""Bodies of fewer modes, cut from a sampled basis, and how far each can be off.
+
+The modes of a basis come by what they are worth, and are orthonormal in the stiffness at rest. So the first r of them
+are a body of r modes, with the same sampled points; what the others did at rest goes to what is missed,
+
+    R_r = R + D D',    D the surface's displacement in the modes that are dropped
+
+so that a light touch is answered exactly by each. Under load R_r gives way as gamma of that rung says, fitted anew.
+
+How far a rung is off the whole basis is claimed of a state by two numbers: how far it is from linear, and how much of
+the load goes into modes that were dropped:
+
+    claim = kappa_r(nu) sqrt(|p_D|²/|p|²),    nu = s_linear/s - 1
+
+p = Phi'h/E over all modes, whose squares are twice the energies at rest; s the indentation, s_linear that of the linear
+body. kappa_r holds above all errors that were seen at states of about that nu (`benchmarks/adaptive.py`). It is fitted,
+not a bound that could be proven. At rest (nu = 0) all rungs are the same.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from palpate.physics.archive import read_arrays
+from palpate.physics.bodies.condensed_body import BasisError
+from palpate.physics.bodies.sampled_body import SampledBasis
+
+
+def cut(basis: SampledBasis, count: int, bend: tuple[float, float, float]) -> SampledBasis:
+    """The basis of the first `count` modes, with gamma of these parameters; the basis itself where these are all."""
+    if count >= basis.modes.shape[1]:
+        return basis
+    dropped, points = basis.modes[:, count:], basis.points
+    fewer = points._replace(
+        modes=np.ascontiguousarray(points.modes[:, :count]),
+        springs=np.ascontiguousarray(points.springs[:count, :count]),
+    )
+    missed = (basis.missed + dropped @ dropped.T).astype(np.float32)
+    modes = np.ascontiguousarray(basis.modes[:, :count])
+    return SampledBasis(basis.vertices, basis.triangles, missed, modes, fewer, bend)
+
+
+@dataclass(frozen=True)
+class Rungs:
+    """What the rungs of a basis are, the cheapest first; the whole basis, which comes last, is not among them.
+
+    modes   [1] (k,)    of each
+    bends   [1] (k,3)   of its gamma, see `SampledBasis`
+    knots   [1] (n,)    ln nu, rising, at which kappa is known; between them ln kappa is linear, above them it is
+                        constant, and below them claims are in proportion to nu
+    kappa   [1] (k,n)
+    """
+
+    modes: np.ndarray
+    bends: np.ndarray
+    knots: np.ndarray
+    kappa: np.ndarray
+
+    def cut(self, basis: SampledBasis) -> list[SampledBasis]:
+        """The basis of each rung, and the whole one."""
+        fewer = [cut(basis, int(r), tuple(b)) for r, b in zip(self.modes, self.bends.tolist(), strict=True)]
+        return [*fewer, basis]
+
+    def claims(self, p: np.ndarray, linear: float, now: float) -> np.ndarray:
+        """Claimed relative error (k + 1,) of the indentation by each rung and by the whole basis, of which it is 0.
+
+        p       [m]  (r,) the load in all modes, Phi'h/E
+        linear  [m]  indentation of the linear body;  now [m] that of a rung, > 0
+        """
+        energy = np.cumsum((p * p)[::-1])[::-1]
+        claims = np.zeros(len(self.modes) + 1)
+        if not energy[0] > 0.0:
+            return claims
+        nu = abs(linear / now - 1.0)
+        at = np.log(max(nu, 1e-300))
+        for k, r in enumerate(self.modes):
+            kappa = np.exp(np.interp(at, self.knots, np.log(self.kappa[k])))
+            claims[k] = kappa * min(nu / np.exp(self.knots[0]), 1.0) * np.sqrt(energy[r] / energy[0])
+        return claims
+
+    def save(self, path: Path, about: dict[str, Any]) -> None:
+        """Write them, and what they were made from."""
+        path.parent.mkdir(parents=True, exist_ok=True)
+        np.savez_compressed(
+            path, modes=self.modes, bends=self.bends, knots=self.knots, kappa=self.kappa,
+            about=np.array(json.dumps(about)),
+        )  # fmt: skip
+
+    @classmethod
+    def load(cls, path: Path) -> tuple[Rungs, dict[str, Any]]:
+        """Read them, and what they say they were made from.
+
+        BasisError: not such a file, or a damaged one.
+        """
+        try:
+            archive = read_arrays(path)
+            about = json.loads(str(archive["about"]))
+            rungs = cls(*(archive[name] for name in ("modes", "bends", "knots", "kappa")))
+            k, n = len(rungs.modes), len(rungs.knots)
+            if rungs.bends.shape != (k, 3) or rungs.kappa.shape != (k, n) or not isinstance(about, dict):
+                raise ValueError(f"bends {rungs.bends.shape}, kappa {rungs.kappa.shape} of {k} rungs and {n} knots")
+        except (KeyError, ValueError, TypeError, RecursionError) as error:
+            raise BasisError(f"{path}: not the rungs of a sampled basis: {error}") from None
+        return rungs, about
