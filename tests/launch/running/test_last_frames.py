@@ -13,6 +13,7 @@ from palpate.launch.running import carrier
 from palpate.launch.running.addresses import RunFolder
 from palpate.launch.running.bus import END, HEALTH, Bus, frame, split
 
+started: list[threading.Thread] = []
 FRAMES, ROOM, BEHIND = 20_000, 50, 120
 LARGE = b"x" * 500
 
@@ -26,16 +27,20 @@ def buses(monkeypatch, tmp_path):
     folder = RunFolder("test")
     made = [Bus("test", name, f"ipc://{tmp_path}/c", f"ipc://{tmp_path}/r", real=False) for name in ("one", "other")]
     yield made
-    for bus in made:
-        bus.context.destroy(linger=0)
+    for bus in reversed(made):  # without its reader the sender ends
+        for thread in started:
+            thread.join(5.0 if bus is made[0] else 0.0)
+        if bus is made[1] or not any(thread.is_alive() for thread in started):
+            bus.context.destroy(linger=0)
+    started.clear()
     folder.close()
 
 
 def closes(bus: Bus) -> threading.Thread:
     """Close in order beside this thread."""
-    thread = threading.Thread(target=bus.close, args=(True,), daemon=True)
-    thread.start()
-    return thread
+    started.append(threading.Thread(target=bus.close, args=(True,), daemon=True))
+    started[-1].start()
+    return started[-1]
 
 
 def test_an_observer_gets_what_was_kept_for_it_before_the_end(buses):
@@ -64,7 +69,8 @@ def test_an_observer_gets_what_was_kept_for_it_before_the_end(buses):
         if len(seen) == FRAMES - BEHIND:
             sending.join(0.5)  # the rest has been sent, and there is no room for it here
     assert seen == list(range(FRAMES))
-    sending.join(5.0)
+    while sending.is_alive() and time.monotonic() < until:  # who leaves has to look at its socket
+        reader.overheard(wait=True)
     assert not sending.is_alive()
 
 
@@ -81,7 +87,7 @@ def test_a_node_gets_what_was_sent_to_it(buses):
             outlet.send(frame("a", b"%d " % k + LARGE))
         sender.close(orderly=True)
 
-    sending = threading.Thread(target=send, daemon=True)
+    started.append(sending := threading.Thread(target=send, daemon=True))
     sending.start()
     seen: list[int] = []
     until = time.monotonic() + 30.0
