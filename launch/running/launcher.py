@@ -388,17 +388,24 @@ class Launcher:
         if gone is not None:
             self._died(gone[0], Fault("", "stream", gone[1]))
 
+    def _limit(self, member: Member) -> float:
+        """For how long [s] a worker that was not stopped may be silent."""
+        if member.state in ("ready", "linked"):  # it waits for the others, and has nothing to say
+            return math.inf
+        slow = member.state == "starting" or (member.pid is not None and at_the_disk(member.pid))
+        return START_PATIENCE if slow else self.patience
+
     def _check_hung(self) -> None:
         """A worker that was stopped by a signal, or one that computes nodes and is silent for too long."""
         for group, member in self.members.items():
             if not member.alive or (member.state == "starting" and member.joined):
                 continue
             silence = member.silence()
-            halted = silence > self.patience and member.pid is not None and stopped(member.pid)
-            # one that waits for the others has nothing to say
-            limit = {"starting": START_PATIENCE, "running": self.patience}.get(member.state, math.inf)
-            limit = self.patience if halted else limit
-            if silence <= limit or (silence <= START_PATIENCE and member.pid is not None and at_the_disk(member.pid)):
+            if silence <= self.patience:
+                continue
+            halted = member.pid is not None and stopped(member.pid)
+            limit = self.patience if halted else self._limit(member)
+            if silence <= limit:
                 continue
             how = "it was stopped by a signal" if halted else "it hangs"
             self.forkserver.ask(Kill(group, int(signal.SIGUSR1)))  # prints where it hangs

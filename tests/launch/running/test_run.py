@@ -18,7 +18,7 @@ from graphs_for_runs import GRAPH, NODES, write_graph, write_place
 
 from palpate.launch.loading.launchfile import LaunchFile
 from palpate.launch.recording.reader import Recording
-from palpate.launch.running import keys
+from palpate.launch.running import keys, launcher
 from palpate.launch.running.addresses import runs
 from palpate.launch.running.execute import Outcome, execute
 from palpate.messages import Torque
@@ -206,6 +206,15 @@ def test_a_node_that_hangs_is_named_with_the_place_where_it_hangs(tmp_path, cloc
     (death,) = outcome.result.deaths
     assert death.node == "spring" and "hangs" in death.text
     assert "nodes_for_runs.py" in death.trace
+
+
+def test_who_waits_for_the_disk_is_not_taken_for_one_that_hangs(tmp_path, monkeypatch):
+    """No signal reaches it there, and it goes on by itself."""
+    text = GRAPH.replace("nodes_for_runs.Spring,", "nodes_for_runs.Faulty, how: doze,")
+    assert any("hangs" in death.text for death in go(tmp_path, text, patience=0.4).result.deaths)
+    monkeypatch.setattr(launcher, "at_the_disk", lambda pid: True)
+    outcome = go(tmp_path, text, patience=0.4)
+    assert outcome.result.ok and len(streams(tmp_path / "run.mcap")["sum"]) == TICKS
 
 
 def test_when_a_node_dies_the_torque_goes_to_none_within_20_ms(tmp_path):
