@@ -54,6 +54,8 @@ class Ladder:
         self.bodies = [body for body, size in zip(bodies, sizes, strict=True) if size <= most] or bodies[:1]
         self.rungs, self.error = rungs, error
         self._modes = bodies[-1].basis.modes.reshape(-1, 3, sizes[-1])
+        self._held = np.zeros_like(bodies[-1].held)
+        """Loads that were held before the last step, from which a rung that is taken makes that step as well."""
         self._at = self._before = 0
         self._told = BLEND
         """Ticks for which the one in use has answered, up to `BLEND`; less than 0 while it seeks its equilibrium."""
@@ -94,7 +96,7 @@ class Ladder:
         """As of `SampledBody`."""
         given = nodes, forces, foot, normal, dt
         self.evaluations[:] = 0
-        held = self.body.held.copy()
+        np.copyto(self._held, self.body.held)
         law = self._stepped(self._at, given)
         p, measure = self._seen()
         pressed = len(nodes) > 0 and law[3] > 0.0
@@ -102,7 +104,7 @@ class Ladder:
         if self._told >= BLEND:
             to = self._wanted()
             if to != self._at:
-                self.bodies[to].take_over(self.body, held, p)
+                self.bodies[to].take_over(self.body, self._held, p)
                 self._before, self._at, self._told = self._at, to, -WARM
                 now, law = law, self._stepped(to, given)
             else:
