@@ -96,10 +96,8 @@ def deck(cut: Tetrahedra, levels: np.ndarray, young: float) -> Iterator[str]:
 
 def _bed(cut: Tetrahedra, young: float, count: int) -> Iterator[str]:
     """Springs at the nodes of the underside, numbered from `count` on; those of one stiffness [N/mm] share a card."""
-    corner = cut.mesh.points[cut.under[:, :3]]
-    area = 0.5 * np.linalg.norm(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), axis=1)
     stiffness = np.zeros(len(cut.mesh.points))
-    np.add.at(stiffness, cut.under[:, 3:], BED * young * area[:, None] / 3.0 / MM)
+    np.add.at(stiffness, cut.under[:, 3:], BED * young * cut.areas()[:, None] / 3.0 / MM)
     held = np.flatnonzero(stiffness)
     for k, value in enumerate(np.unique(stiffness[held].round(12))):
         for axis in (1, 2, 3):

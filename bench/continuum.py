@@ -129,6 +129,13 @@ class Tetrahedra:
     x: np.ndarray
     y: np.ndarray
 
+    def areas(self) -> np.ndarray:
+        """[m²] (F,) of the faces on the bed, which are plane."""
+        corner = self.mesh.points[self.under[:, :3]]
+        sides = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+        areas: np.ndarray = 0.5 * np.linalg.norm(sides, axis=1)
+        return areas
+
 
 def tetrahedra(block: Block) -> Tetrahedra:
     """Cut the block."""

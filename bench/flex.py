@@ -130,10 +130,8 @@ def _model(
     spec.option.timestep, spec.option.gravity = STEP, (0.0, 0.0, 0.0)
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_DISCRETE
     spec.option.solver = mujoco.mjtSolver.mjSOL_CG
-    corner = cut.mesh.points[cut.under[:, :3]]
-    area = 0.5 * np.linalg.norm(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), axis=1)
     bed = np.zeros(len(points))
-    np.add.at(bed, cut.under[:, :3], BED * young * area[:, None] / 3.0)
+    np.add.at(bed, cut.under[:, :3], BED * young * cut.areas()[:, None] / 3.0)
     mass = DENSITY * SLAB * float(np.prod(np.ptp(points[:, :2], axis=0))) / len(points)
     joint = np.full(points.shape, -1)
     joint[~cut.fixed[: len(points)]] = np.arange(int((~cut.fixed[: len(points)]).sum()))
