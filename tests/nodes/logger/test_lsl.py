@@ -10,6 +10,7 @@ import uuid
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+import graphs_for_runs
 import numpy as np
 import pytest
 from typer.testing import CliRunner
@@ -24,17 +25,9 @@ SUPPORT = Path(__file__).parents[2] / "support"
 CONTACT = Stream("contact", Contact, "contact", 1)
 HAND = Stream("controller", Force, "controller", 2)
 UP = (0.0, 0.0, 1.0)
-GRAPH = """
-rate: 500
-nodes:
-  source: {use: nodes_for_runs.Source, in: {torque: sum}}
-  spring: {use: nodes_for_runs.Spring, in: {pose: source}}
-  drag:   {use: nodes_for_runs.Drag, in: {pose: source, force: spring}}
-  spread: {use: nodes_for_runs.Spread, in: {force: spring, friction: drag}}
-  sum:    {use: nodes_for_runs.Sum, in: {load: spread, friction: drag}}
-  log:    {use: logger.Mcap, in: all}
-  lsl:    {use: logger.LSL, in: [spring, source], fields: [force, position], name: NAME}
-"""
+GRAPH = f"rate: 500{graphs_for_runs.GRAPH.rstrip()}\n" + (
+    "  lsl:    {use: logger.LSL, in: [spring, source], fields: [force, position], name: NAME}\n"
+)
 
 
 @pytest.fixture(scope="module")
