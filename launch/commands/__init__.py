@@ -23,6 +23,7 @@ ORDER = [
     "export",
     "recover",
     "plan",
+    "rates",
     "nodes",
     "messages",
     "effects",

@@ -77,7 +77,7 @@ def tune(
         best = pick(ranked, goal)
         came = None
         if best is not None:
-            write(launch, best, _promise(best, goal), file)
+            write(launch, best.overrides, _promise(best, goal), file)
             came = kept(launch, best, base, goal, Path(folder), lambda: progress.update(task, advance=1))
     why = cause(ranked, goal) if best is None else ""
     if as_json:

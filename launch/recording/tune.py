@@ -120,7 +120,14 @@ def candidates(graph: Graph) -> list[dict[str, Any]]:
 
 
 def touched(launch: LaunchFile, file: Path) -> Recording:
-    """One run of the graph, in this process, recorded. TuneError: it failed."""
+    """One run of the graph, in this process, recorded. TuneError: it failed, or it would move a device."""
+    graph = launch.load()
+    devices = [name for name, spec in graph.nodes.items() if spec.cls.hardware]
+    if devices:
+        raise TuneError(
+            f"{launch.path or launch.graph}: node {devices[0]!r} talks to a device, and the touch is computed many "
+            f"times here; expected a simulated one: --set {devices[0]}.use=device.Simulated, or the graph kidney"
+        )
     outcome = execute(replace(launch, record=file, place=FUSED, clock="simulated"))
     if not outcome.result.ok or outcome.recording is None:
         why = outcome.result.deaths[0] if outcome.result.deaths else "it was interrupted"
@@ -233,7 +240,7 @@ def cause(measured: list[Candidate], goal: Goal) -> str:
     )
 
 
-def write(launch: LaunchFile, chosen: Candidate, told: list[str], path: Path) -> None:
+def write(launch: LaunchFile, chosen: dict[str, Any], told: list[str], path: Path) -> None:
     """A launch file of the choice, its reasons as comments at its head."""
     content: dict[str, Any] = {"graph": str(launch.graph.resolve())}
     if isinstance(launch.scene, Path):
@@ -244,7 +251,7 @@ def write(launch: LaunchFile, chosen: Candidate, told: list[str], path: Path) ->
         if getattr(launch, name) is not None:
             content[name] = getattr(launch, name)
     own = [str(o) for o in launch.overrides if isinstance(o, str)]
-    content["set"] = {k: yaml.safe_load(v) for k, _, v in (o.partition("=") for o in own)} | chosen.overrides
+    content["set"] = {k: yaml.safe_load(v) for k, _, v in (o.partition("=") for o in own)} | chosen
     head = "".join(f"# {line}\n" for line in told)
     path.write_text(head + yaml.safe_dump(content, sort_keys=False, allow_unicode=True), encoding="utf-8")
 

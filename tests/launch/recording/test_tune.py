@@ -63,7 +63,7 @@ def test_candidates_are_every_model_at_every_fidelity():
 
 def test_what_is_written_is_a_launch_file_with_the_choice(tmp_path):
     launch = find("kidney").but(duration=0.5, overrides=["scene.tissue.friction=false"])
-    tune.write(launch, MIDDLE, ["why"], tmp_path / "tuned.yaml")
+    tune.write(launch, MIDDLE.overrides, ["why"], tmp_path / "tuned.yaml")
     assert (tmp_path / "tuned.yaml").read_text().startswith("# why\n")
     again = find(str(tmp_path / "tuned.yaml"))
     graph = again.load()

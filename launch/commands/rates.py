@@ -1,0 +1,130 @@
+"""`palpate rates`: how seldom each effect may run for a stated error."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from palpate.launch.commands.common import TROUBLE, Graph, Json, SceneOption, Sets, chosen, console, seconds, tell
+
+if TYPE_CHECKING:
+    from palpate.launch.recording.compare import Variant
+    from palpate.launch.recording.rates import Rate
+
+
+def rates(
+    graph: Graph,
+    error: Annotated[
+        str, typer.Option(help="rms over the touch, of the peak: of each effect's own output, and of the force.")
+    ] = "1 %",
+    sets: Sets = None,
+    scene: SceneOption = None,
+    duration: Annotated[
+        float | None, typer.Option(help="Of the touch that is measured on.", parser=seconds, metavar="TIME")
+    ] = None,
+    out: Annotated[Path | None, typer.Option("-o", "--out", help="Launch file to write; GRAPH-rates.yaml.")] = None,
+    as_json: Json = False,
+) -> None:
+    """The lowest rate of each effect that keeps an error, from its own time constant, for this graph.
+
+    Writes a launch file for `palpate run`, runs it, and tells what was promised and what came. Exit code 1 where the
+    run does not keep the error.
+    """
+    from palpate.launch.recording import rates as measure
+    from palpate.launch.recording.tune import touched, write
+
+    share = measure.read_error(error)
+    launch = chosen(graph, sets, scene).but(duration=duration)
+    if launch.duration is None:
+        raise measure.RateError(f"{graph}: it runs without end; give the length of the touch: --duration '5 s'")
+    found = measure.effects_of(launch.plan())
+    file = out or Path(f"{(launch.path or launch.graph).stem}-rates.yaml")
+    from rich.progress import Progress
+
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        Progress(console=console(stderr=True), transient=True, disable=as_json) as progress,
+    ):
+        task = progress.add_task("the touch", total=len(found) + 3)
+
+        def show(what: str) -> None:
+            progress.update(task, advance=1, description=what)
+
+        recording = touched(launch, Path(folder) / "touch.mcap")
+        single = list(measure.chosen(recording, share, show))
+        show("all together")
+        picked, *promised = measure.together(recording, single, share)
+        overrides = {f"{rate.node}.every": rate.every for rate in picked}
+        write(launch, overrides, _promise(share, promised[1]), file)
+        show("a run of it")
+        again = touched(launch.but(overrides=[rate.override() for rate in picked]), Path(folder) / "slow.mcap")
+        came = measure.came(again, picked)
+    kept = measure.force_error(came[1]) <= share
+    if as_json:
+        tell({"ok": kept, "file": str(file), "error": share, "set": overrides,
+              "effects": [_data(rate) for rate in picked],
+              "promised": _times(*promised), "came": _times(*came)})  # fmt: skip
+    else:
+        _print(picked, {"promised": promised, "came": came}, kept)
+        console().print(f"written   {file}: palpate run {file}", markup=False)
+    if not kept:
+        raise typer.Exit(TROUBLE)
+
+
+def _promise(share: float, variant: Variant) -> list[str]:
+    from palpate.launch.recording.rates import force_error
+
+    return [
+        f"Chosen by palpate rates: each effect as seldom as an error of {100 * share:.2g} % allows;",
+        f"the force is off by {100 * force_error(variant):.2g} % of its peak (rms) on the touch that was measured.",
+    ]
+
+
+def _data(rate: Rate) -> dict[str, Any]:
+    constant = None if rate.constant == float("inf") else rate.constant
+    return {"node": rate.node, "effect": rate.effect, "every": rate.every, "before": rate.before,
+            "time_constant_s": constant, "error": rate.own, "force_error": rate.force}  # fmt: skip
+
+
+def _times(base: Variant, variant: Variant) -> dict[str, float]:
+    from palpate.launch.recording.rates import force_error, mean
+
+    return {"force_error": force_error(variant), "tick_s": mean(variant), "tick_at_full_rates_s": mean(base)}
+
+
+def _print(picked: list[Rate], runs: dict[str, Any], kept: bool) -> None:
+    from rich.table import Table
+
+    out = console()
+    shown = Table(box=None, header_style="bold", pad_edge=False)
+    for title in ("", "effect", "time\nconstant", "every", "\nnow", "off by, rms %\nits output", "\nforce"):
+        shown.add_column(title, justify="left" if title in ("", "effect") else "right")
+    idle = [rate for rate in picked if rate.constant == float("inf")]
+    for rate in picked:
+        constant = "idle" if rate in idle else f"{1e3 * rate.constant:.3g} ms"
+        errors = ("", "") if rate in idle else (_percent(rate.own), _percent(rate.force) if rate.felt else "")
+        shown.add_row(rate.node, rate.effect, constant, str(rate.every), str(rate.before), *errors)
+    out.print(shown)
+    if idle:
+        out.print(
+            "idle: nothing of it changes on this touch, and its rate is left; another touch may tell", style="dim"
+        )
+    for word, (base, variant) in runs.items():
+        told = _times(base, variant)
+        out.print(
+            f"{word:9} force off by {_percent(told['force_error'])} %, a tick {1e6 * told['tick_s']:.0f} us in the "
+            f"mean, where all effects at each tick take {1e6 * told['tick_at_full_rates_s']:.0f} us",
+            markup=False,
+        )
+    if not kept:
+        out.print(
+            "The run did not keep the error: the hand reacts to the force, and the touch has become another one.",
+            style="yellow",
+        )
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.2g}" if share > 1e-9 else "0"

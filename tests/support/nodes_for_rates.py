@@ -1,0 +1,30 @@
+"""An effect whose output is known: a swinging force."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated
+
+from palpate.messages import Force, Pose
+from palpate.nodes.base import Node
+
+
+class Still(Node):
+    """A pose at the origin at each tick."""
+
+    paced = True
+
+    def step(self, *, dt: float) -> Pose:
+        return Pose(position=(0.0, 0.0, 0.0), velocity=(0.0, 0.0, 0.0), dt=dt)
+
+
+class Swing(Node):
+    """A force that swings with the time of the pose."""
+
+    effect = "display"
+    frequency: Annotated[float, "Hz"] = 2.0
+    amplitude: Annotated[float, "N"] = 3.0
+
+    def step(self, pose: Pose) -> Force:
+        turned = 2.0 * math.pi * self.frequency * pose.time * 1e-9
+        return Force(force=(self.amplitude * math.sin(turned), 0.0, 0.0), state="free", energy=0.0)
