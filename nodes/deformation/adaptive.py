@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -31,7 +32,10 @@ class Adaptive(ReducedFE):
     error: Annotated[float, "1", msgspec.Meta(ge=1e-4, le=1)] = 0.1
     """Relative error of the indentation that is allowed."""
     most: Annotated[int, "1", msgspec.Meta(ge=4, le=200)] = 200
-    """Modes of the finest body that is taken, whatever the error: this keeps a deadline."""
+    """Modes of the finest body that is taken, whatever the error: this keeps a deadline on any clock."""
+    deadline: Annotated[float, "s", msgspec.Meta(ge=0, le=10)] = 0.0
+    """Longest time between two steps; one that comes later, as it may on the real clock, leaves the finest body in use
+    out for a second at least. 0: none."""
 
     def _made(self) -> Ladder:
         basis, given = self._placed()
@@ -40,7 +44,7 @@ class Adaptive(ReducedFE):
         if self.most < rungs.modes[0]:
             raise SettingError(f"setting 'most' [1]: found {self.most}, expected at least {rungs.modes[0]}")
         bodies = [SampledBody(own, *given) for own in rungs.cut(basis)]
-        return Ladder(bodies, rungs, self.error, self.most)
+        return Ladder(bodies, rungs, self.error, self.most, self.deadline or math.inf)
 
     def step(self, load: Load, *, dt: float) -> Surface:
         surface, ladder = super().step(load, dt=dt), self._body

@@ -10,7 +10,8 @@ The loads that a sampled body holds follow the load alone, and are the same for 
 them as they are, and is at the state of the other as near as its modes allow. What the new one stores otherwise than
 the old is energy that a switch makes or takes: about the difference of their indentations times half the force.
 
-The choice depends on what the body was told and on nothing else.
+A step that comes later than the deadline allows one rung less than the one in use (`deadline.py`), whatever the claim,
+which then says so. The choice depends on what the body was told and on nothing else.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ import math
 
 import numpy as np
 
+from palpate.physics.bodies.deadline import Deadline
 from palpate.physics.bodies.rungs import Rungs
 from palpate.physics.bodies.sampled_body import SampledBody
 from palpate.physics.bodies.sampled_solve import TOLERANCE
@@ -47,12 +49,16 @@ class Ladder:
     rungs   what they are
     error   [1] > 0, relative error of the indentation that is allowed
     most    modes of the finest that is taken; those above are left out whatever the error
+    late    [s] time between two steps beyond which a finer one is left out as well; inf: none
     """
 
-    def __init__(self, bodies: list[SampledBody], rungs: Rungs, error: float, most: int) -> None:
+    def __init__(
+        self, bodies: list[SampledBody], rungs: Rungs, error: float, most: int, late: float = math.inf
+    ) -> None:
         sizes = [body.basis.modes.shape[1] for body in bodies]
         self.bodies = [body for body, size in zip(bodies, sizes, strict=True) if size <= most] or bodies[:1]
         self.rungs, self.error = rungs, error
+        self.deadline = Deadline(len(self.bodies), late)
         self._modes = bodies[-1].basis.modes.reshape(-1, 3, sizes[-1])
         self._held = np.zeros_like(bodies[-1].held)
         """Loads that were held before the last step, from which a rung that is taken makes that step as well."""
@@ -95,6 +101,7 @@ class Ladder:
     def step(self, nodes: np.ndarray, forces: np.ndarray, foot: tuple, normal: tuple, dt: float) -> Law:
         """As of `SampledBody`."""
         given = nodes, forces, foot, normal, dt
+        self.deadline.step(dt, self._at, self._told >= BLEND)
         self.evaluations[:] = 0
         np.copyto(self._held, self.body.held)
         law = self._stepped(self._at, given)
@@ -152,7 +159,11 @@ class Ladder:
 
     def _wanted(self) -> int:
         """The rung that should be in use."""
-        claims, last = self.claims[: len(self.bodies)], len(self.bodies) - 1
+        last = self.deadline.finest
+        claims = self.claims[: last + 1]
+        if self._at > last:
+            self._calm = 0
+            return last
         if claims[self._at] > ALERT * self.error:
             self._calm = 0
             return int(np.flatnonzero(np.append(claims[:last] <= ALERT * self.error, True))[0])

@@ -1,5 +1,6 @@
 """The body that keeps to an error: its rungs, its switches, what it claims."""
 
+import math
 from functools import lru_cache
 
 import numpy as np
@@ -10,6 +11,7 @@ from palpate.launch.testing import FakeBus
 from palpate.messages import Load, pack
 from palpate.nodes.base import SettingError
 from palpate.nodes.deformation import Adaptive
+from palpate.physics.bodies.deadline import PROBATION
 from palpate.physics.bodies.ladder import BLEND, WARM, Ladder, blended
 from palpate.physics.bodies.rungs import Rungs
 from palpate.physics.bodies.sampled_body import SampledBody
@@ -31,9 +33,9 @@ def parts():
     return node.rungs().cut(basis), node.rungs(), Mesh(basis.vertices, basis.triangles)
 
 
-def ladder(error, most=200, retardation=0.0):
+def ladder(error, most=200, retardation=0.0, late=math.inf):
     bases, rungs, mesh = parts()
-    return Ladder([SampledBody(b, mesh, YOUNG, retardation, 5e-3, 1.0) for b in bases], rungs, error, most)
+    return Ladder([SampledBody(b, mesh, YOUNG, retardation, 5e-3, 1.0) for b in bases], rungs, error, most, late)
 
 
 @lru_cache
@@ -41,10 +43,10 @@ def spreader(radius=4.5e-3):
     return Spreader(parts()[2], radius, "biweight")
 
 
-def load(force, x=0.0, y=-1e-3):
+def load(force, x=0.0, y=-1e-3, dt=1e-3):
     foot, spread = (x, y, TOP), spreader()
     count = spread.spread(foot, UP, (0.1 * force, 0.0, -force)) if force else 0
-    return spread.nodes[:count].copy(), spread.forces[:count].copy(), foot, UP, 1e-3
+    return spread.nodes[:count].copy(), spread.forces[:count].copy(), foot, UP, dt
 
 
 def settled(body, force, **place):
@@ -141,6 +143,32 @@ def test_most_leaves_the_finer_rungs_out_and_the_claim_says_so():
     assert body.fidelity == 20 and body.claimed > 0.001
 
 
+def test_a_late_step_takes_one_rung_less_and_a_second_in_time_gives_it_back():
+    body, free = ladder(1e-3, late=1.5e-3), ladder(1e-3)
+    for _ in range(200):
+        body.step(*load(0.1))
+        free.step(*load(0.1))
+    assert body.fidelity == free.fidelity == 80  # none was late
+    told, before = [], body.step(*load(0.1))[3]
+    apart = abs(settled(ladder(1.0).bodies[-2], 0.1) - settled(ladder(1.0).bodies[-1], 0.1))
+    for k in range(1 + WARM + BLEND):
+        now = body.step(*load(0.1, dt=2e-3 if k < 3 else 1e-3))[3]  # a switch that is under way costs time: one rung
+        assert abs(now - before) <= apart / BLEND + 2 * TOLERANCE * now
+        before = now
+    assert body.fidelity == 60 and body.claimed > free.claimed and body.claimed > 1e-3
+    for _ in range(round(PROBATION / 1e-3) + WARM + BLEND):
+        body.step(*load(0.1))
+        told.append(body.fidelity)
+    assert told[round(0.9 * PROBATION / 1e-3)] == 60 and told[-1] == 80
+
+
+def test_steps_that_are_always_late_end_at_the_cheapest():
+    body = ladder(1e-3, late=1.5e-3)
+    for _ in range(8 * (WARM + BLEND)):
+        body.step(*load(0.1, dt=3e-3))
+    assert body.fidelity == 10
+
+
 def test_the_same_messages_give_the_same_bytes_and_tell_claim_and_fidelity():
     loads = []
     for force in (0.0, *np.linspace(0.001, 0.2, 25)):
@@ -158,6 +186,7 @@ def test_the_same_messages_give_the_same_bytes_and_tell_claim_and_fidelity():
         ({"error": 0.0}, "setting 'error' \\[1\\]: found 0.0"),
         ({"most": 5}, "setting 'most' \\[1\\]: found 5, expected at least 10"),
         ({"model": "linear"}, "setting 'model'"),
+        ({"deadline": -1e-3}, "setting 'deadline' \\[s\\]: found -0.001"),
         ({"surface": "kidney"}, "no reduced basis is stored"),
     ],
 )
