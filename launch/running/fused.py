@@ -15,6 +15,7 @@ import palpate.launch
 import palpate.messages
 import palpate.nodes
 from palpate.launch.running.clock import now
+from palpate.launch.running.exits import exits_told
 from palpate.launch.running.interrupts import interrupts
 from palpate.launch.running.job import Job
 from palpate.launch.running.loops import run
@@ -56,7 +57,7 @@ def run_fused(job: Job, show: Callable[[Result], None] = lambda _: None, patienc
 
     if sys.__stderr__ is not None and not faulthandler.is_enabled():
         faulthandler.enable(file=sys.__stderr__, all_threads=False)  # a crash in compiled code tells where
-    with interrupts(interrupted):
+    with interrupts(interrupted), exits_told():
         try:
             worker = Worker(job, None, report)
             with watched(None if patience is None else START_PATIENCE):

@@ -252,7 +252,7 @@ def _sweep(mark: str) -> None:
 
 def _judge(fault: Fault, code: int, hit: bool, told: str, file: Path, mark: str, own: Path) -> list[str]:
     wrong = []
-    until = time.monotonic() + 5.0
+    until = time.monotonic() + 20.0  # who was killed may wait for a processor that others hold
     while (left := _marked(mark)) and time.monotonic() < until:
         time.sleep(0.05)
     if left:

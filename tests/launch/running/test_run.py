@@ -21,6 +21,7 @@ from palpate.launch.recording.reader import Recording
 from palpate.launch.running import keys, launcher
 from palpate.launch.running.addresses import runs
 from palpate.launch.running.execute import Outcome, execute
+from palpate.launch.running.exits import exits_told
 from palpate.messages import Torque
 
 TICKS = 300
@@ -190,13 +191,27 @@ def test_a_node_that_fails_is_named_with_its_reason(tmp_path, how, clock):
         assert len(streams(tmp_path / "run.mcap")["source"]) >= 20
 
 
-@pytest.mark.parametrize("how", ["raise", "nan", "type", "input", "start"])
+@pytest.mark.parametrize("how", ["raise", "nan", "type", "input", "exit", "start"])
 def test_a_node_that_fails_in_one_process_is_named_too(tmp_path, how):
     text = GRAPH.replace("nodes_for_runs.Spring,", f"nodes_for_runs.Faulty, how: {how},")
     outcome = go(tmp_path, text, place="fused")
     (death,) = outcome.result.deaths
-    assert death.node == "spring" and re.search(FAULTS[how], death.text)
+    said = r"SystemExit: os._exit\(7\)" if how == "exit" else FAULTS[how]
+    assert death.node == "spring" and re.search(said, death.text)
     assert how == "start" or len(streams(tmp_path / "run.mcap")["source"]) == 20
+
+
+def test_what_a_node_of_one_process_forks_and_its_threads_exit_as_they_want():
+    with exits_told():
+        child = os.fork()
+        if child == 0:
+            os._exit(5)
+        assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 5
+        program = "import os, threading\nfrom palpate.launch.running.exits import exits_told\nwith exits_told():\n"
+        program += "    threading.Thread(target=os._exit, args=(6,)).start()\n    threading.Event().wait()"
+        assert subprocess.run([sys.executable, "-c", program]).returncode == 6
+        with pytest.raises(SystemExit, match="7"):
+            os._exit(7)
 
 
 @pytest.mark.parametrize("clock", ["simulated", "real"])
