@@ -17,4 +17,4 @@ def check() -> None:
     try:
         import websockets  # noqa: F401
     except ImportError:
-        raise PageError(f"the page needs the package websockets: {install('devices')}") from None
+        raise PageError(f"the page needs the package websockets: {install('page')}") from None
