@@ -10,7 +10,7 @@ from collections.abc import Iterator
 
 SPIN = 100_000  # [ns] wait actively for this long before a deadline: a plain sleep wakes up about 90 us late
 _PR_SET_TIMERSLACK = 29
-_MCL_CURRENT, _MCL_FUTURE = 1, 2
+_MCL_CURRENT, _MCL_FUTURE, _MCL_ONFAULT = 1, 2, 4
 
 
 def now() -> int:
@@ -57,7 +57,8 @@ def real_time(core: tuple[int, ...] | None, priority: int | None) -> list[str]:
                 os.sched_setscheduler(thread, os.SCHED_RR, os.sched_param(priority))
             except OSError:
                 refused.append("SCHED_RR: not permitted (needs CAP_SYS_NICE, or an rtprio line in limits.conf)")
-    if priority is not None and libc.mlockall(_MCL_CURRENT | _MCL_FUTURE) != 0:
+    # On fault: what a process has used stays; what it shares with the fork server and never writes is not copied.
+    if priority is not None and libc.mlockall(_MCL_CURRENT | _MCL_FUTURE | _MCL_ONFAULT) != 0:
         refused.append("locked memory: not permitted (needs CAP_IPC_LOCK, or a memlock line in limits.conf)")
     return sorted(set(refused))
 
