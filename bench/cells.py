@@ -41,6 +41,7 @@ class Cell:
     discretisation  [1] rms of the force from that of the finest setting on the same axis, over the peak of the truth
     finest          [1] rms of the force of that finest setting from the truth
     falling         axes on which the finest setting has not come to an end, see `bench.limits`
+    kept            whether it is of an earlier run
     """
 
     touch: str
@@ -62,6 +63,7 @@ class Cell:
     discretisation: float | None = None
     finest: float | None = None
     falling: str = ""
+    kept: bool = False
 
     def at_reference(self, quantity: str = "force") -> bool:
         """Whether the error is below what the reference itself may be off by."""
@@ -141,7 +143,7 @@ def _key(touch: Touch, method: Method, fidelity: Fidelity, repeats: int, machine
 
 def _read(path: Path) -> Cell | None:
     try:
-        return Cell(**json.loads(path.read_text(encoding="utf-8")))
+        return Cell(**json.loads(path.read_text(encoding="utf-8")) | {"kept": True})
     except (OSError, ValueError, TypeError):
         return None
 

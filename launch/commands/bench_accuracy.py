@@ -73,6 +73,9 @@ def accuracy(
               "cells": [asdict(c) | {"mostly": mostly(c)} for c in cells]})  # fmt: skip
         return
     _print(cells)
+    if kept := sum(cell.kept for cell in cells):
+        told = f"{kept} of {len(cells)} are of earlier runs here, their times as well; --fresh computes them again"
+        console(soft_wrap=True).print(told, markup=False)
     for text in missing():
         console(soft_wrap=True).print(f"not installed  {text}", markup=False)
     for name, file in files.items():
