@@ -42,7 +42,9 @@ def held(pid: int) -> dict[str, float]:
     for one in {pid, *descendants(pid)}:
         try:
             text = (Path("/proc") / str(one) / "smaps_rollup").read_text()
-            sums["memory"] += int(text.split("Pss:")[1].split()[0]) / 1024
+            # without pages of files: their share depends on who else on the machine has the same libraries open
+            kinds = ("Pss_Anon:", "Pss_Shmem:")
+            sums["memory"] += sum(int(text.split(kind)[1].split()[0]) for kind in kinds) / 1024
             sums["descriptors"] += len(os.listdir(f"/proc/{one}/fd"))
             sums["threads"] += len(os.listdir(f"/proc/{one}/task"))
         except (OSError, IndexError):
