@@ -63,7 +63,7 @@ class Cell:
     discretisation: float | None = None
     finest: float | None = None
     falling: str = ""
-    kept: bool = False
+    kept: bool = field(default=False, compare=False)
 
     def at_reference(self, quantity: str = "force") -> bool:
         """Whether the error is below what the reference itself may be off by."""

@@ -119,7 +119,9 @@ def test_kept_cells_are_taken_up_and_another_machine_computes_its_own(tmp_path, 
     rows = [(TOUCHES["ball"], STANDARD["hertz"], DEFAULT)]
     first = compute(rows, 1, machine="a")
     called = replace(STANDARD["hertz"], compute=lambda *_: pytest.fail("computed again"))
-    assert compute([(TOUCHES["ball"], called, DEFAULT)], 1, machine="a") == first
+    again = compute([(TOUCHES["ball"], called, DEFAULT)], 1, machine="a")
+    assert again == first
+    assert [(cell.kept, before.kept) for cell, before in zip(again, first, strict=True)] == [(True, False)]
     compute(rows, 1, machine="b")
     assert len(list((tmp_path / "palpate" / "bench" / "cells").iterdir())) == 2
 
