@@ -84,7 +84,7 @@ def _promise(share: float, variant: Variant) -> list[str]:
 
 
 def _data(rate: Rate) -> dict[str, Any]:
-    constant = None if rate.constant == float("inf") else rate.constant
+    constant = None if rate.idle else rate.constant
     return {"node": rate.node, "effect": rate.effect, "every": rate.every, "before": rate.before,
             "time_constant_s": constant, "error": rate.own, "force_error": rate.force}  # fmt: skip
 
@@ -102,13 +102,12 @@ def _print(picked: list[Rate], runs: dict[str, Any], kept: bool) -> None:
     shown = Table(box=None, header_style="bold", pad_edge=False)
     for title in ("", "effect", "time\nconstant", "every", "\nnow", "off by, rms %\nits output", "\nforce"):
         shown.add_column(title, justify="left" if title in ("", "effect") else "right")
-    idle = [rate for rate in picked if rate.constant == float("inf")]
     for rate in picked:
-        constant = "idle" if rate in idle else f"{1e3 * rate.constant:.3g} ms"
-        errors = ("", "") if rate in idle else (_percent(rate.own), _percent(rate.force) if rate.felt else "")
+        constant = "idle" if rate.idle else f"{1e3 * rate.constant:.3g} ms"
+        errors = ("", "") if rate.idle else (_percent(rate.own), _percent(rate.force) if rate.felt else "")
         shown.add_row(rate.node, rate.effect, constant, str(rate.every), str(rate.before), *errors)
     out.print(shown)
-    if idle:
+    if any(rate.idle for rate in picked):
         out.print(
             "idle: nothing of it changes on this touch, and its rate is left; another touch may tell", style="dim"
         )

@@ -98,7 +98,7 @@ def compare(
     RecordingError, GraphError: what does not fit. NodeFault: a node raised.
     """
     wanted = [tuple(given) for given in ([reference] if reference is not None else []) + list(variants)]
-    if len(wanted) < 2:
+    if not wanted or (reference is None and len(wanted) < 2):
         raise RecordingError("comparing takes two variants, such as --set tissue.use=A --set tissue.use=B")
     original = changed(recording)
     computed = [_variant(recording, given, original) for given in wanted]
@@ -197,14 +197,20 @@ def _hold_against(variant: Variant, own: _Streams, other: _Streams, draw: bool) 
 
 def _shapes(a: Surface, b: Surface) -> tuple[float, float]:
     """RMS difference [m] over the vertices that move in one of both, and the largest displacement in `b` [m]."""
-    nodes = np.union1d(a.nodes, b.nodes)
     peak = float(np.sqrt((b.displacement**2).sum(1).max())) if len(b.nodes) else 0.0
-    if not len(nodes):
-        return 0.0, peak
-    apart = np.zeros((len(nodes), 3))
-    apart[np.searchsorted(nodes, a.nodes)] += a.displacement
-    apart[np.searchsorted(nodes, b.nodes)] -= b.displacement
-    return float(np.sqrt((apart**2).sum(1).mean())), peak
+    return apart(a.nodes, a.displacement, b.nodes, b.displacement), peak
+
+
+def apart(nodes: np.ndarray, rows: np.ndarray, other: np.ndarray, others: np.ndarray) -> float:
+    """RMS of the lengths of rows (k,c) of vertices `nodes` (k,) less `others` (m,c) of `other` (m,), over all vertices
+    of one of both; what is not there is zero. In the unit of the rows."""
+    every = np.union1d(nodes, other)
+    if not len(every):
+        return 0.0
+    difference = np.zeros((len(every), rows.shape[1]))
+    difference[np.searchsorted(every, nodes)] += rows
+    difference[np.searchsorted(every, other)] -= others
+    return float(np.sqrt((difference**2).sum(1).mean()))
 
 
 def _collect(variant: Variant, player: Player) -> None:

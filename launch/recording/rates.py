@@ -17,7 +17,7 @@ import numpy as np
 
 from palpate.launch.loading.plan import Plan
 from palpate.launch.recording.changed import changed
-from palpate.launch.recording.compare import Variant, compare
+from palpate.launch.recording.compare import Variant, apart, compare
 from palpate.launch.recording.player import Player
 from palpate.launch.recording.reader import Recording
 from palpate.launch.running.assign import force_path
@@ -52,6 +52,11 @@ class Rate:
     every: int = 1
     own: float = 0.0
     force: float = 0.0
+
+    @property
+    def idle(self) -> bool:
+        """Whether nothing of it changed on the touch, so that its rate is left."""
+        return math.isinf(self.constant)
 
     @property
     def error(self) -> float:
@@ -145,7 +150,7 @@ def _constants(recording: Recording, plan: Plan, found: list[Rate], full: list[s
             own.add(now, before[k])
             before[k] = now
 
-    compare(recording, [[]], reference=full, look=look)
+    compare(recording, [], reference=full, look=look)
     dt = 1.0 / plan.graph.rate
     return {
         rate.node: (dt / own.error if own.error > 0.0 else math.inf) for rate, own in zip(found, watched, strict=True)
@@ -154,8 +159,8 @@ def _constants(recording: Recording, plan: Plan, found: list[Rate], full: list[s
 
 def _lowest(recording: Recording, plan: Plan, rate: Rate, full: list[str], error: float) -> Rate:
     """At the lowest rate of the ladder that keeps the error: three at a time, around what its time constant says."""
-    if math.isinf(rate.constant):
-        return replace(rate, every=rate.before)  # on this touch it does nothing that could tell
+    if rate.idle:
+        return replace(rate, every=rate.before)
     asked = error * math.sqrt(3.0) * rate.constant * plan.graph.rate
     at = max(k for k, every in enumerate(LADDER) if every <= max(asked, 1.0))
     best = replace(rate, every=1)
@@ -217,8 +222,8 @@ class _Outputs:
         """One tick of both."""
         self.count += 1
         for k, (own, other) in enumerate(zip(now, base, strict=True)):
-            apart, size = _apart(own, other)
-            self.squares[k] += apart * apart
+            off, size = _apart(own, other)
+            self.squares[k] += off * off
             self.peaks[k] = max(self.peaks[k], size)
 
     @property
@@ -258,10 +263,4 @@ def _apart(own: Any, other: Any) -> tuple[float, float]:
     if nodes is None or own[1] is None:
         fits = own[0].shape == rows.shape
         return (float(np.linalg.norm(own[0] - rows)) if fits else size), size
-    every = np.union1d(own[1], nodes)
-    if not len(every):
-        return 0.0, size
-    apart = np.zeros((len(every), rows.shape[1]))
-    apart[np.searchsorted(every, own[1])] += own[0]
-    apart[np.searchsorted(every, nodes)] -= rows
-    return float(np.sqrt((apart**2).sum(axis=1).mean())), size
+    return apart(own[1], own[0], nodes, rows), size
