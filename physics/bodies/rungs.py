@@ -21,6 +21,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -61,6 +62,12 @@ class Rungs:
     knots: np.ndarray
     kappa: np.ndarray
 
+    @cached_property
+    def _logs(self) -> np.ndarray:
+        """ln kappa, which is asked for in every step."""
+        logs: np.ndarray = np.log(self.kappa)
+        return logs
+
     def cut(self, basis: SampledBasis) -> list[SampledBasis]:
         """The basis of each rung, and the whole one."""
         fewer = [cut(basis, int(r), tuple(b)) for r, b in zip(self.modes, self.bends.tolist(), strict=True)]
@@ -79,7 +86,7 @@ class Rungs:
         nu = abs(linear / now - 1.0)
         at = np.log(max(nu, 1e-300))
         for k, r in enumerate(self.modes):
-            kappa = np.exp(np.interp(at, self.knots, np.log(self.kappa[k])))
+            kappa = np.exp(np.interp(at, self.knots, self._logs[k]))
             claims[k] = kappa * min(nu / np.exp(self.knots[0]), 1.0) * np.sqrt(energy[r] / energy[0])
         return claims
 
