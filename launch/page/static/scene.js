@@ -40,10 +40,11 @@ export class Scene {
     gl.linkProgram(program);
     if (!gl.getProgramParameter(program, gl.LINK_STATUS)) throw new Error(gl.getProgramInfoLog(program));
     this.at = (name) => gl.getUniformLocation(program, name);
-    gl.useProgram(program); gl.enable(gl.DEPTH_TEST); gl.enable(gl.BLEND);
-    gl.blendFunc(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA);
+    gl.useProgram(program); gl.enable(gl.DEPTH_TEST);
+    gl.blendFuncSeparate(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA, gl.ONE, gl.ONE_MINUS_SRC_ALPHA); // what is solid stays so
     this.organ = this.part(); this.ball = this.part(); this.arrow = this.part();
     this.shape(this.ball, ...sphere(28)); this.shape(this.arrow, ...pointer(20));
+    this.ball.closed = this.arrow.closed = true;
     const strip = document.createElement("canvas"); strip.width = 256; strip.height = 1;
     const paint = strip.getContext("2d"), ramp = paint.createLinearGradient(0, 0, 256, 0);
     COLOURS.forEach((c, i) => ramp.addColorStop(i / (COLOURS.length - 1), c));
@@ -88,6 +89,7 @@ export class Scene {
     places.forEach((x, i) => { low[i % 3] = Math.min(low[i % 3], x); high[i % 3] = Math.max(high[i % 3], x); });
     this.centre = low.map((x, i) => (x + high[i]) / 2);
     this.size = Math.hypot(...sub(high, low)); this.distance = 1.75 * this.size;
+    this.organ.closed = closed(triangles);
     this.shape(this.organ, this.places, this.normals, triangles);
   }
 
@@ -226,6 +228,7 @@ export class Scene {
 
   paint(part, colour, full, alpha) {
     const gl = this.gl;
+    gl[part.closed ? "enable" : "disable"](gl.CULL_FACE); gl[alpha < 1 ? "enable" : "disable"](gl.BLEND);
     gl.uniform3fv(this.at("base"), colour); gl.uniform1f(this.at("full"), full); gl.uniform1f(this.at("alpha"), alpha);
     gl.bindVertexArray(part.array); gl.drawElements(gl.TRIANGLES, part.count, gl.UNSIGNED_INT, 0);
   }
@@ -254,6 +257,17 @@ export function painted(pairs, wish) {
     for (const v of values) if (v > most) most = v;
   }
   return { most, text: kind.text(most), what: of === wish ? kind.name ?? of : `displacement (this body tells no ${wish})` };
+}
+
+// Whether each edge has a triangle on either side: the far faces of such a surface are never seen, and a software renderer
+// takes half the time without them.
+function closed(triangles) {
+  const open = new Set(), most = 2 ** 26;
+  for (let k = 0; k < triangles.length; k++) {
+    const from = triangles[k], to = triangles[k % 3 < 2 ? k + 1 : k - 2];
+    if (!open.delete(to * most + from)) open.add(from * most + to);
+  }
+  return !open.size;
 }
 
 // Smooth edges cost a software renderer more than the rest of the picture.
