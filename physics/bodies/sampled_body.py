@@ -27,7 +27,7 @@ from palpate.physics.archive import read_arrays
 from palpate.physics.bodies.condensed_body import FORGOTTEN, LEAST_FORCE, BasisError
 from palpate.physics.bodies.patch import barycentric, carried, normal_force, share_of
 from palpate.physics.bodies.sampled_energy import Points, forces, scratch
-from palpate.physics.bodies.sampled_solve import EACH, LATE, settle
+from palpate.physics.bodies.sampled_solve import EACH, at_rest, settle
 from palpate.physics.contact.spread import Spreader
 from palpate.physics.contact.terminal import LEAST_DEPTH, fit_terminal
 from palpate.physics.geometry.mesh import Mesh
@@ -135,10 +135,9 @@ class Model(NamedTuple):
     retardation: float
 
 
-STIFFNESS, EXPONENT, FREE, NOW, GAMMA, ENERGY, UNSETTLED, LINEAR, ALLOWED, LENGTH = range(10)
-"""Numbers that a body keeps: K, n, s_free and s of the law that was told, gamma, the energy of the modes, steps in a
-row that did not settle, s of the linear body, and the budget of `sampled_solve.settle`: evaluations, and length of the
-first step to try."""
+STIFFNESS, EXPONENT, FREE, NOW, GAMMA, ENERGY, LINEAR, ALLOWED, LENGTH = range(9)
+"""Numbers that a body keeps: K, n, s_free and s of the law that was told, gamma, the energy of the modes, s of
+the linear body, and the budget of `sampled_solve.settle`: evaluations, and length of the first step to try."""
 
 
 class SampledBody:
@@ -176,7 +175,7 @@ class SampledBody:
         """Loads that the displacement follows, h [N] (V,3), and the amounts of the modes."""
         self.measure = self._fields[2]
         """Shares of the normal force (V,3) in the last step: its product with displacements is the indentation."""
-        self._numbers = np.zeros(10)
+        self._numbers = np.zeros(9)
         self._numbers[LENGTH] = 1.0
         self._scratch = scratch(basis.points)
         self._nodes = np.zeros(len(mesh.vertices), dtype=np.int32)
@@ -244,7 +243,7 @@ class SampledBody:
         if not energy < np.inf:
             self.q[:] = 0.0
             energy = forces(self.basis.points, self.q, self._scratch, gradient)
-        self._numbers[ENERGY], self._numbers[UNSETTLED], self._numbers[LENGTH] = energy, 0.0, 1.0
+        self._numbers[ENERGY], self._numbers[LENGTH] = energy, 1.0
 
     def displaced(self, foot: tuple) -> tuple[np.ndarray, np.ndarray]:
         """Vertices of the mesh within reach of the foot point, and their displacements [m] (k,3)."""
@@ -357,14 +356,9 @@ def _step(model, patch, pull, share, normal, dt, fields, active, vectors, matric
             active[count] = v
             count += 1
     r = len(q)
-    used, settled, late = 0, True, int(numbers[UNSETTLED])
+    used, settled = 0, True
     budget = numbers[ALLOWED:]
     budget[0] = EACH
-    if late >= LATE:  # what was kept of the curvature misleads
-        late = 0
-        for k in range(r):
-            inverse[k] = 0.0
-            inverse[k, k] = 1.0
     if holds:
         _project(modes, held, active, count, p)
         for k in range(r):
@@ -372,14 +366,11 @@ def _step(model, patch, pull, share, normal, dt, fields, active, vectors, matric
         numbers[ENERGY], used, settled = settle(
             model.points, room, p, q, g, inverse, matrices[1], matrices[2], vectors[3:], numbers[ENERGY], budget
         )
-        late = 0 if settled else late + 1
     else:  # at rest the tangent is known
         for k in range(r):
             p[k] = q[k] = g[k] = 0.0
-            for m in range(r):
-                inverse[k, m] = 1.0 if k == m else 0.0
+        at_rest(inverse)
         numbers[ENERGY] = 0.0
-        late = 0
     # what the modes miss
     _missing(missed, held, active, count, bent)
     strain = max(_dot(held, bent, active, count), 0.0) / (young * young)
@@ -418,7 +409,7 @@ def _step(model, patch, pull, share, normal, dt, fields, active, vectors, matric
     ahead = now + take * (press * own + aside - by_held)
     slope = 1.0 / max(take * own, 1e-12)
     numbers[STIFFNESS], numbers[EXPONENT] = fit_terminal(free, max(ahead, free + LEAST_DEPTH), slope, press)
-    numbers[FREE], numbers[NOW], numbers[UNSETTLED] = free, now, late
+    numbers[FREE], numbers[NOW] = free, now
     return used, settled
 
 

@@ -74,18 +74,18 @@ def scratch(points: Points) -> Scratch:
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _deform(displacement, F, C):
-    """F of a point from its displacement gradient (9,), and F's cofactors; det F."""
-    for i in range(3):
-        for j in range(3):
-            F[i, j] = displacement[3 * i + j]
-        F[i, i] += 1.0
-    for i in range(3):
-        i1, i2 = (i + 1) % 3, (i + 2) % 3
-        for j in range(3):
-            j1, j2 = (j + 1) % 3, (j + 2) % 3
-            C[i, j] = F[i1, j1] * F[i2, j2] - F[i1, j2] * F[i2, j1]
-    return F[0, 0] * C[0, 0] + F[0, 1] * C[0, 1] + F[0, 2] * C[0, 2]
+def _deform(D, at, F, C):
+    """F of a point from its displacement gradient, the nine of D from `at` on, and F's cofactors; det F."""
+    a, b, c = D[at] + 1.0, D[at + 1], D[at + 2]
+    d, e, f = D[at + 3], D[at + 4] + 1.0, D[at + 5]
+    g, h, i = D[at + 6], D[at + 7], D[at + 8] + 1.0
+    F[0, 0], F[0, 1], F[0, 2] = a, b, c
+    F[1, 0], F[1, 1], F[1, 2] = d, e, f
+    F[2, 0], F[2, 1], F[2, 2] = g, h, i
+    C[0, 0], C[0, 1], C[0, 2] = e * i - f * h, f * g - d * i, d * h - e * g
+    C[1, 0], C[1, 1], C[1, 2] = h * c - i * b, i * a - g * c, g * b - h * a
+    C[2, 0], C[2, 1], C[2, 2] = b * f - c * e, c * d - a * f, a * e - b * d
+    return a * C[0, 0] + b * C[0, 1] + c * C[0, 2]
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -118,7 +118,7 @@ def forces(points, q, work, g):
         np.dot(own, work.x, D[9 * start : 9 * end])
         for p in range(start, end):
             at = 9 * p
-            J = _deform(D[at : at + 9], F, C)
+            J = _deform(D, at, F, C)
             if not J > 0.0:
                 return np.inf
             A[0, 0] = np.nan
@@ -159,7 +159,7 @@ def tangent(points, q, work, hessian):
         M[:rows] = points.modes[9 * start : 9 * end]
         for p in range(start, end):
             at = 9 * p
-            J = _deform(D[at : at + 9], F, C)
+            J = _deform(D, at, F, C)
             if not J > 0.0:
                 return False
             A[0, 0] = 0.0

@@ -20,8 +20,6 @@ MOST = 14
 """Evaluations in a call that has time."""
 EACH = 2
 """Evaluations in a step of the loop; what is left of the residual is left to the next step."""
-LATE = 25
-"""Steps without equilibrium after which the curvature that was kept is forgotten for that at rest."""
 
 
 def unhurried() -> np.ndarray:
@@ -74,6 +72,14 @@ def invert(K, L, H):
 
 
 @numba.njit(cache=True, error_model="numpy")
+def at_rest(H):
+    """H (r,r) the inverse of the tangent at rest, in which the modes are orthonormal."""
+    H[:] = 0.0
+    for i in range(len(H)):
+        H[i, i] = 1.0
+
+
+@numba.njit(cache=True, error_model="numpy")
 def settle(points, work, p, q, g, H, K, L, vectors, energy, budget):
     """Bring q (r,) to the equilibrium under p (r,): W there, evaluations, and whether it has settled.
 
@@ -84,7 +90,7 @@ def settle(points, work, p, q, g, H, K, L, vectors, energy, budget):
     """
     r, most = len(q), int(budget[0])
     d, trial, slope, lean = vectors[0], vectors[1], vectors[2], vectors[3]
-    used, anew = 0, False
+    used, anew, forgot = 0, False, False
     while True:
         reached, along = 0.0, 0.0
         for i in range(r):
@@ -93,6 +99,10 @@ def settle(points, work, p, q, g, H, K, L, vectors, energy, budget):
         np.dot(H, trial, d)
         for i in range(r):
             along -= d[i] * trial[i]
+        if not (along <= 0.0 or forgot):  # rounding has taken its definiteness
+            forgot = True
+            at_rest(H)
+            continue
         if not -along > TOLERANCE * TOLERANCE * abs(reached):
             return energy, used, True
         if used >= most:

@@ -1,15 +1,19 @@
 """What laws in the invariants of the isochoric strain share: stress and tangent, from their derivatives by these.
 
 I = J^(-2/3) I1 - 3,    II = J^(-4/3) I2 - 3,    I1 = tr C,    I2 = ((tr C)² - tr C²)/2,    C = F'F
+
+Most stand in the law itself when it is compiled, so that invariants and stress take the strain and its root once.
 """
 
 from __future__ import annotations
+
+import math
 
 import numba
 import numpy as np
 
 
-@numba.njit(cache=True)
+@numba.njit(inline="always")
 def cofactor(F, G):
     """Write the cofactors of F (3,3) into G; returns det F."""
     for i in range(3):
@@ -32,7 +36,7 @@ def products(F, C, B):
             C[i, j], B[i, j] = x, y
 
 
-@numba.njit(cache=True)
+@numba.njit(inline="always")
 def strain_squares(F):
     """Entries 00, 11, 22, 01, 02, 12 of F'F, and det F; no memory is taken."""
     c00 = F[0, 0] * F[0, 0] + F[1, 0] * F[1, 0] + F[2, 0] * F[2, 0]
@@ -49,23 +53,23 @@ def strain_squares(F):
     return c00, c11, c22, c01, c02, c12, J
 
 
-@numba.njit(cache=True)
+@numba.njit(inline="always")
 def shape_invariants(F):
     """J and the isochoric invariants less 3: J, J^(-2/3) I1 - 3, J^(-4/3) I2 - 3."""
     c00, c11, c22, c01, c02, c12, J = strain_squares(F)
     i1 = c00 + c11 + c22
     i2 = c00 * c11 + c11 * c22 + c22 * c00 - c01 * c01 - c02 * c02 - c12 * c12
-    a1 = 1.0 / np.cbrt(J * J)
+    a1 = math.exp(-math.log(J * J) / 3.0)
     return J, a1 * i1 - 3.0, a1 * a1 * i2 - 3.0
 
 
-@numba.njit(cache=True)
+@numba.njit(inline="always")
 def _shape_stress_alone(F, w1, w2, P):
     """P of `shape_stress` without its tangent."""
     c00, c11, c22, c01, c02, c12, J = strain_squares(F)
     i1 = c00 + c11 + c22
     i2 = c00 * c11 + c11 * c22 + c22 * c00 - c01 * c01 - c02 * c02 - c12 * c12
-    a1 = 1.0 / np.cbrt(J * J)
+    a1 = math.exp(-math.log(J * J) / 3.0)
     a2 = a1 * a1
     along, over = 2.0 * (w1 * a1 + w2 * a2 * i1), -2.0 * w2 * a2
     across = -(2.0 * w1 * a1 * i1 + 4.0 * w2 * a2 * i2) / (3.0 * J)
