@@ -4,7 +4,9 @@
 
 The finger goes along a prescribed way (no device, controller or friction; no damping but the body's own): it presses
 here, slides at one approach, lifts there and comes back through the air; or it goes in circles. Printed: the work put
-in each time round, what the body had made in all by the end, and as a share of the work put in; the books' own error.
+in each time round, what the body had made in all by the end, and as a share of the work put in; the books' own error;
+and the most that the hand had ever got out of it in all, by the contact's force itself and by the controller's, which
+has an observer of it (`controller.Haptic`, `passivity`).
 """
 
 from __future__ import annotations
@@ -17,6 +19,7 @@ from palpate.launch.testing import FakeBus
 from palpate.messages import Force, Pose
 from palpate.nodes.collision import Mesh
 from palpate.nodes.contact import Series
+from palpate.nodes.controller import Haptic
 from palpate.nodes.deformation import BeamBundle, MassSpring, ReducedFE
 from palpate.nodes.ledger import Energy
 from palpate.nodes.spread import Kernel
@@ -60,6 +63,21 @@ ROUNDS = {
 }
 
 
+class Display:
+    """What the hand gets out of a force that is held over each step."""
+
+    def __init__(self) -> None:
+        self.given = self.most = 0.0
+        self.place, self.force = None, np.zeros(3)
+
+    def to(self, place: np.ndarray, force) -> None:
+        """Move to a place [m] (3), where the next step's force [N] (3) begins."""
+        if self.place is not None:
+            self.given += float(self.force @ (place - self.place))
+            self.most = max(self.most, self.given)
+        self.place, self.force = place, np.asarray(force)
+
+
 class Touch:
     """A finger that is moved along a way over a body, and the ledger of it."""
 
@@ -67,12 +85,15 @@ class Touch:
         self.near = FakeBus(Mesh(thickness=THICKNESS, **PLACE))
         self.contact, self.spread = FakeBus(Series(finger_damping=0.0)), FakeBus(Kernel(**PLACE))
         self.body, self.ledger = FakeBus(body), FakeBus(Energy(bound=0.0))
+        self.controller = FakeBus(Haptic(resolution=0.0))
+        self.bare, self.kept = Display(), Display()
         self.surface = None
         self.put = 0.0
 
-    def to(self, place: np.ndarray):
+    def to(self, place: np.ndarray) -> None:
         """Move the finger to a place [m] (3)."""
-        pose = Pose(position=tuple(place.tolist()), velocity=(0.0, 0.0, 0.0), dt=1e-3)
+        before = place if self.bare.place is None else self.bare.place
+        pose = Pose(position=tuple(place.tolist()), velocity=tuple(((place - before) / 1e-3).tolist()), dt=1e-3)
         (near,) = self.near.publish(pose)
         held = [self.surface] if self.surface is not None else []
         contact = self.contact.publish(*held, near)[-1]
@@ -82,11 +103,13 @@ class Touch:
         force = Force(force=tuple((contact.force * n + a).tolist()), state="contact", energy=0.0)
         books = self.ledger.publish(pose, contact, self.surface, force)[-1]
         self.put += max(books.work, 0.0)
-        return books
+        self.bare.to(place, force.force)
+        self.kept.to(place, self.controller.publish(contact, pose)[-1].force)
+        self.unexplained = books.unexplained
 
 
-def measure(body, points: np.ndarray, approaches: np.ndarray, turns: int) -> tuple[float, float, float, bool]:
-    """Work put in each time round, energy made in all, what the books leave unexplained [J]; whether the body tells."""
+def measure(body, points: np.ndarray, approaches: np.ndarray, turns: int) -> Touch:
+    """The touch after so many turns."""
     touch = Touch(body)
     foot, normal, *_ = MeshClosestPoint(body.mesh()).find(points)
     places = foot + (THICKNESS - approaches)[:, None] * normal
@@ -95,10 +118,10 @@ def measure(body, points: np.ndarray, approaches: np.ndarray, turns: int) -> tup
         touch.to(foot[0] + (THICKNESS - e) * normal[0])
     for _ in range(turns):
         for place in places:
-            books = touch.to(place)
+            touch.to(place)
     for e in np.linspace(approaches[-1], -1e-3, 100):
-        books = touch.to(foot[-1] + (THICKNESS - e) * normal[-1])
-    return touch.put / turns, touch.ledger.node.made("tissue"), books.unexplained, bool(touch.surface.stored)
+        touch.to(foot[-1] + (THICKNESS - e) * normal[-1])
+    return touch
 
 
 def main() -> None:
@@ -106,15 +129,16 @@ def main() -> None:
     parser.add_argument("--turns", type=int, default=5)
     turns = parser.parse_args().turns
     titles = f"body | round, {turns} times | put in, once [mJ] | made [mJ] | of what was put in | unexplained [mJ]"
-    print(f"| {titles} |")
-    print("|---|---|---|---|---|---|")
+    print(f"| {titles} | to the hand, bare [mJ] | with the controller [mJ] |")
+    print("|---|---|---|---|---|---|---|---|")
     for name, body in BODIES.items():
         for kind, way in ROUNDS.items():
-            put, made, unexplained, tells = measure(body(), *way, turns)
-            note = "" if tells else " (does not tell what it holds)"
-            share = 100.0 * made / (put * turns)
-            row = f"{put * 1e3:.3f} | {made * 1e3:.3f}{note} | {share:.1f} % | {unexplained * 1e3:.4f}"
-            print(f"| {name} | {kind} | {row} |", flush=True)
+            touch = measure(body(), *way, turns)
+            made, put = touch.ledger.node.made("tissue"), touch.put
+            note = "" if touch.surface.stored else " (does not tell what it holds)"
+            row = f"{1e3 * put / turns:.3f} | {1e3 * made:.3f}{note} | {100.0 * made / put:.1f} %"
+            given = f"{1e3 * touch.bare.most:.3f} | {1e3 * touch.kept.most:.3f}"
+            print(f"| {name} | {kind} | {row} | {1e3 * touch.unexplained:.4f} | {given} |", flush=True)
 
 
 if __name__ == "__main__":

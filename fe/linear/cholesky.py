@@ -8,6 +8,7 @@ I. S. Duff, J. K. Reid, ACM Trans. Math. Softw. 9 (1983) 302-325; J. W. H. Liu, 
 
 from __future__ import annotations
 
+from copy import copy
 from typing import Any, NamedTuple
 
 import numba
@@ -59,12 +60,6 @@ class Cholesky:
         single: bool = False,
     ) -> None:
         self.tree = tree = dissect(points, indptr, indices)
-        self.dtype = np.dtype(np.float32 if single else np.float64)
-        letter = "s" if single else "d"
-        self._potrf = _Routine("lapack", letter + "potrf", 5)
-        self._trsm = _Routine("blas", letter + "trsm", 11)
-        self._syrk = _Routine("blas", letter + "syrk", 10)
-        self._gemm = _Routine("blas", letter + "gemm", 13)
         self._pivots = np.diff(tree.first)
         self._rows = self._pivots + np.diff(tree.start)
         sizes = 9 * self._rows * self._pivots
@@ -74,8 +69,24 @@ class Cholesky:
         self._fronts = _Fronts(self._pivots, self._rows, tree.start, self._panel)
         self._blocks = _destinations(tree, indptr, indices)
         self._stack = _stack(tree)
+        self._set(single)
+
+    def _set(self, single: bool) -> None:
+        """The precision, and no factor yet."""
+        self.dtype = np.dtype(np.float32 if single else np.float64)
+        letter = "s" if single else "d"
+        self._potrf = _Routine("lapack", letter + "potrf", 5)
+        self._trsm = _Routine("blas", letter + "trsm", 11)
+        self._syrk = _Routine("blas", letter + "syrk", 10)
+        self._gemm = _Routine("blas", letter + "gemm", 13)
         self._scale = np.array([1.0, -1.0], dtype=self.dtype)
         self._factor: np.ndarray | None = None
+
+    def alike(self, single: bool) -> Cholesky:
+        """Another for the same pattern, by the same tree, in that precision."""
+        made = copy(self)
+        made._set(single)
+        return made
 
     def _words(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """What BLAS takes by address: letters, 1 and -1, and room for sizes."""

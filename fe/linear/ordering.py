@@ -18,6 +18,8 @@ LEAF = 32
 """Nodes below which a part is eliminated as one dense block."""
 ENDS = 0.32
 """Share of a part that lies for certain on either side of its cut."""
+TRIED = 3
+"""Directions of which the minimum cut is taken."""
 DIRECTIONS = np.array(
     [[1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 0], [1, -1, 0], [0, 1, 1], [0, 1, -1], [1, 0, 1], [1, 0, -1]]
 )
@@ -70,9 +72,7 @@ def _cut(points: np.ndarray, graph: csr_array) -> np.ndarray | None:
     """Side of each node: 0, 1, or 2 for the separator; None where there is no cut."""
     best, sides = np.inf, None
     count = len(points)
-    for direction in DIRECTIONS if count > 150 else DIRECTIONS[:3]:
-        rank = np.empty(count)
-        rank[np.argsort(points @ direction, kind="stable")] = np.arange(count) / count
+    for rank in _ranks(points, graph):
         side = _minimum_cut(graph, rank < ENDS, rank >= 1.0 - ENDS)
         if side is None:
             continue
@@ -81,6 +81,22 @@ def _cut(points: np.ndarray, graph: csr_array) -> np.ndarray | None:
         if cost < best and sizes[2] < count:
             best, sides = cost, side
     return sides
+
+
+def _ranks(points: np.ndarray, graph: csr_array) -> list[np.ndarray]:
+    """Order of the nodes, from 0 to 1, along the `TRIED` directions whose middle plane parts the fewest neighbours."""
+    count = len(points)
+    i = np.repeat(np.arange(count), np.diff(graph.indptr))
+    ranks, parted = [], []
+    for direction in DIRECTIONS:
+        rank = np.empty(count)
+        rank[np.argsort(points @ direction, kind="stable")] = np.arange(count) / count
+        low = rank < 0.5
+        rim = np.zeros(count, dtype=bool)
+        rim[i[low[i] & ~low[graph.indices]]] = True
+        ranks.append(rank)
+        parted.append(np.count_nonzero(rim))
+    return [ranks[k] for k in np.argsort(parted, kind="stable")[:TRIED]]
 
 
 def _minimum_cut(graph: csr_array, first: np.ndarray, last: np.ndarray) -> np.ndarray | None:

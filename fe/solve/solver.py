@@ -148,6 +148,7 @@ class Solver:
         for contact in self.contacts:
             contact.begin(self.displacement, self.load)
         self._body.recouple()
+        self._body.tangent.forget()
         try:
             u = self._newton(load)
             for contact in self.contacts:
