@@ -101,11 +101,11 @@ def bent(slices):
 
 
 def test_what_single_precision_cannot_factor_is_factored_in_double(factored):
-    """The condition of a bar of 200 slices is some 1e9."""
-    deflection, iterations = bent(200)
+    """The condition of a bar of 400 slices is some 1e10."""
+    deflection, iterations = bent(400)
     assert deflection == approx(1.0, abs=5e-3)
-    assert factored["double"] == iterations
-    assert factored["single"] <= 6  # tried once in each load step
+    assert factored["double"] > 0.7 * iterations
+    assert factored["single"] < iterations  # given up for the rest of a load step
     factored["double"] = 0
     assert bent(8)[0] == approx(1.0, abs=0.04)
     assert factored["double"] == 0
@@ -145,6 +145,7 @@ def test_the_directions_that_are_tried_cut_about_as_well_as_all(shape, monkeypat
         pivots, rows = np.diff(tree.first), np.diff(tree.start)
         return float(np.sum(pivots**3 / 3 + pivots**2 * rows + pivots * rows**2))
 
+    monkeypatch.setattr(ordering, "LARGE", 150)
     few = work()
     monkeypatch.setattr(ordering, "TRIED", len(ordering.DIRECTIONS))
     assert few < 1.15 * work()
