@@ -56,6 +56,7 @@ def hertz() -> list[dict[str, object]]:
     rows = []
     for body, poisson, faces, ratio in (
         ("block", 0.3, 2, 1e-4), ("block", 0.3, 3, 1e-4), ("block", 0.3, 4, 1e-4), ("block", 0.45, 4, 1e-4),
+        ("block", 0.45, 5, 1e-4),
         ("ball", 0.3, 2, 1e-4), ("ball", 0.3, 3, 1e-4), ("ball", 0.3, 4, 1e-4), ("ball", 0.45, 4, 1e-4),
         ("block", 0.3, 4, 1e-2),
     ):  # fmt: skip

@@ -135,12 +135,13 @@ def test_a_shipped_basis_is_the_one_that_would_be_built_now():
     name, radius = "plane-dents.npz", dents.RADIUS
     node = node_of(basis_store.shipped()[name]["command"])
     basis, organ = Basis.load(basis_store.SHIPPED / name), of_organ(Organ(node.coarse_mesh(), node.poisson, node.bed))
+    half = 0.51 * float(np.abs(basis.compliance).max()) / 32767  # of the steps that it is stored in
     for v in (0, 100, 300):
         load = np.zeros_like(organ.mesh.points)
         load[:, 2] = organ.hats[:, v]
         u = organ.rest().solve(load.ravel()).reshape(-1, 3)
         own = (organ.hats.T @ u).ravel()
-        assert basis.compliance[3 * v + 2] == approx(own, abs=1e-4 * np.abs(own).max())
+        assert basis.compliance[3 * v + 2] == approx(own, abs=half)
     feet, normals = dents.pressed_places(organ.surface, dents.PLACES, radius)
     moments, every = hat_moments(organ.surface), np.arange(len(organ.surface.vertices))
     model = Press(organ)
