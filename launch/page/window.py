@@ -135,7 +135,7 @@ class Window:
         self._paint()
 
     def _bar(self) -> None:
-        self.plotter.add_scalar_bar(self.colour.label, mapper=self._actor.mapper, n_labels=3, fmt="%.1f")
+        self.plotter.add_scalar_bar(self.colour.label, mapper=self._actor.mapper, n_labels=2, fmt="%.1f")
 
     def _paint(self) -> None:
         values = painted(self.colour, self._undeformed, self._shape)
