@@ -2,11 +2,11 @@
 
     python benchmarks/rounds.py [--turns 5]
 
-The finger goes along a prescribed way (no device, controller or friction; no damping but the body's own): it presses
-here, slides at one approach, lifts there and comes back through the air; or it goes in circles. Printed: the work put
-in each time round, what the body had made in all by the end, and as a share of the work put in; the books' own error;
-and the most that the hand had ever got out of it in all, by the contact's force itself and by the controller's, which
-has an observer of it (`controller.Haptic`, `passivity`).
+The finger goes along a prescribed way (no device or friction; no damping but the body's own): it presses here, slides
+at one approach, lifts there and comes back through the air; or it goes in circles. Printed: the work put in each time
+round, what the body had made in all by the end, and as a share of the work put in; the books' own error; and the most
+that the hand had ever got out of it in all, by the contact's force itself and by that of a controller beside it, which
+observes it (`controller.Haptic`, `passivity`).
 """
 
 from __future__ import annotations
@@ -88,7 +88,7 @@ class Touch:
         self.controller = FakeBus(Haptic(resolution=0.0))
         self.bare, self.kept = Display(), Display()
         self.surface = None
-        self.put = 0.0
+        self.put = self.unexplained = 0.0
 
     def to(self, place: np.ndarray) -> None:
         """Move the finger to a place [m] (3)."""

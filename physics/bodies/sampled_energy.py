@@ -18,6 +18,7 @@ import numba
 import numpy as np
 
 from palpate.physics.materials.compiled import law_at
+from palpate.physics.materials.invariants import cofactor
 
 ROOM = 3.0
 """Squared size of q at which the barrier is infinite, less 1, over the squared size at which it begins."""
@@ -76,16 +77,11 @@ def scratch(points: Points) -> Scratch:
 @numba.njit(cache=True, error_model="numpy")
 def _deform(D, at, F, C):
     """F of a point from its displacement gradient, the nine of D from `at` on, and F's cofactors; det F."""
-    a, b, c = D[at] + 1.0, D[at + 1], D[at + 2]
-    d, e, f = D[at + 3], D[at + 4] + 1.0, D[at + 5]
-    g, h, i = D[at + 6], D[at + 7], D[at + 8] + 1.0
-    F[0, 0], F[0, 1], F[0, 2] = a, b, c
-    F[1, 0], F[1, 1], F[1, 2] = d, e, f
-    F[2, 0], F[2, 1], F[2, 2] = g, h, i
-    C[0, 0], C[0, 1], C[0, 2] = e * i - f * h, f * g - d * i, d * h - e * g
-    C[1, 0], C[1, 1], C[1, 2] = h * c - i * b, i * a - g * c, g * b - h * a
-    C[2, 0], C[2, 1], C[2, 2] = b * f - c * e, c * d - a * f, a * e - b * d
-    return a * C[0, 0] + b * C[0, 1] + c * C[0, 2]
+    for i in range(3):
+        for j in range(3):
+            F[i, j] = D[at + 3 * i + j]
+        F[i, i] += 1.0
+    return cofactor(F, C)
 
 
 @numba.njit(cache=True, error_model="numpy")

@@ -16,12 +16,13 @@ import numpy as np
 @numba.njit(inline="always")
 def cofactor(F, G):
     """Write the cofactors of F (3,3) into G; returns det F."""
-    for i in range(3):
-        i1, i2 = (i + 1) % 3, (i + 2) % 3
-        for j in range(3):
-            j1, j2 = (j + 1) % 3, (j + 2) % 3
-            G[i, j] = F[i1, j1] * F[i2, j2] - F[i1, j2] * F[i2, j1]
-    return F[0, 0] * G[0, 0] + F[0, 1] * G[0, 1] + F[0, 2] * G[0, 2]
+    a, b, c = F[0, 0], F[0, 1], F[0, 2]
+    d, e, f = F[1, 0], F[1, 1], F[1, 2]
+    g, h, i = F[2, 0], F[2, 1], F[2, 2]
+    G[0, 0], G[0, 1], G[0, 2] = e * i - f * h, f * g - d * i, d * h - e * g
+    G[1, 0], G[1, 1], G[1, 2] = h * c - i * b, i * a - g * c, g * b - h * a
+    G[2, 0], G[2, 1], G[2, 2] = b * f - c * e, c * d - a * f, a * e - b * d
+    return a * G[0, 0] + b * G[0, 1] + c * G[0, 2]
 
 
 @numba.njit(cache=True)
