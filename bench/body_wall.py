@@ -73,7 +73,7 @@ class Wall:
             foot=NONE, normal=UP, coordinates=(0.0, 0.0), element=0, gap=-depth, approach=max(depth, 0.0), slip=NONE
         )
         contact = self._contact.step(near, self._surface, dt=self._dt)
-        self._surface = self._body.step(self._spread.step(contact, None), dt=self._dt)
+        self._surface = self._body.step(self._spread.step(contact, None, dt=self._dt), dt=self._dt)
         return contact
 
     def linear(self, force: float) -> tuple[float, float]:

@@ -164,7 +164,7 @@ class _Chain:
                 begun = time.perf_counter_ns()
                 touched = contact(proximity, surface, dt=dt)
                 rubbed = None if friction is None else friction.step(touched, proximity, dt=dt)
-                load = spread(touched, rubbed)
+                load = spread(touched, rubbed, dt=dt)
                 surface = body(load, dt=dt)
                 spent[k] = time.perf_counter_ns() - begun
                 if keep:

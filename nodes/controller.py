@@ -7,13 +7,17 @@ from typing import Annotated
 import msgspec
 import numpy as np
 
-from palpate.messages import Contact, Force, Friction, Ledger, Pose
+from palpate.messages import Contact, DeviceState, Force, Friction, Ledger, Pose
 from palpate.nodes.base import Node, Wants
-from palpate.physics.device.controller import LIMIT, buffers, haptic
+from palpate.nodes.base.absence import FADE, FALL, Faded, Gain, Lost
+from palpate.physics.device.controller import ENERGY, FORCE, LIMIT, SLEW, buffers, haptic
 
-ZERO = (0.0, 0.0, 0.0)
 GAP = 9e-3
 """[s] without a step, and three times the step before, that count as an outage: the device was without torque then."""
+YIELD = 0.25
+"""[1] Part of `ramp` in which the share falls again while the display gives out energy after an outage."""
+CREDIT = 1.0
+"""[J] that the observer has after an outage, where the share answers to the energy in place of damping."""
 
 
 class Haptic(Node):
@@ -31,10 +35,12 @@ class Haptic(Node):
     limit, slew          largest force, and its largest change over time
     ramp                 time in which the largest force is permitted again after an outage
 
-    The force is zero without a contact or a pose; without a friction it is the contact's own alone. After an outage (a
-    contact, a pose, an input that the contact is computed from, or the steps themselves were missing) it comes in from
-    zero, never above limit/ramp times the time since, and the observer begins anew. When a ledger trips it goes to zero
-    within the same time, and stays there.
+    A friction whose sender is gone fades out within 20 ms, and the force is the contact's own alone. While a contact, a
+    pose, or an input that the contact is computed from is missing, or the device works without the command that it had,
+    the force falls to zero within 4 ms; after that, and after a time without steps (the device has let go by then), it
+    comes in from zero, never above limit/ramp times the time since, and the observer begins anew. A step that comes
+    late changes the force by no more than one in time. When a ledger trips the force goes to zero within `ramp`, and
+    stays there.
     """
 
     stiffness: Annotated[float, "N/m", msgspec.Meta(ge=0)] = 0.0
@@ -69,29 +75,45 @@ class Haptic(Node):
             dtype=float,
         )
         self._whole = self._lost = False
-        self._last, self._since = 0.0, self.ramp
+        self._contact, self._device = Lost(), Lost()
+        self._last = 0.0
+        self._gain, self._friction = Gain(FALL, self.ramp), Faded(FADE)
+        self._since: float | None = None
+        self._before = 0.0
         self._open, self._tripped = 1.0, False
-        self._reset()
-
-    def _reset(self) -> None:
         self.state, self.past = buffers(self.delay)
 
-    def _share(self, lacks: bool, dt: float) -> float:
-        """The share of force and limit in this step [1]. `lacks`: an input of the contact was missing."""
+    def _begin_anew(self) -> None:
+        """After an outage: a fresh state, but for the force that the hand has and the energy of the time before."""
+        if self._since is None:
+            self._before = self.state[ENERGY, 0]
+        force = self.state[FORCE]
+        self.state, self.past = buffers(self.delay)
+        self.state[FORCE] = force
+        self._since = 0.0
+
+    def _share(self, lacks: bool, touching: bool, dt: float) -> float:
+        """The share of force and limit in this step [1]. `lacks`: an input was missing."""
         late = dt > GAP and 0.0 < 3.0 * self._last < dt
-        self._lost = self._lost or late or (self._whole and lacks)
-        self._last = dt
-        if not lacks:
-            self._whole = True
-            if self._lost:
-                self._lost, self._since = False, 0.0
-                self._reset()
-        if self._since >= self.ramp:
-            return 1.0
-        self._since += dt
-        share = min(self._since / self.ramp, 1.0)
-        self.gains[LIMIT] = share * self.limit
-        return share
+        step = min(dt, self._last) if self._last > 0.0 else dt
+        missing = self._whole and lacks
+        if not lacks and (late or self._lost):
+            self._begin_anew()
+        self._whole, self._lost, self._last = self._whole or not lacks, missing, dt
+        gain = self._gain
+        if late:
+            gain.value = 0.0
+            self.state[FORCE] = 0.0
+        elif self._since is not None and self._since < 0.0 and not missing:
+            gain.value = max(gain.value - step / (YIELD * self.ramp), 0.0) if self.ramp > 0.0 else gain.value
+        else:
+            gain.update(not missing, step)
+        if self._since is not None and not lacks and (gain.value == 1.0 or not touching):
+            gain.value, self._since = 1.0, None
+            self.state[ENERGY, 0] = self._before
+        self.gains[LIMIT] = gain.value * self.limit
+        self.gains[SLEW] = self.slew * (step / dt) if dt > step else self.slew
+        return gain.value
 
     def _closed(self, dt: float) -> float:
         """The share of the force that is left since the ledger tripped [1]: none after `ramp`."""
@@ -105,18 +127,26 @@ class Haptic(Node):
         friction: Annotated[Friction | None, Wants("force")],
         pose: Annotated[Pose | None, Wants("position", "velocity")],
         ledger: Annotated[Ledger | None, Wants("tripped")] = None,
+        device: Annotated[DeviceState | None, Wants("homed")] = None,
         *,
         dt: float,
     ) -> Force:
+        before = self._gain.value
+        lacks = contact is None or pose is None or self._contact.update(contact.used)
+        lacks = (device is not None and self._device.update(device.used)) or lacks
+        share = self._share(lacks, contact is None or contact.force > 0.0, dt)
+        p = self._friction.update(friction.force if friction is not None else None, dt)
         if contact is None or pose is None:
-            self._lost = self._whole
-            self._reset()
-            return Force(force=ZERO, state="free", energy=0.0)
-        share = self._share(-1 in contact.used, dt)
+            left = share / before if before > 0.0 else 0.0
+            fx, fy, fz = (left * self.state[FORCE, :3]).tolist()
+            self.state[FORCE, :3] = fx, fy, fz
+            return Force(force=(fx, fy, fz), state="free", energy=0.0)
         self._tripped = self._tripped or (ledger is not None and ledger.tripped)
         if self._tripped:
             share *= self._closed(dt)
-        p, a = friction.force if friction is not None else ZERO, contact.along
+        a = contact.along
+        if self._since is not None:
+            self.state[ENERGY, 0] = CREDIT
         fx, fy, fz, touching, energy = haptic(
             self.gains,
             self.state,
@@ -129,4 +159,7 @@ class Haptic(Node):
             pose.velocity,
             dt,
         )
+        if self._since is not None:
+            # A switch between contact and free motion drops the credit.
+            energy = self._since = self._since + (energy - CREDIT if energy > 0.0 else 0.0)
         return Force(force=(fx, fy, fz), state="contact" if touching else "free", energy=energy)

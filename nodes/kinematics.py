@@ -100,7 +100,8 @@ class Cartesian(_Tracker):
 class FalconStatics(Node):
     """Torques that make a Falcon push with the wanted force: G^-T F, scaled as a whole to the motors' limit.
 
-    Zero without a force or a pose. `origin` is the same as in kinematics.Falcon.
+    Zero without a force; without a pose it is silent, and the device lets go. `origin` is the same as in
+    kinematics.Falcon.
     """
 
     origin: Annotated[Vector3, "m"] = ZERO
@@ -111,9 +112,9 @@ class FalconStatics(Node):
     def step(
         self,
         force: Annotated[Force | None, Wants("force")],
-        pose: Annotated[Pose | None, Wants("position")],
+        pose: Annotated[Pose, Wants("position")],
     ) -> Torque:
-        if force is None or pose is None:
+        if force is None:
             return Torque(torques=ZERO)
         x, y, z = pose.position
         ox, oy, oz = self.origin

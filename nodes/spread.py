@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Annotated, Literal
 
 import msgspec
@@ -9,6 +10,7 @@ import numpy as np
 
 from palpate.messages import Contact, Friction, Load, Vector3
 from palpate.nodes.base import Wants
+from palpate.nodes.base.absence import FADE, Faded
 from palpate.nodes.base.surface import OnSurface
 from palpate.physics.contact.spread import Spreader
 
@@ -19,7 +21,8 @@ NO_VECTORS = np.zeros((0, 3))
 class Kernel(OnSurface):
     """Spreads the contact force over the nodes round the foot point with a smooth kernel.
 
-    The force on the body is -f_n n + f_t; the nodal forces sum to it. Without force the load has no nodes.
+    The force on the body is -f_n n + f_t; the nodal forces sum to it. Without force the load has no nodes. A friction
+    whose sender is gone fades out within 20 ms.
     """
 
     kernel: Annotated[Literal["biweight", "wendland", "cosine"], "1"] = "biweight"
@@ -27,6 +30,7 @@ class Kernel(OnSurface):
 
     def start(self) -> None:
         self._spreader = Spreader(self.mesh(), self.radius, self.kernel)
+        self._friction = Faded(FADE)
         self._idle_at: tuple[Vector3, Vector3] | None = None
 
     def rests(self, contact: Contact, friction: Friction | None) -> bool:
@@ -36,13 +40,15 @@ class Kernel(OnSurface):
         self,
         contact: Annotated[Contact, Wants("foot", "normal", "force")],
         friction: Annotated[Friction | None, Wants("force")],
+        *,
+        dt: float = math.inf,
     ) -> Load:
         nodes, forces = NO_NODES, NO_VECTORS
+        t = self._friction.update(None if friction is None else friction.force, dt)
         self._idle_at = (contact.foot, contact.normal)
         if contact.force > 0.0:
             self._idle_at = None
             f, n = contact.force, contact.normal
-            t = (0.0, 0.0, 0.0) if friction is None else friction.force
             force = (t[0] - f * n[0], t[1] - f * n[1], t[2] - f * n[2])
             count = self._spreader.spread(contact.foot, n, force)
             nodes, forces = self._spreader.nodes[:count], self._spreader.forces[:count]

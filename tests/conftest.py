@@ -38,3 +38,18 @@ def write(tmp_path):
 def whole(write):
     """A whole touch: device, finger, contact, friction, tissue, controller, log."""
     return write("whole.yaml", WHOLE)
+
+
+@pytest.fixture
+def chain(monkeypatch):
+    """Makes a graph that runs by the rules of the real clock on a clock that stands."""
+    from chain_for_runs import Chain, Lost, nothing
+
+    from palpate.launch.running import real
+
+    def made(launch, late: int = 0, lost: Lost = nothing) -> Chain:
+        chain = Chain(launch, late, lost)
+        monkeypatch.setattr(real, "now", chain.now)
+        return chain
+
+    return made

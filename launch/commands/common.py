@@ -45,7 +45,11 @@ Sets = Annotated[
 ]
 SceneOption = Annotated[str | None, typer.Option("--scene", help="Scene to use instead of the graph's own.")]
 PlaceOption = Annotated[
-    str | None, typer.Option("--place", help="Placement file: which nodes share a process, and on which core.")
+    str | None,
+    typer.Option(
+        "--place",
+        help="Which nodes share a process: a placement file, or auto: the force path in one, the rest in another.",
+    ),
 ]
 Fused = Annotated[bool, typer.Option("--fused", help="Run all nodes in one process.")]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON for programs.", callback=_as_json, is_eager=True)]
@@ -70,14 +74,14 @@ def chosen(
     """The run that the options describe. GraphError: what is wrong with them."""
     from palpate.launch.loading.files import PLACES, SCENES, find_file
     from palpate.launch.loading.launchfile import find
-    from palpate.launch.loading.placement import FUSED
+    from palpate.launch.loading.placement import BUILT_IN, FUSED
 
     scene_file = None if scene is None else find_file(scene, SCENES, what="scene")
     if fused and place not in (None, FUSED):
         raise typer.BadParameter(f"--fused puts everything in one process, --place {place} contradicts it: give one")
     place_file: Path | str | None = None
-    if fused or place == FUSED:
-        place_file = FUSED
+    if fused or place in BUILT_IN:
+        place_file = FUSED if fused else place
     elif place is not None:
         place_file = find_file(place, PLACES, what="placement")
     return find(graph).but(overrides=sets or (), scene=scene_file, place=place_file)

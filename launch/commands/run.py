@@ -26,6 +26,8 @@ from palpate.launch.commands.common import (
 )
 
 if TYPE_CHECKING:
+    from rich.console import Console
+
     from palpate.launch.loading.launchfile import LaunchFile
     from palpate.launch.page.watching import Onlooker
     from palpate.launch.running.execute import Outcome
@@ -71,12 +73,16 @@ def run(
     key: Annotated[str, typer.Option(help="Key that secures connections to other hosts; see `palpate keys`.")] = "rig",
     unencrypted: Annotated[bool, typer.Option("--unencrypted", help="Do not encrypt TCP connections.")] = False,
     reconnect: Annotated[bool, typer.Option("--reconnect", help="Wait for a device that is unplugged.")] = False,
+    strict: Annotated[
+        bool, typer.Option("--strict", help="Exit code 1 when a run on the real clock did not keep its rate.")
+    ] = False,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No live view.")] = False,
     as_json: Json = False,
 ) -> None:
     """Run a graph: live view, recording, summary, pictures.
 
-    Ctrl-C or SIGTERM ends it in an orderly way. Exit code 1 when a node failed, or the recording is not whole.
+    Ctrl-C or SIGTERM ends it in an orderly way. Exit code 1 when a node failed, or the recording is not whole; with
+    --strict also when a run on the real clock did not keep its rate.
     """
     from palpate.launch.running.forkserver import ForkServer
 
@@ -124,7 +130,7 @@ def run(
         tell({**_data(outcome), "pictures": [str(p) for p in drawn]})
     else:
         if outcome.result.ticks or outcome.result.ok:
-            _summary(outcome, name, drawn)
+            _summary(outcome, name, drawn, launch)
         for death in outcome.result.deaths:
             fault(death, console(stderr=True, soft_wrap=True))
     if seen is not None:
@@ -135,7 +141,8 @@ def run(
                 typer.echo("the view stays until it is closed, or Ctrl-C", err=True)
                 seen.wait()
             seen.close()
-    if not outcome.ok:
+    late = strict and outcome.verdict is not None and not outcome.verdict.kept
+    if late or not outcome.ok:
         raise typer.Exit(TROUBLE)
 
 
@@ -188,7 +195,7 @@ def _pictures(outcome: Outcome, folder: Path, silent: bool) -> list[Path]:
         return []
 
 
-def _summary(outcome: Outcome, name: str, drawn: list[Path]) -> None:
+def _summary(outcome: Outcome, name: str, drawn: list[Path], launch: LaunchFile) -> None:
     from rich.markup import escape
     from rich.text import Text
 
@@ -203,6 +210,8 @@ def _summary(outcome: Outcome, name: str, drawn: list[Path]) -> None:
     )
     if result.health:
         out.print(table(result))
+    if outcome.verdict is not None:
+        _judge(outcome, launch, out)
     for node, reason in outcome.plan.skipped.items():
         out.print(Text(f"skipped {node}: {reason}", style="dim"))
     for note in result.notes:
@@ -211,6 +220,24 @@ def _summary(outcome: Outcome, name: str, drawn: list[Path]) -> None:
         out.print(Text(f"recording {outcome.recording} ({outcome.recording.stat().st_size / 1e6:.1f} MB)"))
     for picture in drawn:
         out.print(Text(f"picture   {picture}"))
+
+
+def _judge(outcome: Outcome, launch: LaunchFile, out: Console) -> None:
+    """Whether the run kept its rate, what its counters mean, and what would help."""
+    from rich.text import Text
+
+    from palpate.launch.loading.placement import AUTO
+    from palpate.launch.running.verdict import TROUBLES
+
+    verdict = outcome.verdict
+    assert verdict is not None
+    out.print(Text(str(verdict), style="green" if verdict.kept else "bold yellow"))
+    for key, meaning in TROUBLES.items():
+        if any(health[key] for health in outcome.result.health.values()):
+            out.print(Text(meaning, style="dim"))
+    if not verdict.kept:
+        place = "" if launch.place is not None else f"try --place {AUTO}: the force path in one process; "
+        out.print(Text(f"{place}`palpate doctor` shows what slows this machine"))
 
 
 def _data(outcome: Outcome) -> dict[str, Any]:
@@ -223,6 +250,9 @@ def _data(outcome: Outcome) -> dict[str, Any]:
         "origin": result.origin,
         "wall": result.wall,
         "interrupted": result.interrupted,
+        "verdict": None
+        if outcome.verdict is None
+        else {**dataclasses.asdict(outcome.verdict), "kept": outcome.verdict.kept},
         "recording": str(outcome.recording) if outcome.recording else None,
         "nodes": result.health,
         "skipped": outcome.plan.skipped,

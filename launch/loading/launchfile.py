@@ -17,7 +17,7 @@ from typing import Any
 from palpate.launch.loading.faults import Faults, choices
 from palpate.launch.loading.files import GRAPHS, PLACES, SCENES, Override, find_file
 from palpate.launch.loading.graph import Graph, load
-from palpate.launch.loading.placement import CARRIERS, FUSED, Placement, load_place
+from palpate.launch.loading.placement import BUILT_IN, CARRIERS, Placement, load_place
 from palpate.launch.loading.plan import Plan, plan
 from palpate.launch.loading.source import Source, read
 from palpate.launch.loading.units import UnitError, convert
@@ -34,7 +34,7 @@ class LaunchFile:
     path       the file, None where a graph alone was named
     graph      file of the graph
     scene      file or mapping in place of the graph's own scene
-    place      placement file, "fused", or None: a process per node
+    place      placement file, "fused", "auto" (see `placement.auto`), or None: a process per node
     clock      "simulated", "real", or None: real with hardware, else simulated
     duration   [s] None: until stopped
     record     file of the recording, None: no recording
@@ -124,7 +124,7 @@ def _read(path: Path) -> LaunchFile:
         graph=_file("graph", source, GRAPHS, path, faults) or path,
         path=path,
         scene=scene if isinstance(scene, dict) else _file("scene", source, SCENES, path, faults),
-        place=FUSED if data.get("place") == FUSED else _file("place", source, PLACES, path, faults),
+        place=place if (place := data.get("place")) in BUILT_IN else _file("place", source, PLACES, path, faults),
         clock=clock,
         duration=_positive("duration", "s", source, faults),
         record=None if record is None else Path(record),

@@ -17,12 +17,16 @@ import msgspec
 
 from palpate.launch.loading.faults import Faults, choices
 from palpate.launch.loading.files import PLACES, find_file
+from palpate.launch.loading.force_path import force_path
 from palpate.launch.loading.lines import fill
 from palpate.launch.loading.plan import Plan
 from palpate.launch.loading.source import Source, read
 
 CARRIERS = ("zmq", "local")
 FUSED = "fused"
+AUTO = "auto"
+BUILT_IN = (FUSED, AUTO)
+"""Placements without a file."""
 _Core = Annotated[int, msgspec.Meta(ge=0)]
 _Cores = Annotated[list[_Core], msgspec.Meta(min_length=1)]
 _HOST = r"^(tcp://)?[A-Za-z0-9.-]+(:[0-9]+)?$"
@@ -92,10 +96,20 @@ def apart(plan: Plan) -> Placement:
     return Placement([Group(name, [name]) for name in _names(plan)])
 
 
+def auto(plan: Plan) -> Placement:
+    """The force path in one process, all else in another: within a process a message costs a call, between two of them
+    a wake-up, and on two cores nine processes wait for one another."""
+    path = force_path(plan)
+    loop = [name for name in plan.order if name in path]
+    groups = [Group("loop", loop), Group("rest", [name for name in _names(plan) if name not in loop])]
+    return Placement([group for group in groups if group.nodes])
+
+
 def load_place(path: str | Path | None, plan: Plan, *, beside: Path | None = None) -> Placement:
     """The placement of a plan.
 
-    path    a placement file or the name of one that ships, "fused" for one process, None for a process per node
+    path    a placement file or the name of one that ships; "fused" for one process, "auto" for two, None for a process
+            per node
     beside  folder from which a relative path counts; the working directory where None
 
     Nodes that the plan skips are left out; running nodes that the file does not name get a process each.
@@ -103,8 +117,8 @@ def load_place(path: str | Path | None, plan: Plan, *, beside: Path | None = Non
     """
     if path is None:
         return apart(plan)
-    if str(path) == FUSED:
-        return fused(plan)
+    if str(path) in BUILT_IN:
+        return fused(plan) if str(path) == FUSED else auto(plan)
     source = read(find_file(str(path), PLACES, beside, what="placement"))
     faults = Faults()
     if not isinstance(source.data, dict):

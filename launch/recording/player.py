@@ -12,10 +12,11 @@ from collections.abc import Iterable
 
 import msgspec
 
+from palpate.launch.loading.force_path import force_path
 from palpate.launch.loading.plan import Plan
 from palpate.launch.recording.history import History
 from palpate.launch.recording.reader import Recording, RecordingError
-from palpate.launch.running.assign import force_path, node_job
+from palpate.launch.running.assign import node_job
 from palpate.launch.running.schedule import needed
 from palpate.launch.running.slot import Input, NodeFault, Slot
 from palpate.messages import Message, MessageError, pack, unpack

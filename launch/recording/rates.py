@@ -15,12 +15,12 @@ from typing import Any
 
 import numpy as np
 
+from palpate.launch.loading.force_path import force_path
 from palpate.launch.loading.plan import Plan
 from palpate.launch.recording.changed import changed
 from palpate.launch.recording.compare import Variant, apart, compare
 from palpate.launch.recording.player import Player
 from palpate.launch.recording.reader import Recording
-from palpate.launch.running.assign import force_path
 from palpate.messages import Field, Message, fields
 from palpate.nodes.base import inputs
 from palpate.physics.errors import MISUSE, PalpateError

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import os
 import socket
-from collections.abc import Iterable
 
+from palpate.launch.loading.force_path import force_path
 from palpate.launch.loading.load import full_name
 from palpate.launch.loading.placement import Group, Placement
 from palpate.launch.loading.plan import Plan
@@ -65,25 +65,17 @@ def jobs(
     return assignments
 
 
-def force_path(plan: Plan) -> set[str]:
-    """The nodes between the paced nodes' outputs and their inputs: what the hand has to wait for."""
-    after: dict[str, set[str]] = {name: set() for name in plan.order}
-    for name in plan.order:
-        for edge in plan.edges[name]:
-            after[edge.producer].add(name)
-    before = {name: {edge.producer for edge in plan.edges[name]} for name in plan.order}
-    paced = [name for name in plan.order if plan.graph.nodes[name].cls.paced]
-    return _reach(paced, after) & _reach(paced, before) | set(paced)
-
-
-def _reach(start: Iterable[str], ways: dict[str, set[str]]) -> set[str]:
-    reached: set[str] = set()
-    left = list(start)
-    while left:
-        for name in ways[left.pop()] - reached:
-            reached.add(name)
-            left.append(name)
-    return reached
+def spared(plan: Plan) -> frozenset[str]:
+    """Nodes that a run on the real clock goes on without: those that the graph has only when the scene calls for them
+    (`when:`), if all of their readers can do without. Not a ledger: who asked for it does not want to touch without."""
+    needed = {
+        edge.producer
+        for name in plan.order
+        for edge in plan.edges[name]
+        if not {port.name: port.optional for port in inputs(plan.graph.nodes[name].cls)}[edge.port]
+    }
+    nodes = plan.graph.nodes
+    return frozenset(n for n in plan.order if nodes[n].when and nodes[n].cls.effect != "energy" and n not in needed)
 
 
 def _links(plan: Plan, path: set[str]) -> int:

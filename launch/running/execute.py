@@ -19,7 +19,7 @@ from palpate.launch.loading.launchfile import LaunchFile
 from palpate.launch.loading.placement import Placement
 from palpate.launch.loading.plan import Plan, plan
 from palpate.launch.running import keys
-from palpate.launch.running.assign import is_here, jobs
+from palpate.launch.running.assign import is_here, jobs, spared
 from palpate.launch.running.forkserver import ForkServer
 from palpate.launch.running.fused import run_fused
 from palpate.launch.running.job import Job
@@ -28,6 +28,7 @@ from palpate.launch.running.launcher import Launcher
 from palpate.launch.running.provenance import about
 from palpate.launch.running.result import Result
 from palpate.launch.running.screen import Screen
+from palpate.launch.running.verdict import Verdict, verdict
 from palpate.nodes.logger import Mcap
 from palpate.nodes.mcap_file import is_complete
 from palpate.physics.errors import PalpateError
@@ -46,11 +47,13 @@ class TooFewFiles(PalpateError, OSError):
 
 @dataclass
 class Outcome:
-    """A run that has ended: its plan, its result and its recording (None: not recorded)."""
+    """A run that has ended: its plan, its result, its recording (None: not recorded), and whether it kept its rate
+    (None: on the simulated clock, or nothing keeps the time)."""
 
     plan: Plan
     result: Result
     recording: Path | None
+    verdict: Verdict | None = None
 
     @property
     def ok(self) -> bool:
@@ -123,13 +126,14 @@ def execute(
                 key=key,
                 patience=patience,
                 restart=frozenset(name for name in planned.order if graph.nodes[name].restart),
+                spared=spared(planned),
                 show=(lambda it: screen.show(it.result, it.phase, it.busy)) if screen else lambda _: None,
                 printed=screen.print if screen else lambda _: None,
                 died=screen.died if screen else lambda _: None,
             )
             result = launcher.run()
     result.health = {name: result.health[name] for name in names if name in result.health}
-    return Outcome(planned, result, launch.record)
+    return Outcome(planned, result, launch.record, verdict(result, planned, ticks) if clock == "real" else None)
 
 
 def _clock(launch: LaunchFile, planned: Plan) -> str:

@@ -48,16 +48,17 @@ class Health:
     age   real clock: from the time of the tick to the answer, which for the last node is the latency of the force
           path; simulated clock: for the paced node, the duration of a whole tick
     late  ticks that the clock had to leave out, because a whole period had passed
+    overdue  real clock: answers that came when the next tick had begun
     lost  driving messages that were skipped or did not come within the period
     held  inputs older than the tick asks for
     asleep  steps at which the node was at rest, and its last answer was sent again
     """
 
-    __slots__ = ("age", "asleep", "held", "late", "lost", "state", "step", "tick")
+    __slots__ = ("age", "asleep", "held", "late", "lost", "overdue", "state", "step", "tick")
 
     def __init__(self) -> None:
         self.step, self.age = Histogram(), Histogram()
-        self.late = self.lost = self.held = self.asleep = 0
+        self.late = self.lost = self.held = self.asleep = self.overdue = 0
         self.tick = -1
         self.state = "ready"
 
@@ -75,6 +76,7 @@ class Health:
             step,
             age,
             forces or {},
+            self.overdue,
         )
 
 
@@ -91,6 +93,7 @@ class Counters(msgspec.Struct, frozen=True):
     step: dict[str, float]
     age: dict[str, float]
     forces: dict[str, float] = {}
+    overdue: int = 0
 
 
 def message(node: str, time: int, since: int, counters: Counters) -> messages.Health:

@@ -70,6 +70,7 @@ class Launcher:
     address     where workers on other machines find this launcher: `tcp://host:port`, reports at port + 1
     key         secures what goes over TCP; None: nothing does
     patience    [s] without a sign of life after which a worker counts as hung
+    restart     nodes that are started again when they die; spared: nodes that a run on the real clock goes on without
     show        called about ten times a second with the launcher, to draw
     printed     called with what the nodes print
     died        called at once when a node has failed in a run that goes on; a run that never began has it in its result
@@ -85,6 +86,7 @@ class Launcher:
         key: Key | None = None,
         patience: float = 5.0,
         restart: frozenset[str] = frozenset(),
+        spared: frozenset[str] = frozenset(),
         show: Callable[[Launcher], None] = lambda _: None,
         printed: Callable[[str], None] = lambda _: None,
         died: Callable[[Death], None] = lambda _: None,
@@ -93,7 +95,7 @@ class Launcher:
         self.jobs = {job.group: job for job in jobs}
         self.members = {job.group: Member(job, joined=job.group in joined) for job in jobs}
         self.forkserver = forkserver or ForkServer()
-        self.address, self.key, self.patience, self.restart = address, key, patience, restart
+        self.address, self.key, self.patience, self.restart, self.spared = address, key, patience, restart, spared
         self.show, self.printed, self.died = show, printed, died
         self.run_id = f"{os.getpid()}-{uuid.uuid4().hex[:8]}"
         self.result = Result()
@@ -301,12 +303,15 @@ class Launcher:
             self.died(death)
 
     def _bury(self, member: Member) -> None:
-        """Tell the others, so that their inputs from this group become None; then end the run, or start it again."""
+        """Tell the others, so that their inputs from this group become None; then end the run, start it again, or go on
+        without it."""
         dead = {node.name for node in member.job.nodes}
         self._tell_gone(dead)
-        again = self._real and self.phase == "running" and dead and dead <= self.restart and not self._ending.near
-        if again:
+        goes_on = self._real and self.phase == "running" and dead and not self._ending.near
+        if goes_on and dead <= self.restart:
             member.state = "restarting"
+        elif goes_on and dead <= self.spared:
+            self.result.notes.append(f"{', '.join(sorted(dead))} failed; the run went on without")
         elif dead or self.phase != "running":
             self._end_after(GRACE if self.phase == "running" and self._real else 0.0)
 

@@ -12,11 +12,11 @@ node that stops is without effect on the device after less than 20 ms, at 1 kHz:
 * Who can do without such an input does so after `HELD`, and says what is so (no tissue: no force) with fresh messages.
 * Who cannot falls silent then, and the next one begins to hold its last message. All such inputs of the graph, n of
   them, share `HELD`: each is held for HELD / n (`Job.links`).
-* The device holds the last torque of those who fell silent for `RELEASED`: n (HELD / n) + RELEASED = 16 ms. Where the
-  others go on, it is at most RELEASED behind them: HELD + RELEASED again, and the controller's slew.
+* The device holds the last torque of those who fell silent for `RELEASED`: n (HELD / n) + RELEASED = 16 ms; then it
+  falls to zero in 4 ms. Where the others go on, the controller takes the force away in 4 ms after `HELD`.
 
 On a machine too busy for its loop, the same ages take the torque away: a loop that is more than `RELEASED` late is an
-outage to the device, and after it the controller's force comes in anew.
+outage to the device. What comes back after an outage comes in from zero (nodes/base/absence.py).
 """
 
 from __future__ import annotations
@@ -55,7 +55,9 @@ def run_real(worker: Worker, origin: int) -> None:
             driving = messages[0] if slot.driver is not None else None
             slot.step(tick, driving.time if driving is not None else at, messages, slot.every / rate)
             worker.send(slot)
-            slot.health.age.add(max(0, now() - origin - at))
+            age = max(0, now() - origin - at)
+            slot.health.age.add(age)
+            slot.health.overdue += age > period
         worker.heed()
         worker.housekeep()
 
@@ -101,17 +103,31 @@ def _gather(worker: Worker, slot: Slot, tick: int, deadline: int, leading: bool)
     messages: list[Message | None] = []
     for port in slot.inputs:
         drives = port is slot.driver
-        message = _pick(worker, port, tick, deadline, waits=(port.waits or drives) and not (leading and drives))
+        waits = (port.waits or drives) and not (leading and drives) and not _silent(worker, slot, port, tick)
+        message = _pick(worker, port, tick, deadline, waits)
         if message is not None and message.tick < needed(tick, port.every, port.loop):
             if drives:
                 return None
             slot.health.held += 1
-            if (tick - message.tick - _slept(slot, tick)) / worker.job.rate > _permitted(worker, slot, port):
+            if _expired(worker, slot, port, message, tick):
                 message = None
         if message is None and not port.port.optional:
             return None
         messages.append(message)
     return messages
+
+
+def _silent(worker: Worker, slot: Slot, port: Input, tick: int) -> bool:
+    """Whether the sender of an input that the node can do without has stopped: then it is not waited for."""
+    if not port.port.optional or port.dead:
+        return False
+    message = port.newest(tick - 1 if port.loop else tick)
+    return message is not None and _expired(worker, slot, port, message, tick)
+
+
+def _expired(worker: Worker, slot: Slot, port: Input, message: Message, tick: int) -> bool:
+    """Whether a message is older than it may be held."""
+    return (tick - message.tick - _slept(slot, tick)) / worker.job.rate > _permitted(worker, slot, port)
 
 
 def _slept(slot: Slot, tick: int) -> int:

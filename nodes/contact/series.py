@@ -7,8 +7,9 @@ from typing import Annotated, Literal
 
 import msgspec
 
-from palpate.messages import Contact, Proximity, Surface, Vector
+from palpate.messages import Contact, Proximity, Surface, Vector, Vector3
 from palpate.nodes.base import InputFault, Node, Wants, part
+from palpate.nodes.base.absence import FALL, Gain
 from palpate.physics.bodies.place_energy import on_hand
 from palpate.physics.contact.series import Law, energy, exponential, hertz_exponential, kernel_form, power, series_step
 from palpate.physics.contact.terminal import LEAST_FREE, Terminal, check_law, free_recovery, law_at
@@ -19,6 +20,8 @@ STILL = 1e-9
 """[m] Indentation below which an unloaded body counts as at rest."""
 LATE = 1.5
 """[1] Steps of the contact after which a law is an old one."""
+RETURN = 0.1
+"""[s] in which the contact comes back to the whole approach when its body is back."""
 Positive = msgspec.Meta(gt=0)
 BODY = Wants("stiffness", "exponent", "damping", "free", "previous", "slope", "turning")
 
@@ -30,9 +33,14 @@ class Series(Node):
     The tissue answers by the terminal law of its last message. Where that is older than a step (a tissue that runs at a
     divisor, a message that is held) the law is taken for the present time, and the contact's own memory of the
     indentation for that of the tissue. Where it says how its energy changes along the surface, the finger feels that,
-    too: force and place have one energy (docs/equations/reduced-fe.md). Without tissue there is nothing to press on:
-    the force is zero and the fingertip recovers. Idle and farther than 2 mm from touching it sleeps, and its foot and
-    normal stay as they were.
+    too: force and place have one energy (docs/equations/reduced-fe.md). Idle and farther than 2 mm from touching it
+    sleeps, and its foot and normal stay as they were.
+
+    Without tissue there is nothing to press on: the force is zero and the fingertip recovers. A tissue that was there
+    and is missing is left within 8 ms: its last law answers, at rest, to an approach that falls to where the force is
+    zero. When it is back, or where this node itself joins a run that goes on, the approach comes in again within 0.1 s
+    from where the two just touch. So neither of them sees an approach that jumped, which the damping of both would
+    answer with a blow of many times the force.
     """
 
     finger_law: Annotated[Literal["exponential", "power", "hertz"], "1"] = "exponential"
@@ -51,6 +59,11 @@ class Series(Node):
         self.compression = 0.0
         self.indentation: float | None = None
         self._idle = False
+        self._there = Gain(2.0 * FALL, 0.0)
+        self._law_then: tuple[float, float, float, float, float] | None = None
+        self._touched_at: float | None = None
+        """[m] Approach from which the contact comes back; None: it feels all of the approach."""
+        self._back_for = 0.0
         self._finger_law = self._finger()
         self._law = kernel_form(self._finger_law, self.finger_damping)
 
@@ -85,6 +98,24 @@ class Series(Node):
             k, free = law_at(dt, self.indentation, Terminal(*law), step, relaxation)
         return k, n, c, free, self.indentation
 
+    def _touching(self, law: tuple[float, float, float, float, float], dt: float) -> float:
+        """The approach [m] at which fingertip and body just touch, or that which the contact has at present."""
+        _, _, c, free, previous = law
+        just = free_recovery(self.compression, 0.0, self.finger_damping, dt) + free_recovery(previous, free, c, dt)
+        return max(just, self.compression + (self.indentation or 0.0))
+
+    def _felt(self, approach: float, dt: float) -> float:
+        """The approach [m] that fingertip and body feel: all of it, but for `RETURN` after the body was missing."""
+        begin = self._touched_at
+        if begin is None:
+            return approach
+        self._back_for += dt
+        left = 1.0 - self._back_for / RETURN
+        if left <= 0.0 or approach <= begin:
+            self._touched_at = None
+            return approach
+        return approach - left * left * (approach - begin)
+
     def rests(self, proximity: Proximity, body: Surface | None) -> bool:
         if not self._idle or body is None or not proximity.apart > FAR:
             return False
@@ -101,18 +132,27 @@ class Series(Node):
         dt: float,
     ) -> Contact:
         before = self.compression
-        along = (0.0, 0.0, 0.0)
-        if body is None:
-            force, indentation, indentation_rate = 0.0, 0.0, 0.0
-            self.indentation = None
-            self.compression = free_recovery(before, 0.0, self.finger_damping, dt)
-        else:
-            law = self._law_now(body, proximity.time, dt)
-            force, self.compression, indentation = self._solve(proximity.approach, dt, *law)
+        along: Vector3 = (0.0, 0.0, 0.0)
+        force = indentation = indentation_rate = 0.0
+        back = self._there.value < 1.0 or (self._law_then is None and proximity.tick > 0)
+        there = self._there.update(body is not None or self._law_then is None, dt)
+        if body is not None:
+            law = self._law_then = self._law_now(body, proximity.time, dt)
+            if back:
+                self._touched_at, self._back_for = self._touching(law, dt), 0.0
+            force, self.compression, indentation = self._solve(self._felt(proximity.approach, dt), dt, *law)
             indentation_rate = (indentation - law[-1]) / dt
             self.indentation = indentation
             if force > 0.0 and len(body.turning) == 9:
                 along = on_hand(body.slope, body.turning, proximity.approach, proximity.normal)
+        elif self._law_then is not None and there > 0.0:
+            free = max(self._law_then[3], 0.0)
+            approach = free + there * (proximity.approach - free)
+            force, self.compression, indentation = self._solve(approach, math.inf, *self._law_then)
+            self.indentation = indentation
+        else:
+            self.indentation = None
+            self.compression = free_recovery(before, 0.0, self.finger_damping, dt)
         rate = (self.compression - before) / dt
         self._idle = force == 0.0 and before == self.compression and abs(indentation) < STILL
         return Contact(

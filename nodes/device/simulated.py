@@ -10,6 +10,7 @@ import numpy as np
 
 from palpate.messages import DeviceState, Torque, Vector3
 from palpate.nodes.base import SettingError
+from palpate.nodes.base.absence import FALL, Faded
 from palpate.nodes.device.hand import Hand
 from palpate.physics.device.falcon import FALCON, HOME, reachable
 from palpate.physics.device.grip import CLOCK, POSITION, grip_kernel
@@ -21,7 +22,8 @@ class Simulated(Hand):
     """A Falcon held by a hand that follows a scripted path, with an arm that gives way (docs/equations/controller.md).
 
     It reports what a real one would: driven angles in whole encoder counts. Torques work on the grip through the same
-    geometry; without a torque there is none. The weight is balanced. Settings, with those of the hand:
+    geometry; where none come any more the last ones fall to zero within 4 ms. The weight is balanced. Settings, with
+    those of the hand:
 
     delay     samples by which reports are late; lost: chance that a report repeats the one before; glitches: chance
               that one angle is off by 1000 counts for one report. The same seed gives the same bad days
@@ -60,6 +62,7 @@ class Simulated(Hand):
         self.state, self.memory = np.zeros((3, 3)), np.zeros((4, 3))
         self.state[POSITION] = points[0]
         self.random = np.random.Generator(np.random.PCG64(self.seed))
+        self._torques = Faded(FALL)
         first = self._move((0.0, 0.0, 0.0), 0.0)
         self.reports = deque([first] * (self.delay + 1), maxlen=self.delay + 1)
         self.last = first
@@ -68,7 +71,8 @@ class Simulated(Hand):
         return grip_kernel(self.geometry, self.constants, self.state, self.memory, *self._way, *torques, dt)
 
     def step(self, torque: Torque | None, *, dt: float) -> DeviceState:
-        self.reports.append(self._move(torque.torques if torque is not None else (0.0, 0.0, 0.0), dt))
+        t0, t1, t2 = self.applied = self._torques.update(torque.torques if torque is not None else None, dt)
+        self.reports.append(self._move((t0, t1, t2), dt))
         if not self.lost or self.random.random() >= self.lost:
             self.last = self.reports[0]
         joints = self.last

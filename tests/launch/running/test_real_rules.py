@@ -230,3 +230,29 @@ def test_each_node_runs_at_its_ticks_up_to_the_last(monkeypatch):
     assert [made.health.lost for made in here.slots] == [1, 0, 0]
     assert here.slots[0].outputs[0].last.time == 2 * MS + 10_000
     assert here.slots[0].health.age.longest == 30_000 and here.slots[1].health.age.longest == 60_000
+
+
+def test_a_sender_that_has_stopped_is_not_waited_for_where_the_node_can_do_without(monkeypatch):
+    """Else every step of its reader would take a period more than it has."""
+    clock = [0]
+    monkeypatch.setattr(real, "now", lambda: clock[0])
+    waited = []
+
+    def gather(optional: str, age: int) -> int:
+        clock[0] = 0
+        waited.clear()
+        made = slot("Spread" if optional else "Drag", ("pose" if not optional else "force", {}), *(
+            (("friction", {"optional": True}),) if optional else (("force", {}),)))  # fmt: skip
+        put(made, 0, FORCE if optional else POSE, 100)
+        put(made, 1, FORCE, 100 - age)
+
+        def wait(feed):
+            waited.append(feed)
+            clock[0] += MS
+
+        real._gather(worker(wait=wait), made, 100, MS, leading=True)
+        return len(waited)
+
+    assert gather("optional", 1) == 1 and gather("optional", 7) == 1
+    assert gather("optional", 8) == 0
+    assert gather("", 8) == 1

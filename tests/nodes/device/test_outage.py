@@ -1,13 +1,11 @@
 """The controller after an outage: its force comes in over the ramp, and gives the hand little energy."""
 
-from itertools import pairwise
-
 import msgspec
 import numpy as np
 import pytest
 from pytest import approx
 
-from palpate.messages import Contact, Pose
+from palpate.messages import Contact, DeviceState, Pose
 from palpate.nodes.controller import Haptic
 from palpate.physics.device.grip import grip_step
 
@@ -32,37 +30,66 @@ POSE = Pose(position=(0, 0, -2e-3), velocity=(0, 0, 0), dt=T)
 LACKING = (contact(0.0, 2e-3, whole=False), POSE)
 
 
-def after(
+def sizes(
     outage: list[tuple[Contact | None, Pose | None]], before: int = 300, dt: float = T, **settings
-) -> list[float]:
-    """Size of the force [N] from the first whole input after an outage on, under 8 N before and after it."""
+) -> tuple[list[float], list[float]]:
+    """Size of the force [N] during an outage, and from the first whole input after it on; 8 N before and after."""
     node = Haptic(**settings)
     node.start()
     for _ in range(before):
         node.step(contact(8.0, 2e-3), None, POSE, dt=T)
-    for given in outage:
-        node.step(given[0], None, given[1], dt=T)
-    answers = [node.step(contact(8.0, 2e-3), None, POSE, dt=dt if k == 0 else T) for k in range(300)]
-    return [float(np.linalg.norm(answer.force)) for answer in answers]
+    during = [node.step(given[0], None, given[1], dt=T) for given in outage]
+    after = [node.step(contact(8.0, 2e-3), None, POSE, dt=dt if k == 0 else T) for k in range(300)]
+    return tuple([float(np.linalg.norm(answer.force)) for answer in answers] for answers in (during, after))
 
 
-@pytest.mark.parametrize(
-    "outage",
-    [[(None, POSE)], [(contact(8.0, 2e-3), None)] * 20, [LACKING] * 20, [LACKING]],
-    ids=["contact", "pose", "tissue", "one"],
-)
+OUTAGES = {
+    "contact": (None, POSE),
+    "pose": (contact(8.0, 2e-3), None),
+    "tissue": (contact(8.0, 2e-3, whole=False), POSE),
+}
+
+
+@pytest.mark.parametrize("missing", OUTAGES)
 @pytest.mark.parametrize("ramp", [0.02, 0.1])
-def test_the_force_rises_no_faster_than_its_limit_over_the_ramp(outage, ramp):
-    sizes = after(outage, ramp=ramp, passivity=False)
-    rises = [b - a for a, b in pairwise([0.0, *sizes])]
-    assert max(rises) <= 9.0 / ramp * T * (1 + 1e-9)
-    assert sizes[int(0.5 * ramp / T) - 1] == approx(4.0)
-    assert sizes[round(ramp / T) :] == approx([8.0] * (300 - round(ramp / T)))
+@pytest.mark.parametrize("length", [1, 2, 3, 4, 20])
+def test_the_force_falls_within_4_ms_and_rises_over_the_ramp_from_where_it_is(missing, ramp, length):
+    during, after = sizes([OUTAGES[missing]] * length, ramp=ramp, passivity=False)
+    assert during == approx([8.0 * max(1.0 - k / 4.0, 0.0) for k in range(1, length + 1)], abs=1e-12)
+    left = max(1.0 - length / 4.0, 0.0)
+    assert after == approx([8.0 * min(left + k * T / ramp, 1.0) for k in range(1, 301)])
+
+
+def test_a_device_without_its_command_is_an_outage_and_one_that_never_had_one_is_none():
+    node = Haptic(passivity=False)
+    node.start()
+    without, given = DeviceState(tick=1, used=(-1,)), DeviceState(tick=1, used=(0,))
+
+    def size(device: DeviceState) -> float:
+        return float(np.linalg.norm(node.step(contact(8.0, 2e-3), None, POSE, device=device, dt=T).force))
+
+    for _ in range(10):
+        size(without)
+    assert size(without) == 8.0
+    for _ in range(10):
+        size(given)
+    assert [size(without) for _ in range(5)] == approx([6.0, 4.0, 2.0, 0.0, 0.0])
+    assert [size(given) for _ in range(3)] == approx([0.08, 0.16, 0.24])
 
 
 def test_a_pause_in_which_the_device_has_let_go_is_an_outage():
-    assert after([], dt=0.008, passivity=False)[0] == 8.0
-    assert after([], dt=0.012, passivity=False)[0] == approx(8.0 * 0.012 / 0.1)
+    assert sizes([], dt=0.008, passivity=False)[1][:2] == [8.0, 8.0]
+    after = sizes([], dt=0.012, passivity=False)[1]
+    assert after[:3] == approx([0.0, 0.08, 0.16]) and after[-1] == approx(8.0)
+
+
+def test_a_step_that_comes_late_changes_the_force_by_no_more_than_one_in_time():
+    node = Haptic(passivity=False, slew=1000.0)
+    node.start()
+    for _ in range(300):
+        node.step(contact(1.0, 2e-3), None, POSE, dt=T)
+    forces = [node.step(contact(8.0, 2e-3), None, POSE, dt=dt).force[2] for dt in (8 * T, T, T)]
+    assert forces == approx([2.0, 3.0, 4.0])
 
 
 def test_slow_steps_are_no_outage():

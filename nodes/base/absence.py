@@ -1,0 +1,57 @@
+"""What a node does while an input that it had is missing, and when it is back: fade out and fade in, never jump."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+FALL = 4e-3
+"""[s] in which a force falls from full to zero once what it is computed from is missing. With the time for which a node
+holds an input (7 ms) and a device its command (9 ms) it makes the 20 ms after which a dead node has no effect."""
+FADE = 20e-3
+"""[s] in which an optional effect fades out when its sender is gone, and in when it is back."""
+
+
+class Gain:
+    """A share between 0 and 1 [1]: falls to 0 within `fall` [s] while something is missing, rises within `rise` [s]."""
+
+    def __init__(self, fall: float, rise: float) -> None:
+        self.fall, self.rise = fall, rise
+        self.value = 1.0
+
+    def update(self, present: bool, dt: float) -> float:
+        """The share after a step of dt [s]."""
+        if not present:
+            self.value = max(self.value - dt / self.fall, 0.0)
+        elif self.value < 1.0:
+            self.value = min(self.value + dt / self.rise, 1.0) if self.rise > 0.0 else 1.0
+        return self.value
+
+
+class Faded:
+    """A force or a command that may stop coming: its last value fades out within `seconds`, and it fades in again."""
+
+    def __init__(self, seconds: float, size: int = 3) -> None:
+        self._gain = Gain(seconds, seconds)
+        self._last: Sequence[float] = (0.0,) * size
+
+    def update(self, value: Sequence[float] | None, dt: float) -> Sequence[float]:
+        """The value to use in a step of dt [s]; None: there is none."""
+        if value is not None:
+            self._last = value
+        gain = self._gain.update(value is not None, dt)
+        return self._last if gain == 1.0 else tuple(gain * number for number in self._last)
+
+
+class Lost:
+    """Whether a message was computed without an input that earlier ones of its sender had."""
+
+    def __init__(self) -> None:
+        self._had: set[int] = set()
+
+    def update(self, used: tuple[int, ...]) -> bool:
+        """Take the `used` of the next message."""
+        if -1 not in used and len(self._had) == len(used):
+            return False
+        there = {place for place, tick in enumerate(used) if tick >= 0}
+        self._had |= there
+        return there != self._had

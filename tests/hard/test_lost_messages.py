@@ -1,0 +1,128 @@
+"""Messages of any stream lost for 1 to 50 ms at random, by the rules of the real clock: the hand does not feel a jump.
+
+A touch in which a finger presses, strokes and lifts off. Whatever is lost, the force on the hand changes by no more
+than the controller's slew from one tick to the next, the display gives out no energy beyond 1 mJ, and the contact's
+force is never more than 1.2 times that of the same touch without losses, or of the same motion: a hand that loses its
+force for 30 ms falls into the tissue, and what is pressed deeper presses back harder.
+"""
+
+from __future__ import annotations
+
+import os
+import random
+from dataclasses import dataclass, field
+
+import numpy as np
+import pytest
+from chain_for_runs import Chain, Lost, nothing
+
+from palpate.launch.loading.launchfile import find
+from palpate.launch.testing import FakeBus
+from palpate.messages import Message, Pose
+from palpate.nodes.controller import Haptic
+from palpate.physics.device.falcon import FALCON
+from palpate.physics.device.falcon_statics import force_kernel
+
+TICKS = 900
+LONGEST = 50  # [ticks] of a loss
+PATH = (
+    "[{to: [0, 0, 0.0935], time: 0.2}, {hold: 0.15}, {to: [0.02, 0, 0.0925], time: 0.25, shape: linear},"
+    "{to: [0, 0, 0.0955], time: 0.1}, {to: [0, 0, 0.113], time: 0.15}]"
+)
+TOUCH = ("scene.surface.vertices=600", "scene.hand.begin=[0, 0, 0.110]", f"scene.hand.path={PATH}")
+ENERGY = 1e-3  # [J]
+OVER = 1.2  # [1]
+
+
+@dataclass
+class Felt:
+    """What the hand felt: most contact force [N], most change of its force in a tick [N], least energy taken up [J]."""
+
+    contact: float = 0.0
+    change: float = 0.0
+    energy: float = 0.0
+    places: list[tuple[float, float, float]] = field(default_factory=list)
+
+
+def feel(run: Chain, lost: Lost) -> Felt:
+    """One touch with these losses."""
+    felt, energy, before = Felt(), 0.0, np.zeros(3)
+
+    def told(stream: str, message: Message) -> None:
+        if stream == "contact":
+            felt.contact = max(felt.contact, message.force)
+
+    run.begin()
+    run.lost, run.told = lost, told
+    node = run.device.node
+    place = node.state[0].copy()
+    for _ in range(TICKS):
+        run.run(1)
+        force = np.array(force_kernel(FALCON.geometry, *node.applied, *place)[1:])
+        energy -= force @ (node.state[0] - place)
+        place = node.state[0].copy()
+        felt.change = max(felt.change, float(np.linalg.norm(force - before)))
+        felt.energy = min(felt.energy, energy)
+        felt.places.append(tuple((place + np.array(node.origin)).tolist()))
+        before = force
+    return felt
+
+
+def undisturbed(run: Chain, places: list[tuple[float, float, float]]) -> float:
+    """Most contact force [N] of the same motion with nothing lost."""
+    nodes = {slot.name: FakeBus(type(slot.node)(**slot.job.settings)) for slot in run.slots}
+    surface, most, before = None, 0.0, places[0]
+    for place in places:
+        velocity = tuple((a - b) * 1e3 for a, b in zip(place, before, strict=True))
+        (proximity,) = nodes["collision"].publish(Pose(position=place, velocity=velocity, dt=1e-3))
+        if surface is not None:
+            nodes["contact"].hold("body", surface)
+        (contact,) = nodes["contact"].publish(proximity)
+        nodes["friction"].hold("proximity", proximity)
+        (friction,) = nodes["friction"].publish(contact)
+        nodes["spread"].hold("friction", friction)
+        (load,) = nodes["spread"].publish(contact)
+        (surface,) = nodes["tissue"].publish(load)
+        most, before = max(most, contact.force), place
+    return most
+
+
+def losses(run: Chain, random_: random.Random) -> tuple[str, Lost]:
+    """One to four times, at random: a stream of the graph, to all of its readers or to one; in words, and as a rule."""
+    edges = [(port.stream, slot.name) for slot in run.slots for port in slot.inputs if port.stream]
+    times = []
+    for _ in range(random_.choice([1, 1, 1, 2, 4])):
+        stream, reader = random_.choice(edges)
+        begin = random_.randint(20, TICKS - LONGEST)
+        times.append((stream, random_.choice([reader, ""]), begin, begin + random_.randint(1, LONGEST)))
+
+    def lost(stream: str, reader: str, tick: int) -> bool:
+        return any(s == stream and r in (reader, "") and a <= tick < b for s, r, a, b in times)
+
+    return "; ".join(f"{s} -> {r or 'all'} {a}..{b}" for s, r, a, b in times), lost
+
+
+def check(run: Chain, count: int, seed: int) -> None:
+    base = feel(run, nothing)
+    assert base.contact > 1.5
+    random_ = random.Random(seed)
+    slew = Haptic.slew * 1e-3
+    for _ in range(count):
+        words, lost = losses(run, random_)
+        felt = feel(run, lost)
+        assert felt.change <= slew, f"{words}: the force on the hand changes by {felt.change:.3f} N in a tick"
+        assert felt.energy >= -ENERGY, f"{words}: the hand gets {-1e3 * felt.energy:.3f} mJ"
+        if felt.contact > OVER * base.contact:
+            same = undisturbed(run, felt.places)
+            assert felt.contact <= OVER * same, f"{words}: {felt.contact:.3f} N, the same motion {same:.3f} N"
+
+
+def test_lost_messages_do_not_jump_in_the_hand(chain):
+    check(chain(find("kidney").but(overrides=TOUCH)), 12, seed=1)
+
+
+@pytest.mark.long
+@pytest.mark.timeout(7200)
+def test_a_thousand_losses_do_not_jump_in_the_hand(chain):
+    count = int(os.environ.get("PALPATE_LOSSES", 1000))
+    check(chain(find("kidney").but(overrides=TOUCH)), count, seed=2)

@@ -1,0 +1,115 @@
+"""A graph by the rules of the real clock on a clock that stands: each node as in a process of its own, with messages
+that come late, are lost on the way, or are not sent. Only the numbers of the ticks count, so no machine changes the
+answer."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from types import SimpleNamespace
+
+from palpate.launch.loading.launchfile import LaunchFile
+from palpate.launch.loading.plan import plan
+from palpate.launch.running import real
+from palpate.launch.running.assign import jobs
+from palpate.launch.running.execute import set_recording
+from palpate.launch.running.slot import Slot, make
+from palpate.messages import Message
+
+Lost = Callable[[str, str, int], bool]
+"""Whether the message of a stream to a node is lost on its way at a tick."""
+
+
+def nothing(stream: str, reader: str, tick: int) -> bool:
+    """Nothing is lost."""
+    return False
+
+
+class Chain:
+    """The nodes of a launch file, one message of a tick after the other.
+
+    late  ticks that a message takes to come
+    lost  which messages never come
+    told  hears every message that is sent
+    """
+
+    def __init__(self, launch: LaunchFile, late: int = 0, lost: Lost = nothing) -> None:
+        launch = launch.but(place="fused")
+        graph = launch.load()
+        set_recording(graph, None)
+        job = next(job for job in jobs(plan(graph), launch.placement(plan(graph)), clock="real") if job.leads)
+        assert {given.name for given in job.nodes} == set(plan(graph).order)
+        self.slots = [Slot(given, make(given), ()) for given in job.nodes]
+        for slot in self.slots:
+            slot.wire({})
+            for port in slot.inputs:
+                port.feed = object()  # from elsewhere; nothing more comes while a step waits
+            slot.start()
+        self.worker = SimpleNamespace(job=job, wait=self._pass, stopping=False)
+        self.late, self.lost, self.way = late, lost, deque[tuple[int, str, Message]]()
+        self.told: Callable[[str, Message], None] = lambda stream, message: None
+        self.begin()
+
+    def begin(self) -> None:
+        """Start anew, with the kernels and meshes that are there already."""
+        for slot in self.slots:
+            slot.begin()
+            slot.due = 0
+            for port in slot.inputs:
+                port.queue.clear()
+                port.message = None
+        self.way.clear()
+        self.tick, self.clock = 0, 0
+        self.ran = {slot.name: -1 for slot in self.slots}
+
+    def _pass(self, feed: object) -> None:
+        self.clock += 1_000_000
+
+    def now(self) -> int:
+        return self.clock
+
+    def run(self, ticks: int, stopped: str = "") -> None:
+        for _ in range(ticks):
+            self._arrive()
+            for slot in self.slots:
+                if slot.name != stopped:
+                    self._step(slot)
+                    self._arrive()
+            self.tick += 1
+
+    def _arrive(self) -> None:
+        while self.way and self.way[0][0] <= self.tick:
+            _, stream, message = self.way.popleft()
+            for slot in self.slots:
+                for port in slot.inputs:
+                    if port.stream == stream and not self.lost(stream, slot.name, message.tick):
+                        port.put(message, 0)
+
+    def _step(self, slot: Slot) -> None:
+        driver = slot.driver
+        tick = self.tick
+        if driver is not None:
+            if not driver.queue or driver.queue[-1].tick <= self.ran[slot.name]:
+                return
+            tick = driver.queue[-1].tick
+        messages = real._gather(self.worker, slot, tick, self.clock + 1_000_000, leading=True)
+        if messages is not None:
+            slot.due = tick + slot.every
+            slot.step(tick, tick * 1_000_000, messages, 1e-3)
+            self.ran[slot.name] = tick
+            for output in slot.outputs:
+                self.told(output.stream, output.last)
+                self.way.append((self.tick + self.late, output.stream, output.last))
+
+    @property
+    def device(self) -> Slot:
+        """The paced node."""
+        return next(slot for slot in self.slots if slot.node.paced)
+
+    def torque(self) -> float:
+        """The largest that the device works with, after its last step."""
+        node, port = self.device.node, self.device.inputs[0]
+        if hasattr(node, "applied"):
+            return max(map(abs, node.applied))
+        there = self.device.outputs[0].last.used[0] >= 0 and port.message is not None
+        return max(map(abs, port.message.torques)) if there else 0.0
