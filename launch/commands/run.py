@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import datetime
+import signal
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -76,7 +77,8 @@ def run(
 ) -> None:
     """Run a graph: live view, recording, summary, pictures.
 
-    Ctrl-C or SIGTERM ends it in an orderly way. Exit code 1 when a node failed, or the recording is not whole.
+    Ctrl-C or SIGTERM ends it in an orderly way. Exit code 1 when a node failed, or the recording is not whole;
+    130 after Ctrl-C, 143 after SIGTERM.
     """
     from palpate.launch.running.forkserver import ForkServer
 
@@ -137,6 +139,8 @@ def run(
             seen.close()
     if not outcome.ok:
         raise typer.Exit(TROUBLE)
+    if outcome.result.signal:
+        raise typer.Exit(128 + outcome.result.signal)
 
 
 def _seen(launch: LaunchFile, how: str, silent: bool) -> Onlooker:
@@ -185,7 +189,10 @@ def _pictures(outcome: Outcome, folder: Path, silent: bool) -> list[Path]:
         return draw(outcome.recording, folder, console=None if silent else console())
     except (RecordingError, OSError) as error:
         outcome.result.notes.append(f"no pictures: {error}")
-        return []
+    except KeyboardInterrupt:
+        outcome.result.notes.append("no pictures: interrupted")
+        outcome.result.signal = signal.SIGINT
+    return []
 
 
 def _summary(outcome: Outcome, name: str, drawn: list[Path]) -> None:
