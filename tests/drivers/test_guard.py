@@ -8,7 +8,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from pytest import approx
 
-from palpate.drivers.guard import FALL, HORIZON, MISSED, STALE, Guard, Sample, ahead
+from palpate.drivers.guard import FALL, HORIZON, MISSED, SILENT, STALE, Guard, Sample, ahead
 from palpate.drivers.limits import LIMITS, Limits
 
 MS = 1_000_000
@@ -79,6 +79,20 @@ def test_the_dead_man_button_has_to_be_held():
     assert run(guard, 30, start=401)[-1] == (0.0, 0.0, 0.0)
 
 
+def test_another_button_is_no_dead_man_button():
+    guard = Guard(WIDE, deadman=0b110)
+    sent = run(guard, 200, sample=lambda now: Sample(now, position=(0.0,) * 3, buttons=0b1001))
+    assert not any(c[0] for c in sent) and guard.why(200 * MS, 200 * MS) == "the dead-man button is not held"
+
+
+def test_a_device_without_an_answer_for_long_gets_no_force_in_however_few_cycles():
+    guard = Guard(WIDE)
+    run(guard, 300)
+    guard.saw(None)
+    late = 300 * MS + round(SILENT * 1e9)
+    assert guard.why(late, late) == "" and guard.why(late + 1, late + 1) == "answers are missing"
+
+
 @given(st.tuples(NUMBER, NUMBER, NUMBER), st.booleans())
 @example((0.0, 1.3e308, 1.3e308), False)
 def test_no_command_passes_the_limit_and_its_direction_stays(command, each):
@@ -104,6 +118,18 @@ def test_power_given_to_the_hand_is_limited_and_power_taken_is_not():
     assert guard.apply((4.0, 0.0, 0.0), 20 * MS, 20 * MS)[0] == approx(0.5)
     assert guard.apply((-4.0, 0.0, 0.0), 20 * MS, 20 * MS)[0] == approx(-4.0)
     assert guard.apply((0.0, 4.0, 0.0), 20 * MS, 20 * MS)[1] == approx(4.0)
+
+
+@given(st.floats(-20.0, 20.0), st.floats(-2.0, 2.0))
+@example(0.6, 1.0)
+def test_no_more_than_the_power_limit_is_given_and_what_is_below_passes(force, speed):
+    guard = Guard(Limits(command=20.0, power=0.5, speed=math.inf, ramp=0.0))
+    for k in range(1, 20):
+        guard.saw(Sample(k * MS, position=(1e-3 * k * speed, 0.0, 0.0)))
+    sent, _, _ = guard.apply((force, 0.0, 0.0), 20 * MS, 20 * MS)
+    asked = force * speed
+    assert sent * speed == approx(min(asked, 0.5), abs=1e-9)
+    assert sent == approx(force) or asked > 0.5
 
 
 def test_every_device_has_finite_limits():
