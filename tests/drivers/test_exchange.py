@@ -150,6 +150,45 @@ def test_a_device_is_waited_for_and_the_force_comes_in_again():
         exchange.stop()
 
 
+class Moved(Slow):
+    """It is somewhere else when it is back, and each answer takes long then."""
+
+    def open(self):
+        super().open()
+        self.x, self.pause = (0.0, 0.001) if self.opened == 1 else (0.1, 0.02)
+
+    def cycle(self, command):
+        answer = super().cycle(command)
+        return answer._replace(position=(self.x, 0.0, 0.0))
+
+
+def test_after_a_break_nothing_is_carried_over_and_the_force_comes_in_from_zero():
+    """No rate is taken from a place before the break to one after it, and a loop that goes on commanding is no reason
+    to give all of the force at once."""
+    driver = Moved()
+    exchange = Exchange(driver, Guard(driver.limits, ramp=10.0), reconnect=True)
+    exchange.start()
+    try:
+        until(lambda: exchange.answers > 20)
+        exchange.guard.gain = 1.0
+        driver.error = DeviceError("the device is gone.", lost=True)
+        places = []
+
+        def back():
+            exchange.command((2.0,))
+            sample = exchange.sample()
+            if driver.opened == 2 and sample.homed:
+                places.append(sample.position[0])
+            return len(places) > 20 and len(driver.sent) > driver.begins + 5
+
+        until(back)
+        assert set(places) == {0.1}
+        forces = [command for _, command in driver.sent[driver.begins :]]
+        assert forces[0] == 0.0 and max(forces) < 0.5
+    finally:
+        exchange.stop()
+
+
 def test_a_device_that_is_not_there_is_told_at_the_start():
     driver = Slow()
     driver.refused = 1

@@ -123,6 +123,8 @@ def _do(what: str) -> None:
             ctypes.string_at(0)
         case "hang":
             time.sleep(1000)
+        case "tell":
+            print("stopped in order", flush=True)
         case "doze":
             time.sleep(2.0)
         case "deaf":

@@ -219,6 +219,14 @@ def test_ctrl_c_ends_a_start_and_says_so(tmp_path, options, text):
     assert not run.left()
 
 
+@pytest.mark.parametrize("way", ["fused", "processes"])
+def test_when_a_node_fails_at_the_start_those_that_had_started_are_stopped(tmp_path, way):
+    first = "  first: {use: nodes_that_misbehave.Bad, how: stop tell, in: {pose: src}}\n  bad:"
+    run = Run(tmp_path, "--set", "bad.how=start raise", *WAYS[way], text=GRAPH.replace("  bad:", first), quiet=False)
+    assert run.wait() == 1
+    assert "stopped in order" in run.out.read_text()
+
+
 def test_a_fork_server_that_imports_is_ended_at_once(tmp_path, monkeypatch):
     """It was killed after ten seconds: then whatever it had started would have stayed."""
     (tmp_path / "slow_to_import.py").write_text("print('importing', flush=True)\nimport time\ntime.sleep(1000)\n")
