@@ -72,11 +72,54 @@ def test_too_fast_a_grip_gets_no_force():
 
 
 def test_the_dead_man_button_has_to_be_held():
-    guard = Guard(WIDE, deadman=0b110)
+    guard = Guard(WIDE, deadman=0b111)
     assert not any(c[0] for c in run(guard, 200))
     held = run(guard, 200, start=201, sample=lambda now: Sample(now, position=(0.0,) * 3, buttons=0b010))
     assert held[-1][0] == 1.0
     assert run(guard, 30, start=401)[-1] == (0.0, 0.0, 0.0)
+
+
+def test_two_missing_answers_in_a_row_are_forgiven_and_three_are_not():
+    guard = Guard(WIDE)
+    for now in (MS, 2 * MS):
+        guard.saw(None)
+        guard.saw(None)
+        guard.saw(Sample(now, position=(0.0,) * 3))
+        guard.saw(None)
+        guard.saw(None)
+        assert guard.why(now, now) == ""
+    guard.saw(None)
+    assert guard.why(2 * MS, 2 * MS) == "answers are missing"
+
+
+def test_a_command_may_be_nine_milliseconds_old_and_not_eleven():
+    guard = Guard(WIDE)
+    guard.saw(Sample(20 * MS, position=(0.0,) * 3))
+    assert guard.why(20 * MS, 11 * MS) == "" and guard.why(20 * MS, 9 * MS) == "the command is old"
+
+
+def test_a_sensor_that_takes_no_command_is_sent_none():
+    guard = Guard(Limits(0.0, 0.0, math.inf, ramp=0.0))
+    guard.saw(Sample(MS, wrench=(0.0,) * 6))
+    assert guard.apply((), MS, MS) == ()
+
+
+def test_when_homing_is_lost_the_force_falls_evenly_though_no_power_is_known():
+    guard = Guard(Limits(command=4.0, power=0.01, speed=math.inf, ramp=0.0))
+    guard.saw(Sample(MS, position=(0.0,) * 3))
+    assert guard.apply((4.0, 0.0, 0.0), MS, MS)[0] == 4.0
+    guard.saw(Sample(2 * MS, homed=False))
+    falling = [guard.apply((4.0, 0.0, 0.0), k * MS, k * MS)[0] for k in range(2, 20)]
+    assert falling == approx([max(0.0, 4.0 * (1.0 - (k - 1) * 1e-3 / FALL)) for k in range(2, 20)], abs=1e-12)
+
+
+def test_rates_are_those_of_the_last_eight_intervals():
+    guard = Guard(WIDE)
+    for k in range(1, 20):
+        guard.saw(Sample(k * MS, position=(1.0 if k < 11 else 1.0 + 1e-3 * (k - 11), 0.0, 0.0)))
+    assert guard.rates()[1] == approx((1.0, 0.0, 0.0))
+    guard.saw(Sample(20 * MS, position=(1.008, 0.0, 0.0)))
+    assert guard.rates()[1] == approx((7 / 8, 0.0, 0.0))
 
 
 def test_another_button_is_no_dead_man_button():
