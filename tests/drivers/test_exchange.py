@@ -6,7 +6,7 @@ import pytest
 
 from palpate.drivers.errors import DeviceError
 from palpate.drivers.exchange import Exchange
-from palpate.drivers.guard import Guard, Sample
+from palpate.drivers.guard import HORIZON, Guard, Sample
 from palpate.drivers.limits import Limits
 
 
@@ -146,6 +146,32 @@ def test_a_device_is_waited_for_and_the_force_comes_in_again():
         assert driver.sent[driver.begins][1] == 0.0, "from zero"
         assert exchange.notes() == ["the device is gone. Waiting until it is back.", "The device is back."]
         assert exchange.notes() == []
+    finally:
+        exchange.stop()
+
+
+class Moving(Slow):
+    """Its grip goes along x at 1 m/s."""
+
+    def cycle(self, command):
+        answer = super().cycle(command)
+        return answer._replace(position=(answer.time * 1e-9, 0.0, 0.0))
+
+
+def test_a_sample_is_extrapolated_to_now_and_there_is_none_before_the_first():
+    driver = Moving()
+    driver.pause = 0.1
+    exchange = Exchange(driver, Guard(driver.limits))
+    exchange.start()
+    try:
+        assert exchange.sample() is None
+        until(lambda: exchange.answers > 1)
+
+        def carried():
+            sample = exchange.sample()
+            return sample.position[0] - sample.time * 1e-9
+
+        until(lambda: carried() == pytest.approx(HORIZON, abs=1e-6))
     finally:
         exchange.stop()
 

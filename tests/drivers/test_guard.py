@@ -113,6 +113,42 @@ def test_when_homing_is_lost_the_force_falls_evenly_though_no_power_is_known():
     assert falling == approx([max(0.0, 4.0 * (1.0 - (k - 1) * 1e-3 / FALL)) for k in range(2, 20)], abs=1e-12)
 
 
+def test_a_force_comes_in_over_the_ramp_from_the_first_command_on():
+    guard = Guard(WIDE)
+    guard.saw(Sample(MS, position=(0.0,) * 3))
+    assert guard.apply((1.0, 0.0, 0.0), MS, MS) == (0.0, 0.0, 0.0)
+
+
+def test_torques_are_limited_each_for_itself_and_a_force_by_its_length():
+    full = {}
+    for each in (True, False):
+        guard = Guard(Limits(command=0.4, power=math.inf, speed=math.inf, each=each, ramp=0.0))
+        guard.saw(Sample(MS, joints=(0.0,) * 3))
+        full[each] = guard.apply((4.0, 4.0, -4.0), MS, MS)
+    assert full[True] == approx((0.4, 0.4, -0.4)) and np.linalg.norm(full[False]) == approx(0.4)
+
+
+def test_the_power_of_torques_is_that_at_the_joints():
+    guard = Guard(Limits(command=10.0, power=0.5, speed=math.inf, ramp=0.0))
+    for k in range(1, 20):
+        guard.saw(Sample(k * MS, joints=(2e-3 * k, 0.0, 0.0), position=(0.0, 1e-6 * k, 0.0)))  # 2 rad/s
+    assert guard.apply((4.0, 0.0, 0.0), 19 * MS, 19 * MS)[0] == approx(0.25)
+
+
+def test_a_sample_that_is_no_newer_than_the_last_changes_nothing():
+    guard = Guard(WIDE)
+    for k, x in ((1, 0.0), (2, 1e-4), (3, 2e-4), (2, 0.5), (3, 0.5)):
+        guard.saw(Sample(k * MS, position=(x, 0.0, 0.0)))
+    assert guard.rates()[1] == approx((0.1, 0.0, 0.0))
+
+
+def test_without_a_sample_there_are_no_rates():
+    guard = Guard(WIDE)
+    assert guard.rates() == ((), ())
+    guard.saw(Sample(MS, position=(0.0,) * 3))
+    assert guard.rates() == ((), ())
+
+
 def test_rates_are_those_of_the_last_eight_intervals():
     guard = Guard(WIDE)
     for k in range(1, 20):
