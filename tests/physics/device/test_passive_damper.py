@@ -32,10 +32,11 @@ def test_a_damper_on_the_last_difference_is_bounded_by_the_delay_of_the_loop(del
     assert damper(delay, 20 * COUNT, 7.0, axis=axis) == approx(-0.5 * MASS / ((1 + 2 * delay) * T) * 20 * COUNT / T)
 
 
+@pytest.mark.parametrize("axis", range(3))
 @pytest.mark.parametrize("delay", [0, 3])
-def test_a_way_of_one_count_is_damped_by_the_filtered_velocity_with_the_delay_of_the_filter(delay):
+def test_a_way_of_one_count_is_damped_by_the_filtered_velocity_with_the_delay_of_the_filter(delay, axis):
     """The filter comes four samples late, so eight more of half a period."""
-    assert damper(delay, COUNT, 0.003) == approx(-0.5 * MASS / ((1 + 2 * delay + 8) * T) * 0.003)
+    assert damper(delay, COUNT, 0.003, axis=axis) == approx(-0.5 * MASS / ((1 + 2 * delay + 8) * T) * 0.003)
     assert damper(delay, 1.6 * COUNT, 0.003) == approx(-0.5 * MASS / ((1 + 2 * delay) * T) * 1.6 * COUNT / T)
 
 
