@@ -8,7 +8,7 @@
 Works on a copy of the tree. Each mutant is run against the tests that import its module (for `launch/running`: those
 of runs and replays) or those that `--tests` names, and ends at the first that fails. Survivors are printed with file,
 line and change: either a test is missing, or nothing depends on that line. An hour for a folder. Kernels are compiled
-anew for each mutant; their own tests mostly take less time as plain Python, with NUMBA_DISABLE_JIT=1 in the environment.
+anew for each mutant; their own tests mostly take less time as plain Python, with NUMBA_DISABLE_JIT=1 set.
 """
 
 from __future__ import annotations
