@@ -16,6 +16,7 @@ from palpate.drivers.limits import Limits
 
 FALL = 0.015  # [s] from full to zero
 MISSED = 3  # [1] answers in a row that may be missing
+SILENT = 0.020  # [s] for which the device may be without an answer, in however many cycles
 STALE = 0.010  # [s] a command older than this is no command
 HORIZON = 0.005  # [s] by which a sample is carried on at most
 HISTORY = 8  # [1] differences over which rates are taken
@@ -74,7 +75,7 @@ class Guard:
         if not self._samples:
             return "not homed"
         last = self._samples[-1]
-        if self.missed >= MISSED:
+        if self.missed >= MISSED or now - last.time > SILENT * 1e9:
             return "answers are missing"
         if now - given > STALE * 1e9:
             return "the command is old"

@@ -18,6 +18,7 @@ from palpate.drivers.emulate.hand import Hand, Script
 from palpate.drivers.errors import DeviceError
 from palpate.drivers.guard import Sample
 from palpate.drivers.limits import LIMITS
+from palpate.drivers.transport.burst import burst
 from palpate.drivers.transport.serial import Line
 from palpate.physics.device.pantograph import Pantograph, cranks, handle, jacobian
 
@@ -77,8 +78,7 @@ class Haply2Diy:
         time.sleep(0.1)
         self.line.write(setup(self.version))
         time.sleep(0.1)
-        while self.line.read(0.01):
-            pass  # what it said before
+        burst(self.line.read, 0.01)  # what it said before
         for _ in range(20):
             if self.cycle((0.0, 0.0)) is not None:
                 return

@@ -19,11 +19,13 @@ from palpate.drivers.emulate.hand import Hand, Script
 from palpate.drivers.errors import DeviceError, package
 from palpate.drivers.guard import Sample
 from palpate.drivers.limits import LIMITS
+from palpate.drivers.transport.burst import MOST, burst
 from palpate.drivers.transport.websocket import Messages
 
 NAME = "Haply Inverse service"
 ADDRESS = "ws://localhost:10001"
 PATIENCE = 0.005  # [s] for a state
+CALM = 10  # [1] cycles that read all that had come, after a flood: until then a state may be old, and is no answer
 GRIPS = ("wireless_verse_grip", "verse_grip")
 
 
@@ -85,7 +87,7 @@ class Inverse3:
         self.link: Messages | None = None
 
     def open(self) -> None:
-        self.link = self.connect()
+        self.link, self.calm = self.connect(), CALM
         deadline = time.monotonic() + 2.0
         first: dict[str, Any] = {}
         while "inverse3" not in first and time.monotonic() < deadline:
@@ -105,10 +107,11 @@ class Inverse3:
         if self.link is None:
             raise DeviceError(f"the {NAME} is not connected", lost=True)
         self.link.write(command(self.chosen, command_))
-        text = self.link.read(PATIENCE)
-        while text and (more := self.link.read(0.0)):  # the newest counts
-            text = more
-        message = state(text)
+        texts = burst(self.link.read, PATIENCE)
+        self.calm = self.calm + 1 if len(texts) < MOST else 0
+        if not texts or self.calm < CALM:
+            return None
+        message = state(texts[-1])
         for device in entries(message, "inverse3"):
             if isinstance(device, dict) and str(device.get("device_id")) == self.chosen:
                 place = position(device)

@@ -15,6 +15,7 @@ from palpate.drivers.checksums import crc16_x25
 from palpate.drivers.errors import DeviceError
 from palpate.drivers.guard import Sample
 from palpate.drivers.limits import LIMITS
+from palpate.drivers.transport.burst import burst
 from palpate.drivers.transport.hid import Hid
 
 NAME = "raw-HID device"
@@ -140,18 +141,19 @@ class RawHid:
         return (*(round(scale * r) for r in raw), *(0,) * (AXES - len(raw)))
 
     def cycle(self, command: tuple[float, ...]) -> Sample | None:
-        if self.device is None:
+        device = self.device
+        if device is None:
             raise DeviceError(f"the {NAME} is not open", lost=True)
         self._send(ENABLE | HOME, self.units(command))
         deadline = time.monotonic() + PATIENCE
         state = None
         while state is None and (left := deadline - time.monotonic()) > 0.0:
-            report = self.device.read(LENGTH, left)
-            message = unpack(report)
-            if isinstance(message, State) and message.sequence != self.last:
-                state = message
-            elif report and message is None:
-                self.wrong += 1
+            for report in reversed(burst(lambda timeout: device.read(LENGTH, timeout), left)):  # the newest counts
+                message = unpack(report)
+                if isinstance(message, State) and message.sequence != self.last:
+                    state = message
+                    break
+                self.wrong += message is None
         if state is None:
             return None
         self.last = state.sequence

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from typing import ClassVar
 
 from palpate.drivers.errors import DeviceError
+from palpate.drivers.transport.burst import burst
 from palpate.drivers.transport.hid import Hid
 
 PATIENCE = 0.02  # [s] it may be silent while nobody touches it
@@ -30,13 +31,12 @@ class Sender(ABC):
         """One report."""
 
     def listen(self) -> None:
-        """Take all reports that have come. DeviceError: it is not open."""
-        if self.device is None:
+        """Take the reports that have come. DeviceError: it is not open."""
+        device = self.device
+        if device is None:
             raise DeviceError(f"the {self.name} is not open", lost=True)
-        report = self.device.read(64, PATIENCE)
-        while report:
+        for report in burst(lambda timeout: device.read(64, timeout), PATIENCE):
             self.take(report)
-            report = self.device.read(64, 0.001)
 
     def close(self) -> None:
         if self.device is not None:

@@ -23,6 +23,7 @@ from palpate.drivers.emulate.faults import Days, Faults
 from palpate.drivers.errors import DeviceError
 from palpate.drivers.guard import Sample
 from palpate.drivers.limits import Limits
+from palpate.drivers.transport.burst import burst
 from palpate.drivers.transport.udp import Udp
 
 NAME = "Net F/T"
@@ -110,15 +111,13 @@ class NetFT:
     def cycle(self, command: tuple[float, ...]) -> Sample | None:
         if self.link is None:
             raise DeviceError(f"the {NAME} is not open", lost=True)
-        data = self.link.read(PATIENCE)
-        while data and (more := self.link.read(0.0)):  # the newest counts
-            data = more
-        if len(data) != SAMPLE.size:
+        samples = [data for data in burst(self.link.read, PATIENCE) if len(data) == SAMPLE.size]
+        if not samples:
             if time.monotonic() - self.asked > RENEW:
                 self._ask(STREAM)
             return None
         self.asked = time.monotonic()
-        number, _, _, *counts = SAMPLE.unpack(data)
+        number, _, _, *counts = SAMPLE.unpack(samples[-1])
         if self.number >= 0 and number > self.number + 1:
             self.lost += number - self.number - 1
         self.number = number

@@ -58,6 +58,7 @@ class UsbHid:
         self.device = self.hid.device()
         try:
             self.device.open_path(os.fsencode(self.path))
+            self.device.set_nonblocking(True)
         except OSError:
             allowed = os.access(self.path, os.R_OK | os.W_OK)
             why = "it cannot be opened; is another program using it?" if allowed else "no permission."
@@ -77,7 +78,7 @@ class UsbHid:
 
     def read(self, size: int, timeout: float) -> bytes:
         try:
-            return bytes(self.device.read(size, max(1, round(timeout * 1e3))))
+            return bytes(self.device.read(size, max(1, round(timeout * 1e3)) if timeout > 0.0 else 0))
         except (OSError, ValueError):
             raise self._gone() from None
 

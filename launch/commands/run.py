@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import datetime
+import signal
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -82,7 +83,7 @@ def run(
     """Run a graph: live view, recording, summary, pictures.
 
     Ctrl-C or SIGTERM ends it in an orderly way. Exit code 1 when a node failed, or the recording is not whole; with
-    --strict also when a run on the real clock did not keep its rate.
+    --strict also when a run on the real clock did not keep its rate; 130 after Ctrl-C, 143 after SIGTERM.
     """
     from palpate.launch.running.forkserver import ForkServer
 
@@ -144,6 +145,8 @@ def run(
     late = strict and outcome.verdict is not None and not outcome.verdict.kept
     if late or not outcome.ok:
         raise typer.Exit(TROUBLE)
+    if outcome.result.signal:
+        raise typer.Exit(128 + outcome.result.signal)
 
 
 def _seen(launch: LaunchFile, how: str, silent: bool) -> Onlooker:
@@ -192,7 +195,10 @@ def _pictures(outcome: Outcome, folder: Path, silent: bool) -> list[Path]:
         return draw(outcome.recording, folder, console=None if silent else console())
     except (RecordingError, OSError) as error:
         outcome.result.notes.append(f"no pictures: {error}")
-        return []
+    except KeyboardInterrupt:
+        outcome.result.notes.append("no pictures: interrupted")
+        outcome.result.signal = signal.SIGINT
+    return []
 
 
 def _summary(outcome: Outcome, name: str, drawn: list[Path], launch: LaunchFile) -> None:

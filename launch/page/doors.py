@@ -10,7 +10,7 @@ from typing import ClassVar
 from urllib.parse import parse_qs, urlsplit
 
 from websockets.asyncio.server import Server, ServerConnection, serve
-from websockets.datastructures import Headers
+from websockets.datastructures import Headers, MultipleValuesError
 from websockets.http11 import Request, Response
 
 from palpate.physics.errors import MISUSE, PalpateError
@@ -70,11 +70,17 @@ class Doors:
 
     def _answer(self, connection: ServerConnection, request: Request) -> Response | None:
         """A file, a refusal, or None: the socket may be opened."""
-        parts = urlsplit(request.path)
-        given = parse_qs(parts.query).get("token", [""])[0]
-        origin = request.headers.get("Origin")
-        strange = origin is not None and urlsplit(origin).hostname not in LOOPBACK
-        known = hmac.compare_digest(given.encode(), self.token.encode())
+        try:
+            parts = urlsplit(request.path)
+            given = parse_qs(parts.query).get("token", [""])[0]
+            origin = request.headers.get("Origin")
+            strange = origin is not None and urlsplit(origin).hostname not in LOOPBACK
+            known = hmac.compare_digest(given.encode(), self.token.encode())
+        except (
+            ValueError,
+            MultipleValuesError,
+        ):  # what no browser sends: http://[::1, two origins
+            return _reply(HTTPStatus.BAD_REQUEST, b"this is no address, or its Origin is none\n")
         if parts.path == "/socket":
             if strange or origin is None or not known:
                 return _reply(HTTPStatus.FORBIDDEN, b"the address of this page has a token, which is missing\n")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from typing import Annotated
 
 import msgspec
 from websockets.asyncio.server import ServerConnection
@@ -10,12 +11,16 @@ from websockets.exceptions import ConnectionClosed
 
 from palpate.launch.page.live import Live
 from palpate.launch.page.session import NoBody, Session
+from palpate.nodes.device.mouse import FARTHEST
+
+Count = Annotated[int, msgspec.Meta(ge=0, lt=2**32)]
+Metres = Annotated[float, msgspec.Meta(ge=-FARTHEST, le=FARTHEST)]
 
 
 class Order(msgspec.Struct, forbid_unknown_fields=True):
     """What a page sends: a sample of its pointer, or what one of its switches asks for."""
 
-    point: tuple[int, tuple[float, float, float], int] | None = None
+    point: tuple[Count, tuple[Metres, Metres, Metres], Count] | None = None
     body: str | None = None
     effect: tuple[str, bool] | None = None
     reset: bool = False

@@ -67,14 +67,18 @@ class Ending:
             if not begun:
                 self._deadline = moment + 0.5
         if self._deadline is not None and moment >= self._deadline:
-            self._kill_silent()
+            self._kill_silent(begun)
 
-    def _kill_silent(self) -> None:
-        """Those that do not end although they were told, and who give no sign that they are about to. Nobody is left
-        to hear those whose nodes have ended."""
+    def _kill_silent(self, begun: bool) -> None:
+        """Those that do not end although they were told, and who give no sign that they are about to, or still build
+        what will not be needed. Nobody is left to hear those whose nodes have ended."""
         last = all(member.delivers or member.state == "gone" for member in self._members.values())
-        silent = {g for g, it in self._members.items() if not it.delivers and it.silence() > STOP_PATIENCE}
-        self.kill(None if last else silent)
+        given_up = {
+            group
+            for group, it in self._members.items()
+            if not it.delivers and (it.silence() > STOP_PATIENCE or (it.state == "starting" and not begun))
+        }
+        self.kill(None if last else given_up)
 
     def kill(self, only: Collection[str] | None = None) -> None:
         """Kill these workers, or all."""

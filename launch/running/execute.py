@@ -115,7 +115,8 @@ def execute(
         if fused:
             if forkserver is not None:
                 forkserver.close()
-            result = run_fused(work[0], screen.show if screen else lambda _: None, patience)
+            show, printed = (screen.show, screen.print) if screen else (lambda _: None,) * 2
+            result = run_fused(work[0], show, patience, printed)
         else:
             _open_files(len(work))
             launcher = Launcher(

@@ -84,6 +84,7 @@ class ForkServer:
             return ""
         self.socket.close()
         awake(self.process.pid)
+        self.process.terminate()  # it may be busy importing, and would notice the socket much later
         try:
             self.process.wait(10)
         except subprocess.TimeoutExpired:

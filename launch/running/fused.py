@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import faulthandler
+import signal
 import sys
 import time
 import traceback
@@ -16,7 +17,7 @@ import palpate.messages
 import palpate.nodes
 from palpate.launch.running.clock import now
 from palpate.launch.running.exits import exits_told
-from palpate.launch.running.interrupts import interrupts
+from palpate.launch.running.interrupts import STOPPING, interrupts
 from palpate.launch.running.job import Job
 from palpate.launch.running.loops import run
 from palpate.launch.running.reports import Alive, Note, Report
@@ -26,12 +27,20 @@ from palpate.launch.running.watchdog import START_PATIENCE, watched
 from palpate.launch.running.worker import Worker
 from palpate.physics.errors import PalpateError
 
+RAISED_AGAIN = 0.5  # [s] after which an interrupt during the start is raised again
 
-def run_fused(job: Job, show: Callable[[Result], None] = lambda _: None, patience: float | None = None) -> Result:
+
+def run_fused(
+    job: Job,
+    show: Callable[[Result], None] = lambda _: None,
+    patience: float | None = None,
+    printed: Callable[[str], None] = lambda _: None,
+) -> Result:
     """Run a job whose nodes and observers are all in it.
 
     show      called about five times a second with what is known so far
     patience  [s] that a node's call may take before it counts as hung; None: for ever, for a debugger
+    printed   called with a line when a start is being stopped
 
     A node's fault ends the run and is in the result. Ctrl-C or SIGTERM ends it at the end of the tick, a second one
     at once.
@@ -47,11 +56,16 @@ def run_fused(job: Job, show: Callable[[Result], None] = lambda _: None, patienc
         elif isinstance(what, Note):
             result.notes.append(what.text)
 
-    def interrupted() -> None:
-        if result.interrupted or not result.start:
-            result.interrupted = True
+    def interrupted(number: int) -> None:
+        again, result.signal = result.interrupted, result.signal or number
+        if not result.start:
+            if not again:
+                printed(STOPPING)
+            # Code that compiles may catch the exception: it is raised again until the start has ended.
+            signal.signal(signal.SIGALRM, lambda *_: interrupted(number))
+            signal.setitimer(signal.ITIMER_REAL, RAISED_AGAIN)
+        if again or not result.start:
             raise KeyboardInterrupt
-        result.interrupted = True
         assert worker is not None
         worker.stopping = True
 
@@ -73,6 +87,7 @@ def run_fused(job: Job, show: Callable[[Result], None] = lambda _: None, patienc
                 with watched(patience, START_PATIENCE):  # a long recording goes to a slow disk
                     worker.stop()
         except (NodeFault, KeyboardInterrupt) as error:
+            signal.setitimer(signal.ITIMER_REAL, 0.0)
             _note(result, error)
             if worker is not None:
                 try:

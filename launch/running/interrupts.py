@@ -7,18 +7,19 @@ import signal
 from collections.abc import Callable, Iterator
 
 ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+STOPPING = "stopping; Ctrl-C again ends the run at once\n"
 
 
 @contextlib.contextmanager
-def interrupts(handler: Callable[[], None]) -> Iterator[None]:
-    """Call `handler` for each such signal while the block runs. Outside the main thread signals are the caller's
-    affair: nothing is changed there."""
+def interrupts(handler: Callable[[int], None]) -> Iterator[None]:
+    """Call `handler` with the number of each such signal while the block runs. Outside the main thread signals are the
+    caller's affair: nothing is changed there."""
     before = {}
     try:
         for number in ENDING:
             with contextlib.suppress(ValueError):
                 if signal.getsignal(number) is not signal.SIG_IGN:  # as under nohup
-                    before[number] = signal.signal(number, lambda *_: handler())
+                    before[number] = signal.signal(number, lambda number, _: handler(number))
         yield
     finally:
         for number, known in before.items():

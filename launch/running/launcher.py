@@ -22,7 +22,7 @@ from palpate.launch.running.clock import now
 from palpate.launch.running.descendants import at_the_disk, awake, stopped
 from palpate.launch.running.ending import Ending
 from palpate.launch.running.forkserver import ForkServer
-from palpate.launch.running.interrupts import interrupts
+from palpate.launch.running.interrupts import STOPPING, interrupts
 from palpate.launch.running.job import Job, members
 from palpate.launch.running.keys import Key
 from palpate.launch.running.lost import lost
@@ -103,7 +103,8 @@ class Launcher:
         """[ns] of the machine's monotonic clock at tick 0, once the run has begun."""
         self.phase = "starting"
         self._real = any(job.clock == "real" for job in jobs)
-        self._interrupts = self._heeded = 0
+        self._interrupts: list[int] = []
+        self._heeded = 0
         self._started: float | None = None
         self._ended = 0.0
         self._tail: list[str] = []
@@ -140,7 +141,7 @@ class Launcher:
     def run(self) -> Result:
         """Start everything, wait for the end, end everything; Ctrl-C or SIGTERM stops the run in order. Returns what
         happened."""
-        with interrupts(self._interrupted):
+        with interrupts(self._interrupts.append):
             self._run()
         if self._started is not None:
             self.result.wall = self._ended - self._started
@@ -165,9 +166,6 @@ class Launcher:
             self.result.foreign = foreign
             self._wires.close(200)
 
-    def _interrupted(self) -> None:
-        self._interrupts += 1
-
     def _fork(self, member: Member) -> None:
         self._wires.expect(member.job.group)
         member.forked()
@@ -190,7 +188,7 @@ class Launcher:
                 self._answer(answer)
             if self.forkserver.process.poll() is not None:
                 self._lost_forkserver()
-        if self._interrupts > self._heeded:
+        if len(self._interrupts) > self._heeded:
             self._interrupt()
         self._check_time()
         self.show(self)
@@ -361,11 +359,12 @@ class Launcher:
 
     def _interrupt(self) -> None:
         """The first Ctrl-C stops the run in order, a second one at once."""
-        self._heeded = self._interrupts
+        self._heeded = len(self._interrupts)
         if self.result.interrupted:
             self._ending.kill()
             return
-        self.result.interrupted = True
+        self.result.signal = self._interrupts[0]
+        self.printed(STOPPING)
         if self.phase in ("starting", "linking"):
             self._end_after(0.0)
         else:

@@ -28,7 +28,7 @@ class Result:
     origin       [s] of the machine's monotonic clock at tick 0
     wall         [s] from tick 0 to the end
     ticks        number of ticks that were run
-    interrupted  true when the user stopped it
+    signal       number of the signal by which the user stopped it; 0: none did
     notes        lines that the user should see: refused priorities, frames that were dropped
     foreign      frames that were dropped because they are none of this run's
     """
@@ -39,7 +39,7 @@ class Result:
     origin: float = 0.0
     wall: float = 0.0
     ticks: int = 0
-    interrupted: bool = False
+    signal: int = 0
     notes: list[str] = field(default_factory=list)
     foreign: int = 0
 
@@ -47,3 +47,8 @@ class Result:
     def ok(self) -> bool:
         """Whether every node lived to the end."""
         return not self.deaths
+
+    @property
+    def interrupted(self) -> bool:
+        """Whether the user stopped it."""
+        return bool(self.signal)

@@ -20,6 +20,7 @@ from palpate.physics.device.grip import CLOCK, LINEAR, POSITION, grip_kernel
 
 LONGEST = 512  # [bytes] of a sample on the socket
 MOST = 64  # samples taken in one step: a flood does not hold the loop
+FARTHEST = 1e3  # [m] from the world's origin that a sample may be
 
 
 class Sample(msgspec.Struct, array_like=True, frozen=True, forbid_unknown_fields=True):
@@ -50,7 +51,7 @@ class Pointer(Node):
     def start(self) -> None:
         self.stop()
         self.last = Sample(0, self.begin)
-        self.foreign = 0
+        self.foreign = self.told = 0
         try:
             with contextlib.suppress(FileNotFoundError):
                 if not stat.S_ISSOCK(os.lstat(self.socket).st_mode):
@@ -77,14 +78,22 @@ class Pointer(Node):
             except msgspec.MsgspecError:
                 self.foreign += 1
                 continue
-            if all(map(math.isfinite, sample.place)):
+            if all(abs(x) <= FARTHEST for x in sample.place):
                 self.last = sample
             else:
                 self.foreign += 1
         return Pointed(position=self.last.place, buttons=self.last.buttons, sample=self.last.number)
 
     def notes(self) -> list[str]:
-        return [] if not self.foreign else ["samples that are none came to the pointer's socket and were dropped"]
+        """Dropped samples: the first ones when they come, the number of all at the end."""
+        going = "_inlet" in self.__dict__
+        if self.foreign == self.told or (going and self.told):
+            return []
+        self.told = self.foreign
+        return [
+            f"the pointer's socket: {self.foreign} dropped, expected [number, [x, y, z], buttons] with places within "
+            f"{FARTHEST:g} m" + ("; more are counted" if going else "")
+        ]
 
     def stop(self) -> None:
         inlet: socket.socket | None = self.__dict__.pop("_inlet", None)

@@ -6,7 +6,7 @@ import pytest
 
 from palpate.drivers.errors import DeviceError
 from palpate.drivers.exchange import Exchange
-from palpate.drivers.guard import Guard, Sample
+from palpate.drivers.guard import HORIZON, Guard, Sample
 from palpate.drivers.limits import Limits
 
 
@@ -146,6 +146,71 @@ def test_a_device_is_waited_for_and_the_force_comes_in_again():
         assert driver.sent[driver.begins][1] == 0.0, "from zero"
         assert exchange.notes() == ["the device is gone. Waiting until it is back.", "The device is back."]
         assert exchange.notes() == []
+    finally:
+        exchange.stop()
+
+
+class Moving(Slow):
+    """Its grip goes along x at 1 m/s."""
+
+    def cycle(self, command):
+        answer = super().cycle(command)
+        return answer._replace(position=(answer.time * 1e-9, 0.0, 0.0))
+
+
+def test_a_sample_is_extrapolated_to_now_and_there_is_none_before_the_first():
+    driver = Moving()
+    driver.pause = 0.1
+    exchange = Exchange(driver, Guard(driver.limits))
+    exchange.start()
+    try:
+        assert exchange.sample() is None
+        until(lambda: exchange.answers > 1)
+
+        def carried():
+            sample = exchange.sample()
+            return sample.position[0] - sample.time * 1e-9
+
+        until(lambda: carried() == pytest.approx(HORIZON, abs=1e-6))
+    finally:
+        exchange.stop()
+
+
+class Moved(Slow):
+    """It is somewhere else when it is back, and each answer takes long then."""
+
+    def open(self):
+        super().open()
+        self.x, self.pause = (0.0, 0.001) if self.opened == 1 else (0.1, 0.02)
+
+    def cycle(self, command):
+        answer = super().cycle(command)
+        return answer._replace(position=(self.x, 0.0, 0.0))
+
+
+def test_after_a_break_nothing_is_carried_over_and_the_force_comes_in_from_zero():
+    """No rate is taken from a place before the break to one after it, and a loop that goes on commanding is no reason
+    to give all of the force at once."""
+    driver = Moved()
+    exchange = Exchange(driver, Guard(driver.limits, ramp=10.0), reconnect=True)
+    exchange.start()
+    try:
+        until(lambda: exchange.answers > 20)
+        exchange.guard.gain = 1.0
+        driver.error = DeviceError("the device is gone.", lost=True)
+        places = []
+
+        def back():
+            exchange.command((2.0,))
+            sample = exchange.sample()
+            if driver.opened == 2 and sample.homed:
+                places.append(sample.position[0])
+            return len(places) > 20 and len(driver.sent) > driver.begins + 5
+
+        until(back)
+        assert set(places) == {0.1}
+        forces = [command for _, command in driver.sent[driver.begins :]]
+        assert forces[0] == 0.0 and max(forces) < 0.5
     finally:
         exchange.stop()
 

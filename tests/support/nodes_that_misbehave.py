@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import os
 import subprocess
@@ -70,6 +71,7 @@ class Bad(Node):
     def start(self) -> None:
         self.count = 0
         if self.how.startswith("start "):
+            print(self.how, flush=True)
             _do(self.how.removeprefix("start "))
 
     def stop(self) -> None:
@@ -120,6 +122,14 @@ def _do(what: str) -> None:
         case "crash":
             ctypes.string_at(0)
         case "hang":
+            time.sleep(1000)
+        case "tell":
+            print("stopped in order", flush=True)
+        case "doze":
+            time.sleep(2.0)
+        case "deaf":
+            with contextlib.suppress(KeyboardInterrupt):
+                time.sleep(1000)
             time.sleep(1000)
         case "spin":
             while True:

@@ -125,8 +125,11 @@ def test_who_has_no_token_or_comes_from_elsewhere_is_refused(server):
 
 
 @pytest.mark.parametrize(
-    "order", ["{", "[]", '{"point": [1, [0, 0], 0]}', '{"body": "os.system"}', '{"rest": 1}', '{"point": null, "x": 2}']
-)
+    "order",
+    ["{", "[]", '{"point": [1, [0, 0], 0]}', '{"body": "os.system"}', '{"rest": 1}', '{"point": null, "x": 2}',
+     f'{{"point": [{10**23}, [0, 0, 0.1], 0]}}', f'{{"point": [1, [0, 0, 0.1], {10**23}]}}',
+     '{"point": [1, [0, 0, 1e23], 0]}', '{"point": [-1, [0, 0, 0.1], 0]}', "1" * 4000],
+)  # fmt: skip
 def test_an_order_that_is_none_is_refused_and_the_page_goes_on(server, order):
     with server.open() as client:
         client.send(order)

@@ -1,6 +1,7 @@
 """A recording on a page: what is shown of any time is what was recorded last before it; bad files are told."""
 
 import json
+import socket
 import urllib.error
 import urllib.request
 
@@ -103,8 +104,26 @@ def test_two_recordings_side_by_side_answer_each_time(shown):
             heads = [read(client.recv())[0] for _ in range(2)]
             assert [h["reel"] for h in heads] == begun == [0, 1] and heads[0]["time"] == heads[1]["time"]
             assert heads[0]["time"] == pytest.approx(at, abs=1.1e-3)
-        client.send('{"at": "soon"}')
-        assert json.loads(client.recv())["kind"] == "refused"
+        for at in ('"soon"', "1e400", str(10**400)):
+            client.send(f'{{"at": {at}}}')
+            assert json.loads(client.recv())["kind"] == "refused"
+        for at in (-1e23, 10**23):
+            client.send(json.dumps({"at": at}))
+            assert [read(client.recv())[0]["reel"] for _ in range(2)] == [0, 1]
+
+
+@pytest.mark.parametrize(
+    "head",
+    [b"GET /%s HTTP/1.1\r\nOrigin: http://[::1", b"GET /%s HTTP/1.1\r\nOrigin: http://127.0.0.1\r\nOrigin: null"],
+)
+def test_what_no_browser_sends_is_a_bad_request_and_no_traceback(shown, head, caplog):
+    host, _, token = shown.address.removeprefix("http://").partition("/")
+    rest = ("Host: 127.0.0.1", "Connection: Upgrade", "Upgrade: websocket", "Sec-WebSocket-Version: 13",
+            "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==", "", "")  # fmt: skip
+    with socket.create_connection((host.partition(":")[0], int(host.partition(":")[2])), timeout=60.0) as plain:
+        plain.sendall(head.replace(b"%s", token.encode()) + b"\r\n" + "\r\n".join(rest).encode())
+        assert plain.recv(1000).startswith(b"HTTP/1.1 400 ")
+    assert not [record for record in caplog.records if record.exc_info]
 
 
 def test_strangers_see_nothing(shown):

@@ -30,7 +30,7 @@ from palpate.launch.running.execute import execute
 from palpate.messages import DeviceState, Health, Message, pack
 from palpate.nodes.base import Stream
 from palpate.nodes.logger import Mcap
-from palpate.nodes.mcap_file import Records
+from palpate.nodes.mcap_file import LIBRARY, SEAL, Records
 
 ENV = {
     **os.environ,
@@ -213,6 +213,39 @@ def test_word_of_a_beginning_that_comes_late_marks_no_other_place(tmp_path):
     recording = Recording(tmp_path / "a.mcap")
     assert recording.restarted == {"device": [39]}
     assert recording.counts["device"] == {"count": 9, "lost": 1}, "of the new life; what the dead one sent nobody knows"
+
+
+def test_word_of_a_dead_node_that_comes_last_counts_for_nothing(tmp_path):
+    node = logger(tmp_path / "a.mcap")
+    node.health(health("device", 0))
+    node.health(health("device", 0, since=39))
+    for tick in range(40, 44):
+        node.observe("device", tick, pack(DeviceState(tick=tick, time=tick)))
+    node.health(health("device", 5, since=39))
+    node.health(health("device", 38))
+    node.stop()
+    assert Recording(tmp_path / "a.mcap").counts["device"] == {"count": 4, "lost": 1}
+
+
+def test_where_the_clock_leaves_out_a_tick_to_be_kept_the_next_one_is_and_the_rhythm_stays(tmp_path):
+    node = logger(tmp_path / "a.mcap", thin={"device": 3})
+    for tick in (0, 1, 2, 4, 5, 6, 7, 8, 11, 12):
+        node.observe("device", tick, pack(DeviceState(tick=tick, time=tick)))
+    node.stop()
+    assert [m.tick for m in Recording(tmp_path / "a.mcap").messages("device")] == [0, 4, 6, 11, 12]
+
+
+@pytest.mark.parametrize(
+    ("library", "data"), [(LIBRARY, {"plan": "{}"}), (LIBRARY, {"plan": "{}", SEAL: "0"}), ("other", {SEAL: "0"})]
+)
+def test_metadata_without_their_checksum_or_with_a_wrong_one_are_damage(tmp_path, library, data):
+    with open(tmp_path / "a.mcap", "wb") as file:
+        writer = Writer(file)
+        writer.start(profile="palpate", library=library)
+        writer.add_metadata("palpate.about", data)
+        writer.finish()
+    with pytest.raises(RecordingError, match=r"metadata 'palpate\.about' do not match their checksum"):
+        Recording(tmp_path / "a.mcap").about  # noqa: B018
 
 
 def test_memory_stays_bounded(tmp_path):

@@ -179,6 +179,14 @@ def test_the_first_difference_is_told_with_stream_tick_field_and_both_values(tou
     assert data["nodes"]["spring"]["differing"] == 0
 
 
+@pytest.mark.parametrize("tolerance", [0.0, 1e-6])
+def test_a_difference_in_the_header_alone_is_told(touch, tmp_path, tolerance):
+    path = tampered(touch, tmp_path / "t.mcap", "spread", 77, source="drag")
+    first = check(path, tolerance=tolerance).first
+    assert (first.stream, first.tick, first.field) == ("spread", 77, "source")
+    assert (first.recorded, first.computed) == ("'drag'", "'spread'")
+
+
 def test_a_changed_input_shows_first_where_it_was_sent(touch, tmp_path):
     """The force of one tick is falsified: the sender differs there, and the readers at the same tick after it."""
     path = tampered(touch, tmp_path / "t.mcap", "spring", 50, force=(1.0, 0.0, 0.0))

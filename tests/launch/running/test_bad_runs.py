@@ -14,6 +14,8 @@ from pathlib import Path
 import pytest
 
 from palpate.launch.recording.reader import Recording
+from palpate.launch.running.forkserver import ForkServer
+from palpate.launch.running.reports import Prepare
 from palpate.launch.running.watchdog import START_PATIENCE
 
 GRAPH = """
@@ -36,13 +38,13 @@ def _long(*given: str):
 class Run:
     """One `palpate run` as a process, marked so that whatever it leaves behind can be found."""
 
-    def __init__(self, folder: Path, *options: str, text: str = GRAPH, before=None) -> None:
+    def __init__(self, folder: Path, *options: str, text: str = GRAPH, before=None, quiet=True) -> None:
         self.record = folder / "run.mcap"
         (folder / "g.yaml").write_text(text)
         self.mark = f"PALPATE_TEST={folder}-{time.monotonic_ns()}"
         path = os.pathsep.join([str(Path(__file__).parents[2] / "support"), os.environ.get("PYTHONPATH", "")])
         name, _, value = self.mark.partition("=")
-        command = [sys.executable, "-m", "palpate.launch", "run", "g.yaml", "-q", "--no-pictures", *options]
+        command = [sys.executable, "-m", "palpate.launch", "run", "g.yaml", "--no-pictures", *["-q"] * quiet, *options]
         if "--record" not in options:
             command += ["--record", str(self.record)]
         self.out, self.err = folder / "out", folder / "err"
@@ -163,12 +165,15 @@ def test_a_message_of_the_users_own_travels_with_its_arrays(tmp_path, way):
     assert forces[-1].force == tuple(sheets[-1].cells[1, :3]) and forces[-1].energy == 7.0
 
 
-@pytest.mark.parametrize("way", WAYS)
-def test_sigterm_ends_a_run_in_order_like_ctrl_c(tmp_path, way):
+@pytest.mark.parametrize(
+    ("way", "name", "code"),
+    [("fused", "SIGINT", 130), ("processes", "SIGINT", 130), ("real", "SIGTERM", 143), _long("fused", "SIGTERM", 143)],
+)
+def test_a_signal_ends_a_run_in_order_and_the_exit_code_says_which(tmp_path, way, name, code):
     run = Run(tmp_path, *WAYS[way])
     assert run.running()
-    run.process.send_signal(signal.SIGTERM)
-    assert run.wait(10) == 0
+    run.process.send_signal(signal.Signals[name])
+    assert run.wait(10) == code
     assert "interrupted after" in run.out.read_text()
     assert Recording(run.record).complete
     assert not run.left()
@@ -185,13 +190,56 @@ def test_when_the_launcher_is_killed_nothing_stays_and_the_recording_opens(tmp_p
     assert run.ticks() > 50
 
 
-@pytest.mark.parametrize("way", ["fused", _long("processes")])
-def test_ctrl_c_ends_a_start_that_hangs(tmp_path, way):
-    run = Run(tmp_path, "--set", "bad.how=start hang", *WAYS[way])
-    time.sleep(2.0)
+MANY = GRAPH.replace(
+    "  log:",
+    "".join(f"  n{i}: {{use: nodes_that_misbehave.Bad, how: start doze, in: {{pose: src}}}}\n" for i in range(12))
+    + "  log:",
+)
+
+
+@pytest.mark.parametrize(
+    ("options", "text"),
+    [
+        (["--fused", "--set", "bad.how=start hang"], GRAPH),
+        (["--fused", "--set", "bad.how=start deaf"], GRAPH),
+        (["--fused", "--clock", "real"], MANY),
+        _long(["--set", "bad.how=start hang"], GRAPH),
+    ],
+    ids=["hangs", "catches it", "takes long", "hangs in a process"],
+)
+def test_ctrl_c_ends_a_start_and_says_so(tmp_path, options, text):
+    run = Run(tmp_path, *options, text=text, quiet=False)
+    until = time.monotonic() + 60.0
+    while "start " not in run.out.read_text() and time.monotonic() < until:
+        time.sleep(0.05)
     run.process.send_signal(signal.SIGINT)
-    run.wait(10)
+    assert run.wait(12) == 130
+    said = run.out.read_text()
+    assert said.index("stopping; Ctrl-C again ends the run at once") < said.index("interrupted after 0.000 s")
     assert not run.left()
+
+
+@pytest.mark.parametrize("way", ["fused", "processes"])
+def test_when_a_node_fails_at_the_start_those_that_had_started_are_stopped(tmp_path, way):
+    first = "  first: {use: nodes_that_misbehave.Bad, how: stop tell, in: {pose: src}}\n  bad:"
+    run = Run(tmp_path, "--set", "bad.how=start raise", *WAYS[way], text=GRAPH.replace("  bad:", first), quiet=False)
+    assert run.wait() == 1
+    assert "stopped in order" in run.out.read_text()
+
+
+def test_a_fork_server_that_imports_is_ended_at_once(tmp_path, monkeypatch):
+    """It was killed after ten seconds: then whatever it had started would have stayed."""
+    (tmp_path / "slow_to_import.py").write_text("print('importing', flush=True)\nimport time\ntime.sleep(1000)\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    server = ForkServer()
+    server.ask(Prepare(["slow_to_import"], []))
+    until, said = time.monotonic() + 60.0, ""
+    while "importing" not in said and time.monotonic() < until:
+        time.sleep(0.05)
+        said += server.printed()
+    assert "importing" in said
+    server.close()
+    assert server.process.returncode == 0
 
 
 @pytest.mark.parametrize("way", ["fused", "processes"])

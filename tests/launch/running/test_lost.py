@@ -59,6 +59,13 @@ def test_a_run_ends_and_names_the_sender(tmp_path, what, carrier):
     assert random_faults.run(fault, tmp_path) == []
 
 
+@mark.parametrize("carrier", ["zmq", "local"])
+def test_a_frame_that_is_no_message_is_told_as_such_and_not_as_lost(tmp_path, carrier):
+    random_faults.run(Fault("wire", "garbles a frame", "spring", "simulated", carrier, "each", "loop", 40), tmp_path)
+    said = " ".join((tmp_path / "told").read_text().split())
+    assert "node 'spring', stream 'spring': MessageError" in said, said
+
+
 @mark.parametrize("what", ["sends a frame twice", "floods"])
 def test_frames_that_come_again_are_dropped(tmp_path, what):
     fault = Fault("wire", what, "spring", "simulated", "zmq", "each", "loop", 40)

@@ -24,6 +24,7 @@ from palpate.launch.running.execute import execute
 from palpate.launch.running.launcher import Launcher
 from palpate.launch.running.reports import Addressed, Done, Note
 from palpate.launch.running.result import Result
+from palpate.launch.running.wires import Wires
 
 
 def run(folder: Path, during) -> Result:
@@ -84,6 +85,21 @@ def test_frames_that_are_no_subscriptions_or_orders_are_dropped_and_counted(tmp_
     result = run(tmp_path, send)
     assert result.ok, result.deaths
     assert result.foreign == 100
+
+
+def test_who_sends_more_than_any_subscription_to_where_orders_come_from_is_cut_off():
+    control = Wires(f"{os.getpid()}-large", {}, None, None)
+    try:
+        with zmq.Context() as context, context.socket(zmq.XSUB) as stranger:
+            monitor = stranger.get_monitor_socket(zmq.EVENT_DISCONNECTED)
+            stranger.connect(control.control)
+            stranger.send(b"\x07" + bytes(1000))
+            stranger.send(b"\x07" + bytes(2000))
+            assert monitor.poll(20_000), "it may send what it likes"
+            assert list(control.new()) == [] and control.foreign == 1
+            stranger.disable_monitor()
+    finally:
+        control.close(0)
 
 
 def test_the_sockets_of_a_run_are_for_its_user_alone_and_gone_at_its_end(tmp_path):

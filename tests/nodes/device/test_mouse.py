@@ -51,12 +51,27 @@ def test_a_pointer_tells_its_begin_and_then_the_newest_sample(pointer):
     assert pointer.step(dt=T).sample == 3
 
 
-@pytest.mark.parametrize("data", [b"", b"\xff", msgspec.msgpack.encode([1, [0.0, math.nan, 0.0]]), b"x" * 2000])
-def test_what_is_no_sample_is_dropped_and_told(pointer, data):
-    send(pointer.socket, data)
-    assert pointer.step(dt=T).position == BEGIN
-    assert pointer.foreign == 1
-    assert len(pointer.notes()) == 1
+@pytest.mark.parametrize(
+    "data",
+    [b"", b"\xff", *(msgspec.msgpack.encode([1, [0.0, x, 0.0]]) for x in (math.nan, -math.inf, 1e23)), b"x" * 2000],
+)
+def test_what_is_no_sample_is_dropped_and_said_once_and_then_counted(pointer, data):
+    notes = []
+    for _ in range(20):
+        send(pointer.socket, data)
+        assert pointer.step(dt=T).position == BEGIN
+        notes += pointer.notes()
+    assert [note.partition(",")[0] for note in notes] == ["the pointer's socket: 1 dropped"]
+    pointer.stop()
+    (note,) = pointer.notes() + pointer.notes()
+    assert note.startswith("the pointer's socket: 20 dropped")
+
+
+def test_samples_that_are_right_are_not_mentioned(pointer):
+    send(pointer.socket, msgspec.msgpack.encode([1, [0.0, 0.0, 0.1], 0]))
+    pointer.step(dt=T)
+    pointer.stop()
+    assert pointer.notes() == []
 
 
 def test_a_socket_that_cannot_be_made_is_told(tmp_path):

@@ -10,31 +10,33 @@ from palpate.physics.device.controller import buffers, haptic
 T, MASS, COUNT = 1e-3, 0.2, 1e-5  # [s], [kg], [m] of an encoder
 
 
-def damper(delay, way, velocity, debt=-1.0):
-    """Force [N] on a hand in free motion that owes `debt` [J] after a way [m] a step along x; no spring, no limits."""
+def damper(delay, way, velocity, debt=-1.0, axis=0):
+    """Force [N] on a hand in free motion that owes `debt` [J] after a way [m] a step along an axis. No spring."""
     gains = np.zeros(11)
     gains[[controller.HYSTERESIS, controller.MASS, controller.LIMIT, controller.SLEW]] = 1e-3, MASS, 1e9, 1e9
     gains[[controller.RESOLUTION, controller.OBSERVE, controller.PASSIVE]] = COUNT, 1.0, 1.0
     state, past = buffers(delay)
-    rest, up = np.zeros(3), np.array([0.0, 0.0, 1.0])
+    rest, up, along = np.zeros(3), np.array([0.0, 0.0, 1.0]), np.eye(3)[axis]
     haptic(gains, state, past, 0.0, up, rest, 0.0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), T)
     state[controller.ENERGY, :2] = debt
     # Twice the way, as the time of the first step, without movement, counts as well.
-    force = haptic(gains, state, past, 0.0, up, rest, 0.0, (2 * way, 0.0, 0.0), (velocity, 0.0, 0.0), T)
-    assert force[1] == force[2] == 0.0
-    return force[0]
+    force = haptic(gains, state, past, 0.0, up, rest, 0.0, tuple(2 * way * along), tuple(velocity * along), T)[:3]
+    assert force[axis - 1] == force[axis - 2] == 0.0
+    return force[axis]
 
 
+@pytest.mark.parametrize("axis", range(3))
 @pytest.mark.parametrize("delay", [0, 1, 2, 5])
-def test_a_damper_on_the_last_difference_is_bounded_by_the_delay_of_the_loop(delay):
+def test_a_damper_on_the_last_difference_is_bounded_by_the_delay_of_the_loop(delay, axis):
     """A damper that acts d samples late is stable up to about m / ((1 + 2 d) T); half of it is used."""
-    assert damper(delay, 20 * COUNT, 7.0) == approx(-0.5 * MASS / ((1 + 2 * delay) * T) * 20 * COUNT / T)
+    assert damper(delay, 20 * COUNT, 7.0, axis=axis) == approx(-0.5 * MASS / ((1 + 2 * delay) * T) * 20 * COUNT / T)
 
 
+@pytest.mark.parametrize("axis", range(3))
 @pytest.mark.parametrize("delay", [0, 3])
-def test_a_way_of_one_count_is_damped_by_the_filtered_velocity_with_the_delay_of_the_filter(delay):
+def test_a_way_of_one_count_is_damped_by_the_filtered_velocity_with_the_delay_of_the_filter(delay, axis):
     """The filter comes four samples late, so eight more of half a period."""
-    assert damper(delay, COUNT, 0.003) == approx(-0.5 * MASS / ((1 + 2 * delay + 8) * T) * 0.003)
+    assert damper(delay, COUNT, 0.003, axis=axis) == approx(-0.5 * MASS / ((1 + 2 * delay + 8) * T) * 0.003)
     assert damper(delay, 1.6 * COUNT, 0.003) == approx(-0.5 * MASS / ((1 + 2 * delay) * T) * 1.6 * COUNT / T)
 
 

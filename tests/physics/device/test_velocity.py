@@ -95,6 +95,21 @@ def test_a_clock_set_back_begins_a_new_history():
     assert mean_velocity(*state)[0] == approx(0.1)
 
 
+def test_stale_stamps_count_anew_after_a_good_one_and_only_as_many_as_the_filter_is_long_are_believed():
+    state = buffers(4)
+    push(*state, 10**12, 0.0, 0.0, 0.0)
+    for k in (1, 2):
+        for early in range(4):
+            assert push(*state, early, 9.0, 9.0, 9.0) == 0.0
+        assert push(*state, 10**12 + k * 1_000_000, 1e-4 * k, 0.0, 0.0) == approx(1e-3)
+    assert mean_velocity(*state) == approx((0.1, 0.0, 0.0))
+    for early in range(5):
+        push(*state, early, 9.0, 9.0, 9.0)
+    assert mean_velocity(*state) == (0.0, 0.0, 0.0)
+    assert push(*state, 1_000_004, 9.0, 9.0, 9.2) == approx(1e-3)
+    assert mean_velocity(*state) == approx((0.0, 0.0, 200.0))
+
+
 def test_no_velocity_from_one_sample():
     state = buffers(8)
     assert mean_velocity(*state) == (0.0, 0.0, 0.0)

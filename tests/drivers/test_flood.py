@@ -1,0 +1,159 @@
+"""A device or service that sends without end: commands go on, the newest state counts, and an old one moves nothing."""
+
+import json
+
+import pytest
+
+from palpate.drivers.guard import Guard, Sample
+from palpate.drivers.haply import diy, inverse3
+from palpate.drivers.hid import emulator, gamepad, raw, spacemouse
+from palpate.drivers.sensors import netft
+from palpate.drivers.transport.burst import MOST
+
+MS = 1_000_000
+
+
+def state(x: float) -> str:
+    """A message of the Inverse service with the cursor at x [m]."""
+    place = {"x": x, "y": 0.0, "z": 0.1}
+    return json.dumps({"inverse3": [{"device_id": "A", "state": {"cursor_position": place}}]})
+
+
+def sampled(number: int) -> bytes:
+    """A sample of a Net F/T: `number` counts along x."""
+    return netft.SAMPLE.pack(number, number, 0, number, 0, 0, 0, 0, 0)
+
+
+def at(number: int) -> bytes:
+    """A state of a raw-HID device: `number` counts along x."""
+    return raw.pack(raw.State(number, 0, raw.HOMED, 3, 0, (number, 0, 0, 0, 0, 0), 0))
+
+
+class Far:
+    """The other end of a link. `waiting`: what it has sent; `flood`: makes what it sends again and again."""
+
+    def __init__(self, waiting=(), flood=None):
+        self.waiting, self.flood, self.reads, self.sent = list(waiting), flood, 0, 0
+
+    def write(self, data):
+        self.sent += 1
+
+    def read(self, *given):
+        self.reads += 1
+        assert self.reads < 100 * MOST, "the driver reads until nothing is left"
+        if self.flood is not None:
+            return self.flood(self.reads)
+        return self.waiting.pop(0) if self.waiting else ""
+
+    def descriptor(self):
+        return emulator.GAMEPAD
+
+    def close(self):
+        pass
+
+
+def service(far):
+    driver = inverse3.Inverse3(lambda: far)
+    far.waiting.insert(0, state(0.0))
+    flood, far.flood = far.flood, None
+    driver.open()
+    far.flood = flood
+    return driver
+
+
+def sensor(far):
+    driver = netft.NetFT("nowhere")
+    driver.link, driver.scale, driver.number, driver.asked = far, netft.Scale(1.0, 1.0), -1, 0.0
+    return driver
+
+
+def mouse(far, kind=spacemouse.SpaceMouse):
+    driver = kind(lambda: far)
+    driver.open()
+    return driver
+
+
+def board(far):
+    driver = raw.RawHid(lambda: far)
+    driver.device, driver.sequence, driver.wrong, driver.last = far, 0, 0, -1
+    driver.info = raw.Info(0, 3, (1.0,) * 6, (1.0,) * 6)
+    return driver
+
+
+KINDS = {
+    "inverse3": (service, state),
+    "netft": (sensor, sampled),
+    "spacemouse": (mouse, lambda i: spacemouse.reports((i % 300, 0, 0, 0, 0, 0), 0, together=True)[0]),
+    "gamepad": (lambda far: mouse(far, gamepad.Gamepad), lambda i: bytes((1, i % 256, 128, 128, 128, 0, 0))),
+    "rawhid": (board, at),
+}
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_a_flood_does_not_hold_a_cycle(name):
+    make, flood = KINDS[name]
+    far = Far(flood=flood)
+    driver = make(far)
+    for _ in range(5):
+        driver.cycle((0.0,) * driver.size)
+
+
+def test_a_2diy_that_sends_without_end_is_opened_or_refused():
+    class Answering(diy.Haply2Diy):
+        def cycle(self, command):
+            return Sample(0)
+
+    far = Far(flood=lambda i: b"x" * 100)
+    Answering(lambda: far).open()
+    assert far.sent == 2
+
+
+@pytest.mark.parametrize(
+    ("make", "waiting", "newest"),
+    [
+        (service, [state(float(i)) for i in range(5)], lambda s: s.position[0] == 4.0),
+        (sensor, [*(sampled(i) for i in range(5)), b"foreign"], lambda s: s.wrench[0] == 4.0),
+        (board, [at(1), at(2), at(3), b"rubbish"], lambda s: s.position[0] == 3.0),
+    ],
+    ids=["inverse3", "netft", "rawhid"],
+)
+def test_of_several_states_the_newest_counts(make, waiting, newest):
+    driver = make(Far())
+    (driver.link if make is not board else driver.device).waiting += waiting
+    assert newest(driver.cycle((0.0,) * driver.size))
+
+
+def test_a_state_that_came_before_is_no_new_one():
+    driver = board(Far([at(1)]))
+    assert driver.cycle((0.0,) * 3) is not None
+    driver.device.waiting.append(at(1))
+    assert driver.cycle((0.0,) * 3) is None
+
+
+def test_states_of_a_flood_are_old_and_no_answers_until_it_was_drained_for_a_while():
+    driver = service(Far(flood=state))
+    assert [driver.cycle((0.0,) * 3) for _ in range(3)] == [None] * 3
+    far, answers = driver.link, []
+    far.flood = None
+    for i in range(inverse3.CALM + 2):
+        far.waiting.append(state(float(i)))
+        answers.append(driver.cycle((0.0,) * 3))
+    first = next(i for i, sample in enumerate(answers) if sample is not None)
+    assert 0 < first <= inverse3.CALM and None not in answers[first:]
+    assert answers[-1].position[0] == inverse3.CALM + 1
+
+
+def test_in_a_flood_the_force_goes_and_commands_go_on():
+    driver = service(Far())
+    guard, far, now, sent = Guard(driver.limits, ramp=0.0), driver.link, 0, []
+    for k in range(1, 60):
+        now = k * MS
+        command = guard.apply((1.0, 0.0, 0.0), now, now)
+        sent.append(command[0])
+        if k == 20:
+            far.flood = state
+        far.waiting.append(state(0.0))
+        sample = driver.cycle(command)
+        guard.saw(None if sample is None else sample._replace(time=now))
+    assert sent[15] == 1.0 and sent[-1] == 0.0
+    assert far.sent == 59
