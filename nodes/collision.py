@@ -14,7 +14,7 @@ import numpy as np
 
 from palpate.messages import Pose, Proximity
 from palpate.nodes.base import SettingError
-from palpate.nodes.base.surface import OPEN, OnSurface, Placed, surface_patch
+from palpate.nodes.base.surface import OPEN, SURFACES, OnSurface, Placed, surface_patch
 from palpate.physics.geometry.closest import ClosestPoint
 from palpate.physics.geometry.mesh_closest import MeshClosestPoint
 from palpate.physics.geometry.orient import edge_counts
@@ -58,6 +58,16 @@ class Mesh(OnSurface):
             raise SettingError(f"setting 'surface': {self.surface}: {error}") from None
         self.work, self.foot = closest.scratch()
         self.memory = memory(mesh.vertices, edge_counts(mesh.triangles, len(mesh.vertices))[0] > 0)
+        self.flaws: list[str] = []
+        if self.surface not in SURFACES:
+            from palpate.nodes.base.mesh_file import flaws  # its package is an extra
+
+            self.flaws = flaws(self.surface)
+
+    def notes(self) -> list[str]:
+        """What is wrong with the mesh file, once."""
+        flaws, self.flaws = self.flaws, []
+        return flaws
 
     def step(self, pose: Pose) -> Proximity:
         follow_mesh(*self.tables, pose.position, self.hysteresis, self.work, self.foot, self.memory)

@@ -4,8 +4,12 @@ from __future__ import annotations
 
 import random
 from dataclasses import dataclass
+from typing import Annotated
 
 import msgspec
+
+Chance = Annotated[float, "1", msgspec.Meta(ge=0, le=1)]
+When = Annotated[float, "s"]
 
 
 class Faults(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -22,16 +26,16 @@ class Faults(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     flaky     [1]  attempts to load it, or greetings, that fail before one succeeds
     """
 
-    latency: float = 0.0
-    dropouts: float = 0.0
-    garbled: float = 0.0
-    glitches: float = 0.0
-    noise: float = 0.0
-    unplug: float = -1.0
-    back: float = -1.0
-    silent: float = -1.0
-    flaky: int = 0
-    seed: int = 0
+    latency: Annotated[float, "s", msgspec.Meta(ge=0)] = 0.0
+    dropouts: Chance = 0.0
+    garbled: Chance = 0.0
+    glitches: Chance = 0.0
+    noise: Chance = 0.0
+    unplug: When = -1.0
+    back: When = -1.0
+    silent: When = -1.0
+    flaky: Annotated[int, "1", msgspec.Meta(ge=0)] = 0
+    seed: Annotated[int, "1"] = 0
 
 
 @dataclass

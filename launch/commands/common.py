@@ -51,6 +51,15 @@ PlaceOption = Annotated[
         help="Which nodes share a process: a placement file, or auto: the force path in one, the rest in another.",
     ),
 ]
+OrganOption = Annotated[
+    Path | None, typer.Option("--organ", help="Mesh file (.stl, .ply, .obj) in place of the scene's organ.")
+]
+UnitOption = Annotated[
+    str | None, typer.Option("--unit", help="Of the mesh file's numbers: m, cm or mm; needed where several fit.")
+]
+RepairOption = Annotated[
+    bool, typer.Option("--repair", help="Mend the mesh first: a closed one is written next to the file.")
+]
 Fused = Annotated[bool, typer.Option("--fused", help="Run all nodes in one process.")]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON for programs.", callback=_as_json, is_eager=True)]
 
@@ -85,6 +94,31 @@ def chosen(
     elif place is not None:
         place_file = find_file(place, PLACES, what="placement")
     return find(graph).but(overrides=sets or (), scene=scene_file, place=place_file)
+
+
+def with_own_organ(
+    launch: LaunchFile, file: Path | None, unit: str | None, repair: bool, silent: bool = False
+) -> tuple[LaunchFile, list[str]]:
+    """The run with the organ of a mesh file, and what was done to it. OrganError, SettingError: it cannot be used."""
+    from palpate.launch.loading.organ import Organ, with_organ
+    from palpate.launch.loading.repair import repaired
+
+    if file is None:
+        if unit is not None or repair:
+            raise typer.BadParameter(f"{'--repair' if repair else '--unit'} needs --organ FILE")
+        return launch, []
+    organ, done = Organ.of(file, unit), []
+    if repair:
+        if not silent:
+            typer.echo(f"repairing {file} ...", err=True)
+        organ, steps = repaired(organ)
+        done.append(f"{file}: {', '.join(steps)}; written to {organ.file}" if steps else f"{file} needs no repair")
+    launch, text = with_organ(launch, organ)
+    done.append(text)
+    if not silent:
+        for line in done:
+            typer.echo(line, err=True)
+    return launch, done
 
 
 def console(**options: Any) -> Console:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,9 @@ from palpate.launch.recording.reader import Recording
 from palpate.messages import Contact, Pose
 from palpate.physics.errors import MISUSE, PalpateError
 
-HEAD = ["subject", "session", "depth [mm]", "force [N]"]
+HEAD = ["subject", "session", "depth [mm]", "rate [mm/s]", "force [N]"]
+NOISE = 5.0
+"""[1] Standard deviations above the force before the press, from which a force is one."""
 
 
 class PressError(PalpateError, ValueError):
@@ -20,11 +23,20 @@ class PressError(PalpateError, ValueError):
     exit_code = MISUSE
 
 
-def press_of(file: Path, deepest: float, step: float, touch: float) -> tuple[np.ndarray, np.ndarray]:
-    """Depths [m] (n) from 0 in even steps, and the forces [N] (n) of the first loading.
+@dataclass(frozen=True)
+class Press:
+    """The first loading of a press: depth [m] (n) from 0 in even steps, rate [m/s] (n) of the depth, force [N] (n)."""
+
+    depth: np.ndarray
+    rate: np.ndarray
+    force: np.ndarray
+
+
+def press_of(file: Path, deepest: float, step: float, touch: float) -> Press:
+    """The first loading that a recording shows.
 
     file     recording with one stream of `Pose` and one of `Contact`
-    deepest  [m]  touch  [N] above which it touches; the depth is counted from the last place before
+    deepest  [m]  touch  [N] above which it touches; the depth is counted from where the force last was within the noise
 
     PressError: it never touches, or not as deep.
     """
@@ -34,35 +46,44 @@ def press_of(file: Path, deepest: float, step: float, touch: float) -> tuple[np.
         raise PressError(
             f"{file}: expected one stream of Pose and one of Contact; it has {', '.join(recording.streams)}"
         )
-    pose = [(m.time, m.position) for m in recording.messages(poses) if isinstance(m, Pose)]
+    pose = [(m.time, m.position, m.velocity) for m in recording.messages(poses) if isinstance(m, Pose)]
     felt = [(m.time, m.force, m.normal) for m in recording.messages(contacts) if isinstance(m, Contact)]
     if not pose or not felt:
         raise PressError(f"{file}: nothing was recorded")
     times = np.array([t for t, _, _ in felt], float)
     forces = np.array([f for _, f, _ in felt])
     normal = np.array(felt[0][2])
-    when, where = np.array([t for t, _ in pose], float), np.array([p for _, p in pose])
-    way = -np.interp(times, when, where @ normal)
+    when = np.array([t for t, _, _ in pose], float)
+    way = -np.interp(times, when, np.array([p for _, p, _ in pose]) @ normal)
+    speed = -np.interp(times, when, np.array([v for _, _, v in pose]) @ normal)
     first = int(np.argmax(forces > touch))
     if not forces[first] > touch:
         raise PressError(f"{file}: never more than {forces.max():.3g} N, expected a touch of more than {touch:g} N")
-    depth = way - way[max(first - 1, 0)]
-    inwards = depth[first - 1 if first else 0 :]
-    last = int(np.argmax(inwards >= deepest))
-    if not inwards[last] >= deepest:
+    start = _onset(forces[: first + 1])
+    depth = way[start:] - way[start]
+    last = int(np.argmax(depth >= deepest))
+    if not depth[last] >= deepest:
         raise PressError(
-            f"{file}: pressed {1e3 * inwards.max():.3g} mm deep, expected {1e3 * deepest:g} mm. Press deeper, or take a"
+            f"{file}: pressed {1e3 * depth.max():.3g} mm deep, expected {1e3 * deepest:g} mm. Press deeper, or take a"
             " smaller --depth."
         )
-    start = first - 1 if first else 0
-    deep, push = depth[start : start + last + 1], forces[start : start + last + 1]
-    rising = np.concatenate([[True], np.diff(np.maximum.accumulate(deep)) > 0.0])  # the way in, without the tremor
+    deep = np.maximum.accumulate(depth[: last + 1])
+    rising = np.concatenate([[True], np.diff(deep) > 0.0])  # the way in, without the tremor
     depths = np.arange(0.0, deepest + 0.5 * step, step)
-    return depths, np.interp(depths, np.maximum.accumulate(deep)[rising], push[rising])
+    at = (np.interp(depths, deep[rising], series[start:][: last + 1][rising]) for series in (speed, forces))
+    return Press(depths, *at)
 
 
-def add_session(file: Path, subject: str, session: str, depths: np.ndarray, forces: np.ndarray) -> None:
-    """Add rows to a CSV; its head is written where there is none.
+def _onset(forces: np.ndarray) -> int:
+    """Index of the last force [N] (n) within the noise before the touch that the last of them is."""
+    middle = float(np.median(forces))
+    noise = 1.4826 * float(np.median(np.abs(forces - middle)))  # as of a normal distribution, by the median deviation
+    quiet = np.flatnonzero(forces <= middle + NOISE * noise)
+    return int(quiet[-1])
+
+
+def add_session(file: Path, subject: str, session: str, press: Press) -> int:
+    """Add rows to a CSV; its head is written where there is none. The number of sessions that the subject then has.
 
     PressError: the file is another kind, or has this session already.
     """
@@ -78,5 +99,6 @@ def add_session(file: Path, subject: str, session: str, depths: np.ndarray, forc
         writer = csv.writer(text)
         if not rows:
             writer.writerow(HEAD)
-        for depth, force in zip(depths, forces, strict=True):
-            writer.writerow([subject, session, f"{1e3 * depth:.6g}", f"{force:.6g}"])
+        for depth, rate, force in zip(press.depth, press.rate, press.force, strict=True):
+            writer.writerow([subject, session, f"{1e3 * depth:.6g}", f"{1e3 * rate:.6g}", f"{force + 0.0:.6g}"])
+    return len({row[1] for row in rows[1:] if row[0] == subject} | {session})

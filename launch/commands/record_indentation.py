@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from palpate.launch.commands.common import TROUBLE, Json, Sets, console, tell
 
-if TYPE_CHECKING:
-    import numpy as np
+FOLDS = 9
+"""Sessions that `palpate fit` compares force models with, unless it is given fewer folds."""
 
 
 def record_indentation(
@@ -27,7 +27,8 @@ def record_indentation(
 ) -> None:
     """Record one press: push slowly against the tissue, along the sensor's normal, deeper than --depth.
 
-    The forces of the loading phase, at evenly spaced depths, are added as a session to a CSV that `palpate fit` reads.
+    Force and speed of the loading phase, at evenly spaced depths, are added as a session to a CSV that `palpate fit`
+    reads. A press at changing speed determines the damping as well.
     A recording of the whole press is written beside it.
     """
     from palpate.launch.commands.press import add_session, press_of
@@ -42,15 +43,20 @@ def record_indentation(
         for death in outcome.result.deaths:
             fault(death, console(stderr=True, soft_wrap=True))
         raise typer.Exit(TROUBLE)
-    depths, forces = press_of(file, 1e-3 * depth, 1e-3 * step, touch)
-    add_session(sessions, subject, session, depths, forces)
-    _say(sessions, file, depths, forces, as_json)
-
-
-def _say(sessions: Path, file: Path, depths: np.ndarray, forces: np.ndarray, as_json: bool) -> None:
+    press = press_of(file, 1e-3 * depth, 1e-3 * step, touch)
+    count = add_session(sessions, subject, session, press)
     if as_json:
-        tell({"ok": True, "file": str(sessions), "recording": str(file), "depths": depths.tolist(),
-              "forces": forces.tolist()})  # fmt: skip
+        told = {"ok": True, "file": str(sessions), "recording": str(file), "sessions": count}
+        arrays = {"depths": press.depth, "rates": press.rate, "forces": press.force}
+        tell(told | {name: values.tolist() for name, values in arrays.items()})
+        return
+    typer.echo(
+        f"{len(press.depth)} depths to {1e3 * press.depth[-1]:g} mm, at up to {1e3 * press.rate.max():.3g} mm/s and "
+        f"{press.force.max():.3g} N: added to {sessions}"
+    )
+    typer.echo(f"recording {file}")
+    typer.echo(f"next: palpate fit {sessions} --law hunt-crossley")
+    if count < FOLDS:
+        typer.echo(f"      {FOLDS - count} more sessions for the scatter of the force: palpate fit {sessions}")
     else:
-        typer.echo(f"{len(depths)} depths to {1e3 * depths[-1]:g} mm, {forces[-1]:.3g} N: added to {sessions}")
-        typer.echo(f"recording {file}; next: palpate fit {sessions}")
+        typer.echo(f"      or the scatter of the force: palpate fit {sessions}")

@@ -13,9 +13,8 @@ from palpate.launch.commands.common import INTERRUPTED, Json, console, tell
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from rich.progress import Progress
-
     from palpate.fe.meshing.organ import Organ
+    from palpate.launch.commands.stages import Stages
     from palpate.nodes.deformation.reduced_fe import ReducedFE
     from palpate.physics.bodies.sampled_body import SampledBasis
     from palpate.physics.geometry.mesh import Mesh
@@ -108,30 +107,30 @@ def _check_writable(folder: Path) -> None:
 def _build(node: ReducedFE, path: Path, quiet: bool) -> dict[str, float]:
     """Press and condense the full model, and write its basis, whole or not at all; what was found of its error."""
     import numpy as np
-    from rich.progress import Progress, TextColumn, TimeRemainingColumn
 
     from palpate.fe.reduce.dents import LEVELS, PLACES, UNSEEN, dent_table, unseen
     from palpate.fe.reduce.reducible import of_organ
+    from palpate.launch.commands.stages import Stages
     from palpate.physics.bodies.condensed_body import Basis
 
-    missed: dict[str, float]
-    columns = (*Progress.get_default_columns()[:3], TextColumn("{task.fields[note]}"), TimeRemainingColumn())
-    if node.model == "sampled":
-        with Progress(*columns, console=console(stderr=True), disable=quiet) as bar:
-            basis, missed = _sampled(node, bar)
-        basis.save(path, _about(node, missed))
-        return missed
-    organ = of_organ(_organ(node))
-    missed = {}
-    with Progress(*columns, console=console(stderr=True), disable=quiet) as bar:
-        task = bar.add_task("condensing", total=1.0, note=f"{3 * len(organ.mesh.points)} degrees of freedom")
-        compliance = organ.compliance(lambda share: bar.update(task, completed=share))
+    missed: dict[str, float] = {}
+    with Stages(console(stderr=True), quiet) as stages:
+        if node.model == "sampled":
+            basis, missed = _sampled(node, stages)
+            basis.save(path, _about(node, missed))
+            return missed
+        organ = of_organ(_organ(node, stages))
+        condensing = stages.begin("condensing", f"{3 * len(organ.mesh.points)} degrees of freedom")
+        compliance = organ.compliance(condensing)
+        condensing(1.0)
         dents = np.zeros((len(organ.surface.vertices), 0))
         if node.model == "nonlinear":
-            pressed = bar.add_task("pressing", total=1.0, note=f"{PLACES} places, {LEVELS} indentations")
-            dents = dent_table(organ, report=lambda share: bar.update(pressed, completed=share))
-            bar.add_task("checking", total=None, note=f"{UNSEEN} places that it was not made from")
+            pressing = stages.begin("pressing", f"{PLACES} places, {LEVELS} indentations")
+            dents = dent_table(organ, report=pressing)
+            pressing(1.0)
+            checked = stages.begin("checking", f"{UNSEEN} places that it was not made from", None)
             off = np.abs(unseen(organ, dents))
+            checked(1.0)
             missed = {"mean": float(np.nanmean(off)), "worst": float(np.nanmax(off))}
     Basis(organ.surface.vertices, organ.surface.triangles, compliance, dents).save(path, _about(node, missed))
     return missed
@@ -173,7 +172,7 @@ def _enter(path: Path) -> None:
         index.write_text(json.dumps(entries, indent=1, sort_keys=True) + "\n", encoding="utf-8")
 
 
-def _organ(node: ReducedFE) -> Organ:
+def _organ(node: ReducedFE, stages: Stages) -> Organ:
     """The full model of the node's organ. SettingError: a surface that it cannot be made of."""
     from palpate.fe.element.mesh import MeshError
     from palpate.fe.meshing.organ import Capsule, Nodule, Organ
@@ -181,6 +180,7 @@ def _organ(node: ReducedFE) -> Organ:
 
     surface = node.coarse_mesh()
     _check_size(node, surface)
+    meshed = stages.begin("meshing", f"the inside of {len(surface.vertices)} vertices", None)
     try:
         nodule = Nodule(node.nodule_centre, node.nodule_radius, node.nodule_ratio)
         capsule = Capsule(node.capsule_thickness, node.capsule_ratio)
@@ -188,6 +188,7 @@ def _organ(node: ReducedFE) -> Organ:
     except MeshError as error:
         raise SettingError(f"surface {node.surface!r}: {error}") from None
     _check_size(node, organ.surface)
+    meshed(1.0)
     return organ
 
 
@@ -202,7 +203,7 @@ def _check_size(node: ReducedFE, surface: Mesh) -> None:
         )
 
 
-def _sampled(node: ReducedFE, bar: Progress) -> tuple[SampledBasis, dict[str, float]]:
+def _sampled(node: ReducedFE, stages: Stages) -> tuple[SampledBasis, dict[str, float]]:
     """Press the full model, reduce it to modes, and press it at other places: the basis and its error there."""
     from palpate.fe.meshing.fingertip import Fingertip
     from palpate.fe.reduce.holdout import errors
@@ -223,7 +224,7 @@ def _sampled(node: ReducedFE, bar: Progress) -> tuple[SampledBasis, dict[str, fl
     from palpate.physics.materials.hyperelastic import MIXED_FROM
 
     finger = node.surface == "fingertip"
-    body = of_finger(Fingertip(cells=CELLS)) if finger else of_organ(_organ(node))
+    body = of_finger(Fingertip(cells=CELLS)) if finger else of_organ(_organ(node, stages))
     if len(body.mesh.elements) > MOST_ELEMENTS:
         raise SettingError(
             f"surface {node.surface!r}: {len(body.mesh.elements)} elements, expected at most {MOST_ELEMENTS} for model "
@@ -234,23 +235,19 @@ def _sampled(node: ReducedFE, bar: Progress) -> tuple[SampledBasis, dict[str, fl
             f"poisson {node.poisson} with model 'sampled': expected less than {MIXED_FROM}: from there on the points "
             "of an element share their pressure and cannot be sampled one by one. Take model=nonlinear"
         )
-    task = bar.add_task("pressing", total=1.0, note=f"{3 * len(body.mesh.points)} degrees of freedom")
-
-    def pressing(share: float) -> None:
-        bar.update(task, completed=share)
-
+    pressing = stages.begin("pressing", f"{3 * len(body.mesh.points)} degrees of freedom")
     seen, held = finger_pressed(body, pressing, touches()) if finger else organ_pressed(body, pressing)
     if len(seen) < 2 or not held:
         raise SettingError(
             f"surface {node.surface!r}, bed {node.bed}: the full model converged for {len(seen) + len(held)} touches, "
             "too few for modes. A larger `bed` would support it"
         )
-    sampling = bar.add_task("sampling", total=1.0, note=f"{node.modes} modes")
-    basis = build(body, seen, held, node.modes, lambda share: bar.update(sampling, completed=share))
-    bar.update(sampling, completed=1.0)
-    checked = bar.add_task("checking", total=1.0, note=f"{UNSEEN} touches that it was not made from")
+    sampling = stages.begin("sampling", f"{node.modes} modes")
+    basis = build(body, seen, held, node.modes, sampling)
+    sampling(1.0)
+    checked = stages.begin("checking", f"{UNSEEN} touches that it was not made from")
     others = (finger_touches if finger else organ_touches)(body, UNSEEN, UNSEEN_SEED)
-    presses = (press if finger else press_from_rest)(body, others, lambda share: bar.update(checked, completed=share))
+    presses = (press if finger else press_from_rest)(body, others, checked)
     if not any(len(other.solutions) for other in presses):
         return basis, {}
     own, linear = (abs(miss) for miss in errors(body, basis, presses))

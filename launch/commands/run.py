@@ -17,13 +17,17 @@ from palpate.launch.commands.common import (
     Fused,
     Graph,
     Json,
+    OrganOption,
     PlaceOption,
+    RepairOption,
     SceneOption,
     Sets,
+    UnitOption,
     chosen,
     console,
     seconds,
     tell,
+    with_own_organ,
 )
 
 if TYPE_CHECKING:
@@ -49,6 +53,9 @@ def run(
     graph: Graph = "kidney",
     sets: Sets = None,
     scene: SceneOption = None,
+    organ: OrganOption = None,
+    unit: UnitOption = None,
+    repair: RepairOption = False,
     place: PlaceOption = None,
     fused: Fused = False,
     clock: Annotated[str | None, typer.Option(help="simulated or real.")] = None,
@@ -91,6 +98,7 @@ def run(
     forkserver = None if fused and clock != "real" else ForkServer()  # it imports while the graph is read
     try:
         launch = chosen(graph, sets, scene, place, fused)
+        launch, organ_notes = with_own_organ(launch, organ, unit, repair, silent=as_json)
         if clock not in (None, "simulated", "real"):
             raise typer.BadParameter(f"clock: found {clock!r}, expected simulated or real")
         if carrier not in (None, "zmq", "local"):
@@ -98,7 +106,7 @@ def run(
         launch = launch.but(clock=clock, duration=duration, pace=pace, carrier=carrier)
         if reconnect:
             launch = launch.but(overrides=_reconnecting(launch))
-        name = (launch.path or launch.graph).stem
+        name = (organ or launch.path or launch.graph).stem
         folder = out or Path("runs") / f"{name}-{datetime.datetime.now():%Y%m%d-%H%M%S}"
         keep = not no_record and (record is not None or out is not None or launch.record is not None)
         file = (record or folder / (launch.record.name if launch.record else f"{name}.mcap")) if keep else None
@@ -126,6 +134,8 @@ def run(
     finally:
         if forkserver is not None:
             forkserver.close()
+    if as_json:
+        outcome.result.notes[:0] = organ_notes
     drawn = _pictures(outcome, folder, as_json or quiet) if pictures and file is not None else []
     if as_json:
         tell({**_data(outcome), "pictures": [str(p) for p in drawn]})

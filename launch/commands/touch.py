@@ -10,7 +10,16 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from palpate.launch.commands.common import Graph, SceneOption, Sets, chosen
+from palpate.launch.commands.common import (
+    Graph,
+    OrganOption,
+    RepairOption,
+    SceneOption,
+    Sets,
+    UnitOption,
+    chosen,
+    with_own_organ,
+)
 
 if TYPE_CHECKING:
     from palpate.launch.page.session import Session
@@ -20,6 +29,9 @@ def touch(
     graph: Graph = "kidney",
     sets: Sets = None,
     scene: SceneOption = None,
+    organ: OrganOption = None,
+    unit: UnitOption = None,
+    repair: RepairOption = False,
     port: Annotated[int, typer.Option(help="Of the page on 127.0.0.1; 0: any.", min=0, max=65535)] = 0,
     no_open: Annotated[bool, typer.Option("--no-open", help="Do not open the browser.")] = False,
     no_record: Annotated[bool, typer.Option("--no-record", help="Keep no recordings unless the page asks.")] = False,
@@ -35,7 +47,8 @@ def touch(
     from palpate.launch.page.session import Session
 
     folder = out or Path("runs") / f"touch-{datetime.datetime.now():%Y%m%d-%H%M%S}"
-    session = Session(chosen(graph, None, scene), folder, list(sets or []))
+    launch, _ = with_own_organ(chosen(graph, None if organ is None else sets, scene), organ, unit, repair)
+    session = Session(launch, folder, list(sets or []))
     session.keep = not no_record
     asyncio.run(_serve(session, port, no_open))
     for file in session.kept:

@@ -9,14 +9,19 @@ import numpy as np
 
 from palpate.nodes.base import SettingError
 from palpate.physics.geometry.bvh import weld
+from palpate.physics.geometry.crossing import crossing
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.geometry.orient import edge_counts, outward
 
 LEAST_AREA = 1e-9
 """[1] Of all triangles, over the square of the longest side."""
 FORMATS = (".stl", ".ply", ".obj")
+UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
 SMALLEST, LARGEST = 2e-3, 1.0
 """[m] Limits of the longest side of what a fingertip may touch: beyond them the unit is wrong."""
+MOST_CHECKED = 50_000
+"""Triangles whose intersections are looked for, which takes 2 s."""
+MEND = "`palpate run kidney --organ {} --repair`"
 
 
 def read_mesh(path: str, scale: float) -> Mesh:
@@ -29,6 +34,29 @@ def read_mesh(path: str, scale: float) -> Mesh:
     SettingError: no such file, not a mesh, no triangles, no area, an implausible size, edges of more than two
     triangles.
     """
+    vertices, triangles = read_triangles(path)
+    _plausible(path, vertices, scale)
+    vertices = vertices * scale
+    if not _area(vertices, triangles) > LEAST_AREA * float(np.ptp(vertices, axis=0).max()) ** 2:
+        raise SettingError(
+            f"setting 'surface': {path} has no area: its {len(triangles)} triangles are lines. Expected a surface; it "
+            "may have lost a coordinate when it was written."
+        )
+    _, shared = edge_counts(triangles, len(vertices))
+    if shared:
+        raise SettingError(
+            f"setting 'surface': {path} has {shared} edges that more than two triangles share: it has no inside. "
+            f"{MEND.format(path)} makes a surface of it."
+        )
+    return Mesh(vertices, outward(vertices, triangles))
+
+
+def read_triangles(path: str) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices (V,3) as the file's numbers and triangles (T,3) int32: equal vertices made one, triangles without three
+    corners, repeated triangles and vertices that no triangle holds left out, the order of corners as it was.
+
+    SettingError: no such file, not a mesh, no triangles.
+    """
     vertices, triangles = _load(path)
     if not len(triangles):
         raise SettingError(f"setting 'surface': {path} holds no triangles")
@@ -39,25 +67,45 @@ def read_mesh(path: str, scale: float) -> Mesh:
             f"setting 'surface': {path}: a triangle has the corner {triangles.max()}, the file holds {len(vertices)} "
             "vertices: it is damaged"
         )
-    vertices = vertices * scale
     triangles = _distinct(weld(vertices)[triangles])
     if not len(triangles):
         raise SettingError(f"setting 'surface': {path}: every triangle is a point or a line")
     used, triangles = np.unique(triangles, return_inverse=True)
-    vertices, triangles = vertices[used], triangles.reshape(-1, 3).astype(np.int32)
-    _plausible(path, vertices)
-    if not _area(vertices, triangles) > LEAST_AREA * float(np.ptp(vertices, axis=0).max()) ** 2:
-        raise SettingError(
-            f"setting 'surface': {path} has no area: its {len(triangles)} triangles are lines. Expected a surface; it "
-            "may have lost a coordinate when it was written."
+    return vertices[used], triangles.reshape(-1, 3).astype(np.int32)
+
+
+def flaws(path: str) -> list[str]:
+    """What is wrong with a mesh file that can be used all the same, a line each: open, inside out, self-intersecting.
+
+    SettingError: it cannot be read.
+    """
+    vertices, triangles = read_triangles(path)
+    border, _ = edge_counts(triangles, len(vertices))
+    lines = []
+    if border:
+        lines.append(
+            f"{path} is open: {border} edges have a triangle on one side only. A finger that goes beyond them meets "
+            f"nothing, and deformation.ReducedFE needs a closed surface. {MEND.format(path)} closes it."
         )
-    _, shared = edge_counts(triangles, len(vertices))
-    if shared:
-        raise SettingError(
-            f"setting 'surface': {path} has {shared} edges that more than two triangles share: it has no inside. "
-            "Repair it in a mesh editor (remove inner faces, make it manifold)."
+    turned = int((_least_first(outward(vertices, triangles)) != _least_first(triangles)).any(axis=1).sum())
+    if turned == len(triangles):
+        lines.append(f"{path} is inside out: all of its {turned} triangles face inwards. They are turned for this run.")
+    elif turned:
+        lines.append(
+            f"{path} is partly inside out: {turned} of its {len(triangles)} triangles face the other way than the rest."
+            " They are turned for this run."
         )
-    return Mesh(vertices, outward(vertices, triangles))
+    if len(triangles) > MOST_CHECKED:
+        lines.append(
+            f"{path} has {len(triangles)} triangles: above {MOST_CHECKED} it is not checked whether they intersect."
+        )
+    elif through := crossing(vertices, triangles):
+        x, y, z = through[2]
+        lines.append(
+            f"{path} intersects itself, first seen at ({x:.4g}, {y:.4g}, {z:.4g}) in its own numbers. The finger may "
+            f"rest on a part that lies inside. {MEND.format(path)} mends it."
+        )
+    return lines
 
 
 def _load(path: str) -> tuple[np.ndarray, np.ndarray]:
@@ -83,6 +131,12 @@ def _area(vertices: np.ndarray, triangles: np.ndarray) -> float:
     return 0.5 * float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum())
 
 
+def _least_first(triangles: np.ndarray) -> np.ndarray:
+    """The same triangles, each from its least corner on, in the sense that it has."""
+    start = triangles.argmin(axis=1)[:, None]
+    return np.take_along_axis(triangles, (start + np.arange(3)) % 3, axis=1)
+
+
 def _distinct(triangles: np.ndarray) -> np.ndarray:
     """Triangles of three different corners, none twice."""
     a, b, c = triangles.T
@@ -91,10 +145,16 @@ def _distinct(triangles: np.ndarray) -> np.ndarray:
     return triangles[np.sort(first)]
 
 
-def _plausible(path: str, vertices: np.ndarray) -> None:
-    longest = float(np.ptp(vertices, axis=0).max())
-    if not SMALLEST <= longest <= LARGEST:
+def plausible_units(across: float) -> list[str]:
+    """Units in which so large a number can be the longest side of what a fingertip may touch."""
+    return [unit for unit, scale in UNITS.items() if SMALLEST <= across * scale <= LARGEST]
+
+
+def _plausible(path: str, vertices: np.ndarray, scale: float) -> None:
+    across = float(np.ptp(vertices, axis=0).max())
+    if not SMALLEST <= across * scale <= LARGEST:
+        others = " or ".join(f"file_unit: {unit} ({across * UNITS[unit]:.3g} m)" for unit in plausible_units(across))
         raise SettingError(
-            f"setting 'file_unit': {path} is {longest:.3g} m across, expected {SMALLEST} to {LARGEST} m. "
-            "Mesh files are usually in millimetres: file_unit: mm."
+            f"setting 'file_unit': {path} is {across * scale:.3g} m across, expected {SMALLEST:g} to {LARGEST:g} m. "
+            + (f"Its numbers fit {others}." if others else "No unit fits its numbers.")
         )

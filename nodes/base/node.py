@@ -190,6 +190,8 @@ def convert(setting: Setting, value: Any) -> Any:
         return msgspec.convert(value, setting.type)
     except msgspec.ValidationError as error:
         text = str(error).replace("`", "")
+        if "unknown field" in text and isinstance(setting.type, type) and issubclass(setting.type, msgspec.Struct):
+            text += f"; expected {', '.join(setting.type.__struct_fields__)}"
         raise SettingError(f"setting {setting.name!r} [{setting.unit}]: found {value!r}. {text}.") from None
 
 

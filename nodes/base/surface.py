@@ -38,7 +38,6 @@ LEVEL: Vector3 = (0.0, 0.0, 0.0)
 PLANE_SIZE = 0.1
 FINGER_RADIUS, FINGER_LENGTH = 9.84e-3, 12e-3
 """[m] Skin of the layered fingertip, see `fe.fingertip`."""
-UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
 
 
 class Placed(Node):
@@ -88,7 +87,7 @@ def surface_mesh(
     elif surface in SURFACES:
         mesh = tessellate(_patch(surface), max(vertices, 12))
     else:
-        from palpate.nodes.base.mesh_file import read_mesh  # its package is an extra
+        from palpate.nodes.base.mesh_file import UNITS, read_mesh  # its package is an extra
 
         _known(surface)
         if file_unit not in UNITS:

@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 
 from palpate.drivers.exchange import Driver
-from palpate.messages import Contact, Vector3
+from palpate.messages import Contact, Pose, Vector3
 from palpate.nodes.base import SettingError
 from palpate.nodes.base.wired import EMULATOR, Wired
 
@@ -23,7 +23,9 @@ class _Measured(Wired):
     foot    where it lies in the world
     tare    [s] at the start in which nothing touches it: the mean force of this time is taken away
 
-    With `port: emulator` it feels the force of `forces` at `times`, straight in between.
+    With `port: emulator` and a pose it feels a sample that the finger presses, in Hunt and Crossley's law: its surface
+    lies at `top` above the foot, and its force is `stiffness` d^`exponent` (1 + `damping` d'). Without a pose it feels
+    the force of `forces` at `times`, straight in between.
     """
 
     paced: ClassVar[bool] = True
@@ -31,6 +33,10 @@ class _Measured(Wired):
     normal: Annotated[Vector3, "1"] = (0.0, 0.0, 1.0)
     foot: Annotated[Vector3, "m"] = (0.0, 0.0, 0.0)
     tare: Annotated[float, "s", msgspec.Meta(ge=0, le=60)] = 0.2
+    top: Annotated[float, "m"] = 0.0
+    stiffness: Annotated[float, "N/m^n", msgspec.Meta(ge=0)] = 3e3
+    exponent: Annotated[float, "1", msgspec.Meta(ge=1, le=3)] = 1.5
+    damping: Annotated[float, "s/m", msgspec.Meta(ge=0)] = 5.0
     times: Annotated[tuple[float, ...], "s"] = (0.0, 0.5, 2.5, 3.0, 5.0)
     forces: Annotated[tuple[float, ...], "N"] = (0.0, 0.0, 4.0, 4.0, 0.0)
 
@@ -51,17 +57,29 @@ class _Measured(Wired):
         self.clock = 0.0
         self.begun: int | None = None
         self.bias, self.seen, self.last = 0.0, 0, -1
+        self.pressed: float | None = None  # [N] by the finger, on the emulated sample
         super().start()
 
     def felt(self, now: int) -> Wrench:
         """What the emulated sensor feels at `now` [ns]."""
         if self.begun is None:
             return (0.0,) * 6
-        force = float(np.interp((now - self.begun) * 1e-9, self.times, self.forces))
+        force = self.pressed
+        if force is None:
+            force = float(np.interp((now - self.begun) * 1e-9, self.times, self.forces))
         x, y, z = self.normal
         return (-force * x, -force * y, -force * z, 0.0, 0.0, 0.0)
 
-    def step(self, *, dt: float) -> Contact:
+    def _press(self, pose: Pose) -> float:
+        """The force [N] of the emulated sample on the finger."""
+        above = sum((p - f) * n for p, f, n in zip(pose.position, self.foot, self.normal, strict=True))
+        rate = -sum(v * n for v, n in zip(pose.velocity, self.normal, strict=True))
+        depth = max(self.top - above, 0.0)
+        return float(max(self.stiffness * depth**self.exponent * (1.0 + self.damping * rate), 0.0))
+
+    def step(self, pose: Pose | None, *, dt: float) -> Contact:
+        if self.port == EMULATOR and pose is not None:
+            self.pressed = self._press(pose)
         sample = self.talk((), dt)
         self.clock += dt
         force = 0.0

@@ -10,7 +10,9 @@ from typer.testing import CliRunner
 from palpate.drivers import catalogue, discover
 from palpate.drivers.falcon.emulator import EmulatedFalcon
 from palpate.launch.__main__ import app
-from palpate.launch.commands.press import PressError, add_session
+from palpate.launch.commands.press import Press, PressError, _onset, add_session
+from palpate.launch.loading.faults import GraphError
+from palpate.launch.loading.launchfile import find
 
 FALCON = {"idVendor": "0403", "idProduct": "cb48", "busnum": "1", "devnum": "7", "serial": "FT1"}
 PAD = {"idVendor": "0403", "idProduct": "6010", "busnum": "1", "devnum": "8"}
@@ -90,38 +92,65 @@ def test_a_device_is_emulated_from_the_shell():
     assert wrong.exit_code == 2 and "falcon" in wrong.stderr
 
 
-PRESS = [
-    "--set", "device.port=emulator", "--set", "sensor.port=emulator", "--set", "device.hand_stiffness=1e5",
-    "--set", "device.hand_damping=400", "--set", "sensor.times=[0, 1.0, 3.0]", "--set", "sensor.forces=[0, 0, 4]",
-    "--set", "device.path=[{hold: 1.0}, {to: [0, 0, 0.1], time: 2.0, shape: linear}]",
-]  # fmt: skip
+EMULATED = ["--set", "device.port=emulator", "--set", "sensor.port=emulator"]
 
 
-def test_a_press_becomes_a_session_that_fit_reads(tmp_path):
-    """10 mm and 4 N in the same 2 s: 0.4 N for each millimetre."""
+def test_a_press_on_both_emulators_becomes_a_session_whose_law_is_that_of_the_sample(tmp_path):
+    """As docs/devices.md shows it, with the defaults: the sample has K 3000 N/m^1.5, n 1.5 and c 5 s/m."""
     out = tmp_path / "press.csv"
-    for name in ("one", "two"):
-        outcome = run(
-            "record-indentation", out, "--subject", "gel", "--session", name, "--duration", 4.5, "--json", *PRESS
-        )
-        assert outcome.exit_code == 0, outcome.output
-    data = json.loads(outcome.stdout)
-    depths, forces = np.array(data["depths"]), np.array(data["forces"])
-    assert depths == pytest.approx(np.arange(0, 5.1e-3, 0.5e-3))
-    slope = np.polyfit(depths, forces, 1)[0]
-    assert slope == pytest.approx(400.0, rel=0.1)
-    again = run("record-indentation", out, "--subject", "gel", "--session", "two", "--duration", 4.5, *PRESS)
+    recorded = run("record-indentation", out, "--subject", "gel", "--session", "1", "--duration", 4, *EMULATED)
+    assert recorded.exit_code == 0, recorded.output
+    again = run("record-indentation", out, "--subject", "gel", "--session", "1", "--duration", 4, *EMULATED)
     assert again.exit_code == 2 and "is there already" in again.stderr
-    fitted = run("fit", out, "--law", "power", "--json")
-    assert json.loads(fitted.stdout)["ok"], fitted.output
+    lines = [line for line in recorded.stdout.splitlines() if line.startswith("next: ")]
+    assert lines == [f"next: palpate fit {out} --law hunt-crossley"]
+    assert "8 more sessions" in recorded.stdout
+    fitted = run(*lines[0].removeprefix("next: palpate ").split(), "--json")  # what it names works
+    assert fitted.exit_code == 0, fitted.output
+    data = json.loads(fitted.stdout)
+    assert data["notes"] == [], "the damping is determined"
+    rows = np.array([line.split(",")[2:] for line in out.read_text().splitlines()[1:]], float)
+    depth, rate, force = rows[:, 0] * 1e-3, rows[:, 1] * 1e-3, rows[:, 2]
+    assert depth == pytest.approx(np.arange(0, 5.1e-3, 0.5e-3))
+    assert force == pytest.approx(3e3 * depth**1.5 * (1 + 5.0 * rate), abs=0.05)
+    assert force[0] == pytest.approx(0.0, abs=0.01), "sensor and hand begin at the same place"
+
+
+def test_sessions_of_one_subject_are_counted(tmp_path):
+    press = Press(np.arange(3.0), np.ones(3), np.arange(3.0))
+    counts = [add_session(tmp_path / "p.csv", who, name, press) for who, name in ("a1", "a2", "b1")]
+    assert counts == [1, 2, 1]
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.01])
+def test_the_depth_is_counted_from_where_the_force_leaves_the_noise(noise):
+    forces = (
+        noise * np.random.default_rng(0).standard_normal(1000)
+        + 3e3 * np.clip(np.arange(1000) - 700, 0, None) ** 1.5 * 1e-7
+    )
+    first = int(np.argmax(forces > 0.3))
+    assert 700 <= _onset(forces[: first + 1]) <= 700 + (40 if noise else 0)
 
 
 def test_another_file_is_not_added_to(tmp_path):
     file = tmp_path / "other.csv"
     file.write_text("a,b\n1,2\n")
-    with pytest.raises(PressError, match=r"its head is a,b, expected subject,session,depth \[mm\],force \[N\]"):
-        add_session(file, "a", "1", np.zeros(1), np.zeros(1))
+    with pytest.raises(PressError, match=r"its head is a,b, expected subject,session,depth \[mm\],rate \[mm/s\],force"):
+        add_session(file, "a", "1", Press(np.zeros(1), np.zeros(1), np.zeros(1)))
     assert file.read_text() == "a,b\n1,2\n"
+
+
+def test_faults_take_units_and_name_those_that_there_are():
+    given = "{latency: 2 ms, dropouts: 0.01, garbled: 0.01, glitches: 0.01, noise: 0.2, unplug: 5, back: 8, flaky: 3}"
+    graph = find("falcon").but(overrides=("device.port=emulator", f"device.faults={given}")).load()
+    assert graph.nodes["device"].settings["faults"]["latency"] == 2e-3
+    for wrong, text in (
+        ("{latncy: 2 ms}", "latncy; expected latency, dropouts, garbled"),
+        ("{latency: 2 mm}", "expected"),
+        ("{dropouts: 5}", "<= 1"),
+    ):
+        with pytest.raises(GraphError, match=text):
+            find("falcon").but(overrides=(f"device.faults={wrong}",)).load()
 
 
 def test_reconnect_is_for_graphs_with_a_device(tmp_path):

@@ -11,10 +11,11 @@ from palpate.fe.element.elements import gradients, shape
 from palpate.fe.element.jacobian import inverted
 from palpate.fe.element.mesh import EDGES
 from palpate.fe.element.read import read_mesh
-from palpate.fe.element.surface import check_surface, crossing
+from palpate.fe.element.surface import check_surface
 from palpate.fe.element.vtk import write_vtu
 from palpate.fe.meshing.organ import fill
 from palpate.nodes.base.surface import surface_mesh
+from palpate.physics.geometry.crossing import crossing
 from palpate.physics.geometry.mesh import Mesh
 
 
