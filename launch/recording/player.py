@@ -8,6 +8,7 @@ rules of simulated time.
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Iterable
 
 import msgspec
@@ -78,6 +79,19 @@ class _Part:
             else None
             for port in self.slot.inputs
         ]
+
+
+    def forget_new_inputs(self, count: int) -> None:
+        """Leave out inputs beyond the first `count`, which the class has gained since the recording was made: nothing
+        is connected there, `step` has a default, and `used` had no place for them."""
+        ports = self.slot.inputs
+        if len(ports) <= count:
+            return
+        parameters = inspect.signature(type(self.slot.node).step).parameters
+        while len(ports) > count and ports[-1].dead:
+            if parameters[ports[-1].port.name].default is inspect.Parameter.empty:
+                break
+            ports.pop()
 
 
 class Player:
@@ -164,6 +178,7 @@ class Player:
         head = None
         if own is not None:
             head = _HEAD.decode(own)
+            part.forget_new_inputs(len(head.used))
         elif self._was_recorded(part) or tick % part.slot.every:
             return False
         messages: list[Message | None] = []

@@ -47,6 +47,21 @@ class Drag(Node):
         return Friction(force=(0.1 * pose.velocity[0] * force.force[0], 0.0, 0.0), bristle=(0, 0, 0), stick=False)
 
 
+class FaultyDrag(Drag):
+    """Fails at a chosen step."""
+
+    at: Annotated[int, "1"] = 100
+
+    def start(self) -> None:
+        self.count = 0
+
+    def step(self, pose: Pose, force: Force) -> Friction:
+        self.count += 1
+        if self.count == self.at:
+            os.kill(os.getpid(), signal.SIGKILL)
+        return super().step(pose, force)
+
+
 class Spread(Node):
     """An array message from both."""
 

@@ -170,10 +170,7 @@ def test_a_force_beyond_the_motors_keeps_its_direction():
     assert force / np.linalg.norm(force) == approx(wish / np.linalg.norm(wish), abs=1e-9)
 
 
-def test_no_torque_without_a_force_a_pose_or_in_an_impossible_place():
+def test_no_torque_without_a_force_or_in_an_impossible_place():
     assert np.all(pushed((1, 1, 1), (0, 0, 9.0)) == 0.0)
-    bus = FakeBus(FalconStatics())
-    (command,) = bus.publish(Force(force=(1, 1, 1), state="free", energy=0.0))
-    assert command.torques == (0.0, 0.0, 0.0)
     bus = FakeBus(FalconStatics(), pose=Pose(position=HOME, velocity=(0, 0, 0), dt=1e-3))
     assert bus.run()[0].torques == (0.0, 0.0, 0.0)
