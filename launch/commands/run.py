@@ -205,7 +205,7 @@ def _summary(outcome: Outcome, name: str, drawn: list[Path]) -> None:
         out.print(table(result))
     for node, reason in outcome.plan.skipped.items():
         out.print(Text(f"skipped {node}: {reason}", style="dim"))
-    for note in result.notes:
+    for note in (*outcome.plan.graph.notes, *result.notes):
         out.print(Text(note, style="yellow"))
     if outcome.recording is not None and outcome.recording.is_file() and result.ticks:
         out.print(Text(f"recording {outcome.recording} ({outcome.recording.stat().st_size / 1e6:.1f} MB)"))
@@ -226,6 +226,6 @@ def _data(outcome: Outcome) -> dict[str, Any]:
         "recording": str(outcome.recording) if outcome.recording else None,
         "nodes": result.health,
         "skipped": outcome.plan.skipped,
-        "notes": result.notes,
+        "notes": [*outcome.plan.graph.notes, *result.notes],
         "deaths": [dataclasses.asdict(death) for death in result.deaths],
     }

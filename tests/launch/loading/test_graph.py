@@ -198,7 +198,7 @@ def test_of_two_optional_edges_of_a_loop_the_backward_one_is_held(write):
   device: {use: graph_nodes.Hand}
   finger: {use: graph_nodes.Finger, in: {state: device}}
   near: {use: graph_nodes.Near, in: {pose: finger}}
-  contact: {use: graph_nodes.Press, in: {proximity: near}}
+  contact: {use: sensor.ForceSensor}
 """
     order = ["spread", "tissue", "press", "friction"]
     lines = head + "".join(f"  {name}: {nodes[name]}\n" for name in order)
