@@ -18,6 +18,7 @@ from palpate.launch.loading.faults import Faults, Place, choices, nearest
 from palpate.launch.loading.scene import Scene
 from palpate.launch.loading.source import Source
 from palpate.launch.loading.units import UnitError, convert, is_quantity
+from palpate.launch.loading.wiring import unknown
 from palpate.nodes.base import Node, Setting, SettingError, settings
 from palpate.nodes.base import convert as check
 
@@ -59,7 +60,8 @@ def resolve(
         if key in known:
             given[key] = (line.data[key], line.place(key))
         else:
-            faults.add("unknown", _cure(key, cls, known), line.place(key), node=name, setting=key)
+            text, cure = unknown(line.place(key), f"{key}: null")
+            faults.add(text, _cure(key, cls, known) + cure, line.place(key), node=name, setting=key)
     values = {}
     count = len(faults.entries)
     for key, setting in known.items():

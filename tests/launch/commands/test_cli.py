@@ -13,6 +13,8 @@ from typer.testing import CliRunner
 from palpate.drivers import discover
 from palpate.launch.__main__ import app
 from palpate.launch.commands import findings
+from palpate.launch.loading.launchfile import find
+from palpate.launch.running.execute import execute
 
 runner = CliRunner()
 
@@ -176,6 +178,35 @@ def test_a_new_node_passes_the_check_of_a_graph(tmp_path, whole, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", [*sys.path])
     assert run("check", whole, "--set", "tissue.use=mine.Mine", "--set", "tissue.with=null").exit_code == 0
+
+
+@pytest.mark.parametrize(
+    ("node", "takes", "sends", "sets"),
+    [
+        ("tissue", "Load", "Surface", []),
+        ("spread", "Contact", "Load", ["spread.in.friction=null"]),
+        ("friction", "Contact", "Friction", ["friction.in.proximity=null"]),
+        ("contact", "Proximity", "Contact", ["contact.in.body=null", "wanted=[controller]"]),
+        ("collision", "Pose", "Proximity", []),
+        ("controller", "Contact", "Force", [f"controller.in.{port}=null" for port in ("friction", "pose", "ledger")]),
+        ("statics", "Force", "Torque", ["statics.in.pose=null"]),
+    ],
+)
+def test_a_new_node_runs_in_the_place_of_each_node_of_the_kidney(tmp_path, monkeypatch, node, takes, sends, sets):
+    run("new", "node", "Mine", "--folder", tmp_path, "--takes", takes, "--sends", sends)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    monkeypatch.delitem(sys.modules, "mine", raising=False)
+    swap = [f"{node}.use=mine.Mine", "scene.surface.vertices=600", *sets]
+    outcome = execute(find("kidney").but(place="fused", duration=0.02, overrides=swap))
+    assert outcome.ok and outcome.result.ticks == 20
+
+
+def test_required_fields_of_a_message_are_marked():
+    lines = run("messages", "Friction").stdout.splitlines()
+    assert any(line.startswith("* force") for line in lines) and any(line.startswith("  stored") for line in lines)
+    _, data = spoken("messages", "Friction")
+    assert [f["name"] for f in data["messages"][0]["fields"] if f["required"]] == ["force", "bristle", "stick"]
 
 
 @pytest.mark.parametrize(
