@@ -56,7 +56,7 @@ def run(
     pace: Annotated[
         float | None, typer.Option(help="Simulated time at this multiple of real time.", min=1e-3, max=1e6)
     ] = None,
-    record: Annotated[Path | None, typer.Option(help="File of the recording.")] = None,
+    record: Annotated[Path | None, typer.Option(help="File of the recording; pictures go beside it.")] = None,
     no_record: Annotated[bool, typer.Option("--no-record", help="Record nothing.")] = False,
     leave_out: Annotated[list[str] | None, typer.Option("--leave-out", help="Stream not to record.")] = None,
     thin: Annotated[list[str] | None, typer.Option(help="STREAM=N: record each N-th message only.")] = None,
@@ -92,7 +92,7 @@ def run(
         if reconnect:
             launch = launch.but(overrides=_reconnecting(launch))
         name = (launch.path or launch.graph).stem
-        folder = out or Path("runs") / f"{name}-{datetime.datetime.now():%Y%m%d-%H%M%S}"
+        folder = out or (record.parent if record else Path("runs") / f"{name}-{datetime.datetime.now():%Y%m%d-%H%M%S}")
         keep = not no_record and (record is not None or out is not None or launch.record is not None)
         file = (record or folder / (launch.record.name if launch.record else f"{name}.mcap")) if keep else None
         launch = dataclasses.replace(launch, record=file)
