@@ -179,6 +179,7 @@ RUN = {where.partition(":")[0] for where, words in PALPATE if not skipped(words)
 
 
 @pytest.mark.long
+@pytest.mark.timeout(1800)
 @pytest.mark.parametrize("page", sorted(RUN))
 def test_the_commands_of_a_page_run_one_after_the_other(folder, page):
     """Runs are cut short; FILE is a recording that the first of them made."""
@@ -214,6 +215,7 @@ def off_by(text):
 
 
 @pytest.mark.long
+@pytest.mark.timeout(1800)
 def test_what_the_page_says_of_each_effect_is_what_the_command_says(folder):
     python = [sys.executable, "-m", "palpate.launch"]
     touch = [*python, "run", "kidney", "--fused", "-q", "--no-pictures", "--record", "kidney.mcap"]
