@@ -13,7 +13,8 @@ def messages(
     name: Annotated[str | None, typer.Argument(help="One type, such as Contact.", metavar="[TYPE]")] = None,
     as_json: Json = False,
 ) -> None:
-    """List the message types: fields, units and shapes; `(k)` is a length found at run time."""
+    """List the message types: fields, units and shapes; `(k)` is a length found at run time, `*` a field that a sender
+    must give."""
     from palpate.launch.loading.faults import Fault, GraphError, choices
     from palpate.messages import Message
     from palpate.messages.docs import message_types
@@ -39,13 +40,20 @@ def messages(
             table.add_column(column, overflow="fold")
         for field in data["fields"]:
             shape = f"({', '.join(map(str, field['shape']))})"
-            table.add_row(*map(Text, (f"  {field['name']}", f"[{field['unit']}]", shape, field["about"])))
+            table.add_row(
+                *map(Text, (f"{'*' * field['required']:2}{field['name']}", f"[{field['unit']}]", shape, field["about"]))
+            )
         out.print(table)
         out.print()
+    out.print("* a sender must give it; the others have a default", style="dim")
 
 
 def describe(kind: type) -> dict[str, Any]:
     """A message type as plain data; the words on each field come from the class's docstring."""
+    import msgspec
+
     from palpate.messages.docs import documented, summary
 
-    return {"name": kind.__name__, "about": summary(kind), "fields": [field._asdict() for field in documented(kind)]}
+    required = {field.name for field in msgspec.structs.fields(kind) if field.required}
+    listed = [{**field._asdict(), "required": field.name in required} for field in documented(kind)]
+    return {"name": kind.__name__, "about": summary(kind), "fields": listed}

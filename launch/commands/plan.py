@@ -67,7 +67,8 @@ def plan(
     elif as_json:
         groups = [{"name": g.name, "nodes": g.nodes, "core": g.core, "priority": g.priority, "host": g.host}
                   for g in placement.groups]  # fmt: skip
-        addition = {"times": times, "times_from": source and str(source), "bill": [asdict(item) for item in items]}
+        addition = {"times": times, "times_from": source and str(source), "bill": [asdict(item) for item in items],
+                    "notes": planned.graph.notes}  # fmt: skip
         tell(planned.to_spec() | {"groups": groups} | addition)
     else:
         out = console()
@@ -75,6 +76,8 @@ def plan(
         if planned.skipped:
             out.print()
             out.print(_skipped(planned))
+        for note in planned.graph.notes:
+            out.print(f"\n{note}", style="yellow", markup=False)
         if items:
             out.print()
             out.print(_bill(items, source))

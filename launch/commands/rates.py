@@ -25,7 +25,9 @@ def rates(
     duration: Annotated[
         float | None, typer.Option(help="Of the touch that is measured on.", parser=seconds, metavar="TIME")
     ] = None,
-    out: Annotated[Path | None, typer.Option("-o", "--out", help="Launch file to write; GRAPH-rates.yaml.")] = None,
+    out: Annotated[
+        Path | None, typer.Option("-o", "--out", help="Launch file to write; runs/GRAPH-rates.yaml.")
+    ] = None,
     as_json: Json = False,
 ) -> None:
     """The lowest rate of each effect that keeps an error, from its own time constant, for this graph.
@@ -41,7 +43,7 @@ def rates(
     if launch.duration is None:
         raise measure.RateError(f"{graph}: it runs without end; give the length of the touch: --duration '5 s'")
     found = measure.effects_of(launch.plan())
-    file = out or Path(f"{(launch.path or launch.graph).stem}-rates.yaml")
+    file = out or Path("runs", f"{(launch.path or launch.graph).stem}-rates.yaml")
     from rich.progress import Progress
 
     with (

@@ -66,7 +66,7 @@ def run(
     pace: Annotated[
         float | None, typer.Option(help="Simulated time at this multiple of real time.", min=1e-3, max=1e6)
     ] = None,
-    record: Annotated[Path | None, typer.Option(help="File of the recording.")] = None,
+    record: Annotated[Path | None, typer.Option(help="File of the recording; pictures go beside it.")] = None,
     no_record: Annotated[bool, typer.Option("--no-record", help="Record nothing.")] = False,
     leave_out: Annotated[list[str] | None, typer.Option("--leave-out", help="Stream not to record.")] = None,
     thin: Annotated[list[str] | None, typer.Option(help="STREAM=N: record each N-th message only.")] = None,
@@ -107,7 +107,7 @@ def run(
         if reconnect:
             launch = launch.but(overrides=_reconnecting(launch))
         name = (organ or launch.path or launch.graph).stem
-        folder = out or Path("runs") / f"{name}-{datetime.datetime.now():%Y%m%d-%H%M%S}"
+        folder = out or (record.parent if record else Path("runs") / f"{name}-{datetime.datetime.now():%Y%m%d-%H%M%S}")
         keep = not no_record and (record is not None or out is not None or launch.record is not None)
         file = (record or folder / (launch.record.name if launch.record else f"{name}.mcap")) if keep else None
         launch = dataclasses.replace(launch, record=file)
@@ -230,7 +230,7 @@ def _summary(outcome: Outcome, name: str, drawn: list[Path], launch: LaunchFile)
         _judge(outcome, launch, out)
     for node, reason in outcome.plan.skipped.items():
         out.print(Text(f"skipped {node}: {reason}", style="dim"))
-    for note in result.notes:
+    for note in (*outcome.plan.graph.notes, *result.notes):
         out.print(Text(note, style="yellow"))
     if outcome.recording is not None and outcome.recording.is_file() and result.ticks:
         out.print(Text(f"recording {outcome.recording} ({outcome.recording.stat().st_size / 1e6:.1f} MB)"))
@@ -272,6 +272,6 @@ def _data(outcome: Outcome) -> dict[str, Any]:
         "recording": str(outcome.recording) if outcome.recording else None,
         "nodes": result.health,
         "skipped": outcome.plan.skipped,
-        "notes": result.notes,
+        "notes": [*outcome.plan.graph.notes, *result.notes],
         "deaths": [dataclasses.asdict(death) for death in result.deaths],
     }

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import keyword
 import re
+from typing import Any
 
 import msgspec
 
@@ -28,11 +29,11 @@ class {title}(Node):
 
     def start(self) -> None:
         """Make the state here; `start` is also the reset."""
-        self.way = 0.0  # [s] time that has passed
+        self.time = 0.0  # [s] time that has passed
 
     def step(self, {port}: {takes}, *, dt: float) -> {sends}:
         """The first input drives; add others as arguments, `name: Type | None` where it may be absent."""
-        self.way += dt
+        self.time += dt
         return {answer}
 '''
 
@@ -88,16 +89,18 @@ def node_files(name: str, takes: type[Message], sends: type[Message]) -> dict[st
 
 
 def _example(kind: type[Message], indent: int) -> str:
-    """Python text that makes a message of zeros, one field a line with its unit; fields with a default are left out."""
+    """Python text of a message at rest, one field a line with its unit; fields with a default are left out."""
     required = {field.name for field in msgspec.structs.fields(kind) if field.required}
-    lines = [f"{' ' * (indent + 4)}{f.name}={_zero(f)},  # [{f.unit}]\n" for f in fields(kind) if f.name in required]
+    at_rest = kind.example(loaded=False)
+    lines = [
+        f"{' ' * (indent + 4)}{f.name}={_text(f, getattr(at_rest, f.name))},  # [{f.unit}]\n"
+        for f in fields(kind)
+        if f.name in required
+    ]
     return f"{kind.__name__}(\n{''.join(lines)}{' ' * indent})" if lines else f"{kind.__name__}()"
 
 
-def _zero(field: Field) -> str:
-    if field.dtype is not None:
-        shape = tuple(0 if isinstance(n, str) else n for n in field.shape)
-        return f"np.zeros({shape if len(shape) > 1 else shape[0]})"
-    if field.shape:
-        return f"({', '.join(['0.0'] * (0 if isinstance(field.shape[0], str) else field.shape[0]))})"
-    return {bool: "False", int: "0", str: '""'}.get(field.type, "0.0")
+def _text(field: Field, value: Any) -> str:
+    if field.dtype is None:
+        return repr(value)
+    return f"np.zeros({value.shape if len(value.shape) > 1 else len(value)})"

@@ -27,7 +27,9 @@ def tune(
     duration: Annotated[
         float | None, typer.Option(help="Of the touch that is tuned on.", parser=seconds, metavar="TIME")
     ] = None,
-    out: Annotated[Path | None, typer.Option("-o", "--out", help="Launch file to write; GRAPH-tuned.yaml.")] = None,
+    out: Annotated[
+        Path | None, typer.Option("-o", "--out", help="Launch file to write; runs/GRAPH-tuned.yaml.")
+    ] = None,
     as_json: Json = False,
 ) -> None:
     """The most accurate body that keeps a budget, or the cheapest that keeps an error, for this graph on this machine.
@@ -59,7 +61,7 @@ def tune(
     if launch.duration is None:
         raise TuneError(f"{graph}: it runs without end; give the length of the touch: --duration '5 s'")
     wanted = candidates(launch.load())
-    file = out or Path(f"{(launch.path or launch.graph).stem}-tuned.yaml")
+    file = out or Path("runs", f"{(launch.path or launch.graph).stem}-tuned.yaml")
     from rich.progress import Progress
 
     with (

@@ -15,11 +15,13 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, order=True)
 class Place:
-    """Where something is written: a file with line and column counted from 1, or a command line option."""
+    """Where something is written: a file with line and column counted from 1, or a command line option. `before`: where
+    the line of a node says it, into which another class was put at this place."""
 
     file: str = ""
     line: int = 0
     column: int = 0
+    before: str = ""
 
     def __str__(self) -> str:
         return f"{short(self.file)}:{self.line}" if self.line else short(self.file)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -58,10 +58,31 @@ def read_extended(path: Path, folder: Path, inside: tuple[Path, ...] = ()) -> So
 
 
 def _join(base: Source, top: Source) -> Source:
-    """A scene written in the graph overrides the scene file of the graph that it extends."""
+    """A scene written in the graph overrides the scene file of the graph that it extends; a node that names another
+    class and its inputs has these inputs alone."""
     if isinstance(base.data.get("scene"), str) and isinstance(top.data.get("scene"), dict):
         base.put(("scene",), read_extended(Path(base.data["scene"]), SCENES))
+    for name, line in _mapping(top.sub("nodes")).items():
+        old, new = _mapping(base.sub("nodes", name)), line if isinstance(line, dict) else {}
+        before, inputs = old.get("in"), new.get("in")
+        if "use" not in new or new["use"] == old.get("use"):
+            continue
+        _put_class(base, name, top.place("nodes", name, "use"))
+        if isinstance(before, dict) and isinstance(inputs, dict):
+            for port in before:
+                inputs.setdefault(port, None)
     return merge(base, top)
+
+
+def _put_class(source: Source, name: str, place: Place) -> None:
+    """The line of a node gets another class at this place: what the class does not have is told there."""
+    for keys, old in source.places.items():
+        if keys[:2] == ("nodes", name) and len(keys) > 2:
+            source.places[keys] = replace(place, before=str(old))
+
+
+def _mapping(source: Source) -> dict[str, Any]:
+    return source.data if isinstance(source.data, dict) else {}
 
 
 def read_scene(scene: str | Path | Mapping[str, Any] | None, graph: Source, faults: Faults) -> Source:
@@ -125,7 +146,14 @@ def apply(overrides: list[Override], graph: Source, scene: Source, faults: Fault
         elif head in nodes and not rest and override.value.data is None:
             del nodes[head]
         elif head in nodes and (len(rest) == 1 or (len(rest) == 2 and rest[0] == "in")):
-            if isinstance(nodes[head], dict):
+            if not isinstance(nodes[head], dict):
+                continue
+            inputs = nodes[head].get("in")
+            if rest == ["use"]:
+                _put_class(graph, head, override.place)
+            if rest[0] == "in" and override.value.data is None and isinstance(inputs, dict) and rest[-1] in inputs:
+                del inputs[rest[-1]]
+            else:
                 graph.put(("nodes", *override.keys), override.value)
         elif head in nodes:
             faults.add(f"found {'.'.join(override.keys)!r}, expected {head}.setting, {head}.use or {head}.in.input", "",

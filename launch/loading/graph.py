@@ -5,14 +5,14 @@
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from palpate.launch.loading.classes import ClassError, find_class
+from palpate.launch.loading.classes import ClassError, body, find_class
+from palpate.launch.loading.contacts import Contacts
 from palpate.launch.loading.demand import missing_senders
 from palpate.launch.loading.effects import KEY as EFFECTS
 from palpate.launch.loading.effects import Choice
@@ -21,7 +21,7 @@ from palpate.launch.loading.effects import chosen as chosen_effects
 from palpate.launch.loading.faults import NOWHERE, Fault, Faults, GraphError, Place, choices
 from palpate.launch.loading.files import GRAPHS, Override, apply, find_file, read_extended, read_scene
 from palpate.launch.loading.scene import Scene, condition
-from palpate.launch.loading.settings import Offer, check_offers, resolve
+from palpate.launch.loading.settings import Offer, check_offers, check_taken, resolve
 from palpate.launch.loading.shared_units import check_units, uses
 from palpate.launch.loading.source import Source
 from palpate.launch.loading.units import UnitError, convert
@@ -32,6 +32,8 @@ from palpate.nodes.base import Node, Observer, inputs, settings
 __all__ = ["Edge", "Fault", "Graph", "GraphError", "NodeSpec", "load"]
 
 RATE = 1000.0
+SLOWEST, FASTEST = 1e-3, 1e6  # [Hz] of the base rate
+MOST = 1_000_000  # ticks of one step of a node
 KEYS = ("scene", "rate", "nodes", "wanted", EFFECTS, "extends")
 RESERVED = ("scene", "rate", "wanted", EFFECTS, "all")
 LINE = ("use", "in", "with", "when", "every", "restart")
@@ -79,7 +81,7 @@ class NodeSpec:
 class Graph:
     """A checked graph. `rate` [Hz]; `wanted` are streams that must be computed, None where nothing is said; `effects`
     what was said of these; `source` is what the graph's file says beside the scene, with all that was set from
-    outside."""
+    outside; `notes` are lines on what of the scene no class in use takes."""
 
     path: Path
     rate: float
@@ -88,6 +90,7 @@ class Graph:
     wanted: tuple[str, ...] | None = None
     source: dict[str, Any] = field(default_factory=dict)
     effects: dict[str, Choice] = field(default_factory=dict)
+    notes: tuple[str, ...] = field(default=(), compare=False)
 
     @property
     def streams(self) -> dict[str, type[Message]]:
@@ -153,15 +156,23 @@ def load_source(
         nodes[name] = _node(name, draft, world, offers, faults)
         if nodes[name].observer:
             nodes[name].listen = _listen(name, draft.line, kinds, unclear, faults)
+            _check_fields(nodes[name], draft.line, kinds, unclear, faults)
         else:
             draft.wires = wires(name, draft.cls, draft.line, kinds, unclear, faults)
     close_loops([w for d in drafts.values() for w in d.wires], list(drafts), faults)
     for name, draft in drafts.items():
         nodes[name].edges = tuple(Edge(w.port.name, w.producer, w.stream, w.held) for w in draft.wires)
+    notes: tuple[str, ...] = ()
     if not unclear:
         check_offers(offers, world, faults)
+        set_there = [(".".join(c.keys[1:]), c.value) for c in changes if c.keys[0] == "scene"]
+        notes = check_taken(offers, set_there, world, faults)
         check_units(offers, written, faults)
     switch(said, nodes, faults)
+    if not unclear:
+        may = {name: spec for name, spec in nodes.items() if spec.off is None and not spec.observer}
+        contacts = Contacts({n: s.cls for n, s in may.items()}, [w for d in drafts.values() for w in d.wires])
+        contacts.check({n: s.place for n, s in may.items()}, faults)
     if any(change.keys == ("wanted",) for change in changes):
         holder = source
     elif wanted is not None:
@@ -170,7 +181,7 @@ def load_source(
         holder = source if scene_source.data.get("wanted") is None else scene_source
     found_wanted = _wanted(holder, kinds, unclear, faults)
     written_down = {key: value for key, value in source.data.items() if key != "scene"}
-    graph = Graph(file, rate, world.data, nodes, found_wanted, written_down, said)
+    graph = Graph(file, rate, world.data, nodes, found_wanted, written_down, said, notes)
     faults.entries.extend(missing_senders(graph))
     faults.done()
     return graph
@@ -185,8 +196,8 @@ def _rate(source: Source, faults: Faults) -> float:
     given = source.data.get("rate", RATE)
     try:
         rate = convert(given, "Hz") if isinstance(given, str) else given
-        if isinstance(rate, bool) or not isinstance(rate, int | float) or not (0 < rate < math.inf):
-            raise UnitError(f"found {given!r}; expected a number above 0")
+        if isinstance(rate, bool) or not isinstance(rate, int | float) or not (SLOWEST <= rate <= FASTEST):
+            raise UnitError(f"found {given!r}; expected a number above 0, from {SLOWEST:g} to {FASTEST:g}")
         return float(rate)
     except UnitError as error:
         faults.add(f"rate [Hz]: {error}", "", source.place("rate"))
@@ -263,8 +274,10 @@ def _node(name: str, draft: _Draft, scene: Scene, offers: list[Offer], faults: F
     line = draft.line
     place = line.place()
     every = line.data.get("every")
-    if every is not None and (isinstance(every, bool) or not isinstance(every, int) or every < 1):
-        faults.add(f"every: found {every!r}, expected a whole number from 1", "", line.place("every"), node=name)
+    if every is not None and (isinstance(every, bool) or not isinstance(every, int) or not 1 <= every <= MOST):
+        faults.add(
+            f"every: found {every!r}, expected a whole number from 1 to {MOST}", "", line.place("every"), node=name
+        )
         every = None
     restart = line.data.get("restart")
     if restart is not None and not isinstance(restart, bool):
@@ -295,6 +308,17 @@ def _listen(name: str, line: Source, kinds: Kinds, unclear: set[str], faults: Fa
         faults.add(f"in: found {given!r}, expected `all` or a list of streams", "", line.place("in"), node=name)
         return ()
     return _streams(given, "in", line, kinds, unclear, faults, name)
+
+
+def _check_fields(spec: NodeSpec, line: Source, kinds: Kinds, unclear: set[str], faults: Faults) -> None:
+    """A fault for each of the `fields` of a recording that no stream of the graph has."""
+    asked = spec.settings.get("fields")
+    if unclear or not isinstance(asked, list):
+        return
+    known = {field for own in kinds.values() for kind in own.values() for field in body(kind)}
+    for name in sorted(set(asked) - known):
+        faults.add(f"no stream of the graph has {name!r}", choices("Fields", name, sorted(known)),
+                   line.place("fields"), node=spec.name, setting="fields")  # fmt: skip
 
 
 def _wanted(holder: Source, kinds: Kinds, unclear: set[str], faults: Faults) -> tuple[str, ...] | None:

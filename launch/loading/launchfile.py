@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from palpate.launch.loading.faults import Faults, choices
+from palpate.launch.loading.faults import Faults, GraphError, choices
 from palpate.launch.loading.files import GRAPHS, PLACES, SCENES, Override, find_file
 from palpate.launch.loading.graph import Graph, load
 from palpate.launch.loading.placement import BUILT_IN, CARRIERS, Placement, load_place
@@ -99,7 +99,7 @@ def _read(path: Path) -> LaunchFile:
     source = read(path)
     data = source.data
     if not isinstance(data, dict) or "graph" not in data or "nodes" in data:
-        return LaunchFile(graph=path)
+        return _of_graph(path, data)
     faults = Faults()
     for key in data:
         if key not in KEYS:
@@ -135,6 +135,26 @@ def _read(path: Path) -> LaunchFile:
     )
     faults.done()
     return launch
+
+
+def _of_graph(path: Path, data: Any) -> LaunchFile:
+    """The run of a graph: as long as that of the graph that it extends and that ships with a launch file, and recorded
+    like it."""
+    file, seen = path, {path}
+    while isinstance(data, dict) and isinstance(data.get("extends"), str):
+        try:
+            file = find_file(data["extends"], GRAPHS, file.parent)
+            data = read(file).data
+        except GraphError:  # the loader tells it
+            break
+        shipped = LAUNCHES / file.name
+        if file.parent == GRAPHS.resolve() and shipped.is_file():
+            run = _read(shipped)
+            return LaunchFile(path, duration=run.duration, record=run.record and Path(f"{path.stem}.mcap"))
+        if file in seen:
+            break
+        seen.add(file)
+    return LaunchFile(path)
 
 
 def _file(key: str, source: Source, folder: Path, path: Path, faults: Faults) -> Path | None:

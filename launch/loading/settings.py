@@ -7,6 +7,7 @@ import math
 import sys
 import types
 import typing
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Annotated, Any
 
@@ -17,8 +18,12 @@ from palpate.launch.loading.faults import Faults, Place, choices, nearest
 from palpate.launch.loading.scene import Scene
 from palpate.launch.loading.source import Source
 from palpate.launch.loading.units import UnitError, convert, is_quantity
+from palpate.launch.loading.wiring import unknown
 from palpate.nodes.base import Node, Setting, SettingError, settings
 from palpate.nodes.base import convert as check
+
+FIXED = ("effects", "wanted")
+"""What a scene says of the graph as a whole."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +60,8 @@ def resolve(
         if key in known:
             given[key] = (line.data[key], line.place(key))
         else:
-            faults.add("unknown", _cure(key, cls, known), line.place(key), node=name, setting=key)
+            text, cure = unknown(line.place(key), f"{key}: null")
+            faults.add(text, _cure(key, cls, known) + cure, line.place(key), node=name, setting=key)
     values = {}
     count = len(faults.entries)
     for key, setting in known.items():
@@ -143,6 +149,65 @@ def check_offers(offers: list[Offer], scene: Scene, faults: Faults) -> None:
         reported.add(offer.place)
         text = f"with: {path.lstrip('.')!r} is a setting of no class of {offer.cls.__module__}"
         faults.add(text, _cure(offer.key, offer.cls, names[offer.cls]), offer.place, node=offer.node, setting=offer.key)
+
+
+def check_taken(
+    offers: list[Offer], changes: Iterable[tuple[str, Source]], scene: Scene, faults: Faults
+) -> tuple[str, ...]:
+    """A fault for each value of the scene that was set from outside and reaches no node; lines that say which other
+    values of the scene the classes in use leave out.
+
+    changes  dotted paths in the scene and what was set there
+    """
+    offered = {offer.path for offer in offers}
+    read = [path for path in scene.used if path not in offered]
+
+    def reaches(path: str) -> bool:
+        taken = (f"{o.path}.{o.key}" for o in offers if o.taken)
+        return any(f"{path}.".startswith(f"{u}.") for u in taken) or any(
+            f"{path}.".startswith(f"{u}.") or u.startswith(f"{path}.") for u in read
+        )
+
+    for path, value in [leaf for change in changes for leaf in _leaves(*change)]:
+        if path.partition(".")[0] in FIXED or reaches(path):
+            continue
+        lost = [offer for offer in offers if f"{path}.".startswith(f"{offer.path}.{offer.key}.")]
+        cure = " ".join(_instead(offer) for offer in lost) or "No node reads it."
+        faults.add(f"{path!r} of the scene reaches no node of this graph", cure, value.place())
+    left: dict[tuple[str, str], list[str]] = {}
+    for offer in offers:
+        path = f"{offer.path}.{offer.key}"
+        known = any(offer.key in settings(o.cls) for o in offers if (o.path, o.key) == (offer.path, offer.key))
+        if offer.path and not known and not reaches(path) and offer.key in _family(offer.cls)[0]:
+            close = _closest(offer.key, offer.cls)
+            about = f"{offer.node} ({offer.cls.__name__}) does not take from scene.{offer.path}: "
+            left.setdefault((offer.node, about), []).append(f"{offer.key}{f' (it has {close})' if close else ''}")
+    return tuple(f"{about}{', '.join(keys)}" for (_, about), keys in left.items())
+
+
+def _leaves(path: str, value: Source) -> Iterator[tuple[str, Source]]:
+    if not isinstance(value.data, dict):
+        yield path, value
+        return
+    for key in value.data:
+        yield from _leaves(f"{path}.{key}", value.sub(key))
+
+
+def _instead(offer: Offer) -> str:
+    """What to set in place of a value of the scene that a node does not take."""
+    name = f"{offer.node!r} ({offer.cls.__name__})"
+    if offer.key in settings(offer.cls):
+        return f"The line of {name} gives {offer.key!r} itself: set {offer.node}.{offer.key}."
+    close = _closest(offer.key, offer.cls)
+    return f"{name} has {close!r}." if close else f"Settings of {name}: {', '.join(settings(offer.cls)) or 'none'}."
+
+
+def _closest(key: str, cls: type[Node]) -> str:
+    """The setting of a class that is in the same unit as another class's `key`, and shares a word with it."""
+    mine, other = settings(cls), _family(cls)[0].get(key)
+    same = [name for name, setting in mine.items() if other is None or setting.unit == other.unit]
+    words = [name for name in same if set(name.split("_")) & set(key.split("_"))]
+    return next(iter(words or nearest(key, same, 1)), "")
 
 
 def _family(cls: type[Node]) -> tuple[dict[str, Setting], bool]:

@@ -86,7 +86,8 @@ def wires(
     names = [p.name for p in ports]
     for key in given:
         if key not in names:
-            faults.add("unknown", choices(f"Inputs of {cls.__name__}", key, names), line.place("in", key),
+            text, cure = unknown(line.place("in", key), f"in: {{{key}: null}}")
+            faults.add(text, f"{choices(f'Inputs of {cls.__name__}', key, names)}{cure}", line.place("in", key),
                        node=name, port=key)  # fmt: skip
     if not ports and not cls.paced:
         faults.add(f"{cls.__name__} has no input, so nothing runs it", "A source says `paced = True`.",
@@ -117,6 +118,13 @@ def wires(
         producer = stream.partition(".")[0]
         connections.append(Wire(name, port, producer, stream, where, driving, held, named))
     return connections
+
+
+def unknown(place: Place, without: str) -> tuple[str, str]:
+    """What is said of a key that a class does not have, and what takes it out where it came with another class."""
+    if not place.before:
+        return "unknown", ""
+    return f"unknown; it is from the line of the class before ({place.before})", f" Without it: `{without}`."
 
 
 def _sender(name: str, port: Port, given: Any, place: Place, faults: Faults) -> tuple[str | None, bool | None]:

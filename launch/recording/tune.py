@@ -253,6 +253,7 @@ def write(launch: LaunchFile, chosen: dict[str, Any], told: list[str], path: Pat
     own = [str(o) for o in launch.overrides if isinstance(o, str)]
     content["set"] = {k: yaml.safe_load(v) for k, _, v in (o.partition("=") for o in own)} | chosen
     head = "".join(f"# {line}\n" for line in told)
+    path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(head + yaml.safe_dump(content, sort_keys=False, allow_unicode=True), encoding="utf-8")
 
 

@@ -6,7 +6,7 @@ import contextlib
 import errno
 import os
 import resource
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -97,8 +97,6 @@ def execute(
     groups = {group.name: group.nodes for group in place.groups}
     provenance = about(planned, here=fused, clock=clock, pace=launch.pace, ticks=ticks, groups=groups)
     work = jobs(planned, place, clock=clock, ticks=ticks, pace=launch.pace, about=provenance)
-    if launch.record is not None:
-        _check_writable(launch.record)
     if joined:
         if address is None:
             raise OSError(
@@ -111,7 +109,7 @@ def execute(
     title = (launch.path or launch.graph).stem
     names = [*planned.order, *planned.observers]
     screen = Screen(console, title, graph.rate, ticks, names) if console is not None else None
-    with screen or contextlib.nullcontext():
+    with _folder(launch.record) as made, screen or contextlib.nullcontext():
         if fused:
             if forkserver is not None:
                 forkserver.close()
@@ -133,6 +131,8 @@ def execute(
                 died=screen.died if screen else lambda _: None,
             )
             result = launcher.run()
+        if made and launch.record is not None and not result.ticks:
+            launch.record.unlink(missing_ok=True)
     result.health = {name: result.health[name] for name in names if name in result.health}
     return Outcome(planned, result, launch.record, verdict(result, planned, ticks) if clock == "real" else None)
 
@@ -180,6 +180,21 @@ def _open_files(groups: int) -> None:
     if most < needed:
         raise TooFewFiles(f"a run of {groups} processes opens up to {needed} files in one, and the system permits "
                           f"{hard}: `ulimit -n {needed}`, or --fused")  # fmt: skip
+
+
+@contextlib.contextmanager
+def _folder(file: Path | None) -> Iterator[list[Path]]:
+    """Makes the folders of the recording, which it gives, and takes away those that stay empty. OSError: the recording
+    cannot be written there."""
+    made = [] if file is None else [folder for folder in file.parents if not folder.exists()]
+    try:
+        if file is not None:
+            _check_writable(file)
+        yield made
+    finally:
+        for folder in made:
+            with contextlib.suppress(OSError):
+                folder.rmdir()
 
 
 def _check_writable(file: Path) -> None:

@@ -5,7 +5,9 @@ The loops over the ticks are apart, one for each clock: `simulated`, `real`; `ob
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable
+from functools import partial
 
 from palpate.launch.running.audience import Audience
 from palpate.launch.running.bus import HEALTH, Bus, frame
@@ -83,11 +85,19 @@ class Worker:
         """Start all nodes. NodeFault: one raised."""
         for slot in self.slots:
             self.report(Starting(slot.name))
-            self._started.append((slot.name, slot.node))
-            slot.start()
+            self._start(slot.name, slot.node, slot.start)
         for observer in self.audience.slots:
-            self._started.append((observer.name, observer.node))
-            self.audience.start(observer, self.outputs)
+            self._start(observer.name, observer.node, partial(self.audience.start, observer, self.outputs))
+
+    def _start(self, name: str, node: Node, start: Callable[[], None]) -> None:
+        """Start one of them; what fails gives back at once what it has opened, as far as it came."""
+        try:
+            start()
+        except BaseException:
+            with contextlib.suppress(Exception):
+                node.stop()
+            raise
+        self._started.append((name, node))
 
     @property
     def started(self) -> int:

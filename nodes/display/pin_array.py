@@ -97,7 +97,7 @@ class PinArray(OnSurface):
 
     def step(
         self,
-        contact: Contact,
+        contact: Annotated[Contact, Wants("force", "compression", "indentation", "foot", "normal")],
         surface: Annotated[Surface | None, Wants("nodes", "displacement", "pressure")],
         *,
         dt: float,

@@ -60,10 +60,6 @@ class Mcap(Observer):
         for name in (*self.thin, *self.leave_out):
             if name not in known:
                 raise SettingError(f"there is no stream {name!r} to thin or leave out; streams: {', '.join(known)}")
-        names = {field.name for stream in self.streams for field in fields(stream.type)}
-        for name in () if self.fields == "all" else self.fields:
-            if name not in names:
-                raise SettingError(f"fields: no stream has a field {name!r}; fields: {', '.join(sorted(names))}")
         for name, keep in self.thin.items():
             if keep < 1:
                 raise SettingError(f"thin: {name}: found {keep}, expected to keep each n-th message, n from 1")

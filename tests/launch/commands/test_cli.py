@@ -13,6 +13,9 @@ from typer.testing import CliRunner
 from palpate.drivers import discover
 from palpate.launch.__main__ import app
 from palpate.launch.commands import findings
+from palpate.launch.loading.launchfile import find
+from palpate.launch.recording.reader import Recording
+from palpate.launch.running.execute import execute
 
 runner = CliRunner()
 
@@ -176,6 +179,77 @@ def test_a_new_node_passes_the_check_of_a_graph(tmp_path, whole, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", [*sys.path])
     assert run("check", whole, "--set", "tissue.use=mine.Mine", "--set", "tissue.with=null").exit_code == 0
+
+
+@pytest.mark.parametrize(
+    ("node", "takes", "sends", "sets"),
+    [
+        ("tissue", "Load", "Surface", []),
+        ("spread", "Contact", "Load", ["spread.in.friction=null"]),
+        ("friction", "Contact", "Friction", ["friction.in.proximity=null"]),
+        ("contact", "Proximity", "Contact", ["contact.in.body=null", "wanted=[controller]"]),
+        ("collision", "Pose", "Proximity", []),
+        ("controller", "Contact", "Force", [f"controller.in.{port}=null" for port in ("friction", "pose", "ledger")]),
+        ("statics", "Force", "Torque", ["statics.in.pose=null"]),
+    ],
+)
+def test_a_new_node_runs_in_the_place_of_each_node_of_the_kidney(tmp_path, monkeypatch, node, takes, sends, sets):
+    run("new", "node", "Mine", "--folder", tmp_path, "--takes", takes, "--sends", sends)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    monkeypatch.delitem(sys.modules, "mine", raising=False)
+    swap = [f"{node}.use=mine.Mine", "scene.surface.vertices=600", *sets]
+    outcome = execute(find("kidney").but(place="fused", duration=0.02, overrides=swap))
+    assert outcome.ok and outcome.result.ticks == 20
+
+
+QUICK = ["--fused", "-q", "--set", "scene.surface.vertices=600", "--set", "scene.hand.begin=[0, 0, 0.107]"]
+
+
+def test_a_graph_of_ones_own_is_recorded_and_drawn_and_pictures_are_beside_the_recording(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine.yaml").write_text("extends: kidney\nnodes: {tissue: {stiffness: 2e3}}\n")
+    assert run("run", "mine.yaml", "--duration", "0.05", *QUICK).exit_code == 0
+    (folder,) = (tmp_path / "runs").iterdir()
+    assert {"mine.mcap", "device.png"} <= {file.name for file in folder.iterdir()}
+    assert run("run", "kidney", "--duration", "0.05", *QUICK, "--record", "here/x.mcap").exit_code == 0
+    assert {"x.mcap", "device.png"} <= {file.name for file in (tmp_path / "here").iterdir()}
+    assert len(list((tmp_path / "runs").iterdir())) == 1
+
+
+def test_a_start_that_fails_leaves_no_folder_and_takes_away_nothing_else(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    failing = ["--fused", "-q", "--set", "bad.how=start raise"]
+    (tmp_path / "g.yaml").write_text(
+        "nodes:\n  src: {use: nodes_that_misbehave.Source}\n  bad: {use: nodes_that_misbehave.Bad, in: {pose: src}}\n"
+        "  log: {use: logger.Mcap, in: all}\n"
+    )
+    ended = run("run", "g.yaml", "--duration", "0.1", "--out", "a/b", *failing)
+    assert ended.exit_code == 1 and not (tmp_path / "a").exists()
+    (tmp_path / "kept.mcap").write_bytes(b"an older one")
+    assert run("run", "g.yaml", "--duration", "0.1", "--record", "kept.mcap", *failing).exit_code == 1
+    assert (tmp_path / "kept.mcap").exists()
+
+
+def test_a_recording_of_few_streams_starts_and_a_failed_start_is_one_line(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    few = ["--set", "log.in=[contact, controller]", "--out", "out"]
+    assert run("run", "kidney", "--duration", "0.05", *QUICK, *few).exit_code == 0
+    assert set(Recording(tmp_path / "out" / "kidney.mcap").streams) == {"contact", "controller"}
+    (tmp_path / "half.py").write_text(
+        "from palpate.nodes.logger import Mcap\n\n\nclass Half(Mcap):\n"
+        "    def start(self):\n        raise ValueError('half way')\n\n"
+        "    def stop(self):\n        self.never_made.close()\n"
+    )
+    ended = run("run", "kidney", "--duration", "0.05", *QUICK, "--set", "log.use=half.Half", "--out", "out2")
+    assert ended.exit_code == 1 and "ValueError: half way" in ended.stderr and "never_made" not in ended.stderr
+
+
+def test_required_fields_of_a_message_are_marked():
+    lines = run("messages", "Friction").stdout.splitlines()
+    assert any(line.startswith("* force") for line in lines) and any(line.startswith("  stored") for line in lines)
+    _, data = spoken("messages", "Friction")
+    assert [f["name"] for f in data["messages"][0]["fields"] if f["required"]] == ["force", "bristle", "stick"]
 
 
 @pytest.mark.parametrize(

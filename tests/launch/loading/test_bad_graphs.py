@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from whole_touch import WHOLE
 
 from palpate.launch.loading.faults import GraphError
+from palpate.launch.loading.files import GRAPHS
 from palpate.launch.loading.graph import load
 from palpate.launch.loading.launchfile import find
 from palpate.launch.loading.placement import load_place
@@ -146,6 +147,45 @@ BAD = {
     "when is not read": ("when: tissue.friction", "when: a > > 3", ["when:"]),
     "when compares dimensions": ("when: tissue.friction", "when: tissue.stiffness > 3 mm", ["cannot be compared"]),
     "when compares words": ("when: tissue.friction", "when: finger > 3", ["cannot be compared"]),
+    "a second contact on one body": (
+        "  motor:",
+        "  second: {use: graph_nodes.Press, in: {proximity: near, body: tissue}}\n  motor:",
+        [
+            "whole.yaml:14: node 'second', input 'body'",
+            "reads the body 'tissue', which the load of 'contact' presses, not its own",
+            "`spread-2: {in: {contact: second}}`, `tissue-2: {in: {load: spread-2}}`",
+        ],
+    ),
+    "a contact that reads a body which its load does not reach": (
+        "body: tissue}}",
+        "body: other}}\n  second: {use: graph_nodes.Press, in: {proximity: near}}\n"
+        "  load:  {use: graph_nodes.Spread, in: {contact: second}}\n"
+        "  other: {use: graph_nodes.Spring, in: {load: load}}",
+        ["whole.yaml:9: node 'contact', input 'body'", "'other', which the load of 'second' presses"],
+    ),
+    "a body whose contact does not hear it": (
+        ", body: tissue",
+        "",
+        ["node 'tissue': gets the load of 'contact', which does not hear how", "`in: {body: tissue}`"],
+    ),
+    "an organ whose force reaches no controller": (
+        "  motor:",
+        "  second: {use: graph_nodes.Press, in: {proximity: near, body: organ}}\n"
+        "  load:  {use: graph_nodes.Spread, in: {contact: second}}\n"
+        "  organ: {use: graph_nodes.Spring, in: {load: load}}\n  motor:",
+        [
+            "whole.yaml:14: node 'second': its force reaches no controller: 'control' hears 'contact'",
+            "`in: {contact: second}`, or take it out: `second: null`",
+        ],
+    ),
+    "unknown field of a recording": (
+        "in: all}",
+        "in: all, fields: [stifness]}",
+        ["setting 'fields'", "Did you mean 'stiffness'"],
+    ),
+    "rate beyond all numbers": ("nodes:", "rate: 1e308\nnodes:", ["rate [Hz]", "from 0.001 to 1e+06"]),
+    "rate of months": ("nodes:", "rate: 1e-7\nnodes:", ["rate [Hz]", "found 1e-07", "from 0.001"]),
+    "every of hours": ("when: tissue.friction", "every: 100000000", ["every: found 100000000", "from 1 to 1000000"]),
     "rate": ("nodes:", "rate: -1\nnodes:", ["rate [Hz]", "found -1", "above 0"]),
     "rate of another dimension": ("nodes:", "rate: 3 mm\nnodes:", ["rate [Hz]", "a length", "frequency"]),
     "wanted is unknown": ("nodes:", "wanted: [contrl]\nnodes:", ["'contrl'", "Did you mean 'control'"]),
@@ -199,6 +239,8 @@ SETS = {
     "tissue.stiffness": ["expected target=value"],
     "=3": ["expected target=value"],
     "tissue.stiffness=[1": ["not YAML"],
+    "scene.tissue.cells=9": ["'tissue.cells' of the scene reaches no node", "Settings of 'tissue' (Spring): stiffness"],
+    "scene.tissue={friction: on, cells: 9}": ["'tissue.cells' of the scene reaches no node"],
     "tissue.use=graph_nodes.Spirng": ["no class 'Spirng'", "Did you mean 'Spring'", "Classes that send Surface"],
 }
 
@@ -209,6 +251,36 @@ def test_a_bad_override_is_told_with_culprit_and_cure(whole, given, words):
         load(whole, overrides=[given])
     for word in words:
         assert word in str(error.value), str(error.value)
+
+
+def test_a_scene_value_that_a_swapped_class_does_not_have_is_refused_from_outside_and_told_otherwise():
+    coulomb, fe = "friction.use=friction.Coulomb", "tissue.use=deformation.ReducedFE"
+    for sets, path, cure in (
+        ([coulomb, "scene.sliding.mu_slide=0.9"], "sliding.mu_slide", "'friction' (Coulomb) has 'mu'"),
+        ([fe, "scene.tissue.stiffness=9e4"], "tissue.stiffness", "Settings of 'tissue' (ReducedFE): surface"),
+        (["tissue.stiffness=3", "scene.tissue.stiffness=9e4"], "tissue.stiffness", "set tissue.stiffness"),
+    ):
+        with pytest.raises(GraphError) as error:
+            load("kidney", overrides=sets)
+        assert f"--set {sets[-1]}: {path!r} of the scene reaches no node" in str(error.value)
+        assert cure in str(error.value)
+    (note,) = load("kidney", overrides=[coulomb]).notes
+    assert note.startswith("friction (Coulomb) does not take from scene.sliding: mu_slide (it has mu), mu_static")
+    for graph in GRAPHS.glob("*.yaml"):
+        assert load(graph).notes == ()
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        "scene.tissue.friction=off",
+        "scene.hand.begin=[0, 0, 0.117]",
+        "scene.energy.bound=1 mJ",
+        "scene.tissue={friction: on}",
+    ],
+)
+def test_a_scene_value_that_a_setting_a_condition_or_a_skipped_node_reads_is_taken(given):
+    load("kidney", overrides=[given])
 
 
 DATA = yaml.safe_load(WHOLE)

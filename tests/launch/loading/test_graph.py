@@ -147,6 +147,47 @@ def test_a_graph_extends_another_node_by_node(whole, write):
     assert graph.nodes["control"].every == 2 and len(graph.nodes["control"].edges) == 1
 
 
+def test_another_class_with_inputs_has_these_alone_and_without_keeps_what_it_finds(whole, write):
+    """With the same class the inputs are laid over those of the parent."""
+    text = "extends: whole.yaml\nnodes: {{{}}}\n"
+    new = "spread: {use: graph_nodes.Rub, in: {contact: contact}}, tissue: null, contact: {in: {body: null}}"
+    replaced = load(write("a.yaml", text.format(new)))
+    assert [e.port for e in replaced.nodes["spread"].edges] == ["contact"]
+    kept = load(write("b.yaml", text.format("tissue: {use: graph_nodes.Foam}")))
+    assert [e.port for e in kept.nodes["tissue"].edges] == ["load"]
+    laid = load(write("c.yaml", text.format("spread: {in: {friction: null}}")))
+    assert [e.port for e in laid.nodes["spread"].edges] == ["contact"]
+
+
+def test_an_input_is_taken_out_from_the_command_line_whatever_class_is_there(whole):
+    taken = load(
+        whole,
+        overrides=["spread.in.friction=null", "spread.use=graph_nodes.StrictSpread", "spread.in.friction=friction"],
+    )
+    assert [e.port for e in taken.nodes["spread"].edges] == ["contact", "friction"]
+    alone = load(
+        whole, overrides=["contact.use=sensor.ForceSensor", "contact.in.body=null", "contact.in.proximity=null"]
+    )
+    assert alone.nodes["contact"].edges == ()
+    with pytest.raises(GraphError, match="input 'bodi': unknown"):
+        load(whole, overrides=["contact.in.bodi=null"])
+
+
+def test_a_fault_of_a_class_that_was_put_into_a_line_is_told_where_it_was_put(whole, write):
+    own = write("own.yaml", "extends: whole.yaml\nnodes:\n  near: {use: graph_nodes.Rub}\n")
+    with pytest.raises(GraphError) as error:
+        load(own)
+    told = str(error.value)
+    assert "own.yaml:3: node 'near', input 'pose': unknown; it is from the line of the class before" in told
+    assert "whole.yaml:8)" in told and "Without it: `in: {pose: null}`." in told
+    assert "own.yaml:3: node 'near', input 'contact': input, which drives the node, has no sender" in told
+    whole.write_text(whole.read_text().replace("in: {pose: finger}}", "in: {pose: finger}, count: 2}"))
+    with pytest.raises(GraphError, match=r"own\.yaml:3: node 'near', setting 'count': unknown; .*whole\.yaml:8\)"):
+        load(own)
+    with pytest.raises(GraphError, match=r"--set near\.use=graph_nodes\.Rub: node 'near', setting 'count': unknown"):
+        load(whole, overrides=["near.use=graph_nodes.Rub"])
+
+
 def test_a_node_can_be_taken_out_from_the_command_line(whole):
     graph = load(whole, overrides=["log=null"])
     assert "log" not in graph.nodes
@@ -198,7 +239,7 @@ def test_of_two_optional_edges_of_a_loop_the_backward_one_is_held(write):
   device: {use: graph_nodes.Hand}
   finger: {use: graph_nodes.Finger, in: {state: device}}
   near: {use: graph_nodes.Near, in: {pose: finger}}
-  contact: {use: graph_nodes.Press, in: {proximity: near}}
+  contact: {use: sensor.ForceSensor}
 """
     order = ["spread", "tissue", "press", "friction"]
     lines = head + "".join(f"  {name}: {nodes[name]}\n" for name in order)

@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -224,6 +225,17 @@ def test_a_launch_file_is_one_run(whole, write):
 
 def test_a_graph_alone_is_a_run_of_defaults(whole):
     assert find(str(whole)) == LaunchFile(graph=whole)
+
+
+def test_a_graph_that_extends_one_that_ships_runs_as_long_and_is_recorded_like_it(write):
+    mine = write("mine.yaml", "extends: kidney\n")
+    own = write("own.yaml", "extends: mine.yaml\nnodes: {tissue: {stiffness: 2e3}}\n")
+    for file in (mine, own):
+        run = find(str(file))
+        assert run == LaunchFile(graph=file, duration=find("kidney").duration, record=Path(f"{file.stem}.mcap"))
+    round_ = write("round.yaml", "extends: round.yaml\n")
+    assert find(str(round_)) == LaunchFile(graph=round_)
+    assert find(str(write("lost.yaml", "extends: nowhere\n"))).record is None
 
 
 @pytest.mark.parametrize(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
@@ -81,7 +82,7 @@ def test_together_runs_more_often_what_loses_most_until_the_error_is_kept(tmp_pa
     assert rates.force_error(variant) <= 0.02
 
 
-def test_the_command_writes_what_it_promises_and_runs_it(tmp_path, write):
+def test_the_command_writes_what_it_promises_and_runs_it(tmp_path, write, monkeypatch):
     graph = write("swing.yaml", SWING.replace("FREQUENCY", "2"))
     file = tmp_path / "slow.yaml"
     given = ["rates", str(graph), "--error", "5 %", "--duration", "1 s", "-o", str(file)]
@@ -91,8 +92,12 @@ def test_the_command_writes_what_it_promises_and_runs_it(tmp_path, write):
     assert told["set"] == {"swing.every": 10}
     assert told["effects"][0]["error"] == pytest.approx(off(10, 2.0), rel=0.02)
     assert find(str(file)).load().nodes["swing"].every == 10
-    ran = CliRunner().invoke(app, given)
+    (tmp_path / "work").mkdir()
+    monkeypatch.chdir(tmp_path / "work")
+    ran = CliRunner().invoke(app, given[:-2])
     assert ran.exit_code == 0 and "113 ms" in ran.output and "promised" in ran.output
+    assert "palpate run runs/swing-rates.yaml" in ran.output and find("runs/swing-rates.yaml").duration == 1.0
+    assert [file.name for file in Path().iterdir()] == ["runs"]
 
 
 @pytest.mark.parametrize(

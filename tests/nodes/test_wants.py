@@ -1,0 +1,84 @@
+"""What each node says that it reads of its inputs, `Wants`, is what its code reads: a field too few would be left out
+by its sender, a field too many is computed for nobody."""
+
+import ast
+import inspect
+import textwrap
+
+import pytest
+
+from palpate.launch.loading.classes import body, catalogue, find_class
+from palpate.nodes.base import Observer, effects, inputs, outputs
+
+NODES = [entry.use for entry in catalogue()[0] if not issubclass(entry.cls, Observer)]
+HEADER = {"tick", "time", "source", "used"}
+PRICED = {
+    (kind, field)
+    for entry in catalogue()[0]
+    for effect in effects(entry.cls)
+    for field in effect.fields
+    for kind in outputs(entry.cls)
+}
+"""Fields that a sender leaves out where nobody reads them."""
+
+
+def reads(cls, function, name, seen=()):
+    """The fields that a function reads of its argument `name`, by its source and that of what it is passed on to; None
+    where it is passed to something whose source is not known."""
+    tree = ast.parse(textwrap.dedent(inspect.getsource(inspect.unwrap(function))))
+    names, found, inside = {name}, set(), set()
+    for node in ast.walk(tree):  # another name for it: `b = body`, `b = body or NONE`, `for b in (body, x)`
+        if isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name):
+            value = node.value
+            if name in {v.id for v in [value, *getattr(value, "values", ())] if isinstance(v, ast.Name)}:
+                names.add(node.targets[0].id)
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id in names:
+            found.add(node.attr)
+        if not isinstance(node, ast.Call):
+            continue
+        passed = [(i, a) for i, a in enumerate(node.args)] + [(k.arg, k.value) for k in node.keywords]
+        for spot, argument in passed:
+            if not (isinstance(argument, ast.Name) and argument.id in names):
+                continue
+            called = _called(cls, function, node.func)
+            if called is None or isinstance(called, type):
+                inside.add(ast.unparse(node.func))
+                continue
+            known = [p for p in inspect.signature(called).parameters if p != "self"]
+            port = known[spot] if isinstance(spot, int) else spot
+            if (called, port) not in seen:
+                found |= reads(cls, called, port, (*seen, (called, port)))
+    assert not inside - HARMLESS, f"{cls.__name__}: not known what {inside} reads"
+    return found - HEADER
+
+
+HARMLESS = {"InputFault", "bool", "isinstance"}
+
+
+def _called(cls, function, called):
+    """The function or method that a call names."""
+    if isinstance(called, ast.Name):
+        return inspect.unwrap(function).__globals__.get(called.id)
+    if not isinstance(called, ast.Attribute):
+        return None
+    if isinstance(called.value, ast.Name) and called.value.id == "self":
+        return getattr(cls, called.attr, None)
+    if isinstance(called.value, ast.Call) and ast.unparse(called.value) == "super()":
+        owner = next(c for c in cls.__mro__ if function.__qualname__.startswith(f"{c.__name__}."))
+        return getattr(super(owner, cls), called.attr)
+    return None
+
+
+@pytest.mark.parametrize("use", NODES)
+def test_a_node_wants_what_its_step_reads(use):
+    cls = find_class(use)
+    for port in inputs(cls):
+        read = reads(cls, cls.step, port.name)
+        resting = inspect.signature(cls.rests).parameters
+        if port.name in resting:
+            read |= reads(cls, cls.rests, port.name)
+        read &= body(port.type)
+        assert read <= port.wants, f"{use}: step reads {port.name}.{', '.join(sorted(read - port.wants))}"
+        idle = {field for field in (port.wants & body(port.type)) - read if (port.type, field) in PRICED}
+        assert not idle, f"{use}: nobody reads {port.name}.{', '.join(sorted(idle))}"

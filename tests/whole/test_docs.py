@@ -1,0 +1,230 @@
+"""What README and docs print is true: every YAML block loads, every command is one, and the fast ones run.
+
+Whatever is not run stands in a table below with the reason.
+"""
+
+import json
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import typer
+import yaml
+from typer.core import TyperGroup
+
+from palpate.launch.__main__ import app
+from palpate.launch.commands.common import chosen
+from palpate.launch.commands.template import node_files
+from palpate.launch.loading.launchfile import find
+from palpate.launch.loading.placement import load_place
+from palpate.messages import Load, Surface
+
+ROOT = Path(__file__).parents[2]
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
+OTHERS = {
+    "./setup.sh": "builds an environment",
+    "./check.sh": "runs the tests",
+    "git": "fetches a copy",
+    "pip install": "installs packages",
+    ".venv/bin/python": "tests and benchmarks, run on their own",
+    "python": "tests and scripts: tests/whole/test_scripts.py loads each",
+    "cc": "compiles an example: tests/launch/running/test_listen.py",
+    "palpate-": "",
+}
+"""Commands that are not palpate's, by how they begin."""
+NOT_RUN = {
+    "palpate bench": "minutes; tests/bench runs its parts",
+    "palpate tune": "minutes; tests/launch/recording/test_tune.py",
+    "palpate rates": "minutes; tests/launch/recording/test_rates.py",
+    "palpate run runs/kidney-rates.yaml": "what palpate rates writes",
+    "palpate fe": "minutes; tests/fe/study",
+    "palpate fingertip SCAN": "takes images; tests/scan",
+    "palpate run fingertip-slide --set scene.finger.shape=finger.npz": "what palpate fingertip writes",
+    "palpate touch": "a page that waits for a hand; tests/launch/page",
+    "palpate view": "a window; tests/launch/page",
+    "palpate run kidney --view": "a window; tests/launch/page",
+    "palpate film": "tests/launch/commands/test_film.py",
+    "palpate top": "goes on until it is ended",
+    "palpate join": "waits for another machine; tests/launch/running",
+    "palpate run kidney --place far.yaml": "waits for another machine",
+    "palpate run falcon --set device.firmware=nvent_firmware.bin": "a device",
+    "palpate run kidney --set device.use=device.Falcon --clock real": "a device",
+    "palpate record-indentation": "two devices; tests/drivers",
+    "palpate run kidney --set scene.finger.band=true --set band.model": "what palpate fit writes; tests/fit",
+    "palpate fit press.csv": "what record-indentation writes",
+    "palpate check mine.yaml": "the reader's own graph",
+}
+SHORT = ["--duration", "0.05", "--out", "runs/short"]
+
+
+def blocks():
+    """Page and line, language and text of each block."""
+    for page in PAGES:
+        text = page.read_text(encoding="utf-8")
+        for match in re.finditer(r"^```(\w*)\n(.*?)^```", text, re.MULTILINE | re.DOTALL):
+            line = text[: match.start()].count("\n") + 1
+            yield f"{page.relative_to(ROOT)}:{line}", match[1], match[2]
+
+
+def commands():
+    """Page and line, and words of each command; in a block without language only palpate's are commands."""
+    for where, language, text in blocks():
+        for line in text.splitlines() if language in ("", "sh") else ():
+            if language == "" and not line.startswith("palpate "):
+                continue
+            for part in re.split(r" && |; ", re.sub(r"\s#.*|^#.*", "", line)):
+                if part.strip():
+                    yield where, shlex.split(part)
+
+
+def inline():
+    for page in PAGES:
+        for text in re.findall(r"`(palpate [^`]+)`", page.read_text(encoding="utf-8")):
+            yield str(page.relative_to(ROOT)), shlex.split(" ".join(text.split()))
+
+
+PALPATE = [(where, ["palpate", *words[1:]]) for where, words in commands() if words[0].endswith("palpate")]
+YAML = [(where, text) for where, language, text in blocks() if language == "yaml"]
+
+
+def ids(given):
+    return [f"{where} {' '.join(words)[:70]}" for where, words in given]
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """The files that the pages speak of."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    far = next(text for _, text in YAML if "10.0.0.2" in text)
+    (tmp_path / "far.yaml").write_text(far)
+    (tmp_path / "mine.yaml").write_text("extends: kidney\n")
+    (tmp_path / "runs").mkdir()
+    (tmp_path / "runs" / "kidney-rates.yaml").write_text("graph: kidney\nset: {friction.every: 10}\n")
+    for name, text in node_files("Liver", Load, Surface).items():
+        (tmp_path / name).write_text(text)
+    return tmp_path
+
+
+def parsed(words):
+    """The options of a command. KeyError: there is no such verb; typer.BadParameter and the like: no such option."""
+    command, name, rest = typer.main.get_command(app), "", [w for w in words[1:] if w != "--debug"]
+    while isinstance(command, TyperGroup):
+        if not rest:
+            return {}
+        name, *rest = rest
+        command = command.commands[name]
+    return command.make_context(name, rest).params
+
+
+@pytest.mark.parametrize(("where", "words"), PALPATE, ids=ids(PALPATE))
+def test_a_printed_command_is_one_and_its_graph_loads(folder, where, words):
+    given = parsed(words)
+    if isinstance(given.get("graph"), str) and "sets" in given:
+        place = given.get("place")
+        run = chosen(given["graph"], given["sets"], given.get("scene"), place)
+        run.placement(run.plan())
+
+
+def test_a_command_within_a_sentence_has_options_that_exist(folder):
+    wrong = []
+    for where, words in inline():
+        try:
+            parsed(words)
+        except Exception as error:
+            if type(error).__name__ != "MissingParameter":  # the verb alone is spoken of
+                wrong.append(f"{where}: {' '.join(words)}: {error!r}")
+    assert not wrong
+
+
+@pytest.mark.parametrize(("where", "text"), YAML, ids=[where for where, _ in YAML])
+def test_a_printed_yaml_block_loads(folder, where, text):
+    """A graph, a scene, a launch file or a placement; the first key of a part says of what."""
+    data = yaml.safe_load(text)
+    (folder / "page.yaml").write_text(text)
+    if "graph" in data:
+        run = find("page.yaml")
+        run.placement(run.plan())
+    elif "nodes" in data or list(data) == ["effects"]:
+        (folder / "page.yaml").write_text(text if "nodes" in data else f"extends: kidney\n{text}")
+        find("page.yaml").plan()
+    elif "extends" in data:
+        find("kidney").but(scene=folder / "page.yaml").plan()
+    elif all("use" in line for line in data.values()):
+        (folder / "page.yaml").write_text(yaml.safe_dump({"extends": "kidney", "nodes": data}))
+        find("page.yaml").plan()
+    else:
+        load_place(folder / "page.yaml", find("kidney").plan())
+
+
+def test_every_command_that_is_not_palpates_is_known():
+    other = [(where, words) for where, words in commands() if not words[0].endswith("palpate")]
+    unknown = [f"{where}: {' '.join(w)}" for where, w in other if not any(" ".join(w).startswith(k) for k in OTHERS)]
+    assert not unknown
+
+
+def test_every_reason_is_still_needed():
+    printed = [" ".join(words) for _, words in PALPATE]
+    assert not [begin for begin in NOT_RUN if not any(text.startswith(begin) for text in printed)]
+
+
+def skipped(words):
+    return any(" ".join(words).startswith(begin) for begin in NOT_RUN)
+
+
+RUN = {where.partition(":")[0] for where, words in PALPATE if not skipped(words)}
+
+
+@pytest.mark.long
+@pytest.mark.timeout(1800)
+@pytest.mark.parametrize("page", sorted(RUN))
+def test_the_commands_of_a_page_run_one_after_the_other(folder, page):
+    """Runs are cut short; FILE is a recording that the first of them made."""
+    python = [sys.executable, "-m", "palpate.launch"]
+    touch = [
+        "run",
+        "kidney",
+        "--fused",
+        "-q",
+        "--no-pictures",
+        "--duration",
+        "0.4",
+        "--set",
+        "scene.hand.begin=[0, 0, 0.107]",
+    ]
+    names = ("FILE", "run.mcap", "touch.mcap", "kidney.mcap")
+    subprocess.run([*python, *touch, "--record", "FILE"], check=True, capture_output=True)
+    for name in names[1:]:
+        (folder / name).write_bytes((folder / "FILE").read_bytes())
+    for where, words in PALPATE:
+        if where.partition(":")[0] != page or skipped(words):
+            continue
+        cut = ["-q", *(SHORT if "--record" not in words else SHORT[:2])] if words[1] == "run" else []
+        words = [word.replace("900 ms", "300 ms") for word in words[1:]]
+        ended = subprocess.run([*python, *words, *cut], capture_output=True, text=True)
+        assert ended.returncode == 0, f"{where}: {' '.join(words)}\n{ended.stdout}{ended.stderr}"
+
+
+def off_by(text):
+    """By how much the force differs, [%] of its peak: rms and at most; (0, 0) where it is the same."""
+    found = re.search(r"differs by ([\d.]+)%.*?at most ([\d.]+)%", text, re.DOTALL)
+    return tuple(map(float, found.groups())) if found else (0.0, 0.0)
+
+
+@pytest.mark.long
+@pytest.mark.timeout(1800)
+def test_what_the_page_says_of_each_effect_is_what_the_command_says(folder):
+    python = [sys.executable, "-m", "palpate.launch"]
+    touch = [*python, "run", "kidney", "--fused", "-q", "--no-pictures", "--record", "kidney.mcap"]
+    subprocess.run(touch, check=True, capture_output=True)
+    asked = [*python, "plan", "kidney", "--prove", "kidney.mcap", "--json"]
+    told = json.loads(subprocess.run(asked, check=True, capture_output=True).stdout)["bill"]
+    proofs = {item["effect"]: item["proof"] for item in told}
+    (block,) = (text for where, _, text in blocks() if where.startswith("docs/effects.md") and "without it:" in text)
+    printed = dict(re.findall(r"^(?:on|off) +(\w+)(.*?)(?=^o|\Z)", block, re.MULTILINE | re.DOTALL))
+    assert set(printed) == {"friction", "relaxation", "shape", "band"}
+    for effect, text in printed.items():
+        assert off_by(text) == pytest.approx(off_by(proofs[effect]), rel=0.05), effect
