@@ -48,6 +48,24 @@ PlaceOption = Annotated[
     str | None, typer.Option("--place", help="Placement file: which nodes share a process, and on which core.")
 ]
 Fused = Annotated[bool, typer.Option("--fused", help="Run all nodes in one process.")]
+
+
+def _trust(packages: list[str] | None) -> list[str] | None:
+    from palpate.launch.loading.load import trust_only
+
+    trust_only(packages or ())
+    return packages
+
+
+Trust = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--trust",
+        help="Import this package where the recording names it; else only palpate's own code runs. May be repeated.",
+        metavar="PACKAGE",
+        callback=_trust,
+    ),
+]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON for programs.", callback=_as_json, is_eager=True)]
 
 
