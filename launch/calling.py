@@ -3,23 +3,19 @@
 from __future__ import annotations
 
 import datetime
-import json
-from collections.abc import Iterator, Mapping, Sequence
+import gc
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from palpate.launch.loading.files import SCENES, find_file
-from palpate.launch.loading.launchfile import find
+from palpate.launch.loading.files import PLACES, SCENES, find_file
+from palpate.launch.loading.launchfile import LaunchFile, find
+from palpate.launch.loading.placement import FUSED
 from palpate.launch.loading.units import UnitError, convert
+from palpate.launch.recording.overrides import CallError, of_nodes
 from palpate.launch.recording.samples import Run
 from palpate.launch.running.execute import execute
-from palpate.physics.errors import MISUSE, PalpateError
-
-
-class CallError(PalpateError, ValueError):
-    """An argument that cannot be used; says what was expected."""
-
-    exit_code = MISUSE
+from palpate.physics.errors import PalpateError
 
 
 class RunFailed(PalpateError, RuntimeError):
@@ -33,6 +29,7 @@ def run_and_open(
     duration: float | str | None,
     scene: str | None,
     clock: str | None,
+    place: str | Path | None,
     sets: Sequence[str],
     nodes: Mapping[str, str | Mapping[str, Any]],
 ) -> Run:
@@ -42,19 +39,15 @@ def run_and_open(
     """
     if clock not in (None, "simulated", "real"):
         raise CallError(f"clock: found {clock!r}, expected 'simulated' or 'real'")
-    if isinstance(sets, str):
-        raise CallError(f"sets: found the text {sets!r}, expected a list of texts, [{sets!r}]")
-    name = Path(graph).stem
-    launch = find(str(graph)).but(
-        overrides=[*sets, *_overrides(nodes)],
-        scene=None if scene is None else find_file(scene, SCENES, what="scene"),
-        clock=clock,
-        duration=None if duration is None else _seconds(duration),
-        record=Path(record) if record is not None else _fresh(name),
-    )
+    file = Path(record) if record is not None else _fresh(Path(graph).stem)
+    launch = described(graph, scene=scene, duration=duration, sets=sets, nodes=nodes)
+    launch = launch.but(clock=clock, record=file, place=_place(place))
     if launch.duration is None:
-        raise CallError(f"{name}: the graph says no duration, so it would never end; give duration=2.0 [s]")
+        raise CallError(f"{graph}: the graph says no duration, so it would never end; give duration=2.0 [s]")
+    if launch.place is None and launch.clock != "real" and not _hardware(launch):
+        launch = launch.but(place=FUSED)  # the answer is the same, and no process has to start
     outcome = execute(launch)
+    gc.unfreeze()  # a loop in this process has set aside what the caller made before it
     if not outcome.result.ok:
         kept = f" What was recorded before is in {outcome.recording}."
         raise RunFailed("; ".join(map(str, outcome.result.deaths)) + kept)
@@ -62,6 +55,34 @@ def run_and_open(
         raise RunFailed("; ".join(outcome.result.notes) or f"the recording {outcome.recording} is not whole")
     assert outcome.recording is not None
     return Run(outcome.recording)
+
+
+def described(
+    graph: str | Path,
+    *,
+    scene: str | None,
+    duration: float | str | None,
+    sets: Sequence[str],
+    nodes: Mapping[str, str | Mapping[str, Any]],
+) -> LaunchFile:
+    """The run that these arguments of `palpate.run` describe. GraphError, CallError: what is wrong with them."""
+    if isinstance(sets, str):
+        raise CallError(f"sets: found the text {sets!r}, expected a list of texts, [{sets!r}]")
+    return find(str(graph)).but(
+        overrides=[*sets, *of_nodes(nodes)],
+        scene=None if scene is None else find_file(scene, SCENES, what="scene"),
+        duration=None if duration is None else _seconds(duration),
+    )
+
+
+def _place(place: str | Path | None) -> str | Path | None:
+    """A placement as a launch file has it. GraphError: there is no such file."""
+    return place if place in (None, FUSED) else find_file(str(place), PLACES, what="placement")
+
+
+def _hardware(launch: LaunchFile) -> bool:
+    """Whether a node of the graph talks to a device, which takes the real clock."""
+    return any(spec.cls.hardware for spec in launch.load().nodes.values())
 
 
 def _fresh(name: str) -> Path:
@@ -72,29 +93,6 @@ def _fresh(name: str) -> Path:
         number += 1
         free = folder.with_name(f"{folder.name}-{number}")
     return free / f"{name}.mcap"
-
-
-def _overrides(nodes: Mapping[str, str | Mapping[str, Any]]) -> Iterator[str]:
-    for name, what in nodes.items():
-        if isinstance(what, str):
-            yield f"{name}.use={what}"
-        elif isinstance(what, Mapping):
-            yield from (f"{name}.{key}={_text(f'{name}.{key}', value)}" for key, value in what.items())
-        else:
-            raise CallError(
-                f"{name}: found {what!r}, expected a model, {name}='deformation.ReducedFE', or settings, "
-                f"{name}={{'stiffness': 2e3}}"
-            )
-
-
-def _text(name: str, value: Any) -> str:
-    """A value as it stands after `--set`: texts with units as they are, all else as JSON, which YAML reads."""
-    if isinstance(value, str):
-        return value
-    try:
-        return json.dumps(value.tolist() if hasattr(value, "tolist") else value)
-    except TypeError:
-        raise CallError(f"{name}: found {type(value).__name__}, expected a number, a text, a list or a dict") from None
 
 
 def _seconds(duration: float | str) -> float:

@@ -39,17 +39,16 @@ _KINDS: dict[int, Any] = {
 }  # fmt: skip
 _IN_DATA = {Opcode.HEADER, Opcode.SCHEMA, Opcode.CHANNEL, Opcode.CHUNK, Opcode.MESSAGE_INDEX, Opcode.ATTACHMENT,
             Opcode.METADATA}  # fmt: skip
-_UNPACK: dict[str, Callable[[bytes], bytes]] = {"": bytes, "zstd": zstandard.decompress, "lz4": lz4.frame.decompress}
-# What the packed bytes say of their length, by which the libraries reserve memory.
-_SAYS: dict[str, Callable[[bytes], int]] = {
-    "": len, "zstd": zstandard.frame_content_size, "lz4": lambda data: lz4.frame.get_frame_info(data)["content_size"],
-}  # fmt: skip
 # What the libraries raise on bytes that are not what they should be; lz4 has RuntimeError alone.
 _BAD = (McapError, EOFError, ValueError, RuntimeError, KeyError, TypeError, MemoryError, OverflowError, struct.error,
         zstandard.ZstdError)  # fmt: skip
 BLOCK = 1 << 20
 MOST = 1 << 28
-"""[bytes] Largest chunk, unpacked; a logger begins a new one long before."""
+"""[bytes] Largest chunk, packed or unpacked, and largest index at the end; a logger begins a new chunk long before, and
+fills such an index in 50 hours."""
+MOST_HEAD = 1 << 24
+"""[bytes] Largest record of what a file says of its streams and its run, and all of them together: 100 times what the
+largest graph that ships takes. They are read as JSON, which takes up to 30 times as much memory."""
 
 
 def is_complete(path: Path) -> bool:
@@ -99,32 +98,22 @@ class Records:
         self.file.seek(0)
         if self.file.read(len(MAGIC)) != MAGIC:
             raise Broken(0, "this is no MCAP file")
-        at = len(MAGIC)
-        while True:
-            kind, content = self._record(at)
-            if kind == Opcode.DATA_END:
-                return
+        for at, kind in self._places():
             if kind not in _IN_DATA:
                 raise Broken(at, f"found a record of kind {kind}, which does not belong here")
             if kind == Opcode.CHUNK:
-                yield _open(at, _parse(at, Chunk, content))
+                yield self.chunk(at)
             elif kind in _KINDS:
-                yield self._checked(at, _parse(at, _KINDS[kind], content))
-            elif kind == Opcode.MESSAGE_INDEX and len(content) != 6 + int.from_bytes(content[2:6], "little"):
-                raise Broken(at, "an index of messages has another length than it says")  # a chunk, one bit off
-            at += _RECORD.size + len(content)
+                yield self._checked(at, _parse(at, _KINDS[kind], self._record(at)[1]))
+            elif kind == Opcode.MESSAGE_INDEX:
+                self._check_index(at)
 
     def chunks(self) -> Iterator[tuple[int, bytes]]:
         """Where each chunk begins, and what is in it, as far as the file is good."""
-        at = len(MAGIC)
         try:
-            while True:
-                kind, content = self._record(at)
-                if kind == Opcode.DATA_END:
-                    return
+            for at, kind in self._places():
                 if kind == Opcode.CHUNK:
-                    yield at, _open(at, _parse(at, Chunk, content))
-                at += _RECORD.size + len(content)
+                    yield at, self.chunk(at)
         except Broken:
             return
 
@@ -132,27 +121,42 @@ class Records:
         """What is in the chunk that begins there."""
         return _open(at, _parse(at, Chunk, self._record(at)[1]))
 
+    def _places(self) -> Iterator[tuple[int, int]]:
+        """Where each record begins, and its kind, up to the end of the data; nothing of it is read yet."""
+        at = len(MAGIC)
+        while True:
+            kind, length = self._about(at)
+            if kind == Opcode.DATA_END:
+                return
+            yield at, kind
+            at += _RECORD.size + length
+
     def indexed(self) -> list[Schema | Channel | Metadata]:
         """Schemas, channels and metadata of a complete file, by the summary at its end. Broken: the file is not
         complete, or not as it was written, wherever in it."""
         self._checked(len(MAGIC), _parse(len(MAGIC), Header, self._record(len(MAGIC))[1]))
         start, crc = self._summary()
+        if self.size - _FOOTER - start > MOST:
+            raise Broken(start, f"the index at its end is longer than {MOST} bytes")
         summary = self._bytes(start, self.size - _FOOTER - start)
         footer = self._bytes(self.size - _FOOTER, _RECORD.size + 16)
         if crc and zlib.crc32(footer, zlib.crc32(summary)) != crc:
             raise Broken(start, "the index at its end does not match its checksum")
         self._check_data(start)
         records: list[Any] = []
-        at = 0
-        while at < len(summary):
-            kind, length = _RECORD.unpack_from(summary, at)
-            content = summary[at + _RECORD.size : at + _RECORD.size + length]
+        read = 0
+        for at, kind, content in _inside(summary, start):
             if kind == Opcode.METADATA_INDEX:
-                place = _parse(start + at, MetadataIndex, content).offset
-                records.append(self._checked(place, _parse(place, Metadata, self._record(place)[1])))
+                place = _parse(at, MetadataIndex, content).offset
+                content = self._record(place)[1]
+                records.append(self._checked(place, _parse(place, Metadata, content)))
             elif kind in (Opcode.SCHEMA, Opcode.CHANNEL):
-                records.append(_parse(start + at, _KINDS[kind], content))
-            at += _RECORD.size + length
+                records.append(_parse(at, _KINDS[kind], content))
+            else:
+                continue
+            read += len(content)  # indices may name one record many times
+            if read > MOST_HEAD:
+                raise Broken(at, f"more than {MOST_HEAD} bytes of streams and metadata")
         return records
 
     def _summary(self) -> tuple[int, int]:
@@ -187,12 +191,29 @@ class Records:
             raise Broken(0, "the data do not match their checksum")
 
     def _record(self, at: int) -> tuple[int, bytes]:
-        kind, length = _RECORD.unpack(self._bytes(at, _RECORD.size))
-        return kind, self._bytes(at + _RECORD.size, length, at)
+        kind, length = self._about(at)
+        most = MOST if kind == Opcode.CHUNK else MOST_HEAD
+        if length > most:  # a file may be as long as it says and hold nothing but a hole
+            raise Broken(at, f"a record of {length} bytes, expected at most {most}")
+        return kind, self._bytes(at + _RECORD.size, length)
 
-    def _bytes(self, at: int, length: int, since: int | None = None) -> bytes:
+    def _about(self, at: int) -> tuple[int, int]:
+        """Kind and length of a record that the file holds to its end."""
+        kind, length = _RECORD.unpack(self._bytes(at, _RECORD.size))
+        if at + _RECORD.size + length > self.size:
+            raise Broken(at, "the file ends within this record", cut=True)
+        return kind, length
+
+    def _check_index(self, at: int) -> None:
+        """Broken: an index of messages has another length than it says (a chunk, one bit off)."""
+        _, length = self._about(at)
+        said = self._bytes(at + _RECORD.size, min(length, 6))
+        if length != 6 + int.from_bytes(said[2:], "little"):
+            raise Broken(at, "an index of messages has another length than it says")
+
+    def _bytes(self, at: int, length: int) -> bytes:
         if at < 0 or at + length > self.size:
-            raise Broken(at if since is None else since, "the file ends within this record", cut=True)
+            raise Broken(at, "the file ends within this record", cut=True)
         self.file.seek(at)
         return self.file.read(length)
 
@@ -215,36 +236,66 @@ def opened(path: str | Path) -> Iterator[Header | Schema | Channel | Metadata | 
 
 def messages(chunk: bytes) -> Iterator[tuple[int, int, int, bytes]]:
     """Channel, tick, time [ns] and wire bytes of the messages in an opened chunk."""
-    for kind, content in _inside(chunk):
+    for at, kind, content in _inside(chunk):
         if kind == Opcode.MESSAGE:
+            if len(content) < _HEAD.size:
+                raise Broken(at, "a message without its head")
             channel, tick, time, _ = _HEAD.unpack_from(content)
             yield channel, tick, time, content[_HEAD.size :]
 
 
 def declared(chunk: bytes) -> Iterator[Schema | Channel]:
     """The schemas and channels in an opened chunk."""
-    for kind, content in _inside(chunk):
+    for at, kind, content in _inside(chunk):
         if kind in (Opcode.SCHEMA, Opcode.CHANNEL):
-            yield _parse(0, _KINDS[kind], content)
+            if len(content) > MOST_HEAD:
+                raise Broken(at, f"a record of {len(content)} bytes, expected at most {MOST_HEAD}")
+            yield _parse(at, _KINDS[kind], content)
 
 
-def _inside(chunk: bytes) -> Iterator[tuple[int, bytes]]:
-    """Kind and content of the records in an opened chunk."""
+def _inside(data: bytes, start: int = 0) -> Iterator[tuple[int, int, bytes]]:
+    """Place, kind and content of the records in an opened chunk or an index; `start` is where that begins."""
     at = 0
-    while at + _RECORD.size <= len(chunk):
-        kind, length = _RECORD.unpack_from(chunk, at)
-        at += _RECORD.size
-        yield kind, chunk[at : at + length]
-        at += length
+    while at < len(data):
+        end = at + _RECORD.size
+        kind, length = _RECORD.unpack_from(data, at) if end <= len(data) else (0, len(data))
+        if end + length > len(data):
+            raise Broken(start + at, "a record ends beyond what it lies in")
+        yield start + at, kind, data[end : end + length]
+        at = end + length
+
+
+def _lz4(data: bytes, size: int) -> bytes:
+    """Of no more than `size` bytes; the length that a frame states, if any, is not relied on."""
+    unpacker = lz4.frame.LZ4FrameDecompressor()
+    unpacked = unpacker.decompress(data, max_length=size + 1)
+    if not unpacker.eof:
+        raise ValueError("more bytes than the chunk says, or fewer")
+    return unpacked
+
+
+def _zstd(data: bytes, size: int) -> bytes:
+    """The library reserves memory by the length that a frame states."""
+    if zstandard.frame_content_size(data) not in (size, -1):
+        raise ValueError("another length than the chunk says")
+    return zstandard.ZstdDecompressor().decompress(data, max_output_size=size)
+
+
+_UNPACK: dict[str, tuple[int, Callable[[bytes, int], bytes]]] = {
+    "": (1, lambda data, size: data), "zstd": (1 << 15, _zstd), "lz4": (255, _lz4),
+}  # fmt: skip
+"""By the name of a compression the bytes out of one of it, at most, and what unpacks them, given their number."""
 
 
 def _open(at: int, chunk: Chunk) -> bytes:
     size = chunk.uncompressed_size
     try:
-        # zstd and lz4 may leave their length out (-1, 0); zstd then refuses, lz4 makes room as it goes.
-        if size > MOST or _SAYS[chunk.compression](chunk.data) not in (size, -1, 0):
+        gain, unpack = _UNPACK[chunk.compression]
+        if size > min(MOST, gain * len(chunk.data)):
             raise ValueError(f"{size} bytes, unpacked")
-        data = _UNPACK[chunk.compression](chunk.data)
+        data = unpack(chunk.data, size)
+        if len(data) != size:
+            raise ValueError(f"{len(data)} bytes, expected {size}")
     except _BAD:
         raise Broken(at, "a chunk of messages cannot be unpacked") from None
     if chunk.uncompressed_crc and zlib.crc32(data) != chunk.uncompressed_crc:

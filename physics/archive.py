@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import zipfile
 import zlib
 from pathlib import Path
@@ -12,8 +13,9 @@ from numpy.lib import format as npy
 
 from palpate.physics.errors import PalpateError
 
-MOST = 1 << 32
-"""[bytes] Largest archive, unpacked."""
+MOST = 1 << 30
+"""[bytes] Largest archive, unpacked: some twenty times the largest basis that `palpate reduce` builds."""
+BLOCK = 1 << 20
 _HEADERS = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
 # What zipfile, zlib and numpy raise on bytes that are not what they should be; the header of an array is parsed as text
 # of Python, and a damaged directory may ask for encryption or for a compression that is not there.
@@ -28,16 +30,17 @@ class ArchiveError(PalpateError, ValueError):
 def read_arrays(path: str | Path, *names: str) -> dict[str, np.ndarray]:
     """The arrays of an .npz file by name; only these, if any is named, where the file has them.
 
-    No array is made by a length that the file only claims: the bytes in its member are counted before. Objects, which
-    would run code, are refused.
+    Sizes are compared before anything is unpacked: those of all members with `MOST`, that of a member with the shape in
+    its header. Each array is then filled block by block, without a copy. Objects, which would run code, are refused.
 
     ArchiveError: no such file, no .npz file, damaged, or more than `MOST` bytes.
     """
     try:
         with zipfile.ZipFile(path) as archive:
             members = archive.infolist()
-            if sum(member.file_size for member in members) > MOST:
-                raise ValueError(f"more than {MOST} bytes, unpacked")
+            size = sum(member.file_size for member in members)
+            if size > MOST:
+                raise ValueError(f"{size} bytes unpacked, expected at most {MOST}")
             named = {member.filename.removesuffix(".npy"): member for member in members}
             return {name: _array(archive, named[name]) for name in named if not names or name in names}
     except _BAD as error:
@@ -54,6 +57,13 @@ def _array(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> np.ndarray:
         shape, fortran, dtype = _HEADERS[version](stream)
         if dtype.hasobject:
             raise ValueError(f"{member.filename}: holds objects, expected numbers or text")
-        data = file.read()  # as many bytes as are there; they are verified against their checksum at their end
-    array = np.frombuffer(bytearray(data), dtype=dtype)
+        wanted, there = math.prod(shape) * dtype.itemsize, member.file_size - file.tell()
+        if wanted != there:
+            raise ValueError(f"{member.filename}: {there} bytes of data, shape {shape} of {dtype} takes {wanted}")
+        array = np.empty(math.prod(shape), dtype)
+        data = array.view(np.uint8).data if wanted else memoryview(b"")
+        for at in range(0, wanted, BLOCK):
+            block = file.read(min(BLOCK, wanted - at))
+            data[at : at + len(block)] = block  # ValueError: fewer are there than the directory says
+        file.read(1)  # at its end the member is compared with its checksum
     return array.reshape(shape, order="F" if fortran else "C")

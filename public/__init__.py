@@ -4,6 +4,7 @@
 
     run = palpate.run("kidney", tissue="deformation.ReducedFE", duration=2.0)
     run.contact.force.max()                    # [N]; a numpy array that knows its unit and its times
+    for tick in palpate.steps("kidney"): ...   # the same, tick by tick
     palpate.open("run.mcap").plot("contact.force", "tissue.indentation")
 
 Public are the names in `__all__` here, and the packages `palpate.physics` (formulas), `palpate.fe` (finite elements),
@@ -15,19 +16,23 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
     from pathlib import Path
 
+    from palpate.launch.recording.compare import Comparison
     from palpate.launch.recording.samples import Run, Samples, Stream
+    from palpate.launch.stepping import Tick
     from palpate.physics.errors import PalpateError
 
-__all__ = ["PalpateError", "Run", "Samples", "Stream", "open", "run"]
+__all__ = ["Comparison", "PalpateError", "Run", "Samples", "Stream", "Tick", "compare", "open", "run", "steps"]
 
 _HOMES = {
+    "Comparison": "palpate.launch.recording.compare",
     "PalpateError": "palpate.physics.errors",
     "Run": "palpate.launch.recording.samples",
     "Samples": "palpate.launch.recording.samples",
     "Stream": "palpate.launch.recording.samples",
+    "Tick": "palpate.launch.stepping",
 }
 
 
@@ -38,6 +43,7 @@ def run(
     duration: float | str | None = None,
     scene: str | None = None,
     clock: str | None = None,
+    place: str | Path | None = None,
     sets: Sequence[str] = (),
     **nodes: str | Mapping[str, Any],
 ) -> Run:
@@ -48,6 +54,8 @@ def run(
     duration  [s] of the graph's clock, or a text with a unit
     scene     in place of the graph's own
     clock     simulated or real
+    place     "fused", or a placement file; left out: on simulated time this process runs all nodes, which gives the
+              same bytes as any other placement, else each node is a process of its own
     sets      single values as after `--set`: "tissue.stiffness=2e3"
     nodes     what a node is: a model, tissue="deformation.ReducedFE", or settings, tissue={"stiffness": 2e3}
 
@@ -55,13 +63,53 @@ def run(
     """
     from palpate.launch.calling import run_and_open
 
-    return run_and_open(graph, record=record, duration=duration, scene=scene, clock=clock, sets=sets, nodes=nodes)
+    return run_and_open(
+        graph, record=record, duration=duration, scene=scene, clock=clock, place=place, sets=sets, nodes=nodes
+    )
 
 
-def open(file: str | Path) -> Run:
-    """Open a recording. PalpateError: it is none, or there is no such file."""
+def steps(
+    graph: str | Path = "kidney",
+    *,
+    duration: float | str | None = None,
+    scene: str | None = None,
+    sets: Sequence[str] = (),
+    **nodes: str | Mapping[str, Any],
+) -> Iterator[Tick]:
+    """Run a graph tick by tick in this process, on simulated time; what it takes is what `run` takes.
+
+    for tick in palpate.steps("kidney"):
+        if tick.contact.force > 1.0:                  # [N] the last message of a node, by its name
+            tick.set("tissue", stiffness=1e3)   # the node is started anew with other settings
+            break
+
+    Nothing is recorded. `break` ends the run.
+
+    PalpateError: what is wrong with the graph, or which node failed.
+    """
+    from palpate.launch.stepping import steps as begin
+
+    return begin(graph, duration=duration, scene=scene, sets=sets, nodes=nodes)
+
+
+def compare(file: str | Path | Run, *variants: Any, reference: Any = None) -> Comparison:
+    """Compute a recorded touch again with other models or settings: `compare("run.mcap", {"tissue":
+    "deformation.Rigid"}, "tissue.stiffness=2e3")`. See `Run.compare`."""
     from palpate.launch.recording.samples import Run
 
+    return (file if isinstance(file, Run) else Run(file)).compare(*variants, reference=reference)
+
+
+def open(file: str | Path, *, trust: Sequence[str] = ()) -> Run:
+    """Open a recording. A file is data: beside palpate's own classes it may use those that this program has imported,
+    and lets modules of the packages in `trust` be imported from now on.
+
+    PalpateError: it is none, or there is no such file.
+    """
+    from palpate.launch.loading import load
+    from palpate.launch.recording.samples import Run
+
+    load.trust(*trust)
     return Run(file)
 
 

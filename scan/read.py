@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
+import gzip
 import io
 import math
 import re
+import struct
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -17,6 +19,16 @@ from palpate.scan.stack import ScanError, Stack, checked
 
 MOST_PACKED = 1032
 """[1] Bytes out of one of deflate, at most (zlib, technical details)."""
+MOST_VOXELS = 1 << 28
+"""[1] Of a stack: one gigabyte as it is computed with, four litres at 0.25 mm."""
+MOST_FILE = 1 << 30
+"""[bytes] Of a series of DICOM files together."""
+MOST_HEAD = 1 << 24
+"""[bytes] Before the voxels of a NIfTI file."""
+DEFLATED = b"1.2.840.10008.1.2.1.99"
+"""The transfer syntax of DICOM files that are packed as a whole."""
+PNG = struct.Struct(">8s8xII")
+"""Signature, width and height at the head of a PNG file."""
 PICTURES = (".png", ".tif", ".tiff")
 
 
@@ -59,7 +71,9 @@ def _nifti(path: Path):
     import nibabel
 
     try:
+        _check_head(path)
         image: Any = nibabel.load(path)
+        _check_voxels(math.prod(map(int, image.shape)))
         claimed = math.prod(map(int, image.shape)) * int(image.get_data_dtype().itemsize)
         held = path.stat().st_size * (MOST_PACKED if path.name.lower().endswith(".gz") else 1)
         if not 0 < claimed <= held:  # memory is reserved before the voxels are read
@@ -85,15 +99,45 @@ def _nifti(path: Path):
     return data.transpose(2, 1, 0)[:, ::-1], (along, row, column), mirrored
 
 
+def _check_head(path: Path) -> None:
+    """ValueError: voxels so far behind the head that the extensions between them, which are read first, are no text."""
+    unpacked = gzip.open if path.name.lower().endswith(".gz") else open
+    with unpacked(path, "rb") as file:
+        head = file.read(352)
+    for order in "<>":
+        if head[:4] == struct.pack(f"{order}i", 348):
+            begin = struct.unpack_from(f"{order}f", head, 108)[0]
+        elif head[:4] == struct.pack(f"{order}i", 540):
+            begin = struct.unpack_from(f"{order}q", head, 168)[0]
+        else:
+            continue
+        if not begin <= MOST_HEAD:
+            raise ValueError(f"its voxels begin at byte {begin:g}, expected at most {MOST_HEAD}")
+
+
+def _check_voxels(count: int) -> None:
+    """ValueError: more than a stack may have."""
+    if not 0 < count <= MOST_VOXELS:
+        raise ValueError(f"its header says {count} voxels, expected 1 to {MOST_VOXELS}")
+
+
 def _picture(path: Path):
-    """The pixels of a picture. ValueError: a TIFF that says it has more than it can hold; many others."""
+    """The pixels of a picture. ValueError: one that says it has more than it can hold, or another file by the name of
+    one; many others."""
     from skimage.io import imread
 
+    if path.suffix.lower() == ".png":
+        with path.open("rb") as head:
+            signature, width, height = PNG.unpack(head.read(PNG.size))
+        if signature != b"\x89PNG\r\n\x1a\n":  # the reader would take what it finds for any of its formats
+            raise ValueError("not a PNG file")
+        _check_voxels(width * height)
     if path.suffix.lower() in (".tif", ".tiff"):
         import tifffile
 
         with tifffile.TiffFile(path) as file:
             claimed = max((int(series.size) * series.dtype.itemsize for series in file.series), default=0)
+            _check_voxels(max((int(series.size) for series in file.series), default=0))
         if claimed > MOST_PACKED * path.stat().st_size:  # memory is reserved before the pixels are read
             raise ValueError(f"its header says {claimed} bytes of pixels, the file has {path.stat().st_size}")
     return imread(path)
@@ -129,6 +173,8 @@ def _images(folder: Path, files: list[Path]):
             image = _picture(file)
         except Exception as error:  # as above
             raise ScanError(f"{file}: cannot be read: {error}") from None
+        if image.size * len(files) > 4 * MOST_VOXELS:
+            raise ScanError(f"{folder}: {len(files)} images as {file.name} have more than {MOST_VOXELS} voxels")
         slices.append(image[..., :3].mean(axis=-1) if image.ndim == 3 else image)
         if slices[-1].shape != slices[0].shape:
             raise ScanError(f"{file}: {slices[-1].shape} pixels, the first slice has {slices[0].shape}")
@@ -148,10 +194,17 @@ def _series(folder: Path, files: list[Path]):
     import pydicom
 
     series: dict[str, list] = {}
+    size = sum(file.stat().st_size for file in files)
+    if size > MOST_FILE:
+        raise ScanError(f"{folder}: {len(files)} files of {size} bytes together, expected at most {MOST_FILE}")
     for file in files:
         try:
             # From memory: a file's `read` makes room for as much as a damaged length claims.
-            data = pydicom.dcmread(io.BytesIO(file.read_bytes()))
+            held = file.read_bytes()
+            if DEFLATED in held:
+                raise ScanError(f"{file}: deflated DICOM, whose size is not known before it is unpacked; convert it to "
+                                "another transfer syntax, or to NIfTI")  # fmt: skip
+            data = pydicom.dcmread(io.BytesIO(held))
         except (pydicom.errors.InvalidDicomError, OSError):
             continue
         if "PixelData" in data:
@@ -167,6 +220,7 @@ def _series(folder: Path, files: list[Path]):
             raise ScanError(f"{folder}: {name} is missing; convert to NIfTI, or to images with a given spacing")
     if any(int(s.get("NumberOfFrames", 1)) > 1 for s in slices):
         raise ScanError(f"{folder}: enhanced DICOM with many frames a file; convert it to NIfTI")
+    _check_voxels(sum(int(s.Rows) * int(s.Columns) * int(s.get("SamplesPerPixel", 1)) for s in slices))
     for name in ("PixelSpacing", "ImageOrientationPatient", "Rows", "Columns"):
         if any(not np.allclose(s.get(name), slices[0].get(name), rtol=1e-4, atol=1e-4) for s in slices):
             raise ScanError(f"{folder}: {name} differs from slice to slice, expected one for the series")
@@ -188,8 +242,8 @@ def _series(folder: Path, files: list[Path]):
         raise ScanError(f"{folder}: {gaps[k]:.3f} mm between slices {k + 1} and {k + 2} of {len(placed)}, elsewhere "
                         f"{usual:.3f} mm: a slice is missing or there twice")  # fmt: skip
     try:
-        volume = np.stack([s.pixel_array * float(s.get("RescaleSlope", 1)) + float(s.get("RescaleIntercept", 0))
-                           for _, s in placed])  # fmt: skip
+        volume = np.stack([(s.pixel_array * float(s.get("RescaleSlope", 1)) + float(s.get("RescaleIntercept", 0)))
+                           .astype(np.float32) for _, s in placed])  # fmt: skip
     except Exception as error:  # pixel decoders raise many types
         raise ScanError(f"{folder}: pixels cannot be decoded: {error}") from None
     kinds = {str(s.get("PhotometricInterpretation", "MONOCHROME2")) for s in slices}

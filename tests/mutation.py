@@ -27,7 +27,6 @@ from collections.abc import Iterator
 from pathlib import Path
 
 ROOT = Path(__file__).parent.parent
-PACKAGES = ("bench", "drivers", "fe", "fit", "graphs", "launch", "messages", "nodes", "physics", "public", "scan")
 RUNS = ("test_real_clock", "test_run", "test_bad_runs", "test_start_barrier", "test_carrier", "test_replay")
 PATIENCE = 600  # [s] for the tests of one mutant; one that hangs is noticed
 SWAPS: dict[type, type] = {
@@ -72,8 +71,7 @@ def tests_of(file: Path) -> list[str]:
 
 def survives(tree: Path, tests: list[str]) -> bool:
     """Whether all tests pass in this tree."""
-    names = str(tree / "names")
-    environment = {**os.environ, "PYTHONPATH": names, "PYTHONDONTWRITEBYTECODE": "1"}
+    environment = {**os.environ, "PYTHONPATH": str(tree / "typings"), "PYTHONDONTWRITEBYTECODE": "1"}
     environment.pop("NUMBA_CACHE_DIR", None)
     command = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", *tests]
     try:
@@ -95,10 +93,8 @@ def main() -> int:
     end, tried, left = time.monotonic() + 60 * given.minutes, 0, 0
     with tempfile.TemporaryDirectory() as folder:
         tree = Path(folder) / "tree"
-        shutil.copytree(ROOT, tree, ignore=shutil.ignore_patterns(".*", "__pycache__", "runs", "*.egg-info"))
-        (tree / "names" / "palpate").mkdir(parents=True)
-        for package in PACKAGES:
-            (tree / "names" / "palpate" / package).symlink_to(tree / package)
+        left_out = shutil.ignore_patterns(".*", "__pycache__", "runs", "*.egg-info")
+        shutil.copytree(ROOT, tree, symlinks=True, ignore=left_out)
         for file in given.files:
             if not (given.tests or tests_of(file)) or not survives(tree, given.tests or tests_of(file)):
                 print(f"{file}: no tests, or they fail without a mutant", file=sys.stderr)

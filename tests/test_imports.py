@@ -3,7 +3,6 @@
 import ast
 import subprocess
 import sys
-import tomllib
 from importlib.metadata import requires
 from pathlib import Path
 
@@ -29,6 +28,7 @@ PACKAGES = (
     palpate.launch,
 )
 FOLDERS = {package.__name__.rpartition(".")[2]: Path(next(iter(package.__path__))) for package in PACKAGES}
+LINKS = Path(__file__).parent.parent / "typings" / "palpate"
 FOLDERS["scan"] = FOLDERS["physics"].parent / "scan"  # imports libraries of its extra, so it is not imported here
 OURS = {
     "physics": {"physics"},
@@ -77,15 +77,26 @@ def test_imports_go_one_way(name, file):
 
 
 def test_the_wheel_holds_every_folder():
-    """setuptools takes only the packages that are listed."""
-    project = tomllib.loads((Path(__file__).parent.parent / "pyproject.toml").read_text(encoding="utf-8"))
-    listed = set(project["tool"]["setuptools"]["packages"])
-    there = {
-        ".".join(["palpate", name, *file.parent.relative_to(folder).parts])
-        for name, folder in FOLDERS.items()
-        for file in folder.rglob("*.py")
-    }
-    assert there <= listed, f"not in pyproject.toml: {', '.join(sorted(there - listed))}"
+    """setuptools takes the packages that it finds in this folder: each folder is linked there, and none has lost its
+    `__init__.py`."""
+    linked = {path.name for path in LINKS.iterdir()} - {"__pycache__"}
+    assert linked == {*FOLDERS, "graphs", "__init__.py", "py.typed"}
+    for name, folder in FOLDERS.items():
+        assert (LINKS / name).resolve() == folder.resolve()
+        for file in folder.rglob("*.py"):
+            assert (file.parent / "__init__.py").is_file(), f"{file}: in no package"
+
+
+def test_a_folder_of_the_same_name_does_not_hide_the_package(tmp_path):
+    """As the clone itself does in the folder above it, where a notebook is likely to lie."""
+    clone = tmp_path / "palpate"
+    for name in ("physics", "nodes", "public"):
+        (clone / name).mkdir(parents=True)
+        (clone / name / "__init__.py").touch()
+    (clone / "README.md").touch()
+    code = "import palpate; from palpate.physics.errors import PalpateError; print(palpate.run.__name__)"
+    done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True)
+    assert done.stdout.strip() == "run", done.stderr
 
 
 @pytest.mark.parametrize("verb", ["--help", "messages", "check --help", "nodes --help", "new --help"])

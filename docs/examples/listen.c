@@ -1,8 +1,8 @@
 /* Read a stream of a running graph from C:   cc listen.c -lzmq -o listen && ./listen ADDRESS STREAM [COUNT]
 
-   ADDRESS is one of the sockets that `ls /tmp/palpate-*/*/*.observers $XDG_RUNTIME_DIR/palpate/*/*.observers` shows, with
-   ipc:// before it. The payload is one msgpack map; this program shows its header fields `tick` and `time`, decoding no more of msgpack than they need.
-   For all fields use a msgpack library, such as msgpack-c or mpack. */
+   ADDRESS is ipc:// and the path of a socket: GROUP.observers in the folder of a run, below $XDG_RUNTIME_DIR/palpate or
+   /tmp/palpate-UID. The payload is one msgpack map; this program shows its header fields `tick` and `time`, decoding no
+   more of msgpack than they need. For all fields use a msgpack library, such as msgpack-c or mpack. */
 
 #include <stdint.h>
 #include <stdio.h>

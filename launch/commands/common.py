@@ -61,6 +61,24 @@ RepairOption = Annotated[
     bool, typer.Option("--repair", help="Mend the mesh first: a closed one is written next to the file.")
 ]
 Fused = Annotated[bool, typer.Option("--fused", help="Run all nodes in one process.")]
+
+
+def _trust(packages: list[str] | None) -> list[str] | None:
+    from palpate.launch.loading.load import trust_only
+
+    trust_only(packages or ())
+    return packages
+
+
+Trust = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--trust",
+        help="Import this package where the recording names it; else only palpate's own code runs. May be repeated.",
+        metavar="PACKAGE",
+        callback=_trust,
+    ),
+]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON for programs.", callback=_as_json, is_eager=True)]
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from palpate.launch.commands.common import Json, console, tell
+from palpate.launch.commands.common import Json, Trust, console, tell
 from palpate.launch.commands.info import File
 
 if TYPE_CHECKING:
@@ -26,6 +26,7 @@ def compare(
     ] = None,
     picture: Annotated[Path | None, typer.Option(help="File of the picture; by default beside the recording.")] = None,
     no_picture: Annotated[bool, typer.Option("--no-picture", help="Draw no picture.")] = False,
+    trust: Trust = None,
     as_json: Json = False,
 ) -> None:
     """Compute a recorded touch with several variants: differences in force, indentation and shape, and step times.

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from palpate.launch.commands.common import console
+from palpate.launch.commands.common import Trust, console
 from palpate.physics.errors import PalpateError
 
 if TYPE_CHECKING:
@@ -22,6 +22,7 @@ def echo(
     count: Annotated[int | None, typer.Option("--count", "-n", help="Stop after that many messages.", min=1)] = None,
     every: Annotated[int, typer.Option(help="Only each n-th message.", min=1)] = 1,
     run: Annotated[str | None, typer.Option(help="Name of the run, if there are several.")] = None,
+    trust: Trust = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object per line.")] = False,
 ) -> None:
     """Print the messages of a stream with units: `echo FILE STREAM`, or `echo STREAM` of a running graph.

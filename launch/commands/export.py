@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from palpate.launch.commands.common import Json, console, tell
+from palpate.launch.commands.common import Json, Trust, console, tell
 from palpate.launch.commands.info import File
 
 
@@ -19,6 +19,7 @@ def export(
     ] = None,
     stream: Annotated[list[str] | None, typer.Option(help="Only this stream; may be repeated.")] = None,
     every: Annotated[int, typer.Option(help="Only each n-th message.", min=1)] = 1,
+    trust: Trust = None,
     as_json: Json = False,
 ) -> None:
     """Write a recording as MCAP with a scene (Foxglove, PlotJuggler), for Rerun, as Parquet, CSV, or VTK (ParaView)."""

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from palpate.launch.commands.common import Trust
 from palpate.launch.commands.picture import ColourOption
 
 
@@ -16,6 +17,7 @@ def film(
     rate: Annotated[float, typer.Option(help="[1/s] frames of the film.", min=1, max=60)] = 25.0,
     speed: Annotated[float, typer.Option(help="0.5 is slow motion.", min=1e-3, max=100)] = 1.0,
     colour: ColourOption = "displacement",
+    trust: Trust = None,
 ) -> None:
     """Film a recording: the surface under the finger, coloured by its displacement or what is asked for."""
     from palpate.launch.pictures import colour as colours

@@ -7,6 +7,8 @@ from typing import Annotated
 
 import typer
 
+from palpate.launch.commands.common import Trust
+
 ColourOption = Annotated[
     str,
     typer.Option("--colour", help="displacement, pressure, slip or strain (largest of the surface's triangles)."),
@@ -28,6 +30,7 @@ def picture(
     at: Annotated[float, typer.Option(help="Time in the recording: 1.2, '1200 ms'.", parser=moment, metavar="TIME")],
     out: Annotated[Path | None, typer.Option("-o", "--out", help="PNG; FILE-picture.png if left out.")] = None,
     colour: ColourOption = "displacement",
+    trust: Trust = None,
 ) -> None:
     """Draw the surface under the finger at one instant, coloured by its displacement or what is asked for."""
     from palpate.launch.pictures import colour as colours

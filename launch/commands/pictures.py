@@ -7,12 +7,13 @@ from typing import Annotated
 
 import typer
 
-from palpate.launch.commands.common import TROUBLE, Json, console, tell
+from palpate.launch.commands.common import TROUBLE, Json, Trust, console, tell
 
 
 def pictures(
     file: Annotated[Path, typer.Argument(help="A recording (.mcap).", metavar="FILE")],
     out: Annotated[Path | None, typer.Option("-o", "--out", help="Folder; by default that of the recording.")] = None,
+    trust: Trust = None,
     as_json: Json = False,
 ) -> None:
     """Draw the pictures of a recording. Exit code 1 if there was nothing that could be drawn."""

@@ -1,4 +1,4 @@
-"""`palpate plot`: any fields of a recording over time."""
+"""`palpate plot`: any fields of a recording over time, or over one another."""
 
 from __future__ import annotations
 
@@ -7,20 +7,24 @@ from typing import Annotated
 
 import typer
 
+from palpate.launch.commands.common import Trust
+
 
 def plot(
     file: Annotated[Path, typer.Argument(help="A recording (.mcap).", metavar="FILE")],
     names: Annotated[list[str], typer.Argument(help="Fields: contact.force tissue.indentation", metavar="FIELD...")],
     out: Annotated[Path | None, typer.Option("-o", "--out", help="PNG, SVG or PDF; FILE-plot.png if left out.")] = None,
+    over: Annotated[str | None, typer.Option(help="Field to draw over, in place of time.", metavar="FIELD")] = None,
+    trust: Trust = None,
 ) -> None:
-    """Draw fields of a recording over time, with their units, one axis each."""
+    """Draw fields of a recording over time, or --over another field, with their units, one axis each."""
     from palpate.launch.pictures.plot import PlotError
     from palpate.launch.recording.samples import Run
 
     target = out or file.with_name(f"{file.stem}-plot.png")
     if target.suffix.lower() not in (".png", ".svg", ".pdf"):
         raise PlotError(f"{target}: found {target.suffix or 'no ending'!r}, expected .png, .svg or .pdf")
-    figure = Run(file).plot(*names)
+    figure = Run(file).plot(*names, over=over)
     target.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(target)
     typer.echo(target)

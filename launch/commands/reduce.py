@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from palpate.launch.commands.common import INTERRUPTED, Json, console, tell
+from palpate.launch.commands.common import INTERRUPTED, TROUBLE, Json, console, tell
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -23,6 +23,12 @@ INDEX = "index.json"
 """Of a folder of bases that is shipped; there they have readable names."""
 MOST = 2500
 """Vertices of a surface that is condensed: with these the dense compliance takes half a gigabyte."""
+
+MOST_COARSE = 2000
+"""What the setting `coarse` takes at most."""
+
+WORST = 0.25
+"""[1] Error at the worst touch from which on a basis is of no use; those that ship have less."""
 
 MOST_ELEMENTS = 18_000
 """Elements of a body that is sampled: what its points are chosen from takes three gigabytes."""
@@ -68,6 +74,12 @@ def reduce(
         path.with_name(f"{path.name}.part.npz").unlink(missing_ok=True)
     _enter(path)
     _say(as_json, str(path), time.perf_counter() - started, missed)
+    if missed.get("worst", 0.0) > WORST:
+        finer = f"--set coarse={min(2 * node.coarse, MOST_COARSE)} (now {node.coarse}, by default {ReducedFE.coarse})"
+        cure = f"more vertices in {node.surface}" if "." in node.surface else finer
+        text = f"stored, but off by more than {WORST:.0%} at some touches. A finer surface mends it: {cure}"
+        typer.secho(text, fg="red", err=True)
+        raise typer.Exit(TROUBLE)
 
 
 def _given(sets: list[str]) -> dict[str, Any]:

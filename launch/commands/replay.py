@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from palpate.launch.commands.common import TROUBLE, Json, Sets, console, tell
+from palpate.launch.commands.common import TROUBLE, Json, Sets, Trust, console, tell
 from palpate.launch.commands.info import File
 
 if TYPE_CHECKING:
@@ -40,6 +40,7 @@ def replay(
     loop: Annotated[bool, typer.Option("--loop", help="Repeat until Ctrl-C.")] = False,
     step: Annotated[bool, typer.Option("--step", help="Wait for Enter at each instant; q ends.")] = False,
     record: Annotated[Path | None, typer.Option(help="Record the replay to this file.")] = None,
+    trust: Trust = None,
     as_json: Json = False,
 ) -> None:
     """Replay a recording: its device drives its graph, or another one, or with --only a part of it.

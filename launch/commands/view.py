@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from palpate.launch.commands.common import Trust
 from palpate.launch.recording.reader import RecordingError
 
 if TYPE_CHECKING:
@@ -22,6 +23,7 @@ def view(
     files: Annotated[list[Path], typer.Argument(help="A recording, or two to see them side by side.")],
     port: Annotated[int, typer.Option(help="Of the page on 127.0.0.1; 0: any.", min=0, max=65535)] = 0,
     no_open: Annotated[bool, typer.Option("--no-open", help="Do not open the browser.")] = False,
+    trust: Trust = None,
 ) -> None:
     """Look at a recording in the browser: the organ at any time, play, slow motion, step by step; two side by side.
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import importlib.util
+import os
 import pkgutil
 import traceback
 from collections.abc import Iterable
@@ -74,16 +75,23 @@ def find_class(use: str, sends: Iterable[type[Message]] = ()) -> type[Node]:
     return cls
 
 
+def is_shipped(module: str) -> bool:
+    """Whether a module that `use:` names is one of palpate's own: these come first."""
+    return importlib.util.find_spec(f"{SHIPPED}.{module.partition('.')[0]}") is not None
+
+
 def _module(use: str, name: str, sends: Iterable[type[Message]]) -> ModuleType:
-    here = search_here()
-    top = name.partition(".")[0]
-    own = importlib.util.find_spec(f"{SHIPPED}.{top}") is not None
+    own = is_shipped(name)
+    here = os.getcwd() if own else search_here()
     full = f"{SHIPPED}.{name}" if own else name
     try:
         return importlib.import_module(full)
     except ModuleNotFoundError as error:
         if error.name is not None and (full == error.name or full.startswith(error.name + ".")):
-            cure = choices("Modules of palpate", top, _node_modules()) + f" Looked in {here} and the Python path, too."
+            cure = (
+                choices("Modules of palpate", name.partition(".")[0], _node_modules())
+                + f" Looked in {here} and the Python path, too."
+            )
             text = f"use: {use!r}: module {name!r} not found"
             raise ClassError(text, f"{cure} {_fitting(use, sends)}".strip()) from None
         raise _missing(use, error) from None

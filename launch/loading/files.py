@@ -12,7 +12,7 @@ import palpate.graphs
 from palpate.launch.loading.faults import NOWHERE, Fault, Faults, GraphError, Place, choices, nearest, short
 from palpate.launch.loading.source import Source, merge, parse, read
 
-GRAPHS = Path(next(iter(palpate.graphs.__path__)))
+GRAPHS = Path(next(iter(palpate.graphs.__path__))).resolve()
 SCENES = GRAPHS / "scenes"
 PLACES = GRAPHS / "place"
 

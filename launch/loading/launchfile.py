@@ -22,7 +22,7 @@ from palpate.launch.loading.plan import Plan, plan
 from palpate.launch.loading.source import Source, read
 from palpate.launch.loading.units import UnitError, convert
 
-LAUNCHES = Path(__file__).parent.parent
+LAUNCHES = Path(__file__).resolve().parent.parent
 CLOCKS = ("simulated", "real")
 KEYS = ("graph", "scene", "place", "clock", "duration", "record", "set", "wanted", "pace", "carrier")
 

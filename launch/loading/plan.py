@@ -5,7 +5,7 @@ Which edges are held was decided on the whole graph, so what is left computes th
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -69,13 +69,13 @@ class Plan:
         }
 
     @classmethod
-    def from_spec(cls, spec: dict[str, Any]) -> Plan:
-        """The plan that `to_spec` wrote. GraphError: a class cannot be imported."""
+    def from_spec(cls, spec: dict[str, Any], load: Callable[[str], Any] = load_class) -> Plan:
+        """The plan that `to_spec` wrote; `load` gives a class by its full name. GraphError: one cannot be imported."""
         nodes = {}
         faults = []
         for item in spec["nodes"]:
             try:
-                nodes[item["name"]] = _node(item)
+                nodes[item["name"]] = _node(item, load)
             except (ImportError, AttributeError) as error:
                 faults.append(Fault(f"class {item['class']!r} cannot be imported: {error}", node=item["name"]))
         if faults:
@@ -176,11 +176,11 @@ def _spot(place: Place) -> list[Any]:
     return [short(place.file), place.line, place.column]
 
 
-def _node(spec: dict[str, Any]) -> NodeSpec:
+def _node(spec: dict[str, Any], load: Callable[[str], Any]) -> NodeSpec:
     return NodeSpec(
         name=spec["name"],
         use=spec["use"],
-        cls=load_class(spec["class"]),
+        cls=load(spec["class"]),
         settings=dict(spec["settings"]),
         every=spec["every"],
         restart=spec["restart"],

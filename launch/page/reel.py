@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from bisect import bisect_right
+from collections.abc import Iterator
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,7 @@ from palpate.launch.page.steered import SHOWN, NoTouch, shape
 from palpate.launch.recording.player import plan_of
 from palpate.launch.recording.reader import Recording, RecordingError
 from palpate.messages import Contact, Message, MessageError, Proximity, Surface, unpack
-from palpate.nodes.mcap_file import Records, messages
+from palpate.nodes.mcap_file import Broken, Records, messages
 
 POINTS = 4000
 """Of force and indentation over the whole recording: more than a screen has."""
@@ -62,7 +63,7 @@ class Reel:
         told: list[tuple[float, float, float]] = []
         for at, chunk in self._records.chunks():
             first = None
-            for channel, _, time, payload in messages(chunk):
+            for channel, _, time, payload in self._inside(chunk):
                 first = time if first is None else min(first, time)
                 if channel == numbers[contact]:
                     try:
@@ -77,11 +78,17 @@ class Reel:
             raise RecordingError(f"{self.recording.path}: no messages of {contact!r} in it")
         self.times, self.forces, self.depths = (column.tolist() for column in _thinned(np.array(sorted(told))).T)
 
+    def _inside(self, chunk: bytes) -> Iterator[tuple[int, int, int, bytes]]:
+        try:
+            yield from messages(chunk)
+        except Broken as damage:
+            raise RecordingError(f"{self.recording.path} is {damage}") from None
+
     def _decoded(self, at: int) -> list[tuple[str, float, bytes]]:
         channels = self.recording.channels
         return [
             (name, time * 1e-9, payload)
-            for channel, _, time, payload in messages(self._records.chunk(at))
+            for channel, _, time, payload in self._inside(self._records.chunk(at))
             if (name := channels.get(channel)) in self._kinds and name is not None
         ]
 

@@ -166,7 +166,7 @@ def _recorded(touch: Touch) -> tuple[np.ndarray, np.ndarray]:
         raise NoMesh(f"{path}: no stream of surfaces in it, so there is no shape to draw; `palpate plot` draws numbers")
     if touch.contact is None:
         raise NoMesh(f"{path}: no contact was recorded")
-    present = np.flatnonzero(touch.recording.ticks()[stream])
+    present = touch.recording.ticks()[stream]
     there = np.isin(touch.contact["tick"], present)
     if not there.any():
         raise NoMesh(f"{path}: no surface was recorded")

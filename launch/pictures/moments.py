@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from palpate.launch.loading.load import load_class
+from palpate.launch.loading.load import UntrustedError, recorded_class
 from palpate.launch.pictures.touch import Columns, Touch, together, touches
 from palpate.messages import Surface
-from palpate.nodes.base import SettingError
+from palpate.nodes.base import Node, SettingError
 from palpate.physics.errors import PalpateError
 
 SHALLOWEST = 0.35
@@ -55,9 +55,11 @@ def surface_mesh(touch: Touch) -> Any:
         raise NoMesh("the recording has no stream of surfaces")
     node = touch.node(stream)
     try:
-        kind = load_class(node["class"])
+        kind = recorded_class(node["class"], Node)
         body = kind(**node.get("settings", {}))
         return body.mesh()
+    except UntrustedError as error:
+        raise NoMesh(f"stream {stream!r}: {error}") from None
     except (KeyError, ImportError, AttributeError):
         raise NoMesh(f"stream {stream!r}: {node.get('use', 'its sender')} has no mesh") from None
     except (SettingError, ValueError, OSError) as error:

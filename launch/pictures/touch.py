@@ -8,7 +8,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from palpate.launch.loading.load import load_class
+from palpate.launch.loading.load import recorded_class
 from palpate.launch.recording.reader import Recording, RecordingError
 from palpate.messages import (
     Contact,
@@ -24,6 +24,7 @@ from palpate.messages import (
     Slip,
     unpack,
 )
+from palpate.nodes.base import Node
 
 Columns = dict[str, np.ndarray]
 GAP = 0.05  # [s] shorter losses of contact do not end a touch
@@ -94,7 +95,7 @@ class Touch:
         """The node that sent a stream, made again with its settings; None where it cannot be made here."""
         node = self.node(stream)
         try:
-            return load_class(node["class"])(**node.get("settings", {}))
+            return recorded_class(node["class"], Node)(**node.get("settings", {}))
         except (KeyError, ImportError, AttributeError, TypeError, ValueError, OSError):
             return None
 

@@ -7,12 +7,12 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from palpate.launch.loading.classes import body
+from palpate.launch.loading.classes import body, is_shipped
 from palpate.launch.loading.effects import trimmed
 from palpate.launch.loading.faults import Place
 from palpate.launch.loading.graph import Graph, load_source
 from palpate.launch.loading.launchfile import find
-from palpate.launch.loading.load import full_name
+from palpate.launch.loading.load import UntrustedError, check_trusted, full_name
 from palpate.launch.loading.plan import Plan, plan
 from palpate.launch.loading.source import Source
 from palpate.launch.recording.player import plan_of
@@ -75,6 +75,11 @@ def _recorded_graph(recording: Recording, overrides: Sequence[str]) -> Graph:
     if not recorded.get("source"):
         raise RecordingError(f"{recording.path}: it does not hold its graph; give one with --graph GRAPH")
     name = f"the graph in {recording.path}"
+    modules = [str(line.get("use")).rpartition(".")[0] for line in recorded["source"].get("nodes", {}).values()]
+    try:
+        check_trusted(*(module for module in modules if not is_shipped(module)))
+    except UntrustedError as error:
+        raise RecordingError(f"{recording.path}: {error}") from None
     return load_source(
         Source(copy.deepcopy(recorded["source"]), {(): Place(name)}),
         Path(recorded["path"]),

@@ -7,19 +7,22 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from palpate.launch.loading.load import full_name
 from palpate.launch.loading.plan import Plan
 from palpate.launch.recording.changed import changed, no_idle, sources
-from palpate.launch.recording.instants import instants
+from palpate.launch.recording.instants import instants, last_tick
 from palpate.launch.recording.player import Player
 from palpate.launch.recording.reader import Recording, RecordingError
 from palpate.launch.running.health import Histogram
 from palpate.launch.running.slot import Slot
 from palpate.messages import Contact, Force, Message, Surface
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 RECORDED = "recorded"
 POINTS = 4000  # of a curve in the picture
@@ -108,8 +111,8 @@ def compare(
         running = [name for name in variant.plan.order if name not in drivers]
         no_idle(variant.overrides, variant.plan, running)
         players.append(Player(recording, variant.plan, running, live=True))
-    present = {s: row for s, row in recording.ticks().items()}
-    last = max(map(len, present.values()), default=0)
+    present = recording.ticks()
+    last = last_tick(present)
     streams = [_Streams(variant.plan, player) for variant, player in zip(computed, players, strict=True)]
     every = max(1, last // POINTS)
     try:
@@ -228,14 +231,48 @@ def _collect(variant: Variant, player: Player) -> None:
         variant.step.longest = max(variant.step.longest, own.longest)
 
 
+class Comparison:
+    """One touch, computed by several variants; the differences are against the first.
+
+    variants  what was computed, in order: each has its name, differences and step times
+    """
+
+    def __init__(self, variants: Sequence[Variant]) -> None:
+        self.variants = list(variants)
+
+    def report(self) -> list[dict[str, Any]]:
+        """Plain data, SI units, one entry a variant."""
+        return [variant.report() for variant in self.variants]
+
+    def plot(self) -> Figure:
+        """Force and indentation of every variant over time, and their differences from the first."""
+        return drawn(self.variants)
+
+    def __repr__(self) -> str:
+        first, *others = self.variants
+        lines = [f"against {first.name}, peak {first.force.scale:.4g} N, {1e3 * first.indentation.scale:.4g} mm:"]
+        for variant in others:
+            force, depth, step = variant.force.report(), variant.indentation.report(), variant.step.report()
+            lines.append(
+                f"  {variant.name}: force off by {force['rms']:.4g} N rms, {force['peak']:.4g} N at most; indentation "
+                f"{1e3 * depth['rms']:.4g} mm, {1e3 * depth['peak']:.4g} mm; step {1e6 * step['p50']:.1f} us (median)"
+            )
+        return "\n".join(lines)
+
+
 def draw(variants: Sequence[Variant], path: Path) -> None:
     """One picture: force and indentation over time of every variant, and their differences from the first."""
-    import matplotlib
+    figure = drawn(variants)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(path, dpi=140)
 
-    matplotlib.use("agg")
-    from matplotlib import pyplot as plt
 
-    figure, axes = plt.subplots(2, 2, figsize=(11, 6.5), sharex=True, layout="constrained")
+def drawn(variants: Sequence[Variant]) -> Figure:
+    """The figure of `draw`."""
+    from palpate.launch.pictures.style import figure as blank
+
+    figure = blank(11, 6.5, f"one touch, {len(variants)} ways to compute it; differences against {variants[0].name}")
+    axes = figure.subplots(2, 2, sharex=True)
     first = np.array(variants[0].curves).reshape(-1, 3)
     units = ((1, "force [N]", 1.0), (2, "indentation [mm]", 1e3))
     for (column, label, factor), (above, below) in zip(units, axes.T, strict=True):
@@ -250,9 +287,4 @@ def draw(variants: Sequence[Variant], path: Path) -> None:
         for axis in (above, below):
             axis.grid(alpha=0.3)
     axes[0, 0].legend(fontsize=8)
-    figure.suptitle(
-        f"one touch, {len(variants)} ways to compute it; differences against {variants[0].name}", fontsize=10
-    )
-    path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, dpi=140)
-    plt.close(figure)
+    return figure

@@ -14,6 +14,7 @@ from collections.abc import Iterable
 import msgspec
 
 from palpate.launch.loading.force_path import force_path
+from palpate.launch.loading.load import UntrustedError, check_trusted, recorded_class
 from palpate.launch.loading.plan import Plan
 from palpate.launch.recording.history import History
 from palpate.launch.recording.reader import Recording, RecordingError
@@ -21,7 +22,7 @@ from palpate.launch.running.assign import node_job
 from palpate.launch.running.schedule import needed
 from palpate.launch.running.slot import Input, NodeFault, Slot
 from palpate.messages import Message, MessageError, pack, unpack
-from palpate.nodes.base import SettingError, inputs
+from palpate.nodes.base import Node, SettingError, inputs
 
 
 class Head(msgspec.Struct, frozen=True):
@@ -239,12 +240,16 @@ def plan_of(recording: Recording) -> Plan:
     from palpate.launch.loading.graph import GraphError
 
     try:
-        return Plan.from_spec(recording.about["plan"])
-    except GraphError as error:
-        raise RecordingError(
-            f"{recording.path}: {error}. Run from the folder that has it, or read the file with `palpate info`."
-        ) from None
-    except (KeyError, TypeError) as error:
+        spec = recording.about["plan"]
+        check_trusted(*(str(node["class"]).rpartition(".")[0] for node in spec["nodes"]))
+        planned = Plan.from_spec(spec, lambda name: recorded_class(name, Node))
+        for name in planned.order:
+            if planned.graph.nodes[name].observer:
+                raise ValueError(f"{name!r} listens and does not run")
+    except (GraphError, UntrustedError) as error:
+        raise RecordingError(f"{recording.path}: {error}. `palpate info` reads the file without it.") from None
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise RecordingError(
             f"{recording.path}: its plan cannot be read ({error!r}); `palpate replay --graph GRAPH` needs none"
         ) from None
+    return planned

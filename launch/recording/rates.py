@@ -115,11 +115,21 @@ def together(recording: Recording, rates: Sequence[Rate], error: float) -> tuple
     full = [rate.override(1) for rate in picked]
     while True:
         base, variant = compare(recording, [[rate.override() for rate in picked]], reference=full)
-        slow = [k for k, rate in enumerate(picked) if rate.every > 1 and rate.force > 0.0]
-        if force_error(variant) <= error or not slow:
+        finer = None if force_error(variant) <= error else oftener(picked)
+        if finer is None:
             return picked, base, variant
-        worst = max(slow, key=lambda k: picked[k].force)
-        picked[worst] = replace(picked[worst], every=LADDER[LADDER.index(picked[worst].every) - 1])
+        picked = finer
+
+
+def oftener(rates: Sequence[Rate]) -> list[Rate] | None:
+    """The same, but that the one with the most part in the force's error runs more often; None where all of them do so
+    at each tick."""
+    slow = [k for k, rate in enumerate(rates) if rate.every > 1 and rate.force > 0.0]
+    if not slow:
+        return None
+    worst = max(slow, key=lambda k: rates[k].force)
+    every = LADDER[LADDER.index(rates[worst].every) - 1]
+    return [replace(rate, every=every) if k == worst else rate for k, rate in enumerate(rates)]
 
 
 def came(recording: Recording, rates: Sequence[Rate]) -> tuple[Variant, Variant]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from array import array
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -12,10 +13,10 @@ import numpy as np
 from mcap.records import Channel, Metadata, Schema
 
 from palpate.launch.loading.faults import choices
-from palpate.launch.loading.load import full_name, load_class
+from palpate.launch.loading.load import full_name, recorded_class
 from palpate.messages import Message, MessageError, fields, unpack
 from palpate.nodes.logger.mcap import PROFILE, SCHEMA_VERSION
-from palpate.nodes.mcap_file import MAGIC, Broken, Records, declared, messages, opened
+from palpate.nodes.mcap_file import MAGIC, MOST_HEAD, Broken, Records, declared, messages, opened
 from palpate.physics.errors import PalpateError
 
 _MOST_TICKS = 1 << 31
@@ -41,11 +42,11 @@ class Channelled:
     def type(self) -> type[Message]:
         """RecordingError: the class cannot be imported."""
         try:
-            return load_class(self.schema["class"])
+            return recorded_class(self.schema["class"], Message)
         except (ImportError, AttributeError) as error:
             raise RecordingError(
-                f"{self.path}: stream {self.name!r} holds {self.schema['class']}, which cannot be imported: {error}. "
-                "Run from the folder that has it; the other streams can be read."
+                f"{self.path}: stream {self.name!r} holds {self.schema['class']}: {error}. The other streams can be "
+                "read."
             ) from None
 
 
@@ -99,10 +100,10 @@ class Recording:
         )
 
     def _read_head(self) -> None:
-        schemas: dict[int, Schema] = {}
+        schemas: dict[int, Any] = {}
         for record in self._head():
             if isinstance(record, Schema):
-                schemas[record.id] = record
+                schemas[record.id] = self._parsed(record)
             elif isinstance(record, Channel):
                 self._channel(record, schemas)
             else:
@@ -122,16 +123,31 @@ class Recording:
                 return records.indexed()
             except Broken as damage:
                 self.damage = damage
-            entries: list[Any] = []
+            entries: dict[tuple[type, int], Any] = {}
+            size = 0
             try:
                 for record in records:
-                    if isinstance(record, bytes):
-                        entries += declared(record)
-                    elif isinstance(record, Schema | Channel | Metadata):
-                        entries.append(record)
+                    for each in declared(record) if isinstance(record, bytes) else [record]:
+                        if not isinstance(each, Schema | Channel | Metadata):
+                            continue
+                        key = type(each), len(entries) if isinstance(each, Metadata) else each.id
+                        if key not in entries:  # chunks repeat them
+                            entries[key] = each
+                            size += _size(each)
+                        if size > MOST_HEAD:
+                            raise Broken(0, f"more than {MOST_HEAD} bytes of streams and metadata")
             except Broken as damage:
                 self.damage = damage
-            return entries
+            return list(entries.values())
+
+    def _parsed(self, schema: Schema) -> Any:
+        try:
+            return json.loads(schema.data)
+        except (ValueError, RecursionError) as error:
+            raise RecordingError(
+                f"{self.path}: the schema {schema.name!r} cannot be read ({error!r}): the file is damaged, or not "
+                "written by palpate"
+            ) from None
 
     def _told(self, metadata: Metadata) -> None:
         """Take what the file says beside its messages."""
@@ -146,13 +162,16 @@ class Recording:
                     self.times = {key: json.loads(value) for key, value in entries.items()}
                 case "palpate.restarted":
                     self.restarted.setdefault(entries["node"], []).append(int(entries["tick"]))
-        except (ValueError, KeyError) as error:
+        except (ValueError, KeyError, RecursionError) as error:
             raise RecordingError(f"{self.path}: damaged in its metadata {metadata.name!r}: {error!r}") from None
 
     def _check_names(self) -> None:
         """RecordingError: a stream that is none of the recorded graph's."""
         plan = self.about.get("plan")
-        nodes = {item["name"] for item in plan.get("nodes", ())} if isinstance(plan, dict) else set()
+        try:
+            nodes = {item["name"] for item in plan.get("nodes", ())} if isinstance(plan, dict) else set()
+        except (KeyError, TypeError) as error:
+            raise RecordingError(f"{self.path}: damaged in what it says of its nodes: {error!r}") from None
         for name, stream in self.streams.items():
             if nodes and (stream.producer not in nodes or name.partition(".")[0] != stream.producer):
                 raise RecordingError(
@@ -160,10 +179,10 @@ class Recording:
                     f"(nodes: {', '.join(sorted(nodes))}): the file is damaged, or not written by palpate"
                 )
 
-    def _channel(self, channel: Channel, schemas: dict[int, Schema]) -> None:
+    def _channel(self, channel: Channel, schemas: dict[int, Any]) -> None:
         about = channel.metadata
         try:
-            schema = json.loads(schemas[channel.schema_id].data)
+            schema = schemas[channel.schema_id]
             stream = Channelled(
                 channel.topic, schema, about["producer"], int(about["every"]), int(about.get("thin", "1")), self.path
             )
@@ -205,26 +224,22 @@ class Recording:
                 yield name, time, payload
 
     def ticks(self) -> dict[str, np.ndarray]:
-        """Of each stream, at which ticks it has a message: one truth value per tick.
+        """Of each stream the ticks at which it has a message, in order.
 
-        RecordingError: a stream that goes back in time, as no run writes it.
+        RecordingError: a stream with one tick twice, as no run writes it.
         """
-        rows = {name: bytearray() for name in self.streams}
+        rows = {name: array("I") for name in self.streams}
         for name, tick, _, _ in self.raw():
-            row = rows[name]
-            if tick >= len(row):
-                if tick >= _MOST_TICKS:
-                    raise RecordingError(f"{self.path}: stream {name!r}: tick {tick}, expected less than 2^31")
-                row.extend(bytes(tick + 1 - len(row)))
-            elif row[tick]:
-                raise RecordingError(f"{self.path}: stream {name!r} has tick {tick} twice; `palpate info` and `export` "
-                                     "can still read it")  # fmt: skip
-            row[tick] = 1
-        length = max(map(len, rows.values()), default=0)
-        return {
-            name: np.frombuffer(bytes(row) + bytes(length - len(row)), dtype=np.uint8).astype(bool)
-            for name, row in rows.items()
-        }
+            if tick >= _MOST_TICKS:
+                raise RecordingError(f"{self.path}: stream {name!r}: tick {tick}, expected less than 2^31")
+            rows[name].append(tick)
+        ticks = {name: np.sort(np.array(row, dtype=np.uint32)) for name, row in rows.items()}
+        for name, row in ticks.items():
+            twice = row[1:][row[1:] == row[:-1]]
+            if len(twice):
+                raise RecordingError(f"{self.path}: stream {name!r} has tick {twice[0]} twice; `palpate info` and "
+                                     "`export` can still read it")  # fmt: skip
+        return ticks
 
     def messages(self, name: str) -> Iterator[Message]:
         """The messages of one stream. RecordingError: no such stream, or bytes that do not fit its type."""
@@ -271,3 +286,10 @@ class Recording:
                 close = choices("Streams", name, self.streams)
                 raise RecordingError(f"{self.path}: no stream {name!r}. {close}")
         return names
+
+
+def _size(record: Schema | Channel | Metadata) -> int:
+    """[bytes] What a record holds, about."""
+    if isinstance(record, Schema):
+        return 64 + len(record.data)
+    return 64 + sum(map(len, (*record.metadata, *record.metadata.values())))

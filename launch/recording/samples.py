@@ -9,6 +9,7 @@ run.frame("contact")         # pandas
 from __future__ import annotations
 
 import html
+from collections.abc import Iterator, Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from palpate.launch.page.shown import Shown
+    from palpate.launch.recording.compare import Comparison
 
 
 class Samples(np.ndarray):
@@ -67,14 +69,24 @@ class Samples(np.ndarray):
         """Name and unit as they stand beside an axis."""
         return f"{self.name} [{self.unit}]"
 
+    def __repr__(self) -> str:
+        return f"{self.label}: {self._summary()}"
+
+    __str__ = __repr__
+
     def _repr_html_(self) -> str:
+        return f"<b>{html.escape(self.label)}</b>: {self._summary()}"
+
+    def _summary(self) -> str:
         if not self.size:
-            return f"<b>{html.escape(self.label)}</b>: no messages"
-        shape = " x ".join(map(str, self.shape))
-        span = f"{self.time[0]:.3f} s to {self.time[-1]:.3f} s" if len(self.time) == len(self) else ""
+            return "no messages"
         plain = np.asarray(self)
-        reach = f", {plain.min():.4g} to {plain.max():.4g}" if plain.dtype.kind in "iuf" else ""
-        return f"<b>{html.escape(self.label)}</b>: {shape} values{reach}, {span}"
+        parts = [f"{' x '.join(map(str, self.shape))} values"]
+        if plain.dtype.kind in "iuf":
+            parts.append(f"{plain.min():.4g} to {plain.max():.4g} {self.unit if self.unit != '1' else ''}".rstrip())
+        if len(self.time) == len(self):
+            parts.append(f"from {self.time[0]:.3f} s to {self.time[-1]:.3f} s")
+        return ", ".join(parts)
 
 
 class Stream:
@@ -106,11 +118,20 @@ class Stream:
         """[1] (n) of the messages."""
         return np.array([message.tick for message in self.messages], dtype=np.int64)
 
-    def __getitem__(self, name: str) -> Any:
-        """A field: Samples; a list of arrays where their shape is not the same in all messages.
+    def __getitem__(self, name: str | int | slice) -> Any:
+        """A field by its name: Samples, or a list of arrays where their shape is not the same in all messages. A
+        message by its number, `[500]` or `[-1]`; several as a list, `[10:20]`.
 
-        RecordingError: no such field; names the nearest.
+        RecordingError: no such field; names the nearest. IndexError: so many messages there are not.
         """
+        if isinstance(name, slice):
+            return self.messages[name]
+        if isinstance(name, int | np.integer):
+            if not -len(self) <= name < len(self):
+                raise IndexError(
+                    f"{self._recording.path}: stream {self.name!r} has {len(self)} messages, found [{name}]"
+                )
+            return self.messages[name]
         if name not in self.columns:
             raise RecordingError(
                 f"{self._recording.path}: stream {self.name!r} has no field {name!r}. "
@@ -133,6 +154,9 @@ class Stream:
 
     def __dir__(self) -> list[str]:
         return sorted({*super().__dir__(), *self.columns})
+
+    def __iter__(self) -> Iterator[Message]:
+        return iter(self.messages)
 
     def __len__(self) -> int:
         return len(self.messages)
@@ -161,8 +185,23 @@ class Run:
     def streams(self) -> list[str]:
         return list(self._recording.streams)
 
+    def __iter__(self) -> Iterator[str]:
+        """The names of its streams."""
+        return iter(self.streams)
+
+    def __len__(self) -> int:
+        return len(self.streams)
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._recording.streams
+
     def __getitem__(self, name: str) -> Any:
         """A stream, `run["contact"]`, or a field, `run["contact.force"]`. RecordingError: there is none."""
+        if not isinstance(name, str):
+            raise RecordingError(
+                f"{self.path}: found [{name!r}], expected the name of a stream: {', '.join(self.streams)}; "
+                "messages are those of a stream, run.contact[500]"
+            )
         stream, field = self._split(name)
         if stream not in self._streams:
             self._streams[stream] = Stream(self._recording, stream)
@@ -186,9 +225,10 @@ class Run:
     def __dir__(self) -> list[str]:
         return sorted({*super().__dir__(), *(name for name in self.streams if name.isidentifier())})
 
-    def frame(self, stream: str) -> Any:
+    def frame(self, streams: str | Sequence[str]) -> Any:
         """A stream as a pandas DataFrame over time [s]: a column for each number, `force[0] [N]`, as in exported
-        tables; arrays of changing length are left out.
+        tables; arrays of changing length are left out. Several streams stand side by side at equal ticks, each below
+        its name, `table["contact"]["force [N]"]`; where one has no message its numbers are NaN.
 
         RecordingError: pandas is missing, or there is no such stream.
         """
@@ -196,24 +236,54 @@ class Run:
             import pandas
         except ImportError:
             raise RecordingError(f"frame() needs the package pandas: {install('table')}") from None
-        source = self[stream]
+        if isinstance(streams, str):
+            return self._table(streams).set_index("time [s]")
+        if not streams:
+            raise RecordingError(f"frame: found no stream, expected some of {', '.join(self.streams)}")
+        tables = [self._table(name).set_index("tick") for name in streams]
+        joined = pandas.concat(tables, axis=1, keys=list(streams)).sort_index()
+        times = joined.xs("time [s]", axis=1, level=1)
+        joined = joined.drop(columns="time [s]", level=1)
+        return joined.set_index(times.bfill(axis=1).iloc[:, 0].rename("time [s]"))
+
+    def _table(self, name: str) -> Any:
+        import pandas
+
+        source = self[name]
         if not isinstance(source, Stream):
-            raise RecordingError(f"{stream!r} is a field; expected a stream: {', '.join(self.streams)}")
-        columns: dict[str, Any] = {"tick": source.tick}
-        for name, field in source.columns.items():
-            values = source[name]
+            raise RecordingError(f"{name!r} is a field; expected a stream: {', '.join(self.streams)}")
+        columns: dict[str, Any] = {"time [s]": source.time, "tick": source.tick}
+        for field_name, field in source.columns.items():
+            values = source[field_name]
             if isinstance(values, Samples) and values.ndim == 1:
                 columns[field.label] = np.asarray(values)
             elif isinstance(values, Samples) and field.dtype is None and values.ndim == 2:
                 for i in range(values.shape[1]):
-                    columns[f"{name}[{i}] [{field.unit}]"] = np.asarray(values)[:, i]
-        return pandas.DataFrame(columns, index=pandas.Index(source.time, name="time [s]"))
+                    columns[f"{field_name}[{i}] [{field.unit}]"] = np.asarray(values)[:, i]
+        return pandas.DataFrame(columns)
 
-    def plot(self, *names: str) -> Figure:
-        """Fields over time, one axis each, in the look of all pictures. PlotError: what cannot be drawn, and why."""
+    def plot(self, *names: str, over: str | None = None) -> Figure:
+        """Fields over time, or over another field: `plot("contact.force", over="contact.indentation")`. One axis each,
+        in the look of all pictures. PlotError: what cannot be drawn, and why."""
         from palpate.launch.pictures.plot import plot
 
-        return plot(self, names)
+        return plot(self, names, over)
+
+    def compare(self, *variants: Any, reference: Any = None) -> Comparison:
+        """The recorded touch computed again with other models or settings, as `palpate compare` does: forces, depths
+        and shapes against the first of them, or against `reference`; a single variant against the recording.
+
+        variants, reference  each "tissue.use=deformation.Rigid", several such texts in a list, or as keywords of
+                             `palpate.run` in a dict: {"tissue": "deformation.Rigid"}; [] is the graph as recorded
+
+        PalpateError: what does not fit, or which node failed.
+        """
+        from palpate.launch.recording.compare import Comparison, compare
+        from palpate.launch.recording.overrides import overrides
+
+        given = [overrides(variant) for variant in variants]
+        base = overrides(reference) if reference is not None else [] if len(given) == 1 else None
+        return Comparison(compare(self._recording, given, reference=base))
 
     def view(self, *others: str | Path, port: int = 0, show: bool = True) -> Shown:
         """The recording in the browser, at any time of it, beside another one if one is named; `palpate view` does the

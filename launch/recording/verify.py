@@ -10,7 +10,7 @@ import msgspec
 import numpy as np
 
 from palpate.launch.loading.plan import Plan
-from palpate.launch.recording.instants import instants
+from palpate.launch.recording.instants import instants, last_tick
 from palpate.launch.recording.player import MissingInput, Player
 from palpate.launch.recording.reader import Recording, RecordingError
 from palpate.launch.running.slot import NodeFault
@@ -117,7 +117,7 @@ def verify(
             report.nodes[part.name].stopped = _cannot(recording, part.streams, part.name)
     parts = [part for part in player.parts if part.streams and not report.nodes[part.name].stopped]
     scales: dict[tuple[str, str], float] = {}
-    last = max((len(row) for row in present.values()), default=0)
+    last = last_tick(present)
     player.start()
     try:
         for tick, payloads in instants(recording, present):

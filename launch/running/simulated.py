@@ -23,20 +23,7 @@ def run_simulated(worker: Worker, origin: int) -> None:
         worker.tick = tick
         if pace is not None and lead is not None:
             sleep_until(origin + round(nanoseconds(tick, rate) / pace))
-        at = nanoseconds(tick, rate)
-        for slot in worker.slots:
-            if tick % slot.every or slot.name in worker.mute:
-                continue
-            messages: list[Message | None] = [None] * len(slot.inputs)
-            for place, port in slot.awaited:
-                message = None if port.dead else port.at(tick)
-                if message is None and not port.absent(tick):
-                    message = _await(worker, slot, port, tick)
-                messages[place] = message
-            if slot.name not in worker.mute:
-                slot.step(tick, at, messages, slot.every / rate)
-                worker.send(slot)
-        worker.housekeep()
+        run_tick(worker, tick)
         if lead is not None:
             ended = now()
             lead.health.age.add(ended - begun)
@@ -44,6 +31,25 @@ def run_simulated(worker: Worker, origin: int) -> None:
             if worker.stopping:
                 _agree_on_the_end(worker, tick)
         tick += 1
+
+
+def run_tick(worker: Worker, tick: int) -> None:
+    """Run the nodes that step at this tick, and what is due after it."""
+    rate = worker.job.rate
+    at = nanoseconds(tick, rate)
+    for slot in worker.slots:
+        if tick % slot.every or slot.name in worker.mute:
+            continue
+        messages: list[Message | None] = [None] * len(slot.inputs)
+        for place, port in slot.awaited:
+            message = None if port.dead else port.at(tick)
+            if message is None and not port.absent(tick):
+                message = _await(worker, slot, port, tick)
+            messages[place] = message
+        if slot.name not in worker.mute:
+            slot.step(tick, at, messages, slot.every / rate)
+            worker.send(slot)
+    worker.housekeep()
 
 
 def _await(worker: Worker, slot: Slot, port: Input, tick: int) -> Message | None:

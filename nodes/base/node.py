@@ -5,14 +5,18 @@ from __future__ import annotations
 import inspect
 import types
 import typing
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar
+from functools import cache
+from typing import Annotated, Any, ClassVar, TypeVar, cast
 
 import msgspec
 import numpy as np
 
 from palpate.messages import Health, Message
 from palpate.physics.errors import MISUSE, PalpateError
+
+F = TypeVar("F", bound=Callable)
 
 
 class SettingError(PalpateError, ValueError):
@@ -156,6 +160,12 @@ class Observer(Node):
         its last message. A second start of a node shows as `steps` 0 again."""
 
 
+def _once(read: F) -> F:
+    """Read a class once: loading a graph asks for the same annotations a hundred times."""
+    return cast(F, cache(read))
+
+
+@_once
 def settings(kind: type[Node]) -> dict[str, Setting]:
     """The settings of a node class by name, base class first.
 
@@ -195,6 +205,7 @@ def convert(setting: Setting, value: Any) -> Any:
         raise SettingError(f"setting {setting.name!r} [{setting.unit}]: found {value!r}. {text}.") from None
 
 
+@_once
 def inputs(kind: type[Node]) -> tuple[Port, ...]:
     """The input ports of a node class, the driving one first.
 
@@ -223,6 +234,7 @@ def inputs(kind: type[Node]) -> tuple[Port, ...]:
     return tuple(ports)
 
 
+@_once
 def outputs(kind: type[Node]) -> tuple[type[Message], ...]:
     """The message types that a node class sends, in order.
 

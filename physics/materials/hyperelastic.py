@@ -26,6 +26,7 @@ from __future__ import annotations
 
 import importlib
 import pkgutil
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from types import ModuleType
@@ -155,11 +156,14 @@ def example(name: str) -> Material:
 
 
 def law(name: str) -> Law:
-    """The compiled law of a name, see `Material.name`.
+    """The compiled law of a name, see `Material.name`, which may stand in a file: a function elsewhere is found where
+    the program has imported its module, and nothing is imported for its sake.
 
     MaterialError: no such law.
     """
     module, _, function = name.rpartition(".")
+    if module and module not in sys.modules and not module.startswith(f"{__name__.partition('.')[0]}."):
+        raise MaterialError(f"law {name!r} lies outside palpate, and no file imports code: import {module} first")
     try:
         library: Any = importlib.import_module(module or f"{materials.__name__}.{name}")
         return cast(Law, getattr(library, function if module else "energy"))

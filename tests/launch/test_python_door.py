@@ -9,8 +9,10 @@ from short_touch import QUICK, short_touch
 from typer.testing import CliRunner
 
 import palpate
+from palpate.launch import calling
 from palpate.launch.__main__ import app
 from palpate.launch.recording.reader import Recording
+from palpate.launch.running.execute import execute
 
 
 @pytest.fixture(scope="module")
@@ -84,6 +86,122 @@ def test_what_is_not_there_is_told_with_what_is(run, tmp_path):
         run.frame("contact.force")
     with pytest.raises(palpate.PalpateError, match="No such file"):
         palpate.open(tmp_path / "none.mcap")
+
+
+def test_a_stream_is_a_row_of_messages_and_a_run_a_set_of_streams(run):
+    contact = run.contact
+    assert contact[120].tick == 120 and contact[-1].tick == len(contact) - 1
+    assert contact[120].force == contact.force[120]
+    assert [message.tick for message in contact[10:13]] == [10, 11, 12]
+    assert next(iter(contact)).tick == 0 and len(list(contact)) == len(contact)
+    with pytest.raises(IndexError, match="has 350 messages"):
+        contact[350]
+    assert list(run) == run.streams and len(run) == len(run.streams)
+    assert "contact" in run and "contakt" not in run
+    with pytest.raises(palpate.PalpateError, match="expected the name of a stream"):
+        run[3]
+
+
+def test_a_field_prints_a_line_with_its_unit_and_range(run):
+    force = run.contact.force
+    peak = f"{float(force.max()):.4g}"
+    assert str(force) == repr(force) == f"contact.force [N]: 350 values, 0 to {peak} N, from 0.000 s to 0.349 s"
+    assert repr(run.contact.normal).startswith("contact.normal [1]: 350 x 3 values")
+    assert repr(force[force > 1e9]) == "contact.force [N]: no messages"
+
+
+def test_a_table_of_several_streams_has_them_side_by_side(run):
+    pytest.importorskip("pandas", reason="pandas is not installed (extra table)")
+    table = run.frame(["contact", "tissue"])
+    np.testing.assert_array_equal(table["contact"]["force [N]"], run.contact.force)
+    np.testing.assert_array_equal(table["tissue"]["stiffness [N/m^n]"], run.tissue.stiffness)
+    np.testing.assert_array_equal(table.index, run.contact.time)
+    with pytest.raises(palpate.PalpateError, match="no stream 'contakt'"):
+        run.frame(["contact", "contakt"])
+    with pytest.raises(palpate.PalpateError, match="found no stream"):
+        run.frame([])
+
+
+def test_force_is_plotted_over_indentation(run, file, tmp_path):
+    (axes,) = run.plot("contact.force", over="contact.indentation").axes
+    assert axes.get_xlabel() == "contact.indentation [mm]" and axes.get_ylabel() == "[N]"
+    np.testing.assert_allclose(axes.lines[0].get_xdata(), 1e3 * np.asarray(run.contact.indentation))
+    np.testing.assert_allclose(axes.lines[0].get_ydata(), run.contact.force)
+    with pytest.raises(palpate.PalpateError, match="is a vector"):
+        run.plot("contact.force", over="contact.normal")
+    target = tmp_path / "xy.svg"
+    arguments = ["plot", str(file), "contact.force", "--over", "finger.time", "-o", str(target)]
+    result = CliRunner().invoke(app, arguments)
+    assert result.exit_code != 0 and "no field 'time'" in result.stderr
+    arguments[4] = "tissue.stiffness"
+    assert CliRunner().invoke(app, arguments).exit_code == 0
+    assert target.read_bytes().startswith(b"<?xml")
+
+
+def test_a_touch_is_compared_with_another_body(run, file):
+    found = run.compare({"tissue": "deformation.Rigid"})
+    first, other = found.variants
+    assert first.name == "recorded" and other.swapped == ("tissue",)
+    assert other.force.report()["rms"] > 0.0
+    assert "tissue.use=deformation.Rigid: force off by" in repr(found)
+    assert len(found.plot().axes) == 4
+    both = palpate.compare(file, [], "scene.tissue.stiffness=200", ["tissue.use=deformation.Rigid"], reference=[])
+    assert [len(both.report()), both.report()[1]["force_N"]["rms"]] == [4, 0.0]
+    with pytest.raises(palpate.PalpateError, match="found 3, expected"):
+        run.compare(3)
+
+
+def test_steps_gives_what_a_run_records(file):
+    seen = []
+    for tick in palpate.steps("kidney", duration=0.35, sets=QUICK):
+        seen.append((tick.time, tick.contact.force, tick["controller"].force))
+    run = palpate.open(file)
+    assert [s[1] for s in seen] == run.contact.force.tolist()
+    np.testing.assert_array_equal([s[2] for s in seen], run.controller.force)
+    np.testing.assert_allclose([s[0] for s in seen], run.contact.time, atol=1e-12)
+
+
+def test_settings_change_between_two_ticks():
+    before = after = 0.0
+    for tick in palpate.steps("kidney", duration=0.4, sets=QUICK):
+        if tick.number == 249:
+            before = tick.contact.force
+            assert tick.settings("tissue")["stiffness"] != 50.0
+            tick.set("tissue", stiffness=50.0, nodule_depth="7 mm")
+            assert tick.settings("tissue")["stiffness"] == 50.0 and tick.settings("tissue")["nodule_depth"] == 0.007
+        after = tick.contact.force
+    assert tick.number == 399
+    assert 0.0 < after < 0.5 * before
+
+
+def test_what_a_step_cannot_do_is_told():
+    loop = palpate.steps("kidney", sets=QUICK)
+    tick = next(loop)
+    with pytest.raises(AttributeError, match=r"no stream 'contakt'.*contact"):
+        tick.contakt  # noqa: B018
+    with pytest.raises(palpate.PalpateError, match=r"no running node 'tisue'.*tissue"):
+        tick.set("tisue", stiffness=1.0)
+    with pytest.raises(palpate.PalpateError, match=r"no setting 'stifness'.*stiffness"):
+        tick.set("tissue", stifness=1.0)
+    with pytest.raises(palpate.PalpateError, match=r"tissue\.stiffness \[.*'2 s'"):
+        tick.set("tissue", stiffness="2 s")
+    assert next(loop).number == 1
+    loop.close()
+    with pytest.raises(StopIteration):
+        next(loop)
+    with pytest.raises(palpate.PalpateError, match="talks to a device"):
+        next(palpate.steps("falcon"))
+
+
+def test_a_run_takes_a_placement_and_on_simulated_time_is_one_process(tmp_path, monkeypatch):
+    placed = []
+    monkeypatch.setattr(calling, "execute", lambda launch: placed.append(launch.place) or execute(launch))
+    one = palpate.run("kidney", record=tmp_path / "a.mcap", duration=0.02, sets=QUICK)
+    two = palpate.run("kidney", record=tmp_path / "b.mcap", duration=0.02, sets=QUICK, place="two")
+    assert placed[0] == "fused" and placed[1].name == "two.yaml"
+    np.testing.assert_array_equal(one.controller.force, two.controller.force)
+    with pytest.raises(palpate.PalpateError, match="placement"):
+        palpate.run("kidney", record=tmp_path / "c.mcap", duration=0.02, place="nowhere")
 
 
 def test_a_notebook_shows_what_a_run_and_a_field_hold(run):

@@ -63,8 +63,17 @@ def test_objects_are_refused_and_nothing_of_them_is_run(tmp_path):
 def test_an_archive_that_says_more_than_it_may_hold_is_refused_unread(tmp_path, monkeypatch):
     monkeypatch.setattr("palpate.physics.archive.MOST", 1000)
     np.savez_compressed(tmp_path / "a.npz", rows=np.zeros(1000))
-    with pytest.raises(ArchiveError, match="more than 1000 bytes"):
+    with pytest.raises(ArchiveError, match="8128 bytes unpacked, expected at most 1000"):
         read_arrays(tmp_path / "a.npz")
+
+
+def test_an_array_is_read_without_a_copy_of_it(tmp_path):
+    np.savez_compressed(tmp_path / "a.npz", rows=np.zeros(4_000_000))
+    tracemalloc.start()
+    assert read_arrays(tmp_path / "a.npz")["rows"].nbytes == 32_000_000
+    most = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert most < 40_000_000
 
 
 @pytest.mark.parametrize("what", ["nothing", "text", "an array", "a folder", "no file"])

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import nodes_for_runs  # noqa: F401  a recording of these graphs imports nothing that is not imported already
+
 GRAPH = """
 nodes:
   source: {use: nodes_for_runs.Source, in: {torque: sum}}

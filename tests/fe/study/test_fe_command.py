@@ -15,6 +15,7 @@ from typer.testing import CliRunner
 
 from palpate.fe.study.press_record import Run
 from palpate.launch.__main__ import app
+from palpate.launch.commands import reduce as reduce_command
 from palpate.launch.commands.fe import fe, run_name
 from palpate.launch.testing import FakeBus
 from palpate.messages import Contact
@@ -80,6 +81,19 @@ def test_reduce_that_is_stopped_leaves_nothing(tmp_path, monkeypatch):
     small = ["--set", "surface=sphere", "--set", "coarse=60", "--set", "model=linear", "--to", str(tmp_path), "--json"]
     one_line(run("reduce", *small), 130, "nothing is stored")
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(("worst", "code"), [(0.4, 1), (0.2, 0)])
+def test_reduce_says_so_where_a_basis_is_of_no_use(tmp_path, monkeypatch, worst, code):
+    def built(node, path, quiet):
+        np.savez(path, about=np.array("{}"))
+        return {"mean": worst / 4, "worst": worst}
+
+    monkeypatch.setattr(reduce_command, "_build", built)
+    made = run("reduce", "--set", "surface=plane", "--set", "coarse=120", "--to", str(tmp_path))
+    assert made.exit_code == code, made.output
+    assert f"{worst:.1%} at worst" in made.stdout
+    assert ("--set coarse=240 (now 120, by default 600)" in made.stderr) == bool(code)
 
 
 def fingertip(*words):

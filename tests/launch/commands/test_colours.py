@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
+from drawing import needs_drawing
 from short_touch import short_touch
 from typer.testing import CliRunner
 
 from palpate.launch.__main__ import app
 from palpate.launch.pictures import film as films
 from palpate.launch.pictures.colour import COLOURS, NoColour, able, check, painted, top
-from palpate.launch.pictures.off_screen import NoRendering
 from palpate.launch.recording.reader import Recording
 from palpate.messages import Surface
 from palpate.physics.geometry.mesh import plane
@@ -78,7 +78,7 @@ def file(tmp_path_factory):
 
 @pytest.mark.parametrize("name", ["pressure", "strain"])
 def test_a_picture_has_the_colour_and_its_bar(file, tmp_path, name, monkeypatch):
-    pytest.importorskip("pyvista", reason="pyvista is not installed (extra view)")
+    needs_drawing()
     labels = []
     monkeypatch.setattr(films.Frame, "show", lambda *_: None)
     first = films.Frame.__init__
@@ -89,10 +89,7 @@ def test_a_picture_has_the_colour_and_its_bar(file, tmp_path, name, monkeypatch)
 
     monkeypatch.setattr(films.Frame, "__init__", noted)
     target = tmp_path / "a.png"
-    try:
-        result = CliRunner().invoke(app, ["picture", str(file), "--at", "0.3", "-o", str(target), "--colour", name])
-    except NoRendering as reason:
-        pytest.skip(str(reason))
+    result = CliRunner().invoke(app, ["picture", str(file), "--at", "0.3", "-o", str(target), "--colour", name])
     assert result.exit_code == 0, result.output
     assert target.read_bytes()[:4] == b"\x89PNG"
     ((label, most),) = labels

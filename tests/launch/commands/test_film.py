@@ -4,13 +4,13 @@ import importlib.util
 
 import numpy as np
 import pytest
+from drawing import needs_drawing
 from short_touch import short_touch
 from typer.testing import CliRunner
 
 from palpate.launch.__main__ import app
 from palpate.launch.pictures import film as films
 from palpate.launch.pictures.colour import COLOURS
-from palpate.launch.pictures.off_screen import NoRendering
 from palpate.launch.recording.reader import Recording
 from palpate.messages import Pose
 from palpate.nodes.base import Stream
@@ -30,29 +30,18 @@ def told(*arguments):
     return " ".join(result.stderr.split())
 
 
-def drawable():
-    """Skips where this machine has no 3-D drawing at all."""
-    pytest.importorskip("pyvista", reason="pyvista is not installed (extra view)")
-
-
 def test_a_picture_shows_the_instant_that_was_asked_for(file, tmp_path):
-    drawable()
+    needs_drawing()
     target = tmp_path / "new" / "deep.png"
-    try:
-        assert films.picture(file, 0.3, target) == pytest.approx(0.3)
-    except NoRendering as reason:
-        pytest.skip(str(reason))
+    assert films.picture(file, 0.3, target) == pytest.approx(0.3)
     assert target.read_bytes()[:4] == b"\x89PNG"
 
 
 def test_a_film_has_its_frames_and_the_surface_moves_in_it(file, tmp_path):
-    drawable()
+    needs_drawing()
     ffmpeg = pytest.importorskip("imageio_ffmpeg", reason="imageio-ffmpeg is not installed (extra film)")
     target = tmp_path / "kidney.mp4"
-    try:
-        count = films.film(file, target, rate=10.0)
-    except NoRendering as reason:
-        pytest.skip(str(reason))
+    count = films.film(file, target, rate=10.0)
     reader = ffmpeg.read_frames(str(target))
     about = next(reader)
     width, height = about["size"]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -98,6 +99,39 @@ def test_the_command_writes_what_it_promises_and_runs_it(tmp_path, write, monkey
     assert ran.exit_code == 0 and "113 ms" in ran.output and "promised" in ran.output
     assert "palpate run runs/swing-rates.yaml" in ran.output and find("runs/swing-rates.yaml").duration == 1.0
     assert [file.name for file in Path().iterdir()] == ["runs"]
+
+
+def spoilt(monkeypatch, times: int) -> None:
+    """The touch has a force with part in the error, and the first runs do not keep it."""
+    found, measured, left = rates.chosen, rates.came, [times]
+
+    def came(recording, picked):
+        base, variant = measured(recording, picked)
+        if left[0]:
+            left[0] -= 1
+            variant.force.add(1e3, 1.0)
+        return base, variant
+
+    monkeypatch.setattr(rates, "came", came)
+    monkeypatch.setattr(rates, "chosen", lambda *a: (replace(rate, force=0.04) for rate in found(*a)))
+
+
+def test_rates_that_no_run_keeps_are_raised_until_one_does(tmp_path, write, monkeypatch):
+    graph, file = write("swing.yaml", SWING.replace("FREQUENCY", "2")), tmp_path / "slow.yaml"
+    given = ["rates", str(graph), "--error", "5 %", "--duration", "1 s", "-o", str(file)]
+    spoilt(monkeypatch, 1)
+    ran = CliRunner().invoke(app, [*given, "--json"])
+    assert ran.exit_code == 0, ran.output
+    assert json.loads(ran.stdout)["set"] == {"swing.every": 5}  # 10, if the run had kept it
+    assert find(str(file)).load().nodes["swing"].every == 5
+
+
+def test_nothing_is_written_where_no_run_keeps_the_error(tmp_path, write, monkeypatch):
+    graph, file = write("swing.yaml", SWING.replace("FREQUENCY", "2")), tmp_path / "slow.yaml"
+    spoilt(monkeypatch, 100)
+    ran = CliRunner().invoke(app, ["rates", str(graph), "--error", "5 %", "--duration", "1 s", "-o", str(file)])
+    assert ran.exit_code == 1
+    assert "Nothing is written" in " ".join(ran.output.split()) and not file.exists()
 
 
 @pytest.mark.parametrize(

@@ -484,7 +484,7 @@ def test_a_message_type_that_is_gone_leaves_the_rest_readable(tmp_path):
     path = foreign(tmp_path / "a.mcap")
     assert say("info", path)[0] == 0
     code, _, err = say("echo", path, "x")
-    assert code == 1 and "no_such_module.X, which cannot be imported" in err and "can be read" in err
+    assert code == 1 and "no_such_module.X" in err and "can be read" in err
 
 
 def test_a_stream_that_is_not_there_is_told_with_the_nearest(tmp_path):

@@ -150,6 +150,17 @@ def test_a_block_of_a_law_of_one_file_is_sampled_and_its_basis_names_it(gent, tm
     assert h == approx(g, rel=1e-2)  # modes are stored in half precision
 
 
+def test_a_law_that_a_file_names_is_not_imported_for_its_sake(tmp_path, monkeypatch):
+    (tmp_path / "innocent.py").write_text(f"open({str(tmp_path / 'was imported')!r}, 'w').close()\n{GENT}")
+    monkeypatch.syspath_prepend(tmp_path)
+    with pytest.raises(MaterialError, match=r"'innocent\.energy' lies outside palpate"):
+        law("innocent.energy")
+    assert not (tmp_path / "was imported").exists()
+    import innocent
+
+    assert law("innocent.energy") is innocent.energy
+
+
 def test_an_unknown_law_is_told_with_those_that_are_known():
     with pytest.raises(MaterialError, match=r"no material law 'ogden': expected .*hencky.*neo_hooke"):
         law("ogden")
