@@ -67,14 +67,23 @@ class Samples(np.ndarray):
         """Name and unit as they stand beside an axis."""
         return f"{self.name} [{self.unit}]"
 
+    def __repr__(self) -> str:
+        with np.printoptions(threshold=20, edgeitems=3):
+            return f"{self._about()}\n{np.asarray(self)!s}"
+
+    __str__ = __repr__
+
     def _repr_html_(self) -> str:
+        label, _, about = self._about().partition(": ")
+        return f"<b>{html.escape(label)}</b>: {about}"
+
+    def _about(self) -> str:
         if not self.size:
-            return f"<b>{html.escape(self.label)}</b>: no messages"
-        shape = " x ".join(map(str, self.shape))
-        span = f"{self.time[0]:.3f} s to {self.time[-1]:.3f} s" if len(self.time) == len(self) else ""
+            return f"{self.label}: no messages"
         plain = np.asarray(self)
+        span = f", {self.time[0]:.3f} s to {self.time[-1]:.3f} s" if len(self.time) == len(self) else ""
         reach = f", {plain.min():.4g} to {plain.max():.4g}" if plain.dtype.kind in "iuf" else ""
-        return f"<b>{html.escape(self.label)}</b>: {shape} values{reach}, {span}"
+        return f"{self.label}: {' x '.join(map(str, self.shape))} values{reach}{span}"
 
 
 class Stream:
