@@ -113,7 +113,8 @@ class Layout:
 
 def _fixed(shape: Shape) -> int | None:
     """How many numbers a shape has; None where the messages tell."""
-    return None if any(isinstance(size, str) for size in shape) else math.prod(size for size in shape)
+    known = [size for size in shape if isinstance(size, int)]
+    return math.prod(known) if len(known) == len(shape) else None
 
 
 def _filled(values: Any, width: int) -> list[Any]:
