@@ -112,7 +112,13 @@ def execute(
         if fused:
             if forkserver is not None:
                 forkserver.close()
-            result = run_fused(work[0], screen.show if screen else lambda _: None, patience)
+            nothing = Result()
+            result = run_fused(
+                work[0],
+                screen.show if screen else lambda _: None,
+                patience,
+                lambda node, kernels: screen.show(nothing, "starting", {"": node}, kernels) if screen else None,
+            )
         else:
             _open_files(len(work))
             launcher = Launcher(
@@ -123,7 +129,7 @@ def execute(
                 key=key,
                 patience=patience,
                 restart=frozenset(name for name in planned.order if graph.nodes[name].restart),
-                show=(lambda it: screen.show(it.result, it.phase, it.busy)) if screen else lambda _: None,
+                show=(lambda it: screen.show(it.result, it.phase, it.busy, it.kernels)) if screen else lambda _: None,
                 printed=screen.print if screen else lambda _: None,
                 died=screen.died if screen else lambda _: None,
             )

@@ -15,6 +15,10 @@ from palpate.launch.running.result import Death, Result
 
 FULL_SCALE = 3.0  # [N] of the force bars, until a force goes beyond
 
+KERNELS = 120
+"""About as many as the kidney graph compiles."""
+COMPILING = "compiling the kernels for this processor: once, a minute or two; later runs start at once"
+
 
 class Screen:
     """Draws a run while it goes on: rates, step times, late, lost and held messages of each node, and force bars.
@@ -33,6 +37,7 @@ class Screen:
         self._speed: dict[str, float] = {}
         self._scale = FULL_SCALE
         self._drawn = 0.0
+        self._kernels = 0
 
     def __enter__(self) -> Screen:
         self._live.start()
@@ -41,9 +46,14 @@ class Screen:
     def __exit__(self, *_: object) -> None:
         self._live.stop()
 
-    def show(self, result: Result, phase: str = "running", busy: dict[str, str] | None = None) -> None:
-        """Draw what is known; at most eight times a second."""
+    def show(
+        self, result: Result, phase: str = "running", busy: dict[str, str] | None = None, kernels: int = 0
+    ) -> None:
+        """Draw what is known; at most eight times a second. kernels: that were compiled so far."""
         moment = time.monotonic()
+        if kernels and not self._kernels:
+            self.console.print(Text(COMPILING))
+        self._kernels = max(self._kernels, kernels)
         if moment - self._drawn < 0.12:
             return
         self._drawn = moment
@@ -74,6 +84,11 @@ class Screen:
         if phase in ("starting", "linking"):
             waiting = ", ".join(sorted(busy.values())) or "workers"
             parts.append(Text(f"  {phase}: {waiting} ({moment - self._begun:.1f} s)", style="dim"))
+            if self._kernels:
+                compiled = Table.grid(padding=(0, 1))
+                bar = ProgressBar(total=max(KERNELS, self._kernels), completed=self._kernels, width=40)
+                compiled.add_row("  compiling", bar, f"{self._kernels} kernels")
+                parts.append(compiled)
         if self.ticks:
             bar = Table.grid()  # a bar by itself does not end its line
             bar.add_row(ProgressBar(total=self.ticks, completed=tick + 1, width=60))

@@ -11,6 +11,7 @@ from palpate.launch.running.audience import Audience
 from palpate.launch.running.bus import HEALTH, Bus, frame
 from palpate.launch.running.carrier import LOOK
 from palpate.launch.running.clock import now
+from palpate.launch.running.compiling import compiling
 from palpate.launch.running.health import Counters, message
 from palpate.launch.running.job import Job
 from palpate.launch.running.reports import Alive, Beat, Close, End, Gone, Note, Quit, Report, Starting, Stop
@@ -81,13 +82,14 @@ class Worker:
 
     def start(self) -> None:
         """Start all nodes. NodeFault: one raised."""
-        for slot in self.slots:
-            self.report(Starting(slot.name))
-            self._started.append((slot.name, slot.node))
-            slot.start()
-        for observer in self.audience.slots:
-            self._started.append((observer.name, observer.node))
-            self.audience.start(observer, self.outputs)
+        with compiling(lambda count: self.report(Starting(self._started[-1][0], count))):
+            for slot in self.slots:
+                self.report(Starting(slot.name))
+                self._started.append((slot.name, slot.node))
+                slot.start()
+            for observer in self.audience.slots:
+                self._started.append((observer.name, observer.node))
+                self.audience.start(observer, self.outputs)
 
     @property
     def started(self) -> int:
