@@ -86,8 +86,8 @@ class Screen:
             parts.append(Text(f"  {phase}: {waiting} ({moment - self._begun:.1f} s)", style="dim"))
             if self._kernels:
                 compiled = Table.grid(padding=(0, 1))
-                bar = ProgressBar(total=max(KERNELS, self._kernels), completed=self._kernels, width=40)
-                compiled.add_row("  compiling", bar, f"{self._kernels} kernels")
+                done = ProgressBar(total=max(KERNELS, self._kernels), completed=self._kernels, width=40)
+                compiled.add_row("  compiling", done, f"{self._kernels} kernels")
                 parts.append(compiled)
         if self.ticks:
             bar = Table.grid()  # a bar by itself does not end its line
