@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from palpate.launch.commands.common import Json, console, tell
+from palpate.launch.commands.progress import steps
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -92,12 +93,15 @@ def _about() -> dict[str, Any]:
 
 
 def _shown(work: Callable[[Callable[[int, str], None]], list[Cell]], count: int) -> list[Cell]:
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+    reached = 0
+    with steps(f"bench accuracy: {count} cells, each a model on a touch", count) as done:
 
-    columns = (BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TextColumn("{task.description}"))
-    with Progress(*columns, console=console(stderr=True), transient=True) as progress:
-        task = progress.add_task("", total=count)
-        return work(lambda done, what: progress.update(task, completed=done, description=what))
+        def report(now: int, what: str) -> None:
+            nonlocal reached
+            done(what, now - reached)
+            reached = now
+
+        return work(report)
 
 
 def _rebuild(about: dict[str, Any], wanted: list[Touch], silent: bool) -> None:

@@ -3,17 +3,26 @@
 from __future__ import annotations
 
 import csv
-from itertools import product
+from itertools import groupby, product
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
 from palpate.launch.commands.common import Json, console, tell
+from palpate.launch.commands.progress import steps
 from palpate.physics.errors import MISUSE, PalpateError
 
-COLUMNS = ("rate", "delay", "damping", "passive", "stable", "quantised", "bare", "controlled", "given_out")
-UNITS = ("Hz", "1", "N s/m", "N/m", "N/m", "N/m", "N/m", "N/m", "J")
+COLUMNS = {
+    "rate": "Hz", "delay": "1", "damping": "N s/m", "passive": "N/m", "stable": "N/m", "quantised": "N/m",
+    "bare": "N/m", "controlled": "N/m", "commanded": "N/m", "given_out": "J",
+}  # fmt: skip
+HIGH = 1e7
+"""[N/m] The stiffest wall that is tried."""
+PER_SECOND = 1e-3
+"""[s] that a loop takes for each Hz of its rate: some 200 simulated walls."""
+SECONDS = 3.0
+"""[s] of the loop with the controller; without it a swing near the border grows or decays slowly, see `_long`."""
 
 
 class StabilityError(PalpateError, ValueError):
@@ -46,10 +55,11 @@ def stability(
 ) -> None:
     """The stiffest wall that a device can hold: by theory, and simulated with and without the controller.
 
-    `passive` and `stable` are exact for a linear loop, `quantised` for a spring without delay. `bare` and `controlled`
-    are the simulated loop with a hand, a wall that lets go, and the encoder: the last stiffness, on eighths of an
-    octave, at which the swing dies down within three seconds. A body is made stiffer by all of its moduli; its
-    stiffness is told at a push of 0.1 N, `stable` by the poles with its own damping.
+    `passive` and `stable` are exact for a linear loop, `quantised` for a spring without delay. `bare` is the simulated
+    loop with a hand, a wall that lets go, and the encoder: the last stiffness, on eighths of an octave, at which the
+    swing decays. `controlled` is the stiffness that the hand feels with the controller at the stiffest such wall,
+    `commanded`. A body is made stiffer by all of its moduli; its stiffness is that at a push of 0.1 N, `stable` by the
+    poles with its own damping.
     """
     from palpate.launch.commands import stability_more as more
     from palpate.physics.device.wall_loop import Device
@@ -59,15 +69,18 @@ def stability(
     _check(device, rates, delays, dampings, order, lost, jitter)
     if plane and not resolution:
         raise StabilityError("--regions: found --resolution 0, expected an encoder: the plane has its step in it")
-    rows = [
-        row(device, f, d, b, order, lost, jitter, seed)
-        for f, d, b in product(sorted(rates), sorted(delays), sorted(dampings))
-    ]
+    cases = list(product(sorted(rates), sorted(delays), sorted(dampings)))
+    rows = []
+    work = sum(f for f, _, _ in cases)
+    with steps(f"bench stability: {len(cases)} loops", work, silent=as_json, seconds=PER_SECOND * work) as done:
+        for f, d, b in cases:
+            rows.append(row(device, f, d, b, order, lost, jitter, seed))
+            done(f"{f:g} Hz, {d} samples late, damping {b:g} N s/m", weight=f)
     out.mkdir(parents=True, exist_ok=True)
     table = out / "stability.csv"
     with table.open("w", newline="", encoding="utf-8") as file:
         write = csv.writer(file)
-        write.writerow([f"{name} [{unit}]" for name, unit in zip(COLUMNS, UNITS, strict=True)])
+        write.writerow([f"{name} [{unit}]" for name, unit in COLUMNS.items()])
         write.writerows([[f"{one[name]:.6g}" for name in COLUMNS] for one in rows])
     files = [str(table), _picture(rows, out / "stability.png")]
     told: dict[str, Any] = {"table": str(table), "picture": files[1], "rows": rows}
@@ -82,7 +95,7 @@ def stability(
     if as_json:
         tell(told)
         return
-    _print(rows)
+    _print(rows, device)
     if body:
         more.print_bodies(told["bodies"])
     typer.echo(", ".join(filter(None, files)) + ("" if files[1] else "; no pictures without matplotlib: palpate[view]"))
@@ -109,26 +122,29 @@ def _check(device: Any, rates: list[float], delays: list[int], dampings: list[fl
 
 def row(device: Any, rate: float, delay: int, damping: float, order: int, lost: float, jitter: float, seed: int
         ) -> dict[str, float]:  # fmt: skip
-    """One row of the table: bounds on the stiffness [N/m] by theory, and where the simulated loop swings on, bare and
-    with the controller; beside it the most energy [J] that the controlled loop gave to the hand at any of them."""
+    """One row of the table: bounds on the stiffness [N/m] by theory; up to where the simulated loop comes to rest
+    without the controller (`bare`); with it, the stiffest wall at which it does (`commanded`), the stiffness that is
+    felt there (`controlled`), and the most energy [J] that the loop gave to the hand at any wall."""
     import numpy as np
 
     from palpate.physics.device import stability as theory
-    from palpate.physics.device.wall_loop import run, settles
+    from palpate.physics.device.wall_loop import felt_stiffness, run, settles
 
-    period, rng = 1.0 / rate, np.random.default_rng(seed)
-    steps = period * (1.0 + jitter * rng.uniform(-1.0, 1.0, round(max(3.0 * rate, 600))))
-    missing = rng.random(len(steps)) < lost
-    most = [0.0]
+    period, most = 1.0 / rate, [0.0]
+    bare, short = (_steps(rate, seconds, lost, jitter, seed) for seconds in (_long(device), SECONDS))
 
-    def settled(stiffness: float, controlled: bool) -> bool:
-        path = run(
-            device, stiffness, damping, controlled=controlled, steps=steps, delay=delay, order=order, lost=missing
-        )
-        if controlled:
-            most[0] = max(most[0], float(path[:, 2].max()))
-        return settles(path[:, 0], device.resolution)
+    def path(stiffness: float, controlled: bool, push: float = 0.5) -> np.ndarray:
+        steps, missing = short if controlled else bare
+        return run(device, stiffness, damping, controlled=controlled, steps=steps, delay=delay, order=order,
+                   lost=missing, push=push)  # fmt: skip
 
+    def held(stiffness: float) -> bool:
+        with_controller = path(stiffness, True)
+        most[0] = max(most[0], float(with_controller[:, 2].max()))
+        return settles(with_controller[:, 0], device.resolution)
+
+    commanded = largest(held)
+    pushes = (device.limit / 8.0, device.limit / 2.0)
     return {
         "rate": rate,
         "delay": delay,
@@ -136,34 +152,82 @@ def row(device: Any, rate: float, delay: int, damping: float, order: int, lost: 
         "passive": theory.passive_stiffness(damping, device.drag, period, delay, order),
         "stable": theory.stable_stiffness(damping, device.mass, device.drag, period, delay, order),
         "quantised": theory.quantised_stiffness(device.drag, device.coulomb, period, device.resolution),
-        "bare": largest(lambda k: settled(k, False)),
-        "controlled": largest(lambda k: settled(k, True)),
+        "bare": largest(lambda k: settles(path(k, False)[:, 0], device.resolution)),
+        "controlled": felt_stiffness((path(commanded, True, pushes[0]), path(commanded, True, pushes[1])))
+        if commanded
+        else 0.0,
+        "commanded": commanded,
         "given_out": most[0],
     }
 
 
-def largest(settled: Any, low: float = 10.0, high: float = 1e7) -> float:
-    """The first stiffness [N/m] at which a loop no longer comes to rest, on eighths of an octave; `high` where there is
+def _long(device: Any) -> float:
+    """[s] after which a swing near the border of stability has decayed or grown: ten time constants 2 m/b of the free
+    device, within 3 to 60 s."""
+    return float(min(max(20.0 * device.mass / device.drag, SECONDS), 60.0))
+
+
+def _steps(rate: float, seconds: float, lost: float, jitter: float, seed: int) -> tuple[Any, Any]:
+    """Lengths [s] of the steps of the loop, and which samples are lost."""
+    import numpy as np
+
+    rng = np.random.default_rng(seed)
+    steps = (1.0 + jitter * rng.uniform(-1.0, 1.0, round(max(seconds * rate, 600)))) / rate
+    return steps, rng.random(len(steps)) < lost
+
+
+def largest(settled: Any, low: float = 10.0) -> float:
+    """The first stiffness [N/m] at which a loop no longer comes to rest, on eighths of an octave; `HIGH` where there is
     none, 0 where the softest does not."""
     k = low
-    while k < high:
+    while k < HIGH:
         if not settled(k):
             return k * 2**-0.125 if k > low else 0.0
         k *= 2**0.125
-    return high
+    return HIGH
 
 
-def _print(rows: list[dict[str, float]]) -> None:
+SHOWN = ("passive", "stable", "quantised", "bare", "controlled")
+
+
+def _print(rows: list[dict[str, float]], device: Any) -> None:
+    """The answer in a sentence, then a row for each rate and delay; the file has one for each damping as well."""
     from rich.table import Table
 
-    shown = Table(box=None, pad_edge=False, header_style="bold", title="stiffest wall, N/m", title_justify="left")
-    for name in COLUMNS:
-        shown.add_column(name, justify="right")
-    for one in rows:
-        cells = [f"{one[name]:.4g}" for name in COLUMNS[:-2]]
-        whole = ">= 1e7" if one["controlled"] >= 1e7 else f"{one['controlled']:.4g}"
-        shown.add_row(*cells, whole, f"{one['given_out']:.2g}")
-    console().print(shown)
+    out = console()
+    out.print(answer(rows), style="bold", markup=False)
+    shown = Table(box=None, pad_edge=False, header_style="bold", title="stiffest wall at the best damping [N/m]",
+                  title_justify="left")  # fmt: skip
+    names = [name for name in SHOWN if name != "quantised" or device.coulomb]
+    for title in ("rate\n\\[Hz]", "delay\n", *(f"\n{name}" for name in names), "given out\n\\[mJ]"):
+        shown.add_column(title, justify="right", no_wrap=True)
+    for (rate, delay), group in groupby(rows, lambda one: (one["rate"], one["delay"])):
+        part = list(group)
+        best = [f"{max(one[name] for one in part):.4g}" for name in names]
+        shown.add_row(f"{rate:g}", f"{delay:g}", *best, f"{1e3 * max(one['given_out'] for one in part):.2g}")
+    out.print(shown)
+    out.print(
+        "passive, stable: theory of the linear loop, with any passive hand and with none; bare: simulated, without the "
+        "controller; controlled: what the hand feels with it; given out: energy that it gave to the hand at most",
+        style="dim",
+    )
+    if device.resolution and not device.coulomb:
+        out.print("no dry friction is given (--coulomb): seen through an encoder no wall is strictly passive, "
+                  "`quantised` is 0", style="dim")  # fmt: skip
+
+
+def answer(rows: list[dict[str, float]]) -> str:
+    """How stiff a wall may be, in a sentence, at the middle rate and the least delay."""
+    rates = sorted({one["rate"] for one in rows})
+    rate, delay = rates[len(rates) // 2], min(one["delay"] for one in rows)
+    part = [one for one in rows if (one["rate"], one["delay"]) == (rate, delay)]
+    best = {name: max(one[name] for one in part) for name in SHOWN}
+    tried = "any wall that was tried" if min(one["commanded"] for one in part) >= HIGH else "most walls"
+    return (
+        f"At {rate:g} Hz and {delay:g} samples of delay this device holds walls up to {best['bare']:.3g} N/m without "
+        f"the controller (theory: {best['stable']:.3g}); with it, {tried}, of which the hand feels at most "
+        f"{best['controlled']:.3g} N/m."
+    )
 
 
 def _picture(rows: list[dict[str, float]], path: Path) -> str:
@@ -183,18 +247,20 @@ def _picture(rows: list[dict[str, float]], path: Path) -> str:
         ("passive", NORMAL, "-", "passive, theory"),
         ("stable", SPEED, "-", "stable, theory"),
         ("bare", FINGER, "o", "simulated, bare"),
-        ("controlled", ENERGY, "^", "simulated, controller on"),
+        ("controlled", ENERGY, "^", "felt with the controller"),
     )
     for name, colour, mark, label in lines:
-        left.plot([one["damping"] for one in plane], [one[name] for one in plane], mark, color=colour, label=label)
+        points = [(one["damping"], one[name]) for one in plane if one[name] > 0.0]
+        left.plot(*zip(*points, strict=True) if points else ([], []), mark, color=colour, label=label)
     left.set(xlabel="damping of the wall  B  [N s/m]", ylabel="stiffness of the wall  K  [N/m]", yscale="log",
              title=f"{rate:g} Hz, {delay:g} samples of delay")  # fmt: skip
     left.legend(loc="best")
     least = min(one["damping"] for one in rows)
     for f, width in zip(rates, (0.8, 1.6, 2.6, 3.4, 4.2), strict=False):
         part = [one for one in rows if one["rate"] == f and one["damping"] == least]
-        for name, colour, mark, _ in lines[:3]:
-            right.plot([one["delay"] for one in part], [one[name] for one in part], mark, color=colour, linewidth=width,
+        for name, colour, mark, _ in lines:
+            points = [(one["delay"], one[name]) for one in part if one[name] > 0.0]
+            right.plot(*zip(*points, strict=True) if points else ([], []), mark, color=colour, linewidth=width,
                        markersize=3 + 1.5 * width)  # fmt: skip
         right.annotate(f"{f:g} Hz", (part[0]["delay"], max(part[0]["stable"], 1.0)), fontsize=9)
     right.set(xlabel="delay [samples]", yscale="log", title=f"B = {least:g} N s/m; thicker: faster")

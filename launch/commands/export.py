@@ -18,7 +18,10 @@ def export(
         Path | None, typer.Option(help="File (foxglove, rerun) or folder; by default beside the recording.")
     ] = None,
     stream: Annotated[list[str] | None, typer.Option(help="Only this stream; may be repeated.")] = None,
-    every: Annotated[int, typer.Option(help="Only each n-th message.", min=1)] = 1,
+    every: Annotated[
+        int | None,
+        typer.Option(help="Only each n-th message; by default all numbers, and 30 surfaces in a second.", min=1),
+    ] = None,
     trust: Trust = None,
     as_json: Json = False,
 ) -> None:

@@ -10,6 +10,7 @@ import typer
 from typer.core import TyperCommand
 
 from palpate.launch.commands.common import Fused, Graph, Json, PlaceOption, SceneOption, Sets, chosen, console, tell
+from palpate.launch.commands.progress import steps
 
 if TYPE_CHECKING:
     from palpate.launch.loading.bill import Item
@@ -19,6 +20,11 @@ if TYPE_CHECKING:
 MERMAID = "mermaid"
 _PICTURE = ".mmd"
 NEWEST = 3  # recordings that are looked through for the times of a graph
+
+PROVED = (
+    "; in blue: the whole tick, computed again on this machine now with and without it, so that what other nodes spend "
+    "on it counts as well"
+)
 
 
 class Command(TyperCommand):
@@ -103,16 +109,11 @@ def _times(planned: Plan, given: Path | None) -> tuple[dict[str, float], Path | 
 
 
 def _prove(file: Path, items: list[Item], sets: list[str], silent: bool) -> None:
-    from rich.progress import Progress
-
     from palpate.launch.recording.prove import prove
     from palpate.launch.recording.reader import Recording
 
-    with Progress(console=console(stderr=True), transient=True, disable=silent) as progress:
-        task = progress.add_task("computing the touch again", total=len(items))
-        prove(
-            Recording(file), items, sets, lambda name: progress.update(task, advance=1, description=f"without {name}")
-        )
+    with steps(f"plan: the touch again without each of {len(items)} effects", len(items), silent=silent) as done:
+        prove(Recording(file), items, sets, lambda name: done(f"without {name}"))
 
 
 def _bill(items: list[Item], source: Path | None) -> Any:
@@ -120,7 +121,11 @@ def _bill(items: list[Item], source: Path | None) -> Any:
     from rich.text import Text
 
     timed = f"times of {source}" if source else "times not measured: run the graph first"
-    table = Table(title=f"effects, µs a tick ({timed})", title_justify="left", box=None, pad_edge=False)
+    caption = "µs: steps of the nodes that run for this effect alone, median"
+    if any(item.proof for item in items):
+        caption += PROVED
+    table = Table(title=f"effects, µs a tick ({timed})", title_justify="left", box=None, pad_edge=False,
+                  caption=caption, caption_justify="left")  # fmt: skip
     for column, justify in (("", "left"), ("effect", "left"), ("µs", "right"), ("why", "left")):
         table.add_column(column, overflow="fold", justify=justify)  # type: ignore[arg-type]
     for item in items:

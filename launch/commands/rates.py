@@ -9,10 +9,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from palpate.launch.commands.common import TROUBLE, Graph, Json, SceneOption, Sets, chosen, console, seconds, tell
+from palpate.launch.commands.progress import steps
 
 if TYPE_CHECKING:
     from palpate.launch.recording.compare import Variant
     from palpate.launch.recording.rates import Rate
+
+
+PER_TICK = 3e-3
+"""[s] that an effect takes for a tick of the touch: it is computed again at several rates side by side."""
 
 
 def rates(
@@ -44,18 +49,14 @@ def rates(
         raise measure.RateError(f"{graph}: it runs without end; give the length of the touch: --duration '5 s'")
     found = measure.effects_of(launch.plan())
     file = out or Path("runs", f"{(launch.path or launch.graph).stem}-rates.yaml")
-    from rich.progress import Progress
-
+    title = f"rates: a touch of {launch.duration:g} s, then again at other rates of {len(found)} effects"
+    count, ticks = len(found) + 3, launch.duration * launch.load().rate
     with (
         tempfile.TemporaryDirectory() as folder,
-        Progress(console=console(stderr=True), transient=True, disable=as_json) as progress,
+        steps(title, count, silent=as_json, seconds=PER_TICK * ticks * count) as show,
     ):
-        task = progress.add_task("the touch", total=len(found) + 3)
-
-        def show(what: str) -> None:
-            progress.update(task, advance=1, description=what)
-
         recording = touched(launch, Path(folder) / "touch.mcap")
+        show("the touch")
         single = list(measure.chosen(recording, share, show))
         show("all together")
         picked, *promised = measure.together(recording, single, share)

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from palpate.launch.commands.common import console
+from palpate.launch.commands.progress import steps
 from palpate.launch.loading.classes import ClassError, find_class
 
 if TYPE_CHECKING:
@@ -33,8 +34,6 @@ def bodies(
     device: Device, names: list[str], rates: list[float], delays: list[int], silent: bool
 ) -> list[dict[str, Any]]:
     """A row for each body, rate and delay."""
-    from rich.progress import Progress
-
     from palpate.bench.body_wall import row, stiffened
 
     classes = {name: _body(name) for name in names}
@@ -42,12 +41,10 @@ def bodies(
         stiffened(cls, 1.0)  # tells what is no body before anything is computed
     todo = list(product(classes.items(), sorted(rates), sorted(delays)))
     told = []
-    with Progress(console=console(stderr=True), transient=True, disable=silent) as progress:
-        task = progress.add_task("", total=len(todo))
+    with steps(f"bench stability: {len(todo)} loops with a body", len(todo), silent=silent) as done:
         for (name, cls), rate, delay in todo:
-            progress.update(task, description=f"{name}, {rate:g} Hz, {delay} samples late")
             told.append({"body": name, **row(device, cls, rate, delay)})
-            progress.advance(task)
+            done(f"{name}, {rate:g} Hz, {delay} samples late")
     return told
 
 
@@ -78,8 +75,9 @@ def print_bodies(rows: list[dict[str, Any]]) -> None:
 
     shown = Table(box=None, pad_edge=False, header_style="bold", title_justify="left",
                   title="stiffest body, N/m at a push of 0.1 N")  # fmt: skip
-    for name in COLUMNS:
-        shown.add_column(name, justify="left" if name == "body" else "right")
+    for name, unit in COLUMNS.items():
+        title = "given out\n\\[mJ]" if name == "given_out" else f"{name}\n\\[{unit}]" if name == "rate" else f"\n{name}"
+        shown.add_column(title, justify="left" if name == "body" else "right", no_wrap=True)
     for row in rows:
         shown.add_row(*(row[n] if n == "body" else _figure(n, row[n]) for n in COLUMNS))
     console().print(shown)
@@ -87,7 +85,7 @@ def print_bodies(rows: list[dict[str, Any]]) -> None:
 
 def _figure(name: str, value: float) -> str:
     if name in ("rate", "delay", "given_out"):
-        return f"{value:.2g}" if name == "given_out" else f"{value:g}"
+        return f"{1e3 * value:.2g}" if name == "given_out" else f"{value:g}"
     return "all rest" if math.isinf(value) else "none rests" if value == 0.0 else f"{value:.4g}"
 
 

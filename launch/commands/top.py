@@ -82,19 +82,20 @@ def _state(state: str) -> Any:
 
 
 def _table(run: str, rows: dict[str, Row]) -> Any:
-    from rich.table import Table
+    from rich.console import Group
     from rich.text import Text
 
-    table = Table(title=f"run {run}", box=None, header_style="bold", pad_edge=False, title_justify="left")
-    table.add_column("node")
-    times = ("p50 [us]", "p99 [us]", "longest [us]", "answer [us]")
-    for title in ("tick", "rate [Hz]", *times, "late", "lost", "held", "asleep"):
-        table.add_column(title, justify="right")
-    table.add_column("state")
+    from palpate.launch.running.screen import Fitted, troubles
+
+    titles = ("node", "tick", "rate\n[Hz]", "p50\n[us]", "p99\n[us]", "longest\n[us]", "answer\n[us]",
+              "late", "lost", "held", "asleep", "")  # fmt: skip
+    cells = []
     for name, row in rows.items():
         it = row.last
         assert it is not None
-        troubles = [Text(str(n), style="yellow" if n else "dim") for n in (it.late, it.lost, it.held)]
-        durations = [f"{value * 1e6:.1f}" for value in (it.median, it.p99, it.longest, it.age)]
-        table.add_row(name, str(it.tick), f"{row.rate:.0f}", *durations, *troubles, str(it.asleep), _state(it.state))
-    return table
+        durations = [Text(f"{value * 1e6:.1f}") for value in (it.median, it.p99, it.longest, it.age)]
+        counts = troubles(it.late, it.lost, it.held)
+        figures = [Text(str(it.tick)), Text(f"{row.rate:.0f}"), *durations, *counts, Text(str(it.asleep))]
+        cells.append([Text(name), *figures, _state(it.state)])
+    spare = ("asleep", "longest\n[us]", "p50\n[us]", "held", "answer\n[us]", "tick")
+    return Group(Text(f"run {run}", style="italic"), Fitted(titles, cells, spare))

@@ -9,9 +9,14 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from palpate.launch.commands.common import TROUBLE, Graph, Json, SceneOption, Sets, chosen, console, seconds, tell
+from palpate.launch.commands.progress import steps
 
 if TYPE_CHECKING:
     from palpate.launch.recording.tune import Candidate, Goal
+
+
+PER_TICK = 1e-3
+"""[s] that a body takes for a tick of the touch, the reference beside it and the start included."""
 
 
 def tune(
@@ -62,25 +67,25 @@ def tune(
         raise TuneError(f"{graph}: it runs without end; give the length of the touch: --duration '5 s'")
     wanted = candidates(launch.load())
     file = out or Path("runs", f"{(launch.path or launch.graph).stem}-tuned.yaml")
-    from rich.progress import Progress
-
+    title = f"tune: a touch of {launch.duration:g} s, then again with {len(wanted)} bodies"
+    count, ticks = len(wanted) + 2, launch.duration * launch.load().rate
     with (
         tempfile.TemporaryDirectory() as folder,
-        Progress(console=console(stderr=True), transient=True, disable=as_json) as progress,
+        steps(title, count, silent=as_json, seconds=PER_TICK * ticks * count) as done,
     ):
-        task = progress.add_task("the touch", total=len(wanted) + 2)
         recording = touched(launch, Path(folder) / "touch.mcap")
+        done("the touch")
         ranked: list[Candidate] = []
         base = reference(recording, wanted)
         claimed = claim(recording, base)
         for one in measured(recording, wanted, base, goal):
             ranked.append(one)
-            progress.update(task, advance=1, description=one.title)
+            done(one.title)
         best = pick(ranked, goal)
         came = None
         if best is not None:
             write(launch, best.overrides, _promise(best, goal), file)
-            came = kept(launch, best, base, goal, Path(folder), lambda: progress.update(task, advance=1))
+            came = kept(launch, best, base, goal, Path(folder), lambda: done("a run of the choice"))
     why = cause(ranked, goal) if best is None else ""
     if as_json:
         _json(ranked, best, came, file, base, why)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import time
 from collections.abc import Callable
 from typing import Any, Protocol
 
@@ -33,6 +34,8 @@ class Live(Doors):
     def __init__(self, source: Source) -> None:
         super().__init__()
         self._source = source
+        self.open, self.left = 0, 0.0
+        """Pages that are open, and when [s, monotonic] the last one was closed; 0: there was none."""
         self._news = asyncio.Condition()
 
     async def start(self, port: int) -> None:
@@ -53,11 +56,13 @@ class Live(Doors):
 
     async def _talk(self, connection: ServerConnection) -> None:
         writer = asyncio.create_task(self._show(connection))
+        self.open += 1
         try:
             with contextlib.suppress(ConnectionClosed):
                 async for _ in connection:
                     pass
         finally:
+            self.open, self.left = self.open - 1, time.monotonic()
             writer.cancel()
 
     async def _show(self, connection: ServerConnection) -> None:

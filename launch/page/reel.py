@@ -114,10 +114,10 @@ class Reel:
                 raise RecordingError(f"{self.recording.path}: stream {name!r}: {error}") from None
         return kept
 
-    def begin(self, number: int) -> bytes:
+    def begin(self, number: int, name: str) -> bytes:
         """What a page has to know before it asks for a time; `number` says which of its recordings this is."""
         return surface_frame(self.mesh, {
-            "reel": number, "name": self.recording.path.name, "body": self.use, "t": self.times, "f": self.forces,
+            "reel": number, "name": name, "body": self.use, "t": self.times, "f": self.forces,
             "s": self.depths,
         })  # fmt: skip
 
@@ -136,3 +136,12 @@ def _thinned(rows: np.ndarray) -> np.ndarray:
         return rows
     parts = np.array_split(rows[1:-1], POINTS - 2)
     return np.concatenate([rows[:1], [part[np.argmax(part[:, 1])] for part in parts], rows[-1:]])
+
+
+def titles(paths: list[Path]) -> list[str]:
+    """The names of files, each with as many of its folders as tell it from the others."""
+    whole = [path.absolute().parts for path in paths]
+    count = 1
+    while len({parts[-count:] for parts in whole}) < len(set(whole)):
+        count += 1
+    return ["/".join(parts[-count:]) for parts in whole]

@@ -10,7 +10,7 @@ from websockets.asyncio.server import ServerConnection
 from websockets.exceptions import ConnectionClosed
 
 from palpate.launch.page.doors import SHARED, Doors
-from palpate.launch.page.reel import Reel
+from palpate.launch.page.reel import Reel, titles
 from palpate.launch.recording.reader import RecordingError
 
 
@@ -33,8 +33,9 @@ class Viewer(Doors):
 
     async def _talk(self, connection: ServerConnection) -> None:
         with contextlib.suppress(ConnectionClosed):
-            for number, reel in enumerate(self.reels):
-                await connection.send(reel.begin(number))
+            names = titles([reel.recording.path for reel in self.reels])
+            for number, (reel, name) in enumerate(zip(self.reels, names, strict=True)):
+                await connection.send(reel.begin(number, name))
             async for text in connection:
                 try:
                     asked = msgspec.json.decode(text, type=Ask)

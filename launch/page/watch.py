@@ -34,6 +34,8 @@ class Watch:
         self.mesh = mesh_frame(self.touched, {"watch": True, "bodies": [], "effects": {}})
         self.frame = b""
         self.status, self.keep = "the run is starting", False
+        self.over = False
+        """Whether the run has ended."""
         self.told: Callable[[], object] = lambda: None
         self._launcher, self._groups = launcher, groups
         self._closed = threading.Event()
@@ -60,6 +62,7 @@ class Watch:
             self._follow(feed, run)
         finally:
             feed.close()
+        self.over = True
         self._say("the run has ended")
 
     def _run(self) -> Running | None:

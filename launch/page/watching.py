@@ -1,18 +1,20 @@
 """The process that shows a run while it goes on: `palpate run --view`. It is no part of the run and cannot slow it.
 
 Reads one line of JSON from standard input (plan, process of the launcher, groups, how), answers one line on standard
-output, and ends when standard input does, or its window is closed.
+output, and ends when standard input does, its window is closed, or the run has ended and its last page is closed.
 """
 
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import json
 import os
 import signal
 import subprocess
 import sys
 import threading
+import time
 from typing import Any
 
 from palpate.launch.loading.launchfile import LaunchFile
@@ -25,6 +27,8 @@ WAYS = ("window", "web")
 SHAPE = "shape"
 PATIENCE = 60.0
 """[s] for a window to open."""
+RELOAD = 2.0
+"""[s] for a page to be loaded anew, before it counts as closed."""
 BEHIND = 10
 """By which it stands behind the nodes of a run for a processor."""
 
@@ -143,9 +147,19 @@ async def _serve(watch: Any) -> None:
     await page.start(0)
     watch.start()
     _answer({"address": page.address})
-    await asyncio.to_thread(sys.stdin.read)
+    launcher_gone = asyncio.Event()
+    # No thread: one that reads could not be ended when the last page is closed.
+    asyncio.get_running_loop().add_reader(sys.stdin.fileno(), launcher_gone.set)
+    while not (launcher_gone.is_set() or (watch.over and _nobody_looks(page))):
+        with contextlib.suppress(TimeoutError):
+            await asyncio.wait_for(launcher_gone.wait(), 0.5)
     await page.close()
     watch.close()
+
+
+def _nobody_looks(page: Any) -> bool:
+    """Whether the last page has been closed, and is not loaded anew."""
+    return not page.open and page.left > 0.0 and time.monotonic() - page.left > RELOAD
 
 
 def _end_with_the_run(window: Any) -> None:

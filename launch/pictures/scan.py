@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from palpate.physics.fingertip.surfaces import Fingertip, cast, fill
+from palpate.physics.fingertip.surfaces import Fingertip, cast, fill, lowest
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -54,13 +54,7 @@ def draw(
         aspect="equal",
     )
     axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=8)
-    axes = figure.add_subplot(grid[1, 2])
-    body = fill(tip, depth, pitch)
-    soft = body.lengths[:, [0, 1, 3]].sum(axis=1) * 1e3
-    dots = axes.scatter(body.points[:, 0] * 1e3, body.points[:, 1] * 1e3, c=soft, s=14, cmap="viridis")
-    figure.colorbar(dots, ax=axes, label="soft length of the beam [mm]")
-    axes.set(title=f"{len(body.heights)} beams touch at {depth * 1e3:g} mm", xlabel="across x [mm]",
-             ylabel="tip  ←  y [mm]  →  hand", aspect="equal")  # fmt: skip
+    _beams(figure.add_subplot(grid[1, 2]), tip, depth, pitch)
     figure.savefig(path, dpi=110)
     plt.close(figure)
 
@@ -75,3 +69,14 @@ def _image(axes: Axes, stack: Stack, outlines: Outlines, number: int) -> None:
             closed = np.concatenate([curve, curve[:1]]) * 1e3
             axes.plot(closed[:, 1], closed[:, 0], color=colour, linewidth=1.5)
     axes.set(title=f"slice {number + 1} of {len(stack.volume)}", xlabel="columns [mm]", ylabel="rows [mm]")
+
+
+def _beams(axes: Axes, tip: Fingertip, depth: float, pitch: float) -> None:
+    """The beams that touch at a depth [m], from below, where they stand in the finger."""
+    body = fill(tip, depth, pitch)
+    at = 1e3 * (body.points[:, :2] + lowest(tip, 0.0, depth)[0][:2])  # a bundle counts from the lowest point
+    soft = body.lengths[:, [0, 1, 3]].sum(axis=1) * 1e3
+    dots = axes.scatter(at[:, 0], at[:, 1], c=soft, s=14, cmap="viridis")
+    axes.figure.colorbar(dots, ax=axes, label="soft length of the beam [mm]")
+    axes.set(title=f"{len(body.heights)} beams touch at {depth * 1e3:g} mm", xlabel="across x [mm]",
+             ylabel="tip  ←  y [mm]  →  hand", aspect="equal")  # fmt: skip

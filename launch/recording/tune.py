@@ -7,7 +7,6 @@ stored basis says that it is off by is added to every error.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -20,6 +19,7 @@ from palpate.launch.loading.launchfile import LaunchFile
 from palpate.launch.loading.placement import FUSED
 from palpate.launch.recording.compare import Variant, compare
 from palpate.launch.recording.reader import Recording
+from palpate.launch.running.busy import busy
 from palpate.launch.running.execute import execute
 from palpate.launch.running.slot import NodeFault
 from palpate.messages import Surface
@@ -231,13 +231,8 @@ def cause(measured: list[Candidate], goal: Goal) -> str:
             f"Node {name!r} alone takes {1e6 * took:.0f} us (p50 of its steps), whatever the body is: give a larger "
             "budget, or tune the graph without it."
         )
-    load, cores = os.getloadavg()[0], os.cpu_count() or 1
-    if load <= cores:
-        return ""
-    return (
-        f"This machine is busy: its load average is {load:.1f} on {cores} core{'s' if cores > 1 else ''}, which is the "
-        "likely cause. Tune again when it is quiet."
-    )
+    why = busy(own=1.0)
+    return f"{why}, which is the likely cause. Tune again when it is quiet." if why else ""
 
 
 def write(launch: LaunchFile, chosen: dict[str, Any], told: list[str], path: Path) -> None:

@@ -113,8 +113,14 @@ def execute(
         if fused:
             if forkserver is not None:
                 forkserver.close()
-            show, printed = (screen.show, screen.print) if screen else (lambda _: None,) * 2
-            result = run_fused(work[0], show, patience, printed)
+            nothing = Result()
+            result = run_fused(
+                work[0],
+                screen.show if screen else lambda _: None,
+                patience,
+                lambda node, kernels: screen.show(nothing, "starting", {"": node}, kernels) if screen else None,
+                screen.print if screen else lambda _: None,
+            )
         else:
             _open_files(len(work))
             launcher = Launcher(
@@ -126,7 +132,7 @@ def execute(
                 patience=patience,
                 restart=frozenset(name for name in planned.order if graph.nodes[name].restart),
                 spared=spared(planned),
-                show=(lambda it: screen.show(it.result, it.phase, it.busy)) if screen else lambda _: None,
+                show=(lambda it: screen.show(it.result, it.phase, it.busy, it.kernels)) if screen else lambda _: None,
                 printed=screen.print if screen else lambda _: None,
                 died=screen.died if screen else lambda _: None,
             )

@@ -20,7 +20,7 @@ from palpate.launch.running.exits import exits_told
 from palpate.launch.running.interrupts import STOPPING, interrupts
 from palpate.launch.running.job import Job
 from palpate.launch.running.loops import run
-from palpate.launch.running.reports import Alive, Note, Report
+from palpate.launch.running.reports import Alive, Note, Report, Starting
 from palpate.launch.running.result import Death, Result
 from palpate.launch.running.slot import NodeFault
 from palpate.launch.running.watchdog import START_PATIENCE, watched
@@ -34,11 +34,13 @@ def run_fused(
     job: Job,
     show: Callable[[Result], None] = lambda _: None,
     patience: float | None = None,
+    starting: Callable[[str, int], None] = lambda node, kernels: None,
     printed: Callable[[str], None] = lambda _: None,
 ) -> Result:
     """Run a job whose nodes and observers are all in it.
 
     show      called about five times a second with what is known so far
+    starting  called with the node that is started, and how many kernels were compiled so far
     patience  [s] that a node's call may take before it counts as hung; None: for ever, for a debugger
     printed   called with a line when a start is being stopped
 
@@ -53,6 +55,8 @@ def run_fused(
         if isinstance(what, Alive):
             result.health.update(msgspec.to_builtins(what.nodes))
             show(result)
+        elif isinstance(what, Starting):
+            starting(what.node, what.kernels)
         elif isinstance(what, Note):
             result.notes.append(what.text)
 

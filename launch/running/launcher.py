@@ -136,6 +136,11 @@ class Launcher:
         """What each worker is doing while it starts, by group."""
         return {group: member.busy for group, member in self.members.items() if member.busy}
 
+    @property
+    def kernels(self) -> int:
+        """How many kernels the workers have compiled so far: none but in the first run."""
+        return sum(member.kernels for member in self.members.values())
+
     # -- the whole run -------------------------------------------------------------------------------------------
 
     def run(self) -> Result:
@@ -216,8 +221,8 @@ class Launcher:
         match report:
             case Hello():
                 self._wires.tell(f"join-{member.job.group}", Take(member.job, self.run_id))
-            case Starting(node):
-                member.busy = node
+            case Starting(node, kernels):
+                member.busy, member.kernels = node, kernels
             case Ready():
                 self._ready(member, report)
             case Linked():

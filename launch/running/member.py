@@ -25,7 +25,7 @@ class Member:
     job        what its worker runs
     joined     started by hand on another machine
     state      starting, ready, linked, running; done, failed, killed, restarting; gone
-    busy       what it is doing while it starts
+    busy       the node that it starts;  kernels  that it has compiled so far
     pid        of its process, once there is one here; keeper: of the one above it
     endpoints  of its outlets, once it is ready; secured: by the key of the run
     early      a report that it is ready, which has overtaken its subscription
@@ -41,6 +41,7 @@ class Member:
     joined: bool = False
     state: str = "starting"
     busy: str = ""
+    kernels: int = 0
     pid: int | None = None
     keeper: int | None = None
     endpoints: dict[str, list[str]] = field(default_factory=dict)

@@ -80,9 +80,10 @@ class Hello(msgspec.Struct, frozen=True, tag=True):
 
 
 class Starting(msgspec.Struct, frozen=True, tag=True):
-    """A node is being started."""
+    """A node is being started. kernels: how many the worker has compiled so far."""
 
     node: str
+    kernels: int = 0
 
 
 class Ready(msgspec.Struct, frozen=True, tag=True):

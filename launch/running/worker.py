@@ -13,6 +13,7 @@ from palpate.launch.running.audience import Audience
 from palpate.launch.running.bus import HEALTH, Bus, frame
 from palpate.launch.running.carrier import LOOK
 from palpate.launch.running.clock import now
+from palpate.launch.running.compiling import compiling
 from palpate.launch.running.health import Counters, message
 from palpate.launch.running.job import Job
 from palpate.launch.running.reports import Alive, Beat, Close, End, Gone, Note, Quit, Report, Starting, Stop
@@ -83,11 +84,18 @@ class Worker:
 
     def start(self) -> None:
         """Start all nodes. NodeFault: one raised."""
-        for slot in self.slots:
-            self.report(Starting(slot.name))
-            self._start(slot.name, slot.node, slot.start)
-        for observer in self.audience.slots:
-            self._start(observer.name, observer.node, partial(self.audience.start, observer, self.outputs))
+        names: list[str] = []
+
+        def begin(name: str, node: Node, start: Callable[[], None]) -> None:
+            names.append(name)
+            self._start(name, node, start)
+
+        with compiling(lambda count: self.report(Starting(names[-1], count))):
+            for slot in self.slots:
+                self.report(Starting(slot.name))
+                begin(slot.name, slot.node, slot.start)
+            for observer in self.audience.slots:
+                begin(observer.name, observer.node, partial(self.audience.start, observer, self.outputs))
 
     def _start(self, name: str, node: Node, start: Callable[[], None]) -> None:
         """Start one of them; what fails gives back at once what it has opened, as far as it came."""

@@ -113,6 +113,13 @@ def run(
     return out
 
 
+def felt_stiffness(paths: tuple[np.ndarray, np.ndarray]) -> float:
+    """Stiffness [N/m] that a hand feels, from the loop under two of its pushes (k,3): dF/dx between their means over
+    the last quarter. `inf` where the second push moves it no further."""
+    (x, force), (further, more) = (part[-len(part) // 4 :, :2].mean(axis=0) for part in paths)
+    return float((more - force) / (x - further)) if further < x else math.inf
+
+
 def settles(path: np.ndarray, resolution: float) -> bool:
     """Whether places [m] (k) come to rest: the swing of the last quarter is less than nine tenths of that before it, or
     below two steps of the position and 5 um."""

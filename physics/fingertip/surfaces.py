@@ -163,7 +163,7 @@ def fill(
     """
     if not (depth > 0 and pitch > 0 and math.isfinite(depth + pitch)):
         raise FingertipError(f"fill: found depth {depth} m and pitch {pitch} m, expected both > 0")
-    (low_x, low_y, middle), reach = _lowest(tip, angle, depth)
+    (low_x, low_y, middle), reach = lowest(tip, angle, depth)
     first, last = np.floor((reach[0] - (low_x, low_y)) / pitch), np.ceil((reach[1] - (low_x, low_y)) / pitch)
     check_count(float(np.prod(last - first + 1)))
     steps = (np.arange(a, b + 1, dtype=np.int64) for a, b in zip(first, last, strict=True))
@@ -189,7 +189,7 @@ def fill(
     return bundle(index, pitch, height[touches], lengths, materials, lateral, 2, skin, skin_material)
 
 
-def _lowest(tip: Fingertip, angle: float, depth: float) -> tuple[np.ndarray, np.ndarray]:
+def lowest(tip: Fingertip, angle: float, depth: float) -> tuple[np.ndarray, np.ndarray]:
     """The lowest point (3) of the skin over the plate, to a tenth of the grid, and a box (2,2) in the plate's plane
     that holds all that lies less than `depth` above it; metres."""
     size = (np.array(tip.skin.shape) - 1) * tip.spacing

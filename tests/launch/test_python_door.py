@@ -45,6 +45,13 @@ def test_a_field_is_an_array_with_unit_and_times(run, file):
     assert run["contact.force"].unit == "N"
 
 
+def test_a_field_is_printed_with_its_unit(run):
+    told = str(run.contact.force)
+    assert told == repr(run.contact.force) and told.startswith("contact.force [N]: 350 values, 0 to ")
+    assert "0.349 s" in told and len(told) < 300
+    assert str(run.contact.force[:0]).startswith("contact.force [N]: no messages")
+
+
 def test_rows_keep_their_times_and_arithmetic_gives_plain_numbers(run):
     force = run.contact.force
     pressed = force[force > 0.0]

@@ -283,3 +283,16 @@ def test_the_command_writes_images_to_try_that_it_can_read(tmp_path, name):
 def test_slices_of_2_4_mm_are_thick_not_missing(start):
     rebuilt_tip = rebuild(segment(phantom.scan(slices=12, spacing=(2.4e-3, 0.23e-3, 0.23e-3), start=start)))
     assert len(fill(rebuilt_tip, 2e-3).heights) > 60
+
+
+def test_the_beams_of_the_picture_stand_where_they_do_in_the_finger():
+    figure = pytest.importorskip("matplotlib.figure")
+    from palpate.launch.pictures.scan import _beams
+
+    tip, depth, pitch = SHAPE.fingertip(), 2e-3, 1.2e-3
+    axes = figure.Figure().add_subplot()
+    _beams(axes, tip, depth, pitch)
+    x, y = 1e-3 * np.array(axes.collections[0].get_offsets()).T
+    bottom = cast(tip, x, y).bottom
+    assert bottom - bottom.min() == approx(fill(tip, depth, pitch).heights, abs=2e-5)
+    assert y.min() > 0.0  # the tip is at 0, as in the picture along the finger

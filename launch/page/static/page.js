@@ -1,6 +1,6 @@
 // What the page does: frames in, samples of the pointer out, switches.
 
-import { COLOURS, Scene, painted } from "/scene.js";
+import { Scene, finger, painted, ramp } from "/scene.js";
 import { Strip, bars } from "/charts.js";
 
 const $ = (id) => document.getElementById(id);
@@ -85,9 +85,7 @@ function pace(moment) {
   Object.assign(tally, { came: 0, drawn: 0, since: moment });
 }
 
-function draw() {
-  scene.draw(newest?.head.tip && { tip: newest.head.tip, up: newest.head.up, force: newest.head.force ?? [0, 0, 0] });
-}
+function draw() { scene.draw(finger(newest)); }
 
 function tell(head) {
   $("force").textContent = Math.hypot(...(head.force ?? [0, 0, head.load])).toFixed(2);
@@ -200,7 +198,5 @@ $("shot").addEventListener("click", () => {
   link.download = "palpate.png"; link.href = view.toDataURL("image/png"); link.click();
 });
 window.addEventListener("resize", () => { scene.sharp = 1; dirty = true; });
-const paint = $("scale").getContext("2d"), ramp = paint.createLinearGradient(0, 140, 0, 0);
-COLOURS.forEach((colour, i) => ramp.addColorStop(i / (COLOURS.length - 1), colour));
-paint.fillStyle = ramp; paint.fillRect(0, 0, 14, 140);
+ramp($("scale"));
 connect(); show();

@@ -6,17 +6,20 @@ uniform mat4 camera; out vec3 n; out float v;
 void main() { n = normal; v = value; gl_Position = camera * vec4(place, 1.0); }`;
 const FRAGMENT = `#version 300 es
 precision highp float;
-in vec3 n; in float v; uniform vec3 base; uniform vec3 eye; uniform float full; uniform sampler2D scale; uniform float alpha;
+in vec3 n; in float v; uniform vec3 base; uniform vec3 eye; uniform vec3 lamp; uniform vec3 stretch; uniform float full;
+uniform sampler2D scale; uniform float alpha;
 out vec4 colour;
 void main() {
-  vec3 m = normalize(n); if (dot(m, eye) < 0.0) m = -m;
+  vec3 m = normalize(n / stretch); if (dot(m, eye) < 0.0) m = -m;
   vec3 rgb = full > 0.0 ? texture(scale, vec2(clamp(v / full, 0.0, 1.0), 0.5)).rgb : base;
-  vec3 lamp = normalize(eye + vec3(-0.35, -0.15, 0.75));
   float light = 0.42 + 0.62 * max(dot(m, lamp), 0.0);
   float gloss = 0.22 * alpha * alpha * pow(max(dot(m, normalize(lamp + eye)), 0.0), 40.0);
-  colour = vec4(rgb * light + gloss, alpha);
+  colour = vec4(rgb * light + gloss, mix(alpha, 1.0, pow(1.0 - dot(m, eye), 2.0))); // what is clear has a solid outline
 }`;
-export const COLOURS = ["#e8b9a6", "#f2a07c", "#ec7f5b", "#d2434f", "#9c1c5b", "#5b1360", "#240b40"];
+const COLOURS = ["#e8b9a6", "#f2a07c", "#ec7f5b", "#d2434f", "#9c1c5b", "#5b1360", "#240b40"];
+
+const RADIUS = 0.006; // [m] of the ball
+const BALL = [0.16, 0.36, 0.55], ARROW = [0.12, 0.42, 0.66];
 
 const sub = (a, b) => [a[0] - b[0], a[1] - b[1], a[2] - b[2]];
 const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
@@ -24,9 +27,19 @@ const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a
 const unit = (a) => { const l = Math.hypot(...a) || 1; return a.map((x) => x / l); };
 const along = (a, b, t) => a.map((x, i) => x + t * b[i]);
 
+// The scale of colours across a canvas.
+export function ramp(canvas) {
+  const paint = canvas.getContext("2d"), gradient = paint.createLinearGradient(0, 0, canvas.width, 0);
+  COLOURS.forEach((c, i) => gradient.addColorStop(i / (COLOURS.length - 1), c));
+  paint.fillStyle = gradient; paint.fillRect(0, 0, canvas.width, canvas.height);
+}
+
+// What of a picture is drawn of the finger: where it is, and the force on it.
+export const finger = (newest) => newest?.head.tip && { tip: newest.head.tip, up: newest.head.up, force: newest.head.force ?? [0, 0, 0] };
+
 export class Scene {
   constructor(canvas) {
-    this.canvas = canvas;
+    this.canvas = canvas; this.label = canvas.parentElement.querySelector(".label");
     this.gl = canvas.getContext("webgl2", { antialias: !software(), alpha: true });
     if (!this.gl) throw new Error("this browser has no WebGL 2, which the picture needs");
     this.azimuth = -1.15; this.height = 0.5; this.distance = 0.26; this.full = 0.01;
@@ -46,9 +59,7 @@ export class Scene {
     this.shape(this.ball, ...sphere(28)); this.shape(this.arrow, ...pointer(20));
     this.ball.closed = this.arrow.closed = true;
     const strip = document.createElement("canvas"); strip.width = 256; strip.height = 1;
-    const paint = strip.getContext("2d"), ramp = paint.createLinearGradient(0, 0, 256, 0);
-    COLOURS.forEach((c, i) => ramp.addColorStop(i / (COLOURS.length - 1), c));
-    paint.fillStyle = ramp; paint.fillRect(0, 0, 256, 1);
+    ramp(strip);
     gl.bindTexture(gl.TEXTURE_2D, gl.createTexture());
     gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA, gl.RGBA, gl.UNSIGNED_BYTE, strip);
     for (const side of [gl.TEXTURE_WRAP_S, gl.TEXTURE_WRAP_T]) gl.texParameteri(gl.TEXTURE_2D, side, gl.CLAMP_TO_EDGE);
@@ -159,12 +170,14 @@ export class Scene {
   view() {
     const c = Math.cos(this.height), eye = [c * Math.cos(this.azimuth), c * Math.sin(this.azimuth), Math.sin(this.height)];
     const right = unit(cross([0, 0, 1], eye)), up = cross(eye, right);
-    return { eye, right, up, from: along(this.centre, eye, this.distance), tan: Math.tan(0.3) };
+    const aspect = this.canvas.width / this.canvas.height, away = this.distance / Math.min(1.3, aspect); // all of its width is in the picture
+    const lamp = unit(along(along(eye, right, -0.35), up, 0.6)); // from the upper left of who looks
+    return { eye, right, up, lamp, aspect, away, from: along(this.centre, eye, away), tan: Math.tan(0.3) };
   }
 
   camera() {
-    const { eye, right, up, from, tan } = this.view(), aspect = this.canvas.width / this.canvas.height;
-    const near = 0.02 * this.distance, far = 6 * this.distance, a = (far + near) / (near - far), b = (2 * far * near) / (near - far);
+    const { eye, right, up, from, tan, aspect, away } = this.view();
+    const near = 0.02 * away, far = 6 * away, a = (far + near) / (near - far), b = (2 * far * near) / (near - far);
     const rows = [[...right, -dot(right, from)], [...up, -dot(up, from)], [...eye, -dot(eye, from)]];
     const m = new Float32Array(16);
     for (let i = 0; i < 4; i++) {
@@ -177,7 +190,7 @@ export class Scene {
   // Where a point of the screen (each from -1 to 1) meets the undeformed organ: place and normal, or null.
   pick(x, y) {
     if (!this.rest) return null;
-    const { eye, right, up, from, tan } = this.view(), aspect = this.canvas.width / this.canvas.height;
+    const { eye, right, up, from, tan, aspect } = this.view();
     const ray = unit(along(along(along([0, 0, 0], right, x * tan * aspect), up, y * tan), eye, -1));
     const t = this.triangles, p = this.rest;
     let best = Infinity, hit = null;
@@ -200,17 +213,32 @@ export class Scene {
     if (this.canvas.width !== w || this.canvas.height !== h) { this.canvas.width = w; this.canvas.height = h; }
     gl.viewport(0, 0, w, h); gl.clearColor(0, 0, 0, 0); gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
     if (!this.rest) return;
-    const camera = this.camera();
-    gl.uniform3fv(this.at("eye"), this.view().eye);
+    const camera = this.camera(), { eye, lamp } = this.view();
+    this.light(eye, lamp, [1, 1, 1]);
     gl.uniformMatrix4fv(this.at("camera"), false, camera);
     this.paint(this.organ, [1, 1, 1], this.full, 1);
-    if (!finger) return;
-    const radius = 0.006, up = finger.up, load = Math.hypot(...finger.force);
+    if (finger) this.drawFinger(camera, finger);
+  }
+
+  // The fingertip as a ball, the force on it as an arrow from its surface with the figure at its point: seen end-on as well.
+  drawFinger(camera, { tip, up, force }) {
+    const load = Math.hypot(...force), ball = along(tip, up, RADIUS);
+    this.label.textContent = "";
     if (load > 0.02) {
-      const length = Math.min(0.012 * load, 0.06), way = unit(finger.force);
-      this.paintAt(camera, this.arrow, along(finger.tip, up, radius), way, length, 0.0022 + 0.0004 * Math.min(load, 4), [0.12, 0.42, 0.66], 1);
+      const length = Math.min(0.012 * load, 0.06), way = unit(force), foot = along(ball, way, RADIUS);
+      this.paintAt(camera, this.arrow, foot, way, length, Math.min(0.0022 + 0.0004 * Math.min(load, 4), 0.25 * length), ARROW, 1);
+      this.write(camera, along(foot, way, length), `${load.toFixed(2)} N`);
     }
-    this.paintAt(camera, this.ball, along(finger.tip, up, radius), up, radius, radius, [0.78, 0.55, 0.42], 0.45);
+    this.paintAt(camera, this.ball, ball, up, RADIUS, RADIUS, BALL, 0.4);
+  }
+
+  // A text beside a point of space.
+  write(camera, point, text) {
+    const at = [0, 1, 3].map((i) => camera[i] * point[0] + camera[4 + i] * point[1] + camera[8 + i] * point[2] + camera[12 + i]);
+    const box = this.canvas.getBoundingClientRect();
+    this.label.textContent = text;
+    this.label.style.left = `${Math.min((0.5 + (0.5 * at[0]) / at[2]) * box.width, box.width - 70)}px`;
+    this.label.style.top = `${Math.max((0.5 - (0.5 * at[1]) / at[2]) * box.height, 14)}px`;
   }
 
   paintAt(camera, part, place, axis, length, width, colour, alpha) {
@@ -219,11 +247,16 @@ export class Scene {
     columns.forEach((c, j) => {
       for (let i = 0; i < 4; i++) m[4 * j + i] = camera[i] * c[0] + camera[4 + i] * c[1] + camera[8 + i] * c[2] + (j === 3 ? camera[12 + i] : 0);
     });
-    const { eye } = this.view();
-    this.gl.uniform3fv(this.at("eye"), [dot(eye, side), dot(eye, other), dot(eye, axis)]);
+    const { eye, lamp } = this.view(), own = (a) => [dot(a, side), dot(a, other), dot(a, axis)];
+    this.light(own(eye), own(lamp), [width, width, length]);
     this.gl.uniformMatrix4fv(this.at("camera"), false, m);
     this.paint(part, colour, 0, alpha);
-    this.gl.uniform3fv(this.at("eye"), eye);
+  }
+
+  // Where one looks from and what lights, in the axes of a part, and by how much it is stretched along them.
+  light(eye, lamp, stretch) {
+    const gl = this.gl;
+    gl.uniform3fv(this.at("eye"), eye); gl.uniform3fv(this.at("lamp"), lamp); gl.uniform3fv(this.at("stretch"), stretch);
   }
 
   paint(part, colour, full, alpha) {
@@ -234,7 +267,7 @@ export class Scene {
   }
 }
 
-// What colours a surface: whether a picture has it, the least end of its scale, that end in words with its unit.
+// What colours a surface: whether a picture has it, the least end of its scale, that end in words with its unit, and a name where its own says too little.
 const KINDS = {
   displacement: { has: () => true, least: 4e-3, text: (v) => `${(1e3 * v).toFixed(1)} mm` },
   pressure: { has: ({ pressure, nodes }) => pressure.length || !nodes.length, least: 2e3, text: (v) => `${(1e-3 * v).toFixed(1)} kPa` },
@@ -256,7 +289,7 @@ export function painted(pairs, wish) {
     if (of === "strain") values = scene.strain();
     for (const v of values) if (v > most) most = v;
   }
-  return { most, text: kind.text(most), what: of === wish ? kind.name ?? of : `displacement (this body tells no ${wish})` };
+  return { most, text: kind.text(most), what: of === wish ? kind.name ?? "" : `displacement (this body sends no ${wish})` };
 }
 
 // Whether each edge has a triangle on either side: the far faces of such a surface are never seen, and a software renderer
@@ -294,4 +327,4 @@ const sphere = (count) => turned(Array.from({ length: count / 2 + 1 }, (_, i) =>
   return [Math.cos(a), Math.sin(a), Math.cos(a), Math.sin(a)];
 }), count);
 
-const pointer = (count) => turned([[0, 0, 0, -1], [0.5, 0, 1, 0], [0.5, 0.75, 1, 0], [1.3, 0.75, 0, -1], [1.3, 0.75, 0.9, 0.4], [0, 1, 0.9, 0.4]], count);
+const pointer = (count) => turned([[0, 0, 0, -1], [0.5, 0, 1, 0], [0.5, 0.75, 1, 0], [1.3, 0.75, 0, -1], [1.3, 0.75, 0.25, 1.3], [0, 1, 0.25, 1.3]], count);

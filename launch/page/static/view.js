@@ -1,6 +1,6 @@
 // Recordings: the page asks for a time and draws what comes, one picture for each recording.
 
-import { COLOURS, Scene, painted } from "/scene.js";
+import { Scene, finger, painted, ramp } from "/scene.js";
 import { Record, bars } from "/charts.js";
 
 const $ = (id) => document.getElementById(id);
@@ -42,6 +42,7 @@ function open(head, triangles, places, normals) {
   strips[0].set(head.t, head.f); strips[1].set(head.t, head.s.map((s) => 1e3 * s));
   reels[head.reel] = { scene, strips, pick, about: head };
   handle(pick("canvas.scene"));
+  document.title = `${reels.map((r) => r.about.name).join(" | ")}: palpate`;
   begin = Math.min(...reels.map((r) => r.about.t[0])); end = Math.max(...reels.map((r) => r.about.t.at(-1)));
   Object.assign($("time"), { min: begin, max: end, step: STEP });
   seek(begin);
@@ -66,7 +67,7 @@ function show() {
     pick(".force").textContent = Math.hypot(...(head.force ?? [0, 0, load])).toFixed(2);
     pick(".depth").textContent = (1e3 * (head.depth ?? 0)).toFixed(1);
     pick(".stick").textContent = load > 0 ? (head.stick === undefined ? "touches" : head.stick ? "sticks" : "slips") : "apart";
-    pick("small").textContent = head.energy === undefined ? "" : `energy ${(1e3 * head.energy).toFixed(1)} mJ`;
+    pick(".energy").textContent = head.energy === undefined ? "–" : (1e3 * head.energy).toFixed(1);
     strips[0].draw(head.asked, load > 0 ? head.band : null); strips[1].draw(head.asked);
     bars(pick(".pins"), head.pins);
   }
@@ -75,7 +76,7 @@ function show() {
 }
 
 function draw() {
-  for (const { newest, scene } of reels) scene.draw(newest?.head.tip && { tip: newest.head.tip, up: newest.head.up, force: newest.head.force ?? [0, 0, 0] });
+  for (const { newest, scene } of reels) scene.draw(finger(newest));
 }
 
 function play(on) {
@@ -129,11 +130,9 @@ $("shot").addEventListener("click", () => {
   draw(); // what was drawn before is gone once it is shown
   for (const { scene, about } of reels) {
     const link = document.createElement("a");
-    link.download = `${about.name.replace(/\.mcap$/, "")}-${time.toFixed(3)}s.png`; link.href = scene.canvas.toDataURL("image/png"); link.click();
+    link.download = `${about.name.replace(/\.mcap$/, "").replaceAll("/", "-")}-${time.toFixed(3)}s.png`; link.href = scene.canvas.toDataURL("image/png"); link.click();
   }
 });
 window.addEventListener("resize", show);
-const paint = $("scale").getContext("2d"), ramp = paint.createLinearGradient(0, 140, 0, 0);
-COLOURS.forEach((colour, i) => ramp.addColorStop(i / (COLOURS.length - 1), colour));
-paint.fillStyle = ramp; paint.fillRect(0, 0, 14, 140);
+ramp($("scale"));
 connect();

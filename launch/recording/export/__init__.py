@@ -18,7 +18,7 @@ def export(
     out: Path | None = None,
     streams: Sequence[str] = (),
     *,
-    every: int = 1,
+    every: int | None = None,
     tell: Callable[[str], object] = lambda _: None,
 ) -> list[Path]:
     """Write a recording in another format; the files written.
@@ -27,7 +27,7 @@ def export(
              stream), vtk (a series of surfaces for ParaView)
     out      file or folder; None: beside the recording
     streams  to write; none: all that fit
-    every    each n-th message only
+    every    each n-th message only; None: all of a table, 30 surfaces in a second
     tell     gets a line for each thing that is left out of a scene
 
     RecordingError: what does not fit, or which package is missing.

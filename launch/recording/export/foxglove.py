@@ -26,7 +26,7 @@ _Told = tuple[str, dict[str, Any], dict[str, Any]]
 
 
 def write_foxglove(
-    recording: Recording, target: Path, streams: tuple[str, ...], every: int = 1, tell: Tell = lambda _: None
+    recording: Recording, target: Path, streams: tuple[str, ...], every: int | None = None, tell: Tell = lambda _: None
 ) -> list[Path]:
     """One file. Each stream is a channel `/STREAM` of JSON objects, arrays row by row. For the 3-D panel the body of a
     stream of Surface is drawn on `/STREAM/surface`, the part of it that never moves on `/STREAM/still`, a force of
@@ -50,7 +50,7 @@ def write_foxglove(
             if name not in kinds:
                 continue
             seen[name] += 1
-            chosen, shown = not (seen[name] - 1) % every, drawn.shows(name, time)
+            chosen, shown = not (seen[name] - 1) % (every or 1), drawn.shows(name, time)
             if not (chosen or shown):
                 continue
             message = _read(recording, name, tick, payload, kinds[name])
@@ -88,7 +88,7 @@ class _Scene:
     """What the 3-D panel is told. After a jump in time it reads the last message of each channel, so each message says
     all of its channel; what never moves has a channel of its own, to be sent once."""
 
-    def __init__(self, recording: Recording, kinds: dict[str, type[Message]], every: int, tell: Tell) -> None:
+    def __init__(self, recording: Recording, kinds: dict[str, type[Message]], every: int | None, tell: Tell) -> None:
         self.recording, self.every = recording, every
         self.kinds = kinds
         self._shapes = shapes(recording, list(kinds), tell)

@@ -14,7 +14,7 @@ from palpate.messages import Contact, Force, Surface, fields
 
 
 def write_rerun(
-    recording: Recording, path: Path, streams: tuple[str, ...], every: int = 1, tell: Tell = lambda _: None
+    recording: Recording, path: Path, streams: tuple[str, ...], every: int | None = None, tell: Tell = lambda _: None
 ) -> list[Path]:
     """One .rrd file. The body of a stream of Surface becomes a mesh `STREAM/surface`, every number of every stream a
     curve `STREAM/FIELD` with its unit, vectors one curve for each part, and a force of Contact or Force an arrow at the
@@ -45,8 +45,8 @@ def _clock(rerun: Any, ticks: np.ndarray, times: np.ndarray) -> list[Any]:
     return [rerun.TimeColumn("time", duration=times), rerun.TimeColumn("tick", sequence=ticks)]
 
 
-def _numbers(rerun: Any, out: Any, recording: Recording, name: str, every: int) -> None:
-    columns = {key: column[::every] for key, column in recording.columns(name).items()}
+def _numbers(rerun: Any, out: Any, recording: Recording, name: str, every: int | None) -> None:
+    columns = {key: column[:: every or 1] for key, column in recording.columns(name).items()}
     clock = _clock(rerun, columns["tick"], columns["time"])
     for field in fields(recording.streams[name].type):
         values = columns.get(field.name)
@@ -60,7 +60,13 @@ def _numbers(rerun: Any, out: Any, recording: Recording, name: str, every: int) 
 
 
 def _surface(
-    rerun: Any, out: Any, recording: Recording, name: str, every: int, vertices: np.ndarray, triangles: np.ndarray
+    rerun: Any,
+    out: Any,
+    recording: Recording,
+    name: str,
+    every: int | None,
+    vertices: np.ndarray,
+    triangles: np.ndarray,
 ) -> None:
     pace = Pace(every)
     for message in recording.messages(name):
@@ -75,15 +81,16 @@ def _surface(
         ))  # fmt: skip
 
 
-def _arrows(rerun: Any, out: Any, recording: Recording, name: str, foot: str, every: int) -> None:
+def _arrows(rerun: Any, out: Any, recording: Recording, name: str, foot: str, every: int | None) -> None:
     """At the foot point of the last contact before."""
     touch, own = recording.columns(foot), recording.columns(name)
     if not len(touch["time"]) or not len(own["time"]):
         return
     force = own["force"] if own["force"].ndim == 2 else own["force"][:, None] * own["normal"]
     at = np.clip(np.searchsorted(touch["time"], own["time"], side="right") - 1, 0, None)
-    clock = _clock(rerun, own["tick"][::every], own["time"][::every])
+    clock = _clock(rerun, own["tick"][:: every or 1], own["time"][:: every or 1])
     columns = rerun.Arrows3D.columns(
-        origins=touch["foot"][at][::every].astype(np.float32), vectors=(LENGTH * force)[::every].astype(np.float32)
+        origins=touch["foot"][at][:: every or 1].astype(np.float32),
+        vectors=(LENGTH * force)[:: every or 1].astype(np.float32),
     )
     out.send_columns(f"{name}/arrow", clock, columns)

@@ -24,15 +24,17 @@ _SCALE = np.array([list(bytes.fromhex(colour[1:])) for colour in DEFORMATION], d
 
 
 class Pace:
-    """Which messages of one stream a scene shows: each n-th, or for n = 1 no more than `RATE` in a second."""
+    """Which messages of one stream a scene shows: each n-th, or for None no more than `RATE` in a second."""
 
-    def __init__(self, every: int) -> None:
+    def __init__(self, every: int | None) -> None:
         self.every, self._count, self._last = every, -1, -1.0
 
     def shows(self, time: int) -> bool:
         """Whether the next message, of this time [ns], is shown."""
         self._count += 1
-        if self._count % self.every or (self.every == 1 and time * 1e-9 - self._last < 1.0 / RATE - 1e-9):
+        if self.every is not None:
+            return not self._count % self.every
+        if time * 1e-9 - self._last < 1.0 / RATE - 1e-9:
             return False
         self._last = time * 1e-9
         return True

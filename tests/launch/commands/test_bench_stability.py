@@ -8,6 +8,8 @@ from pytest import approx
 from typer.testing import CliRunner
 
 from palpate.launch.__main__ import app
+from palpate.launch.commands import bench_stability
+from palpate.physics.device.wall_loop import Device
 
 SHORT = ["bench", "stability", "--rate", "1000", "--delay", "1", "--damping", "0", "--json"]
 
@@ -21,11 +23,34 @@ def test_the_table_holds_theory_and_the_loop_of_the_users_own_device(tmp_path):
     (row,) = told["rows"]
     assert row["passive"] == approx(2 * 0.4 / 1e-3 / 3, rel=1e-5)
     assert row["quantised"] == approx(100.0)
-    assert 0.7 * row["stable"] < row["bare"] < 1.5 * row["stable"] < row["controlled"]
+    assert 0.85 * row["stable"] < row["bare"] < 1.05 * row["stable"] < row["controlled"] < row["commanded"]
     assert row["given_out"] < 5e-3
     with open(told["table"], encoding="utf-8") as file:
         (line,) = csv.DictReader(file)
     assert float(line["stable [N/m]"]) == approx(row["stable"], rel=1e-5)
+
+
+def test_a_wall_that_swings_on_slowly_does_not_count_as_held():
+    row = bench_stability.row(Device(), 4000.0, 0, 0.0, 1, 0.0, 0.0, 0)
+    assert 0.8 * row["stable"] < row["bare"] <= row["stable"]
+
+
+def test_what_is_felt_with_the_controller_is_the_wall_until_that_is_too_stiff(monkeypatch):
+    monkeypatch.setattr(bench_stability, "HIGH", 300.0)
+    soft = bench_stability.row(Device(), 4000.0, 0, 0.0, 1, 0.0, 0.0, 0)
+    assert soft["controlled"] == approx(soft["commanded"], rel=0.02) and 200.0 < soft["commanded"] <= 300.0
+    monkeypatch.undo()
+    late = bench_stability.row(Device(), 1000.0, 5, 0.0, 1, 0.0, 0.0, 0)
+    assert late["commanded"] >= 1e7 and 0.5 * late["stable"] < late["controlled"] < 5.0 * late["stable"]
+
+
+def test_the_answer_comes_first_and_columns_that_say_nothing_do_not(tmp_path):
+    told = CliRunner().invoke(app, [*SHORT[:-1], "-o", str(tmp_path)], env={"COLUMNS": "200"}).output
+    first = next(line for line in told.splitlines() if line.startswith("At "))
+    assert "1000 Hz and 1 samples of delay" in first and "without the controller (theory: 133)" in first
+    table = told[told.index(first) :]
+    assert "given out" in table and "[mJ]" in table and "stability.csv" in table
+    assert "quantised" not in table[: table.index("no dry friction")]
 
 
 @pytest.mark.parametrize("wrong", [("--drag", "0"), ("--mass", "nan"), ("--lost", "2"), ("--filter", "0")])

@@ -79,6 +79,9 @@ def test_the_proof_says_what_the_force_would_be_the_other_way_round(recording):
 def test_the_command_tells_it_as_text_as_json_and_as_a_picture(recording, monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
     text = command("plan", "kidney", "--prove", recording.path).stdout
+    said = " ".join(text.split())
+    assert "µs: steps of the nodes that run for this effect alone" in said and "the whole tick, computed again" in said
+    assert "the whole tick" not in " ".join(command("plan", "kidney").stdout.split())
     assert "friction" in text and "force differs by" in text and "not measured" not in text
     data = json.loads(command("plan", "kidney", "--json").stdout)
     told = {item["effect"]: item for item in data["bill"]}

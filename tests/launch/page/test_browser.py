@@ -37,7 +37,7 @@ def test_the_mouse_is_the_finger(page):
     page.wait_for_function("Number(document.getElementById('force').value) > 0.3")
     near = """() => {
         const box = document.getElementById('view').getBoundingClientRect();
-        const hit = palpate.scene.pick(2 * 500 / box.width - 1, 1 - 2 * 330 / box.height);
+        const hit = palpate.scene.pick(2 * (500 - box.left) / box.width - 1, 1 - 2 * (330 - box.top) / box.height);
         return Math.hypot(...hit.place.map((x, i) => x - palpate.newest.foot[i]));
     }"""
     page.wait_for_function(f"({near})() < 0.008")
@@ -109,3 +109,14 @@ def test_an_effect_is_switched_off_while_it_runs(page):
     wait_for_another_run(page)
     page.wait_for_function("palpate.newest && palpate.newest.stick !== undefined")
     assert page.problems == []
+
+
+def test_figures_of_any_width_leave_the_toolbar_where_it_is(page):
+    page.set_viewport_size({"width": 1280, "height": 800})
+    boxes = []
+    for depth in (8, 8.5, 20):
+        page.evaluate(
+            f"const p = document.getElementById('press'); p.value = {depth}; p.dispatchEvent(new Event('input'))"
+        )
+        boxes.append([page.locator(name).bounding_box() for name in ("nav", "#pause", "#view")])
+    assert boxes[0] == boxes[1] == boxes[2] and boxes[0][0]["height"] < 60

@@ -67,7 +67,7 @@ def test_what_slides_is_told_where_the_body_knows():
 
 def test_the_beginning_tells_the_mesh_and_all_of_the_touch(file):
     reel = Reel(file)
-    head, triangles, places, normals = read(reel.begin(0))
+    head, triangles, places, normals = read(reel.begin(0, "touch.mcap"))
     force = Recording(file).columns("contact")["force"]
     assert head["name"] == "touch.mcap" and head["body"] == "deformation.MassSpring"
     assert len(head["t"]) == len(force) < POINTS and max(head["f"]) == force.max() > 0.5

@@ -1,6 +1,7 @@
 """The page of a recording in a real Chromium: it plays, steps, scrubs, by mouse and keys, two side by side."""
 
 import shutil
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -23,9 +24,10 @@ pytestmark = NEEDED
 @pytest.fixture(scope="module")
 def shown(tmp_path_factory):
     file = tmp_path_factory.mktemp("view") / "touch.mcap"
+    (file.parent / "other").mkdir()
     execute(find("kidney").but(record=file, place="fused", overrides=SETS, duration=0.7))
-    other = shutil.copy(file, file.with_name("other.mcap"))
-    made = Shown([file, file.parent / other])
+    other = shutil.copy(file, file.parent / "other")
+    made = Shown([file, Path(other)])
     yield made
     made.close()
 
@@ -93,11 +95,72 @@ def test_the_strain_on_the_page_is_that_of_the_pictures(page, shown):
 def test_slip_is_shown_where_the_body_tells_it(page):
     page.select_option("#colour", "slip")
     at(page, 0.3)
-    assert page.text_content("#what") == "displacement (this body tells no slip)"
+    assert page.text_content("#what") == "displacement (this body sends no slip)"
     told = page.evaluate("""async () => {
         const { painted } = await import("/scene.js"), { scene, newest } = palpate.reels[0];
         const slipped = Array.from(newest.nodes, (_, k) => k % 2);
         const { most, what } = painted([[scene, { ...newest, head: { ...newest.head, slipped } }]], "slip");
         return [most, what, Array.from(newest.nodes, (i) => scene.values[i]), slipped];
     }""")
-    assert told[:2] == [1, "slip"] and told[2] == told[3] and sum(told[2]) > 3 and page.problems == []
+    assert told[:2] == [1, ""] and told[2] == told[3] and sum(told[2]) > 3 and page.problems == []
+
+
+OVERLAPS = """() => {
+    const boxes = (selector) => [...document.querySelectorAll(selector)].map((e) => e.getBoundingClientRect());
+    const meet = (a, b) => Math.min(a.right, b.right) - Math.max(a.left, b.left) > 1
+        && Math.min(a.bottom, b.bottom) - Math.max(a.top, b.top) > 1;
+    const beyond = (a) => a.right > innerWidth + 1 || a.bottom > innerHeight + 1;
+    const scenes = boxes(".scene"), cards = ["header", ".card", "#bar", "nav", "footer"];
+    const over = cards.filter((s) => boxes(s).some((a) => beyond(a) || scenes.some((b) => meet(a, b))));
+    return [...over, ...(scenes.every((b) => b.width > 300 && b.height > 200) ? [] : ["no room"])];
+}"""
+
+
+@pytest.mark.parametrize("size", [(1280, 800), (900, 700)])
+def test_nothing_lies_on_the_picture(page, size):
+    page.set_viewport_size({"width": size[0], "height": size[1]})
+    assert page.evaluate(OVERLAPS) == []
+
+
+def test_recordings_of_one_name_are_told_apart(page, shown):
+    first, second = page.locator("h2").all_text_contents()
+    assert first != second and second.startswith("other/touch.mcap")
+
+
+DRAWN = """(endOn) => {
+    const { scene, newest } = palpate.reels[0], gl = scene.gl, { tip, up, force } = newest.head;
+    if (endOn) {
+        scene.height = Math.asin(force[2] / Math.hypot(...force));
+        scene.azimuth = Math.atan2(force[1], force[0]);
+    }
+    const pixels = (finger) => {
+        scene.draw(finger);
+        const all = new Uint8Array(4 * gl.drawingBufferWidth * gl.drawingBufferHeight);
+        gl.readPixels(0, 0, gl.drawingBufferWidth, gl.drawingBufferHeight, gl.RGBA, gl.UNSIGNED_BYTE, all);
+        return all;
+    };
+    const other = (a, b) => {
+        const found = [];
+        for (let k = 0; k < a.length; k += 4) {
+            const off = [0, 1, 2].map((c) => Math.abs(a[k + c] - b[k + c]));
+            if (Math.max(...off) > 5) found.push([Math.max(...off), a[k] + a[k + 1] + a[k + 2]]);
+        }
+        return found;
+    };
+    const without = pixels(undefined), ball = pixels({ tip, up, force: [0, 0, 0] }), both = pixels({ tip, up, force });
+    return {
+        ball: other(ball, without).map((p) => p[0]), arrow: other(both, ball).map((p) => p[1]),
+        label: scene.label.textContent,
+    };
+}"""
+
+
+def test_the_finger_stands_out_and_an_arrow_towards_the_eye_is_no_flat_disc(page):
+    page.evaluate("const t = document.getElementById('time'); t.value = 0.3; t.dispatchEvent(new Event('input'))")
+    page.wait_for_function("palpate.reels.every((r) => Math.abs(r.newest.head.time - 0.3) < 0.002)")
+    drawn = page.evaluate(DRAWN, False)
+    assert np.mean(drawn["ball"]) > 50  # of 255, from what lies behind it
+    drawn = page.evaluate(DRAWN, True)
+    assert np.ptp(np.percentile(drawn["arrow"], [10, 90])) > 100  # of 765, from its lit side to the other
+    force = page.evaluate("Math.hypot(...palpate.reels[0].newest.head.force)")
+    assert drawn["label"] == f"{force:.2f} N" and page.problems == []

@@ -2,6 +2,7 @@
 
 import json
 import math
+import os
 from dataclasses import replace
 
 import pytest
@@ -101,17 +102,17 @@ def test_what_nothing_keeps_is_said(tmp_path, monkeypatch):
 
 
 def test_a_busy_machine_is_named_as_the_likely_cause_where_the_budget_is_what_nothing_keeps(monkeypatch):
-    monkeypatch.setattr(tune.os, "getloadavg", lambda: (9.0, 5.0, 1.0))
-    monkeypatch.setattr(tune.os, "cpu_count", lambda: 2)
+    monkeypatch.setattr(os, "getloadavg", lambda: (9.0, 5.0, 1.0))
+    monkeypatch.setattr(os, "cpu_count", lambda: 2)
     assert "load average is 9.0 on 2 cores" in tune.cause(ALL, Goal(10e-6, None))
     assert tune.cause(ALL, Goal(None, 1e-4)) == ""  # the error: time has no part in it
     assert tune.cause(ALL, Goal(10e-6, 1e-4)) == ""
-    monkeypatch.setattr(tune.os, "getloadavg", lambda: (1.9, 5.0, 1.0))
+    monkeypatch.setattr(os, "getloadavg", lambda: (1.9, 5.0, 1.0))
     assert tune.cause(ALL, Goal(10e-6, None)) == ""
 
 
 def test_a_node_that_no_body_makes_faster_is_named_before_the_machine(monkeypatch):
-    monkeypatch.setattr(tune.os, "getloadavg", lambda: (9.0, 5.0, 1.0))
+    monkeypatch.setattr(os, "getloadavg", lambda: (9.0, 5.0, 1.0))
     shown = [replace(one, slowest=("display", 600e-6)) for one in ALL]
     assert "Node 'display' alone takes 600 us" in tune.cause(shown, Goal(0.5e-3, None))
     assert "load average" in tune.cause(shown, Goal(0.7e-3, None))
