@@ -7,7 +7,9 @@ carry, or positive though it was not, the traction is wrong by d = max(-s, 0) or
     K v = -r + sum w b d(v),      w the area of a point,
 
 piecewise linear, and as large as the number of points that switch. It is solved by Newton's method on these, which ends
-when their set stays as it is.
+when their set stays as it is. Taken in full, its steps may return to a set that was there before, without end. So each
+goes only as far as the energy falls, of which K v + r - sum w b d(v) is the derivative: it is convex where K without
+the carrying points is positive, and no set then comes twice.
 M. Hintermueller, K. Ito, K. Kunisch, SIAM J. Optim. 13 (2002) 865-888; W. W. Hager, SIAM Rev. 31 (1989) 221-239.
 """
 
@@ -17,10 +19,11 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
+from scipy.optimize import brentq
 from scipy.sparse import csr_array, vstack
 
-ROUNDS = 12
-"""Sets of points that are tried in a step."""
+ROUNDS = 30
+"""Sets of points that are tried in a step; what is found by then is taken."""
 MOST = 400
 """Points that may switch in a step; beyond, Newton's step stands as it is."""
 
@@ -61,22 +64,47 @@ def switched(
     rows, level, penalty, area = points
     sign = np.where(level > 0.0, -1.0, 1.0)
     start = level - penalty * (rows @ step)
-    answers, change, end = _Answers(rows, area, solve), step, start
+    answers = _Answers(rows, area, solve)
+    part, opened = np.zeros_like(level), np.zeros_like(level)
     wrong = np.flatnonzero(sign * start > 0.0)
     for _ in range(ROUNDS):
-        if not len(wrong) or not answers.fetch(wrong):
+        if not answers.fetch(wrong):
             break
-        moved, opened = answers.of(wrong)
-        small = np.eye(len(wrong)) + penalty[wrong, None] * opened[wrong] * sign[wrong]
-        if np.linalg.cond(small) > SINGULAR:
+        own = answers.opened(wrong)
+        small = np.eye(len(wrong)) + penalty[wrong, None] * own[wrong] * sign[wrong]
+        if len(wrong) and np.linalg.cond(small) > SINGULAR:
             break
-        part = sign[wrong] * np.linalg.solve(small, start[wrong])
-        change, end = step + moved @ part, start - penalty * (opened @ part)
-        after = np.flatnonzero(sign * end > 0.0)
-        if np.array_equal(after, wrong):
+        goal = np.zeros_like(part)
+        goal[wrong] = sign[wrong] * np.linalg.solve(small, start[wrong])
+        more, wider = goal - part, own @ goal[wrong] - opened
+        length = _length(part, more, wider, points, sign, start - penalty * opened)
+        part, opened = part + length * more, opened + length * wider
+        after = np.flatnonzero(sign * (start - penalty * opened) > 0.0)
+        if length == 0.0 or (length == 1.0 and np.array_equal(after, wrong)):
             break
         wrong = after
-    return change, np.maximum(end, 0.0)
+    return step + answers.moved(part), np.maximum(start - penalty * opened, 0.0)
+
+
+def _length(
+    part: np.ndarray, more: np.ndarray, wider: np.ndarray, points: Switching, sign: np.ndarray, end: np.ndarray
+) -> float:
+    """How far to go [1] from the tractions d = `part` by `more` [Pa] (P,), which opens the points by `wider` [m] (P,):
+    where the energy is least, the whole way where it still falls at its end, 0 where it does not fall at all.
+
+    sign, end  (P,) of the points that would be wrong where sign * end > 0, and their s [Pa] at the start
+    """
+
+    def slope(length: float) -> float:
+        wanted = np.maximum(sign * (end - length * points.penalty * wider), 0.0)
+        return float(np.sum(points.area * wider * (part + length * more - wanted)))
+
+    first = slope(0.0)
+    if not first < 0.0:
+        return 0.0
+    if slope(1.0) <= 1e-9 * abs(first):
+        return 1.0
+    return float(brentq(slope, 0.0, 1.0, xtol=1e-9))
 
 
 class _Answers:
@@ -100,7 +128,11 @@ class _Answers:
             self._column[new] = count + np.arange(len(new))
         return True
 
-    def of(self, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Displacements and openings for unit tractions at these points."""
-        at = self._column[wanted]
-        return self._moved[:, at], self._opened[:, at]
+    def opened(self, wanted: np.ndarray) -> np.ndarray:
+        """Openings [m/Pa] (P,k) for unit tractions at these points, which have been fetched."""
+        return self._opened[:, self._column[wanted]]
+
+    def moved(self, traction: np.ndarray) -> np.ndarray:
+        """Displacements [m] (3N,) for tractions [Pa] (P,), zero at points that have not been fetched."""
+        own = np.flatnonzero(self._column >= 0)
+        return self._moved[:, self._column[own]] @ traction[own]

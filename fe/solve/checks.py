@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from palpate.fe.element.mesh import MeshError, TetMesh
+from palpate.fe.solve.support import pieces
 from palpate.physics.materials.hyperelastic import PLAIN_UP_TO, Material, MaterialError, poisson_of, rest_moduli
 
 SMALLEST, LARGEST = 1e-5, 4.0
@@ -53,11 +52,7 @@ def young(material: Material) -> float:
 
 def check_held(mesh: TetMesh, fixed: np.ndarray, touched: Iterable[np.ndarray]) -> None:
     """MeshError: a piece of the mesh none of whose nodes is fixed (N,3) or on a contact."""
-    many = mesh.elements.shape[1]
-    first = np.repeat(mesh.elements[:, 0], many)
-    size = (len(mesh.points),) * 2
-    links = coo_array((np.ones(len(first), dtype=np.int8), (first, mesh.elements.ravel())), shape=size)
-    _, piece = connected_components(links, directed=False)
+    piece = pieces(mesh)
     held: np.ndarray = np.asarray(fixed.any(axis=1))
     for nodes in touched:
         if nodes.min() < 0 or nodes.max() >= len(held):

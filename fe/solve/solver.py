@@ -15,6 +15,7 @@ from palpate.fe.linear.tangent import UnheldError
 from palpate.fe.solve.assembly import Assembly, Balance, Inverted
 from palpate.fe.solve.checkpoint import State, read_state, write_state
 from palpate.fe.solve.checks import check_held, check_locking, check_units, checked
+from palpate.fe.solve.support import Support
 from palpate.physics.errors import PalpateError
 from palpate.physics.materials.hyperelastic import Material
 
@@ -106,6 +107,7 @@ class Solver:
         loose[mesh.elements] = False
         self.fixed = fixed | loose[:, None]
         self._body = Assembly(mesh, self.materials, self.fixed, loads, self.contacts)
+        self._support = Support(mesh, self.fixed)
 
     def advance(self, load: float, report: Callable[[float], None] | None = None) -> None:
         """Carry the body to this load in as many steps as it takes; `report` hears the load after each. The first
@@ -172,7 +174,8 @@ class Solver:
         goal = np.zeros_like(self.displacement)
         if self.held is not None:
             goal = checked("held", self.held(load), load, self.fixed)
-        u, now = self._driven(goal, load)
+        guess = self._extrapolated(goal, load)
+        u, now = self._linear(goal, load) if guess is None else guess
         settings, used, since = self.settings, 0, 0
         while True:
             rest = np.where(self.fixed, 0.0, now.force)
@@ -182,6 +185,10 @@ class Solver:
                 raise _Fault("a force is not finite")
             done = error <= settings.tolerance * scale
             deep = error <= max(LOOSE, settings.tolerance) * scale and any(c.deep() for c in self.contacts)
+            if done:
+                fault = self._support.adrift(u, load, self.contacts, self._body.tangent.pattern)
+                if fault:
+                    raise _Fault(fault)
             if done or deep:
                 for contact in self.contacts:
                     contact.settle()
@@ -199,17 +206,31 @@ class Solver:
                     f"node {worst}, {point_text(self.mesh.points[worst])}"
                 )
             du = self._direction(now.data, now.force)
-            u, now = self._searched(u, du, now, load)
             used, since = used + 1, since + 1
+            carried = 0.0 if guess is None else float(np.linalg.norm(np.where(self.fixed, 0.0, u - self.displacement)))
+            guess = None
+            if 0.0 < carried < float(np.linalg.norm(du)):
+                for contact in self.contacts:
+                    contact.back()
+                    contact.begin(self.displacement, self.load)
+                u, now = self._linear(goal, load)
+            else:
+                u, now = self._searched(u, du, now, load)
 
-    def _driven(self, goal: np.ndarray, load: float) -> tuple[np.ndarray, Balance]:
-        """Where the iteration starts, held displacements at their goal: on from the last step as that went, or else one
-        linear step from where it ended."""
+    def _extrapolated(self, goal: np.ndarray, load: float) -> tuple[np.ndarray, Balance] | None:
+        """Where the iteration starts, held displacements at their goal: on from the last step as that went. It is given
+        up where Newton's correction is larger than what was carried on."""
+        if self._last is None:
+            return None
         u = self.displacement
-        if self._last is not None:
-            guess = np.where(self.fixed, goal, u + (load - self.load) / self._last[0] * self._last[1])
-            with suppress(Inverted):
-                return guess, self._body.balance(guess, load)
+        guess = np.where(self.fixed, goal, u + (load - self.load) / self._last[0] * self._last[1])
+        with suppress(Inverted):
+            return guess, self._body.balance(guess, load)
+        return None
+
+    def _linear(self, goal: np.ndarray, load: float) -> tuple[np.ndarray, Balance]:
+        """The same, one linear step from where the last one ended."""
+        u = self.displacement
         now = self._body.balance(u, load)
         jump = np.where(self.fixed, goal - u, 0.0)
         if jump.any():
@@ -219,10 +240,12 @@ class Solver:
         return u, now
 
     def _direction(self, data: np.ndarray, force: np.ndarray) -> np.ndarray:
-        """Newton's change of the free displacements (N,3) that answers an unbalanced force (N,3)."""
+        """Newton's change of the free displacements (N,3) that answers an unbalanced force (N,3), with the active set
+        at its end where that leads downhill: about a tangent that is not convex it need not."""
         self.iterations += 1
         step = self._body.tangent.direction(data, np.where(self.fixed, 0.0, -force), self._body.skew)
-        return self._body.switched(step)
+        switched = self._body.switched(step)
+        return switched if np.sum(switched * force) < 0.0 else step
 
     def _searched(self, u: np.ndarray, du: np.ndarray, now: Balance, load: float) -> tuple[np.ndarray, Balance]:
         """The point along a direction where the slope has fallen and no element is inside out."""

@@ -23,6 +23,7 @@ from palpate.fe import (
     plane,
     sphere,
 )
+from palpate.fe.contact.bed import Bed
 from palpate.physics.materials.hyperelastic import Material
 
 SOFT = neo_hooke(1e4, 0.3)
@@ -158,6 +159,54 @@ def test_a_body_that_nothing_holds_is_refused():
     free = Solver(CUBE, {0: SOFT}, fixed, loads=lambda load: load * np.ones((27, 3)))
     with pytest.raises(ConvergenceError, match=r"load step from 0 to .* The state at load 0 is kept"):
         free.advance(1.0)
+
+
+def pressed_from_above(mesh, fixed, *others):
+    """A plate goes 0.05 m into the cube at the origin."""
+    corner = mesh.points[mesh.faces]
+    upper = mesh.faces[(corner[:, :, 2] > 1.0 - 1e-9).all(axis=1)]
+    plate = Rigid(upper, plane, (0.0, 0.0, -1.0), lambda load: np.array([0.0, 0.0, 1.0 - 0.05 * load]))
+    return Solver(
+        mesh, {0: SOFT}, fixed, contacts=[plate, *others], settings=Settings(step=1.0, largest=1.0, least=0.4)
+    )
+
+
+def test_a_body_that_only_a_contact_pushes_is_refused():
+    free = pressed_from_above(CUBE, np.zeros((27, 3), dtype=bool))
+    with pytest.raises(
+        ConvergenceError, match=r"nothing holds the piece of 6 elements round \(0\.5.*Fix some of its nodes"
+    ):
+        free.advance(1.0)
+    guided = np.zeros((27, 3), dtype=bool)
+    guided[:, :2] = CUBE.points[:, :2] < 1e-9
+    with pytest.raises(ConvergenceError, match=r"against moving along \(0, 0, -?1\): no contact carries a force"):
+        pressed_from_above(CUBE, guided).advance(1.0)
+
+
+def test_a_second_body_that_nothing_touches_is_refused():
+    mesh = TetMesh(
+        np.concatenate([CUBE.points, CUBE.points + (1.5, 0, 0)]), np.concatenate([CUBE.elements, CUBE.elements + 27])
+    )
+    fixed = clamped(mesh)
+    fixed[27:] = False
+    with pytest.raises(ConvergenceError, match=r"nothing holds the piece of 6 elements round \(2, 0\.5, 0\.5\) m"):
+        pressed_from_above(mesh, fixed).advance(1.0)
+
+
+def test_a_bed_holds_a_body_and_plates_do_against_all_but_sliding():
+    below = CUBE.faces[(CUBE.points[CUBE.faces][:, :, 2] < 1e-9).all(axis=1)]
+    free = np.zeros((27, 3), dtype=bool)
+    laid = pressed_from_above(CUBE, free, Bed(below, 1e5))
+    laid.advance(1.0)
+    assert laid.contacts[0].force[2] < -1.0
+    floor = Rigid(below, plane, (0.0, 0.0, 1.0), lambda load: np.zeros(3))
+    with pytest.raises(ConvergenceError, match=r"its contacts carry a force, but not against this"):
+        pressed_from_above(CUBE, free, floor).advance(1.0)
+    guided = free.copy()
+    guided[:, :2] = CUBE.points[:, :2] < 1e-9
+    body = pressed_from_above(CUBE, guided, Rigid(below, plane, (0.0, 0.0, 1.0), lambda load: np.zeros(3)))
+    body.advance(1.0)
+    assert body.contacts[1].force[2] == approx(-body.contacts[0].force[2], rel=1e-4) and body.load == 1.0
 
 
 def test_a_contact_that_cannot_be_is_refused():
