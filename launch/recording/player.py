@@ -81,7 +81,6 @@ class _Part:
             for port in self.slot.inputs
         ]
 
-
     def forget_new_inputs(self, count: int) -> None:
         """Leave out inputs beyond the first `count`, which the class has gained since the recording was made: nothing
         is connected there, `step` has a default, and `used` had no place for them."""
