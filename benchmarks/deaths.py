@@ -1,6 +1,6 @@
 """What happens when a process of the kidney loop is killed or stopped while the finger presses, on the real clock.
 
-    python benchmarks/deaths.py [--carrier zmq|local] [--json]
+    python benchmarks/deaths.py [--json]
 
 For each node: time from the kill until the launcher reports the death, and until the device works without torque; and
 the latter after SIGSTOP, which looks to the others like a node that hangs. Without `friction` the others go on. Where
@@ -26,7 +26,6 @@ from rich.table import Table
 from rich.text import Text
 
 from palpate.launch.loading.launchfile import find
-from palpate.launch.loading.placement import CARRIERS
 from palpate.launch.loading.plan import plan
 from palpate.launch.recording.reader import Recording
 from palpate.launch.running.assign import jobs
@@ -39,16 +38,16 @@ KILL_AT = 0.9  # [s] of the graph's clock: the hand holds the finger in the tiss
 NODES = ("finger", "collision", "contact", "friction", "spread", "tissue", "controller", "statics")
 
 
-def fault(node: str, number: int, carrier: str, file: Path) -> dict[str, float | None]:
+def fault(node: str, number: int, file: Path) -> dict[str, float | None]:
     """[s] from the signal to the report, and to the first sample of the device without torque (None: never)."""
-    while (told := once(node, number, carrier, file))["unsure"] > UNSURE:
+    while (told := once(node, number, file))["unsure"] > UNSURE:
         pass
     return told
 
 
-def once(node: str, number: int, carrier: str, file: Path) -> dict[str, float | None]:
+def once(node: str, number: int, file: Path) -> dict[str, float | None]:
     """See `fault`; `unsure` [s]: how long sending the signal took."""
-    launch = dataclasses.replace(find("kidney"), record=file, carrier=carrier)
+    launch = dataclasses.replace(find("kidney"), record=file)
     graph = launch.load()
     set_recording(graph, file)
     steps = plan(graph)
@@ -86,21 +85,19 @@ def once(node: str, number: int, carrier: str, file: Path) -> dict[str, float | 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--carrier", choices=CARRIERS, default="zmq")
     parser.add_argument("--json", action="store_true")
     given = parser.parse_args()
     rows = {}
     with tempfile.TemporaryDirectory() as folder:
         for node in track(NODES, "faults", transient=True):
             killed, stopped = (
-                fault(node, number, given.carrier, Path(folder) / "run.mcap")
-                for number in (signal.SIGKILL, signal.SIGSTOP)
+                fault(node, number, Path(folder) / "run.mcap") for number in (signal.SIGKILL, signal.SIGSTOP)
             )
             rows[node] = {**killed, "no torque, stopped": stopped["no torque"]}
     if given.json:
         print(json.dumps(rows))
         return
-    table = Table(title=f"after a kill, and after a stop; carrier {given.carrier}", box=None)
+    table = Table(title="after a kill, and after a stop", box=None)
     for title in ("node", "kill reported [ms]", "killed: no torque [ms]", "stopped: no torque [ms]"):
         table.add_column(Text(title), justify="right")
     for node, row in rows.items():

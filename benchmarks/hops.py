@@ -1,4 +1,4 @@
-"""One hop between processes: palpate's nodes, by both carriers, against the same pattern in plain pyzmq and in C.
+"""One hop between processes: palpate's nodes against the same pattern in plain pyzmq and in C.
 
 A message goes round a ring of eight processes on one core; figures are microseconds a hop, median. palpate decodes,
 steps, checks and encodes at each hop; the peers only pass the bytes on. The C program needs a compiler and
@@ -10,7 +10,6 @@ ZeroMQ's headers (Debian: libzmq3-dev); without them its row is left out.
 from __future__ import annotations
 
 import argparse
-import functools
 import itertools
 import json
 import multiprocessing
@@ -82,7 +81,7 @@ def in_c(turns: int, core: int) -> float | None:
         return float(printed.stdout) / COUNT
 
 
-def ours(turns: int, core: int, carrier: str) -> float:
+def ours(turns: int, core: int) -> float:
     """[us] a hop of a graph of palpate, one process per node: the median tick over the number of nodes."""
     from palpate.launch.loading.launchfile import LaunchFile
     from palpate.launch.running.execute import execute
@@ -97,7 +96,7 @@ def ours(turns: int, core: int, carrier: str) -> float:
         graph.write_text("nodes:\n" + "\n".join(lines) + "\n")
         place = Path(folder) / "place.yaml"
         place.write_text("\n".join(f"{name}: {{nodes: [{name}], core: {core}}}" for name in names) + "\n")
-        outcome = execute(LaunchFile(graph=graph, place=place, duration=turns / 1000.0, carrier=carrier))
+        outcome = execute(LaunchFile(graph=graph, place=place, duration=turns / 1000.0))
     if not outcome.result.ok:
         raise SystemExit(str(outcome.result.deaths[0]))
     return outcome.result.health["n0"]["age"]["p50"] * 1e6 / COUNT
@@ -112,8 +111,7 @@ def main() -> None:
     measures = {
         "C": in_c,
         "pyzmq": plain,
-        "palpate, zmq": functools.partial(ours, carrier="zmq"),
-        "palpate, local": functools.partial(ours, carrier="local"),
+        "palpate": ours,
     }
     hops: dict[str, list[float]] = {name: [] for name in measures}
     for _ in range(3):  # interleaved, so that a busy neighbour troubles all of them

@@ -1,4 +1,4 @@
-"""The whole kidney loop: rate fused and as processes by both carriers, late ticks and latency on the real clock, start,
+"""The whole kidney loop: rate fused and as processes, late ticks and latency on the real clock, start,
 memory.
 
     python benchmarks/loop.py [--seconds S] [--json]
@@ -27,17 +27,18 @@ from rich.table import Table
 from rich.text import Text
 
 from palpate.launch.loading.launchfile import LaunchFile, find
-from palpate.launch.loading.placement import CARRIERS
 from palpate.launch.loading.plan import plan
 from palpate.launch.running.assign import jobs
 from palpate.launch.running.execute import execute
 from palpate.launch.running.launcher import Launcher
 from palpate.launch.running.result import Result
 
+PLACES = {"fused": "fused", "processes": None}
 
-def run(place: str | None, clock: str, seconds: float, carrier: str | None = None) -> Result:
+
+def run(place: str | None, clock: str, seconds: float) -> Result:
     """One run of the kidney graph without a recording."""
-    launch = find("kidney").but(place=place, clock=clock, duration=seconds, carrier=carrier)
+    launch = find("kidney").but(place=place, clock=clock, duration=seconds)
     result = execute(_unrecorded(launch)).result
     if not result.ok:
         raise SystemExit(str(result.deaths[0]))
@@ -50,11 +51,10 @@ def _unrecorded(launch: LaunchFile) -> LaunchFile:
 
 def rates(seconds: float) -> dict[str, dict[str, float]]:
     """[Hz] of simulated time as fast as the machine allows."""
-    runs: dict[str, list[Result]] = {name: [] for name in ("fused", *CARRIERS)}
+    runs: dict[str, list[Result]] = {name: [] for name in PLACES}
     for _ in track(range(3), "rates", transient=True):
-        runs["fused"].append(run("fused", "simulated", seconds))
-        for carrier in CARRIERS:
-            runs[carrier].append(run(None, "simulated", seconds, carrier))
+        for name, place in PLACES.items():
+            runs[name].append(run(place, "simulated", seconds))
     answer = {}
     for name, results in runs.items():
         hertz = [result.ticks / result.wall for result in results]
@@ -69,9 +69,9 @@ def rates(seconds: float) -> dict[str, dict[str, float]]:
     return answer
 
 
-def real_time(seconds: float, carrier: str) -> dict[str, float]:
+def real_time(seconds: float) -> dict[str, float]:
     """Late ticks, ticks whose torque came after the next one had begun, and latency at 1 kHz on the real clock."""
-    result = run(None, "real", seconds, carrier)
+    result = run(None, "real", seconds)
     device, statics = result.health["device"], result.health["statics"]
     ticks = device["steps"] + device["late"]
     return {
@@ -123,7 +123,7 @@ def main() -> None:
         "machine": platform.platform(),
         "load": os.getloadavg()[0],
         "rates": rates(given.seconds),
-        "real": {carrier: real_time(given.seconds, carrier) for carrier in CARRIERS},
+        "real": real_time(given.seconds),
         "first tick": first_tick(),
         "memory": memory(),
     }
@@ -134,21 +134,21 @@ def main() -> None:
     table = Table(title="kidney loop, simulated time as fast as possible", box=None)
     for title in ("", "best [Hz]", "median [Hz]", "tick p50 [us]", "p99 [us]", "p99.9 [us]"):
         table.add_column(Text(title), justify="right")
-    for name in ("fused", *CARRIERS):
+    for name in PLACES:
         row = figures["rates"][name]
         times = (f"{row[key] * 1e6:.0f}" for key in ("p50", "p99", "p999"))
         table.add_row(name, f"{row['best']:.0f}", f"{row['median']:.0f}", *times)
     out.print(table)
     steps = figures["rates"]["steps"]
     out.print("step p50 \\[us]:", ", ".join(f"{name} {value * 1e6:.1f}" for name, value in steps.items()))
-    for carrier, real in figures["real"].items():
-        out.print(
-            f"real clock, 1 kHz, {carrier}, {real['ticks']} ticks: {real['late']:.2%} late, {real['held']:.2%} "
-            f"answered after the next tick; latency p50 {real['p50'] * 1e6:.0f}, p99 {real['p99'] * 1e6:.0f}, "
-            f"p99.9 {real['p999'] * 1e6:.0f} us"
-        )
-        if real["refused"]:
-            out.print(f"refused by the system: {real['refused']}")
+    real = figures["real"]
+    out.print(
+        f"real clock, 1 kHz, {real['ticks']} ticks: {real['late']:.2%} late, {real['held']:.2%} "
+        f"answered after the next tick; latency p50 {real['p50'] * 1e6:.0f}, p99 {real['p99'] * 1e6:.0f}, "
+        f"p99.9 {real['p999'] * 1e6:.0f} us"
+    )
+    if real["refused"]:
+        out.print(f"refused by the system: {real['refused']}")
     out.print(f"load of the machine at the end: {figures['load']:.1f}")
     out.print(f"from the command to the first tick: {figures['first tick']:.2f} s")
     sizes = figures["memory"]

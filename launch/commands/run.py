@@ -76,7 +76,6 @@ def run(
         str | None, typer.Option("--view", help="Look at it meanwhile: in a window, or web: in the browser.")
     ] = None,
     patience: Annotated[float, typer.Option(help="Time in s after which a silent node counts as hung.", min=0.1)] = 5.0,
-    carrier: Annotated[str | None, typer.Option(help="Between processes, for all groups: zmq or local.")] = None,
     address: Annotated[str | None, typer.Option(help="tcp://host:port where workers of other hosts join.")] = None,
     key: Annotated[str, typer.Option(help="Key that secures connections to other hosts; see `palpate keys`.")] = "rig",
     unencrypted: Annotated[bool, typer.Option("--unencrypted", help="Do not encrypt TCP connections.")] = False,
@@ -101,9 +100,7 @@ def run(
         launch, organ_notes = with_own_organ(launch, organ, unit, repair, silent=as_json)
         if clock not in (None, "simulated", "real"):
             raise typer.BadParameter(f"clock: found {clock!r}, expected simulated or real")
-        if carrier not in (None, "zmq", "local"):
-            raise typer.BadParameter(f"carrier: found {carrier!r}, expected zmq or local")
-        launch = launch.but(clock=clock, duration=duration, pace=pace, carrier=carrier)
+        launch = launch.but(clock=clock, duration=duration, pace=pace)
         if reconnect:
             launch = launch.but(overrides=_reconnecting(launch))
         name = (organ or launch.path or launch.graph).stem

@@ -17,14 +17,14 @@ from typing import Any
 from palpate.launch.loading.faults import Faults, GraphError, choices
 from palpate.launch.loading.files import GRAPHS, PLACES, SCENES, Override, find_file
 from palpate.launch.loading.graph import Graph, load
-from palpate.launch.loading.placement import BUILT_IN, CARRIERS, Placement, load_place
+from palpate.launch.loading.placement import BUILT_IN, Placement, load_place
 from palpate.launch.loading.plan import Plan, plan
 from palpate.launch.loading.source import Source, read
 from palpate.launch.loading.units import UnitError, convert
 
 LAUNCHES = Path(__file__).resolve().parent.parent
 CLOCKS = ("simulated", "real")
-KEYS = ("graph", "scene", "place", "clock", "duration", "record", "set", "wanted", "pace", "carrier")
+KEYS = ("graph", "scene", "place", "clock", "duration", "record", "set", "wanted", "pace")
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,6 @@ class LaunchFile:
     duration   [s] None: until stopped
     record     file of the recording, None: no recording
     pace       [1] simulated time runs at this multiple of real time; None: as fast as the machine allows
-    carrier    "zmq" or "local" for all groups; None: what the placement says
     wanted     streams to compute; None: what scene or graph say
     overrides  values set from outside, the later ones win
     """
@@ -52,7 +51,6 @@ class LaunchFile:
     duration: float | None = None
     record: Path | None = None
     pace: float | None = None
-    carrier: str | None = None
     wanted: tuple[str, ...] | None = None
     overrides: tuple[str | Override, ...] = ()
 
@@ -66,10 +64,7 @@ class LaunchFile:
 
     def placement(self, planned: Plan) -> Placement:
         """Where it runs. GraphError: whatever is wrong with the placement file."""
-        place = load_place(self.place, planned)
-        for group in place.groups:
-            group.carrier = self.carrier or group.carrier
-        return place
+        return load_place(self.place, planned)
 
     def but(self, **changes: Any) -> LaunchFile:
         """The same run with some things changed; None leaves a thing as it is, overrides are added."""
@@ -107,9 +102,6 @@ def _read(path: Path) -> LaunchFile:
     clock = data.get("clock")
     if clock is not None and clock not in CLOCKS:
         faults.add(f"clock: found {clock!r}", choices("Clocks", str(clock), CLOCKS), source.place("clock"))
-    carrier = data.get("carrier")
-    if carrier is not None and carrier not in CARRIERS:
-        faults.add(f"carrier: found {carrier!r}", choices("Carriers", str(carrier), CARRIERS), source.place("carrier"))
     wanted = data.get("wanted")
     wanted = [wanted] if isinstance(wanted, str) and wanted != "all" else None if wanted == "all" else wanted
     if wanted is not None and not (isinstance(wanted, list) and all(isinstance(w, str) for w in wanted)):
@@ -129,7 +121,6 @@ def _read(path: Path) -> LaunchFile:
         duration=_positive("duration", "s", source, faults),
         record=None if record is None else Path(record),
         pace=_positive("pace", "1", source, faults, least=1e-3, most=1e6),
-        carrier=carrier,
         wanted=None if wanted is None else tuple(wanted),
         overrides=_overrides(source, faults),
     )

@@ -2,7 +2,6 @@
 
     loop: {nodes: [device, finger, contact, controller], core: 0, priority: 80}
     rest: {nodes: [tissue, log], core: [1], host: tcp://10.0.0.2}
-    near: {nodes: [pins], carrier: local}
 
 Placement never changes what is computed.
 """
@@ -11,7 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import msgspec
 
@@ -22,7 +21,6 @@ from palpate.launch.loading.lines import fill
 from palpate.launch.loading.plan import Plan
 from palpate.launch.loading.source import Source, read
 
-CARRIERS = ("zmq", "local")
 FUSED = "fused"
 AUTO = "auto"
 BUILT_IN = (FUSED, AUTO)
@@ -45,7 +43,6 @@ class _Line(msgspec.Struct):
         msgspec.Meta(description="a name or address such as tcp://10.0.0.2 or tcp://10.0.0.2:5600"),
     ] = None
     join: Annotated[bool, msgspec.Meta(description="true or false")] = False
-    carrier: Literal["zmq", "local"] = "zmq"
     unencrypted: Annotated[bool, msgspec.Meta(description="true or false")] = False
 
 
@@ -58,7 +55,6 @@ class Group:
     priority  of SCHED_RR, 1 to 99, None: ordinary scheduling
     host      name or address of the machine, with or without a port; None: this one, no network
     join      started by hand with `palpate join`, as a group on another machine always is
-    carrier   "zmq" or "local": how what its nodes send gets to nodes of other groups
     unencrypted  what goes over TCP is not secured by a key
     """
 
@@ -68,7 +64,6 @@ class Group:
     priority: int | None = None
     host: str | None = None
     join: bool = False
-    carrier: str = "zmq"
     unencrypted: bool = False
 
 
@@ -174,6 +169,5 @@ def _group(name: str, line: Source, known: list[str], taken: dict[str, str], fau
         priority=given.priority,
         host=given.host and given.host.removeprefix("tcp://"),
         join=given.join,
-        carrier=given.carrier,
         unencrypted=given.unencrypted,
     )

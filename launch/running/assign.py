@@ -57,7 +57,6 @@ def jobs(
                 host=group.host,
                 phase=phase,
                 leads=leads,
-                carrier=group.carrier,
                 external=_external(plan, place, group),
                 about=about or {},
             )

@@ -22,7 +22,6 @@ from palpate.launch.running import keys
 from palpate.launch.running.assign import is_here, jobs, spared
 from palpate.launch.running.forkserver import ForkServer
 from palpate.launch.running.fused import run_fused
-from palpate.launch.running.job import Job
 from palpate.launch.running.keys import Key
 from palpate.launch.running.launcher import Launcher
 from palpate.launch.running.provenance import about
@@ -104,7 +103,6 @@ def execute(
             )
         here = address.removeprefix("tcp://").rpartition(":")[0]
         work = [job if job.host else msgspec.structs.replace(job, host=here) for job in work]
-    _check_carriers(work, joined)
     key = _key(place, joined, unencrypted, key_name)
     title = (launch.path or launch.graph).stem
     names = [*planned.order, *planned.observers]
@@ -152,19 +150,6 @@ def _clock(launch: LaunchFile, planned: Plan) -> str:
                    "Say `clock: real` or --clock real.", node=hardware[0])  # fmt: skip
         faults.done()
     return launch.clock or ("real" if hardware else "simulated")
-
-
-def _check_carriers(work: Sequence[Job], joined: frozenset[str]) -> None:
-    """GraphError: a stream that cannot go by the carrier of its group."""
-    faults = Faults()
-    for job in work:
-        far = sorted({group for groups in job.external.values() for group in groups if group in joined} - {job.group})
-        if job.carrier == "local" and (far or job.group in joined):
-            why = f"group {far[0]!r}, which reads from it, is" if far else "it is"
-            faults.add(
-                f"group {job.group!r}: carrier local, but {why} started on another machine", "Take carrier: zmq."
-            )
-    faults.done()
 
 
 def _key(place: Placement, joined: frozenset[str], unencrypted: bool, name: str) -> Key | None:

@@ -24,7 +24,6 @@ from typing import NamedTuple, NoReturn
 
 import msgspec
 
-from palpate.launch.running.carrier import Pairs, pair
 from palpate.launch.running.clock import one_blas_thread
 from palpate.launch.running.descendants import adopt_orphans, awake, die_with_parent, end_descendants
 from palpate.launch.running.reports import ANSWERS, REQUESTS, Exited, Kill, Prepare, Start, Started
@@ -109,7 +108,6 @@ def _serve(end: socket.socket) -> NoReturn:
     signal.signal(signal.SIGCHLD, lambda *_: None)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     keepers: dict[int, _Kept] = {}
-    pairs: Pairs = {}
     rest = b""
     while True:
         ready = select.select([end.fileno(), wake], [], [])[0]
@@ -123,7 +121,7 @@ def _serve(end: socket.socket) -> NoReturn:
             rest += data
             *lines, rest = rest.split(b"\n")
             for line in lines:
-                _do(end, REQUESTS.decode(line), keepers, pairs)
+                _do(end, REQUESTS.decode(line), keepers)
     _end_all()
 
 
@@ -133,10 +131,9 @@ def _end_all(*_: object) -> NoReturn:
     os._exit(0)
 
 
-def _do(end: socket.socket, request: Prepare | Start | Kill, keepers: dict[int, _Kept], pairs: Pairs) -> None:
+def _do(end: socket.socket, request: Prepare | Start | Kill, keepers: dict[int, _Kept]) -> None:
     match request:
-        case Prepare(modules, wanted):
-            pairs.update({key: pair() for key in wanted})
+        case Prepare(modules):
             for name in modules:
                 with contextlib.suppress(Exception):  # the worker meets the same error and reports it
                     importlib.import_module(name)
@@ -147,7 +144,7 @@ def _do(end: socket.socket, request: Prepare | Start | Kill, keepers: dict[int, 
             keeper = os.fork()
             if keeper == 0:
                 os.close(reading)
-                _keep(end, request, pairs, tell)
+                _keep(end, request, tell)
             os.close(tell)
             pid = int(os.read(reading, 16) or b"0")
             keepers[keeper] = _Kept(job.group, pid, reading)
@@ -159,7 +156,7 @@ def _do(end: socket.socket, request: Prepare | Start | Kill, keepers: dict[int, 
                         os.kill(kept.pid, number)
 
 
-def _keep(end: socket.socket, request: Start, pairs: Pairs, tell: int) -> NoReturn:
+def _keep(end: socket.socket, request: Start, tell: int) -> NoReturn:
     """The keeper: forks the worker, waits for its end, ends what it has left behind, and tells how it ended."""
     try:
         die_with_parent()
@@ -172,7 +169,7 @@ def _keep(end: socket.socket, request: Start, pairs: Pairs, tell: int) -> NoRetu
         worker = os.fork()
         if worker == 0:
             os.close(tell)
-            _work(request, pairs)
+            _work(request)
         os.write(tell, b"%-16d" % worker)
         while True:
             pid, status = os.wait()
@@ -184,14 +181,14 @@ def _keep(end: socket.socket, request: Start, pairs: Pairs, tell: int) -> NoRetu
         os._exit(0)
 
 
-def _work(request: Start, pairs: Pairs) -> NoReturn:
+def _work(request: Start) -> NoReturn:
     """The worker: run the job and exit."""
     code = 1
     try:
         die_with_parent()
         from palpate.launch.running.process import serve
 
-        code = serve(request, pairs)
+        code = serve(request)
     finally:
         sys.stdout.flush()
         sys.stderr.flush()

@@ -64,7 +64,6 @@ class Job(msgspec.Struct, frozen=True):
               falls silent when it is too old, and the next one holds what it sent last. They share the time for that
     phase     tells the workers apart, so that they do not all send their bursts to the observers in the same tick
     leads     true where a paced node is among the nodes
-    carrier   "zmq" or "local": how the streams of this group get to nodes of other groups
     external  streams of this group that nodes of other groups read, with the names of those groups
     about     what a recording says of the run: graph, settings, versions, machine
     """
@@ -82,7 +81,6 @@ class Job(msgspec.Struct, frozen=True):
     host: str | None = None
     phase: int = 0
     leads: bool = False
-    carrier: str = "zmq"
     external: dict[str, tuple[str, ...]] = {}
     about: dict[str, object] = {}
 

@@ -52,7 +52,7 @@ from palpate.launch.running.reports import (
 )
 from palpate.launch.running.result import Death, Result
 from palpate.launch.running.watchdog import START_PATIENCE
-from palpate.launch.running.wires import Wires, muted, pairs
+from palpate.launch.running.wires import Wires, muted
 from palpate.launch.running.worker import REPORT
 
 HEAD_START = 40_000_000  # [ns] from the order to go to tick 0: every worker has heard it by then
@@ -156,7 +156,7 @@ class Launcher:
     def _run(self) -> None:
         try:
             modules = {given.cls.rpartition(".")[0] for job in self.jobs.values() for given in members(job)}
-            self.forkserver.ask(Prepare(sorted(modules), pairs(self.jobs.values())))
+            self.forkserver.ask(Prepare(sorted(modules)))
             for member in self.members.values():
                 if not member.joined:
                     self._fork(member)

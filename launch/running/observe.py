@@ -23,5 +23,6 @@ def observe(worker: Worker, senders: set[str]) -> None:
             left = senders - audience.ended
             if left <= audience.lost and (not left or now() - heard > QUIET):
                 return
+        worker.drain()
         worker.heed()
         worker.housekeep()

@@ -13,11 +13,9 @@ import msgspec
 import zmq
 
 from palpate.launch.running.bus import Bus, PortInUse, split
-from palpate.launch.running.carrier import LOOK, Pairs
 from palpate.launch.running.clock import real_time
 from palpate.launch.running.descendants import die_with_parent
 from palpate.launch.running.fused import death
-from palpate.launch.running.job import Job
 from palpate.launch.running.keys import Key
 from palpate.launch.running.loops import run
 from palpate.launch.running.reports import (
@@ -41,10 +39,9 @@ from palpate.launch.running.slot import NodeFault
 from palpate.launch.running.worker import Ended, Worker
 
 
-def serve(start: Start, pairs: Pairs, alone: bool = False) -> int:
+def serve(start: Start, alone: bool = False) -> int:
     """Run a job: build, report ready, connect, report linked, wait for the start, run, report the end.
 
-    pairs  of the local carrier
     alone  end when nothing is heard of the launcher, for a worker that is not its child
 
     Returns the exit code: 0, or 1 after a fault, which has been reported with its traceback.
@@ -55,8 +52,7 @@ def serve(start: Start, pairs: Pairs, alone: bool = False) -> int:
     os.register_at_fork(after_in_child=die_with_parent)  # what a node forks ends with it
     job = start.job
     real = job.clock == "real"
-    wait = max(1, round(1000.0 / job.rate)) if real else LOOK
-    bus = Bus(start.run, job.group, start.control, start.reports, real, wait, pairs, start.key, start.guarded)
+    bus = Bus(start.run, job.group, start.control, start.reports, real, job.external, start.key, start.guarded)
     worker, begun, orderly = None, None, False
     try:
         worker = Worker(job, bus, bus.report, alone)
@@ -65,7 +61,7 @@ def serve(start: Start, pairs: Pairs, alone: bool = False) -> int:
         endpoints = bus.bind(job.host)
         bus.report(Ready(endpoints, refused, bool(job.host and start.key)))
         with contextlib.suppress(Ended):
-            begun = _link(bus, job)
+            begun = _link(bus)
             run(worker, *begun)
         worker.stop()
         orderly = begun is not None
@@ -85,10 +81,9 @@ def serve(start: Start, pairs: Pairs, alone: bool = False) -> int:
         bus.close(orderly)
 
 
-def _link(bus: Bus, job: Job) -> tuple[int, set[str]]:
+def _link(bus: Bus) -> tuple[int, set[str]]:
     """Connect to the other workers when told where they are; the time of tick 0, and the groups that the observers here
     hear. Ended: it was told to stop before."""
-    readers = {stream: len(groups) for stream, groups in job.external.items() if job.carrier == "zmq"}
     senders: set[str] = set()
 
     def look(wait: int = 0) -> Order | None:
@@ -100,11 +95,10 @@ def _link(bus: Bus, job: Job) -> tuple[int, set[str]]:
     while True:
         match look(1000):
             case Connect(sources, observed):
-                bus.forget()
                 for source in sources:
                     bus.connect(source.address, source.streams, source.observed, source.secured, source.group)
                 senders = {source.group for source in sources if source.observed}
-                bus.wait_linked(readers, observed, look)
+                bus.wait_linked(observed, look)
                 bus.report(Linked())
             case Go(origin):
                 return origin, senders
@@ -154,7 +148,7 @@ def join(address: str, group: str, patience: float, key: Key | None = None) -> i
             what = "" if key is None else " and has the same key"
             raise TimeoutError(f"no launcher at {address} that waits for group {group!r}{what}")
     assert take is not None
-    return serve(Start(take.job, take.run, control, reports, key, key is not None), {}, alone=True)
+    return serve(Start(take.job, take.run, control, reports, key, key is not None), alone=True)
 
 
 def _take(data: bytes) -> Take | None:

@@ -85,6 +85,8 @@ def _follow(worker: Worker, lead: Slot) -> tuple[int, int] | None:
             worker.pause()
         else:
             worker.wait(port.feed)
+            if lead.name in worker.mute:  # its input comes on, and so nobody else looks whether it is wanted again
+                worker.drain()
             worker.heed()
         if worker.stopping:
             raise Ended
@@ -155,7 +157,7 @@ def _pick(worker: Worker, port: Input, tick: int, deadline: int, waits: bool) ->
         return message
     while (message is None or message.tick < need) and now() < deadline:
         assert port.feed is not None
-        worker.wait(port.feed)
+        worker.wait(port.feed, deadline)
         if port.dead or worker.stopping:
             return None
         message = port.newest(tick)

@@ -146,10 +146,9 @@ class Addressed(msgspec.Struct, frozen=True):
 
 
 class Prepare(msgspec.Struct, frozen=True, tag=True):
-    """To the fork server: import these modules; make the local carrier's pairs, by stream and reading group."""
+    """To the fork server: import these modules."""
 
     modules: list[str]
-    pairs: list[tuple[str, str]]
 
 
 class Start(msgspec.Struct, frozen=True, tag=True):

@@ -12,8 +12,8 @@ from time import perf_counter_ns
 import msgspec
 
 from palpate.launch.loading.load import load_class
-from palpate.launch.running.carrier import Inlet
 from palpate.launch.running.health import Health
+from palpate.launch.running.inlet import Inlet, TcpInlet
 from palpate.launch.running.job import InputJob, NodeJob, ObserverJob
 from palpate.launch.running.schedule import needed
 from palpate.launch.running.warm import warm
@@ -41,7 +41,7 @@ class Output:
     """One output stream: its last two messages, and how it leaves this worker.
 
     external  nodes of other groups read it
-    send      takes the payload for them, where they have it by the local carrier
+    send      takes the payload for them, once the run has begun
     """
 
     __slots__ = ("external", "finite", "kind", "last", "listeners", "observed", "previous", "send", "stream", "topic")
@@ -62,7 +62,7 @@ class Feed:
 
     __slots__ = ("inlet", "kind", "ports", "producer", "stream")
 
-    def __init__(self, stream: str, kind: type[Message], producer: str, inlet: Inlet) -> None:
+    def __init__(self, stream: str, kind: type[Message], producer: str, inlet: Inlet | TcpInlet) -> None:
         self.stream, self.kind, self.producer, self.inlet = stream, kind, producer, inlet
         self.ports: list[Input] = []
 

@@ -6,7 +6,7 @@ Orders go out, reports come in, and which workers hear their orders already is k
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 
 import msgspec
 import zmq
@@ -114,13 +114,13 @@ class Wires:
 
 
 def heard(job: Job, others: Mapping[str, Job]) -> Iterator[tuple[str, str, list[str]]]:
-    """What a worker reads from the others through ZeroMQ: group, outlet and streams."""
+    """What a worker reads from the others: group, outlet and streams."""
     reads = {given.stream for node in job.nodes for given in node.inputs}
     observes = {stream for observer in job.observers for stream in observer.streams}
     for other, theirs in others.items():
         sent = {stream for node in theirs.nodes for stream in node.streams}
         for outlet, wanted in (("force", reads), ("observers", observes)):
-            streams = sorted(sent & wanted) if outlet == "observers" or theirs.carrier == "zmq" else []
+            streams = sorted(sent & wanted)
             if outlet == "observers" and job.observers and sent:
                 streams += [HEALTH, END]
             if streams:
@@ -138,17 +138,6 @@ def listeners(job: Job, others: Mapping[str, Job]) -> dict[str, int]:
     if any(node.streams for node in job.nodes):
         own[HEALTH] = own[END] = sum(bool(theirs.observers) for theirs in others.values())
     return own
-
-
-def pairs(jobs: Iterable[Job]) -> list[tuple[str, str]]:
-    """The pairs that the local carrier needs: stream and reading group."""
-    return [
-        (stream, group)
-        for job in jobs
-        if job.carrier == "local"
-        for stream, groups in job.external.items()
-        for group in groups
-    ]
 
 
 def muted(jobs: Collection[Job], dead: set[str]) -> set[str]:

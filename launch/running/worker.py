@@ -11,10 +11,10 @@ from functools import partial
 
 from palpate.launch.running.audience import Audience
 from palpate.launch.running.bus import HEALTH, Bus, frame
-from palpate.launch.running.carrier import LOOK
-from palpate.launch.running.clock import now
+from palpate.launch.running.clock import LOOK, now
 from palpate.launch.running.compiling import compiling
 from palpate.launch.running.health import Counters, message
+from palpate.launch.running.inlet import LONGEST_MESSAGE
 from palpate.launch.running.job import Job
 from palpate.launch.running.reports import Alive, Beat, Close, End, Gone, Note, Quit, Report, Starting, Stop
 from palpate.launch.running.slot import Feed, NodeFault, Slot, make
@@ -65,10 +65,6 @@ class Worker:
         self._started: list[tuple[str, Node]] = []
         if bus is not None:
             bus.sends(self.outputs)
-            self._send = bus.zmq_outlet(self.look).send
-            if job.carrier == "local":
-                for stream, groups in job.external.items():
-                    self.outputs[stream].send = bus.local_outlet(stream, groups, self.look).send
 
     def _feed(self, slot: Slot) -> None:
         """The inputs from other groups get their feeds."""
@@ -127,6 +123,11 @@ class Worker:
 
     def begin(self, origin: int) -> None:
         """The run begins: who listens, and how the nodes are doing at its beginning. `origin` [ns]: when tick 0 is."""
+        if self.bus is not None:
+            for feed in self.feeds.values():
+                feed.inlet = self.bus.inlet(feed.stream)
+            for stream in self.job.external:
+                self.outputs[stream].send = self.bus.sender(stream, self.look).send
         self._mark_heard()
         for observer in self.audience.begun:
             observer.node.begun(origin)
@@ -157,28 +158,32 @@ class Worker:
                 observer.observe(output.stream, message.tick, payload)
             if self.bus is None:
                 continue
-            if output.external:
-                if output.send is not None:
-                    output.send(payload)
-                else:
-                    self._send(output.topic + payload)
+            if output.send is not None:
+                if len(payload) > LONGEST_MESSAGE:
+                    text = f"a {output.kind.__name__} of {len(payload)} bytes, longest {LONGEST_MESSAGE}"
+                    raise NodeFault(slot.name, f"step at tick {message.tick}", text)
+                output.send(payload)
             if output.observed:
                 self.bus.keep(output.topic + payload)
 
-    def wait(self, feed: Feed) -> bool:
-        """Wait for one message of a stream; returns whether one came. Where none comes the worker looks round."""
-        payload = feed.inlet.wait()
-        if payload is None:
+    def wait(self, feed: Feed, deadline: int | None = None) -> bool:
+        """Wait for a message of a stream, for about `LOOK` or until a deadline [ns]; returns whether one came. Where
+        none comes the worker looks round."""
+        payloads = feed.inlet.wait() if deadline is None else feed.inlet.wait_until(deadline)
+        if not payloads:
             self.look()
             return False
-        self._deliver(feed, payload)
+        for payload in payloads:
+            self._deliver(feed, payload)
         return True
 
     def drain(self) -> None:
         """Take all that has come."""
-        for feed in self.feeds.values():
-            while (payload := feed.inlet.take()) is not None:
-                self._deliver(feed, payload)
+        if self.bus is not None:
+            for inlet in self.bus.sweep():
+                feed = self.feeds[inlet.stream]
+                for payload in inlet.take():
+                    self._deliver(feed, payload)
 
     def _deliver(self, feed: Feed, payload: bytes) -> None:
         try:
@@ -206,11 +211,10 @@ class Worker:
     # -- looking round -------------------------------------------------------------------------------------------
 
     def look(self) -> None:
-        """While nothing can go on: orders, what has come meanwhile, and a sign of life. Ended: it was told to quit."""
+        """While nothing can go on: what has come meanwhile, orders, and a sign of life. Ended: it was told to quit."""
+        # A sender that is held back here may be what the awaited message depends on.
+        self.drain()
         self.heed()
-        if self.slots:
-            # A sender that is held back here may be what the awaited message depends on.
-            self.drain()
         self._overhear_some()
         if now() - self._reported > REPORT:
             self._flush()
@@ -225,9 +229,10 @@ class Worker:
         """Do what the launcher has ordered, or orders within so many milliseconds. Ended: to quit."""
         if self.bus is None:
             return
-        moment = now()
-        self._silence += min(moment - self._glanced, GLANCE)
-        self._glanced = moment
+        if self._alone:
+            moment = now()
+            self._silence += min(moment - self._glanced, GLANCE)
+            self._glanced = moment
         while (order := self.bus.order(wait)) is not None:
             self._silence, wait = 0, 0
             match order:
@@ -273,6 +278,8 @@ class Worker:
             return
         self._burst = 0
         if self.slots:
+            if self.bus is not None:
+                self.bus.sweep()
             self.heed()
             self._overhear_some()
         self._flush()
@@ -285,6 +292,8 @@ class Worker:
 
     def heed_while_full(self) -> None:
         """While observers have no room: orders and signs of life."""
+        if self.bus is not None:
+            self.bus.sweep()
         self.heed()
         if now() - self._reported > REPORT:
             self.sign_of_life()

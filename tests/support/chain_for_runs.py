@@ -62,7 +62,7 @@ class Chain:
         self.tick, self.clock = 0, 0
         self.ran = {slot.name: -1 for slot in self.slots}
 
-    def _pass(self, feed: object) -> None:
+    def _pass(self, feed: object, deadline: int = 0) -> None:
         self.clock += 1_000_000
 
     def now(self) -> int:

@@ -54,7 +54,6 @@ class Fault(NamedTuple):
     what: str
     whom: str
     clock: str
-    carrier: str
     placement: str
     graph: str
     moment: float
@@ -63,29 +62,29 @@ class Fault(NamedTuple):
 def draw(seed: int) -> Fault:
     """The fault of this seed."""
     rng = random.Random(seed)
-    clock, carrier = rng.choice(("simulated", "real")), rng.choice(("zmq", "local"))
+    clock = rng.choice(("simulated", "real"))
     placement, graph = rng.choice(("each", "groups", "fused")), rng.choice(("loop", "loop", "loop", "kidney"))
     kind = rng.choices(("node", "signal", "limit", "terminal", "wire", "busy"), (10, 9, 3, 1, 4, 1))[0]
     if kind == "wire":
         placement = "each" if placement == "fused" else placement  # there are no wires in a fused run
-        return Fault(kind, rng.choice(sorted(WIRES)), "spring", clock, carrier, placement, "loop", rng.randint(20, 200))
+        return Fault(kind, rng.choice(sorted(WIRES)), "spring", clock, placement, "loop", rng.randint(20, 200))
     if kind == "node":
         how = rng.choice(sorted(BREAKS | BEARABLE))
         if how == "stops itself" and placement == "fused":  # a stopped run waits, as it should
             placement = "each"
-        return Fault(kind, how, "spring", clock, carrier, placement, "loop", rng.randint(20, 200))
+        return Fault(kind, how, "spring", clock, placement, "loop", rng.randint(20, 200))
     if kind == "signal":
         whom = rng.choice(("launcher", "fork server", "one", "one", "one"))
         name = rng.choice(SIGNALS[:5] if whom == "launcher" else SIGNALS)
         name = "SIGTERM" if whom == "launcher" and name == "SIGSTOP" else name  # a stopped run waits, as it should
-        return Fault(kind, name, whom, clock, carrier, placement, graph, rng.uniform(0.0, 1.5))
+        return Fault(kind, name, whom, clock, placement, graph, rng.uniform(0.0, 1.5))
     if kind == "limit":
         what = rng.choice(("file size", "descriptors", "disk"))
         what = what if what != "disk" or has_small_disks() else "file size"
-        return Fault(kind, what, "", clock, carrier, placement, graph, rng.uniform(0.0, 1.0))
+        return Fault(kind, what, "", clock, placement, graph, rng.uniform(0.0, 1.0))
     if kind == "busy":
-        return Fault(kind, "4 loops", "", clock, carrier, placement, graph, 0.0)
-    return Fault(kind, "closed", "", clock, carrier, placement, graph, rng.uniform(0.0, 1.5))
+        return Fault(kind, "4 loops", "", clock, placement, graph, 0.0)
+    return Fault(kind, "closed", "", clock, placement, graph, rng.uniform(0.0, 1.5))
 
 
 def run(fault: Fault, folder: Path) -> list[str]:
@@ -99,7 +98,7 @@ def run(fault: Fault, folder: Path) -> list[str]:
         (folder / "disk").mkdir()
         file = folder / "disk" / "run.mcap"
     command = [sys.executable, "-m", "palpate.launch", "run", *_graph(fault, folder), "--record", str(file),
-               "--clock", fault.clock, "--carrier", fault.carrier, "--no-pictures", "--patience", patience,
+               "--clock", fault.clock, "--no-pictures", "--patience", patience,
                "--duration", str(RUN if fault.clock == "real" else 40.0)]  # fmt: skip
     if fault.what == "disk":
         command = [*_small_disk(fault, folder / "disk", kept), *command]

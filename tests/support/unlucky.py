@@ -14,7 +14,7 @@ from typing import Annotated, Any
 import numpy as np
 from nodes_for_runs import Spring
 
-from palpate.launch.running import carrier
+from palpate.launch.running.outlet import Sender
 from palpate.messages import Force, Pose
 
 
@@ -133,21 +133,17 @@ WIRES = {
 """What a wire does, and whether a run on the simulated clock ends by it: there each message is waited for."""
 
 
-def _faulty(outlet: type) -> None:
-    """Frames of this kind of outlet go by a wire of its own; where no fault was set, as they did before."""
-    sound = outlet.send
-
-    def send(self, frame: bytes) -> None:
-        if not hasattr(self, "wire"):
-            self.wire = Wire()
-        head, zero, tail = frame.partition(b"\0") if outlet is carrier.ZmqOutlet else (b"", b"", frame)
-        self.wire.carry(lambda: sound(self, frame), lambda: sound(self, head + zero + b"\xc1" + tail))
-
-    outlet.send = send
+_send = Sender.send
 
 
-for _outlet in (carrier.ZmqOutlet, carrier.LocalOutlet):
-    _faulty(_outlet)
+def _send_by_wire(self: Sender, payload: bytes) -> None:
+    """Messages go by a wire of their stream's own; where no fault was set, as they did before."""
+    if not hasattr(self, "wire"):
+        self.wire = Wire()
+    self.wire.carry(lambda: _send(self, payload), lambda: _send(self, b"\xc1" + payload))
+
+
+Sender.send = _send_by_wire
 
 
 class Unlucky(Spring):

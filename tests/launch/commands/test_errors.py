@@ -14,7 +14,8 @@ from palpate.physics.errors import PalpateError
 
 FOLDERS = ("physics", "fe", "fit", "scan", "messages", "drivers", "nodes", "launch")
 INSIDE = {
-    "Broken", "Ended", "Hangs", "Inverted", "MissingInput", "NotPositive", "Refused", "UnheldError", "_Fault",
+    "Broken", "Ended", "Hangs", "Inverted", "MissingInput", "NotPositive", "Refused", "UnheldError", "ZmtpError",
+    "_Fault",
 }  # fmt: skip
 """Caught by their callers, always; no user meets them."""
 APART = {"MessageError"}

@@ -53,20 +53,18 @@ def test_a_reader_that_has_waited_long_for_a_slow_sender_has_lost_nothing():
 
 
 @mark.parametrize("what", ["loses a frame", "swaps two frames", "garbles a frame"])
-@mark.parametrize("carrier", ["zmq", "local"])
-def test_a_run_ends_and_names_the_sender(tmp_path, what, carrier):
-    fault = Fault("wire", what, "spring", "simulated", carrier, "each", "loop", 40)
+def test_a_run_ends_and_names_the_sender(tmp_path, what):
+    fault = Fault("wire", what, "spring", "simulated", "each", "loop", 40)
     assert random_faults.run(fault, tmp_path) == []
 
 
-@mark.parametrize("carrier", ["zmq", "local"])
-def test_a_frame_that_is_no_message_is_told_as_such_and_not_as_lost(tmp_path, carrier):
-    random_faults.run(Fault("wire", "garbles a frame", "spring", "simulated", carrier, "each", "loop", 40), tmp_path)
+def test_a_frame_that_is_no_message_is_told_as_such_and_not_as_lost(tmp_path):
+    random_faults.run(Fault("wire", "garbles a frame", "spring", "simulated", "each", "loop", 40), tmp_path)
     said = " ".join((tmp_path / "told").read_text().split())
     assert "node 'spring', stream 'spring': MessageError" in said, said
 
 
 @mark.parametrize("what", ["sends a frame twice", "floods"])
 def test_frames_that_come_again_are_dropped(tmp_path, what):
-    fault = Fault("wire", what, "spring", "simulated", "zmq", "each", "loop", 40)
+    fault = Fault("wire", what, "spring", "simulated", "each", "loop", 40)
     assert random_faults.run(fault, tmp_path) == []

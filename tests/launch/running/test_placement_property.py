@@ -1,5 +1,5 @@
 """Placement never changes the answer: random graphs of small nodes with divisors, optional inputs, several outputs and
-loops, in random groupings, by both carriers, against the same graph in one process."""
+loops, in random groupings, against the same graph in one process."""
 
 from __future__ import annotations
 
@@ -35,9 +35,9 @@ def graph(rng: random.Random) -> tuple[str, list[str]]:
     return head + "\n".join(lines) + "\n  log: {use: logger.Mcap, in: all}\n", ["n0", *names]
 
 
-def run(folder: Path, place: Path | str | None, carrier: str | None = None) -> dict[str, list[bytes]]:
+def run(folder: Path, place: Path | str | None) -> dict[str, list[bytes]]:
     record = folder / "run.mcap"
-    launch = LaunchFile(graph=folder / "g.yaml", duration=TICKS / 1000, record=record, place=place, carrier=carrier)
+    launch = LaunchFile(graph=folder / "g.yaml", duration=TICKS / 1000, record=record, place=place)
     outcome = execute(launch)
     assert outcome.result.ok, outcome.result.deaths
     payloads: dict[str, list[bytes]] = {}
@@ -57,11 +57,6 @@ def test_a_random_graph_sends_the_same_bytes_in_any_grouping(tmp_path, seed):
     for name in rng.sample(names, len(names)):
         groups.setdefault(rng.randint(0, 2), []).append(name)
     place = tmp_path / "place.yaml"
-    place.write_text(
-        "\n".join(
-            f"g{i}: {{nodes: [{', '.join(group)}], carrier: {rng.choice(['zmq', 'local'])}}}"
-            for i, group in groups.items()
-        )
-    )
+    place.write_text("\n".join(f"g{i}: {{nodes: [{', '.join(group)}]}}" for i, group in groups.items()))
     assert run(tmp_path, place) == alone
-    assert run(tmp_path, None, "local" if seed % 2 else "zmq") == alone
+    assert run(tmp_path, None) == alone

@@ -34,7 +34,7 @@ def put(made: Slot, port: int, message: Message, tick: int) -> None:
     made.inputs[port].put(msgspec.structs.replace(message, tick=tick, time=tick * MS), 0)
 
 
-def worker(rate: float = 1000.0, links: int = 0, wait=lambda feed: None) -> SimpleNamespace:
+def worker(rate: float = 1000.0, links: int = 0, wait=lambda feed, deadline=0: None) -> SimpleNamespace:
     return SimpleNamespace(
         job=SimpleNamespace(rate=rate, links=links), wait=wait, stopping=False, tick=-1, mute=set(), drain=lambda: None
     )
@@ -105,7 +105,7 @@ def test_a_step_waits_for_its_inputs_until_the_deadline_and_no_longer(monkeypatc
         put(made, 0, POSE, 100)
         put(made, 1, FORCE, 99)
 
-        def wait(feed: object) -> None:
+        def wait(feed: object, deadline: int) -> None:
             clock[0] += MS
             if clock[0] == comes:
                 put(made, 1, FORCE, 100)

@@ -42,10 +42,9 @@ def check(folder: Path) -> None:
     assert report.ok, report.first
 
 
-@pytest.mark.parametrize("carrier", ["zmq", "local"])
 @pytest.mark.parametrize("how", [*HUNG, "kill"])
-def test_the_device_is_without_torque_20_ms_after_a_fault_of_any_kind(tmp_path, how, carrier):
-    outcome = go(tmp_path, how, "real", carrier=carrier)
+def test_the_device_is_without_torque_20_ms_after_a_fault_of_any_kind(tmp_path, how):
+    outcome = go(tmp_path, how, "real")
     (death,) = outcome.result.deaths
     assert death.node == "spring"
     fault = int((tmp_path / "fault").read_text())
