@@ -246,7 +246,7 @@ def test_a_sender_that_has_stopped_is_not_waited_for_where_the_node_can_do_witho
         put(made, 0, FORCE if optional else POSE, 100)
         put(made, 1, FORCE, 100 - age)
 
-        def wait(feed):
+        def wait(feed, deadline):
             waited.append(feed)
             clock[0] += MS
 
