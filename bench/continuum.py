@@ -209,7 +209,7 @@ def patch_pressure(x: np.ndarray, y: np.ndarray, place: float, radius: float = R
     return pressure
 
 
-def _load(points: np.ndarray, faces: np.ndarray, place: float, radius: float) -> np.ndarray:
+def _load(points: np.ndarray, faces: np.ndarray, place: float, radius: float = RADIUS) -> np.ndarray:
     """Consistent nodal forces (N,3) downwards that share a unit force as the half patch that is meshed does."""
     cuts = 6
     corner = [(i, j) for j in range(cuts) for i in range(cuts - j)]

@@ -224,7 +224,8 @@ class CondensedBody:
         """How far the last step is beyond what the body can tell, 0 within: its indentation beyond the deepest that the
         organ was pressed to (1 at twice that; 0 where only the linear organ is known), or its load narrower than the
         touched mesh can tell (1: half as wide)."""
-        return float(max(self._numbers[BEYOND], self._numbers[NARROW]))
+        narrow = self._numbers[NARROW] if len(self._model.true.table) else 0.0
+        return float(max(self._numbers[BEYOND], narrow))
 
     @property
     def still(self) -> bool:
