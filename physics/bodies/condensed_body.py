@@ -392,11 +392,14 @@ def _displaced(model, foot, within, fields, active, count, touched, normal, numb
         for i in range(3):
             _add(field, compliance[3 * v + i], patch[v, i] / model.young)
             patch[v, i] = 0.0
-        if len(true.table) > 0:
-            amount = true.normal * press * share[v, 0] / model.young
-            for b in range(len(u)):
-                for i in range(3):
-                    u[b, i] += amount * true.table[v, b] * normal[i]
+    if len(true.table) > 0:
+        hats = patch.reshape(-1)[: len(u)]
+        for k in range(touched):
+            _add(hats, true.table[int(order[k])], true.normal * press * share[int(order[k]), 0] / model.young)
+        for v in range(len(u)):
+            for i in range(3):
+                u[v, i] += hats[v] * normal[i]
+        hats[:] = 0.0
     told = carried(model.corners, model.weights, u, model.fine, foot, within, nodes, moved)
     if len(true.table) > 0:
         deep = (1.0 - true.held) * true.normal * press / (model.young * radius)
