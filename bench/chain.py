@@ -20,7 +20,7 @@ from palpate.bench.touches import Touch
 from palpate.bench.truth import SLIDING, worked
 from palpate.messages import Contact, Friction, Load, Proximity, Surface
 from palpate.nodes.base import Node, SettingError
-from palpate.nodes.base.surface import OnSurface
+from palpate.nodes.base.surface import OnSurface, complete
 from palpate.nodes.contact import Series
 from palpate.nodes.friction import LuGre  # type: ignore[attr-defined]
 from palpate.nodes.spread import Kernel
@@ -85,7 +85,7 @@ def run(touch: Touch, body: type[Node], fidelity: Fidelity, contact: dict[str, A
         flat = mesh.vertices[:, :2]
         for k in np.linspace(0, len(times) - 1, LOOKS + 2).astype(int)[1:-1]:
             moved = np.zeros(len(flat))
-            surface = first[k][3]
+            surface = complete(first[k][3], mesh.vertices)
             moved[surface.nodes] = -surface.displacement[:, 2]
             near = np.hypot(flat[:, 0] - place[k], flat[:, 1]) < NEAR
             shapes.append((float(times[k]), flat[near], moved[near]))

@@ -58,21 +58,24 @@ class Block:
     place   [m] x of the patch's middle
     cells   cells across the patch's radius
     nodule  a harder ball, or None
+    radius  [m] of the patch;  poisson [1] of the tissue
     """
 
     place: float = 0.0
     cells: int = 4
     nodule: Nodule | None = None
+    radius: float = RADIUS
+    poisson: float = POISSON
 
     def axes(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Coordinates [m] of the grid's planes, finest under the patch and round the nodule."""
-        size = RADIUS / self.cells
-        low, high, below = self.place - RADIUS, self.place + RADIUS, 0.6 * RADIUS
+        size = self.radius / self.cells
+        low, high, below = self.place - self.radius, self.place + self.radius, 0.6 * self.radius
         if self.nodule is not None:
             low, high = min(low, -self.nodule.radius), max(high, self.nodule.radius)
             below = self.nodule.depth + self.nodule.radius
         x = graded(-SIDE / 2, low, high, SIDE / 2, size)
-        y = graded(0.0, 0.0, RADIUS, SIDE / 2, size)
+        y = graded(0.0, 0.0, self.radius, SIDE / 2, size)
         z = graded(-SLAB, -below, 0.0, 0.0, size)
         return x, y, z
 
@@ -150,9 +153,9 @@ def tetrahedra(block: Block) -> Tetrahedra:
     under = mesh.faces[(corner_z < near - SLAB).all(axis=1)]
     fixed = np.zeros(p.shape, dtype=bool)
     fixed[p[:, 1] < near, 1] = True
-    fixed[stuck(p, block.place), :2] = True
+    fixed[stuck(p, block.place, block.radius), :2] = True
     x, y = (halved(a) for a in axes[:2])
-    return Tetrahedra(mesh, ratios, _load(p, top, block.place), fixed, under, _top_grid(p, axes), x, y)
+    return Tetrahedra(mesh, ratios, _load(p, top, block.place, block.radius), fixed, under, _top_grid(p, axes), x, y)
 
 
 def press(
@@ -160,7 +163,7 @@ def press(
 ) -> Curve:
     """Press the block with `fe.Solver`."""
     cut = tetrahedra(block)
-    materials = {k: neo_hooke(young * float(h), POISSON) for k, h in enumerate(cut.ratios)}
+    materials = {k: neo_hooke(young * float(h), block.poisson) for k, h in enumerate(cut.ratios)}
     bed = Bed(cut.under, BED * young)
     body = Solver(cut.mesh, materials, cut.fixed, loads=lambda f: 0.5 * f * cut.unit, contacts=[bed], settings=STEPS)
     depth, shape, seconds = [], [], []
@@ -192,21 +195,21 @@ def curve(
     return Curve(levels, s[1:], work, x, y, np.array(shape), unknowns, np.array(seconds))
 
 
-def stuck(points: np.ndarray, place: float) -> np.ndarray:
+def stuck(points: np.ndarray, place: float, radius: float = RADIUS) -> np.ndarray:
     """Nodes of the top under the patch (N,) bool."""
     away = np.hypot(points[:, 0] - place, points[:, 1])
-    loaded: np.ndarray = (points[:, 2] > -1e-9) & (away < RADIUS * (1.0 - 1e-9))
+    loaded: np.ndarray = (points[:, 2] > -1e-9) & (away < radius * (1.0 - 1e-9))
     return loaded
 
 
-def patch_pressure(x: np.ndarray, y: np.ndarray, place: float) -> np.ndarray:
+def patch_pressure(x: np.ndarray, y: np.ndarray, place: float, radius: float = RADIUS) -> np.ndarray:
     """Pressure of a unit force [1/m²] on the patch at (x, y) [m]."""
-    q = np.minimum(((x - place) ** 2 + y**2) / RADIUS**2, 1.0)
-    pressure: np.ndarray = 3.0 / (np.pi * RADIUS**2) * (1.0 - q) ** 2
+    q = np.minimum(((x - place) ** 2 + y**2) / radius**2, 1.0)
+    pressure: np.ndarray = 3.0 / (np.pi * radius**2) * (1.0 - q) ** 2
     return pressure
 
 
-def _load(points: np.ndarray, faces: np.ndarray, place: float) -> np.ndarray:
+def _load(points: np.ndarray, faces: np.ndarray, place: float, radius: float = RADIUS) -> np.ndarray:
     """Consistent nodal forces (N,3) downwards that share a unit force as the half patch that is meshed does."""
     cuts = 6
     corner = [(i, j) for j in range(cuts) for i in range(cuts - j)]
@@ -219,7 +222,7 @@ def _load(points: np.ndarray, faces: np.ndarray, place: float) -> np.ndarray:
     own = np.einsum("qa,fai->fqi", value, points[faces])
     weight = face_rule.areas(points, faces)  # of the rule's points on a flat face: the same on every part, over cuts²
     weight = np.tile(weight, (1, len(small))) / cuts**2
-    nodal = np.einsum("fq,qa->fa", weight * patch_pressure(own[..., 0], own[..., 1], place), value)
+    nodal = np.einsum("fq,qa->fa", weight * patch_pressure(own[..., 0], own[..., 1], place, radius), value)
     pull = np.zeros(points.shape)
     np.add.at(pull[:, 2], faces, -nodal)
     return pull / -pull.sum()

@@ -20,7 +20,8 @@ class Surface(Message):
 
     It speaks of the time `step` after that of the message; docs/equations/contact.md has what it says of other times.
 
-    nodes         [1]     (k)    indices of the displaced vertices, of the sender's own mesh
+    nodes         [1]     (k)    indices of displaced vertices of the sender's own mesh. The others rest or, where
+                                 those listed lie all over the mesh, between them (nodes.base.surface.complete)
     displacement  [m]     (k,3)  of each
     pressure      [Pa]    (p)    contact pressure at each of `nodes`; empty where the model has none
     slipped       [1]     (q)    1 for each of `nodes` that slides; empty where the model does not know

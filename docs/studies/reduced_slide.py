@@ -40,7 +40,7 @@ class Finger:
     def __init__(self, node: ReducedFE, basis: Basis, retardation: float, along: bool) -> None:
         self.along = along
         self.mesh = node.mesh()
-        self.body = CondensedBody(basis, self.mesh, node.young, retardation, node.radius, node.reach)
+        self.body = CondensedBody(basis, self.mesh, node.young, retardation, node.radius, node.reach, node.poisson)
         self.spread, self.closest = Spreader(self.mesh, node.radius, "biweight"), MeshClosestPoint(self.mesh)
         self.own = exponential(Series().finger_stiffness, Series().finger_hardening)
         self.compression, self.law = 0.0, Terminal(1.0, 1.0, 0.0, 0.0, 0.0)

@@ -90,8 +90,8 @@ def tune(
     if as_json:
         _json(ranked, best, came, file, base, why)
     else:
-        against = f"Errors are against {Candidate(base).title}, " + (
-            f"what its basis claims of itself added: {100 * claimed:.2g} %."
+        against = f"Errors are differences from {Candidate(base).title}, " + (
+            f"what it is known to be off by itself added: {100 * claimed:.2g} %."
             if claimed
             else "of whose own error nothing is known."
         )

@@ -34,6 +34,7 @@ from palpate.messages import (
     Surface,
     unpack,
 )
+from palpate.nodes.base.surface import complete
 from palpate.physics.geometry.mesh import Mesh
 
 KEPT = 400
@@ -96,14 +97,15 @@ class Feed:
         if not count or Contact not in self.last:
             return None
         head = {"kind": "frame", "t": times, "f": forces, "s": depths, "late": max(self.late.values(), default=0)}
-        return frame(head | now(self.last, self.touched.thickness), self.last.get(Surface))
+        return frame(head | now(self.last, self.touched.thickness), self.last.get(Surface), self.touched.mesh)
 
 
-def frame(head: dict[str, Any], surface: Message | None) -> bytes:
-    """A picture: what is told in its head, and the surface's nodes, displacements and pressures. Which nodes slide is
-    told in the head, where the body knows."""
+def frame(head: dict[str, Any], surface: Message | None, mesh: Mesh) -> bytes:
+    """A picture: what is told in its head, and the nodes, displacements and pressures of the surface on a
+    mesh. Which nodes slide is told in the head, where the body knows."""
     if not isinstance(surface, Surface):
         return packed(head, np.zeros(0, "<u4"), np.zeros(0, "<f4"), np.zeros(0, "<f4"))
+    surface = complete(surface, mesh.vertices)
     if len(surface.slipped) and len(surface.slipped) == len(surface.nodes):
         head = head | {"slipped": surface.slipped.tolist()}
     pressure = surface.pressure if len(surface.pressure) == len(surface.nodes) else ()

@@ -126,8 +126,8 @@ class Reel:
         last = self.last(min(max(time, self.times[0]), self.times[-1]))
         head: dict[str, Any] = {"kind": "frame", "reel": number, "asked": time}
         if Contact not in last:
-            return frame(head, None)
-        return frame(head | now(last, self.thickness), last.get(Surface))
+            return frame(head, None, self.mesh)
+        return frame(head | now(last, self.thickness), last.get(Surface), self.mesh)
 
 
 def _thinned(rows: np.ndarray) -> np.ndarray:

@@ -23,7 +23,7 @@ class Views:
 
     def __init__(self, touch: Touch) -> None:
         mesh = surface_mesh(touch)
-        self.instants: list[Instant] = instants(touch, len(mesh.vertices), COUNT)
+        self.instants: list[Instant] = instants(touch, mesh.vertices, COUNT)
         count = len(self.instants)
         self.columns = min(COLUMNS, count)
         self.near = sorted(sorted(range(count), key=lambda i: -self.instants[i].depth)[: self.columns])

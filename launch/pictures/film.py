@@ -66,7 +66,7 @@ def picture(file: Path, at: float, target: Path, of: Colour = COLOURS["displacem
         raise NoMesh(f"{file}: --at {at:g} s, but it was recorded from {times[0]:.3f} s to {times[-1]:.3f} s")
     tick = int(ticks[np.abs(times - at).argmin()])
     mesh = surface_mesh(touch)
-    (instant,) = instants_at(touch, len(mesh.vertices), [tick])
+    (instant,) = instants_at(touch, mesh.vertices, [tick])
     check(of, [instant.surface], f"{file} at {instant.time:.3f} s")
     for frame in _frames(mesh, [instant], of):
         target.parent.mkdir(parents=True, exist_ok=True)
@@ -92,7 +92,7 @@ def film(file: Path, target: Path, rate: float = 25.0, speed: float = 1.0, of: C
     moments = times[0] + np.arange(count) * speed / rate
     chosen = ticks[np.minimum(np.searchsorted(times, moments - 1e-9), len(ticks) - 1)]
     mesh = surface_mesh(touch)
-    by_time = instants_at(touch, len(mesh.vertices), np.unique(chosen).tolist())
+    by_time = instants_at(touch, mesh.vertices, np.unique(chosen).tolist())
     check(of, [one.surface for one in by_time], str(file))
     rows = np.searchsorted(np.unique(chosen), chosen)
     target.parent.mkdir(parents=True, exist_ok=True)

@@ -11,6 +11,7 @@ from palpate.launch.loading.load import UntrustedError, recorded_class
 from palpate.launch.pictures.touch import Columns, Touch, together, touches
 from palpate.messages import Surface
 from palpate.nodes.base import Node, SettingError
+from palpate.nodes.base.surface import complete
 from palpate.physics.errors import PalpateError
 
 SHALLOWEST = 0.35
@@ -102,11 +103,14 @@ def choose(contact: Columns, count: int) -> list[int]:
     return [int(contact["tick"][row]) for row in sorted(set(chosen))]
 
 
-def instants(touch: Touch, vertices: int, count: int = 6) -> list[Instant]:
-    """Up to `count` instants. NoMesh: no contact, surface or displacement was recorded, or it does not fit the mesh."""
+def instants(touch: Touch, points: np.ndarray, count: int = 6) -> list[Instant]:
+    """Up to `count` instants of a mesh with these vertices [m] (V,3).
+
+    NoMesh: no contact, surface or displacement was recorded, or it does not fit the mesh.
+    """
     if touch.recording.stream_of(Surface) is None or touch.contact is None:
         raise NoMesh("the recording has no contact on a surface")
-    chosen = instants_at(touch, vertices, choose(touch.contact, count))
+    chosen = instants_at(touch, points, choose(touch.contact, count))
     if not chosen:
         raise NoMesh("nothing was touched")
     if not any(instant.displacement.any() for instant in chosen):
@@ -114,7 +118,7 @@ def instants(touch: Touch, vertices: int, count: int = 6) -> list[Instant]:
     return chosen
 
 
-def instants_at(touch: Touch, vertices: int, ticks: list[int]) -> list[Instant]:
+def instants_at(touch: Touch, points: np.ndarray, ticks: list[int]) -> list[Instant]:
     """The instants at these ticks, as far as both contact and surface were recorded there.
 
     NoMesh: no contact or surface was recorded, or it does not fit the mesh.
@@ -129,12 +133,13 @@ def instants_at(touch: Touch, vertices: int, ticks: list[int]) -> list[Instant]:
         if tick not in rows:
             continue
         row = rows[tick]
+        surface = complete(surface, points)
         contact = {name: values[row] for name, values in touch.contact.items()}
         moments.append(
             Instant(
                 time=float(contact["time"]),
                 surface=surface,
-                displacement=displaced(surface, vertices),
+                displacement=displaced(surface, len(points)),
                 tip=tips.get(tick),
                 normal=contact["normal"],
                 force=forces.get(tick, np.zeros(3)),

@@ -22,8 +22,9 @@ import msgspec
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from palpate.messages import Vector3
+from palpate.messages import Surface, Vector3
 from palpate.nodes.base import Node, SettingError
+from palpate.physics.geometry.graded import filled, spread_over
 from palpate.physics.geometry.kidney import THICKNESS, kidney
 from palpate.physics.geometry.mesh import Mesh, plane
 from palpate.physics.geometry.nurbs import Nurbs
@@ -96,6 +97,26 @@ def surface_mesh(
     turn = _matrix(rotation)
     _finite("position", position)
     return Mesh(np.ascontiguousarray(mesh.vertices @ turn.T + np.asarray(position)), mesh.triangles)
+
+
+def complete(surface: Surface, points: np.ndarray) -> Surface:
+    """The surface with all vertices listed where it is one of a body that moves as a whole: those between the ones that
+    were sent are interpolated, pressure and slip are 0 there. As it is where the others are at rest, or where it is of
+    another mesh than these points [m] (V,3)."""
+    nodes = surface.nodes
+    if not len(nodes) or int(nodes.max()) >= len(points) or not spread_over(points, nodes):
+        return surface
+
+    def spread(values: np.ndarray) -> np.ndarray:
+        every = np.zeros(len(points), values.dtype)
+        every[nodes] = values
+        return every
+
+    more = {n: spread(v) for n in ("pressure", "slipped") if len(v := getattr(surface, n)) == len(nodes)}
+    return msgspec.structs.replace(
+        surface, nodes=np.arange(len(points), dtype=np.int32),
+        displacement=filled(points, nodes, surface.displacement), **more,
+    )  # fmt: skip
 
 
 def surface_patch(surface: str, position: Vector3 = LEVEL, rotation: Vector3 = LEVEL) -> Nurbs:

@@ -34,6 +34,7 @@ from palpate.physics.geometry.mesh import Mesh
 
 NO_NODES = np.zeros(0, dtype=np.int32)
 NO_VECTORS = np.zeros((0, 3))
+NO_PRESSURE = np.zeros(0)
 BUILT_FROM = (
     "model", "modes", "surface", "file_unit", "poisson", "bed", "coarse", "nodule_centre", "nodule_radius",
     "nodule_ratio", "capsule_thickness", "capsule_ratio",
@@ -75,15 +76,19 @@ class ReducedFE(OnSurface):
     """Of a skin of other modulus; 0 is a homogeneous organ."""
     capsule_ratio: Annotated[float, "1", msgspec.Meta(gt=0)] = 10.0
     """Modulus of the skin over that of the organ."""
+    sticks: Annotated[bool, "1"] = True
+    """Whether the surface under the patch sticks to the finger or is free to slide on it; not of the sampled model."""
     coarse: Annotated[int, "1", msgspec.Meta(ge=50, le=2000)] = 600
     """About how many vertices the condensed surface has."""
     radius: Annotated[float, "m", msgspec.Meta(gt=0)] = 8e-3
     """Of the patch that the terminal law is taken over before the first load."""
-    reach: Annotated[float, "m", msgspec.Meta(gt=0)] = 20e-3
-    """From the foot point within which displacements are sent."""
+    reach: Annotated[float, "m", msgspec.Meta(gt=0)] = 10e-3
+    """From the foot point within which the displacement of every vertex is sent; farther off of fewer and fewer."""
 
     def start(self) -> None:
         self._body = self._made()
+        mesh = self.mesh()
+        self._areas, self._push = mesh.areas, np.zeros(len(mesh.vertices))
         self._place: tuple[Vector3, Vector3] | None = None
 
     def rests(self, load: Load) -> bool:
@@ -94,7 +99,9 @@ class ReducedFE(OnSurface):
     def _made(self) -> CondensedBody | SampledBody | Ladder:
         """The body at its place, at rest."""
         basis, given = self._placed()
-        return SampledBody(basis, *given) if isinstance(basis, SampledBasis) else CondensedBody(basis, *given)
+        if isinstance(basis, SampledBasis):
+            return SampledBody(basis, *given)
+        return CondensedBody(basis, *given, self.poisson, self.sticks)
 
     def _placed(self) -> tuple[Basis | SampledBasis, tuple[Mesh, float, float, float, float]]:
         """The basis at its place, and what else a body of it takes."""
@@ -112,7 +119,7 @@ class ReducedFE(OnSurface):
                 blocks = np.einsum("ij,ajbk,lk->aibl", turn, blocks, turn, optimize=True)
             return np.ascontiguousarray(blocks.reshape(3 * count, -1), np.float32)
 
-        given = (placed, self.young, self.retardation, self.radius, self.reach)
+        given = (placed, self.young, self.retardation, self.radius, max(self.reach, 1.25 * self.radius))
         if isinstance(basis, SampledBasis):
             modes = np.einsum("ij,ajk->aik", turn, basis.modes.reshape(count, 3, -1)).reshape(3 * count, -1)
             missed = turned(basis.missed)
@@ -135,6 +142,7 @@ class ReducedFE(OnSurface):
         return Surface(
             nodes=nodes,
             displacement=moved,
+            pressure=self._pressure(load, nodes),
             stiffness=stiffness,
             exponent=exponent,
             damping=0.0,
@@ -155,8 +163,18 @@ class ReducedFE(OnSurface):
 
     @part("shape", "nodes", "displacement", otherwise=(NO_NODES, NO_VECTORS))
     def _displaced(self, foot: Vector3) -> tuple[np.ndarray, np.ndarray]:
-        """The vertices of the surface that are displaced within reach, and how far [m]."""
+        """Vertices of the surface, all within reach and fewer farther off, and how far they are displaced [m]."""
+        if isinstance(self._body, CondensedBody) and self._body.still:
+            return NO_NODES, NO_VECTORS
         return self._body.displaced(foot)
+
+    @part("pressure", "pressure", otherwise=NO_PRESSURE)
+    def _pressure(self, load: Load, nodes: np.ndarray) -> np.ndarray:
+        """Of the load on the vertices that are sent [Pa]: its part against the normal over the area of each."""
+        self._push[load.nodes] = -(load.forces @ np.array(load.normal)) / self._areas[load.nodes]
+        pressure = np.maximum(self._push[nodes], 0.0)
+        self._push[load.nodes] = 0.0
+        return pressure
 
     @part("slope", "slope", "turning", otherwise=((0.0, 0.0, 0.0), ()))
     def _along(self, loaded: int) -> tuple[Vector3, Vector]:

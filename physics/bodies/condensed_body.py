@@ -11,6 +11,9 @@ symmetric and positive, so a step is passive whatever its length: the work done 
 the energy h.C h/(2E) that it stores. Only the vertices that carry load now or did a few tau ago hold any h, so that a
 step costs what the contact covers, not what the mesh holds.
 
+The patch itself has the compliance of the true load in place of that of the coarse vertices' wider one
+(`physics.bodies.true_patch`): V* = h.C h/2E + (c - g.C g/E) y²/2, y the normal force on the patch that h stands for.
+
 With dents (`physics.dents`) the organ is nonlinear under the patch: u = dV*/dh instead of C h/E. Its V* is convex, so
 the same step stays passive at a place: the load's work is at least the growth of h.u - V*.
 """
@@ -28,8 +31,17 @@ from palpate.physics.archive import read_arrays
 from palpate.physics.bodies.dents import SPACING, hat_moments, patch_radius, rise, risen
 from palpate.physics.bodies.patch import barycentric, carried, normal_force, share_of
 from palpate.physics.bodies.place_energy import Ground, along, held, softness, weight_slopes
+from palpate.physics.bodies.true_patch import (
+    TruePatch,
+    dent_at,
+    load_radius,
+    patch_compliance,
+    true_patch,
+    uncorrected,
+)
 from palpate.physics.contact.spread import Spreader
 from palpate.physics.errors import PalpateError
+from palpate.physics.geometry.graded import ranges
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.geometry.mesh_closest import MeshClosestPoint
 
@@ -102,7 +114,9 @@ class Model(NamedTuple):
     compliance, vertices, dents  as in `Basis`
     moments           of the hats of the coarse vertices, see `dents.hat_moments`
     corners, weights  [1] (W,3)  vertices of the triangle that a vertex of the fine mesh lies on, and its share of each
-    young [Pa], retardation [s]  E, tau;  margin [m]  longest edge of the coarse surface
+    young [Pa], retardation [s]  E, tau
+    fine [m] (W,3)    vertices of the fine mesh
+    true              what is known of the load's own patch
     """
 
     compliance: np.ndarray
@@ -113,12 +127,17 @@ class Model(NamedTuple):
     weights: np.ndarray
     young: float
     retardation: float
-    margin: float
+    fine: np.ndarray
+    true: TruePatch
 
 
-COMPLIANCE, FREE, NOW, MORE, OWN, BEYOND = range(6)
+COMPLIANCE, FREE, NOW, MORE, OWN, BEYOND, PRESS, RADIUS, NARROW, WIDE = range(10)
 """Numbers that a body keeps: compliance [m/N], s_free and s [m] of the law that was told, the load [N] on the patch
-that large displacement adds, compliance [m/N] of the linear body at rest, how far beyond the deepest press it is."""
+that large displacement adds, compliance [m/N] of the linear body at rest, how far beyond the deepest press it is, the
+normal force [N] on the patch with what was added, the patch's radius [m], how much narrower than the mesh it is, its
+radius [m] on the coarse surface, which the dents were found under."""
+SIDE = slice(10, 13)
+"""What holds the patch along the surface [1] (3), see `true_patch.patch_compliance`."""
 
 
 class CondensedBody:
@@ -129,32 +148,46 @@ class CondensedBody:
     young     [Pa] > 0, modulus E
     retardation  [s] >= 0, tau
     radius    [m] of the patch that the terminal law is taken over while nothing is loaded
-    reach     [m] from the foot point within which displacements are computed
+    reach     [m] from the foot point within which all displacements are told, fewer farther off
+    poisson   [1] of the organ under the patch; None: the compliance of the widened load is left as it is, as the full
+              model of the same coarse surface has it
+    sticks    whether the surface under the patch sticks to the finger
     """
 
-    def __init__(self, basis: Basis, mesh: Mesh, young: float, retardation: float, radius: float, reach: float) -> None:
+    def __init__(
+        self,
+        basis: Basis,
+        mesh: Mesh,
+        young: float,
+        retardation: float,
+        radius: float,
+        reach: float,
+        poisson: float | None = None,
+        sticks: bool = True,
+    ) -> None:
         coarse = Mesh(basis.vertices, basis.triangles)
         foot, _, triangle, _ = MeshClosestPoint(coarse).find(mesh.vertices)
         self.corners, self.weights = barycentric(coarse, triangle, foot)
         self.basis, self.mesh = basis, mesh
         self._spreader = Spreader(mesh, radius, "biweight")
-        self.young, self.retardation, self.reach = young, retardation, reach
+        self.young, self.retardation = young, retardation
+        self._within = ranges(mesh.vertices, reach)
         count = len(basis.vertices)
-        edges = coarse.vertices[coarse.triangles]
-        margin = float(np.linalg.norm(edges - np.roll(edges, 1, axis=1), axis=2).max())
         self._count = self._touched = 0
         dents = basis.dents if basis.dents.size else np.zeros((count, 0))
         moments = hat_moments(coarse)
+        true = uncorrected(mesh) if poisson is None else true_patch(coarse, mesh, poisson, sticks)
         self._model = Model(
-            basis.compliance, basis.vertices, dents, moments, self.corners, self.weights, young, retardation, margin
-        )
-        self._fields, self._marks = np.zeros((4, count, 3)), np.zeros((2, count), dtype=np.int64)
-        self._curve, self._numbers = np.zeros((2, dents.shape[1] + 1)), np.zeros(6)
+            basis.compliance, basis.vertices, dents, moments, self.corners, self.weights, young, retardation,
+            mesh.vertices, true,
+        )  # fmt: skip
+        self._fields, self._marks = np.zeros((5, count, 3)), np.zeros((2, count), dtype=np.int64)
+        self._curve, self._numbers = np.zeros((2, dents.shape[1] + 1)), np.zeros(13)
         self.held = self._fields[0]
         """[N] (V,3) loads that the displacement follows, h."""
         self._normal = (0.0, 0.0, 0.0)
         slopes = weight_slopes(coarse, self.corners)
-        soft = softness(coarse, basis.compliance, self._spreader, self.corners, self.weights)
+        soft = softness(coarse, mesh, basis.compliance, true, self._spreader, self.corners, self.weights)
         self._ground = Ground(basis.vertices, coarse.normals, moments, self.corners, slopes, soft, dents)
         self._patch, self._pull = np.zeros(0, dtype=np.int32), np.zeros((0, 3))
         self._slope, self._turning = np.zeros(3), np.zeros((3, 3))
@@ -188,9 +221,11 @@ class CondensedBody:
 
     @property
     def beyond(self) -> float:
-        """How far the last step's indentation is beyond the deepest that the organ was pressed to: 0 within, 1 at
-        twice that; 0 where only the linear organ is known."""
-        return float(self._numbers[BEYOND])
+        """How far the last step is beyond what the body can tell, 0 within: its indentation beyond the deepest that the
+        organ was pressed to (1 at twice that; 0 where only the linear organ is known), or its load narrower than the
+        touched mesh can tell (1: half as wide)."""
+        narrow = self._numbers[NARROW] if len(self._model.true.table) else 0.0
+        return float(max(self._numbers[BEYOND], narrow))
 
     @property
     def still(self) -> bool:
@@ -205,26 +240,25 @@ class CondensedBody:
             return 0.0
         if not self._model.dents.shape[1]:
             return 0.5 * now * now / own
-        _, _, measure, order = self._fields
-        radius = patch_radius(self._model.vertices, self._model.moments, order[:, 0], self._touched, measure)
+        radius = float(self._numbers[WIDE])
         return float(radius * radius / own * held(self._curve[0], self._curve[1], now / radius))
 
     def along(self) -> tuple[tuple[float, float, float], tuple[float, ...]]:
         """What the energy at the force of the last step gains along the surface [N] (3), and how the normal turns there
         [1/m] (9), row by row: see `physics.bodies.place_energy`."""
-        _, _, measure, order = self._fields
+        _, _, measure, order, _ = self._fields
         along(
             self._ground, order[:, 0], self._touched, measure, self._patch, self._pull, self._normal,
-            float(self._numbers[OWN]), self._slope, self._turning,
+            float(self._numbers[WIDE]), float(self._numbers[OWN]), self._slope, self._turning,
         )  # fmt: skip
         x, y, z = self._slope.tolist()
         return (x, y, z), tuple(self._turning.ravel().tolist())
 
     def displaced(self, foot: tuple) -> tuple[np.ndarray, np.ndarray]:
-        """Vertices of the mesh within reach of the foot point, and their displacements [m] (k,3)."""
+        """Vertices of the mesh, all near the foot point and fewer farther off, and their displacements [m] (k,3)."""
         count = _displaced(
-            self._model, self.mesh.vertices, foot, self.reach, self._fields, self._marks[0], self._count,
-            self._touched, self._normal, float(self._numbers[MORE]), self._nodes, self._moved,
+            self._model, foot, self._within, self._fields, self._marks[0], self._count, self._touched, self._normal,
+            self._numbers, self._nodes, self._moved,
         )  # fmt: skip
         return self._nodes[:count], self._moved[:count]
 
@@ -234,7 +268,7 @@ def _step(model, patch, pull, share, normal, dt, fields, marked, curve, numbers,
     """`share` is 1 where `pull` is a load, 0 where it only marks the patch. Returns how many vertices hold load, and
     how many the patch touches.
 
-    fields  (4,V,3)    h [N]; the load, later the displacement; shares of the normal force; the vertices of the patch
+    fields  (5,V,3)    h [N]; the load, later the displacement; shares of the normal force; vertices of the patch; room
     marked  [1] (2,V)  the vertices that hold load; 1 for each of these
     curve   (2,D+1)    knots and slopes of the indentation over that of the linear body
     """
@@ -284,7 +318,7 @@ def _step(model, patch, pull, share, normal, dt, fields, marked, curve, numbers,
             active[kept] = v
             kept += 1
     count = kept
-    now, static, own = 0.0, 0.0, 0.0
+    now, static, pressed = 0.0, 0.0, 0.0
     for k in range(touched):
         v = int(order[k])
         for i in range(3):
@@ -295,24 +329,29 @@ def _step(model, patch, pull, share, normal, dt, fields, marked, curve, numbers,
             for m in range(count):
                 b = active[m]
                 now += side * (row[3 * b] * held[b, 0] + row[3 * b + 1] * held[b, 1] + row[3 * b + 2] * held[b, 2])
-            for m in range(touched):
-                b = int(order[m])
-                push = measure[b, 0]
-                own -= side * push * (row[3 * b] * normal[0] + row[3 * b + 1] * normal[1] + row[3 * b + 2] * normal[2])
-                if share > 0.0:
+                out = held[b, 0] * normal[0] + held[b, 1] * normal[1] + held[b, 2] * normal[2]
+                along = row[3 * b] * normal[0] + row[3 * b + 1] * normal[1] + row[3 * b + 2] * normal[2]
+                pressed += side * out * along
+            if share > 0.0:
+                for m in range(touched):
+                    b = int(order[m])
                     static += side * (
                         row[3 * b] * load[b, 0] + row[3 * b + 1] * load[b, 1] + row[3 * b + 2] * load[b, 2]
                     )
-    now /= young
-    static /= young
-    own /= young
-    aside = static - own * total if share > 0.0 and total > 0.0 else 0.0  # what the tangential load adds
+    radius, narrow = load_radius(model.fine, patch, pull, normal, total, model.true.least)
+    body, more = patch_compliance(compliance, model.true, order, touched, measure, normal, radius, numbers[SIDE])
+    own = (body + more) / young
+    press = pressed / body if body > 0.0 else 0.0  # the normal force on the patch that h stands for
+    aside = (static - body * total) / young if share > 0.0 and total > 0.0 else 0.0  # what the tangential load adds
+    now = (now + more * press) / young
     free = keep * now + take * aside
     numbers[COMPLIANCE], numbers[FREE], numbers[NOW] = take * own, free, now
     numbers[MORE], numbers[OWN], numbers[BEYOND] = 0.0, own, 0.0
+    numbers[PRESS], numbers[RADIUS], numbers[NARROW] = press, radius, narrow
     if dents.shape[1] == 0 or not own > 0.0:
         return count, touched
     radius = patch_radius(model.vertices, model.moments, order, touched, measure)
+    numbers[WIDE] = radius
     knots, slopes = curve[0], curve[1]
     rise(dents, order, touched, measure, knots, slopes)
     force = max(total * share, LEAST_FORCE)
@@ -327,30 +366,55 @@ def _step(model, patch, pull, share, normal, dt, fields, marked, curve, numbers,
         numbers[COMPLIANCE] = slope * take * own
         numbers[FREE] = radius * then - numbers[COMPLIANCE] * force
     numbers[MORE] = (numbers[NOW] - now) / own
+    numbers[PRESS] += numbers[MORE]
     return count, touched
 
 
 @numba.njit(cache=True)
-def _displaced(model, vertices, foot, reach, fields, active, count, touched, normal, more, nodes, moved):
-    """`more` [N] is the load on the patch that large displacement adds; the patch is the last step's."""
-    compliance, points, held, u, share, order = (
-        model.compliance, model.vertices, fields[0], fields[1], fields[2], fields[3, :, 0]
-    )  # fmt: skip
-    far = (reach + 1.5 * model.margin) ** 2
-    for v in range(len(points)):
-        d0, d1, d2 = points[v, 0] - foot[0], points[v, 1] - foot[1], points[v, 2] - foot[2]
-        if d0 * d0 + d1 * d1 + d2 * d2 > far:
-            continue
+def _displaced(model, foot, within, fields, active, count, touched, normal, numbers, nodes, moved):
+    """Displacements of the fine mesh: of the body under what it holds, what large displacement adds and what holds the
+    patch along the surface, with the half-space's own under the true load in place of that under the hats."""
+    compliance, held, u, share, order = model.compliance, fields[0], fields[1], fields[2], fields[3, :, 0]
+    true, press, radius = model.true, numbers[PRESS], numbers[RADIUS]
+    field, side, patch = u.reshape(-1), numbers[SIDE], fields[4]
+    field[:] = 0.0
+    for k in range(touched):
+        v = int(order[k])
         for i in range(3):
-            total = 0.0
-            row = compliance[3 * v + i]
-            for k in range(count):
-                b = active[k]
-                total += row[3 * b] * held[b, 0] + row[3 * b + 1] * held[b, 1] + row[3 * b + 2] * held[b, 2]
-            if more != 0.0:
-                for k in range(touched):
-                    b = int(order[k])
-                    along = row[3 * b] * normal[0] + row[3 * b + 1] * normal[1] + row[3 * b + 2] * normal[2]
-                    total -= more * share[b, 0] * along
-            u[v, i] = total / model.young
-    return carried(model.corners, model.weights, u, vertices, foot, reach, nodes, moved)
+            patch[v, i] = share[v, 0] * (press * side[i] - numbers[MORE] * normal[i])
+    for k in range(count):
+        b = active[k]
+        for i in range(3):
+            _add(field, compliance[3 * b + i], (held[b, i] + patch[b, i]) / model.young)
+            patch[b, i] = 0.0
+    for k in range(touched):
+        v = int(order[k])
+        for i in range(3):
+            _add(field, compliance[3 * v + i], patch[v, i] / model.young)
+            patch[v, i] = 0.0
+    if len(true.table) > 0:
+        hats = patch.reshape(-1)[: len(u)]
+        for k in range(touched):
+            _add(hats, true.table[int(order[k])], true.normal * press * share[int(order[k]), 0] / model.young)
+        for v in range(len(u)):
+            for i in range(3):
+                u[v, i] += hats[v] * normal[i]
+        hats[:] = 0.0
+    told = carried(model.corners, model.weights, u, model.fine, foot, within, nodes, moved)
+    if len(true.table) > 0:
+        deep = (1.0 - true.held) * true.normal * press / (model.young * radius)
+        for k in range(told):
+            p = nodes[k]
+            d0, d1, d2 = model.fine[p, 0] - foot[0], model.fine[p, 1] - foot[1], model.fine[p, 2] - foot[2]
+            dent = deep * dent_at(true.profile, np.sqrt(d0 * d0 + d1 * d1 + d2 * d2) / radius)
+            for i in range(3):
+                moved[k, i] -= dent * normal[i]
+    return told
+
+
+@numba.njit(cache=True)
+def _add(field, row, amount):
+    """Add `amount` of a row to a field."""
+    if amount != 0.0:
+        for k in range(len(field)):
+            field[k] += amount * row[k]

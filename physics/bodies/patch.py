@@ -38,20 +38,20 @@ def share_of(k, pull, normal, total):
 
 
 @numba.njit(cache=True)
-def carried(corners, weights, u, vertices, foot, reach, nodes, moved):
-    """Displacements of the fine mesh within reach of a point, from those of the coarse vertices.
+def carried(corners, weights, u, vertices, foot, within, nodes, moved):
+    """Displacements of the fine mesh round a point, from those of the coarse vertices.
 
     corners, weights  (N,3) coarse vertices and shares of each fine vertex, see `barycentric`
-    u         [m] (V,3) displacement of the coarse vertices, right within `reach` and a coarse edge
-    vertices  [m] (N,3) of the fine mesh;  foot [m] (3);  reach [m]
+    u         [m] (V,3) displacement of the coarse vertices
+    vertices  [m] (N,3) of the fine mesh;  foot [m] (3)
+    within    [m] (N,)  distance from the foot up to which each is told, see `physics.geometry.graded`
 
     Fills `nodes` and `moved` [m]; returns how many.
     """
-    near = reach * reach
     count = 0
     for p in range(len(vertices)):
         d0, d1, d2 = vertices[p, 0] - foot[0], vertices[p, 1] - foot[1], vertices[p, 2] - foot[2]
-        if d0 * d0 + d1 * d1 + d2 * d2 > near:
+        if d0 * d0 + d1 * d1 + d2 * d2 > within[p] * within[p]:
             continue
         nodes[count] = p
         for i in range(3):

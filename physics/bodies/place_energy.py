@@ -26,8 +26,9 @@ from typing import NamedTuple
 import numba
 import numpy as np
 
-from palpate.physics.bodies.dents import SPACING, patch_radius, rise, risen, stiffening
+from palpate.physics.bodies.dents import SPACING, rise, risen, stiffening
 from palpate.physics.bodies.patch import normal_force, share_of
+from palpate.physics.bodies.true_patch import TruePatch, load_radius, patch_compliance
 from palpate.physics.contact.spread import Spreader
 from palpate.physics.geometry.mesh import Mesh
 
@@ -55,24 +56,33 @@ class Ground(NamedTuple):
 
 
 def softness(
-    mesh: Mesh, compliance: np.ndarray, spreader: Spreader, corners: np.ndarray, weights: np.ndarray
+    mesh: Mesh,
+    fine: Mesh,
+    compliance: np.ndarray,
+    true: TruePatch,
+    spreader: Spreader,
+    corners: np.ndarray,
+    weights: np.ndarray,
 ) -> np.ndarray:
     """Logarithm (V,) of the compliance under the spreader's patch round each vertex of a coarse mesh, for a modulus of
     1 Pa; the mean of all where a patch finds nothing.
 
-    compliance [m/N] (3V,3V);  corners, weights (N,3) coarse vertices and shares of each vertex of the spreader's mesh
+    compliance [m/N] (3V,3V);  corners, weights (N,3) coarse vertices and shares of each vertex of the spreader's mesh,
+    `fine`
     """
     compliances = np.full(len(mesh.vertices), np.nan)
+    measure, side = np.zeros((len(mesh.vertices), 3)), np.zeros(3)
     for v, (foot, n) in enumerate(zip(mesh.vertices, mesh.normals, strict=True)):
         normal = n / np.linalg.norm(n)
         count = spreader.spread(tuple(foot.tolist()), tuple(normal.tolist()), tuple((-normal).tolist()))
         nodes, forces = spreader.nodes[:count], spreader.forces[:count]
         if count:
-            own, place = np.unique(corners[nodes], return_inverse=True)
-            load = np.zeros((len(own), 3))
-            np.add.at(load, place.reshape(-1, 3), weights[nodes][:, :, None] * forces[:, None, :])
-            rows = (3 * own[:, None] + np.arange(3)).ravel()
-            compliances[v] = load.ravel() @ compliance[np.ix_(rows, rows)] @ load.ravel()
+            np.add.at(measure[:, 0], corners[nodes], weights[nodes] * (forces @ -normal)[:, None])
+            radius, _ = load_radius(fine.vertices, nodes, forces, normal, normal_force(forces, normal), true.least)
+            order = np.unique(corners[nodes])
+            body, more = patch_compliance(compliance, true, order, len(order), measure, normal, radius, side)
+            compliances[v] = body + more
+            measure[order] = 0.0
     good = compliances > 0.0
     compliances[~good] = compliances[good].mean() if good.any() else 1.0
     return np.log(compliances)
@@ -108,11 +118,12 @@ def held(knots, slopes, depth):
 
 
 @numba.njit(cache=True)
-def along(ground, nodes, touched, measure, patch, pull, normal, compliance, slope, turning):
+def along(ground, nodes, touched, measure, patch, pull, normal, radius, compliance, slope, turning):
     """Fill `slope` [N] (3), g, and `turning` [1/m] (3,3), S, for a load on the fine vertices `patch`.
 
     nodes, touched, measure  coarse vertices of the patch, how many, and their shares (V,3), in the first column
-    pull                     [N] (k,3) forces;  normal [1] (3);  compliance [m/N] of the linear organ under the patch
+    pull                     [N] (k,3) forces;  normal [1] (3);  radius [m] and
+    compliance [m/N] of the linear organ under the patch
     """
     slope[:] = 0.0
     turning[:] = 0.0
@@ -141,7 +152,6 @@ def along(ground, nodes, touched, measure, patch, pull, normal, compliance, slop
             for m in range(levels):
                 dented[0, m] += measure[v, 0] * ground.dents[v, m]
         knots, slopes, first, one = np.zeros(levels + 1), np.zeros(levels + 1), np.zeros(1), np.ones((1, 1))
-        radius = patch_radius(ground.points, ground.moments, nodes, touched, measure)
         rise(dented, first, 1, one, knots, slopes)
         depth = risen(compliance * force / radius, knots, slopes)[0]
         here = held(knots, slopes, depth)

@@ -30,6 +30,7 @@ from palpate.physics.bodies.sampled_energy import Points, forces, scratch
 from palpate.physics.bodies.sampled_solve import EACH, at_rest, settle
 from palpate.physics.contact.spread import Spreader
 from palpate.physics.contact.terminal import LEAST_DEPTH, fit_terminal
+from palpate.physics.geometry.graded import ranges
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.geometry.mesh_closest import MeshClosestPoint
 from palpate.physics.materials.hyperelastic import law, name_at, place_of
@@ -148,7 +149,7 @@ class SampledBody:
     young     [Pa] > 0, modulus E: all moduli of the body are E times those of the basis
     retardation  [s] >= 0, tau
     radius    [m] of the patch that the terminal law is taken over while nothing is loaded
-    reach     [m] from the foot point within which displacements are computed
+    reach     [m] from the foot point within which all displacements are told, fewer farther off
     """
 
     def __init__(
@@ -160,6 +161,7 @@ class SampledBody:
         self.basis, self.mesh = basis, mesh
         self._spreader = Spreader(mesh, radius, "biweight")
         self.young, self.retardation, self.reach = young, retardation, reach
+        self._within = ranges(mesh.vertices, reach)
         edges = coarse.vertices[coarse.triangles]
         self._margin = float(np.linalg.norm(edges - np.roll(edges, 1, axis=1), axis=2).max())
         count, r = len(basis.vertices), basis.modes.shape[1]
@@ -246,10 +248,10 @@ class SampledBody:
         self._numbers[ENERGY], self._numbers[LENGTH] = energy, 1.0
 
     def displaced(self, foot: tuple) -> tuple[np.ndarray, np.ndarray]:
-        """Vertices of the mesh within reach of the foot point, and their displacements [m] (k,3)."""
+        """Vertices of the mesh, all near the foot point and fewer farther off, and their displacements [m] (k,3)."""
         count = _displaced(
-            self._model, self.mesh.vertices, foot, self.reach, self._margin, self._fields, self._active, self.q,
-            float(self._numbers[GAMMA]), self._nodes, self._moved,
+            self._model, self.mesh.vertices, foot, self._within, self.reach, self._margin, self._fields, self._active,
+            self.q, float(self._numbers[GAMMA]), self._nodes, self._moved,
         )  # fmt: skip
         return self._nodes[:count], self._moved[:count]
 
@@ -424,7 +426,7 @@ def _ray(t, end, start_slope, end_slope):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _displaced(model, vertices, foot, reach, margin, fields, active, q, more, nodes, moved):
+def _displaced(model, vertices, foot, within, reach, margin, fields, active, q, more, nodes, moved):
     missed, points, held, u = model.missed, model.vertices, fields[0], fields[3]
     scale = more / model.young
     count = 0
@@ -433,7 +435,7 @@ def _displaced(model, vertices, foot, reach, margin, fields, active, q, more, no
             active[count] = v
             count += 1
     np.dot(model.modes, q, u.reshape(-1))
-    far = (reach + 1.5 * margin) ** 2
+    far = (2.0 * reach + 1.5 * margin) ** 2  # the modes miss little but near the load
     for v in range(len(points)):
         d0, d1, d2 = points[v, 0] - foot[0], points[v, 1] - foot[1], points[v, 2] - foot[2]
         if d0 * d0 + d1 * d1 + d2 * d2 > far:
@@ -442,4 +444,4 @@ def _displaced(model, vertices, foot, reach, margin, fields, active, q, more, no
         u[v, 0] += scale * out0
         u[v, 1] += scale * out1
         u[v, 2] += scale * out2
-    return carried(model.corners, model.weights, u, vertices, foot, reach, nodes, moved)
+    return carried(model.corners, model.weights, u, vertices, foot, within, nodes, moved)

@@ -12,6 +12,7 @@ from palpate.launch.recording.player import plan_of
 from palpate.launch.recording.reader import Recording, RecordingError
 from palpate.messages import Surface
 from palpate.nodes.base import SettingError
+from palpate.nodes.base.surface import complete
 
 Tell = Callable[[str], object]
 RATE = 30.0
@@ -68,7 +69,7 @@ def rest_shape(recording: Recording, stream: str) -> tuple[np.ndarray, np.ndarra
 
 def displaced(recording: Recording, stream: str, message: Surface, rest: np.ndarray) -> np.ndarray:
     """Displacement [m] (V,3) of all vertices. RecordingError: the mesh at rest has fewer than were recorded."""
-    moved = np.zeros_like(rest)
+    message, moved = complete(message, rest), np.zeros_like(rest)
     if len(message.nodes) and int(message.nodes.max()) >= len(moved):
         raise RecordingError(
             f"{recording.path}: stream {stream!r} moves vertex {int(message.nodes.max())}, but the mesh of its "

@@ -95,7 +95,7 @@ def test_a_picture_has_the_colour_and_its_bar(file, tmp_path, name, monkeypatch)
     ((label, most),) = labels
     touch = films.Touch(Recording(file))
     mesh = films.surface_mesh(touch)
-    (instant,) = films.instants_at(touch, len(mesh.vertices), [300])
+    (instant,) = films.instants_at(touch, mesh.vertices, [300])
     most_of_it = painted(COLOURS[name], mesh, instant.surface).max()
     assert label == COLOURS[name].label and 0.0 < most_of_it <= most <= 10 * most_of_it
 

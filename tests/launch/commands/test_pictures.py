@@ -222,7 +222,7 @@ def test_the_deformation_lands_on_its_vertices(tmp_path):
     mesh = surface_mesh(touch)
     assert abs(len(mesh.vertices) - 200) < 40
     assert (mesh.vertices.min(axis=0) + mesh.vertices.max(axis=0))[0] / 2 == pytest.approx(0.01, abs=1e-3)
-    chosen = instants(touch, len(mesh.vertices), 6)
+    chosen = instants(touch, mesh.vertices, 6)
     assert len(chosen) == 6 and max(one.depth for one in chosen) == depths.max()
     for one in chosen:
         tick = round(one.time * 1e3)
@@ -236,7 +236,7 @@ def test_the_deformation_lands_on_its_vertices(tmp_path):
 def test_a_surface_that_never_moved_is_not_drawn(tmp_path):
     streams = {"contact": [press(1e-3)] * 5, "body": [surface()] * 5}
     with pytest.raises(NoMesh, match="no displacement was recorded"):
-        instants(Touch(Recording(record(tmp_path / "r.mcap", streams))), 100)
+        instants(Touch(Recording(record(tmp_path / "r.mcap", streams))), np.zeros((100, 3)))
 
 
 def test_a_vertex_that_the_mesh_does_not_have_is_told():

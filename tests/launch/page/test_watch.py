@@ -93,7 +93,7 @@ def test_the_window_draws_the_organ_where_it_is(tmp_path):
     )  # fmt: skip
     head = {"kind": "frame", "time": 0.5, "load": 1.2, "depth": 6e-3, "tip": [0, 0, 0.03], "up": [0, 0, 1],
             "force": [0, 0, 1.2], "stick": True}  # fmt: skip
-    source.frame, source.status = frame(head, surface), "running"
+    source.frame, source.status = frame(head, surface, source.touched.mesh), "running"
     before = np.array(window.organ.points)
     assert window.refresh() and not window.refresh()
     assert np.allclose(np.array(window.organ.points)[3] - before[3], (0, 0, -6e-3), atol=1e-7)

@@ -17,6 +17,7 @@ from palpate.messages import Load, Proximity, Surface
 from palpate.nodes import deformation
 from palpate.nodes.base import inputs, outputs
 from palpate.nodes.base import settings as settings_of
+from palpate.nodes.base.surface import complete
 from palpate.nodes.contact import Series
 from palpate.nodes.spread import Kernel
 
@@ -41,12 +42,13 @@ class Loop:
         self.surface = self.body.step(nothing(), dt=1e-3)
 
     def press(self, approach, dt=1e-3):
-        proximity = Proximity(
-            foot=(0, 0, 0), normal=UP, coordinates=(0, 0), element=0, gap=0, approach=approach, slip=(0, 0, 0)
-        )
-        contact = self.contact.step(proximity, self.surface, dt=dt)
+        contact = self.contact.step(touching(approach), self.surface, dt=dt)
         self.surface = self.body.step(self.spread.step(contact, None), dt=dt)
         return contact
+
+
+def touching(approach):
+    return Proximity(foot=(0, 0, 0), normal=UP, coordinates=(0, 0), element=0, gap=0, approach=approach, slip=(0, 0, 0))
 
 
 def nothing():
@@ -144,3 +146,44 @@ def test_starting_again_is_a_reset(kind):
     (first,) = FakeBus(node).publish(on)
     (again,) = FakeBus(node).publish(on)
     assert first.previous == again.previous and (first.displacement == again.displacement).all()
+
+
+@every_body
+def test_the_surface_is_not_torn_at_the_rim_of_what_is_sent(kind):
+    """A body whose vertices move by themselves lists all that move; of one that moves as a whole the vertices that it
+    leaves out lie between those that it lists."""
+    loop = Loop(kind)
+    for _ in range(100):
+        loop.press(6e-3)
+    surface = loop.surface
+    if not len(surface.nodes):
+        return
+    mesh = loop.body.mesh()
+    shown = complete(surface, mesh.vertices)
+    if shown is surface:
+        loaded = loop.spread.step(loop.contact.step(touching(6e-3), surface, dt=1e-3), None).nodes
+        assert set(loaded.tolist()) <= set(surface.nodes.tolist())
+        return
+    assert len(shown.nodes) == len(mesh.vertices) > 2 * len(surface.nodes)
+    everything = kind(**PLANE, reach=1.0)
+    everything.start()
+    law = loop.surface
+    whole = Loop(kind)
+    whole.body, whole.surface = everything, everything.step(nothing(), dt=1e-3)
+    for _ in range(100):
+        whole.press(6e-3)
+    assert whole.surface.free == law.free and len(whole.surface.nodes) == len(mesh.vertices)
+    greatest = np.linalg.norm(whole.surface.displacement, axis=1).max()
+    assert np.linalg.norm(shown.displacement - whole.surface.displacement, axis=1).max() < 0.02 * greatest
+
+
+def test_the_pressure_that_reduced_fe_sends_is_that_of_the_load_and_sums_to_its_force():
+    loop = Loop(deformation.ReducedFE)
+    for _ in range(60):
+        contact = loop.press(5e-3)
+    surface, areas = loop.surface, loop.body.mesh().areas
+    assert len(surface.pressure) == len(surface.nodes)
+    assert surface.pressure @ areas[surface.nodes] == approx(contact.force, rel=1e-9)
+    assert surface.pressure.max() == approx(3 * contact.force / (np.pi * 8e-3**2), rel=0.1)
+    shown = complete(surface, loop.body.mesh().vertices)
+    assert shown.pressure @ areas == approx(contact.force, rel=1e-9)

@@ -1,0 +1,340 @@
+"""The compliance of the patch that presses a condensed body, in place of the one that its coarse surface makes of it.
+
+A load passes through the vertices of the coarse surface, spread over the triangles round each (hats), and so does the
+displacement. A patch of radius R acts like a wider one. What that loses lies within some R of the patch, where the
+organ is a half-space of its own material, so it is taken from there:
+
+    c = g.C g/E + (c_R - g.H g)/E - hold
+
+g     shares of the normal force at the coarse vertices;  C the body's compliance for a modulus of 1 Pa
+c_R   of the half-space under the true load, the pressure 3f/(pi R²) (1 - r²/R²)², R twice the rms distance of the load:
+      c_R = I (1 - nu²)/(pi R),   I = integral of (48 J3(x)/x³)² from 0 on = 2.40817
+H     of the half-space between hats: H_ij = (1 - nu²)/pi T_ij, T_ij [1/m] the mean of 1/|x - y| over hats i and j
+      (J. Boussinesq 1885; K. L. Johnson, Contact Mechanics, 1985, eq. 3.19)
+
+C - H is smooth at the scale of the patch (the far side, the border, the bed), so that the wider load serves for it.
+
+Where the patch sticks to the finger two things are held, and `hold` is what that takes:
+
+* its mean place along the surface: c_zt c_tt^-1 c_tz, c_tt with the same correction times (1 - nu/2)/(1 - nu), which is
+  the tangential over the normal displacement of a half-space, averaged over directions (Cerruti; Johnson eq. 3.75);
+* each of its points. The pressure draws the surface under it inwards by (1 - 2nu)(1 + nu)/(2 pi E r) F(r), F the force
+  within r. Shear traction that undoes this in r < R takes S_0 (1 - 2nu)²/(1 - nu)² of c_R: with A the half-space's
+  response to radial shear and m = F/(2 pi r), S_0 = pi/(2 I) <m, A^-1 m> = 0.17650 (Galerkin's method in r (1 -
+  r²)^(j - 1/2), five of them, is exact to 1e-9). 0.6 % at nu = 0.45, 5.8 % at 0.3.
+
+The surface that is shown is the body's, less what the half-space does to the hats, and the half-space's own under the
+true load:  u = (C - H) g f/E + n (1 - nu²)/(pi E R) W(r/R) f,  the mean of W over the patch being I.
+
+Range: R above the spacing of the touched mesh, thickness and radius of curvature above 2R, one modulus within R.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numba
+import numpy as np
+from scipy.special import hyp2f1
+
+from palpate.physics.bodies.patch import share_of
+from palpate.physics.geometry.mesh import Mesh
+
+MEAN = 2.40816816
+"""I: mean of W over the patch, weighted as the pressure."""
+HELD = 0.1764960
+"""S_0, the share of c_R that holding each point under the patch takes, over (1 - 2nu)²/(1 - nu)²."""
+STEP, FARTHEST = 1.0 / 32.0, 6.0
+"""[1] Of the table of W over r/R; beyond, W = R/r + (R/r)³/16."""
+NEAR = 2.5
+"""[1] Distance of two triangles, over the mesh's mean edge, within which 1/r is integrated in closed form."""
+LEAST_SHARE = 0.05
+"""[1] Of g.C g that is left whatever the correction says."""
+LEAST_MOMENT = 0.29
+"""[1] Mean square distance of a hat's force from its vertex, over the vertex's area: even triangles."""
+RULE = np.array([
+    [1 / 3, 1 / 3, 1 / 3, 0.225],
+    [0.059715871789770, 0.470142064105115, 0.470142064105115, 0.132394152788506],
+    [0.470142064105115, 0.059715871789770, 0.470142064105115, 0.132394152788506],
+    [0.470142064105115, 0.470142064105115, 0.059715871789770, 0.132394152788506],
+    [0.797426985353087, 0.101286507323456, 0.101286507323456, 0.125939180544827],
+    [0.101286507323456, 0.797426985353087, 0.101286507323456, 0.125939180544827],
+    [0.101286507323456, 0.101286507323456, 0.797426985353087, 0.125939180544827],
+])  # fmt: skip
+"""Radon's rule of degree 5 on a triangle: barycentric coordinates and weight."""
+
+
+class TruePatch(NamedTuple):
+    """The half-space that corrects a body; with an empty table nothing is corrected.
+
+    table    [1/m] (V,V) float32, see `mean_inverse_distance`
+    profile  [1]   W at steps of `STEP`
+    normal   [1]   (1 - nu²)/pi;  tangential [1] (1 - nu/2)/(1 - nu);  held [1] share of c_R that sticking takes
+    sticks   [1]   whether the patch sticks to the finger
+    least    [m²]  (N,) least mean square radius of a load on each vertex of the touched mesh
+    """
+
+    table: np.ndarray
+    profile: np.ndarray
+    normal: float
+    tangential: float
+    held: float
+    sticks: bool
+    least: np.ndarray
+
+
+def true_patch(coarse: Mesh, fine: Mesh, poisson: float, sticks: bool = True) -> TruePatch:
+    """Of a body that is condensed to `coarse` and touched on `fine`."""
+    held = HELD * ((1.0 - 2.0 * poisson) / (1.0 - poisson)) ** 2 if sticks else 0.0
+    table = mean_inverse_distance(coarse).astype(np.float32)
+    ratio = (1.0 - 0.5 * poisson) / (1.0 - poisson)
+    least = LEAST_MOMENT * fine.areas
+    return TruePatch(table, dent_profile(), (1.0 - poisson**2) / np.pi, ratio, held, sticks, least)
+
+
+def uncorrected(fine: Mesh) -> TruePatch:
+    """Nothing is corrected: the body as its full model is under the widened load."""
+    return TruePatch(np.zeros((0, 0), np.float32), np.zeros(0), 0.0, 1.0, 0.0, False, LEAST_MOMENT * fine.areas)
+
+
+def dent_profile() -> np.ndarray:
+    """W at r/R = 0, STEP ... FARTHEST: depth of the half-space under the patch, over (1 - nu²) f/(pi E R).
+
+    Integrals of J3(x) J0(x rho)/x³ after H. Weber and P. Schafheitlin (Watson, Bessel Functions, 1944, 13.4)."""
+    rho = np.arange(0.0, FARTHEST + 0.5 * STEP, STEP)
+    out = np.maximum(rho, 1.0)
+    inside = 3.2 * hyp2f1(0.5, -2.5, 1.0, np.minimum(rho, 1.0) ** 2)
+    return np.where(rho < 1.0, inside, hyp2f1(0.5, 0.5, 4.0, out**-2) / out)
+
+
+def mean_inverse_distance(mesh: Mesh) -> np.ndarray:
+    """T [1/m] (V,V): mean of 1/|x - y| over the hats of two vertices, each of integral 1.
+
+    Triangles near each other: the potential of a linear density over a triangle in closed form (D. R. Wilton et al.,
+    IEEE Trans. Antennas Propag. 32 (1984) 276-281), integrated over the other by `RULE`. Farther apart three points
+    each.
+    """
+    corner = np.ascontiguousarray(mesh.vertices[mesh.triangles])
+    across = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+    area = 0.5 * np.linalg.norm(across, axis=1)
+    good = area > 1e-12 * area.max()
+    edge = float(np.sqrt(area[good].mean() * 4.0 / np.sqrt(3.0)))
+    triangles = np.ascontiguousarray(mesh.triangles[good].astype(np.int64))
+    total = np.zeros((len(mesh.vertices), len(mesh.vertices)))
+    _integrate(corner[good], area[good], triangles, (NEAR * edge) ** 2, RULE, total)
+    mass = np.zeros(len(mesh.vertices))
+    np.add.at(mass, triangles.ravel(), np.repeat(area[good] / 3.0, 3))
+    mass[mass == 0.0] = np.inf
+    return 0.5 * (total + total.T) / (mass[:, None] * mass[None])
+
+
+@numba.njit(cache=True)
+def _integrate(corner, area, triangles, near, rule, total):
+    """Add to `total` (V,V) the integral of 1/|x - y| over each pair of triangles and hats of their corners."""
+    inside, close = np.array([[2.0, 0.5, 0.5], [0.5, 2.0, 0.5], [0.5, 0.5, 2.0]]) / 3.0, np.zeros(3)
+    count = len(corner)
+    points = np.zeros((count, 3, 3))
+    for t in range(count):
+        for q in range(3):
+            for i in range(3):
+                for k in range(3):
+                    points[t, q, i] += inside[q, k] * corner[t, k, i]
+    block, point = np.zeros((3, 3)), np.zeros(3)
+    for s in range(count):
+        for t in range(count):
+            square = 0.0
+            for i in range(3):
+                apart = (corner[s, 0, i] + corner[s, 1, i] + corner[s, 2, i]) / 3.0
+                apart -= (corner[t, 0, i] + corner[t, 1, i] + corner[t, 2, i]) / 3.0
+                square += apart * apart
+            block[:] = 0.0
+            if square > near:
+                if t < s:
+                    continue  # the pair is symmetric: see below
+                share = area[s] * area[t] / 9.0
+                for p in range(3):
+                    for q in range(3):
+                        x = points[s, p, 0] - points[t, q, 0]
+                        y = points[s, p, 1] - points[t, q, 1]
+                        z = points[s, p, 2] - points[t, q, 2]
+                        value = share / np.sqrt(x * x + y * y + z * z)
+                        for a in range(3):
+                            for b in range(3):
+                                block[a, b] += inside[p, a] * inside[q, b] * value
+                for a in range(3):
+                    for b in range(3):
+                        total[triangles[s, a], triangles[t, b]] += block[a, b]
+                        total[triangles[t, b], triangles[s, a]] += block[a, b]
+            else:
+                for q in range(len(rule)):
+                    for i in range(3):
+                        point[i] = (
+                            rule[q, 0] * corner[s, 0, i] + rule[q, 1] * corner[s, 1, i] + rule[q, 2] * corner[s, 2, i]
+                        )
+                    _potential(point, corner[t], close)
+                    for a in range(3):
+                        for b in range(3):
+                            block[a, b] += rule[q, 3] * area[s] * rule[q, a] * close[b]
+                for a in range(3):
+                    for b in range(3):
+                        total[triangles[s, a], triangles[t, b]] += block[a, b]
+
+
+@numba.njit(cache=True)
+def _minus(a, b):
+    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
+
+
+@numba.njit(cache=True)
+def _dot(a, b):
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@numba.njit(cache=True)
+def _cross(a, b):
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+@numba.njit(cache=True)
+def _times(a, scale):
+    return a[0] * scale, a[1] * scale, a[2] * scale
+
+
+@numba.njit(cache=True)
+def _potential(point, corner, out):
+    """Fill `out` (3): integral over a triangle (3,3) of each corner's barycentric coordinate over the distance from a
+    point (3)."""
+    normal = _cross(_minus(corner[1], corner[0]), _minus(corner[2], corner[0]))
+    double = np.sqrt(_dot(normal, normal))
+    normal = _times(normal, 1.0 / double)
+    height = _dot(_minus(point, corner[0]), normal)
+    foot = _minus(point, _times(normal, height))
+    whole, first0, first1, first2 = 0.0, 0.0, 0.0, 0.0
+    for k in range(3):
+        begin = corner[k]
+        along = _minus(corner[(k + 1) % 3], begin)
+        length = np.sqrt(_dot(along, along))
+        along = _times(along, 1.0 / length)
+        outward = _cross(along, normal)
+        low = _dot(_minus(begin, foot), along)
+        high = low + length
+        side = _dot(_minus(begin, foot), outward)
+        square = side * side + height * height
+        far, near = np.sqrt(high * high + square), np.sqrt(low * low + square)
+        log = 0.0
+        if square > 1e-18 * length * length:
+            log = np.log((far + high) / (near + low)) if low + high >= 0.0 else np.log((near - low) / (far - high))
+        if height != 0.0:
+            angle = np.arctan2(side * high, square + abs(height) * far)
+            angle -= np.arctan2(side * low, square + abs(height) * near)
+            whole -= abs(height) * angle
+        whole += side * log
+        amount = 0.5 * (square * log + high * far - low * near)
+        first0 += amount * outward[0]
+        first1 += amount * outward[1]
+        first2 += amount * outward[2]
+    for k in range(3):
+        climb = _times(_cross(normal, _minus(corner[(k + 2) % 3], corner[(k + 1) % 3])), 1.0 / double)
+        out[k] = (1.0 + _dot(_minus(foot, corner[k]), climb)) * whole + _dot((first0, first1, first2), climb)
+
+
+@numba.njit(cache=True)
+def load_radius(vertices, patch, pull, normal, total, least):
+    """R [m] of a load (k,3) on vertices `patch` of the touched mesh: twice the rms distance of its normal force from
+    its centre, no less than the hat of one vertex has; and by how much it is narrower than the mesh can tell, which is
+    1.4 times that: 0 where it is not, up to 13."""
+    x0 = x1 = x2 = floor = 0.0
+    for k in range(len(patch)):
+        p, share = patch[k], abs(share_of(k, pull, normal, total))
+        x0 += share * vertices[p, 0]
+        x1 += share * vertices[p, 1]
+        x2 += share * vertices[p, 2]
+        floor += share * least[p]
+    square = weight = 0.0
+    for k in range(len(patch)):
+        p, share = patch[k], abs(share_of(k, pull, normal, total))
+        d0, d1, d2 = vertices[p, 0] - x0, vertices[p, 1] - x1, vertices[p, 2] - x2
+        square += share * (d0 * d0 + d1 * d1 + d2 * d2)
+        weight += share
+    square /= max(weight, 1e-300)
+    narrower = np.sqrt(2.0 * floor / max(square, 1e-2 * floor)) - 1.0
+    return 2.0 * np.sqrt(max(square, floor)), max(narrower, 0.0)
+
+
+@numba.njit(cache=True)
+def _held_sideways(block, normal, more, force):
+    """What the compliance of a patch loses [m/N] where its mean place along the surface is held; fills `force` [1] (3),
+    what that takes for each newton of normal force.
+
+    block [m/N] (3,3) of the patch, g.C g;  more [m/N] what the tangential compliance is greater than in it
+    """
+    along = np.zeros((2, 3))
+    k = 0 if abs(normal[0]) < 0.8 else 1
+    along[0, k] = 1.0
+    out = normal[k]
+    for i in range(3):
+        along[0, i] -= out * normal[i]
+    along[0] /= np.sqrt(np.dot(along[0], along[0]))
+    along[1, 0] = normal[1] * along[0, 2] - normal[2] * along[0, 1]
+    along[1, 1] = normal[2] * along[0, 0] - normal[0] * along[0, 2]
+    along[1, 2] = normal[0] * along[0, 1] - normal[1] * along[0, 0]
+    own, cross = np.zeros((2, 2)), np.zeros(2)
+    for a in range(2):
+        for i in range(3):
+            for j in range(3):
+                cross[a] += along[a, i] * block[i, j] * normal[j]
+                for b in range(2):
+                    own[a, b] += along[a, i] * block[i, j] * along[b, j]
+        own[a, a] += more
+    det = own[0, 0] * own[1, 1] - own[0, 1] * own[1, 0]
+    if not det > 0.0:
+        return 0.0
+    first = (own[1, 1] * cross[0] - own[0, 1] * cross[1]) / det
+    second = (own[0, 0] * cross[1] - own[1, 0] * cross[0]) / det
+    for i in range(3):  # the normal force is against the normal, so this undoes what it drags along
+        force[i] = first * along[0, i] + second * along[1, i]
+    return first * cross[0] + second * cross[1]
+
+
+@numba.njit(cache=True)
+def patch_compliance(compliance, true, order, touched, measure, normal, radius, side):
+    """Of a patch, for a modulus of 1 Pa [m/N]: g.C g along the normal, and what is added to it; fills `side` [1] (3),
+    the force along the surface that holds the patch there, for each newton of normal force.
+
+    order (>= touched) coarse vertices of the patch, measure (V,3) whose first column holds their shares
+    """
+    block, hats = np.zeros((3, 3)), 0.0
+    corrects = len(true.table) > 0
+    for k in range(touched):
+        v = int(order[k])
+        for m in range(touched):
+            b = int(order[m])
+            both = measure[v, 0] * measure[b, 0]
+            for i in range(3):
+                for j in range(3):
+                    block[i, j] += both * compliance[3 * v + i, 3 * b + j]
+            if corrects:
+                hats += both * true.table[v, b]
+    own = 0.0
+    for i in range(3):
+        side[i] = 0.0
+        for j in range(3):
+            own += normal[i] * block[i, j] * normal[j]
+    if not corrects:
+        return own, 0.0
+    more = true.normal * (MEAN / radius - hats)
+    if not true.sticks:
+        return own, max(more, LEAST_SHARE * own - own)
+    lost = _held_sideways(block, normal, true.tangential * more, side)
+    more -= true.held * true.normal * MEAN / radius + lost
+    return own, max(more, LEAST_SHARE * own - own)
+
+
+@numba.njit(cache=True)
+def dent_at(profile, rho):
+    """W at rho = r/R."""
+    at = rho / STEP
+    k = int(at)
+    if k + 1 >= len(profile):
+        return (1.0 + 0.0625 / (rho * rho)) / rho
+    return profile[k] + (at - k) * (profile[k + 1] - profile[k])

@@ -1,0 +1,202 @@
+"""The compliance of the load's own patch on a body that is condensed to coarse vertices (physics.bodies.true_patch)."""
+
+import math
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from pytest import approx
+from scipy.integrate import quad
+from scipy.special import ellipe, ellipk
+
+from palpate.bench.places import stored
+from palpate.nodes.base.surface import surface_mesh
+from palpate.nodes.deformation import ReducedFE
+from palpate.physics.bodies import true_patch as tp
+from palpate.physics.bodies.condensed_body import CondensedBody
+from palpate.physics.contact.spread import Spreader
+from palpate.physics.geometry.mesh import Mesh, plane
+
+YOUNG, POISSON, RADIUS = 19e3, 0.45, 8e-3
+UP = (0.0, 0.0, 1.0)
+
+
+def pressure(s):
+    return 3.0 / math.pi * (1.0 - s * s) ** 2
+
+
+def potential(rho):
+    """Of the pressure on a disc of radius 1, by rings: K is the complete elliptic integral."""
+
+    def ring(s):
+        return pressure(s) * s * 4.0 / (rho + s) * ellipk(4.0 * rho * s / (rho + s) ** 2)
+
+    cuts = [0.0, min(rho, 1.0), 1.0]
+    return sum(quad(ring, a, b, limit=200)[0] for a, b in pairwise(cuts) if b > a)
+
+
+@pytest.mark.parametrize("rho", [0.1, 0.5, 0.97, 1.2, 2.5, 5.0, 9.0])
+def test_the_dent_of_a_half_space_is_the_potential_of_the_pressure(rho):
+    assert tp.dent_at(tp.dent_profile(), rho) == approx(potential(rho), rel=1e-3)
+
+
+def test_the_compliance_of_the_half_space_is_the_mean_of_its_dent():
+    mean = quad(lambda s: 2.0 * math.pi * s * pressure(s) * potential(s), 0.0, 1.0, epsabs=1e-8)[0]
+    assert mean == approx(tp.MEAN, rel=1e-6)
+
+
+def test_the_share_that_sticking_takes_by_rings_of_shear():
+    """Radial traction on narrow rings instead of a series: what undoes F(r)/(2 pi r) inside, and its work."""
+    n, parts = 120, 10
+    edges = np.sin(np.linspace(0.0, math.pi / 2, n + 1))  # finer towards the rim, where the traction grows without end
+    r = 0.5 * (edges[1:] + edges[:-1])
+    wanted = (1.0 - (1.0 - r**2) ** 3) / (2.0 * math.pi * r)
+    response, middle = np.zeros((n, n)), r
+    for j in range(n):  # integral of J1(k r) J1(k s) over k, as of the vector potential of a current loop
+        for s in edges[j] + np.diff(edges)[j] * (np.arange(parts) + 0.5) / parts:
+            m = 4.0 * r * s / (r + s) ** 2
+            ring = ((r * r + s * s) * ellipk(m) - (r + s) ** 2 * ellipe(m)) / (math.pi * r * s * (r + s))
+            response[:, j] += s * np.diff(edges)[j] / parts * ring
+    traction = np.linalg.solve(response, wanted)
+    work = 2.0 * math.pi * np.sum(middle * np.diff(edges) * wanted * traction)
+    assert 0.5 * math.pi * work / tp.MEAN == approx(tp.HELD, rel=0.02)
+
+
+def test_the_mean_inverse_distance_over_a_square_is_known():
+    mesh = plane(1.0, 150)
+    mass = mesh.areas
+    table = tp.mean_inverse_distance(mesh)
+    exact = 4.0 * math.log(1.0 + math.sqrt(2.0)) - 4.0 / 3.0 * (math.sqrt(2.0) - 1.0)
+    assert mass @ table @ mass == approx(exact, rel=2e-4)
+    assert (table == table.T).all() and np.linalg.eigvalsh(table)[0] > 0.0
+
+
+def test_hats_far_apart_are_points_and_a_hat_on_itself_is_known_by_chance():
+    mesh = plane(1.0, 100)
+    table = tp.mean_inverse_distance(mesh)
+    away = np.linalg.norm(mesh.vertices[:, None] - mesh.vertices[None], axis=2)
+    inner = (np.abs(mesh.vertices[:, :2]) < 0.49).all(axis=1)
+    far = (away > 0.6) & inner & inner[:, None]
+    assert table[far] == approx(1.0 / away[far], rel=0.02)
+    v = int(np.linalg.norm(mesh.vertices, axis=1).argmin())
+    rng = np.random.default_rng(3)
+
+    def drawn(count):
+        own = mesh.triangles[(mesh.triangles == v).any(axis=1)]
+        corner = mesh.vertices[own]
+        area = np.linalg.norm(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), axis=1)
+        chosen = rng.choice(len(own), count, p=area / area.sum())
+        shares = rng.dirichlet([1.0, 1.0, 1.0], count)
+        hat = shares[own[chosen] == v]
+        return np.einsum("kc,kci->ki", shares, corner[chosen]), hat
+
+    (x, p), (y, q) = drawn(400_000), drawn(400_000)
+    mean = np.sum(p * q / np.linalg.norm(x - y, axis=1)) / np.sum(p * q)
+    assert table[v, v] == approx(mean, rel=0.01)
+
+
+def slab_body(poisson=POISSON, vertices=10000, **more):
+    node = ReducedFE(surface="plane", position=(0.0, 0.0, 0.0), vertices=vertices, model="linear")
+    return CondensedBody(node.basis(), node.mesh(), YOUNG, 0.0, RADIUS, 1.0, poisson, **more)
+
+
+def pressed(body, place, force=0.1, radius=RADIUS):
+    spreader = Spreader(body.mesh, radius)
+    count = spreader.spread((place, 0.0, 0.0), UP, (0.0, 0.0, -force))
+    nodes, forces = spreader.nodes[:count].copy(), spreader.forces[:count].copy()
+    law = body.step(nodes, forces, (place, 0.0, 0.0), UP, 1.0)
+    return law, nodes, forces
+
+
+@pytest.mark.parametrize(("name", "error"), [("middle", 0.012), ("edge", 0.025)])
+def test_a_slab_answers_a_light_touch_as_two_full_solvers_do(name, error):
+    """The references are of fe.Solver and FElupe, on meshes that follow the patch."""
+    reference = stored(name)
+    soft = np.polyfit(reference.force[:4], reference.indentation[:4] / reference.force[:4], 2)[-1]
+    (compliance, _, _), _, _ = pressed(slab_body(), reference.about["place"]["place"])
+    assert compliance == approx(soft, rel=error)
+    (widened, _, _), _, _ = pressed(slab_body(None), reference.about["place"]["place"])
+    assert widened < 0.9 * soft
+
+
+def test_the_answer_hardly_depends_on_where_the_patch_lies_between_the_vertices():
+    body, rng = slab_body(), np.random.default_rng(5)
+    found = []
+    for x, y in rng.uniform(-6e-3, 6e-3, (30, 2)):
+        spreader = Spreader(body.mesh, RADIUS)
+        count = spreader.spread((x, y, 0.0), UP, (0.0, 0.0, -0.1))
+        found.append(body.step(spreader.nodes[:count], spreader.forces[:count], (x, y, 0.0), UP, 1.0)[0])
+    assert np.std(found) < 2e-3 * np.mean(found)
+
+
+def test_the_displacement_that_is_shown_has_the_indentation_as_its_mean_under_the_load():
+    body = slab_body()
+    for place in (0.0, 0.04):
+        (_, _, now), nodes, forces = pressed(body, place, 0.3)
+        sent, moved = body.displaced((place, 0.0, 0.0))
+        field = np.zeros((len(body.mesh.vertices), 3))
+        field[sent] = moved
+        assert np.sum(forces * field[nodes]) / 0.3 == approx(now, rel=0.01)
+
+
+def test_the_surface_that_is_shown_is_that_of_two_full_solvers():
+    reference, body = stored("middle"), slab_body()
+    k = 3
+    pressed(body, 0.0, reference.force[k])
+    sent, moved = body.displaced((0.0, 0.0, 0.0))
+    assert len(sent) == len(body.mesh.vertices)
+    flat = body.mesh.vertices[sent]
+    line = (np.abs(flat[:, 1]) < 6e-4) & (np.abs(flat[:, 0]) < 20e-3)
+    column = int(np.abs(reference.y).argmin())
+    exact = np.interp(flat[line, 0], reference.x, reference.shape[k][:, column])
+    assert np.abs(-moved[line, 2] - exact).max() < 0.03 * exact.max()
+
+
+def test_a_patch_that_sticks_keeps_its_mean_place_and_a_free_one_gives_way():
+    """At the border of the slab a press pushes the surface outwards."""
+    place = 0.04
+    drift = {}
+    for sticks in (True, False):
+        body = slab_body(sticks=sticks)
+        (compliance, _, now), nodes, forces = pressed(body, place, 0.3)
+        sent, moved = body.displaced((place, 0.0, 0.0))
+        field = np.zeros((len(body.mesh.vertices), 3))
+        field[sent] = moved
+        share = -forces[:, 2] / 0.3
+        drift[sticks] = (share @ field[nodes][:, 0] / now, compliance)
+    assert abs(drift[True][0]) < 0.3 * abs(drift[False][0]) and abs(drift[False][0]) > 0.1
+    assert drift[True][1] < 0.97 * drift[False][1]
+
+
+def softness(body, radius):
+    """Compliance, and the radius of what is pressed on the mesh."""
+    (compliance, _, _), nodes, forces = pressed(body, 0.0, 0.1, radius)
+    square = np.sum(-forces[:, 2] / 0.1 * np.sum(body.mesh.vertices[nodes] ** 2, axis=1))
+    return compliance, 2.0 * math.sqrt(square)
+
+
+def test_a_narrower_patch_is_softer_as_its_radius_until_the_mesh_ends():
+    body = slab_body(vertices=10000)
+    (wide, far), (narrow, near) = (softness(body, radius) for radius in (8e-3, 4e-3))
+    half_space = (1.0 - POISSON**2) * tp.MEAN * (1.0 - tp.HELD * (0.1 / 0.55) ** 2) / (math.pi * YOUNG)
+    assert narrow - wide == approx(half_space * (1.0 / near - 1.0 / far), rel=0.06)  # and what the slab adds
+    assert body.beyond == 0.0
+    pressed(body, 0.0, 0.1, 0.5e-3)
+    assert 0.0 < body.beyond < 14.0
+
+
+def test_energy_is_positive_whatever_the_place_poisson_ratio_and_load():
+    """V* = h.Ch/2E + more y²/2 is convex where what is added is not negative, and c above 0 where it is."""
+    mesh, rng = surface_mesh("kidney", 3000), np.random.default_rng(8)
+    basis = ReducedFE(model="linear").basis()
+    coarse = Mesh(basis.vertices, basis.triangles)
+    for poisson in (0.0, 0.3, 0.45, 0.49):
+        body = CondensedBody(basis, mesh, YOUNG, 0.0, RADIUS, 0.02, poisson)
+        for v in rng.choice(len(mesh.vertices), 12):
+            foot, normal = mesh.vertices[v], mesh.normals[v] / np.linalg.norm(mesh.normals[v])
+            for radius in (3e-3, 8e-3, 15e-3):
+                spreader = Spreader(mesh, radius)
+                count = spreader.spread(tuple(foot), tuple(normal), tuple(-0.2 * normal))
+                law = body.step(spreader.nodes[:count], spreader.forces[:count], tuple(foot), tuple(normal), 1.0)
+                assert law[0] > 0.0 and math.isfinite(law[2]) and law[2] > 0.0
+    assert len(coarse.vertices) == len(basis.vertices)
