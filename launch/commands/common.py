@@ -48,7 +48,7 @@ PlaceOption = Annotated[
     str | None,
     typer.Option(
         "--place",
-        help="Which nodes share a process: a placement file, or auto: the force path in one, the rest in another.",
+        help="Which nodes share a process: a placement file, apart (none), or auto: the force path, and the rest.",
     ),
 ]
 OrganOption = Annotated[

@@ -123,6 +123,7 @@ def run(
             outcome = execute(
                 launch, console=view, forkserver=forkserver, patience=patience, address=address,
                 leave_out=leave_out or (), thin=_thin(thin or []), unencrypted=unencrypted, key_name=key,
+                fit_cores=True,
             )  # fmt: skip
     except BaseException:
         if seen is not None:
@@ -138,7 +139,7 @@ def run(
         tell({**_data(outcome), "pictures": [str(p) for p in drawn]})
     else:
         if outcome.result.ticks or outcome.result.ok:
-            _summary(outcome, name, drawn, launch)
+            _summary(outcome, name, drawn)
         for death in outcome.result.deaths:
             fault(death, console(stderr=True, soft_wrap=True))
     if seen is not None:
@@ -208,7 +209,7 @@ def _pictures(outcome: Outcome, folder: Path, silent: bool) -> list[Path]:
     return []
 
 
-def _summary(outcome: Outcome, name: str, drawn: list[Path], launch: LaunchFile) -> None:
+def _summary(outcome: Outcome, name: str, drawn: list[Path]) -> None:
     from rich.markup import escape
     from rich.text import Text
 
@@ -224,7 +225,7 @@ def _summary(outcome: Outcome, name: str, drawn: list[Path], launch: LaunchFile)
     if result.health:
         out.print(table(result))
     if outcome.verdict is not None:
-        _judge(outcome, launch, out)
+        _judge(outcome, out)
     for node, reason in outcome.plan.skipped.items():
         out.print(Text(f"skipped {node}: {reason}", style="dim"))
     for note in (*outcome.plan.graph.notes, *result.notes):
@@ -235,7 +236,7 @@ def _summary(outcome: Outcome, name: str, drawn: list[Path], launch: LaunchFile)
         out.print(Text(f"picture   {picture}"))
 
 
-def _judge(outcome: Outcome, launch: LaunchFile, out: Console) -> None:
+def _judge(outcome: Outcome, out: Console) -> None:
     """Whether the run kept its rate, what its counters mean, and what would help."""
     from rich.text import Text
 
@@ -249,7 +250,7 @@ def _judge(outcome: Outcome, launch: LaunchFile, out: Console) -> None:
         if any(health[key] for health in outcome.result.health.values()):
             out.print(Text(meaning, style="dim"))
     if not verdict.kept:
-        place = "" if launch.place is not None else f"try --place {AUTO}: the force path in one process; "
+        place = f"try --place {AUTO}: the force path in one process; " if outcome.placed != AUTO else ""
         out.print(Text(f"{place}`palpate doctor` shows what slows this machine"))
 
 

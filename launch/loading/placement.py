@@ -23,7 +23,8 @@ from palpate.launch.loading.source import Source, read
 
 FUSED = "fused"
 AUTO = "auto"
-BUILT_IN = (FUSED, AUTO)
+APART = "apart"
+BUILT_IN = (FUSED, AUTO, APART)
 """Placements without a file."""
 _Core = Annotated[int, msgspec.Meta(ge=0)]
 _Cores = Annotated[list[_Core], msgspec.Meta(min_length=1)]
@@ -103,17 +104,15 @@ def auto(plan: Plan) -> Placement:
 def load_place(path: str | Path | None, plan: Plan, *, beside: Path | None = None) -> Placement:
     """The placement of a plan.
 
-    path    a placement file or the name of one that ships; "fused" for one process, "auto" for two, None for a process
-            per node
+    path    a placement file or the name of one that ships; "fused" for one process, "auto" for two, "apart" or None for
+            a process per node
     beside  folder from which a relative path counts; the working directory where None
 
     Nodes that the plan skips are left out; running nodes that the file does not name get a process each.
     GraphError: all that is wrong with the file.
     """
-    if path is None:
-        return apart(plan)
-    if str(path) in BUILT_IN:
-        return fused(plan) if str(path) == FUSED else auto(plan)
+    if path is None or str(path) in BUILT_IN:
+        return {FUSED: fused, AUTO: auto}.get(str(path), apart)(plan)
     source = read(find_file(str(path), PLACES, beside, what="placement"))
     faults = Faults()
     if not isinstance(source.data, dict):

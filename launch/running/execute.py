@@ -14,9 +14,10 @@ import msgspec
 from rich.console import Console
 
 from palpate.launch.loading.faults import Faults, choices
+from palpate.launch.loading.force_path import force_path
 from palpate.launch.loading.graph import Graph, NodeSpec
 from palpate.launch.loading.launchfile import LaunchFile
-from palpate.launch.loading.placement import Placement
+from palpate.launch.loading.placement import APART, AUTO, Placement, auto
 from palpate.launch.loading.plan import Plan, plan
 from palpate.launch.running import keys
 from palpate.launch.running.assign import is_here, jobs, spared
@@ -46,13 +47,14 @@ class TooFewFiles(PalpateError, OSError):
 
 @dataclass
 class Outcome:
-    """A run that has ended: its plan, its result, its recording (None: not recorded), and whether it kept its rate
-    (None: on the simulated clock, or nothing keeps the time)."""
+    """A run that has ended: its plan, its result, its recording (None: not recorded), whether it kept its rate (None:
+    on the simulated clock, or nothing keeps the time), and the placement that it ran by, as `--place` names it."""
 
     plan: Plan
     result: Result
     recording: Path | None
     verdict: Verdict | None = None
+    placed: str = APART
 
     @property
     def ok(self) -> bool:
@@ -71,6 +73,7 @@ def execute(
     thin: Mapping[str, int] | None = None,
     unencrypted: bool = False,
     key_name: str = keys.NAME,
+    fit_cores: bool = False,
 ) -> Outcome:
     """Run a launch file to its end.
 
@@ -81,6 +84,7 @@ def execute(
     leave_out, thin  streams not to record, or only each n-th message of
     unencrypted  nothing that goes over TCP is secured
     key_name    of the key that secures a run with groups on other machines
+    fit_cores   on the real clock, without a placement and with fewer cores than nodes of the force path: `auto`
 
     GraphError: what is wrong with the graph; nothing was started. OSError: an address that is taken. KeyFault: the key
     is missing.
@@ -88,8 +92,9 @@ def execute(
     graph = launch.load()
     set_recording(graph, launch.record, leave_out, thin)
     planned = plan(graph)
-    place = launch.placement(planned)
     clock = _clock(launch, planned)
+    crowded = fit_cores and launch.place is None and clock == "real" and _crowded(planned)
+    place = auto(planned) if crowded else launch.placement(planned)
     ticks = None if launch.duration is None else max(1, round(launch.duration * graph.rate))
     joined = frozenset(group.name for group in place.groups if group.join or not is_here(group.host))
     fused = len(place.groups) == 1 and clock == "simulated" and not joined
@@ -137,8 +142,20 @@ def execute(
             result = launcher.run()
         if made and launch.record is not None and not result.ticks:
             launch.record.unlink(missing_ok=True)
+    if crowded:
+        result.notes.append(
+            f"placed as --place {AUTO}: the force path in one process, as there are fewer cores than nodes on it; "
+            f"--place {APART}: a process for each"
+        )
     result.health = {name: result.health[name] for name in names if name in result.health}
-    return Outcome(planned, result, launch.record, verdict(result, planned, ticks) if clock == "real" else None)
+    kept = verdict(result, planned, ticks) if clock == "real" else None
+    return Outcome(planned, result, launch.record, kept, AUTO if crowded else str(launch.place or APART))
+
+
+def _crowded(planned: Plan) -> bool:
+    """Whether the force path has more nodes than this process may use cores: then they wait for one another, and on two
+    cores nine processes do not keep 1 kHz."""
+    return len(force_path(planned)) > len(os.sched_getaffinity(0))
 
 
 def _clock(launch: LaunchFile, planned: Plan) -> str:
