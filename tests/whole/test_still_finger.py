@@ -41,6 +41,21 @@ def test_a_finger_held_still_on_a_rigid_plate_comes_to_rest(tmp_path, height):
     assert noise(tmp_path, (0.0, 0.0, height), "tissue.use=deformation.Rigid") < 0.015
 
 
+@pytest.mark.parametrize("height", [0.098, 0.0955])
+def test_a_finger_pressed_on_a_rigid_plate_harder_than_the_loop_may_show_swings_by_a_few_counts(tmp_path, height):
+    """At 3.8 and 5.0 N (docs/equations/controller.md). Counts of the encoder make it: measured exactly it rests."""
+
+    def swing(*sets):
+        run = press(tmp_path, (0.0, 0.0, height), "tissue.use=deformation.Rigid", *sets)
+        place, force = run.columns("finger")["position"][-512:], run.columns("controller")["force"][-512:]
+        return float(np.ptp(place[:, 2])), float(np.ptp(force[:, 2]))
+
+    place, force = swing()
+    assert place < 0.4e-3 and force < 2.2
+    place, force = swing("device.resolution=0", "finger.resolution=0")
+    assert place < 5e-6 and force < 0.02
+
+
 @pytest.mark.parametrize("point", [(-0.02, 0.003, 0.0985), (0.01, -0.004, 0.096)])
 def test_beams_come_to_rest_under_a_finger_that_is_measured_exactly(tmp_path, point):
     """They relax for seconds, and the finger goes on with them; that is a slow motion, not an oscillation."""

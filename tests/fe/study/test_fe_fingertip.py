@@ -115,6 +115,14 @@ def test_a_soft_plate_gives_way():
     assert 0 < soft.force[-1] < 0.95 * np.interp(2e-4, hard.indentation, hard.force)
 
 
+@pytest.mark.long
+@pytest.mark.parametrize(("phalanx", "depths"), [(12e-3, (1.191e-3, 1.943e-3)), (15.5e-3, (1.233e-3, 2.085e-3))])
+def test_the_length_of_the_phalanx_is_what_tells_the_calibrated_finger_from_the_other_solvers(phalanx, depths):
+    """On steel at 0.11 and 0.50 N; the second pair of indentations is the other solver's (finite-elements.md)."""
+    pressed = record(Pressing(Fingertip(cells=3, phalanx=phalanx), "steel", "calibrated"), 2.2e-3)
+    assert [pressed.at(force)[0] for force in (0.11, 0.50)] == approx(depths, abs=0.01e-3)
+
+
 def test_fields_are_written_as_vtk(tmp_path):
     meshio = pytest.importorskip("meshio")
     press, _ = pressed()
