@@ -425,6 +425,6 @@ class Launcher:
             where = "step" if member.state == "running" else "start"
             nodes = member.busy or ", ".join(node.name for node in member.job.nodes) or member.names
             text = f"no sign of life for {limit:.3g} s: {how}"
-            self._died(member, Fault(nodes, where, text, "\n".join(self._tail[-12:])))
+            self._died(member, Fault(nodes, where, text, "\n".join(self._tail[-20:])))
             self.forkserver.ask(Kill(group, int(signal.SIGKILL)))
             self._left(member)

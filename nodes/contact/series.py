@@ -66,6 +66,7 @@ class Series(Node):
         self._back_for = 0.0
         self._finger_law = self._finger()
         self._law = kernel_form(self._finger_law, self.finger_damping)
+        free_recovery(0.0, 0.0, self.finger_damping, 1e-3)  # compiled by the time that a body is missing
 
     def _finger(self) -> Law:
         if self.finger_law == "power":

@@ -187,7 +187,7 @@ def test_a_law_a_body_and_a_device_are_in_the_catalogue(said):
 
 def test_a_message_is_listed_with_units_and_words(said):
     (kind,) = json.loads(answer(said, "messages"))["messages"]
-    assert kind["fields"] == [{"name": "power", "unit": "W", "shape": [], "about": "of friction"}]
+    assert kind["fields"] == [{"name": "power", "unit": "W", "shape": [], "about": "of friction", "required": True}]
 
 
 def test_a_material_is_in_the_table_of_laws(said):

@@ -189,7 +189,12 @@ def test_a_new_node_passes_the_check_of_a_graph(tmp_path, whole, monkeypatch):
         ("friction", "Contact", "Friction", ["friction.in.proximity=null"]),
         ("contact", "Proximity", "Contact", ["contact.in.body=null", "wanted=[controller]"]),
         ("collision", "Pose", "Proximity", []),
-        ("controller", "Contact", "Force", [f"controller.in.{port}=null" for port in ("friction", "pose", "ledger")]),
+        (
+            "controller",
+            "Contact",
+            "Force",
+            [f"controller.in.{port}=null" for port in ("friction", "pose", "ledger", "device")],
+        ),
         ("statics", "Force", "Torque", ["statics.in.pose=null"]),
     ],
 )

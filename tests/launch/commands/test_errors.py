@@ -16,6 +16,7 @@ FOLDERS = ("physics", "fe", "fit", "scan", "messages", "drivers", "nodes", "laun
 INSIDE = {
     "Broken", "Ended", "Hangs", "Inverted", "MissingInput", "NotPositive", "Refused", "UnheldError", "ZmtpError",
     "_Fault",
+    "UntrustedError",
 }  # fmt: skip
 """Caught by their callers, always; no user meets them."""
 APART = {"MessageError"}

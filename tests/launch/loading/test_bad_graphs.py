@@ -179,8 +179,8 @@ BAD = {
         ],
     ),
     "unknown field of a recording": (
-        "in: all}",
-        "in: all, fields: [stifness]}",
+        "graph_nodes.Tape, in: all}",
+        "logger.Mcap, in: all, fields: [stifness]}",
         ["setting 'fields'", "Did you mean 'stiffness'"],
     ),
     "rate beyond all numbers": ("nodes:", "rate: 1e308\nnodes:", ["rate [Hz]", "from 0.001 to 1e+06"]),

@@ -11,6 +11,7 @@ import sys
 import time
 from pathlib import Path
 
+import nodes_that_misbehave
 import pytest
 
 from palpate.launch.recording.reader import Recording
@@ -159,6 +160,7 @@ def test_a_slow_node_does_not_count_as_hung(tmp_path):
 def test_a_message_of_the_users_own_travels_with_its_arrays(tmp_path, way):
     run = Run(tmp_path, "--duration", "0.05", *WAYS[way], text=SHEET)
     assert run.wait() == 0, run.err.read_text()
+    assert nodes_that_misbehave.Sheet  # imported by this program, and so no code that the file brings
     recording = Recording(run.record)
     sheets, forces = list(recording.messages("sheet")), list(recording.messages("bad"))
     assert sheets[-1].cells.shape == (3, 4) and sheets[-1].count == 7
@@ -232,7 +234,7 @@ def test_a_fork_server_that_imports_is_ended_at_once(tmp_path, monkeypatch):
     (tmp_path / "slow_to_import.py").write_text("print('importing', flush=True)\nimport time\ntime.sleep(1000)\n")
     monkeypatch.syspath_prepend(tmp_path)
     server = ForkServer()
-    server.ask(Prepare(["slow_to_import"], []))
+    server.ask(Prepare(["slow_to_import"]))
     until, said = time.monotonic() + 60.0, ""
     while "importing" not in said and time.monotonic() < until:
         time.sleep(0.05)

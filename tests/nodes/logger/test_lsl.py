@@ -183,7 +183,7 @@ def test_a_replay_sends_the_recorded_numbers_again(pylsl, write, tmp_path):
     subprocess.run(run, env=env, stdout=subprocess.DEVNULL, check=True)
     recorded = Recording(file).columns("spring")
     with subprocess.Popen(
-        [*palpate, "replay", str(file), "--speed", "1"], env=env, stdout=subprocess.DEVNULL
+        [*palpate, "replay", str(file), "--speed", "1", "--trust", "nodes_for_runs"], env=env, stdout=subprocess.DEVNULL
     ) as process:
         inlet = receiver(pylsl, f"{name}.spring")
         samples, times = received(inlet, 200)

@@ -1,5 +1,6 @@
 """Normal contact: laws, the series step, impact, the Hertz pair, and the contact node."""
 
+import itertools
 import math
 
 import numpy as np
@@ -358,14 +359,38 @@ def test_the_node_solves_the_series_step():
         bus.hold("body", body(s2))
 
 
-def test_without_a_body_there_is_no_force_and_the_fingertip_recovers():
+def test_a_body_that_is_gone_is_left_within_8_ms():
     bus = FakeBus(Series(), body=body())
     (pressed,) = bus.publish(proximity(8e-3))
     bus.kill("body")
     answers = bus.publish(*[proximity(8e-3)] * 30)
-    assert pressed.force > 0 and all(a.force == 0 and a.indentation == 0 for a in answers)
+    forces = [pressed.force, *(a.force for a in answers)]
+    assert forces[:9] == sorted(forces[:9], reverse=True) and forces[6] > 0.0
+    assert all(a.force == 0 and a.indentation == 0 for a in answers[7:])
     left = [a.compression for a in answers]
     assert left == sorted(left, reverse=True) and left[-1] == 0.0
+
+
+@pytest.mark.parametrize("absent", [1, 3, 10, 100])
+def test_a_body_that_is_back_is_met_from_where_the_two_just_touch(absent):
+    """Were all of the approach met in one step, damping would make many times the force of it."""
+    bus = FakeBus(Series(), body=body())
+    still = bus.publish(*[proximity(8e-3)] * 300)[-1].force
+    bus.hold("body", None)
+    bus.publish(*[proximity(8e-3)] * absent)
+    bus.hold("body", body())
+    back = [a.force for a in bus.publish(*[proximity(8e-3)] * 300)]
+    assert max(back) <= 1.2 * still
+    assert max(b - a for a, b in itertools.pairwise(back)) < 0.1 * still
+    assert back[-1] == approx(still, rel=1e-6)
+
+
+def test_a_contact_that_joins_a_run_in_the_tissue_begins_where_the_two_just_touch():
+    late = FakeBus(Series(), body=body())
+    late.tick = 5000
+    forces = [a.force for a in late.publish(*[proximity(8e-3)] * 200)]
+    begun = FakeBus(Series(), body=body()).publish(*[proximity(8e-3)] * 200)
+    assert forces[0] < 0.01 * begun[0].force and forces[-1] == approx(begun[-1].force, rel=1e-6)
 
 
 def test_a_duplicate_message_changes_nothing():
