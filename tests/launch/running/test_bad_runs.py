@@ -29,7 +29,7 @@ nodes:
 SHEET = GRAPH.replace("  end:", "  sheet: {use: nodes_that_misbehave.ToSheet, in: {pose: src}}\n  end:").replace(
     "{use: nodes_that_misbehave.Bad, in: {pose: src}}", "{use: nodes_that_misbehave.FromSheet, in: {sheet: sheet}}"
 )
-WAYS = {"fused": ["--fused"], "processes": [], "real": ["--clock", "real"]}
+WAYS = {"fused": ["--fused"], "processes": [], "real": ["--clock", "real", "--place", "apart"]}
 
 
 def _long(*given: str):
