@@ -35,7 +35,10 @@ def test_indentation_inverts_the_law(force, dt, n, damping, free, previous):
     high = max(least, previous, free) + 1.0
     while missing(high) < 0:
         high += 10.0
-    root = brentq(missing, least, high, xtol=1e-17, rtol=8.9e-16, maxiter=1000)
+    if missing(least) >= 0.0:  # so short a step that the force of one rounding error of the place is more
+        root = least
+    else:
+        root = brentq(missing, least, high, xtol=1e-17, rtol=8.9e-16, maxiter=1000)
     assert s == approx(root, rel=1e-9, abs=1e-12)
 
 
