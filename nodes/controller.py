@@ -16,6 +16,8 @@ GAP = 9e-3
 """[s] without a step, and three times the step before, that count as an outage: the device was without torque then."""
 YIELD = 0.25
 """[1] Part of `ramp` in which the share falls again while the display gives out energy after an outage."""
+AGAIN = 0.5
+"""[s] without force after which it is tried again, since a hand that meets none cannot put energy in."""
 CREDIT = 1.0
 """[J] that the observer has after an outage, where the share answers to the energy in place of damping."""
 
@@ -79,7 +81,7 @@ class Haptic(Node):
         self._last = 0.0
         self._gain, self._friction = Gain(FALL, self.ramp), Faded(FADE)
         self._since: float | None = None
-        self._before = 0.0
+        self._before = self._waited = 0.0
         self._open, self._tripped = 1.0, False
         self.state, self.past = buffers(self.delay)
 
@@ -106,6 +108,9 @@ class Haptic(Node):
             self.state[FORCE] = 0.0
         elif self._since is not None and self._since < 0.0 and not missing:
             gain.value = max(gain.value - step / (YIELD * self.ramp), 0.0) if self.ramp > 0.0 else gain.value
+            self._waited = self._waited + step if gain.value == 0.0 else 0.0
+            if self._waited > AGAIN:  # without force no energy comes back
+                self._since = self._waited = 0.0
         else:
             gain.update(not missing, step)
         if self._since is not None and not lacks and (gain.value == 1.0 or not touching):

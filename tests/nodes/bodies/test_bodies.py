@@ -184,6 +184,8 @@ def test_the_pressure_that_reduced_fe_sends_is_that_of_the_load_and_sums_to_its_
     surface, areas = loop.surface, loop.body.mesh().areas
     assert len(surface.pressure) == len(surface.nodes)
     assert surface.pressure @ areas[surface.nodes] == approx(contact.force, rel=1e-9)
-    assert surface.pressure.max() == approx(3 * contact.force / (np.pi * 8e-3**2), rel=0.1)
+    assert surface.pressure.max() == approx(
+        3 * contact.force / (np.pi * 8e-3**2), rel=0.25
+    )  # at a vertex off the middle
     shown = complete(surface, loop.body.mesh().vertices)
     assert shown.pressure @ areas == approx(contact.force, rel=1e-9)
