@@ -34,6 +34,7 @@ PACKAGES = (
     palpate.views,
 )
 FOLDERS = {package.__name__.rpartition(".")[2]: Path(next(iter(package.__path__))) for package in PACKAGES}
+GOLDEN = Path(__file__).parent / "golden" / "plane.mcap"
 LINKS = Path(__file__).parent.parent / "typings" / "palpate"
 FOLDERS["scan"] = FOLDERS["physics"].parent / "scan"  # imports libraries of its extra, so it is not imported here
 OURS = {
@@ -132,6 +133,23 @@ def test_short_commands_do_not_import_what_is_slow(verb):
     )
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
     assert out.splitlines()[-1] == "SLOW []"
+
+
+def test_a_check_of_a_recording_imports_no_socket_of_ours_and_no_process(tmp_path):
+    """What a run, a replay and a test share is `engine`; the wire, the processes and the pictures are no part of it."""
+    code = (
+        "import sys; from palpate.records.player import plan_of; from palpate.records.reader import Recording\n"
+        "from palpate.records.verify import verify\n"
+        f"recording = Recording({str(GOLDEN)!r}); report = verify(recording, plan_of(recording)); assert report.ok\n"
+        "print(*sys.modules)"
+    )
+    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    loaded = out.splitlines()[-1].split()
+    assert not {"zmq", "multiprocessing", "websockets", "matplotlib"}.intersection(loaded)
+    ours = [module for module in loaded if module.startswith("palpate.")]
+    assert not [module for module in ours if module.startswith(("palpate.launch.", "palpate.views"))]
+    shared = [module for module in ours if module.startswith(("palpate.engine", "palpate.records"))]
+    assert len(shared) <= 25, shared
 
 
 def test_the_extras_are_those_of_the_installation():

@@ -15,10 +15,12 @@ from pathlib import Path
 from typing import Any
 
 from palpate.engine.faults import Faults, GraphError, choices
-from palpate.engine.plan import Plan, plan
+from palpate.engine.graph import Graph
+from palpate.engine.plan import Plan
 from palpate.launch.load.files import GRAPHS, PLACES, SCENES, Override, find_file
-from palpate.launch.load.graph import Graph, load
+from palpate.launch.load.graph import load
 from palpate.launch.load.placement import BUILT_IN, Placement, load_place
+from palpate.launch.load.plan import plan
 from palpate.launch.load.source import Source, read
 from palpate.launch.load.units import UnitError, convert
 

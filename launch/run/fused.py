@@ -12,6 +12,7 @@ from pathlib import Path
 
 import msgspec
 
+import palpate.engine
 import palpate.launch
 import palpate.messages
 import palpate.nodes
@@ -102,7 +103,8 @@ def run_fused(
     return result
 
 
-OURS = tuple(str(Path(module.__file__ or "").parent) for module in (palpate.launch, palpate.messages))
+OWN = (palpate.engine, palpate.launch, palpate.messages)
+OURS = tuple(str(Path(module.__file__ or "").parent) for module in OWN)
 NODES = str(Path(palpate.nodes.__file__ or "").parent)
 
 
