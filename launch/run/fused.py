@@ -13,7 +13,6 @@ from pathlib import Path
 import msgspec
 
 import palpate.engine
-import palpate.launch
 import palpate.messages
 import palpate.nodes
 from palpate.engine.clock import now
@@ -103,8 +102,7 @@ def run_fused(
     return result
 
 
-OWN = (palpate.engine, palpate.launch, palpate.messages)
-OURS = tuple(str(Path(module.__file__ or "").parent) for module in OWN)
+OURS = (str(Path(__file__).parent), *(str(Path(m.__file__ or "").parent) for m in (palpate.engine, palpate.messages)))
 NODES = str(Path(palpate.nodes.__file__ or "").parent)
 
 

@@ -14,7 +14,7 @@ from palpate.launch.load.launchfile import find
 from palpate.launch.run.execute import execute
 from palpate.physics.geometry.mesh import plane
 from palpate.records.reader import Recording, RecordingError
-from palpate.records.samples import Run
+from palpate.views.run import Run
 
 pytest.importorskip("websockets")
 
