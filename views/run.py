@@ -10,7 +10,7 @@ from palpate.records import compare, samples
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from palpate.views.page.shown import Shown
+    from palpate.views.page.server import PageServer
 
 
 class Comparison(compare.Comparison):
@@ -38,18 +38,16 @@ class Run(samples.Run):
 
         return plot(self, names, over)
 
-    def view(self, *others: str | Path, port: int = 0, show: bool = True) -> Shown:
+    def view(self, *others: str | Path, port: int = 0, show: bool = True) -> PageServer:
         """The recording in the browser, at any time of it, beside another one if one is named; `palpate view` does the
         same from the shell. The page is there until it is closed, or the program ends.
 
         RecordingError: nothing to show in it. PalpateError: the page's package is missing, or its port taken.
         """
-        from palpate.views.page import needs
+        from palpate.views.page import serve
+        from palpate.views.page.reel import Reels
 
-        needs.check()
-        from palpate.views.page.shown import Shown
-
-        page = Shown([self.path, *map(Path, others)], port)
+        page = serve(Reels([self.path, *map(Path, others)]), port)
         if show:
             import webbrowser
 

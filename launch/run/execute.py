@@ -7,7 +7,7 @@ import errno
 import os
 import resource
 import socket
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,6 +16,7 @@ from rich.console import Console
 
 from palpate.engine.faults import Faults
 from palpate.engine.force_path import force_path
+from palpate.engine.graph import Graph
 from palpate.engine.plan import Plan
 from palpate.engine.provenance import about
 from palpate.launch.load.launchfile import LaunchFile
@@ -65,6 +66,7 @@ class Outcome:
 
 def execute(
     launch: LaunchFile,
+    graph: Graph | None = None,
     *,
     console: Console | None = None,
     forkserver: ForkServer | None = None,
@@ -75,9 +77,11 @@ def execute(
     unencrypted: bool = False,
     key_name: str = keys.NAME,
     fit_cores: bool = False,
+    watch: Callable[[Launcher], None] = lambda _: None,
 ) -> Outcome:
     """Run a launch file to its end.
 
+    graph       that of the launch file, where it has been read already
     console     draws the live view there; None: silent
     forkserver  a fork server that is starting already
     patience    [s] without a sign of life after which a node counts as hung
@@ -86,11 +90,12 @@ def execute(
     unencrypted  nothing that goes over TCP is secured
     key_name    of the key that secures a run with groups on other machines
     fit_cores   on the real clock, without a placement and with fewer cores than nodes of the force path: `auto`
+    watch       called about ten times a second with the launcher of the run, where it has one
 
     GraphError: what is wrong with the graph; nothing was started. OSError: an address that is taken. KeyFault: the key
     is missing.
     """
-    graph = launch.load()
+    graph = graph or launch.load()
     set_recording(graph, launch.record, leave_out, thin)
     planned = plan(graph)
     clock = _clock(launch, planned)
@@ -127,6 +132,12 @@ def execute(
             )
         else:
             _open_files(len(work))
+
+            def show(launcher: Launcher) -> None:
+                watch(launcher)
+                if screen:
+                    screen.show(launcher.result, launcher.phase, launcher.busy, launcher.kernels)
+
             launcher = Launcher(
                 work,
                 forkserver,
@@ -136,7 +147,7 @@ def execute(
                 patience=patience,
                 restart=frozenset(name for name in planned.order if graph.nodes[name].restart),
                 spared=spared(planned),
-                show=(lambda it: screen.show(it.result, it.phase, it.busy, it.kernels)) if screen else lambda _: None,
+                show=show,
                 printed=screen.print if screen else lambda _: None,
                 died=screen.died if screen else lambda _: None,
             )
