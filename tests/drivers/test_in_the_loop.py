@@ -5,12 +5,12 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from palpate.launch.loading.faults import GraphError
-from palpate.launch.loading.launchfile import find
-from palpate.launch.recording.changed import changed
-from palpate.launch.recording.reader import Recording
-from palpate.launch.recording.verify import verify
-from palpate.launch.running.execute import execute
+from palpate.engine.faults import GraphError
+from palpate.launch.load.launchfile import find
+from palpate.launch.run.execute import execute
+from palpate.records.changed import changed
+from palpate.records.reader import Recording
+from palpate.records.verify import verify
 
 LATE = 0.3
 """Relative tolerance of a balance that is read while the machine may be busy: late ticks soften what is shown."""
