@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from pytest import approx
 
-import palpate.fe.reduce.dents as dents
-from palpate.fe.meshing.organ import Organ
-from palpate.fe.reduce.indentation import Press
-from palpate.fe.reduce.reducible import of_organ
+import palpate.models.fe.reduce.dents as dents
 from palpate.launch.testing import FakeBus
+from palpate.models.fe.meshing.organ import Organ
+from palpate.models.fe.reduce.indentation import Press
+from palpate.models.fe.reduce.reducible import of_organ
 from palpate.nodes.base import SettingError
 from palpate.nodes.base.surface import surface_mesh
 from palpate.nodes.deformation import ReducedFE, basis_store, reduced_fe
