@@ -10,12 +10,15 @@ import pytest
 
 import palpate.bench
 import palpate.drivers
+import palpate.engine
 import palpate.fe
 import palpate.fit
-import palpate.launch.loading.extras
+import palpate.launch.load.extras
 import palpate.messages
 import palpate.nodes
 import palpate.physics
+import palpate.records
+import palpate.views
 
 PACKAGES = (
     palpate.physics,
@@ -25,7 +28,10 @@ PACKAGES = (
     palpate.fit,
     palpate.messages,
     palpate.nodes,
+    palpate.engine,
     palpate.launch,
+    palpate.records,
+    palpate.views,
 )
 FOLDERS = {package.__name__.rpartition(".")[2]: Path(next(iter(package.__path__))) for package in PACKAGES}
 LINKS = Path(__file__).parent.parent / "typings" / "palpate"
@@ -35,11 +41,28 @@ OURS = {
     "drivers": {"drivers", "messages", "physics"},
     "fe": {"fe", "physics"},
     "messages": {"messages"},
-    "nodes": {"nodes", "drivers", "messages", "physics"},
+    "nodes": {"nodes", "records", "drivers", "messages", "physics"},
     "scan": {"scan", "physics"},
     "bench": {"bench", "fe", "nodes", "messages", "physics"},
     "fit": {"fit", "nodes", "messages", "physics"},
-    "launch": {"launch", "bench", "drivers", "nodes", "messages", "graphs", "scan", "fe", "fit", "physics"},
+    "engine": {"engine", "launch", "nodes", "messages", "physics"},
+    "launch": {
+        "launch",
+        "engine",
+        "records",
+        "views",
+        "bench",
+        "drivers",
+        "nodes",
+        "messages",
+        "graphs",
+        "scan",
+        "fe",
+        "fit",
+        "physics",
+    },
+    "records": {"records", "launch", "engine", "views", "nodes", "messages", "physics"},
+    "views": {"views", "fe", "fit", "scan", "launch", "records", "engine", "nodes", "messages", "physics"},
 }
 THEIRS = {
     "physics": {"numpy", "scipy", "numba"},
@@ -118,6 +141,6 @@ def test_the_extras_are_those_of_the_installation():
         if extra:
             name = requirement.partition(">")[0].partition("[")[0]
             declared.setdefault(extra.strip("\"'"), set()).add(name)
-    for extra, packages in palpate.launch.loading.extras.EXTRAS.items():
+    for extra, packages in palpate.launch.load.extras.EXTRAS.items():
         assert set(packages) == declared[extra]
-    assert set(declared) == {*palpate.launch.loading.extras.EXTRAS, "all", "dev"}
+    assert set(declared) == {*palpate.launch.load.extras.EXTRAS, "all", "dev"}

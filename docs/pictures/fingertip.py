@@ -23,9 +23,9 @@ from palpate.fe.meshing.layers import Layers
 from palpate.fe.meshing.scanned import Scanned
 from palpate.fe.study.press_record import Run, record
 from palpate.fe.study.pressing import Pressing
-from palpate.launch.pictures.fe_fingertip import draw
 from palpate.scan import rebuild, segment
 from palpate.scan.phantom import scan
+from palpate.views.pictures.fe_fingertip import draw
 
 CELLS = 5
 MEASURED = 3

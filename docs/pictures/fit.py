@@ -13,7 +13,7 @@ import tempfile
 from pathlib import Path
 
 from palpate.fit.fit import fit_sessions, write_example
-from palpate.launch.pictures.fit import draw_choice
+from palpate.views.pictures.fit import draw_choice
 
 PICTURES = {"fit": "fit-subject.png", "models": "fit-models.png", "surface": "fit-surface.png"}
 

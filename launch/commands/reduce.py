@@ -152,7 +152,7 @@ def _about(node: ReducedFE, missed: dict[str, float]) -> str:
     """What a basis says of itself, as JSON."""
     import json
 
-    from palpate.launch.running.provenance import commit
+    from palpate.engine.provenance import commit
     from palpate.nodes.deformation.basis_store import key
 
     inputs = node.inputs()

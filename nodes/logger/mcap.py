@@ -16,7 +16,7 @@ import msgspec
 from palpate.messages import Health, Message, fields
 from palpate.messages.base import HEADER
 from palpate.nodes.base import Observer, SettingError, Stream
-from palpate.nodes.mcap_writer import CHUNK_SIZE, Compression, McapWriter
+from palpate.records.format.mcap_writer import CHUNK_SIZE, Compression, McapWriter
 
 LATEST = 1024  # ticks of a stream by which a node's new life is told from the one before
 PROFILE = "palpate"

@@ -16,12 +16,12 @@ from mcap.reader import NonSeekingReader, make_reader
 from mcap.records import Chunk, ChunkIndex, Message, MessageIndex
 from mcap.stream_reader import StreamReader, breakup_chunk
 
-from palpate.launch.recording.reader import Recording
-from palpate.launch.recording.recover import recover
 from palpate.nodes.base import Stream
 from palpate.nodes.logger import Mcap
-from palpate.nodes.mcap_file import Broken, Records, messages
-from palpate.nodes.mcap_writer import CHUNK_SIZE, McapWriter
+from palpate.records.format.mcap_file import Broken, Records, messages
+from palpate.records.format.mcap_writer import CHUNK_SIZE, McapWriter
+from palpate.records.reader import Recording
+from palpate.records.recover import recover
 
 Rows = list[tuple[int, int, int, bytes]]
 
