@@ -6,7 +6,9 @@ import sys
 from importlib.metadata import requires
 from pathlib import Path
 
+import nodes_for_runs
 import pytest
+from graphs_for_runs import write_graph
 
 import palpate.bench
 import palpate.drivers
@@ -109,6 +111,17 @@ def test_short_commands_do_not_import_what_is_slow(verb):
     )
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
     assert out.splitlines()[-1] == "SLOW []"
+
+
+def test_a_run_of_nodes_that_compile_nothing_imports_no_compiler(tmp_path):
+    command = ["run", str(write_graph(tmp_path)), "--fused", "--no-record", "--duration", "0.01", "-q"]
+    code = (
+        f"import sys; sys.path.append({str(Path(nodes_for_runs.__file__).parent)!r})\n"
+        f"from palpate.launch.__main__ import app\ntry: app({command})\nexcept SystemExit as end: print(end)\n"
+        "print('SLOW', sorted({'numba', 'scipy.sparse', 'scipy.spatial', 'pyvista', 'matplotlib'} & set(sys.modules)))"
+    )
+    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    assert "10 ticks" in out and out.splitlines()[-2:] == ["0", "SLOW []"], out
 
 
 def test_the_extras_are_those_of_the_installation():
