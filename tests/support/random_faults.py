@@ -39,9 +39,8 @@ LONGEST = 150.0
 """[s] after which a run that has not ended hangs: more than a node has for its start."""
 RUN = 3.0
 """[s] of the graph's clock: all faults come before its end on the real clock, and those of a step on either."""
-LONG = 40.0
-"""[s] on the simulated clock, where it is not the step that says when: nobody is so fast as to be at the end before."""
-BY_STEP = ("node", "wire")
+LONG = {"limit": 9.0, "signal": 40.0, "terminal": 40.0}
+"""[s] on the simulated clock, where another measure than the step says when: nobody is at the end before."""
 
 
 class Fault(NamedTuple):
@@ -102,7 +101,7 @@ def run(fault: Fault, folder: Path) -> list[str]:
         file = folder / "disk" / "run.mcap"
     command = [sys.executable, "-m", "palpate.launch", "run", *_graph(fault, folder), "--record", str(file),
                "--clock", fault.clock, "--no-pictures", "--patience", patience,
-               "--duration", str(RUN if fault.clock == "real" or fault.kind in BY_STEP else LONG)]  # fmt: skip
+               "--duration", str(RUN if fault.clock == "real" else LONG.get(fault.kind, RUN))]  # fmt: skip
     if fault.what == "disk":
         command = [*_small_disk(fault, folder / "disk", kept), *command]
     environment = os.environ | {"PALPATE_FAULT": mark, "PYTHONPATH": f"{SUPPORT}:{os.environ.get('PYTHONPATH', '')}",
@@ -172,7 +171,7 @@ def _graph(fault: Fault, folder: Path) -> list[str]:
         graph, groups = ["kidney", "--set", "scene.surface.vertices=1000"], [["device", "finger", "collision"]]
     else:
         how = f'unlucky.Unlucky, how: "{fault.what}", at: {int(fault.moment)},'
-        text = GRAPH.replace("nodes_for_runs.Spring,", how) if fault.kind in BY_STEP else GRAPH
+        text = GRAPH.replace("nodes_for_runs.Spring,", how) if fault.kind in ("node", "wire") else GRAPH
         graph, groups = [str(write_graph(folder, text))], [["source", "drag"], ["spring"], ["spread", "sum"]]
     if fault.placement == "groups":
         return [*graph, "--place", str(write_place(folder, groups))]
