@@ -7,8 +7,9 @@
     for tick in palpate.steps("kidney"): ...   # the same, tick by tick
     palpate.open("run.mcap").plot("contact.force", "tissue.indentation")
 
-Public are the names in `__all__` here, and the packages `palpate.physics` (formulas), `palpate.fe` (finite elements),
-`palpate.messages` and `palpate.nodes` (for nodes of one's own). This file imports nothing before it is needed.
+Public are the names in `__all__` here, and the packages `palpate.physics` (formulas), `palpate.models.fe` (finite
+elements), `palpate.messages` and `palpate.nodes` (for nodes of one's own). This file imports nothing before it is
+needed.
 """
 
 from __future__ import annotations
@@ -19,19 +20,19 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
     from pathlib import Path
 
-    from palpate.launch.recording.compare import Comparison
-    from palpate.launch.recording.samples import Run, Samples, Stream
     from palpate.launch.stepping import Tick
     from palpate.physics.errors import PalpateError
+    from palpate.records.compare import Comparison
+    from palpate.records.samples import Run, Samples, Stream
 
 __all__ = ["Comparison", "PalpateError", "Run", "Samples", "Stream", "Tick", "compare", "open", "run", "steps"]
 
 _HOMES = {
-    "Comparison": "palpate.launch.recording.compare",
+    "Comparison": "palpate.records.compare",
     "PalpateError": "palpate.physics.errors",
-    "Run": "palpate.launch.recording.samples",
-    "Samples": "palpate.launch.recording.samples",
-    "Stream": "palpate.launch.recording.samples",
+    "Run": "palpate.records.samples",
+    "Samples": "palpate.records.samples",
+    "Stream": "palpate.records.samples",
     "Tick": "palpate.launch.stepping",
 }
 
@@ -95,7 +96,7 @@ def steps(
 def compare(file: str | Path | Run, *variants: Any, reference: Any = None) -> Comparison:
     """Compute a recorded touch again with other models or settings: `compare("run.mcap", {"tissue":
     "deformation.Rigid"}, "tissue.stiffness=2e3")`. See `Run.compare`."""
-    from palpate.launch.recording.samples import Run
+    from palpate.records.samples import Run
 
     return (file if isinstance(file, Run) else Run(file)).compare(*variants, reference=reference)
 
@@ -106,10 +107,10 @@ def open(file: str | Path, *, trust: Sequence[str] = ()) -> Run:
 
     PalpateError: it is none, or there is no such file.
     """
-    from palpate.launch.loading import load
-    from palpate.launch.recording.samples import Run
+    from palpate.engine import imports
+    from palpate.records.samples import Run
 
-    load.trust(*trust)
+    imports.trust(*trust)
     return Run(file)
 
 
@@ -122,4 +123,4 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return sorted({*__all__, "physics", "fe", "messages", "nodes"})
+    return sorted({*__all__, "physics", "models", "messages", "nodes"})

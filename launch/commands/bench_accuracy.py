@@ -45,7 +45,7 @@ def accuracy(
     from palpate.bench.laboratory import missing
     from palpate.bench.limits import told_apart
     from palpate.bench.touches import chosen
-    from palpate.launch.loading.classes import find_class
+    from palpate.launch.load.classes import find_class
 
     about = _about()
     wanted = chosen(touches)
@@ -86,7 +86,7 @@ def accuracy(
 def _about() -> dict[str, Any]:
     """Versions, machine and commit."""
     from palpate.bench.calculix import version
-    from palpate.launch.running.provenance import machine
+    from palpate.engine.provenance import machine
 
     versions = machine("numpy", "scipy", "numba", "felupe", "mujoco")
     return {**versions, "calculix": version() or "not installed", "seeds": "none, nothing here is random"}
@@ -138,7 +138,7 @@ def _written(cells: list[Cell], about: dict[str, Any], folder: Path) -> dict[str
             drawn["convergence"] = folder / "convergence.png"
             convergence(orders, drawn["convergence"])
     except ImportError:
-        from palpate.launch.loading.extras import install
+        from palpate.launch.load.extras import install
 
         drawn = {}
         console(stderr=True).print(f"no pictures: they need matplotlib ({install('view')})", markup=False)

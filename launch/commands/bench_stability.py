@@ -234,7 +234,7 @@ def _picture(rows: list[dict[str, float]], path: Path) -> str:
     """Left: stiffness over damping at the middle rate and least delay. Right: stiffness over delay at each rate. The
     path of the picture, "" where matplotlib is missing."""
     try:
-        from palpate.launch.pictures.style import ENERGY, FINGER, NORMAL, SPEED, figure
+        from palpate.views.pictures.style import ENERGY, FINGER, NORMAL, SPEED, figure
 
         drawn = figure(11.0, 5.0, "How stiff a wall the device can hold")
     except ModuleNotFoundError:

@@ -12,8 +12,8 @@ from palpate.launch.commands.common import TROUBLE, Graph, Json, SceneOption, Se
 from palpate.launch.commands.progress import steps
 
 if TYPE_CHECKING:
-    from palpate.launch.recording.compare import Variant
     from palpate.launch.recording.rates import Rate
+    from palpate.records.compare import Variant
 
 
 PER_TICK = 3e-3

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from palpate.launch.commands.common import console
 from palpate.launch.commands.progress import steps
-from palpate.launch.loading.classes import ClassError, find_class
+from palpate.launch.load.classes import ClassError, find_class
 
 if TYPE_CHECKING:
     from palpate.nodes.base import Node
@@ -92,7 +92,7 @@ def _figure(name: str, value: float) -> str:
 def draw_bodies(rows: list[dict[str, Any]], path: Path) -> str:
     """Stiffness over delay, a column for each body at the least rate; "" where matplotlib is missing."""
     try:
-        from palpate.launch.pictures.style import ENERGY, FINGER, SPEED, figure
+        from palpate.views.pictures.style import ENERGY, FINGER, SPEED, figure
     except ModuleNotFoundError:
         return ""
     names, rate = list(dict.fromkeys(row["body"] for row in rows)), min(row["rate"] for row in rows)
@@ -121,7 +121,7 @@ def draw_regions(told: dict[str, Any], device: Device, period: float, path: Path
     try:
         from matplotlib.colors import ListedColormap
 
-        from palpate.launch.pictures.style import INK, figure
+        from palpate.views.pictures.style import INK, figure
     except ModuleNotFoundError:
         return ""
     from palpate.physics.device.regions import KINDS

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from palpate.launch.loading.bill import Item
-from palpate.launch.recording.compare import Variant, compare
-from palpate.launch.recording.reader import Recording, RecordingError
+from palpate.launch.load.bill import Item
 from palpate.physics.errors import PalpateError
+from palpate.records.compare import Variant, compare
+from palpate.records.reader import Recording, RecordingError
 
 NONE = 1e-12  # [N] below this, a force is the same
 RESOLUTION = 0.13  # of a duration: a bin of its histogram

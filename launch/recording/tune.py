@@ -14,19 +14,19 @@ from typing import Any
 
 import yaml
 
-from palpate.launch.loading.graph import Graph
-from palpate.launch.loading.launchfile import LaunchFile
-from palpate.launch.loading.placement import FUSED
-from palpate.launch.recording.compare import Variant, compare
-from palpate.launch.recording.reader import Recording
-from palpate.launch.running.busy import busy
-from palpate.launch.running.execute import execute
-from palpate.launch.running.slot import NodeFault
+from palpate.engine.slot import NodeFault
+from palpate.launch.load.graph import Graph
+from palpate.launch.load.launchfile import LaunchFile
+from palpate.launch.load.placement import FUSED
+from palpate.launch.run.busy import busy
+from palpate.launch.run.execute import execute
 from palpate.messages import Surface
 from palpate.nodes.base import SettingError
 from palpate.nodes.deformation import ReducedFE
 from palpate.nodes.deformation.basis_store import shipped
 from palpate.physics.errors import MISUSE, PalpateError
+from palpate.records.compare import Variant, compare
+from palpate.records.reader import Recording
 
 MODELS = ("deformation.ReducedFE", "deformation.BeamBundle", "deformation.MassSpring")
 """The nearest to full elements first."""
@@ -184,7 +184,7 @@ def reference(recording: Recording, wanted: list[dict[str, Any]]) -> dict[str, A
 
 def _startable(recording: Recording, texts: list[str]) -> None:
     """Whether a body starts with these settings: what is missing is told then, not at its first step."""
-    from palpate.launch.recording.changed import changed
+    from palpate.records.changed import changed
 
     graph = changed(recording, texts).graph
     spec = graph.nodes[body_of(graph)]
@@ -194,7 +194,7 @@ def _startable(recording: Recording, texts: list[str]) -> None:
 def claim(recording: Recording, base: dict[str, Any]) -> float:
     """What the reference is off by [1]: `KNOWN`, and what its stored basis says of itself, its dents against the full
     model; 0 where nothing is known."""
-    from palpate.launch.recording.changed import changed
+    from palpate.records.changed import changed
 
     graph = changed(recording, Candidate(base).texts).graph
     spec = graph.nodes[body_of(graph)]

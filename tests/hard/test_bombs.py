@@ -21,10 +21,10 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, Header, Message, Metadata, MetadataIndex, Schema
 from mcap.records import Footer as End
 
-from palpate.launch.recording.reader import Recording, RecordingError
 from palpate.nodes.logger.mcap import SCHEMA_VERSION
-from palpate.nodes.mcap_file import LIBRARY, MAGIC, MOST_HEAD, Broken, opened
 from palpate.physics.archive import ArchiveError, read_arrays
+from palpate.records.format.mcap_file import LIBRARY, MAGIC, MOST_HEAD, Broken, opened
+from palpate.records.reader import Recording, RecordingError
 
 LIMITED = """
 import os, resource, sys
@@ -80,7 +80,7 @@ def test_an_lz4_chunk_unpacks_to_no_more_than_it_claims(tmp_path, store_size):
     path = one_chunk(tmp_path / "a.mcap", "lz4", packed, 1000)
     with pytest.raises(Broken, match="cannot be unpacked"):
         list(opened(path))
-    setup = "from palpate.nodes.mcap_file import Broken, opened"
+    setup = "from palpate.records.format.mcap_file import Broken, opened"
     call = "\n        ".join(["try: list(opened(path))", "except Broken as error: print(error)"])
     said, more = grown(setup, call, path)
     assert "cannot be unpacked" in said and more < 20
@@ -115,7 +115,7 @@ def test_a_file_that_is_one_hole_is_not_read_into_memory(tmp_path, kind):
     path.write_bytes(MAGIC + struct.pack("<BQ", kind, length))
     os.truncate(path, len(MAGIC) + 9 + length)
     said, more = grown(
-        "from palpate.launch.recording.reader import Recording", "Recording(path)", path
+        "from palpate.records.reader import Recording", "Recording(path)", path
     )  # fmt: skip
     assert "not a recording of palpate" in said and more < 50
 
@@ -145,7 +145,7 @@ def test_metadata_that_the_index_names_a_thousand_times_is_read_once_or_refused(
     about = Metadata("other", {"text": "x" * 1_000_000})
     index = [lambda places: MetadataIndex(places[1], 0, "other")] * 1000
     path = complete(tmp_path / "a.mcap", [about], index)
-    said, more = grown("from palpate.launch.recording.reader import Recording", "Recording(path)", path)
+    said, more = grown("from palpate.records.reader import Recording", "Recording(path)", path)
     assert "not a recording of palpate" in said and more < 100
 
 
@@ -156,7 +156,7 @@ def test_a_schema_is_parsed_once_for_all_channels_and_not_beyond_its_limit(tmp_p
     channels = [Channel(id=k, topic=f"s{k}", message_encoding="msgpack", schema_id=1,
                         metadata={"producer": f"s{k}", "every": "1"}) for k in range(500)]  # fmt: skip
     path = complete(tmp_path / "a.mcap", [], [schema, *channels])
-    said, more = grown("from palpate.launch.recording.reader import Recording", "Recording(path)", path)
+    said, more = grown("from palpate.records.reader import Recording", "Recording(path)", path)
     assert "not a recording of palpate" in said and more < 100
     huge = Schema(id=1, data=b" " * (MOST_HEAD + 1), encoding="jsonschema", name="Contact")
     with pytest.raises(RecordingError, match=r"bytes of streams|expected at most"):
@@ -186,7 +186,7 @@ def test_a_tick_far_away_takes_no_more_memory_than_one_nearby(tmp_path):
     for record in [Header("palpate", "none"), Metadata("palpate.about", {"plan": "{}"}), *records]:
         record.write(builder)
     path.write_bytes(MAGIC + builder.end())
-    setup = "from palpate.launch.recording.reader import Recording"
+    setup = "from palpate.records.reader import Recording"
     said, more = grown(setup, "print(Recording(path).ticks()['s'].tolist())", path)
     assert said == "[2147483647]" and more < 50
 
@@ -213,8 +213,8 @@ def test_an_archive_that_unpacks_to_more_than_it_may_is_refused(tmp_path, monkey
 
 
 SCANS = """import nibabel, pydicom, skimage.io, tifffile
-from palpate.scan import read
-sys.modules["palpate.scan.read"].MOST_VOXELS = 1 << 24"""
+from palpate.models.scan import read
+sys.modules["palpate.models.scan.read"].MOST_VOXELS = 1 << 24"""
 
 
 def nifti(begin: float = 352.0, shape=(4, 4, 4)) -> bytearray:
@@ -233,8 +233,8 @@ def test_a_scan_that_unpacks_to_more_than_it_may_is_refused(tmp_path):
     pytest.importorskip("skimage", reason="scikit-image is not installed (extra scan)")
     from PIL import Image
 
-    from palpate.scan import phantom
-    from palpate.scan.stack import Stack
+    from palpate.models.scan import phantom
+    from palpate.models.scan.stack import Stack
 
     wide = tmp_path / "wide.nii.gz"
     with gzip.open(wide, "wb", compresslevel=1) as file:

@@ -11,7 +11,7 @@ import pytest
 from typer.testing import CliRunner
 
 from palpate.launch.__main__ import app
-from palpate.launch.loading.launchfile import find
+from palpate.launch.load.launchfile import find
 from palpate.launch.recording import rates
 from palpate.launch.recording.tune import touched
 

@@ -10,7 +10,7 @@ import yaml
 from typer.testing import CliRunner
 
 from palpate.launch.__main__ import app
-from palpate.launch.loading.launchfile import find
+from palpate.launch.load.launchfile import find
 from palpate.launch.recording import tune
 from palpate.launch.recording.tune import Candidate, Goal, TuneError, body_of, candidates, pick, read_error
 

@@ -1,0 +1,190 @@
+"""Pictures of `palpate fit`: data with the fitted curve and its band, all regressions, and the probability density."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from matplotlib import colormaps
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from palpate.models.fit.curve_fit import Fit, fit_curve
+from palpate.models.fit.report import Chosen, Fitted
+from palpate.physics.contact.force_band import truncated_density, truncated_quantile
+from palpate.physics.contact.force_models import MODELS
+
+STYLES = dict(zip(MODELS, ("k:", "g-", "b--", "m-.", "r-"), strict=True))
+"""Colour and dashes of each model; some regressions hardly differ."""
+
+
+def draw_choice(result: Chosen, stem: Path) -> list[Path]:
+    """Draw force and deviation with their fits and with those of all models, and the density over depth and force, in
+    lines and as a surface; the files written."""
+    name, depths, choice = _plain(result.subject.name), result.depths, result.choice
+    paths = [
+        _fit(result, name, stem.with_name(stem.name + "-fit.png")),
+        _models(result, name, stem.with_name(stem.name + "-models.png")),
+    ]
+    if choice.deviation is not None:
+        law = Law(choice.mean, choice.deviation, choice.band.widening, choice.band.freedom)
+        paths.append(_density(name, depths, law, stem.with_name(stem.name + "-density.png")))
+        paths.append(_surface(name, depths, law, stem.with_name(stem.name + "-surface.png")))
+    return paths
+
+
+class Law(NamedTuple):
+    """Mean and scatter with the spread of a new session's forces."""
+
+    mean: Fit
+    scatter: Fit
+    widening: float
+    freedom: float
+
+    def at(self, depth: float) -> tuple[float, float]:
+        """Mean and scale [N] at a depth [m]; as `force_band.band_at` holds them."""
+        return max(float(self.mean(depth)), 0.0), max(float(self.scatter(depth)), 0.0) * self.widening
+
+
+def _fit(result: Chosen, name: str, path: Path) -> Path:
+    """Data, curve and band; scatter and its curve."""
+    depths, choice = result.depths, result.choice
+    figure = Figure(figsize=(11, 4.2), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    fine = np.linspace(depths[0], depths[-1], 200)
+    mean = choice.mean(fine)
+    kept = _samples(left, result)
+    if choice.dropped:
+        left.plot([], [], "x", color="tab:red", label=f"{len(choice.dropped)} dropped")
+    if choice.deviation is not None:
+        spread = np.maximum(choice.deviation(fine), 0.0)
+        scale, freedom = choice.band.widening * spread, choice.band.freedom
+        low, high = (truncated_quantile(p, mean, scale, freedom) for p in (0.025, 0.975))
+        text = "95 % of a new session's forces" if freedom else "mean ± 1.96 standard deviations"
+        left.fill_between(fine * 1e3, low, high, color="tab:blue", alpha=0.2, lw=0, label=text)
+        right.plot(fine * 1e3, spread, color="tab:blue", label=choice.deviation.model.name)
+    left.plot(fine * 1e3, mean, color="tab:blue", label=f"mean, {choice.mean.model.name}")
+    pressed = depths > 0
+    right.plot(depths[pressed] * 1e3, choice.deviations[pressed], "o", color="0.25", ms=4, label=f"{kept} sessions")
+    left.set(xlabel="depth [mm]", ylabel="force [N]", title=f"Subject {name}: force")
+    right.set(xlabel="depth [mm]", ylabel="standard deviation [N]", title=f"Subject {name}: scatter", ylim=(0, None))
+    for axes in (left, right):
+        axes.legend(frameon=False)
+    return _save(figure, path)
+
+
+def _samples(axes: Axes, result: Chosen) -> int:
+    """The forces of the kept sessions as dots, those of dropped ones as crosses; how many are kept."""
+    kept = [s for s in range(len(result.forces)) if s not in result.choice.dropped]
+    for s, row in enumerate(result.forces):
+        used = s in kept
+        axes.plot(result.depths * 1e3, row, "." if used else "x", color="0.45" if used else "tab:red", ms=4, zorder=1)
+    axes.plot([], [], ".", color="0.45", label=f"{len(kept)} sessions")
+    return len(kept)
+
+
+def _models(result: Chosen, name: str, path: Path) -> Path:
+    """All regressions of the force and of its scatter, fitted to all kept sessions, with their errors."""
+    depths, choice = result.depths, result.choice
+    figure = Figure(figsize=(12, 4.8), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    fine, pressed = np.linspace(depths[0], depths[-1], 200), depths > 0
+    kept = [s for s in range(len(result.forces)) if s not in choice.dropped]
+    _samples(left, result)
+    right.plot(depths[pressed] * 1e3, choice.deviations[pressed], "o", color="0.25", ms=4, label="over the sessions")
+    rows = np.tile(depths, len(kept)), result.forces[kept].ravel()
+    scatter = (depths[pressed], choice.deviations[pressed])
+    for axes, data, best in ((left, rows, choice.mean), (right, scatter, choice.deviation)):
+        if best is None:
+            continue
+        for model in MODELS.values():
+            fit = fit_curve(model, *data, constant=True)
+            chosen = model.name == best.model.name
+            text = f"{model.name}: {fit.rmse * 1e3:.1f} mN" + (" (chosen)" if chosen else "")
+            axes.plot(
+                fine * 1e3,
+                fit(fine),
+                STYLES[model.name],
+                lw=5.0 if chosen else 1.2,
+                alpha=0.4 if chosen else 1.0,
+                label=text,
+            )
+    left.set(xlabel="depth [mm]", ylabel="force [N]", title=f"Subject {name}: five regressions of the force, RMSE")
+    right.set(xlabel="depth [mm]", ylabel="standard deviation [N]", ylim=(0, None),
+              title=f"Subject {name}: five regressions of the scatter, RMSE")  # fmt: skip
+    for axes in (left, right):
+        axes.legend(frameon=False)
+    return _save(figure, path)
+
+
+def _surface(name: str, depths: np.ndarray, law: Law, path: Path) -> Path:
+    """The density over depth and force as a surface."""
+    figure = Figure(figsize=(8.4, 6.0))
+    figure.subplots_adjust(left=0.0, right=0.96, bottom=0.03, top=0.92)
+    axes: Any = figure.add_subplot(projection="3d")
+    pressed = depths[depths > 0]
+    shown = np.linspace(pressed[0], pressed[-1], 120)
+    laws = np.array([law.at(d) for d in shown])
+    inside = laws[:, 1] > 0
+    shown, (mean, scale) = shown[inside, None], laws[inside].T[..., None]
+    force = np.maximum(mean + np.linspace(-5.0, 5.0, 161) * scale, 0.0)  # along the ridge, so that it has no teeth
+    density = truncated_density(force, mean, scale, law.freedom)
+    axes.plot_surface(
+        np.broadcast_to(shown * 1e3, force.shape), force, density, cmap="viridis", rcount=120, ccount=161, linewidth=0
+    )
+    axes.set(xlabel="depth [mm]", ylabel="force [N]", zlabel="probability density [1/N]",
+             title=f"Subject {name}: density of the force over depth")  # fmt: skip
+    axes.view_init(elev=30, azim=-60)
+    return _save(figure, path)
+
+
+def _density(name: str, depths: np.ndarray, law: Law, path: Path) -> Path:
+    """The density at each depth."""
+    figure = Figure(figsize=(6.4, 4.4), layout="constrained")
+    axes = figure.subplots()
+    shown = depths[depths > 0]
+    shown = shown if len(shown) <= 12 else np.linspace(shown[0], shown[-1], 11)
+    top = 0.0
+    for d in shown:
+        centre, sigma = law.at(d)
+        if sigma <= 0:
+            continue
+        force = np.linspace(max(centre - 4 * sigma, 0.0), max(centre, 0.0) + 4 * sigma, 300)
+        density = truncated_density(force, centre, sigma, law.freedom)
+        colour = ((d - shown[0]) / (shown[-1] - shown[0])) * 0.85
+        axes.plot(force, density, color=colormaps["viridis"](colour), label=f"{d * 1e3:.2g} mm")
+        axes.fill_between(force, density, color=colormaps["viridis"](colour), alpha=0.15, lw=0)
+        top = max(top, float(density.max()))
+    axes.set(
+        xlabel="force [N]", ylabel="probability density [1/N]", title=f"Subject {name}: force at each depth",
+        xlim=(0, None), ylim=(0, 1.05 * top),
+    )  # fmt: skip
+    axes.legend(frameon=False, title="depth")
+    return _save(figure, path)
+
+
+def draw_law(result: Fitted, stem: Path) -> list[Path]:
+    """Draw the data with a contact law at rest; the files written."""
+    subject, fit, _ = result
+    at_rest = " at rest" if fit.model.columns == 2 else ""
+    figure = Figure(figsize=(6.4, 4.4), layout="constrained")
+    axes = figure.subplots()
+    fine = np.linspace(0.0, float(subject.depth.max()), 200)
+    axes.plot(subject.depth * 1e3, subject.force, ".", color="0.45", ms=4, label="data")
+    axes.plot(fine * 1e3, fit(fine, 0.0 if at_rest else None), color="tab:blue", label=fit.model.name + at_rest)
+    axes.set(xlabel="depth [mm]", ylabel="force [N]", title=f"Subject {_plain(subject.name)}: {fit.model.formula}")
+    axes.legend(frameon=False)
+    return [_save(figure, stem.with_name(stem.name + "-law.png"))]
+
+
+def _plain(text: str) -> str:
+    """A label that matplotlib does not read as a formula."""
+    return text.replace("$", r"\$")
+
+
+def _save(figure: Figure, path: Path) -> Path:
+    FigureCanvasAgg(figure)
+    figure.savefig(path, dpi=130)
+    return path
