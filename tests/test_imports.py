@@ -6,7 +6,9 @@ import sys
 from importlib.metadata import requires
 from pathlib import Path
 
+import nodes_for_runs
 import pytest
+from graphs_for_runs import write_graph
 
 import palpate.bench
 import palpate.drivers
@@ -170,6 +172,17 @@ def test_a_check_of_a_recording_imports_no_socket_of_ours_and_no_process(tmp_pat
     assert not [module for module in ours if module.startswith(("palpate.launch.", "palpate.views"))]
     shared = [module for module in ours if module.startswith(("palpate.engine", "palpate.records"))]
     assert len(shared) <= 25, shared
+
+
+def test_a_run_of_nodes_that_compile_nothing_imports_no_compiler(tmp_path):
+    command = ["run", str(write_graph(tmp_path)), "--fused", "--no-record", "--duration", "0.01", "-q"]
+    code = (
+        f"import sys; sys.path.append({str(Path(nodes_for_runs.__file__).parent)!r})\n"
+        f"from palpate.launch.__main__ import app\ntry: app({command})\nexcept SystemExit as end: print(end)\n"
+        "print('SLOW', sorted({'numba', 'scipy.sparse', 'scipy.spatial', 'pyvista', 'matplotlib'} & set(sys.modules)))"
+    )
+    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    assert "10 ticks" in out and out.splitlines()[-2:] == ["0", "SLOW []"], out
 
 
 def test_the_extras_are_those_of_the_installation():
