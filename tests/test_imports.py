@@ -8,7 +8,6 @@ from pathlib import Path
 
 import pytest
 
-import palpate.bench
 import palpate.drivers
 import palpate.launch.loading.extras
 import palpate.messages
@@ -16,16 +15,17 @@ import palpate.models.fe
 import palpate.models.fit
 import palpate.nodes
 import palpate.physics
+import palpate.studies
 
 PACKAGES = (
     palpate.physics,
-    palpate.bench,
     palpate.drivers,
     palpate.models.fe,
     palpate.models.fit,
     palpate.messages,
     palpate.nodes,
     palpate.launch,
+    palpate.studies,
 )
 FOLDERS = {package.__name__.removeprefix("palpate."): Path(next(iter(package.__path__))) for package in PACKAGES}
 LINKS = Path(__file__).parent.parent / "typings" / "palpate"
@@ -38,8 +38,8 @@ OURS = {
     "models.fit": {"models.fit", "nodes", "messages", "physics"},
     "messages": {"messages"},
     "nodes": {"nodes", "drivers", "messages", "physics"},
-    "bench": {"bench", "models.fe", "nodes", "messages", "physics"},
-    "launch": {"launch", "bench", "drivers", "nodes", "messages", "graphs", "models", "physics"},
+    "studies": {"studies", "launch", "models.fe", "nodes", "messages", "physics"},
+    "launch": {"launch", "studies", "drivers", "nodes", "messages", "graphs", "models", "physics"},
 }
 THEIRS = {
     "physics": {"numpy", "scipy", "numba"},

@@ -13,8 +13,8 @@ from palpate.launch.commands.progress import steps
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from palpate.bench.cells import Cell
-    from palpate.bench.touches import Touch
+    from palpate.studies.accuracy.cells import Cell
+    from palpate.studies.accuracy.touches import Touch
 
 
 def accuracy(
@@ -39,13 +39,13 @@ def accuracy(
 
     A run that was ended goes on where it was.
     """
-    from palpate.bench import methods as known
-    from palpate.bench.cells import compute, matrix
-    from palpate.bench.errors import BenchError
-    from palpate.bench.laboratory import missing
-    from palpate.bench.limits import told_apart
-    from palpate.bench.touches import chosen
     from palpate.launch.loading.classes import find_class
+    from palpate.studies.accuracy import methods as known
+    from palpate.studies.accuracy.cells import compute, matrix
+    from palpate.studies.accuracy.errors import BenchError
+    from palpate.studies.accuracy.laboratory import missing
+    from palpate.studies.accuracy.limits import told_apart
+    from palpate.studies.accuracy.touches import chosen
 
     about = _about()
     wanted = chosen(touches)
@@ -68,7 +68,7 @@ def accuracy(
     if as_json:
         from dataclasses import asdict
 
-        from palpate.bench.limits import mostly
+        from palpate.studies.accuracy.limits import mostly
 
         tell({"ok": True, "about": about, "files": {k: str(v) for k, v in files.items()},
               "cells": [asdict(c) | {"mostly": mostly(c)} for c in cells]})  # fmt: skip
@@ -85,8 +85,8 @@ def accuracy(
 
 def _about() -> dict[str, Any]:
     """Versions, machine and commit."""
-    from palpate.bench.calculix import version
     from palpate.launch.running.provenance import machine
+    from palpate.studies.peers.calculix import version
 
     versions = machine("numpy", "scipy", "numba", "felupe", "mujoco")
     return {**versions, "calculix": version() or "not installed", "seeds": "none, nothing here is random"}
@@ -105,8 +105,8 @@ def _shown(work: Callable[[Callable[[int, str], None]], list[Cell]], count: int)
 
 
 def _rebuild(about: dict[str, Any], wanted: list[Touch], silent: bool) -> None:
-    from palpate.bench.places import SHIPPED, on_path
-    from palpate.bench.places import rebuild as work
+    from palpate.studies.accuracy.places import SHIPPED, on_path
+    from palpate.studies.accuracy.places import rebuild as work
 
     places = list(dict.fromkeys(name for touch in wanted if touch.place for name in on_path(touch.place)))
     about = {**about, "command": "palpate bench accuracy --rebuild-references"}
@@ -119,14 +119,14 @@ def _rebuild(about: dict[str, Any], wanted: list[Touch], silent: bool) -> None:
 
 def _written(cells: list[Cell], about: dict[str, Any], folder: Path) -> dict[str, Path]:
     """Table, pictures where matplotlib is there, page."""
-    from palpate.bench import page, table
-    from palpate.bench.pareto import summaries
+    from palpate.studies.accuracy import page, table
+    from palpate.studies.accuracy.pareto import summaries
 
     table.write(cells, about, folder / "accuracy.csv")
     drawn: dict[str, Path] = {}
     try:
-        from palpate.bench.order import studies
-        from palpate.bench.pictures import convergence, overview, touch_picture
+        from palpate.studies.accuracy.order import studies
+        from palpate.studies.accuracy.pictures import convergence, overview, touch_picture
 
         for touch in dict.fromkeys(c.touch for c in cells):
             drawn[touch] = folder / f"{touch}.png"
@@ -149,8 +149,8 @@ def _written(cells: list[Cell], about: dict[str, Any], folder: Path) -> dict[str
 def _print(cells: list[Cell]) -> None:
     from rich.table import Table
 
-    from palpate.bench.page import LEGEND, default_costs
-    from palpate.bench.pareto import front, summaries
+    from palpate.studies.accuracy.page import LEGEND, default_costs
+    from palpate.studies.accuracy.pareto import front, summaries
 
     told = summaries(cells)
     best = front([(s.p99, s.error) for s in told])

@@ -13,7 +13,7 @@ from palpate.launch.commands.progress import steps
 
 if TYPE_CHECKING:
     from palpate.launch.recording.compare import Variant
-    from palpate.launch.recording.rates import Rate
+    from palpate.studies.rates import Rate
 
 
 PER_TICK = 3e-3
@@ -40,8 +40,8 @@ def rates(
     Runs the graph at these rates, more often until the run keeps the error, and writes a launch file for `palpate run`
     with what was measured. Nothing is written, and the exit code is 1, where no run keeps it.
     """
-    from palpate.launch.recording import rates as measure
-    from palpate.launch.recording.tune import touched, write
+    from palpate.studies import rates as measure
+    from palpate.studies.tune import touched, write
 
     share = measure.read_error(error)
     launch = chosen(graph, sets, scene).but(duration=duration)
@@ -85,7 +85,7 @@ def rates(
 
 
 def _promise(share: float, variant: Variant) -> list[str]:
-    from palpate.launch.recording.rates import force_error
+    from palpate.studies.rates import force_error
 
     return [
         f"Chosen by palpate rates: each effect as seldom as an error of {100 * share:.2g} % allows;",
@@ -100,7 +100,7 @@ def _data(rate: Rate) -> dict[str, Any]:
 
 
 def _times(base: Variant, variant: Variant) -> dict[str, float]:
-    from palpate.launch.recording.rates import force_error, mean
+    from palpate.studies.rates import force_error, mean
 
     return {"force_error": force_error(variant), "tick_s": mean(variant), "tick_at_full_rates_s": mean(base)}
 

@@ -34,7 +34,7 @@ def bodies(
     device: Device, names: list[str], rates: list[float], delays: list[int], silent: bool
 ) -> list[dict[str, Any]]:
     """A row for each body, rate and delay."""
-    from palpate.bench.body_wall import row, stiffened
+    from palpate.studies.stability.body_wall import row, stiffened
 
     classes = {name: _body(name) for name in names}
     for cls in classes.values():

@@ -12,7 +12,7 @@ from palpate.launch.commands.common import TROUBLE, Graph, Json, SceneOption, Se
 from palpate.launch.commands.progress import steps
 
 if TYPE_CHECKING:
-    from palpate.launch.recording.tune import Candidate, Goal
+    from palpate.studies.tune import Candidate, Goal
 
 
 PER_TICK = 1e-3
@@ -42,7 +42,7 @@ def tune(
     Writes a launch file for `palpate run`, runs it, and tells what was promised and what came. Exit code 1 where
     nothing keeps what is asked for.
     """
-    from palpate.launch.recording.tune import (
+    from palpate.studies.tune import (
         Candidate,
         Goal,
         TuneError,

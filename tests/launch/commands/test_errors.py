@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 from palpate.launch.commands.common import Verbs
 from palpate.physics.errors import PalpateError
 
-FOLDERS = ("physics", "models", "messages", "drivers", "nodes", "launch")
+FOLDERS = ("physics", "models", "messages", "drivers", "nodes", "launch", "studies")
 INSIDE = {
     "Broken", "Ended", "Hangs", "Inverted", "MissingInput", "NotPositive", "Refused", "UnheldError", "ZmtpError",
     "_Fault",

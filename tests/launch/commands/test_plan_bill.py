@@ -10,7 +10,7 @@ from palpate.launch.__main__ import app
 from palpate.launch.loading.bill import bill
 from palpate.launch.loading.graph import load
 from palpate.launch.loading.plan import plan
-from palpate.launch.recording.prove import prove
+from palpate.studies.prove import prove
 
 
 def items(*sets, graph="kidney", times=None):

@@ -12,8 +12,8 @@ from typer.testing import CliRunner
 
 from palpate.launch.__main__ import app
 from palpate.launch.loading.launchfile import find
-from palpate.launch.recording import rates
-from palpate.launch.recording.tune import touched
+from palpate.studies import rates
+from palpate.studies.tune import touched
 
 SWING = """
 nodes:

@@ -11,8 +11,8 @@ from typer.testing import CliRunner
 
 from palpate.launch.__main__ import app
 from palpate.launch.loading.launchfile import find
-from palpate.launch.recording import tune
-from palpate.launch.recording.tune import Candidate, Goal, TuneError, body_of, candidates, pick, read_error
+from palpate.studies import tune
+from palpate.studies.tune import Candidate, Goal, TuneError, body_of, candidates, pick, read_error
 
 FAST = Candidate({"tissue.use": "deformation.MassSpring"}, 0.15, 30e-6, 60e-6)
 MIDDLE = Candidate({"tissue.use": "deformation.ReducedFE", "tissue.every": 5}, 0.01, 50e-6, 100e-6)
