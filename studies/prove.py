@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 from palpate.launch.loading.bill import Item
-from palpate.launch.recording.compare import Variant, compare
-from palpate.launch.recording.reader import Recording, RecordingError
-from palpate.physics.errors import PalpateError
+from palpate.launch.recording.compare import Variant
+from palpate.launch.recording.reader import Recording
+from palpate.studies.search import Show, compared, off_by
 
 NONE = 1e-12  # [N] below this, a force is the same
 RESOLUTION = 0.13  # of a duration: a bin of its histogram
@@ -17,7 +17,7 @@ def prove(
     recording: Recording,
     items: Sequence[Item],
     overrides: Sequence[str] = (),
-    show: Callable[[str], None] = lambda effect: None,
+    show: Show = lambda effect: None,
 ) -> None:
     """Give each item its proof: how the force and the time of a tick change with the effect the other way round.
 
@@ -33,17 +33,12 @@ def prove(
         if not item.on and item.setting:
             item.proof = f"not tried: give {item.where[0]} a value"
             continue
-        other = f"effects.{item.effect}={'off' if item.on else 'on'}"
-        try:
-            base, variant = compare(recording, [[*overrides, other]], reference=list(overrides))
-        except RecordingError:
-            raise
-        except PalpateError as error:
-            item.proof = (
-                f"cannot be {'left out' if item.on else 'had'}: {str(error).splitlines()[0].split(': ', 1)[-1]}"
-            )
-            continue
-        item.proof = _told(item, base, variant)
+        both = compared(recording, [*overrides, f"effects.{item.effect}={'off' if item.on else 'on'}"], overrides)
+        if isinstance(both, str):
+            why = both.splitlines()[0].split(": ", 1)[-1]
+            item.proof = f"cannot be {'left out' if item.on else 'had'}: {why}"
+        else:
+            item.proof = _told(item, *both)
 
 
 def _told(item: Item, base: Variant, variant: Variant) -> str:
@@ -60,5 +55,5 @@ def _told(item: Item, base: Variant, variant: Variant) -> str:
     scale = variant.force.scale
     if scale <= 0.0:
         return f"{word}: up to {variant.force.peak:.2g} N, where there was no force; {cost}"
-    rms, peak = variant.force.report()["rms"] / scale, variant.force.peak / scale
-    return f"{word}: force differs by {rms:.2%} of its peak (rms), at most {peak:.2%}; {cost}"
+    peak = variant.force.peak / scale
+    return f"{word}: force differs by {off_by(variant):.2%} of its peak (rms), at most {peak:.2%}; {cost}"

@@ -3,36 +3,33 @@
 An effect that is a node of its own may run at each n-th tick (`every: n`); others read its last message until then.
 How often it has to run follows from its own time constant: the time in which its output, as fast as it changes in the
 mean (rms) over the touch, goes through its own peak. Held for n ticks of dt, it is off by n dt/(sqrt(3) constant) of
-its peak (rms). That says where to begin; what is chosen was measured, by the touch computed again at several rates.
+its peak (rms). What is chosen was measured: the touch is computed again with the effect at each rate of a ladder.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+import tempfile
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from palpate.launch.loading.force_path import force_path
+from palpate.launch.loading.launchfile import LaunchFile
 from palpate.launch.loading.plan import Plan
 from palpate.launch.recording.changed import changed
-from palpate.launch.recording.compare import Variant, apart, compare
+from palpate.launch.recording.compare import apart, compare
 from palpate.launch.recording.player import Player
 from palpate.launch.recording.reader import Recording
 from palpate.messages import Field, Message, fields
 from palpate.nodes.base import inputs
-from palpate.physics.errors import MISUSE, PalpateError
+from palpate.studies.search import Found, SearchError, Show, Trial, off_by, touched, write
 
 LADDER = (1, 2, 5, 10, 20, 50, 100, 200, 500)
 """Divisors of the graph's rate that are tried."""
-
-
-class RateError(PalpateError, ValueError):
-    """A graph whose effects all run as often as they must; an error that is none."""
-
-    exit_code = MISUSE
 
 
 @dataclass(frozen=True)
@@ -58,66 +55,70 @@ class Rate:
         """Whether nothing of it changed on the touch, so that its rate is left."""
         return math.isinf(self.constant)
 
-    @property
-    def error(self) -> float:
-        """The larger of both."""
-        return max(self.own, self.force)
-
     def override(self, every: int | None = None) -> str:
         """As `--set` takes it."""
         return f"{self.node}.every={self.every if every is None else every}"
 
 
-def read_error(text: str) -> float:
-    """[1] of '1 %'. RateError: it is none."""
-    number, sign, rest = text.partition("%")
-    try:
-        share = float(number) / 100.0
-    except ValueError:
-        share = math.nan
-    if not 0.0 < share < 1.0 or not sign or rest.strip():
-        raise RateError(f"error: found {text!r}, expected a share of a peak, above 0 and below 100, such as '1 %'")
-    return share
+def rates(launch: LaunchFile, error: float, file: Path, show: Show = lambda what: None) -> Found:
+    """Each effect as seldom as an error [1] allows, more often until a run keeps it; then written as a launch file."""
+    effects_of(launch.plan())  # tells what has none before anything runs
+    with tempfile.TemporaryDirectory() as folder:
+        recording = touched(launch, Path(folder) / "touch.mcap")
+        show("the touch")
+        picked, promised = together(recording, list(chosen(recording, error, show)), error)
+        while True:
+            again = touched(launch.but(overrides=promised.texts), Path(folder) / "slow.mcap")
+            show("a run of it")
+            came = ran(again, picked)
+            finer = None if came.error <= error else oftener(picked)
+            if finer is None:
+                break
+            picked, promised = together(recording, finer, error)
+    if came.error <= error:
+        told = (
+            f"Chosen by palpate rates: each effect as seldom as an error of {100 * error:.2g} % allows;",
+            f"the force is off by {100 * came.error:.2g} % of its peak (rms) in a run of it.",
+        )
+        write(launch, promised.overrides, told, file)
+    return Found(picked, promised, came, came.error <= error)
 
 
 def effects_of(plan: Plan) -> list[Rate]:
-    """Each running node that is an effect as a whole. RateError: there is none."""
+    """Each running node that is an effect as a whole. SearchError: there is none."""
     path = force_path(plan)
     nodes = [plan.graph.nodes[name] for name in plan.order]
-    found = [
+    told = [
         Rate(spec.name, spec.cls.effect, spec.every, spec.name in path)
         for spec in nodes
         if spec.cls.effect and not (spec.cls.paced or spec.cls.hardware)
     ]
-    if not found:
-        raise RateError(
+    if not told:
+        raise SearchError(
             f"{plan.graph.path}: no effect is a node of its own here, so there is no rate to choose; `palpate plan` "
             "shows the effects of a graph"
         )
-    return found
+    return told
 
 
-def chosen(recording: Recording, error: float, show: Callable[[str], None] = lambda node: None) -> Iterator[Rate]:
+def chosen(recording: Recording, error: float, show: Show = lambda what: None) -> Iterator[Rate]:
     """Each effect of the recorded graph at the lowest rate that keeps `error` [1]; the others run at each tick."""
     plan = changed(recording)
-    found = effects_of(plan)
-    full = [rate.override(1) for rate in found]
-    constants = _constants(recording, plan, found, full)
-    for rate in found:
+    effects = effects_of(plan)
+    for rate in effects:
+        yield _lowest(recording, plan, rate, [other.override(1) for other in effects], error)
         show(rate.node)
-        yield _lowest(recording, plan, replace(rate, constant=constants[rate.node]), full, error)
 
 
-def together(recording: Recording, rates: Sequence[Rate], error: float) -> tuple[list[Rate], Variant, Variant]:
+def together(recording: Recording, rates: Sequence[Rate], error: float) -> tuple[list[Rate], Trial]:
     """All of them at once: where the force is then off by more than `error` [1], the one that has most part in it runs
-    more often, until it is not. The touch at full rates and with these."""
+    more often, until it is not; and what the touch is with these, against that at full rates."""
     picked = list(rates)
-    full = [rate.override(1) for rate in picked]
     while True:
-        base, variant = compare(recording, [[rate.override() for rate in picked]], reference=full)
-        finer = None if force_error(variant) <= error else oftener(picked)
+        one = _trial(recording, picked, [rate.override() for rate in picked])
+        finer = None if one.error <= error else oftener(picked)
         if finer is None:
-            return picked, base, variant
+            return picked, one
         picked = finer
 
 
@@ -132,78 +133,42 @@ def oftener(rates: Sequence[Rate]) -> list[Rate] | None:
     return [replace(rate, every=every) if k == worst else rate for k, rate in enumerate(rates)]
 
 
-def came(recording: Recording, rates: Sequence[Rate]) -> tuple[Variant, Variant]:
-    """Of a run at these rates, its motion with each effect at each tick, and as it was."""
-    base, variant = compare(recording, [[]], reference=[rate.override(1) for rate in rates])
-    return base, variant
+def ran(recording: Recording, rates: Sequence[Rate]) -> Trial:
+    """Of a run at these rates, what it is off by from its own motion with each effect at each tick."""
+    return _trial(recording, rates, [])
 
 
-def force_error(variant: Variant) -> float:
-    """[1] by what the force is off, rms over the peak; 0 where there is none."""
-    report = variant.force.report()
-    return report["rms"] / report["reference_peak"] if report["reference_peak"] > 0.0 else 0.0
-
-
-def mean(variant: Variant) -> float:
-    """Duration [s] of a tick in the mean; a rate that is lower does not show in the median."""
-    return variant.whole.total * 1e-9 / max(variant.whole.count, 1)
-
-
-def _constants(recording: Recording, plan: Plan, found: list[Rate], full: list[str]) -> dict[str, float]:
-    """Time constant [s] of each, from a touch in which it runs at each tick."""
-    watched = [_Outputs(plan, rate, without=set()) for rate in found]
-    before: list[list[Any]] = [own.seen(None) for own in watched]
-
-    def look(players: Sequence[Player]) -> None:
-        for k, own in enumerate(watched):
-            now = own.seen(players[0])
-            own.add(now, before[k])
-            before[k] = now
-
-    compare(recording, [], reference=full, look=look)
-    dt = 1.0 / plan.graph.rate
-    return {
-        rate.node: (dt / own.error if own.error > 0.0 else math.inf) for rate, own in zip(found, watched, strict=True)
-    }
+def _trial(recording: Recording, rates: Sequence[Rate], texts: list[str]) -> Trial:
+    base, variant = compare(recording, [texts], reference=[rate.override(1) for rate in rates])
+    return Trial({f"{rate.node}.every": rate.every for rate in rates}).measured(base, variant)
 
 
 def _lowest(recording: Recording, plan: Plan, rate: Rate, full: list[str], error: float) -> Rate:
-    """At the lowest rate of the ladder that keeps the error: three at a time, around what its time constant says."""
-    if rate.idle:
-        return replace(rate, every=rate.before)
-    asked = error * math.sqrt(3.0) * rate.constant * plan.graph.rate
-    at = max(k for k, every in enumerate(LADDER) if every <= max(asked, 1.0))
-    best = replace(rate, every=1)
-    tried: set[int] = {0}
-    while todo := [k for k in (at, at + 1, at + 2) if k < len(LADDER) and k not in tried]:
-        tried.update(todo)
-        kept = [one for one in _at_rates(recording, plan, rate, full, [LADDER[k] for k in todo]) if one.error <= error]
-        best = max([best, *kept], key=lambda one: one.every)
-        if len(kept) == len(todo):
-            at = max(todo) + 1
-        elif kept:
-            break
-        else:
-            at = max(min(todo) - 3, 0)
-    return best
-
-
-def _at_rates(recording: Recording, plan: Plan, rate: Rate, full: list[str], divisors: list[int]) -> list[Rate]:
-    """What comes of the touch with the node at these divisors, and all others at each tick."""
+    """At the lowest rate of the ladder that keeps the error, all others at each tick; with its time constant."""
     path = force_path(plan)
-    watched = [_Outputs(plan, rate, without=path if rate.felt else set()) for _ in divisors]
+    watched = [_Outputs(plan, rate, without=path if rate.felt else set()) for _ in LADDER]
+    change = _Outputs(plan, rate, without=set())
+    before = change.seen(None)
 
     def look(players: Sequence[Player]) -> None:
+        nonlocal before
+        now = change.seen(players[0])
+        change.add(now, before)
+        before = now
         base = watched[0].seen(players[0])
         for own, player in zip(watched, players[1:], strict=True):
             own.add(own.seen(player), base)
 
-    sets = [[*(o for o in full if o != rate.override(1)), rate.override(every)] for every in divisors]
+    sets = [[*(text for text in full if text != rate.override(1)), rate.override(every)] for every in LADDER]
     _, *variants = compare(recording, sets, reference=full, look=look)
-    return [
-        replace(rate, every=every, own=own.error, force=force_error(variant))
-        for every, own, variant in zip(divisors, watched, variants, strict=True)
+    if not change.error > 0.0:
+        return replace(rate, every=rate.before)
+    rate = replace(rate, constant=1.0 / (plan.graph.rate * change.error))
+    told = [
+        replace(rate, every=every, own=own.error, force=off_by(variant))
+        for every, own, variant in zip(LADDER, watched, variants, strict=True)
     ]
+    return max((one for one in told if one.every == 1 or max(one.own, one.force) <= error), key=lambda one: one.every)
 
 
 class _Outputs:

@@ -11,6 +11,7 @@ import pytest
 import palpate.drivers
 import palpate.launch.loading.extras
 import palpate.messages
+import palpate.models.build
 import palpate.models.fe
 import palpate.models.fit
 import palpate.nodes
@@ -20,6 +21,7 @@ import palpate.studies
 PACKAGES = (
     palpate.physics,
     palpate.drivers,
+    palpate.models.build,
     palpate.models.fe,
     palpate.models.fit,
     palpate.messages,
@@ -35,10 +37,11 @@ OURS = {
     "drivers": {"drivers", "messages", "physics"},
     "models.fe": {"models.fe", "physics"},
     "models.scan": {"models.scan", "physics"},
+    "models.build": {"models.build", "models.fe", "nodes", "messages", "physics"},
     "models.fit": {"models.fit", "nodes", "messages", "physics"},
     "messages": {"messages"},
     "nodes": {"nodes", "drivers", "messages", "physics"},
-    "studies": {"studies", "launch", "models.fe", "nodes", "messages", "physics"},
+    "studies": {"studies", "launch", "models", "nodes", "messages", "physics"},
     "launch": {"launch", "studies", "drivers", "nodes", "messages", "graphs", "models", "physics"},
 }
 THEIRS = {

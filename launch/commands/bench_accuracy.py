@@ -39,24 +39,21 @@ def accuracy(
 
     A run that was ended goes on where it was.
     """
+    from dataclasses import asdict
+
     from palpate.launch.loading.classes import find_class
     from palpate.studies.accuracy import methods as known
     from palpate.studies.accuracy.cells import compute, matrix
-    from palpate.studies.accuracy.errors import BenchError
-    from palpate.studies.accuracy.laboratory import missing
-    from palpate.studies.accuracy.limits import told_apart
+    from palpate.studies.accuracy.limits import mostly, told_apart
+    from palpate.studies.accuracy.report import about as versions
+    from palpate.studies.accuracy.report import written
     from palpate.studies.accuracy.touches import chosen
 
-    about = _about()
-    wanted = chosen(touches)
+    about, wanted = versions(), chosen(touches)
     if rebuild:
         _rebuild(about, wanted, silent=as_json)
         return
-    methods = [*known.standard(patient=not quick), *(known.of_user(name, find_class(name)) for name in body or ())]
-    for name in only or ():
-        if name not in {m.name for m in methods}:
-            raise BenchError(f"method: found {name!r}, expected one of {', '.join(m.name for m in methods)}")
-    methods = [m for m in methods if not only or m.name in only or m.name in (body or ())]
+    methods = known.chosen(only, {name: find_class(name) for name in body or ()}, patient=not quick)
     todo = matrix(wanted, methods, quick)
 
     def work(report: Callable[[int, str], None]) -> list[Cell]:
@@ -64,32 +61,12 @@ def accuracy(
 
     cells = work(lambda done, what: None) if as_json else _shown(work, len(todo))
     told_apart(cells)
-    files = _written(cells, about, out)
+    files = written(cells, about, out)
     if as_json:
-        from dataclasses import asdict
-
-        from palpate.studies.accuracy.limits import mostly
-
         tell({"ok": True, "about": about, "files": {k: str(v) for k, v in files.items()},
               "cells": [asdict(c) | {"mostly": mostly(c)} for c in cells]})  # fmt: skip
-        return
-    _print(cells)
-    if kept := sum(cell.kept for cell in cells):
-        told = f"{kept} of {len(cells)} are of earlier runs here, their times as well; --fresh computes them again"
-        console(soft_wrap=True).print(told, markup=False)
-    for text in missing():
-        console(soft_wrap=True).print(f"not installed  {text}", markup=False)
-    for name, file in files.items():
-        console(soft_wrap=True).print(f"{name:14} {file}", markup=False)
-
-
-def _about() -> dict[str, Any]:
-    """Versions, machine and commit."""
-    from palpate.launch.running.provenance import machine
-    from palpate.studies.peers.calculix import version
-
-    versions = machine("numpy", "scipy", "numba", "felupe", "mujoco")
-    return {**versions, "calculix": version() or "not installed", "seeds": "none, nothing here is random"}
+    else:
+        _print(cells, files)
 
 
 def _shown(work: Callable[[Callable[[int, str], None]], list[Cell]], count: int) -> list[Cell]:
@@ -117,38 +94,11 @@ def _rebuild(about: dict[str, Any], wanted: list[Touch], silent: bool) -> None:
         tell({"ok": True, "folder": str(SHIPPED), "places": places})
 
 
-def _written(cells: list[Cell], about: dict[str, Any], folder: Path) -> dict[str, Path]:
-    """Table, pictures where matplotlib is there, page."""
-    from palpate.studies.accuracy import page, table
-    from palpate.studies.accuracy.pareto import summaries
-
-    table.write(cells, about, folder / "accuracy.csv")
-    drawn: dict[str, Path] = {}
-    try:
-        from palpate.studies.accuracy.order import studies
-        from palpate.studies.accuracy.pictures import convergence, overview, touch_picture
-
-        for touch in dict.fromkeys(c.touch for c in cells):
-            drawn[touch] = folder / f"{touch}.png"
-            touch_picture([c for c in cells if c.touch == touch], drawn[touch])
-        drawn["overview"] = folder / "overview.png"
-        overview(summaries(cells), cells, drawn["overview"])
-        orders = studies(cells)
-        if orders:
-            drawn["convergence"] = folder / "convergence.png"
-            convergence(orders, drawn["convergence"])
-    except ImportError:
-        from palpate.launch.loading.extras import install
-
-        drawn = {}
-        console(stderr=True).print(f"no pictures: they need matplotlib ({install('view')})", markup=False)
-    page.write(cells, about, drawn, folder / "accuracy.md")
-    return {"page": folder / "accuracy.md", "table": folder / "accuracy.csv", **drawn}
-
-
-def _print(cells: list[Cell]) -> None:
+def _print(cells: list[Cell], files: dict[str, Path]) -> None:
     from rich.table import Table
 
+    from palpate.launch.loading.extras import install
+    from palpate.studies.accuracy.laboratory import missing
     from palpate.studies.accuracy.page import LEGEND, default_costs
     from palpate.studies.accuracy.pareto import front, summaries
 
@@ -166,3 +116,13 @@ def _print(cells: list[Cell]) -> None:
     out.print(shown)
     out.print(LEGEND, markup=False)
     out.print(default_costs(cells), markup=False)
+    wide = console(soft_wrap=True)
+    if kept := sum(cell.kept for cell in cells):
+        words = f"{kept} of {len(cells)} are of earlier runs here, their times as well; --fresh computes them again"
+        wide.print(words, markup=False)
+    for text in missing():
+        wide.print(f"not installed  {text}", markup=False)
+    if "overview" not in files:
+        wide.print(f"no pictures: they need matplotlib ({install('view')})", markup=False)
+    for name, file in files.items():
+        wide.print(f"{name:14} {file}", markup=False)

@@ -1,21 +1,13 @@
-"""Bases of the reduced bodies that do not ship: built once, as `palpate reduce` does, and charged as offline time."""
+"""Bases of the reduced bodies that do not ship: built once, and charged as offline time."""
 
 from __future__ import annotations
 
 import json
-import os
 import time
 
-import numpy as np
-
-from palpate.models.fe.meshing.organ import Nodule, Organ
-from palpate.models.fe.reduce.dents import dent_table
-from palpate.models.fe.reduce.reducible import of_organ
-from palpate.models.fe.reduce.reduction import build, organ_pressed
+from palpate.models.build.basis import Silent, built
 from palpate.nodes.deformation import ReducedFE
 from palpate.nodes.deformation.basis_store import SHIPPED, about, cache, find, key
-from palpate.physics.bodies.condensed_body import Basis
-from palpate.physics.bodies.sampled_body import SampledBasis
 from palpate.studies.accuracy.errors import Refused
 
 
@@ -34,21 +26,9 @@ def ready(node: ReducedFE, patient: bool = False) -> float:
     if long and not patient:
         raise Refused(f"no basis with {long} is stored for these settings. Build it once: {node.command()}")
     begun = time.perf_counter()
-    nodule = Nodule(node.nodule_centre, node.nodule_radius, node.nodule_ratio)
-    organ = of_organ(Organ(node.coarse_mesh(), node.poisson, node.bed, nodule))
-    basis: Basis | SampledBasis
-    if node.model == "sampled":
-        basis = build(organ, *organ_pressed(organ, lambda share: None), node.modes, lambda share: None)
-    else:
-        surface = organ.surface
-        dents = dent_table(organ) if node.model == "nonlinear" else np.zeros((len(surface.vertices), 0))
-        basis = Basis(surface.vertices, surface.triangles, organ.compliance(), dents)
+    basis, _ = built(node, Silent(), check=False)
     seconds = time.perf_counter() - begun
     inputs = node.inputs()
     told = {"key": key(inputs), "inputs": inputs, "command": node.command(), "error": {}, "seconds": seconds}
-    path = cache() / node.filename()
-    path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_name(f".{os.getpid()}.npz")
-    basis.save(part, json.dumps(told))
-    part.replace(path)
+    basis.save(cache() / node.filename(), json.dumps(told))
     return seconds

@@ -42,16 +42,12 @@ def surface_of(touch: Touch) -> dict[str, Any]:
     return {"surface": "kidney" if touch.body == "kidney" else "plane", "position": (0.0, 0.0, 0.0)}
 
 
-class NotFinite(ArithmeticError):
-    """A number that is none came out."""
-
-
 def run(touch: Touch, body: type[Node], fidelity: Fidelity, contact: dict[str, Any], repeats: int) -> Outcome:
     """The touch with this class of body; it is repeated for the times only.
 
     contact  settings of contact.Series
 
-    Refused: the body has no basis, or does not take its settings. NotFinite: what it says.
+    Refused: the body has no basis, or does not take its settings. ArithmeticError: its force is not finite.
     """
     approach, slip, place, times = _path(touch, fidelity.rate)
     begun = time.perf_counter()
@@ -68,7 +64,7 @@ def run(touch: Touch, body: type[Node], fidelity: Fidelity, contact: dict[str, A
         first = first or heard
     force = np.array([c.force for c, *_ in first])
     if not np.isfinite(force).all():
-        raise NotFinite(f"the force is not finite from {times[np.argmin(np.isfinite(force))]:.4f} s on")
+        raise ArithmeticError(f"the force is not finite from {times[np.argmin(np.isfinite(force))]:.4f} s on")
     values = {"force": force}
     if touch.body != "plate":
         values["indentation"] = depth = np.array([c.indentation for c, *_ in first])

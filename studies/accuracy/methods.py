@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 from palpate.messages import Load, Surface
 from palpate.models.fe.meshing.organ import SLAB
+from palpate.nodes import deformation
 from palpate.nodes.base import Node, inputs, outputs, settings
 from palpate.nodes.base.surface import OnSurface
 from palpate.nodes.deformation import BeamBundle, MassSpring, ReducedFE, Rigid
@@ -167,6 +168,8 @@ def standard(patient: bool = False) -> list[Method]:
         Fidelity(f"condensed to {n} vertices", "basis", settings={"body": {"coarse": n}}) for n in (150, 300, 600)
     ]
     sparse = meshes((1000, 3000, 10000))
+    all_bodies = {name: getattr(deformation, name.rpartition(".")[2]) for name in deformation.models()}
+    others = [(name, body) for name, body in all_bodies.items() if body not in (MassSpring, BeamBundle, ReducedFE)]
     return [
         Method("hertz", "Hertz's law", _law(_hertz), tuple(steps()), _only_ball),
         Method("exponential", "exponential law", _law(lambda t: {"finger_law": "exponential"}), tuple(steps()),
@@ -186,8 +189,20 @@ def standard(patient: bool = False) -> list[Method]:
                _only_slab),
         Method("ReducedFE-sampled", "ReducedFE sampled", _reducing("sampled", patient, modes=20, coarse=150),
                tuple(steps()), _only_slab),
+        *(of_user(name, body) for name, body in others),
         *laboratory.methods(),
     ]  # fmt: skip
+
+
+def chosen(only: Sequence[str] | None, bodies: Mapping[str, type[Node]], patient: bool) -> list[Method]:
+    """The standard methods and these bodies of a user's own; or those of them with a name in `only`, and the bodies.
+
+    BenchError: there is no such method, or a class is no body.
+    """
+    methods = [*standard(patient), *(of_user(name, cls) for name, cls in bodies.items())]
+    if wrong := [name for name in only or () if name not in {m.name for m in methods}]:
+        raise BenchError(f"method: found {wrong[0]!r}, expected one of {', '.join(m.name for m in methods)}")
+    return [m for m in methods if not only or m.name in only or m.name in bodies]
 
 
 def of_user(name: str, cls: type[Node]) -> Method:

@@ -10,6 +10,7 @@ import numpy as np
 
 from palpate.studies.accuracy.cells import Cell
 from palpate.studies.accuracy.labels import place
+from palpate.studies.accuracy.methods import standard
 from palpate.studies.accuracy.order import Study
 from palpate.studies.accuracy.pareto import Summary, front, point
 from palpate.studies.accuracy.score import CHARGED, CHARGED_STEP
@@ -133,12 +134,8 @@ def convergence(studies: Sequence[Study], path: Path) -> None:
 
 def _looks(cells: Sequence[Cell]) -> dict[str, tuple[str, str]]:
     """Colour and mark of each method: the same in all pictures of a run."""
-    order = sorted({c.method for c in cells} | set(ORDER), key=lambda m: (ORDER.index(m) if m in ORDER else 99, m))
+    order = dict.fromkeys([*(known.name for known in standard()), *sorted(c.method for c in cells)])
     return {m: (COLOURS[k % len(COLOURS)], MARKS[k % len(MARKS)]) for k, m in enumerate(order)}
-
-
-ORDER = ("MassSpring", "BeamBundle", "ReducedFE", "ReducedFE-linear", "ReducedFE-sampled", "full-FE", "FElupe",
-         "CalculiX", "MuJoCo", "series", "hertz", "exponential", "hertz-exponential", "hunt-crossley")  # fmt: skip
 
 
 def _empty(title: str) -> tuple[Any, Any]:

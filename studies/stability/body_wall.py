@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 
+from palpate.launch.loading.classes import ClassError, find_class
 from palpate.messages import Contact, Load, Pose, Proximity, Surface
 from palpate.nodes.base import Node, inputs, outputs, settings
 from palpate.nodes.base.surface import OnSurface
@@ -37,6 +38,21 @@ STIFF = ("Pa", "N/m", "N/m^n")
 NARROW = 3
 """Halvings of an octave."""
 NONE = (0.0, 0.0, 0.0)
+COLUMNS = {
+    "body": "", "rate": "Hz", "delay": "1", "stable": "N/m", "bare": "N/m", "controlled": "N/m", "given_out": "J",
+}  # fmt: skip
+
+
+def classes(names: Sequence[str]) -> dict[str, type[Node]]:
+    """The bodies of these names. ClassError, BenchError: one is no node, or no body."""
+    bodies = {}
+    for name in names:
+        try:
+            bodies[name] = find_class(name)
+        except ClassError as error:
+            raise ClassError(str(error).replace("use:", "--body:", 1), error.cure) from None
+        stiffened(bodies[name], 1.0)
+    return bodies
 
 
 def stiffened(cls: type[Node], factor: float) -> Node:

@@ -12,8 +12,9 @@ from typer.testing import CliRunner
 
 from palpate.launch.__main__ import app
 from palpate.launch.loading.launchfile import find
+from palpate.launch.recording.compare import compare
 from palpate.studies import rates
-from palpate.studies.tune import touched
+from palpate.studies.search import touched
 
 SWING = """
 nodes:
@@ -65,8 +66,9 @@ def test_effects_of_the_force_path_are_told_by_what_the_force_loses(tmp_path):
     assert 0.0 < picked["tissue"].own <= 0.02  # but its shape is late
     tight = list(rates.chosen(recording, 1e-6))
     assert [rate.every for rate in tight] == [1, 1]
-    _, base, variant = rates.together(recording, list(picked.values()), 0.02)
-    assert rates.force_error(variant) <= 0.02
+    _, one = rates.together(recording, list(picked.values()), 0.02)
+    assert one.error <= 0.02
+    base, variant = compare(recording, [one.texts], reference=[rate.override(1) for rate in picked.values()])
     for name, rate in picked.items():
         steps = variant.nodes[name].count + 1  # of those that slept none is counted
         assert rate.every > 1 and steps < base.nodes[name].count / rate.every * 1.2
@@ -78,9 +80,9 @@ def test_together_runs_more_often_what_loses_most_until_the_error_is_kept(tmp_pa
         rates.Rate("friction", "friction", 1, True, 0.2, 200, 0.0, 0.3),
         rates.Rate("tissue", "deformation", 1, True),
     ]
-    picked, _, variant = rates.together(recording, slow, 0.02)
+    picked, one = rates.together(recording, slow, 0.02)
     assert 1 < picked[0].every < 200 and picked[1].every == 1
-    assert rates.force_error(variant) <= 0.02
+    assert one.error <= 0.02
 
 
 def test_the_command_writes_what_it_promises_and_runs_it(tmp_path, write, monkeypatch):
@@ -103,16 +105,16 @@ def test_the_command_writes_what_it_promises_and_runs_it(tmp_path, write, monkey
 
 def spoilt(monkeypatch, times: int) -> None:
     """The touch has a force with part in the error, and the first runs do not keep it."""
-    found, measured, left = rates.chosen, rates.came, [times]
+    found, measured, left = rates.chosen, rates.ran, [times]
 
-    def came(recording, picked):
-        base, variant = measured(recording, picked)
+    def ran(recording, picked):
+        one = measured(recording, picked)
         if left[0]:
             left[0] -= 1
-            variant.force.add(1e3, 1.0)
-        return base, variant
+            return replace(one, error=1e3)
+        return one
 
-    monkeypatch.setattr(rates, "came", came)
+    monkeypatch.setattr(rates, "ran", ran)
     monkeypatch.setattr(rates, "chosen", lambda *a: (replace(rate, force=0.04) for rate in found(*a)))
 
 

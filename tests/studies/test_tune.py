@@ -12,12 +12,13 @@ from typer.testing import CliRunner
 from palpate.launch.__main__ import app
 from palpate.launch.loading.launchfile import find
 from palpate.studies import tune
-from palpate.studies.tune import Candidate, Goal, TuneError, body_of, candidates, pick, read_error
+from palpate.studies.search import SearchError, Trial, read_error, touched, write
+from palpate.studies.tune import QUANTITIES, Goal, body_of, candidates, pick
 
-FAST = Candidate({"tissue.use": "deformation.MassSpring"}, 0.15, 30e-6, 60e-6)
-MIDDLE = Candidate({"tissue.use": "deformation.ReducedFE", "tissue.every": 5}, 0.01, 50e-6, 100e-6)
-BEST = Candidate({"tissue.use": "deformation.ReducedFE"}, 0.003, 100e-6, 200e-6)
-BROKEN = Candidate({"tissue.use": "deformation.BeamBundle"}, 0.0, 0.0, 0.0, "too thick")
+FAST = Trial({"tissue.use": "deformation.MassSpring"}, 0.15, 30e-6, 60e-6)
+MIDDLE = Trial({"tissue.use": "deformation.ReducedFE", "tissue.every": 5}, 0.01, 50e-6, 100e-6)
+BEST = Trial({"tissue.use": "deformation.ReducedFE"}, 0.003, 100e-6, 200e-6)
+BROKEN = Trial({"tissue.use": "deformation.BeamBundle"}, 0.0, 0.0, 0.0, "too thick")
 ALL = [FAST, BROKEN, MIDDLE, BEST]
 
 
@@ -41,30 +42,31 @@ def test_the_most_accurate_that_keeps_the_budget_or_the_cheapest_that_keeps_the_
     ("text", "share"), [("2 % force", (0.02, "force")), ("0.5% shape", (0.005, "shape")), ("3 %", (0.03, "force"))]
 )
 def test_an_error_is_a_share_of_a_quantity(text, share):
-    limit, quantity = read_error(text)
+    limit, quantity = read_error(text, QUANTITIES)
     assert (pytest.approx(limit), quantity) == share
 
 
 @pytest.mark.parametrize("text", ["2", "force", "-1 % force", "2 % colour", "nan % force"])
 def test_an_error_that_is_none_is_told(text):
-    with pytest.raises(TuneError, match="such as '2 % force'"):
-        read_error(text)
+    with pytest.raises(SearchError, match="such as '2 % force'"):
+        read_error(text, QUANTITIES)
 
 
 def test_a_graph_without_a_body_is_told():
-    with pytest.raises(TuneError, match="expected one deformable body"):
+    with pytest.raises(SearchError, match="expected one deformable body"):
         body_of(find("softness").load())
 
 
 def test_candidates_are_every_model_at_every_fidelity():
     all_of_them = candidates(find("kidney").load())
-    assert len({json.dumps(c) for c in all_of_them}) == len(all_of_them) == 27
-    assert {"tissue.use": "deformation.MassSpring"} in all_of_them
+    assert len({json.dumps(c.overrides) for c in all_of_them}) == len(all_of_them) == 27
+    assert Trial({"tissue.use": "deformation.MassSpring"}) in all_of_them
+    assert all_of_them[0].overrides == {"tissue.use": "deformation.ReducedFE"}
 
 
 def test_what_is_written_is_a_launch_file_with_the_choice(tmp_path):
     launch = find("kidney").but(duration=0.5, overrides=["scene.tissue.friction=false"])
-    tune.write(launch, MIDDLE.overrides, ["why"], tmp_path / "tuned.yaml")
+    write(launch, MIDDLE.overrides, ["why"], tmp_path / "tuned.yaml")
     assert (tmp_path / "tuned.yaml").read_text().startswith("# why\n")
     again = find(str(tmp_path / "tuned.yaml"))
     graph = again.load()
@@ -75,7 +77,7 @@ def test_what_is_written_is_a_launch_file_with_the_choice(tmp_path):
 
 
 def test_a_budget_is_promised_run_and_compared_with_what_came(tmp_path, monkeypatch):
-    monkeypatch.setattr(tune, "MODELS", ("deformation.ReducedFE", "deformation.MassSpring"))
+    monkeypatch.setattr(tune, "models", lambda: ["deformation.ReducedFE", "deformation.MassSpring"])
     monkeypatch.setattr(tune, "COARSER", (10,))
     monkeypatch.setattr(tune, "EVERY", (1, 5))
     given = ["tune", "kidney", "--duration", "0.6 s", "--budget", "2 s", "-o", str(tmp_path / "t.yaml"), "--json"]
@@ -91,7 +93,7 @@ def test_a_budget_is_promised_run_and_compared_with_what_came(tmp_path, monkeypa
 
 
 def test_what_nothing_keeps_is_said(tmp_path, monkeypatch):
-    monkeypatch.setattr(tune, "MODELS", ("deformation.MassSpring",))
+    monkeypatch.setattr(tune, "models", lambda: ["deformation.MassSpring"])
     monkeypatch.setattr(tune, "COARSER", (10,))
     monkeypatch.setattr(tune, "EVERY", (1,))
     given = ["tune", "kidney", "--duration", "0.6 s", "--budget", "1 us", "-o", str(tmp_path / "t.yaml")]
@@ -120,9 +122,10 @@ def test_a_node_that_no_body_makes_faster_is_named_before_the_machine(monkeypatc
 
 def test_the_slowest_node_beside_the_body_is_found(tmp_path):
     launch = find("nodule").but(duration=1.0)
-    recording = tune.touched(launch, tmp_path / "t.mcap")
-    wanted = {"tissue.use": "deformation.MassSpring", "scene.surface.vertices": 400}
-    (one,) = tune.measured(recording, [wanted], {"tissue.use": "deformation.MassSpring"}, Goal(1.0, None))
+    recording = touched(launch, tmp_path / "t.mcap")
+    base = Trial({"tissue.use": "deformation.MassSpring"})
+    wanted = Trial(base.overrides | {"scene.surface.vertices": 400})
+    one = tune.measured(recording, wanted, base, Goal(1.0, None), 0.0)
     assert one.slowest[0] not in ("", "tissue")
     assert 0.0 < one.slowest[1] < 1.0
 
@@ -136,7 +139,7 @@ def test_a_touch_that_touches_nothing_is_told_instead_of_an_error_of_zero(tmp_pa
 
 def test_a_reason_that_settings_share_is_told_once(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    monkeypatch.setattr(tune, "MODELS", ("deformation.ReducedFE", "deformation.MassSpring"))
+    monkeypatch.setattr(tune, "models", lambda: ["deformation.ReducedFE", "deformation.MassSpring"])
     monkeypatch.setattr(tune, "COARSER", (10,))
     monkeypatch.setattr(tune, "EVERY", (1, 5))
     given = ["tune", "nodule", "--duration", "1 s", "--budget", "2 s", "-o", str(tmp_path / "t.yaml")]
