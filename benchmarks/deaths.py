@@ -25,13 +25,13 @@ from rich.progress import track
 from rich.table import Table
 from rich.text import Text
 
-from palpate.launch.loading.launchfile import find
-from palpate.launch.loading.plan import plan
-from palpate.launch.recording.reader import Recording
-from palpate.launch.running.assign import jobs
-from palpate.launch.running.execute import set_recording
-from palpate.launch.running.launcher import Launcher
-from palpate.launch.running.provenance import about
+from palpate.engine.plan import plan
+from palpate.engine.provenance import about
+from palpate.launch.load.launchfile import find
+from palpate.launch.run.assign import jobs
+from palpate.launch.run.execute import set_recording
+from palpate.launch.run.launcher import Launcher
+from palpate.records.reader import Recording
 
 UNSURE = 1e-3  # [s]
 KILL_AT = 0.9  # [s] of the graph's clock: the hand holds the finger in the tissue

@@ -8,12 +8,12 @@ from pathlib import Path
 
 import numpy as np
 
-from palpate.launch.loading.launchfile import find
-from palpate.launch.recording.reader import Recording
-from palpate.launch.running.execute import execute
+from palpate.launch.load.launchfile import find
+from palpate.launch.run.execute import execute
 from palpate.messages import Contact, Pose
 from palpate.nodes.controller import Haptic
 from palpate.physics.device.grip import grip_step
+from palpate.records.reader import Recording
 
 MODULI = (1e4, 1e5, 1e6, 1e7)
 """[Pa] from fat to cartilage."""

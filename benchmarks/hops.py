@@ -83,8 +83,8 @@ def in_c(turns: int, core: int) -> float | None:
 
 def ours(turns: int, core: int) -> float:
     """[us] a hop of a graph of palpate, one process per node: the median tick over the number of nodes."""
-    from palpate.launch.loading.launchfile import LaunchFile
-    from palpate.launch.running.execute import execute
+    from palpate.launch.load.launchfile import LaunchFile
+    from palpate.launch.run.execute import execute
 
     names = [f"n{i}" for i in range(COUNT)]
     lines = [f"  n0: {{use: relays.Start, in: {{torque: {names[-1]}}}}}"]

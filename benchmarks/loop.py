@@ -26,12 +26,12 @@ from rich.progress import track
 from rich.table import Table
 from rich.text import Text
 
-from palpate.launch.loading.launchfile import LaunchFile, find
-from palpate.launch.loading.plan import plan
-from palpate.launch.running.assign import jobs
-from palpate.launch.running.execute import execute
-from palpate.launch.running.launcher import Launcher
-from palpate.launch.running.result import Result
+from palpate.engine.plan import plan
+from palpate.launch.load.launchfile import LaunchFile, find
+from palpate.launch.run.assign import jobs
+from palpate.launch.run.execute import execute
+from palpate.launch.run.launcher import Launcher
+from palpate.launch.run.result import Result
 
 PLACES = {"fused": "fused", "processes": None}
 

@@ -19,9 +19,9 @@ from pathlib import Path
 
 from playwright.sync_api import Browser, sync_playwright
 
-from palpate.launch.loading.launchfile import find
-from palpate.launch.page.server import Page
-from palpate.launch.page.session import Session
+from palpate.launch.load.launchfile import find
+from palpate.views.page.server import Page
+from palpate.views.page.session import Session
 
 SOFTWARE = ["--no-sandbox", "--enable-unsafe-swiftshader"]
 """As Chromium starts by itself where there is no GPU: WebGL by SwiftShader, the page put together without it."""

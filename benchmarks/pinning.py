@@ -18,8 +18,8 @@ import sys
 from tables import show
 
 LOOP = """
-from palpate.launch.loading.launchfile import find
-from palpate.launch.running.execute import execute
+from palpate.launch.load.launchfile import find
+from palpate.launch.run.execute import execute
 import dataclasses
 def work():
     assert execute(dataclasses.replace(find("kidney").but(place="fused", duration=20.0), record=None)).result.ok

@@ -22,8 +22,8 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from palpate.launch.loading.launchfile import find
-from palpate.launch.running.execute import execute
+from palpate.launch.load.launchfile import find
+from palpate.launch.run.execute import execute
 
 ROUNDS = 3
 

@@ -16,11 +16,11 @@ from pathlib import Path
 from rich.progress import track
 from tables import tell
 
-from palpate.launch.loading.launchfile import find
-from palpate.launch.recording.reader import Recording
-from palpate.launch.running.execute import execute
-from palpate.launch.running.result import Result
-from palpate.launch.running.slot import Slot
+from palpate.engine.slot import Slot
+from palpate.launch.load.launchfile import find
+from palpate.launch.run.execute import execute
+from palpate.launch.run.result import Result
+from palpate.records.reader import Recording
 
 GRAPHS: dict[str, tuple[str, ...]] = {
     "kidney": (),

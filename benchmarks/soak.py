@@ -26,10 +26,10 @@ from rich.console import Console
 from rich.progress import Progress
 from tables import tell
 
-from palpate.launch.loading.launchfile import find
-from palpate.launch.recording.reader import Recording
-from palpate.launch.running.descendants import descendants
-from palpate.launch.running.execute import execute
+from palpate.launch.load.launchfile import find
+from palpate.launch.run.descendants import descendants
+from palpate.launch.run.execute import execute
+from palpate.records.reader import Recording
 
 TOUCH = 6.3
 """[s] of the graph's clock: one touch of the kidney."""

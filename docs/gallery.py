@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from palpate.launch.loading.launchfile import LAUNCHES, find, names
-from palpate.launch.loading.plan import plan
+from palpate.engine.plan import plan
+from palpate.launch.load.launchfile import LAUNCHES, find, names
 
 TARGET = Path(__file__).with_name("gallery.md")
 HEAD = """# Gallery

@@ -8,14 +8,14 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from palpate.launch.loading.files import PLACES, SCENES, find_file
-from palpate.launch.loading.launchfile import LaunchFile, find
-from palpate.launch.loading.placement import FUSED
-from palpate.launch.loading.units import UnitError, convert
-from palpate.launch.recording.overrides import CallError, of_nodes
-from palpate.launch.recording.samples import Run
-from palpate.launch.running.execute import execute
+from palpate.launch.load.files import PLACES, SCENES, find_file
+from palpate.launch.load.launchfile import LaunchFile, find
+from palpate.launch.load.overrides import CallError, of_nodes
+from palpate.launch.load.placement import FUSED
+from palpate.launch.load.units import UnitError, convert
+from palpate.launch.run.execute import execute
 from palpate.physics.errors import PalpateError
+from palpate.records.samples import Run
 
 
 class RunFailed(PalpateError, RuntimeError):

@@ -12,18 +12,18 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from palpate.engine.faults import choices
+from palpate.engine.plan import plan
+from palpate.engine.schedule import nanoseconds
+from palpate.engine.slot import NodeFault, Slot
 from palpate.launch.calling import described
-from palpate.launch.loading.faults import choices
-from palpate.launch.loading.placement import fused
-from palpate.launch.loading.plan import plan
-from palpate.launch.loading.units import UnitError, convert
-from palpate.launch.recording.overrides import CallError
-from palpate.launch.running.assign import jobs
-from palpate.launch.running.execute import set_recording
-from palpate.launch.running.schedule import nanoseconds
-from palpate.launch.running.simulated import run_tick
-from palpate.launch.running.slot import NodeFault, Slot
-from palpate.launch.running.worker import Worker
+from palpate.launch.load.overrides import CallError
+from palpate.launch.load.placement import fused
+from palpate.launch.load.units import UnitError, convert
+from palpate.launch.run.assign import jobs
+from palpate.launch.run.execute import set_recording
+from palpate.launch.run.simulated import run_tick
+from palpate.launch.run.worker import Worker
 from palpate.messages import Message
 from palpate.nodes.base import SettingError, settings
 from palpate.nodes.base.node import convert as settled

@@ -14,9 +14,9 @@ from typing import Any
 
 import msgspec
 
-from palpate.launch.running.job import NodeJob
-from palpate.launch.running.schedule import nanoseconds
-from palpate.launch.running.slot import NodeFault, Slot
+from palpate.engine.job import NodeJob
+from palpate.engine.schedule import nanoseconds
+from palpate.engine.slot import NodeFault, Slot
 from palpate.messages import Message, pack, unpack
 from palpate.nodes.base import Node, inputs, outputs
 

@@ -10,16 +10,16 @@ import numpy as np
 from palpate.messages import Contact, DeviceState, Force, Friction, Ledger, Pose
 from palpate.nodes.base import Node, Wants
 from palpate.nodes.base.absence import FADE, FALL, Faded, Gain, Lost
-from palpate.physics.device.controller import ENERGY, FORCE, LIMIT, SLEW, buffers, haptic
+from palpate.physics.device.controller import ENERGY, FORCE, LIMIT, MODE, SLEW, WITHHELD, buffers, haptic
 
 GAP = 9e-3
 """[s] without a step, and three times the step before, that count as an outage: the device was without torque then."""
-YIELD = 0.25
-"""[1] Part of `ramp` in which the share falls again while the display gives out energy after an outage."""
-AGAIN = 0.5
-"""[s] without force after which it is tried again, since a hand that meets none cannot put energy in."""
-CREDIT = 1.0
-"""[J] that the observer has after an outage, where the share answers to the energy in place of damping."""
+SETTLE = 1.0
+"""[s] in which the force comes back after an outage while it pushes the hand out, instead of `ramp`."""
+LENT = 0.5e-3
+"""[J] of debt that the display may make after an outage before the force stops rising."""
+YIELD = 25e-3
+"""[s] in which the force falls to zero again while the display gives out more than that."""
 
 
 class Haptic(Node):
@@ -40,9 +40,9 @@ class Haptic(Node):
     A friction whose sender is gone fades out within 20 ms, and the force is the contact's own alone. While a contact, a
     pose, or an input that the contact is computed from is missing, or the device works without the command that it had,
     the force falls to zero within 4 ms; after that, and after a time without steps (the device has let go by then), it
-    comes in from zero, never above limit/ramp times the time since, and the observer begins anew. A step that comes
-    late changes the force by no more than one in time. When a ledger trips the force goes to zero within `ramp`, and
-    stays there.
+    comes in from zero, never above limit/ramp times the time since and, with `passivity`, over a second while it pushes
+    the hand out. A step that comes late changes the force by no more than one in time. When a ledger trips the force
+    goes to zero within `ramp`, and stays there.
     """
 
     stiffness: Annotated[float, "N/m", msgspec.Meta(ge=0)] = 0.0
@@ -80,19 +80,17 @@ class Haptic(Node):
         self._contact, self._device = Lost(), Lost()
         self._last = 0.0
         self._gain, self._friction = Gain(FALL, self.ramp), Faded(FADE)
-        self._since: float | None = None
-        self._before = self._waited = 0.0
+        self._energy, self._least = 0.0, -LENT
+        """[J] Of the display: at the last step, and the least at which the force still comes back."""
         self._open, self._tripped = 1.0, False
         self.state, self.past = buffers(self.delay)
 
-    def _begin_anew(self) -> None:
-        """After an outage: a fresh state, but for the force that the hand has and the energy of the time before."""
-        if self._since is None:
-            self._before = self.state[ENERGY, 0]
-        force = self.state[FORCE]
+    def _come_back(self) -> None:
+        """After an outage: a fresh state, but for the force that the hand has and the energy that the display has."""
+        old = self.state
         self.state, self.past = buffers(self.delay)
-        self.state[FORCE] = force
-        self._since = 0.0
+        self.state[FORCE], self.state[ENERGY], self.state[MODE, 0] = old[FORCE], old[ENERGY], old[MODE, 0]
+        self._least = min(old[ENERGY, 0], 0.0) - LENT
 
     def _share(self, lacks: bool, touching: bool, dt: float) -> float:
         """The share of force and limit in this step [1]. `lacks`: an input was missing."""
@@ -100,22 +98,19 @@ class Haptic(Node):
         step = min(dt, self._last) if self._last > 0.0 else dt
         missing = self._whole and lacks
         if not lacks and (late or self._lost):
-            self._begin_anew()
+            self._come_back()
         self._whole, self._lost, self._last = self._whole or not lacks, missing, dt
-        gain = self._gain
+        gain, energy, before = self._gain, self.state[ENERGY, 0], self._energy
+        self._energy = energy
         if late:
             gain.value = 0.0
             self.state[FORCE] = 0.0
-        elif self._since is not None and self._since < 0.0 and not missing:
-            gain.value = max(gain.value - step / (YIELD * self.ramp), 0.0) if self.ramp > 0.0 else gain.value
-            self._waited = self._waited + step if gain.value == 0.0 else 0.0
-            if self._waited > AGAIN:  # without force no energy comes back
-                self._since = self._waited = 0.0
-        else:
+        elif missing or not touching or energy > before or self.ramp == 0.0 or not self.passivity:
             gain.update(not missing, step)
-        if self._since is not None and not lacks and (gain.value == 1.0 or not touching):
-            gain.value, self._since = 1.0, None
-            self.state[ENERGY, 0] = self._before
+        elif energy > self._least:
+            gain.value = min(gain.value + step / SETTLE, 1.0)
+        elif energy < before and gain.value < 1.0:
+            gain.value = max(gain.value - step / YIELD, 0.0)
         self.gains[LIMIT] = gain.value * self.limit
         self.gains[SLEW] = self.slew * (step / dt) if dt > step else self.slew
         return gain.value
@@ -149,22 +144,18 @@ class Haptic(Node):
         self._tripped = self._tripped or (ledger is not None and ledger.tripped)
         if self._tripped:
             share *= self._closed(dt)
+        self.state[MODE, WITHHELD] = 1.0 - share
         a = contact.along
-        if self._since is not None:
-            self.state[ENERGY, 0] = CREDIT
         fx, fy, fz, touching, energy = haptic(
             self.gains,
             self.state,
             self.past,
-            share * contact.force,
+            contact.force,
             contact.normal,
-            (share * (p[0] - a[0]), share * (p[1] - a[1]), share * (p[2] - a[2])),
+            (p[0] - a[0], p[1] - a[1], p[2] - a[2]),
             contact.compression + contact.indentation,
             pose.position,
             pose.velocity,
             dt,
         )
-        if self._since is not None:
-            # A switch between contact and free motion drops the credit.
-            energy = self._since = self._since + (energy - CREDIT if energy > 0.0 else 0.0)
         return Force(force=(fx, fy, fz), state="contact" if touching else "free", energy=energy)

@@ -20,19 +20,19 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
     from pathlib import Path
 
-    from palpate.launch.recording.compare import Comparison
-    from palpate.launch.recording.samples import Run, Samples, Stream
     from palpate.launch.stepping import Tick
     from palpate.physics.errors import PalpateError
+    from palpate.records.compare import Comparison
+    from palpate.records.samples import Run, Samples, Stream
 
 __all__ = ["Comparison", "PalpateError", "Run", "Samples", "Stream", "Tick", "compare", "open", "run", "steps"]
 
 _HOMES = {
-    "Comparison": "palpate.launch.recording.compare",
+    "Comparison": "palpate.records.compare",
     "PalpateError": "palpate.physics.errors",
-    "Run": "palpate.launch.recording.samples",
-    "Samples": "palpate.launch.recording.samples",
-    "Stream": "palpate.launch.recording.samples",
+    "Run": "palpate.records.samples",
+    "Samples": "palpate.records.samples",
+    "Stream": "palpate.records.samples",
     "Tick": "palpate.launch.stepping",
 }
 
@@ -96,7 +96,7 @@ def steps(
 def compare(file: str | Path | Run, *variants: Any, reference: Any = None) -> Comparison:
     """Compute a recorded touch again with other models or settings: `compare("run.mcap", {"tissue":
     "deformation.Rigid"}, "tissue.stiffness=2e3")`. See `Run.compare`."""
-    from palpate.launch.recording.samples import Run
+    from palpate.records.samples import Run
 
     return (file if isinstance(file, Run) else Run(file)).compare(*variants, reference=reference)
 
@@ -107,10 +107,10 @@ def open(file: str | Path, *, trust: Sequence[str] = ()) -> Run:
 
     PalpateError: it is none, or there is no such file.
     """
-    from palpate.launch.loading import load
-    from palpate.launch.recording.samples import Run
+    from palpate.engine import imports
+    from palpate.records.samples import Run
 
-    load.trust(*trust)
+    imports.trust(*trust)
     return Run(file)
 
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from palpate.launch.loading.bill import Item
-from palpate.launch.recording.compare import Variant
-from palpate.launch.recording.reader import Recording
+from palpate.launch.load.bill import Item
+from palpate.records.compare import Variant
+from palpate.records.reader import Recording
 from palpate.studies.search import Show, compared, off_by
 
 NONE = 1e-12  # [N] below this, a force is the same

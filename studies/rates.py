@@ -17,15 +17,15 @@ from typing import Any
 
 import numpy as np
 
-from palpate.launch.loading.force_path import force_path
-from palpate.launch.loading.launchfile import LaunchFile
-from palpate.launch.loading.plan import Plan
-from palpate.launch.recording.changed import changed
-from palpate.launch.recording.compare import apart, compare
-from palpate.launch.recording.player import Player
-from palpate.launch.recording.reader import Recording
+from palpate.engine.force_path import force_path
+from palpate.engine.plan import Plan
+from palpate.launch.load.launchfile import LaunchFile
 from palpate.messages import Field, Message, fields
 from palpate.nodes.base import inputs
+from palpate.records.changed import changed
+from palpate.records.compare import apart, compare
+from palpate.records.player import Player
+from palpate.records.reader import Recording
 from palpate.studies.search import Found, SearchError, Show, Trial, off_by, touched, write
 
 LADDER = (1, 2, 5, 10, 20, 50, 100, 200, 500)

@@ -15,13 +15,13 @@ from typing import Any
 
 import yaml
 
-from palpate.launch.loading.launchfile import LaunchFile
-from palpate.launch.loading.placement import FUSED
-from palpate.launch.recording.compare import Variant, compare
-from palpate.launch.recording.reader import Recording, RecordingError
-from palpate.launch.running.execute import execute
-from palpate.launch.running.slot import NodeFault
+from palpate.engine.slot import NodeFault
+from palpate.launch.load.launchfile import LaunchFile
+from palpate.launch.load.placement import FUSED
+from palpate.launch.run.execute import execute
 from palpate.physics.errors import MISUSE, PalpateError
+from palpate.records.compare import Variant, compare
+from palpate.records.reader import Recording, RecordingError
 
 Show = Callable[[str], None]
 """Called with the name of what was done."""

@@ -11,18 +11,18 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from palpate.launch.loading.graph import Graph
-from palpate.launch.loading.launchfile import LaunchFile
-from palpate.launch.recording.changed import changed
-from palpate.launch.recording.compare import Variant
-from palpate.launch.recording.reader import Recording
-from palpate.launch.running.busy import busy
-from palpate.launch.running.slot import NodeFault
+from palpate.engine.slot import NodeFault
+from palpate.launch.load.graph import Graph
+from palpate.launch.load.launchfile import LaunchFile
+from palpate.launch.run.busy import busy
 from palpate.messages import Surface
 from palpate.nodes.base import SettingError
 from palpate.nodes.deformation import ReducedFE, models
 from palpate.nodes.deformation.basis_store import shipped
 from palpate.physics.errors import PalpateError
+from palpate.records.changed import changed
+from palpate.records.compare import Variant
+from palpate.records.reader import Recording
 from palpate.studies.search import Found, SearchError, Show, Trial, compared, touched, write
 
 COARSER = (1, 3, 10)

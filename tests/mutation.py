@@ -2,13 +2,13 @@
 
     python tests/mutation.py [--minutes 20] [--seed 0] [--tests TEST_FILE]... FILE...
 
-    python tests/mutation.py launch/running/slot.py launch/running/real.py
+    python tests/mutation.py engine/slot.py launch/run/real.py
     python tests/mutation.py drivers/guard.py --tests tests/drivers/test_guard.py
 
-Works on a copy of the tree. Each mutant is run against the tests that import its module (for `launch/running`: those
-of runs and replays) or those that `--tests` names, and ends at the first that fails. Survivors are printed with file,
-line and change: either a test is missing, or nothing depends on that line. An hour for a folder. Kernels are compiled
-anew for each mutant; their own tests mostly take less time as plain Python, with NUMBA_DISABLE_JIT=1 set.
+Works on a copy of the tree. Each mutant is run against the tests that import its module (for `engine` and `launch/run`:
+those of runs and replays) or those that `--tests` names, and ends at the first that fails. Survivors are printed with
+file, line and change: either a test is missing, or nothing depends on that line. An hour for a folder. Kernels are
+compiled anew for each mutant; their own tests mostly take less time as plain Python, with NUMBA_DISABLE_JIT=1 set.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ def _changes(node: ast.AST) -> list:
 
 def tests_of(file: Path) -> list[str]:
     """The test files that look at a module."""
-    if "running" in file.parts:
+    if {"engine", "run"} & set(file.parts):
         return [str(path.relative_to(ROOT)) for name in RUNS for path in ROOT.glob(f"tests/**/{name}.py")]
     module = f"palpate.{'.'.join(file.with_suffix('').parts)}"
     return [str(path.relative_to(ROOT)) for path in sorted(ROOT.glob("tests/**/test_*.py"))

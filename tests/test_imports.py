@@ -9,14 +9,17 @@ from pathlib import Path
 import pytest
 
 import palpate.drivers
-import palpate.launch.loading.extras
+import palpate.engine
+import palpate.launch.load.extras
 import palpate.messages
 import palpate.models.build
 import palpate.models.fe
 import palpate.models.fit
 import palpate.nodes
 import palpate.physics
+import palpate.records
 import palpate.studies
+import palpate.views
 
 PACKAGES = (
     palpate.physics,
@@ -26,23 +29,30 @@ PACKAGES = (
     palpate.models.fit,
     palpate.messages,
     palpate.nodes,
+    palpate.engine,
     palpate.launch,
+    palpate.records,
+    palpate.views,
     palpate.studies,
 )
 FOLDERS = {package.__name__.removeprefix("palpate."): Path(next(iter(package.__path__))) for package in PACKAGES}
 LINKS = Path(__file__).parent.parent / "typings" / "palpate"
 FOLDERS["models.scan"] = FOLDERS["models.fe"].parent / "scan"  # imports libraries of its extra: not imported here
+BELOW = {"nodes", "messages", "physics"}
 OURS = {
     "physics": {"physics"},
     "drivers": {"drivers", "messages", "physics"},
     "models.fe": {"models.fe", "physics"},
     "models.scan": {"models.scan", "physics"},
-    "models.build": {"models.build", "models.fe", "nodes", "messages", "physics"},
-    "models.fit": {"models.fit", "nodes", "messages", "physics"},
+    "models.build": {"models.build", "models.fe", *BELOW},
+    "models.fit": {"models.fit", *BELOW},
     "messages": {"messages"},
-    "nodes": {"nodes", "drivers", "messages", "physics"},
-    "studies": {"studies", "launch", "models", "nodes", "messages", "physics"},
-    "launch": {"launch", "studies", "drivers", "nodes", "messages", "graphs", "models", "physics"},
+    "nodes": {"nodes", "records", "drivers", "messages", "physics"},
+    "engine": {"engine", "launch", *BELOW},
+    "launch": {"launch", "engine", "records", "views", "studies", "drivers", "graphs", "models", *BELOW},
+    "records": {"records", "launch", "engine", "views", *BELOW},
+    "views": {"views", "models", "launch", "records", "engine", *BELOW},
+    "studies": {"studies", "models", "launch.load", "launch.run", "records", "views", "engine", *BELOW},
 }
 THEIRS = {
     "physics": {"numpy", "scipy", "numba"},
@@ -121,6 +131,6 @@ def test_the_extras_are_those_of_the_installation():
         if extra:
             name = requirement.partition(">")[0].partition("[")[0]
             declared.setdefault(extra.strip("\"'"), set()).add(name)
-    for extra, packages in palpate.launch.loading.extras.EXTRAS.items():
+    for extra, packages in palpate.launch.load.extras.EXTRAS.items():
         assert set(packages) == declared[extra]
-    assert set(declared) == {*palpate.launch.loading.extras.EXTRAS, "all", "dev"}
+    assert set(declared) == {*palpate.launch.load.extras.EXTRAS, "all", "dev"}

@@ -16,10 +16,10 @@ import numpy as np
 from matplotlib import rc_context
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-from palpate.launch.pictures.style import FINGER, LOOK, NORMAL, SPEED, TISSUE, figure
 from palpate.physics.fingertip.anatomy import Anatomy
 from palpate.physics.fingertip.beam_bundle import State, step
 from palpate.physics.fingertip.surfaces import Fingertip, fill
+from palpate.views.pictures.style import FINGER, LOOK, NORMAL, SPEED, TISSUE, figure
 
 PULPS = {
     "pulp with a bulge of 2.2 mm (the default)": (Anatomy(), TISSUE),

@@ -27,13 +27,13 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 
-from palpate.launch.loading.launchfile import find
-from palpate.launch.pictures import draw
-from palpate.launch.pictures.slip import slides
-from palpate.launch.pictures.touch import Touch
-from palpate.launch.recording.reader import Recording
-from palpate.launch.running.execute import execute
+from palpate.launch.load.launchfile import find
+from palpate.launch.run.execute import execute
 from palpate.messages import Slip, Surface
+from palpate.records.reader import Recording
+from palpate.views.pictures import draw
+from palpate.views.pictures.slip import slides
+from palpate.views.pictures.touch import Touch
 
 NUMBER = count()
 SCRATCH = tempfile.TemporaryDirectory(prefix="palpate-")

@@ -18,7 +18,6 @@ import sys
 import tempfile
 from pathlib import Path
 
-from palpate.launch.pictures.fe_fingertip import draw
 from palpate.models.fe.meshing.fingertip import Fingertip
 from palpate.models.fe.meshing.layers import Layers
 from palpate.models.fe.meshing.scanned import Scanned
@@ -26,6 +25,7 @@ from palpate.models.fe.study.press_record import Run, record
 from palpate.models.fe.study.pressing import Pressing
 from palpate.models.scan import rebuild, segment
 from palpate.models.scan.phantom import scan
+from palpate.views.pictures.fe_fingertip import draw
 
 CELLS = 5
 MEASURED = 3

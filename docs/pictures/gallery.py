@@ -13,14 +13,14 @@ from pathlib import Path
 
 from PIL import Image
 
-from palpate.launch.loading.launchfile import find, names
-from palpate.launch.pictures import draw
-from palpate.launch.pictures.film import picture
-from palpate.launch.pictures.moments import NoMesh
-from palpate.launch.recording.reader import Recording
-from palpate.launch.recording.samples import Run
-from palpate.launch.running.execute import execute
+from palpate.launch.load.launchfile import find, names
+from palpate.launch.run.execute import execute
 from palpate.messages import Contact, Pose
+from palpate.records.reader import Recording
+from palpate.records.samples import Run
+from palpate.views.pictures import draw
+from palpate.views.pictures.film import picture
+from palpate.views.pictures.moments import NoMesh
 
 FOLDER = Path(__file__).parent
 WIDTH = 760  # [px]

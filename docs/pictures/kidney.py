@@ -12,9 +12,9 @@ import numpy as np
 from PIL import Image
 from rich.console import Console
 
-from palpate.launch.loading.launchfile import find
-from palpate.launch.pictures import draw
-from palpate.launch.running.execute import execute
+from palpate.launch.load.launchfile import find
+from palpate.launch.run.execute import execute
+from palpate.views.pictures import draw
 
 WIDTH = 1500  # [px]
 TARGET = Path(__file__).with_name("kidney.png")

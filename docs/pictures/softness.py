@@ -12,9 +12,9 @@ import sys
 import tempfile
 from pathlib import Path
 
-from palpate.launch.loading.launchfile import find
-from palpate.launch.pictures import draw
-from palpate.launch.running.execute import execute
+from palpate.launch.load.launchfile import find
+from palpate.launch.run.execute import execute
+from palpate.views.pictures import draw
 
 RUNS = {
     "softness.png": ("softness", "softness", ()),

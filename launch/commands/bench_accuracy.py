@@ -41,7 +41,7 @@ def accuracy(
     """
     from dataclasses import asdict
 
-    from palpate.launch.loading.classes import find_class
+    from palpate.launch.load.classes import find_class
     from palpate.studies.accuracy import methods as known
     from palpate.studies.accuracy.cells import compute, matrix
     from palpate.studies.accuracy.limits import mostly, told_apart
@@ -97,7 +97,7 @@ def _rebuild(about: dict[str, Any], wanted: list[Touch], silent: bool) -> None:
 def _print(cells: list[Cell], files: dict[str, Path]) -> None:
     from rich.table import Table
 
-    from palpate.launch.loading.extras import install
+    from palpate.launch.load.extras import install
     from palpate.studies.accuracy.laboratory import missing
     from palpate.studies.accuracy.page import LEGEND, default_costs
     from palpate.studies.accuracy.pareto import front, summaries

@@ -16,14 +16,14 @@ __all__ = ["MISUSE", "TROUBLE"]
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from palpate.launch.loading.launchfile import LaunchFile
+    from palpate.launch.load.launchfile import LaunchFile
 
 INTERRUPTED = 130
 """Exit code of a run that Ctrl-C ended."""
 
 
 def _names(incomplete: str) -> list[str]:
-    from palpate.launch.loading.launchfile import names
+    from palpate.launch.load.launchfile import names
 
     return [name for name in names() if name.startswith(incomplete)]
 
@@ -64,7 +64,7 @@ Fused = Annotated[bool, typer.Option("--fused", help="Run all nodes in one proce
 
 
 def _trust(packages: list[str] | None) -> list[str] | None:
-    from palpate.launch.loading.load import trust_only
+    from palpate.engine.imports import trust_only
 
     trust_only(packages or ())
     return packages
@@ -84,7 +84,7 @@ Json = Annotated[bool, typer.Option("--json", help="Print JSON for programs.", c
 
 def seconds(text: str) -> float:
     """[s] of a time as in launch files: 2, '2 s', '0.5 min'. BadParameter: it is none."""
-    from palpate.launch.loading.units import UnitError, convert
+    from palpate.launch.load.units import UnitError, convert
 
     try:
         duration = convert(text, "s")
@@ -99,9 +99,9 @@ def chosen(
     graph: str, sets: list[str] | None = None, scene: str | None = None, place: str | None = None, fused: bool = False
 ) -> LaunchFile:
     """The run that the options describe. GraphError: what is wrong with them."""
-    from palpate.launch.loading.files import PLACES, SCENES, find_file
-    from palpate.launch.loading.launchfile import find
-    from palpate.launch.loading.placement import BUILT_IN, FUSED
+    from palpate.launch.load.files import PLACES, SCENES, find_file
+    from palpate.launch.load.launchfile import find
+    from palpate.launch.load.placement import BUILT_IN, FUSED
 
     scene_file = None if scene is None else find_file(scene, SCENES, what="scene")
     if fused and place not in (None, FUSED):
@@ -118,8 +118,8 @@ def with_own_organ(
     launch: LaunchFile, file: Path | None, unit: str | None, repair: bool, silent: bool = False
 ) -> tuple[LaunchFile, list[str]]:
     """The run with the organ of a mesh file, and what was done to it. OrganError, SettingError: it cannot be used."""
-    from palpate.launch.loading.organ import Organ, with_organ
-    from palpate.launch.loading.repair import repaired
+    from palpate.launch.load.organ import Organ, with_organ
+    from palpate.launch.load.repair import repaired
 
     if file is None:
         if unit is not None or repair:

@@ -11,7 +11,7 @@ from palpate.launch.commands.common import Json, Trust, console, tell
 from palpate.launch.commands.info import File
 
 if TYPE_CHECKING:
-    from palpate.launch.recording.compare import Variant
+    from palpate.records.compare import Variant
 
 
 def compare(
@@ -35,9 +35,9 @@ def compare(
     """
     import shlex
 
-    from palpate.launch.recording.compare import RECORDED
-    from palpate.launch.recording.compare import compare as work
-    from palpate.launch.recording.reader import Recording
+    from palpate.records.compare import RECORDED
+    from palpate.records.compare import compare as work
+    from palpate.records.reader import Recording
 
     wanted = [[given] for given in sets or []] + [shlex.split(given) for given in variants or []]
     wanted = [[] if given == [RECORDED] else given for given in wanted]
@@ -73,12 +73,12 @@ def compare(
 
 
 def _draw(variants: list[Variant], path: Path) -> Path | None:
-    from palpate.launch.recording.compare import draw
+    from palpate.records.compare import draw
 
     try:
         draw(variants, path)
     except ImportError:
-        from palpate.launch.loading.extras import install
+        from palpate.launch.load.extras import install
 
         console(stderr=True).print(f"no picture: it needs matplotlib ({install('view')})", markup=False)
         return None

@@ -129,8 +129,8 @@ def _emulate(name: str, seconds: float, as_json: bool) -> None:
     """Run the driver of a device against its emulator and count what comes back."""
     import time
 
-    from palpate.launch.loading.classes import catalogue
-    from palpate.launch.loading.faults import choices
+    from palpate.engine.faults import choices
+    from palpate.launch.load.classes import catalogue
     from palpate.nodes.base.wired import Wired
 
     kinds = [entry.cls for entry in catalogue()[0]]

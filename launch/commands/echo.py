@@ -46,7 +46,7 @@ def _is_file(first: str, second: str | None) -> bool:
 
 
 def _recorded(file: str, stream: str | None) -> Iterator[Message]:
-    from palpate.launch.recording.reader import Recording, RecordingError
+    from palpate.records.reader import Recording, RecordingError
 
     recording = Recording(file)
     if stream is None:
@@ -59,9 +59,9 @@ def _running(stream: str, run: str | None) -> Iterator[Message]:
     """The messages of a running graph, their type being known by the fields that they have."""
     import msgspec
 
-    from palpate.launch.loading.faults import choices
-    from palpate.launch.running.bus import HEALTH
-    from palpate.launch.running.discover import NoRun, find, hear
+    from palpate.engine.faults import choices
+    from palpate.launch.run.bus import HEALTH
+    from palpate.launch.run.discover import NoRun, find, hear
     from palpate.messages import Health, unpack
 
     live_run = find(run)
@@ -125,6 +125,6 @@ def line(message: Message) -> Any:
 def _json(message: Message) -> str:
     import msgspec
 
-    from palpate.launch.recording.export.foxglove import as_plain
+    from palpate.records.export.foxglove import as_plain
 
     return msgspec.json.encode(as_plain(message)).decode()

@@ -14,7 +14,7 @@ def effects(
     as_json: Json = False,
 ) -> None:
     """List the effects that scenes and graphs name, what computes each, and what shows it."""
-    from palpate.launch.loading.effects import known
+    from palpate.launch.load.effects import known
 
     rows = [_row(name, parts) for name, parts in known().items()]
     if as_json:

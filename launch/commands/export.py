@@ -26,8 +26,8 @@ def export(
     as_json: Json = False,
 ) -> None:
     """Write a recording as MCAP with a scene (Foxglove, PlotJuggler), for Rerun, as Parquet, CSV, or VTK (ParaView)."""
-    from palpate.launch.recording.export import export as write
-    from palpate.launch.recording.reader import Recording
+    from palpate.records.export import export as write
+    from palpate.records.reader import Recording
 
     recording = Recording(file)
     notes: list[str] = []

@@ -10,7 +10,7 @@ import typer
 
 from palpate.launch.commands.common import INTERRUPTED, Json, console, tell
 from palpate.launch.commands.fe_report import numbers, show, show_statements
-from palpate.launch.loading.extras import install
+from palpate.launch.load.extras import install
 
 if TYPE_CHECKING:
     from palpate.models.fe.meshing.layers import Layers
@@ -237,7 +237,7 @@ def _fields(pressing: Pressing, path: Path) -> None:
 
 def _pictures(runs: dict[str, Run], folder: Path) -> list[Path]:
     """The pictures, or a line that says what is missing."""
-    from palpate.launch.pictures.fe_fingertip import draw
+    from palpate.views.pictures.fe_fingertip import draw
 
     try:
         return draw(runs, folder)

@@ -20,8 +20,8 @@ def film(
     trust: Trust = None,
 ) -> None:
     """Film a recording: the surface under the finger, coloured by its displacement or what is asked for."""
-    from palpate.launch.pictures import colour as colours
-    from palpate.launch.pictures.film import film as make
+    from palpate.views.pictures import colour as colours
+    from palpate.views.pictures.film import film as make
 
     target = out or file.with_suffix(".mp4")
     frames = make(file, target, rate, speed, colours.colour(colour))

@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from palpate.launch.commands.common import Json, console, tell
-from palpate.launch.loading.extras import install
+from palpate.launch.load.extras import install
 
 
 class Side(StrEnum):
@@ -48,10 +48,10 @@ def fingertip(
 ) -> None:
     """Read images of a finger, find skin, tissue and bone, and write the fingertip with a picture of it."""
     try:
-        from palpate.launch.pictures.scan import draw
         from palpate.models.scan import read, segment
         from palpate.models.scan.measures import measures
         from palpate.models.scan.rebuild import reconstruct
+        from palpate.views.pictures.scan import draw
     except ImportError as error:
         raise typer.BadParameter(f"{error.name} is not installed. {install('scan')}") from None
     if phantom is not None:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from palpate.launch.commands.common import Json
-from palpate.launch.loading.extras import install
+from palpate.launch.load.extras import install
 
 if TYPE_CHECKING:
     from palpate.models.fit.fit import Told
@@ -89,7 +89,7 @@ def _draw(fitted: Told, folder: Path) -> list[str]:
     from palpate.models.fit.sessions import SessionError
 
     try:
-        from palpate.launch.pictures.fit import draw_choice, draw_law
+        from palpate.views.pictures.fit import draw_choice, draw_law
     except ImportError:
         raise SessionError(f"--pictures: matplotlib is not installed; {install('view')}") from None
     paths: list[Path] = []

@@ -10,14 +10,14 @@ import typer
 from palpate.launch.commands.common import Json, console, tell
 
 if TYPE_CHECKING:
-    from palpate.launch.recording.reader import Recording
+    from palpate.records.reader import Recording
 
 File = Annotated[Path, typer.Argument(help="Recording (.mcap).", metavar="FILE")]
 
 
 def info(file: File, as_json: Json = False) -> None:
     """What a recording holds: streams, counts, rates, losses, duration, origin, and whether it was cut off."""
-    from palpate.launch.recording.reader import Recording
+    from palpate.records.reader import Recording
 
     data = describe(Recording(file))
     if as_json:

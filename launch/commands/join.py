@@ -15,15 +15,15 @@ def join(
     unencrypted: Annotated[bool, typer.Option("--unencrypted", help="For a run without encryption.")] = False,
 ) -> None:
     """Run a group of a placement here, for a launcher on another machine (`palpate run --address ...`)."""
-    from palpate.launch.running.clock import one_blas_thread
+    from palpate.engine.clock import one_blas_thread
 
     host, _, port = address.removeprefix("tcp://").rpartition(":")
     if not host or not port.isdigit():
         raise typer.BadParameter(f"address: found {address!r}, expected tcp://host:port")
     with one_blas_thread():
-        from palpate.launch.running import keys
-        from palpate.launch.running.descendants import adopt_orphans, end_descendants
-        from palpate.launch.running.process import join as serve
+        from palpate.launch.run import keys
+        from palpate.launch.run.descendants import adopt_orphans, end_descendants
+        from palpate.launch.run.process import join as serve
 
         secured = None if unencrypted else keys.load(key)
         adopt_orphans()

@@ -15,7 +15,7 @@ def messages(
 ) -> None:
     """List the message types: fields, units and shapes; `(k)` is a length found at run time, `*` a field that a sender
     must give."""
-    from palpate.launch.loading.faults import Fault, GraphError, choices
+    from palpate.engine.faults import Fault, GraphError, choices
     from palpate.messages import Message
     from palpate.messages.docs import message_types
 

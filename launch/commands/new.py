@@ -26,8 +26,8 @@ def node(
     as_json: Json = False,
 ) -> None:
     """Write a node and its test, which passes unchanged."""
+    from palpate.engine.faults import Faults, choices
     from palpate.launch.commands.template import node_files
-    from palpate.launch.loading.faults import Faults, choices
     from palpate.messages.docs import message_types
 
     faults = Faults()

@@ -19,8 +19,8 @@ def nodes(
     as_json: Json = False,
 ) -> None:
     """List the node classes, or show one with its inputs, outputs, settings and units."""
-    from palpate.launch.loading.classes import ClassError, catalogue, find_class
-    from palpate.launch.loading.faults import Fault, GraphError
+    from palpate.engine.faults import Fault, GraphError
+    from palpate.launch.load.classes import ClassError, catalogue, find_class
 
     if name is not None:
         try:
@@ -52,7 +52,7 @@ def nodes(
 
 def describe(use: str, cls: type[Node]) -> dict[str, Any]:
     """A node class as plain data: ports, settings, units, first sentence of its docstring."""
-    from palpate.launch.loading.classes import sent_by
+    from palpate.launch.load.classes import sent_by
     from palpate.messages.docs import summary
     from palpate.nodes.base import Observer, inputs, settings
 

@@ -17,7 +17,7 @@ ColourOption = Annotated[
 
 def moment(text: str) -> float:
     """[s] of an instant of a recording: 1.2, '1200 ms', 0."""
-    from palpate.launch.loading.units import UnitError, convert
+    from palpate.launch.load.units import UnitError, convert
 
     try:
         return convert(text, "s")
@@ -33,8 +33,8 @@ def picture(
     trust: Trust = None,
 ) -> None:
     """Draw the surface under the finger at one instant, coloured by its displacement or what is asked for."""
-    from palpate.launch.pictures import colour as colours
-    from palpate.launch.pictures.film import picture as draw
+    from palpate.views.pictures import colour as colours
+    from palpate.views.pictures.film import picture as draw
 
     target = out or file.with_name(f"{file.stem}-picture.png")
     if target.suffix.lower() != ".png":

@@ -17,7 +17,7 @@ def pictures(
     as_json: Json = False,
 ) -> None:
     """Draw the pictures of a recording. Exit code 1 if there was nothing that could be drawn."""
-    from palpate.launch.pictures import draw
+    from palpate.views.pictures import draw
 
     made = draw(file, out or file.parent, console=None if as_json else console())
     if as_json:

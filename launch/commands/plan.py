@@ -13,9 +13,9 @@ from palpate.launch.commands.common import Fused, Graph, Json, PlaceOption, Scen
 from palpate.launch.commands.progress import steps
 
 if TYPE_CHECKING:
-    from palpate.launch.loading.bill import Item
-    from palpate.launch.loading.placement import Placement
-    from palpate.launch.loading.plan import Plan
+    from palpate.engine.plan import Plan
+    from palpate.launch.load.bill import Item
+    from palpate.launch.load.placement import Placement
 
 MERMAID = "mermaid"
 _PICTURE = ".mmd"
@@ -59,7 +59,7 @@ def plan(
 
     Times are those of the newest recording of the graph below runs/, or of the one to prove with.
     """
-    from palpate.launch.loading.bill import bill
+    from palpate.launch.load.bill import bill
 
     run = chosen(graph, sets, scene, place, fused)
     planned = run.plan()
@@ -92,7 +92,7 @@ def plan(
 def _times(planned: Plan, given: Path | None) -> tuple[dict[str, float], Path | None]:
     """Median duration [s] of a step of each node, and the recording that says so: each is read whole, so that only the
     newest few with the graph's name are tried."""
-    from palpate.launch.recording.reader import Recording, RecordingError
+    from palpate.records.reader import Recording, RecordingError
 
     named = Path("runs").glob(f"*/{planned.graph.path.stem}.mcap")
     newest = sorted(named, key=lambda file: -file.stat().st_mtime)
@@ -109,7 +109,7 @@ def _times(planned: Plan, given: Path | None) -> tuple[dict[str, float], Path | 
 
 
 def _prove(file: Path, items: list[Item], sets: list[str], silent: bool) -> None:
-    from palpate.launch.recording.reader import Recording
+    from palpate.records.reader import Recording
     from palpate.studies.prove import prove
 
     with steps(f"plan: the touch again without each of {len(items)} effects", len(items), silent=silent) as done:
@@ -141,7 +141,7 @@ def _bill(items: list[Item], source: Path | None) -> Any:
 
 
 def _draw(planned: Plan, draw: str, times: dict[str, float]) -> None:
-    from palpate.launch.loading.draw import mermaid
+    from palpate.launch.load.draw import mermaid
 
     if draw == MERMAID:
         typer.echo(mermaid(planned, times), nl=False)

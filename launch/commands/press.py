@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from palpate.launch.recording.reader import Recording
 from palpate.messages import Contact, Pose
 from palpate.physics.errors import MISUSE, PalpateError
+from palpate.records.reader import Recording
 
 HEAD = ["subject", "session", "depth [mm]", "rate [mm/s]", "force [N]"]
 NOISE = 5.0

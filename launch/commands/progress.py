@@ -40,7 +40,7 @@ def steps(title: str, total: float, *, silent: bool = False, seconds: float | No
         TimeRemainingColumn,
     )
 
-    from palpate.launch.running.busy import busy
+    from palpate.launch.run.busy import busy
 
     out = console(stderr=True, soft_wrap=True)
     out.print(title + ("" if seconds is None else f", roughly {duration(seconds)}"), markup=False)

@@ -32,9 +32,9 @@ def record_indentation(
     A recording of the whole press is written beside it.
     """
     from palpate.launch.commands.press import add_session, press_of
-    from palpate.launch.loading.launchfile import find
-    from palpate.launch.running.execute import execute
-    from palpate.launch.running.screen import tell as fault
+    from palpate.launch.load.launchfile import find
+    from palpate.launch.run.execute import execute
+    from palpate.launch.run.screen import tell as fault
 
     file = sessions.with_name(f"{sessions.stem}-{subject}-{session}.mcap")
     launch = find(graph).but(overrides=sets or (), duration=duration, record=file, clock="real")

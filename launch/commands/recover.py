@@ -17,7 +17,7 @@ def recover(
     as_json: Json = False,
 ) -> None:
     """Make a complete recording from the readable part of a truncated or damaged one."""
-    from palpate.launch.recording.recover import recover as save
+    from palpate.records.recover import recover as save
 
     target, counts = save(file, out)
     if as_json:

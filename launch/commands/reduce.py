@@ -29,8 +29,8 @@ def reduce(
     as_json: Json = False,
 ) -> None:
     """Build the basis of deformation.ReducedFE for a surface and a material, and store it in the cache."""
+    from palpate.engine.provenance import commit
     from palpate.launch.commands.stages import Stages
-    from palpate.launch.running.provenance import commit
     from palpate.models.build import basis
     from palpate.nodes.deformation.basis_store import SHIPPED, cache
     from palpate.nodes.deformation.reduced_fe import ReducedFE
@@ -63,8 +63,8 @@ def reduce(
 
 
 def _rungs(settings: dict[str, Any], as_json: bool) -> None:
+    from palpate.engine.provenance import commit
     from palpate.launch.commands.stages import Stages
-    from palpate.launch.running.provenance import commit
     from palpate.models.build.rungs import make
     from palpate.nodes.deformation import Adaptive
 

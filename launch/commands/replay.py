@@ -12,10 +12,10 @@ from palpate.launch.commands.common import TROUBLE, Json, Sets, Trust, console, 
 from palpate.launch.commands.info import File
 
 if TYPE_CHECKING:
-    from palpate.launch.loading.plan import Plan
-    from palpate.launch.recording.reader import Recording
-    from palpate.launch.recording.replay import Replay
-    from palpate.launch.recording.verify import Report
+    from palpate.engine.plan import Plan
+    from palpate.records.reader import Recording
+    from palpate.records.replay import Replay
+    from palpate.records.verify import Report
 
 
 def replay(
@@ -49,8 +49,8 @@ def replay(
     difference. Exit code 1 if there is one. Bytes are compared if the recording was computed with the same
     versions and instructions, else numbers within 1e-6, and it says so.
     """
-    from palpate.launch.recording.changed import changed
-    from palpate.launch.recording.reader import Recording
+    from palpate.records.changed import changed
+    from palpate.records.reader import Recording
 
     if speed is not None and not speed > 0:
         raise typer.BadParameter(f"--speed: found {speed}, expected more than 0")
@@ -68,8 +68,8 @@ def replay(
 
 
 def _check(recording: Recording, plan: Plan, given: float | None, as_json: bool) -> None:
-    from palpate.launch.recording.verify import ELSEWHERE, verify
-    from palpate.launch.running.provenance import rounding
+    from palpate.engine.provenance import rounding
+    from palpate.records.verify import ELSEWHERE, verify
 
     elsewhere = rounding(recording.about)
     tolerance = given if given is not None else ELSEWHERE if elsewhere else 0.0
@@ -122,8 +122,8 @@ def _play(
     recording: Recording, plan: Plan, sets: list[str], only: list[str] | None, speed: float | None, begin: float,
     end: float | None, loop: bool, step: bool, record: Path | None, as_json: bool,
 ) -> None:  # fmt: skip
-    from palpate.launch.recording.changed import no_idle
-    from palpate.launch.recording.replay import Replay
+    from palpate.records.changed import no_idle
+    from palpate.records.replay import Replay
 
     player = Replay(recording, plan, only=only, speed=speed, begin=begin, end=end, out=record)
     no_idle(sets, plan, player.running)

@@ -33,9 +33,9 @@ from palpate.launch.commands.common import (
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from palpate.launch.loading.launchfile import LaunchFile
-    from palpate.launch.page.watching import Onlooker
-    from palpate.launch.running.execute import Outcome
+    from palpate.launch.load.launchfile import LaunchFile
+    from palpate.launch.run.execute import Outcome
+    from palpate.views.page.watching import Onlooker
 
 
 class Command(TyperCommand):
@@ -91,7 +91,7 @@ def run(
     Ctrl-C or SIGTERM ends it in an orderly way. Exit code 1 when a node failed, or the recording is not whole; with
     --strict also when a run on the real clock did not keep its rate; 130 after Ctrl-C, 143 after SIGTERM.
     """
-    from palpate.launch.running.forkserver import ForkServer
+    from palpate.launch.run.forkserver import ForkServer
 
     seen: Onlooker | None = None
     forkserver = None if fused and clock != "real" else ForkServer()  # it imports while the graph is read
@@ -109,14 +109,14 @@ def run(
         file = (record or folder / (launch.record.name if launch.record else f"{name}.mcap")) if keep else None
         launch = dataclasses.replace(launch, record=file)
         if see:
-            from palpate.launch.page.watching import watchable
+            from palpate.views.page.watching import watchable
 
             launch = watchable(launch)
             seen = _seen(launch, see, as_json)
 
-        from palpate.launch.running.descendants import none_left
-        from palpate.launch.running.execute import execute
-        from palpate.launch.running.screen import tell as fault
+        from palpate.launch.run.descendants import none_left
+        from palpate.launch.run.execute import execute
+        from palpate.launch.run.screen import tell as fault
 
         view = None if quiet or as_json else console()
         with none_left():
@@ -159,7 +159,7 @@ def run(
 
 def _seen(launch: LaunchFile, how: str, silent: bool) -> Onlooker:
     """Open what shows the run. BadParameter, PalpateError: nothing can be opened."""
-    from palpate.launch.page.watching import WAYS, onlooker
+    from palpate.views.page.watching import WAYS, onlooker
 
     if how not in WAYS:
         raise typer.BadParameter(f"--view: found {how!r}, expected {' or '.join(WAYS)}")
@@ -194,8 +194,8 @@ def _thin(given: list[str]) -> dict[str, int]:
 
 
 def _pictures(outcome: Outcome, folder: Path, silent: bool) -> list[Path]:
-    from palpate.launch.pictures import draw
-    from palpate.launch.recording.reader import RecordingError
+    from palpate.records.reader import RecordingError
+    from palpate.views.pictures import draw
 
     if outcome.recording is None or not outcome.recording.is_file() or not outcome.result.ticks:
         return []
@@ -213,7 +213,7 @@ def _summary(outcome: Outcome, name: str, drawn: list[Path]) -> None:
     from rich.markup import escape
     from rich.text import Text
 
-    from palpate.launch.running.screen import table
+    from palpate.launch.run.screen import table
 
     out, result = console(), outcome.result
     seconds = result.ticks / outcome.plan.graph.rate
@@ -240,8 +240,8 @@ def _judge(outcome: Outcome, out: Console) -> None:
     """Whether the run kept its rate, what its counters mean, and what would help."""
     from rich.text import Text
 
-    from palpate.launch.loading.placement import AUTO
-    from palpate.launch.running.verdict import TROUBLES
+    from palpate.launch.load.placement import AUTO
+    from palpate.launch.run.verdict import TROUBLES
 
     verdict = outcome.verdict
     assert verdict is not None

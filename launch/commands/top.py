@@ -22,8 +22,8 @@ def top(
     """Show a running graph: rate, step times, late, lost and held messages of each node. Ctrl-C ends it."""
     from rich.live import Live
 
-    from palpate.launch.running.bus import HEALTH
-    from palpate.launch.running.discover import NoRun, find, hear
+    from palpate.launch.run.bus import HEALTH
+    from palpate.launch.run.discover import NoRun, find, hear
     from palpate.messages import Health, unpack
 
     live_run = find(run)
@@ -85,7 +85,7 @@ def _table(run: str, rows: dict[str, Row]) -> Any:
     from rich.console import Group
     from rich.text import Text
 
-    from palpate.launch.running.screen import Fitted, troubles
+    from palpate.launch.run.screen import Fitted, troubles
 
     titles = ("node", "tick", "rate\n[Hz]", "p50\n[us]", "p99\n[us]", "longest\n[us]", "answer\n[us]",
               "late", "lost", "held", "asleep", "")  # fmt: skip

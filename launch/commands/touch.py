@@ -22,7 +22,7 @@ from palpate.launch.commands.common import (
 )
 
 if TYPE_CHECKING:
-    from palpate.launch.page.session import Session
+    from palpate.views.page.session import Session
 
 
 def touch(
@@ -41,10 +41,10 @@ def touch(
 
     The graph runs on the real clock in processes of its own. Ctrl-C ends it.
     """
-    from palpate.launch.page import needs
+    from palpate.views.page import needs
 
     needs.check()
-    from palpate.launch.page.session import Session
+    from palpate.views.page.session import Session
 
     folder = out or Path("runs") / f"touch-{datetime.datetime.now():%Y%m%d-%H%M%S}"
     launch, _ = with_own_organ(chosen(graph, None if organ is None else sets, scene), organ, unit, repair)
@@ -58,7 +58,7 @@ def touch(
 async def _serve(session: Session, port: int, no_open: bool) -> None:
     import webbrowser
 
-    from palpate.launch.page.server import Page
+    from palpate.views.page.server import Page
 
     page = Page(session)
     ended = asyncio.Event()

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from palpate.launch.commands.common import Trust
-from palpate.launch.recording.reader import RecordingError
+from palpate.records.reader import RecordingError
 
 if TYPE_CHECKING:
-    from palpate.launch.page.reel import Reel
+    from palpate.views.page.reel import Reel
 
 MOST = 2
 """Recordings beside one another."""
@@ -34,10 +34,10 @@ def view(
 
 def look(files: list[Path], port: int = 0, no_open: bool = False) -> None:
     """Serve the page until Ctrl-C."""
-    from palpate.launch.page import needs
+    from palpate.views.page import needs
 
     needs.check()
-    from palpate.launch.page.reel import Reel
+    from palpate.views.page.reel import Reel
 
     if len(files) > MOST:
         raise RecordingError(f"{len(files)} recordings: expected one, or two to see them side by side")
@@ -51,7 +51,7 @@ def look(files: list[Path], port: int = 0, no_open: bool = False) -> None:
 async def _serve(reels: list[Reel], port: int, no_open: bool) -> None:
     import webbrowser
 
-    from palpate.launch.page.viewer import Viewer
+    from palpate.views.page.viewer import Viewer
 
     page, ended, loop = Viewer(reels), asyncio.Event(), asyncio.get_running_loop()
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):

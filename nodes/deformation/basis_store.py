@@ -1,18 +1,15 @@
 """Stored bases of the reduced body: what each was made from, where it lies, and whether it still fits.
 
 A basis is found by a hash of all that it depends on: the settings that it is built with, the vertices and triangles of
-the surface, the constants of the code that builds it (layers and moduli of the fingertip, the places that are pressed,
-tolerances), and `METHOD`. The file says all of it, with the version, commit and command that built it and its error.
+the surface, and the version of its builder (`BUILDERS`). The file says all of it, with the version of palpate, the
+commit and the command that built it, and its error.
 """
 
 from __future__ import annotations
 
-import ast
 import hashlib
-import importlib.util
 import json
 import os
-from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -23,19 +20,9 @@ from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.geometry.mesh_closest import MeshClosestPoint
 
 SHIPPED = Path(__file__).parent / "bases"
-METHOD = 3
-"""Number of what the code computes. Raise it whenever a rebuilt basis has other numbers: all older ones are unknown
-then. A test holds the numbers of a small basis to it."""
-ORGAN = (
-    "fe/meshing/organ.py", "fe/reduce/dents.py", "fe/reduce/indentation.py", "physics/bodies/dents.py:SPACING,SOFTEST",
-    "physics/materials/hyperelastic.py",
-)  # fmt: skip
-SAMPLED = ("fe/reduce/reduction.py", "fe/reduce/sampling.py", "fe/reduce/snapshots.py")
-FINGER = ("fe/meshing/fingertip.py", "fe/meshing/layers.py", "fe/reduce/reducible.py")
-"""Files whose constants and default fields a basis of an organ, a sampled one and the fingertip's depend on: all of
-them, or those named."""
-HOMES = {"fe": "models.fe"}
-"""Packages whose name in a key is older than their place: the bases that ship stay valid."""
+BUILDERS = {"dents": 4, "sampled": 4}
+"""Version of what builds each kind of basis. Raise it whenever a rebuilt basis has other numbers: all older ones are
+unknown then. Tests hold the constants and the numbers of a small basis to it."""
 GRID = 1e-7
 """[m] To which vertices are rounded before they are hashed, as another processor rounds the last bits otherwise."""
 NEAR = 0.01
@@ -46,32 +33,6 @@ def digest(mesh: Mesh) -> str:
     """A hash of the vertices and triangles of a mesh."""
     grid = np.floor(mesh.vertices / GRID + 0.3719).astype("<i8")  # off the places where round numbers fall
     return hashlib.sha256(grid.tobytes() + mesh.triangles.astype("<i8").tobytes()).hexdigest()[:16]
-
-
-@lru_cache(maxsize=8)
-def constants(files: tuple[str, ...]) -> dict[str, str]:
-    """Upper-case constants and default fields of classes in these files of the package, as they are written."""
-    assignments = {}
-    for file in files:
-        name, _, only = file.partition(":")
-        top, _, rest = name.partition("/")
-        spec = importlib.util.find_spec(f"palpate.{HOMES.get(top, top)}")
-        assert spec is not None and spec.submodule_search_locations
-        tree = ast.parse((Path(next(iter(spec.submodule_search_locations))) / rest).read_text(encoding="utf-8"))
-        scopes = [("", tree.body)] + [(f"{c.name}.", c.body) for c in tree.body if isinstance(c, ast.ClassDef)]
-        for scope, body in scopes:
-            for line in body:
-                if scope and not isinstance(line, ast.AnnAssign):  # a field has its type
-                    continue
-                targets = line.targets if isinstance(line, ast.Assign) else [getattr(line, "target", None)]
-                value = getattr(line, "value", None)
-                for target in targets:
-                    names = target.elts if isinstance(target, ast.Tuple) else [target]
-                    own = [n.id for n in names if isinstance(n, ast.Name)]
-                    chosen = not only or set(own) & set(only.split(","))
-                    if value is not None and own and chosen and (scope or own[0].isupper()):
-                        assignments[f"{name}:{scope}{','.join(own)}"] = ast.unparse(value)
-    return assignments
 
 
 def key(inputs: dict[str, Any]) -> str:
@@ -104,14 +65,10 @@ def about(path: Path) -> dict[str, Any] | None:
 
 def differences(made: dict[str, Any], wanted: dict[str, Any]) -> list[str]:
     """What two inputs differ in, one text each."""
-    flat = [
-        {**{k: v for k, v in inputs.items() if k != "constants"}, **inputs.get("constants", {})}
-        for inputs in (made, wanted)
-    ]
     return [
-        f"{name} was {flat[0].get(name)}, is {flat[1].get(name)}"
-        for name in sorted(flat[0].keys() | flat[1].keys())
-        if flat[0].get(name) != flat[1].get(name)
+        f"{name} was {made.get(name)}, is {wanted.get(name)}"
+        for name in sorted(made.keys() | wanted.keys())
+        if made.get(name) != wanted.get(name)
     ]
 
 

@@ -12,14 +12,10 @@ from palpate.messages import Load, Surface, Vector, Vector3
 from palpate.nodes.base import SettingError, Switch, part
 from palpate.nodes.base.surface import SURFACES, OnSurface, surface_mesh
 from palpate.nodes.deformation.basis_store import (
-    FINGER,
-    METHOD,
+    BUILDERS,
     NEAR,
-    ORGAN,
-    SAMPLED,
     SHIPPED,
     cache,
-    constants,
     differences,
     digest,
     find,
@@ -188,19 +184,16 @@ class ReducedFE(OnSurface):
 
     def inputs(self) -> dict[str, Any]:
         """All that the basis depends on."""
-        finger = self.surface == "fingertip" and self.model == "sampled"
-        files: tuple[str, ...] = FINGER if finger else ORGAN
-        inputs: dict[str, Any] = {"method": METHOD, "surface": _name(self.surface)}
+        inputs: dict[str, Any] = {"builder": BUILDERS[self._kind()], "surface": _name(self.surface)}
         if self.model == "sampled":
-            files += SAMPLED
             inputs["modes"] = self.modes
-        if not finger:
+        if self.model != "sampled" or self.surface != "fingertip":
             inputs |= {"mesh": digest(self.coarse_mesh()), "poisson": self.poisson, "bed": self.bed}
             if self.nodule_radius > 0:
                 inputs |= {"nodule": [*self.nodule_centre, self.nodule_radius, self.nodule_ratio]}
             if self.capsule_thickness > 0:
                 inputs |= {"capsule": [self.capsule_thickness, self.capsule_ratio]}
-        return inputs | {"constants": constants(files)}
+        return inputs
 
     def key(self) -> str:
         """The hash that the basis is found by."""
@@ -208,8 +201,10 @@ class ReducedFE(OnSurface):
 
     def filename(self) -> str:
         """Of a basis that is built for these settings."""
-        kind = "sampled" if self.model == "sampled" else "dents"
-        return f"{_name(self.surface)}-{kind}-{self.key()}.npz"
+        return f"{_name(self.surface)}-{self._kind()}-{self.key()}.npz"
+
+    def _kind(self) -> str:
+        return "sampled" if self.model == "sampled" else "dents"
 
     def command(self) -> str:
         """The command that builds it."""

@@ -11,7 +11,7 @@ from mcap.records import Channel
 from palpate.messages import DeviceState, Force, MessageError, Torque, unpack
 from palpate.nodes.base import Node, SettingError
 from palpate.nodes.device.motion import read_motion
-from palpate.nodes.mcap_file import Broken, declared, messages, opened
+from palpate.records.format.mcap_file import Broken, declared, messages, opened
 
 
 class Replayed(Node):

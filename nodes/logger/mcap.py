@@ -17,7 +17,7 @@ from mcap.writer import CompressionType, Writer
 from palpate.messages import Health, Message, fields
 from palpate.messages.base import HEADER
 from palpate.nodes.base import Observer, SettingError, Stream
-from palpate.nodes.mcap_file import LIBRARY, add_metadata
+from palpate.records.format.mcap_file import LIBRARY, add_metadata
 
 CHUNK_SIZE = 1 << 20  # [B]
 LATEST = 1024  # ticks of a stream by which a node's new life is told from the one before

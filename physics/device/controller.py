@@ -39,7 +39,8 @@ SMOOTH = 0.5e-3  # [s] of that speed: at a high rate one count within one step i
 FADE = 0.01  # [s] in which the difference of the two laws dies down after a switch
 FILTER_LAG = 8.0  # [1] samples, twice the delay of the velocity filter
 CARRIED = 1e-2  # [J] largest debt carried over a switch
-HEAD, STARTED = 1, 2  # state[MODE] = mode, newest place in the rings, whether there was a step before
+HEAD, STARTED = 1, 2  # state[MODE] = mode, newest place in the rings, whether there was a step before,
+WITHHELD = 3  # and the part of the contact force that is withheld [1]
 STILL, TOUCHING, CLOCK = range(3)  # state[TIMES] = time without movement [s], approach when last touching [m], time [s]
 PUSH, STAND, WHEN = slice(0, 3), slice(3, 6), 6  # columns of the rings
 
@@ -184,7 +185,9 @@ def haptic(gains, state, past, normal_force, n, friction, approach, position, ve
     for i in range(3):
         state[OFFSET, i] *= fade
     if touching:
-        share = min(shown / normal_force, 1.0)
+        given = 1.0 - state[MODE, WITHHELD]
+        share = given * min(shown / normal_force, 1.0)
+        damped *= given
         fx += damped * n[0] - share * friction[0]
         fy += damped * n[1] - share * friction[1]
         fz += damped * n[2] - share * friction[2]

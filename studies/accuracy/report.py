@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from palpate.launch.running.provenance import machine
+from palpate.engine.provenance import machine
 from palpate.studies.accuracy import page, table
 from palpate.studies.accuracy.cells import Cell
 from palpate.studies.accuracy.order import studies

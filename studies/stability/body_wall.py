@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from palpate.launch.loading.classes import ClassError, find_class
+from palpate.launch.load.classes import ClassError, find_class
 from palpate.messages import Contact, Load, Pose, Proximity, Surface
 from palpate.nodes.base import Node, inputs, outputs, settings
 from palpate.nodes.base.surface import OnSurface

@@ -8,9 +8,9 @@ from typing import Any
 
 from matplotlib.colors import ListedColormap
 
-from palpate.launch.pictures.style import ENERGY, FINGER, INK, NORMAL, SPEED, figure
 from palpate.physics.device.regions import KINDS
 from palpate.physics.device.wall_loop import Device
+from palpate.views.pictures.style import ENERGY, FINGER, INK, NORMAL, SPEED, figure
 
 
 def draw_walls(rows: list[dict[str, float]], path: Path) -> None:

@@ -9,10 +9,10 @@ from typer.testing import CliRunner
 
 from palpate.drivers import catalogue, discover
 from palpate.drivers.falcon.emulator import EmulatedFalcon
+from palpate.engine.faults import GraphError
 from palpate.launch.__main__ import app
 from palpate.launch.commands.press import Press, PressError, _onset, add_session
-from palpate.launch.loading.faults import GraphError
-from palpate.launch.loading.launchfile import find
+from palpate.launch.load.launchfile import find
 
 FALCON = {"idVendor": "0403", "idProduct": "cb48", "busnum": "1", "devnum": "7", "serial": "FT1"}
 PAD = {"idVendor": "0403", "idProduct": "6010", "busnum": "1", "devnum": "8"}

@@ -8,7 +8,7 @@ import pytest
 from palpate.drivers.emulate.faults import Faults
 from palpate.drivers.errors import DeviceError
 from palpate.drivers.limits import LIMITS
-from palpate.launch.loading.launchfile import find
+from palpate.launch.load.launchfile import find
 from palpate.launch.testing import FakeBus
 from palpate.messages import Contact, DeviceState, Force, Torque
 from palpate.nodes.device import Falcon, Haply2Diy, Hid, Inverse3, RawHid

@@ -5,12 +5,12 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from palpate.launch.loading.faults import GraphError
-from palpate.launch.loading.launchfile import find
-from palpate.launch.recording.changed import changed
-from palpate.launch.recording.reader import Recording
-from palpate.launch.recording.verify import verify
-from palpate.launch.running.execute import execute
+from palpate.engine.faults import GraphError
+from palpate.launch.load.launchfile import find
+from palpate.launch.run.execute import execute
+from palpate.records.changed import changed
+from palpate.records.reader import Recording
+from palpate.records.verify import verify
 
 LATE = 0.3
 """Relative tolerance of a balance that is read while the machine may be busy: late ticks soften what is shown."""
@@ -48,10 +48,10 @@ def test_a_falcon_touches_the_kidney(good):
     assert outcome.result.ok, outcome.result.deaths
     assert messages["device"][-1].homed
     held = np.median(force(messages)[-400:])
-    # An arm of 500 N/m that wants to be 15 mm deep; after late ticks the force is back as the hand puts energy in.
-    assert max(force(messages)) > 0.5 and held < 3.5
+    # An arm of 500 N/m that wants to be 15 mm deep.
+    assert 0.5 < held < 3.5
     wanted, deep = 0.0935, np.median([m.position[2] for m in messages["finger"]][-400:])
-    assert held == pytest.approx(500.0 * (deep - wanted), rel=LATE, abs=0.3), "the force has reached the hand"
+    assert held == pytest.approx(500.0 * (deep - wanted), rel=LATE), "the force has reached the hand"
 
 
 def test_the_touch_is_computed_again_bit_for_bit_without_the_device(good):
@@ -67,9 +67,8 @@ def test_bad_days_end_in_no_wild_force(tmp_path):
     assert force(messages).max() <= 9.0
     heights = np.array([m.position[2] for m in messages["finger"]])
     held, deep = np.median(force(messages)[-500:]), np.median(heights[-500:])
-    # After a late step the force is felt again only as the hand moves: less than on a good day.
-    assert max(force(messages)) > 0.5 and held < 3.5
-    assert held == pytest.approx(500.0 * (deep - 0.0935), rel=LATE, abs=0.3), "the force has reached the hand"
+    assert 0.5 < held < 3.5
+    assert held == pytest.approx(500.0 * (deep - 0.0935), rel=LATE), "the force has reached the hand"
     assert np.all(np.isfinite(heights)) and heights.min() > 0.09 and heights.max() < 0.125
 
 
@@ -116,6 +115,6 @@ def test_devices_that_take_a_force_touch_the_kidney(tmp_path, use):
     assert outcome.result.ok, outcome.result.deaths
     held = np.median(force(messages)[-300:])
     deep = np.median([m.position[2] for m in messages["finger"]][-300:])
-    # An arm of 500 N/m that wants to be 15 mm deep; after late ticks the force is back as the hand puts energy in.
-    assert max(force(messages)) > 0.5 and held < 3.5
-    assert held == pytest.approx(500.0 * (deep - 0.0935), rel=LATE, abs=0.3), "the force has reached the hand"
+    # An arm of 500 N/m that wants to be 15 mm deep.
+    assert 0.5 < held < 3.5
+    assert held == pytest.approx(500.0 * (deep - 0.0935), rel=LATE), "the force has reached the hand"

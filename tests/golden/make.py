@@ -16,8 +16,8 @@ import os
 import sys
 from pathlib import Path
 
-from palpate.launch.loading.launchfile import LaunchFile
-from palpate.launch.running.execute import execute
+from palpate.launch.load.launchfile import LaunchFile
+from palpate.launch.run.execute import execute
 
 HERE = Path(__file__).parent
 DURATION = 0.12  # [s]

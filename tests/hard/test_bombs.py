@@ -21,10 +21,10 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, Header, Message, Metadata, MetadataIndex, Schema
 from mcap.records import Footer as End
 
-from palpate.launch.recording.reader import Recording, RecordingError
 from palpate.nodes.logger.mcap import SCHEMA_VERSION
-from palpate.nodes.mcap_file import LIBRARY, MAGIC, MOST_HEAD, Broken, opened
 from palpate.physics.archive import ArchiveError, read_arrays
+from palpate.records.format.mcap_file import LIBRARY, MAGIC, MOST_HEAD, Broken, opened
+from palpate.records.reader import Recording, RecordingError
 
 LIMITED = """
 import resource, sys
@@ -61,7 +61,7 @@ def test_an_lz4_chunk_unpacks_to_no_more_than_it_claims(tmp_path, store_size):
     path = one_chunk(tmp_path / "a.mcap", "lz4", packed, 1000)
     with pytest.raises(Broken, match="cannot be unpacked"):
         list(opened(path))
-    setup = "from palpate.nodes.mcap_file import Broken, opened"
+    setup = "from palpate.records.format.mcap_file import Broken, opened"
     call = "\n    ".join(["try: list(opened(sys.argv[1]))", "except Broken as error: print(error)"])
     said, more = grown(setup, call, path)
     assert "cannot be unpacked" in said and more < 20
@@ -96,7 +96,7 @@ def test_a_file_that_is_one_hole_is_not_read_into_memory(tmp_path, kind):
     path.write_bytes(MAGIC + struct.pack("<BQ", kind, length))
     os.truncate(path, len(MAGIC) + 9 + length)
     said, more = grown(
-        "from palpate.launch.recording.reader import Recording", "Recording(sys.argv[1])", path
+        "from palpate.records.reader import Recording", "Recording(sys.argv[1])", path
     )  # fmt: skip
     assert "not a recording of palpate" in said and more < 50
 
@@ -126,7 +126,7 @@ def test_metadata_that_the_index_names_a_thousand_times_is_read_once_or_refused(
     about = Metadata("other", {"text": "x" * 1_000_000})
     index = [lambda places: MetadataIndex(places[1], 0, "other")] * 1000
     path = complete(tmp_path / "a.mcap", [about], index)
-    said, more = grown("from palpate.launch.recording.reader import Recording", "Recording(sys.argv[1])", path)
+    said, more = grown("from palpate.records.reader import Recording", "Recording(sys.argv[1])", path)
     assert "not a recording of palpate" in said and more < 100
 
 
@@ -137,7 +137,7 @@ def test_a_schema_is_parsed_once_for_all_channels_and_not_beyond_its_limit(tmp_p
     channels = [Channel(id=k, topic=f"s{k}", message_encoding="msgpack", schema_id=1,
                         metadata={"producer": f"s{k}", "every": "1"}) for k in range(500)]  # fmt: skip
     path = complete(tmp_path / "a.mcap", [], [schema, *channels])
-    said, more = grown("from palpate.launch.recording.reader import Recording", "Recording(sys.argv[1])", path)
+    said, more = grown("from palpate.records.reader import Recording", "Recording(sys.argv[1])", path)
     assert "not a recording of palpate" in said and more < 100
     huge = Schema(id=1, data=b" " * (MOST_HEAD + 1), encoding="jsonschema", name="Contact")
     with pytest.raises(RecordingError, match=r"bytes of streams|expected at most"):
@@ -167,7 +167,7 @@ def test_a_tick_far_away_takes_no_more_memory_than_one_nearby(tmp_path):
     for record in [Header("palpate", "none"), Metadata("palpate.about", {"plan": "{}"}), *records]:
         record.write(builder)
     path.write_bytes(MAGIC + builder.end())
-    setup = "from palpate.launch.recording.reader import Recording"
+    setup = "from palpate.records.reader import Recording"
     said, more = grown(setup, "print(Recording(sys.argv[1]).ticks()['s'].tolist())", path)
     assert said == "[2147483647]" and more < 50
 

@@ -29,22 +29,22 @@ from palpate.drivers.hid import descriptor, raw
 from palpate.drivers.pins import dotpad
 from palpate.drivers.sensors import bota, netft
 from palpate.launch.commands.info import describe
-from palpate.launch.loading.files import GRAPHS, SCENES
-from palpate.launch.loading.launchfile import LAUNCHES, find
-from palpate.launch.recording.reader import Recording
-from palpate.launch.recording.recover import recover
+from palpate.launch.load.files import GRAPHS, SCENES
+from palpate.launch.load.launchfile import LAUNCHES, find
 from palpate.messages import Contact, DeviceState, Load, MessageError, Surface, pack, unpack
 from palpate.models.fit.sessions import read_sessions
 from palpate.nodes.base.mesh_file import read_mesh
 from palpate.nodes.contact.probabilistic import read_law
 from palpate.nodes.deformation import basis_store
 from palpate.nodes.device.motion import read_motion
-from palpate.nodes.mcap_file import MAGIC, Broken, opened
 from palpate.nodes.tactile import TABLE, Flow
 from palpate.physics.bodies.condensed_body import Basis
 from palpate.physics.bodies.sampled_body import SampledBasis
 from palpate.physics.errors import PalpateError
 from palpate.physics.fingertip.surfaces import Fingertip
+from palpate.records.format.mcap_file import MAGIC, Broken, opened
+from palpate.records.reader import Recording
+from palpate.records.recover import recover
 
 FEW, MANY = 20, 4000
 ROOM = 300_000_000  # [bytes] at most while a file of some hundred kilobytes is read; shipped bases take a third of it

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 from chain_for_runs import Chain, Lost, nothing
 
-from palpate.launch.loading.launchfile import find
+from palpate.launch.load.launchfile import find
 from palpate.launch.testing import FakeBus
 from palpate.messages import Message, Pose
 from palpate.nodes.controller import Haptic

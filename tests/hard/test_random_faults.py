@@ -15,8 +15,8 @@ from tempfile import TemporaryDirectory
 import pytest
 from random_faults import Fault, draw, run
 
-from palpate.launch.loading.launchfile import find
-from palpate.launch.running.execute import execute
+from palpate.launch.load.launchfile import find
+from palpate.launch.run.execute import execute
 
 STOPPED = (100, 1028)
 """A keeper, and the fork server, stopped by SIGSTOP: the run waited for ever for the news of its workers' ends."""

@@ -11,8 +11,8 @@ from typer.testing import CliRunner
 import palpate
 from palpate.launch import calling
 from palpate.launch.__main__ import app
-from palpate.launch.recording.reader import Recording
-from palpate.launch.running.execute import execute
+from palpate.launch.run.execute import execute
+from palpate.records.reader import Recording
 
 
 @pytest.fixture(scope="module")

@@ -13,7 +13,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from palpate.launch.loading.launchfile import find
+from palpate.launch.load.launchfile import find
 from palpate.launch.testing import FakeBus
 from palpate.messages import Contact, DeviceState, Force, Friction, Ledger, Load, Pose, Proximity, Surface, Torque, pack
 from palpate.nodes.base import inputs

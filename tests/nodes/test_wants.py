@@ -7,7 +7,7 @@ import textwrap
 
 import pytest
 
-from palpate.launch.loading.classes import body, catalogue, find_class
+from palpate.launch.load.classes import body, catalogue, find_class
 from palpate.nodes.base import Observer, effects, inputs, outputs
 
 NODES = [entry.use for entry in catalogue()[0] if not issubclass(entry.cls, Observer)]

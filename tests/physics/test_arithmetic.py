@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from palpate.launch.running.provenance import rounding
+from palpate.engine.provenance import rounding
 from palpate.physics.arithmetic import LEVEL, in_force, pinnable
 
 FOREIGN = {"OPENBLAS_CORETYPE": "Prescott", "NPY_DISABLE_CPU_FEATURES": "X86_V3", "NUMBA_CPU_NAME": "nehalem"}
@@ -28,7 +28,9 @@ def told(code, **environment):
     return json.loads(done.stdout)
 
 
-@pytest.mark.parametrize("first", ["physics", "models.fe", "nodes", "launch", "launch.running.forkserver"])
+@pytest.mark.parametrize(
+    "first", ["physics", "models.fe", "nodes", "engine", "records", "views", "launch.run.forkserver"]
+)
 def test_the_pin_wins_over_the_environment(first):
     code = f"import palpate.{first}; import numba; " + ASK.format("in_force()")
     assert told(code, **FOREIGN)["instructions"] == LEVEL

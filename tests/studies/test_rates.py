@@ -11,8 +11,8 @@ import pytest
 from typer.testing import CliRunner
 
 from palpate.launch.__main__ import app
-from palpate.launch.loading.launchfile import find
-from palpate.launch.recording.compare import compare
+from palpate.launch.load.launchfile import find
+from palpate.records.compare import compare
 from palpate.studies import rates
 from palpate.studies.search import touched
 

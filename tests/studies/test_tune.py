@@ -10,7 +10,7 @@ import yaml
 from typer.testing import CliRunner
 
 from palpate.launch.__main__ import app
-from palpate.launch.loading.launchfile import find
+from palpate.launch.load.launchfile import find
 from palpate.studies import tune
 from palpate.studies.search import SearchError, Trial, read_error, touched, write
 from palpate.studies.tune import QUANTITIES, Goal, body_of, candidates, pick

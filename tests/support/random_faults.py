@@ -31,8 +31,8 @@ sys.path.insert(0, str(SUPPORT))
 from graphs_for_runs import GRAPH, write_graph, write_place  # noqa: E402
 from unlucky import BEARABLE, BREAKS, WIRES  # noqa: E402
 
-from palpate.launch.recording.reader import Recording, RecordingError  # noqa: E402
-from palpate.launch.running.descendants import die_with_parent  # noqa: E402
+from palpate.launch.run.descendants import die_with_parent  # noqa: E402
+from palpate.records.reader import Recording, RecordingError  # noqa: E402
 
 SIGNALS = ("SIGKILL", "SIGTERM", "SIGSEGV", "SIGSTOP", "SIGINT", "SIGABRT", "SIGHUP")
 LONGEST = 150.0

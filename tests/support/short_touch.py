@@ -3,9 +3,9 @@
 from pathlib import Path
 from typing import Any
 
-from palpate.launch.loading.launchfile import find
-from palpate.launch.recording.reader import Recording
-from palpate.launch.running.execute import execute
+from palpate.launch.load.launchfile import find
+from palpate.launch.run.execute import execute
+from palpate.records.reader import Recording
 
 QUICK = ("scene.surface.vertices=600", "scene.hand.begin=[0, 0, 0.107]")
 

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from pytest import approx
 
-from palpate.launch.loading.launchfile import find
-from palpate.launch.recording.reader import Recording
-from palpate.launch.running.execute import execute
+from palpate.launch.load.launchfile import find
+from palpate.launch.run.execute import execute
 from palpate.messages import Contact, Friction, Slip, Surface, unpack
+from palpate.records.reader import Recording
 
 
 def run(name, path, *overrides, duration=None, place="fused"):

@@ -18,8 +18,8 @@ from typer.core import TyperGroup
 from palpate.launch.__main__ import app
 from palpate.launch.commands.common import chosen
 from palpate.launch.commands.template import node_files
-from palpate.launch.loading.launchfile import find
-from palpate.launch.loading.placement import load_place
+from palpate.launch.load.launchfile import find
+from palpate.launch.load.placement import load_place
 from palpate.messages import Load, Surface
 
 ROOT = Path(__file__).parents[2]
@@ -31,7 +31,7 @@ OTHERS = {
     "pip install": "installs packages",
     ".venv/bin/python": "tests and benchmarks, run on their own",
     "python": "tests and scripts: tests/whole/test_scripts.py loads each",
-    "cc": "compiles an example: tests/launch/running/test_listen.py",
+    "cc": "compiles an example: tests/launch/run/test_listen.py",
     "palpate-": "",
 }
 """Commands that are not palpate's, by how they begin."""
@@ -43,12 +43,12 @@ NOT_RUN = {
     "palpate fe": "minutes; tests/models/fe/study",
     "palpate fingertip SCAN": "takes images; tests/models/scan",
     "palpate run fingertip-slide --set scene.finger.shape=finger.npz": "what palpate fingertip writes",
-    "palpate touch": "a page that waits for a hand; tests/launch/page",
-    "palpate view": "a window; tests/launch/page",
-    "palpate run kidney --view": "a window; tests/launch/page",
+    "palpate touch": "a page that waits for a hand; tests/views",
+    "palpate view": "a window; tests/views",
+    "palpate run kidney --view": "a window; tests/views",
     "palpate film": "tests/launch/commands/test_film.py",
     "palpate top": "goes on until it is ended",
-    "palpate join": "waits for another machine; tests/launch/running",
+    "palpate join": "waits for another machine; tests/launch/run",
     "palpate run kidney --place far.yaml": "waits for another machine",
     "palpate run falcon --set device.firmware=nvent_firmware.bin": "a device",
     "palpate run kidney --set device.use=device.Falcon --clock real": "a device",

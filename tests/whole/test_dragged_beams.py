@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from palpate.launch.loading.launchfile import find
-from palpate.launch.recording.reader import Recording
-from palpate.launch.running.execute import execute
+from palpate.launch.load.launchfile import find
+from palpate.launch.run.execute import execute
 from palpate.nodes.base.surface import surface_mesh
+from palpate.records.reader import Recording
 
 
 @pytest.fixture(scope="module", params=["nodule", "kidney"])

@@ -4,8 +4,8 @@ import re
 import runpy
 from pathlib import Path
 
-from palpate.launch.loading.files import GRAPHS
-from palpate.launch.loading.launchfile import LAUNCHES, find
+from palpate.launch.load.files import GRAPHS
+from palpate.launch.load.launchfile import LAUNCHES, find
 
 DOCS = Path(__file__).parents[2] / "docs"
 

@@ -11,10 +11,10 @@ from pathlib import Path
 
 import pytest
 
-from palpate.launch.recording.player import plan_of
-from palpate.launch.recording.reader import Recording
-from palpate.launch.recording.verify import ELSEWHERE, verify
-from palpate.launch.running.provenance import rounding
+from palpate.engine.provenance import rounding
+from palpate.records.player import plan_of
+from palpate.records.reader import Recording
+from palpate.records.verify import ELSEWHERE, verify
 
 GOLDEN = sorted((Path(__file__).parents[1] / "golden").glob("*.mcap"))
 

@@ -10,12 +10,12 @@ import pytest
 from graphs_for_runs import write_place
 from msgspec.structs import replace
 
-from palpate.launch.loading.launchfile import LaunchFile, find
-from palpate.launch.pictures.friction import beyond_dip, sliding
-from palpate.launch.pictures.regions import regions
-from palpate.launch.pictures.touch import Touch, touches, work
-from palpate.launch.recording.reader import Recording
-from palpate.launch.running.execute import execute
+from palpate.launch.load.launchfile import LaunchFile, find
+from palpate.launch.run.execute import execute
+from palpate.records.reader import Recording
+from palpate.views.pictures.friction import beyond_dip, sliding
+from palpate.views.pictures.regions import regions
+from palpate.views.pictures.touch import Touch, touches, work
 
 T = 1e-3  # [s]
 NODES = ("device", "finger", "collision", "contact", "friction", "spread", "tissue", "controller", "statics")
@@ -209,7 +209,7 @@ def test_what_is_wanted_is_the_same_when_the_rest_is_left_out(tmp_path, friction
 
 
 def test_the_frictionless_scene_is_this_one_without_friction(tmp_path):
-    from palpate.launch.loading.files import SCENES
+    from palpate.launch.load.files import SCENES
 
     scene = SCENES / "frictionless.yaml"
     by_scene = payloads(run(tmp_path, *QUICK, name="scene", place="fused", duration=0.3, scene=scene))

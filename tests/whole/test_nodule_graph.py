@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 from pytest import approx
 
-from palpate.launch.loading.launchfile import find
-from palpate.launch.recording.reader import Recording
-from palpate.launch.running.execute import execute
+from palpate.launch.load.launchfile import find
+from palpate.launch.run.execute import execute
 from palpate.messages import Contact, ForceBand, Pins, Surface, unpack
 from palpate.nodes.base.surface import surface_mesh
 from palpate.physics.contact.force_band import band_at
 from palpate.physics.display.pins import pin_grid
+from palpate.records.reader import Recording
 
 
 def run(path, *overrides, place="fused", duration=2.2):

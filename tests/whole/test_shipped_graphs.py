@@ -8,10 +8,10 @@ from typer.testing import CliRunner
 
 import palpate.launch
 from palpate.launch.__main__ import app
-from palpate.launch.loading.files import GRAPHS, PLACES, SCENES
-from palpate.launch.loading.launchfile import LaunchFile, find
-from palpate.launch.recording.reader import Recording
-from palpate.launch.running.execute import execute
+from palpate.launch.load.files import GRAPHS, PLACES, SCENES
+from palpate.launch.load.launchfile import LaunchFile, find
+from palpate.launch.run.execute import execute
+from palpate.records.reader import Recording
 
 LAUNCH = Path(next(iter(palpate.launch.__path__)))
 NAMES = sorted(p.stem for p in GRAPHS.glob("*.yaml"))

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from pytest import approx
 
-from palpate.launch.loading.launchfile import LaunchFile, find
-from palpate.launch.recording.reader import Recording
-from palpate.launch.running.execute import execute
+from palpate.launch.load.launchfile import LaunchFile, find
+from palpate.launch.run.execute import execute
 from palpate.messages import Contact, Pins, unpack
 from palpate.physics.display.pins import pin_grid
 from palpate.physics.display.shape_display import pad_contact, pad_displacement
+from palpate.records.reader import Recording
 
 R = np.hypot(*pin_grid(6, 6, 2e-3).reshape(-1, 2).T).reshape(6, 6)
 

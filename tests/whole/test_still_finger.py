@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy.signal import butter, sosfiltfilt
 
-from palpate.launch.loading.launchfile import find
-from palpate.launch.recording.reader import Recording
-from palpate.launch.running.execute import execute
+from palpate.launch.load.launchfile import find
+from palpate.launch.run.execute import execute
+from palpate.records.reader import Recording
 
 HIGH = butter(4, 40.0, "highpass", fs=1000.0, output="sos")
 """Over the whole hold: the ends of a window that the force creeps through are no oscillation of 40 Hz."""

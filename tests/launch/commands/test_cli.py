@@ -13,9 +13,9 @@ from typer.testing import CliRunner
 from palpate.drivers import discover
 from palpate.launch.__main__ import app
 from palpate.launch.commands import findings
-from palpate.launch.loading.launchfile import find
-from palpate.launch.recording.reader import Recording
-from palpate.launch.running.execute import execute
+from palpate.launch.load.launchfile import find
+from palpate.launch.run.execute import execute
+from palpate.records.reader import Recording
 
 runner = CliRunner()
 
@@ -307,7 +307,7 @@ def test_trouble_that_nobody_foresaw_is_one_line(monkeypatch, whole):
     def burst(self):
         raise RuntimeError("the pipe burst")
 
-    monkeypatch.setattr("palpate.launch.loading.launchfile.LaunchFile.plan", burst)
+    monkeypatch.setattr("palpate.launch.load.launchfile.LaunchFile.plan", burst)
     result = run("check", whole)
     assert result.exit_code == 1
     assert "RuntimeError: the pipe burst" in result.stderr and "--debug" in result.stderr

@@ -5,7 +5,7 @@ import os
 import pytest
 
 from palpate.launch.commands import progress
-from palpate.launch.running.busy import busy
+from palpate.launch.run.busy import busy
 
 
 @pytest.fixture

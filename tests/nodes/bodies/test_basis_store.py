@@ -1,5 +1,7 @@
 """Stored bases: found by all that they depend on, refused where they do not fit, and as the code would build them."""
 
+import dataclasses
+import hashlib
 import json
 import shlex
 from functools import lru_cache
@@ -8,17 +10,20 @@ import numpy as np
 import pytest
 from pytest import approx
 
-import palpate.models.fe.reduce.dents as dents
+import palpate.physics.bodies.dents as physics_dents
 from palpate.launch.testing import FakeBus
+from palpate.models.fe.meshing import fingertip, layers, organ
 from palpate.models.fe.meshing.organ import Organ
+from palpate.models.fe.reduce import dents, indentation, reducible, reduction, sampling, snapshots
 from palpate.models.fe.reduce.indentation import Press
 from palpate.models.fe.reduce.reducible import of_organ
 from palpate.nodes.base import SettingError
 from palpate.nodes.base.surface import surface_mesh
-from palpate.nodes.deformation import ReducedFE, basis_store, reduced_fe
+from palpate.nodes.deformation import ReducedFE, basis_store
 from palpate.physics.bodies.condensed_body import Basis
 from palpate.physics.bodies.dents import SPACING, hat_moments, patch_radius
 from palpate.physics.geometry.mesh import Mesh
+from palpate.physics.materials import hyperelastic
 
 SMALL = {"surface": "plane", "coarse": 80, "vertices": 400}
 
@@ -59,7 +64,7 @@ def test_every_shipped_basis_is_in_the_index_and_is_the_one_for_its_command():
         assert about["version"] and about["commit"]
 
 
-def test_the_key_follows_the_surface_the_constants_and_the_method(monkeypatch, tmp_path):
+def test_the_key_follows_the_surface_and_the_version_of_the_builder(monkeypatch):
     usual = ReducedFE(**SMALL).key()
     assert ReducedFE(**SMALL | {"vertices": 900, "young": 1e3, "position": (0.1, 0.0, 0.0)}).key() == usual
     moved = surface_mesh("plane", 80)
@@ -67,22 +72,11 @@ def test_the_key_follows_the_surface_the_constants_and_the_method(monkeypatch, t
     with monkeypatch.context() as patch:
         patch.setattr(ReducedFE, "coarse_mesh", lambda self: moved)
         assert ReducedFE(**SMALL).key() != usual
-    for name in ("fe/reduce/dents.py:PLACES", "fe/reduce/dents.py:RADIUS", "fe/meshing/organ.py:SHELLS"):
-        with monkeypatch.context() as patch:
-            other = reduced_fe.constants(basis_store.ORGAN)
-            assert name in other
-            patch.setattr(reduced_fe, "constants", lambda files, other=other, name=name: other | {name: "7"})
-            assert ReducedFE(**SMALL).key() != usual
+    sampled = ReducedFE(**SMALL, model="sampled").key()
     with monkeypatch.context() as patch:
-        patch.setattr(reduced_fe, "METHOD", basis_store.METHOD + 1)
+        patch.setitem(basis_store.BUILDERS, "dents", 0)
         assert ReducedFE(**SMALL).key() != usual
-
-
-def test_layers_and_touches_of_the_fingertip_are_in_its_key():
-    constants = basis_store.constants(basis_store.FINGER + basis_store.SAMPLED)
-    assert {f"fe/reduce/reduction.py:{name}" for name in ("CELLS", "TOUCHES,SEED")} <= set(constants)
-    assert constants["fe/meshing/fingertip.py:Fingertip.dermis"] == "0.00093"
-    assert constants["fe/reduce/reduction.py:ROUND,BEHIND"] == "(float(np.deg2rad(65.0)), 0.007)"
+        assert ReducedFE(**SMALL, model="sampled").key() == sampled
 
 
 def test_the_last_bits_of_a_vertex_do_not_change_the_key():
@@ -115,17 +109,63 @@ def test_a_basis_says_what_it_was_made_from(tmp_path):
     assert basis_store.about(tmp_path / "none.npz") is None
 
 
-def test_the_method_has_its_number():
-    """Whoever changes what these come to raises `METHOD`, enters the new numbers here and rebuilds what ships."""
-    organ = of_organ(Organ(surface_mesh("plane", 80)))
-    table = dents.dent_table(organ, places=2, levels=3)
-    assert basis_store.METHOD == 3
-    assert np.trace(organ.compliance()) == approx(TRACE, rel=1e-6)
-    assert table.mean(axis=0) == approx(MEAN_DENTS, rel=1e-3)
+ORGAN = (organ, dents, indentation, hyperelastic, physics_dents)
+SAMPLED = (*ORGAN, reduction, sampling, snapshots, fingertip, layers, reducible)
+"""Modules whose constants and default fields a basis depends on."""
+VERSIONS = {"dents": (4, "3b8b0b77275c60b7"), "sampled": (4, "8ec19dea47cfd959")}
+RAISE = "a rebuilt basis has other numbers: raise BUILDERS, rebuild what ships, and enter the new numbers here"
 
 
-TRACE = 28157.1478336
-MEAN_DENTS = (-0.00668844, -0.01596131, -0.02876823)
+def constants(modules):
+    """Upper-case constants and default fields of classes, as text."""
+    lines = set()
+    for module in modules:
+        for name, value in vars(module).items():
+            if name.isupper() and isinstance(value, int | float | str | tuple | dict | np.ndarray) and name != "MISUSE":
+                lines.add(f"{name} {value!r}")
+            elif isinstance(value, type) and dataclasses.is_dataclass(value):
+                plain = (f for f in dataclasses.fields(value) if f.default != dataclasses.MISSING)
+                lines |= {f"{name}.{f.name} {f.default!r}" for f in plain if not callable(f.default)}
+    return sorted(lines)
+
+
+@pytest.mark.parametrize(("kind", "modules"), [("dents", ORGAN), ("sampled", SAMPLED)])
+def test_another_constant_of_a_builder_asks_for_another_version(kind, modules):
+    text = "\n".join(constants(modules))
+    assert (basis_store.BUILDERS[kind], hashlib.sha256(text.encode()).hexdigest()[:16]) == VERSIONS[kind], RAISE
+
+
+def test_the_constants_of_a_builder_are_seen(monkeypatch):
+    usual = constants(SAMPLED)
+    for module, name in ((dents, "PLACES"), (organ, "SHELLS"), (reduction, "ROUND"), (layers, "CORE")):
+        with monkeypatch.context() as patch:
+            patch.setattr(module, name, 7)
+            assert constants(SAMPLED) != usual
+    assert "Fingertip.dermis 0.00093" in usual
+
+
+def test_other_numbers_of_a_basis_of_dents_ask_for_another_version():
+    body = of_organ(Organ(surface_mesh("plane", 80)))
+    table = dents.dent_table(body, places=2, levels=3)
+    assert basis_store.BUILDERS["dents"] == 4
+    assert np.trace(body.compliance()) == approx(28157.1478336, rel=1e-6), RAISE
+    assert table.mean(axis=0) == approx((-0.00668844, -0.01596131, -0.02876823), rel=1e-3), RAISE
+
+
+def test_other_numbers_of_a_sampled_basis_ask_for_another_version():
+    body = of_organ(Organ(surface_mesh("plane", 80)))
+    presses = snapshots.press_from_rest(body, reduction.organ_touches(body, 4))
+    basis = reduction.build(body, presses[:3], presses[3:], 6, tolerance=3e-2)
+    assert basis_store.BUILDERS["sampled"] == 4
+    assert np.trace(basis.missed) == approx(27539.11, rel=1e-4), RAISE
+    assert basis.points.weights.sum() == approx(0.016985051, rel=1e-3), RAISE
+    assert np.linalg.norm(basis.modes) == approx(24.860345, rel=1e-4), RAISE
+    finger = reducible.of_finger(fingertip.Fingertip(cells=reduction.CELLS))
+    touches = reduction.finger_touches(finger, 3, reduction.SEED)
+    assert finger.mesh.points.sum() == approx(-0.80674444, rel=1e-6), RAISE
+    assert finger.surface.areas.sum() == approx(0.001334452632, rel=1e-6), RAISE
+    assert np.sum([t.foot for t in touches], axis=0) == approx((0.01014703, 0.00081575, 0.02495533), rel=1e-4), RAISE
+    assert [t.levels[-1] for t in touches] == approx((0.0031123663, 0.0055889072, 0.0070970850), rel=1e-4), RAISE
 
 
 @pytest.mark.long

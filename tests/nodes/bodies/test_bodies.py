@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pytest import approx
 
-from palpate.launch.loading.classes import classes
+from palpate.launch.load.classes import classes
 from palpate.launch.testing import FakeBus
 from palpate.messages import Load, Proximity, Surface
 from palpate.nodes import deformation

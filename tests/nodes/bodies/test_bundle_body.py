@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 from pytest import approx
 
-from palpate.launch.loading.launchfile import find
-from palpate.launch.recording.reader import Recording
-from palpate.launch.running.execute import execute
+from palpate.launch.load.launchfile import find
+from palpate.launch.run.execute import execute
 from palpate.launch.testing import FakeBus
 from palpate.messages import Contact, Load, Surface
 from palpate.nodes.base.nodule import WithNodule
@@ -14,6 +13,7 @@ from palpate.nodes.base.surface import surface_mesh
 from palpate.nodes.deformation import BeamBundle, MassSpring
 from palpate.nodes.display import PinArray
 from palpate.nodes.spread import Kernel
+from palpate.records.reader import Recording
 
 FLAT = {"surface": "plane", "vertices": 2500, "position": (0.0, 0.0, 0.0)}
 MESH = surface_mesh("plane", 2500)
@@ -112,7 +112,7 @@ def kidney(tmp_path_factory):
 
 
 def test_a_kidney_of_beams_absorbs_work_in_each_touch(kidney):
-    from palpate.launch.pictures.touch import touches, work
+    from palpate.views.pictures.touch import touches, work
 
     contact = kidney.columns("contact")
     approach = contact["compression"] + contact["indentation"]

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from test_bodies import BODIES, UP, Loop
 
-from palpate.launch.loading.launchfile import find
-from palpate.launch.recording.reader import Recording
-from palpate.launch.running.execute import execute
+from palpate.launch.load.launchfile import find
+from palpate.launch.run.execute import execute
 from palpate.messages import Proximity
 from palpate.physics.contact.terminal import Terminal, law_at
+from palpate.records.reader import Recording
 
 MS = 1_000_000
 TIME = np.arange(1, 501) * 1e-3

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from palpate.launch.loading.launchfile import find
-from palpate.launch.running.execute import execute
-from palpate.launch.running.screen import tell
+from palpate.launch.load.launchfile import find
+from palpate.launch.run.execute import execute
+from palpate.launch.run.screen import tell
 from palpate.launch.testing import FakeBus
 from palpate.messages import Proximity, Surface
 from palpate.nodes.base import InputFault, SettingError

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 from pytest import approx
 
-from palpate.launch.loading.launchfile import find
-from palpate.launch.recording.reader import Recording
-from palpate.launch.running.execute import execute
+from palpate.launch.load.launchfile import find
+from palpate.launch.run.execute import execute
 from palpate.launch.testing import FakeBus
 from palpate.messages import Contact, Force, Ledger, Pose, Surface
 from palpate.nodes.controller import Haptic
 from palpate.nodes.ledger import Energy
+from palpate.records.reader import Recording
 
 UP = (0.0, 0.0, 1.0)
 BOUNCE = (

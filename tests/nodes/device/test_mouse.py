@@ -11,17 +11,17 @@ import pytest
 from pytest import approx
 from scipy.integrate import solve_ivp
 
-from palpate.launch.loading.launchfile import LaunchFile
-from palpate.launch.recording.changed import changed
-from palpate.launch.recording.reader import Recording
-from palpate.launch.recording.verify import verify
-from palpate.launch.running.execute import execute
+from palpate.launch.load.launchfile import LaunchFile
+from palpate.launch.run.execute import execute
 from palpate.launch.testing import FakeBus
 from palpate.messages import Force, Pointed, Torque
 from palpate.nodes.base import SettingError
 from palpate.nodes.device import Mouse, Pointer
 from palpate.physics.device.falcon import forward
 from palpate.physics.device.falcon_statics import torque
+from palpate.records.changed import changed
+from palpate.records.reader import Recording
+from palpate.records.verify import verify
 
 BEGIN = (0.0, 0.0, 0.116)
 AIM = (0.01, -0.005, 0.105)

@@ -16,10 +16,10 @@ import pytest
 from typer.testing import CliRunner
 
 from palpate.launch.__main__ import app
-from palpate.launch.recording.reader import Recording
 from palpate.messages import Contact, Force, Surface, pack
 from palpate.nodes.base import SettingError, Stream
 from palpate.nodes.logger.lsl import LSL
+from palpate.records.reader import Recording
 
 SUPPORT = Path(__file__).parents[2] / "support"
 CONTACT = Stream("contact", Contact, "contact", 1)

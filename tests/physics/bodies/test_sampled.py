@@ -7,9 +7,8 @@ import pytest
 from pytest import approx
 from scipy.optimize import brentq, nnls
 
-from palpate.launch.loading.launchfile import find
-from palpate.launch.recording.reader import Recording
-from palpate.launch.running.execute import execute
+from palpate.launch.load.launchfile import find
+from palpate.launch.run.execute import execute
 from palpate.launch.testing import FakeBus
 from palpate.messages import Load
 from palpate.models.fe import hencky, mooney_rivlin, neo_hooke
@@ -30,6 +29,7 @@ from palpate.physics.bodies.sampled_solve import invert, settle, unhurried
 from palpate.physics.contact.series import exponential, series
 from palpate.physics.contact.terminal import Terminal
 from palpate.physics.geometry.closest import ClosestPoint
+from palpate.records.reader import Recording
 
 YOUNG = 2e4
 HELD = 6

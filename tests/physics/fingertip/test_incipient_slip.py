@@ -2,11 +2,11 @@
 
 import pytest
 
-from palpate.launch.loading.launchfile import find
-from palpate.launch.pictures.slip import slides
-from palpate.launch.pictures.touch import Touch
-from palpate.launch.recording.reader import Recording
-from palpate.launch.running.execute import execute
+from palpate.launch.load.launchfile import find
+from palpate.launch.run.execute import execute
+from palpate.records.reader import Recording
+from palpate.views.pictures.slip import slides
+from palpate.views.pictures.touch import Touch
 
 LEAD = 0.45
 """[1] Stated in the documents: the finger travels at least this part of its depth between warning and gross slip."""

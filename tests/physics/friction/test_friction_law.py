@@ -8,12 +8,12 @@ import pytest
 from added_laws import DAHL
 from pytest import approx
 
-from palpate.launch.loading.launchfile import find
-from palpate.launch.recording.reader import Recording
-from palpate.launch.running.execute import execute
+from palpate.launch.load.launchfile import find
+from palpate.launch.run.execute import execute
 from palpate.launch.testing import FakeBus
 from palpate.messages import Contact, Proximity
 from palpate.nodes.friction import node_of
+from palpate.records.reader import Recording
 
 NODE = """
 

@@ -1,0 +1,103 @@
+"""What a recording says of its run: graph as resolved, versions, machine, commit."""
+
+from __future__ import annotations
+
+import datetime
+import importlib.metadata
+import os
+import platform
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+from palpate.engine.plan import Plan
+from palpate.physics.arithmetic import in_force
+
+PACKAGES = ("palpate", "pyzmq", "msgspec", "mcap")
+
+
+def about(plan: Plan, *, here: bool = True, **more: object) -> dict[str, object]:
+    """Provenance of a run as plain data; `more` is added. `here`: this process computes, not workers of its own."""
+    spec = plan.to_spec()
+    for node in spec["nodes"]:
+        if node["name"] in plan.observers and "path" in node["settings"]:
+            # Where the recording lies is no property of the run.
+            node["settings"] = {**node["settings"], "path": Path(node["settings"]["path"]).name}
+    return {
+        "plan": spec,
+        "versions": _versions(PACKAGES),
+        "arithmetic": in_force(here=here),
+        "machine": {
+            "system": platform.platform(),
+            "architecture": platform.machine(),
+            "processor": _processor(),
+            "cores": os.cpu_count(),
+            "byte order": sys.byteorder,
+        },
+        "commit": commit(),
+        "date": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+        **more,
+    }
+
+
+def machine(*packages: str) -> dict[str, Any]:
+    """What a measurement says of where it was made: versions, processor, cores, commit, date."""
+    return {
+        **_versions(("palpate", *packages)),
+        "arithmetic": in_force(),
+        "system": platform.platform(),
+        "processor": _processor(),
+        "cores": os.cpu_count(),
+        "commit": commit(Path(__file__).parent),
+        "date": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+    }
+
+
+def rounding(recorded: dict[str, Any]) -> list[str]:
+    """How this process differs from what made a recording, of which `told` is the provenance, in what decides on the
+    last bits of results: empty where the same bytes are to be expected."""
+    then, here = recorded.get("arithmetic"), in_force()
+    if not isinstance(then, dict):
+        return ["the recording does not say what its numbers were computed with"]
+    return [
+        f"{name} {then.get(name, 'unknown')}, here {here.get(name, 'unknown')}"
+        for name in {**then, **here}
+        if then.get(name) != here.get(name)
+    ]
+
+
+def _versions(packages: tuple[str, ...]) -> dict[str, str | None]:
+    return {"python": platform.python_version(), **{name: _version(name) for name in packages}}
+
+
+def _version(package: str) -> str | None:
+    try:
+        return importlib.metadata.version(package)
+    except importlib.metadata.PackageNotFoundError:
+        return None
+
+
+def _processor() -> str:
+    try:
+        with open("/proc/cpuinfo") as file:
+            return next(line.partition(":")[2].strip() for line in file if line.startswith("model name"))
+    except (OSError, StopIteration):
+        return platform.machine()
+
+
+def commit(folder: Path | None = None) -> str | None:
+    """The commit of the working directory, or of a folder whose files git keeps; None where there is none."""
+    if folder is not None and not _git("ls-files", folder=folder):
+        return None
+    return _git("rev-parse", "HEAD", folder=folder) or None
+
+
+def _git(*what: str, folder: Path | None = None) -> str:
+    try:
+        completed = subprocess.run(
+            ["git", *what], cwd=folder, capture_output=True, text=True, timeout=2, check=False, stdin=subprocess.DEVNULL
+        )
+    except (OSError, subprocess.TimeoutExpired):
+        return ""
+    return completed.stdout.strip()

@@ -1,0 +1,330 @@
+"""One node inside a worker: its inputs, its outputs, and one step with all that surrounds it."""
+
+from __future__ import annotations
+
+import copy
+import inspect
+import math
+from collections import deque
+from collections.abc import Callable, Collection
+from time import perf_counter_ns
+
+import msgspec
+
+from palpate.engine.health import Health
+from palpate.engine.imports import load_class
+from palpate.engine.job import InputJob, NodeJob, ObserverJob
+from palpate.engine.schedule import needed
+from palpate.engine.warm import warm
+from palpate.launch.run.inlet import Inlet, TcpInlet
+from palpate.messages import Message, MessageError, check_finite, fields
+from palpate.messages.checks import finite_check
+from palpate.nodes.base import InputFault, Node, Observer, Port, inputs, outputs
+from palpate.physics.errors import PalpateError
+
+_set = msgspec.structs.force_setattr
+
+
+class NodeFault(PalpateError):
+    """A node of the user's failed; the cause is its own error, `sys.exit` included: a node does not end a run."""
+
+    def __init__(self, node: str, where: str, cause: BaseException | str) -> None:
+        super().__init__(f"node {node!r}, {where}: {cause}")
+        self.node, self.where, self.cause = node, where, cause
+
+    @property
+    def hint(self) -> str:
+        return "`palpate --debug ...` shows the traceback."
+
+
+class Output:
+    """One output stream: its last two messages, and how it leaves this worker.
+
+    external  nodes of other groups read it
+    send      takes the payload for them, once the run has begun
+    """
+
+    __slots__ = ("external", "finite", "kind", "last", "listeners", "observed", "previous", "send", "stream", "topic")
+
+    def __init__(self, stream: str, kind: type[Message], external: bool) -> None:
+        self.stream, self.kind, self.external = stream, kind, external
+        self.finite = finite_check(kind)
+        self.topic = stream.encode() + b"\0"
+        self.last: Message | None = None
+        self.previous: Message | None = None
+        self.observed = False
+        self.send: Callable[[bytes], None] | None = None
+        self.listeners: list[ObserverSlot] = []
+
+
+class Feed:
+    """One stream of another group: where it comes in, its type, and the ports that read it."""
+
+    __slots__ = ("inlet", "kind", "ports", "producer", "stream")
+
+    def __init__(self, stream: str, kind: type[Message], producer: str, inlet: Inlet | TcpInlet) -> None:
+        self.stream, self.kind, self.producer, self.inlet = stream, kind, producer, inlet
+        self.ports: list[Input] = []
+
+
+class Input:
+    """One input port: the rule by which it picks a message, and the messages that wait.
+
+    An edge inside the worker reads the producer's output; one from outside has a feed, which fills its queue.
+    """
+
+    __slots__ = (
+        "arrived",
+        "dead",
+        "every",
+        "feed",
+        "kind",
+        "loop",
+        "message",
+        "output",
+        "port",
+        "producer",
+        "queue",
+        "rank",
+        "stream",
+        "waits",
+    )
+
+    def __init__(self, job: InputJob | None, port: Port, output: Output | None) -> None:
+        self.port, self.kind, self.output = port, port.type, output
+        self.stream = job.stream if job else ""
+        self.producer = job.producer if job else ""
+        self.every = job.every if job else 1
+        self.rank = job.rank if job else 0
+        self.loop = bool(job and job.loop)
+        self.waits = bool(job and job.waits)
+        self.dead = job is None
+        self.feed: Feed | None = None
+        self.queue: deque[Message] = deque()
+        self.message: Message | None = None
+        self.arrived = 0
+
+    def put(self, message: Message, arrived: int) -> None:
+        """Take a message that has come. One that came before, or is older than one that has come, is dropped."""
+        last = self.queue[-1] if self.queue else self.message
+        if last is None or last.tick < message.tick:
+            self.queue.append(message)
+            self.arrived = arrived
+
+    def at(self, tick: int) -> Message | None:
+        """The message that a step at `tick` of the simulated clock uses, if it is here; None where it has not come yet,
+        and where there is none (see `absent`). Older ones are dropped."""
+        need = tick - self.loop if self.every == 1 else needed(tick, self.every, self.loop)
+        message = self.newest(need) if self.output is None else self.output.last
+        if message is not None and message.tick > need:
+            message = self.newest(need)
+        return message if message is not None and message.tick == need else None
+
+    def lost(self, tick: int) -> int | None:
+        """The tick of the message that a step at `tick` of the simulated clock needs, where a later one has come:
+        frames come in order, so it will not."""
+        need = needed(tick, self.every, self.loop)
+        return need if self.queue and self.queue[0].tick > need else None
+
+    def absent(self, tick: int) -> bool:
+        """Whether no message will come for a step at `tick`: the sender is gone, or it is the first tick of a loop."""
+        return self.dead or needed(tick, self.every, self.loop) < 0
+
+    def newest(self, limit: int) -> Message | None:
+        """The newest message up to tick `limit`; older ones are dropped."""
+        if self.output is not None:
+            last = self.output.last
+            return last if last is None or last.tick <= limit else self.output.previous
+        queue = self.queue
+        while queue and queue[0].tick <= limit:
+            self.message = queue.popleft()
+        return self.message
+
+
+class Slot:
+    """A node in a worker."""
+
+    sleeps = True
+    """Whether nodes at rest sleep; False to measure what that saves."""
+
+    def __init__(self, job: NodeJob, node: Node, external: Collection[str]) -> None:
+        self.name, self.node, self.every, self.job = job.name, node, job.every, job
+        kinds = outputs(type(node))
+        if len(kinds) != len(job.streams):
+            raise NodeFault(job.name, "streams", f"found {len(job.streams)}, expected {len(kinds)}")
+        self.outputs = [
+            Output(stream, kind, stream in external) for stream, kind in zip(job.streams, kinds, strict=True)
+        ]
+        self.inputs: list[Input] = []
+        self.awaited: list[tuple[int, Input]] = []
+        """The inputs by their place, those first that come last: while a step waits for them the others come."""
+        self.health = Health()
+        self.due = 0
+        self.time: int | None = None
+        """[ns] of the last step; None: there was none since the start."""
+        self._step = node.step
+        self._takes_dt = "dt" in inspect.signature(type(node).step).parameters
+        self._single = len(self.outputs) == 1
+        self._rests = node.rests if type(node).rests is not Node.rests and self.sleeps else None
+
+    def wire(self, known: dict[str, Output]) -> None:
+        """Connect the inputs; `known` holds the outputs of this worker by stream."""
+        jobs = {given.port: given for given in self.job.inputs}
+        for port in inputs(type(self.node)):
+            job = jobs.get(port.name)
+            self.inputs.append(Input(job, port, known.get(job.stream) if job else None))
+        latest = sorted(range(len(self.inputs)), key=lambda place: -self.inputs[place].rank)
+        self.awaited = [(place, self.inputs[place]) for place in latest]
+
+    @property
+    def driver(self) -> Input | None:
+        """The input whose arrival runs the step; None where the clock does."""
+        return None if self.node.paced or not self.inputs else self.inputs[0]
+
+    def forces(self) -> dict[str, float]:
+        """Magnitude [N] of each force in the last outputs, for the live view, by `stream.field`."""
+        forces: dict[str, float] = {}
+        for output in self.outputs:
+            if output.last is not None:
+                forces |= {f"{output.stream}.{name}": value for name, value in _forces(output.last).items()}
+        return forces
+
+    def start(self) -> None:
+        """Start the node and warm it, so that no step compiles. What touches the world, a device or a file, is not
+        stepped before its time. NodeFault: it raised."""
+        self.begin()
+        if not (self.node.hardware or self.node.sink):
+            warm(self.node)
+            self.restart()
+
+    def restart(self) -> None:
+        """Stop the node and start it anew. NodeFault: it raised."""
+        try:
+            self.node.stop()
+        except BaseException as error:
+            raise NodeFault(self.name, "stop", error) from error
+        self.begin()
+
+    def begin(self) -> None:
+        """Start the node as a new process would: without a step before. NodeFault: it raised."""
+        self.time = None
+        for output in self.outputs:
+            output.previous = output.last = None
+        try:
+            self.node.start()
+        except BaseException as error:
+            raise NodeFault(self.name, "start", error) from error
+
+    def step(self, tick: int, at: int, messages: list[Message | None], nominal: float) -> None:
+        """Run the node on these inputs and set its outputs. Where no time has passed since its last step, because the
+        driving message came twice or late, the last answers stand.
+
+        at       [ns] time of the tick on the graph's clock
+        nominal  [s]  dt of the first step
+
+        NodeFault: the step raised, or sent what its type does not allow.
+        """
+        before = self.time
+        outputs = self.outputs
+        if before is not None and at <= before:
+            answers: tuple = (None,) * len(outputs)
+        else:
+            dt = nominal if before is None else (at - before) * 1e-9
+            self.time = at
+            begun = perf_counter_ns()
+            try:
+                if self._rests is not None and before is not None and self._rests(*messages):
+                    self.health.asleep += 1
+                    answers = (None,) * len(outputs)
+                else:
+                    answer = self._step(*messages, dt=dt) if self._takes_dt else self._step(*messages)
+                    self.health.step.add(perf_counter_ns() - begun)
+                    answers = (answer,) if self._single else self._several(answer, tick)
+            except NodeFault:
+                raise
+            except InputFault as error:
+                raise NodeFault(error.source or self.name, f"input of {self.name!r} at tick {tick}", error) from error
+            except BaseException as error:
+                raise NodeFault(self.name, f"step at tick {tick}", error) from error
+        self.health.tick = tick
+        if not outputs:
+            return
+        used = tuple([-1 if message is None else message.tick for message in messages])
+        for place, output in enumerate(outputs):
+            message = answers[place]
+            if message is None and output.last is not None:
+                message = copy.copy(output.last)  # was checked when it was made
+            else:
+                if type(message) is not output.kind or message.tick != -1:
+                    message = self._other(output, message, tick)
+                if not output.finite(message):
+                    self._check(message, tick)
+            _set(message, "tick", tick)
+            _set(message, "time", at)
+            _set(message, "source", self.name)
+            _set(message, "used", used)
+            output.previous, output.last = output.last, message
+
+    def _several(self, answer: object, tick: int) -> tuple:
+        """The answers of a node with several outputs."""
+        if answer is None:
+            return (None,) * len(self.outputs)
+        if not isinstance(answer, tuple) or len(answer) != len(self.outputs):
+            kinds = ", ".join(output.kind.__name__ for output in self.outputs)
+            description = f"{len(answer)} of them" if isinstance(answer, tuple) else type(answer).__name__
+            raise NodeFault(self.name, f"step at tick {tick}", f"answered {description}, expected a tuple of {kinds}")
+        return answer
+
+    def _other(self, output: Output, message: object, tick: int) -> Message:
+        """A message to send where the answer is not a new one of the right type: a copy."""
+        if isinstance(message, output.kind):  # it has been sent before, as a node's input, say
+            return msgspec.structs.replace(message)
+        description = "None before it had sent a message" if message is None else f"a {type(message).__name__}"
+        raise NodeFault(self.name, f"step at tick {tick}", f"answered {description}, expected a {output.kind.__name__}")
+
+    def _check(self, message: Message, tick: int) -> None:
+        try:
+            check_finite(message)
+        except MessageError as error:
+            raise NodeFault(self.name, f"step at tick {tick}", error) from None
+
+
+def _forces(message: Message) -> dict[str, float]:
+    """Magnitude [N] of each force in a message that is a number or a vector."""
+    magnitudes = {}
+    for field in fields(type(message)):
+        if field.unit == "N" and field.dtype is None:
+            value = getattr(message, field.name)
+            magnitudes[field.name] = math.hypot(*value) if isinstance(value, tuple) else abs(value)
+    return magnitudes
+
+
+class ObserverSlot:
+    """An observer in a worker: takes the payloads of its streams as they come."""
+
+    def __init__(self, job: ObserverJob, node: Observer) -> None:
+        self.name, self.node, self.streams = job.name, node, job.streams
+        self.health = Health()
+        self.last: dict[str, int] = dict.fromkeys(job.streams, -1)
+
+    def observe(self, stream: str, tick: int, payload: bytes) -> None:
+        """Hand over one message. NodeFault: the observer raised."""
+        begun = perf_counter_ns()
+        try:
+            self.node.observe(stream, tick, payload)
+        except BaseException as error:
+            raise NodeFault(self.name, f"stream {stream!r} at tick {tick}", error) from error
+        self.health.tick = tick
+        self.health.step.add(perf_counter_ns() - begun)
+        self.last[stream] = tick
+
+
+def make(job: NodeJob | ObserverJob) -> Node:
+    """The node that a job describes. NodeFault: its class or its settings are wrong."""
+    try:
+        node = load_class(job.cls)(**job.settings)
+    except BaseException as error:
+        raise NodeFault(job.name, "settings", error) from error
+    if isinstance(job, NodeJob) and job.wanted is not None:
+        node.wanted = frozenset(job.wanted)
+    return node

@@ -1,0 +1,204 @@
+"""Node classes by the name in `use:`, and the catalogue of those that ship."""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import os
+import pkgutil
+import traceback
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import lru_cache
+from types import ModuleType
+
+import palpate.nodes
+from palpate.engine.faults import choices, nearest
+from palpate.engine.imports import search_here
+from palpate.launch.load.extras import extra_of, install
+from palpate.messages import Message, fields
+from palpate.messages.base import HEADER
+from palpate.messages.docs import summary
+from palpate.nodes.base import Node, Observer, inputs, outputs, settings
+from palpate.nodes.base.room import offered
+from palpate.physics.errors import MISUSE, PalpateError
+
+SHIPPED = palpate.nodes.__name__
+
+
+class ClassError(PalpateError, ValueError):
+    """A `use:` that leads to no usable node class; `cure` says what would work."""
+
+    exit_code = MISUSE
+
+    def __init__(self, text: str, cure: str = "") -> None:
+        super().__init__(text)
+        self.cure = cure
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One node class of the catalogue and the name to write in `use:`."""
+
+    use: str
+    cls: type[Node]
+
+    @property
+    def about(self) -> str:
+        """First sentence of the class's docstring."""
+        return summary(self.cls)
+
+
+def find_class(use: str, sends: Iterable[type[Message]] = ()) -> type[Node]:
+    """The node class that `use:` names: `contact.Series` of palpate's own, or a full dotted name.
+
+    sends  message types that the graph wants of it: named classes that fit come first in the cure
+
+    ClassError: no such module or class, not a node, a package is missing, or the class is not well formed.
+    """
+    module_name, _, name = use.rpartition(".")
+    if not module_name or not all(part.isidentifier() for part in use.split(".")):
+        raise ClassError(f"use: found {use!r}, expected module.Class such as contact.Series", _fitting(use, sends))
+    module = _module(use, module_name, sends)
+    try:
+        cls = getattr(module, name, None)
+    except ImportError as error:
+        raise _missing(use, error) from None
+    if cls is None:
+        known = [c.__name__ for c in classes(module)]
+        close = choices(f"{module_name} has", name, known)
+        raise ClassError(f"use: {module_name!r} has no class {name!r}", f"{close} {_fitting(use, sends)}".strip())
+    if not (isinstance(cls, type) and issubclass(cls, Node)):
+        what = f"the class {cls.__name__}" if isinstance(cls, type) else f"a {type(cls).__name__}"
+        raise ClassError(f"use: {use!r} is {what}, expected a subclass of palpate.nodes.Node", _fitting(use, sends))
+    _check(use, cls)
+    return cls
+
+
+def is_shipped(module: str) -> bool:
+    """Whether a module that `use:` names is one of palpate's own: these come first."""
+    return importlib.util.find_spec(f"{SHIPPED}.{module.partition('.')[0]}") is not None
+
+
+def _module(use: str, name: str, sends: Iterable[type[Message]]) -> ModuleType:
+    own = is_shipped(name)
+    here = os.getcwd() if own else search_here()
+    full = f"{SHIPPED}.{name}" if own else name
+    try:
+        return importlib.import_module(full)
+    except ModuleNotFoundError as error:
+        if error.name is not None and (full == error.name or full.startswith(error.name + ".")):
+            cure = (
+                choices("Modules of palpate", name.partition(".")[0], _node_modules())
+                + f" Looked in {here} and the Python path, too."
+            )
+            text = f"use: {use!r}: module {name!r} not found"
+            raise ClassError(text, f"{cure} {_fitting(use, sends)}".strip()) from None
+        raise _missing(use, error) from None
+    except ImportError as error:
+        raise _missing(use, error) from None
+    except (Exception, SystemExit) as error:
+        last = traceback.extract_tb(error.__traceback__)[-1]
+        where = (
+            f"{error.filename}:{error.lineno}" if isinstance(error, SyntaxError) else f"{last.filename}:{last.lineno}"
+        )
+        text = f"use: importing {name!r} failed: {type(error).__name__}: {error} ({where})"
+        raise ClassError(text) from None
+
+
+def _missing(use: str, error: ImportError) -> ClassError:
+    extra = extra_of(error.name or "")
+    if extra:
+        return ClassError(
+            f"use: {use!r} needs the package {error.name!r}, not installed", f"Install it: {install(extra)}"
+        )
+    return ClassError(f"use: {use!r} cannot be imported: {error}")
+
+
+def _check(use: str, cls: type[Node]) -> None:
+    """Read ports and settings once, so that a class that is not well formed is told by name."""
+    try:
+        settings(cls)
+        if issubclass(cls, Observer):
+            return
+        if not callable(getattr(cls, "step", None)):
+            raise TypeError(f"{cls.__name__} has no step")
+        for port in inputs(cls):
+            odd = port.wants - set(port.type.__struct_fields__)
+            if odd:
+                known = [f.name for f in fields(port.type)]
+                cure = choices(f"Fields of {port.type.__name__}", min(odd), known)
+                raise TypeError(
+                    f"input {port.name!r} wants the field {min(odd)!r}, which {port.type.__name__} lacks. {cure}"
+                )
+        sent = [m.__name__ for m in outputs(cls)]
+        if len(set(sent)) < len(sent):
+            raise TypeError(f"{cls.__name__} sends the same message type twice: {', '.join(sent)}")
+    except (TypeError, NameError, AttributeError) as error:
+        raise ClassError(f"use: {use!r} is not well formed: {error}", "See docs/add_a_node.md.") from None
+
+
+def sent_by(cls: type[Node]) -> tuple[type[Message], ...]:
+    """The message types that a class sends; none for an observer."""
+    return () if issubclass(cls, Observer) else outputs(cls)
+
+
+def body(kind: type[Message]) -> frozenset[str]:
+    """The field names of a message without its header."""
+    return frozenset(kind.__struct_fields__) - set(HEADER)
+
+
+def classes(module: ModuleType) -> list[type[Node]]:
+    """The node classes that a module offers, sorted by name, base classes of palpate left out."""
+    node_classes = []
+    for name in sorted(set(vars(module)) | set(offered(getattr(module, "__path__", ())))):
+        member = getattr(module, name, None)
+        if (
+            isinstance(member, type) and issubclass(member, Node) and not name.startswith("_")
+            and (issubclass(member, Observer) or hasattr(member, "step")) and member not in (Node, Observer)
+        ):  # fmt: skip
+            node_classes.append(member)
+    return node_classes
+
+
+def shipped_modules() -> list[str]:
+    """Names of palpate's node modules as they stand in `use:`, without importing them."""
+    return sorted(m.name for m in pkgutil.iter_modules(palpate.nodes.__path__) if m.name != "base")
+
+
+def _node_modules() -> list[str]:
+    """The modules in which the catalogue has classes, or may have, where a package is missing."""
+    entries, missing = catalogue()
+    return sorted({entry.use.rpartition(".")[0] for entry in entries} | set(missing))
+
+
+@lru_cache(maxsize=1)
+def catalogue() -> tuple[tuple[Entry, ...], dict[str, str]]:
+    """All node classes that ship, sorted by name, and the modules that cannot be imported with the reason."""
+    uses: dict[type[Node], str] = {}
+    missing = {}
+    for name in shipped_modules():
+        try:
+            module = importlib.import_module(f"{SHIPPED}.{name}")
+            offered = classes(module)
+        except ImportError as error:
+            missing[name] = str(_missing(name, error).cure or error)
+            continue
+        for cls in offered:
+            if cls.__module__.startswith(module.__name__):
+                uses.setdefault(cls, f"{name}.{cls.__name__}")
+    return tuple(Entry(use, cls) for cls, use in sorted(uses.items(), key=lambda item: item[1])), missing
+
+
+def senders(kind: type[Message]) -> list[str]:
+    """Names of the shipped classes that send a message type."""
+    return [e.use for e in catalogue()[0] if any(issubclass(m, kind) for m in sent_by(e.cls))]
+
+
+def _fitting(use: str, sends: Iterable[type[Message]]) -> str:
+    """The shipped classes that send the wanted types; the most alike where nothing is wanted."""
+    kinds = list(sends)
+    if not kinds:
+        close = nearest(use, [e.use for e in catalogue()[0]])
+        return f"Did you mean {' or '.join(close)}?" if close else ""
+    return " ".join(f"Classes that send {k.__name__}: {', '.join(senders(k)) or 'none'}." for k in kinds)

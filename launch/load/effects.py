@@ -1,0 +1,127 @@
+"""Effects by name, as graphs, scenes and `--set effects.NAME=off` say: `effects: {friction: off, pressure: on}`.
+
+On: it is computed though nobody reads it. Off: its nodes do not run, its fields stay empty, its settings are without
+it.
+What is not said follows from `when:` and from what is read.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from palpate.engine.faults import Faults, Place, choices
+from palpate.launch.load.classes import catalogue
+from palpate.launch.load.source import Source
+from palpate.nodes.base import Effect, Node, effects
+from palpate.nodes.base.effect import switch
+
+if TYPE_CHECKING:
+    from palpate.launch.load.graph import NodeSpec
+
+KEY = "effects"
+
+
+@dataclass(frozen=True)
+class Choice:
+    """What was said of one effect, and where."""
+
+    on: bool
+    place: Place
+
+    @property
+    def word(self) -> str:
+        """As it is written."""
+        return "on" if self.on else "off"
+
+
+def known() -> dict[str, list[tuple[str, Effect]]]:
+    """Each effect that a shipped class can compute: the class's name in `use:` and how it does."""
+    table: dict[str, list[tuple[str, Effect]]] = {}
+    for entry in catalogue()[0]:
+        for effect in effects(entry.cls):
+            table.setdefault(effect.name, []).append((entry.use, effect))
+    return dict(sorted(table.items()))
+
+
+def chosen(graph: Source, scene: Source, faults: Faults) -> dict[str, Choice]:
+    """What is said of effects; the scene goes before the graph."""
+    said: dict[str, Choice] = {}
+    for source in (graph, scene):
+        given = source.data.get(KEY)
+        if given is not None and not isinstance(given, dict):
+            faults.add(f"effects: found {given!r}, expected a mapping such as {{friction: off}}", "", source.place(KEY))
+            continue
+        for name, value in (given or {}).items():
+            place = source.place(KEY, str(name))
+            if isinstance(value, bool):
+                said[str(name)] = Choice(value, place)
+            else:
+                faults.add(f"effects, {name}: found {value!r}, expected on or off", "", place)
+    return said
+
+
+def apply(said: dict[str, Choice], nodes: dict[str, NodeSpec], faults: Faults) -> None:
+    """Switch nodes and settings as was said. An effect that no node can compute is a fault with the classes that can; a
+    class that names none of its parts is taken to fill all fields of its messages."""
+    for name, choice in said.items():
+        parts = [(spec, effect) for spec in nodes.values() for effect in effects(spec.cls) if effect.name == name]
+        if not parts:
+            if name not in known() or (choice.on and not _filled(name, nodes)):
+                _unknown(name, choice, faults)
+            continue
+        for spec, effect in parts:
+            if effect.how == "node":
+                spec.off = None if choice.on else f"the effect {name} is off ({choice.place})"
+            elif effect.how == "setting" and not choice.on:
+                mark = switch(spec.cls, effect)
+                spec.settings[effect.setting] = mark.without(spec.settings[effect.setting])
+        if choice.on and not any(_computes(spec, effect) for spec, effect in parts):
+            at = ", ".join(f"{spec.name}.{effect.setting}" for spec, effect in parts)
+            faults.add(f"effects: {name} is on, but {at} is at the value without it", "Give it another.", choice.place)
+
+
+def _computes(spec: NodeSpec, effect: Effect) -> bool:
+    if effect.how != "setting":
+        return True
+    return switch(spec.cls, effect).has(spec.settings[effect.setting])
+
+
+def _filled(name: str, nodes: dict[str, NodeSpec]) -> bool:
+    """Whether a node that names no parts sends a message with the fields that show an effect."""
+    shown = {field for _, effect in known()[name] for field in effect.fields}
+    plain = [spec for spec in nodes.values() if all(effect.how != "part" for effect in effects(spec.cls))]
+    return any(not shown.isdisjoint(kind.__struct_fields__) for spec in plain for kind in spec.streams.values())
+
+
+def _unknown(name: str, choice: Choice, faults: Faults) -> None:
+    table = known()
+    if name in table:
+        able = dict.fromkeys(use for use, _ in table[name])
+        faults.add(f"effects: no node of this graph computes {name!r}", f"These do: {', '.join(able)}.", choice.place)
+    else:
+        faults.add(f"effects: there is no effect {name!r}", choices("Effects", name, table), choice.place)
+
+
+def trimmed(
+    wanted: dict[str, frozenset[str]], said: dict[str, Choice], specs: Iterable[NodeSpec]
+) -> dict[str, frozenset[str]]:
+    """Fields that are wanted of each stream, by name: with those of the effects that are on, without those of the
+    effects that are off."""
+    fields = dict(wanted)
+    for spec in specs:
+        for effect in effects(spec.cls):
+            if effect.how != "part" or effect.name not in said:
+                continue
+            for stream, kind in spec.streams.items():
+                shown = frozenset(effect.fields).intersection(kind.__struct_fields__)
+                fields[stream] = fields[stream] | shown if said[effect.name].on else fields[stream] - shown
+    return fields
+
+
+def state(cls: type[Node], settings: dict[str, Any], effect: Effect, fields: frozenset[str]) -> bool:
+    """Whether a running node computes an effect, with these settings and fields that somebody reads."""
+    if effect.how == "part":
+        return not fields.isdisjoint(effect.fields)
+    return effect.how == "node" or switch(cls, effect).has(settings[effect.setting])

@@ -1,0 +1,178 @@
+"""Finding and reading graph and scene files: `extends:`, scenes, and single values set from outside."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import palpate.graphs
+from palpate.engine.faults import NOWHERE, Fault, Faults, GraphError, Place, choices, nearest, short
+from palpate.launch.load.source import Source, merge, parse, read
+
+GRAPHS = Path(next(iter(palpate.graphs.__path__))).resolve()
+SCENES = GRAPHS / "scenes"
+PLACES = GRAPHS / "place"
+
+
+def find_file(name: str, folder: Path, beside: Path | None = None, place: Place = NOWHERE, what: str = "file") -> Path:
+    """The file that a name means: a path, from `beside` or else the working directory; or one that ships in `folder`.
+
+    GraphError: there is none; names those that ship.
+    """
+    given = Path(os.path.expanduser(name))
+    tried = [(beside or Path.cwd()) / given, folder / given, folder / f"{name}.yaml"]
+    for path in tried:
+        if os.path.isfile(path):  # False, not an error, for a name that no file can have
+            return path.resolve()
+    shipped = [p.stem for p in sorted(folder.glob("*.yaml"))]
+    cure = f"{choices('Shipped', given.stem, shipped)} Or give the path of a file."
+    raise GraphError([Fault(f"{what} {name!r} not found, looked in {short(str(beside or Path.cwd()))}", cure, place)])
+
+
+def read_extended(path: Path, folder: Path, inside: tuple[Path, ...] = ()) -> Source:
+    """A file that overrides the one that it `extends:`, and so on; paths of scenes become absolute.
+
+    GraphError: a file is missing or not YAML, not a mapping, or extends itself.
+    """
+    source = read(path)
+    if not isinstance(source.data, dict):
+        kind = "nothing" if source.data is None else type(source.data).__name__
+        raise GraphError([Fault(f"found {kind}, expected a mapping of keys to values", place=Place(str(path), 1))])
+    base_name = source.data.pop("extends", None)
+    place = source.place("extends")
+    if folder == GRAPHS and isinstance(source.data.get("scene"), str):
+        scene = find_file(source.data["scene"], SCENES, path.parent, source.place("scene"), "scene")
+        source.data["scene"] = str(scene)
+    if base_name is None:
+        return source
+    if not isinstance(base_name, str):
+        raise GraphError([Fault(f"extends: found {base_name!r}, expected the name of one file", place=place)])
+    base = find_file(base_name, folder, path.parent, place, "extends: file")
+    if base in (*inside, path):
+        chain = " -> ".join(p.name for p in (*inside, path, base))
+        raise GraphError([Fault(f"extends: leads back to itself: {chain}", place=place)])
+    return _join(read_extended(base, folder, (*inside, path)), source)
+
+
+def _join(base: Source, top: Source) -> Source:
+    """A scene written in the graph overrides the scene file of the graph that it extends; a node that names another
+    class and its inputs has these inputs alone."""
+    if isinstance(base.data.get("scene"), str) and isinstance(top.data.get("scene"), dict):
+        base.put(("scene",), read_extended(Path(base.data["scene"]), SCENES))
+    for name, line in _mapping(top.sub("nodes")).items():
+        old, new = _mapping(base.sub("nodes", name)), line if isinstance(line, dict) else {}
+        before, inputs = old.get("in"), new.get("in")
+        if "use" not in new or new["use"] == old.get("use"):
+            continue
+        _put_class(base, name, top.place("nodes", name, "use"))
+        if isinstance(before, dict) and isinstance(inputs, dict):
+            for port in before:
+                inputs.setdefault(port, None)
+    return merge(base, top)
+
+
+def _put_class(source: Source, name: str, place: Place) -> None:
+    """The line of a node gets another class at this place: what the class does not have is told there."""
+    for keys, old in source.places.items():
+        if keys[:2] == ("nodes", name) and len(keys) > 2:
+            source.places[keys] = replace(place, before=str(old))
+
+
+def _mapping(source: Source) -> dict[str, Any]:
+    return source.data if isinstance(source.data, dict) else {}
+
+
+def read_scene(scene: str | Path | Mapping[str, Any] | None, graph: Source, faults: Faults) -> Source:
+    """The scene of a graph: `scene` if given, else what the graph names, else an empty one."""
+    try:
+        if isinstance(scene, Mapping):
+            return Source(dict(scene), {(): Place("the scene given")})
+        if scene is not None:
+            return read_extended(find_file(str(scene), SCENES, what="scene"), SCENES)
+        named = graph.data.get("scene")
+        if isinstance(named, str):
+            return read_extended(Path(named), SCENES)
+        if isinstance(named, dict):
+            return graph.sub("scene")
+    except GraphError as error:
+        faults.entries.extend(error.faults)
+        return Source({}, {(): Place()})
+    if named is not None:
+        faults.add(f"scene: found {named!r}, expected a file or a mapping", "", graph.place("scene"))
+    return Source({}, {(): graph.place("scene")})
+
+
+@dataclass(frozen=True)
+class Override:
+    """One value set from outside: `tissue.stiffness=2e3`, `scene.finger.h0=3 mm`, `rate=500`."""
+
+    keys: tuple[str, ...]
+    value: Source
+
+    @property
+    def place(self) -> Place:
+        """Where it was set."""
+        return self.value.place()
+
+    @staticmethod
+    def parse(text: str) -> Override:
+        """From the form `target=value`, the value in YAML. GraphError: no target, no value, or not YAML."""
+        target, sign, value = text.partition("=")
+        place = Place(f"--set {text}")
+        keys = tuple(target.strip().split("."))
+        if not sign or not all(keys):
+            raise GraphError([Fault("expected target=value, such as tissue.stiffness=2e3", place=place)])
+        source = parse(value, place.file)
+        return Override(keys, Source(source.data, {(): place}))
+
+
+def apply(overrides: list[Override], graph: Source, scene: Source, faults: Faults) -> None:
+    """Set each value in the graph or the scene; an unknown target is a fault with the nearest name."""
+    top = ("rate", "wanted")
+    for override in overrides:
+        head, *rest = override.keys
+        nodes = graph.data.get("nodes")
+        nodes = nodes if isinstance(nodes, dict) else {}
+        if head == "scene" and rest:
+            _set_scene(override, rest, scene, faults)
+        elif head == "effects" and len(rest) == 1:
+            said = scene.data.get(head)
+            (scene if isinstance(said, dict) and rest[0] in said else graph).put((head, *rest), override.value)
+        elif head in top and not rest:
+            graph.put((head,), override.value)
+        elif head in nodes and not rest and override.value.data is None:
+            del nodes[head]
+        elif head in nodes and (len(rest) == 1 or (len(rest) == 2 and rest[0] == "in")):
+            if not isinstance(nodes[head], dict):
+                continue
+            inputs = nodes[head].get("in")
+            if rest == ["use"]:
+                _put_class(graph, head, override.place)
+            if rest[0] == "in" and override.value.data is None and isinstance(inputs, dict) and rest[-1] in inputs:
+                del inputs[rest[-1]]
+            else:
+                graph.put(("nodes", *override.keys), override.value)
+        elif head in nodes:
+            faults.add(f"found {'.'.join(override.keys)!r}, expected {head}.setting, {head}.use or {head}.in.input", "",
+                       override.place, node=head)  # fmt: skip
+        else:
+            cure = choices("Targets", head, [*nodes, "scene.<path>", "effects.<name>", *top])
+            text = f"found {head!r}, expected a node, scene.<path>, effects.<name>, rate or wanted"
+            faults.add(text, cure, override.place)
+
+
+def _set_scene(override: Override, rest: list[str], scene: Source, faults: Faults) -> None:
+    data = scene.data
+    for depth, key in enumerate(rest):
+        if not (isinstance(data, dict) and key in data):
+            known = [f"scene.{'.'.join([*rest[:depth], k])}" for k in data] if isinstance(data, dict) else []
+            name = ".".join(override.keys)
+            close = nearest(name, known, 1)
+            cure = f"Did you mean {close[0]!r}?" if close else f"The scene has {', '.join(known) or 'nothing there'}."
+            faults.add(f"the scene has no {'.'.join(rest)!r}", cure, override.place)
+            return
+        data = data[key]
+    scene.put(tuple(rest), override.value)

@@ -1,0 +1,349 @@
+"""Loading a graph: everything is read, resolved and checked here, before anything starts.
+
+`load` gives a `Graph` whose nodes have their classes, settings and edges, or raises GraphError with all faults.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from palpate.engine.faults import NOWHERE, Fault, Faults, GraphError, Place, choices
+from palpate.launch.load.classes import ClassError, body, find_class
+from palpate.launch.load.contacts import Contacts
+from palpate.launch.load.demand import missing_senders
+from palpate.launch.load.effects import KEY as EFFECTS
+from palpate.launch.load.effects import Choice
+from palpate.launch.load.effects import apply as switch
+from palpate.launch.load.effects import chosen as chosen_effects
+from palpate.launch.load.files import GRAPHS, Override, apply, find_file, read_extended, read_scene
+from palpate.launch.load.scene import Scene, condition
+from palpate.launch.load.settings import Offer, check_offers, check_taken, resolve
+from palpate.launch.load.shared_units import check_units, uses
+from palpate.launch.load.source import Source
+from palpate.launch.load.units import UnitError, convert
+from palpate.launch.load.wiring import Edge, Kinds, Wire, close_loops, find_streams, streams_of, wires
+from palpate.messages import Message
+from palpate.nodes.base import Node, Observer, inputs, settings
+
+__all__ = ["Edge", "Fault", "Graph", "GraphError", "NodeSpec", "load"]
+
+RATE = 1000.0
+SLOWEST, FASTEST = 1e-3, 1e6  # [Hz] of the base rate
+MOST = 1_000_000  # ticks of one step of a node
+KEYS = ("scene", "rate", "nodes", "wanted", EFFECTS, "extends")
+RESERVED = ("scene", "rate", "wanted", EFFECTS, "all")
+LINE = ("use", "in", "with", "when", "every", "restart")
+
+
+@dataclass
+class NodeSpec:
+    """One node of a graph.
+
+    use       the name of the class as written
+    settings  all of them, plain data in SI units
+    every     runs at each tick that this divides
+    restart   whether it is started again when it dies
+    when      its condition as written
+    off       why the condition does not hold; None where the node may run
+    edges     connected inputs in port order
+    listen    streams that an observer asks for, None for all of them; () for other nodes
+    place     where it is written
+    """
+
+    name: str
+    use: str
+    cls: type[Node]
+    settings: dict[str, Any]
+    every: int = 1
+    restart: bool = False
+    when: str | None = None
+    off: str | None = None
+    edges: tuple[Edge, ...] = ()
+    listen: tuple[str, ...] | None = ()
+    place: Place = NOWHERE
+
+    @property
+    def observer(self) -> bool:
+        """Whether it listens instead of taking part."""
+        return issubclass(self.cls, Observer)
+
+    @property
+    def streams(self) -> dict[str, type[Message]]:
+        """The streams that it sends and their message types, in order."""
+        return streams_of(self.name, self.cls)
+
+
+@dataclass
+class Graph:
+    """A checked graph. `rate` [Hz]; `wanted` are streams that must be computed, None where nothing is said; `effects`
+    what was said of these; `source` is what the graph's file says beside the scene, with all that was set from
+    outside; `notes` are lines on what of the scene no class in use takes."""
+
+    path: Path
+    rate: float
+    scene: dict[str, Any]
+    nodes: dict[str, NodeSpec]
+    wanted: tuple[str, ...] | None = None
+    source: dict[str, Any] = field(default_factory=dict)
+    effects: dict[str, Choice] = field(default_factory=dict)
+    notes: tuple[str, ...] = field(default=(), compare=False)
+
+    @property
+    def streams(self) -> dict[str, type[Message]]:
+        """All streams and their message types, in file order."""
+        return {s: kind for node in self.nodes.values() for s, kind in node.streams.items()}
+
+
+@dataclass
+class _Draft:
+    """What is known of a node while the graph is being read."""
+
+    line: Source
+    cls: type[Node]
+    own: list[str]
+    wires: list[Wire] = field(default_factory=list)
+
+
+def load(
+    path: str | Path,
+    *,
+    overrides: Sequence[str | Override] = (),
+    scene: str | Path | Mapping[str, Any] | None = None,
+    wanted: Sequence[str] | None = None,
+) -> Graph:
+    """Read and check a graph.
+
+    path       of the YAML file, or the name of a graph that ships
+    overrides  `target=value` each, the later ones win
+    scene      file, name or mapping that takes the place of the graph's own scene
+    wanted     streams to compute, in place of what scene or graph say; an override of `wanted` goes before it
+
+    GraphError: whatever is wrong, all at once.
+    """
+    file = find_file(str(path), GRAPHS, what="graph")
+    return load_source(read_extended(file, GRAPHS), file, overrides=overrides, scene=scene, wanted=wanted)
+
+
+def load_source(
+    source: Source,
+    file: Path,
+    *,
+    overrides: Sequence[str | Override] = (),
+    scene: str | Path | Mapping[str, Any] | None = None,
+    wanted: Sequence[str] | None = None,
+) -> Graph:
+    """The same from a graph that has been read already; `file` is what it is called."""
+    faults = Faults()
+    scene_source = read_scene(scene, source, faults)
+    changes = _overrides(overrides, faults)
+    written = uses(source)
+    apply(changes, source, scene_source, faults)
+    said = chosen_effects(source, scene_source, faults)
+    world = Scene(scene_source)
+    for key in source.data:
+        if key not in KEYS:
+            faults.add(f"unknown key {key!r}", choices("Keys", key, KEYS), source.place(key))
+    rate = _rate(source, faults)
+    drafts, unclear = _drafts(source, faults)
+    kinds = {name: streams_of(name, draft.cls) for name, draft in drafts.items()}
+    nodes: dict[str, NodeSpec] = {}
+    offers: list[Offer] = []
+    for name, draft in drafts.items():
+        nodes[name] = _node(name, draft, world, offers, faults)
+        if nodes[name].observer:
+            nodes[name].listen = _listen(name, draft.line, kinds, unclear, faults)
+            _check_fields(nodes[name], draft.line, kinds, unclear, faults)
+        else:
+            draft.wires = wires(name, draft.cls, draft.line, kinds, unclear, faults)
+    close_loops([w for d in drafts.values() for w in d.wires], list(drafts), faults)
+    for name, draft in drafts.items():
+        nodes[name].edges = tuple(Edge(w.port.name, w.producer, w.stream, w.held) for w in draft.wires)
+    notes: tuple[str, ...] = ()
+    if not unclear:
+        check_offers(offers, world, faults)
+        set_there = [(".".join(c.keys[1:]), c.value) for c in changes if c.keys[0] == "scene"]
+        notes = check_taken(offers, set_there, world, faults)
+        check_units(offers, written, faults)
+    switch(said, nodes, faults)
+    if not unclear:
+        may = {name: spec for name, spec in nodes.items() if spec.off is None and not spec.observer}
+        contacts = Contacts({n: s.cls for n, s in may.items()}, [w for d in drafts.values() for w in d.wires])
+        contacts.check({n: s.place for n, s in may.items()}, faults)
+    if any(change.keys == ("wanted",) for change in changes):
+        holder = source
+    elif wanted is not None:
+        holder = Source({"wanted": list(wanted)}, {(): Place("wanted")})
+    else:
+        holder = source if scene_source.data.get("wanted") is None else scene_source
+    found_wanted = _wanted(holder, kinds, unclear, faults)
+    written_down = {key: value for key, value in source.data.items() if key != "scene"}
+    graph = Graph(file, rate, world.data, nodes, found_wanted, written_down, said, notes)
+    faults.entries.extend(missing_senders(graph))
+    faults.done()
+    return graph
+
+
+def _overrides(given: Sequence[str | Override], faults: Faults) -> list[Override]:
+    overrides = [faults.keep(Override.parse, item) if isinstance(item, str) else item for item in given]
+    return [item for item in overrides if item is not None]
+
+
+def _rate(source: Source, faults: Faults) -> float:
+    given = source.data.get("rate", RATE)
+    try:
+        rate = convert(given, "Hz") if isinstance(given, str) else given
+        if isinstance(rate, bool) or not isinstance(rate, int | float) or not (SLOWEST <= rate <= FASTEST):
+            raise UnitError(f"found {given!r}; expected a number above 0, from {SLOWEST:g} to {FASTEST:g}")
+        return float(rate)
+    except UnitError as error:
+        faults.add(f"rate [Hz]: {error}", "", source.place("rate"))
+        return RATE
+
+
+def _drafts(source: Source, faults: Faults) -> tuple[dict[str, _Draft], set[str]]:
+    """The nodes whose classes are found, and the names of the others."""
+    given = source.data.get("nodes")
+    if not isinstance(given, dict) or not given:
+        faults.add("nodes: found none, expected a mapping of names to nodes", "", source.place("nodes"))
+        return {}, set()
+    drafts: dict[str, _Draft] = {}
+    unclear = set()
+    for name in given:
+        place = source.place("nodes", name)
+        line = source.sub("nodes", name)
+        if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_-]*", name) or name in RESERVED:
+            faults.add(f"{name!r} cannot name a node", f"Letters, digits, _ and -; not {', '.join(RESERVED)}.", place)
+        if not isinstance(line.data, dict):
+            faults.add(f"found {line.data!r}, expected {{use: module.Class, in: ...}}", "", place, node=name)
+            unclear.add(name)
+            continue
+        use = line.data.get("use")
+        if not isinstance(use, str):
+            faults.add(f"use: found {use!r}, expected module.Class such as contact.Series", "",
+                       line.place("use"), node=name)  # fmt: skip
+            unclear.add(name)
+            continue
+        try:
+            cls = find_class(use)
+        except ClassError as error:
+            drafts.pop(name, None)
+            unclear.add(name)
+            _tell_class(name, use, error, source, faults)
+            continue
+        drafts[name] = _Draft(line, cls, [key for key in line.data if key not in LINE])
+    return drafts, unclear
+
+
+def _tell_class(name: str, use: str, error: ClassError, source: Source, faults: Faults) -> None:
+    """A class that is not found: told again with the message types that the graph wants of the node."""
+    cure = error.cure
+    kinds = _asked(name, source.data["nodes"])
+    if kinds:
+        try:
+            find_class(use, kinds)
+        except ClassError as again:
+            cure = again.cure
+    faults.add(str(error), cure, source.place("nodes", name, "use"), node=name)
+
+
+def _asked(name: str, nodes: dict[str, Any]) -> list[type[Message]]:
+    """The message types that other nodes expect of a node."""
+    expected: dict[type[Message], None] = {}
+    for line in nodes.values():
+        given = line.get("in") if isinstance(line, dict) else None
+        if not (isinstance(given, dict) and isinstance(line.get("use"), str)):
+            continue
+        for port_name, sender in given.items():
+            sender = sender.get("from") if isinstance(sender, dict) else sender
+            if not (isinstance(sender, str) and sender.partition(".")[0] == name):
+                continue
+            try:
+                cls = find_class(line["use"])
+            except ClassError:
+                continue
+            ports = () if issubclass(cls, Observer) else inputs(cls)
+            expected |= {p.type: None for p in ports if p.name == port_name}
+    return list(expected)
+
+
+def _node(name: str, draft: _Draft, scene: Scene, offers: list[Offer], faults: Faults) -> NodeSpec:
+    line = draft.line
+    place = line.place()
+    every = line.data.get("every")
+    if every is not None and (isinstance(every, bool) or not isinstance(every, int) or not 1 <= every <= MOST):
+        faults.add(
+            f"every: found {every!r}, expected a whole number from 1 to {MOST}", "", line.place("every"), node=name
+        )
+        every = None
+    restart = line.data.get("restart")
+    if restart is not None and not isinstance(restart, bool):
+        faults.add(f"restart: found {restart!r}, expected true or false", "", line.place("restart"), node=name)
+        restart = None
+    when = line.data.get("when")
+    off = None if when is None else condition(when, scene, faults, line.place("when"), name)
+    known = settings(draft.cls)
+    own = []
+    for key in draft.own:
+        close = choices("", key, LINE) if key not in known else ""
+        if close.startswith("Did you mean") and not choices("", key, known).startswith("Did you mean"):
+            cure = f"{choices('Keys', key, LINE)} Settings of {draft.cls.__name__}: {', '.join(known) or 'none'}."
+            faults.add(f"unknown key {key!r}", cure, line.place(key), node=name)
+        else:
+            own.append(key)
+    values = resolve(name, draft.cls, line, own, scene, offers, faults)
+    written = None if when is None else str(when)
+    return NodeSpec(name, line.data["use"], draft.cls, values, every or 1, bool(restart), written, off, place=place)
+
+
+def _listen(name: str, line: Source, kinds: Kinds, unclear: set[str], faults: Faults) -> tuple[str, ...] | None:
+    """The streams that an observer asks for."""
+    given = line.data.get("in")
+    if given == "all":
+        return None
+    if not isinstance(given, list):
+        faults.add(f"in: found {given!r}, expected `all` or a list of streams", "", line.place("in"), node=name)
+        return ()
+    return _streams(given, "in", line, kinds, unclear, faults, name)
+
+
+def _check_fields(spec: NodeSpec, line: Source, kinds: Kinds, unclear: set[str], faults: Faults) -> None:
+    """A fault for each of the `fields` of a recording that no stream of the graph has."""
+    asked = spec.settings.get("fields")
+    if unclear or not isinstance(asked, list):
+        return
+    known = {field for own in kinds.values() for kind in own.values() for field in body(kind)}
+    for name in sorted(set(asked) - known):
+        faults.add(f"no stream of the graph has {name!r}", choices("Fields", name, sorted(known)),
+                   line.place("fields"), node=spec.name, setting="fields")  # fmt: skip
+
+
+def _wanted(holder: Source, kinds: Kinds, unclear: set[str], faults: Faults) -> tuple[str, ...] | None:
+    """The streams wanted; None where nothing is said, or all."""
+    given = holder.data.get("wanted")
+    if given is None or given == "all":
+        return None
+    if isinstance(given, str):
+        given = [given]
+    if not isinstance(given, list):
+        faults.add(f"wanted: found {given!r}, expected a list of streams", "", holder.place("wanted"))
+        return None
+    return _streams(given, "wanted", holder, kinds, unclear, faults, "")
+
+
+def _streams(
+    given: list[Any], key: str, source: Source, kinds: Kinds, unclear: set[str],
+    faults: Faults, node: str,
+) -> tuple[str, ...]:  # fmt: skip
+    selected: dict[str, None] = {}
+    for index, item in enumerate(given):
+        streams = find_streams(item, kinds) if isinstance(item, str) else []
+        if not streams and str(item).partition(".")[0] not in unclear:
+            known = [s for own in kinds.values() for s in own]
+            place = source.place(key, index)
+            faults.add(f"{key}: there is no stream {item!r}", choices("Streams", str(item), known), place, node=node)
+        selected |= dict.fromkeys(streams)
+    return tuple(selected)

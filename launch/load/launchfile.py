@@ -1,0 +1,197 @@
+"""Launch files: one run with its graph, scene, placement, clock, duration, recording and overrides.
+
+graph: kidney.yaml
+place: two
+clock: real
+duration: 10 s
+record: runs/kidney.mcap
+set: {tissue.stiffness: 2e3, rate: 500}
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from palpate.engine.faults import Faults, GraphError, choices
+from palpate.engine.plan import Plan, plan
+from palpate.launch.load.files import GRAPHS, PLACES, SCENES, Override, find_file
+from palpate.launch.load.graph import Graph, load
+from palpate.launch.load.placement import BUILT_IN, Placement, load_place
+from palpate.launch.load.source import Source, read
+from palpate.launch.load.units import UnitError, convert
+
+LAUNCHES = Path(__file__).resolve().parent.parent
+CLOCKS = ("simulated", "real")
+KEYS = ("graph", "scene", "place", "clock", "duration", "record", "set", "wanted", "pace")
+
+
+@dataclass(frozen=True)
+class LaunchFile:
+    """One run.
+
+    path       the file, None where a graph alone was named
+    graph      file of the graph
+    scene      file or mapping in place of the graph's own scene
+    place      placement file, "fused", "auto" (see `placement.auto`), or None: a process per node
+    clock      "simulated", "real", or None: real with hardware, else simulated
+    duration   [s] None: until stopped
+    record     file of the recording, None: no recording
+    pace       [1] simulated time runs at this multiple of real time; None: as fast as the machine allows
+    wanted     streams to compute; None: what scene or graph say
+    overrides  values set from outside, the later ones win
+    """
+
+    graph: Path
+    path: Path | None = None
+    scene: Path | dict[str, Any] | None = None
+    place: Path | str | None = None
+    clock: str | None = None
+    duration: float | None = None
+    record: Path | None = None
+    pace: float | None = None
+    wanted: tuple[str, ...] | None = None
+    overrides: tuple[str | Override, ...] = ()
+
+    def load(self) -> Graph:
+        """The checked graph of this run. GraphError: whatever is wrong."""
+        return load(self.graph, overrides=self.overrides, scene=self.scene, wanted=self.wanted)
+
+    def plan(self) -> Plan:
+        """What runs. GraphError: whatever is wrong."""
+        return plan(self.load())
+
+    def placement(self, planned: Plan) -> Placement:
+        """Where it runs. GraphError: whatever is wrong with the placement file."""
+        return load_place(self.place, planned)
+
+    def but(self, **changes: Any) -> LaunchFile:
+        """The same run with some things changed; None leaves a thing as it is, overrides are added."""
+        added = tuple(changes.pop("overrides", ()))
+        given = {key: value for key, value in changes.items() if value is not None}
+        return replace(self, overrides=self.overrides + added, **given)
+
+
+def find(name: str) -> LaunchFile:
+    """The run that a name means: a launch file that ships, a graph that ships, or the path of either.
+
+    GraphError: there is none, or what is wrong with the launch file.
+    """
+    for folder in (LAUNCHES, GRAPHS):
+        shipped = folder / f"{name}.yaml"
+        if "/" not in name and shipped.is_file():
+            return _read(shipped)
+    return _read(find_file(name, GRAPHS, what="launch file or graph"))
+
+
+def names() -> list[str]:
+    """Names of the launch files and graphs that ship."""
+    return sorted({p.stem for folder in (LAUNCHES, GRAPHS) for p in folder.glob("*.yaml")})
+
+
+def _read(path: Path) -> LaunchFile:
+    source = read(path)
+    data = source.data
+    if not isinstance(data, dict) or "graph" not in data or "nodes" in data:
+        return _of_graph(path, data)
+    faults = Faults()
+    for key in data:
+        if key not in KEYS:
+            faults.add(f"unknown key {key!r}", choices("Keys", key, KEYS), source.place(key))
+    clock = data.get("clock")
+    if clock is not None and clock not in CLOCKS:
+        faults.add(f"clock: found {clock!r}", choices("Clocks", str(clock), CLOCKS), source.place("clock"))
+    wanted = data.get("wanted")
+    wanted = [wanted] if isinstance(wanted, str) and wanted != "all" else None if wanted == "all" else wanted
+    if wanted is not None and not (isinstance(wanted, list) and all(isinstance(w, str) for w in wanted)):
+        faults.add(f"wanted: found {wanted!r}, expected a list of streams", "", source.place("wanted"))
+        wanted = None
+    record = data.get("record")
+    if record is not None and not isinstance(record, str):
+        faults.add(f"record: found {record!r}, expected the name of a file", "", source.place("record"))
+        record = None
+    scene = data.get("scene")
+    launch = LaunchFile(
+        graph=_file("graph", source, GRAPHS, path, faults) or path,
+        path=path,
+        scene=scene if isinstance(scene, dict) else _file("scene", source, SCENES, path, faults),
+        place=place if (place := data.get("place")) in BUILT_IN else _file("place", source, PLACES, path, faults),
+        clock=clock,
+        duration=_positive("duration", "s", source, faults),
+        record=None if record is None else Path(record),
+        pace=_positive("pace", "1", source, faults, least=1e-3, most=1e6),
+        wanted=None if wanted is None else tuple(wanted),
+        overrides=_overrides(source, faults),
+    )
+    faults.done()
+    return launch
+
+
+def _of_graph(path: Path, data: Any) -> LaunchFile:
+    """The run of a graph: as long as that of the graph that it extends and that ships with a launch file, and recorded
+    like it."""
+    file, seen = path, {path}
+    while isinstance(data, dict) and isinstance(data.get("extends"), str):
+        try:
+            file = find_file(data["extends"], GRAPHS, file.parent)
+            data = read(file).data
+        except GraphError:  # the loader tells it
+            break
+        shipped = LAUNCHES / file.name
+        if file.parent == GRAPHS.resolve() and shipped.is_file():
+            run = _read(shipped)
+            return LaunchFile(path, duration=run.duration, record=run.record and Path(f"{path.stem}.mcap"))
+        if file in seen:
+            break
+        seen.add(file)
+    return LaunchFile(path)
+
+
+def _file(key: str, source: Source, folder: Path, path: Path, faults: Faults) -> Path | None:
+    given = source.data.get(key)
+    if given is None:
+        return None
+    if not isinstance(given, str):
+        faults.add(f"{key}: found {given!r}, expected the name of a file", "", source.place(key))
+        return None
+    return faults.keep(find_file, given, folder, path.parent, source.place(key), key)
+
+
+def _positive(
+    key: str, unit: str, source: Source, faults: Faults, least: float = 1e-9, most: float = 1e9
+) -> float | None:
+    given = source.data.get(key)
+    if given is None:
+        return None
+    try:
+        value = convert(given, unit) if isinstance(given, str) else given
+        if isinstance(value, bool) or not isinstance(value, int | float) or not (least <= value <= most):
+            raise UnitError(f"found {given!r}; expected a number above 0, from {least:g} to {most:g}")
+        return float(value)
+    except UnitError as error:
+        faults.add(f"{key} [{unit}]: {error}", "", source.place(key))
+        return None
+
+
+def _overrides(source: Source, faults: Faults) -> tuple[Override, ...]:
+    """`set:` as a mapping of targets, dotted or nested, to values."""
+    given = source.data.get("set")
+    if given is None:
+        return ()
+    if not isinstance(given, dict):
+        faults.add(
+            f"set: found {given!r}, expected a mapping such as {{tissue.stiffness: 2e3}}", "", source.place("set")
+        )
+        return ()
+    return tuple(_flat(source.sub("set"), ()))
+
+
+def _flat(source: Source, head: tuple[str, ...]) -> list[Override]:
+    """Mappings lead on, except one that is the value of a node's setting."""
+    overrides = []
+    for key, value in source.data.items():
+        keys = (*head, *key.split("."))
+        leads_on = isinstance(value, dict) and (keys[0] == "scene" or len(keys) == 1 or keys[1:] == ("in",))
+        overrides += _flat(source.sub(key), keys) if leads_on else [Override(keys, source.sub(key))]
+    return overrides

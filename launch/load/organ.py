@@ -1,0 +1,167 @@
+"""An organ of the user's own in place of the scene's: a mesh file, put where the scene's hand touches it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from palpate.engine.faults import Place
+from palpate.launch.load.files import Override
+from palpate.launch.load.source import Source
+from palpate.messages import Vector3
+from palpate.nodes.base.surface import OnSurface, Placed, surface_mesh
+from palpate.physics.errors import MISUSE, PalpateError
+from palpate.physics.geometry.heights import heights, summit
+from palpate.physics.geometry.mesh import Mesh
+
+if TYPE_CHECKING:
+    from palpate.launch.load.graph import Graph
+    from palpate.launch.load.launchfile import LaunchFile
+
+FINGER = 8e-3
+"""[m] How far round its top the organ must bear the finger."""
+STEEPEST = 10e-3
+"""[m] By how much more or less than the scene's own surface the organ may fall away under the hand's path."""
+SCALES = tuple(k / 10 for k in range(10, -1, -1))
+"""[1] Of the path's horizontal extent: the first under which the organ lies is taken."""
+BETWEEN = 5
+"""Places between two points of the path at which this is looked at."""
+
+
+class OrganError(PalpateError, ValueError):
+    """A mesh that cannot take the place of the scene's organ; says why."""
+
+    exit_code = MISUSE
+
+
+@dataclass(frozen=True)
+class Organ:
+    """A mesh file and its unit: m, cm or mm."""
+
+    file: Path
+    unit: str
+
+    @staticmethod
+    def of(file: Path, unit: str | None) -> Organ:
+        """The file with the unit given, or else the only one in which its size is plausible.
+
+        OrganError: the unit is none, the size does not fit it, or fits several. SettingError: the file cannot be read.
+        """
+        from palpate.nodes.base.mesh_file import LARGEST, SMALLEST, UNITS, plausible_units, read_triangles
+
+        if unit is not None and unit not in UNITS:
+            raise OrganError(f"--unit: found {unit!r}, expected one of {', '.join(UNITS)}")
+        across = float(np.ptp(read_triangles(str(file))[0], axis=0).max())
+        fits = plausible_units(across)
+        sizes = " or ".join(f"--unit {u} ({1e3 * across * UNITS[u]:.3g} mm across)" for u in fits)
+        if unit is None and len(fits) == 1:
+            return Organ(file, fits[0])
+        if unit in fits:
+            return Organ(file, str(unit))
+        if not fits:
+            raise OrganError(
+                f"--organ {file}: its numbers extend over {across:.3g}, which is an organ in no unit; expected "
+                f"{1e3 * SMALLEST:g} to {1e3 * LARGEST:g} mm"
+            )
+        if unit is None:
+            raise OrganError(f"--organ {file}: the file says no unit, and its numbers fit several: {sizes}")
+        raise OrganError(
+            f"--organ {file}: in {unit} it is {1e3 * across * UNITS[unit]:.3g} mm across, expected "
+            f"{1e3 * SMALLEST:g} to {1e3 * LARGEST:g} mm. Take {sizes}"
+        )
+
+
+def with_organ(launch: LaunchFile, organ: Organ) -> tuple[LaunchFile, str]:
+    """The run with this organ in place of the scene's, and a line that says how it lies.
+
+    The organ's top comes to where the path first touches the scene's surface. Each point of the path is raised or
+    lowered by the difference of the two surfaces there, so that the hand presses as deep as into the scene's own; where
+    the organ is too small or too steep for it the path becomes narrower. A rotation that the scene gives is kept.
+
+    OrganError: a graph without a surface and a hand. SettingError: a mesh that cannot be used.
+    """
+    turned = launch.load()  # with what the user says of the organ's surface; the path was written for the scene's own
+    graph = replace(launch, overrides=tuple(o for o in launch.overrides if not _of_surface(o))).load()
+    scene = graph.scene
+    node = next((n for n in graph.nodes.values() if issubclass(n.cls, Placed) and "thickness" in n.settings), None)
+    surface = scene.get("surface")
+    if node is None or not isinstance(surface, dict) or "surface" not in surface:
+        raise OrganError(
+            f"--organ: {graph.path.stem} has no scene.surface that a finger collides with; take a graph such as kidney"
+        )
+    given = node.settings
+    rotation = _vector(turned.nodes[node.name].settings["rotation"])
+    mesh = surface_mesh(str(organ.file), 0, rotation=rotation, file_unit=organ.unit)
+    count = next((n.settings["vertices"] for n in graph.nodes.values() if issubclass(n.cls, OnSurface)), 3000)
+    position = _vector(given["position"]), _vector(given["rotation"])
+    own = surface_mesh(given["surface"], count, *position, given.get("file_unit", "m"))
+    points, path = _path(graph)
+    touching = heights(own, points[:, :2]) + given["thickness"] > points[:, 2]
+    anchor = points[np.argmax(touching), :2] if touching.any() else summit(own, FINGER)[:2]
+    top = summit(mesh, FINGER)
+    moved = np.array([*anchor, heights(own, anchor[None])[0]]) - top
+    values: dict[tuple[str, ...], Any] = {
+        ("scene", "surface"): surface
+        | {"surface": str(organ.file.absolute()), "file_unit": organ.unit, "position": moved.tolist()},
+        (node.name, "use"): "collision.Mesh",
+    }
+    size = " x ".join(f"{1e3 * side:.3g}" for side in np.ptp(mesh.vertices, axis=0))
+    lies = ", ".join(f"{1e3 * v:.3g}" for v in top + moved)
+    text = f"{organ.file} in {organ.unit}: {size} mm, {len(mesh.vertices)} vertices; its top lies at ({lies}) mm"
+    if path:
+        scale, points = _follow(Mesh(mesh.vertices + moved, mesh.triangles), own, points, anchor)
+        values["scene", "hand"] = scene["hand"] | _hand(path, points)
+        narrower = f", {100 * scale:.0f} % as wide as on {Path(given['surface']).name}" if scale < 1.0 else ""
+        text += f", and the hand's path follows it{narrower}"
+    place = Place(f"--organ {organ.file}")
+    overrides = tuple(Override(keys, Source(value, {(): place})) for keys, value in values.items())
+    record = launch.record and launch.record.with_name(f"{organ.file.stem}.mcap")
+    return replace(launch, overrides=overrides + launch.overrides, record=record), text
+
+
+def _of_surface(override: str | Override) -> bool:
+    target = override.partition("=")[0].strip() if isinstance(override, str) else ".".join(override.keys)
+    return target.startswith("scene.surface")
+
+
+def _vector(given: Any) -> Vector3:
+    x, y, z = given
+    return (x, y, z)
+
+
+def _path(graph: Graph) -> tuple[np.ndarray, list[dict[str, Any]]]:
+    """Where the scene's hand begins and where its segments end [m] (n + 1,3), and the segments; none without a hand."""
+    hand = graph.scene.get("hand")
+    holder = next((n.settings for n in graph.nodes.values() if {"begin", "path"} <= n.settings.keys()), None)
+    if holder is None or not isinstance(hand, dict) or not holder["path"]:
+        return np.zeros((0, 3)), []
+    points = [holder["begin"]]
+    for segment in holder["path"]:
+        points.append(segment["to"] or points[-1])
+    return np.array(points, dtype=float), holder["path"]
+
+
+def _follow(organ: Mesh, own: Mesh, points: np.ndarray, anchor: np.ndarray) -> tuple[float, np.ndarray]:
+    """(scale, points (n,3) [m]) of the path over the organ, its horizontal distances from the anchor (2) scaled."""
+    steps = np.linspace(0.0, 1.0, BETWEEN + 1)[1:, None, None]
+    dense = (points[:-1] + steps * (points[1:] - points[:-1])).reshape(-1, 3)[:, :2]
+    under, scale = heights(own, dense), 0.0
+    for scale in SCALES:
+        away = np.abs(heights(organ, anchor + scale * (dense - anchor)) - under)
+        if (np.isnan(under) | (away < STEEPEST)).all():
+            break
+    across = anchor + scale * (points[:, :2] - anchor)
+    raised = points[:, 2] + np.nan_to_num(heights(organ, across) - heights(own, points[:, :2]))
+    return scale, np.column_stack([across, raised])
+
+
+def _hand(path: list[dict[str, Any]], points: np.ndarray) -> dict[str, Any]:
+    """`begin` and `path` of a hand that goes through these points in the same times."""
+    segments = []
+    for segment, point in zip(path, points[1:], strict=True):
+        kept = {key: value for key, value in segment.items() if value is not None}
+        segments.append(kept | {"to": point.tolist()} if "to" in kept else kept)
+    return {"begin": points[0].tolist(), "path": segments}

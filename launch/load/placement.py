@@ -1,0 +1,172 @@
+"""Where nodes run: groups of nodes that share a process, with core, priority and host.
+
+    loop: {nodes: [device, finger, contact, controller], core: 0, priority: 80}
+    rest: {nodes: [tissue, log], core: [1], host: tcp://10.0.0.2}
+
+Placement never changes what is computed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated
+
+import msgspec
+
+from palpate.engine.faults import Faults, choices
+from palpate.engine.force_path import force_path
+from palpate.engine.plan import Plan
+from palpate.launch.load.files import PLACES, find_file
+from palpate.launch.load.lines import fill
+from palpate.launch.load.source import Source, read
+
+FUSED = "fused"
+AUTO = "auto"
+APART = "apart"
+BUILT_IN = (FUSED, AUTO, APART)
+"""Placements without a file."""
+_Core = Annotated[int, msgspec.Meta(ge=0)]
+_Cores = Annotated[list[_Core], msgspec.Meta(min_length=1)]
+_HOST = r"^(tcp://)?[A-Za-z0-9.-]+(:[0-9]+)?$"
+
+
+class _Line(msgspec.Struct):
+    """What the file says of one group, see `Group`."""
+
+    nodes: Annotated[list[str], msgspec.Meta(min_length=1, description="a list of node names")] = []
+    core: Annotated[_Core | _Cores | None, msgspec.Meta(description="the number of a core from 0, or a list")] = None
+    priority: Annotated[
+        Annotated[int, msgspec.Meta(ge=1, le=99)] | None, msgspec.Meta(description="a whole number from 1 to 99")
+    ] = None
+    host: Annotated[
+        Annotated[str, msgspec.Meta(pattern=_HOST)] | None,
+        msgspec.Meta(description="a name or address such as tcp://10.0.0.2 or tcp://10.0.0.2:5600"),
+    ] = None
+    join: Annotated[bool, msgspec.Meta(description="true or false")] = False
+    unencrypted: Annotated[bool, msgspec.Meta(description="true or false")] = False
+
+
+@dataclass
+class Group:
+    """Nodes that share one process.
+
+    nodes     names, in the plan's order, observers last
+    core      CPU cores that the process may use, None: any
+    priority  of SCHED_RR, 1 to 99, None: ordinary scheduling
+    host      name or address of the machine, with or without a port; None: this one, no network
+    join      started by hand with `palpate join`, as a group on another machine always is
+    unencrypted  what goes over TCP is not secured by a key
+    """
+
+    name: str
+    nodes: list[str]
+    core: tuple[int, ...] | None = None
+    priority: int | None = None
+    host: str | None = None
+    join: bool = False
+    unencrypted: bool = False
+
+
+@dataclass
+class Placement:
+    """The groups of a plan; each running node is in exactly one."""
+
+    groups: list[Group] = field(default_factory=list)
+
+    def group_of(self, node: str) -> Group:
+        """The group that runs a node. KeyError: the plan does not run it."""
+        for group in self.groups:
+            if node in group.nodes:
+                return group
+        raise KeyError(node)
+
+
+def fused(plan: Plan) -> Placement:
+    """Everything in one process."""
+    return Placement([Group(FUSED, _names(plan))])
+
+
+def apart(plan: Plan) -> Placement:
+    """Each node in a process of its own."""
+    return Placement([Group(name, [name]) for name in _names(plan)])
+
+
+def auto(plan: Plan) -> Placement:
+    """The force path in one process, all else in another: within a process a message costs a call, between two of them
+    a wake-up, and on two cores nine processes wait for one another."""
+    path = force_path(plan)
+    loop = [name for name in plan.order if name in path]
+    groups = [Group("loop", loop), Group("rest", [name for name in _names(plan) if name not in loop])]
+    return Placement([group for group in groups if group.nodes])
+
+
+def load_place(path: str | Path | None, plan: Plan, *, beside: Path | None = None) -> Placement:
+    """The placement of a plan.
+
+    path    a placement file or the name of one that ships; "fused" for one process, "auto" for two, "apart" or None for
+            a process per node
+    beside  folder from which a relative path counts; the working directory where None
+
+    Nodes that the plan skips are left out; running nodes that the file does not name get a process each.
+    GraphError: all that is wrong with the file.
+    """
+    if path is None or str(path) in BUILT_IN:
+        return {FUSED: fused, AUTO: auto}.get(str(path), apart)(plan)
+    source = read(find_file(str(path), PLACES, beside, what="placement"))
+    faults = Faults()
+    if not isinstance(source.data, dict):
+        faults.add("expected a mapping of group names to {nodes: [...], core: ...}", "", source.place())
+        faults.done()
+    running = _names(plan)
+    known = [*plan.graph.nodes]
+    taken: dict[str, str] = {}
+    groups = []
+    for name in source.data:
+        group = _group(name, source.sub(name), known, taken, faults)
+        group.nodes = [n for n in running if n in group.nodes]
+        groups.append(group)
+    for name in running:
+        if name not in taken:
+            if name in source.data:
+                faults.add(f"group {name!r} has the name of a node that is not in it",
+                           f"Rename the group, or put node {name!r} into a group.", source.place(name))  # fmt: skip
+            groups.append(Group(name, [name]))
+    faults.done()
+    return Placement([g for g in groups if g.nodes])
+
+
+def _names(plan: Plan) -> list[str]:
+    return [*plan.order, *plan.observers]
+
+
+def _group(name: str, line: Source, known: list[str], taken: dict[str, str], faults: Faults) -> Group:
+    about = f"group {name!r}"
+    if isinstance(line.data, list):
+        line = Source({"nodes": line.data}, {("nodes", *keys): place for keys, place in line.places.items()})
+    if not isinstance(line.data, dict):
+        faults.add(f"{about}: found {line.data!r}, expected {{nodes: [...], core: ...}}", "", line.place())
+        return Group(name, [])
+    given = fill(_Line, line, about, faults)
+    if line.data.get("nodes") is None:
+        faults.add(f"{about}, nodes: found None, expected a list of node names", "", line.place("nodes"))
+    members = []
+    for index, node in enumerate(given.nodes):
+        place = line.place("nodes", index)
+        if node not in known:
+            faults.add(f"{about}: there is no node {node!r}", choices("Nodes", node, known), place)
+        elif node in taken:
+            faults.add(f"{about}: node {node!r} is in group {taken[node]!r} already", "Remove one.", place)
+        else:
+            taken[node] = name
+            members.append(node)
+    cores = given.core if isinstance(given.core, list) else [given.core] if given.core is not None else []
+    return Group(
+        name,
+        members,
+        core=tuple(cores) or None,
+        priority=given.priority,
+        host=given.host and given.host.removeprefix("tcp://"),
+        join=given.join,
+        unencrypted=given.unencrypted,
+    )

@@ -1,0 +1,73 @@
+"""Mending a mesh file: holes are closed, triangles turned outwards, crossings removed."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import connected_components
+
+from palpate.launch.load.organ import Organ, OrganError
+from palpate.nodes.base.mesh_file import UNITS, flaws, read_triangles
+from palpate.physics.geometry.crossing import crossing
+from palpate.physics.geometry.mesh import Mesh, write_ply
+from palpate.physics.geometry.orient import edge_counts, outward
+
+
+def repaired(organ: Organ) -> tuple[Organ, list[str]]:
+    """A closed mesh next to the file, in metres, and what was done, a line each; the organ itself if it is
+    sound.
+
+    Holes are closed by fans. Where more than two triangles share an edge, or one passes through another, the surface is
+    made anew by fTetWild, within a thousandth of its size.
+
+    OrganError: it cannot be mended. SettingError: the file cannot be read. MeshError: fTetWild is not installed.
+    """
+    vertices, triangles = read_triangles(str(organ.file))
+    border, shared = edge_counts(triangles, len(vertices))
+    if not (border or shared or flaws(str(organ.file))):
+        return organ, []
+    done = []
+    if not shared:
+        triangles = outward(vertices, triangles)
+        if border:
+            vertices, triangles, holes = _closed(vertices, triangles)
+            done.append(f"{holes} hole{'s' * (holes > 1)} closed by fans")
+            triangles = outward(vertices, triangles)
+            shared = edge_counts(triangles, len(vertices))[1]
+    if shared or crossing(vertices, triangles):
+        vertices, triangles = _anew(vertices, triangles)
+        done.append("surface made anew without crossings")
+    border, shared = edge_counts(triangles, len(vertices))
+    if border or shared:
+        raise OrganError(
+            f"--repair: {organ.file} still has {border} open edges and {shared} of more than two triangles. Mend it in "
+            "a mesh editor"
+        )
+    file = organ.file.with_name(f"{organ.file.stem}-repaired.ply")
+    try:
+        write_ply(file, Mesh(vertices * UNITS[organ.unit], outward(vertices, triangles)))
+    except OSError as error:
+        raise OrganError(f"--repair: {file} cannot be written: {error.strerror}") from None
+    return Organ(file, "m"), done or ["triangles turned outwards"]
+
+
+def _closed(vertices: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray, int]:
+    """The mesh with each border closed by triangles to its mean point, and the number of borders."""
+    sides = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]]).astype(np.int64)
+    key = np.sort(sides, axis=1) @ (len(vertices), 1)
+    _, first, count = np.unique(key, return_index=True, return_counts=True)
+    border = sides[first[count == 1]]
+    rim, ends = np.unique(border, return_inverse=True)
+    ends = ends.reshape(-1, 2)
+    graph = csr_array((np.ones(len(ends)), (ends[:, 0], ends[:, 1])), shape=(len(rim), len(rim)))
+    holes, hole = connected_components(graph, directed=False)
+    middle = np.stack([np.bincount(hole, vertices[rim, i]) for i in range(3)], axis=1) / np.bincount(hole)[:, None]
+    fan = np.column_stack([border[:, ::-1], len(vertices) + hole[ends[:, 0]]]).astype(np.int32)
+    return np.concatenate([vertices, middle]), np.concatenate([triangles, fan]), holes
+
+
+def _anew(vertices: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    from palpate.models.fe.meshing.tetwild import solid  # its package is an extra
+
+    surface = solid(Mesh(vertices, triangles))[1]
+    return surface.vertices, surface.triangles

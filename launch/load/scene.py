@@ -1,0 +1,132 @@
+"""The values of a scene by dotted path, `$path` in settings, and the conditions of `when:`."""
+
+from __future__ import annotations
+
+import operator
+import re
+from collections.abc import Iterator
+from typing import Any
+
+from palpate.engine.faults import Faults, Place, choices
+from palpate.launch.load.source import Source, scalar
+from palpate.launch.load.units import Dimension, is_quantity, parse, split
+
+_COMPARE = {
+    ">=": operator.ge, "<=": operator.le, "==": operator.eq, "!=": operator.ne, ">": operator.gt, "<": operator.lt,
+}  # fmt: skip
+_PATH = r"\$?([^\s<>=!$]+)"
+_CONDITION = re.compile(rf"\s*(not\s+)?{_PATH}\s*(?:(>=|<=|==|!=|>|<)\s*(.+?))?\s*")
+
+
+class Scene:
+    """A scene's data, and which of its paths were read."""
+
+    def __init__(self, source: Source) -> None:
+        self.source = source
+        self.data: dict[str, Any] = source.data
+        self.used: set[str] = set()
+
+    def paths(self) -> list[str]:
+        """All dotted paths, parts before their wholes last."""
+        return list(_paths(self.data, ""))
+
+    def has(self, path: str) -> bool:
+        """Whether the scene has this path."""
+        return self._find(path)[0]
+
+    def get(self, path: str) -> Any:
+        """The value under a dotted path that the scene has; a `$path` in it is followed."""
+        self.used.add(path)
+        return self._find(path)[1]
+
+    def place(self, path: str) -> Place:
+        """Where the scene says it."""
+        return self.source.place(*path.split("."))
+
+    def cure(self, path: str) -> str:
+        """The nearest paths of the scene."""
+        return choices("The scene has", path, self.paths())
+
+    def fill(
+        self, value: Any, faults: Faults, place: Place, about: dict[str, str], inside: tuple[str, ...] = ()
+    ) -> Any:
+        """The value with each `$path` in it replaced by what the scene says; an unknown path is a fault and None."""
+        if isinstance(value, dict):
+            return {k: self.fill(v, faults, place, about, inside) for k, v in value.items()}
+        if isinstance(value, list):
+            return [self.fill(v, faults, place, about, inside) for v in value]
+        if not (isinstance(value, str) and value.startswith("$")):
+            return value
+        path = value[1:]
+        if path in inside:
+            faults.add(f"found {value!r}, which leads back to itself", "", place, **about)
+            return None
+        if not self.has(path):
+            faults.add(f"found {value!r}; the scene has no {path!r}", self.cure(path), place, **about)
+            return None
+        return self.fill(self.get(path), faults, place, about, (*inside, path))
+
+    def _find(self, path: str) -> tuple[bool, Any]:
+        data: Any = self.data
+        for key in path.split("."):
+            if not (isinstance(data, dict) and key in data):
+                return False, None
+            data = data[key]
+        return True, data
+
+
+def _paths(data: Any, head: str) -> Iterator[str]:
+    if isinstance(data, dict):
+        for key, value in data.items():
+            yield f"{head}{key}"
+            yield from _paths(value, f"{head}{key}.")
+
+
+def condition(text: Any, scene: Scene, faults: Faults, place: Place, node: str) -> str | None:
+    """Why a `when:` does not hold, None where it holds.
+
+    Forms: `path`, `not path`, `path > 0` (also >= < <= == !=), where path leads into the scene; a truth value.
+    What is wrong with it becomes a fault.
+    """
+    if isinstance(text, bool):
+        return None if text else f"when is false ({place})"
+    match = _CONDITION.fullmatch(text) if isinstance(text, str) else None
+    if match is None or (match[1] and match[3]):
+        faults.add(
+            f"when: found {text!r}, expected a path of the scene, `not path` or a comparison such as `path > 0`",
+            scene.cure(str(text)), place, node=node,
+        )  # fmt: skip
+        return None
+    negate, path, sign, right = match.groups()
+    if not scene.has(path):
+        faults.add(f"when: the scene has no {path!r}", scene.cure(path), place, node=node)
+        return None
+    value = scene.fill(scene.get(path), faults, place, {"node": node})
+    fact = f"{path} is {_words(value)} ({scene.place(path)})"
+    left, dimension = _measure(value)
+    if sign is None:
+        return None if bool(left) != bool(negate) else fact
+    other, expected = _measure(scalar(right.strip("'\"")))
+    try:
+        if None not in (dimension, expected) and dimension != expected:
+            raise TypeError
+        holds = _COMPARE[sign](left, other)
+    except TypeError:
+        faults.add(f"when: found {text!r}; {_words(value)} and {right} cannot be compared", "", place, node=node)
+        return None
+    return None if holds else f"{path} {sign} {right} is false: {fact}"
+
+
+def _words(value: Any) -> str:
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    return "null" if value is None else f"a mapping of {len(value)}" if isinstance(value, dict) else str(value)
+
+
+def _measure(value: Any) -> tuple[Any, Dimension | None]:
+    """A quantity as its number in SI units and its dimension; anything else as it is."""
+    if isinstance(value, str) and is_quantity(value):
+        number, text = split(value)
+        unit = parse(text or "1")
+        return float(number * unit.factor), unit.dimension if text else None
+    return value, None

@@ -1,0 +1,263 @@
+"""The edges: the inputs of every node, their types, and which edges close a loop."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+from palpate.engine.faults import Faults, Place, choices
+from palpate.launch.load.classes import senders, sent_by
+from palpate.launch.load.source import Source
+from palpate.messages import Message
+from palpate.nodes.base import Node, Port, inputs
+
+Kinds = dict[str, dict[str, type[Message]]]
+"""Of each node its streams and their message types."""
+
+
+@dataclass(frozen=True)
+class Edge:
+    """One connected input of one node.
+
+    port      name of the input
+    producer  name of the sending node
+    stream    what it sends: "node", or "node.Message" where the node has several outputs
+    loop      closes a loop, or feeds a source: holds the message of the latest tick before this one
+    """
+
+    port: str
+    producer: str
+    stream: str
+    loop: bool
+
+
+@dataclass
+class Wire:
+    """One edge as it is written, before the loops are known; `named` is what the file says of `loop`."""
+
+    consumer: str
+    port: Port
+    producer: str
+    stream: str
+    place: Place
+    driving: bool
+    held: bool
+    named: bool | None
+
+
+def streams_of(name: str, cls: type[Node]) -> dict[str, type[Message]]:
+    """The streams that a node sends and their message types."""
+    sent = sent_by(cls)
+    return {name: sent[0]} if len(sent) == 1 else {f"{name}.{kind.__name__}": kind for kind in sent}
+
+
+def find_streams(given: str, kinds: Kinds) -> list[str]:
+    """The streams that "node" or "node.Message" names; none where there is no such thing."""
+    name, _, message = given.partition(".")
+    own = kinds.get(name, {})
+    return [s for s, kind in own.items() if not message or kind.__name__ == message]
+
+
+def wires(
+    name: str,
+    cls: type[Node],
+    line: Source,
+    kinds: Kinds,
+    unclear: set[str],
+    faults: Faults,
+) -> list[Wire]:
+    """The connected inputs of a node in port order; what is wrong becomes faults.
+
+    kinds    streams with their types, by node
+    unclear  nodes whose class is not known because of another fault
+    """
+    ports = inputs(cls)
+    given = line.data.get("in")
+    place = line.place("in")
+    if given is None:
+        given = {}
+    if not isinstance(given, dict):
+        example = ", ".join(f"{p.name}: ..." for p in ports)
+        faults.add(f"in: found {given!r}, expected a mapping of input to sender: {{{example}}}",
+                   "`in: all` and lists are for observers (loggers, viewers).", place, node=name)  # fmt: skip
+        return []
+    names = [p.name for p in ports]
+    for key in given:
+        if key not in names:
+            text, cure = unknown(line.place("in", key), f"in: {{{key}: null}}")
+            faults.add(text, f"{choices(f'Inputs of {cls.__name__}', key, names)}{cure}", line.place("in", key),
+                       node=name, port=key)  # fmt: skip
+    if not ports and not cls.paced:
+        faults.add(f"{cls.__name__} has no input, so nothing runs it", "A source says `paced = True`.",
+                   line.place(), node=name)  # fmt: skip
+    connections = []
+    for index, port in enumerate(ports):
+        driving = index == 0 and not cls.paced
+        if given.get(port.name) is None:
+            if driving or not port.optional:
+                role = ", which drives the node," if driving else ""
+                fit = [s for own in kinds.values() for s, kind in own.items() if issubclass(kind, port.type)]
+                faults.add(f"input{role} has no sender; expects {port.type.__name__}", _who(port, fit, unclear), place,
+                           node=name, port=port.name)  # fmt: skip
+            continue
+        where = line.place("in", port.name)
+        sender, named = _sender(name, port, given[port.name], where, faults)
+        if sender is None:
+            continue
+        stream = _match(name, port, sender, kinds, unclear, where, faults)
+        if stream is None:
+            continue
+        if named and driving:
+            faults.add("loop: the first input drives the node and cannot be held",
+                       "Name another edge of the loop.", where, node=name, port=port.name)  # fmt: skip
+        held = cls.paced or bool(named and not driving)
+        if named is False and cls.paced:
+            faults.add("loop: all inputs of a source are held", "Leave `loop` out.", where, node=name, port=port.name)
+        producer = stream.partition(".")[0]
+        connections.append(Wire(name, port, producer, stream, where, driving, held, named))
+    return connections
+
+
+def unknown(place: Place, without: str) -> tuple[str, str]:
+    """What is said of a key that a class does not have, and what takes it out where it came with another class."""
+    if not place.before:
+        return "unknown", ""
+    return f"unknown; it is from the line of the class before ({place.before})", f" Without it: `{without}`."
+
+
+def _sender(name: str, port: Port, given: Any, place: Place, faults: Faults) -> tuple[str | None, bool | None]:
+    """The sender's name and what the file says of `loop`."""
+    loop = None
+    sender = given
+    if isinstance(given, dict):
+        for key in given:
+            if key not in ("from", "loop"):
+                faults.add(
+                    f"unknown key {key!r}", choices("Keys", key, ("from", "loop")), place, node=name, port=port.name
+                )
+        sender, loop = given.get("from"), given.get("loop")
+    if not isinstance(sender, str):
+        faults.add(f"found {sender!r}, expected the name of a node", "", place, node=name, port=port.name)
+        return None, None
+    if loop is not None and not isinstance(loop, bool):
+        faults.add(f"loop: found {loop!r}, expected true or false", "", place, node=name, port=port.name)
+        loop = None
+    return sender, loop
+
+
+def _match(
+    name: str, port: Port, sender: str, kinds: Kinds, unclear: set[str], place: Place,
+    faults: Faults,
+) -> str | None:  # fmt: skip
+    """The sender's stream that fits the port."""
+    node, _, message = sender.partition(".")
+    expects = f"expects {port.type.__name__}"
+    fit = [s for own in kinds.values() for s, kind in own.items() if issubclass(kind, port.type)]
+    if node in unclear:
+        return None
+    if node not in kinds:
+        cure = f"{choices('Nodes', node, [*kinds, *sorted(unclear)])} {_who(port, fit, unclear)}".strip()
+        faults.add(f"{expects}; there is no node {node!r}", cure, place,
+                   node=name, port=port.name)  # fmt: skip
+        return None
+    own = kinds[node]
+    if not own:
+        faults.add(f"{expects}, but {node!r} sends nothing", _who(port, fit, unclear), place, node=name, port=port.name)
+        return None
+    if message and message not in {kind.__name__ for kind in own.values()}:
+        sends = [kind.__name__ for kind in own.values()]
+        faults.add(f"{expects}; {node!r} sends no {message!r}", choices(f"{node!r} sends", message, sends), place,
+                   node=name, port=port.name)  # fmt: skip
+        return None
+    named = find_streams(sender, kinds)
+    right = [s for s in named if issubclass(own[s], port.type)]
+    if not right:
+        what = ", ".join(own[s].__name__ for s in named)
+        faults.add(
+            f"{expects}, but {sender!r} sends {what}", _who(port, fit, unclear), place, node=name, port=port.name
+        )
+        return None
+    if len(right) > 1:
+        faults.add(f"{expects}, and {node!r} sends several", f"Write one of: {', '.join(right)}.", place,
+                   node=name, port=port.name)  # fmt: skip
+    return right[0]
+
+
+def _who(port: Port, fit: list[str], unclear: set[str]) -> str:
+    kind = port.type.__name__
+    if fit:
+        return f"Nodes that send {kind}: {', '.join(fit)}."
+    if unclear:
+        return ""  # one of the nodes whose class is not found may send it
+    return f"No node sends {kind}. Classes that do: {', '.join(senders(port.type)) or 'none'}."
+
+
+def close_loops(connections: Iterable[Wire], order: list[str], faults: Faults) -> None:
+    """Decide which edges are held, so that the others form no loop; sets `held` of each wire.
+
+    The choice depends on the file alone: driving and required inputs are never held; of the optional ones, those
+    whose sender stands earlier in the file stay direct before the others.
+    """
+    place = {name: i for i, name in enumerate(order)}
+
+    def rank(wire: Wire) -> tuple[int, int]:
+        if wire.driving:
+            kind = 0
+        elif not wire.port.optional or wire.named is False:
+            kind = 1
+        else:
+            kind = 2 if place[wire.producer] < place[wire.consumer] else 3
+        return kind, place[wire.consumer]
+
+    after: dict[str, list[str]] = {name: [] for name in order}
+    direct: list[Wire] = []
+    for wire in sorted((w for w in connections if not w.held), key=rank):
+        way = _way(after, wire.consumer, wire.producer)
+        if way is None:
+            after[wire.producer].append(wire.consumer)
+            direct.append(wire)
+        elif rank(wire)[0] < 2:
+            _tell_loop(wire, [wire.producer, *way], direct, faults)
+        else:
+            wire.held = True
+    for wire in connections:
+        if wire.held and not wire.port.optional:
+            kind = wire.port.type.__name__
+            faults.add(f"holds the message of an earlier tick, and at tick 0 there is none; {kind} is not optional",
+                       f"In the class, write `{wire.port.name}: {kind} | None`.", wire.place,
+                       node=wire.consumer, port=wire.port.name)  # fmt: skip
+
+
+def _way(after: dict[str, list[str]], start: str, end: str) -> list[str] | None:
+    """A shortest way along direct edges, from start to end, both included."""
+    came: dict[str, str | None] = {start: None}
+    queue = [start]
+    for node in queue:
+        if node == end:
+            way = []
+            step: str | None = node
+            while step is not None:
+                way.append(step)
+                step = came[step]
+            return way[::-1]
+        for follower in after[node]:
+            if follower not in came:
+                came[follower] = node
+                queue.append(follower)
+    return None
+
+
+def _tell_loop(wire: Wire, nodes: list[str], direct: list[Wire], faults: Faults) -> None:
+    steps = set(pairwise(nodes))
+    inside = [w for w in [*direct, wire] if (w.producer, w.consumer) in steps]
+    second = [f"{w.consumer}.{w.port.name} ({w.port.type.__name__} | None)" for w in inside if not w.driving]
+    text = f"loop without a held edge: {' -> '.join(nodes)}"
+    if wire.named is False:
+        cure = "Leave out `loop: false`."
+    elif second:
+        cure = f"One of its inputs must be optional: {', '.join(second)}."
+    else:
+        cure = "Each input in it drives its node. In one of the classes, make it a later, optional argument of `step`."
+    faults.add(text, cure, wire.place, node=wire.consumer, port=wire.port.name)

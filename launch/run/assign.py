@@ -1,0 +1,162 @@
+"""From a plan and a placement to what each worker is told."""
+
+from __future__ import annotations
+
+import os
+import socket
+
+from palpate.engine.force_path import force_path
+from palpate.engine.imports import full_name
+from palpate.engine.job import InputJob, Job, NodeJob, ObserverJob, StreamJob
+from palpate.engine.plan import Plan
+from palpate.launch.load.placement import Group, Placement
+from palpate.nodes.base import inputs
+
+PRIORITY = 60
+"""Of the force path on the real clock, where the system permits it; one more for those who keep the time, so that no
+other node can hold up the device when its torque has to go to zero."""
+
+
+def jobs(
+    plan: Plan,
+    placement: Placement,
+    *,
+    clock: str = "simulated",
+    ticks: int | None = None,
+    pace: float | None = None,
+    about: dict[str, object] | None = None,
+) -> list[Job]:
+    """One job per group of the placement, with the nodes in the plan's order.
+
+    clock  "simulated" or "real"
+    ticks  number of ticks, None: until stopped
+    pace   see `Job`
+
+    Groups on the force path that name no core share one; the others get the rest.
+    """
+    path = force_path(plan)
+    links = _links(plan, path)
+    place = {name: group.name for group in placement.groups for name in group.nodes}
+    assignments = []
+    for phase, group in enumerate(placement.groups):
+        names = [name for name in plan.order if name in group.nodes]
+        on_path = any(name in path for name in names)
+        leads = any(plan.graph.nodes[name].cls.paced for name in names)
+        assignments.append(
+            Job(
+                group=group.name,
+                nodes=tuple(node_job(plan, name, path) for name in names),
+                observers=tuple(_observer(plan, name) for name in group.nodes if name in plan.observers),
+                clock=clock,
+                rate=plan.graph.rate,
+                ticks=ticks,
+                pace=pace,
+                links=links,
+                core=group.core or _cores(on_path, len(placement.groups)),
+                priority=group.priority or (PRIORITY + leads if on_path else None),
+                host=group.host,
+                phase=phase,
+                leads=leads,
+                external=_external(plan, place, group),
+                about=about or {},
+            )
+        )
+    return assignments
+
+
+def spared(plan: Plan) -> frozenset[str]:
+    """Nodes that a run on the real clock goes on without: those that the graph has only when the scene calls for them
+    (`when:`), if all of their readers can do without. Not a ledger: who asked for it does not want to touch without."""
+    needed = {
+        edge.producer
+        for name in plan.order
+        for edge in plan.edges[name]
+        if not {port.name: port.optional for port in inputs(plan.graph.nodes[name].cls)}[edge.port]
+    }
+    nodes = plan.graph.nodes
+    return frozenset(n for n in plan.order if nodes[n].when and nodes[n].cls.effect != "energy" and n not in needed)
+
+
+def _links(plan: Plan, path: set[str]) -> int:
+    """See `Job.links`."""
+    count = 0
+    for name in path:
+        cls = plan.graph.nodes[name].cls
+        held = inputs(cls) if cls.paced else inputs(cls)[1:]
+        needed = {port.name for port in held if not port.optional}
+        count += sum(edge.port in needed and edge.producer in path for edge in plan.edges[name])
+    return count
+
+
+def node_job(plan: Plan, name: str, path: set[str]) -> NodeJob:
+    """What a worker is told of one node. `path`: the nodes of the force path."""
+    spec = plan.graph.nodes[name]
+    optional = {port.name: port.optional for port in inputs(spec.cls)}
+    return NodeJob(
+        name=name,
+        cls=full_name(spec.cls),
+        settings=spec.settings,
+        every=spec.every,
+        inputs=tuple(
+            InputJob(
+                port=edge.port,
+                stream=edge.stream,
+                producer=edge.producer,
+                every=plan.graph.nodes[edge.producer].every,
+                loop=edge.loop,
+                rank=-1 if edge.loop else plan.order.index(edge.producer),
+                optional=optional[edge.port],
+                waits=edge.producer in path or name not in path,
+            )
+            for edge in plan.edges[name]
+        ),
+        streams=tuple(spec.streams),
+        wanted=tuple(sorted(plan.fields(name))),
+    )
+
+
+def _observer(plan: Plan, name: str) -> ObserverJob:
+    spec = plan.graph.nodes[name]
+    producers = {stream: node for node in plan.order for stream in plan.graph.nodes[node].streams}
+    streams = {
+        stream: StreamJob(
+            type=full_name(plan.graph.streams[stream]),
+            producer=producers[stream],
+            every=plan.graph.nodes[producers[stream]].every,
+        )
+        for stream in plan.observers[name]
+    }
+    return ObserverJob(name=name, cls=full_name(spec.cls), settings=spec.settings, streams=streams)
+
+
+def _external(plan: Plan, place: dict[str, str], group: Group) -> dict[str, tuple[str, ...]]:
+    """Streams of a group that nodes of other groups read, and which groups read each."""
+    readers: dict[str, dict[str, None]] = {}
+    for name in plan.order:
+        for edge in plan.edges[name]:
+            if place[edge.producer] == group.name != place[name]:
+                readers.setdefault(edge.stream, {})[place[name]] = None
+    return {stream: tuple(groups) for stream, groups in readers.items()}
+
+
+def _cores(on_path: bool, groups: int) -> tuple[int, ...] | None:
+    """Processes that wait for one another are fastest on one core: a wake-up across cores costs more than a switch."""
+    cores = sorted(os.sched_getaffinity(0))
+    if len(cores) < 2 or groups < 2:
+        return None
+    return (cores[-1],) if on_path else tuple(cores[:-1])
+
+
+def is_here(host: str | None) -> bool:
+    """Whether a group's host is this machine."""
+    if host is None:
+        return True
+    name = host.removeprefix("tcp://").partition(":")[0]
+    if name in ("localhost", socket.gethostname()) or name.startswith("127."):
+        return True
+    try:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+            probe.bind((name, 0))  # only an address of this machine can be bound
+        return True
+    except OSError:
+        return False

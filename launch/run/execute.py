@@ -1,0 +1,251 @@
+"""One run from its launch file to its result: plan, place, start, watch, record."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import resource
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import msgspec
+from rich.console import Console
+
+from palpate.engine.faults import Faults, choices
+from palpate.engine.force_path import force_path
+from palpate.engine.plan import Plan, plan
+from palpate.engine.provenance import about
+from palpate.launch.load.graph import Graph, NodeSpec
+from palpate.launch.load.launchfile import LaunchFile
+from palpate.launch.load.placement import APART, AUTO, Placement, auto
+from palpate.launch.run import keys
+from palpate.launch.run.assign import is_here, jobs, spared
+from palpate.launch.run.forkserver import ForkServer
+from palpate.launch.run.fused import run_fused
+from palpate.launch.run.keys import Key
+from palpate.launch.run.launcher import Launcher
+from palpate.launch.run.result import Result
+from palpate.launch.run.screen import Screen
+from palpate.launch.run.verdict import Verdict, verdict
+from palpate.nodes.logger import Mcap
+from palpate.physics.errors import PalpateError
+from palpate.records.format.mcap_file import is_complete
+
+PATIENCE = 5.0  # [s] after which a silent worker counts as hung
+
+
+FILES, FILES_EACH = 64, 6
+"""That one process of a run may have open: at least, and more for each group. With 9 groups the launcher has 33, a
+worker up to 60."""
+
+
+class TooFewFiles(PalpateError, OSError):
+    """What the system permits is too little for a run."""
+
+
+@dataclass
+class Outcome:
+    """A run that has ended: its plan, its result, its recording (None: not recorded), whether it kept its rate (None:
+    on the simulated clock, or nothing keeps the time), and the placement that it ran by, as `--place` names it."""
+
+    plan: Plan
+    result: Result
+    recording: Path | None
+    verdict: Verdict | None = None
+    placed: str = APART
+
+    @property
+    def ok(self) -> bool:
+        """Whether every node lived to the end, and the recording is whole: a disk may have become full."""
+        return self.result.ok and (self.recording is None or not self.result.ticks or is_complete(self.recording))
+
+
+def execute(
+    launch: LaunchFile,
+    *,
+    console: Console | None = None,
+    forkserver: ForkServer | None = None,
+    patience: float = PATIENCE,
+    address: str | None = None,
+    leave_out: Sequence[str] = (),
+    thin: Mapping[str, int] | None = None,
+    unencrypted: bool = False,
+    key_name: str = keys.NAME,
+    fit_cores: bool = False,
+) -> Outcome:
+    """Run a launch file to its end.
+
+    console     draws the live view there; None: silent
+    forkserver  a fork server that is starting already
+    patience    [s] without a sign of life after which a node counts as hung
+    address     `tcp://host:port` where workers of other machines find the launcher
+    leave_out, thin  streams not to record, or only each n-th message of
+    unencrypted  nothing that goes over TCP is secured
+    key_name    of the key that secures a run with groups on other machines
+    fit_cores   on the real clock, without a placement and with fewer cores than nodes of the force path: `auto`
+
+    GraphError: what is wrong with the graph; nothing was started. OSError: an address that is taken. KeyFault: the key
+    is missing.
+    """
+    graph = launch.load()
+    set_recording(graph, launch.record, leave_out, thin)
+    planned = plan(graph)
+    clock = _clock(launch, planned)
+    crowded = fit_cores and launch.place is None and clock == "real" and _crowded(planned)
+    place = auto(planned) if crowded else launch.placement(planned)
+    ticks = None if launch.duration is None else max(1, round(launch.duration * graph.rate))
+    joined = frozenset(group.name for group in place.groups if group.join or not is_here(group.host))
+    fused = len(place.groups) == 1 and clock == "simulated" and not joined
+    groups = {group.name: group.nodes for group in place.groups}
+    provenance = about(planned, here=fused, clock=clock, pace=launch.pace, ticks=ticks, groups=groups)
+    work = jobs(planned, place, clock=clock, ticks=ticks, pace=launch.pace, about=provenance)
+    if joined:
+        if address is None:
+            raise OSError(
+                f"group {min(joined)!r} is started by hand: say where it finds this launcher, --address tcp://HOST:PORT"
+            )
+        here = address.removeprefix("tcp://").rpartition(":")[0]
+        work = [job if job.host else msgspec.structs.replace(job, host=here) for job in work]
+    key = _key(place, joined, unencrypted, key_name)
+    title = (launch.path or launch.graph).stem
+    names = [*planned.order, *planned.observers]
+    screen = Screen(console, title, graph.rate, ticks, names) if console is not None else None
+    with _folder(launch.record) as made, screen or contextlib.nullcontext():
+        if fused:
+            if forkserver is not None:
+                forkserver.close()
+            nothing = Result()
+            result = run_fused(
+                work[0],
+                screen.show if screen else lambda _: None,
+                patience,
+                lambda node, kernels: screen.show(nothing, "starting", {"": node}, kernels) if screen else None,
+                screen.print if screen else lambda _: None,
+            )
+        else:
+            _open_files(len(work))
+            launcher = Launcher(
+                work,
+                forkserver,
+                joined=joined,
+                address=address if joined else None,
+                key=key,
+                patience=patience,
+                restart=frozenset(name for name in planned.order if graph.nodes[name].restart),
+                spared=spared(planned),
+                show=(lambda it: screen.show(it.result, it.phase, it.busy, it.kernels)) if screen else lambda _: None,
+                printed=screen.print if screen else lambda _: None,
+                died=screen.died if screen else lambda _: None,
+            )
+            result = launcher.run()
+        if made and launch.record is not None and not result.ticks:
+            launch.record.unlink(missing_ok=True)
+    if crowded:
+        result.notes.append(
+            f"placed as --place {AUTO}: the force path in one process, as there are fewer cores than nodes on it; "
+            f"--place {APART}: a process for each"
+        )
+    result.health = {name: result.health[name] for name in names if name in result.health}
+    kept = verdict(result, planned, ticks) if clock == "real" else None
+    return Outcome(planned, result, launch.record, kept, AUTO if crowded else str(launch.place or APART))
+
+
+def _crowded(planned: Plan) -> bool:
+    """Whether the force path has more nodes than this process may use cores: then they wait for one another, and on two
+    cores nine processes do not keep 1 kHz."""
+    return len(force_path(planned)) > len(os.sched_getaffinity(0))
+
+
+def _clock(launch: LaunchFile, planned: Plan) -> str:
+    """The clock of a run: the real one with hardware. GraphError: hardware on the simulated one."""
+    hardware = [name for name in planned.order if planned.graph.nodes[name].cls.hardware]
+    if hardware and launch.clock == "simulated":
+        faults = Faults()
+        faults.add("clock: found 'simulated', but it talks to a device, which keeps real time",
+                   "Say `clock: real` or --clock real.", node=hardware[0])  # fmt: skip
+        faults.done()
+    return launch.clock or ("real" if hardware else "simulated")
+
+
+def _key(place: Placement, joined: frozenset[str], unencrypted: bool, name: str) -> Key | None:
+    """What secures TCP: nothing where the user says so; the key of the rig where workers are started elsewhere; else
+    one that is made for this run. KeyFault."""
+    if unencrypted or any(group.unencrypted for group in place.groups):
+        return None
+    return keys.load(name) if joined else Key.make()
+
+
+def _open_files(groups: int) -> None:
+    """Permit this process, and those that it starts, as many open files as the system lets it. TooFewFiles: ZeroMQ
+    ends a process without a word when it may open no more."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    needed = FILES + FILES_EACH * groups
+    most = needed if hard == resource.RLIM_INFINITY else min(needed, hard)
+    if soft != resource.RLIM_INFINITY and soft < most:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (most, hard))
+    if most < needed:
+        raise TooFewFiles(f"a run of {groups} processes opens up to {needed} files in one, and the system permits "
+                          f"{hard}: `ulimit -n {needed}`, or --fused")  # fmt: skip
+
+
+@contextlib.contextmanager
+def _folder(file: Path | None) -> Iterator[list[Path]]:
+    """Makes the folders of the recording, which it gives, and takes away those that stay empty. OSError: the recording
+    cannot be written there."""
+    made = [] if file is None else [folder for folder in file.parents if not folder.exists()]
+    try:
+        if file is not None:
+            _check_writable(file)
+        yield made
+    finally:
+        for folder in made:
+            with contextlib.suppress(OSError):
+                folder.rmdir()
+
+
+def _check_writable(file: Path) -> None:
+    """OSError: the recording cannot be written there."""
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        if file.is_dir():
+            raise IsADirectoryError(errno.EISDIR, "this is a folder, expected the name of a file")
+        if not os.access(file if file.exists() else file.parent, os.W_OK):
+            raise PermissionError(errno.EACCES, "no permission to write there")
+    except OSError as error:
+        raise OSError(f"recording {file}: {error.strerror}; --record FILE takes another place") from None
+
+
+def set_recording(
+    graph: Graph, file: Path | None, leave_out: Sequence[str] = (), thin: Mapping[str, int] | None = None
+) -> None:
+    """The graph's logger writes to this file, with its own settings otherwise; one is added where there is none.
+    Without a file the loggers are left out.
+
+    leave_out, thin  streams not to record, or only each n-th message of; they come on top of what the graph says
+
+    GraphError: a stream that the graph does not have.
+    """
+    loggers = [spec for spec in graph.nodes.values() if issubclass(spec.cls, Mcap)]
+    if file is None:
+        for spec in loggers:
+            spec.off = spec.off or "no recording was asked for (--record FILE)"
+        return
+    if not loggers:
+        name = next(n for n in ("log", "palpate-log", "palpate-log-2") if n not in graph.nodes)
+        loggers = [NodeSpec(name=name, use="logger.Mcap", cls=Mcap, settings={}, listen=None)]
+        graph.nodes[name] = loggers[0]
+    for spec in loggers[1:]:
+        spec.off = spec.off or f"{loggers[0].name!r} writes the recording"
+    own = loggers[0].settings
+    given = {"leave_out": [*own.get("leave_out", ()), *leave_out], "thin": {**own.get("thin", {}), **(thin or {})}}
+    faults = Faults()
+    for key, names in given.items():
+        for stream in names:
+            if stream not in graph.streams:
+                faults.add(f"{key}: there is no stream {stream!r}", choices("Streams", stream, graph.streams),
+                           loggers[0].place, node=loggers[0].name)  # fmt: skip
+    faults.done()
+    loggers[0].settings = {**own, **given, "path": str(file.absolute())}
+    loggers[0].off = None

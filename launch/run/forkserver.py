@@ -1,0 +1,224 @@
+"""The fork server: one process that has imported everything, from which the workers are forked.
+
+It runs `python -m palpate.launch.run.forkserver FD`, where FD is one end of a socket pair to the launcher. It takes
+requests and gives answers, a JSON object a line (`reports`). When the launcher goes, the socket closes, and the fork
+server ends all workers and itself.
+
+Between it and each worker stands a keeper: the worker's parent, and the head of a process group of its own. What a node
+does to its parent or to its process group hits the keeper alone, and the fork server can say whose node it was. What a
+node starts, in a session of its own, too, comes to the keeper when its parent ends, and the keeper ends it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import gc
+import importlib
+import os
+import select
+import signal
+import socket
+import subprocess
+import sys
+from typing import NamedTuple, NoReturn
+
+import msgspec
+
+from palpate.engine.clock import one_blas_thread
+from palpate.launch.run.descendants import adopt_orphans, awake, die_with_parent, end_descendants
+from palpate.launch.run.reports import ANSWERS, REQUESTS, Exited, Kill, Prepare, Start, Started
+
+MOST_PRINTED = 1 << 20  # [bytes] of what workers print that are taken in one go, so that the launcher comes to the rest
+
+
+class ForkServer:
+    """The launcher's side: starts the fork server and speaks with it. `output` is the workers' stdout and stderr."""
+
+    def __init__(self) -> None:
+        self.socket, theirs = socket.socketpair()
+        path = os.pathsep.join(p for p in sys.path if p)
+        with theirs, one_blas_thread():
+            self.process = subprocess.Popen(
+                [sys.executable, "-m", "palpate.launch.run.forkserver", str(theirs.fileno())],
+                pass_fds=[theirs.fileno()],
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.STDOUT,
+                env={**os.environ, "PYTHONPATH": path, "PYTHONUNBUFFERED": "1"},
+                start_new_session=True,  # Ctrl-C reaches the launcher alone, which stops the rest in order
+            )
+        assert self.process.stdout is not None
+        self.output = self.process.stdout
+        os.set_blocking(self.output.fileno(), False)
+        self._rest = b""
+
+    def ask(self, request: Prepare | Start | Kill) -> None:
+        """Send one request."""
+        with contextlib.suppress(BrokenPipeError, ConnectionResetError):
+            self.socket.sendall(msgspec.json.encode(request) + b"\n")
+
+    def answers(self) -> list[Started | Exited]:
+        """All answers that have come."""
+        self.socket.setblocking(False)
+        try:
+            while data := self.socket.recv(65536):
+                self._rest += data
+        except (BlockingIOError, ConnectionResetError):
+            pass
+        finally:
+            self.socket.setblocking(True)
+        *lines, self._rest = self._rest.split(b"\n")
+        return [ANSWERS.decode(line) for line in lines]
+
+    def printed(self) -> str:
+        """What the workers have printed since the last call."""
+        printout = b""
+        while len(printout) < MOST_PRINTED and (data := self.output.read(65536)):
+            printout += data
+        return printout.decode(errors="replace")
+
+    def close(self) -> str:
+        """End the fork server and with it every worker that is left. Returns what they printed last."""
+        if self.output.closed:
+            return ""
+        self.socket.close()
+        awake(self.process.pid)
+        self.process.terminate()  # it may be busy importing, and would notice the socket much later
+        try:
+            self.process.wait(10)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            self.process.wait()
+        last = self.printed()
+        self.output.close()
+        return last
+
+
+class _Kept(NamedTuple):
+    """A worker: its group, its process, and where its keeper tells how it ended."""
+
+    group: str
+    pid: int
+    told: int
+
+
+def _serve(end: socket.socket) -> NoReturn:
+    wake, wake_write = os.pipe2(os.O_NONBLOCK | os.O_CLOEXEC)
+    signal.set_wakeup_fd(wake_write)
+    signal.signal(signal.SIGCHLD, lambda *_: None)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    keepers: dict[int, _Kept] = {}
+    rest = b""
+    while True:
+        ready = select.select([end.fileno(), wake], [], [])[0]
+        if wake in ready:
+            os.read(wake, 4096)
+            _reap(end, keepers)
+        if end.fileno() in ready:
+            data = end.recv(1 << 20)
+            if not data:
+                break
+            rest += data
+            *lines, rest = rest.split(b"\n")
+            for line in lines:
+                _do(end, REQUESTS.decode(line), keepers)
+    _end_all()
+
+
+def _end_all(*_: object) -> NoReturn:
+    """End the workers, whatever their nodes have started, and the fork server itself."""
+    end_descendants()
+    os._exit(0)
+
+
+def _do(end: socket.socket, request: Prepare | Start | Kill, keepers: dict[int, _Kept]) -> None:
+    match request:
+        case Prepare(modules):
+            for name in modules:
+                with contextlib.suppress(Exception):  # the worker meets the same error and reports it
+                    importlib.import_module(name)
+            gc.collect()
+            gc.freeze()  # so that the workers' collections do not touch, and so copy, the shared pages
+        case Start(job):
+            reading, tell = os.pipe()
+            keeper = os.fork()
+            if keeper == 0:
+                os.close(reading)
+                _keep(end, request, tell)
+            os.close(tell)
+            pid = int(os.read(reading, 16) or b"0")
+            keepers[keeper] = _Kept(job.group, pid, reading)
+            end.sendall(msgspec.json.encode(Started(job.group, pid, keeper)) + b"\n")
+        case Kill(group, number):
+            for kept in keepers.values():
+                if kept.group == group and kept.pid:
+                    with contextlib.suppress(ProcessLookupError):
+                        os.kill(kept.pid, number)
+
+
+def _keep(end: socket.socket, request: Start, tell: int) -> NoReturn:
+    """The keeper: forks the worker, waits for its end, ends what it has left behind, and tells how it ended."""
+    try:
+        die_with_parent()
+        adopt_orphans()
+        os.setpgid(0, 0)
+        signal.set_wakeup_fd(-1)
+        for number in (signal.SIGCHLD, signal.SIGTERM):
+            signal.signal(number, signal.SIG_DFL)
+        end.close()
+        worker = os.fork()
+        if worker == 0:
+            os.close(tell)
+            _work(request)
+        os.write(tell, b"%-16d" % worker)
+        while True:
+            pid, status = os.wait()
+            if pid == worker:
+                break
+        end_descendants()
+        os.write(tell, b"%d" % os.waitstatus_to_exitcode(status))
+    finally:
+        os._exit(0)
+
+
+def _work(request: Start) -> NoReturn:
+    """The worker: run the job and exit."""
+    code = 1
+    try:
+        die_with_parent()
+        from palpate.launch.run.process import serve
+
+        code = serve(request)
+    finally:
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(code)
+
+
+def _reap(end: socket.socket, keepers: dict[int, _Kept]) -> None:
+    while True:
+        try:
+            pid, status = os.waitpid(-1, os.WNOHANG)
+        except ChildProcessError:
+            return
+        if pid == 0:
+            return
+        kept = keepers.pop(pid, None)
+        if kept is None:
+            continue
+        with contextlib.suppress(ProcessLookupError):  # where its keeper was killed
+            os.kill(kept.pid, signal.SIGKILL)
+        code = int(os.read(kept.told, 16) or os.waitstatus_to_exitcode(status))
+        os.close(kept.told)
+        end.sendall(msgspec.json.encode(Exited(kept.group, code)) + b"\n")
+
+
+if __name__ == "__main__":
+    signal.signal(signal.SIGTERM, _end_all)
+    die_with_parent(signal.SIGTERM)
+    adopt_orphans()
+    # Imported here, before the first request, so that they are shared by all workers.
+    importlib.import_module("palpate.launch.run.process")
+    with contextlib.suppress(ImportError):
+        importlib.import_module("numba")
+    _serve(socket.socket(fileno=int(sys.argv[1])))

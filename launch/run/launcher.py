@@ -1,0 +1,430 @@
+"""The launcher: starts the workers of a run, holds the start barrier, watches, and ends them all.
+
+Start: every worker builds its nodes, binds its outlets and reports ready; the launcher tells each whom to read; every
+outlet waits until it has seen its readers; then all get the time of tick 0. No sleeps, no lost first message.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import select
+import signal
+import time
+import uuid
+from collections.abc import Callable, Sequence
+
+import msgspec
+import zmq
+
+from palpate.engine.clock import now
+from palpate.engine.job import Job, members
+from palpate.launch.run.barrier import Barrier
+from palpate.launch.run.descendants import at_the_disk, awake, stopped
+from palpate.launch.run.ending import Ending
+from palpate.launch.run.forkserver import ForkServer
+from palpate.launch.run.interrupts import STOPPING, interrupts
+from palpate.launch.run.keys import Key
+from palpate.launch.run.lost import lost
+from palpate.launch.run.member import Member
+from palpate.launch.run.reports import (
+    Alive,
+    Beat,
+    Done,
+    End,
+    Exited,
+    Fault,
+    Go,
+    Gone,
+    Hello,
+    Kill,
+    Linked,
+    Note,
+    Paused,
+    Prepare,
+    Ready,
+    Report,
+    Start,
+    Started,
+    Starting,
+    Stop,
+    Take,
+)
+from palpate.launch.run.result import Death, Result
+from palpate.launch.run.watchdog import START_PATIENCE
+from palpate.launch.run.wires import Wires, muted
+from palpate.launch.run.worker import REPORT
+
+HEAD_START = 40_000_000  # [ns] from the order to go to tick 0: every worker has heard it by then
+BEAT = 0.5  # [s] between signs of life for workers on other machines, and looks at who stands between
+GRACE = 0.1  # [s] that the others go on after a node died on the real clock: the device gets its zero force
+LAST_WORDS = 5.0  # [s] that the report of an orderly end may take
+MOST_REPORTS = 1000  # taken in a row, so that the launcher comes to the rest
+
+
+class Launcher:
+    """Runs the jobs, each in a process.
+
+    jobs        one per worker; those in `joined` are started by hand on another machine (`palpate join`)
+    forkserver  the fork server; made here when not given
+    address     where workers on other machines find this launcher: `tcp://host:port`, reports at port + 1
+    key         secures what goes over TCP; None: nothing does
+    patience    [s] without a sign of life after which a worker counts as hung
+    restart     nodes that are started again when they die; spared: nodes that a run on the real clock goes on without
+    show        called about ten times a second with the launcher, to draw
+    printed     called with what the nodes print
+    died        called at once when a node has failed in a run that goes on; a run that never began has it in its result
+    """
+
+    def __init__(
+        self,
+        jobs: Sequence[Job],
+        forkserver: ForkServer | None = None,
+        *,
+        joined: frozenset[str] = frozenset(),
+        address: str | None = None,
+        key: Key | None = None,
+        patience: float = 5.0,
+        restart: frozenset[str] = frozenset(),
+        spared: frozenset[str] = frozenset(),
+        show: Callable[[Launcher], None] = lambda _: None,
+        printed: Callable[[str], None] = lambda _: None,
+        died: Callable[[Death], None] = lambda _: None,
+    ) -> None:
+        self.begun = time.monotonic()
+        self.jobs = {job.group: job for job in jobs}
+        self.members = {job.group: Member(job, joined=job.group in joined) for job in jobs}
+        self.forkserver = forkserver or ForkServer()
+        self.address, self.key, self.patience, self.restart, self.spared = address, key, patience, restart, spared
+        self.show, self.printed, self.died = show, printed, died
+        self.run_id = f"{os.getpid()}-{uuid.uuid4().hex[:8]}"
+        self.result = Result()
+        self.origin = 0
+        """[ns] of the machine's monotonic clock at tick 0, once the run has begun."""
+        self.phase = "starting"
+        self._real = any(job.clock == "real" for job in jobs)
+        self._interrupts: list[int] = []
+        self._heeded = 0
+        self._started: float | None = None
+        self._ended = 0.0
+        self._tail: list[str] = []
+        self._beat = 0.0
+        self._abreast = False
+        """Whether all reports that have come were taken."""
+        try:
+            self._wires = Wires(self.run_id, self.jobs, address, key)
+        except OSError:
+            self.forkserver.close()
+            raise
+        self._barrier = Barrier(self.members, self._wires)
+        self._ending = Ending(self.members, self._wires, self.forkserver, self._real)
+        for group in joined:
+            self._wires.expect(group)
+            self.members[group].busy = f"{group} (palpate join {address} {group})"
+        self._poller = zmq.Poller()
+        self._wires.register(self._poller)
+        self._poller.register(self.forkserver.socket.fileno(), select.POLLIN)
+        self._poller.register(self.forkserver.output.fileno(), select.POLLIN)
+
+    @property
+    def pids(self) -> dict[str, int]:
+        """The processes of the workers here, by group."""
+        return {group: member.pid for group, member in self.members.items() if member.pid is not None}
+
+    @property
+    def busy(self) -> dict[str, str]:
+        """What each worker is doing while it starts, by group."""
+        return {group: member.busy for group, member in self.members.items() if member.busy}
+
+    @property
+    def kernels(self) -> int:
+        """How many kernels the workers have compiled so far: none but in the first run."""
+        return sum(member.kernels for member in self.members.values())
+
+    # -- the whole run -------------------------------------------------------------------------------------------
+
+    def run(self) -> Result:
+        """Start everything, wait for the end, end everything; Ctrl-C or SIGTERM stops the run in order. Returns what
+        happened."""
+        with interrupts(self._interrupts.append):
+            self._run()
+        if self._started is not None:
+            self.result.wall = self._ended - self._started
+        self.result.ticks = max((h["tick"] + 1 for h in self.result.health.values()), default=0)
+        return self.result
+
+    def _run(self) -> None:
+        try:
+            modules = {given.cls.rpartition(".")[0] for job in self.jobs.values() for given in members(job)}
+            self.forkserver.ask(Prepare(sorted(modules)))
+            for member in self.members.values():
+                if not member.joined:
+                    self._fork(member)
+            while any(member.state != "gone" for member in self.members.values()):
+                self._turn()
+        finally:
+            self.phase = "ended"
+            self.printed(self.forkserver.close())
+            foreign = self._wires.foreign + sum(member.foreign for member in self.members.values())
+            if foreign:
+                self.result.notes.append(f"{foreign} frames that are none of this run's were dropped")
+            self.result.foreign = foreign
+            self._wires.close(200)
+
+    def _fork(self, member: Member) -> None:
+        self._wires.expect(member.job.group)
+        member.forked()
+        wires = self._wires
+        self.forkserver.ask(Start(member.job, self.run_id, wires.control, wires.reports, self.key, wires.guarded))
+
+    def _turn(self) -> None:
+        ready = dict(self._poller.poll(100))
+        for member, report in self._barrier.early():
+            self._ready(member, report)
+        self._abreast = False
+        for _ in range(MOST_REPORTS):
+            if not self._next_report():
+                self._abreast = True
+                break
+        if self.forkserver.output.fileno() in ready:
+            self._listen()
+        if self.forkserver.socket.fileno() in ready:
+            for answer in self.forkserver.answers():
+                self._answer(answer)
+            if self.forkserver.process.poll() is not None:
+                self._lost_forkserver()
+        if len(self._interrupts) > self._heeded:
+            self._interrupt()
+        self._check_time()
+        self.show(self)
+
+    def _listen(self) -> None:
+        text = self.forkserver.printed()
+        if text:
+            self._tail = (self._tail + text.splitlines())[-40:]
+            self.printed(text)
+
+    # -- reports -------------------------------------------------------------------------------------------------
+
+    def _next_report(self, wait: int = 0) -> bool:
+        """Take the next report, if one comes within so many milliseconds."""
+        addressed = self._wires.report(wait)
+        if addressed is not None:
+            self._take(self.members[addressed.group], addressed.report)
+        return addressed is not None
+
+    def _take(self, member: Member, report: Report) -> None:
+        if member.state == "gone" and not isinstance(report, Alive):
+            return  # overtaken by the end of its process, which says the same
+        if not self._ending.closed or not isinstance(report, Alive) or self._progress(report):
+            member.heard()
+        match report:
+            case Hello():
+                self._wires.tell(f"join-{member.job.group}", Take(member.job, self.run_id))
+            case Starting(node, kernels):
+                member.busy, member.kernels = node, kernels
+            case Ready():
+                self._ready(member, report)
+            case Linked():
+                self._linked(member)
+            case Alive(nodes, foreign, awaits):
+                self.result.health.update(msgspec.to_builtins(nodes))
+                member.foreign = foreign
+                member.waits(awaits)
+            case Paused(tick):
+                member.paused = tick
+                ticks = [lead.paused for lead in self._leads()]
+                if None not in ticks:
+                    self._wires.tell("*", End(max(tick for tick in ticks if tick is not None)))
+            case Fault():
+                self._died(member, report)
+            case Note(text):
+                self.result.notes.append(text)
+                self.printed(text + "\n")
+            case Done(orderly):
+                member.delivers, member.orderly = True, orderly
+                if member.alive:
+                    member.state = "done"
+                    self._ending.follow()
+                self._left(member)
+
+    def _progress(self, report: Alive) -> bool:
+        """Whether observers, to whom nobody sends any more, still take what was sent."""
+        return any(
+            self.result.health.get(name, {}).get("steps") != counters.steps for name, counters in report.nodes.items()
+        )
+
+    def _left(self, member: Member) -> None:
+        """A worker on another machine has no process here whose end could be seen: its last report is its end."""
+        if member.joined:
+            self._is_gone(member)
+
+    def _ready(self, member: Member, report: Ready) -> None:
+        if not self._barrier.ready(member, report):
+            return
+        if self._real and not any(lead.alive for lead in self._leads()):
+            self._wires.tell(member.job.group, Stop())  # started again too late: the run has ended meanwhile
+        self.result.notes += [n for n in report.refused if n not in self.result.notes]
+        if self.phase == "running":
+            self._barrier.link(member)
+        elif self._barrier.all("ready"):
+            self.phase = "linking"
+            self._barrier.link_all()
+
+    def _linked(self, member: Member) -> None:
+        member.state = "linked"
+        if self.phase == "linking" and self._barrier.all("linked"):
+            self._go()
+        elif self.phase == "running":
+            self._back(member)
+
+    def _go(self) -> None:
+        self.phase = "running"
+        self._started = time.monotonic()
+        self.result.start = self._started - self.begun
+        self.result.origin = self._started
+        self.origin = now() + (HEAD_START if self._real else 0)
+        self._wires.tell("*", Go(self.origin))
+        for member in self.members.values():
+            member.state = "running"
+            member.heard()
+
+    def _back(self, member: Member) -> None:
+        """A worker that was started again joins the run."""
+        self._wires.tell(member.job.group, Go(self.origin))
+        member.state = "running"
+        self._tell_gone({node.name for node in member.job.nodes}, back=True)
+
+    # -- trouble -------------------------------------------------------------------------------------------------
+
+    def _died(self, member: Member, fault: Fault) -> None:
+        member.state = "failed"
+        death = Death(fault.node or member.names, fault.where, fault.text, fault.trace)
+        self.result.deaths.append(death)
+        self._bury(member)
+        if self.phase == "running":
+            self.died(death)
+
+    def _bury(self, member: Member) -> None:
+        """Tell the others, so that their inputs from this group become None; then end the run, start it again, or go on
+        without it."""
+        dead = {node.name for node in member.job.nodes}
+        self._tell_gone(dead)
+        goes_on = self._real and self.phase == "running" and dead and not self._ending.near
+        if goes_on and dead <= self.restart:
+            member.state = "restarting"
+        elif goes_on and dead <= self.spared:
+            self.result.notes.append(f"{', '.join(sorted(dead))} failed; the run went on without")
+        elif dead or self.phase != "running":
+            self._end_after(GRACE if self.phase == "running" and self._real else 0.0)
+
+    def _end_after(self, seconds: float) -> None:
+        if not self._ending.near and self.phase == "running":
+            self.phase = "ending"
+        self._ending.quit_after(seconds)
+
+    def _tell_gone(self, nodes: set[str], back: bool = False) -> None:
+        mute = muted(self.jobs.values(), nodes)
+        self._wires.tell("*", Gone(tuple(sorted(nodes)), tuple(sorted(mute)), back))
+
+    def _answer(self, answer: Started | Exited) -> None:
+        member = self.members[answer.group]
+        if isinstance(answer, Started):
+            member.pid, member.keeper = answer.pid, answer.keeper
+            return
+        # Its last words were sent before its end, but may come after the news of it; on a busy machine long after, and
+        # one that ended well has sent them.
+        until = time.monotonic() + (LAST_WORDS if answer.status == 0 else 0.5 if answer.status > 0 else 0.002)
+        while member.alive and time.monotonic() < until:
+            self._next_report(1)
+        if member.alive:
+            status = answer.status
+            how = f"killed by {signal.Signals(-status).name}" if status < 0 else f"exit code {status}"
+            self._listen()
+            trace = "\n".join(self._tail) if status != -signal.SIGKILL else ""
+            self._died(member, Fault("", "process", f"its process ended: {how}", trace))
+        member.pid = member.keeper = None
+        if member.state == "restarting":
+            self._fork(member)
+        else:
+            self._is_gone(member)
+
+    def _is_gone(self, member: Member) -> None:
+        member.state = "gone"
+        self._ended = time.monotonic()
+        self._ending.follow()
+
+    def _leads(self) -> list[Member]:
+        return [member for member in self.members.values() if member.job.leads]
+
+    def _lost_forkserver(self) -> None:
+        self.result.deaths.append(Death("all", "process", "the fork server ended", "\n".join(self._tail)))
+        for member in self.members.values():
+            member.state = "gone"
+
+    def _interrupt(self) -> None:
+        """The first Ctrl-C stops the run in order, a second one at once."""
+        self._heeded = len(self._interrupts)
+        if self.result.interrupted:
+            self._ending.kill()
+            return
+        self.result.signal = self._interrupts[0]
+        self.printed(STOPPING)
+        if self.phase in ("starting", "linking"):
+            self._end_after(0.0)
+        else:
+            self.phase = "ending"
+            self._ending.stop()
+
+    def _check_time(self) -> None:
+        moment = time.monotonic()
+        if moment - self._beat > BEAT:
+            self._beat = moment
+            if self.address:
+                self._wires.tell("*", Beat())
+            for pid in (self.forkserver.process.pid, *(m.keeper for m in self.members.values() if m.keeper)):
+                awake(pid)  # who would never tell of a worker's end
+        self._ending.check(begun=self.phase not in ("starting", "linking"))
+        if not self._ending.near:
+            self._check_hung()
+            self._check_lost()
+
+    def _check_lost(self) -> None:
+        """A message that was lost ends the run as its sender's failure."""
+        if self._real or self.phase != "running" or not self._abreast:
+            return
+        gone = lost(self.members.values(), self.result.health, math.ceil(1e9 * self.patience / REPORT))
+        if gone is not None:
+            self._died(gone[0], Fault("", "stream", gone[1]))
+
+    def _limit(self, member: Member) -> float:
+        """For how long [s] a worker that was not stopped may be silent."""
+        if member.state in ("ready", "linked"):  # it waits for the others, and has nothing to say
+            return math.inf
+        slow = member.state == "starting" or (member.pid is not None and at_the_disk(member.pid))
+        return START_PATIENCE if slow else self.patience
+
+    def _check_hung(self) -> None:
+        """A worker that was stopped by a signal, or one that computes nodes and is silent for too long."""
+        for group, member in self.members.items():
+            if not member.alive or (member.state == "starting" and member.joined):
+                continue
+            silence = member.silence()
+            if silence <= self.patience:
+                continue
+            halted = member.pid is not None and stopped(member.pid)
+            limit = self.patience if halted else self._limit(member)
+            if silence <= limit:
+                continue
+            how = "it was stopped by a signal" if halted else "it hangs"
+            self.forkserver.ask(Kill(group, int(signal.SIGUSR1)))  # prints where it hangs
+            before, until = len(self._tail), time.monotonic() + (0.05 if halted else 0.5)
+            while len(self._tail) == before and time.monotonic() < until:
+                time.sleep(0.05)
+                self._listen()
+            where = "step" if member.state == "running" else "start"
+            nodes = member.busy or ", ".join(node.name for node in member.job.nodes) or member.names
+            text = f"no sign of life for {limit:.3g} s: {how}"
+            self._died(member, Fault(nodes, where, text, "\n".join(self._tail[-20:])))
+            self.forkserver.ask(Kill(group, int(signal.SIGKILL)))
+            self._left(member)

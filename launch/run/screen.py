@@ -1,0 +1,178 @@
+"""The live view of a run in the terminal, and the table that stays when it has ended."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+
+from rich.console import Console, ConsoleOptions, Group, RenderableType, RenderResult
+from rich.live import Live
+from rich.progress_bar import ProgressBar
+from rich.table import Table
+from rich.text import Text
+
+from palpate.launch.run.result import Death, Result
+
+FULL_SCALE = 3.0  # [N] of the force bars, until a force goes beyond
+
+KERNELS = 120
+"""About as many as the kidney graph compiles."""
+COMPILING = "compiling the kernels for this processor: once, a minute or two; later runs start at once"
+
+
+class Screen:
+    """Draws a run while it goes on: rates, step times, late, lost and held messages of each node, and force bars.
+
+    title  what runs
+    rate   [Hz] base rate
+    ticks  of the run, None: until stopped
+    order  in which the nodes are listed
+    """
+
+    def __init__(self, console: Console, title: str, rate: float, ticks: int | None, order: Sequence[str]) -> None:
+        self.console, self.title, self.rate, self.ticks, self.order = console, title, rate, ticks, order
+        self._live = Live(console=console, refresh_per_second=8, transient=True)
+        self._begun = time.monotonic()
+        self._before: dict[str, tuple[int, float]] = {}
+        self._speed: dict[str, float] = {}
+        self._scale = FULL_SCALE
+        self._drawn = 0.0
+        self._kernels = 0
+
+    def __enter__(self) -> Screen:
+        self._live.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._live.stop()
+
+    def show(
+        self, result: Result, phase: str = "running", busy: dict[str, str] | None = None, kernels: int = 0
+    ) -> None:
+        """Draw what is known; at most eight times a second. kernels: that were compiled so far."""
+        moment = time.monotonic()
+        if kernels and not self._kernels:
+            self.console.print(Text(COMPILING))
+        self._kernels = max(self._kernels, kernels)
+        if moment - self._drawn < 0.12:
+            return
+        self._drawn = moment
+        self._count(result, moment)
+        result.health = {name: result.health[name] for name in self.order if name in result.health}
+        self._live.update(self._draw(result, phase, busy or {}, moment))
+
+    def print(self, text: str) -> None:
+        """Lines that the nodes print, above the view."""
+        if text.strip():
+            self.console.print(Text(text.rstrip("\n"), style="dim"))
+
+    def died(self, death: Death) -> None:
+        """A node that failed, with its traceback, above the view."""
+        tell(death, self.console)
+
+    def _count(self, result: Result, moment: float) -> None:
+        for name, health in result.health.items():
+            steps, then = self._before.get(name, (0, self._begun))
+            if health["steps"] != steps and moment > then:
+                self._speed[name] = (health["steps"] - steps) / (moment - then)
+                self._before[name] = (health["steps"], moment)
+
+    def _draw(self, result: Result, phase: str, busy: dict[str, str], moment: float) -> RenderableType:
+        tick = max((h["tick"] for h in result.health.values()), default=0)
+        head = Text.assemble((self.title, "bold"), f"  {phase}  ", (f"{tick / self.rate:8.3f} s", "cyan"))
+        parts: list[RenderableType] = [head]
+        if phase in ("starting", "linking"):
+            waiting = ", ".join(sorted(busy.values())) or "workers"
+            parts.append(Text(f"  {phase}: {waiting} ({moment - self._begun:.1f} s)", style="dim"))
+            if self._kernels:
+                compiled = Table.grid(padding=(0, 1))
+                done = ProgressBar(total=max(KERNELS, self._kernels), completed=self._kernels, width=40)
+                compiled.add_row("  compiling", done, f"{self._kernels} kernels")
+                parts.append(compiled)
+        if self.ticks:
+            bar = Table.grid()  # a bar by itself does not end its line
+            bar.add_row(ProgressBar(total=self.ticks, completed=tick + 1, width=60))
+            parts.append(bar)
+        parts += [table(result, self._speed), self._forces(result)]
+        return Group(*parts)
+
+    def _forces(self, result: Result) -> RenderableType:
+        grid = Table.grid(padding=(0, 1))
+        for health in result.health.values():
+            for name, value in health.get("forces", {}).items():
+                self._scale = max(self._scale, value)
+                grid.add_row(name, ProgressBar(total=self._scale, completed=value, width=40), f"{value:6.3f} N")
+        return grid
+
+
+def tell(death: Death, console: Console) -> None:
+    """Print a death and its traceback."""
+    console.print(Text(str(death), style="red"))
+    # These say by themselves what to change.
+    if death.trace and not death.text.startswith(("SettingError", "DeviceError", "InputFault")):
+        console.print(Text(death.trace.rstrip(), style="dim"))
+
+
+def table(result: Result, speed: dict[str, float] | None = None) -> Fitted:
+    """One row per node; `speed` [Hz] while it runs, else the mean over the run."""
+    titles = (
+        "node",
+        "steps",
+        "rate\n[Hz]",
+        "p50\n[us]",
+        "p99\n[us]",
+        "longest\n[us]",
+        "late",
+        "lost",
+        "held",
+        "asleep",
+    )
+    rows = []
+    for name, health in result.health.items():
+        rate = speed.get(name, 0.0) if speed is not None else health["steps"] / result.wall if result.wall else 0.0
+        times = [Text(f"{health['step'][key] * 1e6:.1f}") for key in ("p50", "p99", "longest")]
+        counts = troubles(health["late"], health["lost"], health["held"])
+        asleep = Text(str(health["asleep"]), style="" if health["asleep"] else "dim")
+        rows.append([Text(name), Text(str(health["steps"])), Text(f"{rate:.0f}"), *times, *counts, asleep])
+    return Fitted(titles, rows, spare=("steps", "asleep", "longest\n[us]", "p50\n[us]", "held"))
+
+
+def troubles(*counts: int) -> list[Text]:
+    """Counts that stand out where they are not 0."""
+    return [Text(str(count), style="yellow" if count else "dim") for count in counts]
+
+
+class Fitted:
+    """A table that leaves columns out where it has no room: no figure of it is cut.
+
+    titles  of the columns; the first one, and a last one without a title, are flush left
+    rows    their cells
+    spare   titles of the columns that may go, in that order
+    """
+
+    def __init__(self, titles: Sequence[str], rows: Sequence[Sequence[Text]], spare: Sequence[str]) -> None:
+        self.titles, self.rows, self.spare = list(titles), rows, spare
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+        widths = {
+            title: max([*map(len, title.split("\n")), *(row[k].cell_len for row in self.rows)])
+            for k, title in enumerate(self.titles)
+        }
+        gone: list[str] = []
+        for title in self.spare:
+            shown = [width for name, width in widths.items() if name not in gone]
+            if sum(shown) + len(shown) <= options.max_width:
+                break
+            gone.append(title)
+        kept = [k for k, title in enumerate(self.titles) if title not in gone]
+        gap = 2 if sum(widths[self.titles[k]] + 2 for k in kept) <= options.max_width else 1
+        grid = Table(box=None, header_style="bold", pad_edge=False, padding=(0, 0, 0, gap))
+        for k in kept:
+            # As text: brackets are no markup here.
+            grid.add_column(Text(self.titles[k]), justify="right" if k and self.titles[k] else "left", no_wrap=True)
+        for row in self.rows:
+            grid.add_row(*(row[k] for k in kept))
+        yield grid
+        if gone:
+            names = ", ".join(title.split("\n")[0] for title in gone)
+            yield Text(f"a wider terminal also shows: {names}", style="dim")

@@ -1,0 +1,123 @@
+"""The plan of a replay: that of the recording, with other settings, or that of another graph."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from palpate.engine.faults import Place
+from palpate.engine.imports import UntrustedError, check_trusted, full_name
+from palpate.engine.plan import Plan, plan
+from palpate.launch.load.classes import body, is_shipped
+from palpate.launch.load.effects import trimmed
+from palpate.launch.load.graph import Graph, load_source
+from palpate.launch.load.launchfile import find
+from palpate.launch.load.source import Source
+from palpate.launch.run.execute import set_recording
+from palpate.records.player import plan_of
+from palpate.records.reader import Recording, RecordingError
+
+
+def changed(recording: Recording, overrides: Sequence[str] = (), graph: str | None = None) -> Plan:
+    """The plan to replay.
+
+    overrides  `tissue.use=deformation.Rigid`, `scene.tissue.friction=off`, ... as for `palpate run`
+    graph      another graph in place of the recorded one: its device is played from the recording
+
+    RecordingError, GraphError: what does not fit.
+    """
+    if graph is not None:
+        loaded = find(graph).but(overrides=overrides).load()
+        _match_devices(recording, loaded)
+    elif overrides:
+        loaded = _recorded_graph(recording, overrides)
+    else:
+        return plan_of(recording)
+    _same_rate(recording, loaded)
+    set_recording(loaded, recording.path)  # every stream is heard, as in a recorded run
+    return _with_fields(plan(loaded), recording.about.get("plan", {}).get("wanted", {}))
+
+
+def _with_fields(planned: Plan, recorded: Mapping[str, Collection[str]]) -> Plan:
+    """The plan with the fields that were recorded, but those of effects that are switched off now."""
+    nodes = planned.graph.nodes
+    kinds = planned.graph.streams
+    wanted = {s: names | body(kinds[s]).intersection(recorded.get(s, ())) for s, names in planned.wanted.items()}
+    return replace(planned, wanted=trimmed(wanted, planned.graph.effects, [nodes[name] for name in planned.edges]))
+
+
+def no_idle(overrides: Sequence[str], plan: Plan, running: Collection[str]) -> None:
+    """RecordingError: an override of a node that does not run, whose messages are played as they were recorded."""
+    for override in overrides:
+        path = override.partition("=")[0]
+        name = path.partition(".")[0]
+        if name in plan.order and name not in running:
+            raise RecordingError(
+                f"{path}: {name!r} is played as it was recorded, so this has no effect. A played node runs with "
+                f"--only {name}; a source reacts to new forces only in a new run (palpate run)"
+            )
+
+
+def _same_rate(recording: Recording, graph: Graph) -> None:
+    """RecordingError: the ticks of a recording come again as they were."""
+    rate = recording.about.get("plan", {}).get("rate", graph.rate)
+    if graph.rate != rate:
+        raise RecordingError(
+            f"{recording.path}: recorded at {rate:g} Hz, and a replay keeps these ticks: found "
+            f"rate={graph.rate:g}, expected {rate:g}. A node may run less often: --set NODE.every=2"
+        )
+
+
+def _recorded_graph(recording: Recording, overrides: Sequence[str]) -> Graph:
+    recorded = recording.about.get("plan", {})
+    if not recorded.get("source"):
+        raise RecordingError(f"{recording.path}: it does not hold its graph; give one with --graph GRAPH")
+    name = f"the graph in {recording.path}"
+    modules = [str(line.get("use")).rpartition(".")[0] for line in recorded["source"].get("nodes", {}).values()]
+    try:
+        check_trusted(*(module for module in modules if not is_shipped(module)))
+    except UntrustedError as error:
+        raise RecordingError(f"{recording.path}: {error}") from None
+    return load_source(
+        Source(copy.deepcopy(recorded["source"]), {(): Place(name)}),
+        Path(recorded["path"]),
+        overrides=overrides,
+        scene=copy.deepcopy(recorded["scene"]),
+        wanted=recorded["streams"],
+    )
+
+
+def _match_devices(recording: Recording, graph: Graph) -> None:
+    """Play each source of the graph from the stream of its name, or else from the only stream of its type."""
+    for name, spec in graph.nodes.items():
+        if not spec.cls.paced:
+            continue
+        for stream, kind in spec.streams.items():
+            wanted = full_name(kind)
+            fitting = [s.name for s in recording.streams.values() if s.schema["class"] == wanted]
+            if stream in fitting:
+                continue
+            if len(fitting) != 1:
+                names = ", ".join(fitting) if fitting else "none"
+                raise RecordingError(
+                    f"{recording.path}: the source {name!r} of {graph.path.name} sends {kind.__name__}; streams of "
+                    f"that type in the recording: {names}. Expected one, or one with the name {stream!r}."
+                )
+            recording.rename(fitting[0], stream, name)
+
+
+def sources(recording: Recording, planned: Plan) -> list[str]:
+    """The paced nodes of a plan. RecordingError: their streams are not all in the recording."""
+    paced = [name for name in planned.order if planned.graph.nodes[name].cls.paced]
+    for name in paced:
+        for stream in planned.graph.nodes[name].streams:
+            given = recording.streams.get(stream)
+            if given is None or given.thin > 1:
+                what = "was left out of the recording" if given is None else "was thinned out"
+                raise RecordingError(
+                    f"{recording.path}: the stream {stream!r} of the source {name!r}, which drives the graph, {what}; "
+                    "the other streams can be read and exported (`palpate info`, `echo`, `export`)"
+                )
+    return paced

@@ -1,0 +1,290 @@
+"""One recorded touch, computed by several models: differences of force, indentation and shape, and step times."""
+
+from __future__ import annotations
+
+import gc
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from palpate.engine.health import Histogram
+from palpate.engine.imports import full_name
+from palpate.engine.plan import Plan
+from palpate.engine.slot import Slot
+from palpate.messages import Contact, Force, Message, Surface
+from palpate.records.changed import changed, no_idle, sources
+from palpate.records.instants import instants, last_tick
+from palpate.records.player import Player
+from palpate.records.reader import Recording, RecordingError
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+RECORDED = "recorded"
+POINTS = 4000  # of a curve in the picture
+
+
+class _Spread:
+    """RMS and peak of differences, and the peak of the reference, without keeping them."""
+
+    def __init__(self) -> None:
+        self.count, self.squares, self.peak, self.scale = 0, 0.0, 0.0, 0.0
+
+    def add(self, difference: float, reference: float) -> None:
+        self.count += 1
+        self.squares += difference * difference
+        self.peak = max(self.peak, difference)
+        self.scale = max(self.scale, reference)
+
+    def report(self) -> dict[str, float]:
+        """RMS and peak difference in the quantity's unit, and the peak of the reference."""
+        return {"rms": math.sqrt(self.squares / self.count) if self.count else 0.0, "peak": self.peak,
+                "reference_peak": self.scale}  # fmt: skip
+
+
+@dataclass
+class Variant:
+    """One way to compute the touch: its settings, its plan, and what came out.
+
+    force        [N] of the controller, difference of the vectors
+    indentation  [m] of the tissue under the contact
+    shape        [m] displacement of the surface: RMS over vertices that move in one of both, per instant
+    step         [s] durations of a step of the nodes that differ from the recording; whole: of all nodes together;
+                 nodes: of each node
+    curves       rows of time [s], force [N], indentation [m], for the picture
+    """
+
+    name: str
+    overrides: tuple[str, ...]
+    plan: Plan
+    swapped: tuple[str, ...]
+    force: _Spread = field(default_factory=_Spread)
+    indentation: _Spread = field(default_factory=_Spread)
+    shape: _Spread = field(default_factory=_Spread)
+    whole: Histogram = field(default_factory=Histogram)
+    step: Histogram = field(default_factory=Histogram)
+    nodes: dict[str, Histogram] = field(default_factory=dict)
+    curves: list[tuple[float, float, float]] = field(default_factory=list)
+
+    def report(self) -> dict[str, Any]:
+        """Plain data for programs, SI units."""
+        return {
+            "name": self.name,
+            "set": list(self.overrides),
+            "swapped": list(self.swapped),
+            "force_N": self.force.report(),
+            "indentation_m": self.indentation.report(),
+            "shape_m": self.shape.report(),
+            "step_s": self.step.report(),
+            "whole_s": self.whole.report(),
+        }
+
+
+def compare(
+    recording: Recording,
+    variants: Sequence[Sequence[str]],
+    *,
+    reference: Sequence[str] | None = None,
+    show: Callable[[int, int], None] = lambda tick, last: None,
+    look: Callable[[Sequence[Player]], None] = lambda players: None,
+) -> list[Variant]:
+    """Compute the recorded touch once for each variant; the differences are against the first of those returned.
+
+    variants   overrides of each, as for `palpate run --set`; an empty one is the graph as it was recorded
+    reference  overrides of the one that the others are held against; None: the first of the variants
+    look       told at each tick, with the nodes of all that are returned
+
+    RecordingError, GraphError: what does not fit. NodeFault: a node raised.
+    """
+    wanted = [tuple(given) for given in ([reference] if reference is not None else []) + list(variants)]
+    if not wanted or (reference is None and len(wanted) < 2):
+        raise RecordingError("comparing takes two variants, such as --set tissue.use=A --set tissue.use=B")
+    original = changed(recording)
+    computed = [_variant(recording, given, original) for given in wanted]
+    drivers = set(sources(recording, original))
+    players = []
+    for variant in computed:
+        running = [name for name in variant.plan.order if name not in drivers]
+        no_idle(variant.overrides, variant.plan, running)
+        players.append(Player(recording, variant.plan, running, live=True))
+    present = recording.ticks()
+    last = last_tick(present)
+    streams = [_Streams(variant.plan, player) for variant, player in zip(computed, players, strict=True)]
+    every = max(1, last // POINTS)
+    try:
+        for player in players:
+            player.start()
+        gc.collect()
+        gc.freeze()  # collections would show as steps of milliseconds
+        for tick, payloads in instants(recording, present):
+            for variant, player, own in zip(computed, players, streams, strict=True):
+                before = sum(part.slot.health.step.total for part in player.parts)
+                if player.step(tick, payloads):
+                    variant.whole.add(sum(part.slot.health.step.total for part in player.parts) - before)
+                own.take(tick)
+            for variant, own in zip(computed, streams, strict=True):
+                _hold_against(variant, own, streams[0], tick % every == 0)
+            look(players)
+            if not tick % 256:
+                show(tick, last)
+    finally:
+        gc.unfreeze()
+        for player in players:
+            player.stop()
+    for variant, player in zip(computed, players, strict=True):
+        _collect(variant, player)
+    return computed
+
+
+def _variant(recording: Recording, overrides: tuple[str, ...], original: Plan) -> Variant:
+    plan = changed(recording, overrides)
+    nodes = original.graph.nodes
+    swapped = tuple(
+        name
+        for name in plan.order
+        if name not in nodes
+        or full_name(nodes[name].cls) != full_name(plan.graph.nodes[name].cls)
+        or nodes[name].settings != plan.graph.nodes[name].settings
+        or nodes[name].every != plan.graph.nodes[name].every
+    )
+    return Variant(" ".join(overrides) or RECORDED, overrides, plan, swapped)
+
+
+class _Streams:
+    """The last messages of one variant that are compared, found by their type."""
+
+    def __init__(self, plan: Plan, player: Player) -> None:
+        self.slots: dict[type[Message], tuple[Slot, int]] = {}
+        for part in player.parts:
+            kinds = plan.graph.nodes[part.name].streams
+            for index, kind in enumerate(kinds.values()):
+                self.slots.setdefault(kind, (part.slot, index))
+        self.now: dict[type[Message], Message | None] = {}
+
+    def take(self, tick: int) -> None:
+        """What was sent at this tick."""
+        for kind in (Force, Contact, Surface):
+            sender = self.slots.get(kind)
+            message = sender[0].outputs[sender[1]].last if sender else None
+            self.now[kind] = message if message is not None and message.tick == tick else None
+
+
+def _hold_against(variant: Variant, own: _Streams, other: _Streams, draw: bool) -> None:
+    force, base = own.now[Force], other.now[Force]
+    contact, under = own.now[Contact], other.now[Contact]
+    if isinstance(force, Force) and isinstance(base, Force):
+        apart = math.dist(force.force, base.force)
+        variant.force.add(apart, math.hypot(*base.force))
+    if isinstance(contact, Contact) and isinstance(under, Contact):
+        variant.indentation.add(abs(contact.indentation - under.indentation), under.indentation)
+    shape, flat = own.now[Surface], other.now[Surface]
+    if isinstance(shape, Surface) and isinstance(flat, Surface):
+        rms, peak = _shapes(shape, flat)
+        variant.shape.add(rms, peak)
+    size = (
+        math.hypot(*force.force)
+        if isinstance(force, Force)
+        else contact.force
+        if isinstance(contact, Contact)
+        else None
+    )
+    if draw and size is not None:
+        sent: Any = force or contact
+        depth = contact.indentation if isinstance(contact, Contact) else math.nan
+        variant.curves.append((sent.time * 1e-9, size, depth))
+
+
+def _shapes(a: Surface, b: Surface) -> tuple[float, float]:
+    """RMS difference [m] over the vertices that move in one of both, and the largest displacement in `b` [m]."""
+    peak = float(np.sqrt((b.displacement**2).sum(1).max())) if len(b.nodes) else 0.0
+    return apart(a.nodes, a.displacement, b.nodes, b.displacement), peak
+
+
+def apart(nodes: np.ndarray, rows: np.ndarray, other: np.ndarray, others: np.ndarray) -> float:
+    """RMS of the lengths of rows (k,c) of vertices `nodes` (k,) less `others` (m,c) of `other` (m,), over all vertices
+    of one of both; what is not there is zero. In the unit of the rows."""
+    every = np.union1d(nodes, other)
+    if not len(every):
+        return 0.0
+    difference = np.zeros((len(every), rows.shape[1]))
+    difference[np.searchsorted(every, nodes)] += rows
+    difference[np.searchsorted(every, other)] -= others
+    return float(np.sqrt((difference**2).sum(1).mean()))
+
+
+def _collect(variant: Variant, player: Player) -> None:
+    variant.nodes = {part.name: part.slot.health.step for part in player.parts}
+    chosen = [p for p in player.parts if p.name in variant.swapped]
+    # As recorded: the time of the body, so that the table has something to hold the others against.
+    chosen = chosen or [
+        p for p in player.parts if any(k is Surface for k in variant.plan.graph.nodes[p.name].streams.values())
+    ]
+    for part in chosen:
+        own = part.slot.health.step
+        variant.step.bins = [a + b for a, b in zip(variant.step.bins, own.bins, strict=True)]
+        variant.step.count += own.count
+        variant.step.total += own.total
+        variant.step.longest = max(variant.step.longest, own.longest)
+
+
+class Comparison:
+    """One touch, computed by several variants; the differences are against the first.
+
+    variants  what was computed, in order: each has its name, differences and step times
+    """
+
+    def __init__(self, variants: Sequence[Variant]) -> None:
+        self.variants = list(variants)
+
+    def report(self) -> list[dict[str, Any]]:
+        """Plain data, SI units, one entry a variant."""
+        return [variant.report() for variant in self.variants]
+
+    def plot(self) -> Figure:
+        """Force and indentation of every variant over time, and their differences from the first."""
+        return drawn(self.variants)
+
+    def __repr__(self) -> str:
+        first, *others = self.variants
+        lines = [f"against {first.name}, peak {first.force.scale:.4g} N, {1e3 * first.indentation.scale:.4g} mm:"]
+        for variant in others:
+            force, depth, step = variant.force.report(), variant.indentation.report(), variant.step.report()
+            lines.append(
+                f"  {variant.name}: force off by {force['rms']:.4g} N rms, {force['peak']:.4g} N at most; indentation "
+                f"{1e3 * depth['rms']:.4g} mm, {1e3 * depth['peak']:.4g} mm; step {1e6 * step['p50']:.1f} us (median)"
+            )
+        return "\n".join(lines)
+
+
+def draw(variants: Sequence[Variant], path: Path) -> None:
+    """One picture: force and indentation over time of every variant, and their differences from the first."""
+    figure = drawn(variants)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(path, dpi=140)
+
+
+def drawn(variants: Sequence[Variant]) -> Figure:
+    """The figure of `draw`."""
+    from palpate.views.pictures.style import figure as blank
+
+    figure = blank(11, 6.5, f"one touch, {len(variants)} ways to compute it; differences against {variants[0].name}")
+    axes = figure.subplots(2, 2, sharex=True)
+    first = np.array(variants[0].curves).reshape(-1, 3)
+    units = ((1, "force [N]", 1.0), (2, "indentation [mm]", 1e3))
+    for (column, label, factor), (above, below) in zip(units, axes.T, strict=True):
+        for variant in variants:
+            curve = np.array(variant.curves).reshape(-1, 3)
+            above.plot(curve[:, 0], curve[:, column] * factor, label=variant.name, linewidth=1.2)
+            times, mine, theirs = np.intersect1d(curve[:, 0], first[:, 0], return_indices=True)
+            below.plot(times, (curve[mine, column] - first[theirs, column]) * factor, linewidth=1.2)
+        above.set_ylabel(label)
+        below.set_ylabel(f"difference, {label}")
+        below.set_xlabel("time [s]")
+        for axis in (above, below):
+            axis.grid(alpha=0.3)
+    axes[0, 0].legend(fontsize=8)
+    return figure

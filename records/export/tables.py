@@ -1,0 +1,178 @@
+"""Tables: Parquet or CSV files of each stream, one row a message, a column for each number, `force[0] [N]`."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+import os
+from collections.abc import Iterator
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+from palpate.launch.load.extras import install
+from palpate.messages import Field, Message, fields
+from palpate.messages.fields import Shape
+from palpate.records.reader import Recording, RecordingError
+
+ROWS = 4096  # of a Parquet row group
+TIME = "time [s]"
+
+
+def write_csv(recording: Recording, folder: Path, streams: tuple[str, ...], every: int | None = None) -> list[Path]:
+    """A file per stream: tick, time [s], `used` (the ticks of its inputs), then each number in a column of its own.
+    Arrays, whose length changes, stand in a file for each of their lengths, `tissue-k.csv`: one row an element, with
+    the tick of its message."""
+    folder.mkdir(parents=True, exist_ok=True)
+    paths = []
+    for name in streams:
+        layout = Layout(recording, name, every)
+        path = folder / f"{name}.csv"
+        with open(path, "w", newline="") as file:
+            writer = csv.writer(file)
+            writer.writerow(layout.columns())
+            writer.writerows(map(layout.cells, layout.messages()))
+        paths.append(path)
+        for length, arrays in layout.filled.items():
+            path = folder / f"{name}-{length}.csv"
+            with open(path, "w", newline="") as file:
+                writer = csv.writer(file)
+                writer.writerow(["tick", TIME, length, *(c for field in arrays for c in layout.titles(field))])
+                for message in layout.messages():
+                    writer.writerows(layout.elements(message, arrays))
+            paths.append(path)
+    return paths
+
+
+class Layout:
+    """Which columns the messages of a stream have; found by going through them once.
+
+    plain   fields of one number or a short vector
+    arrays  the others, by the letter of their length;  filled  those of them that have an element in some message
+    width   columns of each field
+    """
+
+    def __init__(self, recording: Recording, name: str, every: int | None) -> None:
+        self._recording, self._name, self._every = recording, name, every or 1
+        declared = fields(recording.streams[name].type)
+        self.plain = [field for field in declared if field.dtype is None]
+        self.arrays: dict[str, list[Field]] = {}
+        for field in declared:
+            if field.dtype is not None:
+                self.arrays.setdefault(str(field.shape[0]), []).append(field)
+        self.width = {field.name: _fixed(field.shape if field.dtype is None else field.shape[1:]) for field in declared}
+        open_ = [field for field in declared if self.width[field.name] is None]
+        self.inputs = 0
+        filled: set[str] = set()
+        for message in self.messages():
+            self.inputs = max(self.inputs, len(message.used))
+            for field in open_:
+                value = getattr(message, field.name)
+                size = len(value) if field.dtype is None else value.size // max(len(value), 1)
+                self.width[field.name] = max(self.width[field.name] or 0, size)
+            filled.update(k for k, group in self.arrays.items() if any(len(getattr(message, f.name)) for f in group))
+        self.filled = {length: group for length, group in self.arrays.items() if length in filled}
+
+    def messages(self) -> Iterator[Message]:
+        """Those that are exported."""
+        for index, message in enumerate(self._recording.messages(self._name)):
+            if not index % self._every:
+                yield message
+
+    def titles(self, field: Field) -> list[str]:
+        """Of the columns of a field."""
+        if not (field.shape if field.dtype is None else field.shape[1:]):
+            return [field.label]
+        return [f"{field.name}[{i}] [{field.unit}]" for i in range(self.width[field.name] or 0)]
+
+    def columns(self) -> list[str]:
+        """Of the table with one row a message."""
+        used = [f"used[{i}]" for i in range(self.inputs)]
+        return ["tick", TIME, *used, *(c for field in self.plain for c in self.titles(field))]
+
+    def cells(self, message: Message) -> list[Any]:
+        """The row of a message; None where it has no such element."""
+        row: list[Any] = [message.tick, message.time / 1e9, *_filled(message.used, self.inputs)]
+        for field in self.plain:
+            value = getattr(message, field.name)
+            row += _filled(value, self.width[field.name] or 0) if field.shape else [value]
+        return row
+
+    def elements(self, message: Message, arrays: list[Field]) -> Iterator[list[Any]]:
+        """The rows of the arrays of a message."""
+        parts = []
+        for field in arrays:
+            value = getattr(message, field.name)
+            rows = value.reshape(len(value), -1).tolist() if len(value) else []
+            parts.append((rows, self.width[field.name] or 0))
+        for k in range(max(len(rows) for rows, _ in parts)):
+            own = [x for rows, width in parts for x in _filled(rows[k] if k < len(rows) else (), width)]
+            yield [message.tick, message.time / 1e9, k, *own]
+
+
+def _fixed(shape: Shape) -> int | None:
+    """How many numbers a shape has; None where the messages tell."""
+    known = [size for size in shape if isinstance(size, int)]
+    return math.prod(known) if len(known) == len(shape) else None
+
+
+def _filled(values: Any, width: int) -> list[Any]:
+    return [*values, *([None] * (width - len(values)))]
+
+
+def write_parquet(recording: Recording, folder: Path, streams: tuple[str, ...], every: int | None = None) -> list[Path]:
+    """A file per stream with the columns of the CSV, and arrays as nested lists, `displacement [m]`: names and units
+    reach pandas as they are. Unit, type and the run's provenance stand in the metadata as well. Rows are written in
+    groups, so that no stream has to fit into memory."""
+    try:
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+    except ImportError:
+        raise RecordingError(f"Parquet needs the package pyarrow: {install('export')}") from None
+    folder.mkdir(parents=True, exist_ok=True)
+    paths = []
+    for name in streams:
+        kind = recording.streams[name].type
+        layout = Layout(recording, name, every)
+        arrays = [field for group in layout.arrays.values() for field in group]
+        metadata = {"stream": name, "type": kind.__name__, "about": json.dumps(recording.about)}
+        schema = pa.schema([
+            pa.field("tick", pa.int64()),
+            pa.field(TIME, pa.float64(), metadata={"unit": "s"}),
+            *(pa.field(f"used[{i}]", pa.int64()) for i in range(layout.inputs)),
+            *(pa.field(c, _number(pa, f), metadata={"unit": f.unit}) for f in layout.plain for c in layout.titles(f)),
+            *(pa.field(f.label, _nested(pa, f), metadata={"unit": f.unit}) for f in arrays),
+        ], metadata=metadata)  # fmt: skip
+        path = folder / f"{name}.parquet"
+        part = path.with_name(path.name + ".part")
+        with pq.ParquetWriter(part, schema, compression="zstd") as writer:
+            for rows in batched(layout.messages(), ROWS):
+                cells = [[*layout.cells(m), *(getattr(m, f.name).tolist() for f in arrays)] for m in rows]
+                columns = zip(*cells, strict=True)
+                writer.write_table(
+                    pa.table([pa.array(x, type=f.type) for x, f in zip(columns, schema, strict=True)], schema=schema)
+                )
+        os.replace(part, path)
+        paths.append(path)
+    return paths
+
+
+def batched(messages: Iterator[Message], size: int) -> Iterator[list[Message]]:
+    """Groups of `size`, the last one shorter."""
+    while rows := list(islice(messages, size)):
+        yield rows
+
+
+def _number(pa: Any, field: Field) -> Any:
+    """The Arrow type of one number of a field."""
+    kind = next((t for t in (bool, int, float) if t is field.type or t in getattr(field.type, "__args__", ())), str)
+    return {bool: pa.bool_(), int: pa.int64(), float: pa.float64(), str: pa.string()}[kind]
+
+
+def _nested(pa: Any, field: Field) -> Any:
+    """The Arrow type of an array."""
+    element = pa.from_numpy_dtype(field.dtype)
+    for size in reversed(field.shape):
+        element = pa.list_(element, size) if isinstance(size, int) else pa.list_(element)
+    return element

@@ -1,0 +1,80 @@
+"""A series of surfaces for ParaView: PolyData with displacement per recorded instant, with .pvd and .vtp.series."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from palpate.launch.load.extras import install
+from palpate.messages import Surface
+from palpate.records.export.shape import Pace, displaced, rest_shape
+from palpate.records.reader import Recording, RecordingError
+
+
+def write_vtk(recording: Recording, folder: Path, streams: tuple[str, ...], every: int | None = None) -> list[Path]:
+    """Per stream of `Surface`: PolyData files (.vtp, compressed) with point data `displacement` [m], and a .pvd that
+    gives ParaView the times: 30 surfaces a second, or each n-th message. While nothing moves, instants share one file.
+    The rest shape is the mesh of the node that sends the stream.
+
+    RecordingError: no stream of `Surface`, its node has no mesh, or pyvista is missing.
+    """
+    try:
+        import pyvista as pv
+    except ImportError:
+        raise RecordingError(f"VTK needs the package pyvista: {install('view')}") from None
+    chosen = [name for name in streams if issubclass(recording.streams[name].type, Surface)]
+    if not chosen:
+        raise RecordingError(f"{recording.path}: none of its streams ({', '.join(streams)}) holds a deformed surface")
+    folder.mkdir(parents=True, exist_ok=True)
+    paths: list[Path] = []
+    for name in chosen:
+        rest = rest_shape(recording, name)
+        rest_points = rest[0].astype(np.float32)
+        faces = np.hstack([np.full((len(rest[1]), 1), 3), rest[1]]).ravel()
+        pace, before = Pace(every), None
+        times: list[tuple[float, str]] = []
+        for message in recording.messages(name):
+            if not isinstance(message, Surface) or not pace.shows(message.time):
+                continue
+            moved = displaced(recording, name, message, rest[0])
+            if before is None or not np.array_equal(moved, before):
+                before = moved
+                surface = pv.PolyData(rest_points + moved.astype(np.float32), faces)
+                surface.point_data["displacement"] = moved
+                path = folder / f"{name}-{len(times):06d}.vtp"
+                _save(surface, path)
+                paths.append(path)
+            times.append((message.time / 1e9, paths[-1].name))
+        paths += _series(folder, name, times)
+    return paths
+
+
+def _save(surface: Any, path: Path) -> None:
+    """Raw blocks, compressed: half of the size that VTK writes by itself, whose blocks are text."""
+    from vtkmodules.vtkIOXML import vtkXMLPolyDataWriter
+
+    writer = vtkXMLPolyDataWriter()
+    writer.SetInputData(surface)
+    writer.SetFileName(str(path))
+    writer.SetDataModeToAppended()
+    writer.EncodeAppendedDataOff()
+    writer.SetCompressorTypeToZLib()
+    writer.SetCompressionLevel(6)
+    writer.Write()
+
+
+def _series(folder: Path, name: str, times: list[tuple[float, str]]) -> list[Path]:
+    """The two files by which ParaView knows the times."""
+    lines = [f'    <DataSet timestep="{time!r}" part="0" file="{file}"/>' for time, file in times]
+    head = (
+        '<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1" byte_order="LittleEndian">\n  <Collection>\n'
+    )
+    pvd = folder / f"{name}.pvd"
+    pvd.write_text(head + "\n".join(lines) + "\n  </Collection>\n</VTKFile>\n")
+    series = folder / f"{name}.vtp.series"
+    files = [{"name": file, "time": time} for time, file in times]
+    series.write_text(json.dumps({"file-series-version": "1.0", "files": files}, indent=1))
+    return [pvd, series]

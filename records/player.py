@@ -1,0 +1,254 @@
+"""Running the nodes of a plan again on what a recording holds.
+
+A node that was recorded steps at the ticks of its own recorded messages, at their times, and takes of each input the
+message of the tick that their `used` names. So late, held, lost and absent messages of a live run come again
+exactly, whatever the placement was. A node that was not recorded, or that steps at other ticks than it did, follows the
+rules of simulated time.
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Iterable
+
+import msgspec
+
+from palpate.engine.force_path import force_path
+from palpate.engine.imports import UntrustedError, check_trusted, recorded_class
+from palpate.engine.plan import Plan
+from palpate.engine.schedule import needed
+from palpate.engine.slot import Input, NodeFault, Slot
+from palpate.launch.run.assign import node_job
+from palpate.messages import Message, MessageError, pack, unpack
+from palpate.nodes.base import Node, SettingError, inputs
+from palpate.records.history import History
+from palpate.records.reader import Recording, RecordingError
+
+
+class Head(msgspec.Struct, frozen=True):
+    """The part of a header that a replay follows."""
+
+    tick: int
+    time: int
+    used: tuple[int, ...]
+
+
+_HEAD = msgspec.msgpack.Decoder(Head)
+
+
+def head_of(payload: bytes) -> Head:
+    """The header of a message in its wire form."""
+    return _HEAD.decode(payload)
+
+
+class MissingInput(Exception):
+    """A node was computed from a message that the recording does not hold, which matters where every byte counts."""
+
+
+class _Part:
+    """One running node: its slot, and how its inputs are found."""
+
+    def __init__(self, plan: Plan, name: str, path: set[str], recorded: Plan) -> None:
+        job = node_job(plan, name, path)
+        self.name = name
+        try:
+            self.slot = Slot(job, plan.make(name), {})
+            self.slot.wire({})
+        except (NodeFault, SettingError, TypeError) as error:
+            raise RecordingError(
+                f"node {name!r} ({job.cls}) no longer fits the recording: {error}. "
+                "Its streams can still be played (--only the others), read and exported."
+            ) from None
+        self.streams = job.streams
+        self.as_recorded = _every(recorded, name) in (None, job.every)
+        """Whether it steps when it did; else, and where it was not recorded, when simulated time says."""
+        self.places = self._places(recorded)
+        """Of each input the place of its tick in `used`; None where the recorded node read something else there."""
+        self.broken: str | None = None
+
+    def _places(self, recorded: Plan) -> list[int | None]:
+        spec = recorded.graph.nodes.get(self.name)
+        if spec is None or self.name not in recorded.edges or not self.as_recorded:
+            return [None] * len(self.slot.inputs)
+        edges = {edge.port: edge.stream for edge in recorded.edges[self.name]}
+        order = [port.name for port in inputs(spec.cls)]
+        return [
+            order.index(port.port.name)
+            if port.port.name in order
+            and edges.get(port.port.name, "") == port.stream
+            and (port.dead or _every(recorded, port.producer) == port.every)
+            else None
+            for port in self.slot.inputs
+        ]
+
+    def forget_new_inputs(self, count: int) -> None:
+        """Leave out inputs beyond the first `count`, which the class has gained since the recording was made: nothing
+        is connected there, `step` has a default, and `used` had no place for them."""
+        ports = self.slot.inputs
+        if len(ports) <= count:
+            return
+        parameters = inspect.signature(type(self.slot.node).step).parameters
+        while len(ports) > count and ports[-1].dead:
+            if parameters[ports[-1].port.name].default is inspect.Parameter.empty:
+                break
+            ports.pop()
+
+
+class Player:
+    """Nodes of a plan that run on a recording.
+
+    plan     whose nodes run: the recorded one, the recorded one with other settings, or another one
+    running  names of those nodes; the streams of the others are played
+    live     whether a running node hears what the other running nodes compute now (True), or what was recorded (False)
+
+    RecordingError: a node that no longer fits, or that needs a stream which is neither played nor computed.
+    """
+
+    def __init__(self, recording: Recording, plan: Plan, running: Iterable[str], live: bool) -> None:
+        self.recording, self.plan, self.live = recording, plan, live
+        self.recorded = plan_of(recording)
+        chosen = {name for name in running if not plan.graph.nodes[name].cls.hardware}  # a replay moves no device
+        path = force_path(plan)
+        self.parts = [_Part(plan, name, path, self.recorded) for name in plan.order if name in chosen]
+        self.computed = {stream for part in self.parts for stream in part.streams} if live else set()
+        self.played = {name: s.type for name, s in recording.streams.items() if name not in self.computed}
+        self.history: dict[str, History] = {}
+        for part in self.parts:
+            for index, port in enumerate(part.slot.inputs):
+                if port.dead:
+                    continue
+                self.history.setdefault(port.stream, History()).readers[(part.name, index)] = -1
+                self._check_input(part, port)
+        self.kinds = {s: kind for s, kind in self.played.items() if s in self.history}
+        self.substituted = 0
+        """Inputs for which the message before had to stand in, because the recording lost the step that sent them."""
+        self.restarts = {name: list(ticks) for name, ticks in recording.restarted.items()}
+
+    def _check_input(self, part: _Part, port: Input) -> None:
+        stream = self.recording.streams.get(port.stream)
+        if port.stream in self.computed or (stream is not None and (stream.thin == 1 or not self.live)):
+            return
+        if not self.live:
+            part.broken = f"stream {port.stream!r}, which it reads, was left out of the recording"
+            return
+        what = "was left out of the recording" if stream is None else "was thinned out"
+        raise RecordingError(
+            f"node {part.name!r} reads the stream {port.stream!r}, which {what}. Let {port.producer!r} run as well "
+            f"(--only ... {port.producer}), or replay the whole graph."
+        )
+
+    def start(self) -> None:
+        """Start all nodes. NodeFault: one raised."""
+        for part in self.parts:
+            part.slot.start()
+
+    def stop(self) -> None:
+        """Stop all nodes."""
+        for part in self.parts:
+            part.slot.node.stop()
+
+    def hear(self, tick: int, payloads: dict[str, bytes]) -> None:
+        """Take the recorded messages of one tick. RecordingError: bytes that do not fit their type."""
+        for stream, kind in self.kinds.items():
+            payload = payloads.get(stream)
+            if payload is not None:
+                try:
+                    message = unpack(payload, kind)
+                except MessageError as error:
+                    raise RecordingError(f"{self.recording.path}: stream {stream!r}, tick {tick}: {error}") from None
+                self.history[stream].add(message)
+
+    def step(self, tick: int, payloads: dict[str, bytes]) -> dict[str, bytes]:
+        """Run all nodes that step at this tick; what they send, in its wire form. NodeFault: one raised."""
+        self.hear(tick, payloads)
+        now = min((_HEAD.decode(payload).time for payload in payloads.values()), default=0)
+        sent = {}
+        for part in self.parts:
+            if self.step_one(part, tick, payloads, now):
+                for output in part.slot.outputs:
+                    assert output.last is not None
+                    sent[output.stream] = pack(output.last)
+                    if self.live and output.stream in self.history:
+                        self.history[output.stream].add(output.last)
+        return sent
+
+    def step_one(self, part: _Part, tick: int, payloads: dict[str, bytes], now: int) -> bool:
+        """Run one node, if it steps at this tick. MissingInput, NodeFault."""
+        own = next((payloads[s] for s in part.streams if s in payloads), None) if part.as_recorded else None
+        head = None
+        if own is not None:
+            head = _HEAD.decode(own)
+            part.forget_new_inputs(len(head.used))
+        elif self._was_recorded(part) or tick % part.slot.every:
+            return False
+        messages: list[Message | None] = []
+        for index, port in enumerate(part.slot.inputs):
+            message = self._input(part, index, port, tick, head)
+            drives = head is None and port is part.slot.driver
+            if message is None and (drives or not port.port.optional):
+                return False
+            messages.append(message)
+        if head is None and messages and messages[0] is not None and messages[0].tick == tick:
+            now = messages[0].time
+        self._restart(part, tick)
+        part.slot.step(tick, head.time if head else now, messages, part.slot.every / self.plan.graph.rate)
+        return True
+
+    def _was_recorded(self, part: _Part) -> bool:
+        """Whether each of its steps can be seen in the file, and is to come again."""
+        if not part.as_recorded:
+            return False
+        streams = [self.recording.streams.get(s) for s in part.streams]
+        return any(stream is not None and stream.thin == 1 for stream in streams)
+
+    def _input(self, part: _Part, index: int, port: Input, tick: int, head: Head | None) -> Message | None:
+        if port.dead:
+            return None
+        history, reader = self.history[port.stream], (part.name, index)
+        place = part.places[index]
+        if head is not None and place is not None and place < len(head.used):
+            wanted = head.used[place]
+            if wanted < 0:
+                return None
+            message = history.at(wanted, reader)
+            if message is None and not self.live:
+                raise MissingInput(f"{port.stream!r} of tick {wanted}")
+            if message is None:
+                self.substituted += 1
+                message = history.newest(wanted, reader)
+            return message
+        limit = needed(tick, port.every, port.loop)
+        return None if limit < 0 else history.newest(limit, reader)
+
+    def _restart(self, part: _Part, tick: int) -> None:
+        """Where the node was started again in the run, with a new state, so it is here."""
+        due = self.restarts.get(part.name)
+        if due and tick >= due[0]:
+            due.pop(0)
+            part.slot.restart()
+
+
+def _every(plan: Plan, node: str) -> int | None:
+    """At every how many ticks a node of a plan steps; None: it has no such node."""
+    spec = plan.graph.nodes.get(node)
+    return None if spec is None else spec.every
+
+
+def plan_of(recording: Recording) -> Plan:
+    """The plan that a recording was made with. RecordingError: a class that is not there any more."""
+    from palpate.launch.load.graph import GraphError
+
+    try:
+        spec = recording.about["plan"]
+        check_trusted(*(str(node["class"]).rpartition(".")[0] for node in spec["nodes"]))
+        planned = Plan.from_spec(spec, lambda name: recorded_class(name, Node))
+        for name in planned.order:
+            if planned.graph.nodes[name].observer:
+                raise ValueError(f"{name!r} listens and does not run")
+    except (GraphError, UntrustedError) as error:
+        raise RecordingError(f"{recording.path}: {error}. `palpate info` reads the file without it.") from None
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise RecordingError(
+            f"{recording.path}: its plan cannot be read ({error!r}); `palpate replay --graph GRAPH` needs none"
+        ) from None
+    return planned

@@ -1,0 +1,173 @@
+"""Replaying a recording: some nodes run, the others are played, at the times of the recorded messages."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterator
+from pathlib import Path
+
+from palpate.engine.clock import now, sleep_until
+from palpate.engine.imports import full_name
+from palpate.engine.job import ObserverJob, StreamJob
+from palpate.engine.plan import Plan
+from palpate.engine.provenance import about
+from palpate.engine.slot import ObserverSlot
+from palpate.messages import Health
+from palpate.nodes.base import Observer, Stream
+from palpate.nodes.logger import Mcap
+from palpate.records.changed import sources
+from palpate.records.instants import instants
+from palpate.records.player import Player, head_of
+from palpate.records.reader import Recording, RecordingError
+from palpate.records.verify import NodeReport, compare_one
+
+Shown = Callable[[int, int, dict[str, bytes]], bool]
+"""Called at each instant with tick, time [ns] and the messages by stream; False ends the replay."""
+
+
+class Replay:
+    """A recording that is played again.
+
+    plan   the recorded one, a changed one, or another one (see `changed`)
+    only   nodes that run; None: all but the sources, whose recorded states drive the graph
+    speed  multiple of real time, None: as fast as the machine allows
+    begin, end  [s] of the recording to show. What comes before `begin` is computed, too, so that the nodes are in the
+           state that they had; it is neither paced nor shown
+    out    file for a recording of the replay
+
+    After `run`, `reports` holds of each running node how its messages compare with the recorded ones.
+
+    RecordingError: a stream that is needed is not there.
+    """
+
+    def __init__(
+        self,
+        recording: Recording,
+        plan: Plan,
+        *,
+        only: Collection[str] | None = None,
+        speed: float | None = None,
+        begin: float = 0.0,
+        end: float | None = None,
+        out: Path | None = None,
+    ) -> None:
+        self.recording, self.plan, self.speed = recording, plan, speed
+        self.begin, self.end = begin, end
+        if only is None:
+            paced = sources(recording, plan)
+            self.running = [name for name in plan.order if name not in paced]
+        else:
+            self.running = list(only)
+            for name in only:
+                if name not in plan.order:
+                    raise RecordingError(f"there is no running node {name!r}; nodes: {', '.join(plan.order)}")
+        self.present = recording.ticks()
+        self.observers = [] if out is None else [self._logger(out)]
+        self.observers += self._viewers()
+        self.producers = {s: name for name in plan.order for s in plan.graph.nodes[name].streams}
+        self.reports: dict[str, NodeReport] = {}
+        self.player: Player | None = None
+        self.seconds = self.wall = 0.0
+
+    def run(self, shown: Shown = lambda tick, time, messages: True) -> None:
+        """Play once. NodeFault: a node raised."""
+        player = self.player = Player(self.recording, self.plan, self.running, live=True)
+        reports = self.reports = {part.name: NodeReport() for part in player.parts}
+        scales: dict[tuple[str, str], float] = {}
+        begun, first, time = now(), None, 0
+        player.start()
+        for observer in self.observers:
+            observer.node.start()
+        sent_by = dict.fromkeys(self.plan.order, 0)
+        begins = {name: list(ticks) for name, ticks in self.recording.restarted.items()}
+        since: dict[str, int] = {}
+        try:
+            for tick, payloads in instants(self.recording, self.present):
+                time = head_of(next(iter(payloads.values()))).time
+                if self.end is not None and time > self.end * 1e9:
+                    break
+                sent = player.step(tick, payloads)
+                for part in player.parts:
+                    for output in part.slot.outputs:
+                        if output.stream in sent and output.stream in payloads and output.last is not None:
+                            report = reports[part.name]
+                            report.checked += 1
+                            compare_one(report, output.stream, payloads[output.stream], output.last, 0.0, scales)
+                if time < self.begin * 1e9:
+                    continue
+                if first is None:
+                    first, begun = time, now()
+                    for observer in self.observers:
+                        observer.node.begun(begun - first)
+                if self.speed is not None:
+                    sleep_until(begun + round((time - first) / self.speed))
+                for name, ticks in begins.items():
+                    while ticks and tick >= ticks[0]:
+                        self._tell(name, 0, since.setdefault(name, 0))
+                        since[name] = ticks.pop(0)
+                        sent_by[name] = 0
+                        self._tell(name, 0, since[name])
+                played = {s: payload for s, payload in payloads.items() if s not in player.computed}
+                self._show(tick, played | sent, sent_by)
+                if not shown(tick, time, played | sent):
+                    break
+        finally:
+            self.seconds = (time - first) * 1e-9 if first is not None else 0.0
+            self.wall = (now() - begun) * 1e-9
+            player.stop()
+            for name, count in sent_by.items():
+                if count:
+                    self._tell(name, count, since.get(name, 0))
+            for observer in self.observers:
+                observer.node.stop()
+
+    def _show(self, tick: int, messages: dict[str, bytes], sent_by: dict[str, int]) -> None:
+        """Give the messages of one tick to the observers, and count what each node has sent."""
+        for name in {self.producers[stream] for stream in messages if stream in self.producers}:
+            sent_by[name] += 1
+        for observer in self.observers:
+            for stream, payload in messages.items():
+                if stream in observer.streams:
+                    observer.observe(stream, tick, payload)
+
+    def _tell(self, node: str, steps: int, since: int) -> None:
+        """What a worker would tell the observers of a node: since which tick it runs and how much it has sent."""
+        message = Health(
+            source=node,
+            since=since,
+            steps=steps,
+            late=0,
+            lost=0,
+            held=0,
+            state="replayed",
+            median=0.0,
+            p99=0.0,
+            longest=0.0,
+            age=0.0,
+        )
+        for observer in self.observers:
+            observer.node.health(message)
+
+    def _streams(self) -> Iterator[Stream]:
+        graph = self.plan.graph
+        for name in self.plan.order:
+            for stream, kind in graph.nodes[name].streams.items():
+                if name in self.running or stream in self.recording.streams:
+                    yield Stream(stream, kind, name, graph.nodes[name].every)
+
+    def _logger(self, out: Path) -> ObserverSlot:
+        if out.exists() and out.samefile(self.recording.path):
+            raise RecordingError(f"{out} is the file that is replayed; name another one")
+        return self._listening("log", Mcap(path=str(out)), list(self._streams()))
+
+    def _viewers(self) -> Iterator[ObserverSlot]:
+        """Observers of the graph other than loggers: what is felt again can be seen again."""
+        for name, heard in self.plan.observers.items():
+            node = self.plan.make(name)
+            if isinstance(node, Observer) and not isinstance(node, Mcap):
+                yield self._listening(name, node, [s for s in self._streams() if s.name in heard])
+
+    def _listening(self, name: str, node: Observer, streams: list[Stream]) -> ObserverSlot:
+        provenance = about(self.plan, clock="replay", replay_of=str(self.recording.path), running=self.running)
+        node.listen(tuple(streams), provenance)
+        jobs = {s.name: StreamJob(full_name(s.type), s.producer, s.every) for s in streams}
+        return ObserverSlot(ObserverJob(name, full_name(type(node)), {}, jobs), node)

@@ -1,0 +1,226 @@
+"""`--organ`: a mesh file in place of the scene's organ, told what is wrong with it, mended, and touched."""
+
+import json
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from palpate.launch.__main__ import app
+from palpate.launch.load.launchfile import find
+from palpate.launch.load.organ import Organ, OrganError, with_organ
+from palpate.launch.load.repair import repaired
+from palpate.nodes.base.mesh_file import flaws
+from palpate.nodes.base.surface import surface_mesh
+from palpate.physics.geometry.heights import heights, summit
+from palpate.physics.geometry.mesh import Mesh, plane
+from palpate.records.samples import Run
+
+trimesh = pytest.importorskip("trimesh")
+
+SCANNER = np.array([30.0, -200.0, 1150.0])
+"""[mm] Where a liver lies in a scanner's coordinates."""
+
+
+def ball(radius=1.0, subdivisions=3, centre=(0.0, 0.0, 0.0)):
+    mesh = trimesh.creation.icosphere(subdivisions=subdivisions, radius=radius)
+    mesh.apply_translation(centre)
+    return mesh
+
+
+def liver(subdivisions=3):
+    """Closed, 200 x 130 x 85 mm: a thick right lobe and a thin left one."""
+    mesh = ball(subdivisions=subdivisions)
+    x, y, z = mesh.vertices.T
+    thick = 1.0 - 0.35 * x
+    vertices = np.stack([100.0 * x, 65.0 * y * np.sqrt(thick), 42.0 * z * thick], axis=1) + SCANNER
+    return trimesh.Trimesh(vertices, mesh.faces, process=False)
+
+
+def opened():
+    """Its underside cut away."""
+    mesh = liver()
+    return trimesh.Trimesh(mesh.vertices, mesh.faces[mesh.triangles_center[:, 2] > SCANNER[2] - 20.0], process=False)
+
+
+def inside_out():
+    return trimesh.Trimesh(liver().vertices, liver().faces[:, ::-1], process=False)
+
+
+def half_turned():
+    faces = liver().faces.copy()
+    faces[::3] = faces[::3, ::-1]
+    return trimesh.Trimesh(liver().vertices, faces, process=False)
+
+
+def crossing():
+    """Two balls that overlap, as two segments of a scan do."""
+    return trimesh.util.concatenate([ball(40.0, 1), ball(30.0, 1, (35.0, 0.0, 0.0))])
+
+
+def saved(folder, mesh, name="liver.stl"):
+    mesh.export(folder / name)
+    return folder / name
+
+
+def bare(mesh):
+    return Mesh(np.array(mesh.vertices) * 1e-3, np.array(mesh.faces, dtype=np.int32))
+
+
+def test_heights_are_those_of_the_highest_triangle_above_a_place():
+    flat = plane(0.1, 400)
+    tilted = Mesh(flat.vertices @ np.array([[1.0, 0, 0.5], [0, 1, -0.2], [0, 0, 1]]), flat.triangles)
+    both = Mesh(
+        np.concatenate([tilted.vertices, flat.vertices - (0, 0, 1.0)]),
+        np.concatenate([tilted.triangles, flat.triangles[:, ::-1] + len(flat.vertices)]),
+    )
+    places = np.array([[0.01, 0.02], [-0.05, 0.05], [0.033, -0.041], [0.051, 0.0]])
+    found = heights(both, places)
+    assert found[:3] == pytest.approx((places @ [0.5, -0.2])[:3], abs=1e-12)
+    assert np.isnan(found[3])
+
+
+def test_the_top_has_room_for_a_finger():
+    """A spike stands higher, and is none."""
+    body, spike = bare(ball(50.0)), bare(ball(1.0, 1, (20.0, 0.0, 60.0)))
+    both = Mesh(
+        np.concatenate([body.vertices, spike.vertices]),
+        np.concatenate([body.triangles, spike.triangles + len(body.vertices)]),
+    )
+    assert both.vertices[:, 2].max() > 0.06
+    assert summit(both, 8e-3) == pytest.approx([0.0, 0.0, 0.05], abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("make", "text"),
+    [
+        (opened, "is open"),
+        (inside_out, "is inside out: all of its 1280 triangles face inwards"),
+        (half_turned, "is partly inside out: 427 of its 1280 triangles"),
+        (crossing, "intersects itself, first seen at"),
+    ],
+)
+def test_a_flaw_is_told_in_one_line_and_repair_removes_it(tmp_path, make, text):
+    file = saved(tmp_path, make())
+    (line,) = flaws(str(file))
+    assert text in line and str(file) in line and "\n" not in line
+    mended, done = repaired(Organ(file, "mm"))
+    assert done and mended.file != file and mended.unit == "m"
+    assert flaws(str(mended.file)) == []
+    volume = 1e9 * trimesh.load(mended.file).volume
+    # of the two balls the part that they share counts once
+    assert 0.8 * abs(make().volume) < volume < 1.1 * abs(liver().volume if make is not crossing else make().volume)
+
+
+def test_a_sound_mesh_is_told_nothing_and_left_alone(tmp_path):
+    organ = Organ(saved(tmp_path, liver()), "mm")
+    assert flaws(str(organ.file)) == []
+    assert repaired(organ) == (organ, [])
+
+
+def test_edges_of_three_triangles_are_mended(tmp_path):
+    """A flap in the middle of a ball."""
+    mesh = ball(40.0, 1)
+    a, b = mesh.faces[0][:2]
+    vertices = np.concatenate([mesh.vertices, [[0.0, 0.0, 0.0]]])
+    file = saved(
+        tmp_path, trimesh.Trimesh(vertices, np.concatenate([mesh.faces, [[a, b, len(vertices) - 1]]]), process=False)
+    )
+    mended, _ = repaired(Organ(file, "mm"))
+    assert flaws(str(mended.file)) == []
+
+
+@pytest.mark.parametrize(("scale", "unit"), [(1.0, "mm"), (1e-3, "m")])
+def test_the_only_plausible_unit_is_taken(tmp_path, scale, unit):
+    mesh = liver()
+    mesh.apply_scale(scale)
+    assert Organ.of(saved(tmp_path, mesh), None).unit == unit
+
+
+@pytest.mark.parametrize(
+    ("across", "unit", "text"),
+    [
+        (200.0, "m", r"in m it is 2e\+05 mm across.*--unit mm \(200 mm across\)"),
+        (0.2, "mm", r"in mm it is 0.2 mm across.*--unit m \(200 mm across\)"),
+        (11.0, None, r"fits? several: --unit cm \(110 mm across\) or --unit mm \(11 mm across\)"),
+        (5e4, None, "an organ in no unit"),
+        (200.0, "inch", "'inch', expected one of m, cm, mm"),
+    ],
+)
+def test_a_wrong_or_missing_unit_names_those_that_fit(tmp_path, across, unit, text):
+    file = saved(tmp_path, ball(across / 2, 1))
+    with pytest.raises(OrganError, match=text) as caught:
+        Organ.of(file, unit)
+    assert "\n" not in str(caught.value)
+
+
+def test_the_kidney_itself_as_a_file_is_touched_as_before(tmp_path):
+    mesh = surface_mesh("kidney", 3000)
+    far = trimesh.Trimesh(mesh.vertices * 1e3 + SCANNER, mesh.triangles, process=False)
+    launch = find("kidney")
+    changed, _ = with_organ(launch, Organ(saved(tmp_path, far, "kidney.stl"), "mm"))
+    before, after = (one.load().nodes["device"].settings for one in (launch, changed))
+    for old, new in zip(before["path"], after["path"], strict=True):
+        if old["to"] is not None:
+            assert new["to"] == pytest.approx(old["to"], abs=2e-3)
+        assert (old["time"], old["hold"]) == (new["time"], new["hold"])
+
+
+def test_a_small_ball_gets_a_narrower_path_that_stays_on_it(tmp_path):
+    launch, text = with_organ(find("kidney"), Organ(saved(tmp_path, ball(20.0)), "mm"))
+    graph = launch.load()
+    surface, hand = graph.scene["surface"], graph.scene["hand"]
+    points = np.array([hand["begin"], *(s["to"] for s in hand["path"] if "to" in s)])
+    placed = surface_mesh(surface["surface"], 0, tuple(surface["position"]), file_unit="mm")
+    assert 0.002 < np.abs(points[:, 0]).max() < 0.02
+    assert np.isfinite(heights(placed, points[:, :2])).all()
+    assert "% as wide as on kidney" in text
+
+
+def test_the_rotation_of_the_scene_is_kept(tmp_path):
+    launch = find("kidney").but(overrides=("scene.surface.rotation=[0, 1.5707963, 0]",))
+    changed, text = with_organ(launch, Organ(saved(tmp_path, liver()), "mm"))
+    surface = changed.load().scene["surface"]
+    placed = surface_mesh(surface["surface"], 0, tuple(surface["position"]), tuple(surface["rotation"]), "mm")
+    # the thin lobe, at +x, lies below; what was the left end is the top now
+    assert np.ptp(placed.vertices, axis=0)[2] == pytest.approx(0.2, abs=1e-3)
+    assert placed.vertices[:, 2].max() == pytest.approx(0.105, abs=1e-3)
+    assert "200 mm" in text.split(";")[0]
+
+
+def test_a_graph_without_a_surface_is_refused(tmp_path):
+    with pytest.raises(OrganError, match=r"softness has no scene\.surface"):
+        with_organ(find("softness"), Organ(saved(tmp_path, liver()), "mm"))
+
+
+def run(*words):
+    return CliRunner().invoke(app, [str(w) for w in words])
+
+
+def test_one_command_from_a_mesh_to_a_touch(tmp_path, monkeypatch):
+    """The hand presses as deep into the liver as into the kidney; a flaw of the file is among the notes."""
+    monkeypatch.chdir(tmp_path)
+    saved(tmp_path, inside_out())
+    common = ["--fused", "--duration", "1 s", "--json", "--no-pictures"]
+    outcome = run("run", "kidney", "--organ", "liver.stl", "--unit", "mm", "--out", "own", *common)
+    assert outcome.exit_code == 0, outcome.output
+    data = json.loads(outcome.stdout)
+    assert any("inside out" in note for note in data["notes"]) and any("its top lies" in note for note in data["notes"])
+    assert run("run", "kidney", "--out", "shipped", *common).exit_code == 0
+    own, shipped = Run(tmp_path / "own" / "liver.mcap"), Run(tmp_path / "shipped" / "kidney.mcap")
+    force, expected = (np.asarray(one.contact.force).max() for one in (own, shipped))
+    assert force == pytest.approx(expected, rel=0.05) and expected > 1.0
+
+
+def test_unit_and_repair_need_an_organ():
+    assert "--organ FILE" in run("run", "kidney", "--unit", "mm").output
+    assert "--organ FILE" in run("run", "kidney", "--repair").output
+
+
+def test_the_unit_of_a_file_is_a_value_of_the_scene(tmp_path):
+    """What the message about an implausible size suggests can be typed."""
+    file = saved(tmp_path, liver())
+    launch = find("kidney").but(
+        overrides=(f"scene.surface.surface={file}", "collision.use=collision.Mesh", "scene.surface.file_unit=mm")
+    )
+    assert launch.load().nodes["collision"].settings["file_unit"] == "mm"

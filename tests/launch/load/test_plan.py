@@ -1,0 +1,285 @@
+"""What runs, in which order, and why the rest does not; placements and launch files."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from palpate.engine.faults import GraphError
+from palpate.engine.plan import Plan, plan
+from palpate.launch.load.draw import mermaid
+from palpate.launch.load.graph import load
+from palpate.launch.load.launchfile import LaunchFile, find, names
+from palpate.launch.load.placement import Group, apart, fused, load_place
+
+TWO_DISPLAYS = """
+nodes:
+  device: {use: graph_nodes.Hand}
+  finger: {use: graph_nodes.Finger, in: {state: device}}
+  near:   {use: graph_nodes.Near, in: {pose: finger}}
+  contact: {use: graph_nodes.Press, in: {proximity: near, body: tissue}}
+  spread: {use: graph_nodes.Spread, in: {contact: contact}}
+  tissue: {use: graph_nodes.Spring, in: {load: spread}}
+  friction: {use: graph_nodes.Rub, in: {contact: contact}}
+  control: {use: graph_nodes.Control, in: {contact: contact, friction: friction}}
+"""
+
+
+def planned(path, *sets, **given):
+    return plan(load(path, overrides=sets, **given))
+
+
+def test_each_node_comes_after_the_senders_of_its_direct_edges(whole):
+    run = planned(whole)
+    place = {name: i for i, name in enumerate(run.order)}
+    direct = [(e.producer, name) for name, edges in run.edges.items() for e in edges if not e.loop]
+    assert direct and all(place[a] < place[b] for a, b in direct)
+    assert sorted(run.order) == sorted(set(run.graph.nodes) - {"log"})
+    assert run.observers == {"log": tuple(run.order)}
+    assert run.skipped == {}
+
+
+def test_a_listener_of_everything_wants_everything(write):
+    assert planned(write("g.yaml", TWO_DISPLAYS + "  log: {use: graph_nodes.Tape, in: all}\n")).skipped == {}
+
+
+def test_without_listener_and_wanted_only_sources_and_sinks_pull(write):
+    run = planned(write("g.yaml", TWO_DISPLAYS))
+    assert run.order == ["device"]
+    assert run.skipped["control"] == "nobody wants control"
+    assert run.skipped["friction"] == "nobody wants friction; read only by control, which does not run"
+    lamp = TWO_DISPLAYS + "  lamp: {use: graph_nodes.Lamp, in: {friction: friction}}\n"
+    run = planned(write("g.yaml", lamp))
+    assert set(run.skipped) == {"control"}
+
+
+def test_wanted_streams_pull_what_they_need_and_a_listener_of_all_pulls_nothing_more(write):
+    path = write("g.yaml", "wanted: [contact]\n" + TWO_DISPLAYS + "  log: {use: graph_nodes.Tape, in: all}\n")
+    run = planned(path)
+    assert set(run.skipped) == {"friction", "control"}
+    assert run.observers == {"log": ("device", "finger", "near", "contact", "spread", "tissue")}
+    assert set(planned(path, "wanted=[control]").skipped) == set()
+    assert planned(path, wanted=["device"]).order == ["device"]
+    assert planned(path, scene={"wanted": "device"}).order == ["device"]
+    assert planned(path, wanted=["contact"], scene={"wanted": "contact"}).order != ["device"]
+    assert planned(path, "wanted=device", wanted=["contact"], scene={"wanted": "contact"}).order == ["device"]
+    assert planned(path, "wanted=all", scene={"wanted": "device"}).skipped == {}
+
+
+def test_a_listener_of_some_streams_pulls_those(write):
+    run = planned(write("g.yaml", TWO_DISPLAYS + "  log: {use: graph_nodes.Tape, in: [friction]}\n"))
+    assert set(run.skipped) == {"control"}
+    assert run.observers == {"log": ("friction",)}
+
+
+def test_an_effect_that_the_scene_lacks_is_left_out_with_the_reason(whole):
+    run = planned(whole, "scene.tissue.friction=off")
+    assert run.skipped == {"friction": "tissue.friction is false (--set scene.tissue.friction=off)"}
+    assert [e.port for e in run.edges["spread"]] == ["contact"]
+    assert [e.port for e in run.edges["control"]] == ["contact"]
+    compared = planned(whole, "friction.when=tissue.cells > 20")
+    reason = compared.skipped["friction"]  # the file's path is shown from where the command runs
+    assert reason.startswith("tissue.cells > 20 is false: tissue.cells is 12 (") and reason.endswith("whole.yaml:3)")
+
+
+def test_pruning_leaves_the_held_edges_as_they_are(whole):
+    """Held edges are chosen on the whole graph: what is left computes the same as before."""
+    before, after = planned(whole), planned(whole, "scene.tissue.friction=off")
+    for name in after.order:
+        kept = tuple(e for e in before.edges[name] if e.producer in after.order)
+        assert after.edges[name] == kept
+
+
+def test_only_fields_that_somebody_reads_are_wanted(whole):
+    run = planned(whole, "wanted=[control]")
+    assert run.wanted["tissue"] == {"stiffness", "free"}
+    assert run.wanted["control"] == {"force", "state", "energy"}
+    node = run.make("tissue")
+    assert node.wants("free") and not node.wants("displacement")
+    everything = planned(whole)
+    assert "displacement" in everything.wanted["tissue"]
+    heard = planned(whole, "wanted=[control]", "log.in=[tissue]")
+    assert "displacement" in heard.wanted["tissue"]
+
+
+def test_a_plan_goes_through_json_and_back(whole, monkeypatch):
+    monkeypatch.chdir("/usr/lib")  # from here no file below another root is told by a shorter, relative path
+    for sets in ((), ("scene.tissue.friction=off", "wanted=[control]", "near.offset=[1 mm, 0, 0]")):
+        run = planned(whole, *sets)
+        spec = json.loads(json.dumps(run.to_spec()))
+        again = Plan.from_spec(spec)
+        assert again == run
+        assert again.make("finger").radius == 0.006
+
+
+def test_a_plan_of_a_class_that_is_gone_is_refused(whole):
+    spec = planned(whole).to_spec()
+    spec["nodes"][0]["class"] = "graph_nodes.Gone"
+    with pytest.raises(GraphError, match=r"node 'device': class 'graph_nodes.Gone' cannot be imported"):
+        Plan.from_spec(spec)
+
+
+def test_plans_do_not_depend_on_the_order_of_hashes(whole):
+    code = (
+        "import json; from palpate.launch.load.graph import load; from palpate.engine.plan import plan;"
+        f"print(json.dumps(plan(load({str(whole)!r}, overrides=['wanted=[control, tissue]'])).to_spec()))"
+    )
+    path = ":".join(sys.path)
+    outs = {
+        subprocess.run(
+            [sys.executable, "-c", code],
+            env={"PYTHONHASHSEED": seed, "PYTHONPATH": path},
+            capture_output=True,
+            check=True,
+        ).stdout
+        for seed in ("1", "2", "3")
+    }
+    assert len(outs) == 1
+
+
+def test_by_default_each_node_has_its_own_process(whole):
+    run = planned(whole)
+    assert [g.nodes for g in apart(run).groups] == [[n] for n in (*run.order, "log")]
+    assert [g.nodes for g in fused(run).groups] == [[*run.order, "log"]]
+    assert load_place(None, run).groups == apart(run).groups
+    assert load_place("fused", run).groups == fused(run).groups
+
+
+def test_a_placement_groups_nodes(whole, write):
+    place = write(
+        "place.yaml",
+        """
+        loop: {nodes: [contact, friction, near], core: 1, priority: 80}
+        far: {nodes: [tissue], core: [0, 1], host: tcp://10.0.0.2}
+        rest: [log, spread]
+    """,
+    )
+    run = planned(whole, "scene.tissue.friction=off")
+    groups = load_place(place, run).groups
+    assert groups[:3] == [
+        Group("loop", ["near", "contact"], (1,), 80),
+        Group("far", ["tissue"], (0, 1), None, "10.0.0.2"),
+        Group("rest", ["spread", "log"]),
+    ]
+    assert {g.name for g in groups[3:]} == {"device", "finger", "control", "motor"}
+    assert load_place(place, run).group_of("log").name == "rest"
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("a: {nodes: [nera]}", ["group 'a'", "no node 'nera'", "Did you mean 'near'"]),
+        ("a: {nodes: [near]}\nb: {nodes: [near]}", ["'near' is in group 'a' already"]),
+        ("a: {nodes: [near], cores: 1}", ["'cores'", "Did you mean 'core'"]),
+        ("a: {nodes: [near], core: -1}", ["core: found -1"]),
+        ("a: {nodes: [near], core: true}", ["core: found True"]),
+        ("a: {nodes: [near], core: []}", ["core: found []"]),
+        ("a: {nodes: [near], priority: 100}", ["priority: found 100", "1 to 99"]),
+        ("a: {nodes: [near], host: 'a b'}", ["host: found 'a b'", "tcp://"]),
+        ("a: {nodes: near}", ["nodes: found 'near'", "list"]),
+        ("a: 3", ["group 'a': found 3"]),
+        ("tissue: {nodes: [near]}", ["group 'tissue' has the name of a node", "Rename"]),
+        ("3", ["expected a mapping"]),
+    ],
+)  # fmt: skip
+def test_a_bad_placement_is_told(whole, write, text, words):
+    with pytest.raises(GraphError) as error:
+        load_place(write("place.yaml", text), planned(whole))
+    for word in ["place.yaml", *words]:
+        assert word in str(error.value)
+
+
+def test_a_launch_file_is_one_run(whole, write):
+    write("two.yaml", "loop: [near, contact]\n")
+    scene = write("scene.yaml", "tissue: {friction: true, stiffness: 1}\nfinger: {}\n")
+    run = find(
+        str(
+            write(
+                "run.yaml",
+                """
+        graph: whole.yaml
+        scene: scene.yaml
+        place: two.yaml
+        clock: real
+        duration: 1500 ms
+        record: out.mcap
+        pace: 2
+        wanted: [control]
+        set: {tissue.stiffness: 5 N/m, rate: 500, finger: {radius: 1 mm}, scene: {tissue: {friction: off}}}
+    """,
+            )
+        )
+    )
+    assert (run.graph, run.scene, run.clock, run.duration, run.pace) == (whole, scene, "real", 1.5, 2.0)
+    assert str(run.record) == "out.mcap"
+    what_runs = run.plan()
+    assert what_runs.graph.rate == 500.0 and set(what_runs.skipped) == {"friction"}
+    assert what_runs.graph.nodes["tissue"].settings["stiffness"] == 5.0
+    assert what_runs.graph.nodes["finger"].settings["radius"] == 0.001
+    assert run.placement(what_runs).groups[0] == Group("loop", ["near", "contact"])
+    assert run.but(overrides=["tissue.stiffness=6"]).load().nodes["tissue"].settings["stiffness"] == 6.0
+    assert run.but(clock="simulated", duration=None).clock == "simulated" and run.but(duration=None).duration == 1.5
+
+
+def test_a_graph_alone_is_a_run_of_defaults(whole):
+    assert find(str(whole)) == LaunchFile(graph=whole)
+
+
+def test_a_graph_that_extends_one_that_ships_runs_as_long_and_is_recorded_like_it(write):
+    mine = write("mine.yaml", "extends: kidney\n")
+    own = write("own.yaml", "extends: mine.yaml\nnodes: {tissue: {stiffness: 2e3}}\n")
+    for file in (mine, own):
+        run = find(str(file))
+        assert run == LaunchFile(graph=file, duration=find("kidney").duration, record=Path(f"{file.stem}.mcap"))
+    round_ = write("round.yaml", "extends: round.yaml\n")
+    assert find(str(round_)) == LaunchFile(graph=round_)
+    assert find(str(write("lost.yaml", "extends: nowhere\n"))).record is None
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("clok: real", ["'clok'", "Did you mean 'clock'"]),
+        ("clock: reel", ["clock: found 'reel'", "Did you mean 'real'"]),
+        ("duration: 3 mm", ["duration [s]", "a length", "a time"]),
+        ("duration: -1", ["duration [s]", "above 0"]),
+        ("duration: true", ["duration [s]"]),
+        ("pace: fast", ["pace [1]", "'fast'"]),
+        ("scene: nowhere", ["scene 'nowhere' not found"]),
+        ("place: nowhere", ["place 'nowhere' not found", "two"]),
+        ("place: 3", ["place: found 3"]),
+        ("record: 3", ["record: found 3"]),
+        ("set: 3", ["set: found 3"]),
+        ("wanted: 3", ["wanted: found 3"]),
+    ],
+)  # fmt: skip
+def test_a_bad_launch_file_is_told(whole, write, text, words):
+    with pytest.raises(GraphError) as error:
+        find(str(write("run.yaml", f"graph: whole.yaml\n{text}\n")))
+    for word in ["run.yaml:2", *words]:
+        assert word in str(error.value)
+
+
+def test_a_wrong_override_in_a_launch_file_is_told_with_its_line(whole, write):
+    run = find(str(write("run.yaml", "graph: whole.yaml\nset:\n  tissue.stifness: 3\n")))
+    with pytest.raises(GraphError, match=r"run.yaml:3: node 'tissue', setting 'stifness'"):
+        run.load()
+
+
+def test_what_ships_is_found_by_name():
+    assert "kidney" in names()
+    run = find("kidney")
+    assert run.path is not None and run.path.name == "kidney.yaml" and run.graph.parent.name == "graphs"
+    with pytest.raises(GraphError, match="Did you mean 'kidney'"):
+        find("kidny")
+
+
+def test_the_drawing_shows_every_node_and_edge(whole):
+    run = planned(whole, "scene.tissue.friction=off")
+    text = mermaid(run)
+    assert text.count("-->") + text.count("-.->") == sum(map(len, run.edges.values()))
+    assert text.count("-.->") == 2 and "class n4 skipped" in text
+    for name in run.graph.nodes:
+        assert f'["{name}<br/>' in text

@@ -1,0 +1,296 @@
+"""The command line as a user meets it when something goes wrong: one clear line, the right exit code, a recording that
+can be read, nothing that stays behind."""
+
+from __future__ import annotations
+
+import os
+import resource
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import nodes_that_misbehave
+import pytest
+
+from palpate.launch.run.forkserver import ForkServer
+from palpate.launch.run.reports import Prepare
+from palpate.launch.run.watchdog import START_PATIENCE
+from palpate.records.reader import Recording
+
+GRAPH = """
+nodes:
+  src: {use: nodes_that_misbehave.Source, in: {torque: end}}
+  bad: {use: nodes_that_misbehave.Bad, in: {pose: src}}
+  end: {use: nodes_that_misbehave.End, in: {force: bad}}
+  log: {use: logger.Mcap, in: all}
+"""
+SHEET = GRAPH.replace("  end:", "  sheet: {use: nodes_that_misbehave.ToSheet, in: {pose: src}}\n  end:").replace(
+    "{use: nodes_that_misbehave.Bad, in: {pose: src}}", "{use: nodes_that_misbehave.FromSheet, in: {sheet: sheet}}"
+)
+WAYS = {"fused": ["--fused"], "processes": [], "real": ["--clock", "real", "--place", "apart"]}
+
+
+def _long(*given: str):
+    return pytest.param(*given, marks=pytest.mark.long)
+
+
+class Run:
+    """One `palpate run` as a process, marked so that whatever it leaves behind can be found."""
+
+    def __init__(self, folder: Path, *options: str, text: str = GRAPH, before=None, quiet=True) -> None:
+        self.record = folder / "run.mcap"
+        (folder / "g.yaml").write_text(text)
+        self.mark = f"PALPATE_TEST={folder}-{time.monotonic_ns()}"
+        path = os.pathsep.join([str(Path(__file__).parents[2] / "support"), os.environ.get("PYTHONPATH", "")])
+        name, _, value = self.mark.partition("=")
+        command = [sys.executable, "-m", "palpate.launch", "run", "g.yaml", "--no-pictures", *["-q"] * quiet, *options]
+        if "--record" not in options:
+            command += ["--record", str(self.record)]
+        self.out, self.err = folder / "out", folder / "err"
+        with open(self.out, "w") as out, open(self.err, "w") as err:
+            self.process = subprocess.Popen(
+                command,
+                cwd=folder,
+                stdout=out,
+                stderr=err,
+                env={**os.environ, "PYTHONPATH": path, name: value, "COLUMNS": "200"},
+                preexec_fn=before,
+            )
+
+    def wait(self, seconds: float = 40.0) -> int:
+        try:
+            return self.process.wait(seconds)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            self.process.wait()
+            raise
+
+    def ticks(self) -> int:
+        return sum(stream == "src" for stream, _, _ in Recording(self.record).payloads())
+
+    def running(self) -> bool:
+        """Wait until the recording has something in it."""
+        for _ in range(400):
+            if self.record.is_file() and self.record.stat().st_size > 12_000:
+                return True
+            time.sleep(0.05)
+        return False
+
+    def left(self) -> list[str]:
+        """Processes that carry this run's mark, after at most two seconds for the kernel to end them."""
+        processes: list[str] = []
+        for _ in range(40):
+            processes = [pid for pid in filter(str.isdigit, os.listdir("/proc")) if self._marked(pid)]
+            if not processes:
+                break
+            time.sleep(0.05)
+        return processes
+
+    def _marked(self, pid: str) -> bool:
+        try:
+            return self.mark.encode() in Path(f"/proc/{pid}/environ").read_bytes().split(b"\0")
+        except OSError:
+            return False
+
+
+SAYS = {
+    "raise": "RuntimeError: out of luck",
+    "exit": "SystemExit: 0",
+    "interrupt": "KeyboardInterrupt",
+    "nan": "Force.force [N]: found nan at index 1, expected a finite number",
+    "shape": "Force.force: found 2 numbers, expected 3 [N]",
+    "text": "Force.force: found 'abc', expected (3,) numbers [N]",
+    "whole number as state": "Force.state: found 3, expected str [1]",
+    "surrogate": "UnicodeEncodeError",
+    "spin": "no sign of life for",
+    "stop raise": "RuntimeError: out of luck",
+    "stop exit": "SystemExit: 0",
+    "stop hang": "no sign of life for",
+    "start raise": "RuntimeError: out of luck",
+    "start exit": "SystemExit: 0",
+}
+IN_ONE_PROCESS = ("exit", "interrupt", "spin", "stop hang", "start exit", "surrogate")
+IN_PROCESSES = ("exit", "end", "crash", "whole number as state", "surrogate", "stop exit", "stop hang", "start exit")
+ON_THE_CLOCK = ("whole number as state", "spin", "interrupt")
+FIRST = {("fused", "exit"), ("fused", "spin"), ("processes", "crash"), ("processes", "surrogate"), ("real", "spin")}
+CASES = [
+    pytest.param(way, how, marks=() if (way, how) in FIRST else pytest.mark.long)
+    for way, hows in (("fused", IN_ONE_PROCESS), ("processes", IN_PROCESSES), ("real", ON_THE_CLOCK))
+    for how in hows
+]
+
+
+@pytest.mark.parametrize(("way", "how"), CASES)
+def test_a_node_that_goes_wrong_is_one_clear_line_and_a_readable_recording(tmp_path, way, how):
+    run = Run(tmp_path, "--duration", "0.3", "--patience", "1", "--set", f"bad.how={how}", *WAYS[way])
+    # the stop is tried at the start, which may take long
+    assert run.wait(START_PATIENCE + 40.0 if how == "stop hang" else 40.0) == 1
+    said = run.err.read_text()
+    line = next(line for line in said.splitlines() if line.startswith("node 'bad'"))
+    assert SAYS.get(how, "its process ended") in line
+    assert "node 'end'" not in said and "node 'src'" not in said
+    if not how.startswith("start"):
+        assert run.ticks() >= 49
+    assert not run.left()
+
+
+@pytest.mark.parametrize("how", ["none", "fork", *map(_long, ["print", "no line end", "numpy", "program"])])
+def test_a_node_that_is_only_odd_runs_through_and_leaves_nothing_behind(tmp_path, how):
+    run = Run(tmp_path, "--duration", "0.1", "--set", f"bad.how={how}")
+    assert run.wait() == 0, run.err.read_text()
+    assert run.ticks() == 100
+    assert not run.left()
+
+
+def test_a_node_that_has_much_to_do_at_its_end_is_not_ended_before(tmp_path):
+    """As the system that writes a long recording to a slow disk; it hears no signal meanwhile."""
+    run = Run(tmp_path, "--duration", "0.1", "--patience", "0.2", "--set", "bad.how=stop long", *WAYS["fused"])
+    assert run.wait() == 0, run.err.read_text()
+
+
+def test_a_slow_node_does_not_count_as_hung(tmp_path):
+    run = Run(tmp_path, "--duration", "0.016", "--patience", "0.8", "--set", "bad.how=slow")
+    assert run.wait() == 0, run.err.read_text()
+    assert run.ticks() == 16
+
+
+@pytest.mark.parametrize("way", ["fused", "processes"])
+def test_a_message_of_the_users_own_travels_with_its_arrays(tmp_path, way):
+    run = Run(tmp_path, "--duration", "0.05", *WAYS[way], text=SHEET)
+    assert run.wait() == 0, run.err.read_text()
+    assert nodes_that_misbehave.Sheet  # imported by this program, and so no code that the file brings
+    recording = Recording(run.record)
+    sheets, forces = list(recording.messages("sheet")), list(recording.messages("bad"))
+    assert sheets[-1].cells.shape == (3, 4) and sheets[-1].count == 7
+    assert forces[-1].force == tuple(sheets[-1].cells[1, :3]) and forces[-1].energy == 7.0
+
+
+@pytest.mark.parametrize(
+    ("way", "name", "code"),
+    [("fused", "SIGINT", 130), ("processes", "SIGINT", 130), ("real", "SIGTERM", 143), _long("fused", "SIGTERM", 143)],
+)
+def test_a_signal_ends_a_run_in_order_and_the_exit_code_says_which(tmp_path, way, name, code):
+    run = Run(tmp_path, *WAYS[way])
+    assert run.running()
+    run.process.send_signal(signal.Signals[name])
+    assert run.wait(10) == code
+    assert "interrupted after" in run.out.read_text()
+    assert Recording(run.record).complete
+    assert not run.left()
+
+
+@pytest.mark.parametrize("way", ["processes", _long("fused"), _long("real")])
+def test_when_the_launcher_is_killed_nothing_stays_and_the_recording_opens(tmp_path, way):
+    run = Run(tmp_path, *WAYS[way], *([] if way == "fused" else ["--set", "bad.how=program"]))
+    assert run.running()
+    time.sleep(0.6)
+    run.process.kill()
+    run.wait()
+    assert not run.left()
+    assert run.ticks() > 50
+
+
+MANY = GRAPH.replace(
+    "  log:",
+    "".join(f"  n{i}: {{use: nodes_that_misbehave.Bad, how: start doze, in: {{pose: src}}}}\n" for i in range(12))
+    + "  log:",
+)
+
+
+@pytest.mark.parametrize(
+    ("options", "text"),
+    [
+        (["--fused", "--set", "bad.how=start hang"], GRAPH),
+        (["--fused", "--set", "bad.how=start deaf"], GRAPH),
+        (["--fused", "--clock", "real"], MANY),
+        _long(["--set", "bad.how=start hang"], GRAPH),
+    ],
+    ids=["hangs", "catches it", "takes long", "hangs in a process"],
+)
+def test_ctrl_c_ends_a_start_and_says_so(tmp_path, options, text):
+    run = Run(tmp_path, *options, text=text, quiet=False)
+    until = time.monotonic() + 60.0
+    while "start " not in run.out.read_text() and time.monotonic() < until:
+        time.sleep(0.05)
+    run.process.send_signal(signal.SIGINT)
+    assert run.wait(12) == 130
+    said = run.out.read_text()
+    assert said.index("stopping; Ctrl-C again ends the run at once") < said.index("interrupted after 0.000 s")
+    assert not run.left()
+
+
+@pytest.mark.parametrize("way", ["fused", "processes"])
+def test_when_a_node_fails_at_the_start_those_that_had_started_are_stopped(tmp_path, way):
+    first = "  first: {use: nodes_that_misbehave.Bad, how: stop tell, in: {pose: src}}\n  bad:"
+    run = Run(tmp_path, "--set", "bad.how=start raise", *WAYS[way], text=GRAPH.replace("  bad:", first), quiet=False)
+    assert run.wait() == 1
+    assert "stopped in order" in run.out.read_text()
+
+
+def test_a_fork_server_that_imports_is_ended_at_once(tmp_path, monkeypatch):
+    """It was killed after ten seconds: then whatever it had started would have stayed."""
+    (tmp_path / "slow_to_import.py").write_text("print('importing', flush=True)\nimport time\ntime.sleep(1000)\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    server = ForkServer()
+    server.ask(Prepare(["slow_to_import"]))
+    until, said = time.monotonic() + 60.0, ""
+    while "importing" not in said and time.monotonic() < until:
+        time.sleep(0.05)
+        said += server.printed()
+    assert "importing" in said
+    server.close()
+    assert server.process.returncode == 0
+
+
+@pytest.mark.parametrize("way", ["fused", "processes"])
+def test_a_full_disk_ends_the_recording_with_one_line_and_the_run_goes_on_and_is_no_success(tmp_path, way):
+    def little_space() -> None:
+        signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, 100_000))
+
+    run = Run(tmp_path, "--duration", "4", "--pace", "2", *WAYS[way], before=little_space)
+    code = run.wait(60)
+    said = run.err.read_text() + run.out.read_text()
+    assert code == 1, said
+    assert "4000 ticks" in said and 0 < run.ticks() < 4000
+    assert "ends here" in " ".join(said.split())
+
+
+WRONG = {
+    "--duration 0": "expected a time from 1e-9",
+    "--duration inf": "expected a number, or a number with its unit",
+    "--duration nan": "expected a number, or a number with its unit",
+    "--duration 2mm": "a length; expected a time",
+    "--pace 0": "Input should be",
+    "--pace 1e-300": "Input should be",
+    "--set rate=0": "expected a number above 0",
+    "--set bad.every=0": "expected a whole number from 1",
+    "--set bad.hwo=x": "Did you mean 'how'",
+    "--set nope.how=x": "expected a node",
+    "--scene nope": "not found",
+    "--fused --place two": "give one",
+    "--clock moon": "expected simulated or real",
+    "--record /proc/palpate/run.mcap": "recording /proc/palpate/run.mcap: No such file or directory",
+    "--record .": "this is a folder",
+}
+
+
+FEW = ("--duration 0", "--set bad.hwo=x", "--record /proc/palpate/run.mcap", "--fused --place two")
+
+
+@pytest.mark.parametrize("options", [option if option in FEW else _long(option) for option in WRONG])
+def test_a_wrong_option_is_told_without_a_traceback(tmp_path, options):
+    run = Run(tmp_path, *options.split(), *([] if "duration" in options else ["--duration", "0.1"]))
+    assert run.wait() in (1, 2)
+    said = run.err.read_text() + run.out.read_text()
+    assert "Traceback" not in said
+    assert WRONG[options] in " ".join(said.replace("│", " ").split()), said
+
+
+def test_two_runs_at_the_same_time_do_not_meet(tmp_path):
+    (tmp_path / "a").mkdir(), (tmp_path / "b").mkdir()
+    runs = [Run(tmp_path / name, "--duration", "0.5") for name in "ab"]
+    assert [run.wait() for run in runs] == [0, 0]
+    assert [run.ticks() for run in runs] == [500, 500]

@@ -1,0 +1,151 @@
+"""What is sent last is read, however far behind the reader is: who closes waits until it was taken."""
+
+from __future__ import annotations
+
+import threading
+import time
+
+import pytest
+import zmq
+
+from palpate.launch.run import bus as bus_module
+from palpate.launch.run import inlet as inlet_module
+from palpate.launch.run.addresses import RunFolder
+from palpate.launch.run.bus import END, HEALTH, Bus, frame, split
+
+FRAMES, ROOM, BEHIND = 20_000, 50, 120
+LARGE = b"x" * 500
+
+
+class Ends:
+    """The sender and the reader of a run on the simulated clock, and what the sender does beside the test."""
+
+    def __init__(self, folder: str):
+        self.sender, self.reader = (
+            Bus("test", name, f"ipc://{folder}/c", f"ipc://{folder}/r", real=False) for name in ("one", "other")
+        )
+        self.beside: list[threading.Thread] = []
+
+    def observe(self, *topics: str) -> None:
+        """The reader hears these of the sender, and both know it."""
+        address = self.sender.bind(None)["observers"][0]
+        self.sender.sends(["a"])
+        self.reader.connect(address, ["a", *topics], observed=True, secured=False, group="one")
+        self.sender.wait_linked({"a": 1, END: 1}, lambda: None)
+
+    def start(self, target, *args) -> threading.Thread:
+        self.beside.append(threading.Thread(target=target, args=args, daemon=True))
+        self.beside[-1].start()
+        return self.beside[-1]
+
+    def closing(self) -> threading.Thread:
+        """The sender closes in order beside this thread."""
+        return self.start(self.sender.close, True)
+
+    def end(self) -> None:
+        self.reader.context.destroy(linger=0)  # without its reader the sender ends
+        for thread in self.beside:
+            thread.join(5.0)
+        if not any(thread.is_alive() for thread in self.beside):
+            self.sender.context.destroy(linger=0)
+
+
+@pytest.fixture
+def ends(monkeypatch, tmp_path):
+    """Ends whose outlets and inlets hold few frames."""
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    for module in (bus_module, inlet_module):
+        monkeypatch.setattr(module, "HIGH_WATER", ROOM)
+    folder = RunFolder("test")
+    made = Ends(str(tmp_path))
+    yield made
+    made.end()
+    folder.close()
+
+
+def payload(k: int) -> bytes:
+    return frame("a", b"%d " % k + LARGE)
+
+
+def number(payload: bytes) -> int:
+    return int(payload.split()[0])
+
+
+def test_an_observer_gets_what_was_kept_for_it_before_the_end(ends):
+    ends.observe(HEALTH, END)
+    for k in range(FRAMES):
+        ends.sender.keep(payload(k))
+    sending = ends.closing()
+    sending.join(0.5)
+    assert sending.is_alive()
+    seen: list[int] = []
+    until = time.monotonic() + 30.0
+    ended = False
+    while not ended and time.monotonic() < until:
+        if (data := ends.reader.overheard(wait=True)) is None:
+            continue
+        stream, said = split(data)
+        if stream == END:
+            ends.reader.ended(said.decode())
+            ended = True
+        else:
+            seen.append(number(said))
+        if len(seen) == FRAMES - BEHIND:
+            sending.join(0.5)  # the rest has been sent, and there is no room for it here
+    assert seen == list(range(FRAMES))
+    while sending.is_alive() and time.monotonic() < until:  # who leaves has to look at its socket
+        ends.reader.overheard(wait=True)
+    assert not sending.is_alive()
+
+
+def test_a_node_on_another_machine_gets_what_was_sent_to_it(ends):
+    sender, reader = ends.sender, ends.reader
+    sender._external = {"a": ("other",)}
+    address = sender.bind("127.0.0.1")["force"][1]
+    reader.connect(address, ["a"], observed=False, secured=False, group="one")
+    inlet = reader.inlet("a")
+    sender.wait_linked({}, lambda: None)
+
+    def send() -> None:
+        out = sender.sender("a", lambda: None)
+        for k in range(FRAMES):
+            out.send(payload(k)[2:])
+        sender.close(orderly=True)
+
+    sending = ends.start(send)
+    seen: list[int] = []
+    until = time.monotonic() + 30.0
+    while len(seen) < FRAMES and time.monotonic() < until:
+        if not (said := inlet.wait()):
+            continue
+        seen += map(number, said)
+        if len(seen) == FRAMES - BEHIND:
+            sending.join(0.5)
+    assert seen == list(range(FRAMES))
+    assert sending.is_alive()
+    inlet.close()
+    sending.join(5.0)
+    assert not sending.is_alive()
+
+
+def test_who_was_killed_is_not_waited_for(ends):
+    ends.observe(END)
+    ends.sender.keep(frame("a", LARGE))
+    sending = ends.closing()
+    sending.join(0.3)
+    assert sending.is_alive()
+    ends.reader.context.destroy(linger=0)
+    sending.join(5.0)
+    assert not sending.is_alive()
+
+
+def test_strangers_who_listen_are_not_waited_for(ends):
+    address = ends.sender.bind(None)["observers"][0]
+    ends.sender.sends(["a"])
+    with zmq.Context() as context, context.socket(zmq.SUB) as stranger:
+        stranger.subscribe(b"a\0")
+        stranger.connect(address)
+        ends.sender.wait_linked({"a": 1}, lambda: None)
+        sending = ends.closing()
+        sending.join(5.0)
+        assert not sending.is_alive()

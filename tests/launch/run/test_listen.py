@@ -1,0 +1,122 @@
+"""Listening to a running graph: the example of the documentation, `palpate echo` and `palpate top`."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+import zmq
+from graphs_for_runs import GRAPH, NODES, write_graph
+from typer.testing import CliRunner
+
+from palpate.launch.__main__ import app
+from palpate.launch.run.addresses import endpoint
+from palpate.launch.run.discover import find, running
+
+EXAMPLES = Path(__file__).parents[3] / "docs" / "examples"
+ENV = {
+    **os.environ,
+    "PYTHONPATH": os.pathsep.join([str(Path(__file__).parents[2] / "support"), os.environ.get("PYTHONPATH", "")]),
+}
+RUN = """
+import sys
+from pathlib import Path
+from palpate.launch.load.launchfile import LaunchFile
+from palpate.launch.run.execute import execute
+execute(LaunchFile(graph=Path(sys.argv[1]), clock="real"))
+"""
+
+
+def say(*args):
+    result = CliRunner().invoke(app, [str(a) for a in args], env={"COLUMNS": "200", "NO_COLOR": "1"})
+    return result.exit_code, result.stdout, result.stderr
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    """A graph that runs until the tests are done; gives the name of its run."""
+    graph = write_graph(tmp_path_factory.mktemp("run"), GRAPH)
+    with subprocess.Popen([sys.executable, "-c", RUN, str(graph)], env=ENV) as process:
+        until = time.monotonic() + 30
+        while time.monotonic() < until:
+            own_runs = [r for r in running() if r.name.startswith(f"{process.pid}-")]
+            if own_runs and len(own_runs[0].groups) == len(NODES):
+                break
+            time.sleep(0.05)
+        yield own_runs[0].name
+        process.send_signal(2)
+        process.wait(20)
+
+
+def test_the_example_reads_a_stream_with_pyzmq_and_msgpack_alone(run):
+    pytest.importorskip("msgpack")
+    text = (EXAMPLES / "listen.py").read_text()
+    assert "palpate." not in re.sub(r"palpate-|palpate run", "", text), "the example must not need palpate"
+    command = [sys.executable, EXAMPLES / "listen.py", "spread", "5"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=20)
+    assert done.returncode == 0, done.stderr
+    lines = done.stdout.splitlines()
+    assert len(lines) == 5 and all(line.startswith("spread {") for line in lines)
+    ticks = [int(re.search(r"'tick': (\d+)", line)[1]) for line in lines]
+    assert ticks == sorted(ticks) and "'forces': (" in lines[0]
+
+
+def test_the_example_in_c_reads_a_stream(run, tmp_path):
+    """It is linked with the library that pyzmq brings, and with the system's header where there is one."""
+    compiler = shutil.which("cc")
+    if compiler is None:
+        pytest.skip("no C compiler: apt install gcc")
+    brought = sorted(Path(zmq.__file__).parents[1].glob("pyzmq.libs/libzmq*"))
+    library = [brought[0], f"-Wl,-rpath,{brought[0].parent}"] if brought else ["-lzmq"]
+    header = Path(__file__).parents[2] / "support" / "zmq_header"
+    source = [EXAMPLES / "listen.c", "-idirafter", header, "-Wall", "-Wextra", "-Werror"]
+    subprocess.run([compiler, *source, "-o", tmp_path / "listen", *library], check=True)
+    address = endpoint(run, "sum", "observers")
+    done = subprocess.run([tmp_path / "listen", address, "sum", "5"], capture_output=True, text=True, timeout=20)
+    matches = [re.fullmatch(r"sum tick (\d+) time ([\d.]+) s, \d+ bytes", line) for line in done.stdout.splitlines()]
+    assert len(matches) == 5
+    for match in matches:
+        assert abs(float(match[2]) - int(match[1]) * 1e-3) < 0.1
+
+
+def test_echo_prints_values_with_units(run):
+    code, out, err = say("echo", "sum", "-n", "3", "--run", run)
+    assert code == 0, err
+    assert len(out.splitlines()) == 3 and "torques (" in out and "N m" in out
+    code, out, _ = say("echo", "spread", "-n", "2", "--every", "3", "--json", "--run", run)
+    first, second = map(json.loads, out.splitlines())
+    assert second["tick"] >= first["tick"] + 3 and len(first["forces"]) == 50
+
+
+def test_echo_of_a_stream_that_the_run_lacks_is_told(run):
+    code, _, err = say("echo", "sprong", "--run", run)
+    assert code == 1 and "no stream 'sprong'" in err and "Did you mean 'spring'" in err
+
+
+def test_top_shows_rates_and_counts_of_every_node(run):
+    code, out, err = say("top", "--json", "--run", run)
+    assert code == 0, err
+    data = json.loads(out)
+    assert data["run"] == run and set(data["nodes"]) == set(NODES)
+    for node in data["nodes"].values():
+        assert node["steps"] > 0 and node["median"] > 0 and node["p99"] >= node["median"] and node["late"] >= 0
+    assert any(node["rate"] > 0 for node in data["nodes"].values())
+    code, out, _ = say("top", "--once", "--run", run)
+    assert code == 0 and "longest" in out and "spread" in out
+
+
+def test_a_run_that_does_not_go_on_is_told():
+    for args in (["top", "--run", "no-such"], ["echo", "sum", "--run", "no-such"]):
+        code, _, err = say(*args)
+        assert code == 1 and "no run 'no-such' goes on" in err and len(err.strip().splitlines()) == 1
+
+
+def test_a_run_is_found_by_the_beginning_of_its_name(run):
+    assert find(run[:-3]).name == run

@@ -1,0 +1,70 @@
+"""A message that was sent and does not come: on the simulated clock its reader would wait for ever."""
+
+import random_faults
+from pytest import mark
+from random_faults import Fault
+
+from palpate.engine.job import Job, NodeJob
+from palpate.launch.run.lost import lost
+from palpate.launch.run.member import Member
+
+SIGNS = 5
+
+
+def member(name: str, awaits: tuple[str, int] | None) -> Member:
+    node = NodeJob(name=name, cls="x.Y", settings={}, every=1, inputs=(), streams=(name,))
+    return Member(Job(group=name, nodes=(node,)), state="running", awaits=awaits)
+
+
+def told(*members: Member, signs: int = SIGNS, **ticks: int) -> str | None:
+    """Who has lost a message after so many signs of life that change nothing."""
+    gone = None
+    for _ in range(signs + 1):
+        gone = gone or lost(members, {name: {"tick": tick} for name, tick in ticks.items()}, SIGNS)
+        for given in members:
+            given.waits(given.awaits)
+    return gone[0].names if gone else None
+
+
+def test_the_sender_is_beyond_what_is_awaited():
+    def pair() -> tuple[Member, Member]:
+        return member("a", ("b", 8)), member("b", ("a", 7))
+
+    assert told(*pair(), a=7, b=7) == "a"  # a has sent its message of tick 7, and b has not got it
+    assert told(*pair(), a=6, b=7) is None
+    assert told(*pair(), signs=SIGNS - 1, a=7, b=7) is None
+
+
+def test_a_sender_that_may_not_have_sent_yet_has_lost_nothing():
+    """It stepped, and is held back by another reader: it waits for no message itself."""
+    a, b = member("a", None), member("b", ("a", 7))
+    assert told(a, b, a=7, b=6) is None
+    assert told(a, b, a=8, b=6) == "a"
+
+
+def test_a_reader_that_has_waited_long_for_a_slow_sender_has_lost_nothing():
+    """The news that the message was sent comes before the news that the reader goes on."""
+    a, b = member("a", None), member("b", ("a", 7))
+    assert told(a, b, signs=10 * SIGNS, a=6, b=6) is None
+    a.waits(("b", 8))
+    assert told(a, b, signs=SIGNS - 1, a=7, b=6) is None
+    b.waits(("a", 8))
+    assert told(a, b, signs=10 * SIGNS, a=7, b=7) is None
+
+
+@mark.parametrize("what", ["loses a frame", "swaps two frames", "garbles a frame"])
+def test_a_run_ends_and_names_the_sender(tmp_path, what):
+    fault = Fault("wire", what, "spring", "simulated", "each", "loop", 40)
+    assert random_faults.run(fault, tmp_path) == []
+
+
+def test_a_frame_that_is_no_message_is_told_as_such_and_not_as_lost(tmp_path):
+    random_faults.run(Fault("wire", "garbles a frame", "spring", "simulated", "each", "loop", 40), tmp_path)
+    said = " ".join((tmp_path / "told").read_text().split())
+    assert "node 'spring', stream 'spring': MessageError" in said, said
+
+
+@mark.parametrize("what", ["sends a frame twice", "floods"])
+def test_frames_that_come_again_are_dropped(tmp_path, what):
+    fault = Fault("wire", what, "spring", "simulated", "each", "loop", 40)
+    assert random_faults.run(fault, tmp_path) == []

@@ -1,0 +1,258 @@
+"""The rules of the real clock one by one, without processes: ages of inputs, ticks left out, messages passed over."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import msgspec
+import pytest
+
+from palpate.engine.job import InputJob, NodeJob
+from palpate.engine.slot import Slot, make
+from palpate.launch.run import real
+from palpate.launch.run.worker import Ended
+from palpate.messages import Force, Message, Pose, Torque
+
+FORCE = Force(force=(1.0, 0.0, 0.0), state="free", energy=0.0)
+POSE = Pose(position=(0, 0, 0), velocity=(0, 0, 0), dt=1e-3)
+TORQUE = Torque(torques=(1.0, 0.0, 0.0))
+MS = 1_000_000
+
+
+def slot(cls: str, *ports: tuple[str, dict]) -> Slot:
+    """A node of tests/support with inputs from elsewhere."""
+    jobs = tuple(InputJob(port=name, stream=name, producer=name, **given) for name, given in ports)
+    job = NodeJob("node", f"nodes_for_runs.{cls}", {}, 1, jobs, ("node",))
+    made = Slot(job, make(job), ())
+    made.wire({})
+    for port in made.inputs:
+        port.feed = port
+    return made
+
+
+def put(made: Slot, port: int, message: Message, tick: int) -> None:
+    made.inputs[port].put(msgspec.structs.replace(message, tick=tick, time=tick * MS), 0)
+
+
+def worker(rate: float = 1000.0, links: int = 0, wait=lambda feed, deadline=0: None) -> SimpleNamespace:
+    return SimpleNamespace(
+        job=SimpleNamespace(rate=rate, links=links), wait=wait, stopping=False, tick=-1, mute=set(), drain=lambda: None
+    )
+
+
+def drag(age: int, every: int = 1, loop: bool = False, **given) -> tuple[Slot, list | None]:
+    """Its inputs at tick 100 with a held force that is `age` ticks old."""
+    made = slot("Drag", ("pose", {}), ("force", {"every": every, "loop": loop, "waits": False}))
+    put(made, 0, POSE, 100)
+    put(made, 1, FORCE, 100 - age)
+    return made, real._gather(worker(**given), made, 100, 0, leading=True)
+
+
+@pytest.mark.parametrize(
+    ("given", "oldest"),
+    [
+        ({}, 7),
+        ({"links": 1}, 7),
+        ({"links": 2}, 3),
+        ({"links": 7}, 1),
+        ({"links": 100}, 1),
+        ({"rate": 500.0}, 3),
+        ({"rate": 100.0}, 3),
+        ({"rate": 2000.0}, 14),
+        ({"every": 10}, 30),
+        ({"every": 10, "links": 2}, 15),
+    ],
+)
+def test_a_needed_input_is_held_up_to_its_age(given, oldest):
+    assert drag(oldest, **given)[1] is not None
+    assert drag(oldest + 1, **given)[1] is None
+
+
+def test_an_input_that_a_node_can_do_without_is_absent_beyond_its_age():
+    for links in (0, 3):
+        for age, absent in ((7, False), (8, True)):
+            made = slot("Spread", ("force", {}), ("friction", {"optional": True, "waits": False}))
+            put(made, 0, FORCE, 100)
+            put(made, 1, FORCE, 100 - age)
+            gathered = real._gather(worker(links=links), made, 100, 0, leading=True)
+            assert gathered is not None and (gathered[1] is None) == absent
+
+
+@pytest.mark.parametrize(("age", "absent"), [(9, False), (10, True)])
+def test_a_device_is_without_torque_beyond_its_own_age(age, absent):
+    made = slot("Source", ("torque", {"loop": True, "optional": True}))
+    put(made, 0, TORQUE, 100 - age)
+    gathered = real._gather(worker(links=5), made, 100, 0, leading=True)
+    assert gathered is not None and (gathered[0] is None) == absent
+
+
+@pytest.mark.parametrize(
+    ("age", "every", "loop", "held"),
+    [(0, 1, False, 0), (1, 1, False, 1), (1, 1, True, 0), (2, 1, True, 1), (0, 10, False, 0)],
+)
+def test_only_what_is_older_than_the_tick_asks_for_counts_as_held(age, every, loop, held):
+    made, gathered = drag(age, every, loop)
+    assert gathered is not None and made.health.held == held
+
+
+def test_a_step_waits_for_its_inputs_until_the_deadline_and_no_longer(monkeypatch):
+    clock = [0]
+    monkeypatch.setattr(real, "now", lambda: clock[0])
+
+    def gather(comes: int | None, waits: bool) -> tuple[list | None, int]:
+        clock[0] = 0
+        made = slot("Drag", ("pose", {}), ("force", {"waits": waits}))
+        put(made, 0, POSE, 100)
+        put(made, 1, FORCE, 99)
+
+        def wait(feed: object, deadline: int) -> None:
+            clock[0] += MS
+            if clock[0] == comes:
+                put(made, 1, FORCE, 100)
+
+        gathered = real._gather(worker(wait=wait), made, 100, 5 * MS, leading=True)
+        return [message.tick for message in gathered], clock[0]
+
+    assert gather(3 * MS, True) == ([100, 100], 3 * MS)
+    assert gather(None, True) == ([100, 99], 5 * MS)
+    assert gather(3 * MS, False) == ([100, 99], 0)
+
+
+def test_a_driving_message_that_does_not_come_means_no_step():
+    made = slot("Drag", ("pose", {}), ("force", {"waits": False}))
+    put(made, 0, POSE, 99)
+    put(made, 1, FORCE, 100)
+    assert real._gather(worker(), made, 100, 0, leading=False) is None
+    assert made.health.held == 0
+
+
+def test_of_several_driving_messages_the_newest_counts_and_the_others_are_lost():
+    made, here = slot("Drag", ("pose", {}), ("force", {})), worker()
+    for tick in (3, 4, 6):
+        put(made, 0, POSE, tick)
+    assert real._follow(here, made) == (6, 6 * MS)
+    assert made.health.lost == 2
+    here.tick = 6
+    assert real._follow(here, made) is None
+    assert made.health.lost == 5 and not made.inputs[0].queue
+
+
+def test_a_node_that_waits_ends_when_it_is_told():
+    made, here = slot("Drag", ("pose", {}), ("force", {})), worker()
+
+    def heed() -> None:
+        here.stopping = True
+
+    here.heed = heed
+    with pytest.raises(Ended):
+        real._follow(here, made)
+
+
+@pytest.mark.parametrize(("late", "skipped"), [(0.0, 0), (0.9, 0), (1.1, 1), (2.6, 2)])
+@pytest.mark.parametrize("before", [-1, 4])
+def test_ticks_whose_whole_period_has_passed_are_left_out_and_counted(monkeypatch, late, skipped, before):
+    origin, deadlines = 1000, []
+    monkeypatch.setattr(real, "sleep_until", lambda deadline: deadlines.append(deadline) or round(late * MS))
+    monkeypatch.setattr(real, "now", lambda: origin + 77)
+    made, here = slot("Source", ("torque", {"loop": True})), worker()
+    here.tick = before
+    assert real._pace(here, made, origin, MS) == (before + 1 + skipped, 77)
+    assert deadlines == [origin + (before + 1) * MS]
+    assert made.health.late == (skipped if before >= 0 else 0)
+
+
+def test_a_run_that_is_told_to_stop_ends_at_its_next_tick(monkeypatch):
+    monkeypatch.setattr(real, "sleep_until", lambda deadline: 0)
+    here = worker()
+    here.stopping = True
+    with pytest.raises(Ended):
+        real._pace(here, slot("Source", ("torque", {"loop": True})), 0, MS)
+
+
+def test_what_a_dead_sender_sent_is_not_used():
+    made, _ = drag(0)
+    made.inputs[1].dead = True
+    assert real._gather(worker(), made, 100, 0, leading=True) is None
+
+
+def test_the_input_of_a_loop_is_of_the_tick_before():
+    made = slot("Source", ("torque", {"loop": True}))
+    put(made, 0, TORQUE, 99)
+    put(made, 0, TORQUE, 100)
+    assert real._gather(worker(), made, 100, 0, leading=True)[0].tick == 99
+
+
+class Here(SimpleNamespace):
+    """A worker with a paced node at each tick, one at every second, and one that is mute."""
+
+    def __init__(self, last: int) -> None:
+        super().__init__(job=SimpleNamespace(rate=1000.0, links=0), tick=-1, last=last, mute={"silent"}, stopping=False)
+        self.clock = [0]
+        self.slots = [slot("Source", ("torque", {"loop": True, "optional": True})) for _ in range(3)]
+        for made in self.slots:
+            made.begin()
+        self.slots[1].every = 2
+        self.slots[2].name = "silent"
+        self.sent: list[tuple[int, int]] = []
+
+    def send(self, made: Slot) -> None:
+        self.sent.append((self.slots.index(made), made.outputs[0].last.tick))
+        self.clock[0] += 30_000
+
+    def drain(self) -> None:
+        """Nothing comes."""
+
+    heed = housekeep = drain
+
+
+def test_each_node_runs_at_its_ticks_up_to_the_last(monkeypatch):
+    here, deadlines = Here(last=3), []
+    origin = 5 * MS
+
+    def sleep(deadline: int) -> int:
+        here.clock[0] = deadline + 10_000
+        return 10_000
+
+    def gather(worker, made, tick, deadline, leading):
+        deadlines.append((deadline, leading))
+        return None if tick == 3 else [None]
+
+    monkeypatch.setattr(real, "sleep_until", sleep)
+    monkeypatch.setattr(real, "now", lambda: here.clock[0])
+    monkeypatch.setattr(real, "_gather", gather)
+    real.run_real(here, origin)
+    assert here.sent == [(0, 0), (1, 0), (0, 1), (0, 2), (1, 2)]
+    ticks = (0, 0, 1, 2, 2, 3)
+    assert deadlines == [
+        (origin + tick * MS + 10_000 + MS, leading)
+        for tick, leading in zip(ticks, (True, False, True, True, False, True), strict=True)
+    ]
+    assert [made.health.lost for made in here.slots] == [1, 0, 0]
+    assert here.slots[0].outputs[0].last.time == 2 * MS + 10_000
+    assert here.slots[0].health.age.longest == 30_000 and here.slots[1].health.age.longest == 60_000
+
+
+def test_a_sender_that_has_stopped_is_not_waited_for_where_the_node_can_do_without(monkeypatch):
+    """Else every step of its reader would take a period more than it has."""
+    clock = [0]
+    monkeypatch.setattr(real, "now", lambda: clock[0])
+    waited = []
+
+    def gather(optional: str, age: int) -> int:
+        clock[0] = 0
+        waited.clear()
+        made = slot("Spread" if optional else "Drag", ("pose" if not optional else "force", {}), *(
+            (("friction", {"optional": True}),) if optional else (("force", {}),)))  # fmt: skip
+        put(made, 0, FORCE if optional else POSE, 100)
+        put(made, 1, FORCE, 100 - age)
+
+        def wait(feed, deadline):
+            waited.append(feed)
+            clock[0] += MS
+
+        real._gather(worker(wait=wait), made, 100, MS, leading=True)
+        return len(waited)
+
+    assert gather("optional", 1) == 1 and gather("optional", 7) == 1
+    assert gather("optional", 8) == 0
+    assert gather("", 8) == 1

@@ -1,0 +1,298 @@
+"""Whole runs: fused, as processes, in random groupings, over TCP; what happens when a node fails."""
+
+from __future__ import annotations
+
+import os
+import random
+import re
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import pytest
+from graphs_for_runs import GRAPH, NODES, write_graph, write_place
+
+from palpate.launch.load.launchfile import LaunchFile
+from palpate.launch.run import keys, launcher
+from palpate.launch.run.addresses import runs
+from palpate.launch.run.execute import Outcome, execute
+from palpate.launch.run.exits import exits_told
+from palpate.messages import Torque
+from palpate.records.reader import Recording
+
+TICKS = 300
+
+
+def go(tmp_path: Path, text: str = GRAPH, ticks: int = TICKS, record: bool = True, **more) -> Outcome:
+    patience = more.pop("patience", 5.0)
+    launch = LaunchFile(
+        graph=write_graph(tmp_path, text),
+        duration=ticks / 1000.0 if ticks else None,
+        record=tmp_path / "run.mcap" if record else None,
+        **more,
+    )
+    return execute(launch, patience=patience)
+
+
+def streams(path: Path) -> dict[str, list[bytes]]:
+    payloads: dict[str, list[bytes]] = {}
+    for name, _, payload in Recording(path).payloads():
+        payloads.setdefault(name, []).append(payload)
+    return payloads
+
+
+def processes() -> set[str]:
+    """Fork servers that this process has started and workers that lost theirs, as the kernel lists them."""
+    pids = set()
+    for entry in Path("/proc").iterdir():
+        if entry.name.isdigit():
+            try:
+                line = (entry / "cmdline").read_bytes().replace(b"\0", b" ").decode(errors="replace")
+                parent = (entry / "stat").read_text().rpartition(")")[2].split()[1]
+            except OSError:
+                continue
+            if "palpate.launch.run.forkserver" in line and parent in ("1", str(os.getpid())):
+                pids.add(entry.name)
+    return pids
+
+
+@pytest.fixture(autouse=True)
+def nothing_stays():
+    before = processes()
+    yield
+    assert processes() <= before
+    assert not [name for name, _ in runs() if name.startswith(f"{os.getpid()}-")]
+
+
+@pytest.fixture(scope="module")
+def reference(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("reference")
+    outcome = go(folder, place="fused")
+    assert outcome.result.ok, outcome.result.deaths
+    payloads = streams(folder / "run.mcap")
+    assert {name: len(sent) for name, sent in payloads.items()} == dict.fromkeys(NODES, TICKS)
+    return payloads
+
+
+def test_processes_send_the_same_bytes_as_one_process(tmp_path, reference):
+    outcome = go(tmp_path)
+    assert outcome.result.ok, outcome.result.deaths
+    assert streams(tmp_path / "run.mcap") == reference
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_any_grouping_sends_the_same_bytes(tmp_path, reference, seed):
+    rng = random.Random(seed)
+    names = list(NODES)
+    rng.shuffle(names)
+    cut = sorted(rng.sample(range(1, len(names)), 2))
+    groups = [names[: cut[0]], names[cut[0] : cut[1]], names[cut[1] :]]
+    outcome = go(tmp_path, place=write_place(tmp_path, groups))
+    assert outcome.result.ok, outcome.result.deaths
+    assert streams(tmp_path / "run.mcap") == reference
+
+
+def test_groups_over_tcp_send_the_same_bytes(tmp_path, reference):
+    place = tmp_path / "tcp.yaml"
+    place.write_text(
+        "a: {nodes: [source, sum], host: 127.0.0.1}\nb: {nodes: [spring, drag, spread], host: 127.0.0.1}\n"
+    )
+    outcome = go(tmp_path, place=place)
+    assert outcome.result.ok, outcome.result.deaths
+    assert streams(tmp_path / "run.mcap") == reference
+
+
+def test_a_group_that_joins_by_hand_sends_the_same_bytes(tmp_path, reference, monkeypatch):
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
+    keys.make()
+    place = tmp_path / "joined.yaml"
+    place.write_text("a: {nodes: [source, sum]}\nfar: {nodes: [spring, drag, spread], host: 127.0.0.1, join: true}\n")
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        address = f"tcp://127.0.0.1:{free.getsockname()[1]}"
+    command = [
+        sys.executable,
+        "-c",
+        "from palpate.launch.run import keys; from palpate.launch.run.process import join; "
+        f"raise SystemExit(join({address!r}, 'far', 30, keys.load()))",
+    ]
+    path = os.pathsep.join([str(Path(__file__).parents[2] / "support"), os.environ.get("PYTHONPATH", "")])
+    with subprocess.Popen(command, env={**os.environ, "PYTHONPATH": path}) as far:
+        launch = LaunchFile(
+            graph=write_graph(tmp_path), place=place, duration=TICKS / 1000, record=tmp_path / "run.mcap"
+        )
+        outcome = execute(launch, address=address)
+        assert far.wait(10) == 0
+    assert outcome.result.ok, outcome.result.deaths
+    assert streams(tmp_path / "run.mcap") == reference
+
+
+def test_a_logger_beside_nodes_hears_the_nodes_of_other_groups_too(tmp_path, reference):
+    place = tmp_path / "place.yaml"
+    place.write_text("a: [source, spring, log]\nb: [drag, spread, sum]\n")
+    outcome = go(tmp_path, place=place)
+    assert outcome.result.ok, outcome.result.deaths
+    assert streams(tmp_path / "run.mcap") == reference
+    assert Recording(tmp_path / "run.mcap").counts["sum"] == {"count": TICKS, "lost": 0}
+
+
+def test_a_slower_node_is_held_at_its_own_ticks(tmp_path):
+    text = GRAPH.replace("nodes_for_runs.Drag,", "nodes_for_runs.Drag, every: 7,")
+    results = []
+    for place in ("fused", None):
+        outcome = go(tmp_path, text, place=place)
+        assert outcome.result.ok, outcome.result.deaths
+        results.append(streams(tmp_path / "run.mcap"))
+    assert results[0] == results[1]
+    assert len(results[0]["drag"]) == -(-TICKS // 7)
+
+
+def test_each_message_names_the_ticks_that_it_was_computed_from(tmp_path):
+    go(tmp_path, place="fused")
+    messages = {name: list(Recording(tmp_path / "run.mcap").messages(name)) for name in NODES}
+    assert [m.used for m in messages["source"]][:3] == [(-1,), (0,), (1,)]
+    assert all(m.used == (m.tick, m.tick) for m in messages["spread"])
+    assert [m.time for m in messages["sum"]] == [tick * 1_000_000 for tick in range(TICKS)]
+
+
+def test_the_real_clock_keeps_its_rate(tmp_path):
+    outcome = go(tmp_path, clock="real", ticks=500)
+    assert outcome.result.ok, outcome.result.deaths
+    assert 0.4 < outcome.result.wall < 3.0
+    assert outcome.result.health["source"]["steps"] + outcome.result.health["source"]["late"] >= 495
+
+
+FAULTS = {
+    "raise": "RuntimeError: out of luck",
+    "nan": r"Force.force \[N\]: found nan at index 0",
+    "type": "answered a dict, expected a Force",
+    "input": "answered a Pose, expected a Force",
+    "exit": "its process ended: exit code 7",
+    "kill": "its process ended: killed by SIGKILL",
+    "start": "RuntimeError: cannot start",
+}
+
+
+@pytest.mark.parametrize("clock", ["simulated", "real"])
+@pytest.mark.parametrize("how", ["raise", "nan", "exit", "kill", "start"])
+def test_a_node_that_fails_is_named_with_its_reason(tmp_path, how, clock):
+    text = GRAPH.replace("nodes_for_runs.Spring,", f"nodes_for_runs.Faulty, how: {how},")
+    outcome = go(tmp_path, text, clock=clock, ticks=3000)
+    (death,) = outcome.result.deaths
+    assert death.node == "spring"
+    assert re.search(FAULTS[how], death.text)
+    if how in ("raise", "start"):
+        assert "Traceback" in death.trace
+    if how != "start":
+        assert len(streams(tmp_path / "run.mcap")["source"]) >= 20
+
+
+@pytest.mark.parametrize("how", ["raise", "nan", "type", "input", "exit", "start"])
+def test_a_node_that_fails_in_one_process_is_named_too(tmp_path, how):
+    text = GRAPH.replace("nodes_for_runs.Spring,", f"nodes_for_runs.Faulty, how: {how},")
+    outcome = go(tmp_path, text, place="fused")
+    (death,) = outcome.result.deaths
+    said = r"SystemExit: os._exit\(7\)" if how == "exit" else FAULTS[how]
+    assert death.node == "spring" and re.search(said, death.text)
+    assert how == "start" or len(streams(tmp_path / "run.mcap")["source"]) == 20
+
+
+def test_what_a_node_of_one_process_forks_and_its_threads_exit_as_they_want():
+    with exits_told():
+        child = os.fork()
+        if child == 0:
+            os._exit(5)
+        assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 5
+        program = "import os, threading\nfrom palpate.launch.run.exits import exits_told\nwith exits_told():\n"
+        program += "    threading.Thread(target=os._exit, args=(6,)).start()\n    threading.Event().wait()"
+        assert subprocess.run([sys.executable, "-c", program]).returncode == 6
+        with pytest.raises(SystemExit, match="7"):
+            os._exit(7)
+
+
+@pytest.mark.parametrize("clock", ["simulated", "real"])
+def test_a_node_that_hangs_is_named_with_the_place_where_it_hangs(tmp_path, clock):
+    text = GRAPH.replace("nodes_for_runs.Spring,", "nodes_for_runs.Faulty, how: hang,")
+    outcome = go(tmp_path, text, clock=clock, ticks=0, patience=0.8)
+    (death,) = outcome.result.deaths
+    assert death.node == "spring" and "hangs" in death.text
+    assert "nodes_for_runs.py" in death.trace
+
+
+def test_who_waits_for_the_disk_is_not_taken_for_one_that_hangs(tmp_path, monkeypatch):
+    """No signal reaches it there, and it goes on by itself."""
+    text = GRAPH.replace("nodes_for_runs.Spring,", "nodes_for_runs.Faulty, how: doze,")
+    assert any("hangs" in death.text for death in go(tmp_path, text, patience=0.4).result.deaths)
+    monkeypatch.setattr(launcher, "at_the_disk", lambda pid: True)
+    outcome = go(tmp_path, text, patience=0.4)
+    assert outcome.result.ok and len(streams(tmp_path / "run.mcap")["sum"]) == TICKS
+
+
+def test_when_a_node_dies_the_torque_goes_to_none_within_20_ms(tmp_path):
+    """On the real clock the device goes on after the death of a node; it hears no torque from then on."""
+    text = GRAPH.replace("nodes_for_runs.Spring,", "nodes_for_runs.Faulty, how: kill, at: 200,")
+    go(tmp_path, text, clock="real", ticks=2000)
+    recording = Recording(tmp_path / "run.mcap")
+    last = max(m.time for m in recording.messages("sum"))
+    poses = list(recording.messages("source"))
+    orphaned = [pose.time for pose in poses if pose.used == (-1,) and pose.time > last]
+    assert orphaned, "the device did not live on"
+    assert (orphaned[0] - last) * 1e-9 <= 0.03
+
+
+def test_ctrl_c_ends_all_streams_at_the_same_tick(tmp_path):
+    def interrupt() -> None:
+        record = tmp_path / "run.mcap"
+        while not record.is_file() or record.stat().st_size < 40_000:
+            time.sleep(0.05)
+        os.kill(os.getpid(), signal.SIGINT)
+
+    threading.Thread(target=interrupt, daemon=True).start()
+    outcome = go(tmp_path, ticks=0)
+    assert outcome.result.interrupted and outcome.result.ok
+    payloads = streams(tmp_path / "run.mcap")
+    assert len({len(sent) for sent in payloads.values()}) == 1 and len(payloads["sum"]) > 10
+
+
+def test_a_port_in_use_is_one_clear_line(tmp_path):
+    import zmq
+
+    taken = zmq.Context.instance().socket(zmq.REP)
+    port = taken.bind_to_random_port("tcp://127.0.0.1")
+    place = tmp_path / "tcp.yaml"
+    place.write_text(f"a: {{nodes: [source, sum], host: '127.0.0.1:{port}'}}\n")
+    outcome = go(tmp_path, place=place)
+    taken.close()
+    (death,) = outcome.result.deaths
+    assert f"cannot bind tcp://127.0.0.1:{port}: Address already in use" in death.text
+
+
+def test_a_node_with_restart_comes_back(tmp_path):
+    text = GRAPH.replace("nodes_for_runs.Spring,", "nodes_for_runs.Faulty, how: kill, at: 200, restart: true,")
+    launch = LaunchFile(graph=write_graph(tmp_path, text), duration=1.5, clock="real", record=tmp_path / "run.mcap")
+    outcome = execute(launch)
+    assert [death.node for death in outcome.result.deaths]
+    ticks = [m.tick for m in Recording(tmp_path / "run.mcap").messages("spring")]
+    assert max(ticks) > 400, "it did not come back"
+
+
+def test_on_simulated_time_a_death_ends_the_run_in_spite_of_restart(tmp_path):
+    """What the node has missed would never come again."""
+    text = GRAPH.replace("nodes_for_runs.Spring,", "nodes_for_runs.Faulty, how: kill, restart: true,")
+    outcome = go(tmp_path, text, ticks=200_000)
+    assert [death.node for death in outcome.result.deaths] == ["spring"]
+    assert outcome.result.health["source"]["tick"] < 200_000 - 1
+
+
+def test_the_recording_tells_of_its_run(tmp_path):
+    go(tmp_path, place="fused")
+    recording = Recording(tmp_path / "run.mcap")
+    assert recording.complete
+    assert recording.about["ticks"] == TICKS and recording.about["clock"] == "simulated"
+    assert recording.counts["sum"] == {"count": TICKS, "lost": 0}
+    assert recording.streams["sum"].type is Torque
+    assert recording.columns("sum")["torques"].shape == (TICKS, 3)

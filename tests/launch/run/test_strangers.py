@@ -1,0 +1,225 @@
+"""What is not of the run: dropped and counted where it comes in; shut out where it can be."""
+
+from __future__ import annotations
+
+import os
+import random
+import stat
+import threading
+import time
+from pathlib import Path
+
+import msgspec
+import pytest
+import zmq
+from graphs_for_runs import GRAPH, write_graph
+from test_start_barrier import free_port
+from typer.testing import CliRunner
+
+from palpate.launch.__main__ import app
+from palpate.launch.load.launchfile import LaunchFile
+from palpate.launch.run import addresses, keys
+from palpate.launch.run.assign import jobs
+from palpate.launch.run.execute import execute
+from palpate.launch.run.launcher import Launcher
+from palpate.launch.run.reports import Addressed, Done, Note
+from palpate.launch.run.result import Result
+from palpate.launch.run.wires import Wires
+
+
+def run(folder: Path, during) -> Result:
+    """A run of 1000 ticks of real time; `during` gets the launcher once, in a thread, when it has begun."""
+    launch = LaunchFile(graph=write_graph(folder, GRAPH.replace("logger.Mcap", "nodes_for_runs.Slow")))
+    plan = launch.plan()
+    threads: list[threading.Thread] = []
+
+    def look(launcher: Launcher) -> None:
+        if launcher.phase == "running" and not threads:
+            threads.append(threading.Thread(target=during, args=(launcher,)))
+            threads[0].start()
+
+    work = jobs(plan, launch.placement(plan), clock="real", ticks=1000)
+    result = Launcher(work, show=look).run()
+    threads[0].join()
+    return result
+
+
+def garbage(seed: int, count: int) -> list[bytes]:
+    rng = random.Random(seed)
+    known = msgspec.msgpack.encode(Addressed("source", Note("x")))
+    frames = [rng.randbytes(rng.randint(0, 300)) for _ in range(count)]
+    frames += [b"\x00", b"", known[:-1], known + b"x", msgspec.msgpack.encode(Addressed("nobody", Done(True)))]
+    return frames
+
+
+def test_frames_that_are_no_reports_are_dropped_and_counted(tmp_path):
+    sent = garbage(1, 10_000)
+
+    def send(launcher: Launcher) -> None:
+        with zmq.Context() as context, context.socket(zmq.PUSH) as socket:
+            socket.connect(addresses.endpoint(launcher.run_id, "reports"))
+            for data in sent:
+                socket.send(data)
+
+    result = run(tmp_path, send)
+    assert result.ok, result.deaths
+    assert result.foreign == len(sent)
+    assert any(f"{len(sent)} frames that are none of this run's were dropped" in note for note in result.notes)
+
+
+def test_frames_that_are_no_subscriptions_or_orders_are_dropped_and_counted(tmp_path):
+    """An outlet for observers, and the launcher's orders, take subscriptions from anybody who can reach them."""
+
+    def send(launcher: Launcher) -> None:
+        with zmq.Context() as context:
+            for address in (
+                addresses.endpoint(launcher.run_id, "source", "observers"),
+                addresses.endpoint(launcher.run_id, "control"),
+            ):
+                with context.socket(zmq.XSUB) as socket:
+                    socket.connect(address)
+                    for data in [b"\x07" + os.urandom(20) for _ in range(50)]:
+                        socket.send(data)
+                    time.sleep(0.3)
+
+    result = run(tmp_path, send)
+    assert result.ok, result.deaths
+    assert result.foreign == 100
+
+
+def test_who_sends_more_than_any_subscription_to_where_orders_come_from_is_cut_off():
+    control = Wires(f"{os.getpid()}-large", {}, None, None)
+    try:
+        with zmq.Context() as context, context.socket(zmq.XSUB) as stranger:
+            monitor = stranger.get_monitor_socket(zmq.EVENT_DISCONNECTED)
+            stranger.connect(control.control)
+            stranger.send(b"\x07" + bytes(1000))
+            stranger.send(b"\x07" + bytes(2000))
+            assert monitor.poll(20_000), "it may send what it likes"
+            assert list(control.new()) == [] and control.foreign == 1
+            stranger.disable_monitor()
+    finally:
+        control.close(0)
+
+
+def test_the_sockets_of_a_run_are_for_its_user_alone_and_gone_at_its_end(tmp_path):
+    modes: dict[str, int] = {}
+
+    def look(launcher: Launcher) -> None:
+        for path in (addresses.folder(), *(addresses.folder() / launcher.run_id).parent.glob(launcher.run_id)):
+            modes[str(path)] = stat.S_IMODE(path.stat().st_mode)
+        text = Path("/proc/net/unix").read_text()
+        assert "@palpate" not in text and launcher.run_id in text
+
+    assert run(tmp_path, look).ok
+    assert len(modes) == 2 and set(modes.values()) == {0o700}
+    assert not any(Path(path).exists() for path in list(modes)[1:])
+
+
+def test_a_folder_that_others_can_enter_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_RUNTIME_DIR", f"/tmp/palpate-t{os.getpid()}")
+    base = Path(os.environ["XDG_RUNTIME_DIR"])
+    (base / "palpate").mkdir(parents=True, mode=0o777)
+    (base / "palpate").chmod(0o777)
+    try:
+        with pytest.raises(PermissionError, match="nobody else can"):
+            addresses.folder()
+    finally:
+        (base / "palpate").rmdir()
+        base.rmdir()
+
+
+def test_what_a_killed_launcher_has_left_is_removed(tmp_path):
+    left = addresses.folder() / "1-dead"
+    left.mkdir(mode=0o700)
+    (left / "lock").touch()
+    assert "1-dead" not in dict(addresses.runs())
+    assert run(tmp_path, lambda _: None).ok
+    assert not left.exists()
+
+
+def test_over_tcp_only_those_who_hold_the_key_hear_anything(tmp_path):
+    key, heard = keys.Key.make(), {}
+    port = free_port()
+    place = tmp_path / "place.yaml"
+    place.write_text(f"a: {{nodes: [source, sum], host: '127.0.0.1:{port}'}}\n")
+    launch = LaunchFile(graph=write_graph(tmp_path), place=place)
+    plan = launch.plan()
+    work = jobs(plan, launch.placement(plan), clock="real", ticks=1000)
+
+    def listen(launcher: Launcher) -> None:
+        other = keys.Key.make()
+        half = keys.Key(other.public, other.secret)
+        with zmq.Context() as context:
+            sockets = {}
+            for name in ("with", "none", "other", "half"):
+                sockets[name] = socket = context.socket(zmq.SUB)
+                socket.set(zmq.LINGER, 0)
+                if name == "with":
+                    key.secure(socket, server=False)
+                elif name == "other":
+                    other.secure(socket, server=False)
+                elif name == "half":  # knows the public key, but has another pair
+                    half.secure(socket, server=False)
+                    socket.set(zmq.CURVE_SERVERKEY, key.public.encode())
+                socket.subscribe(b"source\0")
+                socket.connect(f"tcp://127.0.0.1:{port}")
+            heard["with"] = sockets.pop("with").poll(3000)
+            heard.update({name: socket.poll(100) for name, socket in sockets.items()})
+
+    threads: list[threading.Thread] = []
+
+    def look(launcher: Launcher) -> None:
+        if launcher.phase == "running" and not threads:
+            threads.append(threading.Thread(target=listen, args=(launcher,)))
+            threads[0].start()
+
+    assert Launcher(work, show=look, key=key).run().ok
+    threads[0].join()
+    assert heard == {"with": 1, "none": 0, "other": 0, "half": 0}
+
+
+def test_a_run_with_other_machines_is_refused_without_a_key_unless_told_otherwise(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
+    place = tmp_path / "far.yaml"
+    place.write_text("far: {nodes: [spring, drag, spread], join: true}\n")
+    launch = LaunchFile(graph=write_graph(tmp_path), place=place, duration=0.1)
+    with pytest.raises(keys.KeyFault, match="palpate keys --make"):
+        execute(launch, address="tcp://127.0.0.1:5999")
+
+
+def say(*args: str):
+    result = CliRunner().invoke(app, list(args), env={"COLUMNS": "200", "NO_COLOR": "1"})
+    return result.exit_code, result.stdout + result.stderr
+
+
+def test_keys_are_made_and_listed_and_belong_to_their_user(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
+    assert "no keys" in say("keys")[1]
+    code, out = say("join", "tcp://127.0.0.1:9", "far")
+    assert code == 1 and "there is no key 'rig'" in out and "--unencrypted" in out
+    code, out = say("keys", "--make")
+    path = tmp_path / "palpate" / "keys" / "rig.json"
+    assert code == 0 and str(path) in out
+    assert stat.S_IMODE(path.stat().st_mode) == 0o600
+    assert len(keys.load().public) == 40
+    assert say("keys", "--make")[0] == 1
+    assert say("keys", "lab", "--make")[0] == 0 and "lab" in say("keys")[1]
+    path.chmod(0o644)
+    with pytest.raises(keys.KeyFault, match="others can read"):
+        keys.load()
+    path.chmod(0o600)
+    path.write_text("{}")
+    with pytest.raises(keys.KeyFault, match="damaged"):
+        keys.load()
+
+
+def test_a_stray_file_among_the_runs_is_none_and_harms_none():
+    stray = addresses.folder() / "stray"
+    stray.write_text("x")
+    try:
+        folder = addresses.RunFolder("2-mine")
+        assert "stray" not in dict(addresses.runs()) and "2-mine" in dict(addresses.runs())
+        folder.close()
+    finally:
+        stray.unlink(missing_ok=True)

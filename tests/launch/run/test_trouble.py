@@ -1,0 +1,111 @@
+"""A node that fails in whatever way: the device is without torque, the culprit is named, nothing outlives the run, and
+what was recorded before can be checked."""
+
+from __future__ import annotations
+
+import subprocess
+import time
+from pathlib import Path
+
+import pytest
+from graphs_for_runs import GRAPH, write_graph
+
+from palpate.launch.load.launchfile import LaunchFile
+from palpate.launch.run.execute import Outcome, execute
+from palpate.launch.run.watchdog import START_PATIENCE
+from palpate.records.player import plan_of
+from palpate.records.reader import Recording
+from palpate.records.verify import verify
+
+HUNG = ("hang", "stop", "spin", "print", "eat")
+KILLED = {
+    "kill": "killed by SIGKILL",
+    "terminate": "killed by SIGTERM",
+    "kill group": "killed by SIGKILL",
+    "kill parent": "killed by SIGKILL",
+    "terminate parent": "killed by SIGTERM",
+    "kill parent's group": "killed by SIGKILL",
+}
+
+
+def go(folder: Path, how: str, clock: str, patience: float = 1.0, **more) -> Outcome:
+    text = GRAPH.replace(
+        "nodes_for_runs.Spring,", f'nodes_for_runs.Faulty, how: "{how}", at: 300, note: {folder}/fault,'
+    )
+    launch = LaunchFile(graph=write_graph(folder, text), duration=10.0, clock=clock, record=folder / "run.mcap", **more)
+    return execute(launch, patience=patience)
+
+
+def check(folder: Path) -> None:
+    recording = Recording(folder / "run.mcap")
+    report = verify(recording, plan_of(recording))
+    assert report.ok, report.first
+
+
+@pytest.mark.parametrize("how", [*HUNG, "kill"])
+def test_the_device_is_without_torque_20_ms_after_a_fault_of_any_kind(tmp_path, how):
+    outcome = go(tmp_path, how, "real")
+    (death,) = outcome.result.deaths
+    assert death.node == "spring"
+    fault = int((tmp_path / "fault").read_text())
+    samples = list(Recording(tmp_path / "run.mcap").messages("source"))
+    without = next(m for m in samples if m.tick > fault and m.used == (-1,))
+    assert without.tick - fault <= 20
+    assert not any(m.used != (-1,) for m in samples if m.tick > without.tick + 20)
+    check(tmp_path)
+
+
+@pytest.mark.parametrize("clock", ["simulated", "real"])
+@pytest.mark.parametrize("how", KILLED)
+def test_a_node_that_ends_its_process_its_group_or_its_parent_is_named(tmp_path, how, clock):
+    outcome = go(tmp_path, how, clock)
+    (death,) = outcome.result.deaths
+    assert death.node == "spring" and KILLED[how] in death.text
+    check(tmp_path)
+
+
+@pytest.mark.parametrize("how", ["stop", "spin"])
+def test_on_the_simulated_clock_a_hung_node_is_named_and_the_record_before_it_checks(tmp_path, how):
+    outcome = go(tmp_path, how, "simulated")
+    (death,) = outcome.result.deaths
+    assert death.node == "spring" and ("stopped by a signal" if how == "stop" else "hangs") in death.text
+    check(tmp_path)
+
+
+def test_who_is_stopped_before_the_start_is_not_waited_for_as_one_who_compiles(tmp_path):
+    """A node may take minutes for its start; a process that was stopped will not come to its end."""
+    begun = time.monotonic()
+    (death,) = go(tmp_path, "stop in start", "simulated").result.deaths
+    assert (death.node, death.where) == ("spring", "start") and "stopped by a signal" in death.text
+    assert time.monotonic() - begun < START_PATIENCE / 2
+
+
+def test_what_a_node_starts_in_a_session_of_its_own_ends_with_the_run(tmp_path):
+    text = GRAPH.replace("nodes_for_runs.Spring,", 'nodes_for_runs.Faulty, how: "own session",')
+    outcome = execute(LaunchFile(graph=write_graph(tmp_path, text), duration=0.3))
+    assert outcome.result.ok
+    until = time.monotonic() + 2.0
+    while (left := sleepers()) and time.monotonic() < until:
+        time.sleep(0.05)
+    assert not left
+
+
+def sleepers() -> bool:
+    return bool(subprocess.run(["pgrep", "-f", "sleep 1234"], capture_output=True).stdout)
+
+
+def test_a_node_whose_driving_sender_died_goes_on_without_it_and_can_be_checked(tmp_path):
+    """Its driving input is optional."""
+    text = """
+nodes:
+  source: {use: nodes_for_runs.Source}
+  spring: {use: nodes_for_runs.Faulty, in: {pose: source}, how: kill, at: 300}
+  follow: {use: nodes_for_runs.Follow, in: {force: spring}}
+  log:    {use: logger.Mcap, in: all}
+"""
+    place = tmp_path / "place.yaml"
+    place.write_text("a: [source, follow]\nb: [spring]\n")
+    launch = LaunchFile(graph=write_graph(tmp_path, text), place=place, duration=5.0, clock="real")
+    execute(launch.but(record=tmp_path / "run.mcap"))
+    assert any(m.used == (-1,) for m in Recording(tmp_path / "run.mcap").messages("follow"))
+    check(tmp_path)

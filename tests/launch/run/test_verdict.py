@@ -1,0 +1,79 @@
+"""Whether a run on the real clock kept its rate: counted, said in a line, and an exit code on wish."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+from graphs_for_runs import GRAPH, write_graph
+from typer.testing import CliRunner
+
+from palpate.engine.plan import plan
+from palpate.launch.__main__ import app
+from palpate.launch.load.launchfile import LaunchFile, find
+from palpate.launch.run.assign import spared
+from palpate.launch.run.execute import execute
+from palpate.launch.run.result import Result
+from palpate.launch.run.verdict import verdict
+
+
+def counted(steps: int, answers: int, overdue: int, ticks: int | None = 1000, signal: int = 0):
+    health = {"device": {"steps": steps, "overdue": 0}, "statics": {"steps": answers, "overdue": overdue}}
+    return verdict(Result(health=health, ticks=1000, signal=signal), plan(find("kidney").load()), ticks)
+
+
+@pytest.mark.parametrize(
+    ("given", "kept", "words"),
+    [
+        ((1000, 1000, 0), True, "kept 1000 Hz: 100.00 % of 1000 ticks in time"),
+        ((999, 999, 9), True, "kept 1000 Hz: 99 % of 1000 ticks in time"),
+        ((998, 998, 0), False, "0.20 % of 1000 ticks left out, 0 % answered after the next had begun"),
+        ((870, 870, 590), False, "13 % of 1000 ticks left out, 59 % answered after the next had begun"),
+        ((1000, 900, 100), False, "0 % of 1000 ticks left out, 20 % answered after the next had begun"),
+        ((0, 0, 0), False, "100.00 % of 1000 ticks left out, 0 % answered after the next had begun"),
+        ((950, 950, 0, None, 2), False, "5 % of 1000 ticks left out, 0 % answered after the next had begun"),
+    ],
+)  # fmt: skip
+def test_left_out_late_and_missing_answers_are_told_apart(given, kept, words):
+    found = counted(*given)
+    assert found is not None and found.kept is kept and str(found).removeprefix("not real time: ") == words
+
+
+def test_a_run_that_skips_all_of_its_ticks_did_not_keep_its_rate():
+    found = verdict(Result(), plan(find("kidney").load()), None)
+    assert found is not None and not found.kept and str(found) == "not real time: no tick of 1000 Hz was run"
+
+
+def test_a_node_that_takes_too_long_is_in_the_verdict_and_in_the_exit_code_on_wish(tmp_path):
+    text = GRAPH.replace("nodes_for_runs.Spring,", "nodes_for_runs.Work, seconds: 0.3, at: 50,")
+    graph = str(write_graph(tmp_path, text))
+    arguments = ["run", graph, "--clock", "real", "--duration", "0.5", "--json", "--no-record"]
+    loose, strict = (CliRunner().invoke(app, [*arguments, *more]) for more in ([], ["--strict"]))
+    assert (loose.exit_code, strict.exit_code) == (0, 1)
+    for answer in (loose, strict):
+        told = json.loads(answer.stdout)
+        assert told["ok"] and not told["verdict"]["kept"] and told["verdict"]["due"] == 500
+        assert told["verdict"]["late"] + told["verdict"]["overdue"] > 100
+    told = CliRunner().invoke(app, [*arguments[:-2], "--no-record", "-q"]).stdout
+    assert "not real time: " in told and "held: steps that used an input" in told and "--place auto" in told
+
+
+def test_the_simulated_clock_has_no_verdict(tmp_path):
+    graph = write_graph(tmp_path)
+    assert execute(LaunchFile(graph=graph, duration=0.05, place="fused")).verdict is None
+
+
+def test_only_what_a_scene_calls_for_and_all_can_do_without_is_gone_on_without():
+    assert spared(plan(find("kidney").load())) == {"friction"}
+    with_ledger = find("kidney").but(overrides=("scene.energy.ledger=true", "scene.finger.band=true"))
+    assert spared(plan(with_ledger.load())) == {"friction", "band"}
+
+
+def test_a_run_goes_on_without_an_effect_that_died_and_says_so(tmp_path):
+    text = GRAPH.replace("nodes_for_runs.Drag, in", "nodes_for_runs.FaultyDrag, at: 100, when: drag, in")
+    launch = LaunchFile(graph=write_graph(tmp_path, "scene: {drag: true}" + text), duration=0.6, clock="real")
+    outcome = execute(launch)
+    (death,) = outcome.result.deaths
+    assert death.node == "drag" and not outcome.ok
+    assert "drag failed; the run went on without" in outcome.result.notes
+    assert outcome.result.health["source"]["tick"] == 599

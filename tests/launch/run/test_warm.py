@@ -1,0 +1,135 @@
+"""The runner warms nodes: nothing is compiled, or loaded from the cache of kernels, in a step of a run."""
+
+import subprocess
+import sys
+from typing import Annotated
+
+import numpy as np
+import pytest
+from numba import njit
+
+from palpate.launch.testing import FakeBus
+from palpate.messages import Floats, Force, Ints, Message, Pose, Vector
+from palpate.messages.docs import message_types
+from palpate.nodes.base import Node
+
+GRAPH = """
+import sys
+from numba.core.dispatcher import Dispatcher
+from palpate.launch.load.launchfile import find
+from palpate.launch.run.execute import execute
+from palpate.launch.run.worker import Worker
+
+late, start, compiled = [], Worker.start, Dispatcher.compile
+
+def started(worker):
+    start(worker)
+    Dispatcher.compile = lambda kernel, types: (late.append(kernel.py_func.__name__), compiled(kernel, types))[1]
+
+Worker.start = started
+name, duration, *overrides = sys.argv[1:]
+launch = find(name).but(place="fused", clock="simulated", duration=float(duration), overrides=tuple(overrides))
+result = execute(launch).result
+assert result.ok, result.deaths
+print(*late)
+"""
+
+
+@pytest.mark.parametrize(
+    "graph",
+    [
+        ("kidney", "0.4"),
+        ("kidney", "0.4", "tissue.coupling=30.0"),
+        ("kidney", "0.4", "tissue.use=deformation.ReducedFE"),
+        ("kidney", "0.4", "tissue.use=deformation.BeamBundle", "collision.use=collision.Mesh"),
+        ("fingertip-slide", "0.05"),
+    ],
+    ids=lambda graph: graph[-1],
+)
+def test_a_graph_compiles_nothing_after_its_start(graph):
+    """Until after the first touch, in a process of its own: what a test before has compiled would hide it."""
+    done = subprocess.run([sys.executable, "-c", GRAPH, *graph], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout.split()) == (0, []), done.stderr
+
+
+class Net(Message):
+    """A message of the user's own.
+
+    edges   [1] (e,2)  vertices of each
+    pull    [N] (e)    of each
+    gains   [1] (g)    of the display
+    tight   [1] ()     whether one is at its limit
+    """
+
+    edges: Annotated[Ints, "1", ("e", 2)]
+    pull: Annotated[Floats, "N", ("e",)]
+    gains: Annotated[Vector, "1", ("g",)]
+    tight: Annotated[bool, "1"]
+
+
+def total(pull, edges, gain):
+    return gain * pull.sum() + 0.0 * edges.sum()
+
+
+class Pull(Node):
+    """A node of the user's own, with a kernel and nothing said of warming."""
+
+    begins: Annotated[int, "1"] = 0
+
+    def start(self):
+        self.kernel = KERNEL
+        self.steps = 0
+
+    def step(self, net: Net, pose: Pose | None, *, dt: float) -> Force:
+        self.steps += 1
+        force = self.kernel(net.pull, net.edges, net.gains[0]) if len(net.gains) else 0.0
+        return Force(force=(force, float(self.steps), dt), state="free", energy=0.0)
+
+
+KERNEL = njit(total)
+
+
+def test_a_kernel_of_the_users_own_is_compiled_before_the_first_step():
+    bus = FakeBus(Pull())
+    before = list(KERNEL.signatures)
+    assert len(before) == 1
+    net = Net(edges=[[0, 1], [1, 2]], pull=[1.0, 2.0], gains=(2.0,), tight=False)
+    (force,) = bus.publish(net)
+    assert KERNEL.signatures == before
+    assert force.force == (6.0, 1.0, 1e-3)  # and the state is that of a start
+
+
+class Sink(Pull):
+    sink = True
+
+
+class Device(Pull):
+    hardware = True
+
+
+class Refuses(Pull):
+    def step(self, net: Net, pose: Pose | None, *, dt: float) -> Force:
+        if len(net.pull) != 3:
+            raise SystemExit("expected three")
+        return super().step(net, pose, dt=dt)
+
+
+@pytest.mark.parametrize("kind", [Sink, Device])
+def test_what_touches_the_world_is_not_stepped_before_its_run(kind):
+    calls = []
+    node = kind()
+    node.step = lambda *messages, dt: calls.append(messages)
+    node.start = lambda: calls.append("start")
+    FakeBus(node)
+    assert calls == ["start"]
+
+
+def test_an_example_that_a_node_refuses_ends_nothing():
+    net = Net(edges=np.zeros((3, 2)), pull=np.ones(3), gains=(2.0,), tight=False)
+    assert FakeBus(Refuses()).publish(net)[0].force == (6.0, 1.0, 1e-3)
+
+
+@pytest.mark.parametrize("kind", message_types().values(), ids=lambda kind: kind.__name__)
+@pytest.mark.parametrize("loaded", [False, True])
+def test_every_message_has_an_example_that_can_travel(kind, loaded):
+    assert type(kind.example(loaded)) is kind

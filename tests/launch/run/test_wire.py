@@ -1,0 +1,570 @@
+"""The wire between processes: frames whole and in order, senders held back, and any ZeroMQ program at either end."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import socket
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+import zmq
+from graphs_for_runs import GRAPH, write_graph
+from nodes_for_runs import Spring
+
+import palpate.messages
+from palpate.engine.job import InputJob
+from palpate.engine.slot import Input
+from palpate.launch.load.launchfile import LaunchFile
+from palpate.launch.run import outlet as outlet_module
+from palpate.launch.run.addresses import endpoint
+from palpate.launch.run.assign import jobs
+from palpate.launch.run.execute import execute
+from palpate.launch.run.inlet import CHUNK, Inlet
+from palpate.launch.run.launcher import Launcher
+from palpate.launch.run.outlet import Outlet
+from palpate.launch.run.watch import Watch
+from palpate.launch.run.zmtp import GREETING, command, frame, ready
+from palpate.messages import Force, Message, Pose, pack, unpack
+from palpate.nodes.base import inputs
+from palpate.records.reader import Recording
+
+AHEAD = """
+wanted: [spring]
+nodes:
+  source: {use: nodes_for_runs.Source}
+  spring: {use: nodes_for_runs.Faulty, in: {pose: source}, how: doze}
+  log:    {use: logger.Mcap, in: all}
+"""
+SIZES = (1, 200, 0, 3000, CHUNK - 1, CHUNK, CHUNK + 1, 3 * CHUNK, 300_000, 5)
+
+
+SUB = ready({b"Socket-Type": b"SUB"})
+MESSAGES = [
+    kind
+    for _, kind in sorted(vars(palpate.messages).items())
+    if isinstance(kind, type) and issubclass(kind, Message) and kind is not Message
+]
+
+
+class End:
+    """One end of a wire, with its own watch; `held` counts how often a sender looked round while it was held back."""
+
+    def __init__(self, path: Path, real: bool = False) -> None:
+        self.path, self.real, self.held = str(path), real, 0
+        self.watch, self.apart = Watch(), set()
+
+    def hold(self) -> None:
+        self.held += 1
+        self.watch.look()
+        if self.held > 250:
+            raise TimeoutError
+
+    def listen(self) -> End:
+        self.outlet = Outlet("here", {"pose": ("there",)}, self.real, self.watch)
+        self.outlet.bind(self.path)
+        self.sender = self.outlet.sender("pose", None, self.hold)
+        self.send = self.sender.send
+        return self
+
+    def read_from(self) -> End:
+        self.inlet = Inlet("pose", "there", self.watch, lambda inlet: None, self.apart)
+        self.inlet.connect(self.path)
+        return self
+
+    def serve(self, until: Callable[[], bool]) -> None:
+        """Serve readers until this holds."""
+        end = time.monotonic() + 5.0
+        while not until():
+            assert time.monotonic() < end
+            self.watch.look(5)
+            self.outlet.tend()
+
+    def next(self) -> bytes:
+        """The next payload."""
+        if not hasattr(self, "came"):
+            self.came: list[bytes] = []
+        end = time.monotonic() + 5.0
+        while not self.came:
+            assert time.monotonic() < end
+            for inlet in tuple(self.apart):
+                inlet.reach()
+            self.came += self.inlet.wait()
+        return self.came.pop(0)
+
+
+def link(writer: End, reader: End) -> None:
+    """Bring both to the point where messages go."""
+    end = time.monotonic() + 5.0
+    while not (reader.inlet.linked and writer.outlet.linked("pose")):
+        assert time.monotonic() < end
+        writer.watch.look()
+        reader.inlet.take()
+        for inlet in tuple(reader.apart):
+            inlet.reach()
+
+
+def make(folder: Path, real: bool) -> tuple[End, End]:
+    writer, reader = End(folder / "out", real).listen(), End(folder / "out").read_from()
+    link(writer, reader)
+    return writer, reader
+
+
+@pytest.fixture
+def ends(tmp_path) -> Iterator[tuple[End, End]]:
+    """A sender and a reader of one stream on the simulated clock."""
+    writer, reader = make(tmp_path, real=False)
+    yield writer, reader
+    reader.inlet.close()
+    writer.outlet.close()
+
+
+def test_frames_of_any_size_come_whole_and_in_order(ends):
+    writer, reader = ends
+    sent = [bytes([i]) * size for i, size in enumerate(SIZES)]
+    sender = threading.Thread(target=lambda: [writer.send(data) for data in sent])
+    sender.start()
+    assert [reader.next() for _ in sent] == sent
+    sender.join()
+    assert reader.inlet.take() == []
+
+
+def test_a_full_wire_holds_its_sender_back_and_loses_nothing(ends):
+    writer, reader = ends
+    count = 30_000
+    sender = threading.Thread(target=lambda: [writer.send(b"%d" % i + bytes(300)) for i in range(count)])
+    sender.start()
+    until = time.monotonic() + 10.0
+    while not writer.held and time.monotonic() < until:
+        time.sleep(0.01)
+    assert writer.held and sender.is_alive()
+    assert [int(reader.next()[:-300]) for _ in range(count)] == list(range(count))
+    sender.join()
+
+
+def test_a_sender_that_is_held_back_can_be_called_away(ends):
+    with pytest.raises(TimeoutError):
+        for _ in range(100_000):
+            ends[0].send(bytes(500))
+
+
+def test_a_reader_that_has_closed_holds_nobody_back(ends):
+    writer, reader = ends
+    reader.inlet.close()
+    for _ in range(3000):
+        writer.send(bytes(500))
+    assert not writer.held and not writer.sender.readers
+
+
+def test_a_reader_that_ends_while_its_sender_is_held_back_lets_it_go(tmp_path):
+    writer, reader = make(tmp_path, real=False)
+
+    def hold() -> None:
+        writer.held += 1
+        reader.inlet.close()
+        assert writer.held < 3, "the sender still waits for a reader that has ended"
+
+    writer.sender._holds = hold
+    while not writer.held:
+        writer.send(bytes(1000))
+    writer.send(b"to nobody")
+    assert writer.held == 1
+
+
+def test_on_the_real_clock_what_has_no_room_is_dropped_whole_and_counted(tmp_path):
+    writer, reader = make(tmp_path, real=True)
+    sent = [b"%6d" % i + bytes([i % 251]) * (100 if i % 3 else 150_000) for i in range(3000)]
+    for data in sent:
+        writer.send(data)
+    heard = reader.inlet.take()
+    while (payloads := reader.inlet.take()) or reader.inlet._connection.decoder.rest:
+        heard += payloads
+        writer.outlet.tend()  # the last one goes in parts
+    assert not writer.held and 10 < len(heard) < len(sent)
+    assert heard == [sent[int(data[:6])] for data in heard]
+    writer.send(b"after")
+    assert reader.next() == b"after"
+    assert writer.outlet.close() == [
+        f"{len(sent) - len(heard)} messages of group 'here' were dropped: group 'there' had no room"
+    ]
+
+
+def test_a_writer_that_starts_again_is_found_and_half_a_message_of_the_first_is_forgotten(tmp_path):
+    writer, reader = make(tmp_path, real=True)
+    writer.send(b"old")
+    writer.sender.readers[0].end.send(frame(b"pose\0" + bytes(5000))[:1000])
+    writer.outlet.close()
+    assert reader.next() == b"old"
+    again = End(tmp_path / "out", real=True).listen()
+    link(again, reader)
+    again.send(b"new")
+    assert reader.next() == b"new" and not reader.inlet.foreign
+
+
+def test_a_reader_that_starts_again_hears_what_is_sent_from_then_on(tmp_path):
+    writer, reader = make(tmp_path, real=True)
+    writer.send(b"while it was there")
+    reader.inlet.close()
+    writer.send(b"while it was down")
+    again = End(tmp_path / "out").read_from()
+    link(writer, again)
+    writer.send(b"new")
+    assert again.next() == b"new" and len(writer.sender.readers) == 1
+
+
+# -- other programs ------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", MESSAGES, ids=lambda kind: kind.__name__)
+@pytest.mark.parametrize("loaded", [False, True])
+def test_a_stock_subscriber_reads_every_message(tmp_path, kind, loaded):
+    writer = End(tmp_path / "out").listen()
+    message = kind.example(loaded)
+    with zmq.Context() as context, context.socket(zmq.SUB) as heard:
+        heard.subscribe(b"pose\0")
+        heard.connect(f"ipc://{writer.path}")
+        writer.serve(lambda: bool(writer.sender.readers))
+        writer.send(pack(message))
+        assert heard.poll(2000)
+        assert heard.recv() == b"pose\0" + pack(message)
+    writer.outlet.close()
+
+
+@pytest.mark.parametrize("kind", MESSAGES, ids=lambda kind: kind.__name__)
+@pytest.mark.parametrize("loaded", [False, True])
+def test_a_stock_publisher_sends_every_message(tmp_path, kind, loaded):
+    reader = End(tmp_path / "out")
+    with zmq.Context() as context, context.socket(zmq.XPUB) as out:
+        out.bind(f"ipc://{reader.path}")
+        reader.read_from()
+        until = time.monotonic() + 5.0
+        while not reader.inlet.linked:
+            assert time.monotonic() < until
+            reader.inlet.take()
+        assert out.poll(2000) and out.recv() == b"\1pose\0"
+        out.send(b"other\0" + b"not asked for")
+        out.send(b"pose\0" + pack(kind.example(loaded)))
+        assert pack(unpack(reader.next(), kind)) == pack(kind.example(loaded))
+        reader.inlet.close()
+
+
+@pytest.mark.parametrize("size", [0, 248, 250, 251, 252, CHUNK, 3_000_000])
+def test_stock_sockets_and_ours_agree_on_frames_of_any_size(tmp_path, size):
+    writer, reader = End(tmp_path / "out").listen(), End(tmp_path / "pub")
+    data = os.urandom(size)
+    with zmq.Context() as context, context.socket(zmq.SUB) as heard, context.socket(zmq.PUB) as out:
+        heard.subscribe(b"")
+        heard.connect(f"ipc://{writer.path}")
+        out.bind(f"ipc://{reader.path}")
+        writer.serve(lambda: bool(writer.sender.readers))
+        writer.send(data)
+        writer.serve(lambda: not writer.outlet._unfinished)
+        assert heard.poll(2000) and heard.recv() == b"pose\0" + data
+        reader.read_from()
+        until = time.monotonic() + 5.0
+        while not reader.inlet.take():
+            assert time.monotonic() < until
+            out.send(b"pose\0first")
+        out.send(b"pose\0" + data + b"!")
+        while (payload := reader.next()) == b"first":
+            pass
+        assert payload == data + b"!"
+        reader.inlet.close()
+    writer.outlet.close()
+
+
+def test_a_stock_subscriber_may_cancel_and_ping(tmp_path):
+    writer = End(tmp_path / "out").listen()
+    with zmq.Context() as context, context.socket(zmq.XSUB) as heard:
+        heard.set(zmq.HEARTBEAT_IVL, 20)
+        heard.set(zmq.HEARTBEAT_TIMEOUT, 200)
+        events = heard.get_monitor_socket(zmq.EVENT_DISCONNECTED)
+        heard.connect(f"ipc://{writer.path}")
+        heard.send(b"\1po")
+        writer.serve(lambda: bool(writer.sender.readers))
+        until = time.monotonic() + 0.5
+        while time.monotonic() < until:
+            writer.watch.look(5)
+        assert not events.poll(0), "its pings were not answered"
+        heard.send(b"\0po")
+        writer.serve(lambda: not writer.sender.readers)
+        heard.disable_monitor()
+    writer.serve(lambda: not writer.outlet._readers)
+    assert not writer.outlet.foreign
+    writer.outlet.close()
+
+
+def test_messages_of_several_frames_and_of_other_streams_are_dropped_and_counted(tmp_path):
+    reader = End(tmp_path / "out")
+    with zmq.Context() as context, context.socket(zmq.XPUB) as out:
+        out.bind(f"ipc://{reader.path}")
+        reader.read_from()
+        until = time.monotonic() + 5.0
+        while not reader.inlet.linked:
+            assert time.monotonic() < until
+            reader.inlet.take()
+        assert out.poll(2000)
+        out.send_multipart([b"pose\0", b"pose\0payload", b"pose\0end"])
+        out.send(b"pose\0good")
+        assert reader.next() == b"good" and reader.inlet.foreign == 1
+        reader.inlet.close()
+
+
+# -- hostile peers -------------------------------------------------------------------------------------------------
+
+
+def stranger(writer: End, *said: bytes) -> socket.socket:
+    """A program that has connected and said this."""
+    end = socket.socket(socket.AF_UNIX)
+    end.connect(writer.path)
+    for data in said:
+        end.sendall(data)
+    end.settimeout(2.0)
+    return end
+
+
+HOSTILE = {
+    "speaks HTTP": b"GET / HTTP/1.1\r\n\r\n",
+    "speaks ZMTP 2.0": bytes.fromhex("ff00000000000000017f01") + b"\x02\x00\x00",
+    "wants CURVE": GREETING[:12] + b"CURVE" + bytes(47),
+    "is no subscriber": GREETING + ready({b"Socket-Type": b"PUSH"}),
+    "announces 2^63 bytes": GREETING + SUB + b"\x02" + (1 << 63).to_bytes(8, "big"),
+    "announces a long command": GREETING + SUB + b"\x06" + (2000).to_bytes(8, "big"),
+    "has flags that do not exist": GREETING + SUB + b"\xff\xff",
+    "subscribes without end": GREETING + SUB + b"".join(command(b"SUBSCRIBE", b"%d" % i) for i in range(1002)),
+}
+
+
+@pytest.mark.parametrize("how", sorted(HOSTILE))
+def test_who_does_not_speak_as_he_should_is_refused_and_named(ends, how):
+    writer, reader = ends
+    end = stranger(writer, HOSTILE[how])
+    writer.serve(lambda: writer.outlet.foreign == 1)
+    writer.send(b"goes on")
+    assert reader.next() == b"goes on"
+    while end.recv(4096):  # a greeting; then it was closed
+        pass
+    (note,) = writer.outlet.close()
+    assert note.startswith(f"a reader of group 'here' was refused, process {os.getpid()}: ")
+
+
+@pytest.mark.parametrize("said", [b"", GREETING[:30], GREETING, GREETING + SUB[:5]])
+def test_a_greeting_that_does_not_end_is_given_up(ends, monkeypatch, said):
+    writer, _ = ends
+    monkeypatch.setattr(outlet_module, "GREETING_TIME", 50_000_000)
+    end = stranger(writer, said)
+    writer.serve(lambda: writer.outlet.foreign == 1)
+    assert "it did not finish its greeting" in writer.outlet.close()[0]
+    end.close()
+
+
+def test_who_subscribes_to_nothing_gets_nothing_and_holds_nobody_back(ends):
+    writer, reader = ends
+    end = stranger(writer, GREETING + SUB)
+    writer.serve(lambda: len(writer.outlet._readers) == 2 and not writer.outlet._greeting)
+    writer.send(b"to one")
+    assert reader.next() == b"to one" and len(writer.sender.readers) == 1
+    end.close()
+    writer.serve(lambda: len(writer.outlet._readers) == 1)
+    assert writer.outlet.close() == []
+
+
+def test_a_stranger_who_stops_reading_loses_messages_and_holds_nobody_back(ends):
+    writer, reader = ends
+    end = stranger(writer, GREETING + SUB + command(b"SUBSCRIBE", b""))
+    writer.serve(lambda: len(writer.sender.readers) == 2)
+    for k in range(300):
+        writer.send(b"%d" % k + bytes(100_000))
+        assert int(reader.next()[:-100_000]) == k
+    dropped = max(given.dropped for given in writer.sender.readers)
+    assert dropped > 100
+    end.close()
+    writer.serve(lambda: len(writer.outlet._readers) == 1)
+    assert writer.outlet.close() == [
+        f"{dropped} messages of group 'here' were dropped: process {os.getpid()} had no room"
+    ]
+
+
+def test_no_more_come_in_than_there_is_room_for(ends, monkeypatch):
+    writer, reader = ends
+    monkeypatch.setattr(outlet_module, "MOST_READERS", 5)
+    strangers = [stranger(writer) for _ in range(9)]
+    writer.serve(lambda: writer.outlet.foreign == 5)
+    writer.send(b"goes on")
+    assert reader.next() == b"goes on"
+    for end in strangers:
+        end.close()
+
+
+def test_a_writer_that_announces_too_much_is_left_and_tried_again(tmp_path):
+    reader = End(tmp_path / "out")
+    with socket.socket(socket.AF_UNIX) as listener:
+        listener.bind(reader.path)
+        listener.listen()
+        reader.read_from()
+        for turn in (1, 2):
+            until = time.monotonic() + 2.0
+            while not reader.inlet._socket and time.monotonic() < until:
+                reader.inlet.reach()
+            with listener.accept()[0] as end:
+                end.sendall(GREETING + ready({b"Socket-Type": b"PUB"}) + b"\x02" + (1 << 62).to_bytes(8, "big"))
+                reader.inlet.take()
+            assert reader.inlet.foreign == turn and reader.apart == {reader.inlet}
+
+
+def test_who_is_another_user_is_not_let_in(ends, monkeypatch):
+    writer, _ = ends
+    monkeypatch.setattr(outlet_module, "trusted", lambda end: False)
+    end = stranger(writer)
+    writer.serve(lambda: writer.outlet.foreign == 1)
+    assert end.recv(100) == b""
+
+
+TURNS = 50
+PASS_ON = """
+import os, sys
+from palpate.launch.run.inlet import Inlet
+from palpate.launch.run.outlet import Outlet
+from palpate.launch.run.watch import Watch
+
+here, there, first = sys.argv[1], sys.argv[2], sys.argv[3] == "first"
+watch, apart = Watch(), set()
+outlet = Outlet("a", {"pose": ("a",)}, False, watch)
+outlet.bind(here)
+out = outlet.sender("pose", None, lambda: None)
+inlet = Inlet("pose", "a", watch, lambda it: it.linked or it.take(), apart)
+inlet.connect(there)
+while not (inlet.linked and out.readers):
+    watch.look(1)
+    for it in tuple(apart):
+        it.reach()
+if first:
+    out.send(b"x" * 300)
+for turn in range(60):
+    if turn == 5:
+        os.write(1, b"begin")
+    if turn == 55:
+        os.write(1, b"end")
+    while not (payloads := inlet.wait()):
+        pass
+    out.send(payloads[0])
+"""
+
+
+def test_a_hop_is_one_write_and_one_read(tmp_path):
+    strace = shutil.which("strace")
+    if strace is None or subprocess.run([strace, "-o", "/dev/null", "true"], capture_output=True).returncode:
+        pytest.skip("needs strace, and leave to trace")
+    a, b, log = tmp_path / "a", tmp_path / "b", tmp_path / "calls"
+    other = subprocess.Popen([sys.executable, "-c", PASS_ON, b, a, "first"], stdout=subprocess.DEVNULL)
+    command = [strace, "-qq", "-e", "signal=none", "-o", log, sys.executable, "-c", PASS_ON, a, b, "second"]
+    subprocess.run(command, check=True, stdout=subprocess.DEVNULL, timeout=60)
+    other.wait(20)
+    lines = log.read_text().splitlines()
+    begin, end = (next(i for i, line in enumerate(lines) if f'write(1, "{mark}"' in line) for mark in ("begin", "end"))
+    calls = [line.partition("(")[0] for line in lines[begin + 1 : end]]
+    assert calls == ["recvfrom", "sendto"] * TURNS
+
+
+# -- runs ----------------------------------------------------------------------------------------------------------
+
+
+def pose(tick: int) -> Pose:
+    return Pose(position=(0, 0, 0), velocity=(0, 0, 0), dt=1e-3, tick=tick)
+
+
+def test_an_input_drops_a_second_copy_and_what_is_older():
+    port = Input(InputJob("pose", "source", "source"), inputs(Spring)[0], None)
+    for tick in (0, 2, 2, 1, 4):
+        port.put(pose(tick), 0)
+    assert [m.tick for m in port.queue] == [0, 2, 4]
+    assert port.at(1) is None and port.at(2).tick == 2 and port.newest(3).tick == 2
+    port.put(pose(3), 0)
+    assert [m.tick for m in port.queue] == [4]
+
+
+def recorded(folder, text: str, ticks: int, place: str | None) -> list[tuple[str, int, bytes]]:
+    """Stream, tick and payload of all messages of a run, by stream and tick."""
+    file = folder / f"{place}.mcap"
+    launch = LaunchFile(graph=write_graph(folder, text), place=place, duration=ticks / 1000, record=file)
+    outcome = execute(launch)
+    assert outcome.result.ok, outcome.result.deaths
+    return sorted(Recording(file).payloads())
+
+
+def test_small_and_large_messages_of_one_stream_are_the_same_between_processes(tmp_path):
+    text = GRAPH.replace("nodes_for_runs.Spread,", "nodes_for_runs.Swell,")
+    alone = recorded(tmp_path, text, 200, "fused")
+    assert max(len(payload) for _, _, payload in alone) > CHUNK
+    assert recorded(tmp_path, text, 200, None) == alone
+
+
+def test_a_sender_far_ahead_of_its_reader_loses_nothing(tmp_path):
+    alone = recorded(tmp_path, AHEAD, 6000, "fused")
+    assert len(alone) == 12_000 and recorded(tmp_path, AHEAD, 6000, None) == alone
+
+
+def test_a_reader_that_dies_far_behind_ends_the_run(tmp_path):
+    graph = write_graph(tmp_path, AHEAD.replace("doze", "doze and die"))
+    outcome = execute(LaunchFile(graph=graph, duration=5000.0))
+    assert [death.node for death in outcome.result.deaths] == ["spring"]
+
+
+def test_a_reader_that_has_ended_does_not_hold_up_its_sender(tmp_path):
+    """It has no step after tick 0 and nothing to wait for."""
+    graph = write_graph(tmp_path, AHEAD.replace("how: doze", "every: 30000"))
+    outcome = execute(LaunchFile(graph=graph, duration=20.0))
+    assert outcome.result.ok and outcome.result.health["source"]["tick"] == 19_999
+
+
+def test_a_slow_branch_beside_a_fast_one_does_not_lock_up(tmp_path):
+    """`sum` waits for `drag` of a far tick while the source's stream, which it reads each tick, fills up."""
+    text = """
+wanted: [sum]
+nodes:
+  source: {use: nodes_for_runs.Source}
+  spring: {use: nodes_for_runs.Spring, in: {pose: source}, every: 4000}
+  sum:    {use: nodes_for_runs.Drag, in: {pose: source, force: spring}, every: 4000}
+"""
+    graph = write_graph(tmp_path, text)
+    outcome = execute(LaunchFile(graph=graph, duration=12.0))
+    assert outcome.result.ok and outcome.result.health["sum"]["steps"] == 3
+
+
+def test_a_run_goes_on_with_strangers_at_its_streams_and_names_them(tmp_path):
+    heard: list[bytes] = []
+
+    def look(launcher: Launcher) -> None:
+        if launcher.phase == "running" and not threads:
+            threads.append(threading.Thread(target=visit, args=(launcher.run_id,)))
+            threads[0].start()
+
+    def visit(run: str) -> None:
+        path = endpoint(run, "spring", "force")
+        ends = []
+        for said in HOSTILE.values():
+            ends.append(socket.socket(socket.AF_UNIX))
+            ends[-1].connect(path.removeprefix("ipc://"))
+            ends[-1].sendall(said)
+        with zmq.Context() as context, context.socket(zmq.SUB) as socket_:
+            socket_.subscribe(b"spring\0")
+            socket_.connect(path)
+            if socket_.poll(3000):
+                heard.append(socket_.recv())
+        for end in ends:
+            end.close()
+
+    threads: list[threading.Thread] = []
+    launch = LaunchFile(graph=write_graph(tmp_path, GRAPH.replace("logger.Mcap", "nodes_for_runs.Slow")))
+    plan = launch.plan()
+    result = Launcher(jobs(plan, launch.placement(plan), clock="real", ticks=2000), show=look).run()
+    threads[0].join()
+    assert result.ok, result.deaths
+    assert heard and unpack(heard[0].removeprefix(b"spring\0"), Force).source == "spring"
+    refused = [note for note in result.notes if "a reader of group 'spring' was refused" in note]
+    assert len(refused) == len(HOSTILE) and result.foreign == len(HOSTILE)

@@ -1,0 +1,221 @@
+"""Exports open in the formats' own tools and hold the values of the recording, exactly."""
+
+from __future__ import annotations
+
+import csv
+import json
+import re
+import subprocess
+import sys
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+from typer.testing import CliRunner
+
+from palpate.launch.__main__ import app
+from palpate.messages import fields
+from palpate.records.export import export
+from palpate.records.reader import Recording, RecordingError
+
+TOUCH = Path(__file__).parents[2] / "golden" / "plane.mcap"
+
+
+@pytest.fixture(scope="module")
+def recording() -> Recording:
+    return Recording(TOUCH)
+
+
+def test_foxglove_reads_json_channels_with_their_schemas(recording, tmp_path):
+    (path,) = export(recording, "foxglove", tmp_path / "a.mcap")
+    topics: dict[str, list] = {}
+    with open(path, "rb") as file:
+        reader = make_reader(file, validate_crcs=True)
+        for schema, channel, record in reader.iter_messages():
+            assert channel.message_encoding == "json" and schema.encoding == "jsonschema"
+            topics.setdefault(channel.topic, []).append((json.loads(record.data), json.loads(schema.data), record))
+    assert set(topics) >= {f"/{name}" for name in recording.streams}
+    for name in recording.streams:
+        for message, (data, schema, record) in zip(recording.messages(name), topics[f"/{name}"], strict=True):
+            assert set(data) == set(schema["properties"]) and schema["type"] == "object"
+            assert record.log_time == message.time and record.sequence == message.tick
+            for field in fields(type(message)):
+                assert np.array_equal(
+                    np.array(data[field.name]).ravel(), np.array(getattr(message, field.name)).ravel()
+                )
+                assert schema["properties"][field.name]["title"] == field.label
+
+
+def test_each_json_message_fits_its_schema(recording, tmp_path):
+    jsonschema = pytest.importorskip("jsonschema")
+    (path,) = export(recording, "foxglove", tmp_path / "a.mcap")
+    with open(path, "rb") as file:
+        for schema, _, record in make_reader(file).iter_messages():
+            jsonschema.validate(json.loads(record.data), json.loads(schema.data))
+
+
+def test_pyarrow_reads_parquet_with_units_and_provenance(recording, tmp_path):
+    pq = pytest.importorskip("pyarrow.parquet")
+    paths = export(recording, "parquet", tmp_path)
+    assert {p.stem for p in paths} == set(recording.streams)
+    for name in recording.streams:
+        table = pq.read_table(tmp_path / f"{name}.parquet")
+        messages = list(recording.messages(name))
+        assert table.num_rows == len(messages)
+        assert json.loads(table.schema.metadata[b"about"])["clock"] == "simulated"
+        assert table.column("time [s]").to_pylist() == [message.time / 1e9 for message in messages]
+        for field in fields(recording.streams[name].type):
+            columns = [c for c in table.column_names if c == field.label or c.startswith(f"{field.name}[")]
+            assert columns or not any(getattr(m, field.name) for m in messages)
+            assert all(table.schema.field(c).metadata[b"unit"].decode() == field.unit for c in columns)
+            assert all(c.endswith(f" [{field.unit}]") for c in columns)
+            for message, *values in zip(messages, *(table.column(c).to_pylist() for c in columns), strict=True):
+                told = [x for x in np.ravel(np.array(values, dtype=object)).tolist() if x is not None]
+                flat = np.concatenate([np.ravel(x) for x in told]) if told else np.zeros(0)
+                assert np.array_equal(flat, np.ravel(getattr(message, field.name)))
+
+
+def test_units_and_times_are_the_same_in_pandas_from_parquet_and_csv(recording, tmp_path):
+    pandas = pytest.importorskip("pandas")
+    export(recording, "parquet", tmp_path)
+    export(recording, "csv", tmp_path)
+    for name in recording.streams:
+        one, other = pandas.read_parquet(tmp_path / f"{name}.parquet"), pandas.read_csv(tmp_path / f"{name}.csv")
+        assert list(other.columns) == list(one.columns)[: len(other.columns)]
+        assert np.array_equal(one["time [s]"], other["time [s]"])
+
+
+def test_csv_has_a_column_per_number_with_its_unit_and_loses_no_digit(recording, tmp_path):
+    export(recording, "csv", tmp_path, ["contact", "spread"])
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["contact.csv", "spread-k.csv", "spread.csv"]
+    with open(tmp_path / "contact.csv", newline="") as file:
+        rows = list(csv.DictReader(file))
+    for row, message in zip(rows, recording.messages("contact"), strict=True):
+        assert float(row["force [N]"]) == message.force
+        assert tuple(float(row[f"normal[{i}] [1]"]) for i in range(3)) == message.normal
+        assert float(row["time [s]"]) == pytest.approx(message.time * 1e-9, abs=1e-12)
+    for name in ("contact", "spread", "spread-k"):
+        lines = (tmp_path / f"{name}.csv").read_text().splitlines()
+        assert not any("," in cell for row in csv.reader(lines) for cell in row)  # no list as text
+    with open(tmp_path / "spread-k.csv", newline="") as file:
+        rows = [[float(x) for x in row.values()] for row in csv.DictReader(file)]
+    expected = [
+        [m.tick, m.time / 1e9, k, node, *force]
+        for m in recording.messages("spread")
+        for k, (node, force) in enumerate(zip(m.nodes.tolist(), m.forces.tolist(), strict=True))
+    ]
+    assert rows == expected and len(rows) > 100
+
+
+def test_pyvista_reads_the_series_of_surfaces(recording, tmp_path):
+    pv = pytest.importorskip("pyvista")
+    export(recording, "vtk", tmp_path, every=10)
+    reader = pv.get_reader(tmp_path / "tissue.pvd")
+    assert reader.time_values == pytest.approx(np.arange(12) * 0.01)
+    messages = list(recording.messages("tissue"))[::10]
+    rest = None
+    for index, message in enumerate(messages):
+        reader.set_active_time_point(index)
+        surface = reader.read()[0]
+        moved = np.array(surface.point_data["displacement"])
+        assert np.array_equal(moved[message.nodes], message.displacement)
+        assert np.count_nonzero(moved.any(axis=1)) <= len(message.nodes)
+        rest = np.array(surface.points) - moved if rest is None else rest
+        assert np.allclose(np.array(surface.points), rest + moved, atol=2e-8)
+        assert surface.is_all_triangles
+    assert max(np.abs(m.displacement).max(initial=0.0) for m in messages) > 1e-4
+    series = json.loads((tmp_path / "tissue.vtp.series").read_text())
+    names = [f["name"] for f in series["files"]]
+    assert len(names) == 12 and set(names) == {path.name for path in tmp_path.glob("*.vtp")}
+    moves = [not np.array_equal(a.displacement, b.displacement) for a, b in pairwise(messages)]
+    assert [a != b for a, b in pairwise(names)] == moves and not all(moves)  # at rest, one file serves
+
+
+def test_a_series_of_surfaces_has_thirty_a_second_and_is_compressed(recording, tmp_path):
+    pv = pytest.importorskip("pyvista")
+    export(recording, "vtk", tmp_path / "usual")
+    times = pv.get_reader(tmp_path / "usual" / "tissue.pvd").time_values
+    assert times == pytest.approx(np.arange(len(times)) / 30, abs=2e-3) and len(times) == 4
+    surface = pv.read(max((tmp_path / "usual").glob("*.vtp")))
+    surface.save(tmp_path / "plain.vtp", binary=False)
+    count = len(list(recording.messages("tissue")))
+    size = sum(path.stat().st_size for path in (tmp_path / "usual").iterdir())
+    assert 50 * size < count * (tmp_path / "plain.vtp").stat().st_size
+    export(recording, "vtk", tmp_path / "all", every=1)
+    assert len(pv.get_reader(tmp_path / "all" / "tissue.pvd").time_values) == count
+
+
+def test_every_nth_message_only(recording, tmp_path):
+    export(recording, "csv", tmp_path, ["contact"], every=50)
+    with open(tmp_path / "contact.csv", newline="") as file:
+        assert [row["tick"] for row in csv.DictReader(file)] == ["0", "50", "100"]
+
+
+def test_what_cannot_be_exported_is_told(recording, tmp_path):
+    for args, words in (
+        (("xls",), "expected one of foxglove, rerun, parquet, csv, vtk"),
+        (("csv", tmp_path, ["contct"]), "Did you mean 'contact'"),
+        (("vtk", tmp_path, ["contact"]), "none of its streams (contact) holds a deformed surface"),
+        (("foxglove", TOUCH), "is the recording itself"),
+    ):
+        with pytest.raises(RecordingError, match=re.escape(words)):
+            export(recording, *args)
+
+
+def test_a_missing_package_is_told_with_what_to_install(recording, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    with pytest.raises(RecordingError, match=r'pip install "palpate\[export\]"'):
+        export(recording, "parquet", tmp_path)
+    monkeypatch.setitem(sys.modules, "pyvista", None)
+    with pytest.raises(RecordingError, match=r'pip install "palpate\[view\]"'):
+        export(recording, "vtk", tmp_path)
+
+
+def test_the_command_exports_a_file_that_was_cut_off(tmp_path):
+    data = TOUCH.read_bytes()
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(data[: len(data) - 400])
+    result = CliRunner().invoke(app, ["export", str(cut), "--to", "csv"], env={"COLUMNS": "200"})
+    assert result.exit_code == 0 and " files" in result.stdout and "cut off" in result.stdout
+
+
+def test_rerun_reads_curves_and_surfaces_back(recording, tmp_path):
+    """By its own reader."""
+    pytest.importorskip("rerun")
+    reading = pytest.importorskip("rerun.chunk")
+    (path,) = export(recording, "rerun", tmp_path / "a.rrd")
+    batches: dict[str, list] = {}
+    for chunk in reading.RrdReader(str(path)).stream().to_chunks():
+        if not chunk.is_static:
+            batches.setdefault(chunk.entity_path, []).append(chunk.to_record_batch())
+    column = next(name for name in batches["/contact/force"][0].schema.names if "calars" in name)
+    curve = np.concatenate([np.array(batch[column].to_pylist()).ravel() for batch in batches["/contact/force"]])
+    assert np.array_equal(np.sort(curve), np.sort(recording.columns("contact")["force"]))
+    assert {"/contact/foot/2", "/contact/arrow", "/tissue/surface", "/tissue/stiffness"} <= set(batches)
+    shown = sum(batch.num_rows for batch in batches["/tissue/surface"])
+    assert 2 <= shown <= 1 + 30 * recording.columns("contact")["time"].max() + 1
+
+
+def test_reruns_own_command_finds_no_fault_in_the_file(recording, tmp_path):
+    pytest.importorskip("rerun", reason="rerun-sdk is not installed (extra rerun)")
+    (path,) = export(recording, "rerun", tmp_path / "a.rrd")
+    done = subprocess.run([sys.executable, "-m", "rerun", "rrd", "verify", str(path)], capture_output=True, text=True)
+    assert done.returncode == 0 and "1 file verified without error" in done.stdout + done.stderr, done.stderr
+
+
+def test_rerun_has_the_numbers_of_a_body_without_a_mesh(recording, tmp_path, monkeypatch):
+    pytest.importorskip("rerun")
+    reading = pytest.importorskip("rerun.chunk")
+
+    class Meshless:
+        def make(self, _: str) -> object:
+            return object()
+
+    monkeypatch.setattr("palpate.records.export.shape.plan_of", lambda _: Meshless())
+    notes: list[str] = []
+    (path,) = export(recording, "rerun", tmp_path / "a.rrd", tell=notes.append)
+    assert len(notes) == 1 and "'tissue'" in notes[0] and "no mesh to draw" in notes[0]
+    entities = {chunk.entity_path for chunk in reading.RrdReader(str(path)).stream().to_chunks()}
+    assert "/tissue/stiffness" in entities and "/tissue/surface" not in entities

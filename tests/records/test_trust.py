@@ -1,0 +1,151 @@
+"""A recording is data: opening it imports palpate's own modules and those that the user trusts, and no others."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from short_touch import QUICK
+from typer.testing import CliRunner
+
+import palpate
+from palpate.engine import imports
+from palpate.launch.__main__ import app
+from palpate.messages import Contact, Message
+from palpate.nodes.base import Node
+from palpate.records.reader import Recording, RecordingError
+
+MODULE = """
+from typing import Annotated
+from palpate.messages import Contact, Message
+from palpate.nodes.base import Node
+from palpate.nodes.deformation import Rigid
+
+class Grip(Message):
+    \"\"\"How hard it is held.
+
+    force  [N]  ()
+    \"\"\"
+    force: Annotated[float, "N"]
+
+class Organ(Rigid):
+    \"\"\"A body of the user's own.\"\"\"
+
+class Holder(Node):
+    \"\"\"A node of the user's own.\"\"\"
+    def step(self, contact: Contact) -> Grip:
+        return Grip(force=contact.force)
+"""
+GRAPH = """
+extends: kidney
+nodes:
+  tissue: {use: innocent.Organ}
+  grip: {use: innocent.Holder, in: {contact: contact}}
+"""
+MARK = "open({!r}, 'w').close()\n"
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory):
+    """A recording with classes of a module `innocent` in its folder, which was imported in another process."""
+    folder = tmp_path_factory.mktemp("trust")
+    (folder / "innocent.py").write_text(MODULE)
+    (folder / "mine.yaml").write_text(GRAPH)
+    sets = [part for item in QUICK for part in ("--set", item)]
+    command = [sys.executable, "-m", "palpate.launch", "run", "mine.yaml", "--fused", "--duration", "0.05", *sets]
+    subprocess.run([*command, "--record", "run.mcap"], cwd=folder, check=True, capture_output=True)
+    (folder / "innocent.py").write_text(MARK.format(str(folder / "was imported")) + MODULE)
+    return folder
+
+
+@pytest.fixture
+def here(recorded, monkeypatch):
+    monkeypatch.chdir(recorded)
+    monkeypatch.setattr(sys, "path", [entry for entry in sys.path if entry])
+    (recorded / "was imported").unlink(missing_ok=True)
+    yield recorded
+    sys.modules.pop("innocent", None)
+    imports.trust_only(())
+
+
+def say(*arguments):
+    result = CliRunner().invoke(app, [str(a) for a in arguments], env={"COLUMNS": "300", "NO_COLOR": "1"})
+    assert "Traceback" not in result.output
+    return result.exit_code, result.stdout, result.stderr
+
+
+COMMANDS = [
+    ["replay", "run.mcap", "--check"],
+    ["replay", "run.mcap"],
+    ["replay", "run.mcap", "--set", "contact.every=1"],
+    ["compare", "run.mcap", "--set", "scene.tissue.stiffness=300", "--no-picture"],
+    ["echo", "run.mcap", "grip"],
+    ["export", "run.mcap", "--to", "csv", "--out", "tables"],
+    ["plot", "run.mcap", "grip.force"],
+    ["view", "run.mcap", "--no-open"],
+    ["picture", "run.mcap", "--at", "0.03"],
+]
+
+
+@pytest.mark.parametrize("command", COMMANDS, ids=lambda command: " ".join(command[:1] + command[2:4]))
+def test_no_command_imports_what_a_recording_names(here, command):
+    code, _, said = say(*command)
+    assert code != 0
+    assert "'innocent': not part of palpate" in said and "--trust innocent" in said
+    assert not (here / "was imported").exists()
+    assert str(here) not in sys.path
+
+
+def test_what_needs_no_foreign_class_works_without_it(here):
+    assert say("info", "run.mcap")[0] == 0
+    assert say("echo", "run.mcap", "contact", "-n", "1")[0] == 0
+    assert say("export", "run.mcap", "--to", "csv", "--stream", "contact", "--out", "contacts")[0] == 0
+    assert say("recover", "run.mcap", "--out", "again.mcap")[0] == 0
+    assert len(palpate.open("run.mcap").contact.force) == 50
+    assert not (here / "was imported").exists()
+
+
+def test_a_package_that_the_user_trusts_is_imported(here):
+    code, out, said = say("replay", "run.mcap", "--check", "--trust", "innocent")
+    assert code == 0, said
+    assert "bit-equal" in out and (here / "was imported").exists()
+    sys.modules.pop("innocent")
+    code, _, said = say("replay", "run.mcap", "--check")  # it was trusted in that call only
+    assert code == 1 and "--trust innocent" in said
+
+
+def test_a_graph_given_next_to_it_names_what_is_trusted(here):
+    code, _, said = say("replay", "run.mcap", "--graph", "mine.yaml", "--set", "tissue.use=innocent.Organ")
+    assert code == 0, said
+
+
+def test_in_python_it_is_imported_first_or_trusted(here):
+    with pytest.raises(palpate.PalpateError, match="--trust innocent"):
+        palpate.open("run.mcap").grip.force  # noqa: B018
+    assert len(palpate.open("run.mcap", trust=["innocent"]).grip.force) == 50
+
+
+@pytest.mark.parametrize(
+    ("name", "kind"),
+    [
+        ("palpate.records.recover.recover", Node),
+        ("palpate.engine.provenance.subprocess", Node),
+        ("palpate.messages.Contact", Node),
+        ("palpate.nodes.contact.Series", Message),
+        ("os.system", Node),
+    ],
+)
+def test_what_is_no_node_or_message_is_not_taken_for_one(name, kind):
+    with pytest.raises(ImportError, match=r"is no (Node|Message)"):
+        imports.recorded_class(name, kind)
+
+
+def test_a_class_below_palpate_is_found():
+    assert imports.recorded_class("palpate.messages.contact.Contact", Message) is Contact
+
+
+def test_a_stream_says_which_of_its_classes_is_missing(here):
+    with pytest.raises(RecordingError, match=r"stream 'grip' holds innocent\.Grip: 'innocent'.*other streams"):
+        list(Recording(Path("run.mcap")).messages("grip"))

@@ -1,0 +1,111 @@
+"""`palpate picture` and `palpate film`: the surface at one instant and through a recording."""
+
+import importlib.util
+
+import numpy as np
+import pytest
+from drawing import needs_drawing
+from short_touch import short_touch
+from typer.testing import CliRunner
+
+from palpate.launch.__main__ import app
+from palpate.messages import Pose
+from palpate.nodes.base import Stream
+from palpate.nodes.logger import Mcap
+from palpate.records.reader import Recording
+from palpate.views.pictures import film as films
+from palpate.views.pictures.colour import COLOURS
+
+
+@pytest.fixture(scope="module")
+def file(tmp_path_factory):
+    return short_touch(tmp_path_factory.mktemp("film"), "kidney").path
+
+
+def told(*arguments):
+    """What a command that fails says, on one line."""
+    result = CliRunner().invoke(app, [str(a) for a in arguments])
+    assert result.exit_code != 0
+    assert "Traceback" not in result.output
+    return " ".join(result.stderr.split())
+
+
+def test_a_picture_shows_the_instant_that_was_asked_for(file, tmp_path):
+    needs_drawing()
+    target = tmp_path / "new" / "deep.png"
+    assert films.picture(file, 0.3, target) == pytest.approx(0.3)
+    assert target.read_bytes()[:4] == b"\x89PNG"
+
+
+def test_a_film_has_its_frames_and_the_surface_moves_in_it(file, tmp_path):
+    needs_drawing()
+    ffmpeg = pytest.importorskip("imageio_ffmpeg", reason="imageio-ffmpeg is not installed (extra film)")
+    target = tmp_path / "kidney.mp4"
+    count = films.film(file, target, rate=10.0)
+    reader = ffmpeg.read_frames(str(target))
+    about = next(reader)
+    width, height = about["size"]
+    frames = [np.frombuffer(frame, np.uint8).reshape(height, width, 3).astype(int) for frame in reader]
+    assert count == len(frames) == 4  # at 0, 0.1, 0.2, 0.3 s of 0.349 s
+    assert about["fps"] == 10.0
+    middle = slice(height // 6, None), slice(None, 3 * width // 4)  # no title, no colour bar
+    assert np.abs(frames[-1][middle] - frames[0][middle]).max() > 60
+
+
+def test_a_gif_is_written_frame_by_frame(tmp_path):
+    image = pytest.importorskip("PIL.Image", reason="pillow is not installed (extra film)")
+    frames = (np.full((20, 30, 3), shade, np.uint8) for shade in (0, 120, 240))
+    films._write_gif(tmp_path / "grey.gif", frames, rate=10.0)
+    with image.open(tmp_path / "grey.gif") as made:
+        assert made.n_frames == 3
+        assert made.size == (30, 20)
+        assert made.info["duration"] == 100
+
+
+def test_the_arrow_and_the_camera_are_those_of_the_whole_film(file, monkeypatch):
+    """Batches are drawn apart; each is told of the finger and the greatest force of all instants."""
+    scenes = []
+
+    class Noted:
+        def __init__(self, mesh, batch, values, near, most, all_of):
+            assert len(values) == len(batch)
+            scenes.append((len(batch), most, len(all_of)))
+            self.batch = batch
+
+        def pixels(self):
+            return {"wide": np.zeros((len(self.batch), 52, 90, 3), np.uint8)}
+
+        def close(self):
+            pass
+
+    monkeypatch.setattr(films, "Rendering", Noted)
+    monkeypatch.setattr(films, "BATCH", 2)
+    touch = films.Touch(Recording(file))
+    mesh = films.surface_mesh(touch)
+    instants = films.instants_at(touch, mesh.vertices, [100, 200, 300])
+    titles = [frame._title.get_text() for frame in films._frames(mesh, instants, COLOURS["displacement"])]
+    assert [(count, total) for count, _, total in scenes] == [(2, 3), (1, 3)]
+    assert len({most for _, most, _ in scenes}) == 1
+    assert titles[0].startswith("0.10 s") and titles[2].startswith("0.30 s")
+
+
+def test_what_is_missing_is_told_in_one_line(file, tmp_path, monkeypatch):
+    assert "recorded from 0.000 s to 0.349 s" in told("picture", file, "--at", "2 s")
+    assert "--at" in told("picture", file, "--at", "2 N")
+    assert "expected .mp4 or .gif" in told("film", file, "-o", tmp_path / "x.avi")
+    there = importlib.util.find_spec
+    monkeypatch.setattr(
+        importlib.util, "find_spec", lambda n, *more: None if n == "imageio_ffmpeg" else there(n, *more)
+    )
+    assert 'pip install "palpate[film]"' in told("film", file, "-o", tmp_path / "x.mp4")
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_recording_without_shape_or_message_says_so(tmp_path):
+    empty = tmp_path / "empty.mcap"
+    log = Mcap(path=str(empty))
+    log.listen((Stream("finger", Pose, "finger", 1),), {"plan": {"nodes": []}})
+    log.start()
+    log.stop()
+    assert "no stream of surfaces" in told("picture", empty, "--at", "0")
+    assert "no message was recorded" in told("plot", empty, "finger.position")

@@ -1,0 +1,163 @@
+"""The page's server with a real run behind it and real clients: what they see, what steers, and who is refused."""
+
+import asyncio
+import contextlib
+import json
+import struct
+import threading
+import time
+import urllib.error
+import urllib.request
+
+import numpy as np
+import pytest
+
+from palpate.launch.load.launchfile import find
+from palpate.records.changed import changed
+from palpate.records.reader import Recording
+from palpate.records.verify import verify
+from palpate.views.page.session import Session
+from palpate.views.page.steered import NoTouch, steered
+
+pytest.importorskip("websockets")
+
+from websockets.exceptions import InvalidStatus
+from websockets.sync.client import connect
+
+from palpate.views.page.doors import PortTaken
+from palpate.views.page.server import Page
+
+WAIT = 90.0  # [s] that a busy machine may take
+PRESSED = (0.0, 0.0, 0.101)
+
+
+class Server:
+    """A page on a loop of its own."""
+
+    def __init__(self, folder):
+        self.session = Session(find("kidney"), folder, [])
+        self.loop = asyncio.new_event_loop()
+        self.thread = threading.Thread(target=self.loop.run_forever, daemon=True)
+        self.thread.start()
+        self.page = Page(self.session)
+        self.call(self.page.start(0))
+        self.session.start()
+
+    def call(self, work):
+        return asyncio.run_coroutine_threadsafe(work, self.loop).result(WAIT)
+
+    def close(self):
+        self.call(self.page.close())
+        self.session.close()
+        self.loop.call_soon_threadsafe(self.loop.stop)
+        self.thread.join(WAIT)
+
+    def url(self, path="/", token=None):
+        return f"http://127.0.0.1:{self.page.port}{path}?token={self.page.token if token is None else token}"
+
+    def open(self, token=None, origin=None):
+        address = self.url("/socket", token).replace("http", "ws", 1)
+        return connect(address, origin=origin or f"http://127.0.0.1:{self.page.port}", max_size=None, compression=None)
+
+
+@pytest.fixture(scope="module")
+def server(tmp_path_factory):
+    made = Server(tmp_path_factory.mktemp("touch"))
+    yield made
+    made.close()
+
+
+def read(data):
+    """Head and arrays of a binary message."""
+    (length,) = struct.unpack_from("<I", data)
+    head = json.loads(data[4 : 4 + length])
+    a, b, c = head["sizes"]
+    at = 4 + length
+    return (head, np.frombuffer(data, "<u4", a, at), np.frombuffer(data, "<f4", b, at + 4 * a),
+            np.frombuffer(data, "<f4", c, at + 4 * (a + b)))  # fmt: skip
+
+
+def until(client, fits, send=None):
+    """The first binary message that fits."""
+    end = time.monotonic() + WAIT
+    while time.monotonic() < end:
+        if send is not None:
+            client.send(json.dumps(send))
+        data = client.recv(timeout=WAIT)
+        if isinstance(data, bytes):
+            message = read(data)
+            if fits(message[0]):
+                return message
+    raise AssertionError("no such frame came")
+
+
+def test_the_organ_gives_way_where_the_pointer_presses_and_is_let_go_when_the_page_closes(server):
+    with server.open() as watcher:
+        with server.open() as client:
+            mesh = until(client, lambda head: head["kind"] == "mesh")
+            places = mesh[2].reshape(-1, 3)
+            assert mesh[1].max() == len(places) - 1
+            press = {"point": [1, PRESSED, 1]}
+            head, nodes, moved, _ = until(client, lambda h: h["kind"] == "frame" and h["load"] > 0.3, press)
+            assert np.isfinite(moved).all()
+            moved = moved.reshape(-1, 3)
+            deepest = places[nodes[np.linalg.norm(moved, axis=1).argmax()]]
+            assert np.linalg.norm((deepest - PRESSED)[:2]) < 0.006
+            assert moved[:, 2].min() < -5e-4
+            assert head["sample"] == 1
+            assert head["force"][2] > 0.1
+            until(watcher, lambda h: h["kind"] == "frame" and h["load"] > 0.3)
+        until(watcher, lambda h: h["kind"] == "frame" and h["load"] == 0.0 and h["sample"] == 0)
+
+
+def test_who_has_no_token_or_comes_from_elsewhere_is_refused(server):
+    for token, origin in (("", None), ("wrong", None), (None, "http://evil.example"), (None, "null")):
+        with pytest.raises(InvalidStatus) as refused, server.open(token, origin):
+            pass
+        assert refused.value.response.status_code == 403
+    for url, status in ((server.url(token=""), 403), (server.url("/../secrets"), 404), (server.url("/page.py"), 404)):
+        with pytest.raises(urllib.error.HTTPError) as error:
+            urllib.request.urlopen(url, timeout=WAIT)
+        assert error.value.code == status
+        error.value.close()
+    with urllib.request.urlopen(server.url(), timeout=WAIT) as page:
+        assert b"<canvas" in page.read()
+
+
+@pytest.mark.parametrize(
+    "order",
+    ["{", "[]", '{"point": [1, [0, 0], 0]}', '{"body": "os.system"}', '{"rest": 1}', '{"point": null, "x": 2}',
+     f'{{"point": [{10**23}, [0, 0, 0.1], 0]}}', f'{{"point": [1, [0, 0, 0.1], {10**23}]}}',
+     '{"point": [1, [0, 0, 1e23], 0]}', '{"point": [-1, [0, 0, 0.1], 0]}', "1" * 4000],
+)  # fmt: skip
+def test_an_order_that_is_none_is_refused_and_the_page_goes_on(server, order):
+    with server.open() as client:
+        client.send(order)
+        texts = []
+        with contextlib.suppress(StopIteration):
+            while not any(text["kind"] == "refused" for text in texts):
+                data = client.recv(timeout=WAIT)
+                texts += [json.loads(data)] if isinstance(data, str) else []
+        until(client, lambda head: head["kind"] == "frame")
+
+
+def test_a_port_in_use_is_told(server):
+    with pytest.raises(PortTaken, match=str(server.page.port)):
+        server.call(Page(server.session).start(server.page.port))
+
+
+def test_a_graph_without_a_hand_is_refused(tmp_path):
+    with pytest.raises(NoTouch, match="DeviceState"):
+        steered(find("softness"), tmp_path)
+
+
+def test_another_body_takes_a_run_of_its_own_and_what_was_touched_can_be_replayed(server):
+    with server.open() as client:
+        until(client, lambda head: head["kind"] == "frame" and head["load"] > 0.1, {"point": [7, PRESSED, 1]})
+        client.send(json.dumps({"body": "deformation.ReducedFE"}))
+        until(client, lambda head: head["kind"] == "mesh" and head["body"] == "deformation.ReducedFE")
+        until(client, lambda head: head["kind"] == "frame" and head["load"] > 0.1, {"point": [8, PRESSED, 1]})
+    recording = Recording(server.session.kept[0])
+    report = verify(recording, changed(recording))
+    assert report.ok
+    assert report.nodes["device"].checked > 100

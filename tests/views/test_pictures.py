@@ -1,0 +1,371 @@
+"""Pictures of a recording: the data behind them, and that they are made whatever the recording and the machine lack."""
+
+from __future__ import annotations
+
+import importlib.util
+import io
+import math
+import sys
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from rich.console import Console
+from typer.testing import CliRunner
+
+from palpate.launch.__main__ import app
+from palpate.launch.load.launchfile import find
+from palpate.launch.run.execute import execute
+from palpate.messages import Contact, DeviceState, Force, Friction, Proximity, Surface, pack
+from palpate.nodes.base import Stream
+from palpate.nodes.logger import Mcap
+from palpate.records.reader import Recording, RecordingError
+from palpate.views.pictures import deformation, draw, off_screen, render
+from palpate.views.pictures.moments import NoMesh, choose, displaced, instants, surface_mesh
+from palpate.views.pictures.regions import _stretches, regions
+from palpate.views.pictures.style import mean
+from palpate.views.pictures.touch import Touch, together, touches, work
+
+UP = (0.0, 0.0, 1.0)
+PLOTS = ["force.png", "compression.png", "friction.png", "device.png"]
+
+
+def record(path, streams, plan=None):
+    """A recording of these messages: a stream's name to its messages, one a tick of 1 ms."""
+    log = Mcap(path=str(path))
+    told = tuple(Stream(name, type(messages[0]), name, 1) for name, messages in streams.items())
+    log.listen(told, {"plan": plan or {"nodes": []}})
+    log.start()
+    for name, messages in streams.items():
+        for tick, message in enumerate(messages):
+            header = {"tick": tick, "time": tick * 1_000_000, "source": name}
+            log.observe(name, tick, pack(type(message)(**{f: getattr(message, f) for f in own(message)}, **header)))
+    log.stop()
+    return path
+
+
+def own(message):
+    return [name for name in message.__struct_fields__ if name not in ("tick", "time", "source", "used")]
+
+
+def press(depth, force=None, foot=(0.0, 0.0, 0.105)):
+    """A contact of so much indentation, by a spring where no force is given."""
+    return Contact(
+        foot=foot,
+        normal=UP,
+        force=300.0 * depth if force is None else force,
+        compression=depth / 2,
+        indentation=depth,
+        compression_rate=0.0,
+        indentation_rate=0.0,
+    )
+
+
+def near(depth, slip, foot=(0.0, 0.0, 0.105)):
+    approach = 1.5 * depth
+    return Proximity(
+        foot=foot, normal=UP, coordinates=(0.0, 0.0), element=0, gap=4e-3 - approach, approach=approach, slip=slip
+    )
+
+
+def surface(nodes=(), displacement=()):
+    return Surface(
+        nodes=np.array(nodes, dtype=np.int32),
+        displacement=np.reshape(displacement, (-1, 3)),
+        stiffness=3e3,
+        exponent=1.5,
+        damping=5.0,
+        free=0.0,
+        previous=0.0,
+    )
+
+
+@pytest.fixture
+def without_3d(monkeypatch):
+    """As on a machine that lacks pyvista."""
+    hide(monkeypatch, "pyvista")
+
+
+def hide(monkeypatch, *names):
+    there = importlib.util.find_spec
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name, *more: None if name in names else there(name, *more))
+
+
+def drawn(recording, folder):
+    """Names of the pictures, and what was told."""
+    out = io.StringIO()
+    made = draw(recording, folder, Console(file=out, width=400))
+    for path in made:
+        assert path.read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
+    return [path.name for path in made], [line.strip() for line in out.getvalue().splitlines() if line.strip()]
+
+
+@pytest.fixture(scope="module")
+def touch_file(tmp_path_factory):
+    """A short touch of the kidney, a press and a stroke."""
+    file = tmp_path_factory.mktemp("touch") / "kidney.mcap"
+    sets = (
+        "scene.surface.vertices=1500",
+        "scene.hand.begin=[-0.02, 0, 0.111]",
+        "scene.hand.path=[{to: [-0.02, 0, 0.098], time: 0.15}, {to: [0.02, 0, 0.097], time: 0.3},"
+        " {to: [0.02, 0, 0.115], time: 0.15}]",
+    )
+    outcome = execute(find("kidney").but(record=file, overrides=sets, place="fused", duration=0.65))
+    assert outcome.result.ok
+    return file
+
+
+# What is drawn
+
+
+def strokes(rng, noise=0.0):
+    """Rest, then A: 50 mm/s under 0.5 to 2 N, then B: 1.5 N at 60 to 200 mm/s, then off; 1 s each."""
+    time = np.arange(4000) * 1e-3
+    normal = np.r_[np.full(1000, 1.0), np.linspace(0.5, 2.0, 1000), np.full(1000, 1.5), np.zeros(1000)]
+    speed = np.r_[np.zeros(1000), np.full(1000, 0.05), np.linspace(0.06, 0.2, 1000), np.full(1000, 0.2)]
+    return time, normal + noise * rng.normal(size=4000), speed * (1.0 + noise * rng.normal(size=4000))
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.03])
+def test_regions_a_and_b_are_found_where_they_were_made(noise):
+    a, b = regions(*strokes(np.random.default_rng(1), noise))
+    assert abs(a.start - 1000) < 40 and abs(a.stop - 2000) < 60
+    assert abs(b.start - 2000) < 40 and abs(b.stop - 3000) < 40
+
+
+def test_without_such_a_stroke_there_is_no_region():
+    time, normal, speed = strokes(np.random.default_rng(1))
+    assert regions(time, np.full(4000, 1.0), np.full(4000, 0.05)) == (None, None)
+    assert regions(time, np.zeros(4000), speed) == (None, None)
+    assert regions(time, normal, np.zeros(4000)) == (None, None)
+    assert regions(time[:0], normal[:0], speed[:0]) == (None, None)
+    falling = regions(time, np.full(4000, 1.5), np.linspace(0.2, 0.06, 4000))
+    assert falling[1] is None, "the speed falls"
+    assert regions(time, normal, speed, beyond=0.3)[1] is None, "all of it lies within the dip"
+
+
+def test_regions_do_not_depend_on_the_unit_of_time_steps():
+    time, normal, speed = strokes(np.random.default_rng(1))
+    a, b = regions(time[::4], normal[::4], speed[::4])
+    assert abs(4 * a.start - 1000) < 40 and abs(4 * b.stop - 3000) < 40
+
+
+def test_stretches_are_those_of_a_search_over_all_pairs():
+    rng = np.random.default_rng(3)
+    for _ in range(40):
+        held, allowed = rng.uniform(1.0, 1.6, 40), rng.random(40) < 0.9
+        fits = {
+            (i, j)
+            for i in range(40)
+            for j in range(i + 1, 41)
+            if allowed[i:j].all() and held[i:j].max() <= 1.25 * held[i:j].min()
+        }
+        longest = {(i, j) for i, j in fits if (i - 1, j) not in fits and (i, j + 1) not in fits}
+        assert set(_stretches(held, allowed, 1.25)) == longest
+
+
+def test_the_area_of_a_loop_is_the_work_that_was_dissipated():
+    angle = np.linspace(0.0, 2 * np.pi, 20001)
+    assert work(5e-3 - 5e-3 * np.cos(angle), 1.0 + np.sin(angle)) == pytest.approx(math.pi * 5e-3, rel=1e-6)
+    time = np.linspace(0.0, 0.4, 40001)  # a body K s^1.5 (1 + c s') loses the integral of K s^1.5 c s'^2
+    s, rate = 8e-3 * np.sin(np.pi * time / 0.4) ** 2, 8e-3 * np.pi / 0.4 * np.sin(2 * np.pi * time / 0.4)
+    lost = np.trapezoid(3e3 * s**1.5 * 5.0 * rate**2, time)
+    assert work(s, 3e3 * s**1.5 * (1.0 + 5.0 * rate)) == pytest.approx(lost, rel=1e-6)
+
+
+def test_a_short_loss_of_contact_does_not_end_a_touch():
+    time = np.arange(1000) * 1e-3
+    force = np.zeros(1000)
+    force[100:300] = force[320:400] = force[600:700] = 1.0
+    assert touches(time, force) == [slice(99, 401), slice(599, 701)]
+    assert touches(time, np.ones(1000)) == [slice(0, 1000)]
+    assert touches(time, np.zeros(1000)) == [] == touches(time[:0], force[:0])
+
+
+def test_streams_of_different_rates_are_put_together_by_tick():
+    fast = {"tick": np.arange(10), "x": np.arange(10.0)}
+    slow = {"tick": np.arange(0, 12, 3), "y": np.arange(4.0)}
+    a, b = together(fast, slow)
+    assert a["x"].tolist() == [0.0, 3.0, 6.0, 9.0] and b["y"].tolist() == [0.0, 1.0, 2.0, 3.0]
+
+
+def test_the_mean_of_a_line_is_the_line():
+    time = np.arange(200) * 1e-3
+    np.testing.assert_allclose(mean(3.0 - 2.0 * time, time), 3.0 - 2.0 * time, rtol=1e-12)
+    wave = np.sin(2 * np.pi * 100 * time)
+    assert np.abs(mean(wave, time, 0.02)[20:-20]).max() < 0.06
+    assert mean(time[:2], time[:2]).tolist() == time[:2].tolist()
+
+
+def test_the_deformation_lands_on_its_vertices(tmp_path):
+    rng = np.random.default_rng(5)
+    depths = np.r_[np.zeros(5), np.linspace(1e-3, 8e-3, 20), np.linspace(7e-3, 0.0, 20)]
+    nodes = [np.sort(rng.choice(200, size=7, replace=False)) if depth else [] for depth in depths]
+    moved = [rng.normal(scale=1e-3, size=(len(some), 3)) for some in nodes]
+    settings = {"surface": "sphere", "vertices": 200, "position": [0.01, 0.0, 0.084]}
+    kind = "palpate.nodes.deformation.mass_spring.MassSpring"
+    file = record(
+        tmp_path / "r.mcap",
+        {
+            "contact": [press(depth) for depth in depths],
+            "near": [near(depth, (0.0, 0.0, 0.0)) for depth in depths],
+            "body": [surface(some, field) for some, field in zip(nodes, moved, strict=True)],
+        },
+        {
+            "nodes": [
+                {"name": "body", "use": "deformation.MassSpring", "class": kind, "settings": settings},
+                *({"name": name, "class": f"nowhere.{name}", "settings": {}} for name in ("contact", "near")),
+            ]
+        },
+    )
+    touch = Touch(Recording(file))
+    mesh = surface_mesh(touch)
+    assert abs(len(mesh.vertices) - 200) < 40
+    assert (mesh.vertices.min(axis=0) + mesh.vertices.max(axis=0))[0] / 2 == pytest.approx(0.01, abs=1e-3)
+    chosen = instants(touch, mesh.vertices, 6)
+    assert len(chosen) == 6 and max(one.depth for one in chosen) == depths.max()
+    for one in chosen:
+        tick = round(one.time * 1e3)
+        assert one.depth == depths[tick] and one.load == pytest.approx(300.0 * depths[tick])
+        assert (one.displacement[nodes[tick]] == moved[tick]).all()
+        others = np.delete(one.displacement, nodes[tick], axis=0)
+        assert (others == 0.0).all()
+        assert one.tip == pytest.approx([0.0, 0.0, 0.105 - depths[tick]], abs=1e-12)  # on the bottom of the dent
+
+
+def test_a_surface_that_never_moved_is_not_drawn(tmp_path):
+    streams = {"contact": [press(1e-3)] * 5, "body": [surface()] * 5}
+    with pytest.raises(NoMesh, match="no displacement was recorded"):
+        instants(Touch(Recording(record(tmp_path / "r.mcap", streams))), np.zeros((100, 3)))
+
+
+def test_a_vertex_that_the_mesh_does_not_have_is_told():
+    with pytest.raises(NoMesh, match="vertex 12 is displaced, but the mesh has only 12"):
+        displaced(surface([12], np.ones((1, 3))), 12)
+
+
+def test_instants_are_in_contact_and_the_deepest_is_one_of_them():
+    depth = np.r_[np.zeros(50), 5e-3 * np.sin(np.linspace(0, np.pi, 200)), np.zeros(100), np.full(100, 2.5e-3)]
+    contact = {
+        "tick": np.arange(450) + 7,
+        "time": np.arange(450) * 1e-3,
+        "force": 300.0 * depth,
+        "indentation": depth,
+        "foot": np.zeros((450, 3)),
+    }
+    ticks = choose(contact, 6)
+    assert ticks == sorted(set(ticks)) and len(ticks) == 6
+    assert all(depth[tick - 7] > 0.3 * depth.max() for tick in ticks)
+    assert any(depth[tick - 7] == depth.max() for tick in ticks) and any(tick - 7 >= 350 for tick in ticks)
+    assert choose({name: values[:20] for name, values in contact.items()}, 6) == []
+
+
+@pytest.mark.parametrize(
+    ("length", "scale"), [(9.04e-3, 10e-3), (8e-3, 8e-3), (0.0, 1e-3), (3e-9, 5e-9), (0.13, 0.2), (1e-3, 1e-3)]
+)
+def test_the_colour_scale_ends_at_a_round_number(length, scale):
+    assert deformation.round_up(length) == pytest.approx(scale, rel=1e-12)
+
+
+def test_the_finger_on_a_surface_as_small_as_itself_is_not_cut_off():
+    """Seen whole, along the camera's own axes, every point of the ball is within the picture."""
+    rng = np.random.default_rng(7)
+    around = rng.normal(size=(500, 3))
+    around /= np.linalg.norm(around, axis=1)[:, None]
+    tip = np.array([0.0, 0.0, 8e-3])
+    centre = tip + render.FINGER_RADIUS * np.array(UP)
+    plotter = SimpleNamespace(window_size=render.SIZE, camera=SimpleNamespace(), reset_camera_clipping_range=int)
+    render._camera(plotter, 8e-3 * around, centre[None], (None, None, tip, np.array(UP), np.zeros(3)), near=False)
+    camera = plotter.camera
+    ahead = np.subtract(camera.focal_point, camera.position)
+    right = np.cross(ahead, camera.up)
+    up = np.cross(right, ahead)
+    seen = np.concatenate([8e-3 * around, centre + render.FINGER_RADIUS * around]) - camera.focal_point
+    height, width = (np.abs(seen @ axis / np.linalg.norm(axis)).max() for axis in (up, right))
+    assert 0.8 * camera.parallel_scale < height < camera.parallel_scale
+    assert width < camera.parallel_scale * render.SIZE[0] / render.SIZE[1]
+
+
+# That it is drawn
+
+
+def test_all_pictures_of_a_touch_are_made_without_a_display(touch_file, tmp_path, monkeypatch):
+    monkeypatch.delenv("DISPLAY", raising=False)
+    made, told = drawn(touch_file, tmp_path / "new" / "folder")
+    assert made[-4:] == PLOTS
+    if made[0] == "deformation.png":
+        assert told == []
+    else:
+        assert len(told) == 1 and "libosmesa6" in told[0]
+
+
+def test_without_pyvista_the_plots_are_made_and_one_line_tells_what_to_install(touch_file, tmp_path, without_3d):
+    made, told = drawn(touch_file, tmp_path)
+    assert made == PLOTS
+    assert len(told) == 1 and 'pip install "palpate[view]"' in told[0]
+
+
+def test_without_matplotlib_one_line_tells_what_to_install(touch_file, tmp_path, monkeypatch):
+    hide(monkeypatch, "matplotlib")
+    made, told = drawn(touch_file, tmp_path)
+    assert made == [] and len(told) == 1 and 'pip install "palpate[view]"' in told[0]
+
+
+@pytest.mark.parametrize("end", ["import os; os.abort()", "raise SystemExit('no context')"])
+def test_a_crash_of_the_graphics_driver_leaves_the_plots(touch_file, tmp_path, monkeypatch, end):
+    import subprocess
+
+    def crash(self, window):
+        return subprocess.Popen([sys.executable, "-c", end], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
+
+    monkeypatch.setattr(off_screen.Rendering, "_begin", crash)
+    made, told = drawn(touch_file, tmp_path)
+    assert made == PLOTS
+    assert len(told) == 1 and "libosmesa6" in told[0] and ("signal 6" in told[0] or "no context" in told[0])
+
+
+def test_a_recording_that_was_cut_off_is_drawn_as_far_as_it_goes(touch_file, tmp_path, without_3d):
+    data = touch_file.read_bytes()
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(data[: int(0.7 * len(data))])
+    made, _ = drawn(cut, tmp_path)
+    assert "force.png" in made
+    assert not Recording(cut).complete
+
+
+@pytest.mark.parametrize(
+    ("streams", "expected"),
+    [
+        ({"a": [DeviceState()] * 3}, []),
+        ({"a": [Force(force=UP, state="free", energy=0.0)]}, ["device.png"]),
+        ({"a": [press(0.0)] * 3}, []),
+        ({"a": [press(1e-3)]}, ["force.png", "compression.png"]),
+        ({"a": [press(1e-3)] * 2, "b": [Friction(force=UP, bristle=UP, stick=True)] * 2}, PLOTS[:2]),
+        ({"a": [surface()] * 5, "b": [press(1e-3)] * 5}, PLOTS[:2]),
+    ],
+    ids=["no touch", "one force", "nothing touched", "one contact", "no slip", "unknown body"],
+)
+@pytest.mark.parametrize("seen", [True, False])
+def test_whatever_streams_there_are_the_others_are_not_missed(tmp_path, streams, expected, seen, monkeypatch):
+    if not seen:
+        hide(monkeypatch, "pyvista")
+    made, told = drawn(record(tmp_path / "r.mcap", streams), tmp_path)
+    assert made == expected and len(told) <= 1
+
+
+def test_the_command_draws_a_recording(touch_file, tmp_path, without_3d):
+    result = CliRunner().invoke(app, ["pictures", str(touch_file), "-o", str(tmp_path), "--json"])
+    assert result.exit_code == 0 and "friction.png" in result.stdout
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(PLOTS)
+
+
+def test_the_command_refuses_what_is_no_recording(tmp_path):
+    file = tmp_path / "x.mcap"
+    file.write_bytes(b"nothing")
+    with pytest.raises(RecordingError, match="not an MCAP file"):
+        draw(file, tmp_path)
+    result = CliRunner().invoke(app, ["pictures", str(file)])
+    assert result.exit_code == 1 and "Traceback" not in result.stderr
+    empty = record(tmp_path / "e.mcap", {"a": [DeviceState()]})
+    result = CliRunner().invoke(app, ["pictures", str(empty)])
+    assert result.exit_code == 1 and "nothing that could be drawn" in result.stderr

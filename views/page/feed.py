@@ -1,0 +1,160 @@
+"""What the page hears of a run: the newest surface, and what the small streams have brought since the last frame.
+
+Surfaces are conflated by ZeroMQ: of a thousand a second one is decoded for each frame. Small streams are read in
+bursts. The run's outlets for observers drop what a listener does not take: it cannot slow the run.
+"""
+
+from __future__ import annotations
+
+import struct
+from typing import Any
+
+import msgspec
+import numpy as np
+import zmq
+
+from palpate.launch.run.addresses import endpoint, key_of
+from palpate.launch.run.bus import HEALTH, split
+from palpate.launch.run.discover import Running
+from palpate.launch.run.keys import connect
+from palpate.messages import (
+    Contact,
+    Force,
+    ForceBand,
+    Friction,
+    Health,
+    Load,
+    Message,
+    MessageError,
+    Pins,
+    Pointed,
+    Pose,
+    Proximity,
+    Surface,
+    unpack,
+)
+from palpate.nodes.base.surface import complete
+from palpate.physics.geometry.mesh import Mesh
+from palpate.views.page.steered import Touched
+
+KEPT = 400
+"""Messages of small streams that wait for the next frame; older ones are dropped."""
+
+
+class Feed:
+    """Listens to one run; `frame` makes what the page draws next."""
+
+    def __init__(self, run: Running, touched: Touched) -> None:
+        self.touched = touched
+        self.kinds = {stream: kind for kind, stream in touched.streams.items()}
+        self.kinds[HEALTH] = Health
+        self.last: dict[type[Message], Message] = {}
+        self.late: dict[str, int] = {}
+        self.context = zmq.Context()
+        large = [touched.streams[kind] for kind in (Surface, Load) if kind in touched.streams]
+        self.large = [self._socket(run, [stream], conflate=True) for stream in large]
+        self.small = self._socket(run, [stream for stream in self.kinds if stream not in large], conflate=False)
+
+    def _socket(self, run: Running, streams: list[str], conflate: bool) -> zmq.Socket:
+        socket = self.context.socket(zmq.SUB)
+        socket.set(zmq.LINGER, 0)
+        socket.set(zmq.RCVHWM, KEPT)
+        if conflate:
+            socket.set(zmq.CONFLATE, 1)
+        for stream in streams:
+            socket.subscribe(stream.encode() + b"\0")
+        for group in run.groups:
+            connect(socket, endpoint(run.name, group, "observers"), key_of(run.name, group))
+        return socket
+
+    def close(self) -> None:
+        """Hear no more."""
+        self.context.destroy(linger=0)
+
+    def frame(self) -> bytes | None:
+        """The next picture; None where nothing new has come."""
+        times, forces, depths = [], [], []
+        count = 0
+        for socket in (self.small, *self.large):
+            while count < 20 * KEPT:
+                try:
+                    stream, payload = split(socket.recv(zmq.NOBLOCK))
+                    message = unpack(payload, self.kinds[stream])
+                except zmq.Again:
+                    break
+                except (MessageError, KeyError, ValueError):
+                    continue
+                count += 1
+                if isinstance(message, Health):
+                    if message.source in self.touched.place["loop"]["nodes"]:
+                        self.late[message.source] = message.late + message.lost
+                    continue
+                self.last[type(message)] = message
+                if isinstance(message, Contact):
+                    times.append(message.time * 1e-9)
+                    forces.append(message.force)
+                    depths.append(message.indentation)
+        if not count or Contact not in self.last:
+            return None
+        head = {"kind": "frame", "t": times, "f": forces, "s": depths, "late": max(self.late.values(), default=0)}
+        return frame(head | now(self.last, self.touched.thickness), self.last.get(Surface), self.touched.mesh)
+
+
+def frame(head: dict[str, Any], surface: Message | None, mesh: Mesh) -> bytes:
+    """A picture: what is told in its head, and the nodes, displacements and pressures of the surface on a
+    mesh. Which nodes slide is told in the head, where the body knows."""
+    if not isinstance(surface, Surface):
+        return packed(head, np.zeros(0, "<u4"), np.zeros(0, "<f4"), np.zeros(0, "<f4"))
+    surface = complete(surface, mesh.vertices)
+    if len(surface.slipped) and len(surface.slipped) == len(surface.nodes):
+        head = head | {"slipped": surface.slipped.tolist()}
+    pressure = surface.pressure if len(surface.pressure) == len(surface.nodes) else ()
+    return packed(head, np.asarray(surface.nodes, "<u4"), np.asarray(surface.displacement, "<f4").ravel(),
+                  np.asarray(pressure, "<f4"))  # fmt: skip
+
+
+def now(last: dict[type[Message], Message], thickness: float) -> dict[str, Any]:
+    """What the page tells of the last message of each kind; thickness [m] of the fingertip."""
+    contact, near, pose = last[Contact], last.get(Proximity), last.get(Pose)
+    assert isinstance(contact, Contact)
+    told: dict[str, Any] = {"time": contact.time * 1e-9, "normal": contact.normal, "foot": contact.foot}
+    told |= {"load": contact.force, "depth": contact.indentation, "squeeze": contact.compression}
+    if isinstance(near, Proximity) and isinstance(pose, Pose):
+        apart = thickness - contact.compression
+        told["tip"] = [p - apart * n for p, n in zip(pose.position, near.normal, strict=True)]
+        told["up"] = near.normal
+    if isinstance(friction := last.get(Friction), Friction):
+        told |= {"stick": friction.stick, "drag": sum(f * f for f in friction.force) ** 0.5}
+    if isinstance(force := last.get(Force), Force):
+        told |= {"force": force.force, "state": force.state, "energy": force.energy}
+    if isinstance(band := last.get(ForceBand), ForceBand):
+        told |= {"band": [band.quantiles[0], band.quantiles[-1]] if band.quantiles else None, "mean": band.mean}
+    if isinstance(pointed := last.get(Pointed), Pointed):
+        told |= {"sample": pointed.sample}
+    if isinstance(pins := last.get(Pins), Pins):
+        told |= {"pins": pins.heights.tolist()}
+    if isinstance(load := last.get(Load), Load):
+        told |= {"patch": load.nodes.tolist(), "loads": np.round(np.linalg.norm(load.forces, axis=1), 6).tolist()}
+    return told
+
+
+def mesh_frame(touched: Touched, about: dict[str, Any]) -> bytes:
+    """The undeformed surface, and what else the page has to know of a run."""
+    return surface_frame(
+        touched.mesh, {"body": touched.use, "thickness": touched.thickness, "begin": touched.begin, **about}
+    )
+
+
+def surface_frame(mesh: Mesh, about: dict[str, Any]) -> bytes:
+    """An undeformed surface, and what is told with it."""
+    return packed({"kind": "mesh", **about}, np.asarray(mesh.triangles, "<u4").ravel(),
+                  np.asarray(mesh.vertices, "<f4").ravel(), np.asarray(mesh.normals, "<f4").ravel())  # fmt: skip
+
+
+def packed(head: dict[str, Any], indices: np.ndarray, first: np.ndarray, second: np.ndarray) -> bytes:
+    """One binary message to the page: length of the head, the head in JSON filled up to four bytes, then the arrays.
+    A NaN becomes null."""
+    head = head | {"sizes": [len(indices), len(first), len(second)]}
+    text = msgspec.json.encode(head)
+    text += b" " * (-len(text) % 4)
+    return struct.pack("<I", len(text)) + text + indices.tobytes() + first.tobytes() + second.tobytes()

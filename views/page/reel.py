@@ -1,0 +1,147 @@
+"""A recording that is looked at here and there: the last messages before any time, read when they are asked for."""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections.abc import Iterator
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from palpate.messages import Contact, Message, MessageError, Proximity, Surface, unpack
+from palpate.records.format.mcap_file import Broken, Records, messages
+from palpate.records.player import plan_of
+from palpate.records.reader import Recording, RecordingError
+from palpate.views.page.feed import frame, now, surface_frame
+from palpate.views.page.steered import SHOWN, NoTouch, shape
+
+POINTS = 4000
+"""Of force and indentation over the whole recording: more than a screen has."""
+BACK = 8
+"""Chunks that are looked through for a stream of which few messages were kept."""
+
+
+class Reel:
+    """One recording.
+
+    times, forces, depths  [s], [N], [m] of the contact over all of it, thinned to `POINTS` by their greatest forces
+
+    RecordingError: it cannot be read, or holds no touch or no surface.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.recording = Recording(path)
+        held = ((kind, self.recording.stream_of(kind)) for kind in SHOWN)
+        self._kinds = {stream: kind for kind, stream in held if stream is not None}
+        for kind, what in ((Contact, "touch"), (Surface, "body")):
+            if kind not in self._kinds.values():
+                streams = ", ".join(sorted(self.recording.streams)) or "none"
+                raise RecordingError(f"{path}: no {what} in it to show: no stream of {kind.__name__} among {streams}")
+        planned, names = plan_of(self.recording), {kind: stream for stream, kind in self._kinds.items()}
+        senders = {name: self.recording.streams[stream].producer for name, stream in names.items()}
+        try:
+            self.mesh, self.thickness = shape(planned, senders[Surface], senders.get(Proximity, senders[Surface]))
+        except NoTouch as error:
+            raise RecordingError(f"{path}: {error}") from None
+        self.use = planned.graph.nodes[senders[Surface]].use
+        self._file = path.open("rb")
+        self._records = Records(self._file)
+        self._open = lru_cache(maxsize=BACK + 2)(self._decoded)
+        self._begins: list[float] = []
+        self._places: list[int] = []
+        self._listen(names[Contact])
+
+    def close(self) -> None:
+        """Read no more of it."""
+        self._file.close()
+
+    def _listen(self, contact: str) -> None:
+        """Go through the file once: where each chunk begins, and what the contact says."""
+        numbers = {topic: number for number, topic in self.recording.channels.items()}
+        told: list[tuple[float, float, float]] = []
+        for at, chunk in self._records.chunks():
+            first = None
+            for channel, _, time, payload in self._inside(chunk):
+                first = time if first is None else min(first, time)
+                if channel == numbers[contact]:
+                    try:
+                        message = unpack(payload, Contact)
+                    except MessageError as error:
+                        raise RecordingError(f"{self.recording.path}: stream {contact!r}: {error}") from None
+                    told.append((time * 1e-9, message.force, message.indentation))
+            if first is not None:
+                self._begins.append(first * 1e-9)
+                self._places.append(at)
+        if not told:
+            raise RecordingError(f"{self.recording.path}: no messages of {contact!r} in it")
+        self.times, self.forces, self.depths = (column.tolist() for column in _thinned(np.array(sorted(told))).T)
+
+    def _inside(self, chunk: bytes) -> Iterator[tuple[int, int, int, bytes]]:
+        try:
+            yield from messages(chunk)
+        except Broken as damage:
+            raise RecordingError(f"{self.recording.path} is {damage}") from None
+
+    def _decoded(self, at: int) -> list[tuple[str, float, bytes]]:
+        channels = self.recording.channels
+        return [
+            (name, time * 1e-9, payload)
+            for channel, _, time, payload in self._inside(self._records.chunk(at))
+            if (name := channels.get(channel)) in self._kinds and name is not None
+        ]
+
+    def last(self, time: float) -> dict[type[Message], Message]:
+        """The last message of each kind at this time [s] of the graph's clock, or before."""
+        found: dict[str, tuple[float, bytes]] = {}
+        k = bisect_right(self._begins, time) - 1
+        for chunk in range(k, max(k - BACK, -1), -1):
+            newest: dict[str, tuple[float, bytes]] = {}
+            for name, at, payload in self._open(self._places[chunk]):
+                if at <= time and at >= newest.get(name, (-1.0, b""))[0]:
+                    newest[name] = (at, payload)
+            for name, own in newest.items():
+                if own[0] > found.get(name, (-1.0, b""))[0]:
+                    found[name] = own
+            if len(found) == len(self._kinds) and chunk < k:
+                break
+        kept: dict[type[Message], Message] = {}
+        for name, (_, payload) in found.items():
+            try:
+                kept[self._kinds[name]] = unpack(payload, self._kinds[name])
+            except MessageError as error:
+                raise RecordingError(f"{self.recording.path}: stream {name!r}: {error}") from None
+        return kept
+
+    def begin(self, number: int, name: str) -> bytes:
+        """What a page has to know before it asks for a time; `number` says which of its recordings this is."""
+        return surface_frame(self.mesh, {
+            "reel": number, "name": name, "body": self.use, "t": self.times, "f": self.forces,
+            "s": self.depths,
+        })  # fmt: skip
+
+    def frame(self, time: float, number: int) -> bytes:
+        """The picture at a time [s], clipped to the recording."""
+        last = self.last(min(max(time, self.times[0]), self.times[-1]))
+        head: dict[str, Any] = {"kind": "frame", "reel": number, "asked": time}
+        if Contact not in last:
+            return frame(head, None, self.mesh)
+        return frame(head | now(last, self.thickness), last.get(Surface), self.mesh)
+
+
+def _thinned(rows: np.ndarray) -> np.ndarray:
+    """At most `POINTS` rows (k,3): of each stretch the one of the greatest force, and the first and the last."""
+    if len(rows) <= POINTS:
+        return rows
+    parts = np.array_split(rows[1:-1], POINTS - 2)
+    return np.concatenate([rows[:1], [part[np.argmax(part[:, 1])] for part in parts], rows[-1:]])
+
+
+def titles(paths: list[Path]) -> list[str]:
+    """The names of files, each with as many of its folders as tell it from the others."""
+    whole = [path.absolute().parts for path in paths]
+    count = 1
+    while len({parts[-count:] for parts in whole}) < len(set(whole)):
+        count += 1
+    return ["/".join(parts[-count:]) for parts in whole]

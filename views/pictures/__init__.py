@@ -1,0 +1,118 @@
+"""Pictures of a recording: what it holds decides which are drawn, whatever the graph was.
+
+draw(Path("runs/kidney.mcap"), Path("runs"))
+"""
+
+from __future__ import annotations
+
+import importlib.util
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from palpate.launch.load.extras import install
+from palpate.messages import Surface
+from palpate.records.reader import Recording
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from rich.console import Console
+
+
+def draw(recording: Path, folder: Path, console: Console | None = None) -> list[Path]:
+    """Draw what a recording holds into a folder; the files that were made.
+
+    console  shows progress, and one line for each picture that could not be drawn and what to do about it
+
+    RecordingError: not a recording. OSError: the folder cannot be written.
+    """
+    if importlib.util.find_spec("matplotlib") is None:
+        _tell(console, f"no pictures: matplotlib is not installed; {install('view')}")
+        return []
+    from matplotlib import rc_context
+
+    from palpate.views.pictures.style import LOOK
+
+    with rc_context(LOOK), _progress(console) as step:
+        return _draw(Recording(recording), folder, console, step)
+
+
+def _draw(recording: Recording, folder: Path, console: Console | None, step: Callable[[str], None]) -> list[Path]:
+    from palpate.views.pictures import (
+        compression,
+        deformation,
+        device,
+        energy,
+        force,
+        friction,
+        pad,
+        pins,
+        slip,
+        softness,
+    )
+    from palpate.views.pictures.moments import NoMesh
+    from palpate.views.pictures.off_screen import NoRendering
+    from palpate.views.pictures.touch import Touch
+
+    touch = Touch(recording)
+    folder.mkdir(parents=True, exist_ok=True)
+    made = []
+    views = None
+    step("reading")
+    try:
+        if importlib.util.find_spec("pyvista") is None:
+            _tell(console, f"no 3-D picture: pyvista is not installed; {install('view')}")
+        else:
+            views = deformation.Views(touch)  # it draws while the others are drawn here
+    except NoMesh as error:
+        if (
+            recording.stream_of(Surface) is not None and touch.slip is None
+        ):  # else there is none to draw, or it is a pad
+            _tell(console, f"no picture of the surface: {error}")
+    try:
+        for picture in (force, compression, friction, device, energy, slip, pad, pins, softness):
+            step(picture.NAME)
+            drawing = picture.draw(touch)
+            if drawing is not None:
+                made.append(folder / f"{picture.NAME}.png")
+                drawing.savefig(made[-1])
+        step(deformation.NAME)
+        if views is not None:
+            try:
+                drawing = views.draw()
+            except NoRendering as error:
+                _tell(console, str(error))
+            else:
+                made.insert(0, folder / f"{deformation.NAME}.png")
+                drawing.savefig(made[0])
+    finally:
+        if views is not None:
+            views.close()
+    return made
+
+
+STEPS = 11
+
+
+@contextmanager
+def _progress(console: Console | None) -> Iterator[Callable[[str], None]]:
+    """A bar that each call takes on by one step."""
+    if console is None:
+        yield lambda _: None
+        return
+    from rich.progress import BarColumn, Progress, TextColumn
+
+    with Progress(
+        TextColumn("pictures"), BarColumn(), TextColumn("{task.description}"), console=console, transient=True
+    ) as bar:
+        task = bar.add_task("", total=STEPS, completed=-1)
+        yield lambda name: bar.update(task, advance=1, description=name)
+
+
+def _tell(console: Console | None, text: str) -> None:
+    if console is not None:
+        from rich.text import Text
+
+        console.print(Text(text, style="yellow"))

@@ -1,0 +1,40 @@
+"""How fingertip and tissue share the approach over time."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from palpate.views.pictures.style import ENERGY, FINGER, TISSUE, figure
+from palpate.views.pictures.touch import Touch, touches
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+NAME = "compression"
+
+
+def draw(touch: Touch) -> Figure | None:
+    """None where the recording holds no contact, or where only one of the two gives way."""
+    contact = touch.contact
+    if contact is None or not touches(contact["time"], contact["force"]):
+        return None
+    if not contact["compression"].any() or not contact["indentation"].any():
+        return None
+    time, s1, s2 = contact["time"], contact["compression"] * 1e3, contact["indentation"] * 1e3
+    out = figure(11.5, 5.6, "How fingertip and tissue share the approach")
+    upper, lower = out.subplots(2, 1, sharex=True, height_ratios=(3, 2))
+    upper.fill_between(time, s1 + s2, color=TISSUE, alpha=0.07, linewidth=0, label="s1 + s2, the approach")
+    upper.plot(time, s2, color=TISSUE, label="s2, indentation of the tissue")
+    upper.plot(time, s1, color=FINGER, label="s1, compression of the fingertip")
+    upper.set_ylabel("compression, indentation [mm]")
+    upper.set_title(
+        f"at most {(s1 + s2).max():.1f} mm: the fingertip up to {s1.max():.1f} mm, the tissue up to {s2.max():.1f} mm"
+    )
+    upper.legend(loc="upper right", ncols=3)
+    upper.set_ylim(0.0, float((s1 + s2).max()) * 1.25)
+    lower.axhline(0.0, color="#77777f", linewidth=0.8)
+    lower.plot(time, s1 - s2, color=ENERGY)
+    lower.set_ylabel("s1 − s2 [mm]")
+    lower.set_xlabel("time [s]")
+    lower.set_xlim(time[0], max(time[-1], time[0] + 1e-3))
+    return out

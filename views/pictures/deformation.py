@@ -1,0 +1,70 @@
+"""The deformed surface at several instants, coloured by how far it moved."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from palpate.views.pictures.colour import COLOURS, painted, round_up
+from palpate.views.pictures.moments import Instant, instants, surface_mesh
+from palpate.views.pictures.off_screen import Rendering
+from palpate.views.pictures.style import DEFORMATION, figure
+from palpate.views.pictures.touch import Touch
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+NAME = "deformation"
+TITLE = "The surface under the finger  (ball: fingertip; arrow: force on the hand)"
+COUNT, COLUMNS = 6, 3
+
+
+class Views:
+    """Drawing of the surface in a process of its own, begun when this is made."""
+
+    def __init__(self, touch: Touch) -> None:
+        mesh = surface_mesh(touch)
+        self.instants: list[Instant] = instants(touch, mesh.vertices, COUNT)
+        count = len(self.instants)
+        self.columns = min(COLUMNS, count)
+        self.near = sorted(sorted(range(count), key=lambda i: -self.instants[i].depth)[: self.columns])
+        lengths = [painted(COLOURS["displacement"], mesh, instant.surface) for instant in self.instants]
+        self.deepest = round_up(max(float(length.max()) for length in lengths))
+        self._rendering = Rendering(mesh, self.instants, lengths, self.near, self.deepest)
+
+    def close(self) -> None:
+        """End the drawing."""
+        self._rendering.close()
+
+    def draw(self) -> Figure:
+        """The figure. NoRendering: this machine cannot draw it."""
+        from matplotlib.cm import ScalarMappable
+        from matplotlib.colors import LinearSegmentedColormap, Normalize
+
+        pixels = self._rendering.pixels()
+        columns = self.columns
+        rows = -(-len(self.instants) // columns)
+        out = figure(
+            4.2 * columns + 1.0,
+            2.6 * rows + 3.3,
+            TITLE,
+        )
+        grid = out.subplots(rows + 1, columns, squeeze=False, height_ratios=[1.0] * rows + [1.22])
+        for axes in grid.ravel():
+            axes.set_axis_off()
+        for i, instant in enumerate(self.instants):
+            axes = grid[i // columns][i % columns]
+            axes.imshow(pixels["wide"][i])
+            axes.set_title(_title(instant), fontsize=11, loc="center")
+        for axes, i, picture in zip(grid[rows], self.near, pixels["close"], strict=True):
+            axes.imshow(picture)
+            axes.set_title(f"the same at {self.instants[i].time:.2f} s, near", fontsize=11, loc="center")
+        colours = LinearSegmentedColormap.from_list("deformation", DEFORMATION)
+        scale = ScalarMappable(Normalize(0.0, self.deepest * 1e3), colours)
+        bar = out.colorbar(scale, ax=grid, shrink=0.6, aspect=32, pad=0.015)
+        bar.set_label("displacement of the surface [mm]")
+        bar.outline.set_visible(False)
+        return out
+
+
+def _title(instant: Instant) -> str:
+    return f"{instant.time:.2f} s:  {instant.depth * 1e3:.1f} mm deep,  {instant.load:.2f} N"

@@ -1,0 +1,60 @@
+"""The force in the hand: what the controller asked for, its state, and the energy that its observer counts."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from palpate.messages import Force
+from palpate.views.pictures.style import ENERGY, FINGER, INK, NORMAL, REGION_A, SPEED, figure, mean
+from palpate.views.pictures.touch import Columns, Touch
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+NAME = "device"
+
+
+def draw(touch: Touch) -> Figure | None:
+    """None where no force was recorded."""
+    force = touch.force
+    if force is None:
+        return None
+    time, size = force["time"], np.linalg.norm(force["force"], axis=1)
+    settings = touch.settings(touch.recording.stream_of(Force))
+    out = figure(11.5, 6.4, "Force on the hand, and the energy that the display has absorbed")
+    upper, lower = out.subplots(2, 1, sharex=True, height_ratios=(3, 2))
+    for axes in (upper, lower):
+        _contact(axes, touch, force)
+    for i, (name, colour) in enumerate(zip("xyz", (FINGER, SPEED, NORMAL), strict=True)):
+        upper.plot(time, force["force"][:, i], color=colour, alpha=0.2, linewidth=0.5)
+        upper.plot(time, mean(force["force"][:, i], time), color=colour, linewidth=1.4, label=f"F{name}")
+    upper.plot(time, mean(size, time), color=INK, linewidth=1.2, linestyle=(0, (4, 2)), label="|F|")
+    upper.set_ylabel("force on the hand [N]")
+    limit = settings.get("limit")
+    limit_text = f", of the {limit:g} N that the device is held to" if isinstance(limit, float | int) else ""
+    upper.set_title(f"largest {size.max():.2f} N{limit_text}; shaded: in contact")
+    upper.legend(loc="upper left", ncols=4)
+    low, high = upper.get_ylim()
+    upper.set_ylim(low, high + 0.2 * (high - low))
+    lower.axhline(0.0, color="#77777f", linewidth=0.8)
+    lower.plot(time, force["energy"] * 1e3, color=ENERGY)
+    lower.set_ylabel("energy [mJ]")
+    lower.set_xlabel("time [s]")
+    lower.set_title(
+        f"since the last change of state, by the passivity observer; least {force['energy'].min() * 1e3:.2f} mJ"
+    )
+    lower.set_xlim(time[0], max(time[-1], time[0] + 1e-3))
+    return out
+
+
+def _contact(axes: Axes, touch: Touch, force: Columns) -> None:
+    """Shade where the controller was in its contact state."""
+    state = touch.touching
+    if state is not None and len(state) == len(force["time"]):
+        axes.fill_between(
+            force["time"], 0.0, 1.0, where=state, transform=axes.get_xaxis_transform(), color=REGION_A, alpha=0.6,
+            linewidth=0, step="post",
+        )  # fmt: skip

@@ -1,0 +1,148 @@
+"""Normal force against approach and indentation: the loop of loading and unloading; beside it the band of a subject."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from palpate.messages import ForceBand
+from palpate.views.pictures.style import FAINT, FINGER, INK, NORMAL, REGION_A, TISSUE, figure, mean, noise
+from palpate.views.pictures.touch import Columns, Touch, together, touches, work
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+NAME = "force"
+SPAN = 0.012  # [s] of the mean of noisy samples: short beside a press, long beside the noise of the encoders
+RATE_SPAN = 0.04  # [s] of the mean from which the rate is taken
+QUIET = 2e-3  # [1] noise over range: samples with less are drawn as they are
+STILL = 4e-3  # [m/s] slower changes of a noisy approach are a rest, in a touch that is all slow
+SLOW = 0.2  # those slower than this part of its fastest; and what would take a quiet touch this part of its range
+
+
+def draw(touch: Touch) -> Figure | None:
+    """None where the recording holds no contact, or a force alone."""
+    contact = touch.contact
+    if contact is None or not (slices := touches(contact["time"], contact["force"])):
+        return None
+    approach = contact["compression"] + contact["indentation"]
+    if not approach.any():
+        return None
+    chosen = min(slices, key=lambda contact_slice: _slid(contact["foot"][contact_slice]))
+    ways = [
+        ("finger and tissue in series", approach, "approach  e = s1 + s2  [mm]"),
+        ("the tissue alone", contact["indentation"], "indentation of the tissue  s2  [mm]"),
+    ]
+    if not contact["indentation"].any():
+        ways = [("the fingertip", contact["compression"], "compression of the fingertip  s1  [mm]")]
+    band = beside(touch)
+    count = len(ways) + (band is not None)
+    out = figure(5.75 * max(count, 1.4), 5.2, "Normal force while the finger presses and lets go")
+    every = out.subplots(1, count, sharey=True, squeeze=False)[0]
+    left = every[0]
+    for axes, (whose, way, label) in zip(every, ways, strict=False):
+        for other in slices:
+            if other is not chosen:
+                _line(axes, way[other], contact["force"][other], contact["time"][other], FAINT, "other touches")
+        _loop(axes, way[chosen], contact["force"][chosen], contact["time"][chosen])
+        axes.set_xlabel(label)
+        axes.set_title(f"{whose}: {work(way[chosen], contact['force'][chosen]) * 1e3:.1f} mJ in the loop")
+        axes.set_ylim(bottom=0.0)
+        axes.set_xlim(left=0.0)
+    left.set_ylabel("normal force [N]")
+    handles, labels = left.get_legend_handles_labels()
+    unique = dict(zip(labels, handles, strict=True))
+    left.legend(unique.values(), unique.keys(), loc="upper left")
+    if band is not None:
+        _band(every[-1], band, touch.settings(touch.recording.stream_of(ForceBand)).get("depth", "compression"))
+    return out
+
+
+def beside(touch: Touch) -> tuple[Columns, Columns] | None:
+    """The band of force and the contact at its ticks; None without a band or a touch in it."""
+    if touch.band is None or touch.contact is None:
+        return None
+    band, contact = together(touch.band, touch.contact)
+    return (band, contact) if (band["mean"] > 0.0).any() else None
+
+
+def _band(axes: Axes, both: tuple[Columns, Columns], depth: str) -> None:
+    """What the measured subject's finger gives at this depth, and the force of this run."""
+    band, contact = both
+    order = np.argsort(contact[depth], kind="stable")
+    order = order[band["mean"][order] > 0.0]
+    way = contact[depth][order] * 1e3
+    levels, quantiles = band["levels"][0], band["quantiles"][order]
+    if len(levels) > 1:
+        low, high = int(np.argmin(levels)), int(np.argmax(levels))
+        text = f"{100 * (levels[high] - levels[low]):.0f} % of its forces"
+        axes.fill_between(way, quantiles[:, low], quantiles[:, high], color=REGION_A, linewidth=0, label=text)
+    axes.plot(way, band["mean"][order], color=NORMAL, label="measured subject, mean")
+    axes.plot(way, contact["force"][order], ".", color=TISSUE, markersize=3, label="this run")
+    beyond = ~band["valid"][order]
+    if beyond.any():
+        axes.axvspan(way[beyond].min(), way.max(), color=FAINT, alpha=0.4, linewidth=0, label="deeper than measured")
+    whose = "fingertip  s1" if depth == "compression" else "tissue  s2"
+    axes.set(xlabel=f"{depth} of the {whose}  [mm]", title="how sure: beside a subject's band", xlim=(0.0, None))
+    axes.tick_params(labelleft=True)
+    axes.legend(loc="upper left")
+
+
+def _slid(foot: np.ndarray) -> float:
+    """Way of the foot point along the surface [m]."""
+    return float(np.linalg.norm(np.diff(foot, axis=0), axis=1).sum()) if len(foot) > 1 else 0.0
+
+
+def _line(axes: Axes, way: np.ndarray, force: np.ndarray, time: np.ndarray, colour: str, label: str) -> None:
+    axes.plot(way * 1e3, smoothed(force, time), color=colour, linewidth=1.0, label=label)
+
+
+def _loop(axes: Axes, way: np.ndarray, force: np.ndarray, time: np.ndarray) -> None:
+    """One touch: in, rest and out in their colours, arrows along it."""
+    axes.plot(way * 1e3, force, ".", color=NORMAL, alpha=0.12, markersize=2.5)
+    smooth = smoothed(force, time)
+    moves = movement(way, time)
+    for label, colour, which in (("in", TISSUE, 1), ("rest", FINGER, 0), ("out", NORMAL, -1)):
+        part = moves == which
+        # A line ends where the next begins.
+        x = np.where(part | np.append(part[1:], False), way, np.nan) * 1e3
+        axes.plot(x, smooth, color=colour, linewidth=2.4, label=label)
+        if label != "rest":
+            _arrow(axes, way * 1e3, smooth, np.flatnonzero(part))
+    if len(smooth):
+        axes.fill(way * 1e3, smooth, color=INK, alpha=0.05, linewidth=0)
+
+
+def smoothed(force: np.ndarray, time: np.ndarray) -> np.ndarray:
+    """The mean of noisy forces; others as they are, with their peaks."""
+    return force if noise(force) < QUIET * float(np.ptp(force)) else mean(force, time, SPAN)
+
+
+def movement(way: np.ndarray, time: np.ndarray) -> np.ndarray:
+    """1 where the way (n) grows, -1 where it falls, 0 at rest."""
+    if len(way) < 3 or not (size := float(np.ptp(way))) > 0:
+        return np.zeros(len(way), dtype=int)
+    if noise(way) < QUIET * size:
+        rate = np.append(0.0, np.diff(way) / np.diff(time))
+        rate[0] = rate[1]
+        still = SLOW * size / float(time[-1] - time[0])
+    else:
+        rate = np.gradient(mean(way, time, RATE_SPAN), time)
+        still = min(STILL, SLOW * float(np.abs(rate).max()))
+    return np.where(np.abs(rate) > still, np.sign(rate), 0).astype(int)
+
+
+def _arrow(axes: Axes, x: np.ndarray, y: np.ndarray, at: np.ndarray) -> None:
+    """An arrow half way up the part of the curve with these samples."""
+    if len(at) < 8:
+        return
+    middle = int(at[np.abs(y[at] - 0.55 * y.max()).argmin()])
+    back, on = max(middle - 4, int(at[0])), min(middle + 4, int(at[-1]))
+    axes.annotate(
+        "",
+        (x[on], y[on]),
+        (x[back], y[back]),
+        arrowprops={"arrowstyle": "-|>,head_width=0.45,head_length=0.9", "color": INK, "shrinkA": 0, "shrinkB": 0},
+    )

@@ -1,0 +1,140 @@
+"""Normal and friction force with the sliding speed: friction follows the load, and it rises with speed."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from palpate.messages import Friction
+from palpate.views.pictures.regions import BEYOND_DIP, regions
+from palpate.views.pictures.style import (
+    FAINT,
+    FRICTION,
+    INK,
+    NORMAL,
+    REGION_A,
+    REGION_B,
+    SPEED,
+    figure,
+    mean,
+    shade,
+    trace,
+)
+from palpate.views.pictures.touch import Columns, Touch, together, touches
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+NAME = "friction"
+WIDE = 0.04  # [s] of the mean in the view of region B
+SLOW = 1.3  # times the least speed of region B
+DIPS_FOR = 2.5
+"""Friction has stopped falling at this many times the Stribeck speed: e^(-2.5^2) is 0.002."""
+
+
+def sliding(touch: Touch) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray] | None:
+    """Time [s], normal force [N], friction force [N] and sliding speed [m/s]; None where one was not recorded."""
+    contact, friction, near = touch.contact, touch.friction, touch.proximity
+    if contact is None or friction is None or near is None:
+        return None
+    tables: list[Columns] = together(contact, friction, near)
+    if not len(tables[0]["tick"]):
+        return None
+    length = np.linalg.norm(tables[1]["force"], axis=1), np.linalg.norm(tables[2]["slip"], axis=1)
+    return tables[0]["time"], tables[0]["force"], *length
+
+
+def beyond_dip(touch: Touch) -> float:
+    """The speed [m/s] above which friction no longer falls, by the settings of the law that was run."""
+    speed = touch.settings(touch.recording.stream_of(Friction)).get("stribeck")
+    return DIPS_FOR * speed if isinstance(speed, float | int) else BEYOND_DIP
+
+
+def draw(touch: Touch) -> Figure | None:
+    """None where normal force, friction or slip were not recorded, or nothing was touched."""
+    data = sliding(touch)
+    if data is None or not touches(data[0], data[1]):
+        return None
+    time, normal, _, speed = data
+    a, b = regions(time, normal, speed, beyond_dip(touch))
+    zoomed = a is not None or b is not None
+    out = figure(11.5, 10.2 if zoomed else 6.0, "Friction against normal force and sliding speed")
+    if zoomed:
+        rows = out.subplot_mosaic([["force"] * 2, ["speed"] * 2, ["a", "b"]], height_ratios=(3, 2, 4))
+    else:
+        rows = out.subplot_mosaic([["force"], ["speed"]], height_ratios=(3, 2))
+    _time(rows["force"], rows["speed"], data, a, b)
+    if zoomed:
+        _region_a(rows["a"], data, a)
+        _region_b(rows["b"], data, b)
+    return out
+
+
+def _time(upper: Axes, lower: Axes, data: tuple, a: slice | None, b: slice | None) -> None:
+    time, normal, friction, speed = data
+    for axes in (upper, lower):
+        for region, colour, letter in ((a, REGION_A, "A"), (b, REGION_B, "B")):
+            if region is not None:
+                shade(axes, time[region.start], time[region.stop - 1], colour, letter)
+        axes.set_xlim(time[0], max(time[-1], time[0] + 1e-3))
+    trace(upper, time, normal, time, NORMAL, "normal force")
+    trace(upper, time, friction, time, FRICTION, "friction force")
+    upper.set_ylabel("force [N]")
+    upper.set_ylim(0.0, float(normal.max()) * 1.2)
+    upper.legend(loc="upper left", ncols=2)
+    upper.tick_params(labelbottom=False)
+    touching = np.where(normal > 0.0, speed, np.nan) * 1e3
+    lower.plot(time, speed * 1e3, color=FAINT, linewidth=0.8, label="in free space")
+    lower.plot(time, touching, color=SPEED, linewidth=1.2, label="sliding")
+    lower.set_ylabel("speed along\nthe surface [mm/s]")
+    lower.set_xlabel("time [s]")
+    lower.set_ylim(bottom=0.0)
+    lower.legend(loc="upper left", ncols=2)
+
+
+def _region_a(axes: Axes, data: tuple, region: slice | None) -> None:
+    if region is None:
+        return _none(axes, "A: nowhere was the speed constant while the normal force varied")
+    time, normal, friction, speed = (values[region] for values in data)
+    slope = float(normal @ friction / (normal @ normal))
+    axes.set_facecolor(REGION_A)
+    axes.grid(color="white")
+    axes.plot(normal, friction, ".", color=FRICTION, alpha=0.25, markersize=3)
+    axes.plot(mean(normal, time), mean(friction, time), color=FRICTION, linewidth=1.2)
+    ends = np.array([0.0, normal.max()])
+    axes.plot(ends, slope * ends, "--", color=INK, linewidth=1.2, label=f"friction = {slope:.3f} × normal force")
+    axes.set_xlim(left=0.0)
+    axes.set_ylim(bottom=0.0)
+    axes.set_xlabel("normal force [N]")
+    axes.set_ylabel("friction force [N]")
+    low, high = np.percentile(speed * 1e3, [5, 95])
+    axes.set_title(f"A: the normal force varies, the speed is steady:\n{low:.0f} to {high:.0f} mm/s")
+    axes.legend(loc="upper left")
+    return None
+
+
+def _region_b(axes: Axes, data: tuple, region: slice | None) -> None:
+    if region is None:
+        return _none(axes, "B: nowhere did the speed rise at constant normal force")
+    normal, friction, speed = (mean(values[region], data[0][region], WIDE) for values in data[1:])
+    axes.set_facecolor(REGION_B)
+    axes.grid(color="white")
+    slow = speed <= SLOW * speed.min()
+    at = float(normal[slow].mean()), float(friction[slow].mean())
+    axes.plot(speed * 1e3, normal / at[0], color=NORMAL, label=f"normal force, {at[0]:.2f} N where slow")
+    axes.plot(speed * 1e3, friction / at[1], color=FRICTION, label=f"friction force, {at[1]:.2f} N where slow")
+    axes.set_xlabel("speed along the surface [mm/s]")
+    axes.set_ylabel("force over its value where slow [1]")
+    spread = 100 * (normal.max() / normal.min() - 1) / 2
+    axes.set_title(f"B: the speed rises, the normal force is steady:\nwithin ±{spread:.0f} %")
+    axes.legend(loc="upper left")
+    top = max(float((friction / at[1]).max()), 1.05)
+    axes.set_ylim(1.0 - 0.4 * (top - 1.0) - 0.02, 1.0 + 1.5 * (top - 1.0))
+    return None
+
+
+def _none(axes: Axes, text: str) -> None:
+    axes.set_axis_off()
+    axes.text(0.5, 0.5, text, ha="center", va="center", color="#77777f", wrap=True, transform=axes.transAxes)

@@ -1,0 +1,135 @@
+"""The pins of a display at several moments, and over time with the force and the actuator."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from palpate.messages import Pins, Surface
+from palpate.nodes.display import tangent_frame
+from palpate.views.pictures.style import FAINT, FINGER, NORMAL, REGION_B, TISSUE, figure
+from palpate.views.pictures.touch import Columns, Touch, together
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+NAME = "pins"
+COLUMNS = 5
+
+
+def draw(touch: Touch) -> Figure | None:
+    """None where no pins were recorded, or nothing was touched."""
+    if touch.pins is None or touch.contact is None:
+        return None
+    pins, contact = together(touch.pins, touch.contact)
+    rows = moments(contact["force"])
+    if not rows:
+        return None
+    sent = touch.at(Pins, pins["tick"].tolist())
+    heights = np.array([sent[tick].heights for tick in pins["tick"].tolist()]) * 1e3
+    settings = touch.settings(touch.recording.stream_of(Pins))
+    below = settings.get("shows", "force") != "force"
+    out = figure(2.6 * len(rows) + 1.2, 9.4 if below else 7.2, "What the pins show")
+    parts = out.subfigures(2, 1, height_ratios=(5 if below else 2.6, 4))
+    assert isinstance(parts, np.ndarray)
+    top, bottom = parts
+    grid = top.subplots(1 + below, len(rows), squeeze=False, sharex=True, sharey=True)
+    places, pitch = _places(heights.shape[1:], settings)
+    most = max(float(heights[rows].max()), 1e-6)
+    uneven = [heights[row] - ring_mean(heights[row], places) for row in rows]
+    rest = max(max(float(np.abs(u).max()) for u in uneven), 1e-6)
+    nodule = touch.settings(touch.recording.stream_of(Surface))
+    for column, row in enumerate(rows):
+        shown = _map(grid[0][column], heights[row], places, pitch, "viridis", 0.0, most)
+        grid[0][column].set_title(f"{contact['time'][row]:.2f} s:  {contact['force'][row]:.2f} N", loc="center")
+        if below:
+            lumps = _map(grid[1][column], uneven[column], places, pitch, "RdBu_r", -rest, rest)
+            grid[1][column].set_title("what is not round", loc="center")
+            for axes in grid[:, column]:
+                _circle(axes, nodule, contact["foot"][row], contact["normal"][row], places, pitch)
+    for axes in grid[-1]:
+        axes.set_xlabel("columns, x [mm]")
+    for axes in grid[:, 0]:
+        axes.set_ylabel("rows, y [mm]")
+    top.colorbar(shown, ax=grid[0], label="height [mm]", pad=0.01)
+    if below:
+        top.colorbar(lumps, ax=grid[1], label="height less the mean\nat that distance [mm]", pad=0.01)
+    _over_time(bottom, touch, pins, contact, heights, nodule if below else {})
+    return out
+
+
+def moments(force: np.ndarray) -> list[int]:
+    """Rows to show: from the first to the last tenth of contact at equal steps; none without contact."""
+    at = np.flatnonzero(force > 0.0)
+    if not len(at):
+        return []
+    return sorted({int(at[round(q * (len(at) - 1))]) for q in np.linspace(0.1, 0.9, COLUMNS)})
+
+
+def ring_mean(heights: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """Mean height (rows,columns) of the pins that are as far from the centre as each one."""
+    distance = np.round(np.hypot(places[..., 0], places[..., 1]), 9)
+    _, ring = np.unique(distance.ravel(), return_inverse=True)
+    mean = np.bincount(ring.ravel(), heights.ravel()) / np.bincount(ring.ravel())
+    return mean[ring.ravel()].reshape(heights.shape)
+
+
+def _places(shape: tuple[int, ...], settings: dict[str, Any]) -> tuple[np.ndarray, float]:
+    """Place of each pin [mm] (rows,columns,2) from the centre, and their pitch [mm]."""
+    pitch = float(settings.get("pitch", 2e-3)) * 1e3
+    y, x = ((np.arange(n) - 0.5 * (n - 1)) * pitch for n in shape)
+    return np.stack(np.meshgrid(x, y), axis=-1), pitch
+
+
+def _map(
+    axes: Axes, values: np.ndarray, places: np.ndarray, pitch: float, colours: str, low: float, high: float
+) -> Any:
+    (left, down), (right, up) = places[0, 0] - pitch / 2, places[-1, -1] + pitch / 2
+    axes.grid(visible=False)
+    return axes.imshow(
+        values, origin="lower", extent=(left, right, down, up), cmap=colours, vmin=low, vmax=high, aspect="equal"
+    )
+
+
+def _circle(
+    axes: Axes, nodule: dict[str, Any], foot: np.ndarray, normal: np.ndarray, places: Any, pitch: float
+) -> None:
+    """Outline of the nodule below."""
+    radius, position = nodule.get("nodule_radius", 0.0), nodule.get("nodule_position")
+    if not radius or position is None:
+        return
+    x, y = tangent_frame(tuple(normal))[:2] @ (np.asarray(position) - foot) * 1e3
+    angle = np.linspace(0, 2 * np.pi, 80)
+    line, edge = radius * 1e3, np.abs(places).max() + pitch / 2
+    axes.plot(x + line * np.cos(angle), y + line * np.sin(angle), color="black", linewidth=1.2, linestyle="--")
+    axes.set(xlim=(-edge, edge), ylim=(-edge, edge))
+
+
+def _over_time(
+    panel: Any, touch: Touch, pins: Columns, contact: Columns, heights: np.ndarray, nodule: dict[str, Any]
+) -> None:
+    time = pins["time"]
+    upper, lower = panel.subplots(2, 1, sharex=True)
+    for axes, labelled in ((upper, True), (lower, False)):
+        outside = ~pins["valid"] & (contact["force"] > 0.0)
+        if outside.any():
+            axes.fill_between(time, 0, 1, where=outside, transform=axes.get_xaxis_transform(), color=FAINT, alpha=0.45,
+                              linewidth=0, label="outside the contact model" if labelled else None)  # fmt: skip
+        radius, position = nodule.get("nodule_radius", 0.0), nodule.get("nodule_position")
+        if radius and position is not None:
+            over = np.linalg.norm(contact["foot"] - np.asarray(position), axis=1) < radius
+            over &= contact["force"] > 0.0
+            axes.fill_between(time, 0, 1, where=over, transform=axes.get_xaxis_transform(), color=REGION_B,
+                              linewidth=0, label="finger over the nodule" if labelled else None)  # fmt: skip
+    whole = touch.contact if touch.contact is not None else contact
+    upper.plot(whole["time"], whole["force"], color=NORMAL, label="normal force")
+    upper.set(ylabel="normal force [N]", ylim=(0.0, 1.3 * float(whole["force"].max())))
+    upper.legend(loc="upper left", ncols=3)
+    lower.plot(time, heights.max(axis=(1, 2)), color=TISSUE, label="highest pin")
+    lower.plot(time, heights.mean(axis=(1, 2)), color=FINGER, label="mean of the pins")
+    lower.plot(time, pins["actuator"] * 1e3, color=NORMAL, linestyle=(0, (4, 2)), label="actuator")
+    lower.set(xlabel="time [s]", ylabel="height, way [mm]", xlim=(time[0], max(time[-1], time[0] + 1e-3)))
+    lower.set_ylim(0.0, 1.3 * max(float(pins["actuator"].max()) * 1e3, float(heights.max()), 1e-3))
+    lower.legend(loc="upper left", ncols=3)

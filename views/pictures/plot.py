@@ -1,0 +1,95 @@
+"""Any fields of a recording over time or over one another, one axis each, in the look of all pictures."""
+
+from __future__ import annotations
+
+import importlib.util
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from palpate.launch.load.extras import install
+from palpate.physics.errors import PalpateError
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from palpate.records.samples import Run
+
+PREFIXES = {"m": (1e3, "mm"), "m^2": (1e6, "mm^2"), "m/s": (1e3, "mm/s"), "J": (1e3, "mJ"), "Pa": (1e-3, "kPa")}
+"""What a figure shows in place of an SI unit, and the factor to it: what a finger does lies in these."""
+
+
+class PlotError(PalpateError, ValueError):
+    """What cannot be drawn over time, and what can."""
+
+
+def plot(run: Run, names: Sequence[str], over: str | None = None) -> Figure:
+    """A figure of fields `stream.field` over time, or over another field at the ticks that both have.
+
+    PlotError, RecordingError: what cannot be drawn.
+    """
+    if importlib.util.find_spec("matplotlib") is None:
+        raise PlotError(f"plots need the package matplotlib: {install('view')}")
+    if not names:
+        raise PlotError(
+            f"nothing to plot; name fields of {run.path} as STREAM.FIELD; streams: {', '.join(run.streams)}"
+        )
+    from matplotlib import rc_context
+
+    from palpate.views.pictures.style import ENERGY, FRICTION, INK, LOOK, NORMAL, TISSUE, figure
+
+    across = None if over is None else _drawable(run, over)
+    if across is not None and across.values.ndim > 1:
+        raise PlotError(f"{over!r} is a vector; expected a number to plot over, such as contact.indentation")
+    with rc_context(LOOK):
+        out = figure(9.0, 1.2 + 2.1 * len(names), run.path.name)
+        panels = out.subplots(len(names), 1, sharex=True, squeeze=False)[:, 0]
+        for axes, name in zip(panels, names, strict=True):
+            shown = _drawable(run, name)
+            where, plain = shown.time, shown.values
+            if across is not None:
+                _, own, other = np.intersect1d(shown.tick, across.tick, return_indices=True)
+                where, plain = across.values[other], plain[own]
+            if plain.ndim == 1:
+                axes.plot(where, plain, color=NORMAL, linewidth=1.2)
+            else:
+                palette = (NORMAL, FRICTION, ENERGY, TISSUE, INK)
+                for i in range(plain.shape[1]):
+                    label = "xyz"[i] if plain.shape[1] == 3 else str(i)
+                    axes.plot(where, plain[:, i], color=palette[i % 5], linewidth=1.2, label=label)
+                if plain.shape[1] <= 5:
+                    axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=plain.shape[1])
+            axes.set_title(name)
+            axes.set_ylabel(f"[{shown.unit}]")
+        panels[-1].set_xlabel("time [s]" if across is None else f"{over} [{across.unit}]")
+    return out
+
+
+@dataclass(frozen=True)
+class _Drawable:
+    """A field as it is drawn: numbers in the unit that figures show, at times [s] and ticks."""
+
+    values: np.ndarray
+    unit: str
+    time: np.ndarray
+    tick: np.ndarray
+
+
+def _drawable(run: Run, name: str) -> _Drawable:
+    from palpate.records.samples import Stream
+
+    values = run[name]
+    if isinstance(values, Stream):
+        raise PlotError(f"{name!r} is a stream; name one of its fields: "
+                        f"{', '.join(f'{name}.{field}' for field in values.columns)}")  # fmt: skip
+    if isinstance(values, list):
+        raise PlotError(f"{name!r} has arrays of changing length; `palpate picture` draws the shape")
+    if not len(values):
+        raise PlotError(f"{name!r}: no message was recorded")
+    plain, stream = np.asarray(values), name.rpartition(".")[0]
+    if plain.dtype.kind not in "bif" or plain.ndim > 2:
+        raise PlotError(f"{name!r} is no number or vector over time; `palpate echo {run.path} {stream}` shows it")
+    factor, unit = PREFIXES.get(values.unit, (1.0, values.unit))
+    return _Drawable(plain * factor, unit, values.time, run[stream].tick)

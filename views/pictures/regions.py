@@ -1,0 +1,96 @@
+"""Where a recording shows how friction depends on normal force, and where on speed.
+
+Region A: the finger slides at constant speed while the normal force varies.
+Region B: the normal force is constant while the sliding speed rises.
+Both are found from normal force and speed alone, never from the friction that is to be judged in them.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+
+import numpy as np
+
+from palpate.views.pictures.style import mean
+
+SPEED_BAND = 1.25
+"""Speed counts as constant while its largest value is at most this many times its smallest."""
+FORCE_BAND = 1.06
+"""The same for the normal force."""
+LEAST_CHANGE = 1.5
+"""The other quantity has to change by this factor."""
+SLOWEST = 5e-3  # [m/s] below it the finger is not sliding
+BEYOND_DIP = 0.05  # [m/s] above it friction no longer falls with speed, where nothing better is known
+LIGHTEST = 0.05  # of the largest normal force: below it there is no proper contact
+SHORTEST = 0.05  # [s]
+
+
+def regions(
+    time: np.ndarray, normal: np.ndarray, speed: np.ndarray, beyond: float = BEYOND_DIP
+) -> tuple[slice | None, slice | None]:
+    """Regions A and B as slices of the samples; None where there is no such region.
+
+    time    [s]   (n)  rising
+    normal  [N]   (n)  normal force
+    speed   [m/s] (n)  of sliding
+    beyond  [m/s] ()   least speed in region B: above it friction no longer falls with speed
+    """
+    if len(time) < 3:
+        return None, None
+    normal, speed = mean(normal, time), mean(speed, time)
+    pressed = normal > max(LIGHTEST * float(normal.max()), 0.0)
+    a = _best(time, speed, normal, pressed & (speed > SLOWEST), SPEED_BAND, rising=False)
+    b = _best(time, normal, speed, pressed & (speed > beyond), FORCE_BAND, rising=True)
+    return a, b
+
+
+def _best(
+    time: np.ndarray, held: np.ndarray, varied: np.ndarray, allowed: np.ndarray, band: float, *, rising: bool
+) -> slice | None:
+    """The stretch in which one quantity stays within its band and the other changes enough: of several that in which
+    it changes most and longest, by range times duration, so that a finger that lifts off in mid-stroke does not win."""
+    best, stretch = 0.0, None
+    for begin, end in _stretches(held, allowed, band):
+        part = varied[begin:end]
+        if rising:
+            top = int(part.argmax())
+            bottom = int(part[: top + 1].argmin())
+            begin, end = begin + bottom, begin + top + 1
+        low, high = float(varied[begin:end].min()), float(varied[begin:end].max())
+        duration = float(time[end - 1] - time[begin])
+        if high >= LEAST_CHANGE * low and duration >= SHORTEST and (high - low) * duration > best:
+            best, stretch = (high - low) * duration, slice(begin, end)
+    return stretch
+
+
+def _stretches(held: np.ndarray, allowed: np.ndarray, band: float) -> list[tuple[int, int]]:
+    """All longest stretches of allowed samples within which max(held) <= band min(held)."""
+    stretches: list[tuple[int, int]] = []
+    values = held.tolist()
+    lows: deque[int] = deque()
+    highs: deque[int] = deque()
+    begin = 0
+    for i, ok in enumerate([*allowed.tolist(), False]):
+        if not ok:
+            if i > begin:
+                stretches.append((begin, i))
+            begin = i + 1
+            lows.clear()
+            highs.clear()
+            continue
+        value = values[i]
+        while lows and values[lows[-1]] >= value:
+            lows.pop()
+        while highs and values[highs[-1]] <= value:
+            highs.pop()
+        lows.append(i)
+        highs.append(i)
+        if values[highs[0]] > band * values[lows[0]]:
+            stretches.append((begin, i))
+            while values[highs[0]] > band * values[lows[0]]:
+                begin += 1
+                while lows[0] < begin:
+                    lows.popleft()
+                while highs[0] < begin:
+                    highs.popleft()
+    return stretches

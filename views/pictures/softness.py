@@ -1,0 +1,91 @@
+"""Softness on a pin display: how finger and pins move under a force, for several tissues, and where theory ends."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from palpate.messages import Pins
+from palpate.nodes.display import PinArray
+from palpate.views.pictures.style import FAINT, FINGER, INK, NORMAL, figure
+from palpate.views.pictures.touch import Columns, Touch, together
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+NAME = "softness"
+OTHERS = {5e3: "5 kPa", 15e3: "15 kPa", 60e3: "60 kPa", np.inf: "rigid"}
+LINES = dict(zip(OTHERS, ("#a4243b", "#d97706", "#4c8c4a", "#2b2b33"), strict=True))
+SHOWN = 3.0  # [N] of the profile, as in the source's figure; the largest force of the run where that is less
+OUTSIDE = "outside Hertz theory"
+
+
+def draw(touch: Touch) -> Figure | None:
+    """None where no pins follow a force, or their node cannot be made again."""
+    if touch.pins is None or touch.contact is None:
+        return None
+    node = touch.make(touch.recording.stream_of(Pins))
+    pins, contact = together(touch.pins, touch.contact)
+    if not isinstance(node, PinArray) or node.shows != "force" or not (contact["force"] > 0.0).any():
+        return None
+    limit = 0.25 * node.finger.radius**2 * (1.0 / node.finger.radius + node.curvature)  # [m] δ = a²/R at a = R_f/2
+    out = figure(14.5, 5.0, f"A fingerpad on soft tissue ({node.modulus * 1e-3:g} kPa), as the display moves it")
+    left, middle, right = out.subplots(1, 3)
+    row = int(np.argmax(contact["force"] >= min(SHOWN, float(contact["force"].max()))))
+    _profile(left, touch, node, pins, contact, row)
+    most = max(float(contact["force"].max()), 1e-9)
+    force = np.linspace(0.0, most, 401)
+    for modulus, name in OTHERS.items():
+        state = node.theory(force, modulus)
+        for axes, value in ((middle, state.deflection), (right, state.approach)):
+            axes.plot(force, np.where(state.valid, np.nan, value) * 1e3, color=LINES[modulus], lw=1.1, ls="--")
+            axes.plot(force, np.where(state.valid, value, np.nan) * 1e3, color=LINES[modulus], lw=2.4)
+            axes.plot([], [], color=LINES[modulus], label=name)
+    border = node.theory(force[:, None], np.append(np.geomspace(50.0, 1e9, 300), np.inf))
+    last = np.maximum(np.count_nonzero(border.valid, axis=0) - 1, 0)
+    edge = border.deflection[last, np.arange(len(last))] * 1e3
+    middle.fill_between(force[last], 0.0, edge, color=FAINT, alpha=0.45, linewidth=0, zorder=0)
+    middle.axvspan(force[last].max(), most, color=FAINT, alpha=0.45, linewidth=0, zorder=0, label=OUTSIDE)
+    right.axhspan(limit * 1e3, 1e3, color=FAINT, alpha=0.45, linewidth=0, zorder=0, label=OUTSIDE)
+    slow = slice(None, None, max(len(pins["tick"]) // 150, 1))
+    right.plot(
+        contact["force"][slow], pins["actuator"][slow] * 1e3, ".", color=NORMAL, ms=3, label="this run, actuator"
+    )
+    top = float(max(node.theory(most, modulus).approach for modulus in OTHERS)) * 1e3
+    middle.set(xlabel="normal force [N]", ylabel="largest deformation x [mm]", xlim=(0, most), ylim=(0, None))
+    right.set(
+        xlabel="normal force [N]", ylabel="rigid motion δ [mm]", xlim=(0, most), ylim=(0, 1.05 * max(top, limit * 1e3))
+    )
+    middle.set_title("deformation of the pad, by tissue")
+    right.set_title("rigid motion, by tissue")
+    middle.legend(loc="lower right")
+    right.legend(loc="upper left")
+    return out
+
+
+def _profile(axes: Axes, touch: Touch, node: PinArray, pins: Columns, contact: Columns, row: int) -> None:
+    """Theory along a line through the axis, and the pins and the actuator of this run."""
+    tick, force = int(pins["tick"][row]), float(contact["force"][row])
+    heights = touch.at(Pins, [tick])[tick].heights
+    y, x = ((np.arange(n) - 0.5 * (n - 1)) * node.pitch for n in heights.shape)
+    distance = np.hypot(*np.meshgrid(x, y))
+    wide = max(14e-3, 1.2 * float(distance.max()))
+    r = np.linspace(0.0, wide, 300)
+    deformation, state = node.theory_profile(r, force), node.theory(force)
+    rigid = float(state.approach)
+    if not state.valid:
+        axes.set_facecolor("#e4e4ea")
+        axes.grid(color="white")
+    axes.plot(r * 1e3, (rigid + deformation) * 1e3, color=INK, label="both")
+    axes.plot(r * 1e3, np.full_like(r, rigid * 1e3), color=NORMAL, label="rigid motion")
+    axes.plot(r * 1e3, deformation * 1e3, color=FINGER, label="deformation of the pad")
+    axes.plot(distance.ravel() * 1e3, (pins["actuator"][row] + heights.ravel()) * 1e3, "o", color=INK, ms=4, mfc="none",
+              label="this run: actuator + pins")  # fmt: skip
+    axes.axvline(float(state.radius) * 1e3, color=INK, lw=0.8, ls=":", label="edge of contact")
+    axes.set(xlabel="distance from the axis [mm]", ylabel="motion [mm]", xlim=(0, wide * 1e3))
+    axes.set_ylim(0.0, 1.6e3 * float(rigid + deformation.max()))
+    holds = "" if state.valid else f", {OUTSIDE}"
+    axes.set_title(f"{force:.2g} N: contact radius {float(state.radius) * 1e3:.1f} mm{holds}", fontsize=11)
+    axes.legend(loc="upper right", ncols=2, fontsize=9)

@@ -1,0 +1,158 @@
+"""What a recording tells of a touch, by message type, whatever the graph and its names were."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from palpate.engine.imports import recorded_class
+from palpate.messages import (
+    Contact,
+    Force,
+    ForceBand,
+    Friction,
+    Ledger,
+    Message,
+    MessageError,
+    Pins,
+    Pose,
+    Proximity,
+    Slip,
+    unpack,
+)
+from palpate.nodes.base import Node
+from palpate.records.reader import Recording, RecordingError
+
+Columns = dict[str, np.ndarray]
+GAP = 0.05  # [s] shorter losses of contact do not end a touch
+
+
+class _Tick(msgspec.Struct):
+    tick: int
+
+
+_TICK = msgspec.msgpack.Decoder(_Tick)
+
+
+class Touch:
+    """The streams of a recording that pictures are drawn from; None where it has no such stream or no message in it."""
+
+    def __init__(self, recording: Recording) -> None:
+        self.recording = recording
+
+    @cached_property
+    def contact(self) -> Columns | None:
+        return self._columns(Contact)
+
+    @cached_property
+    def friction(self) -> Columns | None:
+        return self._columns(Friction)
+
+    @cached_property
+    def proximity(self) -> Columns | None:
+        return self._columns(Proximity)
+
+    @cached_property
+    def pose(self) -> Columns | None:
+        return self._columns(Pose)
+
+    @cached_property
+    def force(self) -> Columns | None:
+        return self._columns(Force)
+
+    @cached_property
+    def ledger(self) -> Columns | None:
+        return self._columns(Ledger)
+
+    @cached_property
+    def slip(self) -> Columns | None:
+        return self._columns(Slip)
+
+    @cached_property
+    def pins(self) -> Columns | None:
+        return self._columns(Pins)
+
+    @cached_property
+    def band(self) -> Columns | None:
+        return self._columns(ForceBand)
+
+    @cached_property
+    def touching(self) -> np.ndarray | None:
+        """Per message of the force, whether the controller was in contact."""
+        name = self.recording.stream_of(Force)
+        if name is None:
+            return None
+        return np.array([getattr(m, "state", "") == "contact" for m in self.recording.messages(name)], dtype=bool)
+
+    def settings(self, stream: str | None) -> dict[str, Any]:
+        """Settings of the node that sent a stream; empty where the recording does not tell."""
+        return self.node(stream).get("settings", {})
+
+    def make(self, stream: str | None) -> Any:
+        """The node that sent a stream, made again with its settings; None where it cannot be made here."""
+        node = self.node(stream)
+        try:
+            return recorded_class(node["class"], Node)(**node.get("settings", {}))
+        except (KeyError, ImportError, AttributeError, TypeError, ValueError, OSError):
+            return None
+
+    def at(self, kind: type[Message], ticks: list[int]) -> dict[int, Any]:
+        """The messages of a type at these ticks; the others are not decoded."""
+        stream = self.recording.stream_of(kind)
+        messages: dict[int, Any] = {}
+        if stream is None:
+            return messages
+        wanted = set(ticks)
+        for _, _, payload in self.recording.payloads(stream):
+            try:
+                tick = _TICK.decode(payload).tick
+                if tick in wanted:
+                    messages[tick] = unpack(payload, kind)
+            except (MessageError, msgspec.DecodeError) as error:
+                raise RecordingError(f"{self.recording.path}: stream {stream!r}: {error}") from None
+        return messages
+
+    def node(self, stream: str | None) -> dict[str, Any]:
+        """What the plan says of the node that sent a stream; empty where the recording does not tell."""
+        if stream is None or stream not in self.recording.streams:
+            return {}
+        producer = self.recording.streams[stream].producer
+        nodes = self.recording.about.get("plan", {}).get("nodes", [])
+        return next((node for node in nodes if node.get("name") == producer), {})
+
+    def _columns(self, kind: type[Message]) -> Columns | None:
+        name = self.recording.stream_of(kind)
+        columns = self.recording.columns(name) if name is not None else None
+        return columns if columns is not None and len(columns["tick"]) else None
+
+
+def together(*columns: Columns) -> list[Columns]:
+    """The rows of several streams at the ticks that all of them have, each tick once."""
+    ticks = columns[0]["tick"]
+    for other in columns[1:]:
+        ticks = np.intersect1d(ticks, other["tick"])
+    ticks = np.unique(ticks)
+    rows = [np.searchsorted(table["tick"], ticks) for table in columns]
+    return [{name: values[row] for name, values in table.items()} for table, row in zip(columns, rows, strict=True)]
+
+
+def touches(time: np.ndarray, force: np.ndarray) -> list[slice]:
+    """The stretches with contact, in order: from the last sample without force to the next one without.
+
+    time   [s] (n)
+    force  [N] (n)  normal force; a loss of contact shorter than 50 ms does not end a touch
+    """
+    at = np.flatnonzero(force > 0.0)
+    if not len(at):
+        return []
+    cuts = np.flatnonzero(time[at[1:]] - time[at[:-1]] > GAP)
+    begins, ends = at[np.r_[0, cuts + 1]], at[np.r_[cuts, len(at) - 1]]
+    return [slice(max(b - 1, 0), min(e + 2, len(time))) for b, e in zip(begins.tolist(), ends.tolist(), strict=True)]
+
+
+def work(way: np.ndarray, force: np.ndarray) -> float:
+    """Work [J] done along a way [m] by a force [N], by the trapezoidal rule: the area within a closed loop."""
+    return float(np.sum((force[1:] + force[:-1]) / 2 * np.diff(way)))
