@@ -24,10 +24,8 @@ from palpate.models.fe.element.mesh import FOLDED, TetMesh, bricks, edge_nodes, 
 from palpate.models.fe.linear.pattern import Pattern
 from palpate.models.fe.solve.solver import Solver
 from palpate.physics.geometry.kidney import LENGTH, THICKNESS, WIDTH, shape
-from palpate.physics.materials.hyperelastic import moduli
 from palpate.physics.materials.neo_hooke import neo_hooke
 from palpate.studies.accuracy.continuum import BED, POISSON, RADIUS, STEPS, YOUNG, Curve, curve, graded
-from palpate.studies.accuracy.errors import MissingError
 from palpate.studies.peers import felupe
 
 LEVELS = np.array([0.1, 0.3, 0.6, 1.0])
@@ -214,10 +212,7 @@ def press_felupe(block: Kidney, levels: np.ndarray = LEVELS) -> Curve:
 
     MissingError: it is not installed.
     """
-    try:
-        import felupe as fem
-    except ImportError:
-        raise MissingError(f"FElupe is not installed. Install it: {felupe.INSTALL}") from None
+    fem = felupe.library()
     frame, axes = _cut(block)
     mesh = felupe.bricks(fem, tuple(axes))
     cube = np.array(mesh.points)
@@ -225,15 +220,16 @@ def press_felupe(block: Kidney, levels: np.ndarray = LEVELS) -> Curve:
     sides = _sides(cube, axes)
     unit = _on_bricks(p, sides[-1])
     springs = BED * YOUNG * _bed(p, np.concatenate(sides), frame)
-    field = fem.FieldContainer([fem.Field(fem.RegionTriQuadraticHexahedron(mesh), dim=3)])
-    shear, bulk = moduli(YOUNG, POISSON)
-    solid, outer = fem.SolidBody(fem.NeoHooke(mu=shear, bulk=bulk), field), felupe.Outer(field, unit, springs)
+    field = felupe.displaced(fem, mesh)
+    solid, outer = felupe.neo_hooke(fem, field, YOUNG, POISSON), felupe.Outer(field, unit, springs)
     under = (cube[:, 2] > 1.0 - 1e-9) & (np.linalg.norm(p, axis=1) < RADIUS * (1.0 - 1e-9))
     held = {"stuck": fem.Boundary(field[0], mask=under, skip=(0, 0, 1))}
     depth, seconds = [], []
     for level in levels:
         outer.force = float(level)
-        seconds.append(felupe.solved(fem, field, [solid, outer], held))
+        begun = time.perf_counter()
+        felupe.balance(fem, field, [solid, outer], held)
+        seconds.append(time.perf_counter() - begun)
         depth.append(float(np.sum(unit * field[0].values)))
     return _shapeless(levels, depth, p.size, seconds)
 

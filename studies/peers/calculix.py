@@ -14,12 +14,13 @@ import shutil
 import subprocess
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
 
+from palpate.models.fe.element.mesh import TetMesh
 from palpate.physics.materials.hyperelastic import moduli
 from palpate.studies.accuracy.continuum import BED, LEVELS, POISSON, YOUNG, Block, Curve, Tetrahedra, curve, tetrahedra
 from palpate.studies.accuracy.errors import MissingError
@@ -51,18 +52,12 @@ def press(
 
     MissingError: it is not installed. ArithmeticError: it gave up; says what it printed last.
     """
-    program = shutil.which("ccx")
-    if program is None:
-        raise MissingError(f"CalculiX is not installed: there is no program ccx. Install it: {INSTALL}")
     cut = tetrahedra(block)
     with tempfile.TemporaryDirectory() as folder:
-        (Path(folder) / "slab.inp").write_text("\n".join(deck(cut, levels, young)) + "\n", encoding="ascii")
-        begun = time.perf_counter()
-        ran = subprocess.run([program, "-i", "slab"], cwd=folder, capture_output=True, text=True, check=False)
-        seconds = (time.perf_counter() - begun) / len(levels)
-        moved = _read(Path(folder) / "slab.dat", np.sort(cut.top.ravel()), cut.mesh.points.shape)
-    if ran.returncode or len(moved) != len(levels):
-        said = " ".join(ran.stdout.split())[-LAST:]
+        whole, said = run(deck(cut, levels, young), Path(folder))
+        seconds = whole / len(levels)
+        moved = _read(Path(folder) / "run.dat", np.sort(cut.top.ravel()), cut.mesh.points.shape)
+    if len(moved) != len(levels):
         raise ArithmeticError(f"CalculiX came to {len(moved)} of {len(levels)} forces; it said last: {said}")
     report(1.0)
     depth = [float(np.sum(cut.unit * u)) for u in moved]
@@ -70,19 +65,41 @@ def press(
     return curve(levels, depth, shape, cut.x, cut.y, cut.mesh.points.size, [seconds] * len(levels))
 
 
-def deck(cut: Tetrahedra, levels: np.ndarray, young: float) -> Iterator[str]:
-    """Lines of its input: mesh, materials, bed, supports, and a step for each force [N]."""
-    mesh = cut.mesh
+def run(cards: Iterable[str], folder: Path) -> tuple[float, str]:
+    """Run CalculiX on these cards; results lie in the folder's files `run.*`. Seconds that it took, and what it printed
+    last.
+
+    MissingError: it is not installed. ArithmeticError: it ended with an error.
+    """
+    program = shutil.which("ccx")
+    if program is None:
+        raise MissingError(f"CalculiX is not installed: there is no program ccx. Install it: {INSTALL}")
+    (folder / "run.inp").write_text("\n".join(cards) + "\n", encoding="ascii")
+    begun = time.perf_counter()
+    ran = subprocess.run([program, "-i", "run"], cwd=folder, capture_output=True, text=True, check=False)
+    said = " ".join(ran.stdout.split())[-LAST:]
+    if ran.returncode:
+        raise ArithmeticError(f"CalculiX ended with status {ran.returncode}; it said last: {said}")
+    return time.perf_counter() - begun, said
+
+
+def solids(mesh: TetMesh, laws: Sequence[tuple[float, float]], scale: float = 1.0) -> Iterator[str]:
+    """Cards of a mesh and of the neo-Hookean solids in its regions: `laws` has shear and bulk modulus of each, `scale`
+    is the length of a metre in the cards."""
     yield "*NODE"
-    yield from (f"{k},{x:.10g},{y:.10g},{z:.10g}" for k, (x, y, z) in enumerate((MM * mesh.points).tolist(), 1))
-    for region, ratio in enumerate(cut.ratios):
+    yield from (f"{k},{x:.14g},{y:.14g},{z:.14g}" for k, (x, y, z) in enumerate((scale * mesh.points).tolist(), 1))
+    for region, (shear, bulk) in enumerate(laws):
         yield f"*ELEMENT,TYPE=C3D10,ELSET=R{region}"
         for k in np.flatnonzero(mesh.region == region):
             yield ",".join(str(n + 1) for n in (k, *mesh.elements[k]))
-        shear, bulk = moduli(young * float(ratio), POISSON)
-        yield f"*MATERIAL,NAME=M{region}\n*HYPERELASTIC,NEO HOOKE\n{MPA * shear / 2:.12e},{2 / (MPA * bulk):.12e}"
+        yield f"*MATERIAL,NAME=M{region}\n*HYPERELASTIC,NEO HOOKE\n{shear / 2:.12e},{2 / bulk:.12e}"
         yield f"*SOLID SECTION,ELSET=R{region},MATERIAL=M{region}"
-    yield from _bed(cut, young, len(mesh.elements))
+
+
+def deck(cut: Tetrahedra, levels: np.ndarray, young: float) -> Iterator[str]:
+    """Lines of its input: mesh, materials, bed, supports, and a step for each force [N]."""
+    yield from solids(cut.mesh, [moduli(MPA * young * float(ratio), POISSON) for ratio in cut.ratios], MM)
+    yield from _bed(cut, young, len(cut.mesh.elements))
     yield "*BOUNDARY"
     yield from (f"{node + 1},{axis + 1}" for node, axis in np.argwhere(cut.fixed))
     yield "*NSET,NSET=TOP"

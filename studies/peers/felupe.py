@@ -43,6 +43,15 @@ def version() -> str | None:
     return str(felupe.__version__)
 
 
+def library() -> Any:
+    """Its module. MissingError: it is not installed."""
+    try:
+        import felupe
+    except ImportError:
+        raise MissingError(f"FElupe is not installed. Install it: {INSTALL}") from None
+    return felupe
+
+
 def press(
     block: Block, levels: np.ndarray = LEVELS, young: float = YOUNG, report: Callable[[float], None] = lambda done: None
 ) -> Curve:
@@ -50,20 +59,15 @@ def press(
 
     MissingError: it is not installed.
     """
-    try:
-        import felupe as fem
-    except ImportError:
-        raise MissingError(f"FElupe is not installed. Install it: {INSTALL}") from None
+    fem = library()
     axes = block.axes()
     mesh = bricks(fem, axes)
-    field = fem.FieldContainer([fem.Field(fem.RegionTriQuadraticHexahedron(mesh), dim=3)])
-    shear, bulk = moduli(young, POISSON)
-    hardness = block.hardness()
-    solids = []
-    for ratio in np.unique(hardness):
-        part = fem.Mesh(mesh.points, mesh.cells[hardness == ratio], mesh.cell_type)
-        own = fem.FieldContainer([fem.Field(fem.RegionTriQuadraticHexahedron(part), dim=3)])
-        solids.append(fem.SolidBody(fem.NeoHooke(mu=shear * float(ratio), bulk=bulk * float(ratio)), own))
+    field, hardness = displaced(fem, mesh), block.hardness()
+    solids = [
+        neo_hooke(fem, displaced(fem, fem.Mesh(mesh.points, mesh.cells[hardness == ratio], mesh.cell_type)),
+                  young * float(ratio), POISSON)
+        for ratio in np.unique(hardness)
+    ]  # fmt: skip
     p, near = mesh.points, 1e-9
     unit = _load(p, axes, block.place)
     springs = BED * young * _bed(p, axes)
@@ -77,7 +81,9 @@ def press(
     depth, shape, seconds = [], [], []
     for k, level in enumerate(levels):
         outer.force = 0.5 * float(level)
-        seconds.append(solved(fem, field, [*solids, outer], half))
+        begun = time.perf_counter()
+        balance(fem, field, [*solids, outer], half)
+        seconds.append(time.perf_counter() - begun)
         u = field[0].values
         depth.append(float(np.sum(unit * u)))
         shape.append(-u[at, 2])
@@ -85,24 +91,53 @@ def press(
     return curve(levels, depth, shape, x, y, p.size, seconds)
 
 
-def solved(fem: Any, field: Any, items: list[Any], held: dict[str, Any]) -> float:
-    """Have the field balance these items, and the seconds that it took."""
-    begun = time.perf_counter()
+def displaced(fem: Any, mesh: Any) -> Any:
+    """The displacement field of a mesh of tetrahedra of four or ten nodes, or bricks of 27."""
+    region = {"tetra": fem.RegionTetra, "tetra10": fem.RegionQuadraticTetra}.get(
+        mesh.cell_type, fem.RegionTriQuadraticHexahedron
+    )
+    return fem.FieldContainer([fem.Field(region(mesh), dim=3)])
+
+
+def neo_hooke(fem: Any, field: Any, young: float, poisson: float) -> Any:
+    """A solid of our law: W = (mu/2) (J^(-2/3) I1 - 3) + (kappa/2) (J - 1)²."""
+    shear, bulk = moduli(young, poisson)
+    return fem.SolidBody(fem.NeoHooke(mu=shear, bulk=bulk), field)
+
+
+def balance(
+    fem: Any, field: Any, items: list[Any], held: dict[str, Any], solver: Any = None, tol: float = 1e-7, most: int = 30
+) -> int:
+    """Have the field balance these items; the iterations that it took."""
     dof0, dof1 = fem.dof.partition(field, held)
-    fem.newtonraphson(
-        x0=field, items=items, dof0=dof0, dof1=dof1, ext0=fem.dof.apply(field, held, dof0), verbose=0, tol=1e-7,
-        maxiter=30, solver=_solve,
+    newton = fem.newtonraphson(
+        x0=field, items=items, dof0=dof0, dof1=dof1, ext0=fem.dof.apply(field, held, dof0), verbose=0, tol=tol,
+        maxiter=most, solver=solver or _solve,
     )  # fmt: skip
-    return time.perf_counter() - begun
+    return int(newton.iterations)
 
 
-class Outer:
-    """An item for FElupe: dead load and bed."""
+class Item:
+    """What FElupe takes beside solids: has `_vector` and `_matrix`."""
 
-    def __init__(self, field: Any, unit: np.ndarray, springs: Any) -> None:
-        self.field, self.unit, self.springs, self.force = field, unit, springs, 0.0
+    def __init__(self, field: Any) -> None:
+        self.field = field
         self.assemble = SimpleNamespace(vector=self._vector, matrix=self._matrix, multiplier=None)
         self.results = SimpleNamespace(update_statevars=lambda: None)
+
+    def _vector(self, field: Any = None, **_: Any) -> csr_matrix:
+        raise NotImplementedError
+
+    def _matrix(self, field: Any = None, **_: Any) -> csr_matrix:
+        raise NotImplementedError
+
+
+class Outer(Item):
+    """Dead load and bed."""
+
+    def __init__(self, field: Any, unit: np.ndarray, springs: Any) -> None:
+        super().__init__(field)
+        self.unit, self.springs, self.force = unit, springs, 0.0
 
     def _vector(self, field: Any = None, **_: Any) -> csr_matrix:
         u = field[0].values.ravel()
