@@ -19,15 +19,15 @@ class Histogram:
         self.bins = [0] * (8 * _OCTAVES)
         self.count = self.total = self.longest = 0
 
-    def add(self, nanoseconds: int) -> None:
-        """Count one duration [ns]."""
-        self.count += 1
-        self.total += nanoseconds
+    def add(self, nanoseconds: int, count: int = 1) -> None:
+        """Count a duration [ns], or so many of it."""
+        self.count += count
+        self.total += nanoseconds * count
         if nanoseconds > self.longest:
             self.longest = nanoseconds
         # Octave by bit length, place in the octave by the next three bits: no logarithm, no array.
         octave = nanoseconds.bit_length() - 1
-        self.bins[8 * octave + (nanoseconds >> (octave - 3)) - 8 if octave >= 3 else 0] += 1
+        self.bins[8 * octave + (nanoseconds >> (octave - 3)) - 8 if octave >= 3 else 0] += count
 
     def report(self) -> dict[str, float]:
         """Mean, quantiles and longest duration [s]."""

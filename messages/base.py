@@ -18,7 +18,9 @@ floats; larger arrays are maps {dtype, shape, data} with raw little-endian bytes
 
 from __future__ import annotations
 
+import operator
 import typing
+from functools import cache
 from typing import Annotated, Any, Self, TypeVar
 
 import msgspec
@@ -92,9 +94,12 @@ def unpack(data: bytes, kind: type[M]) -> M:
         raise MessageError(f"not a {kind.__name__} of {len(data)} bytes: {error}") from None
 
 
+_dtype_name = cache(operator.attrgetter("str"))
+
+
 def _encode_array(value: Any) -> Any:
     if isinstance(value, np.ndarray):
-        return {"dtype": value.dtype.str, "shape": value.shape, "data": value.data if value.size else b""}
+        return {"dtype": _dtype_name(value.dtype), "shape": value.shape, "data": value.tobytes()}
     if isinstance(value, np.generic):
         return value.item()
     raise NotImplementedError(f"{type(value).__name__} cannot travel in a message")

@@ -6,10 +6,8 @@ import json
 import os
 from pathlib import Path
 
-from mcap.writer import CompressionType, Writer
-
-from palpate.nodes.logger.mcap import CHUNK_SIZE, PROFILE
-from palpate.records.format.mcap_file import LIBRARY, add_metadata
+from palpate.nodes.logger.mcap import PROFILE
+from palpate.records.format.mcap_writer import McapWriter
 from palpate.records.reader import Recording, RecordingError
 
 
@@ -28,26 +26,25 @@ def recover(path: Path, out: Path | None = None) -> tuple[Path, dict[str, int]]:
     part = target.with_name(target.name + ".part")
     target.parent.mkdir(parents=True, exist_ok=True)
     with open(part, "wb") as file:
-        writer = Writer(file, chunk_size=CHUNK_SIZE, compression=CompressionType.ZSTD, enable_data_crcs=True)
-        writer.start(profile=PROFILE, library=LIBRARY)
+        writer = McapWriter(file, PROFILE)
         about = {**recording.about, "recovered_from": str(path)}
-        add_metadata(writer, "palpate.about", {key: json.dumps(value) for key, value in about.items()})
+        writer.add_metadata("palpate.about", {key: json.dumps(value) for key, value in about.items()})
         for node, ticks in recording.restarted.items():
             for tick in ticks:
-                add_metadata(writer, "palpate.restarted", {"node": node, "tick": str(tick)})
+                writer.add_metadata("palpate.restarted", {"node": node, "tick": str(tick)})
         schemas: dict[str, int] = {}
         channels = {}
         for name, stream in recording.streams.items():
             kind, title = stream.schema["class"], stream.schema["title"]
             if kind not in schemas:
-                schemas[kind] = writer.register_schema(title, "jsonschema", json.dumps(stream.schema).encode())
+                schemas[kind] = writer.add_schema(title, json.dumps(stream.schema).encode())
             metadata = {"producer": stream.producer, "every": str(stream.every), "thin": str(stream.thin)}
-            channels[name] = writer.register_channel(name, "msgpack", schemas[kind], metadata)
+            channels[name] = writer.add_channel(name, "msgpack", schemas[kind], metadata)
         for name, tick, time, payload in recording.raw():
-            writer.add_message(channels[name], time, payload, time, tick)
+            writer.add_message(channels[name], tick, time, payload)
             counts[name] += 1
         if recording.counts and recording.complete:  # what was lost on the way is only known for a whole run
-            add_metadata(writer, "palpate.counts", {k: json.dumps(v) for k, v in recording.counts.items()})
+            writer.add_metadata("palpate.counts", {k: json.dumps(v) for k, v in recording.counts.items()})
         writer.finish()
     os.replace(part, target)
     return target, counts

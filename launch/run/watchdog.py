@@ -75,7 +75,7 @@ def _queued() -> float:
 def _running(frame: FrameType | None) -> object:
     """Which node's call is under way, and which call of it; None between two."""
     while frame is not None:
-        if frame.f_code in (Slot.step.__code__, ObserverSlot.observe.__code__):
+        if frame.f_code in (Slot.step.__code__, ObserverSlot.take.__code__):
             slot = frame.f_locals["self"]
             return id(slot), slot.health.step.count
         if frame.f_code in (Worker.start.__code__, Worker.stop.__code__):

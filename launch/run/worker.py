@@ -111,6 +111,11 @@ class Worker:
     def stop(self) -> None:
         """Stop all nodes that were started, the last one first. The first fault is raised when all have stopped."""
         fault = None
+        for observer in self.audience.begun:
+            try:
+                observer.take()
+            except NodeFault as error:
+                fault = fault or error
         while self._started:
             name, node = self._started.pop()
             try:
@@ -155,7 +160,9 @@ class Worker:
             except Exception as error:  # a type of the user's own may hold anything
                 raise NodeFault(slot.name, f"step at tick {message.tick}", error) from error
             for observer in output.listeners:
-                observer.observe(output.stream, message.tick, payload)
+                observer.pending.append((output.stream, message.tick, payload))
+                if self._real:  # a burst would take too long between two ticks
+                    observer.take()
             if self.bus is None:
                 continue
             if output.send is not None:
@@ -287,6 +294,8 @@ class Worker:
             self.sign_of_life()
 
     def _flush(self) -> None:
+        for observer in self.audience.begun:
+            observer.take()
         if self.bus is not None and self.bus.flush(self.heed_while_full):
             self._mark_heard()
 

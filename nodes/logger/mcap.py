@@ -12,26 +12,42 @@ from pathlib import Path
 from typing import IO, Annotated, Any
 
 import msgspec
-from mcap.writer import CompressionType, Writer
 
 from palpate.messages import Health, Message, fields
 from palpate.messages.base import HEADER
 from palpate.nodes.base import Observer, SettingError, Stream
-from palpate.records.format.mcap_file import LIBRARY, add_metadata
+from palpate.records.format.mcap_writer import CHUNK_SIZE, Compression, McapWriter
 
-CHUNK_SIZE = 1 << 20  # [B]
 LATEST = 1024  # ticks of a stream by which a node's new life is told from the one before
 PROFILE = "palpate"
 SCHEMA_VERSION = "1"
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
-class _Header(msgspec.Struct):
-    tick: int
+class _Header(msgspec.Struct, gc=False):
     time: int
 
 
 _HEADER = msgspec.msgpack.Decoder(_Header)
+
+
+class _Recorded:
+    """One recorded stream.
+
+    channel  its number in the file
+    every    ticks between two of its messages
+    keep     ticks between two that are written
+    next     tick at which its next message is expected; due: from which on one is written
+    heard    messages that came; count: that were written; gaps: that are missing between those that came
+    last     ticks of the last ones
+    """
+
+    __slots__ = ("channel", "count", "due", "every", "gaps", "heard", "keep", "last", "next")
+
+    def __init__(self, channel: int, every: int, thin: int) -> None:
+        self.channel, self.every, self.keep = channel, every, every * thin if thin > 1 else 1
+        self.next = self.due = self.heard = self.count = self.gaps = 0
+        self.last: deque[int] = deque(maxlen=LATEST)
 
 
 class Mcap(Observer):
@@ -54,7 +70,7 @@ class Mcap(Observer):
     under way to the logger: 0.7 to 1.3 s in all were measured where simulated time is paced."""
     fields: Annotated[tuple[str, ...] | typing.Literal["all"], "1"] = ()
     """Of a stream that other nodes read too: fields to compute for the recording, beside those that are read."""
-    compression: Annotated[typing.Literal["zstd", "lz4", "none"], "1"] = "zstd"
+    compression: Annotated[Compression, "1"] = "zstd"
 
     def start(self) -> None:
         known = {stream.name for stream in self.streams}
@@ -64,67 +80,57 @@ class Mcap(Observer):
         for name, keep in self.thin.items():
             if keep < 1:
                 raise SettingError(f"thin: {name}: found {keep}, expected to keep each n-th message, n from 1")
-        self.counts: dict[str, int] = {}
-        self._heard: dict[str, int] = {}
-        self._gaps: dict[str, int] = {}
-        self._last: dict[str, deque[int]] = {}
+        self._recorded: dict[str, _Recorded] = {}
         self._steps: dict[str, int] = {}
         self._times: dict[str, dict[str, float]] = {}
         self._since: dict[str, int] = {}
         self._before: dict[str, int] = {}
         self._notes: list[str] = []
-        self._channels: dict[str, int] = {}
-        self._next: dict[str, int] = {}
-        self._due_at: dict[str, int] = {}
         self._file: IO[bytes] | None = None
         Path(self.path).parent.mkdir(parents=True, exist_ok=True)
         self._file = open(self.path, "wb", buffering=CHUNK_SIZE)  # noqa: SIM115 - lives until stop
-        kinds = {"zstd": CompressionType.ZSTD, "lz4": CompressionType.LZ4, "none": CompressionType.NONE}
-        self._writer = Writer(
-            self._file, chunk_size=CHUNK_SIZE, compression=kinds[self.compression], enable_data_crcs=True
-        )
-        self._writer.start(profile=PROFILE, library=LIBRARY)
-        add_metadata(self._writer, "palpate.about", {k: json.dumps(v) for k, v in self.about.items()})
+        self._writer = McapWriter(self._file, PROFILE, self.compression)
+        self._writer.add_metadata("palpate.about", {k: json.dumps(v) for k, v in self.about.items()})
         schemas: dict[type, int] = {}
-        self._divisor = {}
         for stream in self.streams:
             if stream.name in self.leave_out:
                 continue
             if stream.type not in schemas:
                 text = json.dumps(schema(stream.type)).encode()
-                schemas[stream.type] = self._writer.register_schema(stream.type.__name__, "jsonschema", text)
-            keep = self.thin.get(stream.name, 1)
-            about = {"producer": stream.producer, "every": str(stream.every), "thin": str(keep)}
-            self._channels[stream.name] = self._writer.register_channel(
-                stream.name, "msgpack", schemas[stream.type], about
-            )
-            self._divisor[stream.name] = (stream.every, stream.every * keep if keep > 1 else 1)
-            self.counts[stream.name] = self._next[stream.name] = self._due_at[stream.name] = 0
-            self._heard[stream.name] = self._gaps[stream.name] = 0
-            self._last[stream.name] = deque(maxlen=LATEST)
-        self._close_chunk()
+                schemas[stream.type] = self._writer.add_schema(stream.type.__name__, text)
+            thin = self.thin.get(stream.name, 1)
+            about = {"producer": stream.producer, "every": str(stream.every), "thin": str(thin)}
+            channel = self._writer.add_channel(stream.name, "msgpack", schemas[stream.type], about)
+            self._recorded[stream.name] = _Recorded(channel, stream.every, thin)
+        self._due = time.monotonic() + self.within
 
     def observe(self, stream: str, tick: int, payload: bytes) -> None:
-        if self._file is None or stream not in self._channels:
+        own = self._recorded.get(stream)
+        if own is None:
             return
-        step, keep = self._divisor[stream]
-        missing = (tick - self._next[stream]) // step
-        if missing > 0:
-            self._gaps[stream] += missing
-        self._next[stream] = tick + step
-        self._heard[stream] += 1
-        self._last[stream].append(tick)
-        if tick < self._due_at[stream]:
+        if tick != own.next:
+            own.gaps += max(0, (tick - own.next) // own.every)
+        own.next = tick + own.every
+        own.heard += 1
+        own.last.append(tick)
+        if tick < own.due:
             return
-        self._due_at[stream] = tick - tick % keep + keep  # also where the clock left out the very tick
+        own.due = tick - tick % own.keep + own.keep  # also where the clock left out the very tick
         at = max(0, _HEADER.decode(payload).time)
         try:
-            self._writer.add_message(self._channels[stream], at, payload, at, tick & 0xFFFFFFFF)
-            self.counts[stream] += 1
+            self._writer.add_message(own.channel, tick, at, payload)
+            own.count += 1
             if time.monotonic() > self._due:
-                self._close_chunk()
+                self._on_time()
         except OSError as error:
             self._give_up(error)
+
+    def _on_time(self) -> None:
+        """What has come goes into the file; with no time to wait it is there at once."""
+        self._writer.close_chunk()
+        if not self.within:
+            self._writer.flush()
+        self._due = time.monotonic() + self.within
 
     def health(self, message: Health) -> None:
         node = message.source
@@ -141,15 +147,15 @@ class Mcap(Observer):
     def _begun_anew(self, node: str, since: int) -> None:
         """A node has begun anew, with a new state: a replay has to do so at the same place. Messages of its new life
         may have come before the word of it, which takes another way."""
-        streams = [stream.name for stream in self.streams if stream.producer == node and stream.name in self._heard]
-        heard = (self._heard[name] - sum(tick >= since for tick in self._last[name]) for name in streams)
+        streams = [stream.name for stream in self.streams if stream.producer == node]
+        known = [self._recorded[name] for name in streams if name in self._recorded]
+        heard = (own.heard - sum(tick >= since for tick in own.last) for own in known)
         before = max(heard, default=0)
         if self._file is None or before <= self._before.get(node, 0):
             return
         self._before[node] = before  # what the dead one sent last and did not arrive nobody knows
         try:
-            self._close_chunk()
-            add_metadata(self._writer, "palpate.restarted", {"node": node, "tick": str(since)})
+            self._writer.add_metadata("palpate.restarted", {"node": node, "tick": str(since)})
         except OSError as error:
             self._give_up(error)
 
@@ -162,21 +168,16 @@ class Mcap(Observer):
         the ticks without a message count."""
         steps = self._steps.get(stream.producer)
         if steps is None:
-            return self._gaps[stream.name]
-        return max(0, self._before.get(stream.producer, 0) + steps - self._heard[stream.name])
-
-    def _close_chunk(self) -> None:
-        # The writer closes a chunk by its size only; by its name-mangled method it closes one by time, too.
-        self._writer._Writer__finalize_chunk()  # type: ignore[attr-defined]
-        assert self._file is not None
-        self._file.flush()
-        self._due = time.monotonic() + self.within
+            return self._recorded[stream.name].gaps
+        return max(0, self._before.get(stream.producer, 0) + steps - self._recorded[stream.name].heard)
 
     def _give_up(self, error: OSError) -> None:
         file, self._file = self._file, None
         assert file is not None
+        self._recorded = {}  # nothing more is taken
         why = "the disk is full" if error.errno in _FULL else error.strerror
         self._notes.append(f"recording {self.path} ends here: {why}; what was written before can be read")
+        self._writer.close()
         with contextlib.suppress(OSError):  # what is in its buffer cannot be written either
             file.close()
 
@@ -184,13 +185,10 @@ class Mcap(Observer):
         if self._file is None:
             return
         try:
-            known = [stream for stream in self.streams if stream.name in self._channels]
-            counts = {s.name: {"count": self.counts[s.name], "lost": self.lost(s)} for s in known}
-            self._close_chunk()
-            add_metadata(self._writer, "palpate.counts", {name: json.dumps(value) for name, value in counts.items()})
-            add_metadata(
-                self._writer, "palpate.times", {name: json.dumps(losses) for name, losses in self._times.items()}
-            )
+            known = [stream for stream in self.streams if stream.name in self._recorded]
+            counts = {s.name: {"count": self._recorded[s.name].count, "lost": self.lost(s)} for s in known}
+            for name, about in (("palpate.counts", counts), ("palpate.times", self._times)):
+                self._writer.add_metadata(name, {key: json.dumps(value) for key, value in about.items()})
             self._writer.finish()
             self._file.close()
         except OSError as error:

@@ -7,7 +7,6 @@ would need: they are sealed with one more key.
 
 from __future__ import annotations
 
-import json
 import os
 import struct
 import zlib
@@ -22,12 +21,8 @@ from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, Footer, Header, Metadata, MetadataIndex, Schema
-from mcap.writer import Writer
 
-MAGIC = b"\x89MCAP0\r\n"
-LIBRARY = "palpate, sealed"
-"""Says in the header of a file that its metadata are sealed."""
-SEAL = "crc32"
+from palpate.records.format.mcap_writer import LIBRARY, MAGIC, SEAL, seal
 
 _RECORD = struct.Struct("<BQ")
 _HEAD = struct.Struct("<HIQQ")  # of a message: channel, sequence number, which is its tick, and two times
@@ -71,15 +66,6 @@ class Broken(Exception):
     def __init__(self, at: int, what: str, cut: bool = False) -> None:
         super().__init__(f"{'cut off' if cut else 'damaged'} at byte {at}: {what}")
         self.at, self.cut = at, cut
-
-
-def add_metadata(writer: Writer, name: str, data: dict[str, str]) -> None:
-    """Write metadata with their checksum, which covers their name as well."""
-    writer.add_metadata(name, {**data, SEAL: _seal(name, data)})
-
-
-def _seal(name: str, data: dict[str, str]) -> str:
-    return f"{zlib.crc32(json.dumps([name, sorted(data.items())]).encode()):08x}"
 
 
 class Records:
@@ -222,8 +208,8 @@ class Records:
         if isinstance(record, Header):
             self.is_sealed = record.library == LIBRARY
         elif isinstance(record, Metadata):
-            seal = record.metadata.pop(SEAL, None)
-            if (seal is None and self.is_sealed) or (seal is not None and seal != _seal(record.name, record.metadata)):
+            found = record.metadata.pop(SEAL, None)
+            if found != seal(record.name, record.metadata) and (found is not None or self.is_sealed):
                 raise Broken(at, f"metadata {record.name!r} do not match their checksum")
         return record
 

@@ -34,7 +34,7 @@ from palpate.records.verify import verify
 
 ENV = {
     **os.environ,
-    "PYTHONPATH": os.pathsep.join([str(Path(__file__).parents[2] / "support"), os.environ.get("PYTHONPATH", "")]),
+    "PYTHONPATH": os.pathsep.join([str(Path(__file__).parents[1] / "support"), os.environ.get("PYTHONPATH", "")]),
 }
 RUN = """
 import resource, sys
