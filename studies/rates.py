@@ -146,7 +146,8 @@ def _trial(recording: Recording, rates: Sequence[Rate], texts: list[str]) -> Tri
 def _lowest(recording: Recording, plan: Plan, rate: Rate, full: list[str], error: float) -> Rate:
     """At the lowest rate of the ladder that keeps the error, all others at each tick; with its time constant."""
     path = force_path(plan)
-    watched = [_Outputs(plan, rate, without=path if rate.felt else set()) for _ in LADDER]
+    slower = LADDER[1:]
+    watched = [_Outputs(plan, rate, without=path if rate.felt else set()) for _ in slower]
     change = _Outputs(plan, rate, without=set())
     before = change.seen(None)
 
@@ -159,16 +160,17 @@ def _lowest(recording: Recording, plan: Plan, rate: Rate, full: list[str], error
         for own, player in zip(watched, players[1:], strict=True):
             own.add(own.seen(player), base)
 
-    sets = [[*(text for text in full if text != rate.override(1)), rate.override(every)] for every in LADDER]
+    sets = [[*(text for text in full if text != rate.override(1)), rate.override(every)] for every in slower]
     _, *variants = compare(recording, sets, reference=full, look=look)
     if not change.error > 0.0:
         return replace(rate, every=rate.before)
     rate = replace(rate, constant=1.0 / (plan.graph.rate * change.error))
-    told = [
+    kept = [rate] + [
         replace(rate, every=every, own=own.error, force=off_by(variant))
-        for every, own, variant in zip(LADDER, watched, variants, strict=True)
+        for every, own, variant in zip(slower, watched, variants, strict=True)
+        if max(own.error, off_by(variant)) <= error
     ]
-    return max((one for one in told if one.every == 1 or max(one.own, one.force) <= error), key=lambda one: one.every)
+    return kept[-1]
 
 
 class _Outputs:

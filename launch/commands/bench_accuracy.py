@@ -11,8 +11,6 @@ from palpate.launch.commands.common import Json, console, tell
 from palpate.launch.commands.progress import steps
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from palpate.studies.accuracy.cells import Cell
     from palpate.studies.accuracy.touches import Touch
 
@@ -56,10 +54,9 @@ def accuracy(
     methods = known.chosen(only, {name: find_class(name) for name in body or ()}, patient=not quick)
     todo = matrix(wanted, methods, quick)
 
-    def work(report: Callable[[int, str], None]) -> list[Cell]:
-        return compute(todo, 1 if quick else 3, fresh, str(about["processor"]), report)
-
-    cells = work(lambda done, what: None) if as_json else _shown(work, len(todo))
+    title = f"bench accuracy: {len(todo)} cells, each a model on a touch"
+    with steps(title, len(todo), silent=as_json) as done:
+        cells = compute(todo, 1 if quick else 3, fresh, str(about["processor"]), done)
     told_apart(cells)
     files = written(cells, about, out)
     if as_json:
@@ -67,18 +64,6 @@ def accuracy(
               "cells": [asdict(c) | {"mostly": mostly(c)} for c in cells]})  # fmt: skip
     else:
         _print(cells, files)
-
-
-def _shown(work: Callable[[Callable[[int, str], None]], list[Cell]], count: int) -> list[Cell]:
-    reached = 0
-    with steps(f"bench accuracy: {count} cells, each a model on a touch", count) as done:
-
-        def report(now: int, what: str) -> None:
-            nonlocal reached
-            done(what, now - reached)
-            reached = now
-
-        return work(report)
 
 
 def _rebuild(about: dict[str, Any], wanted: list[Touch], silent: bool) -> None:

@@ -88,12 +88,11 @@ def compute(
     repeats: int = 3,
     fresh: bool = False,
     machine: str = "",
-    report: Callable[[int, str], None] = lambda done, what: None,
+    show: Callable[[str], None] = lambda what: None,
 ) -> list[Cell]:
     """All of them; what was kept is not computed again unless `fresh`. `machine` names the processor: times are its."""
     computed = []
-    for done, (touch, method, fidelity) in enumerate(cells):
-        report(done, f"{touch.name}: {method.title}, {fidelity.name}")
+    for touch, method, fidelity in cells:
         path = cache() / "cells" / f"{_key(touch, method, fidelity, repeats, machine)}.json"
         cell = None if fresh else _read(path)
         if cell is None:
@@ -103,7 +102,7 @@ def compute(
             part.write_text(json.dumps(asdict(cell)), encoding="utf-8")
             part.replace(path)
         computed.append(cell)
-    report(len(cells), "")
+        show(f"{touch.name}: {method.title}, {fidelity.name}")
     return computed
 
 
