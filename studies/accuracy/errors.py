@@ -6,7 +6,7 @@ from palpate.physics.errors import MISUSE, PalpateError
 
 
 class BenchError(PalpateError, ValueError):
-    """A touch, method or reference that there is not, or that does not fit; says what would."""
+    """A touch, method, reference or device that there is not, or that does not fit; says what would."""
 
     exit_code = MISUSE
 
