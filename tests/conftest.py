@@ -1,10 +1,12 @@
 """What several tests of the launcher share: graphs written for one test, of the small nodes in graph_nodes.py."""
 
+import functools
 import signal
 import textwrap
 
 import hypothesis
 import pytest
+import typer.testing
 from whole_touch import WHOLE
 
 import palpate.launch  # noqa: F401  pins the arithmetic, before any test imports numpy
@@ -15,6 +17,9 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:
     signal.signal(signal.SIGHUP, signal.SIG_DFL)
+
+# Commands are called by the hundred, and typer builds the tree of all of them for each.
+typer.testing._get_command = functools.cache(typer.testing._get_command)
 
 # Time is no property of what is tested: a kernel compiles at its first call, and a machine may be busy.
 hypothesis.settings.register_profile("palpate", deadline=None)

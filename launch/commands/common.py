@@ -118,13 +118,13 @@ def with_own_organ(
     launch: LaunchFile, file: Path | None, unit: str | None, repair: bool, silent: bool = False
 ) -> tuple[LaunchFile, list[str]]:
     """The run with the organ of a mesh file, and what was done to it. OrganError, SettingError: it cannot be used."""
-    from palpate.launch.load.organ import Organ, with_organ
-    from palpate.launch.load.repair import repaired
-
     if file is None:
         if unit is not None or repair:
             raise typer.BadParameter(f"{'--repair' if repair else '--unit'} needs --organ FILE")
         return launch, []
+    from palpate.launch.load.organ import Organ, with_organ  # numba and scipy, which few graphs need
+    from palpate.launch.load.repair import repaired
+
     organ, done = Organ.of(file, unit), []
     if repair:
         if not silent:

@@ -27,25 +27,44 @@ from palpate.records.format.mcap_file import LIBRARY, MAGIC, MOST_HEAD, Broken, 
 from palpate.records.reader import Recording, RecordingError
 
 LIMITED = """
-import resource, sys
+import os, resource, sys
 from palpate.physics.errors import PalpateError
 {setup}
-before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-try:
-    {call}
-except PalpateError as error:
-    print(error)
-print("grew by", (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) // 1024, "MB")
+files = sys.argv[1:]
+for path in files:
+    if os.fork():  # each in a process of its own, which has the imports already
+        assert os.wait()[1] == 0
+        continue
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    try:
+        {call}
+    except PalpateError as error:
+        print(error)
+    print("grew by", (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) // 1024, "MB", flush=True)
+    os._exit(0)
 """
 
 
-def grown(setup: str, call: str, path: Path) -> tuple[str, int]:
-    """What a program of its own said of a file, and by how many MB it grew over it."""
+def each_grown(setup: str, call: str, *paths: Path) -> list[tuple[str, int]]:
+    """What a program said of each file, and by how many MB it grew over it."""
     code = LIMITED.format(setup=setup, call=call)
-    done = subprocess.run([sys.executable, "-c", code, str(path)], capture_output=True, text=True)
+    done = subprocess.run([sys.executable, "-c", code, *map(str, paths)], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-    *said, last = done.stdout.splitlines()
-    return "\n".join(said), int(last.split()[2])
+    told: list[tuple[str, int]] = []
+    said: list[str] = []
+    for line in done.stdout.splitlines():
+        if line.startswith("grew by "):
+            told.append(("\n".join(said), int(line.split()[2])))
+            said = []
+        else:
+            said.append(line)
+    assert len(told) == len(paths), done.stdout
+    return told
+
+
+def grown(setup: str, call: str, path: Path) -> tuple[str, int]:
+    """The same of one file."""
+    return each_grown(setup, call, path)[0]
 
 
 def one_chunk(path: Path, compression: str, data: bytes, claimed: int) -> Path:
@@ -62,7 +81,7 @@ def test_an_lz4_chunk_unpacks_to_no_more_than_it_claims(tmp_path, store_size):
     with pytest.raises(Broken, match="cannot be unpacked"):
         list(opened(path))
     setup = "from palpate.records.format.mcap_file import Broken, opened"
-    call = "\n    ".join(["try: list(opened(sys.argv[1]))", "except Broken as error: print(error)"])
+    call = "\n        ".join(["try: list(opened(path))", "except Broken as error: print(error)"])
     said, more = grown(setup, call, path)
     assert "cannot be unpacked" in said and more < 20
 
@@ -96,7 +115,7 @@ def test_a_file_that_is_one_hole_is_not_read_into_memory(tmp_path, kind):
     path.write_bytes(MAGIC + struct.pack("<BQ", kind, length))
     os.truncate(path, len(MAGIC) + 9 + length)
     said, more = grown(
-        "from palpate.records.reader import Recording", "Recording(sys.argv[1])", path
+        "from palpate.records.reader import Recording", "Recording(path)", path
     )  # fmt: skip
     assert "not a recording of palpate" in said and more < 50
 
@@ -126,7 +145,7 @@ def test_metadata_that_the_index_names_a_thousand_times_is_read_once_or_refused(
     about = Metadata("other", {"text": "x" * 1_000_000})
     index = [lambda places: MetadataIndex(places[1], 0, "other")] * 1000
     path = complete(tmp_path / "a.mcap", [about], index)
-    said, more = grown("from palpate.records.reader import Recording", "Recording(sys.argv[1])", path)
+    said, more = grown("from palpate.records.reader import Recording", "Recording(path)", path)
     assert "not a recording of palpate" in said and more < 100
 
 
@@ -137,7 +156,7 @@ def test_a_schema_is_parsed_once_for_all_channels_and_not_beyond_its_limit(tmp_p
     channels = [Channel(id=k, topic=f"s{k}", message_encoding="msgpack", schema_id=1,
                         metadata={"producer": f"s{k}", "every": "1"}) for k in range(500)]  # fmt: skip
     path = complete(tmp_path / "a.mcap", [], [schema, *channels])
-    said, more = grown("from palpate.records.reader import Recording", "Recording(sys.argv[1])", path)
+    said, more = grown("from palpate.records.reader import Recording", "Recording(path)", path)
     assert "not a recording of palpate" in said and more < 100
     huge = Schema(id=1, data=b" " * (MOST_HEAD + 1), encoding="jsonschema", name="Contact")
     with pytest.raises(RecordingError, match=r"bytes of streams|expected at most"):
@@ -168,7 +187,7 @@ def test_a_tick_far_away_takes_no_more_memory_than_one_nearby(tmp_path):
         record.write(builder)
     path.write_bytes(MAGIC + builder.end())
     setup = "from palpate.records.reader import Recording"
-    said, more = grown(setup, "print(Recording(sys.argv[1]).ticks()['s'].tolist())", path)
+    said, more = grown(setup, "print(Recording(path).ticks()['s'].tolist())", path)
     assert said == "[2147483647]" and more < 50
 
 
@@ -198,10 +217,6 @@ from palpate.models.scan import read
 sys.modules["palpate.models.scan.read"].MOST_VOXELS = 1 << 24"""
 
 
-def scanned(path: Path) -> tuple[str, int]:
-    return grown(SCANS, "read(sys.argv[1])", path)
-
-
 def nifti(begin: float = 352.0, shape=(4, 4, 4)) -> bytearray:
     head = bytearray(352)
     struct.pack_into("<i", head, 0, 348)
@@ -225,24 +240,19 @@ def test_a_scan_that_unpacks_to_more_than_it_may_is_refused(tmp_path):
     with gzip.open(wide, "wb", compresslevel=1) as file:
         file.write(bytes(nifti(shape=(1000, 1000, 60))))
         file.write(bytes(60_000_000))
-    said, more = scanned(wide)
-    assert "60000000 voxels" in said and more < 30
     long = tmp_path / "long.nii.gz"
     with gzip.open(long, "wb", compresslevel=1) as file:
         head = nifti(begin=6e7)
         head[348:352] = b"\1\0\0\0"
         file.write(bytes(head) + struct.pack("<ii", 60_000_000 - 352, 6))
         file.write(bytes(60_000_000))
-    said, more = scanned(long)
-    assert "its voxels begin at byte" in said and more < 30
 
     images = tmp_path / "images"
     images.mkdir()
     Image.fromarray(np.zeros((6_000, 6_000), np.uint8)).save(images / "1.png")
-    said, more = scanned(images)
-    assert "36000000 voxels" in said and more < 30
-    (images / "1.png").write_bytes(b"%!PS-Adobe-3.0 EPSF-3.0\n%%BoundingBox: 0 0 10 10\n")
-    assert "not a PNG file" in scanned(images)[0]
+    script = tmp_path / "script"
+    script.mkdir()
+    (script / "1.png").write_bytes(b"%!PS-Adobe-3.0 EPSF-3.0\n%%BoundingBox: 0 0 10 10\n")
 
     stack = Stack(np.zeros((3, 8, 8), np.float32), (1e-3, 1e-3, 1e-3), "")
     series = phantom.write_dicom(stack, tmp_path / "series")
@@ -252,13 +262,20 @@ def test_a_scan_that_unpacks_to_more_than_it_may_is_refused(tmp_path):
         one = pydicom.dcmread(file)
         one.Rows = one.Columns = 65535
         pydicom.dcmwrite(file, one)
-    said, more = scanned(series)
-    assert "voxels, expected" in said and more < 30
     packed = phantom.write_dicom(stack, tmp_path / "packed")
     for file in packed.iterdir():
         one = pydicom.dcmread(file)
         one.PixelData = bytes(40_000_000)
         one.file_meta.TransferSyntaxUID = pydicom.uid.DeflatedExplicitVRLittleEndian
         pydicom.dcmwrite(file, one, enforce_file_format=True)
-    said, more = scanned(packed)
-    assert "deflated DICOM" in said and more < 30
+
+    words = {
+        wide: "60000000 voxels",
+        long: "its voxels begin at byte",
+        images: "36000000 voxels",
+        script: "not a PNG file",
+        series: "voxels, expected",
+        packed: "deflated DICOM",
+    }
+    for word, (said, more) in zip(words.values(), each_grown(SCANS, "read(path)", *words), strict=True):
+        assert word in said and more < 30

@@ -38,7 +38,9 @@ SIGNALS = ("SIGKILL", "SIGTERM", "SIGSEGV", "SIGSTOP", "SIGINT", "SIGABRT", "SIG
 LONGEST = 150.0
 """[s] after which a run that has not ended hangs: more than a node has for its start."""
 RUN = 3.0
-"""[s] of the graph's clock: all faults come before its end on the real clock."""
+"""[s] of the graph's clock: all faults come before its end on the real clock, and those of a step on either."""
+LONG = {"limit": 9.0, "signal": 40.0, "terminal": 40.0}
+"""[s] on the simulated clock, where another measure than the step says when: nobody is at the end before."""
 
 
 class Fault(NamedTuple):
@@ -46,7 +48,8 @@ class Fault(NamedTuple):
 
     kind    "node": a node does `what`; "wire": the way of its messages does; "signal": a process gets `what`; "limit":
             the system refuses `what`; "terminal": the terminal is closed; "busy": others want the processors
-    whom    of a signal: "launcher", "fork server" or "one", a process below it by the number `moment`
+    whom    of a signal: "launcher", "fork server", "keeper", the parent of a worker, or "one", a process below the
+            launcher by the number `moment`
     moment  [s] after the first sign of the run, or [1] steps of the node
     """
 
@@ -87,6 +90,12 @@ def draw(seed: int) -> Fault:
     return Fault(kind, "closed", "", clock, placement, graph, rng.uniform(0.0, 1.5))
 
 
+def _length(fault: Fault) -> float:
+    """[s] of the graph's clock."""
+    nobody = fault.placement == "fused" and fault.whom not in ("", "launcher")  # there are no processes below it
+    return RUN if fault.clock == "real" or nobody else LONG.get(fault.kind, RUN)
+
+
 def run(fault: Fault, folder: Path) -> list[str]:
     """Run it; what did not hold, nothing where all did."""
     patience = "5" if fault.kind == "busy" else "1"
@@ -99,7 +108,7 @@ def run(fault: Fault, folder: Path) -> list[str]:
         file = folder / "disk" / "run.mcap"
     command = [sys.executable, "-m", "palpate.launch", "run", *_graph(fault, folder), "--record", str(file),
                "--clock", fault.clock, "--no-pictures", "--patience", patience,
-               "--duration", str(RUN if fault.clock == "real" else 40.0)]  # fmt: skip
+               "--duration", str(_length(fault))]  # fmt: skip
     if fault.what == "disk":
         command = [*_small_disk(fault, folder / "disk", kept), *command]
     environment = os.environ | {"PALPATE_FAULT": mark, "PYTHONPATH": f"{SUPPORT}:{os.environ.get('PYTHONPATH', '')}",
@@ -202,6 +211,8 @@ def _strike(fault: Fault, child: subprocess.Popen[bytes], file: Path, master: in
     pid = child.pid
     if fault.whom == "fork server":
         pid = below[0] if below else 0
+    elif fault.whom == "keeper":
+        pid = below[1] if len(below) > 1 else 0
     elif fault.whom == "one":
         pid = below[int(1000 * fault.moment) % len(below)] if below else 0
     if not pid or child.poll() is not None:

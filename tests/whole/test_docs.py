@@ -44,8 +44,8 @@ NOT_RUN = {
     "palpate fingertip SCAN": "takes images; tests/models/scan",
     "palpate run fingertip-slide --set scene.finger.shape=finger.npz": "what palpate fingertip writes",
     "palpate touch": "a page that waits for a hand; tests/views",
-    "palpate view": "a window; tests/views",
-    "palpate run kidney --view": "a window; tests/views",
+    "palpate view": "a page; tests/views",
+    "palpate run kidney --view": "a page; tests/views",
     "palpate film": "tests/launch/commands/test_film.py",
     "palpate top": "goes on until it is ended",
     "palpate join": "waits for another machine; tests/launch/run",
@@ -57,6 +57,7 @@ NOT_RUN = {
     "palpate fit press.csv": "what record-indentation writes",
     "palpate check mine.yaml": "the reader's own graph",
 }
+COMMAND = typer.main.get_command(app)
 SHORT = ["--duration", "0.05", "--out", "runs/short"]
 
 
@@ -111,7 +112,7 @@ def folder(tmp_path, monkeypatch):
 
 def parsed(words):
     """The options of a command. KeyError: there is no such verb; typer.BadParameter and the like: no such option."""
-    command, name, rest = typer.main.get_command(app), "", [w for w in words[1:] if w != "--debug"]
+    command, name, rest = COMMAND, "", [w for w in words[1:] if w != "--debug"]
     while isinstance(command, TyperGroup):
         if not rest:
             return {}

@@ -6,10 +6,10 @@ import pytest
 from short_touch import short_touch
 from typer.testing import CliRunner
 
-from palpate.engine.plan import plan
 from palpate.launch.__main__ import app
 from palpate.launch.load.bill import bill
 from palpate.launch.load.graph import load
+from palpate.launch.load.plan import plan
 from palpate.studies.prove import prove
 
 

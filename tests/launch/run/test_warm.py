@@ -22,8 +22,8 @@ from palpate.launch.run.worker import Worker
 
 late, start, compiled = [], Worker.start, Dispatcher.compile
 
-def started(worker):
-    start(worker)
+def started(self):  # named as in the method: the watchdog looks for it
+    start(self)
     Dispatcher.compile = lambda kernel, types: (late.append(kernel.py_func.__name__), compiled(kernel, types))[1]
 
 Worker.start = started

@@ -235,17 +235,22 @@ def test_a_stock_subscriber_reads_every_message(tmp_path, kind, loaded):
     writer.outlet.close()
 
 
+def follow(reader: End, out: zmq.Socket) -> None:
+    """Link a reader to a stock publisher."""
+    out.bind(f"ipc://{reader.path}")
+    reader.read_from()
+    until = time.monotonic() + 5.0
+    while not reader.inlet.linked:
+        assert time.monotonic() < until
+        reader.inlet.take()
+
+
 @pytest.mark.parametrize("kind", MESSAGES, ids=lambda kind: kind.__name__)
 @pytest.mark.parametrize("loaded", [False, True])
 def test_a_stock_publisher_sends_every_message(tmp_path, kind, loaded):
     reader = End(tmp_path / "out")
     with zmq.Context() as context, context.socket(zmq.XPUB) as out:
-        out.bind(f"ipc://{reader.path}")
-        reader.read_from()
-        until = time.monotonic() + 5.0
-        while not reader.inlet.linked:
-            assert time.monotonic() < until
-            reader.inlet.take()
+        follow(reader, out)
         assert out.poll(2000) and out.recv() == b"\1pose\0"
         out.send(b"other\0" + b"not asked for")
         out.send(b"pose\0" + pack(kind.example(loaded)))
@@ -302,12 +307,7 @@ def test_a_stock_subscriber_may_cancel_and_ping(tmp_path):
 def test_messages_of_several_frames_and_of_other_streams_are_dropped_and_counted(tmp_path):
     reader = End(tmp_path / "out")
     with zmq.Context() as context, context.socket(zmq.XPUB) as out:
-        out.bind(f"ipc://{reader.path}")
-        reader.read_from()
-        until = time.monotonic() + 5.0
-        while not reader.inlet.linked:
-            assert time.monotonic() < until
-            reader.inlet.take()
+        follow(reader, out)
         assert out.poll(2000)
         out.send_multipart([b"pose\0", b"pose\0payload", b"pose\0end"])
         out.send(b"pose\0good")

@@ -88,6 +88,7 @@ def test_a_ball_goes_deep_in_few_iterations():
     assert body.iterations <= 36
 
 
+@pytest.mark.long
 def test_a_ball_goes_deep_into_what_keeps_its_volume():
     body, _ = pressed_by_a_ball(0.49999, 8)
     assert body.iterations <= 140  # took 710 for the first 22 % of the way

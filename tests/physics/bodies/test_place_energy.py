@@ -1,6 +1,7 @@
 """Force and place of a condensed organ have one energy: its slope along the surface, and closed rounds of a finger."""
 
 from functools import lru_cache
+from itertools import product
 
 import numpy as np
 import pytest
@@ -95,9 +96,14 @@ ARCS = {
 }
 
 
-@pytest.mark.parametrize("model", ["nonlinear", "linear"])
-@pytest.mark.parametrize("retardation", [0.0, 0.02])
-@pytest.mark.parametrize("approach", [4e-3, 10e-3])
+FIRST = {("nonlinear", 0.0, 10e-3), ("nonlinear", 0.02, 4e-3), ("linear", 0.02, 10e-3)}
+PRESSES = [
+    pytest.param(*case, marks=() if case in FIRST else pytest.mark.long)
+    for case in product(("nonlinear", "linear"), (0.0, 0.02), (4e-3, 10e-3))
+]
+
+
+@pytest.mark.parametrize(("model", "retardation", "approach"), PRESSES)
 def test_pressing_here_sliding_and_lifting_there_gives_out_nothing(model, retardation, approach):
     for a, b in ARCS.values():
         way = np.linspace(a, b, 500)

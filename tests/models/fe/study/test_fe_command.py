@@ -30,13 +30,14 @@ def run(*words):
     return CliRunner().invoke(app, list(words))
 
 
-def test_reduce_builds_a_basis_once_and_the_node_finds_it(tmp_path, monkeypatch):
+@pytest.mark.parametrize("model", ["linear", pytest.param("nonlinear", marks=pytest.mark.long)])
+def test_reduce_builds_a_basis_once_and_the_node_finds_it(tmp_path, monkeypatch, model):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    sets = ["--set", "surface=sphere", "--set", "coarse=60"]
+    sets = ["--set", "surface=sphere", "--set", "coarse=60", "--set", f"model={model}"]
     first = json.loads(run("reduce", *sets, "--json").stdout)
     again = json.loads(run("reduce", *sets, "--json").stdout)
     assert first["built"] and not again["built"] and first["path"] == again["path"]
-    node = ReducedFE(surface="sphere", coarse=60, vertices=300, young=5e3, retardation=0.1)
+    node = ReducedFE(surface="sphere", coarse=60, model=model, vertices=300, young=5e3, retardation=0.1)
     node.start()
     other = json.loads(run("reduce", *sets, "--set", "bed=20", "--json").stdout)
     assert other["built"] and other["path"] != first["path"]
@@ -288,6 +289,7 @@ def test_a_users_table_is_a_setting_of_the_node(steel, tmp_path):
     assert sent.levels == pytest.approx(hard["levels"]) and sent.volumes == pytest.approx(hard["volumes"][-1])
 
 
+@pytest.mark.long
 def test_an_organ_in_modes_says_how_far_it_is_off_where_it_was_not_pressed(tmp_path):
     sets = ["--set", "model=sampled", "--set", "modes=8", "--set", "coarse=50"]
     told = json.loads(run("reduce", *sets, "--to", str(tmp_path), "--json").stdout)
