@@ -76,11 +76,11 @@ def calculix(problem: Problem) -> dict[str, object] | None:
     """With CalculiX; None where `ccx` is not installed."""
     with tempfile.TemporaryDirectory() as folder:
         try:
-            seconds, said = peer.run(_deck(problem), Path(folder))
+            seconds, status, said = peer.run(_deck(problem), Path(folder))
         except MissingError:
             return None
         child = resource.getrusage(resource.RUSAGE_CHILDREN)
-        rows = [r.split() for r in Path(folder, "run.dat").read_text().splitlines()]
+        rows = [r.split() for r in Path(folder, "run.dat").read_text().splitlines()] if status == 0 else []
         forces = [float(r[2]) for r in rows if len(r) == 3]
         if len(forces) != problem.steps:
             raise SystemExit(f"ccx ended after {len(forces)} of {problem.steps} steps: {said}")

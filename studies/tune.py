@@ -11,8 +11,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from palpate.engine.graph import Graph
 from palpate.engine.slot import NodeFault
-from palpate.launch.load.graph import Graph
 from palpate.launch.load.launchfile import LaunchFile
 from palpate.launch.run.busy import busy
 from palpate.messages import Surface

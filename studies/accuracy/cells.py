@@ -15,8 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from palpate.studies.accuracy.errors import Refused
-from palpate.studies.accuracy.methods import Method
-from palpate.studies.accuracy.outcome import Fidelity
+from palpate.studies.accuracy.outcome import Fidelity, Method
 from palpate.studies.accuracy.places import SHIPPED, cache
 from palpate.studies.accuracy.score import CHARGED_STEP, charged, score
 from palpate.studies.accuracy.touches import Touch

@@ -9,19 +9,15 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from palpate.studies.accuracy import halfspace, places, truth
 from palpate.studies.accuracy.errors import Refused
-from palpate.studies.accuracy.outcome import LOOKS, NEAR, Fidelity, Outcome
+from palpate.studies.accuracy.outcome import LOOKS, NEAR, Fidelity, Method, Outcome
 from palpate.studies.accuracy.places import ON_KIDNEY, PLACES, cells_text, on_path
 from palpate.studies.accuracy.touches import Touch
 from palpate.studies.peers import calculix, felupe, mujoco
-
-if TYPE_CHECKING:
-    from palpate.studies.accuracy.methods import Method
 
 TICKS = 1000.0
 """[Hz] At which the touch is told."""
@@ -63,8 +59,6 @@ def missing() -> list[str]:
 
 def methods() -> list[Method]:
     """Full FE, and the outside solvers that are installed."""
-    from palpate.studies.accuracy.methods import Method
-
     finer = tuple(_cut("fe", cells) for cells in CELLS)
     known = [Method("full-FE", "full FE", _full, finer, _of_body)]
     for one in OUTSIDE:

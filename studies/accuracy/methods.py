@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from typing import Any
 
 from palpate.messages import Load, Surface
@@ -17,31 +17,13 @@ from palpate.nodes.deformation.basis_store import shipped
 from palpate.studies.accuracy import bases, chain, laboratory
 from palpate.studies.accuracy.continuum import BED, POISSON, YOUNG
 from palpate.studies.accuracy.errors import BenchError
-from palpate.studies.accuracy.outcome import Fidelity, Outcome
+from palpate.studies.accuracy.outcome import Fidelity, Method, Outcome
 from palpate.studies.accuracy.touches import Touch
 from palpate.studies.accuracy.truth import HERTZ
 
 RATES = (250.0, 500.0, 1000.0, 2000.0, 4000.0)
 MESHES = (400, 1000, 3000, 10000)
 NODULE = {"nodule_radius": 4e-3, "nodule_depth": 6e-3, "nodule_ratio": 10.0}
-
-
-@dataclass(frozen=True)
-class Method:
-    """One method.
-
-    compute     (touch, fidelity, repeats) -> outcome; raises Refused, or what went wrong
-    refuses     why it cannot compute a touch; empty where it can
-    fidelities  from coarse to fine on each axis
-    """
-
-    name: str
-    title: str
-    compute: Callable[[Touch, Fidelity, int], Outcome]
-    fidelities: tuple[Fidelity, ...]
-    refuses: Callable[[Touch], str] = lambda touch: ""
-    source: tuple[str, ...] = field(default_factory=tuple)
-    """What else its answers depend on, for the key of a kept result."""
 
 
 def steps() -> list[Fidelity]:

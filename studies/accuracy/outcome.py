@@ -1,10 +1,13 @@
-"""What a method makes of a touch."""
+"""A method, its settings, and what it makes of a touch."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
+
+from palpate.studies.accuracy.touches import Touch
 
 NEAR = 16e-3
 """[m] From the foot point within which the shape of the surface is compared."""
@@ -48,3 +51,21 @@ class Outcome:
     memory: int | None
     offline: float
     claimed: float = float("nan")
+
+
+@dataclass(frozen=True)
+class Method:
+    """One method.
+
+    compute     (touch, fidelity, repeats) -> outcome; raises Refused, or what went wrong
+    refuses     why it cannot compute a touch; empty where it can
+    fidelities  from coarse to fine on each axis
+    """
+
+    name: str
+    title: str
+    compute: Callable[[Touch, Fidelity, int], Outcome]
+    fidelities: tuple[Fidelity, ...]
+    refuses: Callable[[Touch], str] = lambda touch: ""
+    source: tuple[str, ...] = field(default_factory=tuple)
+    """What else its answers depend on, for the key of a kept result."""

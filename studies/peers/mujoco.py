@@ -44,6 +44,15 @@ def version() -> str | None:
     return str(mujoco.__version__) if hasattr(mujoco.mjtIntegrator, "mjINT_DISCRETE") else None
 
 
+def library() -> Any:
+    """Its module. MissingError: it is not installed, or too old."""
+    if version() is None:
+        raise MissingError(f"MuJoCo 4 is not installed. Install it: {INSTALL}")
+    import mujoco
+
+    return mujoco
+
+
 def press(
     block: Block,
     levels: np.ndarray = LEVELS,
@@ -55,11 +64,7 @@ def press(
 
     MissingError: it is not installed. ArithmeticError: it does not come to rest, or elements are inside out.
     """
-    if version() is None:
-        raise MissingError(f"MuJoCo 4 is not installed. Install it: {INSTALL}")
-    import mujoco
-
-    cut = tetrahedra(block)
+    mujoco, cut = library(), tetrahedra(block)
     corners = cut.mesh.elements[:, :4]
     count = int(corners.max()) + 1
     points, edges = cut.mesh.points[:count], edge_nodes(count, corners)[1]

@@ -13,9 +13,9 @@ from palpate.studies.accuracy import bases, chain, methods
 from palpate.studies.accuracy.cells import Cell, compute, matrix, one
 from palpate.studies.accuracy.errors import Refused
 from palpate.studies.accuracy.limits import mostly, told_apart
-from palpate.studies.accuracy.methods import Method, of_user
+from palpate.studies.accuracy.methods import of_user
 from palpate.studies.accuracy.order import studies
-from palpate.studies.accuracy.outcome import Fidelity
+from palpate.studies.accuracy.outcome import Fidelity, Method
 from palpate.studies.accuracy.pareto import front, point, summaries
 from palpate.studies.accuracy.score import CHARGED, CHARGED_STEP
 from palpate.studies.accuracy.touches import TOUCHES
