@@ -26,11 +26,11 @@ from rich.progress import track
 from rich.table import Table
 from rich.text import Text
 
-from palpate.engine.plan import plan
 from palpate.engine.provenance import about
 from palpate.launch.load.launchfile import find
+from palpate.launch.load.plan import plan
+from palpate.launch.load.recording import set_recording
 from palpate.launch.run.assign import jobs
-from palpate.launch.run.execute import set_recording
 from palpate.launch.run.launcher import Launcher
 from palpate.records.reader import Recording
 

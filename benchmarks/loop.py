@@ -26,8 +26,8 @@ from rich.progress import track
 from rich.table import Table
 from rich.text import Text
 
-from palpate.engine.plan import plan
 from palpate.launch.load.launchfile import LaunchFile, find
+from palpate.launch.load.plan import plan
 from palpate.launch.run.assign import jobs
 from palpate.launch.run.execute import execute
 from palpate.launch.run.launcher import Launcher

@@ -6,21 +6,19 @@ and the time from a pointer's sample to the frame that shows its force.
 
 from __future__ import annotations
 
-import asyncio
 import json
 import shutil
 import statistics
 import struct
 import sys
 import tempfile
-import threading
 import time
 from pathlib import Path
 
 from playwright.sync_api import Browser, sync_playwright
 
 from palpate.launch.load.launchfile import find
-from palpate.views.page.server import Page
+from palpate.views.page import serve
 from palpate.views.page.session import Session
 
 SOFTWARE = ["--no-sandbox", "--enable-unsafe-swiftshader"]
@@ -32,11 +30,7 @@ def main(graph: str) -> None:
     """Print the table."""
     with tempfile.TemporaryDirectory() as folder:
         session = Session(find(graph), Path(folder), [])
-        loop = asyncio.new_event_loop()
-        threading.Thread(target=loop.run_forever, daemon=True).start()
-        page = Page(session)
-        asyncio.run_coroutine_threadsafe(page.start(0), loop).result()
-        session.start()
+        page = serve(session)
         try:
             while not session.frame:
                 time.sleep(0.1)
@@ -49,8 +43,7 @@ def main(graph: str) -> None:
                 measure(browser, page.address, session)
                 browser.close()
         finally:
-            asyncio.run_coroutine_threadsafe(page.close(), loop).result()
-            session.close()
+            page.close()
 
 
 def late(session: Session) -> int:

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from palpate.engine.plan import plan
 from palpate.launch.load.launchfile import LAUNCHES, find, names
+from palpate.launch.load.plan import plan
 
 TARGET = Path(__file__).with_name("gallery.md")
 HEAD = """# Gallery

@@ -4,6 +4,10 @@ from __future__ import annotations
 
 import msgspec
 
+from palpate.engine.imports import full_name
+from palpate.engine.plan import Plan
+from palpate.nodes.base import inputs
+
 
 class InputJob(msgspec.Struct, frozen=True):
     """One connected input port: whose stream it reads and by which rule.
@@ -88,3 +92,45 @@ class Job(msgspec.Struct, frozen=True):
 def members(job: Job) -> tuple[NodeJob | ObserverJob, ...]:
     """Nodes and observers of a job."""
     return job.nodes + job.observers
+
+
+def node_job(plan: Plan, name: str, path: set[str]) -> NodeJob:
+    """What a worker is told of one node. `path`: the nodes of the force path."""
+    spec = plan.graph.nodes[name]
+    optional = {port.name: port.optional for port in inputs(spec.cls)}
+    return NodeJob(
+        name=name,
+        cls=full_name(spec.cls),
+        settings=spec.settings,
+        every=spec.every,
+        inputs=tuple(
+            InputJob(
+                port=edge.port,
+                stream=edge.stream,
+                producer=edge.producer,
+                every=plan.graph.nodes[edge.producer].every,
+                loop=edge.loop,
+                rank=-1 if edge.loop else plan.order.index(edge.producer),
+                optional=optional[edge.port],
+                waits=edge.producer in path or name not in path,
+            )
+            for edge in plan.edges[name]
+        ),
+        streams=tuple(spec.streams),
+        wanted=tuple(sorted(plan.fields(name))),
+    )
+
+
+def observer_job(plan: Plan, name: str) -> ObserverJob:
+    """What a worker is told of one observer."""
+    spec = plan.graph.nodes[name]
+    producers = {stream: node for node in plan.order for stream in plan.graph.nodes[node].streams}
+    streams = {
+        stream: StreamJob(
+            type=full_name(plan.graph.streams[stream]),
+            producer=producers[stream],
+            every=plan.graph.nodes[producers[stream]].every,
+        )
+        for stream in plan.observers[name]
+    }
+    return ObserverJob(name=name, cls=full_name(spec.cls), settings=spec.settings, streams=streams)

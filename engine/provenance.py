@@ -6,7 +6,6 @@ import datetime
 import importlib.metadata
 import os
 import platform
-import subprocess
 import sys
 from pathlib import Path
 from typing import Any
@@ -94,6 +93,8 @@ def commit(folder: Path | None = None) -> str | None:
 
 
 def _git(*what: str, folder: Path | None = None) -> str:
+    import subprocess
+
     try:
         completed = subprocess.run(
             ["git", *what], cwd=folder, capture_output=True, text=True, timeout=2, check=False, stdin=subprocess.DEVNULL

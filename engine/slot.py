@@ -8,6 +8,7 @@ import math
 from collections import deque
 from collections.abc import Callable, Collection
 from time import perf_counter_ns
+from typing import Protocol
 
 import msgspec
 
@@ -16,7 +17,6 @@ from palpate.engine.imports import load_class
 from palpate.engine.job import InputJob, NodeJob, ObserverJob
 from palpate.engine.schedule import needed
 from palpate.engine.warm import warm
-from palpate.launch.run.inlet import Inlet, TcpInlet
 from palpate.messages import Message, MessageError, check_finite, fields
 from palpate.messages.checks import finite_check
 from palpate.nodes.base import InputFault, Node, Observer, Port, inputs, outputs
@@ -57,12 +57,20 @@ class Output:
         self.listeners: list[ObserverSlot] = []
 
 
+class Inlet(Protocol):
+    """Where the payloads of a stream come in."""
+
+    def wait(self) -> list[bytes]: ...
+
+    def wait_until(self, deadline: int) -> list[bytes]: ...
+
+
 class Feed:
     """One stream of another group: where it comes in, its type, and the ports that read it."""
 
     __slots__ = ("inlet", "kind", "ports", "producer", "stream")
 
-    def __init__(self, stream: str, kind: type[Message], producer: str, inlet: Inlet | TcpInlet) -> None:
+    def __init__(self, stream: str, kind: type[Message], producer: str, inlet: Inlet) -> None:
         self.stream, self.kind, self.producer, self.inlet = stream, kind, producer, inlet
         self.ports: list[Input] = []
 

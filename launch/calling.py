@@ -15,7 +15,7 @@ from palpate.launch.load.placement import FUSED
 from palpate.launch.load.units import UnitError, convert
 from palpate.launch.run.execute import execute
 from palpate.physics.errors import PalpateError
-from palpate.records.samples import Run
+from palpate.views.run import Run
 
 
 class RunFailed(PalpateError, RuntimeError):

@@ -13,15 +13,15 @@ from pathlib import Path
 from typing import Any
 
 from palpate.engine.faults import choices
-from palpate.engine.plan import plan
 from palpate.engine.schedule import nanoseconds
 from palpate.engine.slot import NodeFault, Slot
 from palpate.launch.calling import described
 from palpate.launch.load.overrides import CallError
 from palpate.launch.load.placement import fused
+from palpate.launch.load.plan import plan
+from palpate.launch.load.recording import set_recording
 from palpate.launch.load.units import UnitError, convert
 from palpate.launch.run.assign import jobs
-from palpate.launch.run.execute import set_recording
 from palpate.launch.run.simulated import run_tick
 from palpate.launch.run.worker import Worker
 from palpate.messages import Message

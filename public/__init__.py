@@ -22,15 +22,15 @@ if TYPE_CHECKING:
 
     from palpate.launch.stepping import Tick
     from palpate.physics.errors import PalpateError
-    from palpate.records.compare import Comparison
-    from palpate.records.samples import Run, Samples, Stream
+    from palpate.records.samples import Samples, Stream
+    from palpate.views.run import Comparison, Run
 
 __all__ = ["Comparison", "PalpateError", "Run", "Samples", "Stream", "Tick", "compare", "open", "run", "steps"]
 
 _HOMES = {
-    "Comparison": "palpate.records.compare",
+    "Comparison": "palpate.views.run",
     "PalpateError": "palpate.physics.errors",
-    "Run": "palpate.records.samples",
+    "Run": "palpate.views.run",
     "Samples": "palpate.records.samples",
     "Stream": "palpate.records.samples",
     "Tick": "palpate.launch.stepping",
@@ -96,7 +96,7 @@ def steps(
 def compare(file: str | Path | Run, *variants: Any, reference: Any = None) -> Comparison:
     """Compute a recorded touch again with other models or settings: `compare("run.mcap", {"tissue":
     "deformation.Rigid"}, "tissue.stiffness=2e3")`. See `Run.compare`."""
-    from palpate.records.samples import Run
+    from palpate.views.run import Run
 
     return (file if isinstance(file, Run) else Run(file)).compare(*variants, reference=reference)
 
@@ -108,7 +108,7 @@ def open(file: str | Path, *, trust: Sequence[str] = ()) -> Run:
     PalpateError: it is none, or there is no such file.
     """
     from palpate.engine import imports
-    from palpate.records.samples import Run
+    from palpate.views.run import Run
 
     imports.trust(*trust)
     return Run(file)

@@ -8,14 +8,16 @@ from dataclasses import replace
 from pathlib import Path
 
 from palpate.engine.faults import Place
+from palpate.engine.graph import Graph
 from palpate.engine.imports import UntrustedError, check_trusted, full_name
-from palpate.engine.plan import Plan, plan
+from palpate.engine.plan import Plan
 from palpate.launch.load.classes import body, is_shipped
 from palpate.launch.load.effects import trimmed
-from palpate.launch.load.graph import Graph, load_source
+from palpate.launch.load.graph import load_source
 from palpate.launch.load.launchfile import find
+from palpate.launch.load.plan import plan
+from palpate.launch.load.recording import set_recording
 from palpate.launch.load.source import Source
-from palpate.launch.run.execute import set_recording
 from palpate.records.player import plan_of
 from palpate.records.reader import Recording, RecordingError
 

@@ -6,8 +6,7 @@ import gc
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -20,9 +19,6 @@ from palpate.records.changed import changed, no_idle, sources
 from palpate.records.instants import instants, last_tick
 from palpate.records.player import Player
 from palpate.records.reader import Recording, RecordingError
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 RECORDED = "recorded"
 POINTS = 4000  # of a curve in the picture
@@ -244,10 +240,6 @@ class Comparison:
         """Plain data, SI units, one entry a variant."""
         return [variant.report() for variant in self.variants]
 
-    def plot(self) -> Figure:
-        """Force and indentation of every variant over time, and their differences from the first."""
-        return drawn(self.variants)
-
     def __repr__(self) -> str:
         first, *others = self.variants
         lines = [f"against {first.name}, peak {first.force.scale:.4g} N, {1e3 * first.indentation.scale:.4g} mm:"]
@@ -258,33 +250,3 @@ class Comparison:
                 f"{1e3 * depth['rms']:.4g} mm, {1e3 * depth['peak']:.4g} mm; step {1e6 * step['p50']:.1f} us (median)"
             )
         return "\n".join(lines)
-
-
-def draw(variants: Sequence[Variant], path: Path) -> None:
-    """One picture: force and indentation over time of every variant, and their differences from the first."""
-    figure = drawn(variants)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, dpi=140)
-
-
-def drawn(variants: Sequence[Variant]) -> Figure:
-    """The figure of `draw`."""
-    from palpate.views.pictures.style import figure as blank
-
-    figure = blank(11, 6.5, f"one touch, {len(variants)} ways to compute it; differences against {variants[0].name}")
-    axes = figure.subplots(2, 2, sharex=True)
-    first = np.array(variants[0].curves).reshape(-1, 3)
-    units = ((1, "force [N]", 1.0), (2, "indentation [mm]", 1e3))
-    for (column, label, factor), (above, below) in zip(units, axes.T, strict=True):
-        for variant in variants:
-            curve = np.array(variant.curves).reshape(-1, 3)
-            above.plot(curve[:, 0], curve[:, column] * factor, label=variant.name, linewidth=1.2)
-            times, mine, theirs = np.intersect1d(curve[:, 0], first[:, 0], return_indices=True)
-            below.plot(times, (curve[mine, column] - first[theirs, column]) * factor, linewidth=1.2)
-        above.set_ylabel(label)
-        below.set_ylabel(f"difference, {label}")
-        below.set_xlabel("time [s]")
-        for axis in (above, below):
-            axis.grid(alpha=0.3)
-    axes[0, 0].legend(fontsize=8)
-    return figure

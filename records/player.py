@@ -13,12 +13,13 @@ from collections.abc import Iterable
 
 import msgspec
 
+from palpate.engine.faults import GraphError
 from palpate.engine.force_path import force_path
 from palpate.engine.imports import UntrustedError, check_trusted, recorded_class
+from palpate.engine.job import node_job
 from palpate.engine.plan import Plan
 from palpate.engine.schedule import needed
 from palpate.engine.slot import Input, NodeFault, Slot
-from palpate.launch.run.assign import node_job
 from palpate.messages import Message, MessageError, pack, unpack
 from palpate.nodes.base import Node, SettingError, inputs
 from palpate.records.history import History
@@ -236,8 +237,6 @@ def _every(plan: Plan, node: str) -> int | None:
 
 def plan_of(recording: Recording) -> Plan:
     """The plan that a recording was made with. RecordingError: a class that is not there any more."""
-    from palpate.launch.load.graph import GraphError
-
     try:
         spec = recording.about["plan"]
         check_trusted(*(str(node["class"]).rpartition(".")[0] for node in spec["nodes"]))

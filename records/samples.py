@@ -22,10 +22,7 @@ from palpate.messages import Field, Message, fields
 from palpate.records.reader import Recording, RecordingError
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from palpate.records.compare import Comparison
-    from palpate.views.page.shown import Shown
 
 
 class Samples(np.ndarray):
@@ -262,13 +259,6 @@ class Run:
                     columns[f"{field_name}[{i}] [{field.unit}]"] = np.asarray(values)[:, i]
         return pandas.DataFrame(columns)
 
-    def plot(self, *names: str, over: str | None = None) -> Figure:
-        """Fields over time, or over another field: `plot("contact.force", over="contact.indentation")`. One axis each,
-        in the look of all pictures. PlotError: what cannot be drawn, and why."""
-        from palpate.views.pictures.plot import plot
-
-        return plot(self, names, over)
-
     def compare(self, *variants: Any, reference: Any = None) -> Comparison:
         """The recorded touch computed again with other models or settings, as `palpate compare` does: forces, depths
         and shapes against the first of them, or against `reference`; a single variant against the recording.
@@ -284,24 +274,6 @@ class Run:
         given = [overrides(variant) for variant in variants]
         base = overrides(reference) if reference is not None else [] if len(given) == 1 else None
         return Comparison(compare(self._recording, given, reference=base))
-
-    def view(self, *others: str | Path, port: int = 0, show: bool = True) -> Shown:
-        """The recording in the browser, at any time of it, beside another one if one is named; `palpate view` does the
-        same from the shell. The page is there until it is closed, or the program ends.
-
-        RecordingError: nothing to show in it. PalpateError: the page's package is missing, or its port taken.
-        """
-        from palpate.views.page import needs
-
-        needs.check()
-        from palpate.views.page.shown import Shown
-
-        page = Shown([self.path, *map(Path, others)], port)
-        if show:
-            import webbrowser
-
-            webbrowser.open(page.address)
-        return page
 
     def __repr__(self) -> str:
         return f"<run {self.path}: {', '.join(self.streams)}>"

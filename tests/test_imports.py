@@ -1,4 +1,4 @@
-"""Who may import whom: physics and messages nothing of ours, models.fe physics, nodes both first but never ZeroMQ."""
+"""Who may import whom, room by room, and what each may import of others' packages."""
 
 import ast
 import subprocess
@@ -36,34 +36,34 @@ PACKAGES = (
     palpate.views,
 )
 FOLDERS = {package.__name__.removeprefix("palpate."): Path(next(iter(package.__path__))) for package in PACKAGES}
+GOLDEN = Path(__file__).parent / "golden" / "plane.mcap"
 LINKS = Path(__file__).parent.parent / "typings" / "palpate"
 FOLDERS["models.scan"] = FOLDERS["models.fe"].parent / "scan"  # imports libraries of its extra: not imported here
-OURS = {
-    "physics": {"physics"},
-    "drivers": {"drivers", "messages", "physics"},
-    "models.fe": {"models.fe", "physics"},
-    "models.scan": {"models.scan", "physics"},
-    "models.fit": {"models.fit", "nodes", "messages", "physics"},
-    "messages": {"messages"},
-    "nodes": {"nodes", "records", "drivers", "messages", "physics"},
-    "bench": {"bench", "models.fe", "nodes", "messages", "physics"},
-    "engine": {"engine", "launch", "nodes", "messages", "physics"},
-    "launch": {
-        "launch",
-        "engine",
-        "records",
-        "views",
-        "bench",
-        "drivers",
-        "nodes",
-        "messages",
-        "graphs",
-        "models",
-        "physics",
-    },
-    "records": {"records", "launch", "engine", "views", "nodes", "messages", "physics"},
-    "views": {"views", "models", "launch", "records", "engine", "nodes", "messages", "physics"},
+LOW = ("messages", "physics", "records.format", "drivers", "nodes")
+MIDDLE = (*LOW, "engine", "launch.load")
+HIGH = (*MIDDLE, "launch.run", "records", "models.fe", "models.fit", "models.scan", "views", "bench")
+MAY = {
+    "messages": (),
+    "physics": (),
+    "drivers": ("messages", "physics"),
+    "records.format": ("messages", "physics"),
+    "nodes": LOW,
+    "models.fe": ("physics",),
+    "models.scan": ("physics",),
+    "models.fit": LOW,
+    "bench": (*LOW, "models.fe"),
+    "engine": LOW,
+    "launch.load": (*LOW, "engine", "graphs", "models.fe"),
+    "launch.run": MIDDLE,
+    "records": MIDDLE,
+    "views": HIGH,
+    "launch": HIGH,
+    "launch.commands": (*HIGH, "launch"),
+    "launch.__main__": ("launch.commands",),
+    "public": (*HIGH, "launch"),
 }
+"""Of each room those that it may import, imports inside functions included; a room has its folders, but those that are
+a room of their own. Nothing but the command line imports commands."""
 THEIRS = {
     "physics": {"numpy", "scipy", "numba"},
     "drivers": {"numpy", "msgspec"},
@@ -72,7 +72,8 @@ THEIRS = {
 }
 OF_AN_EXTRA = {"tetwild.py": {"pytetwild"}, "read.py": {"meshio"}}
 """What a file of models.fe imports when it is called, and asks for where it is missing."""
-FILES = [(name, file) for name, folder in FOLDERS.items() for file in sorted(folder.rglob("*.py"))]
+ROOTS = FOLDERS | {"public": FOLDERS["physics"].parent / "public"}
+FILES = [(name, file) for name, folder in ROOTS.items() for file in sorted(folder.rglob("*.py"))]
 
 
 def imported(file):
@@ -83,20 +84,42 @@ def imported(file):
         elif isinstance(node, ast.ImportFrom):
             assert node.level == 0, f"{file}:{node.lineno}: relative import"
             yield node.module
-            if node.module == "palpate":
-                yield from (f"palpate.{alias.name}" for alias in node.names)
+            yield from (f"{node.module}.{alias.name}" for alias in node.names if node.module.startswith("palpate"))
 
 
-@pytest.mark.parametrize(("name", "file"), FILES, ids=[f"{n}/{f.relative_to(FOLDERS[n])}" for n, f in FILES])
+def room(module):
+    """The room that a module, named without the package, is part of."""
+    while module not in MAY and "." in module:
+        module = module.rpartition(".")[0]
+    return module
+
+
+@pytest.mark.parametrize(("name", "file"), FILES, ids=[f"{n}/{f.relative_to(ROOTS[n])}" for n, f in FILES])
 def test_imports_go_one_way(name, file):
+    own = room(".".join((name, *file.relative_to(ROOTS[name]).with_suffix("").parts)))
     for module in imported(file):
-        top, _, rest = module.partition(".")
+        top, _, inner = module.partition(".")
         if top == "palpate":
-            assert not rest or any(f"{rest}.".startswith(f"{room}.") for room in OURS[name]), f"{name} imports {module}"
+            allowed = not inner or room(inner) in (own, *MAY[own])
+            assert allowed, f"{own} imports {module}"
         elif name in THEIRS and top not in sys.stdlib_module_names:
             assert top in THEIRS[name] | OF_AN_EXTRA.get(file.name, set()), f"{name} imports {module}"
-        if name == "nodes":
-            assert top != "zmq", "nodes import zmq"
+        assert top != "zmq" or own in ("launch.run", "launch.commands", "views"), f"{own} imports zmq"
+        if name in ("engine", "records"):
+            assert top not in ("socket", "multiprocessing"), f"{name} imports {top}"
+
+
+def test_no_files_import_one_another_in_a_circle():
+    """Imports inside functions and for types included; an `__init__.py` gathers what its folder offers, and is none."""
+    files = {
+        ".".join(("palpate", name, *file.relative_to(ROOTS[name]).with_suffix("").parts)): file
+        for name, file in FILES
+        if file.name != "__init__.py" and name != "bench"
+    }
+    needs = {module: set(imported(file)) & files.keys() for module, file in files.items()}
+    while free := {module for module, others in needs.items() if not others}:
+        needs = {module: others - free for module, others in needs.items() if module not in free}
+    assert not needs, "in a circle, or above one"
 
 
 def test_the_wheel_holds_every_folder():
@@ -132,6 +155,23 @@ def test_short_commands_do_not_import_what_is_slow(verb):
     )
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
     assert out.splitlines()[-1] == "SLOW []"
+
+
+def test_a_check_of_a_recording_imports_no_socket_of_ours_and_no_process(tmp_path):
+    """What a run, a replay and a test share is `engine`; the wire, the processes and the pictures are no part of it."""
+    code = (
+        "import sys; from palpate.records.player import plan_of; from palpate.records.reader import Recording\n"
+        "from palpate.records.verify import verify\n"
+        f"recording = Recording({str(GOLDEN)!r}); report = verify(recording, plan_of(recording)); assert report.ok\n"
+        "print(*sys.modules)"
+    )
+    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    loaded = out.splitlines()[-1].split()
+    assert not {"zmq", "multiprocessing", "websockets", "matplotlib"}.intersection(loaded)
+    ours = [module for module in loaded if module.startswith("palpate.")]
+    assert not [module for module in ours if module.startswith(("palpate.launch.", "palpate.views"))]
+    shared = [module for module in ours if module.startswith(("palpate.engine", "palpate.records"))]
+    assert len(shared) <= 25, shared
 
 
 def test_a_run_of_nodes_that_compile_nothing_imports_no_compiler(tmp_path):

@@ -17,10 +17,10 @@ from palpate.launch.load.launchfile import find, names
 from palpate.launch.run.execute import execute
 from palpate.messages import Contact, Pose
 from palpate.records.reader import Recording
-from palpate.records.samples import Run
 from palpate.views.pictures import draw
 from palpate.views.pictures.film import picture
 from palpate.views.pictures.moments import NoMesh
+from palpate.views.run import Run
 
 FOLDER = Path(__file__).parent
 WIDTH = 760  # [px]

@@ -73,7 +73,7 @@ def compare(
 
 
 def _draw(variants: list[Variant], path: Path) -> Path | None:
-    from palpate.records.compare import draw
+    from palpate.views.pictures.compare import draw
 
     try:
         draw(variants, path)

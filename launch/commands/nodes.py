@@ -52,7 +52,7 @@ def nodes(
 
 def describe(use: str, cls: type[Node]) -> dict[str, Any]:
     """A node class as plain data: ports, settings, units, first sentence of its docstring."""
-    from palpate.launch.load.classes import sent_by
+    from palpate.engine.graph import sent_by
     from palpate.messages.docs import summary
     from palpate.nodes.base import Observer, inputs, settings
 

@@ -18,8 +18,8 @@ def plot(
     trust: Trust = None,
 ) -> None:
     """Draw fields of a recording over time, or --over another field, with their units, one axis each."""
-    from palpate.records.samples import Run
     from palpate.views.pictures.plot import PlotError
+    from palpate.views.run import Run
 
     target = out or file.with_name(f"{file.stem}-plot.png")
     if target.suffix.lower() not in (".png", ".svg", ".pdf"):

@@ -6,11 +6,11 @@ import contextlib
 import dataclasses
 import datetime
 import signal
+import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from typer.core import TyperCommand
 
 from palpate.launch.commands.common import (
     TROUBLE,
@@ -33,20 +33,11 @@ from palpate.launch.commands.common import (
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from palpate.engine.graph import Graph as Checked
     from palpate.launch.load.launchfile import LaunchFile
     from palpate.launch.run.execute import Outcome
-    from palpate.views.page.watching import Onlooker
-
-
-class Command(TyperCommand):
-    """Lets `--view` stand alone: then it means a window."""
-
-    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        given = list(args)
-        for at in range(len(given) - 1, -1, -1):
-            if given[at] == "--view" and given[at + 1 : at + 2] not in (["web"], ["window"]):
-                given.insert(at + 1, "window")
-        return super().parse_args(ctx, given)
+    from palpate.views.page.live import Watch
+    from palpate.views.page.server import PageServer
 
 
 def run(
@@ -72,9 +63,7 @@ def run(
     thin: Annotated[list[str] | None, typer.Option(help="STREAM=N: record each N-th message only.")] = None,
     out: Annotated[Path | None, typer.Option(help="Folder of recording and pictures.")] = None,
     pictures: Annotated[bool, typer.Option(help="Draw the pictures of the run at its end.")] = True,
-    see: Annotated[
-        str | None, typer.Option("--view", help="Look at it meanwhile: in a window, or web: in the browser.")
-    ] = None,
+    see: Annotated[bool, typer.Option("--view", help="Look at it meanwhile, in the browser.")] = False,
     patience: Annotated[float, typer.Option(help="Time in s after which a silent node counts as hung.", min=0.1)] = 5.0,
     address: Annotated[str | None, typer.Option(help="tcp://host:port where workers of other hosts join.")] = None,
     key: Annotated[str, typer.Option(help="Key that secures connections to other hosts; see `palpate keys`.")] = "rig",
@@ -93,7 +82,9 @@ def run(
     """
     from palpate.launch.run.forkserver import ForkServer
 
-    seen: Onlooker | None = None
+    loaded: Checked | None = None
+    watch: Watch | None = None
+    seen: PageServer | None = None
     forkserver = None if fused and clock != "real" else ForkServer()  # it imports while the graph is read
     try:
         launch = chosen(graph, sets, scene, place, fused)
@@ -109,10 +100,9 @@ def run(
         file = (record or folder / (launch.record.name if launch.record else f"{name}.mcap")) if keep else None
         launch = dataclasses.replace(launch, record=file)
         if see:
-            from palpate.views.page.watching import watchable
-
-            launch = watchable(launch)
-            seen = _seen(launch, see, as_json)
+            launch = _watchable(launch)
+            loaded = launch.load()
+            watch, seen = _seen(launch, loaded, as_json)
 
         from palpate.launch.run.descendants import none_left
         from palpate.launch.run.execute import execute
@@ -121,10 +111,12 @@ def run(
         view = None if quiet or as_json else console()
         with none_left():
             outcome = execute(
-                launch, console=view, forkserver=forkserver, patience=patience, address=address,
+                launch, loaded, console=view, forkserver=forkserver, patience=patience, address=address,
                 leave_out=leave_out or (), thin=_thin(thin or []), unencrypted=unencrypted, key_name=key,
-                fit_cores=True,
+                fit_cores=True, watch=watch.look if watch else lambda _: None,
             )  # fmt: skip
+        if watch:
+            watch.over()
     except BaseException:
         if seen is not None:
             seen.close()
@@ -148,7 +140,8 @@ def run(
         else:
             with contextlib.suppress(KeyboardInterrupt):
                 typer.echo("the view stays until it is closed, or Ctrl-C", err=True)
-                seen.wait()
+                while not seen.deserted:
+                    time.sleep(0.2)
             seen.close()
     late = strict and outcome.verdict is not None and not outcome.verdict.kept
     if late or not outcome.ok:
@@ -157,20 +150,36 @@ def run(
         raise typer.Exit(128 + outcome.result.signal)
 
 
-def _seen(launch: LaunchFile, how: str, silent: bool) -> Onlooker:
-    """Open what shows the run. BadParameter, PalpateError: nothing can be opened."""
-    from palpate.views.page.watching import WAYS, onlooker
+def _watchable(launch: LaunchFile) -> LaunchFile:
+    """The run with the shape of its body computed, though no node of it may read that; at the pace of the world, as
+    one that is faster is over before it is seen."""
+    from palpate.nodes.base.effect import effects
 
-    if how not in WAYS:
-        raise typer.BadParameter(f"--view: found {how!r}, expected {' or '.join(WAYS)}")
-    opened = onlooker(launch, how)
-    if opened.address:
-        import webbrowser
+    can = {effect.name for spec in launch.load().nodes.values() for effect in effects(spec.cls)}
+    shape = ["effects.shape=on"] if "shape" in can else []
+    return launch.but(overrides=shape, pace=1.0 if launch.clock != "real" and launch.pace is None else None)
 
-        if not silent:
-            typer.echo(f"see it at {opened.address}", err=True)
-        webbrowser.open(opened.address)
-    return opened
+
+def _seen(launch: LaunchFile, loaded: Checked, silent: bool) -> tuple[Watch, PageServer]:
+    """Open the page that shows the run. BadParameter, PalpateError: nothing can be opened."""
+    import webbrowser
+
+    from palpate.launch.load.plan import plan
+    from palpate.views.page import check, serve
+
+    check()
+    from palpate.views.page.live import Watch
+
+    planned = plan(loaded)
+    if len(launch.placement(planned).groups) == 1 and launch.clock != "real":
+        raise typer.BadParameter("--view: a run in one process on the simulated clock has nothing to listen to; leave "
+                                 "out --fused, or look at its recording: palpate view FILE")  # fmt: skip
+    watch = Watch(planned)
+    opened = serve(watch)
+    if not silent:
+        typer.echo(f"see it at {opened.address}", err=True)
+    webbrowser.open(opened.address)
+    return watch, opened
 
 
 def _reconnecting(launch: LaunchFile) -> list[str]:

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import asyncio
 import datetime
-import signal
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -20,9 +18,7 @@ from palpate.launch.commands.common import (
     chosen,
     with_own_organ,
 )
-
-if TYPE_CHECKING:
-    from palpate.views.page.session import Session
+from palpate.launch.commands.view import show
 
 
 def touch(
@@ -41,37 +37,15 @@ def touch(
 
     The graph runs on the real clock in processes of its own. Ctrl-C ends it.
     """
-    from palpate.views.page import needs
+    from palpate.views.page import check
 
-    needs.check()
+    check()
     from palpate.views.page.session import Session
 
     folder = out or Path("runs") / f"touch-{datetime.datetime.now():%Y%m%d-%H%M%S}"
     launch, _ = with_own_organ(chosen(graph, None if organ is None else sets, scene), organ, unit, repair)
     session = Session(launch, folder, list(sets or []))
     session.keep = not no_record
-    asyncio.run(_serve(session, port, no_open))
+    show(session, "touch", port, no_open)
     for file in session.kept:
         typer.echo(f"recording {file} ({file.stat().st_size / 1e6:.1f} MB)")
-
-
-async def _serve(session: Session, port: int, no_open: bool) -> None:
-    import webbrowser
-
-    from palpate.views.page.server import Page
-
-    page = Page(session)
-    ended = asyncio.Event()
-    loop = asyncio.get_running_loop()
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        loop.add_signal_handler(number, ended.set)
-    await page.start(port)
-    try:
-        session.start()
-        typer.echo(f"touch it at {page.address}\nCtrl-C ends it")
-        if not no_open:
-            await asyncio.to_thread(webbrowser.open, page.address)
-        await ended.wait()
-    finally:
-        await page.close()
-        await asyncio.to_thread(session.close)

@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-import asyncio
-import signal
+import threading
+import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from palpate.launch.commands.common import Trust
-from palpate.records.reader import RecordingError
 
 if TYPE_CHECKING:
-    from palpate.views.page.reel import Reel
-
-MOST = 2
-"""Recordings beside one another."""
+    from palpate.views.page.source import Source
 
 
 def view(
@@ -29,40 +25,32 @@ def view(
 
     Ctrl-C ends it.
     """
-    look(files, port, no_open)
+    from palpate.views.page import check
 
+    check()
+    from palpate.views.page.reel import Reels
 
-def look(files: list[Path], port: int = 0, no_open: bool = False) -> None:
-    """Serve the page until Ctrl-C."""
-    from palpate.views.page import needs
-
-    needs.check()
-    from palpate.views.page.reel import Reel
-
-    if len(files) > MOST:
-        raise RecordingError(f"{len(files)} recordings: expected one, or two to see them side by side")
-    reels = [Reel(file) for file in files]
-    for reel in reels:
+    reels = Reels(files)
+    for reel in reels.reels:
         if reel.recording.ending:
             typer.echo(reel.recording.ending, err=True)
-    asyncio.run(_serve(reels, port, no_open))
+    show(reels, "see", port, no_open)
 
 
-async def _serve(reels: list[Reel], port: int, no_open: bool) -> None:
+def show(source: Source, verb: str, port: int, no_open: bool) -> None:
+    """Serve the page of a source until Ctrl-C."""
     import webbrowser
 
-    from palpate.views.page.viewer import Viewer
+    from palpate.launch.run.interrupts import interrupts
+    from palpate.views.page import serve
 
-    page, ended, loop = Viewer(reels), asyncio.Event(), asyncio.get_running_loop()
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        loop.add_signal_handler(number, ended.set)
-    await page.start(port)
-    typer.echo(f"see it at {page.address}\nCtrl-C ends it")
+    page, signals = serve(source, port), list[int]()
     try:
-        if not no_open:
-            await asyncio.to_thread(webbrowser.open, page.address)
-        await ended.wait()
+        with interrupts(signals.append):
+            typer.echo(f"{verb} it at {page.address}\nCtrl-C ends it")
+            if not no_open:
+                threading.Thread(target=webbrowser.open, args=(page.address,), daemon=True).start()
+            while not signals:
+                time.sleep(0.1)
     finally:
-        await page.close()
-        for reel in reels:
-            reel.close()
+        page.close()

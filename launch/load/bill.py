@@ -6,8 +6,10 @@ import copy
 from dataclasses import dataclass, field, replace
 
 from palpate.engine.faults import NOWHERE, GraphError
-from palpate.engine.plan import Plan, plan
-from palpate.launch.load.effects import Choice, state, trimmed
+from palpate.engine.graph import Choice
+from palpate.engine.plan import Plan
+from palpate.launch.load.effects import state, trimmed
+from palpate.launch.load.plan import plan
 from palpate.nodes.base import Effect, effects, inputs
 
 

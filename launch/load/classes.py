@@ -14,6 +14,7 @@ from types import ModuleType
 
 import palpate.nodes
 from palpate.engine.faults import choices, nearest
+from palpate.engine.graph import sent_by
 from palpate.engine.imports import search_here
 from palpate.launch.load.extras import extra_of, install
 from palpate.messages import Message, fields
@@ -136,11 +137,6 @@ def _check(use: str, cls: type[Node]) -> None:
             raise TypeError(f"{cls.__name__} sends the same message type twice: {', '.join(sent)}")
     except (TypeError, NameError, AttributeError) as error:
         raise ClassError(f"use: {use!r} is not well formed: {error}", "See docs/add_a_node.md.") from None
-
-
-def sent_by(cls: type[Node]) -> tuple[type[Message], ...]:
-    """The message types that a class sends; none for an observer."""
-    return () if issubclass(cls, Observer) else outputs(cls)
 
 
 def body(kind: type[Message]) -> frozenset[str]:

@@ -7,13 +7,9 @@ observers listen to and from the streams in `wanted`. An observer of all streams
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from palpate.engine.faults import Fault
+from palpate.engine.graph import Graph, NodeSpec
 from palpate.nodes.base import inputs
-
-if TYPE_CHECKING:
-    from palpate.launch.load.graph import Graph, NodeSpec
 
 
 def missing_senders(graph: Graph) -> list[Fault]:

@@ -8,32 +8,16 @@ What is not said follows from `when:` and from what is read.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from palpate.engine.faults import Faults, Place, choices
+from palpate.engine.faults import Faults, choices
+from palpate.engine.graph import Choice, NodeSpec
 from palpate.launch.load.classes import catalogue
 from palpate.launch.load.source import Source
 from palpate.nodes.base import Effect, Node, effects
 from palpate.nodes.base.effect import switch
 
-if TYPE_CHECKING:
-    from palpate.launch.load.graph import NodeSpec
-
 KEY = "effects"
-
-
-@dataclass(frozen=True)
-class Choice:
-    """What was said of one effect, and where."""
-
-    on: bool
-    place: Place
-
-    @property
-    def word(self) -> str:
-        """As it is written."""
-        return "on" if self.on else "off"
 
 
 def known() -> dict[str, list[tuple[str, Effect]]]:

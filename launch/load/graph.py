@@ -11,12 +11,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from palpate.engine.faults import NOWHERE, Fault, Faults, GraphError, Place, choices
+from palpate.engine.faults import Faults, Place, choices
+from palpate.engine.graph import Edge, Graph, NodeSpec, streams_of
 from palpate.launch.load.classes import ClassError, body, find_class
 from palpate.launch.load.contacts import Contacts
 from palpate.launch.load.demand import missing_senders
 from palpate.launch.load.effects import KEY as EFFECTS
-from palpate.launch.load.effects import Choice
 from palpate.launch.load.effects import apply as switch
 from palpate.launch.load.effects import chosen as chosen_effects
 from palpate.launch.load.files import GRAPHS, Override, apply, find_file, read_extended, read_scene
@@ -25,11 +25,9 @@ from palpate.launch.load.settings import Offer, check_offers, check_taken, resol
 from palpate.launch.load.shared_units import check_units, uses
 from palpate.launch.load.source import Source
 from palpate.launch.load.units import UnitError, convert
-from palpate.launch.load.wiring import Edge, Kinds, Wire, close_loops, find_streams, streams_of, wires
+from palpate.launch.load.wiring import Kinds, Wire, close_loops, find_streams, wires
 from palpate.messages import Message
 from palpate.nodes.base import Node, Observer, inputs, settings
-
-__all__ = ["Edge", "Fault", "Graph", "GraphError", "NodeSpec", "load"]
 
 RATE = 1000.0
 SLOWEST, FASTEST = 1e-3, 1e6  # [Hz] of the base rate
@@ -37,65 +35,6 @@ MOST = 1_000_000  # ticks of one step of a node
 KEYS = ("scene", "rate", "nodes", "wanted", EFFECTS, "extends")
 RESERVED = ("scene", "rate", "wanted", EFFECTS, "all")
 LINE = ("use", "in", "with", "when", "every", "restart")
-
-
-@dataclass
-class NodeSpec:
-    """One node of a graph.
-
-    use       the name of the class as written
-    settings  all of them, plain data in SI units
-    every     runs at each tick that this divides
-    restart   whether it is started again when it dies
-    when      its condition as written
-    off       why the condition does not hold; None where the node may run
-    edges     connected inputs in port order
-    listen    streams that an observer asks for, None for all of them; () for other nodes
-    place     where it is written
-    """
-
-    name: str
-    use: str
-    cls: type[Node]
-    settings: dict[str, Any]
-    every: int = 1
-    restart: bool = False
-    when: str | None = None
-    off: str | None = None
-    edges: tuple[Edge, ...] = ()
-    listen: tuple[str, ...] | None = ()
-    place: Place = NOWHERE
-
-    @property
-    def observer(self) -> bool:
-        """Whether it listens instead of taking part."""
-        return issubclass(self.cls, Observer)
-
-    @property
-    def streams(self) -> dict[str, type[Message]]:
-        """The streams that it sends and their message types, in order."""
-        return streams_of(self.name, self.cls)
-
-
-@dataclass
-class Graph:
-    """A checked graph. `rate` [Hz]; `wanted` are streams that must be computed, None where nothing is said; `effects`
-    what was said of these; `source` is what the graph's file says beside the scene, with all that was set from
-    outside; `notes` are lines on what of the scene no class in use takes."""
-
-    path: Path
-    rate: float
-    scene: dict[str, Any]
-    nodes: dict[str, NodeSpec]
-    wanted: tuple[str, ...] | None = None
-    source: dict[str, Any] = field(default_factory=dict)
-    effects: dict[str, Choice] = field(default_factory=dict)
-    notes: tuple[str, ...] = field(default=(), compare=False)
-
-    @property
-    def streams(self) -> dict[str, type[Message]]:
-        """All streams and their message types, in file order."""
-        return {s: kind for node in self.nodes.values() for s, kind in node.streams.items()}
 
 
 @dataclass

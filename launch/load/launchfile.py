@@ -15,10 +15,12 @@ from pathlib import Path
 from typing import Any
 
 from palpate.engine.faults import Faults, GraphError, choices
-from palpate.engine.plan import Plan, plan
+from palpate.engine.graph import Graph
+from palpate.engine.plan import Plan
 from palpate.launch.load.files import GRAPHS, PLACES, SCENES, Override, find_file
-from palpate.launch.load.graph import Graph, load
+from palpate.launch.load.graph import load
 from palpate.launch.load.placement import BUILT_IN, Placement, load_place
+from palpate.launch.load.plan import plan
 from palpate.launch.load.source import Source, read
 from palpate.launch.load.units import UnitError, convert
 
@@ -34,7 +36,7 @@ class LaunchFile:
     path       the file, None where a graph alone was named
     graph      file of the graph
     scene      file or mapping in place of the graph's own scene
-    place      placement file, "fused", "auto" (see `placement.auto`), or None: a process per node
+    place      placement, its file, "fused", "auto" (see `placement.auto`), or None: a process per node
     clock      "simulated", "real", or None: real with hardware, else simulated
     duration   [s] None: until stopped
     record     file of the recording, None: no recording
@@ -46,7 +48,7 @@ class LaunchFile:
     graph: Path
     path: Path | None = None
     scene: Path | dict[str, Any] | None = None
-    place: Path | str | None = None
+    place: Path | str | Placement | None = None
     clock: str | None = None
     duration: float | None = None
     record: Path | None = None

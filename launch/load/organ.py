@@ -18,7 +18,7 @@ from palpate.physics.geometry.heights import heights, summit
 from palpate.physics.geometry.mesh import Mesh
 
 if TYPE_CHECKING:
-    from palpate.launch.load.graph import Graph
+    from palpate.engine.graph import Graph
     from palpate.launch.load.launchfile import LaunchFile
 
 FINGER = 8e-3

@@ -101,16 +101,19 @@ def auto(plan: Plan) -> Placement:
     return Placement([group for group in groups if group.nodes])
 
 
-def load_place(path: str | Path | None, plan: Plan, *, beside: Path | None = None) -> Placement:
+def load_place(path: str | Path | Placement | None, plan: Plan, *, beside: Path | None = None) -> Placement:
     """The placement of a plan.
 
-    path    a placement file or the name of one that ships; "fused" for one process, "auto" for two, "apart" or None for
-            a process per node
+    path    a placement, a file or the name of one that ships; "fused" for one process, "auto" for two, "apart" or None
+            for a process per node
     beside  folder from which a relative path counts; the working directory where None
 
     Nodes that the plan skips are left out; running nodes that the file does not name get a process each.
     GraphError: all that is wrong with the file.
     """
+    if isinstance(path, Placement):
+        placed = [name for group in path.groups for name in group.nodes]
+        return Placement([*path.groups, *(Group(name, [name]) for name in _names(plan) if name not in placed)])
     if path is None or str(path) in BUILT_IN:
         return {FUSED: fused, AUTO: auto}.get(str(path), apart)(plan)
     source = read(find_file(str(path), PLACES, beside, what="placement"))

@@ -8,7 +8,8 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from palpate.engine.faults import Faults
-from palpate.launch.load.classes import SHIPPED, ClassError, catalogue, classes, find_class, sent_by
+from palpate.engine.graph import sent_by
+from palpate.launch.load.classes import SHIPPED, ClassError, catalogue, classes, find_class
 from palpate.launch.load.files import GRAPHS
 from palpate.launch.load.settings import Offer
 from palpate.launch.load.source import Source

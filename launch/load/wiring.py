@@ -8,29 +8,13 @@ from itertools import pairwise
 from typing import Any
 
 from palpate.engine.faults import Faults, Place, choices
-from palpate.launch.load.classes import senders, sent_by
+from palpate.launch.load.classes import senders
 from palpate.launch.load.source import Source
 from palpate.messages import Message
 from palpate.nodes.base import Node, Port, inputs
 
 Kinds = dict[str, dict[str, type[Message]]]
 """Of each node its streams and their message types."""
-
-
-@dataclass(frozen=True)
-class Edge:
-    """One connected input of one node.
-
-    port      name of the input
-    producer  name of the sending node
-    stream    what it sends: "node", or "node.Message" where the node has several outputs
-    loop      closes a loop, or feeds a source: holds the message of the latest tick before this one
-    """
-
-    port: str
-    producer: str
-    stream: str
-    loop: bool
 
 
 @dataclass
@@ -45,12 +29,6 @@ class Wire:
     driving: bool
     held: bool
     named: bool | None
-
-
-def streams_of(name: str, cls: type[Node]) -> dict[str, type[Message]]:
-    """The streams that a node sends and their message types."""
-    sent = sent_by(cls)
-    return {name: sent[0]} if len(sent) == 1 else {f"{name}.{kind.__name__}": kind for kind in sent}
 
 
 def find_streams(given: str, kinds: Kinds) -> list[str]:

@@ -14,8 +14,8 @@ from typing import Any
 
 import yaml
 
+from palpate.engine.graph import Graph
 from palpate.engine.slot import NodeFault
-from palpate.launch.load.graph import Graph
 from palpate.launch.load.launchfile import LaunchFile
 from palpate.launch.load.placement import FUSED
 from palpate.launch.run.busy import busy

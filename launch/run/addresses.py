@@ -25,7 +25,6 @@ import msgspec
 from palpate.launch.run.keys import Key
 
 LONGEST = 100  # [bytes] of the path of a socket; the kernel takes 107
-OUTLETS = ("force", "observers")
 _LOCK, _KEY = "lock", "key"
 
 

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import os
-import socket
 
 from palpate.engine.force_path import force_path
-from palpate.engine.imports import full_name
-from palpate.engine.job import InputJob, Job, NodeJob, ObserverJob, StreamJob
+from palpate.engine.job import Job, node_job, observer_job
 from palpate.engine.plan import Plan
 from palpate.launch.load.placement import Group, Placement
 from palpate.nodes.base import inputs
@@ -46,7 +44,7 @@ def jobs(
             Job(
                 group=group.name,
                 nodes=tuple(node_job(plan, name, path) for name in names),
-                observers=tuple(_observer(plan, name) for name in group.nodes if name in plan.observers),
+                observers=tuple(observer_job(plan, name) for name in group.nodes if name in plan.observers),
                 clock=clock,
                 rate=plan.graph.rate,
                 ticks=ticks,
@@ -88,47 +86,6 @@ def _links(plan: Plan, path: set[str]) -> int:
     return count
 
 
-def node_job(plan: Plan, name: str, path: set[str]) -> NodeJob:
-    """What a worker is told of one node. `path`: the nodes of the force path."""
-    spec = plan.graph.nodes[name]
-    optional = {port.name: port.optional for port in inputs(spec.cls)}
-    return NodeJob(
-        name=name,
-        cls=full_name(spec.cls),
-        settings=spec.settings,
-        every=spec.every,
-        inputs=tuple(
-            InputJob(
-                port=edge.port,
-                stream=edge.stream,
-                producer=edge.producer,
-                every=plan.graph.nodes[edge.producer].every,
-                loop=edge.loop,
-                rank=-1 if edge.loop else plan.order.index(edge.producer),
-                optional=optional[edge.port],
-                waits=edge.producer in path or name not in path,
-            )
-            for edge in plan.edges[name]
-        ),
-        streams=tuple(spec.streams),
-        wanted=tuple(sorted(plan.fields(name))),
-    )
-
-
-def _observer(plan: Plan, name: str) -> ObserverJob:
-    spec = plan.graph.nodes[name]
-    producers = {stream: node for node in plan.order for stream in plan.graph.nodes[node].streams}
-    streams = {
-        stream: StreamJob(
-            type=full_name(plan.graph.streams[stream]),
-            producer=producers[stream],
-            every=plan.graph.nodes[producers[stream]].every,
-        )
-        for stream in plan.observers[name]
-    }
-    return ObserverJob(name=name, cls=full_name(spec.cls), settings=spec.settings, streams=streams)
-
-
 def _external(plan: Plan, place: dict[str, str], group: Group) -> dict[str, tuple[str, ...]]:
     """Streams of a group that nodes of other groups read, and which groups read each."""
     readers: dict[str, dict[str, None]] = {}
@@ -145,18 +102,3 @@ def _cores(on_path: bool, groups: int) -> tuple[int, ...] | None:
     if len(cores) < 2 or groups < 2:
         return None
     return (cores[-1],) if on_path else tuple(cores[:-1])
-
-
-def is_here(host: str | None) -> bool:
-    """Whether a group's host is this machine."""
-    if host is None:
-        return True
-    name = host.removeprefix("tcp://").partition(":")[0]
-    if name in ("localhost", socket.gethostname()) or name.startswith("127."):
-        return True
-    try:
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-            probe.bind((name, 0))  # only an address of this machine can be bound
-        return True
-    except OSError:
-        return False

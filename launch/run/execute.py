@@ -6,22 +6,25 @@ import contextlib
 import errno
 import os
 import resource
-from collections.abc import Iterator, Mapping, Sequence
+import socket
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import msgspec
 from rich.console import Console
 
-from palpate.engine.faults import Faults, choices
+from palpate.engine.faults import Faults
 from palpate.engine.force_path import force_path
-from palpate.engine.plan import Plan, plan
+from palpate.engine.graph import Graph
+from palpate.engine.plan import Plan
 from palpate.engine.provenance import about
-from palpate.launch.load.graph import Graph, NodeSpec
 from palpate.launch.load.launchfile import LaunchFile
 from palpate.launch.load.placement import APART, AUTO, Placement, auto
+from palpate.launch.load.plan import plan
+from palpate.launch.load.recording import set_recording
 from palpate.launch.run import keys
-from palpate.launch.run.assign import is_here, jobs, spared
+from palpate.launch.run.assign import jobs, spared
 from palpate.launch.run.forkserver import ForkServer
 from palpate.launch.run.fused import run_fused
 from palpate.launch.run.keys import Key
@@ -29,7 +32,6 @@ from palpate.launch.run.launcher import Launcher
 from palpate.launch.run.result import Result
 from palpate.launch.run.screen import Screen
 from palpate.launch.run.verdict import Verdict, verdict
-from palpate.nodes.logger import Mcap
 from palpate.physics.errors import PalpateError
 from palpate.records.format.mcap_file import is_complete
 
@@ -64,6 +66,7 @@ class Outcome:
 
 def execute(
     launch: LaunchFile,
+    graph: Graph | None = None,
     *,
     console: Console | None = None,
     forkserver: ForkServer | None = None,
@@ -74,9 +77,11 @@ def execute(
     unencrypted: bool = False,
     key_name: str = keys.NAME,
     fit_cores: bool = False,
+    watch: Callable[[Launcher], None] = lambda _: None,
 ) -> Outcome:
     """Run a launch file to its end.
 
+    graph       that of the launch file, where it has been read already
     console     draws the live view there; None: silent
     forkserver  a fork server that is starting already
     patience    [s] without a sign of life after which a node counts as hung
@@ -85,18 +90,19 @@ def execute(
     unencrypted  nothing that goes over TCP is secured
     key_name    of the key that secures a run with groups on other machines
     fit_cores   on the real clock, without a placement and with fewer cores than nodes of the force path: `auto`
+    watch       called about ten times a second with the launcher of the run, where it has one
 
     GraphError: what is wrong with the graph; nothing was started. OSError: an address that is taken. KeyFault: the key
     is missing.
     """
-    graph = launch.load()
+    graph = graph or launch.load()
     set_recording(graph, launch.record, leave_out, thin)
     planned = plan(graph)
     clock = _clock(launch, planned)
     crowded = fit_cores and launch.place is None and clock == "real" and _crowded(planned)
     place = auto(planned) if crowded else launch.placement(planned)
     ticks = None if launch.duration is None else max(1, round(launch.duration * graph.rate))
-    joined = frozenset(group.name for group in place.groups if group.join or not is_here(group.host))
+    joined = frozenset(group.name for group in place.groups if group.join or not _is_here(group.host))
     fused = len(place.groups) == 1 and clock == "simulated" and not joined
     groups = {group.name: group.nodes for group in place.groups}
     provenance = about(planned, here=fused, clock=clock, pace=launch.pace, ticks=ticks, groups=groups)
@@ -126,6 +132,12 @@ def execute(
             )
         else:
             _open_files(len(work))
+
+            def show(launcher: Launcher) -> None:
+                watch(launcher)
+                if screen:
+                    screen.show(launcher.result, launcher.phase, launcher.busy, launcher.kernels)
+
             launcher = Launcher(
                 work,
                 forkserver,
@@ -135,7 +147,7 @@ def execute(
                 patience=patience,
                 restart=frozenset(name for name in planned.order if graph.nodes[name].restart),
                 spared=spared(planned),
-                show=(lambda it: screen.show(it.result, it.phase, it.busy, it.kernels)) if screen else lambda _: None,
+                show=show,
                 printed=screen.print if screen else lambda _: None,
                 died=screen.died if screen else lambda _: None,
             )
@@ -217,35 +229,16 @@ def _check_writable(file: Path) -> None:
         raise OSError(f"recording {file}: {error.strerror}; --record FILE takes another place") from None
 
 
-def set_recording(
-    graph: Graph, file: Path | None, leave_out: Sequence[str] = (), thin: Mapping[str, int] | None = None
-) -> None:
-    """The graph's logger writes to this file, with its own settings otherwise; one is added where there is none.
-    Without a file the loggers are left out.
-
-    leave_out, thin  streams not to record, or only each n-th message of; they come on top of what the graph says
-
-    GraphError: a stream that the graph does not have.
-    """
-    loggers = [spec for spec in graph.nodes.values() if issubclass(spec.cls, Mcap)]
-    if file is None:
-        for spec in loggers:
-            spec.off = spec.off or "no recording was asked for (--record FILE)"
-        return
-    if not loggers:
-        name = next(n for n in ("log", "palpate-log", "palpate-log-2") if n not in graph.nodes)
-        loggers = [NodeSpec(name=name, use="logger.Mcap", cls=Mcap, settings={}, listen=None)]
-        graph.nodes[name] = loggers[0]
-    for spec in loggers[1:]:
-        spec.off = spec.off or f"{loggers[0].name!r} writes the recording"
-    own = loggers[0].settings
-    given = {"leave_out": [*own.get("leave_out", ()), *leave_out], "thin": {**own.get("thin", {}), **(thin or {})}}
-    faults = Faults()
-    for key, names in given.items():
-        for stream in names:
-            if stream not in graph.streams:
-                faults.add(f"{key}: there is no stream {stream!r}", choices("Streams", stream, graph.streams),
-                           loggers[0].place, node=loggers[0].name)  # fmt: skip
-    faults.done()
-    loggers[0].settings = {**own, **given, "path": str(file.absolute())}
-    loggers[0].off = None
+def _is_here(host: str | None) -> bool:
+    """Whether a group's host is this machine."""
+    if host is None:
+        return True
+    name = host.removeprefix("tcp://").partition(":")[0]
+    if name in ("localhost", socket.gethostname()) or name.startswith("127."):
+        return True
+    try:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+            probe.bind((name, 0))  # only an address of this machine can be bound
+        return True
+    except OSError:
+        return False

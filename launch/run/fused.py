@@ -12,7 +12,7 @@ from pathlib import Path
 
 import msgspec
 
-import palpate.launch
+import palpate.engine
 import palpate.messages
 import palpate.nodes
 from palpate.engine.clock import now
@@ -102,7 +102,7 @@ def run_fused(
     return result
 
 
-OURS = tuple(str(Path(module.__file__ or "").parent) for module in (palpate.launch, palpate.messages))
+OURS = (str(Path(__file__).parent), *(str(Path(m.__file__ or "").parent) for m in (palpate.engine, palpate.messages)))
 NODES = str(Path(palpate.nodes.__file__ or "").parent)
 
 

@@ -153,6 +153,11 @@ class Launcher:
         self.result.ticks = max((h["tick"] + 1 for h in self.result.health.values()), default=0)
         return self.result
 
+    def stop(self) -> None:
+        """End the run in order, as Ctrl-C does; for those who are called with the launcher."""
+        if not self._interrupts:
+            self._interrupts.append(signal.SIGINT)
+
     def _run(self) -> None:
         try:
             modules = {given.cls.rpartition(".")[0] for job in self.jobs.values() for given in members(job)}

@@ -16,9 +16,9 @@ from mcap.writer import CompressionType, Writer
 from palpate.messages import Contact, Force, Message, MessageError, Pose, Surface, fields, unpack
 from palpate.messages.base import HEADER
 from palpate.records.export import scene
+from palpate.records.export.palette import FINGER, NORMAL
 from palpate.records.export.shape import FULL, LENGTH, Pace, Tell, colours, displaced, shapes
 from palpate.records.reader import Recording, RecordingError
-from palpate.views.pictures.style import FINGER, NORMAL
 
 _CHUNK = 4 << 20
 """[B] Several surfaces, which are much alike, are compressed together."""

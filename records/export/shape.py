@@ -10,9 +10,9 @@ import numpy as np
 from palpate.messages import Surface
 from palpate.nodes.base import SettingError
 from palpate.nodes.base.surface import complete
+from palpate.records.export.palette import DEFORMATION
 from palpate.records.player import plan_of
 from palpate.records.reader import Recording, RecordingError
-from palpate.views.pictures.style import DEFORMATION
 
 Tell = Callable[[str], object]
 RATE = 30.0

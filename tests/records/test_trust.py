@@ -131,7 +131,7 @@ def test_in_python_it_is_imported_first_or_trusted(here):
     ("name", "kind"),
     [
         ("palpate.records.recover.recover", Node),
-        ("palpate.engine.provenance.subprocess", Node),
+        ("palpate.engine.provenance.platform", Node),
         ("palpate.messages.Contact", Node),
         ("palpate.nodes.contact.Series", Message),
         ("os.system", Node),

@@ -1,10 +1,8 @@
 """The page's server with a real run behind it and real clients: what they see, what steers, and who is refused."""
 
-import asyncio
 import contextlib
 import json
 import struct
-import threading
 import time
 import urllib.error
 import urllib.request
@@ -24,33 +22,22 @@ pytest.importorskip("websockets")
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
-from palpate.views.page.doors import PortTaken
-from palpate.views.page.server import Page
+from palpate.views.page.server import PageServer, PortTaken
+from palpate.views.page.source import Source
 
 WAIT = 90.0  # [s] that a busy machine may take
 PRESSED = (0.0, 0.0, 0.101)
 
 
 class Server:
-    """A page on a loop of its own."""
+    """A page with a session behind it."""
 
     def __init__(self, folder):
         self.session = Session(find("kidney"), folder, [])
-        self.loop = asyncio.new_event_loop()
-        self.thread = threading.Thread(target=self.loop.run_forever, daemon=True)
-        self.thread.start()
-        self.page = Page(self.session)
-        self.call(self.page.start(0))
-        self.session.start()
-
-    def call(self, work):
-        return asyncio.run_coroutine_threadsafe(work, self.loop).result(WAIT)
+        self.page = PageServer(self.session)
 
     def close(self):
-        self.call(self.page.close())
-        self.session.close()
-        self.loop.call_soon_threadsafe(self.loop.stop)
-        self.thread.join(WAIT)
+        self.page.close()
 
     def url(self, path="/", token=None):
         return f"http://127.0.0.1:{self.page.port}{path}?token={self.page.token if token is None else token}"
@@ -143,7 +130,7 @@ def test_an_order_that_is_none_is_refused_and_the_page_goes_on(server, order):
 
 def test_a_port_in_use_is_told(server):
     with pytest.raises(PortTaken, match=str(server.page.port)):
-        server.call(Page(server.session).start(server.page.port))
+        PageServer(Source(), server.page.port)
 
 
 def test_a_graph_without_a_hand_is_refused(tmp_path):

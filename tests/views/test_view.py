@@ -14,7 +14,7 @@ from palpate.launch.load.launchfile import find
 from palpate.launch.run.execute import execute
 from palpate.physics.geometry.mesh import plane
 from palpate.records.reader import Recording, RecordingError
-from palpate.records.samples import Run
+from palpate.views.run import Run
 
 pytest.importorskip("websockets")
 
@@ -23,10 +23,9 @@ from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
 from palpate.messages import Surface
-from palpate.views.page.doors import PortTaken
 from palpate.views.page.feed import frame
-from palpate.views.page.reel import POINTS, Reel
-from palpate.views.page.shown import Shown
+from palpate.views.page.reel import POINTS, Reel, Reels
+from palpate.views.page.server import PageServer, PortTaken
 
 SETS = ("scene.surface.vertices=1000", "scene.hand.begin=[0, 0, 0.111]",
         "scene.hand.path=[{to: [0, 0, 0.098], time: 0.3}, {to: [0, 0, 0.112], time: 0.3}]")  # fmt: skip
@@ -41,7 +40,7 @@ def file(tmp_path_factory):
 
 @pytest.fixture
 def shown(file):
-    page = Shown([file, file])
+    page = PageServer(Reels([file, file]))
     yield page
     page.close()
 
@@ -163,6 +162,6 @@ def test_what_cannot_be_shown_is_told_in_a_line(file, tmp_path, shown):
         ran = CliRunner().invoke(app, ["view", *map(str, files), "--no-open"])
         assert ran.exit_code != 0 and told in " ".join(ran.output.split()) and "Traceback" not in ran.output
     with pytest.raises(PortTaken, match="port"):
-        Shown([file], port=int(shown.address.partition("1:")[2].partition("/")[0]))
+        PageServer(Reels([file]), port=int(shown.address.partition("1:")[2].partition("/")[0]))
     with pytest.raises(RecordingError, match="no body"):
         Reel(bare)

@@ -15,7 +15,8 @@ from test_view import SETS
 from palpate.launch.load.launchfile import find
 from palpate.launch.run.execute import execute
 from palpate.messages import Surface
-from palpate.views.page.shown import Shown
+from palpate.views.page.reel import Reels
+from palpate.views.page.server import PageServer
 from palpate.views.pictures.colour import COLOURS, painted
 
 pytestmark = NEEDED
@@ -27,7 +28,7 @@ def shown(tmp_path_factory):
     (file.parent / "other").mkdir()
     execute(find("kidney").but(record=file, place="fused", overrides=SETS, duration=0.7))
     other = shutil.copy(file, file.parent / "other")
-    made = Shown([file, Path(other)])
+    made = PageServer(Reels([file, Path(other)]))
     yield made
     made.close()
 

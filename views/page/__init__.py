@@ -1,1 +1,34 @@
-"""A page in the browser where the mouse is the finger: `palpate touch`."""
+"""The page in the browser: what goes on in a run, or any time of a recording. One server, several sources of frames."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from palpate.launch.load.extras import install
+from palpate.physics.errors import MISUSE, PalpateError
+
+if TYPE_CHECKING:
+    from palpate.views.page.server import PageServer
+    from palpate.views.page.source import Source
+
+
+class PageError(PalpateError, RuntimeError):
+    """What a page needs and is not installed."""
+
+    exit_code = MISUSE
+
+
+def check() -> None:
+    """PageError: the package that serves the pages is missing, with what to type."""
+    try:
+        import websockets  # noqa: F401
+    except ImportError:
+        raise PageError(f"the page needs the package websockets: {install('page')}") from None
+
+
+def serve(source: Source, port: int = 0) -> PageServer:
+    """Show a source to whoever opens the address. PageError; PortTaken."""
+    check()
+    from palpate.views.page.server import PageServer
+
+    return PageServer(source, port)

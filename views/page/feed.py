@@ -86,7 +86,7 @@ class Feed:
                     continue
                 count += 1
                 if isinstance(message, Health):
-                    if message.source in self.touched.place["loop"]["nodes"]:
+                    if message.source in self.touched.place.groups[0].nodes:
                         self.late[message.source] = message.late + message.lost
                     continue
                 self.last[type(message)] = message

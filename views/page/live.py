@@ -1,88 +1,87 @@
-"""The server of a page that shows what goes on: each page gets the newest frame only."""
+"""A run that goes on: its newest frame. The run itself says when it has begun, and where it can be heard."""
 
 from __future__ import annotations
 
-import asyncio
-import contextlib
+import os
+import threading
 import time
-from collections.abc import Callable
-from typing import Any, Protocol
 
-import msgspec
-from websockets.asyncio.server import ServerConnection
-from websockets.exceptions import ConnectionClosed
+from palpate.engine.plan import Plan
+from palpate.launch.run.discover import Running
+from palpate.launch.run.launcher import Launcher
+from palpate.views.page.feed import Feed, mesh_frame
+from palpate.views.page.source import Source
+from palpate.views.page.steered import Touched, watched
 
-from palpate.views.page.doors import SHARED, Doors
-
-
-class Source(Protocol):
-    """Where a page's pictures come from. `told` is called, from any thread, whenever one of the others is new."""
-
-    status: str
-    keep: bool
-    mesh: bytes
-    frame: bytes
-    told: Callable[[], object]
+FRAMES = 30.0
+"""[1/s] at most."""
+BEHIND = 10
+"""By which what makes the frames stands behind the nodes of a run for a processor."""
 
 
-class Live(Doors):
-    """Serves one source to any number of pages, which cannot do anything to it."""
+class Live(Source):
+    """The newest frame of a run; a thread of its own makes the frames.
 
-    files = SHARED | {"/": ("index.html", "text/html"), "/page.js": ("page.js", "text/javascript")}
-    command = "palpate run --view web"
+    touched  what is shown of it
+    """
 
-    def __init__(self, source: Source) -> None:
+    status: str = "starting"
+
+    def __init__(self, touched: Touched) -> None:
         super().__init__()
-        self._source = source
-        self.open, self.left = 0, 0.0
-        """Pages that are open, and when [s, monotonic] the last one was closed; 0: there was none."""
-        self._news = asyncio.Condition()
+        self.touched = touched
+        self._over = threading.Event()
+        self._thread: threading.Thread | None = None
 
-    async def start(self, port: int) -> None:
-        await super().start(port)
-        loop = asyncio.get_running_loop()
-        self._source.told = lambda: loop.call_soon_threadsafe(self._wake)
+    def look(self, launcher: Launcher) -> None:
+        """Called by the launcher again and again: follow its run from its beginning."""
+        if self._thread is None and launcher.phase == "running":
+            self.begun()
+            run = Running(launcher.run_id, [group for group, job in launcher.jobs.items() if job.nodes])
+            self._over.clear()
+            self._thread = threading.Thread(target=self._follow, args=(run,), name="frames", daemon=True)
+            self._thread.start()
+            self.say("running")
 
-    async def close(self) -> None:
-        self._source.told = lambda: None
-        await super().close()
+    def begun(self) -> None:
+        """The run has begun."""
 
-    def _wake(self) -> None:
-        asyncio.ensure_future(self._notify())  # noqa: RUF006  ends at once
+    def over(self) -> None:
+        """The run has ended."""
+        self._over.set()
+        if self._thread is not None:
+            self._thread.join()
+            self._thread = None
 
-    async def _notify(self) -> None:
-        async with self._news:
-            self._news.notify_all()
+    def say(self, status: str) -> None:
+        """What goes on now."""
+        self.status = status
+        self.on_news()
 
-    async def _talk(self, connection: ServerConnection) -> None:
-        writer = asyncio.create_task(self._show(connection))
-        self.open += 1
+    def _follow(self, run: Running) -> None:
+        os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), BEHIND)
+        feed, due, last = Feed(run, self.touched), time.monotonic(), False
         try:
-            with contextlib.suppress(ConnectionClosed):
-                async for _ in connection:
-                    pass
+            while not last:
+                last = self._over.is_set()
+                frame = feed.frame()
+                if frame is not None:
+                    self.frame = frame
+                    self.on_news()
+                due = max(due + 1.0 / FRAMES, time.monotonic())
+                self._over.wait(due - time.monotonic())
         finally:
-            self.open, self.left = self.open - 1, time.monotonic()
-            writer.cancel()
+            feed.close()
 
-    async def _show(self, connection: ServerConnection) -> None:
-        """Send what is new; a page that is slow gets the next frame when it has taken the last one."""
-        mesh = frame = b""
-        status, source = None, self._source
-        with contextlib.suppress(ConnectionClosed):
-            while True:
-                news = (source.status, source.keep)
-                if news != status:
-                    status = news
-                    told: dict[str, Any] = {"kind": "status", "text": source.status, "keep": source.keep}
-                    await connection.send(msgspec.json.encode(told).decode())
-                elif source.mesh is not mesh:
-                    mesh = source.mesh
-                    await connection.send(mesh)
-                elif source.frame is not frame and mesh:
-                    frame = source.frame
-                    await connection.send(frame)
-                else:
-                    async with self._news:
-                        with contextlib.suppress(TimeoutError):
-                            await asyncio.wait_for(self._news.wait(), 0.5)
+
+class Watch(Live):
+    """A run for those who look and do not touch. NoTouch: what the graph lacks to be shown."""
+
+    def __init__(self, planned: Plan) -> None:
+        super().__init__(watched(planned))
+        self.mesh = mesh_frame(self.touched, {"watch": True, "bodies": [], "effects": {}})
+        self.status = "the run is starting"
+
+    def over(self) -> None:
+        super().over()
+        self.say("the run has ended")

@@ -8,6 +8,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 
 from palpate.messages import Contact, Message, MessageError, Proximity, Surface, unpack
@@ -15,10 +16,13 @@ from palpate.records.format.mcap_file import Broken, Records, messages
 from palpate.records.player import plan_of
 from palpate.records.reader import Recording, RecordingError
 from palpate.views.page.feed import frame, now, surface_frame
+from palpate.views.page.source import Source
 from palpate.views.page.steered import SHOWN, NoTouch, shape
 
 POINTS = 4000
 """Of force and indentation over the whole recording: more than a screen has."""
+MOST = 2
+"""Recordings beside one another."""
 BACK = 8
 """Chunks that are looked through for a stream of which few messages were kept."""
 
@@ -128,6 +132,37 @@ class Reel:
         if Contact not in last:
             return frame(head, None, self.mesh)
         return frame(head | now(last, self.thickness), last.get(Surface), self.mesh)
+
+
+class Ask(msgspec.Struct, forbid_unknown_fields=True):
+    """What a page sends: the time [s] that it wants to see."""
+
+    at: float
+
+
+class Reels(Source):
+    """One recording or two beside each other; each page asks for the times that it wants to see. RecordingError."""
+
+    files = ("view.html", "view.js")
+    command = "palpate view"
+
+    def __init__(self, files: list[Path]) -> None:
+        super().__init__()
+        if len(files) > MOST:
+            raise RecordingError(f"{len(files)} recordings: expected one, or two to see them side by side")
+        self.reels = [Reel(file) for file in files]
+
+    def begin(self) -> list[bytes]:
+        names = titles([reel.recording.path for reel in self.reels])
+        return [reel.begin(number, name) for number, (reel, name) in enumerate(zip(self.reels, names, strict=True))]
+
+    def take(self, page: object, text: str | bytes) -> list[bytes]:
+        at = msgspec.json.decode(text, type=Ask).at
+        return [reel.frame(at, number) for number, reel in enumerate(self.reels)]
+
+    def close(self) -> None:
+        for reel in self.reels:
+            reel.close()
 
 
 def _thinned(rows: np.ndarray) -> np.ndarray:

@@ -1,63 +1,200 @@
-"""The server of a page to touch: pages are shown one session, and what they send is done."""
+"""The server of the pages: static files and a socket on loopback, for whoever has the token."""
 
 from __future__ import annotations
 
 import asyncio
-from typing import Annotated
+import contextlib
+import hmac
+import html
+import secrets
+import threading
+import time
+from http import HTTPStatus
+from importlib import resources
+from typing import Any
+from urllib.parse import parse_qs, urlsplit
 
 import msgspec
-from websockets.asyncio.server import ServerConnection
+from websockets.asyncio.server import Server, ServerConnection, serve
+from websockets.datastructures import Headers, MultipleValuesError
 from websockets.exceptions import ConnectionClosed
+from websockets.http11 import Request, Response
 
-from palpate.nodes.device.mouse import FARTHEST
-from palpate.views.page.live import Live
-from palpate.views.page.session import NoBody, Session
+from palpate.physics.errors import MISUSE, PalpateError
+from palpate.views.page.source import Source
 
-Count = Annotated[int, msgspec.Meta(ge=0, lt=2**32)]
-Metres = Annotated[float, msgspec.Meta(ge=-FARTHEST, le=FARTHEST)]
-
-
-class Order(msgspec.Struct, forbid_unknown_fields=True):
-    """What a page sends: a sample of its pointer, or what one of its switches asks for."""
-
-    point: tuple[Count, tuple[Metres, Metres, Metres], Count] | None = None
-    body: str | None = None
-    effect: tuple[str, bool] | None = None
-    reset: bool = False
-    keep: bool | None = None
+HOST = "127.0.0.1"
+LOOPBACK = ("127.0.0.1", "localhost", "::1")
+PATIENCE = 30.0  # [s] for the server to open or to close
+RELOAD = 2.0  # [s] for a page to be loaded anew, before it counts as closed
 
 
-class Page(Live):
-    """Serves one session to any number of pages. Whoever points last steers."""
+class PortTaken(PalpateError, OSError):
+    """The page's port cannot be bound."""
 
-    command = "palpate touch"
+    exit_code = MISUSE
 
-    def __init__(self, session: Session) -> None:
-        super().__init__(session)
-        self.session = session
-        self._steering: ServerConnection | None = None
+
+class PageServer:
+    """Serves one source to any number of pages, from a thread of its own, until it is closed.
+
+    port  0 for any
+
+    PortTaken.
+    """
+
+    def __init__(self, source: Source, port: int = 0) -> None:
+        self.source, self.port = source, port
+        self.token = secrets.token_urlsafe(24)
+        page, script = source.files
+        self._files = {"/": (page, "text/html"), f"/{script}": (script, "text/javascript")} | {
+            "/page.css": ("page.css", "text/css"),
+            "/scene.js": ("scene.js", "text/javascript"),
+            "/charts.js": ("charts.js", "text/javascript"),
+        }
+        self._pages, self._left = 0, 0.0
+        self._server: Server | None = None
+        self._news, self._order = asyncio.Condition(), asyncio.Lock()
+        self._loop = asyncio.new_event_loop()
+        self._thread = threading.Thread(target=self._loop.run_forever, daemon=True, name="palpate page")
+        self._thread.start()
+        try:
+            self._call(self._start(port))
+            source.open()
+        except BaseException:
+            self._end()
+            raise
+
+    @property
+    def address(self) -> str:
+        """What to open in a browser of this machine."""
+        return f"http://{HOST}:{self.port}/?token={self.token}"
+
+    @property
+    def deserted(self) -> bool:
+        """Whether the last page was closed, and is not loaded anew."""
+        return not self._pages and self._left > 0.0 and time.monotonic() - self._left > RELOAD
+
+    def close(self) -> None:
+        """Close all pages, and the source."""
+        if self._loop.is_closed():
+            return
+        self.source.on_news = lambda: None
+        self._call(self._stop())
+        self._end()
+        self.source.close()
+
+    def __repr__(self) -> str:
+        return f"<view {self.address}>"
+
+    def _repr_html_(self) -> str:
+        address = html.escape(self.address)
+        return f'<a href="{address}" target="_blank" rel="noreferrer">{address}</a>'
+
+    def _call(self, work: Any) -> None:
+        asyncio.run_coroutine_threadsafe(work, self._loop).result(PATIENCE)
+
+    def _end(self) -> None:
+        self._loop.call_soon_threadsafe(self._loop.stop)
+        self._thread.join(PATIENCE)
+        self._loop.close()
+
+    # -- the thread ----------------------------------------------------------------------------------------------
+
+    async def _start(self, port: int) -> None:
+        try:
+            self._server = await serve(self._talk, HOST, port, process_request=self._answer, max_size=4096,
+                                       compression=None, ping_interval=20)  # fmt: skip
+        except OSError as error:
+            raise PortTaken(f"port {port} of {HOST}: {error.strerror}; --port 0 takes any that is free") from None
+        self.port = next(iter(self._server.sockets)).getsockname()[1]
+        self.source.on_news = lambda: asyncio.run_coroutine_threadsafe(self._notify(), self._loop)
+
+    async def _stop(self) -> None:
+        if self._server is not None:
+            self._server.close()
+            await self._server.wait_closed()
+
+    async def _notify(self) -> None:
+        async with self._news:
+            self._news.notify_all()
 
     async def _talk(self, connection: ServerConnection) -> None:
         writer = asyncio.create_task(self._show(connection))
+        self._pages += 1
         try:
-            async for text in connection:
-                try:
-                    self._obey(connection, msgspec.json.decode(text, type=Order))
-                except (msgspec.MsgspecError, NoBody) as error:
-                    await connection.send(msgspec.json.encode({"kind": "refused", "text": str(error)}).decode())
-        except ConnectionClosed:
-            pass
+            with contextlib.suppress(ConnectionClosed):
+                for data in self.source.begin():
+                    await connection.send(data)
+                async for text in connection:
+                    for data in await self._asked(connection, text):
+                        await connection.send(data)
         finally:
+            self._pages, self._left = self._pages - 1, time.monotonic()
             writer.cancel()
-            if self._steering is connection:
-                self._steering = None
-                self.session.lift()
+            self.source.leave(connection)
 
-    def _obey(self, connection: ServerConnection, order: Order) -> None:
-        if order.point is not None:
-            self._steering = connection
-            self.session.point(*order.point)
-        if order.keep is not None:
-            self.session.keep = order.keep
-        if order.body is not None or order.effect is not None or order.reset:
-            self.session.begin_again(order.body, order.effect)
+    async def _asked(self, connection: ServerConnection, text: str | bytes) -> list[Any]:
+        """What a page is answered: reading a recording takes its time, and the other pages go on."""
+        try:
+            async with self._order:
+                return await asyncio.to_thread(self.source.take, connection, text)
+        except (msgspec.MsgspecError, PalpateError) as error:
+            return [msgspec.json.encode({"kind": "refused", "text": str(error)}).decode()]
+
+    async def _show(self, connection: ServerConnection) -> None:
+        """Send what is new; a page that is slow gets the next frame when it has taken the last one."""
+        mesh = frame = b""
+        status, source = None, self.source
+        with contextlib.suppress(ConnectionClosed):
+            while source.status is not None:
+                news = (source.status, source.keep)
+                if news != status:
+                    status = news
+                    told: dict[str, Any] = {"kind": "status", "text": source.status, "keep": source.keep}
+                    await connection.send(msgspec.json.encode(told).decode())
+                elif source.mesh is not mesh:
+                    mesh = source.mesh
+                    await connection.send(mesh)
+                elif source.frame is not frame and mesh:
+                    frame = source.frame
+                    await connection.send(frame)
+                else:
+                    async with self._news:
+                        with contextlib.suppress(TimeoutError):
+                            await asyncio.wait_for(self._news.wait(), 0.5)
+
+    def _answer(self, connection: ServerConnection, request: Request) -> Response | None:
+        """A file, a refusal, or None: the socket may be opened."""
+        try:
+            parts = urlsplit(request.path)
+            given = parse_qs(parts.query).get("token", [""])[0]
+            origin = request.headers.get("Origin")
+            strange = origin is not None and urlsplit(origin).hostname not in LOOPBACK
+            known = hmac.compare_digest(given.encode(), self.token.encode())
+        except (ValueError, MultipleValuesError):  # what no browser sends: http://[::1, two origins
+            return _reply(HTTPStatus.BAD_REQUEST, b"this is no address, or its Origin is none\n")
+        if parts.path == "/socket":
+            if strange or origin is None or not known:
+                return _reply(HTTPStatus.FORBIDDEN, b"the address of this page has a token, which is missing\n")
+            return None
+        if parts.path not in self._files:
+            return _reply(HTTPStatus.NOT_FOUND, b"no such file\n")
+        if strange or (parts.path == "/" and not known):
+            told = f"open the address that `{self.source.command}` prints: it has a token\n"
+            return _reply(HTTPStatus.FORBIDDEN, told.encode())
+        name, kind = self._files[parts.path]
+        body = resources.files("palpate.views.page").joinpath("static", name).read_bytes()
+        return _reply(HTTPStatus.OK, body, kind)
+
+
+def _reply(status: HTTPStatus, body: bytes, kind: str = "text/plain") -> Response:
+    headers = Headers()
+    headers["Content-Type"] = f"{kind}; charset=utf-8"
+    headers["Content-Length"] = str(len(body))
+    headers["Cache-Control"] = "no-store"
+    headers["Referrer-Policy"] = "no-referrer"
+    headers["X-Frame-Options"] = "DENY"
+    headers["Content-Security-Policy"] = "default-src 'self'; connect-src 'self' ws:; img-src 'self' data: blob:"
+    headers["Connection"] = "close"
+    return Response(status.value, status.phrase, headers, body)

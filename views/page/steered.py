@@ -11,6 +11,7 @@ import yaml
 
 from palpate.engine.plan import Plan
 from palpate.launch.load.launchfile import LaunchFile
+from palpate.launch.load.placement import Group, Placement
 from palpate.messages import (
     Contact,
     DeviceState,
@@ -47,7 +48,7 @@ class Touched:
 
     body       name of the node that sends the surface, and the class that it has
     mesh       its undeformed mesh
-    place      the groups of nodes, as a placement file says them
+    place      where its nodes run; the first group has those of every tick
     streams    name of the stream of each message type that is shown
     thickness  [m] of the fingertip before the bone edge
     begin      [m] (3) where the bone edge is at the start
@@ -56,7 +57,7 @@ class Touched:
     body: str
     use: str
     mesh: Mesh
-    place: dict[str, dict[str, Any]]
+    place: Placement
     streams: dict[type[Message], str]
     thickness: float
     begin: tuple[float, float, float]
@@ -108,12 +109,10 @@ def touched(planned: Plan) -> Touched:
 
 def watched(planned: Plan) -> Touched:
     """What a page shows of a plan that it does not steer. NoTouch: no body with a mesh, or no contact."""
-    return _shown(planned, (Surface, Contact), {"loop": {"nodes": planned.order}}, (0.0, 0.0, 0.0))
+    return _shown(planned, (Surface, Contact), Placement([Group("loop", planned.order)]), (0.0, 0.0, 0.0))
 
 
-def _shown(
-    planned: Plan, needed: tuple[type[Message], ...], place: dict[str, dict[str, Any]], begin: tuple[float, ...]
-) -> Touched:
+def _shown(planned: Plan, needed: tuple[type[Message], ...], place: Placement, begin: tuple[float, ...]) -> Touched:
     streams: dict[type[Message], str] = {}
     senders = {}
     for name in planned.order:
@@ -147,10 +146,10 @@ def shape(planned: Plan, body: str, collision: str) -> tuple[Mesh, float]:
     return mesh, float(getattr(planned.make(collision), "thickness", 4e-3))
 
 
-def _place(planned: Plan) -> dict[str, dict[str, Any]]:
+def _place(planned: Plan) -> Placement:
     """What runs at every tick in one process on a core of its own, above the browser's: plain calls between the nodes,
     and nothing that draws can take their time. The rest is left to the other cores."""
     cores = sorted(os.sched_getaffinity(0))
     slow = [name for name in planned.order if planned.graph.nodes[name].every > 1]
-    loop = {"nodes": [name for name in planned.order if name not in slow], "core": cores[-1], "priority": 80}
-    return {"loop": loop, "rest": {"nodes": slow, "core": cores[:-1] or cores}} if slow else {"loop": loop}
+    loop = Group("loop", [name for name in planned.order if name not in slow], core=(cores[-1],), priority=80)
+    return Placement([loop, *([Group("rest", slow, core=tuple(cores[:-1] or cores))] if slow else [])])

@@ -5,10 +5,10 @@ import json
 import pytest
 from typer.testing import CliRunner
 
-from palpate.engine.plan import plan
 from palpate.launch.__main__ import app
 from palpate.launch.load.bill import bill
 from palpate.launch.load.graph import load
+from palpate.launch.load.plan import plan
 from palpate.launch.recording.prove import prove
 from palpate.records.reader import Recording
 

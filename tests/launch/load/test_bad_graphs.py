@@ -9,11 +9,12 @@ from hypothesis import strategies as st
 from whole_touch import WHOLE
 
 from palpate.engine.faults import GraphError
-from palpate.engine.plan import Plan, plan
+from palpate.engine.plan import Plan
 from palpate.launch.load.files import GRAPHS
 from palpate.launch.load.graph import load
 from palpate.launch.load.launchfile import find
 from palpate.launch.load.placement import load_place
+from palpate.launch.load.plan import plan
 
 SPRING = "{use: graph_nodes.Spring, in: {load: spread}, with: $tissue}"
 BAD = {

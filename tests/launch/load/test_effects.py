@@ -10,9 +10,10 @@ from hypothesis import strategies as st
 from short_touch import short_touch
 
 from palpate.engine.faults import GraphError
-from palpate.engine.plan import Plan, plan
+from palpate.engine.plan import Plan
 from palpate.launch.load.effects import known
 from palpate.launch.load.graph import load
+from palpate.launch.load.plan import plan
 from palpate.nodes.base import Switch, effects, part
 from palpate.nodes.deformation.beam_bundle import BeamBundle
 from palpate.nodes.deformation.mass_spring import MassSpring

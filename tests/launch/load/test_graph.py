@@ -6,7 +6,8 @@ import sys
 import pytest
 
 from palpate.engine.faults import GraphError
-from palpate.launch.load.graph import Edge, load
+from palpate.engine.graph import Edge
+from palpate.launch.load.graph import load
 
 
 def held(graph):

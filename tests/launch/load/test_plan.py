@@ -8,11 +8,12 @@ from pathlib import Path
 import pytest
 
 from palpate.engine.faults import GraphError
-from palpate.engine.plan import Plan, plan
+from palpate.engine.plan import Plan
 from palpate.launch.load.draw import mermaid
 from palpate.launch.load.graph import load
 from palpate.launch.load.launchfile import LaunchFile, find, names
 from palpate.launch.load.placement import Group, apart, fused, load_place
+from palpate.launch.load.plan import plan
 
 TWO_DISPLAYS = """
 nodes:
@@ -123,7 +124,7 @@ def test_a_plan_of_a_class_that_is_gone_is_refused(whole):
 
 def test_plans_do_not_depend_on_the_order_of_hashes(whole):
     code = (
-        "import json; from palpate.launch.load.graph import load; from palpate.engine.plan import plan;"
+        "import json; from palpate.launch.load.graph import load; from palpate.launch.load.plan import plan;"
         f"print(json.dumps(plan(load({str(whole)!r}, overrides=['wanted=[control, tissue]'])).to_spec()))"
     )
     path = ":".join(sys.path)

@@ -4,9 +4,11 @@ from itertools import combinations
 
 import pytest
 
-from palpate.launch.load.classes import catalogue, sent_by
+from palpate.engine.faults import GraphError
+from palpate.engine.graph import sent_by
+from palpate.launch.load.classes import catalogue
 from palpate.launch.load.files import GRAPHS as GRAPHS_FOLDER
-from palpate.launch.load.graph import GraphError, load
+from palpate.launch.load.graph import load
 from palpate.launch.load.shared_units import _meaning
 from palpate.nodes.base import settings
 from palpate.nodes.deformation import Rigid

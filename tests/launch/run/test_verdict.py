@@ -8,9 +8,9 @@ import pytest
 from graphs_for_runs import GRAPH, write_graph
 from typer.testing import CliRunner
 
-from palpate.engine.plan import plan
 from palpate.launch.__main__ import app
 from palpate.launch.load.launchfile import LaunchFile, find
+from palpate.launch.load.plan import plan
 from palpate.launch.run.assign import spared
 from palpate.launch.run.execute import execute
 from palpate.launch.run.result import Result
