@@ -26,6 +26,14 @@ hypothesis.settings.register_profile("palpate", deadline=None)
 hypothesis.settings.load_profile("palpate")
 
 
+@pytest.fixture(scope="session")
+def short_kidney(tmp_path_factory):
+    """The recording of a short touch of the kidney, for all tests that look at one and change nothing."""
+    from short_touch import short_touch
+
+    return short_touch(tmp_path_factory.mktemp("touch"), "kidney").path
+
+
 @pytest.fixture
 def write(tmp_path):
     """Writes a file below the test's folder and gives its path."""

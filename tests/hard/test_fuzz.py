@@ -20,7 +20,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.data_stream import RecordBuilder
 from mcap.records import Chunk
-from short_touch import short_touch
 
 from palpate.drivers.errors import DeviceError
 from palpate.drivers.falcon import frames
@@ -102,9 +101,9 @@ def survives(read: Callable[[Path], object], path: Path, data: bytes, seeds: ran
 COUNTS = [pytest.param(range(FEW), id="few"), pytest.param(range(FEW, MANY), id="many", marks=pytest.mark.long)]
 
 
-@pytest.fixture(scope="module")
-def touch(tmp_path_factory) -> bytes:
-    return short_touch(tmp_path_factory.mktemp("fuzz"), "touch").path.read_bytes()
+@pytest.fixture
+def touch(short_kidney) -> bytes:
+    return short_kidney.read_bytes()
 
 
 @pytest.mark.parametrize("seeds", COUNTS)

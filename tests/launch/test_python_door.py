@@ -5,7 +5,7 @@ import sys
 
 import numpy as np
 import pytest
-from short_touch import QUICK, short_touch
+from short_touch import QUICK
 from typer.testing import CliRunner
 
 import palpate
@@ -16,8 +16,8 @@ from palpate.records.reader import Recording
 
 
 @pytest.fixture(scope="module")
-def file(tmp_path_factory):
-    return short_touch(tmp_path_factory.mktemp("door"), "kidney").path
+def file(short_kidney):
+    return short_kidney
 
 
 @pytest.fixture(scope="module")

@@ -5,7 +5,6 @@ import importlib.util
 import numpy as np
 import pytest
 from drawing import needs_drawing
-from short_touch import short_touch
 from typer.testing import CliRunner
 
 from palpate.launch.__main__ import app
@@ -17,9 +16,9 @@ from palpate.views.pictures import film as films
 from palpate.views.pictures.colour import COLOURS
 
 
-@pytest.fixture(scope="module")
-def file(tmp_path_factory):
-    return short_touch(tmp_path_factory.mktemp("film"), "kidney").path
+@pytest.fixture
+def file(short_kidney):
+    return short_kidney
 
 
 def told(*arguments):

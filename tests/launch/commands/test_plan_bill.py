@@ -3,13 +3,13 @@
 import json
 
 import pytest
-from short_touch import short_touch
 from typer.testing import CliRunner
 
 from palpate.launch.__main__ import app
 from palpate.launch.load.bill import bill
 from palpate.launch.load.graph import load
 from palpate.launch.load.plan import plan
+from palpate.records.reader import Recording
 from palpate.studies.prove import prove
 
 
@@ -57,8 +57,8 @@ def command(*args):
 
 
 @pytest.fixture(scope="module")
-def recording(tmp_path_factory):
-    return short_touch(tmp_path_factory.mktemp("bill"), "touch")
+def recording(short_kidney):
+    return Recording(short_kidney)
 
 
 def test_a_recording_knows_the_times_of_its_nodes(recording):
