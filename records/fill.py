@@ -80,16 +80,14 @@ class _Filling:
             for tick, payloads in self._ticks():
                 now = nanoseconds(tick, self.plan.graph.rate) if self._simulated else None
                 sent = self.player.step(tick, payloads, now)
-                if self.player.substituted:
-                    if not self.stored.complete:  # the file was cut off before all of this tick was in it
-                        break
-                    raise RecordingError(
-                        f"{self.stored.path}: from tick {tick} on it cannot be computed: a message that was used there "
-                        "did not reach the logger"
-                    )
+                if self.player.missing is not None:
+                    if self.stored.complete:
+                        self._lost(*self.player.missing)
+                    break  # else the file was cut off before all of this tick was in it
                 agreed = self._check(tick, payloads, sent)
                 if self.report.first is not None:
-                    return
+                    pending = []
+                    break
                 played = {s: p for s, p in payloads.items() if s not in self.player.computed}
                 pending += ((name, tick, head_of(data).time, data) for name, data in (played | sent).items())
                 if agreed:
@@ -100,6 +98,10 @@ class _Filling:
         finally:
             self.player.stop()
         yield from pending
+
+    def _lost(self, node: str, stream: str, tick: int) -> None:
+        """A message that a node used on the real clock did not reach the logger."""
+        self.report.nodes[node].first = Difference(stream, tick, "message", "1", f"used by {node!r}", "not in the file")
 
     def _ticks(self) -> Iterator[tuple[int, dict[str, bytes]]]:
         """The ticks of the run, with what is stored of each."""

@@ -105,6 +105,8 @@ class Player:
         self.kinds = {s: kind for s, kind in self.played.items() if s in self.history}
         self.substituted = 0
         """Inputs for which the message before had to stand in, because the recording lost the step that sent them."""
+        self.missing: tuple[str, str, int] | None = None
+        """Of the first of them the node, and stream and tick of the message."""
         self.restarts = {name: list(ticks) for name, ticks in recording.restarted.items()}
 
     def _check_input(self, part: _Part, port: Input) -> None:
@@ -202,6 +204,7 @@ class Player:
                 raise MissingInput(f"{port.stream!r} of tick {wanted}")
             if message is None:
                 self.substituted += 1
+                self.missing = self.missing or (part.name, port.stream, wanted)
                 message = history.newest(wanted, reader)
             return message
         limit = needed(tick, port.every, port.loop)

@@ -17,6 +17,7 @@ from palpate.launch.load.launchfile import LaunchFile, find
 from palpate.launch.run.execute import execute
 from palpate.messages import Force
 from palpate.records.compare import compare
+from palpate.records.copy import begin_copy
 from palpate.records.player import plan_of
 from palpate.records.reader import Recording, RecordingError
 from palpate.records.recover import recover, recover_full
@@ -182,20 +183,42 @@ def test_a_file_cut_off_anywhere_gives_what_lies_before(tmp_path, clock):
     assert max(found) > 100
 
 
-def test_a_source_that_lacks_a_message_is_told(tmp_path):
-    path = record(tmp_path)
-    recording = Recording(path, stored=True)
-    from palpate.records.copy import begin_copy
+def test_a_live_message_that_is_lost_and_that_nothing_depends_on_is_missing_alone(tmp_path):
+    path = record(tmp_path, clock="real", place=None)
+    gone = next(row for row in rows(path) if row[0] == "sum" and row[1] > 450)
+    assert rows(without(path, gone[:2])) == [row for row in rows(path) if row != gone]
 
-    holed = tmp_path / "holed.mcap"
+
+def without(path: Path, *gone: tuple[str, int]) -> Path:
+    """The same recording without messages that did not reach the logger."""
+    recording = Recording(path, stored=True)
+    holed = path.with_name("holed.mcap")
     with holed.open("wb") as file:
         writer, channels = begin_copy(recording, file, recording.about)
         for name, tick, time, payload in recording.raw():
-            if (name, tick) != ("source", 333):
+            if (name, tick) not in gone:
                 writer.add_message(channels[name], tick, time, payload)
         writer.finish()
+    return holed
+
+
+def test_a_source_that_lacks_a_message_is_told(tmp_path):
     with pytest.raises(RecordingError, match="'source' has no message of tick 333"):
+        list(Recording(without(record(tmp_path), ("source", 333))).raw())
+
+
+@pytest.mark.parametrize("stream", ["source", "spring"])
+def test_what_a_live_run_lost_is_told_and_what_comes_before_can_be_had(tmp_path, stream):
+    path = record(tmp_path, clock="real", place=None)
+    right = rows(path)
+    tick = next(row[1] for row in right if row[0] == stream and row[1] > 450)
+    holed = without(path, (stream, tick))
+    with pytest.raises(RecordingError, match=r"stream '\w+', tick \d+") as told:
         list(Recording(holed).raw())
+    assert "Traceback" not in str(told.value) and "recover --full" in str(told.value)
+    target, _, report = recover_full(holed)
+    got = rows(target)
+    assert not report.ok and got == right[: len(got)] and got[-1][1] >= 390
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,7 @@ from pathlib import Path
 import msgspec
 import yaml
 
-from palpate.launch.load.launchfile import LaunchFile
+from palpate.launch.load.launchfile import SOURCES, LaunchFile
 from palpate.launch.run.descendants import die_with_parent
 from palpate.launch.run.discover import running
 from palpate.messages import ForceBand, Friction
@@ -147,7 +147,8 @@ class Session:
         place = Path(self.place.name) / "place.yaml"
         place.write_text(yaml.safe_dump(self.touched.place))
         command = [sys.executable, "-m", "palpate.launch", "run", str(self.launch.graph), "--clock", "real", "-q",
-                   "--no-pictures", "--record", str(record), "--place", str(place)]  # fmt: skip
+                   "--no-pictures", "--place", str(place), "--record", str(record)]  # fmt: skip
+        command += ["--record-only", SOURCES]
         for text in (*self.launch.overrides, *sets):
             command += ["--set", str(text)]
         return command
