@@ -9,10 +9,10 @@ import time
 import numpy as np
 
 from palpate.bench.errors import Refused
-from palpate.fe.meshing.organ import Nodule, Organ
-from palpate.fe.reduce.dents import dent_table
-from palpate.fe.reduce.reducible import of_organ
-from palpate.fe.reduce.reduction import build, organ_pressed
+from palpate.models.fe.meshing.organ import Nodule, Organ
+from palpate.models.fe.reduce.dents import dent_table
+from palpate.models.fe.reduce.reducible import of_organ
+from palpate.models.fe.reduce.reduction import build, organ_pressed
 from palpate.nodes.deformation import ReducedFE
 from palpate.nodes.deformation.basis_store import SHIPPED, about, cache, find, key
 from palpate.physics.bodies.condensed_body import Basis

@@ -152,7 +152,7 @@ def _read(path: Path) -> Cell | None:
 def _sources() -> str:
     """A hash of what any cell depends on: the code that computes, and the references."""
     digest = hashlib.sha256()
-    for package in ("palpate.physics", "palpate.nodes", "palpate.messages", "palpate.fe", "palpate.bench"):
+    for package in ("palpate.physics", "palpate.nodes", "palpate.messages", "palpate.models.fe", "palpate.bench"):
         spec = find_spec(package)
         for folder in (spec.submodule_search_locations or ()) if spec else ():
             for file in sorted(Path(folder).rglob("*.py")):

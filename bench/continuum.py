@@ -20,11 +20,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.fe.contact.bed import Bed
-from palpate.fe.element import faces as face_rule
-from palpate.fe.element.mesh import TetMesh, bricks, grid, quadratic
-from palpate.fe.meshing.organ import SLAB
-from palpate.fe.solve.solver import Settings, Solver
+from palpate.models.fe.contact.bed import Bed
+from palpate.models.fe.element import faces as face_rule
+from palpate.models.fe.element.mesh import TetMesh, bricks, grid, quadratic
+from palpate.models.fe.meshing.organ import SLAB
+from palpate.models.fe.solve.solver import Settings, Solver
 from palpate.physics.materials.neo_hooke import neo_hooke
 
 SIDE = 0.1

@@ -20,8 +20,8 @@ import numpy as np
 
 from palpate.bench.continuum import BED, LEVELS, POISSON, YOUNG, Block, Curve, Tetrahedra, curve, tetrahedra
 from palpate.bench.errors import MissingError
-from palpate.fe.element.mesh import edge_nodes
-from palpate.fe.meshing.organ import SLAB
+from palpate.models.fe.element.mesh import edge_nodes
+from palpate.models.fe.meshing.organ import SLAB
 
 INSTALL = 'pip install "palpate[bench]"'
 MATERIALS = {"Saint Venant-Kirchhoff": 0, "neo-Hookean": 1}

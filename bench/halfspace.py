@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.bench.continuum import POISSON, RADIUS, YOUNG
-from palpate.fe.contact.rigid import Rigid, sphere
-from palpate.fe.element.mesh import bricks, grid, quadratic
-from palpate.fe.solve.solver import Settings, Solver
+from palpate.models.fe.contact.rigid import Rigid, sphere
+from palpate.models.fe.element.mesh import bricks, grid, quadratic
+from palpate.models.fe.solve.solver import Settings, Solver
 from palpate.physics.materials.linear import linear
 
 SIZE = 25.0

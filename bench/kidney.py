@@ -20,12 +20,12 @@ from scipy.sparse import coo_matrix, csr_matrix
 from palpate.bench import outside
 from palpate.bench.continuum import BED, POISSON, RADIUS, STEPS, YOUNG, Curve, curve, graded
 from palpate.bench.errors import MissingError
-from palpate.fe.contact.bed import Bed
-from palpate.fe.element import faces as face_rule
-from palpate.fe.element.jacobian import inverted
-from palpate.fe.element.mesh import FOLDED, TetMesh, bricks, edge_nodes, grid
-from palpate.fe.linear.pattern import Pattern
-from palpate.fe.solve.solver import Solver
+from palpate.models.fe.contact.bed import Bed
+from palpate.models.fe.element import faces as face_rule
+from palpate.models.fe.element.jacobian import inverted
+from palpate.models.fe.element.mesh import FOLDED, TetMesh, bricks, edge_nodes, grid
+from palpate.models.fe.linear.pattern import Pattern
+from palpate.models.fe.solve.solver import Solver
 from palpate.physics.geometry.kidney import LENGTH, THICKNESS, WIDTH, shape
 from palpate.physics.materials.hyperelastic import moduli
 from palpate.physics.materials.neo_hooke import neo_hooke

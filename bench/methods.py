@@ -13,8 +13,8 @@ from palpate.bench.errors import BenchError
 from palpate.bench.outcome import Fidelity, Outcome
 from palpate.bench.touches import Touch
 from palpate.bench.truth import HERTZ
-from palpate.fe.meshing.organ import SLAB
 from palpate.messages import Load, Surface
+from palpate.models.fe.meshing.organ import SLAB
 from palpate.nodes.base import Node, inputs, outputs, settings
 from palpate.nodes.base.surface import OnSurface
 from palpate.nodes.deformation import BeamBundle, MassSpring, ReducedFE, Rigid

@@ -28,7 +28,7 @@ from palpate.bench.continuum import (
     stuck,
 )
 from palpate.bench.errors import MissingError
-from palpate.fe.meshing.organ import SLAB
+from palpate.models.fe.meshing.organ import SLAB
 from palpate.physics.materials.hyperelastic import moduli
 
 INSTALL = 'pip install "palpate[bench]"'

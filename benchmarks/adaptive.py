@@ -29,11 +29,11 @@ from rich.progress import Progress
 from scipy.stats import qmc
 from tables import tell
 
-from palpate.fe.reduce.holdout import YOUNG, settled
-from palpate.fe.reduce.reducible import Reducible
-from palpate.fe.reduce.reduction import BEHIND, HARDEST, RADII, ROUND, finger_touches, organ_touches
-from palpate.fe.reduce.sampling import bent
-from palpate.fe.reduce.snapshots import Pressed, Touch, mirror
+from palpate.models.fe.reduce.holdout import YOUNG, settled
+from palpate.models.fe.reduce.reducible import Reducible
+from palpate.models.fe.reduce.reduction import BEHIND, HARDEST, RADII, ROUND, finger_touches, organ_touches
+from palpate.models.fe.reduce.sampling import bent
+from palpate.models.fe.reduce.snapshots import Pressed, Touch, mirror
 from palpate.nodes.deformation import Adaptive
 from palpate.nodes.deformation.adaptive import beside
 from palpate.nodes.deformation.basis_store import SHIPPED, cache

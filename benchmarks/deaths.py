@@ -1,17 +1,18 @@
-"""What happens when a process of the kidney loop is killed or stopped while the finger presses, on the real clock.
+"""What a fault of each node does while the finger of the kidney presses, on the real clock.
 
-    python benchmarks/deaths.py [--json]
+    python benchmarks/deaths.py [--json] [--fault kill --fault spin ...]
 
-For each node: time from the kill until the launcher reports the death, and until the device works without torque; and
-the latter after SIGSTOP, which looks to the others like a node that hangs. Without `friction` the others go on. Where
-the system took this program off the processor while it sent the signal, so that the moment is not known to 1 ms, the
-fault is made again.
+A node is killed, stopped (SIGSTOP), told to end (SIGTERM), spins in its step for good, or waits in it for good. The
+table holds the time until the device works without torque, for the device itself until its last sample, and for a kill
+the time until it is reported. Without `friction` the others go on. Where the system took this program off the processor
+while it sent a signal, so that the moment is not known to 1 ms, the fault is made again.
 """
 
 from __future__ import annotations
 
 import argparse
 import dataclasses
+import itertools
 import json
 import math
 import os
@@ -34,75 +35,106 @@ from palpate.launch.run.launcher import Launcher
 from palpate.records.reader import Recording
 
 UNSURE = 1e-3  # [s]
-KILL_AT = 0.9  # [s] of the graph's clock: the hand holds the finger in the tissue
-NODES = ("finger", "collision", "contact", "friction", "spread", "tissue", "controller", "statics")
+FAULT_AT = 0.9  # [s] of the graph's clock: the hand holds the finger in the tissue
+TICKS = 2000
+NODES = ("device", "finger", "collision", "contact", "friction", "spread", "tissue", "controller", "statics")
+SIGNALS = {"kill": signal.SIGKILL, "stop": signal.SIGSTOP, "term": signal.SIGTERM}
+FAULTS = (*SIGNALS, "spin", "hang")
+FAULTY = """
+import functools, time
+from palpate.launch.load.classes import find_class
+
+Shipped = find_class({use!r})
+
+class Faulty(Shipped):
+    @functools.wraps(Shipped.step)
+    def step(self, *messages, **more):
+        if any(message is not None and message.tick >= {at} for message in messages):
+            with open({note!r}, "w") as file:
+                file.write(str(time.monotonic()))
+            while True:
+                {how}
+        return super().step(*messages, **more)
+"""
+"""A node that fails from inside: it writes down the time [s] and never comes back from a step."""
 
 
-def fault(node: str, number: int, file: Path) -> dict[str, float | None]:
-    """[s] from the signal to the report, and to the first sample of the device without torque (None: never)."""
-    while (told := once(node, number, file))["unsure"] > UNSURE:
+def fault(node: str, kind: str, folder: Path) -> dict[str, float | None]:
+    """[s] from the fault to the report, and to the first sample of the device without torque (None: never)."""
+    while (told := once(node, kind, folder))["unsure"] > UNSURE:
         pass
     return told
 
 
-def once(node: str, number: int, file: Path) -> dict[str, float | None]:
+def once(node: str, kind: str, folder: Path) -> dict[str, float | None]:
     """See `fault`; `unsure` [s]: how long sending the signal took."""
+    file, note = folder / "run.mcap", folder / "note"
     launch = dataclasses.replace(find("kidney"), record=file)
+    if kind not in SIGNALS:
+        launch = launch.but(overrides=[f"{node}.use={faulty(launch.load().nodes[node].use, kind, note)}"])
     graph = launch.load()
     set_recording(graph, file)
     steps = plan(graph)
-    work = jobs(steps, launch.placement(steps), clock="real", ticks=2000, about=about(steps))
+    work = jobs(steps, launch.placement(steps), clock="real", ticks=TICKS, about=about(steps))
     times: dict[str, float] = {}
 
     def look(launcher: Launcher) -> None:
         if launcher.result.deaths:
             times.setdefault("report", time.monotonic())
         origin = launcher.result.origin
-        if origin and "kill" not in times and time.monotonic() > origin + KILL_AT:
+        if kind in SIGNALS and origin and "fault" not in times and time.monotonic() > origin + FAULT_AT:
             times["before"] = time.monotonic()
-            os.kill(launcher.pids[node], number)
-            times["kill"] = time.monotonic()
+            os.kill(launcher.pids[node], SIGNALS[kind])
+            times["fault"] = time.monotonic()
 
     launcher = Launcher(work, patience=0.5, show=look)
     launcher.run()
+    if kind not in SIGNALS:
+        times["before"] = times["fault"] = float(note.read_text())
     recording = Recording(file)
-    first = next(iter(recording.messages("device")))
     # The graph's clock and the machine's differ by the tick 0; the device's samples carry the graph's.
-    killed = times["kill"] - launcher.origin * 1e-9
-    torque = {m.tick: max(map(abs, m.torques)) for m in recording.messages("statics")}
-    last = [
-        m.time * 1e-9
-        for m in recording.messages("device")
-        if m.time > first.time and (m.used == (-1,) or torque.get(m.used[0], 1.0) == 0.0)
-    ]
-    after = [t for t in last if t > killed]
+    begun = times["fault"] - launcher.origin * 1e-9
+    torque = {m.tick: any(m.torques) for m in recording.messages("statics")}
+    samples = [m for m in recording.messages("device") if m.time * 1e-9 > begun]
+    free = [m.time * 1e-9 for m in samples if m.used == (-1,) or not torque.get(m.used[0], True)]
+    if node == "device":
+        free = [max((m.time * 1e-9 for m in samples), default=begun)]
     return {
-        "report": times.get("report", math.nan) - times["kill"],
-        "no torque": after[0] - killed if after else None,
-        "unsure": times["kill"] - times["before"],
+        "report": times.get("report", math.nan) - times["fault"],
+        "no torque": free[0] - begun if free else None,
+        "unsure": times["fault"] - times["before"],
     }
+
+
+def faulty(use: str, kind: str, note: Path) -> str:
+    """What to write in `use:` for a shipped class that spins or hangs; its module goes into the current folder."""
+    how = {"spin": "pass", "hang": "time.sleep(1000.0)"}[kind]
+    name = f"faulty_{use.replace('.', '_')}_{kind}"
+    Path(f"{name}.py").write_text(FAULTY.format(use=use, at=round(FAULT_AT * 1e3), note=str(note), how=how))
+    return f"{name}.Faulty"
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--json", action="store_true")
+    parser.add_argument("--fault", action="append", choices=FAULTS, help="Only this one; may be given several times.")
     given = parser.parse_args()
+    kinds = given.fault or FAULTS
     rows = {}
     with tempfile.TemporaryDirectory() as folder:
-        for node in track(NODES, "faults", transient=True):
-            killed, stopped = (
-                fault(node, number, Path(folder) / "run.mcap") for number in (signal.SIGKILL, signal.SIGSTOP)
-            )
-            rows[node] = {**killed, "no torque, stopped": stopped["no torque"]}
+        os.chdir(folder)
+        for node, kind in track(list(itertools.product(NODES, kinds)), "faults", transient=True):
+            rows.setdefault(node, {})[kind] = fault(node, kind, Path(folder))
     if given.json:
         print(json.dumps(rows))
         return
-    table = Table(title="after a kill, and after a stop", box=None)
-    for title in ("node", "kill reported [ms]", "killed: no torque [ms]", "stopped: no torque [ms]"):
+    table = Table(title="until the device works without torque [ms]", box=None)
+    for title in ("node", *kinds, "kill reported"):
         table.add_column(Text(title), justify="right")
     for node, row in rows.items():
-        gone = ("stays" if row[key] is None else f"{row[key] * 1e3:.1f}" for key in ("no torque", "no torque, stopped"))
-        table.add_row(node, f"{row['report'] * 1e3:.1f}", *gone)
+        gone = ("stays" if (time := row[kind]["no torque"]) is None else f"{time * 1e3:.1f}" for kind in kinds)
+        report = f"{row['kill']['report'] * 1e3:.1f}" if "kill" in row else ""
+        table.add_row(node, *gone, report)
     Console().print(table)
     print(f"load of the machine at the end: {os.getloadavg()[0]:.1f}")
 

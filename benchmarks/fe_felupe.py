@@ -12,8 +12,8 @@ import numpy as np
 from fe_problems import POISSON, YOUNG, Problem
 from scipy.sparse import csr_matrix
 
-from palpate.fe import neo_hooke
-from palpate.fe.element import faces as rule
+from palpate.models.fe import neo_hooke
+from palpate.models.fe.element import faces as rule
 
 
 class FacePlane:

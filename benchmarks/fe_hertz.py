@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from palpate.fe import Rigid, Settings, Solver, linear, plane, quadratic, sphere
-from palpate.fe.contact.pressure import HATS, nodal_pressure
-from palpate.fe.element import faces as face_rule
-from palpate.fe.element.mesh import bricks, grid
+from palpate.models.fe import Rigid, Settings, Solver, linear, plane, quadratic, sphere
+from palpate.models.fe.contact.pressure import HATS, nodal_pressure
+from palpate.models.fe.element import faces as face_rule
+from palpate.models.fe.element.mesh import bricks, grid
 
 YOUNG, RADIUS = 1e4, 0.01
 

@@ -35,8 +35,8 @@ import numpy as np
 from fe_felupe import felupe
 from fe_problems import POISSON, RADIUS, YOUNG, Problem, ball, block, pressed, step
 
-from palpate.fe import Rigid, Settings, Solver, neo_hooke, plane
-from palpate.fe.element.mesh import FACES
+from palpate.models.fe import Rigid, Settings, Solver, neo_hooke, plane
+from palpate.models.fe.element.mesh import FACES
 
 MISSING = 3
 

@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from palpate.fe import TetMesh, box
-from palpate.fe.element.mesh import bricks, edge_nodes, grid
+from palpate.models.fe import TetMesh, box
+from palpate.models.fe.element.mesh import bricks, edge_nodes, grid
 
 YOUNG, POISSON = 1e4, 0.3
 STEPS = 4

@@ -13,10 +13,10 @@ import json
 import sys
 from pathlib import Path
 
-from palpate.fe.meshing.fingertip import CALIBRATED, Fingertip
-from palpate.fe.study.paper_claims import points, statements
-from palpate.fe.study.press_record import Record, Run, fit_divisor, record
-from palpate.fe.study.pressing import Pressing
+from palpate.models.fe.meshing.fingertip import CALIBRATED, Fingertip
+from palpate.models.fe.study.paper_claims import points, statements
+from palpate.models.fe.study.press_record import Record, Run, fit_divisor, record
+from palpate.models.fe.study.pressing import Pressing
 
 ENDS = {"printed": {"steel": 0.85e-3, "silicone": 1.3e-3}, "calibrated": {"steel": 2.4e-3, "silicone": 2.4e-3},
         "cortical": {"steel": 0.85e-3, "silicone": 1.3e-3}}  # fmt: skip

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from palpate.fe import Settings, Solver, box, neo_hooke
+from palpate.models.fe import Settings, Solver, box, neo_hooke
 
 YOUNG, TRAVEL, CELLS = 1e4, 0.05, 6
 RATIOS = (0.3, 0.49, 0.4999)

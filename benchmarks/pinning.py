@@ -25,14 +25,14 @@ def work():
     assert execute(dataclasses.replace(find("kidney").but(place="fused", duration=20.0), record=None)).result.ok
 """
 FACTOR = """
-import palpate.fe as fe  # before numpy
+import palpate.models.fe as fe  # before numpy
 import numpy as np
-from palpate.fe.element.mesh import box
+from palpate.models.fe.element.mesh import box
 mesh = box((0.05, 0.05, 0.05), (10, 10, 10))
 held = np.zeros((len(mesh.points), 3), dtype=bool)
 held[mesh.points[:, 2] < 1e-9] = True
 def work():
-    from palpate.fe.solve.body import ElasticBody
+    from palpate.models.fe.solve.body import ElasticBody
     body = ElasticBody(mesh, {0: fe.neo_hooke(5e3, 0.45)}, [])
     tangent = body.rest(held)
     tangent.solve(np.ones((mesh.points.size, 1)))

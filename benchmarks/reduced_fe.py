@@ -23,11 +23,11 @@ from scipy.interpolate import CubicSpline
 from scipy.optimize import brentq
 from tables import tell
 
-from palpate.fe.meshing.organ import Organ
-from palpate.fe.reduce.dents import press, sticking
-from palpate.fe.reduce.indentation import Curve
-from palpate.fe.reduce.reducible import Reducible, of_organ
 from palpate.messages import Load
+from palpate.models.fe.meshing.organ import Organ
+from palpate.models.fe.reduce.dents import press, sticking
+from palpate.models.fe.reduce.indentation import Curve
+from palpate.models.fe.reduce.reducible import Reducible, of_organ
 from palpate.nodes.contact import Series
 from palpate.nodes.deformation import ReducedFE
 from palpate.physics.bodies.condensed_body import Basis, CondensedBody

@@ -21,12 +21,12 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 from tables import tell
 
-from palpate.fe.meshing.fingertip import Fingertip
-from palpate.fe.reduce.holdout import settled
-from palpate.fe.reduce.reducible import SUBCUTIS_MODULUS, Reducible, of_finger
-from palpate.fe.reduce.reduction import CELLS, finger_touches
-from palpate.fe.reduce.snapshots import STIFFENING, Pressed, press
 from palpate.messages import Load
+from palpate.models.fe.meshing.fingertip import Fingertip
+from palpate.models.fe.reduce.holdout import settled
+from palpate.models.fe.reduce.reducible import SUBCUTIS_MODULUS, Reducible, of_finger
+from palpate.models.fe.reduce.reduction import CELLS, finger_touches
+from palpate.models.fe.reduce.snapshots import STIFFENING, Pressed, press
 from palpate.nodes.contact import Series
 from palpate.nodes.deformation import ReducedFE
 from palpate.physics.bodies.sampled_body import SampledBasis, SampledBody

@@ -3,8 +3,8 @@
 numpy, OpenBLAS and numba choose their inner loops by the processor, and so the order of their sums. `pin` takes the
 choice from them: whoever has the instructions of x86-64-v3 (AVX2 and FMA; every server since 2015) computes with
 these, and with no newer ones. numpy and OpenBLAS read their settings once, when they are loaded, so `pin` comes before
-them: importing any of `palpate.physics`, `palpate.fe`, `palpate.nodes` or `palpate.launch` calls it. Where numpy was
-imported earlier, it stays as it is, and `in_force` says so.
+them: importing any of `palpate.physics`, `palpate.models.fe`, `palpate.nodes` or `palpate.launch` calls it. Where numpy
+was imported earlier, it stays as it is, and `in_force` says so.
 
 `PALPATE_NATIVE=1` in the environment leaves the choice to the processor: as fast as it can be, other last bits.
 """

@@ -42,9 +42,9 @@ def use() -> None:
 
 
 def key() -> str:
-    """A hash of the names and contents of the sources of `palpate.physics` and `palpate.fe`."""
+    """A hash of the names and contents of the sources of `palpate.physics` and `palpate.models.fe`."""
     hasher = hashlib.sha256()
-    for package in ("palpate.physics", "palpate.fe"):
+    for package in ("palpate.physics", "palpate.models.fe"):
         spec = find_spec(package)
         for folder in (spec.submodule_search_locations or ()) if spec else ():
             for file in sorted(Path(folder).rglob("*.py")):

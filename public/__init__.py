@@ -7,8 +7,9 @@
     for tick in palpate.steps("kidney"): ...   # the same, tick by tick
     palpate.open("run.mcap").plot("contact.force", "tissue.indentation")
 
-Public are the names in `__all__` here, and the packages `palpate.physics` (formulas), `palpate.fe` (finite elements),
-`palpate.messages` and `palpate.nodes` (for nodes of one's own). This file imports nothing before it is needed.
+Public are the names in `__all__` here, and the packages `palpate.physics` (formulas), `palpate.models.fe` (finite
+elements), `palpate.messages` and `palpate.nodes` (for nodes of one's own). This file imports nothing before it is
+needed.
 """
 
 from __future__ import annotations
@@ -122,4 +123,4 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return sorted({*__all__, "physics", "fe", "messages", "nodes"})
+    return sorted({*__all__, "physics", "models", "messages", "nodes"})

@@ -9,10 +9,10 @@ from pathlib import Path
 import numba
 import numpy as np
 
-from palpate.fe import Material, Rigid, Settings, Solver, TetMesh, neo_hooke, quadratic, sphere
-from palpate.fe.contact.pressure import nodal_pressure
-from palpate.fe.element.mesh import bricks, grid
-from palpate.fe.element.vtk import write_vtu
+from palpate.models.fe import Material, Rigid, Settings, Solver, TetMesh, neo_hooke, quadratic, sphere
+from palpate.models.fe.contact.pressure import nodal_pressure
+from palpate.models.fe.element.mesh import bricks, grid
+from palpate.models.fe.element.vtk import write_vtu
 from palpate.physics.materials.hyperelastic import moduli
 from palpate.physics.materials.invariants import shape_invariants, shape_stress
 

@@ -18,13 +18,13 @@ import sys
 import tempfile
 from pathlib import Path
 
-from palpate.fe.meshing.fingertip import Fingertip
-from palpate.fe.meshing.layers import Layers
-from palpate.fe.meshing.scanned import Scanned
-from palpate.fe.study.press_record import Run, record
-from palpate.fe.study.pressing import Pressing
-from palpate.scan import rebuild, segment
-from palpate.scan.phantom import scan
+from palpate.models.fe.meshing.fingertip import Fingertip
+from palpate.models.fe.meshing.layers import Layers
+from palpate.models.fe.meshing.scanned import Scanned
+from palpate.models.fe.study.press_record import Run, record
+from palpate.models.fe.study.pressing import Pressing
+from palpate.models.scan import rebuild, segment
+from palpate.models.scan.phantom import scan
 from palpate.views.pictures.fe_fingertip import draw
 
 CELLS = 5

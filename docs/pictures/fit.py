@@ -12,7 +12,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-from palpate.fit.fit import fit_sessions, write_example
+from palpate.models.fit.fit import fit_sessions, write_example
 from palpate.views.pictures.fit import draw_choice
 
 PICTURES = {"fit": "fit-subject.png", "models": "fit-models.png", "surface": "fit-surface.png"}

@@ -22,11 +22,11 @@ import beside  # noqa: F401
 import numpy as np
 from tables import show
 
-from palpate.fe.meshing.fingertip import Fingertip, materials
-from palpate.fe.meshing.layers import DERMIS, SUBCUTIS
-from palpate.fe.reduce.reducible import SUBCUTIS_MODULUS, Reducible, of_finger
-from palpate.fe.reduce.reduction import CELLS, SEED, finger_touches
-from palpate.fe.reduce.snapshots import STIFFENING, pressed
+from palpate.models.fe.meshing.fingertip import Fingertip, materials
+from palpate.models.fe.meshing.layers import DERMIS, SUBCUTIS
+from palpate.models.fe.reduce.reducible import SUBCUTIS_MODULUS, Reducible, of_finger
+from palpate.models.fe.reduce.reduction import CELLS, SEED, finger_touches
+from palpate.models.fe.reduce.snapshots import STIFFENING, pressed
 
 
 def finger(cells: int, mixed: bool) -> Reducible:

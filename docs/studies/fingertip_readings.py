@@ -18,11 +18,11 @@ from pathlib import Path
 
 import numpy as np
 
-from palpate.fe import ConvergenceError
-from palpate.fe.meshing.fingertip import PAPER, Fingertip, divisor_and_bone, materials
-from palpate.fe.meshing.layers import DERMIS, EPIDERMIS, SUBCUTIS
-from palpate.fe.study.press_record import Record, Run, fit_divisor, record
-from palpate.fe.study.pressing import Pressing
+from palpate.models.fe import ConvergenceError
+from palpate.models.fe.meshing.fingertip import PAPER, Fingertip, divisor_and_bone, materials
+from palpate.models.fe.meshing.layers import DERMIS, EPIDERMIS, SUBCUTIS
+from palpate.models.fe.study.press_record import Record, Run, fit_divisor, record
+from palpate.models.fe.study.pressing import Pressing
 from palpate.physics.materials.hencky import hencky
 from palpate.physics.materials.hyperelastic import Material
 from palpate.physics.materials.mooney_rivlin import mooney_rivlin

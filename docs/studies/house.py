@@ -21,7 +21,7 @@ from rich.table import Table
 
 ROOT = Path(__file__).parents[2]
 SHIPPED = (
-    "messages", "nodes", "physics", "fe", "fit", "scan", "drivers", "graphs", "engine", "launch", "records", "views",
+    "messages", "nodes", "physics", "models", "drivers", "graphs", "engine", "launch", "records", "views",
 )  # fmt: skip
 MANY = 12
 """Parameters of a function that are too many."""

@@ -22,8 +22,8 @@ import beside  # noqa: F401
 import numpy as np
 from tables import show
 
-from palpate.fe import Settings, Solver, TetMesh, box, linear
-from palpate.fe.element.elements import gradients, shape
+from palpate.models.fe import Settings, Solver, TetMesh, box, linear
+from palpate.models.fe.element.elements import gradients, shape
 from palpate.physics.materials.hyperelastic import Material, moduli
 
 RATIOS = (0.3, 0.4, 0.45, 0.47, 0.48, 0.485, 0.49, 0.495, 0.499, 0.4999)

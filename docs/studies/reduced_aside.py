@@ -22,10 +22,10 @@ from reduced_fe import Touch
 from scipy.interpolate import CubicSpline
 from tables import show
 
-from palpate.fe.meshing.organ import Organ
-from palpate.fe.reduce.dents import sticking
-from palpate.fe.reduce.indentation import Press
-from palpate.fe.reduce.reducible import of_organ
+from palpate.models.fe.meshing.organ import Organ
+from palpate.models.fe.reduce.dents import sticking
+from palpate.models.fe.reduce.indentation import Press
+from palpate.models.fe.reduce.reducible import of_organ
 from palpate.nodes.deformation import ReducedFE
 from palpate.physics.bodies.condensed_body import Basis, CondensedBody
 

@@ -22,12 +22,12 @@ import numpy as np
 from scipy.spatial import Delaunay
 from tables import tell
 
-from palpate.fe import Rigid, Settings, Solver, neo_hooke, quadratic, sphere
-from palpate.fe.element.mesh import bricks, grid
-from palpate.fe.meshing.organ import SLAB, Organ
-from palpate.fe.reduce.dents import RADIUS, patch, sticking
-from palpate.fe.reduce.indentation import Press
-from palpate.fe.reduce.reducible import of_organ
+from palpate.models.fe import Rigid, Settings, Solver, neo_hooke, quadratic, sphere
+from palpate.models.fe.element.mesh import bricks, grid
+from palpate.models.fe.meshing.organ import SLAB, Organ
+from palpate.models.fe.reduce.dents import RADIUS, patch, sticking
+from palpate.models.fe.reduce.indentation import Press
+from palpate.models.fe.reduce.reducible import of_organ
 from palpate.physics.bodies.dents import hat_moments, patch_radius
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.materials.hyperelastic import Material

@@ -18,9 +18,9 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import numpy as np
 
-from palpate.fe.meshing.organ import Nodule, Organ
-from palpate.fe.reduce.dents import RADIUS, patch
-from palpate.fe.reduce.reducible import Reducible, of_organ
+from palpate.models.fe.meshing.organ import Nodule, Organ
+from palpate.models.fe.reduce.dents import RADIUS, patch
+from palpate.models.fe.reduce.reducible import Reducible, of_organ
 from palpate.nodes.deformation import ReducedFE
 from palpate.physics.bodies.nodule import stiffness_map
 from palpate.physics.geometry.mesh_closest import MeshClosestPoint

@@ -17,7 +17,7 @@ import beside  # noqa: F401
 import numpy as np
 from tables import show
 
-from palpate.fe.reduce.dents import PLACES, RADIUS, patch, pressed_places
+from palpate.models.fe.reduce.dents import PLACES, RADIUS, patch, pressed_places
 from palpate.nodes.deformation import ReducedFE
 from palpate.physics.bodies.condensed_body import Basis
 from palpate.physics.bodies.dents import SPACING, hat_moments, patch_radius

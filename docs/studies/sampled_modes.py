@@ -27,11 +27,11 @@ import numpy as np
 from sampled_fe import Row, errors, times
 from tables import show
 
-from palpate.fe.meshing.fingertip import Fingertip
-from palpate.fe.meshing.organ import Organ
-from palpate.fe.reduce.holdout import settled
-from palpate.fe.reduce.reducible import Reducible, of_finger, of_organ
-from palpate.fe.reduce.reduction import (
+from palpate.models.fe.meshing.fingertip import Fingertip
+from palpate.models.fe.meshing.organ import Organ
+from palpate.models.fe.reduce.holdout import settled
+from palpate.models.fe.reduce.reducible import Reducible, of_finger, of_organ
+from palpate.models.fe.reduce.reduction import (
     CELLS,
     ORGAN_RADIUS,
     finger_pressed,
@@ -40,7 +40,7 @@ from palpate.fe.reduce.reduction import (
     organ_touches,
     sampled,
 )
-from palpate.fe.reduce.snapshots import MILD, Pressed, Touch, press, press_from_rest, scatter
+from palpate.models.fe.reduce.snapshots import MILD, Pressed, Touch, press, press_from_rest, scatter
 from palpate.nodes.base.surface import surface_mesh
 from palpate.nodes.deformation import ReducedFE
 from palpate.nodes.deformation.basis_store import touches

@@ -13,9 +13,9 @@ from palpate.launch.commands.fe_report import numbers, show, show_statements
 from palpate.launch.load.extras import install
 
 if TYPE_CHECKING:
-    from palpate.fe.meshing.layers import Layers
-    from palpate.fe.study.press_record import Record, Run
-    from palpate.fe.study.pressing import Pressing
+    from palpate.models.fe.meshing.layers import Layers
+    from palpate.models.fe.study.press_record import Record, Run
+    from palpate.models.fe.study.pressing import Pressing
 
 fe = typer.Typer(no_args_is_help=True, help="Run the full finite-element models.")
 
@@ -73,8 +73,8 @@ def compare(
     as_json: Json = False,
 ) -> None:
     """Compare both plates: which of the paper's statements hold, and pictures like its Figures 3 to 5."""
-    from palpate.fe.study.paper_claims import statements
-    from palpate.fe.study.press_record import Run
+    from palpate.models.fe.study.paper_claims import statements
+    from palpate.models.fe.study.press_record import Run
 
     runs = {"steel": Run(steel), "silicone": Run(silicone)}
     _check_pair(runs)
@@ -102,7 +102,7 @@ def table(
     """
     import numpy as np
 
-    from palpate.fe.study.press_record import LEVELS, Run, RunError
+    from palpate.models.fe.study.press_record import LEVELS, Run, RunError
 
     runs = {"steel": Run(steel), "silicone": Run(silicone)}
     ratio = _check_pair(runs, scaled=True)
@@ -150,8 +150,8 @@ def run_name(plate: str, material: str, cells: int, friction: float, finger: Pat
 
 
 def _check_material(material: str) -> None:
-    from palpate.fe.element.mesh import MeshError
-    from palpate.fe.meshing.fingertip import divisor_and_bone
+    from palpate.models.fe.element.mesh import MeshError
+    from palpate.models.fe.meshing.fingertip import divisor_and_bone
 
     try:
         divisor_and_bone(material)
@@ -160,9 +160,9 @@ def _check_material(material: str) -> None:
 
 
 def _finger(path: Path | None, cells: int) -> Layers:
-    from palpate.fe.element.mesh import MeshError
-    from palpate.fe.meshing.fingertip import Fingertip
-    from palpate.fe.meshing.scanned import Scanned
+    from palpate.models.fe.element.mesh import MeshError
+    from palpate.models.fe.meshing.fingertip import Fingertip
+    from palpate.models.fe.meshing.scanned import Scanned
     from palpate.physics.fingertip import surfaces as measured
 
     if not 3 <= cells <= 20:
@@ -173,7 +173,7 @@ def _finger(path: Path | None, cells: int) -> Layers:
 
 
 def _check_depth(depth: float, tip: Layers) -> None:
-    from palpate.fe.element.mesh import MeshError
+    from palpate.models.fe.element.mesh import MeshError
 
     most = 1e3 * float(tip.radii[-1] - tip.radii[0])
     if not 0.0 < depth < most:
@@ -182,9 +182,9 @@ def _check_depth(depth: float, tip: Layers) -> None:
 
 def _pressing(tip: Layers, plate: str, material: str, friction: float, place: Path) -> tuple[Pressing, Run]:
     """The pressing, and its folder, which can be written."""
-    from palpate.fe.element.mesh import MeshError
-    from palpate.fe.study.press_record import Run
-    from palpate.fe.study.pressing import Pressing
+    from palpate.models.fe.element.mesh import MeshError
+    from palpate.models.fe.study.press_record import Run
+    from palpate.models.fe.study.pressing import Pressing
 
     try:
         pressing = Pressing(tip, plate, material, friction)
@@ -202,7 +202,7 @@ def _press(pressing: Pressing, end: float, run: Run, quiet: bool) -> Record:
     """The pressing, with a bar; Ctrl-C keeps what is done."""
     from rich.progress import Progress, TextColumn
 
-    from palpate.fe.study.press_record import record
+    from palpate.models.fe.study.press_record import record
 
     count = 3 * len(pressing.solver.mesh.points)
     columns = (*Progress.get_default_columns()[:3], TextColumn("{task.fields[note]}"))
@@ -225,8 +225,8 @@ def _press(pressing: Pressing, end: float, run: Run, quiet: bool) -> Record:
 
 
 def _fields(pressing: Pressing, path: Path) -> None:
-    from palpate.fe.contact.pressure import nodal_pressure
-    from palpate.fe.element.vtk import write_vtu
+    from palpate.models.fe.contact.pressure import nodal_pressure
+    from palpate.models.fe.element.vtk import write_vtu
 
     values = pressing.strain()
     mesh = pressing.finger.mesh
@@ -249,7 +249,7 @@ def _pictures(runs: dict[str, Run], folder: Path) -> list[Path]:
 def _check_pair(runs: dict[str, Run], scaled: bool = False) -> float:
     """Whether the runs are of one finger on these plates; the ratio of the divisors, which is 1 unless it may be
     scaled. RunError: they are not."""
-    from palpate.fe.study.press_record import RunError, differing
+    from palpate.models.fe.study.press_record import RunError, differing
 
     run_settings = {plate: run.settings() for plate, run in runs.items()}
     for plate, settings in run_settings.items():

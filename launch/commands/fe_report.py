@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Any
 from palpate.launch.commands.common import console
 
 if TYPE_CHECKING:
-    from palpate.fe.study.press_record import Record
+    from palpate.models.fe.study.press_record import Record
 
 
 def numbers(plate: str, material: str, record: Record, paper: bool) -> dict[str, Any]:
     """The record as plain data, with the paper's points beside it."""
-    from palpate.fe.meshing.fingertip import PAPER, divisor_and_bone
+    from palpate.models.fe.meshing.fingertip import PAPER, divisor_and_bone
 
     divisor, bone = divisor_and_bone(material)
     return {
@@ -36,7 +36,7 @@ def show(plate: str, material: str, record: Record, paper: bool) -> None:
     """Print the record, and where the paper has points, those."""
     from rich.table import Table
 
-    from palpate.fe.meshing.fingertip import PAPER, divisor_and_bone
+    from palpate.models.fe.meshing.fingertip import PAPER, divisor_and_bone
 
     divisor, bone = divisor_and_bone(material)
     out = console()

@@ -48,9 +48,9 @@ def fingertip(
 ) -> None:
     """Read images of a finger, find skin, tissue and bone, and write the fingertip with a picture of it."""
     try:
-        from palpate.scan import read, segment
-        from palpate.scan.measures import measures
-        from palpate.scan.rebuild import reconstruct
+        from palpate.models.scan import read, segment
+        from palpate.models.scan.measures import measures
+        from palpate.models.scan.rebuild import reconstruct
         from palpate.views.pictures.scan import draw
     except ImportError as error:
         raise typer.BadParameter(f"{error.name} is not installed. {install('scan')}") from None
@@ -93,7 +93,7 @@ def fingertip(
 
 def _phantom(path: Path, as_json: bool) -> None:
     """Images of the default anatomy, with noise: a DICOM series in a new folder, or a NIfTI file."""
-    from palpate.scan.phantom import scan, write_dicom, write_nifti
+    from palpate.models.scan.phantom import scan, write_dicom, write_nifti
 
     file = path.name.endswith((".nii", ".nii.gz"))
     if path.exists():

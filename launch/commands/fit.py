@@ -12,7 +12,7 @@ from palpate.launch.commands.common import Json
 from palpate.launch.load.extras import install
 
 if TYPE_CHECKING:
-    from palpate.fit.fit import Told
+    from palpate.models.fit.fit import Told
 
 
 def fit(
@@ -45,8 +45,8 @@ def fit(
     Five models of the force and of its standard deviation are compared by nine-fold cross-validation; the best go into
     a YAML file that the node contact.Probabilistic takes as its `model`.
     """
-    from palpate.fit.fit import fit_sessions, write_example
-    from palpate.fit.sessions import SessionError
+    from palpate.models.fit.fit import fit_sessions, write_example
+    from palpate.models.fit.sessions import SessionError
 
     drawn: list[str] = []
 
@@ -86,7 +86,7 @@ def fit(
 
 def _draw(fitted: Told, folder: Path) -> list[str]:
     """The pictures of every subject; their files. SessionError: no matplotlib, or a folder that cannot be written."""
-    from palpate.fit.sessions import SessionError
+    from palpate.models.fit.sessions import SessionError
 
     try:
         from palpate.views.pictures.fit import draw_choice, draw_law

@@ -13,8 +13,8 @@ from palpate.launch.commands.common import INTERRUPTED, TROUBLE, Json, console, 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from palpate.fe.meshing.organ import Organ
     from palpate.launch.commands.stages import Stages
+    from palpate.models.fe.meshing.organ import Organ
     from palpate.nodes.deformation.reduced_fe import ReducedFE
     from palpate.physics.bodies.sampled_body import SampledBasis
     from palpate.physics.geometry.mesh import Mesh
@@ -120,9 +120,9 @@ def _build(node: ReducedFE, path: Path, quiet: bool) -> dict[str, float]:
     """Press and condense the full model, and write its basis, whole or not at all; what was found of its error."""
     import numpy as np
 
-    from palpate.fe.reduce.dents import LEVELS, PLACES, UNSEEN, dent_table, unseen
-    from palpate.fe.reduce.reducible import of_organ
     from palpate.launch.commands.stages import Stages
+    from palpate.models.fe.reduce.dents import LEVELS, PLACES, UNSEEN, dent_table, unseen
+    from palpate.models.fe.reduce.reducible import of_organ
     from palpate.physics.bodies.condensed_body import Basis
 
     missed: dict[str, float] = {}
@@ -186,8 +186,8 @@ def _enter(path: Path) -> None:
 
 def _organ(node: ReducedFE, stages: Stages) -> Organ:
     """The full model of the node's organ. SettingError: a surface that it cannot be made of."""
-    from palpate.fe.element.mesh import MeshError
-    from palpate.fe.meshing.organ import Capsule, Nodule, Organ
+    from palpate.models.fe.element.mesh import MeshError
+    from palpate.models.fe.meshing.organ import Capsule, Nodule, Organ
     from palpate.nodes.base import SettingError
 
     surface = node.coarse_mesh()
@@ -217,10 +217,10 @@ def _check_size(node: ReducedFE, surface: Mesh) -> None:
 
 def _sampled(node: ReducedFE, stages: Stages) -> tuple[SampledBasis, dict[str, float]]:
     """Press the full model, reduce it to modes, and press it at other places: the basis and its error there."""
-    from palpate.fe.meshing.fingertip import Fingertip
-    from palpate.fe.reduce.holdout import errors
-    from palpate.fe.reduce.reducible import of_finger, of_organ
-    from palpate.fe.reduce.reduction import (
+    from palpate.models.fe.meshing.fingertip import Fingertip
+    from palpate.models.fe.reduce.holdout import errors
+    from palpate.models.fe.reduce.reducible import of_finger, of_organ
+    from palpate.models.fe.reduce.reduction import (
         CELLS,
         UNSEEN,
         UNSEEN_SEED,
@@ -230,7 +230,7 @@ def _sampled(node: ReducedFE, stages: Stages) -> tuple[SampledBasis, dict[str, f
         organ_pressed,
         organ_touches,
     )
-    from palpate.fe.reduce.snapshots import press, press_from_rest
+    from palpate.models.fe.reduce.snapshots import press, press_from_rest
     from palpate.nodes.base import SettingError
     from palpate.nodes.deformation.basis_store import touches
     from palpate.physics.materials.hyperelastic import MIXED_FROM

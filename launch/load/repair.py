@@ -67,7 +67,7 @@ def _closed(vertices: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray, np
 
 
 def _anew(vertices: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    from palpate.fe.meshing.tetwild import solid  # its package is an extra
+    from palpate.models.fe.meshing.tetwild import solid  # its package is an extra
 
     surface = solid(Mesh(vertices, triangles))[1]
     return surface.vertices, surface.triangles

@@ -10,8 +10,8 @@ it has
     energy      the compiled law, below        x(...)   a function that gives a `Material` from its constants
     EXAMPLE     constants that x takes, for tests and tables
 
-and the equation at its head. Nothing is registered: finite elements (`palpate.fe.x`), sampled bodies, checks, `palpate
-fe laws` and the tests of consistency take every file that they find. Compiled with `numba.njit(cache=True)`,
+and the equation at its head. Nothing is registered: finite elements (`palpate.models.fe.x`), sampled bodies, checks,
+`palpate fe laws` and the tests of consistency take every file that they find. Compiled with `numba.njit(cache=True)`,
 
     energy(F, J, p, P, A) -> (W, U, U', U'')
 

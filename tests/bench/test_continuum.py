@@ -10,7 +10,7 @@ from palpate.bench.halfspace import DEPTHS
 from palpate.bench.halfspace import press as press_ball
 from palpate.bench.touches import TOUCHES
 from palpate.bench.truth import HERTZ
-from palpate.fe.element.mesh import grid
+from palpate.models.fe.element.mesh import grid
 
 FIRST = np.array([0.03, 0.1])
 
@@ -33,7 +33,7 @@ def test_the_hardness_holds_the_volume_of_the_nodule():
 def test_the_load_is_that_of_the_pressure():
     block = Block(0.01, 3)
     points, cells = grid(*block.axes())
-    from palpate.fe.element.mesh import bricks, quadratic
+    from palpate.models.fe.element.mesh import bricks, quadratic
 
     mesh = quadratic(points, bricks(points, cells))
     top = mesh.faces[(mesh.points[mesh.faces[:, :3], 2] > -1e-9).all(axis=1)]

@@ -194,8 +194,8 @@ def test_an_archive_that_unpacks_to_more_than_it_may_is_refused(tmp_path, monkey
 
 
 SCANS = """import nibabel, pydicom, skimage.io, tifffile
-from palpate.scan import read
-sys.modules["palpate.scan.read"].MOST_VOXELS = 1 << 24"""
+from palpate.models.scan import read
+sys.modules["palpate.models.scan.read"].MOST_VOXELS = 1 << 24"""
 
 
 def scanned(path: Path) -> tuple[str, int]:
@@ -218,8 +218,8 @@ def test_a_scan_that_unpacks_to_more_than_it_may_is_refused(tmp_path):
     pytest.importorskip("skimage", reason="scikit-image is not installed (extra scan)")
     from PIL import Image
 
-    from palpate.scan import phantom
-    from palpate.scan.stack import Stack
+    from palpate.models.scan import phantom
+    from palpate.models.scan.stack import Stack
 
     wide = tmp_path / "wide.nii.gz"
     with gzip.open(wide, "wb", compresslevel=1) as file:

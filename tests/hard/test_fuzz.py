@@ -28,11 +28,11 @@ from palpate.drivers.haply import inverse3
 from palpate.drivers.hid import descriptor, raw
 from palpate.drivers.pins import dotpad
 from palpate.drivers.sensors import bota, netft
-from palpate.fit.sessions import read_sessions
 from palpate.launch.commands.info import describe
 from palpate.launch.load.files import GRAPHS, SCENES
 from palpate.launch.load.launchfile import LAUNCHES, find
 from palpate.messages import Contact, DeviceState, Load, MessageError, Surface, pack, unpack
+from palpate.models.fit.sessions import read_sessions
 from palpate.nodes.base.mesh_file import read_mesh
 from palpate.nodes.contact.probabilistic import read_law
 from palpate.nodes.deformation import basis_store
@@ -224,8 +224,8 @@ def test_damaged_images_are_told(tmp_path, kind, seeds):
     pytest.importorskip("pydicom")
     pytest.importorskip("nibabel")
     pytest.importorskip("skimage")
-    from palpate.scan import phantom, read
-    from palpate.scan.stack import Stack
+    from palpate.models.scan import phantom, read
+    from palpate.models.scan.stack import Stack
 
     whole = phantom.scan()
     small = Stack(whole.volume[:4, ::6, ::6], whole.spacing, "small")

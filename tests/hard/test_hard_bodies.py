@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pytest import approx
 
-from palpate.fe import Material, MeshError, Settings, Solver, box, linear, neo_hooke, quadratic
-from palpate.fe.element.mesh import bricks, grid
-from palpate.fe.solve.body import ElasticBody
+from palpate.models.fe import Material, MeshError, Settings, Solver, box, linear, neo_hooke, quadratic
+from palpate.models.fe.element.mesh import bricks, grid
+from palpate.models.fe.solve.body import ElasticBody
 from palpate.physics.bodies.mass_spring import NodalBody
 from palpate.physics.bodies.spring_net import NetBody
 from palpate.physics.contact.spread import Spreader

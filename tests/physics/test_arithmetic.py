@@ -28,7 +28,9 @@ def told(code, **environment):
     return json.loads(done.stdout)
 
 
-@pytest.mark.parametrize("first", ["physics", "fe", "nodes", "engine", "records", "views", "launch.run.forkserver"])
+@pytest.mark.parametrize(
+    "first", ["physics", "models.fe", "nodes", "engine", "records", "views", "launch.run.forkserver"]
+)
 def test_the_pin_wins_over_the_environment(first):
     code = f"import palpate.{first}; import numba; " + ASK.format("in_force()")
     assert told(code, **FOREIGN)["instructions"] == LEVEL

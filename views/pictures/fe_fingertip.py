@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from palpate.fe.meshing.fingertip import PAPER
-from palpate.fe.study.isostrain import cross, smooth, strain, volumes_above
-from palpate.fe.study.paper_claims import HIGH, LOW
-from palpate.fe.study.press_record import Run
-from palpate.fe.study.section import finger, flow, section
+from palpate.models.fe.meshing.fingertip import PAPER
+from palpate.models.fe.study.isostrain import cross, smooth, strain, volumes_above
+from palpate.models.fe.study.paper_claims import HIGH, LOW
+from palpate.models.fe.study.press_record import Run
+from palpate.models.fe.study.section import finger, flow, section
 from palpate.physics.contact.tactile import growth
 from palpate.views.pictures.style import DEFORMATION, FAINT, FRICTION, INK, LOOK, NORMAL, figure
 

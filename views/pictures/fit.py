@@ -11,8 +11,8 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from palpate.fit.curve_fit import Fit, fit_curve
-from palpate.fit.report import Chosen, Fitted
+from palpate.models.fit.curve_fit import Fit, fit_curve
+from palpate.models.fit.report import Chosen, Fitted
 from palpate.physics.contact.force_band import truncated_density, truncated_quantile
 from palpate.physics.contact.force_models import MODELS
 

@@ -12,7 +12,7 @@ from palpate.physics.fingertip.surfaces import Fingertip, cast, fill, lowest
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from palpate.scan import Outlines, Stack
+    from palpate.models.scan import Outlines, Stack
 
 COLOURS = {"skin": "#e07a1f", "tissue": "#f2c14e", "bone": "#4aa3df"}
 

@@ -11,12 +11,12 @@ import pytest
 from pytest import approx
 
 import palpate.physics.bodies.dents as physics_dents
-from palpate.fe.meshing import fingertip, layers, organ
-from palpate.fe.meshing.organ import Organ
-from palpate.fe.reduce import dents, indentation, reducible, reduction, sampling, snapshots
-from palpate.fe.reduce.indentation import Press
-from palpate.fe.reduce.reducible import of_organ
 from palpate.launch.testing import FakeBus
+from palpate.models.fe.meshing import fingertip, layers, organ
+from palpate.models.fe.meshing.organ import Organ
+from palpate.models.fe.reduce import dents, indentation, reducible, reduction, sampling, snapshots
+from palpate.models.fe.reduce.indentation import Press
+from palpate.models.fe.reduce.reducible import of_organ
 from palpate.nodes.base import SettingError
 from palpate.nodes.base.surface import surface_mesh
 from palpate.nodes.deformation import ReducedFE, basis_store

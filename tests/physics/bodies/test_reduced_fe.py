@@ -7,11 +7,11 @@ import pytest
 from pytest import approx
 from scipy.sparse.linalg import spsolve
 
-from palpate.fe.element.mesh import MeshError
-from palpate.fe.meshing.organ import Capsule, Nodule, Organ, fill
-from palpate.fe.reduce.reducible import of_organ
 from palpate.launch.testing import FakeBus
 from palpate.messages import Load
+from palpate.models.fe.element.mesh import MeshError
+from palpate.models.fe.meshing.organ import Capsule, Nodule, Organ, fill
+from palpate.models.fe.reduce.reducible import of_organ
 from palpate.nodes.base import SettingError
 from palpate.nodes.base.surface import surface_mesh
 from palpate.nodes.deformation import ReducedFE

@@ -9,11 +9,11 @@ from hypothesis import strategies as st
 from pytest import approx
 from scipy.optimize import brentq
 
-from palpate.fe.meshing.organ import Organ
-from palpate.fe.reduce.dents import patch
-from palpate.fe.reduce.reducible import of_organ
 from palpate.launch.testing import FakeBus
 from palpate.messages import Load
+from palpate.models.fe.meshing.organ import Organ
+from palpate.models.fe.reduce.dents import patch
+from palpate.models.fe.reduce.reducible import of_organ
 from palpate.nodes.base import SettingError
 from palpate.nodes.base.surface import surface_mesh
 from palpate.nodes.deformation import ReducedFE

@@ -7,18 +7,18 @@ import pytest
 from pytest import approx
 from scipy.optimize import brentq, nnls
 
-from palpate.fe import hencky, mooney_rivlin, neo_hooke
-from palpate.fe.meshing.fingertip import Fingertip
-from palpate.fe.meshing.organ import Organ
-from palpate.fe.reduce import snapshots
-from palpate.fe.reduce.reducible import of_finger, of_organ
-from palpate.fe.reduce.reduction import CELLS, answers, build
-from palpate.fe.reduce.sampling import at_rest, bent, chosen, modes, nonnegative, points_of
-from palpate.fe.reduce.snapshots import MILD, mirror, press, press_from_rest, scatter
 from palpate.launch.load.launchfile import find
 from palpate.launch.run.execute import execute
 from palpate.launch.testing import FakeBus
 from palpate.messages import Load
+from palpate.models.fe import hencky, mooney_rivlin, neo_hooke
+from palpate.models.fe.meshing.fingertip import Fingertip
+from palpate.models.fe.meshing.organ import Organ
+from palpate.models.fe.reduce import snapshots
+from palpate.models.fe.reduce.reducible import of_finger, of_organ
+from palpate.models.fe.reduce.reduction import CELLS, answers, build
+from palpate.models.fe.reduce.sampling import at_rest, bent, chosen, modes, nonnegative, points_of
+from palpate.models.fe.reduce.snapshots import MILD, mirror, press, press_from_rest, scatter
 from palpate.nodes.base import SettingError
 from palpate.nodes.base.surface import FINGER_LENGTH, FINGER_RADIUS, surface_mesh, surface_patch
 from palpate.nodes.deformation import ReducedFE

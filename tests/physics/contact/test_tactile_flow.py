@@ -59,7 +59,7 @@ def test_volumes_fall_with_the_level_and_add_up():
 
 
 def test_the_volume_of_a_ball_is_found_with_second_order():
-    from palpate.fe.element.mesh import bricks, grid
+    from palpate.models.fe.element.mesh import bricks, grid
 
     errors = []
     for count in (6, 12):

@@ -6,10 +6,10 @@ from added_laws import GENT
 from pytest import approx
 from scipy.linalg import expm
 
-from palpate import fe
-from palpate.fe import MaterialError, Rigid, Settings, Solver, box, plane
-from palpate.fe.reduce.reducible import Reducible
-from palpate.fe.reduce.sampling import points_of
+from palpate.models import fe
+from palpate.models.fe import MaterialError, Rigid, Settings, Solver, box, plane
+from palpate.models.fe.reduce.reducible import Reducible
+from palpate.models.fe.reduce.sampling import points_of
 from palpate.physics import materials
 from palpate.physics.bodies.sampled_body import SampledBasis
 from palpate.physics.bodies.sampled_energy import forces, scratch

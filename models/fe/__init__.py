@@ -1,0 +1,45 @@
+"""Finite elements for soft layered bodies, off-line: the reference that the fast models are measured against.
+
+Each material law of `palpate.physics.materials` is here by its name: `neo_hooke(20e3, 0.48)`.
+"""
+
+from collections.abc import Callable
+
+import palpate.physics  # noqa: F401  pins the arithmetic, before numpy
+from palpate.models.fe.contact.meshed import meshed
+from palpate.models.fe.contact.pair import Pair
+from palpate.models.fe.contact.rigid import Rigid, capsule, plane, sphere
+from palpate.models.fe.element.mesh import MeshError, TetMesh, box, quadratic
+from palpate.models.fe.solve.solver import ConvergenceError, Settings, Solver
+from palpate.physics.materials.hyperelastic import Material, MaterialError, constructor, laws
+
+__all__ = [
+    "ConvergenceError",
+    "Material",
+    "MaterialError",
+    "MeshError",
+    "Pair",
+    "Rigid",
+    "Settings",
+    "Solver",
+    "TetMesh",
+    "box",
+    "capsule",
+    "meshed",
+    "plane",
+    "quadratic",
+    "sphere",
+]
+
+
+globals().update({name: constructor(name) for name in laws()})  # now: the folder `linear` has a law's name
+
+
+def __getattr__(name: str) -> Callable[..., Material]:
+    if name.startswith("_"):
+        raise AttributeError(name)
+    return constructor(name)
+
+
+def __dir__() -> list[str]:
+    return sorted([*__all__, *laws()])

@@ -1,0 +1,148 @@
+"""Shared by all augmented-Lagrangian contacts: settings, state, the multipliers between two updates."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from palpate.models.fe.contact.area import contact_area
+from palpate.models.fe.element import faces as face_rule
+from palpate.models.fe.element.mesh import point_text
+
+STIFF = 10.0
+"""Penalty over the stiffness per area of the faces. Ten times as much needs fewer rounds but more iterations where
+points slide."""
+SMOOTH = 10.0
+"""By how much more without friction: fewer rounds, and no sliding points that would want more iterations."""
+
+
+class Traces(NamedTuple):
+    """What an evaluation writes at each point, see `Augmented`."""
+
+    traction: np.ndarray
+    shear: np.ndarray
+    gap: np.ndarray
+    normal: np.ndarray
+    slip: np.ndarray
+
+
+class Augmented:
+    """State of a contact at the integration points of the faces that may touch.
+
+    traction    [Pa] (F,6)    normal traction of the last evaluation, > 0 where they touch
+    shear       [Pa] (F,6,3)  tangential traction of the last evaluation
+    gap         [m]  (F,6)    negative where one body is in the other, inf out of reach
+    normal      [1]  (F,6,3)  of the body that is touched, where they touch
+    slip             (F,6)    bool, where they slide
+    multiplier  [Pa] (F,6)    the normal traction that the next round starts from; sliding: the same of the shear
+    force       [N]  (3)      force on the faces
+    bound       [m]           deepest penetration that is accepted
+    """
+
+    def __init__(self, faces: np.ndarray, friction: float, bound: float, penalty: float) -> None:
+        if not 0.0 <= friction < np.inf:
+            raise ValueError(f"friction {friction}: expected a number >= 0")
+        if not (0.0 <= bound < np.inf and 0.0 <= penalty < np.inf):
+            raise ValueError(
+                f"bound {bound} m, penalty {penalty} Pa/m: expected positive numbers, or 0 to choose them automatically"
+            )
+        self.faces = checked_faces(faces)
+        self.friction, self.bound, self.penalty = float(friction), float(bound), float(penalty)
+        self.value, _ = face_rule.shape(face_rule.POINTS)
+
+    @property
+    def traces(self) -> Traces:
+        """What an evaluation writes."""
+        return Traces(self.traction, self.shear, self.gap, self.normal, self.slip)
+
+    def clear(self, points: np.ndarray) -> None:
+        """A fresh state on a mesh with these points [m] (N,3)."""
+        self.points = points
+        self.area = face_rule.areas(points, self.faces)
+        if not self.bound > 0.0:
+            self.bound = self.edge / 2000.0
+        size = self.area.shape
+        self.multiplier, self.traction, self.gap = np.zeros(size), np.zeros(size), np.full(size, np.inf)
+        self.sliding, self.shear, self.normal = (np.zeros((*size, 3)) for _ in range(3))
+        self.slip = np.zeros(size, dtype=bool)
+        self.force = np.zeros(3)
+        self.remember()
+
+    def nodes(self) -> np.ndarray:
+        """Nodes that it may hold (F,6)."""
+        return self.faces
+
+    def touches(self) -> bool:
+        """Whether a point carried pressure at the last evaluation."""
+        return bool((self.traction > 0.0).any())
+
+    @property
+    def edge(self) -> float:
+        """Mean edge of the faces [m]."""
+        return float(np.sqrt(2.0 * self.area.sum() / len(self.faces)))
+
+    def leapt(self, start: np.ndarray, load: float, end: np.ndarray, target: float) -> str:
+        """Whether a step ended with the other body pressing from behind, through the faces."""
+        outward = np.einsum("fqi,fqi->fq", self.normal, face_rule.normals(self.points + end, self.faces))
+        behind = (self.traction > 0.0) & (outward > 0.0)
+        if not behind.any():
+            return ""
+        f, q = np.unravel_index(int(np.argmax(np.where(behind, self.traction, 0.0))), behind.shape)
+        at = self.value[q] @ self.points[self.faces[f]]
+        return f"the other body passes through the surface at {point_text(at)} and presses on it from behind"
+
+    def remember(self) -> None:
+        """Save the multipliers, so that a failed load step can be undone."""
+        self._saved = self.multiplier.copy(), self.sliding.copy()
+
+    def back(self) -> None:
+        """Forget a load step that failed."""
+        self.multiplier, self.sliding = (x.copy() for x in self._saved)
+
+    def deep(self) -> bool:
+        """Whether the penetration is above its bound."""
+        touching = self.traction > 0.0
+        return bool(touching.any()) and float(-self.gap[touching].min()) > self.bound
+
+    def settle(self) -> None:
+        """Take the tractions as multipliers."""
+        self.multiplier = self.traction.copy()
+        self.sliding = self.shear.copy()
+
+    def friction_slope(self, pressed: np.ndarray) -> np.ndarray:
+        """Change of -shear [Pa] (F,6,3) where points slide, when they are moved off by `pressed` [m] (F,6)."""
+        size = np.linalg.norm(self.shear, axis=2)
+        rate = np.where(self.slip, self.friction * self.penalty * pressed, 0.0) / np.where(size > 0.0, size, 1.0)
+        return rate[..., None] * self.shear
+
+    def state(self) -> dict[str, Any]:
+        """What `restore` needs."""
+        return {"multiplier": self.multiplier, "sliding": self.sliding}
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Go on from a saved state."""
+        self.multiplier, self.sliding = np.array(state["multiplier"]), np.array(state["sliding"])
+
+    def contact_area(self, displacement: np.ndarray) -> float:
+        """Area of contact on the deformed faces [m²], see `fe.area`."""
+        return contact_area((self.points + displacement)[self.faces], self.gap, self.traction)
+
+
+def checked_faces(faces: np.ndarray) -> np.ndarray:
+    """Faces (F,6) as a contact takes them.
+
+    ValueError: none, or not six nodes each.
+    """
+    numbers = np.ascontiguousarray(faces, dtype=np.int64)
+    if numbers.ndim != 2 or numbers.shape[1] != 6 or len(numbers) == 0:
+        raise ValueError(
+            f"faces: found shape {numbers.shape}, expected (F, 6) with F > 0, as `TetMesh.faces` holds them"
+        )
+    return numbers
+
+
+def stiffness_per_area(faces: np.ndarray, area: np.ndarray, stiffness: np.ndarray) -> float:
+    """[Pa/m] of faces with these areas [m²] (F,6) of nodes with this stiffness [N/m] (N,)."""
+    nodes = np.unique(faces)
+    return float(np.median(stiffness[nodes])) * len(nodes) / float(area.sum())

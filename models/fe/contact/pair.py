@@ -1,0 +1,277 @@
+"""Contact of two deformable surfaces of one mesh, without friction or with Coulomb's, by an augmented Lagrangian.
+
+Each integration point of the slave faces is carried to the nearest point of the master faces; gap g along the master's
+normal, traction t = <l - e g> on the slave and its reaction on the master, as in `fe.rigid`. Choose as slave the finer
+or the softer side. T. A. Laursen, Computational Contact and Impact Mechanics, Springer 2002, ch. 5.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numba
+import numpy as np
+from scipy.spatial import cKDTree
+
+from palpate.models.fe.contact.augmented import STIFF, Augmented, checked_faces, stiffness_per_area
+from palpate.models.fe.contact.switching import Switching
+from palpate.models.fe.element import faces as face_rule
+from palpate.models.fe.linear.pattern import Pattern
+
+
+@numba.njit(cache=True)
+def _face_shape(x, y, value, slope):
+    z = 1.0 - x - y
+    value[0], value[1], value[2] = z * (2.0 * z - 1.0), x * (2.0 * x - 1.0), y * (2.0 * y - 1.0)
+    value[3], value[4], value[5] = 4.0 * z * x, 4.0 * x * y, 4.0 * y * z
+    slope[0, 0] = slope[0, 1] = 1.0 - 4.0 * z
+    slope[1, 0], slope[1, 1], slope[2, 0], slope[2, 1] = 4.0 * x - 1.0, 0.0, 0.0, 4.0 * y - 1.0
+    slope[3, 0], slope[3, 1] = 4.0 * (z - x), -4.0 * x
+    slope[4, 0], slope[4, 1] = 4.0 * y, 4.0 * x
+    slope[5, 0], slope[5, 1] = -4.0 * y, 4.0 * (z - y)
+
+
+@numba.njit(cache=True)
+def _place(x, y, points, face, shape, frame):
+    """Fill a point of a face [m] (3) and its derivatives by x and y [m] (3), and the shape functions there."""
+    (value, slope), (at, e1, e2) = shape, frame
+    _face_shape(x, y, value, slope)
+    at[:], e1[:], e2[:] = 0.0, 0.0, 0.0
+    for a in range(6):
+        for i in range(3):
+            at[i] += value[a] * points[face[a], i]
+            e1[i] += slope[a, 0] * points[face[a], i]
+            e2[i] += slope[a, 1] * points[face[a], i]
+
+
+@numba.njit(cache=True)
+def _project(point, points, face, value, slope, normal):
+    """Nearest point of a face by Gauss-Newton, held in the triangle: distance, and its part along the normal."""
+    x, y = 1.0 / 3.0, 1.0 / 3.0
+    at, e1, e2 = np.zeros(3), np.zeros(3), np.zeros(3)
+    for _ in range(20):
+        _place(x, y, points, face, (value, slope), (at, e1, e2))
+        r = point - at
+        a11, a12, a22 = np.dot(e1, e1), np.dot(e1, e2), np.dot(e2, e2)
+        b1, b2 = np.dot(e1, r), np.dot(e2, r)
+        det = max(a11 * a22 - a12 * a12, 1e-300)
+        new_x = x + (a22 * b1 - a12 * b2) / det
+        new_y = y + (a11 * b2 - a12 * b1) / det
+        if new_x < 0.0:
+            new_x = 0.0
+            new_y = y + b2 / max(a22, 1e-300)
+        if new_y < 0.0:
+            new_y = 0.0
+            new_x = x + b1 / max(a11, 1e-300)
+        if new_x + new_y > 1.0:
+            d = e1 - e2
+            step = (np.dot(d, r) - (1.0 - x - y) * np.dot(d, e2)) / max(np.dot(d, d), 1e-300)
+            new_x = x + step
+            new_y = 1.0 - new_x
+        new_x, new_y = min(max(new_x, 0.0), 1.0), min(max(new_y, 0.0), 1.0)
+        if new_x + new_y > 1.0:
+            new_y = 1.0 - new_x
+        moved = abs(new_x - x) + abs(new_y - y)
+        x, y = new_x, new_y
+        if moved < 1e-12:
+            break
+    _place(x, y, points, face, (value, slope), (at, e1, e2))
+    n = np.cross(e1, e2)
+    n /= max(np.sqrt(np.dot(n, n)), 1e-300)
+    normal[:] = n
+    r = point - at
+    return np.sqrt(np.dot(r, r)), np.dot(r, n)
+
+
+class _Faces(NamedTuple):
+    """Where two surfaces may meet: their faces (F,6), (G,6), which of them (C,1 + n), the nodes that these couple (C,k)
+    and their blocks of the tangent (C,k,k); shape functions (6,6) and areas [m²] (F,6) of the slave's points."""
+
+    slave: np.ndarray
+    master: np.ndarray
+    candidates: np.ndarray
+    cliques: np.ndarray
+    where: np.ndarray
+    value: np.ndarray
+    area: np.ndarray
+
+
+@numba.njit(cache=True)
+def _touch(points, start, faces, law, reach, given, traces, met, total, tangent, force, data):
+    """`law`: penalty and coefficient of friction; `met`: face (F,6) and its shape functions (F,6,6) at each foot."""
+    slave, master, candidates, cliques, where, value, area = faces
+    penalty, friction = law
+    multiplier, sliding = given
+    traction, shear, gap, normals, slip = traces
+    hits, feet = met
+    n, best_n, x, s, q = np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3)
+    m, slope, best_m, block = np.zeros(6), np.zeros((6, 2)), np.zeros(6), np.zeros((3, 3))
+    share, spot = np.zeros(12), np.zeros(12, dtype=np.int64)
+    total[:] = 0.0
+    for c in range(len(candidates)):
+        f = candidates[c, 0]
+        for k in range(value.shape[0]):
+            for i in range(3):
+                x[i] = 0.0
+                for a in range(6):
+                    x[i] += value[k, a] * points[slave[f, a], i]
+            nearest, hit, best_gap = np.inf, -1, np.inf
+            for b in range(1, candidates.shape[1]):
+                if candidates[c, b] < 0:
+                    break
+                away, g = _project(x, points, master[candidates[c, b]], m, slope, n)
+                if away < nearest:
+                    nearest, hit, best_gap = away, candidates[c, b], g
+                    best_n[:] = n
+                    best_m[:] = m
+            shear[f, k] = 0.0
+            traction[f, k] = 0.0
+            slip[f, k] = False
+            # past the rim of the master the nearest point is not along its normal: no contact there
+            if hit < 0 or nearest > reach or abs(best_gap) < 0.5 * nearest:
+                gap[f, k] = np.inf
+                continue
+            gap[f, k] = best_gap
+            t = multiplier[f, k] - penalty * best_gap
+            if not t > 0.0:
+                continue
+            traction[f, k] = t
+            normals[f, k] = best_n
+            feet[f, k] = best_m
+            hits[f, k] = hit
+            for a in range(6):
+                share[a], share[6 + a] = value[k, a], -best_m[a]
+                for b in range(cliques.shape[1]):
+                    if cliques[c, b] == slave[f, a]:
+                        spot[a] = b
+                    if cliques[c, b] == master[hit, a]:
+                        spot[6 + a] = b
+            cut, length = 0.0, 0.0
+            if friction > 0.0:
+                for i in range(3):
+                    s[i] = 0.0
+                    for a in range(12):
+                        node = cliques[c, spot[a]]
+                        s[i] += share[a] * (points[node, i] - start[node, i])
+                q[:] = sliding[f, k] - penalty * s
+                q -= np.dot(q, best_n) * best_n
+                length = np.sqrt(np.dot(q, q))
+                cut = 1.0
+                if length > friction * t:
+                    cut = friction * t / length
+                    slip[f, k] = True
+                shear[f, k] = cut * q
+            w = area[f, k]
+            for i in range(3):
+                pull = w * (t * best_n[i] + shear[f, k, i])
+                total[i] += pull
+                for a in range(12):
+                    force[cliques[c, spot[a]], i] -= share[a] * pull
+            if not tangent:
+                continue
+            for i in range(3):
+                for j in range(3):
+                    square = best_n[i] * best_n[j]
+                    block[i, j] = penalty * square
+                    if friction > 0.0:
+                        part = (1.0 if i == j else 0.0) - square
+                        if slip[f, k]:
+                            part -= q[i] * q[j] / (length * length)
+                        block[i, j] += penalty * cut * part
+            for a in range(12):
+                for b in range(12):
+                    scale = w * share[a] * share[b]
+                    for i in range(3):
+                        for j in range(3):
+                            data[where[c, spot[a], spot[b]], i, j] += scale * block[i, j]
+
+
+class Pair(Augmented):
+    """Two surfaces of the mesh that may touch.
+
+    slave, master  (F,6), (G,6) outward boundary faces
+    friction       Coulomb's coefficient [1] >= 0
+    bound          [m] greatest penetration that is left; 0: 1/2000 of the mean edge of the slave
+    penalty        [Pa/m] to begin with; 0: from the stiffness of the softer side
+    """
+
+    def __init__(
+        self, slave: np.ndarray, master: np.ndarray, friction: float = 0.0, bound: float = 0.0, penalty: float = 0.0
+    ) -> None:
+        super().__init__(slave, friction, bound, penalty)
+        self.master = checked_faces(master)
+        self._candidates = np.zeros((0, 2), dtype=np.int64)
+        self._cliques = np.zeros((0, 12), dtype=np.int64)
+
+    def bind(self, points: np.ndarray, pattern: Pattern, stiffness: np.ndarray) -> None:
+        """Make the state for a mesh whose nodes have this stiffness [N/m] (N,)."""
+        self.clear(points)
+        area = face_rule.areas(points, self.master)
+        edge, wide = (np.sqrt(2.0 * x.sum() / len(x)) for x in (self.area, area))
+        self._reach = 2.0 * max(edge, wide)
+        if not self.penalty > 0.0:
+            sides = (self.faces, self.area), (self.master, area)
+            self.penalty = STIFF * min(stiffness_per_area(f, a, stiffness) for f, a in sides)
+        size = self.area.shape
+        self._hit, self._feet = np.zeros(size, dtype=np.int64), np.zeros((*size, 6))
+        self.couple(pattern)
+
+    def couple(self, pattern: Pattern) -> None:
+        """Take up a new pattern."""
+        self._where = pattern.where(self._cliques)
+
+    def couples(self) -> np.ndarray:
+        """Nodes that this contact couples beyond the elements (C,k), -1 fills up."""
+        return self._cliques
+
+    def nodes(self) -> np.ndarray:
+        """Nodes that it may hold (F + G,6)."""
+        return np.concatenate([self.faces, self.master])
+
+    def begin(self, displacement: np.ndarray, load: float) -> None:
+        """Start of a load step from a converged state: find the faces that may touch."""
+        self.remember()
+        self._start = self.points + displacement
+        tree = cKDTree(self._start[self.master[:, :3]].mean(axis=1))
+        middle = self._start[self.faces[:, :3]].mean(axis=1)
+        neighbours = tree.query_ball_point(middle, self._reach)
+        near = [f for f, hits in enumerate(neighbours) if hits]
+        width = max((len(neighbours[f]) for f in near), default=1)
+        candidates = np.full((len(near), 1 + width), -1, dtype=np.int64)
+        groups = []
+        for row, f in enumerate(near):
+            candidates[row, 0] = f
+            candidates[row, 1 : 1 + len(neighbours[f])] = sorted(neighbours[f])
+            groups.append(np.unique(np.concatenate([self.faces[f], self.master[neighbours[f]].ravel()])))
+        long = max((len(g) for g in groups), default=1)
+        cliques = np.full((len(near), long), -1, dtype=np.int64)
+        for row, group in enumerate(groups):
+            cliques[row, : len(group)] = group
+        self._candidates, self._cliques = candidates, cliques
+
+    def add(self, displacement: np.ndarray, load: float, tangent: bool, force: np.ndarray, data: np.ndarray) -> None:
+        """Add the contact to the residual (N,3) and, if asked, to the tangent's blocks."""
+        self.traction[:], self.shear[:], self.gap[:], self.slip[:] = 0.0, 0.0, np.inf, False
+        faces = _Faces(self.faces, self.master, self._candidates, self._cliques, self._where, self.value, self.area)
+        _touch(
+            self.points + displacement, self._start, faces, (self.penalty, self.friction), self._reach,
+            (self.multiplier, self.sliding), self.traces, (self._hit, self._feet), self.force, tangent, force, data,
+        )  # fmt: skip
+
+    def switching(self) -> Switching | None:
+        """None: the faces that meet change with the step."""
+        return None
+
+    def foresee(self, traction: np.ndarray) -> None:
+        """Never called, as the active set does not change within a step."""
+
+    def skew(self, change: np.ndarray, force: np.ndarray) -> None:
+        """Add to `force` (N,3) what the part of the tangent that `add` leaves out gives for a change (N,3) of the
+        displacement: sliding friction grows with the pressure."""
+        if not self.slip.any():
+            return
+        own = np.einsum("qa,fai->fqi", self.value, change[self.faces])
+        other = np.einsum("fqa,fqai->fqi", self._feet, change[self.master[self._hit]])
+        pull = self.area[..., None] * self.friction_slope(np.einsum("fqi,fqi->fq", self.normal, own - other))
+        np.add.at(force, self.faces, np.einsum("qa,fqi->fai", self.value, pull))
+        np.add.at(force, self.master[self._hit], -self._feet[..., None] * pull[:, :, None])

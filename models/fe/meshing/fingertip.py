@@ -1,0 +1,131 @@
+"""The layered fingertip of Battaglia et al.: its geometry and its materials.
+
+The layers are capsules about one axis: a cylinder with a rounded tip. Half of it is meshed, cut along the plane of
+symmetry. World frame: z up from the plate, origin at the first point of contact, the tip towards -y and lower by
+`tilt`.
+
+E. Battaglia et al., A finite element model of tactile flow for softness perception (2015).
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from palpate.models.fe.element.mesh import MeshError
+from palpate.models.fe.meshing.layers import BONE, CORE, DERMIS, EPIDERMIS, NAIL, PLATE, SUBCUTIS, Layers, directions
+from palpate.physics.materials.hencky import hencky
+from palpate.physics.materials.hyperelastic import Material
+from palpate.physics.materials.mooney_rivlin import mooney_rivlin
+
+BONE_AS_PRINTED, BONE_CORTICAL = 17e6, 17e9
+"""[Pa] Young's modulus of the bone: as the paper prints it, and that of cortical bone."""
+
+CALIBRATED = 16.3
+"""Common divisor of the printed moduli, bone included, of the calibrated set (docs/equations/finite-elements.md)."""
+
+SETS = {
+    "printed": (1.0, BONE_AS_PRINTED), "calibrated": (CALIBRATED, BONE_AS_PRINTED), "cortical": (1.0, BONE_CORTICAL),
+}  # fmt: skip
+"""Sets of the finger's constants by name: the divisor of all its moduli, and the bone's modulus before it [Pa]."""
+
+PAPER = {"steel": ((0.11, 1.24e-3), (0.50, 2.08e-3)), "silicone": ((0.11, 1.28e-3), (0.50, 2.30e-3))}
+"""Table III of the paper: force [N] and indentation [m]."""
+
+
+@dataclass(frozen=True)
+class Fingertip(Layers):
+    """Dimensions [m] and fineness of the mesh. The paper leaves open: phalanx length, nail thickness, plate size, how
+    far round the upper epidermis is held.
+
+    bone, subcutis, dermis, epidermis   radius of the bone, then thicknesses
+    phalanx    length of the cylinder behind the rounded tip
+    nail       thickness of the nail, on the upper quarter of the epidermis
+    tilt       [rad] between axis and plate
+    plate      half-widths of a deformable plate and its thickness
+    cells      elements across an eighth of the circumference, 3 and more
+    """
+
+    bone: float = 6e-3
+    subcutis: float = 2.5e-3
+    dermis: float = 0.93e-3
+    epidermis: float = 0.41e-3
+    nail: float = 0.5e-3
+    phalanx: float = 12e-3
+    tilt: float = np.deg2rad(15.0)
+    plate: tuple[float, float] = (20e-3, 20e-3)
+    cells: int = 6
+    whole = False
+
+    def __post_init__(self) -> None:
+        self.check(
+            "fingertip", self.bone, self.subcutis, self.dermis, self.epidermis, self.nail, self.phalanx, *self.plate
+        )
+
+    @cached_property
+    def radii(self) -> np.ndarray:
+        """Outer radius of bone, subcutis, dermis and epidermis [m] (4,)."""
+        return np.cumsum([self.bone, self.subcutis, self.dermis, self.epidermis])
+
+    def place(self, points: np.ndarray) -> np.ndarray:
+        """World coordinates [m] (N,3) of points of the lattice (N,4)."""
+        box, shell = points[:, :3], points[:, 3]
+        along = self.phalanx * (1.0 + np.minimum(box[:, 2], 0.0))
+        middle = np.stack([0.0 * along, 0.0 * along, along], axis=1)
+        ray = np.column_stack([box[:, :2], np.maximum(box[:, 2], 0.0)])
+        inside = np.minimum(shell, 1.0)[:, None]
+        radius = np.interp(shell, range(1, 6), [*self.radii, self.radii[-1] + self.nail])[:, None]
+        core = (1.0 - inside) * (CORE * self.bone) * ray
+        return self._world(middle + core + inside * radius * directions(box))
+
+    def describe(self) -> dict[str, Any]:
+        """Its dimensions and fineness."""
+        return asdict(self)
+
+    def _world(self, p: np.ndarray) -> np.ndarray:
+        s, c = np.sin(self.tilt), np.cos(self.tilt)
+        normal, forward = np.array([0.0, c, -s]), np.array([0.0, s, c])
+        lowest = np.array([0.0, 0.0, self.phalanx]) - self.radii[-1] * normal
+        moved = p - lowest
+        return np.stack([p[:, 0], -moved @ forward, moved @ normal], axis=1)
+
+
+def divisor_and_bone(material: str | float) -> tuple[float, float]:
+    """The divisor of the finger's moduli and the bone's modulus before it [Pa] that a material means: a name of `SETS`,
+    a name with a further divisor ("cortical/36.4"), or a number, the divisor of the printed set.
+
+    MeshError: none of these.
+    """
+    name, slash, number = ("printed", "/", material) if not isinstance(material, str) else material.partition("/")
+    if not slash and name not in SETS:
+        name, number = "printed", name
+    try:
+        divisor = float(number) if slash or number else 1.0
+    except ValueError:
+        divisor = np.nan
+    if name not in SETS or not 0.0 < divisor < np.inf:
+        raise MeshError(
+            f"material {material!r}: expected {', '.join(SETS)}, one of them with a divisor of all moduli as in "
+            '"cortical/36.4", or a number above 0, the divisor of the printed moduli'
+        )
+    own, bone = SETS[name]
+    return own * divisor, bone
+
+
+def materials(material: str | float = "printed") -> dict[int, Material]:
+    """The paper's constants, D1 in 1/MPa, all moduli of the finger divided by one number, see `divisor_and_bone`.
+
+    MeshError: no such set.
+    """
+    d, bone = divisor_and_bone(material)
+    return {
+        BONE: hencky(bone / d, 0.3),
+        SUBCUTIS: mooney_rivlin(300 / d, 671 / d, 29800 / d, 32700 / d, 9330 / d, 106.5e-6 * d),
+        DERMIS: mooney_rivlin(2430 / d, 5420 / d, 239000 / d, 262000 / d, 74700 / d, 13.3e-6 * d),
+        EPIDERMIS: hencky(2e6 / d, 0.3),
+        NAIL: hencky(170e6 / d, 0.3),
+        PLATE: hencky(180e3, 0.48),
+    }

@@ -1,0 +1,169 @@
+"""An organ from its closed surface, homogeneous or with a capsule or a nodule."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from palpate.models.fe.element.mesh import MeshError, TetMesh, quadratic
+from palpate.models.fe.meshing.star import seen_from
+from palpate.models.fe.meshing.tetwild import solid
+from palpate.physics.geometry.mesh import Mesh
+from palpate.physics.materials.hyperelastic import Material
+from palpate.physics.materials.neo_hooke import neo_hooke
+
+SHELLS = (1.0, 0.9, 0.77, 0.6, 0.38)
+"""Scales of the nested copies of the surface between which prisms are cut into tetrahedra."""
+SLAB = 0.04
+"""[m] Thickness of the slab under a level surface."""
+
+
+@dataclass(frozen=True)
+class Nodule:
+    """A ball of harder tissue: place [m] (3), radius [m], modulus over that of the organ."""
+
+    centre: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    radius: float = 0.0
+    ratio: float = 10.0
+
+
+@dataclass(frozen=True)
+class Capsule:
+    """A skin of other tissue: thickness [m], modulus over that of the organ; no skin where the thickness is 0."""
+
+    thickness: float = 0.0
+    ratio: float = 10.0
+
+
+def fill(
+    surface: Mesh,
+    shells: tuple[float, ...] = SHELLS,
+    nodule: Nodule = Nodule(),
+    capsule: Capsule = Capsule(),
+) -> TetMesh:
+    """Quadratic tetrahedra inside a closed surface whose every triangle is seen from one point inside, or in the slab
+    of thickness `SLAB` under a level one (all z equal, normals towards +z).
+
+    The first nodes are the vertices of the surface, in order. Region 2 is the capsule, a layer of even thickness; 1 is
+    the nodule, 0 the rest.
+
+    MeshError: a surface that is open, inverted, or seen from no point, or a capsule too thick for it; says where.
+    """
+    vertices, triangles = surface.vertices, surface.triangles.astype(np.int64)
+    if level(surface):
+        if not capsule.thickness < SLAB:
+            raise MeshError(f"capsule: found {capsule.thickness} m, expected less than the slab's {SLAB} m")
+        depths = [capsule.thickness + (SLAB - capsule.thickness) * (1.0 - s) for s in (*shells, 0.0)]
+        layers = [vertices - (0.0, 0.0, d) for d in ([0.0, *depths] if capsule.thickness > 0.0 else depths)]
+        return _layered(triangles, layers, nodule, capsule)
+    hub = seen_from(surface)
+    if hub is None:
+        raise MeshError("surface: no point inside sees all of its triangles, so nested shells do not fill it")
+    inner = vertices - capsule.thickness * surface.normals
+    _fits(inner - hub, surface, capsule)
+    layers = [hub + s * (inner - hub) for s in shells]
+    return _layered(triangles, [vertices, *layers] if capsule.thickness > 0.0 else layers, nodule, capsule, hub)
+
+
+def level(surface: Mesh) -> bool:
+    """Whether a surface is flat and looks up, so that it stands for the slab below."""
+    height = np.ptp(surface.vertices[:, 2])
+    return bool(height < 1e-9 * np.ptp(surface.vertices) and (surface.face_vectors[:, 2] > 0).all())
+
+
+def _fits(inner: np.ndarray, surface: Mesh, capsule: Capsule) -> None:
+    """MeshError where the inner side of the capsule, in a frame about the hub, folds, or is not seen from there."""
+    corner = inner[surface.triangles]
+    face = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+    bad = (np.einsum("ij,ij->i", face, surface.face_vectors) <= 0.0) | (
+        np.einsum("ij,ij->i", face, corner[:, 0]) <= 1e-3 * np.abs(np.einsum("ij,ij->i", face, corner[:, 0])).mean()
+    )
+    if bad.any():
+        at = surface.vertices[surface.triangles[np.argmax(bad)]].mean(axis=0) * 1e3
+        raise MeshError(
+            f"capsule: {capsule.thickness} m does not fit under the surface at ({at[0]:.4g}, {at[1]:.4g}, "
+            f"{at[2]:.4g}) mm; a thinner one would"
+        )
+
+
+def _layered(
+    triangles: np.ndarray, layers: list[np.ndarray], nodule: Nodule, capsule: Capsule, hub: np.ndarray | None = None
+) -> TetMesh:
+    """Prisms between layers cut into tetrahedra, the last layer joined to the `hub` if there is one; nodule and capsule
+    marked, nodes on edges added."""
+    n = len(layers[0])
+    points = np.concatenate(layers if hub is None else [*layers, hub[None]])
+    tets = [_prisms(triangles + (k + 1) * n, triangles + k * n) for k in range(len(layers) - 1)]
+    if hub is not None:
+        tets.append(np.column_stack([np.full(len(triangles), len(points) - 1), triangles + (len(layers) - 1) * n]))
+    corners = np.concatenate(tets)
+    a, b, c, d = (points[corners[:, i]] for i in range(4))
+    turned = np.einsum("ij,ij->i", np.cross(b - a, c - a), d - a) < 0
+    corners[turned] = corners[turned][:, [0, 2, 1, 3]]
+    region = inside(nodule, points[corners]).astype(np.int64)
+    if capsule.thickness > 0.0:
+        region[: len(tets[0])] = 2
+    return quadratic(points, corners, region)
+
+
+def inside(nodule: Nodule, corners: np.ndarray) -> np.ndarray:
+    """Tetrahedra with these corners [m] (E,4,3) whose centre is in the nodule (E,) bool."""
+    return np.linalg.norm(corners.mean(axis=1) - nodule.centre, axis=1) < nodule.radius
+
+
+def _prisms(low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """Three tetrahedra for each prism; the diagonals of its sides follow the order of the vertices, so that neighbours
+    agree."""
+    a, b = np.sort(low, axis=1), np.sort(high, axis=1)
+    cuts = [[a[:, 0], a[:, 1], a[:, 2], b[:, 2]], [a[:, 0], a[:, 1], b[:, 1], b[:, 2]], [a[:, 0], *b.T]]
+    return np.concatenate([np.column_stack(cut) for cut in cuts])
+
+
+@dataclass
+class Organ:
+    """An organ on a bed: mesh and materials.
+
+    surface  closed triangle mesh in its own frame; meshed anew where no point inside sees all of it, see `fe.wild`
+    poisson  [1] below 0.5
+    bed      [1/m] stiffness per area of what the underside (normals towards -z) lies on, over the organ's modulus
+    nodule   harder ball
+    capsule  harder skin
+    """
+
+    surface: Mesh
+    poisson: float = 0.45
+    bed: float = 50.0
+    nodule: Nodule = Nodule()
+    capsule: Capsule = Capsule()
+
+    def __post_init__(self) -> None:
+        if not self.bed > 0:
+            raise MeshError(f"bed: found {self.bed} 1/m, expected a positive number, or the organ has no support")
+        across = float(np.ptp(self.surface.vertices, axis=0).max())
+        if not 1e-3 <= across <= 3.0:
+            raise MeshError(f"surface: found {across:.4g} m across, expected 1 mm ... 3 m; is its unit right?")
+        if level(self.surface) or seen_from(self.surface) is not None:
+            self.mesh = fill(self.surface, nodule=self.nodule, capsule=self.capsule)
+        else:
+            if self.capsule.thickness > 0.0:
+                raise MeshError("capsule: expected a surface that one point inside sees all of; this has none")
+            self.mesh, self.surface = solid(self.surface)
+            self.mesh.region[inside(self.nodule, self.mesh.points[self.mesh.elements[:, :4]])] = 1
+        if self.nodule.radius > 0.0 and not (self.mesh.region == 1).any():
+            raise MeshError(
+                f"nodule: no element has its centre within {self.nodule.radius} m of {tuple(self.nodule.centre)} m, "
+                "under the capsule, in the surface's frame; a larger one, another place, or a finer surface would do"
+            )
+        self.faces = self.mesh.faces
+
+    def materials(self, young: float) -> dict[int, Material]:
+        """Neo-Hookean materials of an organ with this modulus [Pa]."""
+        ratios = {0: 1.0, 1: self.nodule.ratio, 2: self.capsule.ratio}
+        return {region: neo_hooke(young * r, self.poisson) for region, r in ratios.items()}
+
+    def under(self) -> np.ndarray:
+        """Faces that lie on the bed (F,) bool."""
+        corner = self.mesh.points[self.faces[:, :3]]
+        normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+        return normal[:, 2] < -0.5 * np.linalg.norm(normal, axis=1)

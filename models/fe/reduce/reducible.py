@@ -1,0 +1,128 @@
+"""A supported body and the surface on which it is touched: what a reduction needs of a model."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from palpate.models.fe.contact.bed import Bed
+from palpate.models.fe.element.mesh import TetMesh
+from palpate.models.fe.linear.tangent import Tangent
+from palpate.models.fe.meshing.fingertip import BONE, DERMIS, EPIDERMIS, NAIL, SUBCUTIS, Fingertip, materials
+from palpate.models.fe.meshing.organ import Organ
+from palpate.models.fe.solve.body import ElasticBody, hats
+from palpate.models.fe.solve.solver import DEFAULT, Settings, Solver
+from palpate.physics.geometry.mesh import Mesh
+from palpate.physics.materials.hyperelastic import Material
+
+SUBCUTIS_MODULUS = 6.0 * (300.0 + 671.0)
+"""[Pa] Young's modulus at rest of the printed subcutis, 6 (c10 + c01): the finger's modulus E; its other layers
+are stiffer in proportion. The bone is held: so the paper's steel points want E = 160 Pa, a divisor of 36.4."""
+
+
+@dataclass
+class Reducible:
+    """A body whose moduli scale with one number, and the surface that it is touched on.
+
+    materials  modulus [Pa] -> law of each region
+    fixed      (N,3) bool, displacements that are zero
+    surface    V vertices and triangles, in the body's frame
+    hats       (N,V) nodal loads of a unit force spread round each vertex of the surface
+    beds       modulus [Pa] -> what it lies on
+    """
+
+    mesh: TetMesh
+    materials: Callable[[float], dict[int, Material]]
+    fixed: np.ndarray
+    surface: Mesh
+    hats: np.ndarray
+    beds: Callable[[float], list[Bed]] = lambda young: []
+
+    @cached_property
+    def elastic(self) -> ElasticBody:
+        """Of modulus 1 Pa."""
+        return ElasticBody(self.mesh, self.materials(1.0), self.beds(1.0))
+
+    @cached_property
+    def digest(self) -> bytes:
+        """A hash of all that its answers depend on."""
+        hasher = hashlib.sha256(self.elastic.digest())
+        for part in (self.fixed, self.hats, self.surface.vertices, self.surface.triangles):
+            hasher.update(np.ascontiguousarray(part).tobytes())
+        return hasher.digest()
+
+    def rest(self) -> Tangent:
+        """The tangent at rest, factored."""
+        return self.elastic.rest(self.fixed)
+
+    def compliance(self, report: Callable[[float], None] | None = None) -> np.ndarray:
+        """Displacement under each vertex of the surface (mean under its hat) for a unit force on each [m/N] (3V,3V)."""
+        return self.elastic.compliance(self.fixed, self.hats, report)
+
+    def solver(self, young: float, loads: Callable[[float], np.ndarray], settings: Settings = DEFAULT) -> Solver:
+        """The full model of a modulus [Pa] under nodal loads [N], see `fe.Solver`."""
+        return Solver(
+            self.mesh, self.materials(young), self.fixed, loads=loads, contacts=self.beds(young), settings=settings
+        )
+
+
+def of_organ(organ: Organ) -> Reducible:
+    """An organ on its bed."""
+
+    def beds(young: float) -> list[Bed]:
+        return [Bed(organ.faces[organ.under()], organ.bed * young)]
+
+    free = np.zeros(organ.mesh.points.shape, dtype=bool)
+    corners = np.arange(len(organ.surface.vertices))
+    touched = organ.faces[(organ.faces[:, :3] < len(corners)).all(axis=1)]
+    own = hats(organ.mesh, touched, corners)
+    return Reducible(organ.mesh, organ.materials, free, organ.surface, own, beds)
+
+
+def of_finger(finger: Fingertip) -> Reducible:
+    """The soft layers of the fingertip, pulp up, tip towards +y, origin on its axis where the rounded tip begins.
+
+    Both halves; held at the bone, at the rear and under the nail. The bone is far stiffer than the pulp: held or
+    meshed, the pulp's indentation differs by less than 1e-3 of itself up to 0.5 N.
+    """
+    half = finger.mesh
+    away = np.abs(half.points[:, 0]) > 1e-9
+    count = len(half.points)
+    other = np.arange(count)
+    other[away] = count + np.arange(away.sum())
+    points = np.concatenate([half.points, half.points[away] * (-1.0, 1.0, 1.0)])
+    turned = half.elements[:, [1, 0, 2, 3, 4, 6, 5, 8, 7, 9]]  # a mirrored element with two corners swapped
+    region = np.tile(half.region, 2)
+    whole = TetMesh(_own_frame(finger, points), np.concatenate([half.elements, other[turned]]), region)
+    held = np.concatenate([finger.held, finger.held[away]])
+    held[np.unique(whole.elements[region == BONE])] = True
+    faces = whole.boundary(np.flatnonzero(region != NAIL))
+    rear = (whole.points[faces[:, :3], 1] < -finger.phalanx * (1.0 - 1e-6)).all(axis=1)
+    soft = np.isin(region, (SUBCUTIS, DERMIS, EPIDERMIS))
+    nodes, elements = np.unique(whole.elements[soft], return_inverse=True)
+    number = np.full(len(points), -1)
+    number[nodes] = np.arange(len(nodes))
+    mesh = TetMesh(whole.points[nodes], elements.reshape(-1, 10), region[soft])
+    skin = number[faces[~rear]]
+    corners, triangles = np.unique(skin[:, :3], return_inverse=True)
+    surface = Mesh(mesh.points[corners], triangles.reshape(-1, 3).astype(np.int32))
+    fixed = np.repeat(held[nodes][:, None], 3, axis=1)
+
+    def laws(young: float) -> dict[int, Material]:
+        return {region: replace(law, mixed=False) for region, law in materials(SUBCUTIS_MODULUS / young).items()}
+
+    return Reducible(mesh, laws, fixed, surface, hats(mesh, skin, corners))
+
+
+def _own_frame(finger: Fingertip, points: np.ndarray) -> np.ndarray:
+    """From the frame of `Fingertip`, plate below and tilted, to the finger's own."""
+    s, c = np.sin(finger.tilt), np.cos(finger.tilt)
+    up, forward = np.array([0.0, c, -s]), np.array([0.0, s, c])
+    lowest = np.array([0.0, 0.0, finger.phalanx]) - finger.radii[-1] * up
+    across = np.outer(points[:, 0], (1.0, 0.0, 0.0))
+    there = across + np.outer(points[:, 2], up) - np.outer(points[:, 1], forward) + lowest
+    return np.stack([there[:, 0], there[:, 2] - finger.phalanx, -there[:, 1]], axis=1)

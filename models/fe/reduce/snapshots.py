@@ -1,0 +1,236 @@
+"""Full solutions of a body under growing patch loads: what its modes are made from and measured against."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial import cKDTree
+from scipy.stats import qmc
+
+from palpate.models.fe.reduce.dents import patch
+from palpate.models.fe.reduce.reducible import Reducible
+from palpate.models.fe.solve.solver import ConvergenceError, Settings
+from palpate.physics.geometry.mesh import Mesh
+
+STIFFENING = np.array([0.003, 0.01, 0.03, 0.1, 0.3, 1.0])
+"""Shares of the greatest load at which a solution is kept, for a body that stiffens a hundredfold."""
+MILD = np.array([0.25, 0.5, 0.75, 1.0])
+"""The same for a body that does not."""
+TOLERANCE, MOST, MEMORY = 3e-4, 40, 8
+"""Step of the iteration from rest, over the displacement, at which it has settled; its length; iterates mixed."""
+YOUNG = 1e3
+"""[Pa] Modulus that the full model is solved with; displacements do not depend on it."""
+STEPS = Settings(tolerance=1e-4, step=1.0, largest=1.0, least=0.1, iterations=12)
+"""Steps count levels, see `press`."""
+
+
+@dataclass(frozen=True)
+class Touch:
+    """A growing load on the surface.
+
+    foot, normal [m], [1] (3)   where, and out of the body
+    load         [1]   (V,3)    unit force along the inner normal, with its tangential part
+    levels       [N]   (L,)     forces at which the solution is wanted, rising
+    """
+
+    foot: np.ndarray
+    normal: np.ndarray
+    load: np.ndarray
+    levels: np.ndarray
+
+
+@dataclass
+class Pressed:
+    """A touch and the full solutions (L',N,3) [m] at its first L' levels, as far as the body held."""
+
+    touch: Touch
+    solutions: np.ndarray
+
+
+def touch(
+    surface: Mesh, foot: np.ndarray, normal: np.ndarray, radius: float, levels: np.ndarray, pull: np.ndarray
+) -> Touch:
+    """A patch load round a foot point, with this tangential force [1] (3) for each unit of the normal one."""
+    share = -patch(surface, foot, normal, radius) @ normal
+    return Touch(foot, normal, np.outer(share, pull - normal), levels)
+
+
+def aside(normal: np.ndarray, along: np.ndarray, turn: float) -> np.ndarray:
+    """Unit vector (3) square to the normal, `turn` revolutions round it from where it is square to `along`, too."""
+    across = np.cross(normal, along)
+    across /= np.linalg.norm(across)
+    direction: np.ndarray = np.cos(2.0 * np.pi * turn) * across + np.sin(2.0 * np.pi * turn) * np.cross(normal, across)
+    return direction
+
+
+def scatter(
+    surface: Mesh,
+    count: int,
+    region: np.ndarray,
+    radius: float,
+    levels: np.ndarray,
+    seed: int,
+) -> list[Touch]:
+    """Normal touches spread evenly over a part of the surface (Halton's sequence, scrambled by `seed`).
+
+    region  (T,) bool, triangles that may be touched
+    radius  [m]  of the patches
+    levels  [N]  (L,) forces
+    """
+    corner = surface.vertices[surface.triangles]
+    area = np.linalg.norm(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), axis=1) * region
+    share = np.cumsum(area) / area.sum()
+    touches = []
+    for x in qmc.Halton(3, seed=seed).random(count):
+        t = int(np.searchsorted(share, x[0]))
+        a, b = np.sqrt(x[1]), x[2]
+        weight = np.array([1.0 - a, a * (1.0 - b), a * b])
+        foot, normal = weight @ corner[t], weight @ surface.normals[surface.triangles[t]]
+        touches.append(touch(surface, foot, normal / np.linalg.norm(normal), radius, levels, np.zeros(3)))
+    return touches
+
+
+def press(
+    body: Reducible, touches: list[Touch], report: Callable[[float], None] | None = None, folder: Path | None = None
+) -> list[Pressed]:
+    """The full model's answers; `report` hears the share done. A folder keeps each as soon as it is found: what it
+    holds is not computed again."""
+    presses = []
+    for k, own in enumerate(touches):
+        presses.append(pressed(body, own) if folder is None else _kept(body, own, folder))
+        if report is not None:
+            report((k + 1) / len(touches))
+    return presses
+
+
+def _kept(body: Reducible, own: Touch, folder: Path) -> Pressed:
+    """`pressed`, or what the folder holds of it: its file is named by all that it follows from."""
+    name = hashlib.sha256(body.digest + repr(STEPS).encode())
+    for part in (own.load, own.levels):
+        name.update(np.ascontiguousarray(part).tobytes())
+    path = folder / f"{name.hexdigest()[:24]}.npy"
+    with suppress(OSError, ValueError, EOFError):  # none yet, or one that was damaged
+        return Pressed(own, np.load(path))
+    answer = pressed(body, own)
+    folder.mkdir(parents=True, exist_ok=True)
+    half = path.with_suffix(f".{os.getpid()}.part")
+    try:
+        with half.open("wb") as file:
+            np.save(file, answer.solutions)
+        half.replace(path)
+    finally:
+        half.unlink(missing_ok=True)
+    return answer
+
+
+def pressed(body: Reducible, own: Touch) -> Pressed:
+    """The full model's answer to one touch.
+
+    The load is stepped by the number of its level, geometrically between levels: the displacement of a body that
+    stiffens grows about as the logarithm of the load, so that a step that is carried on straight from the last one
+    starts near its end.
+    """
+    load, number = body.hats @ own.load, np.arange(1.0, len(own.levels) + 1.0)
+
+    def loads(step: float) -> np.ndarray:
+        size = np.exp(np.interp(step, number, np.log(own.levels))) if step > 1.0 else step * own.levels[0]
+        return YOUNG * float(size) * load
+
+    solver, kept = body.solver(YOUNG, loads, STEPS), []
+    for level in number:
+        try:
+            solver.advance(float(level))
+        except ConvergenceError:
+            break
+        kept.append(solver.displacement.copy())
+    return Pressed(own, np.array(kept).reshape(-1, *body.mesh.points.shape))
+
+
+def press_from_rest(
+    body: Reducible, touches: list[Touch], report: Callable[[float], None] | None = None
+) -> list[Pressed]:
+    """`press` for a body that stays near its stiffness at rest: one factor, u <- u + K0^-1 (f - r(u)), earlier iterates
+    mixed in (Anderson, as in `fe.curves`). A touch ends where the iteration does not settle."""
+    solver = body.rest()
+
+    def solve(force: np.ndarray) -> np.ndarray:
+        displacement = solver.solve(np.where(body.fixed, 0.0, force).ravel()[:, None]).reshape(-1, 3)
+        displacement[body.fixed] = 0.0
+        return displacement
+
+    presses = []
+    for k, own in enumerate(touches):
+        load = body.hats @ own.load
+        slope = solve(load)
+        last, u, kept = 0.0, np.zeros_like(load), []
+        for level in own.levels:
+            start = u
+            after = _settled(body, solve, level * load, u + (level - last) * slope)
+            if after is None:
+                break
+            u = after
+            slope, last = (u - start) / (level - last), level
+            kept.append(u)
+        presses.append(Pressed(own, np.array(kept).reshape(-1, *body.mesh.points.shape)))
+        if report is not None:
+            report((k + 1) / len(touches))
+    return presses
+
+
+def _settled(
+    body: Reducible, solve: Callable[[np.ndarray], np.ndarray], load: np.ndarray, u: np.ndarray
+) -> np.ndarray | None:
+    """Equilibrium near u; None where there is none to be found."""
+    steps: list[np.ndarray] = []
+    points: list[np.ndarray] = []
+    for _ in range(MOST):
+        force = body.elastic.forces(u)
+        if force is None:
+            return None
+        step = solve(load - force)
+        miss = abs(float(np.sum(load * step)))
+        if miss < TOLERANCE * abs(float(np.sum(load * u))) and np.linalg.norm(step) < 3 * TOLERANCE * np.linalg.norm(u):
+            return u + step
+        steps.append(step)
+        points.append(u)
+        del steps[: -MEMORY - 1], points[: -MEMORY - 1]
+        u = u + step
+        if len(steps) > 1:
+            turned, moved = np.diff(steps, axis=0), np.diff(points, axis=0)
+            many = len(turned)
+            share = np.linalg.lstsq(turned.reshape(many, -1).T, step.ravel(), rcond=1e-10)[0]
+            u = u - np.tensordot(share, turned + moved, axes=1)
+    return None
+
+
+def mirrored(pressed: list[Pressed], nodes: np.ndarray, vertices: np.ndarray) -> list[Pressed]:
+    """What the full model answers to the same touches mirrored in x, where the body has that symmetry.
+
+    nodes, vertices  (N,), (V,) the node and the vertex at each one's mirrored place
+    """
+    turn = np.array([-1.0, 1.0, 1.0])
+    return [
+        Pressed(
+            Touch(turn * p.touch.foot, turn * p.touch.normal, turn * p.touch.load[vertices], p.touch.levels),
+            turn * p.solutions[:, nodes],
+        )
+        for p in pressed
+    ]
+
+
+def mirror(points: np.ndarray) -> np.ndarray:
+    """Index (N,) of the point at each one's place mirrored in x.
+
+    ValueError: a point without one.
+    """
+    size = 1e-6 * float(np.ptp(points, axis=0).max())
+    away, index = cKDTree(points).query(points * (-1.0, 1.0, 1.0))
+    if (away > size).any():
+        raise ValueError("the points are not symmetric in x")
+    return index

@@ -1,0 +1,127 @@
+"""Assembly of a body: the unbalanced force and the tangent of its elements, loads and contacts."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from palpate.models.fe.contact.protocol import ContactPair
+from palpate.models.fe.contact.switching import joined, switched
+from palpate.models.fe.element.mesh import TetMesh
+from palpate.models.fe.linear.tangent import Tangent
+from palpate.models.fe.solve.body import ElasticBody
+from palpate.models.fe.solve.checks import checked
+from palpate.physics.materials.hyperelastic import Material
+
+
+class Inverted(ArithmeticError):
+    """An element is inverted at some displacement; says which and where."""
+
+
+class Balance(NamedTuple):
+    """Unbalanced force [N] (N,3), blocks of the tangent [N/m] (B,3,3), and the size of the inner forces [N]."""
+
+    force: np.ndarray
+    data: np.ndarray
+    size: float
+
+
+class Assembly:
+    """A body with its materials, loads and contacts, see `fe.Solver`.
+
+    tangent  pattern and factor
+    floor    [N] residual that rounding leaves
+    energy   [J] of the elements at the last evaluation
+
+    MeshError: an element that is inside out before it is deformed.
+    """
+
+    def __init__(
+        self,
+        mesh: TetMesh,
+        materials: Mapping[int, Material],
+        fixed: np.ndarray,
+        loads: Callable[[float], np.ndarray] | None,
+        contacts: Sequence[ContactPair],
+    ) -> None:
+        self.mesh, self.fixed, self.loads, self.contacts = mesh, fixed, loads, contacts
+        self.body, self.energy = ElasticBody(mesh, materials), 0.0
+        self._extra = np.zeros((0, 1), dtype=np.int64)
+        self._couple()
+        force, data = np.zeros_like(mesh.points), self._blocks()
+        self.body.add(np.zeros_like(mesh.points), force, data)
+        stiffness = self.tangent.stiffness(data)
+        for contact in self.contacts:
+            contact.bind(mesh.points, self.tangent.pattern, stiffness)
+        free = stiffness[~self.fixed.any(axis=1)]
+        typical = float(np.median(free)) if len(free) else 1.0
+        self.floor = 1e-13 * typical * mesh.size
+
+    def _couple(self) -> None:
+        """Pattern and elimination tree of elements and contacts."""
+        mesh = self.mesh
+        width = max(10, self._extra.shape[1])
+        cliques = np.concatenate([_widen(mesh.elements, width), _widen(self._extra, width)])
+        self.tangent = Tangent(mesh.points, cliques, self.fixed)
+        self.body.couple(self.tangent.pattern)
+
+    def recouple(self) -> None:
+        """Widen the pattern where contacts have come to couple other nodes."""
+        couplings = [c.couples() for c in self.contacts]
+        couplings = [x for x in couplings if len(x)]
+        if not couplings:
+            return
+        width = max(x.shape[1] for x in couplings)
+        extra = np.concatenate([_widen(x, width) for x in couplings])
+        if not np.array_equal(extra, self._extra):
+            self._extra = extra
+            self._couple()
+        for contact in self.contacts:
+            contact.couple(self.tangent.pattern)
+
+    def _blocks(self) -> np.ndarray:
+        return np.zeros((len(self.tangent.pattern.indices), 3, 3))
+
+    def balance(self, u: np.ndarray, load: float) -> Balance:
+        """What is out of balance at a displacement.
+
+        Inverted: an element is inside out.
+        """
+        force, data = np.zeros_like(u), self._blocks()
+        self.energy, bad = self.body.add(u, force, data)
+        if bad >= 0:
+            raise Inverted(f"element {bad} at {self.mesh.place(bad)} is inverted or would be")
+        size = float(np.linalg.norm(force))
+        if self.loads is not None:
+            force -= checked("loads", self.loads(load), load, np.ones(u.shape, dtype=bool))
+        for contact in self.contacts:
+            contact.add(u, load, True, force, data)
+        return Balance(force, data, size)
+
+    def switched(self, step: np.ndarray) -> np.ndarray:
+        """Newton's step (N,3) with the active set of contact points at its end, see `contact.switching`."""
+        switches = [(contact, contact.switching()) for contact in self.contacts]
+        parts = [(contact, points) for contact, points in switches if points is not None]
+        if not parts:
+            return step
+        free = ~self.fixed.reshape(-1, 1)
+        points = joined([points for _, points in parts])
+        right, traction = switched(points, step.ravel(), lambda forces: self.tangent.solve(free * forces))
+        start = 0
+        for contact, own in parts:
+            contact.foresee(traction[start : start + len(own.level)])
+            start += len(own.level)
+        return right.reshape(-1, 3)
+
+    def skew(self, change: np.ndarray) -> np.ndarray:
+        """Product of a change of displacement (N,3) with what contacts leave out of the tangent."""
+        force = np.zeros_like(change)
+        for contact in self.contacts:
+            contact.skew(change, force)
+        return np.where(self.fixed, 0.0, force)
+
+
+def _widen(cliques: np.ndarray, width: int) -> np.ndarray:
+    return np.pad(cliques, ((0, 0), (0, width - cliques.shape[1])), constant_values=-1)

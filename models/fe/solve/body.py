@@ -1,0 +1,169 @@
+"""An elastic body: its elements in groups of one material, the springs that it lies on, its surface. What a load step,
+a press and a reduction all need of it is said here once."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Mapping, Sequence
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from palpate.models.fe.contact.bed import Bed
+from palpate.models.fe.element import faces as face_rule
+from palpate.models.fe.element.compiled import LAW, compiled
+from palpate.models.fe.element.elements import gradients, integrate
+from palpate.models.fe.element.mesh import MeshError, TetMesh
+from palpate.models.fe.linear.pattern import Pattern, pattern
+from palpate.models.fe.linear.tangent import Tangent
+from palpate.physics.materials.hyperelastic import Material
+
+COLUMNS = 16
+"""Surface vertices whose compliance is solved for at a time."""
+
+
+class Group(NamedTuple):
+    """Elements of one material.
+
+    own     (G,) their numbers
+    slope   [1/m] (G,n,10,3) gradients of the shape functions;  weight  [m³] (G,n) of the points
+    """
+
+    material: Material
+    own: np.ndarray
+    slope: np.ndarray
+    weight: np.ndarray
+
+
+class ElasticBody:
+    """Elements, each with the material of its region, and springs.
+
+    materials  by region number
+    beds       springs that it lies on
+
+    MeshError: an element that is inside out before it is deformed.
+    """
+
+    def __init__(self, mesh: TetMesh, materials: Mapping[int, Material], beds: Sequence[Bed] = ()) -> None:
+        self.mesh, self.beds = mesh, list(beds)
+        self.groups: list[Group] = []
+        for region in np.unique(mesh.region).tolist():
+            own = np.flatnonzero(mesh.region == region)
+            slope, det = gradients(mesh.points, mesh.elements[own])
+            if (det <= 0).any():
+                bad = own[np.argmax((det <= 0).any(axis=1))]
+                raise MeshError(
+                    f"element {bad} at {mesh.place(bad)}: its edges are so curved that its Jacobian is negative"
+                )
+            self.groups.append(Group(materials[region], own, slope, det / 24.0))
+        self._where: list[np.ndarray] = []
+        for bed in self.beds:
+            bed.bind(mesh.points, self.pattern, np.zeros(0))
+
+    @cached_property
+    def pattern(self) -> Pattern:
+        """Of its tangent."""
+        sparsity = pattern(len(self.mesh.points), self.mesh.elements)
+        self.couple(sparsity)
+        return sparsity
+
+    def couple(self, wider: Pattern) -> None:
+        """Take up a pattern that couples more than the elements do, for `add`."""
+        where = wider.where(self.mesh.elements)
+        self._where = [where[group.own] for group in self.groups]
+
+    def add(self, u: np.ndarray, force: np.ndarray, data: np.ndarray | None = None) -> tuple[float, int]:
+        """Energy [J] of the elements at displacements [m] (N,3) and the first that is inside out, or -1; their forces
+        are added to `force` [N] (N,3), their tangent to the blocks `data` (B,3,3) of the pattern if asked."""
+        total, tangent = 0.0, data is not None
+        blocks = np.zeros((0, 3, 3)) if data is None else data
+        for k, (material, own, slope, weight) in enumerate(self.groups):
+            where = self._where[k] if tangent else np.zeros((0, 10, 10), dtype=np.int64)
+            energy, bad = integrate(
+                compiled(material.law, LAW), slope, weight, self.mesh.elements[own], u, np.array(material.parameters),
+                material.mixed, material.small, tangent, where, force, blocks,
+            )  # fmt: skip
+            if bad >= 0:
+                return total, int(own[bad])
+            total += energy
+        return total, -1
+
+    def balance(self, u: np.ndarray, data: np.ndarray | None = None) -> tuple[float, np.ndarray] | None:
+        """Energy [J] and inner forces [N] (N,3) of elements and springs at displacements [m] (N,3), their tangent added
+        to the blocks `data` of the pattern if asked; None where an element is inside out."""
+        force, springs = np.zeros_like(u), np.zeros_like(u)
+        energy, bad = self.add(u, force, data)
+        if bad >= 0:
+            return None
+        for bed in self.beds:
+            bed.add(u, 0.0, data is not None, springs, np.zeros((0, 3, 3)) if data is None else data)
+        return energy + 0.5 * float(np.sum(springs * u)), force + springs
+
+    def tangent(self, u: np.ndarray) -> np.ndarray:
+        """Blocks (B,3,3) of the tangent at displacements [m] (N,3), springs included."""
+        data = np.zeros((len(self.pattern.indices), 3, 3))
+        self.balance(u, data)
+        return data
+
+    def forces(self, u: np.ndarray) -> np.ndarray | None:
+        """Inner forces [N] (N,3) at displacements [m] (N,3), springs included; None where an element is inverted."""
+        balance = self.balance(u)
+        return None if balance is None else balance[1]
+
+    def rest(self, fixed: np.ndarray) -> Tangent:
+        """The tangent at rest, factored, these displacement components (N,3) bool held."""
+        tangent = Tangent(self.mesh.points, self.mesh.elements, fixed)
+        tangent.factor(self.tangent(np.zeros_like(self.mesh.points)))
+        return tangent
+
+    def compliance(
+        self, fixed: np.ndarray, hats: np.ndarray, report: Callable[[float], None] | None = None
+    ) -> np.ndarray:
+        """Mean displacement under each hat for a unit force on each [m/N] (3V,3V), these components (N,3) bool held.
+
+        Symmetric and positive: work of any load on the displacement that it causes is what the body stores. `report`
+        hears the share done.
+        """
+        solver, count = self.rest(fixed), hats.shape[1]
+        compliance = np.empty((count, 3, count, 3))
+        for start in range(0, count, COLUMNS):
+            part = hats[:, start : start + COLUMNS]
+            size = part.shape[1]
+            rhs = np.zeros((len(hats), 3, size, 3))
+            for axis in range(3):
+                rhs[:, axis, :, axis] = part
+            rhs[fixed] = 0.0
+            u = solver.solve(rhs.reshape(3 * len(hats), -1)).reshape(len(hats), 3, 3 * size)
+            u[fixed] = 0.0
+            compliance[:, :, start : start + size] = (hats.T @ u.reshape(len(hats), -1)).reshape(count, 3, size, 3)
+            if report is not None:
+                report((start + size) / count)
+        full = compliance.reshape(3 * count, 3 * count)
+        return 0.5 * (full + full.T)
+
+    def digest(self) -> bytes:
+        """A hash of all that its forces depend on."""
+        hasher = hashlib.sha256()
+        for law, own, slope, weight in self.groups:
+            hasher.update(repr((law.name, law.parameters, law.mixed, law.small)).encode())
+            for part in (own, slope, weight):
+                hasher.update(np.ascontiguousarray(part).tobytes())
+        for bed in self.beds:
+            hasher.update(repr(bed.stiffness).encode() + np.ascontiguousarray(bed.faces).tobytes())
+        for part in (self.mesh.points, self.mesh.elements):
+            hasher.update(np.ascontiguousarray(part).tobytes())
+        return hasher.digest()
+
+
+def hats(mesh: TetMesh, faces: np.ndarray, corners: np.ndarray) -> np.ndarray:
+    """Nodal loads (N,V) of a unit force spread over the faces (F,6) round each corner (V,), highest there."""
+    x, y = face_rule.POINTS.T
+    hat = np.stack([1.0 - x - y, x, y], axis=1)
+    value, _ = face_rule.shape(face_rule.POINTS)
+    share = np.einsum("fq,qc,qa->fca", face_rule.areas(mesh.points, faces), hat, value)
+    column = np.full(len(mesh.points), -1)
+    column[corners] = np.arange(len(corners))
+    loads = np.zeros((len(mesh.points), len(corners)))
+    np.add.at(loads, (faces[:, None, :], column[faces[:, :3]][:, :, None]), share)
+    return loads / loads.sum(axis=0)

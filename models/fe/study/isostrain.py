@@ -1,0 +1,151 @@
+"""Equivalent strain in a deformed finger, the volume in which it is above a level, and the surfaces of one value.
+
+Displacement is quadratic in an element, so that strain varies in it. For volumes each element is cut into `CUTS`³
+tetrahedra: strain and place are taken at their corners, the strain linear between these, and the part above a level is
+cut off (`physics.tactile.isostrain_volume`). The error falls with the square of the number of cuts.
+
+Pictures and flows take the strain at the corners of the elements, smoothed within a layer.
+"""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+
+from palpate.models.fe.element.elements import gradients, shape
+from palpate.models.fe.element.mesh import TetMesh
+from palpate.models.fe.meshing.layers import BONE, EPIDERMIS, NAIL
+from palpate.physics.contact.tactile import equivalent_strain, isostrain_volume, logarithmic_strain
+
+CUTS = 4
+"""Pieces of each edge that elements are cut into for volumes."""
+CHUNK = 2048
+"""Elements that are cut together."""
+LEAST_STRETCH = 1e-6
+"""Of a point that is pressed flat; a point that is turned inside out counts by its stretches."""
+_CORNERS = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
+_PARTS = np.array(
+    [[0, 4, 6, 7], [4, 1, 5, 8], [6, 5, 2, 9], [7, 8, 9, 3], [4, 5, 6, 7], [4, 8, 5, 7], [5, 8, 9, 7], [5, 9, 6, 7]]
+)
+"""Eight tetrahedra on the ten nodes of a quadratic one."""
+
+
+def strain(mesh: TetMesh, displacement: np.ndarray) -> np.ndarray:
+    """Equivalent strain at the corners of each element [1] (E,4), of that element alone.
+
+    Effective Poisson ratio: the material's in the elastic layers, 0.5 in the others.
+
+    displacement  [m] (N,3)
+    """
+    slope, _ = gradients(mesh.points, mesh.elements, _CORNERS)
+    gradient = np.eye(3) + np.einsum("eai,enaj->enij", displacement[mesh.elements], slope)
+    return equivalent_strain(logarithmic_strain(gradient), _poisson(mesh)[:, None])
+
+
+def _poisson(mesh: TetMesh) -> np.ndarray:
+    """Effective Poisson ratio of each element (E,)."""
+    return np.where(np.isin(mesh.region, (BONE, EPIDERMIS, NAIL)), 0.3, 0.5)
+
+
+def volumes_above(mesh: TetMesh, displacement: np.ndarray, levels: np.ndarray, cuts: int = CUTS) -> np.ndarray:
+    """Deformed volume in which the equivalent strain is at least a level [m³] (L,).
+
+    displacement  [m] (N,3)
+    levels        [1] (L,)
+    cuts          [1] pieces of each edge
+    """
+    at, pieces = subdivided(cuts)
+    value, _ = shape(at)
+    moved, poisson = mesh.points + displacement, _poisson(mesh)
+    volumes = np.zeros(len(levels))
+    for start in range(0, len(mesh.elements), CHUNK):
+        own = mesh.elements[start : start + CHUNK]
+        slope, _ = gradients(mesh.points, own, at)
+        F = np.eye(3) + np.einsum("eai,enaj->enij", displacement[own], slope, optimize=True)
+        squares = np.linalg.eigvalsh(np.swapaxes(F, -1, -2) @ F)
+        log = 0.5 * np.log(np.maximum(squares, LEAST_STRETCH**2))
+        log -= log.mean(axis=-1, keepdims=True)
+        values = np.sqrt(1.5 * (log * log).sum(axis=-1)) / (1.0 + poisson[start : start + CHUNK, None])
+        place = np.einsum("na,eai->eni", value, moved[own])
+        corner = place[:, pieces].reshape(-1, 4, 3)
+        volume = np.abs(np.linalg.det(corner[:, 1:] - corner[:, :1])) / 6.0
+        volumes += isostrain_volume(values[:, pieces].reshape(-1, 4), volume, levels)
+    return volumes
+
+
+def subdivided(cuts: int) -> tuple[np.ndarray, np.ndarray]:
+    """A tetrahedron cut into cuts³: natural coordinates of the points (P,3), and the tetrahedra (T,4).
+
+    The tetrahedron n >= x >= y >= z >= 0 of a cube holds those of its small cubes' six tetrahedra that fill it.
+    """
+    steps = range(cuts + 1)
+    points = [(x, y, z) for x in steps for y in range(x + 1) for z in range(y + 1)]
+    number = {point: k for k, point in enumerate(points)}
+    tetrahedra = []
+    for first in points:
+        for order in itertools.permutations(range(3)):
+            corner, walk = list(first), [first]
+            for axis in order:
+                corner[axis] += 1
+                walk.append((corner[0], corner[1], corner[2]))
+            if all(place in number for place in walk):
+                tetrahedra.append([number[place] for place in walk])
+    x, y, z = np.array(points).T / cuts
+    return np.stack([x - y, y - z, z], axis=1), np.array(tetrahedra)
+
+
+def smooth(mesh: TetMesh, values: np.ndarray) -> np.ndarray:
+    """Values at corners (E,4), each the mean over the elements of the same layer that meet there: for pictures and
+    slopes, as the strain of one element jumps to the next."""
+    corners = mesh.elements[:, :4]
+    key = corners + len(mesh.points) * mesh.region[:, None]
+    _, spot = np.unique(key, return_inverse=True)
+    spot = spot.ravel()
+    return (np.bincount(spot, values.ravel()) / np.bincount(spot))[spot].reshape(values.shape)
+
+
+def parts(points: np.ndarray, elements: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Quadratic elements (E,10) with values at their corners (E,4,...) as eight flat tetrahedra each: the corners of
+    these [m] (8E,4,3), and the values there (8E,4,...), linear in each element."""
+    ends = ((0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3))
+    middle = np.stack([0.5 * (values[:, i] + values[:, j]) for i, j in ends], axis=1)
+    every = np.concatenate([values, middle], axis=1)
+    return points[elements][:, _PARTS].reshape(-1, 4, 3), every[:, _PARTS].reshape(-1, 4, *values.shape[2:])
+
+
+_RINGS = {
+    3: ((1, ((0, 1), (0, 2))), (2, ((0, 2), (1, 2)))),
+    4: ((1, ((0, 1), (0, 2), (0, 3))), (2, ((0, 2), (0, 3), (1, 3), (1, 2))), (3, ((0, 3), (1, 3), (2, 3)))),
+}
+"""Edges that a level crosses, in turn round the piece, by the number of corners above it; those above come first."""
+
+
+def cross(level: np.ndarray, *carried: np.ndarray) -> list[np.ndarray]:
+    """Where `level` is zero: what is carried along, at the corners of triangles (M,3,...) that cut tetrahedra, or at
+    the ends of lines (M,2,...) that cut triangles.
+
+    level    (T,4) or (T,3) at corners, linear between them
+    carried  (T,4,...) or (T,3,...) such as places or other values, linear too
+    """
+    corners = level.shape[1]
+    above = level > 0.0
+    order = np.argsort(~above, axis=1, kind="stable")
+    many = above.sum(axis=1)
+    polygons: list[list[np.ndarray]] = [[] for _ in carried]
+    for count, edges in _RINGS[corners]:
+        own = np.flatnonzero(many == count)
+        local = order[own]
+        here = np.take_along_axis(level[own], local, axis=1)
+        for k, values in enumerate(carried):
+            extra = (1,) * (values.ndim - 2)
+            turned = np.take_along_axis(values[own], local.reshape(*local.shape, *extra), axis=1)
+            ring = []
+            for i, j in edges:
+                part = (here[:, i] / (here[:, i] - here[:, j])).reshape(-1, *extra)
+                ring.append(turned[:, i] + part * (turned[:, j] - turned[:, i]))
+            if corners == 3:
+                polygons[k].append(np.stack(ring, axis=1))
+            else:
+                polygons[k] += [np.stack([ring[0], ring[m], ring[m + 1]], axis=1) for m in range(1, len(ring) - 1)]
+    return [np.concatenate(x) for x in polygons]

@@ -1,0 +1,274 @@
+"""What a pressing of the fingertip gave: force, contact area and isostrain volumes against indentation, kept step by
+step in a folder."""
+
+from __future__ import annotations
+
+import json
+import os
+import zipfile
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from palpate.models.fe.contact.pressure import pressure as contact_pressure
+from palpate.models.fe.element.mesh import TetMesh
+from palpate.models.fe.meshing.fingertip import PAPER
+from palpate.models.fe.study.pressing import Pressing
+from palpate.physics.errors import MISUSE, PalpateError
+
+LEVELS = np.array([0.05, 0.1, 0.15, 0.2, 0.3, 0.4])
+"""Equivalent strains at which volumes are recorded."""
+
+
+class RunError(PalpateError, ValueError):
+    """A folder that is no run, or another's, or damaged; says which file, and what would work."""
+
+    exit_code = MISUSE
+
+
+@dataclass(frozen=True)
+class Record:
+    """What a pressing gave, row by row from zero force.
+
+    indentation [m] (k,), force [N] (k,), area [m²] (k,), levels [1] (l,), volumes [m³] (k,l)
+    """
+
+    indentation: np.ndarray
+    force: np.ndarray
+    area: np.ndarray
+    levels: np.ndarray
+    volumes: np.ndarray
+
+    def at(self, force: float) -> tuple[float, float, np.ndarray]:
+        """Indentation, area and volumes at a force [N], between the rows.
+
+        ValueError: the record does not reach that force.
+        """
+        if not 0.0 <= force <= self.force[-1]:
+            raise ValueError(f"force {force} N: the record ends at {self.force[-1]:.4g} N")
+        volumes = np.array([np.interp(force, self.force, column) for column in self.volumes.T])
+        first, second = (float(np.interp(force, self.force, x)) for x in (self.indentation, self.area))
+        return first, second, volumes
+
+    def at_depth(self, indentation: float) -> float:
+        """Force [N] at an indentation [m], between the rows.
+
+        ValueError: the record does not reach that indentation.
+        """
+        if not 0.0 <= indentation <= self.indentation[-1]:
+            raise ValueError(f"indentation {indentation} m: the record ends at {self.indentation[-1]:.4g} m")
+        return float(np.interp(indentation, self.indentation, self.force))
+
+    def softened(self, divisor: float) -> Record:
+        """The same pressing on a rigid plate with all moduli divided: the same motion, the forces divided."""
+        return replace(self, force=self.force / divisor)
+
+
+class Run:
+    """The folder of a run: settings, mesh, a table with a row a step, the displacements of each step, and the solver's
+    last state. A step is written whole or not at all."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+
+    def begin(self, pressing: Pressing) -> list[list[float]]:
+        """Make the folder for a pressing, or take it up where its run was broken off: the rows so far.
+
+        RunError: it holds a run of other settings, or is damaged.
+        """
+        plain = json.loads(json.dumps(pressing.settings()))
+        first = [0.0] * (3 + len(LEVELS))
+        if not (self.folder / "run.json").exists():
+            self.folder.mkdir(parents=True, exist_ok=True)
+            mesh = pressing.solver.mesh
+            self._write(
+                "mesh.npz", points=mesh.points, elements=mesh.elements, region=mesh.region, sides=pressing.sides
+            )
+            self._put("run.json", json.dumps(plain, indent=2).encode())
+            return [first]
+        other = differing(self.settings(), plain)
+        if other is not None:
+            name, there, here = other
+            raise RunError(
+                f"{self.folder}: holds a run with {name} {there}, this one has {here}. Use another folder, or "
+                "remove that one"
+            )
+        if not (self.folder / "state.npz").exists():
+            return [first]
+        try:
+            pressing.solver.resume(self.folder / "state.npz")
+        except DAMAGED as error:
+            raise self._damaged("state.npz", error) from None
+        rows = self.table()
+        rows = rows[rows[:, 0] <= pressing.solver.load * (1.0 + 1e-9)]
+        if abs(rows[-1, 0] - pressing.solver.load) > 1e-9 * pressing.solver.load:
+            raise self._damaged("table.npz", f"it lacks the row of the last step, {1e3 * pressing.solver.load:.4g} mm")
+        return rows.tolist()
+
+    def keep(self, pressing: Pressing, rows: list[list[float]]) -> None:
+        """Write a step. The state comes last: what is not in it is done again."""
+        moved = pressing.solver.displacement
+        corners, pressure = contact_pressure(pressing.touch, moved)
+        self._write(
+            f"step-{len(rows) - 1:03d}.npz", displacement=moved.astype(np.float32), corners=corners, pressure=pressure
+        )
+        self._write("table.npz", rows=np.array(rows))
+        scratch = self.folder / "next.npz"
+        pressing.solver.save(scratch)
+        os.replace(scratch, self.folder / "state.npz")
+
+    def settings(self) -> dict[str, Any]:
+        """What was run. RunError: no run."""
+        try:
+            settings = json.loads((self.folder / "run.json").read_text())
+        except (OSError, ValueError) as error:
+            raise self._damaged("run.json", error) from None
+        if not isinstance(settings, dict) or not {"plate", "divisor", "bone", "friction", "finger"} <= set(settings):
+            raise self._damaged("run.json", "found no settings of a pressing in it")
+        return settings
+
+    def table(self) -> np.ndarray:
+        """Rows (k, 3 + l): indentation, force, area, volumes. RunError: no run."""
+        rows = self._read("table.npz")["rows"]
+        if rows.ndim != 2 or rows.shape[1] != 3 + len(LEVELS) or not np.isfinite(rows).all():
+            raise self._damaged("table.npz", f"found {rows.shape}, expected finite rows of {3 + len(LEVELS)}")
+        return rows
+
+    def record(self) -> Record:
+        """What was found so far. RunError: no run."""
+        return as_record(self.table().tolist())
+
+    def mesh(self) -> tuple[TetMesh, float]:
+        """The mesh, plate included, and the sides that it stands for, see `Pressing.sides`. RunError: no run."""
+        arrays = self._read("mesh.npz")
+        try:
+            return TetMesh(arrays["points"], arrays["elements"], arrays["region"]), float(arrays["sides"])
+        except DAMAGED as error:
+            raise self._damaged("mesh.npz", error) from None
+
+    def displacement(self, row: int) -> np.ndarray:
+        """Displacement [m] (N,3) of a row of the table. RunError: no such step."""
+        if row == 0:
+            return np.zeros_like(self.mesh()[0].points)
+        return self._read(f"step-{row:03d}.npz")["displacement"].astype(np.float64)
+
+    def pressure(self, row: int) -> tuple[np.ndarray, np.ndarray]:
+        """Nodes under the plate (V,) and the contact pressure there [Pa] (V,) of a row of the table, see
+        `fe.contact.pressure`; none in the first row. RunError: no such step."""
+        if row == 0:
+            return np.zeros(0, dtype=np.int64), np.zeros(0)
+        arrays = self._read(f"step-{row:03d}.npz")
+        return arrays["corners"], arrays["pressure"]
+
+    def displacement_at(self, force: float) -> np.ndarray:
+        """Displacement [m] (N,3) at a force [N], between the steps. RunError: not reached."""
+        return self._between(self.record().force, force, "N")
+
+    def displacement_at_depth(self, indentation: float) -> np.ndarray:
+        """Displacement [m] (N,3) at an indentation [m], between the steps. RunError: not reached."""
+        return self._between(self.record().indentation, indentation, "m")
+
+    def _between(self, marks: np.ndarray, mark: float, unit: str) -> np.ndarray:
+        if not 0.0 <= mark <= marks[-1]:
+            raise RunError(f"{self.folder}: ends at {marks[-1]:.4g} {unit}, {mark:.4g} {unit} is not reached")
+        row = max(1, int(np.searchsorted(marks, mark)))
+        share = (mark - marks[row - 1]) / max(marks[row] - marks[row - 1], 1e-300)
+        low, high = self.displacement(row - 1), self.displacement(row)
+        return low + share * (high - low)
+
+    def _read(self, name: str) -> dict[str, np.ndarray]:
+        try:
+            with np.load(self.folder / name) as archive:
+                return {key: archive[key] for key in archive.files}
+        except DAMAGED as error:
+            raise self._damaged(name, error) from None
+
+    def _write(self, name: str, **arrays: Any) -> None:
+        scratch = self.folder / "next.npz"
+        np.savez_compressed(scratch, allow_pickle=False, **arrays)
+        os.replace(scratch, self.folder / name)
+
+    def _put(self, name: str, data: bytes) -> None:
+        scratch = self.folder / "next"
+        scratch.write_bytes(data)
+        os.replace(scratch, self.folder / name)
+
+    def _damaged(self, name: str, reason: object) -> RunError:
+        path = self.folder / name
+        if not path.exists():
+            inside = sorted(file.parent for file in self.folder.glob(f"*/{name}"))
+            such = f", such as {inside[0]}" if inside else ""
+            return RunError(
+                f"{self.folder}: no {name} in it. Expected a folder that `palpate fe fingertip` has written{such}"
+            )
+        return RunError(f"{path}: damaged: {reason}. Remove {self.folder} and run again")
+
+
+def differing(first: dict[str, Any], second: dict[str, Any]) -> tuple[str, Any, Any] | None:
+    """The first setting in which two runs differ, and its values; None: they are alike."""
+    for name in first | second:
+        there, here = first.get(name), second.get(name)
+        if there == here:
+            continue
+        if isinstance(there, dict) and isinstance(here, dict):
+            inner = differing(there, here)
+            return None if inner is None else (f"{name}.{inner[0]}", *inner[1:])
+        return name, there, here
+    return None
+
+
+DAMAGED = (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile)
+"""What reading a damaged file may raise."""
+
+
+def record(
+    pressing: Pressing,
+    end: float,
+    run: Run | None = None,
+    report: Callable[[float], None] | None = None,
+) -> Record:
+    """Press until the plate has risen by `end` [m]. With a run, each step is kept in its folder, and a run that was
+    broken off goes on from its last step.
+
+    ConvergenceError: a step that fails; the steps before it are in the folder.
+    RunError: a folder of another run, or a damaged one.
+    """
+    rows: list[list[float]] = [[0.0] * (3 + len(LEVELS))]
+    if run is not None:
+        rows = run.begin(pressing)
+    if report is not None:
+        report(pressing.solver.load)
+
+    def keep(load: float) -> None:
+        rows.append([load, pressing.force, pressing.area, *pressing.volumes(LEVELS)])
+        if run is not None:
+            run.keep(pressing, rows)
+        if report is not None:
+            report(load)
+
+    if pressing.solver.load < end:
+        pressing.solver.advance(end, keep)
+    return as_record(rows)
+
+
+def as_record(rows: list[list[float]]) -> Record:
+    """A record of rows: indentation, force, area, volumes."""
+    table = np.array(rows)
+    return Record(table[:, 0], np.maximum.accumulate(table[:, 1]), table[:, 2], LEVELS, table[:, 3:])
+
+
+def fit_divisor(steel: Record) -> float:
+    """The divisor of all moduli whose steel curve passes the paper's two steel points with the least squared error in
+    indentation."""
+    points = PAPER["steel"]
+
+    def miss(log: float) -> float:
+        curve = steel.softened(float(np.exp(log)))
+        ends = [min(f, curve.force[-1]) for f, _ in points]
+        return sum((curve.at(e)[0] - depth) ** 2 + (e - f) ** 2 for e, (f, depth) in zip(ends, points, strict=True))
+
+    return float(np.exp(minimize_scalar(miss, bounds=(np.log(2.0), np.log(100.0)), method="bounded").x))

@@ -1,0 +1,130 @@
+"""One pressing of a finger on a plate: the boundary conditions, the contact, and the strain that comes of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from palpate.models.fe.contact.pair import Pair
+from palpate.models.fe.contact.rigid import Rigid, plane
+from palpate.models.fe.element.mesh import TetMesh, bricks, grid, quadratic
+from palpate.models.fe.meshing.fingertip import PAPER, divisor_and_bone, materials
+from palpate.models.fe.meshing.layers import PLATE, Layers
+from palpate.models.fe.solve.solver import Settings, Solver
+from palpate.models.fe.study.isostrain import strain, volumes_above
+from palpate.physics.materials.hyperelastic import Material
+
+PENETRATION = 2e-6
+"""[m] that the contact may leave."""
+
+
+@dataclass
+class Pressing:
+    """A fingertip against a plate that rises: `solver.advance(z)` brings the plate up by z [m].
+
+    plate     "steel" (200 GPa on tissue of kPa: taken as rigid) or "silicone"
+    material  one of the finger's sets of constants, see `fe.meshing.fingertip.divisor_and_bone`
+    laws      such a set -> material of each layer
+    """
+
+    finger: Layers
+    plate: str = "steel"
+    material: str | float = "printed"
+    friction: float = 0.2
+    laws: Callable[[str | float], dict[int, Material]] = materials
+
+    def __post_init__(self) -> None:
+        if self.plate not in PAPER:
+            raise ValueError(f"plate {self.plate!r}: expected one of {', '.join(PAPER)}")
+        mesh, pad = self.finger.mesh, self.finger.pad
+        held = self.finger.held
+        self.touch: Rigid | Pair
+        if self.plate == "steel":
+            fixed = np.repeat(held[:, None], 3, axis=1)
+            lift = None
+            self.touch = Rigid(
+                pad, plane, (0.0, 0.0, 1.0), lambda load: np.array([0.0, 0.0, load]), self.friction, PENETRATION
+            )
+        else:
+            block = self._block()
+            count = len(mesh.points)
+            mesh = TetMesh(
+                np.concatenate([mesh.points, block.points]),
+                np.concatenate([mesh.elements, block.elements + count]),
+                np.concatenate([mesh.region, block.region]),
+            )
+            z = block.points[:, 2]
+            bottom = np.concatenate([np.zeros(count, dtype=bool), z < -self.finger.plate[1] * (1 - 1e-9)])
+            top = block.faces[(block.points[block.faces][:, :, 2] > -1e-9).all(axis=1)] + count
+            fixed = np.repeat((np.concatenate([held, np.zeros(len(z), dtype=bool)]) | bottom)[:, None], 3, axis=1)
+            up = np.outer(bottom, (0.0, 0.0, 1.0))
+
+            def lift(load: float) -> np.ndarray:
+                return load * up
+
+            self.touch = Pair(pad, top, self.friction, PENETRATION)
+        if not self.finger.whole:
+            fixed[np.abs(mesh.points[:, 0]) < 1e-9, 0] = True
+        steps = Settings(tolerance=1e-5, step=5e-5, largest=1e-4, least=1e-7)
+        self.solver = Solver(mesh, self.laws(self.material), fixed, lift, contacts=[self.touch], settings=steps)
+
+    def _block(self) -> TetMesh:
+        """The plate, or the half of it under half a finger; finest under the finger."""
+        half, thick = self.finger.plate
+        fine = np.pi / 4 * self.finger.radii[-1] / self.finger.cells
+        x = _graded(fine, 4.5e-3, half)
+        y = np.concatenate([-x[:0:-1], x])
+        if self.finger.whole:
+            x = y
+        z = -_graded(1.2 * fine, 1.2 * fine, thick)[::-1]
+        points, cells = grid(x, y, z)
+        tets = bricks(points, cells)
+        return quadratic(points, tets, np.full(len(tets), PLATE))
+
+    def settings(self) -> dict[str, Any]:
+        """What tells this pressing from another, as plain data."""
+        divisor, bone = divisor_and_bone(self.material)
+        return {
+            "plate": self.plate, "divisor": divisor, "bone": bone, "friction": self.friction,
+            "finger": self.finger.describe(),
+        }  # fmt: skip
+
+    @property
+    def sides(self) -> float:
+        """1 for a whole finger, 2 for one of which half is meshed."""
+        return 1.0 if self.finger.whole else 2.0
+
+    @property
+    def force(self) -> float:
+        """Normal force of the whole finger on the plate [N]."""
+        return self.sides * float(self.touch.force[2])
+
+    @property
+    def area(self) -> float:
+        """Contact area of the whole finger [m²]."""
+        return self.sides * self.touch.contact_area(self.solver.displacement)
+
+    def strain(self) -> np.ndarray:
+        """Equivalent strain at the corners of the finger's elements [1] (E,4)."""
+        return strain(self.finger.mesh, self.solver.displacement[: len(self.finger.mesh.points)])
+
+    def volumes(self, levels: np.ndarray) -> np.ndarray:
+        """Deformed volumes of the whole finger in which the equivalent strain is at least a level [m³] (L,)."""
+        moved = self.solver.displacement[: len(self.finger.mesh.points)]
+        return self.sides * volumes_above(self.finger.mesh, moved, levels)
+
+
+def _graded(fine: float, uniform: float, end: float) -> np.ndarray:
+    """0 ... end: cells of size `fine` up to `uniform`, then each half as large again."""
+    x = list(np.linspace(0.0, uniform, max(1, round(uniform / fine)) + 1))
+    h = x[-1] - x[-2]
+    while x[-1] < end:
+        h *= 1.5
+        x.append(x[-1] + h)
+    x[-1] = end
+    if x[-1] - x[-2] < 0.5 * (x[-2] - x[-3]):
+        del x[-2]
+    return np.array(x)

@@ -1,0 +1,188 @@
+"""How a force model is chosen from measured sessions: folds, errors on seen and unseen sessions, and the band.
+
+Protocol `published`, that of the experiment, for S sessions (20 there) at the same depths:
+
+1. Of the sums of force, the sessions with the largest and the smallest are dropped (the first of equals).
+2. The rest, in their order, are cut into nine consecutive groups. Fold k tests on group k, validates on group k + 1
+   (the first after the last) and trains on the others: 14, 2 and 2 sessions of 18.
+3. Each model of the force is fitted to the training sessions. Its training error is sqrt(SSE/(n - p)); the errors on
+   validation and test sessions are plain root mean squares, since nothing was fitted to them.
+4. The standard deviation over sessions (n - 1 in the denominator) at each depth > 0 is fitted by the same models, once
+   per fold on the training sessions and once on all that were kept.
+5. Chosen are the force model with the least mean validation error and the deviation model with the least error on all
+   kept sessions; both are then fitted to all kept sessions. The test sessions take no part in the choice.
+
+Its band, F +- 1.96 sigma, holds too few forces of a new session: without the extreme sessions sigma is too small, and
+so are the errors. Protocol `whole` keeps to the steps above with these changes:
+
+1. No session is dropped.
+3. Errors are roots of the mean square over all folds, not means of the folds' roots, which lie below it.
+4. The scatter is taken about the chosen curve, not about the mean at each depth: it holds what the curve misses.
+5. The band is Student's t with the scale and the degrees of freedom of `band`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from palpate.models.fit.band import Spread, prediction_spread
+from palpate.models.fit.curve_fit import Fit, FitError, fit_curve
+from palpate.physics.contact.force_models import MODELS
+
+FOLDS = 9
+Protocol = Literal["whole", "published"]
+
+
+class Fold(NamedTuple):
+    """Indices of sessions."""
+
+    train: np.ndarray
+    validation: np.ndarray
+    test: np.ndarray
+
+
+@dataclass(frozen=True)
+class Choice:
+    """What the protocol finds for one subject.
+
+    protocol         "whole" or "published"
+    dropped          indices of the sessions with the smallest and the largest sum of force; () where none is dropped
+    folds            indices of the kept sessions in each
+    force            model name -> (training, validation, test) error over the folds [N]
+    spread           model name -> (training error over the folds, error on all kept sessions) [N]
+    mean             chosen force model, fitted to all kept sessions
+    deviation        chosen model of the standard deviation, fitted to all kept sessions; None where they do not scatter
+    band             how a new force lies about the mean
+    means, deviations  [N] (D)  over the kept sessions at each depth; the deviations as their model was fitted to
+    test_share  [1]  test error of the chosen force model over the mean force of the kept sessions
+    """
+
+    protocol: Protocol
+    dropped: tuple[int, ...]
+    folds: list[Fold]
+    force: dict[str, tuple[float, float, float]]
+    spread: dict[str, tuple[float, float]]
+    mean: Fit
+    deviation: Fit | None
+    band: Spread
+    means: np.ndarray
+    deviations: np.ndarray
+    test_share: float
+
+
+def drop_outliers(forces) -> tuple[np.ndarray, tuple[int, int]]:
+    """(indices kept, in order; (smallest, largest)) of forces [N] (S,D), by the sum over depths."""
+    sums = np.sum(np.asarray(forces, float), axis=1)
+    low, high = int(np.argmin(sums)), int(np.argmax(sums))
+    if low == high:  # all sums are equal
+        high = len(sums) - 1
+    return np.array([i for i in range(len(sums)) if i not in (low, high)]), (low, high)
+
+
+def make_folds(kept, count: int = FOLDS) -> list[Fold]:
+    """Folds of the kept sessions (see the module). ValueError: fewer than 3 folds, or fewer sessions than folds."""
+    kept = np.asarray(kept)
+    if count < 3 or len(kept) < count:
+        raise ValueError(f"found {len(kept)} sessions for {count} folds, expected at least 3 folds and a session each")
+    groups = np.array_split(kept, count)
+    folds = []
+    for k in range(count):
+        after = (k + 1) % count
+        train = np.concatenate([g for i, g in enumerate(groups) if i not in (k, after)])
+        folds.append(Fold(train, groups[after], groups[k]))
+    return folds
+
+
+def score(name: str, depths, forces, folds: list[Fold], protocol: Protocol = "whole") -> tuple[float, float, float]:
+    """Errors [N] of a force model on training, validation and test sessions; depths [m] (D), forces [N] (S,D)."""
+    errors, weights = [], []
+    for fold in folds:
+        fit = _fit_mean(name, depths, forces, fold.train)
+        errors.append((fit.rmse, fit.rms(depths, forces[fold.validation]), fit.rms(depths, forces[fold.test])))
+        weights.append([len(part) for part in fold])
+    if protocol == "published":
+        train, validation, test = np.mean(errors, axis=0)
+    else:
+        train, validation, test = np.sqrt(np.average(np.square(errors), axis=0, weights=weights))
+    return float(train), float(validation), float(test)
+
+
+def choose(
+    depths,
+    forces,
+    count: int = FOLDS,
+    mean: str | None = None,
+    deviation: str | None = None,
+    protocol: Protocol = "whole",
+) -> Choice:
+    """Run a protocol on one subject.
+
+    depths  [m]  (D)    growing        forces  [N]  (S,D)
+    count   [1]         number of folds
+    mean, deviation     names of models to take instead of the best
+
+    FitError: constant forces, or too few depths for the models. ValueError: fewer sessions than folds (+ 2 where two
+    are dropped).
+    """
+    depths, forces = np.asarray(depths, float), np.asarray(forces, float)
+    if np.ptp(forces) == 0:
+        raise FitError(f"the force is {forces.flat[0]:g} N at all depths of all sessions")
+    kept, dropped = drop_outliers(forces) if protocol == "published" else (np.arange(len(forces)), ())
+    folds = make_folds(kept, count)
+    used = forces[kept]
+    scatters = float(np.max(np.ptp(used, axis=0))) > 1e-12 * float(np.max(np.abs(used)))
+    force = {name: score(name, depths, forces, folds, protocol) for name in MODELS}
+    mean = mean or min(force, key=lambda name: force[name][1])
+    curve = _fit_mean(mean, depths, forces, kept)
+    scatter, spread, around, band = used.std(axis=0, ddof=1), {}, None, Spread()
+    if scatters:
+        groups = [fold.train for fold in folds]
+        curves: list[Fit | None] = [None] * len(groups)
+        if protocol == "whole":
+            scatter = _scatter(depths, used, curve)
+            curves = [_fit_mean(mean, depths, forces, rows) for rows in groups]
+        over_folds = [
+            _scatter(depths, forces[rows], fold_curve) for rows, fold_curve in zip(groups, curves, strict=True)
+        ]
+        spread = {name: _spread(name, depths, over_folds, scatter) for name in MODELS}
+        deviation = deviation or min(spread, key=lambda name: spread[name][1])
+        around = _fit_deviation(deviation, depths, scatter)
+        if protocol == "whole":
+            curve, around, band = fit_band(depths, used, mean, deviation)
+    return Choice(protocol, dropped, folds, force, spread, curve, around, band, used.mean(axis=0), scatter,
+                  force[mean][2] / float(used.mean()))  # fmt: skip
+
+
+def fit_band(depths, forces, mean: str, deviation: str) -> tuple[Fit, Fit, Spread]:
+    """Curve, scatter about it and spread of a new session's forces; depths [m] (D), forces [N] (S,D), names of models.
+
+    A force of a new session lies within curve +- spread.reach(0.95) * scatter with a probability of 0.95.
+    """
+    depths, forces = np.asarray(depths, float), np.asarray(forces, float)
+    curve = _fit_mean(mean, depths, forces, np.arange(len(forces)))
+    around = _fit_deviation(deviation, depths, _scatter(depths, forces, curve))
+    return curve, around, prediction_spread(forces[:, depths > 0], curve, around)
+
+
+def _fit_mean(name: str, depths: np.ndarray, forces: np.ndarray, rows: np.ndarray) -> Fit:
+    labels = np.repeat(np.arange(len(rows)), len(depths))
+    return fit_curve(MODELS[name], np.tile(depths, len(rows)), forces[rows].ravel(), labels, constant=True)
+
+
+def _scatter(depths: np.ndarray, forces: np.ndarray, curve: Fit | None) -> np.ndarray:
+    """Standard deviation [N] (D) of forces (S,D) about a curve, or about their means; n - 1 in the denominator."""
+    about = forces.mean(axis=0) if curve is None else curve(depths)
+    return np.sqrt(((forces - about) ** 2).sum(axis=0) / (len(forces) - 1))
+
+
+def _fit_deviation(name: str, depths: np.ndarray, scatter: np.ndarray) -> Fit:
+    pressed = depths > 0
+    return fit_curve(MODELS[name], depths[pressed], scatter[pressed], constant=True)
+
+
+def _spread(name: str, depths: np.ndarray, over_folds: list[np.ndarray], scatter: np.ndarray) -> tuple[float, float]:
+    train = [_fit_deviation(name, depths, own).rmse for own in over_folds]
+    return float(np.mean(train)), _fit_deviation(name, depths, scatter).rmse

@@ -1,0 +1,241 @@
+"""What `palpate fit` tells: tables for people, plain data for programs, YAML for the node."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import yaml
+from rich.markup import escape
+from rich.table import Table
+
+from palpate.models.fit.crossvalidation import Choice
+from palpate.models.fit.curve_fit import Fit
+from palpate.models.fit.sessions import Subject
+from palpate.nodes.contact.probabilistic import LAW_SETTINGS
+from palpate.physics.contact.force_models import MODELS
+
+
+class Chosen(NamedTuple):
+    """A subject's forces [N] (S,D) at its depths [m] (D), and the models chosen."""
+
+    subject: Subject
+    depths: np.ndarray
+    forces: np.ndarray
+    choice: Choice
+
+
+class Fitted(NamedTuple):
+    """A subject and its contact law; `note` says what its data left open."""
+
+    subject: Subject
+    fit: Fit
+    note: str
+
+
+def model_tables(choices: list[Chosen]) -> Iterator[Table]:
+    """Errors of each model for each subject, the smallest marked, then the parameters of the chosen ones."""
+    yield _rmse("RMSE of the force on training sessions [mN], mean of the folds", choices, lambda c, m: c.force[m][0])
+    yield _rmse("RMSE of the force on validation sessions [mN]", choices, lambda c, m: c.force[m][1])
+    yield _rmse("RMSE of the force on test sessions [mN]", choices, lambda c, m: c.force[m][2])
+    if all(c.choice.spread for c in choices):
+        yield _rmse("RMSE of the standard deviation, training sessions [mN]", choices, lambda c, m: c.spread[m][0])
+        yield _rmse("RMSE of the standard deviation, all sessions [mN]", choices, lambda c, m: c.spread[m][1])
+    for subject, _, _, choice in choices:
+        yield _parameters(f"Subject {subject.name}, force, all kept sessions: ", choice.mean)
+        if choice.deviation is not None:
+            yield _parameters(f"Subject {subject.name}, standard deviation: ", choice.deviation)
+
+
+def law_tables(fits: list[Fitted]) -> Iterator[Table]:
+    """Parameters of a contact law for each subject."""
+    for subject, fit, _ in fits:
+        yield _parameters(f"Subject {subject.name}: ", fit)
+
+
+def _rmse(title: str, choices: list[Chosen], value: Callable[[Choice, str], float]) -> Table:
+    table = Table(title=escape(title), title_justify="left")
+    table.add_column("subject")
+    for model in MODELS:
+        table.add_column(model, justify="right")
+    rows = [[value(choice, model) * 1e3 for model in MODELS] for _, _, _, choice in choices]
+    for name, row in zip(
+        [*(f.subject.name for f in choices), "average"], [*rows, np.mean(rows, axis=0).tolist()], strict=True
+    ):
+        best = min(row)
+        table.add_row(escape(name), *(f"[bold]{v:.2f} *[/bold]" if v == best else f"{v:.2f}  " for v in row))
+    return table
+
+
+def _parameters(title: str, fit: Fit) -> Table:
+    """Parameters of one fit; its model in the title."""
+    model = f"{fit.model.name}, {fit.model.formula}; RMSE {fit.rmse * 1e3:.3g} mN"
+    table = Table(title=escape(title + model), title_justify="left", min_width=78)
+    table.add_column("parameter")
+    for column in ("value", "std. error", "95 % interval"):
+        table.add_column(column, justify="right")
+    for name, unit, value, error, (low, high) in _listed(fit):
+        known = math.isfinite(error)
+        limit = "  at the end of its range" if name in fit.at_limit else ""
+        table.add_row(
+            escape(f"{name} [{unit}]"),
+            f"{value:.5g}",
+            f"{error:.2g}" if known else "-",
+            (f"{low:.5g} .. {high:.5g}" if known else "not determined") + limit,
+        )
+    return table
+
+
+def _listed(fit: Fit) -> list[tuple[str, str, float, float, tuple[float, float]]]:
+    """Name, unit, value, standard error and interval of each parameter, and of those that follow from them."""
+    intervals = fit.interval()
+    rows = [
+        (name, unit, float(value), float(error), (float(low), float(high)))
+        for (name, unit), value, error, (low, high) in zip(
+            fit.model.parameters.items(), fit.parameters, fit.errors, intervals, strict=True
+        )
+    ]
+    if fit.model.name == "hunt-crossley":
+        value, error = fit.ratio(1, 0)
+        half = error * (intervals[0, 1] - fit.parameters[0]) / fit.errors[0] if fit.errors[0] > 0 else 0.0
+        rows.append(("c", "s/m", value, error, (value - half, value + half)))
+    return rows
+
+
+def choice_notes(choices: list[Chosen]) -> list[str]:
+    """What was dropped, the test error of the chosen force model, and how its band was made."""
+    notes = []
+    for subject, _, _, choice in choices:
+        test, band = choice.force[choice.mean.model.name][2], choice.band
+        text = f"test error {test * 1e3:.1f} mN, {100 * choice.test_share:.1f} % of the mean force"
+        if choice.dropped:
+            low, high = _dropped(subject, choice).values()
+            text = f"dropped session {low} (smallest sum of force) and {high} (largest); {text}"
+        if choice.deviation is None:
+            notes.append(f"Subject {subject.name}: the sessions do not scatter, so there is no standard deviation.")
+        elif band.freedom > 0:
+            text += (
+                f"; 95 % of a new session's forces within {band.reach():.2f} standard deviations"
+                f" ({100 * band.together:.0f} % of the variance is between sessions)"
+            )
+        notes.append(f"Subject {subject.name}: {text}.")
+    return notes
+
+
+def _dropped(subject: Subject, choice: Choice) -> dict[str, str]:
+    """Labels of the dropped sessions; nothing where none was dropped."""
+    return dict(zip(("smallest", "largest"), (subject.sessions[i] for i in choice.dropped), strict=False))
+
+
+def fit_data(fits: list[Fitted]) -> dict[str, Any]:
+    """Plain data of a fitted law for each subject."""
+    return {subject.name: _fit(fit) for subject, fit, _ in fits}
+
+
+def choice_data(choices: list[Chosen]) -> dict[str, Any]:
+    """Plain data of all errors and of the chosen models for each subject."""
+    return {
+        subject.name: {
+            "protocol": choice.protocol,
+            "dropped_sessions": _dropped(subject, choice),
+            "band": choice.band._asdict(),
+            "folds": [
+                {part: [subject.sessions[i] for i in rows] for part, rows in fold._asdict().items()}
+                for fold in choice.folds
+            ],
+            "force_rmse": {
+                m: dict(zip(("training", "validation", "test"), v, strict=True)) for m, v in choice.force.items()
+            },
+            "deviation_rmse": {m: dict(zip(("training", "all"), v, strict=True)) for m, v in choice.spread.items()},
+            "test_share": choice.test_share,
+            "mean": _fit(choice.mean),
+            "deviation": None if choice.deviation is None else _fit(choice.deviation),
+        }
+        for subject, _, _, choice in choices
+    }
+
+
+def _fit(fit: Fit) -> dict[str, Any]:
+    return {
+        "model": fit.model.name,
+        "formula": fit.model.formula,
+        "rmse": fit.rmse,
+        "parameters": {
+            name: {
+                "value": value,
+                "unit": unit,
+                "error": error if math.isfinite(error) else None,
+                "interval": [low, high] if math.isfinite(error) else None,
+            }
+            for name, unit, value, error, (low, high) in _listed(fit)
+        },
+        "at_limit": list(fit.at_limit),
+    }
+
+
+def model_yaml(choices: list[Chosen], source: Path) -> str:
+    """The file that `contact.Probabilistic` takes as its `model`; each subject holds settings of that node."""
+    lines = [
+        f"# Fitted by `palpate fit` to {source.name}. SI units. Each subject holds settings of contact.Probabilistic:",
+        "# name this file as its `model`, or copy a subject into a scene.",
+        "subjects:",
+    ]
+    for subject, depths, _, choice in choices:
+        law = law_settings(choice, depths[-1])
+        lines.append(f"  {_scalar(subject.name)}:")
+        for role, fit in (("mean", choice.mean), ("deviation", choice.deviation)):
+            model = MODELS[law[role]]
+            errors = np.zeros(len(model.parameters)) if fit is None else fit.errors.copy()
+            if role == "deviation":
+                errors[: len(model.linear)] *= choice.band.widening
+            lines += [f"    {role}: {model.name}  # {model.formula}", f"    {role}_parameters:"]
+            for (key, unit), value, error in zip(
+                model.parameters.items(), law[f"{role}_parameters"], errors, strict=True
+            ):
+                lines.append(f"      - {_number(value)}  # {key} [{unit}], standard error {error:.3g}")
+        lines.append(f"    depth_limit: {_number(law['depth_limit'])}  # [m] deepest that was measured")
+        lines.append(f"    freedom: {_number(law['freedom'])}  # of Student's t for a new session; 0: the normal law")
+    return "\n".join(lines) + "\n"
+
+
+def law_yaml(fits: list[Fitted], source: Path) -> str:
+    """Parameters of a contact law with their errors, for each subject."""
+    lines = [f"# Fitted by `palpate fit` to {source.name}. SI units.", "subjects:"]
+    for subject, fit, _ in fits:
+        lines += [f"  {_scalar(subject.name)}:", f"    law: {fit.model.name}  # {fit.model.formula}"]
+        for key, unit, value, error, _ in _listed(fit):
+            lines.append(f"    {key}: {_number(value)}  # [{unit}] standard error {error:.3g}")
+    return "\n".join(lines) + "\n"
+
+
+def _number(value: float) -> str:
+    """A float as YAML 1.1 reads it: with a point and a signed exponent, every digit kept."""
+    return yaml.safe_dump(value).split("\n")[0]
+
+
+def _scalar(text: str) -> str:
+    """A subject's label, quoted so that it stays a text."""
+    return yaml.safe_dump(text, default_style='"', allow_unicode=True).strip()
+
+
+def law_settings(choice: Choice, deepest: float) -> dict[str, Any]:
+    """The settings of `contact.Probabilistic` for a fitted subject; `deepest` [m] is its deepest indentation.
+
+    Sessions that do not scatter have the deviation 0; the others one that is widened by the error of the curve.
+    """
+    spread = choice.deviation
+    widened = np.zeros(2) if spread is None else spread.parameters.copy()
+    if spread is not None:
+        widened[: len(spread.model.linear)] *= choice.band.widening
+    values = (
+        choice.mean.model.name,
+        choice.mean.parameters.tolist(),
+        "linear" if spread is None else spread.model.name,
+        widened.tolist(),
+        float(deepest),
+        choice.band.freedom,
+    )
+    return dict(zip(LAW_SETTINGS, values, strict=True))

@@ -1,0 +1,90 @@
+"""Orientation of the images: handedness from a header or from the user, and cross-sections for any slice axis.
+
+Three letters say where slices, rows and columns run, in this order and in the words of the finger:
+
+    T, H  to the tip, to the hand        N, P  to the nail, to the pulp
+    R, L  to the right, to the left, for one who looks from the tip towards the hand with the nail up
+
+So HPR are slices from the tip on, with the nail up, seen from the tip. What is not said is found from the images (tip,
+nail, the finger's own axes), except left and right: a mirrored image of a finger is the image of another hand's finger.
+Without a header and without letters the next slice is taken to lie behind the one before.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from scipy.ndimage import binary_opening, label
+
+from palpate.models.scan.stack import ScanError, Stack
+
+DIRECTIONS = {"R": (1, 0, 0), "L": (-1, 0, 0), "H": (0, 1, 0), "T": (0, -1, 0), "N": (0, 0, 1), "P": (0, 0, -1)}
+"""Letter -> direction in the frame of the finger: x across, y from the tip to the hand, z from the pulp to the nail."""
+OPPOSITE = dict(zip("RLHTNP", "LRTHPN", strict=True))
+
+
+def oriented(stack: Stack, axes: str, mirrored: bool | None) -> Stack:
+    """The stack, right-handed.
+
+    axes      three letters, or "" where the user said nothing
+    mirrored  whether columns, rows and slices are left-handed as they were read; None: nothing says so
+
+    ScanError: letters that are no axes.
+    """
+    handed = "assumed" if mirrored is None else "header"
+    if axes:
+        axes = axes.upper()
+        if len(axes) != 3 or {frozenset((a, OPPOSITE.get(a))) for a in axes} != {
+            frozenset(p) for p in ("RL", "TH", "NP")
+        }:
+            raise ScanError(f"--axes: found {axes!r}, expected a letter each of T or H, N or P, R or L, such as HPR")
+        along, row, column = (np.array(DIRECTIONS[a]) for a in axes)
+        mirrored, handed = bool(np.dot(np.cross(column, row), along) < 0), "stated"
+    stack = dataclasses.replace(stack, axes=axes, handed=handed)
+    return _reversed(stack) if mirrored else stack
+
+
+def _reversed(stack: Stack) -> Stack:
+    """The slices from the other end."""
+    axes = OPPOSITE[stack.axes[0]] + stack.axes[1:] if stack.axes else ""
+    return dataclasses.replace(stack, volume=stack.volume[::-1], axes=axes)
+
+
+def cross_sections(stack: Stack) -> Stack:
+    """The stack with slices across the finger, right-handed as before.
+
+    Across is what the user said; else the side of the volume that the finger leaves by; else, where it leaves by none,
+    its longest extent.
+    """
+    along = next((k for k, a in enumerate(stack.axes) if a in "TH"), None)
+    along = _along(stack) if along is None else along
+    if along:
+        order = (along, *(k for k in range(3) if k != along))
+        first, second, third = (stack.spacing[k] for k in order)
+        axes = "".join(stack.axes[k] for k in order) if stack.axes else ""
+        stack = dataclasses.replace(
+            stack, volume=stack.volume.transpose(order), spacing=(first, second, third), axes=axes
+        )
+        if along == 1:  # an odd permutation
+            stack = _reversed(stack)
+    return dataclasses.replace(stack, volume=np.ascontiguousarray(stack.volume))
+
+
+def _along(stack: Stack) -> int:
+    """The axis of the array that is nearest to that of the finger; 0 where nothing can be seen."""
+    volume = stack.volume
+    if volume.ndim != 3 or min(volume.shape) < 3 or not np.isfinite(volume).all() or not min(stack.spacing) > 0:
+        return 0
+    sides = [volume.take(end, axis=axis) for axis in range(3) for end in (0, -1)]
+    air = float(np.median(np.concatenate([side.ravel() for side in sides])))
+    bright = binary_opening(volume > air + 0.25 * (float(np.percentile(volume, 99.5)) - air))
+    names, count = label(bright)
+    if count == 0:
+        return 0
+    finger = names == np.argmax(np.bincount(names.ravel())[1:]) + 1
+    step = np.array(stack.spacing)
+    faces = [max(finger.take(end, axis=axis).sum() for end in (0, -1)) * step.prod() / step[axis] for axis in range(3)]
+    if max(faces) > 1e-6:
+        return int(np.argmax(faces))
+    return int(np.argmax([np.ptp(np.flatnonzero(finger.any(axis=tuple({0, 1, 2} - {k})))) * step[k] for k in range(3)]))

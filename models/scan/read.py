@@ -1,0 +1,257 @@
+"""Reading a stack of cross-sections: DICOM series, NIfTI, or numbered PNG and TIFF images with a given spacing."""
+
+from __future__ import annotations
+
+import dataclasses
+import gzip
+import io
+import math
+import re
+import struct
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from palpate.models.scan.orientation import cross_sections, oriented
+from palpate.models.scan.stack import ScanError, Stack, checked
+
+MOST_PACKED = 1032
+"""[1] Bytes out of one of deflate, at most (zlib, technical details)."""
+MOST_VOXELS = 1 << 28
+"""[1] Of a stack: one gigabyte as it is computed with, four litres at 0.25 mm."""
+MOST_FILE = 1 << 30
+"""[bytes] Of a series of DICOM files together."""
+MOST_HEAD = 1 << 24
+"""[bytes] Before the voxels of a NIfTI file."""
+DEFLATED = b"1.2.840.10008.1.2.1.99"
+"""The transfer syntax of DICOM files that are packed as a whole."""
+PNG = struct.Struct(">8s8xII")
+"""Signature, width and height at the head of a PNG file."""
+PICTURES = (".png", ".tif", ".tiff")
+
+
+def read(path: str | Path, spacing: tuple[float, float, float] | None = None, axes: str = "") -> Stack:
+    """The stack in a file (.nii, .nii.gz, .tif) or a folder (DICOM series, or numbered .png, .tif images).
+
+    spacing  [m] between slices, rows, columns; needed for images, as their files count them, and takes the place of
+             what DICOM or NIfTI say of the cross-sections
+    axes     where slices, rows and columns run, as `scan.orientation` says; takes the place of what DICOM or NIfTI say
+
+    Slices of the answer are cross-sections of the finger, whichever way the file has them.
+
+    ScanError: nothing to read, missing slices, slices of different size or spacing, a spacing that no finger scan has,
+    axes that are none.
+    """
+    path = Path(path)
+    if not path.exists():
+        raise ScanError(f"{path}: no such file or folder. Expected a DICOM folder, .nii(.gz), or numbered .png or .tif")
+    if path.is_file():
+        name = path.name.lower()
+        if name.endswith((".nii", ".nii.gz")):
+            volume, own_spacing, mirrored = _nifti(path)
+        elif name.endswith((".tif", ".tiff")):
+            volume, own_spacing, mirrored = _pages(path), None, None
+        else:
+            raise ScanError(f"{path}: not a stack. Expected a folder, .nii, .nii.gz, or a .tif of many pages")
+    else:
+        files = sorted(f for f in path.iterdir() if f.is_file() and not f.name.startswith("."))
+        pictures = [f for f in files if f.suffix.lower() in PICTURES]
+        volume, own_spacing, mirrored = (_images(path, pictures), None, None) if pictures else _dicom(path, files)
+    used = own_spacing or spacing
+    if used is None:
+        raise ScanError(f"{path}: images have no spacing. Give it as slice,row,column in mm, such as 1.2,0.23,0.23")
+    stack = Stack(np.asarray(volume, dtype=np.float32), used, str(path))
+    stack = cross_sections(oriented(stack, axes, mirrored))
+    return checked(stack if own_spacing is None or spacing is None else dataclasses.replace(stack, spacing=spacing))
+
+
+def _nifti(path: Path):
+    import nibabel
+
+    try:
+        _check_head(path)
+        image: Any = nibabel.load(path)
+        _check_voxels(math.prod(map(int, image.shape)))
+        claimed = math.prod(map(int, image.shape)) * int(image.get_data_dtype().itemsize)
+        held = path.stat().st_size * (MOST_PACKED if path.name.lower().endswith(".gz") else 1)
+        if not 0 < claimed <= held:  # memory is reserved before the voxels are read
+            raise ValueError(f"its header says {claimed} bytes of voxels, the file holds at most {held}")
+        data = np.squeeze(np.asanyarray(image.dataobj).astype(np.float32))
+    except Exception as error:  # nibabel and its compressors raise many types; all mean the same to the user
+        raise ScanError(f"{path}: cannot be read as NIfTI: {error}") from None
+    if data.ndim != 3:
+        raise ScanError(f"{path}: found {data.ndim} dimensions, expected one volume of three")
+    unit = {"meter": 1.0, "micron": 1e-6}.get(image.header.get_xyzt_units()[0], 1e-3)
+    turn = np.asarray(image.affine, float)[:3, :3]
+    zooms = np.linalg.norm(turn, axis=0)
+    if not (np.isfinite(turn).all() and (zooms > 0).all()):
+        raise ScanError(
+            f"{path}: its affine has no size along an axis; give the spacing and the axes with a new header"
+        )
+    if np.abs((turn / zooms).T @ (turn / zooms) - np.eye(3)).max() > 0.01:
+        raise ScanError(f"{path}: the axes of its affine are not orthogonal; resample the images")
+    stated = any(int(image.header[code]) > 0 for code in ("qform_code", "sform_code") if code in image.header)
+    # NIfTI rows grow upwards (to superior or anterior), those of an image downwards.
+    mirrored = bool(np.linalg.det(turn) > 0) if stated else None
+    along, row, column = (float(zooms[k]) * unit for k in (2, 1, 0))
+    return data.transpose(2, 1, 0)[:, ::-1], (along, row, column), mirrored
+
+
+def _check_head(path: Path) -> None:
+    """ValueError: voxels so far behind the head that the extensions between them, which are read first, are no text."""
+    unpacked = gzip.open if path.name.lower().endswith(".gz") else open
+    with unpacked(path, "rb") as file:
+        head = file.read(352)
+    for order in "<>":
+        if head[:4] == struct.pack(f"{order}i", 348):
+            begin = struct.unpack_from(f"{order}f", head, 108)[0]
+        elif head[:4] == struct.pack(f"{order}i", 540):
+            begin = struct.unpack_from(f"{order}q", head, 168)[0]
+        else:
+            continue
+        if not begin <= MOST_HEAD:
+            raise ValueError(f"its voxels begin at byte {begin:g}, expected at most {MOST_HEAD}")
+
+
+def _check_voxels(count: int) -> None:
+    """ValueError: more than a stack may have."""
+    if not 0 < count <= MOST_VOXELS:
+        raise ValueError(f"its header says {count} voxels, expected 1 to {MOST_VOXELS}")
+
+
+def _picture(path: Path):
+    """The pixels of a picture. ValueError: one that says it has more than it can hold, or another file by the name of
+    one; many others."""
+    from skimage.io import imread
+
+    if path.suffix.lower() == ".png":
+        with path.open("rb") as head:
+            signature, width, height = PNG.unpack(head.read(PNG.size))
+        if signature != b"\x89PNG\r\n\x1a\n":  # the reader would take what it finds for any of its formats
+            raise ValueError("not a PNG file")
+        _check_voxels(width * height)
+    if path.suffix.lower() in (".tif", ".tiff"):
+        import tifffile
+
+        with tifffile.TiffFile(path) as file:
+            claimed = max((int(series.size) * series.dtype.itemsize for series in file.series), default=0)
+            _check_voxels(max((int(series.size) for series in file.series), default=0))
+        if claimed > MOST_PACKED * path.stat().st_size:  # memory is reserved before the pixels are read
+            raise ValueError(f"its header says {claimed} bytes of pixels, the file has {path.stat().st_size}")
+    return imread(path)
+
+
+def _pages(path: Path):
+    try:
+        data = _picture(path)
+    except Exception as error:  # as above: many readers, many types
+        raise ScanError(f"{path}: cannot be read as TIFF: {error}") from None
+    if data.ndim != 3 or data.shape[-1] in (3, 4):
+        raise ScanError(f"{path}: found shape {data.shape}, expected pages × rows × columns in grey")
+    return data
+
+
+def _images(folder: Path, files: list[Path]):
+    numbered = []
+    for file in files:
+        numbers = re.findall(r"\d+", file.stem)
+        if not numbers:
+            raise ScanError(f"{file}: no number in its name; slices are put in order by the last number")
+        numbered.append((int(numbers[-1]), file))
+    numbered.sort()
+    steps = sorted(b - a for (a, _), (b, _) in pairwise(numbered))
+    usual = steps[len(steps) // 2] if steps else 1
+    for (a, before), (b, after) in pairwise(numbered):
+        if b - a != usual:
+            raise ScanError(f"{folder}: from {before.name} to {after.name} the number goes up by {b - a}, elsewhere by "
+                            f"{usual}: a slice is missing or there twice")  # fmt: skip
+    slices = []
+    for _, file in numbered:
+        try:
+            image = _picture(file)
+        except Exception as error:  # as above
+            raise ScanError(f"{file}: cannot be read: {error}") from None
+        if image.size * len(files) > 4 * MOST_VOXELS:
+            raise ScanError(f"{folder}: {len(files)} images as {file.name} have more than {MOST_VOXELS} voxels")
+        slices.append(image[..., :3].mean(axis=-1) if image.ndim == 3 else image)
+        if slices[-1].shape != slices[0].shape:
+            raise ScanError(f"{file}: {slices[-1].shape} pixels, the first slice has {slices[0].shape}")
+    return np.stack(slices)
+
+
+def _dicom(folder: Path, files: list[Path]):
+    try:
+        return _series(folder, files)
+    except ScanError:
+        raise
+    except Exception as error:  # as above: a value is read from its text when it is asked for
+        raise ScanError(f"{folder}: cannot be read as DICOM: {error}") from None
+
+
+def _series(folder: Path, files: list[Path]):
+    import pydicom
+
+    series: dict[str, list] = {}
+    size = sum(file.stat().st_size for file in files)
+    if size > MOST_FILE:
+        raise ScanError(f"{folder}: {len(files)} files of {size} bytes together, expected at most {MOST_FILE}")
+    for file in files:
+        try:
+            # From memory: a file's `read` makes room for as much as a damaged length claims.
+            held = file.read_bytes()
+            if DEFLATED in held:
+                raise ScanError(f"{file}: deflated DICOM, whose size is not known before it is unpacked; convert it to "
+                                "another transfer syntax, or to NIfTI")  # fmt: skip
+            data = pydicom.dcmread(io.BytesIO(held))
+        except (pydicom.errors.InvalidDicomError, OSError):
+            continue
+        if "PixelData" in data:
+            series.setdefault(str(data.get("SeriesInstanceUID", "")), []).append(data)
+    if not series:
+        raise ScanError(f"{folder}: no DICOM, PNG or TIFF images in it")
+    if len(series) > 1:
+        counts = ", ".join(f"{len(s)} of …{uid[-12:]}" for uid, s in series.items())
+        raise ScanError(f"{folder}: {len(series)} series ({counts}), expected one; put each in a folder of its own")
+    slices = next(iter(series.values()))
+    for name in ("PixelSpacing", "ImagePositionPatient", "ImageOrientationPatient"):
+        if any(s.get(name) is None for s in slices):
+            raise ScanError(f"{folder}: {name} is missing; convert to NIfTI, or to images with a given spacing")
+    if any(int(s.get("NumberOfFrames", 1)) > 1 for s in slices):
+        raise ScanError(f"{folder}: enhanced DICOM with many frames a file; convert it to NIfTI")
+    _check_voxels(sum(int(s.Rows) * int(s.Columns) * int(s.get("SamplesPerPixel", 1)) for s in slices))
+    for name in ("PixelSpacing", "ImageOrientationPatient", "Rows", "Columns"):
+        if any(not np.allclose(s.get(name), slices[0].get(name), rtol=1e-4, atol=1e-4) for s in slices):
+            raise ScanError(f"{folder}: {name} differs from slice to slice, expected one for the series")
+    turn = np.array(slices[0].ImageOrientationPatient, float)
+    normal = np.cross(turn[:3], turn[3:])
+    placed = sorted(((float(np.dot(normal, np.array(s.ImagePositionPatient, float))), s) for s in slices),
+                    key=lambda pair: pair[0])  # fmt: skip
+    places = np.array([p for p, _ in placed])
+    aside = np.array([np.array(s.ImagePositionPatient, float) - p * normal for p, s in placed])
+    if np.abs(aside - aside[0]).max() > 0.1 * max(float(v) for v in slices[0].PixelSpacing):
+        raise ScanError(
+            f"{folder}: the slices are not perpendicular to the direction of the stack; resample the images"
+        )
+    gaps = np.diff(places)
+    usual = float(np.median(gaps)) if len(gaps) else 0.0
+    wrong = np.flatnonzero(np.abs(gaps - usual) > 0.05 * abs(usual) + 1e-3)
+    if len(wrong):
+        k = int(wrong[0])
+        raise ScanError(f"{folder}: {gaps[k]:.3f} mm between slices {k + 1} and {k + 2} of {len(placed)}, elsewhere "
+                        f"{usual:.3f} mm: a slice is missing or there twice")  # fmt: skip
+    try:
+        volume = np.stack([(s.pixel_array * float(s.get("RescaleSlope", 1)) + float(s.get("RescaleIntercept", 0)))
+                           .astype(np.float32) for _, s in placed])  # fmt: skip
+    except Exception as error:  # pixel decoders raise many types
+        raise ScanError(f"{folder}: pixels cannot be decoded: {error}") from None
+    kinds = {str(s.get("PhotometricInterpretation", "MONOCHROME2")) for s in slices}
+    if kinds == {"MONOCHROME1"}:  # its small values are bright
+        volume = volume.max() - volume
+    elif kinds != {"MONOCHROME2"}:
+        raise ScanError(
+            f"{folder}: pixels of {', '.join(sorted(kinds))}, expected grey ones, MONOCHROME1 or MONOCHROME2"
+        )
+    row, column = (float(v) * 1e-3 for v in slices[0].PixelSpacing)
+    return volume, (usual * 1e-3, row, column), False  # slices in order of columns × rows are right-handed

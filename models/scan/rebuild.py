@@ -1,0 +1,122 @@
+"""From outlines to surfaces: interpolation of shapes between slices, and the frame of the fingertip.
+
+Between slices the signed distance to the outline is interpolated, not the outline itself (shape-based interpolation,
+Raya & Udupa 1990), so that no points need to be paired. Beyond the last outline a surface closes as an ellipsoid does:
+its inscribed radius falls with the root of the way to the tip, which the last two outlines tell.
+
+The surfaces are first made in the frame of the images, then turned to the finger's own axes (`align`).
+"""
+
+from __future__ import annotations
+
+from typing import Literal, NamedTuple
+
+import numpy as np
+from scipy.interpolate import PchipInterpolator
+
+from palpate.models.scan.align import Frame, find_frame, turned
+from palpate.models.scan.outline import Outlines, distance, enclosed
+from palpate.models.scan.stack import ScanError
+from palpate.physics.fingertip.surfaces import Fingertip
+
+MARGIN = 1.5e-3
+"""[m] Of air round the finger."""
+Side = Literal["auto", "up", "down", "left", "right"]
+TOWARDS = {"up": (0, 1), "down": (0, -1), "left": (-1, 0), "right": (1, 0)}
+"""Side of an image -> direction (right, up) in it."""
+
+
+class Rebuilt(NamedTuple):
+    """A fingertip, and where it lay: its frame in that of the images (column, slice from the tip on, upwards; right-
+    handed, so that columns are counted from the other side where the tip is in the last slice)."""
+
+    tip: Fingertip
+    frame: Frame
+
+
+def rebuild(outlines: Outlines, grid: float = 4e-4, dorsal: Side = "auto") -> Fingertip:
+    """The surfaces of a finger from its outlines; as `reconstruct`."""
+    return reconstruct(outlines, grid, dorsal).tip
+
+
+def reconstruct(outlines: Outlines, grid: float = 4e-4, dorsal: Side = "auto") -> Rebuilt:
+    """The surfaces of a finger from its outlines, and where it lay in the images.
+
+    grid    [m] spacing of the distances
+    dorsal  where the nail is in the images; "auto": on the side of the finger on which the bone lies
+
+    The frame: the axis of the bone is y, from the tip of the skin; x runs across where the finger is broadest, z to the
+    nail.
+    ScanError: neither end of the stack is a tip, or the side of the nail cannot be told.
+    """
+    last = _tip_is_last(outlines)
+    side = -1 if last else 1
+    order = range(len(outlines.skin) - 1, -1, -1) if last else range(len(outlines.skin))
+    curves = {name: [_placed(getattr(outlines, name)[k], side) for k in order] for name in ("skin", "tissue", "bone")}
+    every = np.concatenate([c for c in curves["skin"] if c is not None])
+    low, high = every.min(axis=0) - MARGIN, every.max(axis=0) + MARGIN
+    x = np.arange(low[0], high[0] + grid, grid)
+    z = np.arange(low[1], high[1] + grid, grid)
+    first = next(k for k, c in enumerate(curves["skin"]) if c is not None)
+    y = np.arange((first - 1) * outlines.spacing - MARGIN, (len(order) - 1) * outlines.spacing, grid)
+    plane = np.stack(np.meshgrid(x, z, indexing="ij"), -1).reshape(-1, 2)
+    levels = [
+        _between(curves[name], outlines.spacing, plane, y).reshape(len(y), len(x), len(z)).transpose(1, 0, 2)
+        for name in ("skin", "tissue", "bone")
+    ]
+    levels[1] = np.maximum(levels[1], levels[0])
+    levels[2] = np.maximum(levels[2], levels[0])
+    lying = Fingertip(np.array([x[0], y[0], z[0]]), np.full(3, grid), *map(np.ascontiguousarray, levels))
+    frame = find_frame(lying, _nail(outlines.axes, dorsal, side))
+    return Rebuilt(turned(lying, frame, MARGIN), frame)
+
+
+def _tip_is_last(outlines: Outlines) -> bool:
+    """Whether the tip is at the end of the stack, by its areas."""
+    areas = [enclosed(curve) for curve in outlines.skin if curve is not None]
+    if min(areas[0], areas[-1]) > 0.8 * max(areas[0], areas[-1]):
+        raise ScanError("neither end of the stack narrows to a fingertip; expected slices from the tip on")
+    last = areas[0] > areas[-1]
+    if outlines.axes and (outlines.axes[0] == "T") != last:
+        raise ScanError("--axes: its letters put the tip at the end of the stack where the finger is broader")
+    return last
+
+
+def _nail(axes: str, dorsal: Side, side: int) -> np.ndarray | None:
+    """Direction of the nail (3) in the frame of the images, None where nobody said."""
+    if dorsal == "auto" and axes:
+        # Growing rows run down, growing columns to the right.
+        sides: dict[str, tuple[Side, Side]] = {"N": ("down", "right"), "P": ("up", "left")}
+        dorsal = next(sides[a][k] for k, a in enumerate(axes[1:]) if a in sides)
+    if dorsal == "auto":
+        return None
+    right, up = TOWARDS[dorsal]
+    return np.array([side * right, 0.0, up])
+
+
+def _placed(curve: np.ndarray | None, side: int) -> np.ndarray | None:
+    """(row, column) of an image as (across, up); seen from behind where the slices are taken in their other order."""
+    return None if curve is None else np.stack([side * curve[:, 1], -curve[:, 0]], axis=1)
+
+
+def _between(curves: list[np.ndarray | None], spacing: float, plane: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Signed distance (y, n) at heights y [m] from outlines at multiples of the spacing."""
+    seen = [k for k, curve in enumerate(curves) if curve is not None]
+    known = [distance(curve, plane) for curve in curves if curve is not None]
+    places = [k * spacing for k in seen]
+    head = _cap(known[0], known[1], spacing)
+    knots = [(places[0] - s, level) for s, level in reversed(head)] + list(zip(places, known, strict=True))
+    if seen[-1] < len(curves) - 1:
+        tail = _cap(known[-1], known[-2], spacing)
+        knots += [(places[-1] + s, level) for s, level in tail]
+    at, levels = np.array([k[0] for k in knots]), np.stack([k[1] for k in knots])
+    signed_distance = PchipInterpolator(at, levels, axis=0)(np.clip(y, at[0], at[-1]))
+    beyond = np.maximum(at[0] - y, 0) + np.maximum(y - at[-1], 0)
+    return signed_distance + beyond[:, None]
+
+
+def _cap(last: np.ndarray, before: np.ndarray, spacing: float) -> list[tuple[float, np.ndarray]]:
+    """Ways beyond the last outline and the signed distances there, up to the tip."""
+    r, inner = -last.min(), -before.min()
+    rest = spacing * np.clip(r**2 / max(inner**2 - r**2, 1e-12), 0.1, 1.0)
+    return [(rest * (1 - t), last + r * (1 - np.sqrt(t))) for t in (0.75, 0.5, 0.25, 0.06, 0.0)]

@@ -1,0 +1,317 @@
+"""The commands `palpate reduce` and `palpate fe`."""
+
+import json
+import shlex
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import typer
+from typer.testing import CliRunner
+
+from palpate.launch.__main__ import app
+from palpate.launch.commands import reduce as reduce_command
+from palpate.launch.commands.fe import fe, run_name
+from palpate.launch.testing import FakeBus
+from palpate.messages import Contact
+from palpate.models.fe.study.press_record import Run
+from palpate.nodes.deformation import ReducedFE
+from palpate.nodes.tactile import Flow
+from palpate.physics.bodies.condensed_body import Basis
+from palpate.physics.bodies.sampled_body import SampledBasis
+from palpate.physics.fingertip.anatomy import Anatomy
+
+
+def run(*words):
+    return CliRunner().invoke(app, list(words))
+
+
+def test_reduce_builds_a_basis_once_and_the_node_finds_it(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    sets = ["--set", "surface=sphere", "--set", "coarse=60"]
+    first = json.loads(run("reduce", *sets, "--json").stdout)
+    again = json.loads(run("reduce", *sets, "--json").stdout)
+    assert first["built"] and not again["built"] and first["path"] == again["path"]
+    node = ReducedFE(surface="sphere", coarse=60, vertices=300, young=5e3, retardation=0.1)
+    node.start()
+    other = json.loads(run("reduce", *sets, "--set", "bed=20", "--json").stdout)
+    assert other["built"] and other["path"] != first["path"]
+
+
+def test_reduce_says_what_it_cannot_use(tmp_path):
+    wrong = run("reduce", "--set", "poisson=0.5")
+    assert wrong.exit_code == 2 and "'poisson'" in wrong.output
+    wrong = run("reduce", "--set", "bed")
+    assert wrong.exit_code == 2 and "name=value" in wrong.output
+    wrong = run("reduce", "--set", f"surface={tmp_path / 'no.stl'}")
+    assert wrong.exit_code != 0 and "no.stl" in wrong.output
+    assert "Traceback" not in wrong.output
+
+
+def ball(path, corners):
+    """A ball of 40 mm, in mm, as an STL file."""
+    trimesh = pytest.importorskip("trimesh")
+    trimesh.creation.icosphere(corners, 20.0).export(path)
+    return ["--set", f"surface={path}", "--set", "file_unit=mm"]
+
+
+def test_reduce_refuses_in_one_line_before_the_minutes_of_the_build(tmp_path):
+    one_line(run("reduce", "--set", "poisson=["), 2, "--set poisson=[", "expected a number")
+    one_line(run("reduce", "--set", "nosuch=1"), 2, "'nosuch'", "unknown")
+    one_line(run("reduce", *ball(tmp_path / "fine.stl", 4)), 2, "2562 vertices, expected at most 2500")
+    fine = json.loads(
+        run("reduce", "--set", "model=sampled", "--set", "coarse=900", "--to", str(tmp_path), "--json").stdout
+    )
+    assert "expected at most 18000" in fine["text"] and "`coarse`" in fine["text"]
+    (tmp_path / "file").write_text("")
+    small = ["--set", "surface=sphere", "--set", "coarse=61"]
+    one_line(run("reduce", *small, "--to", str(tmp_path / "file" / "bases")), 2, "Not a directory", "--to bases")
+
+
+def test_reduce_that_is_stopped_leaves_nothing(tmp_path, monkeypatch):
+    def stopped(self, path, *about):
+        path.with_name(f"{path.name}.part.npz").write_bytes(b"half")
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Basis, "save", stopped)
+    small = ["--set", "surface=sphere", "--set", "coarse=60", "--set", "model=linear", "--to", str(tmp_path), "--json"]
+    one_line(run("reduce", *small), 130, "nothing is stored")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(("worst", "code"), [(0.4, 1), (0.2, 0)])
+def test_reduce_says_so_where_a_basis_is_of_no_use(tmp_path, monkeypatch, worst, code):
+    def built(node, path, quiet):
+        np.savez(path, about=np.array("{}"))
+        return {"mean": worst / 4, "worst": worst}
+
+    monkeypatch.setattr(reduce_command, "_build", built)
+    made = run("reduce", "--set", "surface=plane", "--set", "coarse=120", "--to", str(tmp_path))
+    assert made.exit_code == code, made.output
+    assert f"{worst:.1%} at worst" in made.stdout
+    assert ("--set coarse=240 (now 120, by default 600)" in made.stderr) == bool(code)
+
+
+def fingertip(*words):
+    return run("fe", "fingertip", "--cells", "3", *words)
+
+
+@pytest.fixture(scope="module")
+def steel(tmp_path_factory):
+    """A short run on steel, all of it in its folder."""
+    folder = tmp_path_factory.mktemp("runs")
+    report = json.loads(fingertip("--depth", "0.1", "--material", "20", "--to", str(folder), "--json").stdout)
+    return folder, report
+
+
+def one_line(result, code, *texts):
+    """One line that says what is wrong, and the exit code."""
+    assert result.exit_code == code, result.output
+    assert "Traceback" not in result.output and len(result.output.strip().splitlines()) == 1, result.output
+    for text in texts:
+        assert text in result.output
+
+
+def test_fe_fingertip_reports_the_run_beside_the_paper(steel):
+    folder, report = steel
+    assert report["divisor"] == 20.0 and report["indentation"][-1] == pytest.approx(1e-4)
+    assert report["paper"][0] == {"force": 0.11, "indentation": 1.24e-3, "found": None}
+    assert len(list(folder.rglob("finger.vtu"))) == 1
+
+
+def test_the_record_and_the_file_for_paraview_hold_the_pressure(steel):
+    folder, report = steel
+    run = Run(folder / "steel-20-3-0.2")
+    nodes, pressure = run.pressure(len(report["force"]) - 1)
+    mean = report["force"][-1] / report["area"][-1]
+    assert 0.2 * mean < pressure.max() < 4.0 * mean  # so light a contact is narrower than a face
+    assert np.unique(nodes).size == nodes.size == pressure.size
+    assert 'Name="pressure"' in next(folder.rglob("finger.vtu")).read_text()
+
+
+def test_fe_fingertip_draws_what_the_run_has(steel):
+    pytest.importorskip("matplotlib")
+    folder, report = steel
+    assert [path.rpartition("/")[2] for path in report["pictures"]] == ["force.png", "strain.png"]
+    assert min(path.stat().st_size for path in folder.rglob("*.png")) > 20_000
+
+
+def test_the_area_of_a_light_run_fills_its_picture_beside_the_papers_greater_forces(steel):
+    pytest.importorskip("matplotlib")
+    from palpate.views.pictures.fe_fingertip import force
+
+    folder, report = steel
+    left, right = force({"steel": Run(folder / "steel-20-3-0.2")}).axes
+    assert left.get_ylim()[1] > 0.5
+    assert right.get_xlim()[1] == pytest.approx(1.05 * report["force"][-1])
+
+
+def test_without_matplotlib_the_run_is_kept_and_says_what_to_install(steel, monkeypatch):
+    folder, _ = steel
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    again = fingertip("--depth", "0.1", "--material", "20", "--to", str(folder))
+    assert again.exit_code == 0 and 'pip install "palpate[view]"' in again.output, again.output
+    assert "0.11 N: not reached" in again.output
+
+
+@pytest.mark.long
+def test_a_run_beyond_the_papers_forces_has_all_four_pictures(tmp_path):
+    pytest.importorskip("matplotlib")
+    report = json.loads(fingertip("--material", "cortical", "--depth", "0.9", "--to", str(tmp_path), "--json").stdout)
+    names = [path.rpartition("/")[2] for path in report["pictures"]]
+    assert names == ["force.png", "strain.png", "isostrain.png", "flow.png"]
+    assert min(path.stat().st_size for path in tmp_path.rglob("*.png")) > 20_000
+    assert report["paper"][1]["found"] == pytest.approx(0.77e-3, abs=0.03e-3)  # 0.76 mm on finer meshes
+
+
+def test_the_same_command_again_computes_nothing(steel):
+    folder, report = steel
+    before = (folder / "steel-20-3-0.2" / "state.npz").stat().st_mtime_ns
+    again = json.loads(fingertip("--depth", "0.1", "--material", "20", "--to", str(folder), "--json").stdout)
+    assert again == report
+    assert (folder / "steel-20-3-0.2" / "state.npz").stat().st_mtime_ns == before
+
+
+@pytest.mark.parametrize(
+    ("words", "text"),
+    [
+        (["--material", "stone"], "printed, calibrated, cortical"),
+        (["--material", "0"], "a number above 0"),
+        (["--material", "nan"], "a number above 0"),
+        (["--plate", "wood"], "steel, silicone"),
+        (["--cells", "2"], "--cells 2: expected 3"),
+        (["--cells", "2000"], "--cells 2000: expected 3"),
+        (["--depth", "30"], "less than 3.84 mm"),
+        (["--depth", "-1"], "more than 0"),
+        (["--depth", "nan"], "more than 0"),
+        (["--friction", "-0.1"], "--friction -0.1"),
+        (["--finger", "no.npz"], "no.npz"),
+        (["--finger", __file__], "cannot be read as a fingertip"),
+    ],
+)
+def test_fe_fingertip_says_what_it_cannot_use(tmp_path, words, text):
+    one_line(fingertip("--to", str(tmp_path / "runs"), *words), 2, text)
+    assert not (tmp_path / "runs").exists()
+    told = json.loads(fingertip("--to", str(tmp_path / "runs"), *words, "--json").stdout)
+    assert not told["ok"] and text in told["text"]
+
+
+def test_a_folder_that_cannot_be_written_is_said_before_the_run(tmp_path):
+    (tmp_path / "file").write_text("")
+    one_line(fingertip("--to", str(tmp_path / "file" / "runs")), 2, "Not a directory")
+
+
+def test_a_measured_finger_that_does_not_fit_is_said(tmp_path):
+    Anatomy(bone_height=2.2e-3).fingertip().save(tmp_path / "thin.npz")
+    one_line(fingertip("--finger", str(tmp_path / "thin.npz"), "--to", str(tmp_path)), 2, "between skin and bone")
+
+
+@pytest.mark.long
+def test_another_finger_of_the_same_name_does_not_go_on_with_a_run(tmp_path):
+    words = ["--depth", "0.05", "--to", str(tmp_path), "--finger", str(tmp_path / "me.npz")]
+    Anatomy().fingertip(8e-4).save(tmp_path / "me.npz")
+    assert fingertip(*words).exit_code == 0
+    Anatomy(width=17e-3).fingertip(8e-4).save(tmp_path / "me.npz")
+    one_line(fingertip(*words), 2, "holds a run with finger.measured")
+
+
+@pytest.mark.parametrize("name", ["state.npz", "table.npz", "run.json"])
+def test_a_damaged_run_is_said(steel, tmp_path, name):
+    folder, _ = steel
+    broken = tmp_path / "steel-20-3-0.2"
+    broken.mkdir()
+    for path in (folder / "steel-20-3-0.2").iterdir():
+        (broken / path.name).write_bytes(path.read_bytes()[:100] if path.name == name else path.read_bytes())
+    again = fingertip("--depth", "0.1", "--material", "20", "--to", str(tmp_path))
+    one_line(again, 2, name, "damaged")
+
+
+def test_fe_table_and_compare_say_what_is_no_run(steel, tmp_path):
+    folder, _ = steel
+    mine = str(folder / "steel-20-3-0.2")
+    one_line(run("fe", "table", mine, str(tmp_path)), 2, "no run.json", "palpate fe fingertip")
+    one_line(run("fe", "table", mine, str(folder)), 2, "no run.json", f"such as {mine}")
+    one_line(run("fe", "compare", mine, mine), 2, "a run on steel, expected one on silicone")
+    one_line(run("fe", "compare", str(tmp_path / "no"), mine), 2, "no run.json")
+
+
+@pytest.mark.long
+def test_ctrl_c_keeps_the_steps_and_the_same_command_goes_on(tmp_path):
+    words = ["fe", "fingertip", "--cells", "3", "--depth", "0.3", "--to", str(tmp_path)]
+    begun = subprocess.Popen([sys.executable, "-m", "palpate.launch", *words], stderr=subprocess.PIPE, text=True)
+    first = tmp_path / "steel-calibrated-3-0.2" / "step-001.npz"
+    until = time.monotonic() + 120
+    while not first.exists() and time.monotonic() < until:
+        time.sleep(0.05)
+    begun.send_signal(signal.SIGINT)
+    _, errors = begun.communicate(timeout=60)
+    assert begun.returncode == 130 and "the same command goes on from there" in errors and "Traceback" not in errors
+    report = json.loads(run(*words, "--json").stdout)
+    assert report["indentation"][-1] == pytest.approx(3e-4) and (np.diff(report["indentation"]) > 0).all()
+    whole = json.loads(run(*words, "--json", "--to", str(tmp_path / "whole")).stdout)
+    assert report["force"][-1] == pytest.approx(whole["force"][-1], rel=5e-3)
+
+
+@pytest.mark.long
+def test_fe_compare_puts_both_plates_side_by_side(steel, tmp_path):
+    """Short runs: what they do not reach is left out, not made up."""
+    pytest.importorskip("matplotlib")
+    folder, _ = steel
+    words = ["--plate", "silicone", "--material", "20", "--depth", "0.1", "--to", str(tmp_path), "--json"]
+    soft = json.loads(fingertip(*words).stdout)
+    both = (str(folder / "steel-20-3-0.2"), soft["folder"])
+    report = json.loads(run("fe", "compare", *both, "--to", str(tmp_path / "both"), "--json").stdout)
+    (row,) = report["statements"]
+    assert "strain 0.1" in row["statement"] and row["steel"] is None and row["holds"] is None
+    assert [path.rpartition("/")[2] for path in report["pictures"]] == ["force.png", "strain.png"]
+    shown = run("fe", "compare", *both, "--to", str(tmp_path / "both"))
+    assert shown.exit_code == 0 and "less on silicone" in shown.output
+
+
+@pytest.mark.long
+def test_a_users_table_is_a_setting_of_the_node(steel, tmp_path):
+    """From two runs by `fe table` to `tactile.Flow`, which reads what the runs hold; a steel run is scaled to the
+    material of the other."""
+    folder, hard = steel
+    soft = json.loads(fingertip("--plate", "silicone", "--depth", "0.05", "--to", str(tmp_path), "--json").stdout)
+    written = tmp_path / "mine.npz"
+    made = run("fe", "table", str(folder / "steel-20-3-0.2"), soft["folder"], "--to", str(written))
+    assert made.exit_code == 0, made.output
+    one_line(run("fe", "compare", str(folder / "steel-20-3-0.2"), soft["folder"]), 2, "divisor is 20.0 on steel")
+    force = hard["force"][-1] * 20.0 / soft["divisor"]
+    touch = Contact(foot=(0, 0, 0), normal=(0, 0, 1), force=force, compression=0, indentation=0, compression_rate=0,
+                    indentation_rate=0)  # fmt: skip
+    sent = FakeBus(Flow(table=str(written), plate="steel")).publish(touch)[0]
+    assert sent.area == pytest.approx(hard["area"][-1], rel=1e-6)
+    assert sent.levels == pytest.approx(hard["levels"]) and sent.volumes == pytest.approx(hard["volumes"][-1])
+
+
+def test_an_organ_in_modes_says_how_far_it_is_off_where_it_was_not_pressed(tmp_path):
+    sets = ["--set", "model=sampled", "--set", "modes=8", "--set", "coarse=50"]
+    told = json.loads(run("reduce", *sets, "--to", str(tmp_path), "--json").stdout)
+    unseen = told["unseen"]
+    assert 0.0 < unseen["mean"] < unseen["worst"] < 0.1 and 0.0 < unseen["linear_mean"] < unseen["linear_worst"]
+    assert SampledBasis.load(Path(told["path"])).modes.shape[1] == 8
+    loose = run("reduce", *sets, "--set", "bed=0.01", "--to", str(tmp_path), "--json")
+    assert loose.exit_code == 2 and "for 0 touches" in json.loads(loose.stdout)["text"]
+
+
+@pytest.mark.parametrize("page", ["README.md", "docs/fingertip.md"])
+def test_the_printed_commands_compare_folders_that_they_make(page):
+    """`palpate fe compare` as printed names folders of runs that are printed before it."""
+    group = typer.main.get_command(fe)
+    made = set()
+    for line in (Path(__file__).parents[4] / page).read_text(encoding="utf-8").splitlines():
+        words = shlex.split(line, comments=True) if line.startswith("palpate fe ") else []
+        if words[2:3] == ["fingertip"]:
+            given = group.commands["fingertip"].make_context("fingertip", words[3:]).params
+            names = ("plate", "material", "cells", "friction", "finger")
+            made.add(str(given["folder"] / run_name(*(given[name] for name in names))))
+        elif words[2:3] == ["compare"]:
+            given = group.commands["compare"].make_context("compare", words[3:]).params
+            assert {str(given["steel"]), str(given["silicone"])} <= made
+    assert made or page == "README.md"

@@ -1,0 +1,256 @@
+"""`palpate fit` as a user runs it."""
+
+import json
+
+import numpy as np
+import pytest
+import yaml
+from pytest import approx
+from scipy.stats import t as student
+from typer.testing import CliRunner
+
+from palpate.launch.__main__ import app
+from palpate.messages import Contact
+from palpate.models.fit.synthetic_sessions import DEPTHS, synthetic_sessions
+from palpate.nodes.contact.probabilistic import Probabilistic
+from palpate.physics.contact.force_models import LAWS, MODELS
+
+HEAD = "subject,session,depth [mm],force [N]"
+
+
+def run(*arguments):
+    return CliRunner(env={"COLUMNS": "200"}).invoke(app, ["fit", *map(str, arguments)])
+
+
+def write(path, forces, depths=DEPTHS, subject="a"):
+    rows = [
+        f"{subject},{s + 1},{d * 1e3!r},{float(f)!r}"
+        for s, row in enumerate(forces)
+        for d, f in zip(depths.tolist(), row, strict=True)
+    ]
+    path.write_text("\n".join([HEAD, *rows]) + "\n")
+    return path
+
+
+@pytest.fixture(scope="module")
+def example(tmp_path_factory):
+    path = tmp_path_factory.mktemp("fit") / "sessions.csv"
+    assert run("--example", path).exit_code == 0
+    return path
+
+
+def test_the_example_is_marked_as_synthetic_and_can_be_fitted(example):
+    assert example.read_text().startswith("# Synthetic sessions, not measurements")
+    result = run(example)
+    assert result.exit_code == 0, result.stderr
+    for text in ("RMSE of the force on validation sessions [mN]", "fourier", "average", "omega [1/m]", "95 % interval"):
+        assert text in result.stdout
+    rows = [line for line in result.stdout.splitlines() if line.startswith("│ A ")]
+    assert all(row.count("*") == 1 for row in rows[:5])  # the smallest is marked in each of the five tables
+
+
+def test_the_file_it_writes_is_what_the_node_takes(example, tmp_path):
+    out = tmp_path / "model.yaml"
+    data = json.loads(run(example, "--json", "--out", out).stdout)
+    for subject in ("A", "B"):
+        node = Probabilistic(model=str(out), subject=subject)
+        told = data["subjects"][subject]
+        assert node.mean == told["mean"]["model"] and node.depth_limit == approx(5e-3)
+        assert node.mean_parameters == approx([p["value"] for p in told["mean"]["parameters"].values()], rel=1e-15)
+        assert list(yaml.safe_load(out.read_text())["subjects"]) == ["A", "B"]
+
+
+def test_json_holds_folds_errors_and_intervals(example):
+    data = json.loads(run(example, "--json").stdout)["subjects"]["A"]
+    assert len(data["folds"]) == 9
+    assert [len(data["folds"][0][k]) for k in ("train", "validation", "test")] == [14, 3, 3]
+    assert data["protocol"] == "whole" and data["dropped_sessions"] == {} and data["band"]["freedom"] >= 19
+    assert set(data["force_rmse"]) == set(data["deviation_rmse"]) == set(MODELS)
+    for p in data["mean"]["parameters"].values():
+        assert p["interval"][0] < p["value"] < p["interval"][1] and p["error"] > 0 and p["unit"]
+
+
+def test_noise_free_sessions_give_the_coefficients_back(tmp_path):
+    known = (1.31, -1.29, 0.33, 511.7)
+    path = write(tmp_path / "s.csv", np.tile(MODELS["fourier"](DEPTHS, known), (20, 1)))
+    result = run(path)
+    assert result.exit_code == 0 and "do not scatter" in result.stdout
+    node = Probabilistic(model=str(path.with_suffix(".model.yaml")))
+    assert node.mean_parameters == approx(known, rel=1e-6) and node.deviation_parameters == (0.0, 0.0)
+
+
+def test_two_runs_write_the_same_bytes(example, tmp_path):
+    for name in ("one.yaml", "two.yaml"):
+        assert run(example, "--out", tmp_path / name).exit_code == 0
+    assert (tmp_path / "one.yaml").read_bytes() == (tmp_path / "two.yaml").read_bytes()
+
+
+def test_a_subject_and_its_models_can_be_named(example, tmp_path):
+    out = tmp_path / "m.yaml"
+    result = run(example, "--subject", "B", "--mean", "quadratic", "--deviation", "linear", "--out", out)
+    assert result.exit_code == 0
+    (law,) = yaml.safe_load(out.read_text())["subjects"].values()
+    assert (law["mean"], law["deviation"]) == ("quadratic", "linear")
+
+
+def test_pictures_of_fit_and_density_are_drawn(example, tmp_path):
+    assert run(example, "--pictures", tmp_path / "p", "--out", tmp_path / "m.yaml").exit_code == 0
+    drawn = sorted(p.name for p in (tmp_path / "p").iterdir())
+    assert drawn == [f"subject-{n}-{kind}.png" for n in (1, 2) for kind in ("density", "fit", "models", "surface")]
+    assert all(p.stat().st_size > 10_000 for p in (tmp_path / "p").iterdir())
+
+
+def test_the_published_protocol_drops_two_and_gives_a_normal_law(example, tmp_path):
+    out = tmp_path / "m.yaml"
+    data = json.loads(run(example, "--protocol", "published", "--json", "--out", out).stdout)["subjects"]["A"]
+    assert [len(data["folds"][0][k]) for k in ("train", "validation", "test")] == [14, 2, 2]
+    assert set(data["dropped_sessions"]) == {"smallest", "largest"}
+    node = Probabilistic(model=str(out), subject="A")
+    told = [p["value"] for p in data["deviation"]["parameters"].values()]
+    assert node.freedom == 0 and node.deviation_parameters == approx(told, rel=1e-15)
+
+
+def test_the_node_gives_the_band_that_the_fit_tells(example, tmp_path):
+    """Quantiles of the file's law at 3 mm, from the fit's own numbers."""
+    out = tmp_path / "m.yaml"
+    data = json.loads(run(example, "--json", "--out", out).stdout)["subjects"]["B"]
+    mean, scatter = (
+        float(MODELS[data[k]["model"]](3e-3, [p["value"] for p in data[k]["parameters"].values()]))
+        for k in ("mean", "deviation")
+    )
+    node = Probabilistic(model=str(out), subject="B")
+    node.start()
+    law = Contact(foot=(0, 0, 0), normal=(0, 0, 1), force=1.0, compression=3e-3, indentation=0.0,
+                  compression_rate=0.0, indentation_rate=0.0)  # fmt: skip
+    quantiles = node.step(law, dt=1e-3).quantiles
+    reach = student.ppf(0.975, data["band"]["freedom"]) * data["band"]["widening"] * scatter
+    assert quantiles == approx([mean - reach, mean, mean + reach], rel=1e-6)
+
+
+def test_newtons_under_millinewtons_are_questioned_and_can_be_accepted(example, tmp_path):
+    path = tmp_path / "s.csv"
+    path.write_text(example.read_text().replace("force [N]", "force [mN]"))
+    assert "'force [N]'" in refused(path) and "--any-stiffness" in refused(path)
+    assert run(path, "--any-stiffness").exit_code == 0
+
+
+# --- contact laws ----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("law", "known"), [("hertz", [2750.0]), ("power", [4100.0, 1.62]), ("exponential", [31.0, 940.0])]
+)
+def test_a_contact_law_is_fitted_with_its_errors(tmp_path, law, known):
+    path = write(tmp_path / "s.csv", np.tile(LAWS[law](DEPTHS, known), (3, 1)))
+    data = json.loads(run(path, "--law", law, "--json").stdout)["subjects"]["a"]
+    assert [p["value"] for p in data["parameters"].values()] == approx(known, rel=1e-6)
+    assert all(p["error"] is not None for p in data["parameters"].values())
+    text = yaml.safe_load(path.with_suffix(".law.yaml").read_text())["subjects"]["a"]
+    assert text["law"] == law and list(text.values())[1:] == approx(known, rel=1e-6)
+
+
+def test_hunt_crossley_needs_two_speeds_for_its_damping(tmp_path):
+    path, known = tmp_path / "s.csv", np.array([3.1e3, 3.1e3 * 4.2, 1.55])
+    rows = []
+    for session, rate in enumerate((0.01, 0.05, 0.2)):
+        forces = LAWS["hunt-crossley"](DEPTHS, known, rate)
+        rows += [f"a,{session},{d * 1e3},{f},{rate * 1e3}" for d, f in zip(DEPTHS, forces, strict=True)]
+    path.write_text("\n".join([HEAD + ",rate [mm/s]", *rows]))
+    parameters = json.loads(run(path, "--law", "hunt-crossley", "--json").stdout)["subjects"]["a"]["parameters"]
+    assert [parameters[k]["value"] for k in ("K", "lambda", "n", "c")] == approx([*known, 4.2], rel=1e-6)
+    slow = [row for row in rows if row.endswith(",10.0")]
+    path.write_text("\n".join([HEAD + ",rate [mm/s]", *slow]))
+    told = json.loads(run(path, "--law", "hunt-crossley", "--json").stdout)
+    assert "only one speed" in told["notes"][0] and set(told["subjects"]["a"]["parameters"]) == {"K", "n"}
+
+
+def test_hunt_crossley_on_sessions_without_speed_fits_the_static_part_and_says_so(example, tmp_path):
+    result = run(example, "--law", "hunt-crossley", "--out", tmp_path / "l.yaml")
+    assert result.exit_code == 0 and "the damping is not determined" in result.stdout
+
+
+# --- bad input -------------------------------------------------------------------------------------------------------
+
+
+def refused(*arguments):
+    result = run(*arguments)
+    assert result.exit_code == 2 and result.stdout == "" and "Traceback" not in result.stderr
+    return result.stderr
+
+
+def test_too_few_sessions_for_the_folds(tmp_path):
+    path = write(tmp_path / "s.csv", synthetic_sessions(0, sessions=10))
+    text = refused(path, "--protocol", "published")
+    assert "row 111, column 'session': subject 'a' has 10 sessions, expected at least 11: 9 folds after" in text
+    assert run(path, "--folds", "4", "--protocol", "published").exit_code == 0 == run(path).exit_code
+    path = write(tmp_path / "s.csv", synthetic_sessions(0, sessions=8))
+    assert "subject 'a' has 8 sessions, expected at least 9: 9 folds (--folds" in refused(path)
+
+
+def test_a_missing_subject(example):
+    assert "column 'subject': no 'Z'; the file has A, B" in refused(example, "--subject", "Z")
+
+
+def test_constant_forces(tmp_path):
+    path = write(tmp_path / "s.csv", np.full((20, 11), 0.5))
+    assert "from row 2, column 'force': subject 'a': the force is 0.5 N at all depths" in refused(path)
+    assert "one constant value of the force" in refused(path, "--law", "hertz")
+
+
+def test_too_few_depths(tmp_path):
+    path = write(tmp_path / "s.csv", synthetic_sessions(0)[:, :5], DEPTHS[:5])
+    assert "column 'depth': subject 'a' has 4 depths above 0, expected at least 6" in refused(path)
+
+
+def test_a_negative_force_and_a_missing_depth(tmp_path):
+    forces = synthetic_sessions(0)
+    path = write(tmp_path / "s.csv", forces)
+    lines = path.read_text().splitlines()
+    path.write_text("\n".join(lines[:-1]))
+    assert "session '20' of subject 'a' lacks 5 mm" in refused(path)
+    forces[3, 4] = -0.3
+    assert "row 39, column 'force': found -0.3" in refused(write(path, forces))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        (["--law", "cubic"], "--law: found 'cubic', expected one of hertz, power"),
+        (["--mean", "cubic"], "--mean: found 'cubic', expected one of linear"),
+        (["--deviation", "x"], "--deviation: found 'x'"),
+        (["--protocol", "half"], "--protocol: found 'half', expected one of whole, published"),
+        (["--depth-limit", "-1"], "--depth-limit: found -1, expected a depth > 0"),
+        (["--out", "/nix/x.yaml"], "/nix/x.yaml: cannot be written"),
+    ],
+)
+def test_wrong_options_are_refused_with_what_would_work(example, arguments, text):
+    assert text in refused(example, *arguments)
+
+
+def test_the_example_does_not_write_over_a_file(example):
+    before = example.read_bytes()
+    assert "is there already" in refused("--example", example)
+    assert example.read_bytes() == before
+
+
+def test_programs_get_faults_as_json(example):
+    result = run(example, "--subject", "Z", "--json")
+    assert result.exit_code == 2 and result.stderr == ""
+    told = json.loads(result.stdout)
+    assert not told["ok"] and "no 'Z'" in told["faults"][0]
+
+
+def test_the_help_names_every_model_and_law():
+    text = " ".join(run("--help").stdout.replace("│", " ").split())
+    assert ", ".join(LAWS) in text and ", ".join(MODELS) in text
+
+
+def test_no_file_and_a_missing_file():
+    assert "no file: give SESSIONS.csv, or --example" in refused()
+    assert "nix.csv: cannot be read: No such file" in refused("nix.csv")
+
+
+def test_the_tables_of_a_narrow_terminal_keep_every_number(example):
+    words = ["fit", str(example), "--out", str(example.parent / "narrow.yaml")]
+    result = CliRunner(env={"COLUMNS": "80"}).invoke(app, words)
+    assert "…" not in result.stdout and max(map(len, result.stdout.splitlines())) <= 80

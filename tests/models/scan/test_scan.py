@@ -1,0 +1,298 @@
+"""From images to a fingertip, on a phantom of known shape."""
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+from pytest import approx
+
+pytest.importorskip("skimage")
+pytest.importorskip("pydicom")
+pytest.importorskip("nibabel")
+
+from typer.testing import CliRunner
+
+from palpate.launch.__main__ import app
+from palpate.models.scan import ScanError, phantom, read, rebuild, segment
+from palpate.models.scan.outline import smooth
+from palpate.models.scan.rebuild import reconstruct
+from palpate.physics.fingertip.anatomy import Anatomy
+from palpate.physics.fingertip.beam_bundle import State, step
+from palpate.physics.fingertip.surfaces import Fingertip, cast, fill
+
+SHAPE = Anatomy()
+START = -0.5e-3
+SPACING = (1.2e-3, 0.23e-3, 0.23e-3)
+
+
+@pytest.fixture(scope="module")
+def stack():
+    return phantom.scan(start=START)
+
+
+@pytest.fixture(scope="module")
+def outlines(stack):
+    return segment(stack)
+
+
+@pytest.fixture(scope="module")
+def rebuilt(outlines):
+    return reconstruct(outlines)
+
+
+@pytest.fixture(scope="module")
+def tip(rebuilt):
+    return rebuilt.tip
+
+
+def in_anatomy(outlines, name):
+    """Points of the outlines in the frame of the closed shape, by slice."""
+    centre = phantom.image_centre(SHAPE)
+    return {
+        k: np.stack([c[:, 1], np.full(len(c), START + k * SPACING[0]), centre - c[:, 0]], axis=1)
+        for k, c in enumerate(getattr(outlines, name))
+        if c is not None
+    }
+
+
+@pytest.mark.parametrize(("name", "first"), [("skin", 2), ("tissue", 4), ("bone", 6)])
+def test_outlines_lie_on_the_known_surface_to_a_fifth_of_a_pixel(outlines, name, first):
+    """In slices that the surface crosses steeply; near its tip a slice of 1.2 mm averages over the slope."""
+    for k, points in in_anatomy(outlines, name).items():
+        if k >= first:
+            error = np.abs(SHAPE.level(name, points))
+            assert error.mean() < 0.2 * SPACING[1] * (1 if k > first + 1 else 2.5), (name, k)
+            assert error.max() < SPACING[1] * (1 if k > first else 1.5)
+
+
+def test_the_surfaces_have_the_known_volumes(tip):
+    until = START + 22 * SPACING[0]
+    y = np.linspace(0, until, 4000)
+    for name, part in (("skin", 0.02), ("tissue", 0.02), ("bone", 0.04)):
+        assert tip.volume(name) == approx(np.trapezoid(SHAPE.area(name, y), y), rel=part)
+
+
+@pytest.mark.parametrize("degrees", [0, 20, 45])
+def test_the_pulp_lies_where_it_should_also_between_slices(rebuilt, degrees):
+    """Height of the skin over the plate against the closed shape, wherever 2 mm of depth would touch."""
+    tip, frame = rebuilt
+    grid = tip.origin + tip.spacing * np.moveaxis(np.indices(tip.skin.shape), 0, -1)
+    there = grid @ frame.axes + frame.origin + [0, START, phantom.image_centre(SHAPE)]
+    known = Fingertip(tip.origin, tip.spacing, *(SHAPE.level(name, there) for name in ("skin", "tissue", "bone")))
+    angle = np.radians(degrees)
+    x, y = np.meshgrid(np.arange(-7e-3, 7e-3, 5e-4), np.arange(-8e-3, 26e-3, 5e-4))
+    right, rays = cast(known, x, y, angle), cast(tip, x, y, angle)
+    touches = right.bottom < np.nanmin(right.bottom) + 2e-3
+    error = np.abs(rays.bottom - right.bottom)[touches]
+    assert np.isfinite(error).all() and np.median(error) < 0.06e-3 and np.percentile(error, 95) < 0.25e-3
+
+
+def test_the_force_is_that_of_the_known_shape(tip):
+    forces = []
+    for finger in (SHAPE.fingertip(), tip):
+        body = fill(finger, 2e-3, pitch=0.6e-3, angle=np.radians(20))
+        state = State(body)
+        for _ in range(30):
+            force = step(body, state, 2e-3, (0, 0), 0.7, 1.0)
+        forces.append(force[2])
+    assert forces[1] == approx(forces[0], rel=0.05)
+
+
+@pytest.mark.parametrize("kind", ["dicom", "nifti", "png", "tif"])
+def test_every_format_brings_the_same_images_back(stack, tmp_path, kind):
+    if kind == "dicom":
+        copy = read(phantom.write_dicom(stack, tmp_path / "d"))
+    elif kind == "nifti":
+        copy = read(phantom.write_nifti(stack, tmp_path / "v.nii.gz"))
+    else:
+        copy = read(phantom.write_images(stack, tmp_path / "i", kind), SPACING)
+    assert copy.spacing == approx(SPACING)
+    scale = 1.2 / phantom.FULL
+    assert copy.volume * scale == approx(np.clip(stack.volume, 0, 1.2), abs=scale)
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_noise_of_a_tenth_of_the_tissue_is_borne(seed):
+    segmented = segment(phantom.scan(noise=0.09, seed=seed, start=START))
+    for k, points in in_anatomy(segmented, "skin").items():
+        if k > 3:
+            assert np.abs(SHAPE.level("skin", points)).mean() < 0.5 * SPACING[1]
+
+
+def test_skin_as_bright_as_tissue_needs_its_thickness(stack, monkeypatch):
+    monkeypatch.setitem(phantom.BRIGHTNESS, "skin", 0.9)
+    plain = phantom.scan(start=START)
+    with pytest.raises(ScanError, match="--skin"):
+        segment(plain)
+    rebuilt_tip = rebuild(segment(plain, skin=1.1e-3))
+    rays = cast(rebuilt_tip, np.zeros(9), np.linspace(8e-3, 20e-3, 9))
+    assert rays.inner - rays.bottom == approx(1.1e-3, abs=0.25e-3)
+
+
+@pytest.mark.parametrize(
+    ("shape", "light", "images"),
+    [
+        (Anatomy(width=0.013, palmar=0.0045, dorsal=0.0045, skin=0.0009), {}, {}),
+        (Anatomy(width=0.020, palmar=0.0065, dorsal=0.0065, skin=0.0015, shaft=0.003), {}, {}),
+        (SHAPE, {"skin": 0.6, "bone": 0.3}, {}),
+        (SHAPE, {"skin": 0.3, "bone": 0.05}, {}),
+        (SHAPE, {"air": 0.05, "skin": 0.5, "tissue": 1.0}, {"shading": 0.2, "noise": 0.06}),
+        (SHAPE, {}, {"spacing": (2e-3, 0.4e-3, 0.3e-3), "pixels": 90, "slices": 14}),
+        (SHAPE, {}, {"spacing": (0.6e-3, 0.15e-3, 0.15e-3), "pixels": 170, "slices": 44, "start": -3e-3}),
+    ],
+)
+def test_other_fingers_contrasts_and_resolutions_are_read_as_well(monkeypatch, shape, light, images):
+    for name, value in light.items():
+        monkeypatch.setitem(phantom.BRIGHTNESS, name, value)
+    stack = phantom.scan(shape, **{"start": START, **images})
+    segmented = segment(stack)
+    centre = phantom.image_centre(shape)
+    for name in ("skin", "tissue", "bone"):
+        errors = []
+        for k, curve in enumerate(getattr(segmented, name)):
+            if curve is not None:
+                y = np.full(len(curve), images.get("start", START) + k * stack.spacing[0])
+                points = np.stack([curve[:, 1], y, centre - curve[:, 0]], axis=1)
+                errors.append(np.abs(shape.level(name, points)).mean())
+        assert np.median(errors) < 0.15 * max(stack.spacing[1:])
+    assert len(fill(rebuild(segmented), 2e-3).heights) > 60
+
+
+def test_two_fingers_are_refused(stack):
+    both = np.concatenate([stack.volume, stack.volume], axis=2)
+    with pytest.raises(ScanError, match="more than one finger"):
+        segment(dataclasses.replace(stack, volume=both))
+
+
+def test_a_finger_without_bone_is_refused(monkeypatch):
+    monkeypatch.setitem(phantom.BRIGHTNESS, "bone", 0.9)
+    with pytest.raises(ScanError, match="no bone"):
+        segment(phantom.scan())
+
+
+def test_missing_slices_are_refused_in_every_format(stack, tmp_path):
+    folder = phantom.write_dicom(stack, tmp_path / "d")
+    (folder / "image_010.dcm").unlink()
+    with pytest.raises(ScanError, match="slice is missing"):
+        read(folder)
+    folder = phantom.write_images(stack, tmp_path / "i")
+    (folder / "slice_010.png").unlink()
+    with pytest.raises(ScanError, match="slice is missing"):
+        read(folder, SPACING)
+    gap = np.concatenate([stack.volume[:8], stack.volume[15:]])
+    with pytest.raises(ScanError, match="missing"):
+        segment(dataclasses.replace(stack, volume=np.concatenate([gap[:8], gap[:1] * 0 + 0.01, gap[8:]])))
+
+
+@pytest.mark.parametrize(
+    ("spacing", "text"),
+    [
+        ((1.2e-3, 0.23, 0.23), "row spacing"),
+        ((0.0, 0.23e-3, 0.23e-3), "slice spacing"),
+        ((1.2e-3, 0.9e-3, 0.9e-3), "mm across"),
+        ((1.2e-3, 0.05e-3, 0.05e-3), "mm across|no bone|finger"),
+        ((1.2e-3, 2.4e-3, 2.4e-3), "row spacing 2.4 mm, expected 0.02 ... 1 mm"),
+    ],
+)
+def test_a_wrong_spacing_is_refused(stack, tmp_path, spacing, text):
+    folder = phantom.write_images(stack, tmp_path / "i")
+    with pytest.raises(ScanError, match=text):
+        segment(read(folder, spacing))
+
+
+@pytest.mark.parametrize(
+    ("make", "text"),
+    [
+        (lambda d: None, "no such file"),
+        (lambda d: d.mkdir(), "no DICOM, PNG or TIFF"),
+        (lambda d: d.write_text("x"), "not a stack"),
+    ],
+)
+def test_what_is_no_scan_is_refused(tmp_path, make, text):
+    make(tmp_path / "scan")
+    with pytest.raises(ScanError, match=text):
+        read(tmp_path / "scan")
+
+
+def test_broken_files_are_refused(tmp_path, stack):
+    (tmp_path / "bad.nii").write_bytes(b"not nifti")
+    with pytest.raises(ScanError, match="cannot be read as NIfTI"):
+        read(tmp_path / "bad.nii")
+    folder = phantom.write_images(stack, tmp_path / "i")
+    (folder / "slice_003.png").write_bytes(b"not png")
+    with pytest.raises(ScanError, match="cannot be read"):
+        read(folder, SPACING)
+    with pytest.raises(ScanError, match="no spacing"):
+        (folder / "slice_003.png").write_bytes((folder / "slice_004.png").read_bytes())
+        read(folder)
+
+
+def test_two_series_in_one_folder_are_refused(stack, tmp_path):
+    folder = phantom.write_dicom(stack, tmp_path / "d")
+    other = phantom.write_dicom(stack, tmp_path / "e")
+    (other / "image_001.dcm").rename(folder / "other.dcm")
+    with pytest.raises(ScanError, match="2 series"):
+        read(folder)
+
+
+@pytest.mark.parametrize("fill_value", [0.0, 1.0])
+def test_images_without_anything_are_refused(stack, fill_value):
+    with pytest.raises(ScanError):
+        segment(dataclasses.replace(stack, volume=np.full_like(stack.volume, fill_value)))
+    noise = np.random.default_rng(0).normal(size=stack.volume.shape).astype(np.float32)
+    with pytest.raises(ScanError):
+        segment(dataclasses.replace(stack, volume=noise))
+
+
+def test_smoothing_keeps_an_ellipse():
+    t = np.linspace(0, 2 * np.pi, 400)
+    curve = np.stack([3 * np.cos(t), 2 * np.sin(t)], axis=1)
+    smoothed = smooth(curve)
+    assert np.hypot(smoothed[:, 0] / 3, smoothed[:, 1] / 2) == approx(1, abs=2e-3)
+
+
+def test_the_command_writes_the_fingertip_and_its_picture(stack, tmp_path):
+    folder = phantom.write_dicom(stack, tmp_path / "d")
+    result = CliRunner().invoke(app, ["fingertip", str(folder), "-o", str(tmp_path / "finger.npz"), "--json"])
+    assert result.exit_code == 0, result.output
+    report = json.loads(result.output)
+    assert report["slices"] == 23 and report["breadth_mm"] == approx(16, abs=0.6)
+    assert report["skin_mm"] == approx(1.2, abs=0.3)
+    assert Fingertip.load(tmp_path / "finger.npz").skin.min() < -4e-3
+    assert (tmp_path / "finger.png").stat().st_size > 20_000
+
+
+def test_the_command_tells_what_is_wrong(tmp_path):
+    result = CliRunner().invoke(app, ["fingertip", str(tmp_path / "none")])
+    assert result.exit_code == 2 and "no such file" in result.output
+    for options in (["--spacing", "1,2"], ["-o", "finger.txt"], ["--skin", "40"], ["-o", "nowhere/finger.npz"]):
+        result = CliRunner().invoke(app, ["fingertip", str(tmp_path), *options])
+        assert result.exit_code == 2
+
+
+@pytest.mark.parametrize("name", ["scan", "scan.nii.gz"])
+def test_the_command_writes_images_to_try_that_it_can_read(tmp_path, name):
+    made = CliRunner().invoke(app, ["fingertip", "--phantom", str(tmp_path / name), "--json"])
+    assert made.exit_code == 0 and len(read(tmp_path / name).volume) == 23
+    again = CliRunner().invoke(app, ["fingertip", "--phantom", str(tmp_path / name)])
+    assert again.exit_code == 2 and "already" in again.stderr
+
+
+@pytest.mark.parametrize("start", [-1.5e-3, -0.5e-3, 0.3e-3, 1e-3])
+def test_slices_of_2_4_mm_are_thick_not_missing(start):
+    rebuilt_tip = rebuild(segment(phantom.scan(slices=12, spacing=(2.4e-3, 0.23e-3, 0.23e-3), start=start)))
+    assert len(fill(rebuilt_tip, 2e-3).heights) > 60
+
+
+def test_the_beams_of_the_picture_stand_where_they_do_in_the_finger():
+    figure = pytest.importorskip("matplotlib.figure")
+    from palpate.views.pictures.scan import _beams
+
+    tip, depth, pitch = SHAPE.fingertip(), 2e-3, 1.2e-3
+    axes = figure.Figure().add_subplot()
+    _beams(axes, tip, depth, pitch)
+    x, y = 1e-3 * np.array(axes.collections[0].get_offsets()).T
+    bottom = cast(tip, x, y).bottom
+    assert bottom - bottom.min() == approx(fill(tip, depth, pitch).heights, abs=2e-5)
+    assert y.min() > 0.0  # the tip is at 0, as in the picture along the finger
