@@ -20,7 +20,7 @@ from palpate.messages import fields
 from palpate.records.export import export
 from palpate.records.reader import Recording, RecordingError
 
-TOUCH = Path(__file__).parents[2] / "golden" / "plane.mcap"
+TOUCH = Path(__file__).parents[1] / "golden" / "plane.mcap"
 
 
 @pytest.fixture(scope="module")

@@ -18,7 +18,7 @@ from palpate.records.export.scene import arrow
 from palpate.records.export.shape import LENGTH, RATE, displaced, rest_shape
 from palpate.records.reader import Recording
 
-TOUCH = Path(__file__).parents[2] / "golden" / "plane.mcap"
+TOUCH = Path(__file__).parents[1] / "golden" / "plane.mcap"
 
 
 @pytest.fixture(scope="module")

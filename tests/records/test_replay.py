@@ -22,7 +22,7 @@ from palpate.records.reader import Recording, RecordingError
 from palpate.records.replay import Replay
 from palpate.records.verify import Report, verify
 
-HERE = Path(__file__).parents[2]
+HERE = Path(__file__).parents[1]
 runner = CliRunner()
 # A graph whose messages come late, held, lost and not at all when it runs on the real clock of a busy machine.
 BAD_DAY = (
