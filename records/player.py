@@ -11,8 +11,6 @@ from __future__ import annotations
 import inspect
 from collections.abc import Iterable
 
-import msgspec
-
 from palpate.engine.faults import GraphError
 from palpate.engine.force_path import force_path
 from palpate.engine.imports import UntrustedError, check_trusted, recorded_class
@@ -22,24 +20,9 @@ from palpate.engine.schedule import needed
 from palpate.engine.slot import Input, NodeFault, Slot
 from palpate.messages import Message, MessageError, pack, unpack
 from palpate.nodes.base import Node, SettingError, inputs
+from palpate.records.format.head import Head, head_of
 from palpate.records.history import History
 from palpate.records.reader import Recording, RecordingError
-
-
-class Head(msgspec.Struct, frozen=True):
-    """The part of a header that a replay follows."""
-
-    tick: int
-    time: int
-    used: tuple[int, ...]
-
-
-_HEAD = msgspec.msgpack.Decoder(Head)
-
-
-def head_of(payload: bytes) -> Head:
-    """The header of a message in its wire form."""
-    return _HEAD.decode(payload)
 
 
 class MissingInput(Exception):
@@ -123,6 +106,8 @@ class Player:
         self.kinds = {s: kind for s, kind in self.played.items() if s in self.history}
         self.substituted = 0
         """Inputs for which the message before had to stand in, because the recording lost the step that sent them."""
+        self.missing: tuple[str, str, int] | None = None
+        """Of the first of them the node, and stream and tick of the message."""
         self.restarts = {name: list(ticks) for name, ticks in recording.restarted.items()}
 
     def _check_input(self, part: _Part, port: Input) -> None:
@@ -159,10 +144,14 @@ class Player:
                     raise RecordingError(f"{self.recording.path}: stream {stream!r}, tick {tick}: {error}") from None
                 self.history[stream].add(message)
 
-    def step(self, tick: int, payloads: dict[str, bytes]) -> dict[str, bytes]:
-        """Run all nodes that step at this tick; what they send, in its wire form. NodeFault: one raised."""
+    def step(self, tick: int, payloads: dict[str, bytes], now: int | None = None) -> dict[str, bytes]:
+        """Run all nodes that step at this tick; what they send, in its wire form. NodeFault: one raised.
+
+        now  [ns] the tick's time, if the payloads do not say it
+        """
         self.hear(tick, payloads)
-        now = min((_HEAD.decode(payload).time for payload in payloads.values()), default=0)
+        if now is None:
+            now = min((head_of(payload).time for payload in payloads.values()), default=0)
         sent = {}
         for part in self.parts:
             if self.step_one(part, tick, payloads, now):
@@ -178,7 +167,7 @@ class Player:
         own = next((payloads[s] for s in part.streams if s in payloads), None) if part.as_recorded else None
         head = None
         if own is not None:
-            head = _HEAD.decode(own)
+            head = head_of(own)
             part.forget_new_inputs(len(head.used))
         elif self._was_recorded(part) or tick % part.slot.every:
             return False
@@ -200,7 +189,7 @@ class Player:
         if not part.as_recorded:
             return False
         streams = [self.recording.streams.get(s) for s in part.streams]
-        return any(stream is not None and stream.thin == 1 for stream in streams)
+        return any(stream is not None and (stream.thin == 1 or stream.kept == "heads") for stream in streams)
 
     def _input(self, part: _Part, index: int, port: Input, tick: int, head: Head | None) -> Message | None:
         if port.dead:
@@ -216,6 +205,7 @@ class Player:
                 raise MissingInput(f"{port.stream!r} of tick {wanted}")
             if message is None:
                 self.substituted += 1
+                self.missing = self.missing or (part.name, port.stream, wanted)
                 message = history.newest(wanted, reader)
             return message
         limit = needed(tick, port.every, port.loop)
