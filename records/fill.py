@@ -8,7 +8,8 @@ say it.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import IO, TYPE_CHECKING
+from pathlib import Path
+from typing import IO, Any
 
 import msgspec
 import numpy as np
@@ -20,12 +21,9 @@ from palpate.messages import MessageError, fields, unpack
 from palpate.records.copy import begin_copy, write_json
 from palpate.records.format.head import head_of, is_head
 from palpate.records.instants import instants
-from palpate.records.player import Player, _Part, plan_of
+from palpate.records.player import Part, Player, plan_of
 from palpate.records.reader import Recording, RecordingError
 from palpate.records.verify import ELSEWHERE, Difference, NodeReport, Report, compare_one
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 Row = tuple[str, int, int, bytes]
 
@@ -138,7 +136,7 @@ class _Filling:
                 self._compare(part, tick, whole, sent)
         return bool(whole) and self.report.first is None
 
-    def _compare(self, part: _Part, tick: int, whole: dict[str, bytes], sent: dict[str, bytes]) -> None:
+    def _compare(self, part: Part, tick: int, whole: dict[str, bytes], sent: dict[str, bytes]) -> None:
         own = self.report.nodes[part.name]
         for output in part.slot.outputs:
             if output.stream not in whole:
@@ -161,7 +159,7 @@ class _Filling:
             compare_one(own, output.stream, whole[output.stream], message, self.tolerance, self._scales)
 
 
-def explained(path: Path, report: Report, about: dict) -> str:
+def explained(path: Path, report: Report, about: dict[str, Any]) -> str:
     """Why a recording of sources is not computed as it was: the first difference, and what computed it then and now."""
     then, now = made_by(about), made_by(None)
     who = f"recorded with {then}, computed with {now}" if then != now else f"both with {now}"

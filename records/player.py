@@ -29,7 +29,7 @@ class MissingInput(Exception):
     """A node was computed from a message that the recording does not hold, which matters where every byte counts."""
 
 
-class _Part:
+class Part:
     """One running node: its slot, and how its inputs are found."""
 
     def __init__(self, plan: Plan, name: str, path: set[str], recorded: Plan) -> None:
@@ -93,7 +93,7 @@ class Player:
         self.recorded = plan_of(recording)
         chosen = {name for name in running if not plan.graph.nodes[name].cls.hardware}  # a replay moves no device
         path = force_path(plan)
-        self.parts = [_Part(plan, name, path, self.recorded) for name in plan.order if name in chosen]
+        self.parts = [Part(plan, name, path, self.recorded) for name in plan.order if name in chosen]
         self.computed = {stream for part in self.parts for stream in part.streams} if live else set()
         self.played = {name: s.type for name, s in recording.streams.items() if name not in self.computed}
         self.history: dict[str, History] = {}
@@ -110,7 +110,7 @@ class Player:
         """Of the first of them the node, and stream and tick of the message."""
         self.restarts = {name: list(ticks) for name, ticks in recording.restarted.items()}
 
-    def _check_input(self, part: _Part, port: Input) -> None:
+    def _check_input(self, part: Part, port: Input) -> None:
         stream = self.recording.streams.get(port.stream)
         if port.stream in self.computed or (stream is not None and (stream.thin == 1 or not self.live)):
             return
@@ -162,7 +162,7 @@ class Player:
                         self.history[output.stream].add(output.last)
         return sent
 
-    def step_one(self, part: _Part, tick: int, payloads: dict[str, bytes], now: int) -> bool:
+    def step_one(self, part: Part, tick: int, payloads: dict[str, bytes], now: int) -> bool:
         """Run one node, if it steps at this tick. MissingInput, NodeFault."""
         own = next((payloads[s] for s in part.streams if s in payloads), None) if part.as_recorded else None
         head = None
@@ -184,14 +184,14 @@ class Player:
         part.slot.step(tick, head.time if head else now, messages, part.slot.every / self.plan.graph.rate)
         return True
 
-    def _was_recorded(self, part: _Part) -> bool:
+    def _was_recorded(self, part: Part) -> bool:
         """Whether each of its steps can be seen in the file, and is to come again."""
         if not part.as_recorded:
             return False
         streams = [self.recording.streams.get(s) for s in part.streams]
         return any(stream is not None and (stream.thin == 1 or stream.kept == "heads") for stream in streams)
 
-    def _input(self, part: _Part, index: int, port: Input, tick: int, head: Head | None) -> Message | None:
+    def _input(self, part: Part, index: int, port: Input, tick: int, head: Head | None) -> Message | None:
         if port.dead:
             return None
         history, reader = self.history[port.stream], (part.name, index)
@@ -211,7 +211,7 @@ class Player:
         limit = needed(tick, port.every, port.loop)
         return None if limit < 0 else history.newest(limit, reader)
 
-    def _restart(self, part: _Part, tick: int) -> None:
+    def _restart(self, part: Part, tick: int) -> None:
         """Where the node was started again in the run, with a new state, so it is here."""
         due = self.restarts.get(part.name)
         if due and tick >= due[0]:
