@@ -189,6 +189,14 @@ def test_a_run_of_nodes_that_compile_nothing_imports_no_compiler(tmp_path):
     assert "10 ticks" in out and out.splitlines()[-2:] == ["0", "SLOW []"], out
 
 
+def test_reading_the_kidney_graph_neither_starts_the_compiler_nor_imports_what_is_slow_of_scipy():
+    code = "import sys; from palpate.launch.load.launchfile import find; find('kidney').plan(); print(*sys.modules)"
+    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    slow = {f"scipy.{part}" for part in ("linalg", "ndimage", "optimize", "sparse", "spatial", "special")}
+    started = "numba.np.linalg"  # numba imports what it knows of numpy when the first kernel is compiled or loaded
+    assert not {*slow, started}.intersection(out.split())
+
+
 def test_the_extras_are_those_of_the_installation():
     declared = {}
     for line in requires("palpate") or []:

@@ -15,6 +15,7 @@ import contextlib
 import gc
 import importlib
 import os
+import pkgutil
 import select
 import signal
 import socket
@@ -217,8 +218,12 @@ if __name__ == "__main__":
     signal.signal(signal.SIGTERM, _end_all)
     die_with_parent(signal.SIGTERM)
     adopt_orphans()
-    # Imported here, before the first request, so that they are shared by all workers.
-    importlib.import_module("palpate.launch.run.process")
-    with contextlib.suppress(ImportError):
-        importlib.import_module("numba")
+    # Here, while the launcher reads the graph, and once for all workers.
+    import numba.core.registry
+
+    import palpate.launch.run.process
+
+    numba.core.registry.cpu_target.target_context.refresh()  # a quarter of a second, at the first kernel otherwise
+    for package in pkgutil.iter_modules(palpate.nodes.__path__, "palpate.nodes."):
+        importlib.import_module(package.name)
     _serve(socket.socket(fileno=int(sys.argv[1])))

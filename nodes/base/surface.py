@@ -20,7 +20,7 @@ from typing import Annotated
 
 import msgspec
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy  # its parts are slow to import, and are when they are used
 
 from palpate.messages import Surface, Vector3
 from palpate.nodes.base import Node, SettingError
@@ -158,4 +158,6 @@ def _finite(name: str, vector: Vector3) -> None:
 
 def _matrix(rotation: Vector3) -> np.ndarray:
     _finite("rotation", rotation)
-    return np.eye(3) if tuple(rotation) == LEVEL else Rotation.from_rotvec(rotation).as_matrix()
+    if tuple(rotation) == LEVEL:
+        return np.eye(3)
+    return scipy.spatial.transform.Rotation.from_rotvec(rotation).as_matrix()

@@ -12,7 +12,7 @@ from palpate.messages import DeviceState, Torque, Vector3
 from palpate.nodes.base import SettingError
 from palpate.nodes.base.absence import FALL, Faded
 from palpate.nodes.device.hand import Hand
-from palpate.physics.device.falcon import FALCON, HOME, reachable
+from palpate.physics.device.falcon import FALCON, HOME, leg
 from palpate.physics.device.grip import CLOCK, POSITION, grip_kernel
 
 GLITCH = 1000 * FALCON.count  # [rad]
@@ -47,7 +47,8 @@ class Simulated(Hand):
 
     def _reach(self, name: str, point: Vector3) -> None:
         inside = tuple(p - o for p, o in zip(point, self.origin, strict=True))
-        if not reachable(FALCON.geometry, *inside):
+        # Uncompiled: the compiler takes a quarter of a second to start, and the launcher needs nothing else of it.
+        if not all(leg.py_func(FALCON.geometry, i, *inside)[0] for i in range(3)):
             raise SettingError(
                 f"setting {name!r} [m]: found {point}, {inside} from the device's origin, which is out of its reach. "
                 f"Points near {HOME} from its origin work; 'origin' places the device in the world."

@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 
 import msgspec
 import numpy as np
-from scipy.spatial import cKDTree
+import scipy  # its parts are slow to import, and are when they are used
 
 from palpate.messages import Contact, Pins, Surface, Vector3
 from palpate.nodes.base import SettingError, Wants
@@ -84,7 +84,7 @@ class PinArray(OnSurface):
             self.points, self.areas = mesh.vertices, mesh.areas
             self.spacing = float(np.sqrt(np.median(mesh.areas)))
             self.moved = np.zeros_like(self.points)
-            self.tree = cKDTree(self.points)
+            self.tree = scipy.spatial.cKDTree(self.points)
 
     def theory(self, force: np.ndarray | float, modulus: np.ndarray | float | None = None) -> PadContact:
         """States of the fingerpad under forces [N] on tissue of this modulus [Pa], or of the node's own: a table."""

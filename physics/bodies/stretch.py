@@ -16,7 +16,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from scipy.sparse import csr_array
 
 from palpate.physics.geometry.mesh import Mesh
 
@@ -43,14 +42,11 @@ def neighbours(mesh: Mesh) -> Neighbours:
     """The neighbours of each vertex of a mesh, in order of their number."""
     size = len(mesh.vertices)
     edges = np.concatenate([mesh.triangles[:, [0, 1]], mesh.triangles[:, [1, 2]], mesh.triangles[:, [2, 0]]])
-    edges = edges[edges[:, 0] != edges[:, 1]]
-    pattern = csr_array((np.ones(len(edges), np.int8), (edges[:, 0], edges[:, 1])), shape=(size, size))
-    pattern = csr_array(pattern + pattern.T)
-    pattern.sort_indices()
-    first, others = pattern.indptr.astype(np.int64), pattern.indices.astype(np.int32)
-    owner = np.repeat(np.arange(size), np.diff(first))
+    edges = edges[edges[:, 0] != edges[:, 1]].astype(np.int64)
+    owner, others = np.divmod(np.unique(np.concatenate([edges @ (size, 1), edges @ (1, size)])), size)
+    first = np.searchsorted(owner, np.arange(size + 1))
     spans = np.linalg.norm(mesh.vertices[owner] - mesh.vertices[others], axis=1)
-    return Neighbours(first, others, np.maximum(spans, 1e-9))
+    return Neighbours(first, others.astype(np.int32), np.maximum(spans, 1e-9))
 
 
 class Room(NamedTuple):

@@ -35,7 +35,7 @@ from typing import NamedTuple
 
 import numba
 import numpy as np
-from scipy.special import hyp2f1
+import scipy  # its parts are slow to import, and are when they are used
 
 from palpate.physics.bodies.patch import share_of
 from palpate.physics.geometry.mesh import Mesh
@@ -103,8 +103,8 @@ def dent_profile() -> np.ndarray:
     Integrals of J3(x) J0(x rho)/x³ after H. Weber and P. Schafheitlin (Watson, Bessel Functions, 1944, 13.4)."""
     rho = np.arange(0.0, FARTHEST + 0.5 * STEP, STEP)
     out = np.maximum(rho, 1.0)
-    inside = 3.2 * hyp2f1(0.5, -2.5, 1.0, np.minimum(rho, 1.0) ** 2)
-    return np.where(rho < 1.0, inside, hyp2f1(0.5, 0.5, 4.0, out**-2) / out)
+    inside = 3.2 * scipy.special.hyp2f1(0.5, -2.5, 1.0, np.minimum(rho, 1.0) ** 2)
+    return np.where(rho < 1.0, inside, scipy.special.hyp2f1(0.5, 0.5, 4.0, out**-2) / out)
 
 
 def mean_inverse_distance(mesh: Mesh) -> np.ndarray:

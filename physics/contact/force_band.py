@@ -14,7 +14,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import gammaln, log_ndtr, ndtri_exp, stdtr, stdtrit
+import scipy  # its parts are slow to import, and are when they are used
 
 from palpate.physics.contact.force_models import MODELS
 
@@ -70,9 +70,9 @@ def truncated_quantile(level, mean, deviation, freedom: float = 0.0):
     sure = deviation <= 0.0
     sigma = np.where(sure, 1.0, deviation)
     if freedom > 0:
-        z = -stdtrit(freedom, (1.0 - level) * stdtr(freedom, mean / sigma))
+        z = -scipy.special.stdtrit(freedom, (1.0 - level) * scipy.special.stdtr(freedom, mean / sigma))
     else:
-        z = -ndtri_exp(np.log1p(-level) + log_ndtr(mean / sigma))
+        z = -scipy.special.ndtri_exp(np.log1p(-level) + scipy.special.log_ndtr(mean / sigma))
     return np.where(sure, np.maximum(mean, 0.0), np.maximum(mean + z * sigma, 0.0))
 
 
@@ -82,10 +82,10 @@ def truncated_density(force, mean, deviation, freedom: float = 0.0):
     at_zero = np.asarray(mean, float) / deviation
     if freedom > 0:
         half = 0.5 * freedom
-        peak = gammaln(half + 0.5) - gammaln(half) - 0.5 * np.log(np.pi * freedom)
-        log_density = peak - (half + 0.5) * np.log1p(z**2 / freedom) - np.log(stdtr(freedom, at_zero))
+        peak = scipy.special.gammaln(half + 0.5) - scipy.special.gammaln(half) - 0.5 * np.log(np.pi * freedom)
+        log_density = peak - (half + 0.5) * np.log1p(z**2 / freedom) - np.log(scipy.special.stdtr(freedom, at_zero))
     else:
-        log_density = -0.5 * z**2 - 0.5 * np.log(2.0 * np.pi) - log_ndtr(at_zero)
+        log_density = -0.5 * z**2 - 0.5 * np.log(2.0 * np.pi) - scipy.special.log_ndtr(at_zero)
     return np.where(np.asarray(force) >= 0, np.exp(log_density) / deviation, 0.0)
 
 

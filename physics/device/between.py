@@ -26,9 +26,9 @@ LOW, HIGH, HELD, SUM, TOLD, AWAY = range(6)
 @numba.njit(cache=True)
 def begin(cell, x, y, z):
     """Forget what was."""
-    cell[LOW, 0], cell[LOW, 1], cell[LOW, 2] = x, y, z
-    cell[HIGH, :] = cell[TOLD, :] = cell[LOW, :]
-    cell[HELD, :] = cell[SUM, :] = cell[AWAY, :] = 0.0
+    for i, reading in enumerate((x, y, z)):
+        cell[LOW, i] = cell[HIGH, i] = cell[TOLD, i] = reading
+        cell[HELD, i] = cell[SUM, i] = cell[AWAY, i] = 0.0
 
 
 @numba.njit(cache=True)
@@ -40,8 +40,9 @@ def settle(cell, x, y, z, step, dt):
     step         of the reading, above 0
     dt    [s]    since the last reading, above 0
     """
-    a, b, c = rest(cell, 0, x, step, dt), rest(cell, 1, y, step, dt), rest(cell, 2, z, step, dt)
-    return a, b, c
+    for i, reading in enumerate((x, y, z)):
+        rest(cell, i, reading, step, dt)
+    return cell[TOLD, 0], cell[TOLD, 1], cell[TOLD, 2]
 
 
 @numba.njit(cache=True)
@@ -62,7 +63,6 @@ def rest(cell, i, reading, step, dt):
         mean = cell[SUM, i] / cell[HELD, i] + cell[LOW, i]
         reading += _share(cell[HELD, i]) * (mean - reading)
     cell[TOLD, i] = reading + cell[AWAY, i]
-    return cell[TOLD, i]
 
 
 @numba.njit(cache=True)

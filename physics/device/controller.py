@@ -42,7 +42,7 @@ CARRIED = 1e-2  # [J] largest debt carried over a switch
 HEAD, STARTED = 1, 2  # state[MODE] = mode, newest place in the rings, whether there was a step before,
 WITHHELD = 3  # and the part of the contact force that is withheld [1]
 STILL, TOUCHING, CLOCK = range(3)  # state[TIMES] = time without movement [s], approach when last touching [m], time [s]
-PUSH, STAND, WHEN = slice(0, 3), slice(3, 6), 6  # columns of the rings
+PUSH, STAND, WHEN = 0, 3, 6  # columns of the rings, which each begin there
 
 
 def buffers(delay: int) -> tuple[np.ndarray, np.ndarray]:
@@ -55,22 +55,24 @@ def remember(state, past, dt):
     """Take the last step into the rings; row of the one `delay` steps before it."""
     newest = (int(state[MODE, HEAD]) + 1) % len(past)
     state[MODE, HEAD] = newest
-    past[newest, PUSH], past[newest, STAND] = state[FORCE, :3], state[PLACE, :3]
+    for i in range(3):
+        past[newest, PUSH + i], past[newest, STAND + i] = state[FORCE, i], state[PLACE, i]
     past[newest, WHEN] = state[TIMES, CLOCK]
     state[TIMES, CLOCK] += dt
     return (newest + 1) % len(past)
 
 
 @numba.njit(cache=True)
-def observe(state, push, x, y, z, dt, resolution):
-    """Book the way since the last movement under the force `push` [N] (3); the velocity (vx, vy, vz) [m/s] of that way.
+def observe(state, before, x, y, z, dt, resolution):
+    """Book the way since the last movement under the force in a row of the rings; the velocity (vx, vy, vz) [m/s] of
+    that way.
 
     The force is averaged over the time without movement before it (a lost sample, or less than one encoder count). A
     way back of a single count is none: at rest between two counts it would be booked again and again, always under
     the force that answers to it.
     """
     for i in range(3):
-        state[IMPULSE, i] += push[i] * dt
+        state[IMPULSE, i] += before[PUSH + i] * dt
     state[TIMES, STILL] += dt
     dx, dy, dz = x - state[BOOKED, 0], y - state[BOOKED, 1], z - state[BOOKED, 2]
     length2 = dx * dx + dy * dy + dz * dz
@@ -167,10 +169,11 @@ def haptic(gains, state, past, normal_force, n, friction, approach, position, ve
         for i in range(3):
             state[ANCHOR, i] = state[PLACE, i] = state[BOOKED, i] = position[i]
         for row in range(len(past)):
-            past[row, STAND] = state[PLACE, :3]
+            for i in range(3):
+                past[row, STAND + i] = position[i]
     before = past[remember(state, past, dt)]
     if gains[OBSERVE] != 0.0:
-        wx, wy, wz = observe(state, before[PUSH], x, y, z, dt, gains[RESOLUTION])
+        wx, wy, wz = observe(state, before, x, y, z, dt, gains[RESOLUTION])
     lag = (len(past) - 0.5) * dt
     touching = normal_force > 0.0
     shown = damped = normal_force

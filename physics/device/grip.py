@@ -98,7 +98,9 @@ def grip_kernel(geometry, constants, state, memory, ends, points, shapes, t0, t1
         mass, drag = constants[MASS], constants[DRAG]
         e = memory[:3]
         if memory[3, 0] != h:
-            e[:, :] = propagator((drag + constants[DAMPING]) / mass, constants[STIFFNESS] / mass, h)
+            e = propagator((drag + constants[DAMPING]) / mass, constants[STIFFNESS] / mass, h)
+            for i in range(9):
+                memory[i // 3, i % 3] = e[i // 3, i % 3]
             memory[3, 0] = h
         begin = state[CLOCK, 0]
         _, px, py, pz = wanted(begin, ends, points, shapes)

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from scipy.ndimage import map_coordinates
+import scipy  # its parts are slow to import, and are when they are used
 
 from palpate.physics.archive import read_arrays
 from palpate.physics.errors import MISUSE, PalpateError
@@ -42,7 +42,7 @@ class Fingertip:
     def level(self, name: str, points) -> np.ndarray:
         """Signed distance [m] (...) to the surface "skin", "tissue" or "bone" at points [m] (..., 3)."""
         place = np.moveaxis((np.asarray(points, float) - self.origin) / self.spacing, -1, 0)
-        return map_coordinates(getattr(self, name), place, order=1, mode="nearest")
+        return scipy.ndimage.map_coordinates(getattr(self, name), place, order=1, mode="nearest")
 
     def volume(self, name: str) -> float:
         """Volume inside a surface [m³], from the part of each grid cell that the linear distance puts inside."""

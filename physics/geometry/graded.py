@@ -11,7 +11,7 @@ region where all are. The receiver interpolates (`filled`).
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial import cKDTree
+import scipy  # its parts are slow to import, and are when they are used
 
 GRADE = 0.35
 """[1] Distance between the vertices that are sent, over that from the region where all are."""
@@ -72,7 +72,7 @@ def filled(points: np.ndarray, nodes: np.ndarray, moved: np.ndarray) -> np.ndarr
     between = np.setdiff1d(np.arange(len(points)), nodes)
     if len(nodes) < NEIGHBOURS or not len(between):
         return field
-    away, near = cKDTree(points[nodes]).query(points[between], k=NEIGHBOURS)
+    away, near = scipy.spatial.cKDTree(points[nodes]).query(points[between], k=NEIGHBOURS)
     far = np.maximum(away[:, -1:], 1e-12)
     q = np.minimum(away / far, 1.0) ** 2
     weight = (1.0 - q) ** 2 / (q + 1e-2)
