@@ -1,24 +1,17 @@
-"""The body that keeps to an error: makes its rungs from training touches, and proves them on others.
+"""The body that keeps to an error, proven on touches that its rungs (`palpate reduce --rungs`) were not fitted to.
 
-    python benchmarks/adaptive.py [--make] [--surface fingertip] [--modes 80] [--rungs 10 20 40 60] [--touches 120]
-                                  [--ways 24] [--json]
+    python benchmarks/adaptive.py [--surface fingertip] [--modes 80] [--ways 24] [--json]
 
-With --make: gamma and kappa of each rung are fitted to touches of the training seeds, against the body of all modes,
-and stored beside the basis. Then (the fingertip only) ways over the pulp that nothing was fitted to are gone at 1 kHz,
-each with its own place, radius, direction, depth and speed: pressing, sliding with friction, taps. At every fourth tick
-under force all rungs are settled to equilibrium; true error is that of the answer against the body of all modes.
-Some minutes on one core.
+Ways over the pulp that nothing was fitted to are gone at 1 kHz (the fingertip only), each with its own place, radius,
+direction, depth and speed: pressing, sliding with friction, taps. At every fourth tick under force all rungs are
+settled to equilibrium; true error is that of the answer against the body of all modes. Some minutes on one core.
 """
 
 from __future__ import annotations
 
 import argparse
 import os
-import subprocess
 import time
-from importlib.metadata import version
-from types import SimpleNamespace
-from typing import cast
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -29,101 +22,22 @@ from rich.progress import Progress
 from scipy.stats import qmc
 from tables import tell
 
-from palpate.models.fe.reduce.holdout import YOUNG, settled
-from palpate.models.fe.reduce.reducible import Reducible
-from palpate.models.fe.reduce.reduction import BEHIND, HARDEST, RADII, ROUND, finger_touches, organ_touches
-from palpate.models.fe.reduce.sampling import bent
-from palpate.models.fe.reduce.snapshots import Pressed, Touch, mirror
+from palpate.models.fe.reduce.reduction import BEHIND, HARDEST, RADII, ROUND
 from palpate.nodes.deformation import Adaptive
-from palpate.nodes.deformation.adaptive import beside
-from palpate.nodes.deformation.basis_store import SHIPPED, cache
 from palpate.physics.bodies.ladder import Ladder
-from palpate.physics.bodies.rungs import Rungs, cut
-from palpate.physics.bodies.sampled_body import GAMMA, SampledBasis, SampledBody, gamma
+from palpate.physics.bodies.rungs import Rungs
+from palpate.physics.bodies.sampled_body import SampledBasis, SampledBody, gamma
 from palpate.physics.bodies.sampled_energy import scratch
 from palpate.physics.bodies.sampled_solve import settle, unhurried
 from palpate.physics.contact.spread import Spreader
-from palpate.physics.geometry.mesh import Mesh
 
-TRAINED = (31, 32)
-"""Seeds of the training touches: half normal and half with any pull, and with the greatest."""
 WAYS = 2025
 """Seed of the ways that are gone."""
-LEVELS = np.geomspace(1e-3, 1.0, 12)
-"""Shares of the greatest load of a training touch."""
-KNOTS = 12
-MARGIN = 1.15
-"""[1] What kappa is above the largest that the training touches ask for."""
 ERRORS = (0.01, 0.02, 0.05, 0.1, 0.2)
 """[1] That are asked for on the ways."""
 TICKS, EVERY = 500, 4
 """Ticks of a way, and those after which true errors are found."""
 Row = dict[str, object]
-
-
-def training(basis: SampledBasis, finger: bool, count: int) -> list[Touch]:
-    """Touches of both sides of the pulp, or all over an organ."""
-    surface = Mesh(basis.vertices, basis.triangles)
-    body = cast(Reducible, SimpleNamespace(surface=surface))  # touches read the surface alone
-    if not finger:
-        touches = organ_touches(body, count, TRAINED[0])
-    else:
-        touches = finger_touches(body, 2 * count // 3, TRAINED[0])
-        touches += finger_touches(body, count // 3, TRAINED[1], pulled=True)
-        other, flip = mirror(surface.vertices), np.array([-1.0, 1.0, 1.0])
-        touches[1::2] = [Touch(t.foot * flip, t.normal * flip, t.load[other] * flip, t.levels) for t in touches[1::2]]
-    return touches
-
-
-def fitted(basis: SampledBasis, sizes: list[int], touches: list[Touch], progress: Progress) -> tuple[Rungs, Row]:
-    """The rungs of a basis, from states under the loads of these touches; and what was seen."""
-    mesh = Mesh(basis.vertices, basis.triangles)
-    bases = [cut(basis, r, basis.bend) for r in sizes] + [basis]
-    seen: list[list[tuple[float, ...]]] = []
-    task = progress.add_task("training touches", total=len(touches))
-    for touch in touches:
-        bodies = [SampledBody(own, mesh, YOUNG, 0.0, 5e-3, 1.0) for own in bases]
-        nodes = np.flatnonzero(np.abs(touch.load).max(axis=1) > 0.0).astype(np.int32)
-        pressed = Pressed(touch, np.zeros(0))
-        for level in LEVELS * touch.levels.max() * YOUNG:
-            row = []
-            for body in bodies:
-                for _ in range(5):
-                    now = settled(body, pressed, nodes, float(level))[3]
-                    if body.settled:
-                        break
-                held, measure = body.held.ravel(), body.measure.ravel()
-                bent_by = body.basis.missed @ held / YOUNG
-                along, strain = float(measure @ bent_by), float(np.sqrt(max(held @ bent_by / YOUNG, 0.0)))
-                in_modes = now - float(body._numbers[GAMMA]) * along
-                row.append((now, in_modes, along, strain, body.linear))
-            p = basis.modes.T @ bodies[-1].held.ravel() / YOUNG
-            shares = [float(np.sqrt((p[r:] @ p[r:]) / (p @ p))) for r in sizes]
-            if bodies[-1].settled:
-                seen.append([*row, tuple(shares)])
-        progress.advance(task)
-    best = np.array([row[len(sizes)][0] for row in seen])
-    bends, kappas, nus = [], [], []
-    for k in range(len(sizes)):
-        _, in_modes, along, strain, linear = np.array([row[k] for row in seen]).T
-        some = along > 0.0
-        weight = along / strain / best
-        most = 2.0 * float(strain.max())
-        few = np.flatnonzero(some)[:: max(1, int(some.sum()) // 400)]
-        scale, power = bent(strain[few], ((best - in_modes) / along * strain)[few], weight[few])
-        now = in_modes + along * np.array([gamma(w * w, scale, power, most)[0] for w in strain])
-        bends.append((scale, power, most))
-        nus.append(np.log(np.maximum(np.abs(linear / now - 1.0), 1e-6)))
-        kappas.append(np.abs(now / best - 1.0) / np.array([row[-1][k] for row in seen]))
-    all_nus = np.concatenate(nus)
-    knots = np.linspace(*np.quantile(all_nus, [0.02, 1.0]), KNOTS)
-    table = np.zeros((len(sizes), KNOTS))
-    for k in range(len(sizes)):
-        for i in range(KNOTS):
-            near = (nus[k] >= knots[max(i - 1, 0)]) & (nus[k] <= knots[min(i + 1, KNOTS - 1)])
-            table[k, i] = MARGIN * kappas[k][near].max()
-    rungs = Rungs(np.array(sizes), np.array(bends), knots, table)
-    return rungs, {"touches": len(touches), "states": len(seen)}
 
 
 def place(y: float, turn: float, radius: float) -> tuple[np.ndarray, np.ndarray]:
@@ -244,11 +158,8 @@ def proven(node: Adaptive, basis: SampledBasis, rungs: Rungs, ways: int, progres
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--make", action="store_true")
     parser.add_argument("--surface", default="fingertip")
     parser.add_argument("--modes", type=int, default=80)
-    parser.add_argument("--rungs", type=int, nargs="+", default=[10, 20, 40, 60])
-    parser.add_argument("--touches", type=int, default=120)
     parser.add_argument("--ways", type=int, default=24)
     parser.add_argument("--json", action="store_true")
     given = parser.parse_args()
@@ -258,15 +169,6 @@ def main() -> None:
     finger = given.surface == "fingertip"
     shown: dict[str, list[Row]] = {}
     with Progress(console=Console(stderr=True)) as progress:
-        if given.make:
-            touches = training(basis, finger, given.touches)
-            rungs, seen = fitted(basis, given.rungs, touches, progress)
-            stored = node.stored(SHIPPED, cache())
-            assert stored is not None
-            made = subprocess.run(["git", "rev-parse", "HEAD"], capture_output=True, text=True, check=False)
-            command = f"python benchmarks/adaptive.py --make --surface {given.surface} --modes {given.modes}"
-            about = {"basis": node.key(), "command": command, "commit": made.stdout.strip()}
-            rungs.save(beside(stored[0]), about | {"version": version("palpate"), "seeds": TRAINED, **seen})
         rungs = node.rungs()
         shown["rungs"] = [
             {

@@ -5,28 +5,27 @@ from __future__ import annotations
 import importlib.metadata
 import os
 import time
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 from fe_problems import POISSON, YOUNG, Problem
 from scipy.sparse import csr_matrix
 
-from palpate.models.fe import neo_hooke
 from palpate.models.fe.element import faces as rule
+from palpate.studies.accuracy.errors import MissingError
+from palpate.studies.peers import felupe as peer
 
 
-class FacePlane:
-    """An item for FElupe: faces (F,6) held above a rigid plane by a penalty [Pa/m] at six points each."""
+class FacePlane(peer.Item):
+    """Faces (F,6) held above a rigid plane by a penalty [Pa/m] at six points each."""
 
     def __init__(self, field: Any, problem: Problem) -> None:
-        self.field, self.faces, self.floor = field, problem.skin, problem.floor
+        super().__init__(field)
+        self.faces, self.floor = problem.skin, problem.floor
         self.penalty = problem.penalty
         self.points = field.region.mesh.points
         self.area = rule.areas(self.points, self.faces)
         self.value, _ = rule.shape(rule.POINTS)
-        self.assemble = SimpleNamespace(vector=self._vector, matrix=self._matrix, multiplier=None)
-        self.results = SimpleNamespace(update_statevars=lambda: None)
 
     def _gap(self) -> np.ndarray:
         height: np.ndarray = (self.points + self.field[0].values)[self.faces][..., 2] @ self.value.T - self.floor
@@ -49,19 +48,15 @@ class FacePlane:
 def felupe(problem: Problem, faces: bool = False, cholmod: bool = False) -> dict[str, object] | None:
     """With FElupe; None where it is not installed."""
     try:
-        import felupe as fem
-    except ImportError:
-        return None
-    try:
+        fem = peer.library()
         name, spsolve = _cholmod() if cholmod else _direct()
-    except ImportError:
+    except (ImportError, MissingError):
         return None
     begun, used = time.perf_counter(), time.process_time()
     mesh, count = problem.mesh, len(problem.mesh.points)
     points = np.concatenate([mesh.points, [[0.0, 0.0, problem.floor]]])  # the last point carries the plane
-    field = fem.FieldContainer([fem.Field(fem.RegionQuadraticTetra(fem.Mesh(points, mesh.elements, "tetra10")), dim=3)])
-    shear, bulk = neo_hooke(YOUNG, POISSON).parameters
-    items = [fem.SolidBody(fem.NeoHooke(mu=shear, bulk=bulk), field)]
+    field = peer.displaced(fem, fem.Mesh(points, mesh.elements, "tetra10"))
+    items = [peer.neo_hooke(fem, field, YOUNG, POISSON)]
     if faces and len(problem.skin):
         items.append(FacePlane(field, problem))
     elif len(problem.skin):
@@ -78,13 +73,7 @@ def felupe(problem: Problem, faces: bool = False, cholmod: bool = False) -> dict
     iterations = 0
     for step in range(1, problem.steps + 1):
         bounds["move"].update(-problem.travel * step / problem.steps)
-        dof0, dof1 = fem.dof.partition(field, bounds)
-        ext0 = fem.dof.apply(field, bounds, dof0)
-        newton = fem.newtonraphson(
-            items=items, dof0=dof0, dof1=dof1, ext0=ext0, solver=lambda a, b: spsolve(a.tocsr(), b), verbose=0,
-            tol=1e-6, maxiter=40,
-        )  # fmt: skip
-        iterations += newton.iterations
+        iterations += peer.balance(fem, field, items, bounds, lambda a, b: spsolve(a.tocsr(), b), tol=1e-6, most=40)
     reaction = items[0].assemble.vector(field).toarray().reshape(-1, 3)
     return {
         "solver": f"FElupe, {name}, contact of faces" if faces else f"FElupe, {name}",

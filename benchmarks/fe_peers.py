@@ -20,8 +20,6 @@ from __future__ import annotations
 import json
 import os
 import resource
-import shutil
-import subprocess
 import sys
 import tempfile
 import time
@@ -37,6 +35,9 @@ from fe_problems import POISSON, RADIUS, YOUNG, Problem, ball, block, pressed, s
 
 from palpate.models.fe import Rigid, Settings, Solver, neo_hooke, plane
 from palpate.models.fe.element.mesh import FACES
+from palpate.physics.materials.hyperelastic import moduli
+from palpate.studies.accuracy.errors import MissingError
+from palpate.studies.peers import calculix as peer
 
 MISSING = 3
 
@@ -73,19 +74,16 @@ def _palpate(problem: Problem) -> Solver:
 
 def calculix(problem: Problem) -> dict[str, object] | None:
     """With CalculiX; None where `ccx` is not installed."""
-    program = shutil.which("ccx")
-    if program is None:
-        return None
     with tempfile.TemporaryDirectory() as folder:
-        Path(folder, "run.inp").write_text("\n".join(_deck(problem)) + "\n")
-        begun = time.perf_counter()
-        told = subprocess.run([program, "run"], cwd=folder, capture_output=True, text=True, timeout=3600)
-        seconds = time.perf_counter() - begun
+        try:
+            seconds, status, said = peer.run(_deck(problem), Path(folder))
+        except MissingError:
+            return None
         child = resource.getrusage(resource.RUSAGE_CHILDREN)
-        rows = [r.split() for r in Path(folder, "run.dat").read_text().splitlines()] if told.returncode == 0 else []
+        rows = [r.split() for r in Path(folder, "run.dat").read_text().splitlines()] if status == 0 else []
         forces = [float(r[2]) for r in rows if len(r) == 3]
         if len(forces) != problem.steps:
-            raise SystemExit(f"ccx ended after {len(forces)} of {problem.steps} steps:\n{told.stdout[-2000:]}")
+            raise SystemExit(f"ccx ended after {len(forces)} of {problem.steps} steps: {said}")
         steps = [r.split() for r in Path(folder, "run.sta").read_text().splitlines()]
     used = sum(int(r[3]) for r in steps if len(r) >= 7 and r[0].isdigit())
     return {
@@ -101,13 +99,7 @@ def calculix(problem: Problem) -> dict[str, object] | None:
 def _deck(problem: Problem) -> list[str]:
     """The input file of CalculiX; the plane is a held brick, whose top is the master surface."""
     mesh, count = problem.mesh, len(problem.mesh.points)
-    shear, bulk = neo_hooke(YOUNG, POISSON).parameters
-    lines = ["*NODE, NSET=ALL"]
-    lines += [f"{i + 1}, {p[0]:.14g}, {p[1]:.14g}, {p[2]:.14g}" for i, p in enumerate(mesh.points)]
-    lines.append("*ELEMENT, TYPE=C3D10, ELSET=BODY")
-    lines += [f"{i + 1}, " + ", ".join(str(n + 1) for n in e) for i, e in enumerate(mesh.elements)]
-    lines += ["*MATERIAL, NAME=M", "*HYPERELASTIC, NEO HOOKE", f"{shear / 2:.12g}, {2 / bulk:.12g}"]
-    lines += ["*SOLID SECTION, ELSET=BODY, MATERIAL=M"]
+    lines = list(peer.solids(mesh, [moduli(YOUNG, POISSON)]))
     lines += ["*NSET, NSET=TOP", *(f"{n + 1}," for n in np.flatnonzero(problem.driven))]
     for k in range(3):
         held = np.flatnonzero(problem.fixed[:, k] & ~(problem.driven & (k == 2)))
@@ -120,7 +112,7 @@ def _deck(problem: Problem) -> list[str]:
         lines += ["*NODE, NSET=PLANE", *(f"{count + 1 + i}, {x}, {y}, {z}" for i, (x, y, z) in enumerate(corners))]
         last = len(mesh.elements) + 1
         lines += ["*ELEMENT, TYPE=C3D8, ELSET=FLOOR", f"{last}, " + ", ".join(str(count + 1 + i) for i in range(8))]
-        lines += ["*SOLID SECTION, ELSET=FLOOR, MATERIAL=M", "*SURFACE, NAME=MASTER, TYPE=ELEMENT", f"{last}, S2"]
+        lines += ["*SOLID SECTION, ELSET=FLOOR, MATERIAL=M0", "*SURFACE, NAME=MASTER, TYPE=ELEMENT", f"{last}, S2"]
         every = np.sort(mesh.elements[:, FACES[:, :3]], axis=2).reshape(-1, 3)
         key = {tuple(f): k for k, f in enumerate(every.tolist())}
         sides = [key[tuple(sorted(f[:3]))] for f in problem.skin.tolist()]

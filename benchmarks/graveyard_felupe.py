@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from palpate.models.fe import Settings, Solver, box, neo_hooke
+from palpate.studies.peers import felupe as peer
 
 YOUNG, TRAVEL, CELLS = 1e4, 0.05, 6
 RATIOS = (0.3, 0.49, 0.4999)
@@ -32,14 +33,12 @@ def _mixed(poisson: float, cells: int) -> float:
 
 
 def _linear(poisson: float) -> float:
-    import felupe as fem
-
+    fem = peer.library()
     mesh = box((1.0, 1.0, 1.0), (CELLS, CELLS, CELLS))
     corners, elements = np.unique(mesh.elements[:, :4], return_inverse=True)
     points = mesh.points[corners]
-    field = fem.FieldContainer([fem.Field(fem.RegionTetra(fem.Mesh(points, elements.reshape(-1, 4), "tetra")), dim=3)])
-    shear, bulk = neo_hooke(YOUNG, poisson).parameters
-    solid = fem.SolidBody(fem.NeoHooke(mu=shear, bulk=bulk), field)
+    field = peer.displaced(fem, fem.Mesh(points, elements.reshape(-1, 4), "tetra"))
+    solid = peer.neo_hooke(fem, field, YOUNG, poisson)
     z = points[:, 2]
     top, foot = z > 1 - 1e-9, z < 1e-9
     bounds = {
@@ -49,6 +48,5 @@ def _linear(poisson: float) -> float:
     }
     for share in (0.5, 1.0):
         bounds["move"].update(-TRAVEL * share)
-        dof0, dof1 = fem.dof.partition(field, bounds)
-        fem.newtonrhapson(items=[solid], dof0=dof0, dof1=dof1, ext0=fem.dof.apply(field, bounds, dof0), verbose=0)
+        peer.balance(fem, field, [solid], bounds)
     return float(solid.assemble.vector(field).toarray().reshape(-1, 3)[top, 2].sum())

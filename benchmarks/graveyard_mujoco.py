@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from palpate.studies.peers.mujoco import library
+
 BEAM = """<mujoco><option timestep="{step}"/><worldbody><geom type="plane" size="5 5 .1"/>
   <flexcomp name="beam" type="grid" count="24 4 4" spacing=".1 .1 .1" pos=".1 0 1.5" radius="0" dim="3" mass="7">
     <contact condim="3" solref="0.01 1" solimp=".95 .99 .0001" selfcollide="none"/><edge damping="1"/>
@@ -56,8 +58,7 @@ def slab(integrator: str) -> str:
 
 def _pressed(integrator: str, young: float, damping: float) -> tuple[float, str]:
     """How long it lasted [s], and in words how it ended."""
-    import mujoco
-
+    mujoco = library()
     start = SIZE[2] / 2 + 5e-4 + BALL
     spacing = " ".join(str(size / (count - 1)) for size, count in zip(SIZE, COUNT, strict=True))
     text = SLAB.format(
@@ -81,8 +82,7 @@ def _pressed(integrator: str, young: float, damping: float) -> tuple[float, str]
 
 def _end(text: str, seconds: float, before=lambda data: None):
     """Words of how a run ended, the model and its data."""
-    import mujoco
-
+    mujoco = library()
     model = mujoco.MjModel.from_xml_string(text)
     data = mujoco.MjData(model)
     bad = (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, mujoco.mjtWarning.mjWARN_BADQACC)

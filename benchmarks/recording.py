@@ -22,30 +22,41 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from palpate.launch.load.launchfile import find
+from palpate.launch.load.launchfile import ALL, SOURCES, find
 from palpate.launch.run.execute import execute
 
-ROUNDS = 3
+ROUNDS = 5
 
 
-def rate(seconds: float, record: Path | None, place: str | None) -> float:
-    """[Hz] ticks a second of one run of the kidney graph."""
-    outcome = execute(dataclasses.replace(find("kidney").but(duration=seconds, place=place), record=record))
+def rate(seconds: float, record: Path | None, place: str | None, only: str | None = None) -> tuple[float, float]:
+    """Ticks a second [Hz] of one run of the kidney graph, and processor time a tick [s], user and system."""
+    launch = dataclasses.replace(find("kidney").but(duration=seconds, place=place, only=only), record=record)
+    before = os.times()
+    outcome = execute(launch)
+    spent = sum(os.times()[:4]) - sum(before[:4])
     if not outcome.result.ok:
         raise SystemExit(str(outcome.result.deaths[0]))
-    return outcome.result.ticks / outcome.result.wall
+    return outcome.result.ticks / outcome.result.wall, spent / outcome.result.ticks
 
 
 def overhead(seconds: float, folder: Path) -> dict[str, dict[str, float]]:
-    """Rates with and without recording, of one process and of a process per node."""
+    """Rates with and without recording, of one process and of a process per node; ratios are medians of pairs that run
+    one after the other. Processor time has the start of the run in it."""
     rates: dict[str, dict[str, float]] = {}
     for name, place in (("fused", "fused"), ("processes", None)):
-        without, with_it = [], []
+        rate(seconds, None, place)
+        runs: dict[str, list[tuple[float, float]]] = {"without": [], SOURCES: [], ALL: []}
         for _ in range(ROUNDS):  # interleaved, so that a busy neighbour troubles both
-            without.append(rate(seconds, None, place))
-            with_it.append(rate(seconds, folder / f"{name}.mcap", place))
-        a, b = statistics.median(without), statistics.median(with_it)
-        rates[name] = {"without_Hz": a, "with_Hz": b, "ratio": b / a}
+            for only, made in runs.items():
+                made.append(rate(seconds, None if only == "without" else folder / f"{name}.mcap", place, only))
+        for only in (SOURCES, ALL):
+            pairs = list(zip(runs["without"], runs[only], strict=True))
+            rates[f"{name}, {only}"] = {
+                "without_Hz": statistics.median(a for a, _ in runs["without"]),
+                "with_Hz": statistics.median(b for b, _ in runs[only]),
+                "ratio": statistics.median(b[0] / a[0] for a, b in pairs),
+                "processor_ratio": statistics.median(a[1] / b[1] for a, b in pairs),
+            }
     return rates
 
 
@@ -74,11 +85,12 @@ def main(given: Sequence[str] | None = None) -> None:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         figures: dict[str, object] = {"overhead": overhead(options.seconds, folder)}
-        short, long = folder / "short.mcap", folder / "long.mcap"
-        for path, seconds in ((short, 2.0), (long, options.minutes * 60)):
-            rate(seconds, path, "fused")
+        short, long, sources = folder / "short.mcap", folder / "long.mcap", folder / "sources.mcap"
         seconds = options.minutes * 60
-        figures["recording"] = {"seconds": seconds, "kB_per_s": long.stat().st_size / seconds / 1e3}
+        for path, length, only in ((short, 2.0, ALL), (long, seconds, ALL), (sources, seconds, SOURCES)):
+            rate(length, path, "fused", only)
+        for name, path in (("recording", long), ("recording of sources", sources)):
+            figures[name] = {"seconds": seconds, "kB_per_s": path.stat().st_size / seconds / 1e3}
         figures["replay short"] = replayed(short)
         figures["replay long"] = replayed(long)
         figures["check long"] = {**(check := replayed(long, "--check")), "speed": seconds / check["cpu_s"]}
@@ -91,13 +103,15 @@ def main(given: Sequence[str] | None = None) -> None:
 def _print(figures: dict) -> None:
     out = Console()
     table = Table(title="ticks a second of the kidney graph", box=None)
-    for title in ("", "without", "with recording", "ratio"):
+    for title in ("", "without", "with recording", "ratio", "by processor time"):
         table.add_column(title, justify="right")
     for name, row in figures["overhead"].items():
-        table.add_row(name, f"{row['without_Hz']:.0f}", f"{row['with_Hz']:.0f}", f"{row['ratio']:.2f}")
+        table.add_row(name, f"{row['without_Hz']:.0f}", f"{row['with_Hz']:.0f}", f"{row['ratio']:.2f}",
+                      f"{row['processor_ratio']:.2f}")  # fmt: skip
     out.print(table)
-    size = figures["recording"]
-    out.print(f"recording of {size['seconds']:.0f} s: {size['kB_per_s']:.0f} kB a second of simulated time")
+    for name in ("recording", "recording of sources"):
+        size = figures[name]
+        out.print(f"{name}, {size['seconds']:.0f} s: {size['kB_per_s']:.0f} kB a second of simulated time")
     for name in ("replay short", "replay long", "check long"):
         row = figures[name]
         out.print(f"{name}: {row['speed']:.1f} x real time, peak memory {row['memory_MB']:.0f} MB")

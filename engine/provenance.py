@@ -66,6 +66,15 @@ def rounding(recorded: dict[str, Any]) -> list[str]:
     ]
 
 
+def made_by(recorded: dict[str, Any] | None) -> str:
+    """Version and commit of palpate that made a recording; None: of this process."""
+    if recorded is None:
+        version, of = _version("palpate"), commit()
+    else:
+        version, of = (recorded.get("versions") or {}).get("palpate"), recorded.get("commit")
+    return f"palpate {version or 'unknown'}" + (f" at commit {of[:12]}" if of else "")
+
+
 def _versions(packages: tuple[str, ...]) -> dict[str, str | None]:
     return {"python": platform.python_version(), **{name: _version(name) for name in packages}}
 

@@ -42,9 +42,12 @@ class Output:
 
     external  nodes of other groups read it
     send      takes the payload for them, once the run has begun
+    period    where all observers are here, they take the messages of the ticks that this divides
     """
 
-    __slots__ = ("external", "finite", "kind", "last", "listeners", "observed", "previous", "send", "stream", "topic")
+    __slots__ = (
+        "external", "finite", "kind", "last", "listeners", "observed", "period", "previous", "send", "stream", "topic",
+    )  # fmt: skip
 
     def __init__(self, stream: str, kind: type[Message], external: bool) -> None:
         self.stream, self.kind, self.external = stream, kind, external
@@ -55,6 +58,7 @@ class Output:
         self.observed = False
         self.send: Callable[[bytes], None] | None = None
         self.listeners: list[ObserverSlot] = []
+        self.period = 1
 
 
 class Inlet(Protocol):
@@ -168,6 +172,10 @@ class Slot:
         """The inputs by their place, those first that come last: while a step waits for them the others come."""
         self.health = Health()
         self.due = 0
+        self.period = 1
+        """Where all observers are here, they take what it sends at the ticks that this divides; 0: nobody takes it."""
+        self.sends = 0
+        """Tick from which on somebody takes what it sends next."""
         self.time: int | None = None
         """[ns] of the last step; None: there was none since the start."""
         self._step = node.step

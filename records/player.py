@@ -11,8 +11,6 @@ from __future__ import annotations
 import inspect
 from collections.abc import Iterable
 
-import msgspec
-
 from palpate.engine.faults import GraphError
 from palpate.engine.force_path import force_path
 from palpate.engine.imports import UntrustedError, check_trusted, recorded_class
@@ -22,31 +20,16 @@ from palpate.engine.schedule import needed
 from palpate.engine.slot import Input, NodeFault, Slot
 from palpate.messages import Message, MessageError, pack, unpack
 from palpate.nodes.base import Node, SettingError, inputs
+from palpate.records.format.head import Head, head_of
 from palpate.records.history import History
 from palpate.records.reader import Recording, RecordingError
-
-
-class Head(msgspec.Struct, frozen=True):
-    """The part of a header that a replay follows."""
-
-    tick: int
-    time: int
-    used: tuple[int, ...]
-
-
-_HEAD = msgspec.msgpack.Decoder(Head)
-
-
-def head_of(payload: bytes) -> Head:
-    """The header of a message in its wire form."""
-    return _HEAD.decode(payload)
 
 
 class MissingInput(Exception):
     """A node was computed from a message that the recording does not hold, which matters where every byte counts."""
 
 
-class _Part:
+class Part:
     """One running node: its slot, and how its inputs are found."""
 
     def __init__(self, plan: Plan, name: str, path: set[str], recorded: Plan) -> None:
@@ -110,7 +93,7 @@ class Player:
         self.recorded = plan_of(recording)
         chosen = {name for name in running if not plan.graph.nodes[name].cls.hardware}  # a replay moves no device
         path = force_path(plan)
-        self.parts = [_Part(plan, name, path, self.recorded) for name in plan.order if name in chosen]
+        self.parts = [Part(plan, name, path, self.recorded) for name in plan.order if name in chosen]
         self.computed = {stream for part in self.parts for stream in part.streams} if live else set()
         self.played = {name: s.type for name, s in recording.streams.items() if name not in self.computed}
         self.history: dict[str, History] = {}
@@ -123,9 +106,11 @@ class Player:
         self.kinds = {s: kind for s, kind in self.played.items() if s in self.history}
         self.substituted = 0
         """Inputs for which the message before had to stand in, because the recording lost the step that sent them."""
+        self.missing: tuple[str, str, int] | None = None
+        """Of the first of them the node, and stream and tick of the message."""
         self.restarts = {name: list(ticks) for name, ticks in recording.restarted.items()}
 
-    def _check_input(self, part: _Part, port: Input) -> None:
+    def _check_input(self, part: Part, port: Input) -> None:
         stream = self.recording.streams.get(port.stream)
         if port.stream in self.computed or (stream is not None and (stream.thin == 1 or not self.live)):
             return
@@ -159,10 +144,14 @@ class Player:
                     raise RecordingError(f"{self.recording.path}: stream {stream!r}, tick {tick}: {error}") from None
                 self.history[stream].add(message)
 
-    def step(self, tick: int, payloads: dict[str, bytes]) -> dict[str, bytes]:
-        """Run all nodes that step at this tick; what they send, in its wire form. NodeFault: one raised."""
+    def step(self, tick: int, payloads: dict[str, bytes], now: int | None = None) -> dict[str, bytes]:
+        """Run all nodes that step at this tick; what they send, in its wire form. NodeFault: one raised.
+
+        now  [ns] the tick's time, if the payloads do not say it
+        """
         self.hear(tick, payloads)
-        now = min((_HEAD.decode(payload).time for payload in payloads.values()), default=0)
+        if now is None:
+            now = min((head_of(payload).time for payload in payloads.values()), default=0)
         sent = {}
         for part in self.parts:
             if self.step_one(part, tick, payloads, now):
@@ -173,12 +162,12 @@ class Player:
                         self.history[output.stream].add(output.last)
         return sent
 
-    def step_one(self, part: _Part, tick: int, payloads: dict[str, bytes], now: int) -> bool:
+    def step_one(self, part: Part, tick: int, payloads: dict[str, bytes], now: int) -> bool:
         """Run one node, if it steps at this tick. MissingInput, NodeFault."""
         own = next((payloads[s] for s in part.streams if s in payloads), None) if part.as_recorded else None
         head = None
         if own is not None:
-            head = _HEAD.decode(own)
+            head = head_of(own)
             part.forget_new_inputs(len(head.used))
         elif self._was_recorded(part) or tick % part.slot.every:
             return False
@@ -195,14 +184,14 @@ class Player:
         part.slot.step(tick, head.time if head else now, messages, part.slot.every / self.plan.graph.rate)
         return True
 
-    def _was_recorded(self, part: _Part) -> bool:
+    def _was_recorded(self, part: Part) -> bool:
         """Whether each of its steps can be seen in the file, and is to come again."""
         if not part.as_recorded:
             return False
         streams = [self.recording.streams.get(s) for s in part.streams]
-        return any(stream is not None and stream.thin == 1 for stream in streams)
+        return any(stream is not None and (stream.thin == 1 or stream.kept == "heads") for stream in streams)
 
-    def _input(self, part: _Part, index: int, port: Input, tick: int, head: Head | None) -> Message | None:
+    def _input(self, part: Part, index: int, port: Input, tick: int, head: Head | None) -> Message | None:
         if port.dead:
             return None
         history, reader = self.history[port.stream], (part.name, index)
@@ -216,12 +205,13 @@ class Player:
                 raise MissingInput(f"{port.stream!r} of tick {wanted}")
             if message is None:
                 self.substituted += 1
+                self.missing = self.missing or (part.name, port.stream, wanted)
                 message = history.newest(wanted, reader)
             return message
         limit = needed(tick, port.every, port.loop)
         return None if limit < 0 else history.newest(limit, reader)
 
-    def _restart(self, part: _Part, tick: int) -> None:
+    def _restart(self, part: Part, tick: int) -> None:
         """Where the node was started again in the run, with a new state, so it is here."""
         due = self.restarts.get(part.name)
         if due and tick >= due[0]:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import json
+import tempfile
 from array import array
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
 from mcap.records import Channel, Metadata, Schema
@@ -19,6 +20,9 @@ from palpate.nodes.logger.mcap import PROFILE, SCHEMA_VERSION
 from palpate.physics.errors import PalpateError
 from palpate.records.format.mcap_file import MAGIC, MOST_HEAD, Broken, Records, declared, messages, opened
 
+if TYPE_CHECKING:
+    from palpate.records.verify import Report
+
 _MOST_TICKS = 1 << 31
 
 
@@ -29,7 +33,8 @@ class RecordingError(PalpateError, ValueError):
 @dataclass(frozen=True)
 class Channelled:
     """One stream of a recording: name, message type, sending node, divisor of the base rate, and `thin`: of how many
-    messages one was kept; `schema` is the JSON schema as it stands in the file."""
+    messages one was kept; `schema` is the JSON schema as it stands in the file. `kept` is "checks" for a stream that is
+    to be computed, "heads" where the heads of its other messages are there too, else ""."""
 
     name: str
     schema: dict[str, Any]
@@ -37,6 +42,7 @@ class Channelled:
     every: int
     thin: int
     path: Path
+    kept: str = ""
 
     @property
     def type(self) -> type[Message]:
@@ -51,7 +57,7 @@ class Channelled:
 
 
 class Recording:
-    """A recording on disk.
+    """A recording on disk. One that holds its sources only computes the rest when it is first read.
 
     path       of the file
     streams    what it holds, by name
@@ -61,12 +67,14 @@ class Recording:
     restarted  nodes that were started again during the run, and the tick from which they began anew
     complete   false where the file was cut off or is damaged: it is read up to there
     damage     where that is, and what was found; None where there is none
+    computed   streams that the file holds only checks of. With `stored` they are what stands in the file
 
     RecordingError: missing, not MCAP, not palpate's, or of a newer version.
     """
 
-    def __init__(self, path: str | Path) -> None:
+    def __init__(self, path: str | Path, stored: bool = False) -> None:
         self.path = Path(path)
+        self._filled: IO[bytes] | None = None
         self.streams: dict[str, Channelled] = {}
         self.about: dict[str, Any] = {}
         self.counts: dict[str, dict[str, int]] = {}
@@ -84,6 +92,37 @@ class Recording:
             what = "an empty file" if not begin else "not an MCAP file"
             raise RecordingError(f"{path}: {what}; recordings are written by `palpate run --record FILE`")
         self._read_head()
+        self.computed = set() if stored else {name for name, stream in self.streams.items() if stream.kept}
+        for name in self.computed:
+            self.streams[name] = replace(self.streams[name], thin=1, kept="")
+            self.counts.pop(name, None)
+
+    def compute(self, tolerance: float | None = None) -> Report:
+        """Compute what a recording of sources does not hold; how its checks came out. RecordingError: it cannot be."""
+        from palpate.records.fill import fill
+
+        self._filled = tempfile.NamedTemporaryFile(prefix="palpate-", suffix=".mcap")  # noqa: SIM115 - as long as this
+        try:
+            report, _ = fill(self.path, self._filled, tolerance)
+        except OSError as error:
+            raise RecordingError(f"{self.path}: computing its messages takes room in {tempfile.gettempdir()}: "
+                                 f"{error.strerror}; TMPDIR names another folder") from None  # fmt: skip
+        return report
+
+    def file(self) -> Path:
+        """The file with all messages: that on disk, or of a recording of sources one that is computed for the time
+        that this object lives. RecordingError: it does not come out as it was recorded."""
+        if not self.computed:
+            return self.path
+        if self._filled is None:
+            from palpate.records.fill import explained
+
+            report = self.compute()
+            if report.first is not None:
+                self._filled = None
+                raise RecordingError(explained(self.path, report, self.about))
+        assert self._filled is not None
+        return Path(self._filled.name)
 
     @property
     def complete(self) -> bool:
@@ -184,8 +223,9 @@ class Recording:
         try:
             schema = schemas[channel.schema_id]
             stream = Channelled(
-                channel.topic, schema, about["producer"], int(about["every"]), int(about.get("thin", "1")), self.path
-            )
+                channel.topic, schema, about["producer"], int(about["every"]), int(about.get("thin", "1")), self.path,
+                about.get("kept", ""),
+            )  # fmt: skip
             version, _, _ = schema.get("version"), schema["class"], schema["title"]
         except (KeyError, ValueError, TypeError, AttributeError) as error:
             raise RecordingError(
@@ -205,7 +245,7 @@ class Recording:
         where the file is cut off or damaged."""
         channels = self.channels
         try:
-            for chunk in opened(self.path):
+            for chunk in opened(self.file()):
                 if not isinstance(chunk, bytes):
                     continue
                 for channel, tick, time, payload in messages(chunk):

@@ -1,14 +1,14 @@
-"""Making a complete recording of one that was cut off or damaged."""
+"""Making a complete recording: of one that was cut off or damaged, or of one that holds its sources only."""
 
 from __future__ import annotations
 
-import json
 import os
 from pathlib import Path
 
-from palpate.nodes.logger.mcap import PROFILE
-from palpate.records.format.mcap_writer import McapWriter
+from palpate.records.copy import begin_copy, write_json
+from palpate.records.fill import fill
 from palpate.records.reader import Recording, RecordingError
+from palpate.records.verify import Report
 
 
 def recover(path: Path, out: Path | None = None) -> tuple[Path, dict[str, int]]:
@@ -18,33 +18,42 @@ def recover(path: Path, out: Path | None = None) -> tuple[Path, dict[str, int]]:
 
     Returns the new file and the number of messages per stream. RecordingError: there is nothing to recover.
     """
-    recording = Recording(path)
-    target = out or path.with_name(f"{path.stem}-recovered{path.suffix}")
-    if target.exists():
-        raise RecordingError(f"{target} exists; name another file with --out")
+    recording = Recording(path, stored=True)
+    target = _target(path, out, "recovered")
     counts = dict.fromkeys(recording.streams, 0)
     part = target.with_name(target.name + ".part")
-    target.parent.mkdir(parents=True, exist_ok=True)
     with open(part, "wb") as file:
-        writer = McapWriter(file, PROFILE)
-        about = {**recording.about, "recovered_from": str(path)}
-        writer.add_metadata("palpate.about", {key: json.dumps(value) for key, value in about.items()})
-        for node, ticks in recording.restarted.items():
-            for tick in ticks:
-                writer.add_metadata("palpate.restarted", {"node": node, "tick": str(tick)})
-        schemas: dict[str, int] = {}
-        channels = {}
-        for name, stream in recording.streams.items():
-            kind, title = stream.schema["class"], stream.schema["title"]
-            if kind not in schemas:
-                schemas[kind] = writer.add_schema(title, json.dumps(stream.schema).encode())
-            metadata = {"producer": stream.producer, "every": str(stream.every), "thin": str(stream.thin)}
-            channels[name] = writer.add_channel(name, "msgpack", schemas[kind], metadata)
+        writer, channels = begin_copy(recording, file, {**recording.about, "recovered_from": str(path)})
         for name, tick, time, payload in recording.raw():
             writer.add_message(channels[name], tick, time, payload)
             counts[name] += 1
         if recording.counts and recording.complete:  # what was lost on the way is only known for a whole run
-            writer.add_metadata("palpate.counts", {k: json.dumps(v) for k, v in recording.counts.items()})
+            write_json(writer, "palpate.counts", recording.counts)
         writer.finish()
     os.replace(part, target)
     return target, counts
+
+
+def recover_full(path: Path, out: Path | None = None) -> tuple[Path, dict[str, int], Report]:
+    """Write a recording of sources with all messages, as far as they agree with its checks; also how these came out.
+
+    out  None: beside the file, with `-full` in its name
+
+    RecordingError: it holds all messages, or cannot be computed.
+    """
+    if not Recording(path).computed:
+        raise RecordingError(f"{path} holds all messages; `palpate recover` without --full mends one that is cut off")
+    target = _target(path, out, "full")
+    part = target.with_name(target.name + ".part")
+    with open(part, "wb") as file:
+        report, counts = fill(path, file)
+    os.replace(part, target)
+    return target, counts, report
+
+
+def _target(path: Path, out: Path | None, what: str) -> Path:
+    target = out or path.with_name(f"{path.stem}-{what}{path.suffix}")
+    if target.exists():
+        raise RecordingError(f"{target} exists; name another file with --out")
+    target.parent.mkdir(parents=True, exist_ok=True)
+    return target

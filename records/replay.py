@@ -15,8 +15,9 @@ from palpate.messages import Health
 from palpate.nodes.base import Observer, Stream
 from palpate.nodes.logger import Mcap
 from palpate.records.changed import sources
+from palpate.records.format.head import head_of
 from palpate.records.instants import instants
-from palpate.records.player import Player, head_of
+from palpate.records.player import Player
 from palpate.records.reader import Recording, RecordingError
 from palpate.records.verify import NodeReport, compare_one
 

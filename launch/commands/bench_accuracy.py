@@ -11,10 +11,8 @@ from palpate.launch.commands.common import Json, console, tell
 from palpate.launch.commands.progress import steps
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from palpate.bench.cells import Cell
-    from palpate.bench.touches import Touch
+    from palpate.studies.accuracy.cells import Cell
+    from palpate.studies.accuracy.touches import Touch
 
 
 def accuracy(
@@ -39,74 +37,38 @@ def accuracy(
 
     A run that was ended goes on where it was.
     """
-    from palpate.bench import methods as known
-    from palpate.bench.cells import compute, matrix
-    from palpate.bench.errors import BenchError
-    from palpate.bench.laboratory import missing
-    from palpate.bench.limits import told_apart
-    from palpate.bench.touches import chosen
-    from palpate.launch.load.classes import find_class
+    from dataclasses import asdict
 
-    about = _about()
-    wanted = chosen(touches)
+    from palpate.launch.load.classes import find_class
+    from palpate.studies.accuracy import methods as known
+    from palpate.studies.accuracy.cells import compute, matrix
+    from palpate.studies.accuracy.limits import mostly, told_apart
+    from palpate.studies.accuracy.report import about as versions
+    from palpate.studies.accuracy.report import written
+    from palpate.studies.accuracy.touches import chosen
+
+    about, wanted = versions(), chosen(touches)
     if rebuild:
         _rebuild(about, wanted, silent=as_json)
         return
-    methods = [*known.standard(patient=not quick), *(known.of_user(name, find_class(name)) for name in body or ())]
-    for name in only or ():
-        if name not in {m.name for m in methods}:
-            raise BenchError(f"method: found {name!r}, expected one of {', '.join(m.name for m in methods)}")
-    methods = [m for m in methods if not only or m.name in only or m.name in (body or ())]
+    methods = known.chosen(only, {name: find_class(name) for name in body or ()}, patient=not quick)
     todo = matrix(wanted, methods, quick)
 
-    def work(report: Callable[[int, str], None]) -> list[Cell]:
-        return compute(todo, 1 if quick else 3, fresh, str(about["processor"]), report)
-
-    cells = work(lambda done, what: None) if as_json else _shown(work, len(todo))
+    title = f"bench accuracy: {len(todo)} cells, each a model on a touch"
+    with steps(title, len(todo), silent=as_json) as done:
+        cells = compute(todo, 1 if quick else 3, fresh, str(about["processor"]), done)
     told_apart(cells)
-    files = _written(cells, about, out)
+    files = written(cells, about, out)
     if as_json:
-        from dataclasses import asdict
-
-        from palpate.bench.limits import mostly
-
         tell({"ok": True, "about": about, "files": {k: str(v) for k, v in files.items()},
               "cells": [asdict(c) | {"mostly": mostly(c)} for c in cells]})  # fmt: skip
-        return
-    _print(cells)
-    if kept := sum(cell.kept for cell in cells):
-        told = f"{kept} of {len(cells)} are of earlier runs here, their times as well; --fresh computes them again"
-        console(soft_wrap=True).print(told, markup=False)
-    for text in missing():
-        console(soft_wrap=True).print(f"not installed  {text}", markup=False)
-    for name, file in files.items():
-        console(soft_wrap=True).print(f"{name:14} {file}", markup=False)
-
-
-def _about() -> dict[str, Any]:
-    """Versions, machine and commit."""
-    from palpate.bench.calculix import version
-    from palpate.engine.provenance import machine
-
-    versions = machine("numpy", "scipy", "numba", "felupe", "mujoco")
-    return {**versions, "calculix": version() or "not installed", "seeds": "none, nothing here is random"}
-
-
-def _shown(work: Callable[[Callable[[int, str], None]], list[Cell]], count: int) -> list[Cell]:
-    reached = 0
-    with steps(f"bench accuracy: {count} cells, each a model on a touch", count) as done:
-
-        def report(now: int, what: str) -> None:
-            nonlocal reached
-            done(what, now - reached)
-            reached = now
-
-        return work(report)
+    else:
+        _print(cells, files)
 
 
 def _rebuild(about: dict[str, Any], wanted: list[Touch], silent: bool) -> None:
-    from palpate.bench.places import SHIPPED, on_path
-    from palpate.bench.places import rebuild as work
+    from palpate.studies.accuracy.places import SHIPPED, on_path
+    from palpate.studies.accuracy.places import rebuild as work
 
     places = list(dict.fromkeys(name for touch in wanted if touch.place for name in on_path(touch.place)))
     about = {**about, "command": "palpate bench accuracy --rebuild-references"}
@@ -117,40 +79,13 @@ def _rebuild(about: dict[str, Any], wanted: list[Touch], silent: bool) -> None:
         tell({"ok": True, "folder": str(SHIPPED), "places": places})
 
 
-def _written(cells: list[Cell], about: dict[str, Any], folder: Path) -> dict[str, Path]:
-    """Table, pictures where matplotlib is there, page."""
-    from palpate.bench import page, table
-    from palpate.bench.pareto import summaries
-
-    table.write(cells, about, folder / "accuracy.csv")
-    drawn: dict[str, Path] = {}
-    try:
-        from palpate.bench.order import studies
-        from palpate.bench.pictures import convergence, overview, touch_picture
-
-        for touch in dict.fromkeys(c.touch for c in cells):
-            drawn[touch] = folder / f"{touch}.png"
-            touch_picture([c for c in cells if c.touch == touch], drawn[touch])
-        drawn["overview"] = folder / "overview.png"
-        overview(summaries(cells), cells, drawn["overview"])
-        orders = studies(cells)
-        if orders:
-            drawn["convergence"] = folder / "convergence.png"
-            convergence(orders, drawn["convergence"])
-    except ImportError:
-        from palpate.launch.load.extras import install
-
-        drawn = {}
-        console(stderr=True).print(f"no pictures: they need matplotlib ({install('view')})", markup=False)
-    page.write(cells, about, drawn, folder / "accuracy.md")
-    return {"page": folder / "accuracy.md", "table": folder / "accuracy.csv", **drawn}
-
-
-def _print(cells: list[Cell]) -> None:
+def _print(cells: list[Cell], files: dict[str, Path]) -> None:
     from rich.table import Table
 
-    from palpate.bench.page import LEGEND, default_costs
-    from palpate.bench.pareto import front, summaries
+    from palpate.launch.load.extras import install
+    from palpate.studies.accuracy.laboratory import missing
+    from palpate.studies.accuracy.page import LEGEND, default_costs
+    from palpate.studies.accuracy.pareto import front, summaries
 
     told = summaries(cells)
     best = front([(s.p99, s.error) for s in told])
@@ -166,3 +101,13 @@ def _print(cells: list[Cell]) -> None:
     out.print(shown)
     out.print(LEGEND, markup=False)
     out.print(default_costs(cells), markup=False)
+    wide = console(soft_wrap=True)
+    if kept := sum(cell.kept for cell in cells):
+        words = f"{kept} of {len(cells)} are of earlier runs here, their times as well; --fresh computes them again"
+        wide.print(words, markup=False)
+    for text in missing():
+        wide.print(f"not installed  {text}", markup=False)
+    if "overview" not in files:
+        wide.print(f"no pictures: they need matplotlib ({install('view')})", markup=False)
+    for name, file in files.items():
+        wide.print(f"{name:14} {file}", markup=False)

@@ -19,7 +19,7 @@ def info(file: File, as_json: Json = False) -> None:
     """What a recording holds: streams, counts, rates, losses, duration, origin, and whether it was cut off."""
     from palpate.records.reader import Recording
 
-    data = describe(Recording(file))
+    data = describe(Recording(file, stored=True))
     if as_json:
         tell(data)
     else:

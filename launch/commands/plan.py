@@ -109,8 +109,8 @@ def _times(planned: Plan, given: Path | None) -> tuple[dict[str, float], Path | 
 
 
 def _prove(file: Path, items: list[Item], sets: list[str], silent: bool) -> None:
-    from palpate.launch.recording.prove import prove
     from palpate.records.reader import Recording
+    from palpate.studies.prove import prove
 
     with steps(f"plan: the touch again without each of {len(items)} effects", len(items), silent=silent) as done:
         prove(Recording(file), items, sets, lambda name: done(f"without {name}"))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -12,12 +11,11 @@ from palpate.launch.commands.common import TROUBLE, Graph, Json, SceneOption, Se
 from palpate.launch.commands.progress import steps
 
 if TYPE_CHECKING:
-    from palpate.launch.recording.rates import Rate
-    from palpate.records.compare import Variant
-
+    from palpate.studies.rates import Rate
+    from palpate.studies.search import Found, Trial
 
 PER_TICK = 3e-3
-"""[s] that an effect takes for a tick of the touch: it is computed again at several rates side by side."""
+"""[s] that an effect takes for a tick of the touch: it is computed again at all rates side by side."""
 
 
 def rates(
@@ -40,57 +38,26 @@ def rates(
     Runs the graph at these rates, more often until the run keeps the error, and writes a launch file for `palpate run`
     with what was measured. Nothing is written, and the exit code is 1, where no run keeps it.
     """
-    from palpate.launch.recording import rates as measure
-    from palpate.launch.recording.tune import touched, write
+    from palpate.studies import rates as study
+    from palpate.studies.search import read_error
 
-    share = measure.read_error(error)
+    share, _ = read_error(error)
     launch = chosen(graph, sets, scene).but(duration=duration)
-    if launch.duration is None:
-        raise measure.RateError(f"{graph}: it runs without end; give the length of the touch: --duration '5 s'")
-    found = measure.effects_of(launch.plan())
+    planned = launch.plan()
+    effects, length = len(study.effects_of(planned)), launch.duration or 0.0
     file = out or Path("runs", f"{(launch.path or launch.graph).stem}-rates.yaml")
-    title = f"rates: a touch of {launch.duration:g} s, then again at other rates of {len(found)} effects"
-    count, ticks = len(found) + 3, launch.duration * launch.load().rate
-    with (
-        tempfile.TemporaryDirectory() as folder,
-        steps(title, count, silent=as_json, seconds=PER_TICK * ticks * count) as show,
-    ):
-        recording = touched(launch, Path(folder) / "touch.mcap")
-        show("the touch")
-        single = list(measure.chosen(recording, share, show))
-        show("all together")
-        picked, *promised = measure.together(recording, single, share)
-        while True:  # in a run of it the hand reacts to the force, and the touch becomes another one
-            show("a run of it")
-            again = touched(launch.but(overrides=[rate.override() for rate in picked]), Path(folder) / "slow.mcap")
-            came = measure.came(again, picked)
-            kept = measure.force_error(came[1]) <= share
-            finer = None if kept else measure.oftener(picked)
-            if finer is None:
-                break
-            picked, *promised = measure.together(recording, finer, share)
-    overrides = {f"{rate.node}.every": rate.every for rate in picked}
-    if kept:
-        write(launch, overrides, _promise(share, came[1]), file)
+    title, count = f"rates: a touch of {length:g} s, then again at other rates of {effects} effects", effects + 2
+    with steps(title, count, silent=as_json, seconds=PER_TICK * length * planned.graph.rate * count) as done:
+        found = study.rates(launch, share, file, done)
     if as_json:
-        tell({"ok": kept, "file": str(file) if kept else None, "error": share, "set": overrides,
-              "effects": [_data(rate) for rate in picked],
-              "promised": _times(*promised), "came": _times(*came)})  # fmt: skip
+        assert found.promised is not None and found.came is not None
+        tell({"ok": found.kept, "file": str(file) if found.kept else None, "error": share,
+              "set": found.promised.overrides, "effects": [_data(rate) for rate in found.tried],
+              "promised": _times(found.promised), "came": _times(found.came)})  # fmt: skip
     else:
-        _print(picked, {"promised": promised, "came": came}, kept)
-        if kept:
-            console().print(f"written   {file}: palpate run {file}", markup=False)
-    if not kept:
+        _print(found, file)
+    if not found.kept:
         raise typer.Exit(TROUBLE)
-
-
-def _promise(share: float, variant: Variant) -> list[str]:
-    from palpate.launch.recording.rates import force_error
-
-    return [
-        f"Chosen by palpate rates: each effect as seldom as an error of {100 * share:.2g} % allows;",
-        f"the force is off by {100 * force_error(variant):.2g} % of its peak (rms) in a run of it.",
-    ]
 
 
 def _data(rate: Rate) -> dict[str, Any]:
@@ -99,36 +66,36 @@ def _data(rate: Rate) -> dict[str, Any]:
             "time_constant_s": constant, "error": rate.own, "force_error": rate.force}  # fmt: skip
 
 
-def _times(base: Variant, variant: Variant) -> dict[str, float]:
-    from palpate.launch.recording.rates import force_error, mean
-
-    return {"force_error": force_error(variant), "tick_s": mean(variant), "tick_at_full_rates_s": mean(base)}
+def _times(one: Trial) -> dict[str, float]:
+    return {"force_error": one.error, "tick_s": one.mean, "tick_at_full_rates_s": one.reference}
 
 
-def _print(picked: list[Rate], runs: dict[str, Any], kept: bool) -> None:
+def _print(found: Found, file: Path) -> None:
     from rich.table import Table
 
     out = console()
     shown = Table(box=None, header_style="bold", pad_edge=False)
     for title in ("", "effect", "time\nconstant", "every", "\nnow", "off by, rms %\nits output", "\nforce"):
         shown.add_column(title, justify="left" if title in ("", "effect") else "right")
-    for rate in picked:
+    for rate in found.tried:
         constant = "idle" if rate.idle else f"{1e3 * rate.constant:.3g} ms"
         errors = ("", "") if rate.idle else (_percent(rate.own), _percent(rate.force) if rate.felt else "")
         shown.add_row(rate.node, rate.effect, constant, str(rate.every), str(rate.before), *errors)
     out.print(shown)
-    if any(rate.idle for rate in picked):
+    if any(rate.idle for rate in found.tried):
         out.print(
             "idle: nothing of it changes on this touch, and its rate is left; another touch may tell", style="dim"
         )
-    for word, (base, variant) in runs.items():
-        told = _times(base, variant)
+    for word, one in (("promised", found.promised), ("came", found.came)):
+        assert one is not None
         out.print(
-            f"{word:9} force off by {_percent(told['force_error'])} %, a tick {1e6 * told['tick_s']:.0f} us in the "
-            f"mean, where all effects at each tick take {1e6 * told['tick_at_full_rates_s']:.0f} us",
+            f"{word:9} force off by {_percent(one.error)} %, a tick {1e6 * one.mean:.0f} us in the "
+            f"mean, where all effects at each tick take {1e6 * one.reference:.0f} us",
             markup=False,
         )
-    if not kept:
+    if found.kept:
+        out.print(f"written   {file}: palpate run {file}", markup=False)
+    else:
         out.print(
             "No run kept the error: the hand reacts to the force, and the touch became another one. Nothing "
             "is written. Take a larger --error.",

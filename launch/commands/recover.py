@@ -1,4 +1,4 @@
-"""`palpate recover`: a complete file from one that was cut off or damaged."""
+"""`palpate recover`: a complete file from one that was cut off or damaged, or that holds its sources only."""
 
 from __future__ import annotations
 
@@ -7,22 +7,41 @@ from typing import Annotated
 
 import typer
 
-from palpate.launch.commands.common import Json, console, tell
+from palpate.launch.commands.common import TROUBLE, Json, Trust, console, tell
 from palpate.launch.commands.info import File
 
 
 def recover(
     file: File,
     out: Annotated[Path | None, typer.Option(help="File to write; by default beside the recording.")] = None,
+    full: Annotated[
+        bool, typer.Option("--full", help="Of a recording of sources: compute and write all messages.")
+    ] = False,
+    trust: Trust = None,
     as_json: Json = False,
 ) -> None:
-    """Make a complete recording from the readable part of a truncated or damaged one."""
+    """Make a complete recording from the readable part of a truncated or damaged one.
+
+    With --full make one with all messages of a recording of sources. Exit code 1 if a computed message is not what was
+    recorded; the messages before it are written.
+    """
+    from palpate.records.fill import explained
+    from palpate.records.reader import Recording
     from palpate.records.recover import recover as save
+    from palpate.records.recover import recover_full
 
-    target, counts = save(file, out)
+    if full:
+        target, counts, report = recover_full(file, out)
+        wrong = explained(file, report, Recording(file).about) if report.first is not None else ""
+    else:
+        (target, counts), wrong = save(file, out), ""
     if as_json:
-        tell({"ok": True, "file": str(target), "counts": counts})
-        return
-    from rich.text import Text
+        tell({"ok": not wrong, "file": str(target), "counts": counts, "difference": wrong or None})
+    else:
+        from rich.text import Text
 
-    console().print(Text(f"{target}: {sum(counts.values())} messages of {len(counts)} streams"))
+        console().print(Text(f"{target}: {sum(counts.values())} messages of {len(counts)} streams"))
+        if wrong:
+            console(stderr=True, soft_wrap=True).print(Text(wrong, style="red"))
+    if wrong:
+        raise typer.Exit(TROUBLE)

@@ -59,6 +59,10 @@ def run(
     ] = None,
     record: Annotated[Path | None, typer.Option(help="File of the recording; pictures go beside it.")] = None,
     no_record: Annotated[bool, typer.Option("--no-record", help="Record nothing.")] = False,
+    record_only: Annotated[
+        str | None,
+        typer.Option(help="sources: record only what cannot be computed again; the rest is computed when it is read."),
+    ] = None,
     leave_out: Annotated[list[str] | None, typer.Option("--leave-out", help="Stream not to record.")] = None,
     thin: Annotated[list[str] | None, typer.Option(help="STREAM=N: record each N-th message only.")] = None,
     out: Annotated[Path | None, typer.Option(help="Folder of recording and pictures.")] = None,
@@ -80,6 +84,7 @@ def run(
     Ctrl-C or SIGTERM ends it in an orderly way. Exit code 1 when a node failed, or the recording is not whole; with
     --strict also when a run on the real clock did not keep its rate; 130 after Ctrl-C, 143 after SIGTERM.
     """
+    from palpate.launch.load.launchfile import RECORDED
     from palpate.launch.run.forkserver import ForkServer
 
     loaded: Checked | None = None
@@ -91,7 +96,9 @@ def run(
         launch, organ_notes = with_own_organ(launch, organ, unit, repair, silent=as_json)
         if clock not in (None, "simulated", "real"):
             raise typer.BadParameter(f"clock: found {clock!r}, expected simulated or real")
-        launch = launch.but(clock=clock, duration=duration, pace=pace)
+        if record_only not in (None, *RECORDED):
+            raise typer.BadParameter(f"--record-only: found {record_only!r}, expected {' or '.join(RECORDED)}")
+        launch = launch.but(clock=clock, duration=duration, pace=pace, only=record_only)
         if reconnect:
             launch = launch.but(overrides=_reconnecting(launch))
         name = (organ or launch.path or launch.graph).stem

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -12,8 +11,8 @@ from palpate.launch.commands.common import TROUBLE, Graph, Json, SceneOption, Se
 from palpate.launch.commands.progress import steps
 
 if TYPE_CHECKING:
-    from palpate.launch.recording.tune import Candidate, Goal
-
+    from palpate.studies.search import Trial
+    from palpate.studies.tune import Goal, Tuned
 
 PER_TICK = 1e-3
 """[s] that a body takes for a tick of the touch, the reference beside it and the start included."""
@@ -42,129 +41,63 @@ def tune(
     Writes a launch file for `palpate run`, runs it, and tells what was promised and what came. Exit code 1 where
     nothing keeps what is asked for.
     """
-    from palpate.launch.recording.tune import (
-        Candidate,
-        Goal,
-        TuneError,
-        candidates,
-        cause,
-        claim,
-        kept,
-        measured,
-        pick,
-        read_error,
-        reference,
-        touched,
-        write,
-    )
+    from palpate.studies import tune as study
+    from palpate.studies.search import read_error
 
     if budget is None and error is None:
         raise typer.BadParameter("expected --budget '0.5 ms', --error '2 % force', or both")
-    share, quantity = read_error(error) if error is not None else (None, "force")
-    goal = Goal(budget, share, quantity)
+    goal = study.Goal(budget, *(read_error(error, study.QUANTITIES) if error is not None else (None, "force")))
     launch = chosen(graph, sets, scene).but(duration=duration)
-    if launch.duration is None:
-        raise TuneError(f"{graph}: it runs without end; give the length of the touch: --duration '5 s'")
-    wanted = candidates(launch.load())
     file = out or Path("runs", f"{(launch.path or launch.graph).stem}-tuned.yaml")
-    title = f"tune: a touch of {launch.duration:g} s, then again with {len(wanted)} bodies"
-    count, ticks = len(wanted) + 2, launch.duration * launch.load().rate
-    with (
-        tempfile.TemporaryDirectory() as folder,
-        steps(title, count, silent=as_json, seconds=PER_TICK * ticks * count) as done,
-    ):
-        recording = touched(launch, Path(folder) / "touch.mcap")
-        done("the touch")
-        ranked: list[Candidate] = []
-        base = reference(recording, wanted)
-        claimed = claim(recording, base)
-        for one in measured(recording, wanted, base, goal):
-            ranked.append(one)
-            done(one.title)
-        best = pick(ranked, goal)
-        came = None
-        if best is not None:
-            write(launch, best.overrides, _promise(best, goal), file)
-            came = kept(launch, best, base, goal, Path(folder), lambda: done("a run of the choice"))
-    why = cause(ranked, goal) if best is None else ""
+    loaded = launch.load()
+    bodies, length = len(study.candidates(loaded)), launch.duration or 0.0
+    title, count = f"tune: a touch of {length:g} s, then again with {bodies} bodies", bodies + 2
+    with steps(title, count, silent=as_json, seconds=PER_TICK * length * loaded.rate * count) as done:
+        tuned = study.tune(launch, goal, file, done)
     if as_json:
-        _json(ranked, best, came, file, base, why)
+        told = {"ok": tuned.promised is not None, "file": str(file) if tuned.promised else None,
+                "reference": tuned.reference.overrides, "promised": tuned.promised and _data(tuned.promised),
+                "came": tuned.came and _data(tuned.came)}  # fmt: skip
+        tell(told | ({"why": tuned.why} if tuned.why else {}) | {"candidates": [_data(one) for one in tuned.tried]})
     else:
-        against = f"Errors are differences from {Candidate(base).title}, " + (
-            f"what it is known to be off by itself added: {100 * claimed:.2g} %."
-            if claimed
-            else "of whose own error nothing is known."
-        )
-        _print(ranked, best, came, goal, file, against, why)
-    if best is None:
+        _print(tuned, goal, file)
+    if tuned.promised is None:
         raise typer.Exit(TROUBLE)
 
 
-def _promise(best: Candidate, goal: Goal) -> list[str]:
-    return [
-        f"Chosen by palpate tune: {goal.quantity} off by {100 * best.error:.2g} % of its peak (rms),",
-        f"a tick {1e6 * best.p50:.0f} us p50, {1e6 * best.p99:.0f} us p99, on the machine that it was tuned on.",
-    ]
+def _data(one: Trial) -> dict[str, object]:
+    told = {"why": one.why} if one.why else {"error": one.error, "p50_s": one.p50, "p99_s": one.p99}
+    return {"set": one.overrides, **told}
 
 
-def _json(
-    ranked: list[Candidate],
-    best: Candidate | None,
-    came: Candidate | None,
-    file: Path,
-    base: dict[str, object],
-    why: str,
-) -> None:
-    def data(one: Candidate) -> dict[str, object]:
-        times = {} if one.why else {"error": one.error, "p50_s": one.p50, "p99_s": one.p99}
-        return {"set": one.overrides, **times, **({"why": one.why} if one.why else {})}
-
-    tell({"ok": best is not None, "file": str(file) if best else None, "reference": base,
-          "promised": best and data(best), "came": came and data(came), **({"why": why} if why else {}),
-          "candidates": [data(one) for one in ranked]})  # fmt: skip
-
-
-def _print(
-    ranked: list[Candidate],
-    best: Candidate | None,
-    came: Candidate | None,
-    goal: Goal,
-    file: Path,
-    against: str,
-    why: str,
-) -> None:
+def _print(tuned: Tuned, goal: Goal, file: Path) -> None:
     from rich.table import Table
+
+    from palpate.studies.tune import title
 
     out = console()
     shown = Table(box=None, header_style="bold", pad_edge=False)
-    for title in ("", f"{goal.quantity} off by\nrms %", "tick [us]\np50", "\np99"):
-        shown.add_column(title, justify="left" if not title else "right")
-    for one in sorted((c for c in ranked if not c.why), key=lambda c: c.error):
-        style = "bold" if one is best else None
-        shown.add_row(one.title, f"{100 * one.error:.3g}", f"{1e6 * one.p50:.0f}", f"{1e6 * one.p99:.0f}", style=style)
+    for head in ("", f"{goal.quantity} off by\nrms %", "tick [us]\np50", "\np99"):
+        shown.add_column(head, justify="left" if not head else "right")
+    for one in sorted((c for c in tuned.tried if not c.why), key=lambda c: c.error):
+        style = "bold" if one is tuned.promised else None
+        shown.add_row(title(one), f"{100 * one.error:.3g}", f"{1e6 * one.p50:.0f}", f"{1e6 * one.p99:.0f}", style=style)
     out.print(shown)
-    for reason in dict.fromkeys(one.why for one in ranked if one.why):
-        titles = "; ".join(one.title for one in ranked if one.why == reason)
+    for reason in dict.fromkeys(one.why for one in tuned.tried if one.why):
+        titles = "; ".join(title(one) for one in tuned.tried if one.why == reason)
         out.print(f"left out {titles}: {reason}", markup=False, style="dim")
-    out.print(against, markup=False)
-    if best is None:
-        out.print(f"Nothing keeps {_asked(goal)} here. {why}".rstrip(), style="yellow", markup=False)
+    known = "of whose own error nothing is known."
+    if tuned.claimed:
+        known = f"what it is known to be off by itself added: {100 * tuned.claimed:.2g} %."
+    out.print(f"Errors are differences from {title(tuned.reference)}, {known}", markup=False)
+    if tuned.promised is None or tuned.came is None:
+        out.print(f"Nothing keeps {goal} here. {tuned.why}".rstrip(), style="yellow", markup=False)
         return
-    assert came is not None
-    for word, one in (("promised", best), ("came", came)):
+    for word, one in (("promised", tuned.promised), ("came", tuned.came)):
         times = f"{1e6 * one.p50:.0f} us p50, {1e6 * one.p99:.0f} us p99"
         out.print(f"{word:9} {goal.quantity} off by {100 * one.error:.3g} %, a tick {times}", markup=False)
-    missed = (goal.budget is not None and came.p99 > goal.budget) or (
-        goal.error is not None and came.error > goal.error
-    )
-    if missed:
+    if not tuned.kept:
         out.print(
             "The run did not keep it: the machine was busier, or the touch differs under this body.", style="yellow"
         )
     out.print(f"written   {file}: palpate run {file}", markup=False)
-
-
-def _asked(goal: Goal) -> str:
-    asked = [] if goal.budget is None else [f"{1e3 * goal.budget:g} ms at p99"]
-    asked += [] if goal.error is None else [f"{100 * goal.error:g} % of the {goal.quantity}"]
-    return " and ".join(asked)

@@ -4,7 +4,7 @@ graph: kidney.yaml
 place: two
 clock: real
 duration: 10 s
-record: runs/kidney.mcap
+record: runs/kidney.mcap       # or `sources`, or `all`: what to record, in a file of this name
 set: {tissue.stiffness: 2e3, rate: 500}
 """
 
@@ -26,6 +26,8 @@ from palpate.launch.load.units import UnitError, convert
 
 LAUNCHES = Path(__file__).resolve().parent.parent
 CLOCKS = ("simulated", "real")
+ALL, SOURCES = RECORDED = ("all", "sources")
+"""What a run records: all messages, or those of its sources, from which a reader computes the others."""
 KEYS = ("graph", "scene", "place", "clock", "duration", "record", "set", "wanted", "pace")
 
 
@@ -40,6 +42,7 @@ class LaunchFile:
     clock      "simulated", "real", or None: real with hardware, else simulated
     duration   [s] None: until stopped
     record     file of the recording, None: no recording
+    only       what is recorded, of `RECORDED`; None: all messages
     pace       [1] simulated time runs at this multiple of real time; None: as fast as the machine allows
     wanted     streams to compute; None: what scene or graph say
     overrides  values set from outside, the later ones win
@@ -55,6 +58,7 @@ class LaunchFile:
     pace: float | None = None
     wanted: tuple[str, ...] | None = None
     overrides: tuple[str | Override, ...] = ()
+    only: str | None = None
 
     def load(self) -> Graph:
         """The checked graph of this run. GraphError: whatever is wrong."""
@@ -109,10 +113,7 @@ def _read(path: Path) -> LaunchFile:
     if wanted is not None and not (isinstance(wanted, list) and all(isinstance(w, str) for w in wanted)):
         faults.add(f"wanted: found {wanted!r}, expected a list of streams", "", source.place("wanted"))
         wanted = None
-    record = data.get("record")
-    if record is not None and not isinstance(record, str):
-        faults.add(f"record: found {record!r}, expected the name of a file", "", source.place("record"))
-        record = None
+    record, only = _recorded(source, path, faults)
     scene = data.get("scene")
     launch = LaunchFile(
         graph=_file("graph", source, GRAPHS, path, faults) or path,
@@ -121,7 +122,8 @@ def _read(path: Path) -> LaunchFile:
         place=place if (place := data.get("place")) in BUILT_IN else _file("place", source, PLACES, path, faults),
         clock=clock,
         duration=_positive("duration", "s", source, faults),
-        record=None if record is None else Path(record),
+        record=record,
+        only=only,
         pace=_positive("pace", "1", source, faults, least=1e-3, most=1e6),
         wanted=None if wanted is None else tuple(wanted),
         overrides=_overrides(source, faults),
@@ -143,11 +145,27 @@ def _of_graph(path: Path, data: Any) -> LaunchFile:
         shipped = LAUNCHES / file.name
         if file.parent == GRAPHS.resolve() and shipped.is_file():
             run = _read(shipped)
-            return LaunchFile(path, duration=run.duration, record=run.record and Path(f"{path.stem}.mcap"))
+            record = run.record and Path(f"{path.stem}.mcap")
+            return LaunchFile(path, duration=run.duration, record=record, only=run.only)
         if file in seen:
             break
         seen.add(file)
     return LaunchFile(path)
+
+
+def _recorded(source: Source, path: Path, faults: Faults) -> tuple[Path | None, str | None]:
+    """The file of `record:`, and what is recorded. A word of `RECORDED` means a file named like the launch file."""
+    given = source.data.get("record")
+    if given is None:
+        return None, None
+    if given in RECORDED:
+        return Path(f"{path.stem}.mcap"), given
+    if isinstance(given, str) and (Path(given).suffix or "/" in given):
+        return Path(given), None
+    cure = "" if not isinstance(given, str) else choices("Words", given, RECORDED)
+    faults.add(f"record: found {given!r}, expected the name of a file, as NAME.mcap, or {' or '.join(RECORDED)}", cure,
+               source.place("record"))  # fmt: skip
+    return None, None
 
 
 def _file(key: str, source: Source, folder: Path, path: Path, faults: Faults) -> Path | None:

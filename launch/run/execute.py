@@ -19,7 +19,7 @@ from palpate.engine.force_path import force_path
 from palpate.engine.graph import Graph
 from palpate.engine.plan import Plan
 from palpate.engine.provenance import about
-from palpate.launch.load.launchfile import LaunchFile
+from palpate.launch.load.launchfile import SOURCES, LaunchFile
 from palpate.launch.load.placement import APART, AUTO, Placement, auto
 from palpate.launch.load.plan import plan
 from palpate.launch.load.recording import set_recording
@@ -31,6 +31,7 @@ from palpate.launch.run.keys import Key
 from palpate.launch.run.launcher import Launcher
 from palpate.launch.run.result import Result
 from palpate.launch.run.screen import Screen
+from palpate.launch.run.sources import record_sources
 from palpate.launch.run.verdict import Verdict, verdict
 from palpate.physics.errors import PalpateError
 from palpate.records.format.mcap_file import is_complete
@@ -97,15 +98,18 @@ def execute(
     """
     graph = graph or launch.load()
     set_recording(graph, launch.record, leave_out, thin)
-    planned = plan(graph)
+    recorded = planned = plan(graph)
     clock = _clock(launch, planned)
+    if launch.only == SOURCES and launch.record is not None:
+        planned = record_sources(graph, clock)
     crowded = fit_cores and launch.place is None and clock == "real" and _crowded(planned)
     place = auto(planned) if crowded else launch.placement(planned)
     ticks = None if launch.duration is None else max(1, round(launch.duration * graph.rate))
     joined = frozenset(group.name for group in place.groups if group.join or not _is_here(group.host))
     fused = len(place.groups) == 1 and clock == "simulated" and not joined
     groups = {group.name: group.nodes for group in place.groups}
-    provenance = about(planned, here=fused, clock=clock, pace=launch.pace, ticks=ticks, groups=groups)
+    more = {"checked": {s: sorted(names) for s, names in planned.wanted.items()}} if planned is not recorded else {}
+    provenance = about(recorded, here=fused, clock=clock, pace=launch.pace, ticks=ticks, groups=groups, **more)
     work = jobs(planned, place, clock=clock, ticks=ticks, pace=launch.pace, about=provenance)
     if joined:
         if address is None:

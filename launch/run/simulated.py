@@ -48,7 +48,8 @@ def run_tick(worker: Worker, tick: int) -> None:
             messages[place] = message
         if slot.name not in worker.mute:
             slot.step(tick, at, messages, slot.every / rate)
-            worker.send(slot)
+            if tick >= slot.sends:
+                worker.send(slot)
     worker.housekeep()
 
 

@@ -6,6 +6,8 @@ The loops over the ticks are apart, one for each clock: `simulated`, `real`; `ob
 from __future__ import annotations
 
 import contextlib
+import math
+import sys
 from collections.abc import Callable
 from functools import partial
 
@@ -92,6 +94,12 @@ class Worker:
                 begin(slot.name, slot.node, slot.start)
             for observer in self.audience.slots:
                 begin(observer.name, observer.node, partial(self.audience.start, observer, self.outputs))
+        if self.bus is None and not self._real:
+            for slot in self.slots:
+                for output in slot.outputs:
+                    output.period = math.gcd(*(taken.node.period(output.stream) for taken in output.listeners))
+                slot.period = math.gcd(*(output.period for output in slot.outputs))
+                slot.sends = 0 if slot.period else sys.maxsize
 
     def _start(self, name: str, node: Node, start: Callable[[], None]) -> None:
         """Start one of them; what fails gives back at once what it has opened, as far as it came."""
@@ -150,11 +158,15 @@ class Worker:
 
     def send(self, slot: Slot) -> None:
         """Send what a step has set."""
+        if slot.period > 1:
+            slot.sends = slot.health.tick - slot.health.tick % slot.period + slot.period
         for output in slot.outputs:
             if not (output.external or output.observed or output.listeners):
                 continue
             message = output.last
             assert message is not None
+            if output.period != 1 and (not output.period or message.tick % output.period):
+                continue
             try:
                 payload = pack(message)
             except Exception as error:  # a type of the user's own may hold anything

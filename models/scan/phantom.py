@@ -69,12 +69,8 @@ def scan(
     return Stack(np.hypot(volume + both[0], both[1]).astype(np.float32), spacing, "phantom")
 
 
-def image_centre(anatomy: Anatomy) -> float:
-    """Height z [m] of the middle of the images over the axis of the finger."""
-    return (anatomy.dorsal - anatomy.palmar - anatomy.bulge) / 2
-
-
-def _stored(stack: Stack) -> np.ndarray:
+def stored(stack: Stack) -> np.ndarray:
+    """Brightness as it is stored in a file, 16 bits."""
     return np.round(np.clip(stack.volume, 0, 1.2) / 1.2 * FULL).astype(np.uint16)
 
 
@@ -90,7 +86,7 @@ def write_dicom(stack: Stack, folder: str | Path, axes=None) -> Path:
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     study, series, frame = generate_uid(), generate_uid(), generate_uid()
-    data = _stored(stack)
+    data = stored(stack)
     across, down, on = np.eye(3) if axes is None else np.asarray(axes, float)
     for k, image in enumerate(data):
         meta = FileMetaDataset()
@@ -121,19 +117,8 @@ def write_nifti(stack: Stack, path: str | Path) -> Path:
     import nibabel
 
     between = [s * 1e3 for s in stack.spacing]
-    data = _stored(stack)[:, ::-1].transpose(2, 1, 0).astype(np.int16)
+    data = stored(stack)[:, ::-1].transpose(2, 1, 0).astype(np.int16)
     image = nibabel.Nifti1Image(data, np.diag([-between[2], between[1], between[0], 1.0]))
     image.header.set_xyzt_units("mm")
     nibabel.save(image, path)
     return Path(path)
-
-
-def write_images(stack: Stack, folder: str | Path, kind: str = "png") -> Path:
-    """Numbered 16-bit images, .png or .tif."""
-    from skimage.io import imsave
-
-    folder = Path(folder)
-    folder.mkdir(parents=True, exist_ok=True)
-    for k, image in enumerate(_stored(stack)):
-        imsave(folder / f"slice_{k:03d}.{kind}", image, check_contrast=False)
-    return folder

@@ -151,6 +151,10 @@ class Observer(Node):
         """Told after `start`, before the first message: when tick 0 is, [ns] on this machine's monotonic clock. On the
         simulated clock, unless it is paced, only tick 0 has to do with that clock."""
 
+    def period(self, stream: str) -> int:
+        """Of a stream on the simulated clock it takes the messages of the ticks that this divides; 0: it takes none."""
+        return 1
+
     def observe(self, stream: str, tick: int, payload: bytes) -> None:
         """Take one message in its wire form."""
         raise NotImplementedError

@@ -58,7 +58,7 @@ class Adaptive(ReducedFE):
         """
         stored = self.stored(SHIPPED, cache())
         path = beside(stored[0]) if stored else Path("none")
-        make = f"Make them: python benchmarks/adaptive.py --make --surface {self.surface} --modes {self.modes}"
+        make = f"Make them: {self.rungs_command()}"
         try:
             rungs, about = Rungs.load(path)
         except BasisError as error:
@@ -66,6 +66,10 @@ class Adaptive(ReducedFE):
         if about.get("basis") != self.key():
             raise SettingError(f"{path}: rungs of basis {about.get('basis')}, expected {self.key()}. {make}")
         return rungs
+
+    def rungs_command(self) -> str:
+        """What makes the rungs of its basis."""
+        return self.command().replace("palpate reduce", "palpate reduce --rungs", 1)
 
 
 def beside(basis: Path) -> Path:

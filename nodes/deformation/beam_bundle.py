@@ -25,6 +25,7 @@ class BeamBundle(WithNodule):
     """
 
     effect = "deformation"
+    rank = 2
 
     layers: Annotated[Vector, "m"] = (1e-3, 9e-3)
     """Thickness of each layer."""

@@ -28,6 +28,7 @@ class MassSpring(WithNodule):
     """
 
     effect = "deformation"
+    rank = 1
 
     stiffness: Annotated[float, "N/m^n", msgspec.Meta(gt=0)] = 3.0e3
     exponent: Annotated[float, "1", msgspec.Meta(ge=1, le=3)] = 1.5

@@ -51,6 +51,7 @@ class ReducedFE(OnSurface):
     """
 
     effect = "deformation"
+    rank = 3
 
     model: Annotated[Literal["nonlinear", "linear", "sampled"], "1"] = "nonlinear"
     """How it follows large displacement: by dents under the patch, not at all, or in modes of the whole body with its

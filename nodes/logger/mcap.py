@@ -16,6 +16,7 @@ import msgspec
 from palpate.messages import Health, Message, fields
 from palpate.messages.base import HEADER
 from palpate.nodes.base import Observer, SettingError, Stream
+from palpate.records.format.head import head_alone
 from palpate.records.format.mcap_writer import CHUNK_SIZE, Compression, McapWriter
 
 LATEST = 1024  # ticks of a stream by which a node's new life is told from the one before
@@ -24,28 +25,35 @@ SCHEMA_VERSION = "1"
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
-class _Header(msgspec.Struct, gc=False):
+class _Time(msgspec.Struct, gc=False):
     time: int
 
 
-_HEADER = msgspec.msgpack.Decoder(_Header)
+_TIME = msgspec.msgpack.Decoder(_Time)
+CHECK = 0.2
+"""[s] between the messages that are kept of a stream that can be computed again."""
 
 
 class _Recorded:
     """One recorded stream.
 
     channel  its number in the file
-    every    ticks between two of its messages
+    every    ticks between two messages that are to come
     keep     ticks between two that are written
+    skip     ticks between two that it takes, on the simulated clock; 1: it takes each
+    heads    of messages that are not kept their heads are written
     next     tick at which its next message is expected; due: from which on one is written
     heard    messages that came; count: that were written; gaps: that are missing between those that came
     last     ticks of the last ones
     """
 
-    __slots__ = ("channel", "count", "due", "every", "gaps", "heard", "keep", "last", "next")
+    __slots__ = ("channel", "count", "due", "every", "gaps", "heads", "heard", "keep", "last", "next", "skip")
 
-    def __init__(self, channel: int, every: int, thin: int) -> None:
-        self.channel, self.every, self.keep = channel, every, every * thin if thin > 1 else 1
+    def __init__(self, channel: int, every: int, thin: int, simulated: bool, heads: bool) -> None:
+        self.channel, self.heads = channel, heads
+        self.keep = every * thin if thin > 1 else 1
+        self.skip = self.keep if simulated else 1
+        self.every = every * thin if simulated else every
         self.next = self.due = self.heard = self.count = self.gaps = 0
         self.last: deque[int] = deque(maxlen=LATEST)
 
@@ -71,6 +79,9 @@ class Mcap(Observer):
     fields: Annotated[tuple[str, ...] | typing.Literal["all"], "1"] = ()
     """Of a stream that other nodes read too: fields to compute for the recording, beside those that are read."""
     compression: Annotated[Compression, "1"] = "zstd"
+    sources: Annotated[tuple[str, ...], "1"] = ()
+    """Streams from which all others can be computed again: of the others one message is kept every 0.2 s, as a check,
+    and on the real clock the heads of all, which say what each step used. () keeps all messages."""
 
     def start(self) -> None:
         known = {stream.name for stream in self.streams}
@@ -91,6 +102,8 @@ class Mcap(Observer):
         self._file = open(self.path, "wb", buffering=CHUNK_SIZE)  # noqa: SIM115 - lives until stop
         self._writer = McapWriter(self._file, PROFILE, self.compression)
         self._writer.add_metadata("palpate.about", {k: json.dumps(v) for k, v in self.about.items()})
+        simulated = self.about.get("clock") == "simulated"
+        check = round(CHECK * self.about.get("plan", {}).get("rate", 1000.0))
         schemas: dict[type, int] = {}
         for stream in self.streams:
             if stream.name in self.leave_out:
@@ -99,26 +112,40 @@ class Mcap(Observer):
                 text = json.dumps(schema(stream.type)).encode()
                 schemas[stream.type] = self._writer.add_schema(stream.type.__name__, text)
             thin = self.thin.get(stream.name, 1)
-            about = {"producer": stream.producer, "every": str(stream.every), "thin": str(thin)}
-            channel = self._writer.add_channel(stream.name, "msgpack", schemas[stream.type], about)
-            self._recorded[stream.name] = _Recorded(channel, stream.every, thin)
+            about = {"producer": stream.producer, "every": str(stream.every)}
+            heads = False
+            if self.sources and stream.name not in self.sources:
+                thin, heads = max(1, check // stream.every), not simulated
+                about["kept"] = "heads" if heads else "checks"
+            channel = self._writer.add_channel(
+                stream.name, "msgpack", schemas[stream.type], {**about, "thin": str(thin)}
+            )
+            self._recorded[stream.name] = _Recorded(channel, stream.every, thin, simulated, heads)
         self._due = time.monotonic() + self.within
+
+    def period(self, stream: str) -> int:
+        own = self._recorded.get(stream)
+        return own.skip if own is not None else 0
 
     def observe(self, stream: str, tick: int, payload: bytes) -> None:
         own = self._recorded.get(stream)
-        if own is None:
+        if own is None or (own.skip > 1 and tick % own.skip):
             return
         if tick != own.next:
             own.gaps += max(0, (tick - own.next) // own.every)
         own.next = tick + own.every
         own.heard += 1
         own.last.append(tick)
-        if tick < own.due:
-            return
-        own.due = tick - tick % own.keep + own.keep  # also where the clock left out the very tick
-        at = max(0, _HEADER.decode(payload).time)
+        if own.keep > 1:
+            if tick >= own.due:
+                own.due = tick - tick % own.keep + own.keep  # also where the clock left out the very tick
+            elif own.heads:
+                payload = head_alone(payload)
+            else:
+                return
+        at = _TIME.decode(payload).time
         try:
-            self._writer.add_message(own.channel, tick, at, payload)
+            self._writer.add_message(own.channel, tick, at if at > 0 else 0, payload)
             own.count += 1
             if time.monotonic() > self._due:
                 self._on_time()
@@ -169,7 +196,10 @@ class Mcap(Observer):
         steps = self._steps.get(stream.producer)
         if steps is None:
             return self._recorded[stream.name].gaps
-        return max(0, self._before.get(stream.producer, 0) + steps - self._recorded[stream.name].heard)
+        own, since = self._recorded[stream.name], self._since.get(stream.producer, 0)
+        if own.skip > 1:  # of the steps since then those at its own ticks
+            steps = -(-(since + steps * stream.every) // own.skip) + (-since // own.skip)
+        return max(0, self._before.get(stream.producer, 0) + steps - own.heard)
 
     def _give_up(self, error: OSError) -> None:
         file, self._file = self._file, None

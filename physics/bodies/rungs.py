@@ -13,7 +13,7 @@ the load goes into modes that were dropped:
     claim = kappa_r(nu) sqrt(|p_D|²/|p|²),    nu = s_linear/s - 1
 
 p = Phi'h/E over all modes, whose squares are twice the energies at rest; s the indentation, s_linear that of the linear
-body. kappa_r holds above all errors that were seen at states of about that nu (`benchmarks/adaptive.py`). It is fitted,
+body. kappa_r holds above all errors that were seen at states of about that nu (`palpate reduce --rungs`). It is fitted,
 not a bound that could be proven. At rest (nu = 0) all rungs are the same.
 """
 

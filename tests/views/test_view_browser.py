@@ -84,7 +84,7 @@ def at(page, time):
 def test_the_strain_on_the_page_is_that_of_the_pictures(page, shown):
     page.select_option("#colour", "strain")
     at(page, 0.3)
-    reel = shown._reels[0]
+    reel = shown.source.reels[0]
     surface = reel.last(0.3)[Surface]
     expected = painted(COLOURS["strain"], reel.mesh, surface)
     drawn = np.array(page.evaluate("Array.from(palpate.reels[0].scene.values)"))

@@ -36,9 +36,9 @@ OTHERS = {
 }
 """Commands that are not palpate's, by how they begin."""
 NOT_RUN = {
-    "palpate bench": "minutes; tests/bench runs its parts",
-    "palpate tune": "minutes; tests/launch/recording/test_tune.py",
-    "palpate rates": "minutes; tests/launch/recording/test_rates.py",
+    "palpate bench": "minutes; tests/studies runs its parts",
+    "palpate tune": "minutes; tests/studies/test_tune.py",
+    "palpate rates": "minutes; tests/studies/test_rates.py",
     "palpate run runs/kidney-rates.yaml": "what palpate rates writes",
     "palpate fe": "minutes; tests/models/fe/study",
     "palpate fingertip SCAN": "takes images; tests/models/scan",

@@ -50,7 +50,7 @@ class Reel:
         except NoTouch as error:
             raise RecordingError(f"{path}: {error}") from None
         self.use = planned.graph.nodes[senders[Surface]].use
-        self._file = path.open("rb")
+        self._file = self.recording.file().open("rb")
         self._records = Records(self._file)
         self._open = lru_cache(maxsize=BACK + 2)(self._decoded)
         self._begins: list[float] = []

@@ -28,10 +28,11 @@ from palpate.messages import (
     Torque,
 )
 from palpate.nodes.base import SettingError
+from palpate.nodes.deformation import models
 from palpate.physics.errors import MISUSE, PalpateError
 from palpate.physics.geometry.mesh import Mesh
 
-BODIES = ("deformation.MassSpring", "deformation.BeamBundle", "deformation.ReducedFE")
+BODIES = tuple(reversed(models()))
 SHOWN = (Pose, Proximity, Contact, Friction, Force, ForceBand, Pins, Pointed, Load, Surface)
 POINTER = "palpate-pointer"
 

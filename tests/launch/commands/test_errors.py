@@ -12,7 +12,9 @@ from typer.testing import CliRunner
 from palpate.launch.commands.common import Verbs
 from palpate.physics.errors import PalpateError
 
-FOLDERS = ("physics", "models", "messages", "drivers", "nodes", "engine", "launch", "records", "views")
+FOLDERS = (
+    "physics", "models", "messages", "drivers", "nodes", "engine", "launch", "records", "views", "studies",
+)  # fmt: skip
 INSIDE = {
     "Broken", "Ended", "Hangs", "Inverted", "MissingInput", "NotPositive", "Refused", "UnheldError", "ZmtpError",
     "_Fault",

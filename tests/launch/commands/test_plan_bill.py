@@ -9,8 +9,8 @@ from palpate.launch.__main__ import app
 from palpate.launch.load.bill import bill
 from palpate.launch.load.graph import load
 from palpate.launch.load.plan import plan
-from palpate.launch.recording.prove import prove
 from palpate.records.reader import Recording
+from palpate.studies.prove import prove
 
 
 def items(*sets, graph="kidney", times=None):

@@ -9,13 +9,13 @@ from pytest import approx
 from scipy.integrate import quad
 from scipy.special import ellipe, ellipk
 
-from palpate.bench.places import stored
 from palpate.nodes.base.surface import surface_mesh
 from palpate.nodes.deformation import ReducedFE
 from palpate.physics.bodies import true_patch as tp
 from palpate.physics.bodies.condensed_body import CondensedBody
 from palpate.physics.contact.spread import Spreader
 from palpate.physics.geometry.mesh import Mesh, plane
+from palpate.studies.accuracy.places import stored
 
 YOUNG, POISSON, RADIUS = 19e3, 0.45, 8e-3
 UP = (0.0, 0.0, 1.0)

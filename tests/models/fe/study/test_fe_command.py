@@ -14,10 +14,10 @@ import typer
 from typer.testing import CliRunner
 
 from palpate.launch.__main__ import app
-from palpate.launch.commands import reduce as reduce_command
 from palpate.launch.commands.fe import fe, run_name
 from palpate.launch.testing import FakeBus
 from palpate.messages import Contact
+from palpate.models.build import basis as builder
 from palpate.models.fe.study.press_record import Run
 from palpate.nodes.deformation import ReducedFE
 from palpate.nodes.tactile import Flow
@@ -86,11 +86,9 @@ def test_reduce_that_is_stopped_leaves_nothing(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize(("worst", "code"), [(0.4, 1), (0.2, 0)])
 def test_reduce_says_so_where_a_basis_is_of_no_use(tmp_path, monkeypatch, worst, code):
-    def built(node, path, quiet):
-        np.savez(path, about=np.array("{}"))
-        return {"mean": worst / 4, "worst": worst}
-
-    monkeypatch.setattr(reduce_command, "_build", built)
+    given = Basis(np.zeros((4, 3)), np.zeros((1, 3), dtype=np.int32), np.eye(12), np.zeros((4, 0)))
+    missed = {"mean": worst / 4, "worst": worst}
+    monkeypatch.setattr(builder, "built", lambda node, stages: (given, missed))
     made = run("reduce", "--set", "surface=plane", "--set", "coarse=120", "--to", str(tmp_path))
     assert made.exit_code == code, made.output
     assert f"{worst:.1%} at worst" in made.stdout

@@ -1,1 +1,0 @@
-"""Recordings: reading, drawing, replaying, comparing, exporting."""

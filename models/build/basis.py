@@ -1,0 +1,193 @@
+"""The basis of a reduced finite-element body: the full model is pressed and condensed, and the result stored."""
+
+from __future__ import annotations
+
+import json
+import tempfile
+from collections.abc import Callable
+from importlib.metadata import version
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+from palpate.models.fe.element.mesh import MeshError
+from palpate.models.fe.meshing.fingertip import Fingertip
+from palpate.models.fe.meshing.organ import Capsule, Nodule, Organ
+from palpate.models.fe.reduce.dents import LEVELS, PLACES, UNSEEN, dent_table, unseen
+from palpate.models.fe.reduce.holdout import errors
+from palpate.models.fe.reduce.reducible import of_finger, of_organ
+from palpate.models.fe.reduce.reduction import (
+    CELLS,
+    UNSEEN_SEED,
+    build,
+    finger_pressed,
+    finger_touches,
+    organ_pressed,
+    organ_touches,
+)
+from palpate.models.fe.reduce.reduction import UNSEEN as UNSEEN_TOUCHES
+from palpate.models.fe.reduce.snapshots import press, press_from_rest
+from palpate.nodes.base import SettingError
+from palpate.nodes.deformation.basis_store import about, key, touches
+from palpate.nodes.deformation.reduced_fe import ReducedFE
+from palpate.physics.bodies.condensed_body import Basis
+from palpate.physics.bodies.sampled_body import SampledBasis
+from palpate.physics.geometry.mesh import Mesh
+from palpate.physics.materials.hyperelastic import MIXED_FROM
+
+INDEX = "index.json"
+"""Of a folder of bases that is shipped; there they have readable names."""
+MOST = 2500
+"""Vertices of a surface that is condensed: with these the dense compliance takes half a gigabyte."""
+MOST_ELEMENTS = 18_000
+"""Elements of a body that is sampled: what its points are chosen from takes three gigabytes."""
+
+
+class Stages(Protocol):
+    """Shows how far a build is."""
+
+    def begin(self, name: str, note: str, total: float | None = 1.0) -> Callable[[float], None]:
+        """A stage: called with the share of it that is done; `total` None where it cannot say."""
+
+
+class Silent:
+    """Shows nothing."""
+
+    def begin(self, name: str, note: str, total: float | None = 1.0) -> Callable[[float], None]:
+        return lambda share: None
+
+
+def home(node: ReducedFE, folder: Path) -> Path:
+    """Where the basis of a node lies in a folder."""
+    name = node.filename()
+    return folder / (f"{name.rpartition('-')[0]}.npz" if (folder / INDEX).exists() else name)
+
+
+def make(
+    node: ReducedFE, path: Path, stages: Stages | None = None, commit: str | None = None
+) -> dict[str, float]:  # fmt: skip
+    """Build the basis of a node, and store it whole or not at all. Its errors [1] where it was not made from.
+
+    SettingError: a surface or a material that no basis can be made of, or a folder that cannot be written to; said
+    before the minutes that a basis takes.
+    """
+    if node.surface == "fingertip" and node.model != "sampled":
+        raise SettingError(
+            f"model {node.model!r} with surface 'fingertip': expected 'sampled', as its layers stiffen a hundredfold. "
+            "Take --set model=sampled"
+        )
+    check_writable(path.parent)
+    try:
+        basis, missed = built(node, stages or Silent())
+        inputs = node.inputs()
+        provenance = {
+            "key": key(inputs), "inputs": inputs, "version": version("palpate"), "commit": commit,
+            "command": node.command(), "error": {name: round(value, 5) for name, value in missed.items()},
+        }  # fmt: skip
+        basis.save(path, json.dumps(provenance))
+    finally:
+        path.with_name(f"{path.name}.part.npz").unlink(missing_ok=True)
+    index = path.with_name(INDEX)
+    if index.exists():
+        entries = json.loads(index.read_text(encoding="utf-8")) | {path.name: about(path)}
+        index.write_text(json.dumps(entries, indent=1, sort_keys=True) + "\n", encoding="utf-8")
+    return missed
+
+
+def built(node: ReducedFE, stages: Stages, check: bool = True) -> tuple[Basis | SampledBasis, dict[str, float]]:
+    """The basis, and its errors [1] at touches that it was not made from; none of a linear one, or without `check`."""
+    if node.model == "sampled":
+        return _sampled(node, stages, check)
+    organ = of_organ(_organ(node, stages))
+    condensing = stages.begin("condensing", f"{3 * len(organ.mesh.points)} degrees of freedom")
+    compliance = organ.compliance(condensing)
+    condensing(1.0)
+    dents, missed = np.zeros((len(organ.surface.vertices), 0)), {}
+    if node.model == "nonlinear":
+        pressing = stages.begin("pressing", f"{PLACES} places, {LEVELS} indentations")
+        dents = dent_table(organ, report=pressing)
+        pressing(1.0)
+        if check:
+            checked = stages.begin("checking", f"{UNSEEN} places that it was not made from", None)
+            off = np.abs(unseen(organ, dents))
+            checked(1.0)
+            missed = {"mean": float(np.nanmean(off)), "worst": float(np.nanmax(off))}
+    return Basis(organ.surface.vertices, organ.surface.triangles, compliance, dents), missed
+
+
+def check_writable(folder: Path) -> None:
+    """SettingError: nothing can be written there."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        raise SettingError(
+            f"folder {folder}: {error.strerror}; expected one that can be written, such as --to bases"
+        ) from None
+
+
+def _organ(node: ReducedFE, stages: Stages) -> Organ:
+    """The full model of the node's organ. SettingError: a surface that it cannot be made of."""
+    surface = node.coarse_mesh()
+    _check_size(node, surface)
+    meshed = stages.begin("meshing", f"the inside of {len(surface.vertices)} vertices", None)
+    try:
+        nodule = Nodule(node.nodule_centre, node.nodule_radius, node.nodule_ratio)
+        capsule = Capsule(node.capsule_thickness, node.capsule_ratio)
+        organ = Organ(surface, node.poisson, node.bed, nodule, capsule)
+    except MeshError as error:
+        raise SettingError(f"surface {node.surface!r}: {error}") from None
+    _check_size(node, organ.surface)
+    meshed(1.0)
+    return organ
+
+
+def _check_size(node: ReducedFE, surface: Mesh) -> None:
+    """SettingError: more vertices than can be condensed."""
+    if len(surface.vertices) > MOST:
+        raise SettingError(
+            f"surface {node.surface!r}: {len(surface.vertices)} vertices, expected at most {MOST}, as the body keeps a "
+            "number for each pair of them. Coarsen it in a mesh editor"
+        )
+
+
+def _sampled(node: ReducedFE, stages: Stages, check: bool) -> tuple[SampledBasis, dict[str, float]]:
+    """Press the full model, reduce it to modes, and press it at other places: the basis and its error there."""
+    finger = node.surface == "fingertip"
+    body = of_finger(Fingertip(cells=CELLS)) if finger else of_organ(_organ(node, stages))
+    if len(body.mesh.elements) > MOST_ELEMENTS:
+        raise SettingError(
+            f"surface {node.surface!r}: {len(body.mesh.elements)} elements, expected at most {MOST_ELEMENTS} for model "
+            "'sampled'. Fewer vertices make fewer: set `coarse`, or coarsen a file in a mesh editor"
+        )
+    if any(law.mixed for law in body.materials(1.0).values()):
+        raise SettingError(
+            f"poisson {node.poisson} with model 'sampled': expected less than {MIXED_FROM}: from there on the points "
+            "of an element share their pressure and cannot be sampled one by one. Take model=nonlinear"
+        )
+    pressing = stages.begin("pressing", f"{3 * len(body.mesh.points)} degrees of freedom")
+    seen, held = finger_pressed(body, pressing, touches()) if finger else organ_pressed(body, pressing)
+    if len(seen) < 2 or not held:
+        raise SettingError(
+            f"surface {node.surface!r}, bed {node.bed}: the full model converged for {len(seen) + len(held)} touches, "
+            "too few for modes. A larger `bed` would support it"
+        )
+    sampling = stages.begin("sampling", f"{node.modes} modes")
+    basis = build(body, seen, held, node.modes, sampling)
+    sampling(1.0)
+    if not check:
+        return basis, {}
+    checked = stages.begin("checking", f"{UNSEEN_TOUCHES} touches that it was not made from")
+    others = (finger_touches if finger else organ_touches)(body, UNSEEN_TOUCHES, UNSEEN_SEED)
+    presses = (press if finger else press_from_rest)(body, others, checked)
+    if not any(len(other.solutions) for other in presses):
+        return basis, {}
+    own, linear = (abs(miss) for miss in errors(body, basis, presses))
+    return basis, {
+        "mean": float(own.mean()),
+        "worst": float(own.max()),
+        "linear_mean": float(linear.mean()),
+        "linear_worst": float(linear.max()),
+    }

@@ -1,0 +1,169 @@
+"""Computing what a recording of sources does not hold, and holding it against its checks.
+
+Such a recording has the messages of the sources, and of each other stream one every 0.2 s. On the simulated clock the
+rules of that clock say what each step used; of a run on the real clock the file holds the heads of all messages, which
+say it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import IO, Any
+
+import msgspec
+import numpy as np
+
+from palpate.engine.provenance import made_by, rounding
+from palpate.engine.schedule import nanoseconds
+from palpate.engine.slot import NodeFault
+from palpate.messages import MessageError, fields, unpack
+from palpate.records.copy import begin_copy, write_json
+from palpate.records.format.head import head_of, is_head
+from palpate.records.instants import instants
+from palpate.records.player import Part, Player, plan_of
+from palpate.records.reader import Recording, RecordingError
+from palpate.records.verify import ELSEWHERE, Difference, NodeReport, Report, compare_one
+
+Row = tuple[str, int, int, bytes]
+
+
+def fill(path: Path, file: IO[bytes], tolerance: float | None = None) -> tuple[Report, dict[str, int]]:
+    """Write a recording of sources with all messages, up to the last check that agrees.
+
+    tolerance  as for `verify`; None: 0 for the arithmetic of the run, else `ELSEWHERE`
+
+    Returns how the checks came out, and the number of messages per stream. RecordingError: it cannot be computed.
+    """
+    stored = Recording(path, stored=True)
+    filling = _Filling(stored, tolerance)
+    about = {key: value for key, value in stored.about.items() if key != "checked"}
+    whole = Recording(path)
+    writer, channels = begin_copy(whole, file, {**about, "computed_from": str(path)})
+    counts = dict.fromkeys(whole.streams, 0)
+    for name, tick, time, payload in filling.rows():
+        if name in channels:
+            writer.add_message(channels[name], tick, time, payload)
+            counts[name] += 1
+    write_json(writer, "palpate.counts", {name: {"count": count, "lost": 0} for name, count in counts.items()})
+    if stored.times:
+        write_json(writer, "palpate.times", stored.times)
+    writer.finish()
+    filling.report.cut = stored.damage is not None
+    return filling.report, counts
+
+
+class _Filling:
+    def __init__(self, stored: Recording, tolerance: float | None) -> None:
+        self.stored, self.plan = stored, plan_of(stored)
+        self.tolerance = tolerance if tolerance is not None else ELSEWHERE if rounding(stored.about) else 0.0
+        nodes = self.plan.graph.nodes
+        self.player = Player(stored, self.plan, [n for n in self.plan.order if not nodes[n].cls.paced], live=True)
+        self.report = Report({part.name: NodeReport() for part in self.player.parts if part.streams})
+        self._scales: dict[tuple[str, str], float] = {}
+        self._simulated = stored.about.get("clock") == "simulated"
+        checked = stored.about.get("checked", {})
+        self._uncomputed = {
+            stream: {field.name for field in fields(kind)}.difference(checked[stream])
+            for stream, kind in self.plan.graph.streams.items()
+            if stream in checked
+        }
+        """Of each stream the fields that the run did not compute, as nobody read them then."""
+
+    def rows(self) -> Iterator[Row]:
+        """All messages, as far as they agree with the checks. RecordingError, also where a node raises."""
+        pending: list[Row] = []
+        self.player.start()
+        try:
+            for tick, payloads in self._ticks():
+                now = nanoseconds(tick, self.plan.graph.rate) if self._simulated else None
+                sent = self.player.step(tick, payloads, now)
+                if self.player.missing is not None:
+                    if self.stored.complete:
+                        self._lost(*self.player.missing)
+                    break  # else the file was cut off before all of this tick was in it
+                agreed = self._check(tick, payloads, sent)
+                if self.report.first is not None:
+                    pending = []
+                    break
+                played = {s: p for s, p in payloads.items() if s not in self.player.computed}
+                pending += ((name, tick, head_of(data).time, data) for name, data in (played | sent).items())
+                if agreed:
+                    yield from pending
+                    pending = []
+        except NodeFault as fault:
+            raise RecordingError(f"{self.stored.path}: computing it again failed: {fault}") from fault
+        finally:
+            self.player.stop()
+        yield from pending
+
+    def _lost(self, node: str, stream: str, tick: int) -> None:
+        """A message that a node used on the real clock did not reach the logger."""
+        self.report.nodes[node].first = Difference(stream, tick, "message", "1", f"used by {node!r}", "not in the file")
+
+    def _ticks(self) -> Iterator[tuple[int, dict[str, bytes]]]:
+        """The ticks of the run, with what is stored of each."""
+        present = self.stored.ticks()
+        if not self._simulated:
+            yield from instants(self.stored, present)
+            return
+        sources = {name: row for name, row in present.items() if name not in self.player.computed}
+        last = min((self._last(name, row) for name, row in sources.items()), default=-1)
+        due = 0
+        for tick, payloads in instants(self.stored, present):
+            while due < min(tick, last + 1):
+                yield due, {}
+                due += 1
+            if tick > last:
+                return
+            yield tick, payloads
+            due = tick + 1
+
+    def _last(self, name: str, row: np.ndarray) -> int:
+        """The last tick that a source's messages suffice for. RecordingError: some are missing."""
+        every = self.stored.streams[name].every
+        gaps = np.flatnonzero(row != np.arange(len(row)) * every)
+        if len(gaps):
+            raise RecordingError(f"{self.stored.path}: the source's stream {name!r} has no message of tick "
+                                 f"{gaps[0] * every}, so what follows cannot be computed")  # fmt: skip
+        return len(row) * every - 1
+
+    def _check(self, tick: int, payloads: dict[str, bytes], sent: dict[str, bytes]) -> bool:
+        """Hold what was computed against what is stored of this tick; whether there was any, and all agreed."""
+        whole = {name: data for name, data in payloads.items() if name in self.player.computed and not is_head(data)}
+        for part in self.player.parts:
+            if whole.keys() & set(part.streams):
+                self._compare(part, tick, whole, sent)
+        return bool(whole) and self.report.first is None
+
+    def _compare(self, part: Part, tick: int, whole: dict[str, bytes], sent: dict[str, bytes]) -> None:
+        own = self.report.nodes[part.name]
+        for output in part.slot.outputs:
+            if output.stream not in whole:
+                continue
+            own.checked += 1
+            message = output.last
+            if output.stream not in sent or message is None:
+                own.differing += 1
+                own.first = own.first or Difference(output.stream, tick, "step", "1", "an answer", "none")
+                continue
+            skipped = self._uncomputed.get(output.stream)
+            if skipped:
+                try:
+                    stored = unpack(whole[output.stream], output.kind)
+                except MessageError as error:
+                    raise RecordingError(
+                        f"{self.stored.path}: stream {output.stream!r}, tick {tick}: {error}"
+                    ) from None
+                message = msgspec.structs.replace(message, **{name: getattr(stored, name) for name in skipped})
+            compare_one(own, output.stream, whole[output.stream], message, self.tolerance, self._scales)
+
+
+def explained(path: Path, report: Report, about: dict[str, Any]) -> str:
+    """Why a recording of sources is not computed as it was: the first difference, and what computed it then and now."""
+    then, now = made_by(about), made_by(None)
+    who = f"recorded with {then}, computed with {now}" if then != now else f"both with {now}"
+    return "; ".join([
+        f"{path}: computed again, it is not what was recorded: {report.first}", who, *rounding(about),
+        f"what agrees before that: `palpate recover --full {path}`",
+    ])  # fmt: skip

@@ -1,0 +1,258 @@
+"""The continuum that the bodies on a slab stand for: a load that keeps its shape presses a block of neo-Hookean tissue.
+
+    div P(F) = 0,    p(r) = 3 f/(pi R²) (1 - r²/R²)²,   r < R,    u_x = u_y = 0 under the patch
+
+The block is that of `surface: plane`: 0.1 m square, 40 mm thick, on a bed of springs, its sides free.
+The patch sticks to the finger, which does not move sideways while it presses. Half of the block is meshed, y >= 0; the
+touched place lies on y = 0. What comes out is a static curve: indentation s = mean of -u_z weighted with p, so that
+f ds is work done on the block, and the shape of its top.
+
+Two solvers, which make the references, share this description and nothing else: `fe.Solver` on quadratic tetrahedra,
+and FElupe on bricks of 27 nodes (`peers.felupe`). Each makes its own load, bed and elements from the grid. CalculiX
+(`peers.calculix`) and MuJoCo (`peers.mujoco`) take the tetrahedra of the first.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from palpate.models.fe.contact.bed import Bed
+from palpate.models.fe.element import faces as face_rule
+from palpate.models.fe.element.mesh import TetMesh, bricks, grid, quadratic
+from palpate.models.fe.meshing.organ import SLAB
+from palpate.models.fe.solve.solver import Settings, Solver
+from palpate.physics.materials.neo_hooke import neo_hooke
+
+SIDE = 0.1
+"""[m] Of the block, as of `surface: plane`."""
+YOUNG, POISSON, BED = 19e3, 0.45, 50.0
+"""[Pa], [1], [1/m] stiffness of the bed per area over the modulus: those of deformation.ReducedFE."""
+RADIUS = 8e-3
+"""[m] Of the patch: that of spread.Kernel."""
+LEVELS = np.array([0.03, 0.1, 0.2, 0.35, 0.5, 0.7, 0.9, 1.1, 1.3])
+"""[N] Forces at which a curve is known."""
+GROWTH = 1.45
+"""Of the cells from the patch to the borders."""
+SHARES = 8
+"""Moduli between that of the tissue and that of a nodule that cells cut by its surface may have."""
+STEPS = Settings(tolerance=1e-7, step=1.0, largest=1.0, least=1e-3)
+
+
+@dataclass(frozen=True)
+class Nodule:
+    """A harder ball below (0, 0): depth of its centre and radius [m], modulus over that of the tissue."""
+
+    depth: float = 6e-3
+    radius: float = 4e-3
+    ratio: float = 10.0
+
+
+@dataclass(frozen=True)
+class Block:
+    """Where the block is pressed and how finely it is cut.
+
+    place   [m] x of the patch's middle
+    cells   cells across the patch's radius
+    nodule  a harder ball, or None
+    radius  [m] of the patch;  poisson [1] of the tissue
+    """
+
+    place: float = 0.0
+    cells: int = 4
+    nodule: Nodule | None = None
+    radius: float = RADIUS
+    poisson: float = POISSON
+
+    def axes(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Coordinates [m] of the grid's planes, finest under the patch and round the nodule."""
+        size = self.radius / self.cells
+        low, high, below = self.place - self.radius, self.place + self.radius, 0.6 * self.radius
+        if self.nodule is not None:
+            low, high = min(low, -self.nodule.radius), max(high, self.nodule.radius)
+            below = self.nodule.depth + self.nodule.radius
+        x = graded(-SIDE / 2, low, high, SIDE / 2, size)
+        y = graded(0.0, 0.0, self.radius, SIDE / 2, size)
+        z = graded(-SLAB, -below, 0.0, 0.0, size)
+        return x, y, z
+
+    def hardness(self) -> np.ndarray:
+        """Modulus of each cell over that of the tissue, x fastest: its mean by volume, in `SHARES` steps."""
+        x, y, z = self.axes()
+        count = (len(x) - 1, len(y) - 1, len(z) - 1)
+        if self.nodule is None:
+            return np.ones(count[0] * count[1] * count[2])
+        at = (np.arange(6) + 0.5) / 6
+        px, py, pz = ((a[:-1, None] + np.diff(a)[:, None] * at).ravel() for a in (x, y, z))
+        away = px[:, None, None] ** 2 + py[None, :, None] ** 2 + (pz[None, None, :] + self.nodule.depth) ** 2
+        inside = (away < self.nodule.radius**2).reshape(count[0], 6, count[1], 6, count[2], 6).mean(axis=(1, 3, 5))
+        share = np.round(SHARES * inside) / SHARES
+        moduli: np.ndarray = (1.0 + (self.nodule.ratio - 1.0) * share).transpose(2, 1, 0).ravel()
+        return moduli
+
+
+@dataclass(frozen=True)
+class Curve:
+    """What a solver found.
+
+    force, indentation  [N], [m] (L,)   work [J] (L,) done on the block
+    x, y                [m] lines of the top's grid;  shape [m] (L,len(x),len(y)) depth of the top there
+    unknowns            how many;  seconds of each load step (L,)
+    """
+
+    force: np.ndarray
+    indentation: np.ndarray
+    work: np.ndarray
+    x: np.ndarray
+    y: np.ndarray
+    shape: np.ndarray
+    unknowns: int
+    seconds: np.ndarray
+
+
+@dataclass(frozen=True)
+class Tetrahedra:
+    """The block cut into quadratic tetrahedra, with load and supports.
+
+    mesh    its regions have the moduli `ratios` (R,) over that of the tissue
+    unit    [1] (N,3) nodal forces of a unit force on the half patch
+    fixed   (N,3) bool displacements that are held;  under (F,6) faces on the bed
+    top     (len(x),len(y)) nodes of the top at its lines [m]
+    """
+
+    mesh: TetMesh
+    ratios: np.ndarray
+    unit: np.ndarray
+    fixed: np.ndarray
+    under: np.ndarray
+    top: np.ndarray
+    x: np.ndarray
+    y: np.ndarray
+
+    def areas(self) -> np.ndarray:
+        """[m²] (F,) of the faces on the bed, which are plane."""
+        corner = self.mesh.points[self.under[:, :3]]
+        sides = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+        areas: np.ndarray = 0.5 * np.linalg.norm(sides, axis=1)
+        return areas
+
+
+def tetrahedra(block: Block) -> Tetrahedra:
+    """Cut the block."""
+    axes = block.axes()
+    points, cells = grid(*axes)
+    corners = bricks(points, cells)
+    ratios, region = np.unique(np.repeat(block.hardness(), 6), return_inverse=True)
+    mesh = quadratic(points, corners, region.astype(np.int64))
+    p, near = mesh.points, 1e-9
+    corner_z = p[mesh.faces[:, :3], 2]
+    top = mesh.faces[(corner_z > -near).all(axis=1)]
+    under = mesh.faces[(corner_z < near - SLAB).all(axis=1)]
+    fixed = np.zeros(p.shape, dtype=bool)
+    fixed[p[:, 1] < near, 1] = True
+    fixed[stuck(p, block.place, block.radius), :2] = True
+    x, y = (halved(a) for a in axes[:2])
+    return Tetrahedra(mesh, ratios, _load(p, top, block.place, block.radius), fixed, under, _top_grid(p, axes), x, y)
+
+
+def press(
+    block: Block, levels: np.ndarray = LEVELS, young: float = YOUNG, report: Callable[[float], None] = lambda done: None
+) -> Curve:
+    """Press the block with `fe.Solver`."""
+    cut = tetrahedra(block)
+    materials = {k: neo_hooke(young * float(h), block.poisson) for k, h in enumerate(cut.ratios)}
+    bed = Bed(cut.under, BED * young)
+    body = Solver(cut.mesh, materials, cut.fixed, loads=lambda f: 0.5 * f * cut.unit, contacts=[bed], settings=STEPS)
+    depth, shape, seconds = [], [], []
+    for k, level in enumerate(levels):
+        begun = time.perf_counter()
+        body.advance(float(level))
+        seconds.append(time.perf_counter() - begun)
+        depth.append(float(np.sum(cut.unit * body.displacement)))
+        shape.append(-body.displacement[cut.top, 2])
+        report((k + 1) / len(levels))
+    return curve(levels, depth, shape, cut.x, cut.y, cut.mesh.points.size, seconds)
+
+
+def curve(
+    levels: np.ndarray,
+    depth: list[float],
+    shape: list[np.ndarray],
+    x: np.ndarray,
+    y: np.ndarray,
+    unknowns: int,
+    seconds: list[float],
+) -> Curve:
+    """With the work done, by the spline through the levels and rest."""
+    from scipy.interpolate import CubicSpline
+
+    s = np.append(0.0, depth)
+    f = np.append(0.0, levels)
+    work = CubicSpline(s, f).antiderivative()(s)[1:]
+    return Curve(levels, s[1:], work, x, y, np.array(shape), unknowns, np.array(seconds))
+
+
+def stuck(points: np.ndarray, place: float, radius: float = RADIUS) -> np.ndarray:
+    """Nodes of the top under the patch (N,) bool."""
+    away = np.hypot(points[:, 0] - place, points[:, 1])
+    loaded: np.ndarray = (points[:, 2] > -1e-9) & (away < radius * (1.0 - 1e-9))
+    return loaded
+
+
+def patch_pressure(x: np.ndarray, y: np.ndarray, place: float, radius: float = RADIUS) -> np.ndarray:
+    """Pressure of a unit force [1/m²] on the patch at (x, y) [m]."""
+    q = np.minimum(((x - place) ** 2 + y**2) / radius**2, 1.0)
+    pressure: np.ndarray = 3.0 / (np.pi * radius**2) * (1.0 - q) ** 2
+    return pressure
+
+
+def _load(points: np.ndarray, faces: np.ndarray, place: float, radius: float = RADIUS) -> np.ndarray:
+    """Consistent nodal forces (N,3) downwards that share a unit force as the half patch that is meshed does."""
+    cuts = 6
+    corner = [(i, j) for j in range(cuts) for i in range(cuts - j)]
+    upright = [np.array([(i, j), (i + 1, j), (i, j + 1)]) / cuts for i, j in corner]
+    turned = [np.array([(i + 1, j), (i + 1, j + 1), (i, j + 1)]) / cuts for i, j in corner if i + j < cuts - 1]
+    small = np.array(upright + turned)
+    x, y = face_rule.POINTS.T
+    at = np.einsum("qc,tci->tqi", np.stack([1 - x - y, x, y], axis=1), small).reshape(-1, 2)
+    value, _ = face_rule.shape(at)
+    own = np.einsum("qa,fai->fqi", value, points[faces])
+    weight = face_rule.areas(points, faces)  # of the rule's points on a flat face: the same on every part, over cuts²
+    weight = np.tile(weight, (1, len(small))) / cuts**2
+    nodal = np.einsum("fq,qa->fa", weight * patch_pressure(own[..., 0], own[..., 1], place, radius), value)
+    pull = np.zeros(points.shape)
+    np.add.at(pull[:, 2], faces, -nodal)
+    return pull / -pull.sum()
+
+
+def _top_grid(points: np.ndarray, axes: tuple[np.ndarray, np.ndarray, np.ndarray]) -> np.ndarray:
+    """Nodes of the top (2nx-1,2ny-1) in the order of its lines."""
+    top = np.flatnonzero(points[:, 2] > -1e-9)
+    order = top[np.lexsort((points[top, 1].round(9), points[top, 0].round(9)))]
+    return order.reshape(2 * len(axes[0]) - 1, 2 * len(axes[1]) - 1)
+
+
+def halved(axis: np.ndarray) -> np.ndarray:
+    return np.sort(np.concatenate([axis, 0.5 * (axis[1:] + axis[:-1])]))
+
+
+def graded(low: float, begin: float, end: float, high: float, size: float) -> np.ndarray:
+    """From low to high [m], cells of about `size` between begin and end, growing outside."""
+    middle = np.linspace(begin, end, max(2, round((end - begin) / size) + 1))
+    return np.concatenate([begin - _out(begin - low, size)[::-1], middle, end + _out(high - end, size)])
+
+
+def _out(length: float, size: float) -> np.ndarray:
+    """Distances [m] of growing cells that fill a length."""
+    if length < 1e-9:
+        return np.zeros(0)
+    steps = [size * GROWTH]
+    while sum(steps) < length:
+        steps.append(steps[-1] * GROWTH)
+    if len(steps) > 1 and sum(steps) - length > 0.5 * steps[-1]:
+        steps.pop()
+    places: np.ndarray = np.cumsum(steps) * length / sum(steps)
+    return places

@@ -1,0 +1,119 @@
+"""The standard touches, as data: how far a finger comes to a body over time, and where on it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from palpate.studies.accuracy.continuum import RADIUS
+from palpate.studies.accuracy.errors import BenchError
+
+RETARDATION = 0.02
+"""[s] Of the viscous touches: that of deformation.ReducedFE."""
+
+
+@dataclass(frozen=True)
+class Touch:
+    """One touch.
+
+    body         "half-space", "plate", "slab" or "kidney"
+    finger       "ball": rigid, of radius `RADIUS`; "soft": the exponential fingertip of contact.Series
+    knots        (time [s], approach [m], place [m]) ..., joined by half cosines, so that the speed has no jumps; the
+                 place is x, or on the kidney the way along its top, see `kidney.along`
+    place        of the stored reference, or of a path of them (`accuracy.places`); empty where there is a closed form
+    retardation  [s] Kelvin-Voigt, of the slab
+    friction     whether the finger slides with friction
+    nodule       whether the slab has the nodule of `continuum.Nodule` below (0, 0)
+    """
+
+    name: str
+    title: str
+    body: str
+    finger: str
+    knots: tuple[tuple[float, float, float], ...]
+    place: str = ""
+    retardation: float = 0.0
+    friction: bool = False
+    nodule: bool = False
+
+    @property
+    def duration(self) -> float:
+        """[s]"""
+        return self.knots[-1][0]
+
+    def at(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Approach [m], its rate [m/s], place [m] and its rate at these times [s] (T,)."""
+        knots = np.array(self.knots)
+        k = np.clip(np.searchsorted(knots[:, 0], times, side="right") - 1, 0, len(knots) - 2)
+        length = knots[k + 1, 0] - knots[k, 0]
+        q = np.clip((times - knots[k, 0]) / length, 0.0, 1.0)
+        share, speed = 0.5 - 0.5 * np.cos(np.pi * q), 0.5 * np.pi * np.sin(np.pi * q) / length
+        way = knots[k + 1, 1:] - knots[k, 1:]
+        place = knots[k, 1:] + way * share[:, None]
+        rate = way * speed[:, None]
+        return place[:, 0], rate[:, 0], place[:, 1], rate[:, 1]
+
+
+APART = -1e-4
+_PRESS = ((0.0, APART, 0.0), (0.3, 5.5e-3, 0.0))
+
+
+def _placed(knots: tuple[tuple[float, float, float], ...], place: float) -> tuple[tuple[float, float, float], ...]:
+    return tuple((t, e, x + place) for t, e, x in knots)
+
+
+_PRESSED = (*_PRESS, (0.4, 5.5e-3, 0.0), (0.7, APART, 0.0))
+
+TOUCHES: dict[str, Touch] = {
+    touch.name: touch
+    for touch in (
+        Touch(
+            "ball", f"a rigid ball of {1e3 * RADIUS:g} mm on a half-space", "half-space", "ball",
+            ((0.0, APART, 0.0), (0.25, 5e-4, 0.0), (0.35, 5e-4, 0.0), (0.6, APART, 0.0)),
+        ),
+        Touch(
+            "plate", "a fingertip on a rigid plate", "plate", "soft",
+            ((0.0, APART, 0.0), (0.3, 2.4e-3, 0.0), (0.4, 2.4e-3, 0.0), (0.6, APART, 0.0)),
+        ),
+        Touch("indent", "a fingertip pressed into a slab", "slab", "soft", (*_PRESS, (0.4, 5.5e-3, 0.0)), "middle"),
+        Touch(
+            "hold", "pressed, held and let go, viscous", "slab", "soft",
+            ((0.0, APART, 0.0), (0.1, 5.5e-3, 0.0), (0.4, 5.5e-3, 0.0), (0.5, APART, 0.0), (0.6, APART, 0.0)),
+            "middle", RETARDATION,
+        ),
+        Touch(
+            "tap", "a tap of 30 ms, viscous", "slab", "soft",
+            ((0.0, APART, 0.0), (0.015, 4e-3, 0.0), (0.03, APART, 0.0), (0.1, APART, 0.0)), "middle", RETARDATION,
+        ),
+        Touch(
+            "two-step", "a path of two steps, viscous", "slab", "soft",
+            ((0.0, APART, 0.0), (0.08, 3e-3, 0.0), (0.25, 3e-3, 0.0), (0.33, 5.5e-3, 0.0), (0.5, 5.5e-3, 0.0)),
+            "middle", RETARDATION,
+        ),
+        Touch(
+            "slide", "pressed, then slid 10 mm with friction", "slab", "soft",
+            ((0.0, APART, -5e-3), (0.2, 5e-3, -5e-3), (0.3, 5e-3, -5e-3), (0.6, 5e-3, 5e-3), (0.7, 5e-3, 5e-3)),
+            "middle", friction=True,
+        ),
+        Touch("nodule-over", "pressed over a nodule", "slab", "soft", _PRESSED, "nodule-00", nodule=True),
+        Touch(
+            "nodule-beside", "pressed 10 mm beside a nodule", "slab", "soft", _placed(_PRESSED, 10e-3), "nodule-10",
+            nodule=True,
+        ),
+        Touch(
+            "stroke", "a stroke of 24 mm along the top of a kidney", "kidney", "soft",
+            ((0.0, APART, -12e-3), (0.2, 5e-3, -12e-3), (0.3, 5e-3, -12e-3), (0.8, 5e-3, 12e-3), (0.9, 5e-3, 12e-3)),
+            "kidney", friction=True,
+        ),
+        Touch("edge", "pressed 10 mm from the border of the slab", "slab", "soft", _placed(_PRESSED, 40e-3), "edge"),
+    )
+}  # fmt: skip
+
+
+def chosen(names: list[str] | None) -> list[Touch]:
+    """The touches of these names, all where none is given. BenchError: one that there is not."""
+    for name in names or ():
+        if name not in TOUCHES:
+            raise BenchError(f"touch: found {name!r}, expected one of {', '.join(TOUCHES)}")
+    return [TOUCHES[name] for name in names] if names else list(TOUCHES.values())

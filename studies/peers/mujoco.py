@@ -1,0 +1,169 @@
+"""The block of `accuracy.continuum` by a flex of MuJoCo, which a user may have installed: linear tetrahedra in time.
+
+Each node is a body with a sliding joint for each direction that it may move in; springs of the joints underneath are
+the bed. MuJoCo has no statics: the load stays until the indentation comes to rest, by its integrator `discrete`, which
+takes the elasticity implicitly. Mass and damping are such that this takes few steps, and do not change where it rests.
+
+MuJoCo: E. Todorov et al., IEEE/RSJ IROS (2012) 5026-5033; https://mujoco.readthedocs.io, `deformable/flex`.
+"""
+
+from __future__ import annotations
+
+import time
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from palpate.models.fe.element.mesh import edge_nodes
+from palpate.models.fe.meshing.organ import SLAB
+from palpate.studies.accuracy.continuum import BED, LEVELS, POISSON, YOUNG, Block, Curve, Tetrahedra, curve, tetrahedra
+from palpate.studies.accuracy.errors import MissingError
+
+INSTALL = 'pip install "palpate[bench]"'
+MATERIALS = {"Saint Venant-Kirchhoff": 0, "neo-Hookean": 1}
+"""What `elastic3d` of a flex stands for. The first is MuJoCo's own; the second is called experimental there."""
+STEP, DAMPING, DENSITY = 0.01, 0.01, 1000.0
+"""[s], [s] Rayleigh's, [kg/m³]"""
+REST = 1e-5
+"""[1] Share of the indentation by which it changes in none of the last `STILL` steps at rest."""
+STILL = 3
+LONGEST = 1000
+"""Steps after which it is said not to come to rest."""
+
+
+def version() -> str | None:
+    """Of MuJoCo; None where it is not installed, or is older than what this needs."""
+    try:
+        import mujoco
+    except ImportError:
+        return None
+    return str(mujoco.__version__) if hasattr(mujoco.mjtIntegrator, "mjINT_DISCRETE") else None
+
+
+def library() -> Any:
+    """Its module. MissingError: it is not installed, or too old."""
+    if version() is None:
+        raise MissingError(f"MuJoCo 4 is not installed. Install it: {INSTALL}")
+    import mujoco
+
+    return mujoco
+
+
+def press(
+    block: Block,
+    levels: np.ndarray = LEVELS,
+    young: float = YOUNG,
+    report: Callable[[float], None] = lambda done: None,
+    material: str = "neo-Hookean",
+) -> Curve:
+    """Press the block with MuJoCo.
+
+    MissingError: it is not installed. ArithmeticError: it does not come to rest, or elements are inside out.
+    """
+    mujoco, cut = library(), tetrahedra(block)
+    corners = cut.mesh.elements[:, :4]
+    count = int(corners.max()) + 1
+    points, edges = cut.mesh.points[:count], edge_nodes(count, corners)[1]
+    unit = _on_corners(cut.unit, edges)
+    with _quiet(mujoco):
+        model, joint = _model(mujoco, cut, points, corners, edges, young, MATERIALS[material])
+        data = mujoco.MjData(model)
+        free = joint >= 0
+        pull = np.zeros(model.nv)
+        pull[joint[free]] = unit[free]
+        top = cut.top[::2, ::2]
+        depth, shape, seconds = [], [], []
+        for k, level in enumerate(levels):
+            begun = time.perf_counter()
+            data.qfrc_applied[:] = 0.5 * float(level) * pull
+            depth.append(_rested(partial(mujoco.mj_step, model, data), lambda: float(pull @ data.qpos), float(level)))
+            seconds.append(time.perf_counter() - begun)
+            moved = np.zeros(points.shape)
+            moved[free] = data.qpos[joint[free]]
+            _upright(points + moved, corners, float(level), material)
+            shape.append(-moved[top, 2])
+            report((k + 1) / len(levels))
+    return curve(levels, depth, shape, cut.x[::2], cut.y[::2], points.size, seconds)
+
+
+def _rested(step: Callable[[], None], depth: Callable[[], float], level: float) -> float:
+    """The indentation [m] where it has come to rest. ArithmeticError: it does not."""
+    still, last = 0, depth()
+    for _ in range(LONGEST):
+        step()
+        now = depth()
+        still = still + 1 if abs(now - last) < REST * abs(now) else 0
+        if still == STILL:
+            return now
+        last = now
+    raise ArithmeticError(f"MuJoCo did not come to rest at {level:g} N within {LONGEST} steps of {STEP:g} s")
+
+
+def _upright(points: np.ndarray, corners: np.ndarray, level: float, material: str) -> None:
+    """ArithmeticError: elements are inside out."""
+    a, b, c, d = (points[corners[:, k]] for k in range(4))
+    turned = int((np.einsum("ij,ij->i", np.cross(b - a, c - a), d - a) <= 0.0).sum())
+    if turned or not np.isfinite(points).all():
+        raise ArithmeticError(f"at {level:g} N {turned} of {len(corners)} {material} elements of MuJoCo are inside out")
+
+
+def _on_corners(quadratic: np.ndarray, edges: np.ndarray) -> np.ndarray:
+    """Nodal forces of linear elements from those of quadratic ones: a hat is that of its corner and half of those of
+    the nodes on its edges, which `edges` (M,2) joins."""
+    count = len(quadratic) - len(edges)
+    linear = quadratic[:count].copy()
+    for end in (0, 1):
+        np.add.at(linear, edges[:, end], 0.5 * quadratic[count:])
+    return linear
+
+
+def _model(
+    mujoco: Any,
+    cut: Tetrahedra,
+    points: np.ndarray,
+    corners: np.ndarray,
+    edges: np.ndarray,
+    young: float,
+    elastic: int,
+) -> tuple[Any, np.ndarray]:
+    """The model, and which of its joints (N,3) moves a node in a direction; -1: none does."""
+    spec = mujoco.MjSpec()
+    spec.option.timestep, spec.option.gravity = STEP, (0.0, 0.0, 0.0)
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_DISCRETE
+    spec.option.solver = mujoco.mjtSolver.mjSOL_CG
+    bed = np.zeros(len(points))
+    np.add.at(bed, cut.under[:, :3], BED * young * cut.areas()[:, None] / 3.0)
+    mass = DENSITY * SLAB * float(np.prod(np.ptp(points[:, :2], axis=0))) / len(points)
+    joint = np.full(points.shape, -1)
+    joint[~cut.fixed[: len(points)]] = np.arange(int((~cut.fixed[: len(points)]).sum()))
+    for k, at in enumerate(points):
+        body = spec.worldbody.add_body(name=f"n{k}", pos=at)
+        body.mass, body.inertia, body.explicitinertial = mass, [1e-6 * mass] * 3, True
+        for axis in np.flatnonzero(joint[k] >= 0):
+            body.add_joint(type=mujoco.mjtJoint.mjJNT_SLIDE, axis=np.eye(3)[axis], stiffness=bed[k])
+    for region, ratio in enumerate(cut.ratios):
+        own = corners[cut.mesh.region == region]
+        used, numbers = np.unique(own, return_inverse=True)
+        flex = spec.add_flex(name=f"r{region}", dim=3, contype=0, conaffinity=0)
+        flex.vertbody, flex.elem = [f"n{k}" for k in used], numbers.ravel().astype(int)
+        flex.vert = np.zeros(3 * len(used))
+        flex.young, flex.poisson, flex.damping, flex.elastic3d = young * float(ratio), POISSON, DAMPING, elastic
+    return spec.compile(), joint
+
+
+@contextmanager
+def _quiet(mujoco: Any) -> Iterator[None]:
+    """Without its warnings, which it would write to a file in the working folder: whether a state is at rest is seen
+    from the state."""
+    before = mujoco.get_mju_user_warning()
+    mujoco.set_mju_user_warning(lambda text: None)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            yield
+    finally:
+        mujoco.set_mju_user_warning(before)

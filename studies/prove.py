@@ -1,0 +1,59 @@
+"""Proof of a bill: one recorded touch, computed again with each effect as it is not now."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from palpate.launch.load.bill import Item
+from palpate.records.compare import Variant
+from palpate.records.reader import Recording
+from palpate.studies.search import Show, compared, off_by
+
+NONE = 1e-12  # [N] below this, a force is the same
+RESOLUTION = 0.13  # of a duration: a bin of its histogram
+
+
+def prove(
+    recording: Recording,
+    items: Sequence[Item],
+    overrides: Sequence[str] = (),
+    show: Show = lambda effect: None,
+) -> None:
+    """Give each item its proof: how the force and the time of a tick change with the effect the other way round.
+
+    overrides  of the plan that the items are of
+
+    RecordingError: the recording holds no touch that can be computed again. What cannot be tried says why.
+    """
+    for item in items:
+        show(item.effect)
+        if item.beside:
+            item.proof = "no message depends on it"
+            continue
+        if not item.on and item.setting:
+            item.proof = f"not tried: give {item.where[0]} a value"
+            continue
+        both = compared(recording, [*overrides, f"effects.{item.effect}={'off' if item.on else 'on'}"], overrides)
+        if isinstance(both, str):
+            why = both.splitlines()[0].split(": ", 1)[-1]
+            item.proof = f"cannot be {'left out' if item.on else 'had'}: {why}"
+        else:
+            item.proof = _told(item, *both)
+
+
+def _told(item: Item, base: Variant, variant: Variant) -> str:
+    if not variant.force.count:
+        return "no force is computed"
+    now, then = base.whole.report()["p50"] * 1e6, variant.whole.report()["p50"] * 1e6
+    if abs(then - now) < RESOLUTION * now:
+        cost = f"a tick takes as long ({now:.0f} µs)"
+    else:
+        cost = f"a tick takes {then:.0f} µs in place of {now:.0f}"
+    word = "without it" if item.on else "with it"
+    if variant.force.peak <= NONE:
+        return f"{word}: the same force; {cost}"
+    scale = variant.force.scale
+    if scale <= 0.0:
+        return f"{word}: up to {variant.force.peak:.2g} N, where there was no force; {cost}"
+    peak = variant.force.peak / scale
+    return f"{word}: force differs by {off_by(variant):.2%} of its peak (rms), at most {peak:.2%}; {cost}"

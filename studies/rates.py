@@ -1,0 +1,243 @@
+"""The lowest rate of each effect that keeps what comes of it to a stated error, found on one touch.
+
+An effect that is a node of its own may run at each n-th tick (`every: n`); others read its last message until then.
+How often it has to run follows from its own time constant: the time in which its output, as fast as it changes in the
+mean (rms) over the touch, goes through its own peak. Held for n ticks of dt, it is off by n dt/(sqrt(3) constant) of
+its peak (rms). What is chosen was measured: the touch is computed again with the effect at each rate of a ladder.
+"""
+
+from __future__ import annotations
+
+import math
+import tempfile
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from palpate.engine.force_path import force_path
+from palpate.engine.plan import Plan
+from palpate.launch.load.launchfile import LaunchFile
+from palpate.messages import Field, Message, fields
+from palpate.nodes.base import inputs
+from palpate.records.changed import changed
+from palpate.records.compare import apart, compare
+from palpate.records.player import Player
+from palpate.records.reader import Recording
+from palpate.studies.search import Found, SearchError, Show, Trial, off_by, touched, write
+
+LADDER = (1, 2, 5, 10, 20, 50, 100, 200, 500)
+"""Divisors of the graph's rate that are tried."""
+
+
+@dataclass(frozen=True)
+class Rate:
+    """One effect: its node, the divisor of its rate as the graph has it and as it may be, its time constant [s], and
+    what it is off by at the latter: its own output, and the force on the hand, rms over the peak. Of a node that the
+    force waits for, the fields that the force is made of are told by the force.
+
+    felt  whether the force waits for it
+    """
+
+    node: str
+    effect: str
+    before: int
+    felt: bool
+    constant: float = math.inf
+    every: int = 1
+    own: float = 0.0
+    force: float = 0.0
+
+    @property
+    def idle(self) -> bool:
+        """Whether nothing of it changed on the touch, so that its rate is left."""
+        return math.isinf(self.constant)
+
+    def override(self, every: int | None = None) -> str:
+        """As `--set` takes it."""
+        return f"{self.node}.every={self.every if every is None else every}"
+
+
+def rates(launch: LaunchFile, error: float, file: Path, show: Show = lambda what: None) -> Found:
+    """Each effect as seldom as an error [1] allows, more often until a run keeps it; then written as a launch file."""
+    effects_of(launch.plan())  # tells what has none before anything runs
+    with tempfile.TemporaryDirectory() as folder:
+        recording = touched(launch, Path(folder) / "touch.mcap")
+        show("the touch")
+        picked, promised = together(recording, list(chosen(recording, error, show)), error)
+        while True:
+            again = touched(launch.but(overrides=promised.texts), Path(folder) / "slow.mcap")
+            show("a run of it")
+            came = ran(again, picked)
+            finer = None if came.error <= error else oftener(picked)
+            if finer is None:
+                break
+            picked, promised = together(recording, finer, error)
+    if came.error <= error:
+        told = (
+            f"Chosen by palpate rates: each effect as seldom as an error of {100 * error:.2g} % allows;",
+            f"the force is off by {100 * came.error:.2g} % of its peak (rms) in a run of it.",
+        )
+        write(launch, promised.overrides, told, file)
+    return Found(picked, promised, came, came.error <= error)
+
+
+def effects_of(plan: Plan) -> list[Rate]:
+    """Each running node that is an effect as a whole. SearchError: there is none."""
+    path = force_path(plan)
+    nodes = [plan.graph.nodes[name] for name in plan.order]
+    told = [
+        Rate(spec.name, spec.cls.effect, spec.every, spec.name in path)
+        for spec in nodes
+        if spec.cls.effect and not (spec.cls.paced or spec.cls.hardware)
+    ]
+    if not told:
+        raise SearchError(
+            f"{plan.graph.path}: no effect is a node of its own here, so there is no rate to choose; `palpate plan` "
+            "shows the effects of a graph"
+        )
+    return told
+
+
+def chosen(recording: Recording, error: float, show: Show = lambda what: None) -> Iterator[Rate]:
+    """Each effect of the recorded graph at the lowest rate that keeps `error` [1]; the others run at each tick."""
+    plan = changed(recording)
+    effects = effects_of(plan)
+    for rate in effects:
+        yield _lowest(recording, plan, rate, [other.override(1) for other in effects], error)
+        show(rate.node)
+
+
+def together(recording: Recording, rates: Sequence[Rate], error: float) -> tuple[list[Rate], Trial]:
+    """All of them at once: where the force is then off by more than `error` [1], the one that has most part in it runs
+    more often, until it is not; and what the touch is with these, against that at full rates."""
+    picked = list(rates)
+    while True:
+        one = _trial(recording, picked, [rate.override() for rate in picked])
+        finer = None if one.error <= error else oftener(picked)
+        if finer is None:
+            return picked, one
+        picked = finer
+
+
+def oftener(rates: Sequence[Rate]) -> list[Rate] | None:
+    """The same, but that the one with the most part in the force's error runs more often; None where all of them do so
+    at each tick."""
+    slow = [k for k, rate in enumerate(rates) if rate.every > 1 and rate.force > 0.0]
+    if not slow:
+        return None
+    worst = max(slow, key=lambda k: rates[k].force)
+    every = LADDER[LADDER.index(rates[worst].every) - 1]
+    return [replace(rate, every=every) if k == worst else rate for k, rate in enumerate(rates)]
+
+
+def ran(recording: Recording, rates: Sequence[Rate]) -> Trial:
+    """Of a run at these rates, what it is off by from its own motion with each effect at each tick."""
+    return _trial(recording, rates, [])
+
+
+def _trial(recording: Recording, rates: Sequence[Rate], texts: list[str]) -> Trial:
+    base, variant = compare(recording, [texts], reference=[rate.override(1) for rate in rates])
+    return Trial({f"{rate.node}.every": rate.every for rate in rates}).measured(base, variant)
+
+
+def _lowest(recording: Recording, plan: Plan, rate: Rate, full: list[str], error: float) -> Rate:
+    """At the lowest rate of the ladder that keeps the error, all others at each tick; with its time constant."""
+    path = force_path(plan)
+    slower = LADDER[1:]
+    watched = [_Outputs(plan, rate, without=path if rate.felt else set()) for _ in slower]
+    change = _Outputs(plan, rate, without=set())
+    before = change.seen(None)
+
+    def look(players: Sequence[Player]) -> None:
+        nonlocal before
+        now = change.seen(players[0])
+        change.add(now, before)
+        before = now
+        base = watched[0].seen(players[0])
+        for own, player in zip(watched, players[1:], strict=True):
+            own.add(own.seen(player), base)
+
+    sets = [[*(text for text in full if text != rate.override(1)), rate.override(every)] for every in slower]
+    _, *variants = compare(recording, sets, reference=full, look=look)
+    if not change.error > 0.0:
+        return replace(rate, every=rate.before)
+    rate = replace(rate, constant=1.0 / (plan.graph.rate * change.error))
+    kept = [rate] + [
+        replace(rate, every=every, own=own.error, force=off_by(variant))
+        for every, own, variant in zip(slower, watched, variants, strict=True)
+        if max(own.error, off_by(variant)) <= error
+    ]
+    return kept[-1]
+
+
+class _Outputs:
+    """The numbers in a node's messages that somebody reads, `without` those that these nodes read, and how far two runs
+    are apart in them."""
+
+    def __init__(self, plan: Plan, rate: Rate, without: set[str]) -> None:
+        self.node = rate.node
+        self.shown: list[tuple[int, Field]] = []
+        for index, (stream, kind) in enumerate(plan.graph.nodes[rate.node].streams.items()):
+            left: set[str] = set()
+            for reader in without:
+                ports = {port.name: port for port in inputs(plan.graph.nodes[reader].cls)}
+                left.update(*(ports[e.port].wants for e in plan.edges[reader] if e.stream == stream))
+            shown = plan.wanted[stream] - left
+            self.shown += [(index, f) for f in fields(kind) if f.name in shown and _measured(f)]
+        self.squares, self.peaks, self.count = [0.0] * len(self.shown), [0.0] * len(self.shown), 0
+
+    def seen(self, player: Player | None) -> list[Any]:
+        """What others read of it now; None for each where there is nothing yet."""
+        part = next((p for p in player.parts if p.name == self.node), None) if player else None
+        last = [output.last for output in part.slot.outputs] if part else []
+        return [_values(last[index], f) if last else None for index, f in self.shown]
+
+    def add(self, now: list[Any], base: list[Any]) -> None:
+        """One tick of both."""
+        self.count += 1
+        for k, (own, other) in enumerate(zip(now, base, strict=True)):
+            off, size = _apart(own, other)
+            self.squares[k] += off * off
+            self.peaks[k] = max(self.peaks[k], size)
+
+    @property
+    def error(self) -> float:
+        """[1] rms over the touch of what is furthest off, over its own peak."""
+        shares = [math.sqrt(s / self.count) / p for s, p in zip(self.squares, self.peaks, strict=True) if p > 0.0]
+        return max(shares, default=0.0)
+
+
+def _measured(field: Field) -> bool:
+    """Whether it is a quantity that changes bit by bit: no count, index or word."""
+    if field.dtype is not None:
+        return field.dtype.kind == "f"
+    return field.type is float or float in getattr(field.type, "__args__", ())
+
+
+def _values(message: Message | None, field: Field) -> tuple[np.ndarray, np.ndarray | None] | None:
+    """Rows of numbers, and the vertices that they are of, where the message names them."""
+    if message is None:
+        return None
+    values = np.array(getattr(message, field.name), dtype=float)
+    nodes = getattr(message, "nodes", None)
+    of_nodes = nodes is not None and values.ndim > 0 and len(values) == len(nodes)
+    rows = (values[:, None] if values.ndim == 1 else values) if of_nodes else values.reshape(1, -1)
+    return rows, np.array(nodes) if of_nodes else None
+
+
+def _apart(own: Any, other: Any) -> tuple[float, float]:
+    """How far one is from another: of a number or a vector its length, of many vertices the rms of those in one of
+    both; and the size of the other, of vertices the largest."""
+    if other is None:
+        return 0.0, 0.0
+    rows, nodes = other
+    size = float(np.sqrt((rows**2).sum(axis=1)).max()) if rows.size else 0.0
+    if own is None:
+        return size, size
+    if nodes is None or own[1] is None:
+        fits = own[0].shape == rows.shape
+        return (float(np.linalg.norm(own[0] - rows)) if fits else size), size
+    return apart(own[1], own[0], nodes, rows), size

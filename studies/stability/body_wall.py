@@ -1,0 +1,193 @@
+"""A device held against a deformable body by a closed loop: what a wall is in theory, a body is here.
+
+The hand of `physics.device.wall_loop` pushes a mass with drag into a body on the plane, through an encoder and a
+delay. A rigid finger touches it by contact.Series and spread.Kernel; the force goes through controller.Haptic or not.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from palpate.launch.load.classes import ClassError, find_class
+from palpate.messages import Contact, Load, Pose, Proximity, Surface
+from palpate.nodes.base import Node, inputs, outputs, settings
+from palpate.nodes.base.surface import OnSurface
+from palpate.nodes.contact import Series
+from palpate.nodes.controller import Haptic
+from palpate.nodes.spread import Kernel
+from palpate.physics.device.stability import poles
+from palpate.physics.device.wall_loop import Device, advance, settles
+from palpate.studies.accuracy.chain import BALL, LAW, NO_FORCES, NO_NODES, UP
+from palpate.studies.accuracy.errors import BenchError
+
+PUSH = 0.1
+"""[N] of the hand: soft bodies are then pressed by millimetres."""
+SPEED, BEGIN, SECONDS = 0.02, 0.2e-3, 2.0  # [m/s], [m] above the body, [s]
+LONG = 100.0
+"""[s] A step within which a body comes to rest."""
+FAR = 1.0
+"""[m] A device that is so far away was thrown off."""
+PLACE: dict[str, Any] = {"surface": "plane", "vertices": 1000, "position": (0.0, 0.0, 0.0)}
+STIFF = ("Pa", "N/m", "N/m^n")
+"""Units of settings that say how stiff a body is."""
+NARROW = 3
+"""Halvings of an octave."""
+NONE = (0.0, 0.0, 0.0)
+COLUMNS = {
+    "body": "", "rate": "Hz", "delay": "1", "stable": "N/m", "bare": "N/m", "controlled": "N/m", "given_out": "J",
+}  # fmt: skip
+
+
+def classes(names: Sequence[str]) -> dict[str, type[Node]]:
+    """The bodies of these names. ClassError, BenchError: one is no node, or no body."""
+    bodies = {}
+    for name in names:
+        try:
+            bodies[name] = find_class(name)
+        except ClassError as error:
+            raise ClassError(str(error).replace("use:", "--body:", 1), error.cure) from None
+        stiffened(bodies[name], 1.0)
+    return bodies
+
+
+def stiffened(cls: type[Node], factor: float) -> Node:
+    """The body on the plane, all of its moduli and stiffnesses this many times those that it has by default.
+
+    BenchError: it is no body, or says nothing of its stiffness.
+    """
+    if Surface not in outputs(cls) or Load not in {port.type for port in inputs(cls)}:
+        raise BenchError(f"--body: found {cls.__name__}, expected a node that takes Load and sends Surface")
+    own: dict[str, Any] = {}
+    for name, setting in settings(cls).items():
+        if setting.unit in STIFF and setting.default is not ...:
+            usual = setting.default
+            own[name] = tuple(factor * one for one in usual) if isinstance(usual, tuple) else factor * usual
+    if not own:
+        raise BenchError(f"--body: {cls.__name__} has no setting in {', '.join(STIFF)} that could be made stiffer")
+    body = cls(**own, **(PLACE if issubclass(cls, OnSurface) else {}))
+    body.wanted = LAW
+    return body
+
+
+class Wall:
+    """A body with a rigid finger on it, stepped at one period [s]."""
+
+    def __init__(self, body: Node, period: float) -> None:
+        self._contact, self._spread, self._body, self._dt = Series(**BALL), Kernel(**PLACE), body, period
+        for node in (self._contact, self._spread, body):
+            node.start()
+        self._surface = body.step(Load(nodes=NO_NODES, forces=NO_FORCES, foot=NONE, normal=UP), dt=period)
+
+    def press(self, depth: float) -> Contact:
+        """The finger at this depth [m], below 0 in the air."""
+        near = Proximity(
+            foot=NONE, normal=UP, coordinates=(0.0, 0.0), element=0, gap=-depth, approach=max(depth, 0.0), slip=NONE
+        )
+        contact = self._contact.step(near, self._surface, dt=self._dt)
+        self._surface = self._body.step(self._spread.step(contact, None, dt=self._dt), dt=self._dt)
+        return contact
+
+    def linear(self, force: float) -> tuple[float, float]:
+        """K [N/m] at rest under this force [N], and B [N s/m] from what one step of the period adds to it: the wall
+        f = K s + B (s_k - s_{k-1})/T that a device feels of small movements."""
+        high = 1e-6
+        while self._rested(high) < force:
+            high *= 2.0
+        low = 0.5 * high
+        for _ in range(20):
+            middle = 0.5 * (low + high)
+            low, high = (middle, high) if self._rested(middle) < force else (low, middle)
+        way = 0.02 * high
+        stiffness = (self._rested(high + way) - self._rested(high - way)) / (2.0 * way)
+        rest = self._rested(high)
+        jump = (self.press(high + way).force - rest) / way
+        return stiffness, max(jump - stiffness, 0.0) * self._dt
+
+    def _rested(self, depth: float) -> float:
+        """Force [N] after a while at this depth [m]."""
+        period, self._dt = self._dt, LONG
+        for _ in range(4):
+            contact = self.press(depth)
+        self._dt = period
+        return contact.force
+
+
+def held(device: Device, body: Node, *, controlled: bool, period: float, delay: int) -> tuple[bool, float]:
+    """Whether the device comes to rest on the body, and the most energy [J] that it gave to the hand."""
+    wall = Wall(body, period)
+    controller = Haptic(
+        passivity=controlled, mass=device.mass, drag=device.drag, delay=delay, resolution=device.resolution,
+        limit=device.limit, slew=device.slew, ramp=0.0,
+    )  # fmt: skip
+    controller.start()
+    x, v, force = BEGIN, -SPEED, 0.0
+    line, before = deque([BEGIN] * (delay + 1), maxlen=delay + 1), BEGIN
+    path = np.empty(round(SECONDS / period))
+    given = most = 0.0
+    for k in range(len(path)):
+        last = x
+        x, v = advance(x, v, force - PUSH, device.mass, device.drag, device.coulomb, period)
+        given += force * (x - last)
+        most = max(most, given)
+        line.appendleft(x)
+        step = device.resolution
+        seen = step * math.floor(line[-1] / step + 0.5) if step else line[-1]
+        contact = wall.press(-seen)
+        if controlled:
+            pose = Pose(position=(0.0, 0.0, seen), velocity=(0.0, 0.0, (seen - before) / period), dt=period)
+            force = controller.step(contact, None, pose, dt=period).force[2]
+        else:
+            force = min(contact.force, device.limit)
+        path[k], before = x, seen
+        if not abs(x) < FAR:
+            return False, most
+    lifted = path[-len(path) // 4 :].max() > BEGIN
+    return not lifted and settles(path, device.resolution), most
+
+
+def stable(device: Device, cls: type[Node], factor: float, period: float, delay: int) -> bool:
+    """Whether the poles of the loop with the body's linear wall at the hand's push lie within the unit circle."""
+    stiffness, damping = Wall(stiffened(cls, factor), period).linear(PUSH)
+    return bool(np.abs(poles(stiffness, damping, device.mass, device.drag, period, delay)).max() <= 1.0)
+
+
+def row(device: Device, cls: type[Node], rate: float, delay: int) -> dict[str, float]:
+    """K [N/m] at the hand's push up to which the loop comes to rest, by the poles (`stable`), simulated (`bare`) and
+    with the controller (`controlled`); `inf` where all do, 0 where the softest does not; and the most energy [J] that
+    the controlled loop gave to the hand (`given_out`)."""
+    period, most = 1.0 / rate, 0.0
+    told: dict[str, float] = {"rate": rate, "delay": delay}
+
+    def rests(factor: float, controlled: bool) -> bool:
+        nonlocal most
+        done, given = held(device, stiffened(cls, factor), controlled=controlled, period=period, delay=delay)
+        most = max(most, given) if controlled else most
+        return done
+
+    for name, holds in (
+        ("stable", lambda f: stable(device, cls, f, period, delay)),
+        ("bare", lambda f: rests(f, False)),
+        ("controlled", lambda f: rests(f, True)),
+    ):
+        factor = stiffest(holds)
+        between = 0.0 < factor < math.inf
+        told[name] = Wall(stiffened(cls, factor), period).linear(PUSH)[0] if between else factor
+    return told | {"given_out": most}
+
+
+def stiffest(holds: Callable[[float], bool], low: float = 1 / 16, high: float = 256.0) -> float:
+    """The factor up to which something holds, from below by octaves, then by their halves; `inf`, 0 beyond the ends."""
+    below, above = 0.0, low
+    while above <= high and holds(above):
+        below, above = above, 2.0 * above
+    if below == 0.0 or above > high:
+        return 0.0 if below == 0.0 else math.inf
+    for _ in range(NARROW):
+        middle = math.sqrt(below * above)
+        below, above = (middle, above) if holds(middle) else (below, middle)
+    return below

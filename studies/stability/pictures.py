@@ -1,0 +1,91 @@
+"""Pictures of how stiff a wall, or a body, a device can hold."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+from matplotlib.colors import ListedColormap
+
+from palpate.physics.device.regions import KINDS
+from palpate.physics.device.wall_loop import Device
+from palpate.views.pictures.style import ENERGY, FINGER, INK, NORMAL, SPEED, figure
+
+
+def draw_walls(rows: list[dict[str, float]], path: Path) -> None:
+    """Left: stiffness over damping at the middle rate and least delay. Right: stiffness over delay at each rate."""
+    drawn = figure(11.0, 5.0, "How stiff a wall the device can hold")
+    left, right = drawn.subplots(1, 2)
+    rates = sorted({one["rate"] for one in rows})
+    delay, rate = min(one["delay"] for one in rows), rates[len(rates) // 2]
+    plane = [one for one in rows if one["rate"] == rate and one["delay"] == delay]
+    lines = (
+        ("passive", NORMAL, "-", "passive, theory"),
+        ("stable", SPEED, "-", "stable, theory"),
+        ("bare", FINGER, "o", "simulated, bare"),
+        ("controlled", ENERGY, "^", "felt with the controller"),
+    )
+    for name, colour, mark, label in lines:
+        points = [(one["damping"], one[name]) for one in plane if one[name] > 0.0]
+        left.plot(*zip(*points, strict=True) if points else ([], []), mark, color=colour, label=label)
+    left.set(xlabel="damping of the wall  B  [N s/m]", ylabel="stiffness of the wall  K  [N/m]", yscale="log",
+             title=f"{rate:g} Hz, {delay:g} samples of delay")  # fmt: skip
+    left.legend(loc="best")
+    least = min(one["damping"] for one in rows)
+    for f, width in zip(rates, (0.8, 1.6, 2.6, 3.4, 4.2), strict=False):
+        part = [one for one in rows if one["rate"] == f and one["damping"] == least]
+        for name, colour, mark, _ in lines:
+            points = [(one["delay"], one[name]) for one in part if one[name] > 0.0]
+            right.plot(*zip(*points, strict=True) if points else ([], []), mark, color=colour, linewidth=width,
+                       markersize=3 + 1.5 * width)  # fmt: skip
+        right.annotate(f"{f:g} Hz", (part[0]["delay"], max(part[0]["stable"], 1.0)), fontsize=9)
+    right.set(xlabel="delay [samples]", yscale="log", title=f"B = {least:g} N s/m; thicker: faster")
+    drawn.savefig(path)
+
+
+def draw_bodies(rows: list[dict[str, Any]], path: Path) -> None:
+    """Stiffness over delay, a column for each body at the least rate."""
+    names, rate = list(dict.fromkeys(row["body"] for row in rows)), min(row["rate"] for row in rows)
+    drawn = figure(3.6 * len(names) + 1.5, 4.6, f"How stiff a body the device can hold, {rate:g} Hz")
+    axes = drawn.subplots(1, len(names), sharey=True, squeeze=False)[0]
+    known = [r[key] for r in rows for key in ("stable", "bare", "controlled") if 0.0 < r[key] < math.inf] or [1e3]
+    top, low = 3.0 * max(known), 0.5 * min(known)
+    for ax, name in zip(axes, names, strict=True):
+        own = [row for row in rows if row["body"] == name and row["rate"] == rate]
+        for key, colour, mark, label in (
+            ("stable", SPEED, "-", "stable, poles"),
+            ("bare", FINGER, "o", "simulated, bare"),
+            ("controlled", ENERGY, "^", "controller on"),
+        ):
+            points = [(row["delay"], min(row[key], top)) for row in own if row[key] > 0.0]
+            ax.plot(*zip(*points, strict=True) if points else ([], []), mark, color=colour, label=label)
+        ax.set(xlabel="delay [samples]", yscale="log", title=name.rpartition(".")[2], ylim=(low, 1.5 * top))
+    axes[0].set_ylabel("stiffness  [N/m]")
+    axes[-1].legend(loc="best", title=f"marks at {top:.2g}: all rest", fontsize=8, title_fontsize=8)
+    drawn.savefig(path)
+
+
+def draw_regions(told: dict[str, Any], device: Device, period: float, path: Path) -> None:
+    """The plane, the lines at 1/2, and where the user's own device lies at some stiffnesses."""
+    drawn = figure(7.4, 6.0, "What drag, dry friction and an encoder make of a sampled spring")
+    ax = drawn.subplots()
+    number = [[KINDS.index(kind) for kind in row] for row in told["kinds"]]
+    colours = ["#d9ead9", "#dbe6f4", "#f6e3bd", "#eec4bf"]
+    ax.pcolormesh(
+        told["beta"], told["sigma"], number, cmap=ListedColormap(colours), vmin=-0.5, vmax=3.5, shading="nearest"
+    )
+    for kind, colour in zip(KINDS, colours, strict=True):
+        ax.plot([], [], "s", color=colour, markersize=10, label=kind)
+    ax.axvline(0.5, color=INK, linewidth=0.9)
+    ax.axhline(0.5, color=INK, linewidth=0.9)
+    for k in (100.0, 300.0, 1000.0, 3000.0):
+        beta, sigma = device.drag / (k * period), device.coulomb / (k * device.resolution)
+        if sigma > 0.0:
+            ax.plot(beta, sigma, "x", color=INK)
+            ax.annotate(f"{k:g} N/m", (beta, sigma), textcoords="offset points", xytext=(5, 5), fontsize=8)
+    ax.set(xscale="log", yscale="log", xlabel="b / (K T)", ylabel="f_c / (K step)",
+           title=f"mass {device.mass:g} kg, K = {told['stiffness']:.0f} N/m; above and right of 1/2: passive",
+           xlim=(told["beta"][0], told["beta"][-1]), ylim=(told["sigma"][0], told["sigma"][-1]))  # fmt: skip
+    ax.legend(loc="lower left")
+    drawn.savefig(path)

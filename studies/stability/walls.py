@@ -1,0 +1,130 @@
+"""How stiff a wall may be on a device: by theory, and in the simulated loop with and without the controller."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from palpate.physics.device import stability as theory
+from palpate.physics.device.regions import plane
+from palpate.physics.device.wall_loop import Device, felt_stiffness, run, settles
+from palpate.studies.accuracy.errors import BenchError
+
+COLUMNS = {
+    "rate": "Hz", "delay": "1", "damping": "N s/m", "passive": "N/m", "stable": "N/m", "quantised": "N/m",
+    "bare": "N/m", "controlled": "N/m", "commanded": "N/m", "given_out": "J",
+}  # fmt: skip
+HIGH = 1e7
+"""[N/m] The stiffest wall that is tried."""
+SECONDS = 3.0
+"""[s] of the loop with the controller; without it a swing near the border grows or decays slowly, see `_long`."""
+POINTS = 13
+"""Of the plane of regions, each way."""
+SHOWN = ("passive", "stable", "quantised", "bare", "controlled")
+
+
+def check(
+    device: Device, rates: Sequence[float], delays: Sequence[int], dampings: Sequence[float], order: int, lost: float,
+    jitter: float,
+) -> None:  # fmt: skip
+    """BenchError: a value outside of what describes a device and its loop."""
+    for name, value, low, high, expected in (
+        ("--mass", device.mass, 1e-6, 1e3, "1e-6 to 1000 kg"),
+        ("--drag", device.drag, 1e-6, 1e4, "1e-6 to 10000 N s/m; theory has no bound without drag"),
+        ("--coulomb", device.coulomb, 0.0, 1e3, "0 to 1000 N"),
+        ("--resolution", device.resolution, 0.0, 1e-2, "0 to 0.01 m"),
+        ("--limit", device.limit, 1e-3, 1e4, "0.001 to 10000 N"),
+        ("--filter", order, 1, 1000, "1 to 1000"),
+        ("--lost", lost, 0.0, 0.99, "0 to 0.99"),
+        ("--jitter", jitter, 0.0, 0.99, "0 to 0.99"),
+        *(("--rate", f, 1.0, 1e5, "1 to 100000 Hz") for f in rates),
+        *(("--delay", d, 0, 100, "0 to 100 samples") for d in delays),
+        *(("--damping", b, 0.0, 1e4, "0 to 10000 N s/m") for b in dampings),
+    ):
+        if not low <= value <= high:
+            raise BenchError(f"{name}: found {value:g}, expected {expected}")
+
+
+def row(device: Device, rate: float, delay: int, damping: float, order: int, lost: float, jitter: float, seed: int
+        ) -> dict[str, float]:  # fmt: skip
+    """One row of the table: bounds on the stiffness [N/m] by theory; up to where the simulated loop comes to rest
+    without the controller (`bare`); with it, the stiffest wall at which it does (`commanded`), the stiffness that is
+    felt there (`controlled`), and the most energy [J] that the loop gave to the hand at any wall."""
+    period, most = 1.0 / rate, [0.0]
+    bare, short = (_steps(rate, seconds, lost, jitter, seed) for seconds in (_long(device), SECONDS))
+
+    def path(stiffness: float, controlled: bool, push: float = 0.5) -> np.ndarray:
+        steps, missing = short if controlled else bare
+        return run(device, stiffness, damping, controlled=controlled, steps=steps, delay=delay, order=order,
+                   lost=missing, push=push)  # fmt: skip
+
+    def held(stiffness: float) -> bool:
+        with_controller = path(stiffness, True)
+        most[0] = max(most[0], float(with_controller[:, 2].max()))
+        return settles(with_controller[:, 0], device.resolution)
+
+    commanded = largest(held)
+    pushes = (device.limit / 8.0, device.limit / 2.0)
+    return {
+        "rate": rate,
+        "delay": delay,
+        "damping": damping,
+        "passive": theory.passive_stiffness(damping, device.drag, period, delay, order),
+        "stable": theory.stable_stiffness(damping, device.mass, device.drag, period, delay, order),
+        "quantised": theory.quantised_stiffness(device.drag, device.coulomb, period, device.resolution),
+        "bare": largest(lambda k: settles(path(k, False)[:, 0], device.resolution)),
+        "controlled": felt_stiffness((path(commanded, True, pushes[0]), path(commanded, True, pushes[1])))
+        if commanded
+        else 0.0,
+        "commanded": commanded,
+        "given_out": most[0],
+    }
+
+
+def _long(device: Device) -> float:
+    """[s] after which a swing near the border of stability has decayed or grown: ten time constants 2 m/b of the free
+    device, within 3 to 60 s."""
+    return float(min(max(20.0 * device.mass / device.drag, SECONDS), 60.0))
+
+
+def _steps(rate: float, seconds: float, lost: float, jitter: float, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """Lengths [s] of the steps of the loop, and which samples are lost."""
+    rng = np.random.default_rng(seed)
+    steps = (1.0 + jitter * rng.uniform(-1.0, 1.0, round(max(seconds * rate, 600)))) / rate
+    return steps, rng.random(len(steps)) < lost
+
+
+def largest(settled: Callable[[float], bool], low: float = 10.0) -> float:
+    """The first stiffness [N/m] at which a loop no longer comes to rest, on eighths of an octave; `HIGH` where there is
+    none, 0 where the softest does not."""
+    k = low
+    while k < HIGH:
+        if not settled(k):
+            return k * 2**-0.125 if k > low else 0.0
+        k *= 2**0.125
+    return HIGH
+
+
+def answer(rows: list[dict[str, float]]) -> str:
+    """How stiff a wall may be, in a sentence, at the middle rate and the least delay."""
+    rates = sorted({one["rate"] for one in rows})
+    rate, delay = rates[len(rates) // 2], min(one["delay"] for one in rows)
+    part = [one for one in rows if (one["rate"], one["delay"]) == (rate, delay)]
+    best = {name: max(one[name] for one in part) for name in SHOWN}
+    tried = "any wall that was tried" if min(one["commanded"] for one in part) >= HIGH else "most walls"
+    return (
+        f"At {rate:g} Hz and {delay:g} samples of delay this device holds walls up to {best['bare']:.3g} N/m without "
+        f"the controller (theory: {best['stable']:.3g}); with it, {tried}, of which the hand feels at most "
+        f"{best['controlled']:.3g} N/m."
+    )
+
+
+def regions(device: Device, stiffness: float, period: float) -> dict[str, Any]:
+    """The plane of the device's mass and encoder at a stiffness [N/m]: the kind at each sigma and beta."""
+    at = np.geomspace(0.02, 4.0, POINTS)
+    return {
+        "stiffness": stiffness, "beta": at.tolist(), "sigma": at.tolist(),
+        "kinds": plane(device, stiffness, period, at, at),
+    }  # fmt: skip

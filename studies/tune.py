@@ -1,0 +1,220 @@
+"""The body for a budget: a touch of this graph, felt by every model that comes with palpate at several fidelities.
+
+Each candidate computes the touch again (`studies.search`), one at a time next to the reference: the model nearest to
+full elements of those that can run. It is no truth: what it is known to be off by is added to every error.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from palpate.engine.graph import Graph
+from palpate.engine.slot import NodeFault
+from palpate.launch.load.launchfile import LaunchFile
+from palpate.launch.run.busy import busy
+from palpate.messages import Surface
+from palpate.nodes.base import SettingError
+from palpate.nodes.deformation import ReducedFE, models
+from palpate.nodes.deformation.basis_store import shipped
+from palpate.physics.errors import PalpateError
+from palpate.records.changed import changed
+from palpate.records.compare import Variant
+from palpate.records.reader import Recording
+from palpate.studies.search import Found, SearchError, Show, Trial, compared, touched, write
+
+COARSER = (1, 3, 10)
+"""By what the number of the surface's vertices is divided."""
+EVERY = (1, 2, 5)
+"""Divisors of the body's rate."""
+KNOWN = 0.01
+"""[1] Force error (RMS) of ReducedFE against two full solvers on meshes that follow the patch, on the test cases of
+`palpate bench accuracy` but the tap and the nodule (docs/accuracy.md)."""
+QUANTITIES = ("force", "indentation", "shape")
+
+
+@dataclass(frozen=True)
+class Goal:
+    """What is to be kept: p99 of all steps of a tick [s], error [1] of a quantity over its peak; None: no matter."""
+
+    budget: float | None
+    error: float | None
+    quantity: str = "force"
+
+    def keeps(self, one: Trial) -> bool:
+        """Whether a trial does."""
+        return (
+            not one.why
+            and (self.budget is None or one.p99 <= self.budget)
+            and (self.error is None or one.error <= self.error)
+        )
+
+    def __str__(self) -> str:
+        asked = [] if self.budget is None else [f"{1e3 * self.budget:g} ms at p99"]
+        asked += [] if self.error is None else [f"{100 * self.error:g} % of the {self.quantity}"]
+        return " and ".join(asked)
+
+
+@dataclass(frozen=True)
+class Tuned(Found):
+    """With the overrides of the reference, what it is known to be off by [1], and why nothing keeps the budget."""
+
+    reference: Trial = field(default_factory=lambda: Trial({}))
+    claimed: float = 0.0
+    why: str = ""
+
+
+def tune(launch: LaunchFile, goal: Goal, file: Path, show: Show = lambda what: None) -> Tuned:
+    """The best candidate for a goal, written as a launch file and run."""
+    wanted = candidates(launch.load())
+    with tempfile.TemporaryDirectory() as folder:
+        recording = touched(launch, Path(folder) / "touch.mcap")
+        show("the touch")
+        base = reference(recording, wanted)
+        claimed, ranked = claim(recording, base), []
+        for one in wanted:
+            ranked.append(measured(recording, one, base, goal, claimed))
+            show(title(one))
+        best = pick(ranked, goal)
+        if best is None:
+            return Tuned(ranked, reference=base, claimed=claimed, why=cause(ranked, goal))
+        told = (
+            f"Chosen by palpate tune: {goal.quantity} off by {100 * best.error:.2g} % of its peak (rms),",
+            f"a tick {1e6 * best.p50:.0f} us p50, {1e6 * best.p99:.0f} us p99, on the machine that it was tuned on.",
+        )
+        write(launch, best.overrides, told, file)
+        came = _came(launch, best, base, goal, Path(folder) / "tuned.mcap")
+        show("a run of the choice")
+    return Tuned(ranked, best, came, goal.keeps(came), base, claimed)
+
+
+def title(one: Trial) -> str:
+    """Model and fidelity in words."""
+    words = {"use": "{}", "vertices": "{} vertices", "every": "every {}"}
+    told = [words[key.rpartition(".")[2]].format(value) for key, value in one.overrides.items()]
+    return ", ".join(word.removeprefix("deformation.") for word in told)
+
+
+def body_of(graph: Graph) -> str:
+    """Name of the node that sends `Surface`. SearchError: there is none."""
+    names = [name for name, spec in graph.nodes.items() if Surface in spec.streams.values()]
+    if len(names) != 1:
+        raise SearchError(
+            f"{graph.path}: {len(names)} nodes send Surface, expected one deformable body; kidney, nodule and "
+            "fingertip have one"
+        )
+    return names[0]
+
+
+def candidates(graph: Graph) -> list[Trial]:
+    """Every model at every fidelity, the nearest to full elements first."""
+    body = body_of(graph)
+    vertices = graph.nodes[body].settings.get("vertices")
+    counts = [max(int(vertices) // n, 100) for n in COARSER] if vertices else [None]
+    return [
+        Trial(
+            {f"{body}.use": model}
+            | ({} if count in (None, vertices) else {"scene.surface.vertices": count})
+            | ({} if every == 1 else {f"{body}.every": every})
+        )
+        for model in models()
+        for count in counts
+        for every in EVERY
+    ]
+
+
+def reference(recording: Recording, wanted: list[Trial]) -> Trial:
+    """The first candidate whose body starts: what is missing is told then, not at its first step."""
+    for one in wanted:
+        try:
+            spec = _body(recording, one)
+            spec.cls(**spec.settings).start()
+        except (PalpateError, NodeFault):
+            continue
+        return one
+    raise SearchError(f"{recording.path}: none of the models fits this graph")
+
+
+def _body(recording: Recording, one: Trial) -> Any:
+    """The body's part of the graph with these settings."""
+    graph = changed(recording, one.texts).graph
+    return graph.nodes[body_of(graph)]
+
+
+def claim(recording: Recording, base: Trial) -> float:
+    """What the reference is off by [1]: `KNOWN`, and what its stored basis says of itself, its dents against the full
+    model; 0 where nothing is known."""
+    spec = _body(recording, base)
+    if spec.cls is not ReducedFE:
+        return 0.0
+    try:
+        node = ReducedFE(**spec.settings)
+        key = node.key()
+    except SettingError:
+        return 0.0
+    told = [about["error"] for about in shipped().values() if about["key"] == key]
+    known = 0.0 if node.model == "sampled" else KNOWN
+    return known + (float(told[0].get("mean", 0.0)) if told else 0.0)
+
+
+def measured(recording: Recording, one: Trial, base: Trial, goal: Goal, claimed: float) -> Trial:
+    """A candidate with what it gave next to the reference."""
+    both = compared(recording, one.texts, base.texts)
+    return replace(one, why=both) if isinstance(both, str) else judged(one, *both, goal, claimed)
+
+
+def judged(one: Trial, base: Variant, variant: Variant, goal: Goal, claimed: float) -> Trial:
+    """With error and times of what it gave. SearchError: nothing was touched, so that no error can be told."""
+    if not getattr(variant, goal.quantity).scale > 0.0:
+        raise SearchError(
+            f"the touch has no {goal.quantity} from its begin to its end, expected one that presses the body; a longer "
+            "one may: --duration '3 s'"
+        )
+    body = body_of(variant.plan.graph)
+    often = [
+        (name, steps.report()["p50"])
+        for name, steps in variant.nodes.items()
+        if name != body and 100 * steps.count >= variant.whole.count
+    ]
+    told = one.measured(base, variant, goal.quantity)
+    return replace(told, error=told.error + claimed, slowest=max(often, key=lambda own: own[1], default=("", 0.0)))
+
+
+def pick(ranked: list[Trial], goal: Goal) -> Trial | None:
+    """The most accurate that keeps the budget, or the cheapest that keeps the error; of both, the most accurate that
+    keeps both. None: nothing does."""
+    kept = [one for one in ranked if goal.keeps(one)]
+    if goal.budget is None:
+        return min(kept, key=lambda one: (one.p99, one.error), default=None)
+    return min(kept, key=lambda one: (one.error, one.p99), default=None)
+
+
+def cause(ranked: list[Trial], goal: Goal) -> str:
+    """Why nothing keeps the budget, in words: another node that takes longer than it, or a machine on which more runs
+    than it has cores. Empty where it is the error that nothing keeps, or nothing is known."""
+    late = [one for one in ranked if replace(goal, budget=None).keeps(one)]
+    if goal.budget is None or not late:
+        return ""
+    name, took = min((one.slowest for one in late), key=lambda own: own[1])
+    if took > goal.budget:
+        return (
+            f"Node {name!r} alone takes {1e6 * took:.0f} us (p50 of its steps), whatever the body is: give a larger "
+            "budget, or tune the graph without it."
+        )
+    why = busy(own=1.0)
+    return f"{why}, which is the likely cause. Tune again when it is quiet." if why else ""
+
+
+def _came(launch: LaunchFile, chosen: Trial, base: Trial, goal: Goal, file: Path) -> Trial:
+    """The choice, run: what came of it, measured on the touch as it is felt with it."""
+    graph = launch.load()
+    body = body_of(graph)
+    usual = {f"{body}.every": 1, "scene.surface.vertices": graph.nodes[body].settings.get("vertices")}
+    back = Trial({key: value for key, value in usual.items() if key in chosen.overrides} | base.overrides)
+    recording = touched(launch.but(overrides=chosen.texts), file)
+    both = compared(recording, [], back.texts)
+    if isinstance(both, str):
+        raise SearchError(f"{launch.path or launch.graph}: the run of the choice cannot be computed again: {both}")
+    return judged(chosen, *both, goal, claim(recording, back))

@@ -1,0 +1,268 @@
+"""Recordings of sources: byte for byte what a recording of everything holds, whoever reads; what is told otherwise."""
+
+from __future__ import annotations
+
+import json
+import random
+from pathlib import Path
+
+import pytest
+from graphs_for_runs import GRAPH, NODES, write_graph, write_place
+from nodes_for_runs import Spring
+from typer.testing import CliRunner
+
+from palpate.engine.faults import GraphError
+from palpate.launch.__main__ import app
+from palpate.launch.load.launchfile import LaunchFile, find
+from palpate.launch.run.execute import execute
+from palpate.messages import Force
+from palpate.records.compare import compare
+from palpate.records.copy import begin_copy
+from palpate.records.player import plan_of
+from palpate.records.reader import Recording, RecordingError
+from palpate.records.recover import recover, recover_full
+from palpate.records.samples import Run
+from palpate.records.verify import verify
+
+runner = CliRunner()
+TICKS = 700
+
+
+def say(*args):
+    result = runner.invoke(app, [str(a) for a in args], env={"COLUMNS": "300", "NO_COLOR": "1"})
+    return result.exit_code, result.stdout, result.stderr
+
+
+def record(folder: Path, text: str = GRAPH, only: str | None = "sources", place: Path | str = "fused",
+           clock: str = "simulated", ticks: int = TICKS, **more) -> Path:  # fmt: skip
+    path = folder / f"{only}.mcap"
+    graph = write_graph(folder, text)
+    outcome = execute(
+        LaunchFile(graph=graph, duration=ticks / 1000, record=path, place=place, only=only, clock=clock), **more
+    )
+    assert outcome.ok, (outcome.result.deaths, outcome.result.notes)
+    return path
+
+
+def rows(path: Path, stored: bool = False) -> list[tuple[str, int, int, bytes]]:
+    """All messages, by tick."""
+    return sorted(Recording(path, stored=stored).raw(), key=lambda row: (row[1], row[0]))
+
+
+SLOW = GRAPH.replace("in: {pose: source, force: spring}}", "in: {pose: source, force: spring}, every: 7}")
+
+
+@pytest.mark.parametrize("text", [GRAPH, SLOW], ids=["each tick", "a node each 7th"])
+@pytest.mark.parametrize("apart", [False, True], ids=["fused", "processes"])
+def test_what_is_computed_is_byte_for_byte_what_would_have_been_recorded(tmp_path, text, apart):
+    place = write_place(tmp_path, [["source", "spring"], ["drag", "spread", "sum"]]) if apart else "fused"
+    sources, whole = record(tmp_path, text, place=place), record(tmp_path, text, "all")
+    assert rows(sources) == rows(whole)
+    kept = [row for row in rows(sources, stored=True) if row[0] != "source"]
+    assert {row[0] for row in kept} == set(NODES) - {"source"} and all(row in rows(whole) for row in kept)
+    counts = Recording(sources, stored=True).counts
+    assert counts["source"] == {"count": TICKS, "lost": 0} and counts["spring"] == {"count": 4, "lost": 0}
+    assert all(own["lost"] == 0 for own in counts.values())
+    assert sources.stat().st_size < whole.stat().st_size / 4
+
+
+def test_a_run_on_the_real_clock_comes_again_exactly(tmp_path):
+    sources = record(tmp_path, clock="real", place=None)
+    heads = [row for row in rows(sources, stored=True) if row[0] == "sum"]
+    target, counts, report = recover_full(sources)
+    assert report.ok and counts["sum"] == len(heads)
+    whole = Recording(target)
+    assert whole.complete and not whole.computed
+    assert verify(whole, plan_of(whole)).ok, "each message from exactly the messages that it names"
+    assert [(m.tick, m.time) for m in whole.messages("sum")] == [row[1:3] for row in heads]
+
+
+def test_the_kidney_computes_nothing_for_the_recording_and_the_recording_has_it_all_the_same(tmp_path):
+    """`nodes` and `displacement` of the tissue are read by nobody but the logger: the run leaves them out."""
+    path = {}
+    for only in ("sources", "all"):
+        path[only] = tmp_path / f"{only}.mcap"
+        launch = find("kidney").but(duration=0.9, place="fused", record=path[only], only=only)
+        outcome = execute(launch)
+        assert outcome.ok and (outcome.plan.wanted["tissue"] >= {"displacement"}) == (only == "all")
+    assert rows(path["sources"]) == rows(path["all"])
+    assert max(len(m.nodes) for m in Recording(path["sources"]).messages("tissue")) > 10
+
+
+def test_every_reader_gets_the_computed_messages(tmp_path):
+    sources, whole = record(tmp_path), record(tmp_path, only="all")
+    assert Run(sources).sum.torques.tolist() == Run(whole).sum.torques.tolist()
+    for verb in (["echo", "{}", "sum"], ["export", "{}", "--to", "csv", "--out", tmp_path / "csv"]):
+        answers = [say(*(path if arg == "{}" else arg for arg in verb)) for path in (sources, whole)]
+        assert answers[0][0] == 0 and answers[0] == answers[1]
+    code, out, _ = say("replay", sources, "--json")
+    assert code == 0
+    assert all(
+        node == {"messages": TICKS, "differing": 0, "largest": 0.0} for node in json.loads(out)["nodes"].values()
+    )
+    changed = [
+        compare(Recording(path), [["spring.stiffness=7"]], reference=[])[1].report() for path in (sources, whole)
+    ]
+    assert changed[0]["force_N"] == changed[1]["force_N"] and changed[0]["force_N"]["peak"] > 0
+    code, out, _ = say("info", sources)
+    assert code == 0 and "1 of 200" in out
+
+
+def test_the_check_says_how_the_kept_messages_came_out(tmp_path):
+    path = record(tmp_path)
+    report = verify(Recording(path), plan_of(Recording(path)))
+    assert report.ok and {name: own.checked for name, own in report.nodes.items()} == dict.fromkeys(NODES[1:], 4)
+    code, out, _ = say("replay", path, "--check")
+    assert code == 0 and "16 messages of 4 nodes computed again: bit-equal" in out
+
+
+def test_the_source_can_be_played_without_computing(tmp_path, monkeypatch):
+    path = record(tmp_path)
+    monkeypatch.setattr(Spring, "step", None)
+    assert len([row for row in Recording(path, stored=True).raw() if row[0] == "source"]) == TICKS
+
+
+# -- what does not come out as it was ------------------------------------------------------------------------------
+
+
+def test_a_check_that_differs_is_told_with_stream_tick_and_versions(tmp_path, monkeypatch):
+    """The class has changed since: from its 300th step on, which the check at tick 400 shows."""
+    path = record(tmp_path)
+    right = rows(path)
+    before = Spring.step
+
+    def changed(self, pose) -> Force:
+        force = before(self, pose)
+        if pose.tick < 300:
+            return force
+        return Force(force=(force.force[0] + 1e-9, 0.0, 0.0), state="free", energy=0.0)
+
+    monkeypatch.setattr(Spring, "step", changed)
+    with pytest.raises(RecordingError, match=r"stream 'spring', tick 400, field force\[0\] \[N\].*palpate \d") as told:
+        list(Recording(path).raw())
+    assert "recover --full" in str(told.value)
+    for verb in (["echo", path, "sum"], ["replay", path], ["export", path, "--to", "csv", "--out", tmp_path / "csv"]):
+        code, _, err = say(*verb)
+        assert code == 1 and "tick 400" in err and "Traceback" not in err
+    code, out, _ = say("replay", path, "--check")
+    assert code == 1 and "first difference: stream 'spring', tick 400" in out
+    code, out, err = say("recover", path, "--full")
+    assert code == 1 and "tick 400" in err and f"{201 * len(NODES)} messages" in out
+    kept = Recording(path.with_name("sources-full.mcap"))
+    assert sorted(kept.raw(), key=lambda row: (row[1], row[0])) == [row for row in right if row[1] <= 200]
+
+
+def test_a_node_that_fails_is_told(tmp_path, monkeypatch):
+    path = record(tmp_path)
+    monkeypatch.setattr(Spring, "step", lambda self, pose: 1 / 0)
+    code, _, err = say("echo", path, "sum")
+    assert code == 1 and "'spring'" in err and "division by zero" in err and "Traceback" not in err
+
+
+@pytest.mark.parametrize("clock", ["simulated", "real"])
+def test_a_file_cut_off_anywhere_gives_what_lies_before(tmp_path, clock):
+    text = GRAPH.replace("log:    {", "log:    {within: 0.02, ")
+    path = record(tmp_path, text, clock=clock, place="fused" if clock == "simulated" else None)
+    whole, data = rows(path), path.read_bytes()
+    begin = data.index(b"msgpack") if b"msgpack" in data else 8000
+    draw = random.Random(3)
+    found = []
+    for k, end in enumerate(draw.randrange(begin, len(data) - 8) for _ in range(8)):
+        cut = tmp_path / f"{k}.mcap"
+        cut.write_bytes(data[:end])
+        try:
+            recording = Recording(cut)
+        except RecordingError as error:
+            assert "nothing to recover" in str(error)
+            continue
+        got = sorted(recording.raw(), key=lambda row: (row[1], row[0]))
+        assert got == whole[: len(got)] and not recording.complete
+        target, _ = recover(cut)
+        assert sorted(Recording(target).raw(), key=lambda row: (row[1], row[0])) == got
+        found.append(len(got))
+    assert max(found) > 100
+
+
+def test_a_live_message_that_is_lost_and_that_nothing_depends_on_is_missing_alone(tmp_path):
+    path = record(tmp_path, clock="real", place=None)
+    own = [row for row in rows(path) if row[0] == "sum"]
+    gone = own[2 * len(own) // 3]  # a busy machine leaves out ticks
+    assert rows(without(path, gone[:2])) == [row for row in rows(path) if row != gone]
+
+
+def without(path: Path, *gone: tuple[str, int]) -> Path:
+    """The same recording without messages that did not reach the logger."""
+    recording = Recording(path, stored=True)
+    holed = path.with_name("holed.mcap")
+    with holed.open("wb") as file:
+        writer, channels = begin_copy(recording, file, recording.about)
+        for name, tick, time, payload in recording.raw():
+            if (name, tick) not in gone:
+                writer.add_message(channels[name], tick, time, payload)
+        writer.finish()
+    return holed
+
+
+def test_a_source_that_lacks_a_message_is_told(tmp_path):
+    with pytest.raises(RecordingError, match="'source' has no message of tick 333"):
+        list(Recording(without(record(tmp_path), ("source", 333))).raw())
+
+
+@pytest.mark.parametrize("stream", ["source", "spring"])
+def test_what_a_live_run_lost_is_told_and_what_comes_before_can_be_had(tmp_path, stream):
+    path = record(tmp_path, clock="real", place=None)
+    right = rows(path)
+    own = [row[1] for row in right if row[0] == stream]
+    tick = own[2 * len(own) // 3]
+    holed = without(path, (stream, tick))
+    with pytest.raises(RecordingError, match=r"stream '\w+', tick \d+") as told:
+        list(Recording(holed).raw())
+    assert "Traceback" not in str(told.value) and "recover --full" in str(told.value)
+    target, _, report = recover_full(holed)
+    got = rows(target)
+    assert not report.ok and got == right[: len(got)] and 0 < got[-1][1] < tick
+
+
+@pytest.mark.parametrize(
+    ("text", "more", "words"),
+    [
+        (GRAPH.replace("force: spring}}", "force: spring}, restart: true}"), {}, ["'drag'", "may be started again"]),
+        (GRAPH, {"leave_out": ["source"]}, ["'source'", "left out"]),
+        (GRAPH, {"thin": {"drag": 3}}, ["'log'", "thin: drag", "computed"]),
+    ],
+)
+def test_what_cannot_be_computed_again_is_not_recorded_that_way(tmp_path, text, more, words):
+    with pytest.raises(GraphError) as told:
+        record(tmp_path, text, **more)
+    assert all(word in str(told.value) for word in [*words, "record: all"])
+    assert not (tmp_path / "sources.mcap").exists()
+
+
+def test_streams_that_are_left_out_stay_out(tmp_path):
+    path = record(tmp_path, leave_out=["spread"])
+    assert {row[0] for row in rows(path)} == set(NODES) - {"spread"}
+
+
+@pytest.mark.parametrize(
+    ("given", "file", "only"),
+    [("sources", "run.mcap", "sources"), ("all", "run.mcap", "all"), ("a/b.mcap", "a/b.mcap", None)],
+)
+def test_a_launch_file_says_what_to_record(tmp_path, given, file, only):
+    write_graph(tmp_path)
+    (tmp_path / "run.yaml").write_text(f"graph: loop.yaml\nrecord: {given}\n")
+    launch = find(str(tmp_path / "run.yaml"))
+    assert (launch.record, launch.only) == (Path(file), only)
+
+
+def test_an_unknown_word_is_told(tmp_path):
+    graph = write_graph(tmp_path)
+    (tmp_path / "run.yaml").write_text("graph: loop.yaml\nrecord: source\n")
+    with pytest.raises(GraphError, match=r"run\.yaml:2: record: found 'source'.*\n.*Did you mean 'sources'"):
+        find(str(tmp_path / "run.yaml"))
+    code, _, err = say("run", graph, "--record-only", "everything", "--record", tmp_path / "a.mcap")
+    assert code == 2 and "expected all or sources" in err
+
+
+def test_recover_full_of_a_whole_recording_is_told(tmp_path):
+    code, _, err = say("recover", record(tmp_path, only="all"), "--full")
+    assert code == 1 and "holds all messages" in err

@@ -1,0 +1,78 @@
+"""Bodies in place of the wall: what they are to small movements, and where the loop on them ends by two routes."""
+
+import math
+
+import pytest
+from pytest import approx
+
+from palpate.nodes.collision import Mesh
+from palpate.nodes.deformation import BeamBundle, MassSpring, ReducedFE
+from palpate.physics.device.regions import CYCLE, GROWS, NEAR, REST, fate, region
+from palpate.physics.device.wall_loop import Device
+from palpate.studies.accuracy.errors import BenchError
+from palpate.studies.stability.body_wall import PUSH, Wall, held, row, stiffened, stiffest
+
+EXACT = Device(resolution=0.0)
+
+
+@pytest.mark.parametrize("factor", [0.25, 1.0, 16.0])
+def test_mass_spring_is_the_wall_that_its_law_says(factor):
+    """f = K s^1.5 (1 + c s'): df/ds = 1.5 K^(2/3) f^(1/3), B = c f."""
+    stiffness, damping = Wall(stiffened(MassSpring, factor), 1e-3).linear(PUSH)
+    assert stiffness == approx(1.5 * (factor * 3e3) ** (2 / 3) * PUSH ** (1 / 3), rel=1e-3)
+    assert damping == approx(5.0 * PUSH, rel=0.1)
+
+
+@pytest.mark.parametrize("period", [5e-4, 1e-3])
+def test_the_reduced_organ_is_kelvin_voigt(period):
+    """B = tau K, whatever the step."""
+    stiffness, damping = Wall(stiffened(ReducedFE, 1.0), period).linear(PUSH)
+    assert damping == approx(0.02 * stiffness, rel=0.05)
+
+
+@pytest.mark.parametrize(("body", "delay"), [(MassSpring, 1), (MassSpring, 5), (ReducedFE, 1)])
+def test_the_loop_ends_where_the_poles_leave_the_circle(body, delay):
+    """An exact encoder, no dry friction: within an eighth of an octave. The controller holds all."""
+    told = row(EXACT, body, 1000.0, delay)
+    assert told["bare"] == approx(told["stable"], rel=0.1)
+    assert math.isinf(told["controlled"]) and told["given_out"] < 2e-3
+
+
+def test_a_viscous_body_is_told_as_one_that_cannot_be_held():
+    """The beams' skin takes hundreds of N s/m: more than a grip of 0.1 kg can be held by, late by five samples."""
+    told = row(Device(), BeamBundle, 1000.0, 5)
+    assert told["stable"] == 0.0
+    assert not held(Device(), stiffened(BeamBundle, 64.0), controlled=False, period=1e-3, delay=5)[0]
+
+
+def test_the_search_finds_the_end_and_says_where_there_is_none():
+    assert stiffest(lambda factor: factor < 3.0) == approx(3.0, rel=0.1)
+    assert stiffest(lambda factor: True) == math.inf and stiffest(lambda factor: False) == 0.0
+
+
+def test_what_is_no_body_is_refused():
+    with pytest.raises(BenchError, match="Mesh, expected a node that takes Load"):
+        stiffened(Mesh, 1.0)
+
+
+@pytest.mark.parametrize("mass", [0.05, 0.3])
+def test_the_plane_has_its_regions(mass):
+    """Passive at both shares above 1/2; dry friction holds what comes slowly; without either a swing grows; between,
+    drag without dry friction leaves a swing of a few steps of the encoder, or none."""
+    stiffness, period, step = 4000.0 * mass, 1e-3, 60e-6
+
+    def at(beta, sigma):
+        return region(Device(mass, beta * stiffness * period, sigma * stiffness * step, step), stiffness, period)
+
+    assert at(0.7, 0.7) == at(2.0, 2.0) == at(3.0, 0.6) == REST
+    assert at(0.1, 1.0) == at(0.2, 0.6) == NEAR
+    assert at(0.05, 0.02) == GROWS
+    assert at(0.56, 0.02) in (CYCLE, REST)
+
+
+def test_a_kept_swing_is_of_a_few_steps_and_a_grown_one_is_not_bounded():
+    stiffness, period, step = 4000.0, 1e-3, 60e-6
+    device = Device(0.1, 0.55 * stiffness * period, 0.02 * stiffness * step, step)
+    assert fate(device, stiffness, period, 20 * step) == CYCLE
+    slow = device._replace(drag=0.05 * stiffness * period)
+    assert fate(slow, stiffness, period, 20 * step) == GROWS

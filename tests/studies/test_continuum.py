@@ -1,0 +1,115 @@
+"""The block, its two solvers, and the references that are stored."""
+
+import numpy as np
+import pytest
+
+from palpate.models.fe.element.mesh import grid
+from palpate.studies.accuracy import continuum, places
+from palpate.studies.accuracy.continuum import RADIUS, Block, Nodule, press
+from palpate.studies.accuracy.errors import BenchError, MissingError
+from palpate.studies.accuracy.halfspace import DEPTHS
+from palpate.studies.accuracy.halfspace import press as press_ball
+from palpate.studies.accuracy.touches import TOUCHES
+from palpate.studies.accuracy.truth import HERTZ
+from palpate.studies.peers import felupe
+
+FIRST = np.array([0.03, 0.1])
+
+
+def test_cells_and_their_moduli_come_in_one_order():
+    block = Block(3e-3, 3, Nodule())
+    points, cells = grid(*block.axes())
+    away = np.linalg.norm(points[cells].mean(axis=1) - (0.0, 0.0, -6e-3), axis=1)
+    assert (block.hardness()[away < 1.5e-3] == 10.0).all()
+    assert (block.hardness()[away > 8e-3] == 1.0).all()
+
+
+def test_the_hardness_holds_the_volume_of_the_nodule():
+    block = Block(0.0, 5, Nodule())
+    sizes = np.einsum("i,j,k->kji", *(np.diff(a) for a in block.axes())).ravel()
+    volume = 2.0 * np.sum((block.hardness() - 1.0) / 9.0 * sizes)
+    assert volume == pytest.approx(4.0 / 3.0 * np.pi * 4e-3**3, rel=0.06)
+
+
+def test_the_load_is_that_of_the_pressure():
+    block = Block(0.01, 3)
+    points, cells = grid(*block.axes())
+    from palpate.models.fe.element.mesh import bricks, quadratic
+
+    mesh = quadratic(points, bricks(points, cells))
+    top = mesh.faces[(mesh.points[mesh.faces[:, :3], 2] > -1e-9).all(axis=1)]
+    unit = continuum._load(mesh.points, top, block.place)[:, 2]
+    x, y, _ = mesh.points.T
+    assert unit.sum() == pytest.approx(-1.0)
+    assert unit @ x == pytest.approx(-0.01, rel=1e-6)
+    assert -unit @ ((x - 0.01) ** 2 + y**2) == pytest.approx(RADIUS**2 / 4, rel=1e-3)  # second moment of the biweight
+
+
+def test_the_stored_reference_is_met_on_a_coarse_mesh_and_is_softer_on_a_finer_one():
+    right = places.stored("middle")
+    coarse, finer = (press(Block(0.0, n), FIRST).indentation for n in (1, 2))
+    assert (coarse < finer).all()  # displacement elements are too stiff
+    assert (finer < right.indentation[:2] + right.band[:2]).all()
+    assert finer == pytest.approx(right.indentation[:2], rel=0.04)
+
+
+def test_an_outside_solver_meets_it_on_its_own_elements():
+    pytest.importorskip("felupe")
+    right = places.stored("middle")
+    assert felupe.press(Block(0.0, 1), FIRST).indentation == pytest.approx(right.indentation[:2], rel=0.05)
+
+
+@pytest.mark.parametrize("name", sorted({p for t in TOUCHES.values() if t.place for p in places.on_path(t.place)}))
+def test_a_stored_reference_says_what_it_was_made_from_and_how_sure_it_is(name):
+    place = places.stored(name)
+    assert {"command", "commit", "solvers", "young", "felupe", "place"} <= set(place.about)
+    assert all(len(told["unknowns"]) == 2 for told in place.about["solvers"].values())
+    assert (np.diff(place.indentation) > 0).all()
+    assert (place.band < 0.08 * place.indentation).all()
+    assert place.work[-1] == pytest.approx(np.trapezoid(place.force, place.indentation), rel=0.1)
+
+
+def test_a_harder_place_gives_in_less():
+    depth = {name: places.stored(name).indentation[-1] for name in ("middle", "edge", "nodule-00", "nodule-10")}
+    assert depth["nodule-00"] < depth["nodule-10"] < depth["middle"] < depth["edge"]
+
+
+def test_references_are_rebuilt_with_their_band(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.setattr(places, "LEVELS", FIRST)
+    own = {"fe": lambda block: press(block, FIRST)}
+    monkeypatch.setattr(places, "SOLVERS", own)
+    told = list(places.rebuild(["middle"], {"command": "here"}, tmp_path, {"fe": (1, 2)}))
+    assert told[-1][1] == 1.0
+    monkeypatch.setattr(places, "SHIPPED", tmp_path)
+    places.stored.cache_clear()
+    try:
+        place = places.stored("middle")
+    finally:
+        places.stored.cache_clear()
+    coarse, finer = (press(Block(0.0, n), FIRST).indentation for n in (1, 2))
+    assert place.indentation == pytest.approx(finer)
+    assert place.band == pytest.approx((finer - coarse) / 3.0)
+    assert place.about["command"] == "here"
+
+
+def test_a_reference_that_is_missing_or_damaged_is_told_with_the_cure(tmp_path, monkeypatch):
+    monkeypatch.setattr(places, "SHIPPED", tmp_path)
+    places.stored.cache_clear()
+    with pytest.raises(MissingError, match="--rebuild-references"):
+        places.stored("middle")
+    (tmp_path / "middle.npz").write_bytes(b"no archive")
+    with pytest.raises(BenchError, match="damaged"):
+        places.stored("middle")
+    places.stored.cache_clear()
+
+
+def test_the_ball_in_full_elements_is_near_hertz_even_on_one_face_a_radius():
+    assert press_ball(1).force / (HERTZ * DEPTHS**1.5) == pytest.approx(1.0, abs=0.15)
+
+
+@pytest.mark.long
+def test_the_ball_in_full_elements_comes_to_hertz():
+    coarse, fine = (abs(press_ball(n).force[-1] / (HERTZ * DEPTHS[-1] ** 1.5) - 1.0) for n in (1, 3))
+    assert fine < 0.01
+    assert np.log(coarse / fine) / np.log(3) > 1.5

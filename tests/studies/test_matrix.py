@@ -1,0 +1,179 @@
+"""Methods on touches: orders that theory has, worse models in worse places, failures charged."""
+
+from dataclasses import replace
+
+import bodies_for_bench
+import numpy as np
+import pytest
+
+from palpate.nodes.contact import Series
+from palpate.nodes.deformation import MassSpring, ReducedFE
+from palpate.physics.errors import PalpateError
+from palpate.studies.accuracy import bases, chain, methods
+from palpate.studies.accuracy.cells import Cell, compute, matrix, one
+from palpate.studies.accuracy.errors import Refused
+from palpate.studies.accuracy.limits import mostly, told_apart
+from palpate.studies.accuracy.methods import of_user
+from palpate.studies.accuracy.order import studies
+from palpate.studies.accuracy.outcome import Fidelity, Method
+from palpate.studies.accuracy.pareto import front, point, summaries
+from palpate.studies.accuracy.score import CHARGED, CHARGED_STEP
+from palpate.studies.accuracy.touches import TOUCHES
+from palpate.studies.accuracy.truth import HERTZ
+
+STANDARD = {m.name: m for m in methods.standard()}
+SMALL = {"surface": {"vertices": 400}}
+RATES = tuple(Fidelity(f"{rate} Hz", "step", rate, SMALL) for rate in (500.0, 1000.0, 2000.0, 4000.0))
+DEFAULT = RATES[1]
+
+
+def user(name):
+    return of_user(name, getattr(bodies_for_bench, name))
+
+
+def spring_with(stiffness):
+    own = methods._of_body(MassSpring, lambda touch: {"stiffness": stiffness, "exponent": 1.5, "damping": 0.0})
+    return Method(f"spring-{stiffness:g}", "a spring", own, (DEFAULT,))
+
+
+@pytest.mark.parametrize(
+    ("method", "touch"),
+    [("exponential", "plate"), ("MassSpring", "hold"), ("BeamBundle", "hold"), ("series", "two-step")],
+)
+def test_the_steps_are_of_first_order(method, touch):
+    cells = [one(TOUCHES[touch], STANDARD[method], fidelity) for fidelity in RATES]
+    (study,) = studies(cells)
+    assert study.observed == pytest.approx(1.0, abs=0.2)
+
+
+def test_a_law_in_time_comes_to_the_closed_form_as_its_steps_shrink():
+    errors = [one(TOUCHES["plate"], STANDARD["exponential"], f).errors["force"]["rms"] for f in RATES]
+    assert np.log2(errors[0] / errors[-1]) / 3 == pytest.approx(1.0, abs=0.05)
+
+
+def test_hertz_is_at_the_reference_of_a_ball():
+    cell = one(TOUCHES["ball"], STANDARD["hertz"], DEFAULT)
+    assert cell.at_reference()
+
+
+def test_a_model_made_worse_moves_up_by_what_it_was_made_worse():
+    right, worse = (one(TOUCHES["ball"], spring_with(k * HERTZ), DEFAULT) for k in (1.0, 1.3))
+    assert right.at_reference()
+    assert worse.errors["force"]["worst"] == pytest.approx(0.3, rel=1e-6)
+    assert point(worse)[1] > point(right)[1]
+    assert front([point(worse), (point(right)[0] * 0 + point(worse)[0], point(right)[1])]) == [1]
+
+
+def test_an_error_of_the_model_is_told_from_one_of_the_steps():
+    spring = spring_with(1.3 * HERTZ)
+    cells = [one(TOUCHES["ball"], spring, fidelity) for fidelity in RATES]
+    plate = [one(TOUCHES["plate"], STANDARD["exponential"], fidelity) for fidelity in RATES]
+    told_apart(cells + plate)
+    assert mostly(cells[0]) == "model"
+    assert mostly(plate[0]) == "discretisation"
+
+
+def test_a_linear_body_of_the_right_stiffness_is_nearer_than_one_of_half():
+    """The slab under the patch is nearly linear: 273 N/m by the reference."""
+    body = user("Spring")
+    cell = one(TOUCHES["indent"], body, DEFAULT)
+    assert cell.status == "ok"
+    assert 0.01 < cell.errors["force"]["rms"] < 0.08
+    assert "shape" in cell.errors
+
+
+@pytest.mark.parametrize(
+    ("name", "why"), [("Raises", "no convergence in 40 iterations"), ("Drifts", "not finite|InputFault")]
+)
+def test_a_broken_body_is_a_point_on_the_chart_and_charged(name, why):
+    cell = one(TOUCHES["indent"], user(name), DEFAULT)
+    assert cell.status == "failed"
+    import re
+
+    assert re.search(why, cell.why)
+    assert cell.errors["force"]["rms"] == CHARGED
+    assert point(cell) == (CHARGED_STEP, CHARGED)
+
+
+def test_what_a_method_cannot_do_is_charged_in_the_overview():
+    cells = [one(TOUCHES[t], STANDARD["hertz"], STANDARD["hertz"].fidelities[2]) for t in ("ball", "indent")]
+    assert [c.status for c in cells] == ["ok", "refused"]
+    (told,) = summaries(cells)
+    assert (told.computed, told.touches) == (1, 2)
+    assert told.error == pytest.approx(0.5, abs=1e-6)
+
+
+def test_every_touch_has_every_method_in_its_row():
+    rows = matrix(TOUCHES.values(), STANDARD.values(), quick=True)
+    assert {(t.name, m.name) for t, m, _ in rows} == {(t, m) for t in TOUCHES for m in STANDARD}
+
+
+def test_every_body_has_at_least_four_fidelities_on_at_least_eight_touches():
+    assert len(TOUCHES) >= 8
+    others = {"FElupe", "CalculiX"}
+    assert all(len(m.fidelities) >= 4 for m in STANDARD.values() if m.name not in others)
+
+
+def test_kept_cells_are_taken_up_and_another_machine_computes_its_own(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    rows = [(TOUCHES["ball"], STANDARD["hertz"], DEFAULT)]
+    first = compute(rows, 1, machine="a")
+    called = replace(STANDARD["hertz"], compute=lambda *_: pytest.fail("computed again"))
+    again = compute([(TOUCHES["ball"], called, DEFAULT)], 1, machine="a")
+    assert again == first
+    assert [(cell.kept, before.kept) for cell, before in zip(again, first, strict=True)] == [(True, False)]
+    compute(rows, 1, machine="b")
+    assert len(list((tmp_path / "palpate" / "bench" / "cells").iterdir())) == 2
+
+
+def test_arrays_are_counted_once_however_they_are_reached():
+    table = np.zeros(1000)
+    assert chain.held_bytes([{"a": table, "b": table[10:]}, [table]]) == table.nbytes
+
+
+def test_a_node_that_is_no_body_is_told():
+    with pytest.raises(PalpateError, match="takes Load and sends Surface"):
+        of_user("contact.Series", Series)
+
+
+def test_a_basis_that_is_not_stored_is_built_once_and_charged(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    node = ReducedFE(model="linear", surface="plane", position=(0.0, 0.0, 0.0), coarse=50)
+    seconds = bases.ready(node)
+    assert seconds > 0.0
+    assert bases.ready(node) == seconds
+    node.start()
+    with pytest.raises(Refused, match="palpate reduce"):
+        bases.ready(ReducedFE(surface="plane", position=(0.0, 0.0, 0.0), coarse=50))
+
+
+def test_what_condensing_smears_falls_with_the_square_of_the_distance_of_its_vertices():
+    """Of cells as they come out: errors of h² on surfaces of 150, 300 and 600 vertices."""
+    cells = [
+        Cell("indent", "ReducedFE-linear", "", f"condensed to {n} vertices", "basis", 1000.0,
+             errors={"force": {"rms": 90.0 / n, "worst": 0.0, "band": 0.0}}) for n in (150, 300, 600)
+    ]  # fmt: skip
+    assert studies(cells)[0].observed == pytest.approx(2.0)
+
+
+def test_the_finest_mesh_of_those_on_which_the_error_still_falls_is_not_called_the_model():
+    cells = [
+        Cell("indent", "MuJoCo", "", f"{n} cells a radius", "mesh", 1000.0, trace=[0.4 / n] * 200,
+             errors={"force": {"rms": 0.4 / n, "worst": 0.4 / n, "band": 0.001}}) for n in (1, 2, 3, 4)
+    ]  # fmt: skip
+    told_apart(cells)
+    assert [mostly(c) for c in cells] == ["discretisation"] * 2 + ["discretisation (mesh)"] * 2
+
+
+def test_a_body_whose_basis_is_too_coarse_is_not_called_a_wrong_model():
+    def cell(method, name, axis, error):
+        own = {"force": {"rms": error, "worst": error, "band": 0.001}}
+        return Cell("indent", method, "", name, axis, 1000.0, errors=own, trace=[error] * 200)
+
+    basis = [cell("ReducedFE-linear", f"condensed to {n} vertices", "basis", 90.0 / n) for n in (150, 300, 600)]
+    steps = [cell("ReducedFE", f"{rate} Hz", "step", 0.15) for rate in (500, 1000)]
+    springs = [cell("MassSpring", f"{rate} Hz", "step", 0.15) for rate in (500, 1000)]
+    told_apart([*basis, *steps, *springs])
+    assert mostly(steps[0]) == "discretisation (basis)"
+    assert mostly(basis[0]) == "discretisation"
+    assert mostly(springs[0]) == "model"

@@ -1,0 +1,121 @@
+"""Solvers that others wrote: they meet ours where they are installed, and a run of theirs that fails is charged."""
+
+import numpy as np
+import pytest
+from scipy.sparse import coo_matrix, diags
+from scipy.sparse.linalg import spsolve
+
+from palpate.physics.materials.hyperelastic import moduli
+from palpate.studies.accuracy import laboratory, methods, page
+from palpate.studies.accuracy.cells import Cell, one
+from palpate.studies.accuracy.continuum import BED, POISSON, YOUNG, Block, Nodule, press, tetrahedra
+from palpate.studies.accuracy.errors import MissingError
+from palpate.studies.accuracy.score import CHARGED
+from palpate.studies.accuracy.touches import TOUCHES
+from palpate.studies.peers import calculix, mujoco
+
+EDGES = [(0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)]
+FIRST = np.array([0.03, 0.1])
+with_calculix = pytest.mark.skipif(calculix.version() is None, reason=f"CalculiX: {calculix.INSTALL}")
+with_mujoco = pytest.mark.skipif(mujoco.version() is None, reason=f"MuJoCo 4: {mujoco.INSTALL}")
+
+
+def linear_tetrahedra(block, force):
+    """Indentation [m] of the block in linear elasticity on linear tetrahedra, assembled here."""
+    cut = tetrahedra(block)
+    corners = cut.mesh.elements[:, :4]
+    points = cut.mesh.points[: corners.max() + 1]
+    frame = points[corners[:, 1:]] - points[corners[:, :1]]
+    slope = np.linalg.inv(frame).transpose(0, 2, 1)
+    slope = np.concatenate([-slope.sum(axis=1, keepdims=True), slope], axis=1)  # (E,4,3)
+    shear, bulk = moduli(YOUNG, POISSON)
+    lame, eye = bulk - 2.0 * shear / 3.0, np.eye(3)
+    block_of = lame * np.einsum("eai,ebj->eaibj", slope, slope) + shear * (
+        np.einsum("eaj,ebi->eaibj", slope, slope) + np.einsum("eak,ebk,ij->eaibj", slope, slope, eye)
+    )
+    block_of = block_of * (np.abs(np.linalg.det(frame)) / 6.0)[:, None, None, None, None]
+    dof = (3 * corners[:, :, None] + np.arange(3)).reshape(len(corners), 12)
+    row, column = np.broadcast_arrays(dof[:, :, None], dof[:, None, :])
+    stiffness = coo_matrix((block_of.ravel(), (row.ravel(), column.ravel()))).tocsc()
+    bed = np.zeros(len(points))
+    a, b, c = (points[cut.under[:, k]] for k in range(3))
+    np.add.at(bed, cut.under[:, :3], BED * YOUNG / 6.0 * np.linalg.norm(np.cross(b - a, c - a), axis=1)[:, None])
+    ends = dict(zip(cut.mesh.elements[:, 4:].ravel(), corners[:, EDGES].reshape(-1, 2), strict=True))
+    hats = cut.unit[: len(points)].copy()
+    for node in range(len(points), len(cut.unit)):
+        hats[ends[node]] += cut.unit[node] / 2.0
+    free = np.flatnonzero(~cut.fixed[: len(points)].ravel())
+    whole = (stiffness + diags(np.repeat(bed, 3))).tocsc()[free][:, free]
+    moved = spsolve(whole, 0.5 * force * hats.ravel()[free])
+    return float(hats.ravel()[free] @ moved)
+
+
+@with_calculix
+@pytest.mark.parametrize(
+    "block", [Block(0.0, 1), Block(0.04, 1), Block(0.0, 1, Nodule())], ids=["middle", "edge", "nodule"]
+)
+def test_calculix_on_the_same_tetrahedra_meets_ours(block):
+    own, theirs = press(block, FIRST), calculix.press(block, FIRST)
+    assert theirs.indentation == pytest.approx(own.indentation, rel=3e-4)
+    assert theirs.shape == pytest.approx(own.shape, abs=1e-3 * own.shape.max())
+
+
+@with_calculix
+def test_a_run_of_calculix_that_breaks_down_is_charged_with_what_it_said(monkeypatch):
+    def crushing(block, levels):
+        return calculix.press(block, np.array([1e3]))
+
+    monkeypatch.setitem(laboratory.places.SOLVERS, "calculix", lambda block: crushing(block, None))
+    monkeypatch.setattr(laboratory.places, "_sources", lambda: "a test")
+    method = next(m for m in laboratory.methods() if m.name == "CalculiX")
+    cell = one(TOUCHES["indent"], method, method.fidelities[0])
+    assert cell.status == "failed"
+    assert "CalculiX came to 0 of 1 forces" in cell.why
+    assert cell.errors["force"]["rms"] == CHARGED
+
+
+@with_mujoco
+def test_mujoco_rests_where_linear_elasticity_on_linear_tetrahedra_does(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    force = 1e-3
+    found = mujoco.press(Block(0.0, 1), np.array([force])).indentation[0]
+    assert found == pytest.approx(linear_tetrahedra(Block(0.0, 1), force), rel=2e-3)
+    assert not list(tmp_path.iterdir())  # nor a file of warnings
+
+
+@with_mujoco
+def test_linear_tetrahedra_are_stiffer_than_quadratic_ones_and_come_nearer_on_a_finer_mesh():
+    right = press(Block(0.0, 3), FIRST[:1]).indentation
+    coarse, fine = (mujoco.press(Block(0.0, n), FIRST[:1]).indentation for n in (1, 2))
+    assert (coarse < fine).all() and (fine < right).all()
+
+
+@with_mujoco
+def test_a_harder_nodule_is_felt_by_mujoco():
+    with_nodule, without = (mujoco.press(Block(0.0, 1, nodule), FIRST[:1]).indentation for nodule in (Nodule(), None))
+    assert with_nodule < 0.9 * without
+
+
+@with_mujoco
+def test_elements_that_mujoco_turns_inside_out_are_a_failure():
+    with pytest.raises(ArithmeticError, match="inside out"):
+        mujoco.press(Block(0.0, 2), np.array([0.5, 0.9]), material="Saint Venant-Kirchhoff")
+
+
+def test_a_solver_that_is_not_installed_is_told_with_the_cure(monkeypatch):
+    monkeypatch.setattr(calculix.shutil, "which", lambda name: None)
+    with pytest.raises(MissingError, match="apt-get install calculix-ccx"):
+        calculix.press(Block(0.0, 1))
+    monkeypatch.setattr(mujoco, "version", lambda: None)
+    with pytest.raises(MissingError, match="pip install"):
+        mujoco.press(Block(0.0, 1))
+
+
+def test_the_page_says_how_to_install_what_is_missing_and_how_to_add_one(monkeypatch, tmp_path):
+    monkeypatch.setattr(page, "missing", lambda: ["CalculiX: apt-get install calculix-ccx"])
+    cell = one(TOUCHES["plate"], next(m for m in methods.standard() if m.name == "exponential"), methods.steps()[0])
+    assert isinstance(cell, Cell)
+    page.write([cell], {}, {}, tmp_path / "a.md")
+    text = (tmp_path / "a.md").read_text(encoding="utf-8")
+    assert "Not installed: CalculiX: apt-get install calculix-ccx" in text
+    assert "To add one" in text

@@ -1,0 +1,152 @@
+"""How seldom an effect may run: against the closed form of a signal that is held, and on whole touches."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from palpate.launch.__main__ import app
+from palpate.launch.load.launchfile import find
+from palpate.records.compare import compare
+from palpate.studies import rates
+from palpate.studies.search import touched
+
+SWING = """
+nodes:
+  source: {use: nodes_for_rates.Still}
+  swing:  {use: nodes_for_rates.Swing, in: {pose: source}, frequency: FREQUENCY}
+  log:    {use: logger.Mcap, in: all}
+wanted: [swing]
+"""
+
+
+def swing(write, tmp_path, frequency: float, *sets: str):
+    launch = find(str(write("swing.yaml", SWING.replace("FREQUENCY", str(frequency)))))
+    return touched(launch.but(duration=2.0, overrides=sets), tmp_path / "touch.mcap")
+
+
+def off(every: int, frequency: float) -> float:
+    """rms of sin(w t) - sin(w (t - k dt)), k = 0 ... every - 1 in turn, over whole periods at 1 kHz."""
+    turns = [1.0 - math.cos(2.0 * math.pi * frequency * k * 1e-3) for k in range(every)]
+    return math.sqrt(sum(turns) / every)
+
+
+@pytest.mark.parametrize("frequency", [0.5, 2.0, 11.0])
+@pytest.mark.parametrize("error", [0.01, 0.05, 0.3])
+def test_the_rate_is_the_lowest_that_keeps_the_error_of_a_signal_that_is_held(write, tmp_path, frequency, error):
+    (rate,) = rates.chosen(swing(write, tmp_path, frequency), error)
+    assert rate.constant == pytest.approx(math.sqrt(2.0) / (2.0 * math.pi * frequency), rel=2e-3)
+    assert rate.every == max(every for every in rates.LADDER if off(every, frequency) <= error)
+    assert rate.own == pytest.approx(off(rate.every, frequency) if rate.every > 1 else 0.0, rel=0.02)
+
+
+def test_a_lower_rate_in_the_graph_does_not_change_the_answer(write, tmp_path):
+    """The touch is computed at each tick first."""
+    fast, slow = (next(rates.chosen(swing(write, tmp_path, 2.0, f"swing.every={n}"), 0.05)) for n in (1, 50))
+    assert (slow.before, fast.before) == (50, 1)
+    assert (slow.every, slow.constant, slow.own) == (fast.every, pytest.approx(fast.constant), pytest.approx(fast.own))
+
+
+def test_what_does_nothing_keeps_its_rate(write, tmp_path):
+    (rate,) = rates.chosen(swing(write, tmp_path, 2.0, "swing.amplitude=0", "swing.every=5"), 0.05)
+    assert rate.every == 5 and math.isinf(rate.constant)
+
+
+def test_effects_of_the_force_path_are_told_by_what_the_force_loses(tmp_path):
+    recording = touched(find("kidney").but(duration=2.2, overrides=["scene.surface.vertices=400"]), tmp_path / "t.mcap")
+    picked = {rate.node: rate for rate in rates.chosen(recording, 0.02)}
+    assert set(picked) == {"friction", "tissue"}
+    assert picked["friction"].felt and 0.0 < picked["friction"].force <= 0.02 and picked["friction"].own == 0.0
+    assert picked["tissue"].force < 1e-9  # this body's law does not depend on what it did before
+    assert 0.0 < picked["tissue"].own <= 0.02  # but its shape is late
+    tight = list(rates.chosen(recording, 1e-6))
+    assert [rate.every for rate in tight] == [1, 1]
+    _, one = rates.together(recording, list(picked.values()), 0.02)
+    assert one.error <= 0.02
+    base, variant = compare(recording, [one.texts], reference=[rate.override(1) for rate in picked.values()])
+    for name, rate in picked.items():
+        steps = variant.nodes[name].count + 1  # of those that slept none is counted
+        assert rate.every > 1 and steps < base.nodes[name].count / rate.every * 1.2
+
+
+def test_together_runs_more_often_what_loses_most_until_the_error_is_kept(tmp_path):
+    recording = touched(find("kidney").but(duration=2.2, overrides=["scene.surface.vertices=400"]), tmp_path / "t.mcap")
+    slow = [
+        rates.Rate("friction", "friction", 1, True, 0.2, 200, 0.0, 0.3),
+        rates.Rate("tissue", "deformation", 1, True),
+    ]
+    picked, one = rates.together(recording, slow, 0.02)
+    assert 1 < picked[0].every < 200 and picked[1].every == 1
+    assert one.error <= 0.02
+
+
+def test_the_command_writes_what_it_promises_and_runs_it(tmp_path, write, monkeypatch):
+    graph = write("swing.yaml", SWING.replace("FREQUENCY", "2"))
+    file = tmp_path / "slow.yaml"
+    given = ["rates", str(graph), "--error", "5 %", "--duration", "1 s", "-o", str(file)]
+    ran = CliRunner().invoke(app, [*given, "--json"])
+    assert ran.exit_code == 0, ran.output
+    told = json.loads(ran.stdout)
+    assert told["set"] == {"swing.every": 10}
+    assert told["effects"][0]["error"] == pytest.approx(off(10, 2.0), rel=0.02)
+    assert find(str(file)).load().nodes["swing"].every == 10
+    (tmp_path / "work").mkdir()
+    monkeypatch.chdir(tmp_path / "work")
+    ran = CliRunner().invoke(app, given[:-2])
+    assert ran.exit_code == 0 and "113 ms" in ran.output and "promised" in ran.output
+    assert "palpate run runs/swing-rates.yaml" in ran.output and find("runs/swing-rates.yaml").duration == 1.0
+    assert [file.name for file in Path().iterdir()] == ["runs"]
+
+
+def spoilt(monkeypatch, times: int) -> None:
+    """The touch has a force with part in the error, and the first runs do not keep it."""
+    found, measured, left = rates.chosen, rates.ran, [times]
+
+    def ran(recording, picked):
+        one = measured(recording, picked)
+        if left[0]:
+            left[0] -= 1
+            return replace(one, error=1e3)
+        return one
+
+    monkeypatch.setattr(rates, "ran", ran)
+    monkeypatch.setattr(rates, "chosen", lambda *a: (replace(rate, force=0.04) for rate in found(*a)))
+
+
+def test_rates_that_no_run_keeps_are_raised_until_one_does(tmp_path, write, monkeypatch):
+    graph, file = write("swing.yaml", SWING.replace("FREQUENCY", "2")), tmp_path / "slow.yaml"
+    given = ["rates", str(graph), "--error", "5 %", "--duration", "1 s", "-o", str(file)]
+    spoilt(monkeypatch, 1)
+    ran = CliRunner().invoke(app, [*given, "--json"])
+    assert ran.exit_code == 0, ran.output
+    assert json.loads(ran.stdout)["set"] == {"swing.every": 5}  # 10, if the run had kept it
+    assert find(str(file)).load().nodes["swing"].every == 5
+
+
+def test_nothing_is_written_where_no_run_keeps_the_error(tmp_path, write, monkeypatch):
+    graph, file = write("swing.yaml", SWING.replace("FREQUENCY", "2")), tmp_path / "slow.yaml"
+    spoilt(monkeypatch, 100)
+    ran = CliRunner().invoke(app, ["rates", str(graph), "--error", "5 %", "--duration", "1 s", "-o", str(file)])
+    assert ran.exit_code == 1
+    assert "Nothing is written" in " ".join(ran.output.split()) and not file.exists()
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        (["kidney", "--error", "5"], "such as '1 %'"),
+        (["kidney", "--error", "0 %"], "such as '1 %'"),
+        (["kidney", "--error", "2 % force"], "such as '1 %'"),
+        (["fingertip-slide"], "no effect is a node of its own"),
+        (["falcon", "--set", "device.port=emulator"], "expected a simulated one"),
+    ],
+)
+def test_what_cannot_be_is_told_in_a_line(given, said):
+    ran = CliRunner().invoke(app, ["rates", *given])
+    assert ran.exit_code == 2
+    assert said in " ".join(ran.output.split())

@@ -1,0 +1,111 @@
+"""Table, pictures and page."""
+
+import json
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from palpate.launch.__main__ import app
+from palpate.studies.accuracy import methods, page, table
+from palpate.studies.accuracy.cells import one
+from palpate.studies.accuracy.errors import BenchError
+from palpate.studies.accuracy.outcome import Fidelity
+from palpate.studies.accuracy.pareto import front, point, summaries
+from palpate.studies.accuracy.touches import TOUCHES
+
+STANDARD = {m.name: m for m in methods.standard()}
+
+
+@pytest.fixture(scope="module")
+def cells():
+    own = [
+        ("ball", "hertz"),
+        ("ball", "MassSpring"),
+        ("ball", "exponential"),
+        ("plate", "exponential"),
+        ("plate", "hertz"),
+    ]
+    settings = [Fidelity(f"{r:g} Hz", "step", r, {"surface": {"vertices": 400}}) for r in (500.0, 1000.0)]
+    return [one(TOUCHES[t], STANDARD[m], f) for t, m in own for f in settings]
+
+
+def test_the_table_holds_what_the_pictures_show(cells, tmp_path):
+    table.write(cells, {"processor": "some", "commit": "abc"}, tmp_path / "a.csv")
+    again, about = table.read(tmp_path / "a.csv")
+    assert about == {"processor": "some", "commit": "abc"}
+    assert [point(c) for c in again] == [point(c) for c in cells]
+    assert [c.at_reference() for c in again] == [c.at_reference() for c in cells]
+    assert summaries(again) == summaries(cells)
+
+
+def test_a_file_that_is_no_table_is_told(tmp_path):
+    (tmp_path / "a.csv").write_text("1,2,3\n")
+    with pytest.raises(BenchError, match="not a table"):
+        table.read(tmp_path / "a.csv")
+
+
+def test_the_front_holds_what_nothing_beats():
+    points = [(1.0, 5.0), (2.0, 6.0), (3.0, 1.0), (3.0, 0.9), (4.0, 0.9), (0.5, 9.0)]
+    assert front(points) == [5, 0, 3]
+
+
+def test_labels_lie_on_neither_points_nor_one_another():
+    pytest.importorskip("matplotlib")
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    from palpate.studies.accuracy.labels import place
+
+    figure = Figure(figsize=(8, 5))
+    FigureCanvasAgg(figure)
+    axes = figure.subplots()
+    axes.set(xlim=(0, 1), ylim=(0, 1))
+    generator = np.random.default_rng(3)
+    points = [tuple(p) for p in 0.3 + 0.4 * generator.random((14, 2))]
+    boxes = place(axes, [(*p, f"a method, {k} Hz", "black") for k, p in enumerate(points)], points)
+    assert len(boxes) > 8
+    assert not any(a.overlaps(b) for i, a in enumerate(boxes) for b in boxes[:i])
+    for x, y in axes.transData.transform(points):
+        assert not any(b.x0 < x < b.x1 and b.y0 < y < b.y1 for b in boxes)
+
+
+def test_the_page_ends_with_what_it_does_not_cover(cells, tmp_path):
+    page.write(cells, {"processor": "some"}, {}, tmp_path / "a.md")
+    text = (tmp_path / "a.md").read_text(encoding="utf-8")
+    assert text.index("## ball") < text.index("## Not covered")
+    assert text.rstrip().endswith(page.NOT_COVERED[-1])
+    assert "at the reference" in text
+    assert "exponential law is charged: it is a fingertip's law" in text
+
+
+def test_the_command_makes_page_pictures_and_table(tmp_path, monkeypatch):
+    pytest.importorskip("matplotlib")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    given = ["bench", "accuracy", "--touch", "plate", "--method", "exponential", "--quick", "-o", str(tmp_path / "out")]
+    ran = CliRunner().invoke(app, [*given, "--json"])
+    assert ran.exit_code == 0, ran.output
+    told = json.loads(ran.stdout)
+    assert {c["fidelity"] for c in told["cells"]} == {"500 Hz", "1000 Hz"}
+    assert {"numpy", "processor", "commit", "seeds"} <= set(told["about"])
+    assert {p.name for p in (tmp_path / "out").iterdir()} >= {
+        "accuracy.md",
+        "accuracy.csv",
+        "plate.png",
+        "overview.png",
+    }
+
+
+@pytest.mark.parametrize(
+    ("given", "text"),
+    [
+        (["--touch", "rub"], "expected one of ball"),
+        (["--method", "magic"], "expected one of hertz"),
+        (["--body", "no_such_lab.Liver"], "not found"),
+        (["--body", "contact.Series"], "takes Load and sends Surface"),
+    ],
+)
+def test_wrong_names_are_told_with_the_right_ones(given, text):
+    ran = CliRunner().invoke(app, ["bench", "accuracy", *given])
+    assert ran.exit_code == 2
+    assert text in " ".join(ran.output.split())

@@ -1,0 +1,157 @@
+"""The body for a budget: what is picked, and what is told."""
+
+import json
+import math
+import os
+from dataclasses import replace
+
+import pytest
+import yaml
+from typer.testing import CliRunner
+
+from palpate.launch.__main__ import app
+from palpate.launch.load.launchfile import find
+from palpate.studies import tune
+from palpate.studies.search import SearchError, Trial, read_error, touched, write
+from palpate.studies.tune import QUANTITIES, Goal, body_of, candidates, pick
+
+FAST = Trial({"tissue.use": "deformation.MassSpring"}, 0.15, 30e-6, 60e-6)
+MIDDLE = Trial({"tissue.use": "deformation.ReducedFE", "tissue.every": 5}, 0.01, 50e-6, 100e-6)
+BEST = Trial({"tissue.use": "deformation.ReducedFE"}, 0.003, 100e-6, 200e-6)
+BROKEN = Trial({"tissue.use": "deformation.BeamBundle"}, 0.0, 0.0, 0.0, "too thick")
+ALL = [FAST, BROKEN, MIDDLE, BEST]
+
+
+@pytest.mark.parametrize(
+    ("goal", "chosen"),
+    [
+        (Goal(150e-6, None), MIDDLE),
+        (Goal(1e-3, None), BEST),
+        (Goal(None, 0.02), MIDDLE),
+        (Goal(None, 0.5), FAST),
+        (Goal(1e-3, 0.02), BEST),
+        (Goal(50e-6, None), None),
+        (Goal(80e-6, 0.02), None),
+    ],
+)
+def test_the_most_accurate_that_keeps_the_budget_or_the_cheapest_that_keeps_the_error(goal, chosen):
+    assert pick(ALL, goal) is chosen
+
+
+@pytest.mark.parametrize(
+    ("text", "share"), [("2 % force", (0.02, "force")), ("0.5% shape", (0.005, "shape")), ("3 %", (0.03, "force"))]
+)
+def test_an_error_is_a_share_of_a_quantity(text, share):
+    limit, quantity = read_error(text, QUANTITIES)
+    assert (pytest.approx(limit), quantity) == share
+
+
+@pytest.mark.parametrize("text", ["2", "force", "-1 % force", "2 % colour", "nan % force"])
+def test_an_error_that_is_none_is_told(text):
+    with pytest.raises(SearchError, match="such as '2 % force'"):
+        read_error(text, QUANTITIES)
+
+
+def test_a_graph_without_a_body_is_told():
+    with pytest.raises(SearchError, match="expected one deformable body"):
+        body_of(find("softness").load())
+
+
+def test_candidates_are_every_model_at_every_fidelity():
+    all_of_them = candidates(find("kidney").load())
+    assert len({json.dumps(c.overrides) for c in all_of_them}) == len(all_of_them) == 27
+    assert Trial({"tissue.use": "deformation.MassSpring"}) in all_of_them
+    assert all_of_them[0].overrides == {"tissue.use": "deformation.ReducedFE"}
+
+
+def test_what_is_written_is_a_launch_file_with_the_choice(tmp_path):
+    launch = find("kidney").but(duration=0.5, overrides=["scene.tissue.friction=false"])
+    write(launch, MIDDLE.overrides, ["why"], tmp_path / "tuned.yaml")
+    assert (tmp_path / "tuned.yaml").read_text().startswith("# why\n")
+    again = find(str(tmp_path / "tuned.yaml"))
+    graph = again.load()
+    assert again.duration == 0.5
+    assert graph.nodes["tissue"].every == 5
+    assert graph.nodes["tissue"].cls.__name__ == "ReducedFE"
+    assert yaml.safe_load((tmp_path / "tuned.yaml").read_text())["set"]["scene.tissue.friction"] is False
+
+
+def test_a_budget_is_promised_run_and_compared_with_what_came(tmp_path, monkeypatch):
+    monkeypatch.setattr(tune, "models", lambda: ["deformation.ReducedFE", "deformation.MassSpring"])
+    monkeypatch.setattr(tune, "COARSER", (10,))
+    monkeypatch.setattr(tune, "EVERY", (1, 5))
+    given = ["tune", "kidney", "--duration", "0.6 s", "--budget", "2 s", "-o", str(tmp_path / "t.yaml"), "--json"]
+    ran = CliRunner().invoke(app, given)
+    assert ran.exit_code == 0, ran.output
+    told = json.loads(ran.stdout)
+    errors = {json.dumps(c["set"]): c["error"] for c in told["candidates"]}
+    assert told["promised"]["error"] == min(errors.values())
+    assert told["promised"]["set"] == told["reference"]
+    assert told["came"]["error"] == pytest.approx(told["promised"]["error"], abs=1e-6)
+    assert math.isfinite(told["came"]["p99_s"])
+    assert CliRunner().invoke(app, ["check", str(tmp_path / "t.yaml")]).exit_code == 0
+
+
+def test_what_nothing_keeps_is_said(tmp_path, monkeypatch):
+    monkeypatch.setattr(tune, "models", lambda: ["deformation.MassSpring"])
+    monkeypatch.setattr(tune, "COARSER", (10,))
+    monkeypatch.setattr(tune, "EVERY", (1,))
+    given = ["tune", "kidney", "--duration", "0.6 s", "--budget", "1 us", "-o", str(tmp_path / "t.yaml")]
+    ran = CliRunner().invoke(app, given)
+    assert ran.exit_code == 1
+    assert "Nothing keeps 0.001 ms at p99 here." in " ".join(ran.output.split())
+    assert not (tmp_path / "t.yaml").exists()
+
+
+def test_a_busy_machine_is_named_as_the_likely_cause_where_the_budget_is_what_nothing_keeps(monkeypatch):
+    monkeypatch.setattr(os, "getloadavg", lambda: (9.0, 5.0, 1.0))
+    monkeypatch.setattr(os, "cpu_count", lambda: 2)
+    assert "load average is 9.0 on 2 cores" in tune.cause(ALL, Goal(10e-6, None))
+    assert tune.cause(ALL, Goal(None, 1e-4)) == ""  # the error: time has no part in it
+    assert tune.cause(ALL, Goal(10e-6, 1e-4)) == ""
+    monkeypatch.setattr(os, "getloadavg", lambda: (1.9, 5.0, 1.0))
+    assert tune.cause(ALL, Goal(10e-6, None)) == ""
+
+
+def test_a_node_that_no_body_makes_faster_is_named_before_the_machine(monkeypatch):
+    monkeypatch.setattr(os, "getloadavg", lambda: (9.0, 5.0, 1.0))
+    shown = [replace(one, slowest=("display", 600e-6)) for one in ALL]
+    assert "Node 'display' alone takes 600 us" in tune.cause(shown, Goal(0.5e-3, None))
+    assert "load average" in tune.cause(shown, Goal(0.7e-3, None))
+
+
+def test_the_slowest_node_beside_the_body_is_found(tmp_path):
+    launch = find("nodule").but(duration=1.0)
+    recording = touched(launch, tmp_path / "t.mcap")
+    base = Trial({"tissue.use": "deformation.MassSpring"})
+    wanted = Trial(base.overrides | {"scene.surface.vertices": 400})
+    one = tune.measured(recording, wanted, base, Goal(1.0, None), 0.0)
+    assert one.slowest[0] not in ("", "tissue")
+    assert 0.0 < one.slowest[1] < 1.0
+
+
+def test_a_touch_that_touches_nothing_is_told_instead_of_an_error_of_zero(tmp_path):
+    given = ["tune", "fingertip", "--duration", "0.1 s", "--budget", "1 s", "-o", str(tmp_path / "t.yaml")]
+    ran = CliRunner().invoke(app, given)
+    assert ran.exit_code == 2
+    assert "a longer one may: --duration" in " ".join(ran.output.split())
+
+
+def test_a_reason_that_settings_share_is_told_once(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setattr(tune, "models", lambda: ["deformation.ReducedFE", "deformation.MassSpring"])
+    monkeypatch.setattr(tune, "COARSER", (10,))
+    monkeypatch.setattr(tune, "EVERY", (1, 5))
+    given = ["tune", "nodule", "--duration", "1 s", "--budget", "2 s", "-o", str(tmp_path / "t.yaml")]
+    ran = CliRunner().invoke(app, given)
+    assert ran.exit_code == 0, ran.output
+    text = " ".join(ran.output.split())
+    assert "left out ReducedFE, 1000 vertices; ReducedFE, 1000 vertices, every 5:" in text
+    assert text.count("no reduced basis is stored") == 1
+    assert "MassSpring, 1000 vertices, of whose own error nothing is known." in text
+
+
+def test_it_asks_for_a_budget_or_an_error():
+    ran = CliRunner().invoke(app, ["tune", "kidney"])
+    assert ran.exit_code == 2
+    assert "--budget" in ran.output
