@@ -12,7 +12,7 @@ from typing import Annotated
 import msgspec
 
 from palpate.engine.graph import Graph
-from palpate.launch.load.launchfile import SOURCES, LaunchFile
+from palpate.launch.load.launchfile import LaunchFile
 from palpate.launch.load.plan import plan
 from palpate.launch.run.execute import execute
 from palpate.launch.run.launcher import Launcher
@@ -146,9 +146,7 @@ class Session(Live):
         self.number += 1
         self.record = self.folder / f"{self.launch.graph.stem}-{self.number}.mcap"
         try:
-            outcome = execute(
-                self.launch.but(record=self.record, only=SOURCES, place=self.touched.place), graph, watch=self.look
-            )
+            outcome = execute(self.launch.but(record=self.record, place=self.touched.place), graph, watch=self.look)
         finally:
             self.over()
         if self.keep and self.record.exists():
