@@ -30,6 +30,8 @@ def tree(tmp_path):
     (physics / "inner.py").write_text(INNER.format("3.0"))
     (physics / "outer.py").write_text(OUTER)
     (tmp_path / "palpate" / "__init__.py").touch()
+    (tmp_path / "palpate" / "models").mkdir()
+    (tmp_path / "palpate" / "models" / "__init__.py").touch()
     return tmp_path
 
 

