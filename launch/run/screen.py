@@ -15,7 +15,7 @@ from palpate.launch.run.result import Death, Result
 
 FULL_SCALE = 3.0  # [N] of the force bars, until a force goes beyond
 
-KERNELS = 120
+KERNELS = 175
 """About as many as the kidney graph compiles."""
 COMPILING = "compiling the kernels for this processor: once, a minute or two; later runs start at once"
 
