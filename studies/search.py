@@ -1,4 +1,4 @@
-"""Settings of a graph tried on one recorded touch: what `palpate tune`, `rates` and `plan --prove` have in common.
+"""Settings of a graph tried on one recorded touch: what `palpate tune`, `rates` and `plan --ablate` have in common.
 
 The touch is recorded once as the graph stands (`touched`), and each choice computes it again next to a reference
 (`compared`). A choice is written as a launch file (`write`) and run: the hand reacts to the force, so that the touch
