@@ -76,7 +76,7 @@ class Energy(Node):
         if self.bound and made > self.bound and not self._tripped:
             self._tripped = True
             self._news.append(
-                f"the {culprit} gave out {made * 1e3:.3g} mJ that it cannot have had, beyond the bound of "
+                f"the {culprit} generated {made * 1e3:.3g} mJ, above the bound of "
                 f"{self.bound * 1e3:.3g} mJ, at {force.time * 1e-9:.3f} s: the force goes to zero"
             )
         work, balance = books.step

@@ -41,7 +41,7 @@ def find(name: str | None = None) -> Running:
     if len(live_runs) == 1:
         return live_runs[0]
     if not live_runs:
-        which = f"no run {name!r} goes on" if name else "no run goes on"
+        which = f"run {name!r} is not active" if name else "no run is active"
         raise NoRun(f"{which} on this machine (a run with --fused has no sockets to listen to); "
                     "start one: palpate run kidney --clock real")  # fmt: skip
     raise NoRun(f"{len(live_runs)} runs go on: {', '.join(run.name for run in live_runs)}; name one with --run")

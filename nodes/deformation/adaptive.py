@@ -64,12 +64,12 @@ class Adaptive(ReducedFE):
         except BasisError as error:
             raise SettingError(f"{error}. {make}") from None
         if about.get("basis") != self.key():
-            raise SettingError(f"{path}: rungs of basis {about.get('basis')}, expected {self.key()}. {make}")
+            raise SettingError(f"{path}: fidelity levels of basis {about.get('basis')}, expected {self.key()}. {make}")
         return rungs
 
     def rungs_command(self) -> str:
         """What makes the rungs of its basis."""
-        return self.command().replace("palpate reduce", "palpate reduce --rungs", 1)
+        return self.command().replace("palpate reduce", "palpate reduce --levels", 1)
 
 
 def beside(basis: Path) -> Path:
