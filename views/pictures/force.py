@@ -39,7 +39,7 @@ def draw(touch: Touch) -> Figure | None:
         ways = [("the fingertip", contact["compression"], "compression of the fingertip  s1  [mm]")]
     band = beside(touch)
     count = len(ways) + (band is not None)
-    out = figure(5.75 * max(count, 1.4), 5.2, "Normal force while the finger presses and lets go")
+    out = figure(5.75 * max(count, 1.4), 5.2, "Normal force during loading and unloading")
     every = out.subplots(1, count, sharey=True, squeeze=False)[0]
     left = every[0]
     for axes, (whose, way, label) in zip(every, ways, strict=False):
@@ -85,7 +85,9 @@ def _band(axes: Axes, both: tuple[Columns, Columns], depth: str) -> None:
     if beyond.any():
         axes.axvspan(way[beyond].min(), way.max(), color=FAINT, alpha=0.4, linewidth=0, label="deeper than measured")
     whose = "fingertip  s1" if depth == "compression" else "tissue  s2"
-    axes.set(xlabel=f"{depth} of the {whose}  [mm]", title="how sure: beside a subject's band", xlim=(0.0, None))
+    axes.set(
+        xlabel=f"{depth} of the {whose}  [mm]", title="uncertainty: compared with a subject's band", xlim=(0.0, None)
+    )
     axes.tick_params(labelleft=True)
     axes.legend(loc="upper left")
 
