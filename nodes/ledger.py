@@ -15,7 +15,7 @@ PRESS = Wants("normal", "force", "compression", "indentation", "along", "stored"
 
 
 class Energy(Node):
-    """Keeps book of the energy of a touch: work of the hand, what fingertip, tissue and bristles hold and dissipate.
+    """Energy balance of a touch: work of the hand, what fingertip, tissue and bristles hold and dissipate.
 
     bound  energy that a part, or the display as a whole, may give out beyond what it had; beyond it the ledger trips
            for the rest of the run, and the controller that hears it takes the force to zero. 0: it never trips

@@ -125,7 +125,7 @@ def touched(launch: LaunchFile, file: Path) -> Recording:
     devices = [node for node, spec in graph.nodes.items() if spec.cls.hardware]
     if devices:
         raise SearchError(
-            f"{name}: node {devices[0]!r} talks to a device, and the touch is computed many times here; expected a "
+            f"{name}: node {devices[0]!r} drives a device, and the touch is computed many times here; expected a "
             f"simulated one: --set {devices[0]}.use=device.Simulated, or the graph kidney"
         )
     outcome = execute(replace(launch, record=file, place=FUSED, clock="simulated"))

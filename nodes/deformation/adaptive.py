@@ -19,7 +19,7 @@ from palpate.physics.bodies.sampled_body import SampledBasis, SampledBody
 
 
 class Adaptive(ReducedFE):
-    """The sampled body with as many of its modes in use, at each tick, as a stated error asks for.
+    """The sampled body with adaptive fidelity: at each tick as many modes as a given error requires.
 
     The error is that against all of its modes; what these miss of the full model is told with the basis. It is
     claimed in each message, and may be above what was asked for while a finer body takes over, and where `most`

@@ -189,7 +189,7 @@ def test_what_a_step_cannot_do_is_told():
     loop.close()
     with pytest.raises(StopIteration):
         next(loop)
-    with pytest.raises(palpate.PalpateError, match="talks to a device"):
+    with pytest.raises(palpate.PalpateError, match="drives a device"):
         next(palpate.steps("falcon"))
 
 
