@@ -40,7 +40,7 @@ def draw_walls(rows: list[dict[str, float]], path: Path) -> None:
             right.plot(*zip(*points, strict=True) if points else ([], []), mark, color=colour, linewidth=width,
                        markersize=3 + 1.5 * width)  # fmt: skip
         right.annotate(f"{f:g} Hz", (part[0]["delay"], max(part[0]["stable"], 1.0)), fontsize=9)
-    right.set(xlabel="delay [samples]", yscale="log", title=f"B = {least:g} N s/m; thicker: faster")
+    right.set(xlabel="delay [samples]", yscale="log", title=f"B = {least:g} N s/m; thicker: higher rate")
     drawn.savefig(path)
 
 

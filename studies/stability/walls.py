@@ -116,7 +116,7 @@ def answer(rows: list[dict[str, float]]) -> str:
     tried = "all walls tried" if min(one["commanded"] for one in part) >= HIGH else "most walls"
     return (
         f"At {rate:g} Hz and {delay:g} samples of delay this device renders walls up to {best['bare']:.3g} N/m without "
-        f"the controller (theory: {best['stable']:.3g}); with it, {tried}, of which the hand feels at most "
+        f"the controller (theory: {best['stable']:.3g}). With it, it renders {tried}; the hand feels at most "
         f"{best['controlled']:.3g} N/m."
     )
 

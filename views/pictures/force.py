@@ -48,7 +48,7 @@ def draw(touch: Touch) -> Figure | None:
                 _line(axes, way[other], contact["force"][other], contact["time"][other], FAINT, "other touches")
         _loop(axes, way[chosen], contact["force"][chosen], contact["time"][chosen])
         axes.set_xlabel(label)
-        axes.set_title(f"{whose}: {work(way[chosen], contact['force'][chosen]) * 1e3:.1f} mJ in the loop")
+        axes.set_title(f"{whose}: {work(way[chosen], contact['force'][chosen]) * 1e3:.1f} mJ of hysteresis")
         axes.set_ylim(bottom=0.0)
         axes.set_xlim(left=0.0)
     left.set_ylabel("normal force [N]")
@@ -106,12 +106,12 @@ def _loop(axes: Axes, way: np.ndarray, force: np.ndarray, time: np.ndarray) -> N
     axes.plot(way * 1e3, force, ".", color=NORMAL, alpha=0.12, markersize=2.5)
     smooth = smoothed(force, time)
     moves = movement(way, time)
-    for label, colour, which in (("in", TISSUE, 1), ("rest", FINGER, 0), ("out", NORMAL, -1)):
+    for label, colour, which in (("loading", TISSUE, 1), ("hold", FINGER, 0), ("unloading", NORMAL, -1)):
         part = moves == which
         # A line ends where the next begins.
         x = np.where(part | np.append(part[1:], False), way, np.nan) * 1e3
         axes.plot(x, smooth, color=colour, linewidth=2.4, label=label)
-        if label != "rest":
+        if label != "hold":
             _arrow(axes, way * 1e3, smooth, np.flatnonzero(part))
     if len(smooth):
         axes.fill(way * 1e3, smooth, color=INK, alpha=0.05, linewidth=0)
