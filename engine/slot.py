@@ -19,13 +19,13 @@ from palpate.engine.schedule import needed
 from palpate.engine.warm import warm
 from palpate.messages import Message, MessageError, check_finite, fields
 from palpate.messages.checks import finite_check
-from palpate.nodes.base import InputFault, Node, Observer, Port, inputs, outputs
+from palpate.nodes.base import InputError, Node, Observer, Port, inputs, outputs
 from palpate.physics.errors import PalpateError
 
 _set = msgspec.structs.force_setattr
 
 
-class NodeFault(PalpateError):
+class NodeError(PalpateError):
     """A node of the user's failed; the cause is its own error, `sys.exit` included: a node does not end a run."""
 
     def __init__(self, node: str, where: str, cause: BaseException | str) -> None:
@@ -163,7 +163,7 @@ class Slot:
         self.name, self.node, self.every, self.job = job.name, node, job.every, job
         kinds = outputs(type(node))
         if len(kinds) != len(job.streams):
-            raise NodeFault(job.name, "streams", f"found {len(job.streams)}, expected {len(kinds)}")
+            raise NodeError(job.name, "streams", f"found {len(job.streams)}, expected {len(kinds)}")
         self.outputs = [
             Output(stream, kind, stream in external) for stream, kind in zip(job.streams, kinds, strict=True)
         ]
@@ -207,29 +207,29 @@ class Slot:
 
     def start(self) -> None:
         """Start the node and warm it, so that no step compiles. What touches the world, a device or a file, is not
-        stepped before its time. NodeFault: it raised."""
+        stepped before its time. NodeError: it raised."""
         self.begin()
         if not (self.node.hardware or self.node.sink):
             warm(self.node)
             self.restart()
 
     def restart(self) -> None:
-        """Stop the node and start it anew. NodeFault: it raised."""
+        """Stop the node and start it anew. NodeError: it raised."""
         try:
             self.node.stop()
         except BaseException as error:
-            raise NodeFault(self.name, "stop", error) from error
+            raise NodeError(self.name, "stop", error) from error
         self.begin()
 
     def begin(self) -> None:
-        """Start the node as a new process would: without a step before. NodeFault: it raised."""
+        """Start the node as a new process would: without a step before. NodeError: it raised."""
         self.time = None
         for output in self.outputs:
             output.previous = output.last = None
         try:
             self.node.start()
         except BaseException as error:
-            raise NodeFault(self.name, "start", error) from error
+            raise NodeError(self.name, "start", error) from error
 
     def step(self, tick: int, at: int, messages: list[Message | None], nominal: float) -> None:
         """Run the node on these inputs and set its outputs. Where no time has passed since its last step, because the
@@ -238,7 +238,7 @@ class Slot:
         at       [ns] time of the tick on the graph's clock
         nominal  [s]  dt of the first step
 
-        NodeFault: the step raised, or sent what its type does not allow.
+        NodeError: the step raised, or sent what its type does not allow.
         """
         before = self.time
         outputs = self.outputs
@@ -256,12 +256,12 @@ class Slot:
                     answer = self._step(*messages, dt=dt) if self._takes_dt else self._step(*messages)
                     self.health.step.add(perf_counter_ns() - begun)
                     answers = (answer,) if self._single else self._several(answer, tick)
-            except NodeFault:
+            except NodeError:
                 raise
-            except InputFault as error:
-                raise NodeFault(error.source or self.name, f"input of {self.name!r} at tick {tick}", error) from error
+            except InputError as error:
+                raise NodeError(error.source or self.name, f"input of {self.name!r} at tick {tick}", error) from error
             except BaseException as error:
-                raise NodeFault(self.name, f"step at tick {tick}", error) from error
+                raise NodeError(self.name, f"step at tick {tick}", error) from error
         self.health.tick = tick
         if not outputs:
             return
@@ -288,7 +288,7 @@ class Slot:
         if not isinstance(answer, tuple) or len(answer) != len(self.outputs):
             kinds = ", ".join(output.kind.__name__ for output in self.outputs)
             description = f"{len(answer)} of them" if isinstance(answer, tuple) else type(answer).__name__
-            raise NodeFault(self.name, f"step at tick {tick}", f"answered {description}, expected a tuple of {kinds}")
+            raise NodeError(self.name, f"step at tick {tick}", f"answered {description}, expected a tuple of {kinds}")
         return answer
 
     def _other(self, output: Output, message: object, tick: int) -> Message:
@@ -296,13 +296,13 @@ class Slot:
         if isinstance(message, output.kind):  # it has been sent before, as a node's input, say
             return msgspec.structs.replace(message)
         description = "None before it had sent a message" if message is None else f"a {type(message).__name__}"
-        raise NodeFault(self.name, f"step at tick {tick}", f"answered {description}, expected a {output.kind.__name__}")
+        raise NodeError(self.name, f"step at tick {tick}", f"answered {description}, expected a {output.kind.__name__}")
 
     def _check(self, message: Message, tick: int) -> None:
         try:
             check_finite(message)
         except MessageError as error:
-            raise NodeFault(self.name, f"step at tick {tick}", error) from None
+            raise NodeError(self.name, f"step at tick {tick}", error) from None
 
 
 def _forces(message: Message) -> dict[str, float]:
@@ -325,13 +325,13 @@ class ObserverSlot:
         self.pending: list[tuple[str, int, bytes]] = []
 
     def observe(self, stream: str, tick: int, payload: bytes) -> None:
-        """Hand over one message. NodeFault: the observer raised."""
+        """Hand over one message. NodeError: the observer raised."""
         self.pending.append((stream, tick, payload))
         self.take()
 
     def take(self) -> None:
         """Hand over all pending messages, which costs half as much as one at a time; they count with the mean of their
-        durations. NodeFault: the observer raised."""
+        durations. NodeError: the observer raised."""
         if not self.pending:
             return
         observe, last, stream, tick = self.node.observe, self.last, "", -1
@@ -341,7 +341,7 @@ class ObserverSlot:
                 observe(stream, tick, payload)
                 last[stream] = tick
         except BaseException as error:
-            raise NodeFault(self.name, f"stream {stream!r} at tick {tick}", error) from error
+            raise NodeError(self.name, f"stream {stream!r} at tick {tick}", error) from error
         finally:
             count = len(self.pending)
             self.pending.clear()
@@ -350,11 +350,11 @@ class ObserverSlot:
 
 
 def make(job: NodeJob | ObserverJob) -> Node:
-    """The node that a job describes. NodeFault: its class or its settings are wrong."""
+    """The node that a job describes. NodeError: its class or its settings are wrong."""
     try:
         node = load_class(job.cls)(**job.settings)
     except BaseException as error:
-        raise NodeFault(job.name, "settings", error) from error
+        raise NodeError(job.name, "settings", error) from error
     if isinstance(job, NodeJob) and job.wanted is not None:
         node.wanted = frozenset(job.wanted)
     return node

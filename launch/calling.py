@@ -10,16 +10,12 @@ from typing import Any
 
 from palpate.launch.load.files import PLACES, SCENES, find_file
 from palpate.launch.load.launchfile import LaunchFile, find
-from palpate.launch.load.overrides import CallError, of_nodes
+from palpate.launch.load.overrides import of_nodes
 from palpate.launch.load.placement import FUSED
 from palpate.launch.load.units import UnitError, convert
 from palpate.launch.run.execute import execute
-from palpate.physics.errors import PalpateError
+from palpate.physics.errors import ArgumentError, RunError
 from palpate.views.run import Run
-
-
-class RunFailed(PalpateError, RuntimeError):
-    """A node failed during a run; what was recorded before stays in its file."""
 
 
 def run_and_open(
@@ -35,24 +31,24 @@ def run_and_open(
 ) -> Run:
     """Run a graph and open its recording; the arguments are those of `palpate.run`.
 
-    GraphError, CallError: what is wrong with them. RunFailed: which node failed. RecordingError: nothing was recorded.
+    GraphError, ArgumentError: what is wrong with them. RunError: which node failed. RecordingError: there is none.
     """
     if clock not in (None, "simulated", "real"):
-        raise CallError(f"clock: found {clock!r}, expected 'simulated' or 'real'")
+        raise ArgumentError(f"clock: found {clock!r}, expected 'simulated' or 'real'")
     file = Path(record) if record is not None else _fresh(Path(graph).stem)
     launch = described(graph, scene=scene, duration=duration, sets=sets, nodes=nodes)
     launch = launch.but(clock=clock, record=file, place=_place(place))
     if launch.duration is None:
-        raise CallError(f"{graph}: the graph has no duration, so the run would never end; pass duration=2.0 [s]")
+        raise ArgumentError(f"{graph}: the graph has no duration, so the run would never end; pass duration=2.0 [s]")
     if launch.place is None and launch.clock != "real" and not _hardware(launch):
         launch = launch.but(place=FUSED)  # the answer is the same, and no process has to start
     outcome = execute(launch)
     gc.unfreeze()  # a loop in this process has set aside what the caller made before it
     if not outcome.result.ok:
         kept = f" What was recorded before is in {outcome.recording}."
-        raise RunFailed("; ".join(map(str, outcome.result.deaths)) + kept)
+        raise RunError("; ".join(map(str, outcome.result.deaths)) + kept)
     if not outcome.ok:
-        raise RunFailed("; ".join(outcome.result.notes) or f"the recording {outcome.recording} is not whole")
+        raise RunError("; ".join(outcome.result.notes) or f"the recording {outcome.recording} is not whole")
     assert outcome.recording is not None
     return Run(outcome.recording)
 
@@ -65,9 +61,9 @@ def described(
     sets: Sequence[str],
     nodes: Mapping[str, str | Mapping[str, Any]],
 ) -> LaunchFile:
-    """The run that these arguments of `palpate.run` describe. GraphError, CallError: what is wrong with them."""
+    """The run that these arguments of `palpate.run` describe. GraphError, ArgumentError: what is wrong with them."""
     if isinstance(sets, str):
-        raise CallError(f"sets: found the text {sets!r}, expected a list of texts, [{sets!r}]")
+        raise ArgumentError(f"sets: found the text {sets!r}, expected a list of texts, [{sets!r}]")
     return find(str(graph)).but(
         overrides=[*sets, *of_nodes(nodes)],
         scene=None if scene is None else find_file(scene, SCENES, what="scene"),
@@ -99,7 +95,7 @@ def _seconds(duration: float | str) -> float:
     try:
         length = convert(str(duration), "s")
     except UnitError as error:
-        raise CallError(f"duration: {error}") from None
+        raise ArgumentError(f"duration: {error}") from None
     if not 1e-9 <= length <= 1e9:
-        raise CallError(f"duration: found {duration!r}, expected a time from 1e-9 to 1e9 s")
+        raise ArgumentError(f"duration: found {duration!r}, expected a time from 1e-9 to 1e9 s")
     return length

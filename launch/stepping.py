@@ -14,9 +14,8 @@ from typing import Any
 
 from palpate.engine.faults import choices
 from palpate.engine.schedule import nanoseconds
-from palpate.engine.slot import NodeFault, Slot
+from palpate.engine.slot import NodeError, Slot
 from palpate.launch.calling import described
-from palpate.launch.load.overrides import CallError
 from palpate.launch.load.placement import fused
 from palpate.launch.load.plan import plan
 from palpate.launch.load.recording import set_recording
@@ -27,6 +26,7 @@ from palpate.launch.run.worker import Worker
 from palpate.messages import Message
 from palpate.nodes.base import SettingError, settings
 from palpate.nodes.base.node import convert as settled
+from palpate.physics.errors import ArgumentError
 
 
 class Tick:
@@ -44,9 +44,9 @@ class Tick:
         self.streams = list(worker.outputs)
 
     def __getitem__(self, stream: str) -> Message | None:
-        """CallError: there is no such stream; names the nearest."""
+        """ArgumentError: there is no such stream; names the nearest."""
         if stream not in self._worker.outputs:
-            raise CallError(f"no stream {stream!r}. {choices('Streams', str(stream), self.streams)}")
+            raise ArgumentError(f"no stream {stream!r}. {choices('Streams', str(stream), self.streams)}")
         return self._worker.outputs[stream].last
 
     def __getattr__(self, name: str) -> Message | None:
@@ -54,7 +54,7 @@ class Tick:
             raise AttributeError(name)
         try:
             return self[name]
-        except CallError as error:
+        except ArgumentError as error:
             raise AttributeError(str(error)) from None
 
     def __dir__(self) -> list[str]:
@@ -64,7 +64,7 @@ class Tick:
         return f"<tick {self.number} at {self.time:.6g} s: {', '.join(self.streams)}>"
 
     def settings(self, node: str) -> dict[str, Any]:
-        """The settings of a node as they are now, in SI units. CallError: no such node."""
+        """The settings of a node as they are now, in SI units. ArgumentError: no such node."""
         own = self._slot(node).node
         return {name: getattr(own, name) for name in settings(type(own))}
 
@@ -72,8 +72,8 @@ class Tick:
         """Give a node other settings from the next tick on: numbers in SI units, or texts with a unit. The node is
         started anew with them, so its state is that of the beginning; all others go on.
 
-        CallError: no such node. SettingError: no such setting, or not its value; the old ones stay. NodeFault: the node
-        does not start with them, which ends the loop.
+        ArgumentError: no such node. SettingError: no such setting, or not its value; the old ones stay. NodeError: the
+        node does not start with them, which ends the loop.
         """
         slot = self._slot(node)
         own, known = slot.node, settings(type(slot.node))
@@ -88,13 +88,13 @@ class Tick:
                 setattr(own, name, value)
             own.start()
         except Exception as error:
-            raise NodeFault(node, "start", error) from error
+            raise NodeError(node, "start", error) from error
         slot.time = None
 
     def _slot(self, node: str) -> Slot:
         names = {slot.name: slot for slot in self._worker.slots}
         if node not in names:
-            raise CallError(f"there is no running node {node!r}. {choices('Nodes', str(node), names)}")
+            raise ArgumentError(f"there is no running node {node!r}. {choices('Nodes', str(node), names)}")
         return names[node]
 
 
@@ -108,7 +108,7 @@ def steps(
 ) -> Iterator[Tick]:
     """Run a graph in this process on simulated time, one tick for each step of the loop; arguments as `palpate.run`.
 
-    GraphError, CallError: what is wrong with them. NodeFault: a node failed.
+    GraphError, ArgumentError: what is wrong with them. NodeError: a node failed.
     """
     launch = described(graph, scene=scene, duration=duration, sets=sets, nodes=nodes)
     loaded = launch.load()
@@ -117,7 +117,7 @@ def steps(
     devices = [name for name in planned.order if planned.graph.nodes[name].cls.hardware]
     if devices or launch.clock == "real":
         what = f"{devices[0]!r} drives a device" if devices else "clock: real"
-        raise CallError(f"{graph}: stepping needs simulated time, but {what}; run it with palpate.run")
+        raise ArgumentError(f"{graph}: stepping needs simulated time, but {what}; run it with palpate.run")
     ticks = None if launch.duration is None else max(1, round(launch.duration * loaded.rate))
     (job,) = jobs(planned, fused(planned), ticks=ticks)
     return _ticks(Worker(job, None, lambda report: None))

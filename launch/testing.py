@@ -16,7 +16,7 @@ import msgspec
 
 from palpate.engine.job import NodeJob
 from palpate.engine.schedule import nanoseconds
-from palpate.engine.slot import NodeFault, Slot
+from palpate.engine.slot import NodeError, Slot
 from palpate.messages import Message, pack, unpack
 from palpate.nodes.base import Node, inputs, outputs
 
@@ -45,7 +45,7 @@ class FakeBus:
         self.slot = Slot(NodeJob(name, "", {}, 1, (), streams), node, ())
         try:
             self.slot.start()
-        except NodeFault as fault:
+        except NodeError as fault:
             raise _cause(fault) from None
         for name, message in held.items():
             self.hold(name, message)
@@ -150,12 +150,12 @@ class FakeBus:
             self.tick += 1
         try:
             self.slot.step(tick, time, list(messages.values()), 1.0 / self.rate)
-        except NodeFault as fault:
+        except NodeError as fault:
             raise _cause(fault) from None
         sent = [unpack(pack(output.last), output.kind) for output in self.slot.outputs if output.last is not None]
         return tuple(sent) if len(sent) != 1 else sent[0]
 
 
-def _cause(fault: NodeFault) -> BaseException:
+def _cause(fault: NodeError) -> BaseException:
     """The node's own error."""
     return fault.cause if isinstance(fault.cause, BaseException) else TypeError(fault.cause)

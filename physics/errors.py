@@ -1,14 +1,31 @@
-"""The root of all errors that palpate raises on purpose: what a user can do something about.
+"""The errors that palpate raises on purpose: what a caller can tell apart and do something about.
 
     PalpateError
-      MaterialError  FingertipError  BasisError            physics
-      MeshError  ConvergenceError  RunError                finite elements
-      SessionError  FitError  ScanError                    measurements
-      SettingError  NodeFault  DeviceError                 nodes and devices
-      GraphError  ClassError  UnitError                    graphs, scenes, placements, launch files
-      RecordingError  NoRun  PortInUse  NoMesh  NoRendering
+      ArgumentError     an argument of a function or a command that cannot be used
+        MissingError    an outside solver or a stored reference that is not there
+        RefusedError    a touch that a method cannot compute
+      SettingError      a setting of a node
+      UnitError         a quantity
+      ClassError        a `use:` that names no usable class
+      GraphError        a graph, scene, placement or launch file, with all its faults
+      InputError        a message that a node cannot use
+      NodeError         a node that failed, with its cause
+      DeviceError       a device that is not there, or lost
+      RunError          a run that cannot begin, failed, or is not to be found
+      RecordingError    a recording that cannot be read, or lacks what is wanted
+      PictureError      what cannot be drawn
+      PageError         what cannot be shown in a browser
+      ArchiveError      a stored basis or table
+      FingertipError    the surfaces of a fingertip
+      MaterialError     the constants of a material
+      MeshError         a mesh
+      ConvergenceError  a load step that fails however small
+      ScanError         images of a scan
+      SessionError      measured indentations
+      FitError          data that cannot determine a model
 
-`MessageError` stands apart, as `palpate.messages` imports nothing of ours.
+Each is declared where it is first raised; those that several rooms raise stand below. `MessageError` stands apart, as
+`palpate.messages` imports nothing of ours.
 """
 
 from __future__ import annotations
@@ -37,3 +54,19 @@ class PalpateError(Exception):
     def to_spec(self) -> dict[str, Any]:
         """Plain data for programs."""
         return {"error": type(self).__name__, "text": str(self)}
+
+
+class ArgumentError(PalpateError, ValueError):
+    """An argument of a function or a command that cannot be used; says what was expected."""
+
+    exit_code = MISUSE
+
+
+class MeshError(PalpateError, ValueError):
+    """A mesh that cannot be used; says which element or face, and where."""
+
+    exit_code = MISUSE
+
+
+class RunError(PalpateError, RuntimeError):
+    """A run that cannot begin, failed, or is not to be found. What was recorded before stays in its file."""

@@ -94,7 +94,7 @@ def compare(
     reference  overrides of the one that the others are held against; None: the first of the variants
     look       told at each tick, with the nodes of all that are returned
 
-    RecordingError, GraphError: what does not fit. NodeFault: a node raised.
+    RecordingError, GraphError: what does not fit. NodeError: a node raised.
     """
     wanted = [tuple(given) for given in ([reference] if reference is not None else []) + list(variants)]
     if not wanted or (reference is None and len(wanted) < 2):

@@ -16,7 +16,7 @@ import numpy as np
 
 from palpate.engine.provenance import made_by, rounding
 from palpate.engine.schedule import nanoseconds
-from palpate.engine.slot import NodeFault
+from palpate.engine.slot import NodeError
 from palpate.messages import MessageError, fields, unpack
 from palpate.records.copy import begin_copy, write_json
 from palpate.records.format.head import head_of, is_head
@@ -91,7 +91,7 @@ class _Filling:
                 if agreed:
                     yield from pending
                     pending = []
-        except NodeFault as fault:
+        except NodeError as fault:
             raise RecordingError(f"{self.stored.path}: computing it again failed: {fault}") from fault
         finally:
             self.player.stop()

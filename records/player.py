@@ -17,7 +17,7 @@ from palpate.engine.imports import UntrustedError, check_trusted, recorded_class
 from palpate.engine.job import node_job
 from palpate.engine.plan import Plan
 from palpate.engine.schedule import needed
-from palpate.engine.slot import Input, NodeFault, Slot
+from palpate.engine.slot import Input, NodeError, Slot
 from palpate.messages import Message, MessageError, pack, unpack
 from palpate.nodes.base import Node, SettingError, inputs
 from palpate.records.format.head import Head, head_of
@@ -38,7 +38,7 @@ class Part:
         try:
             self.slot = Slot(job, plan.make(name), {})
             self.slot.wire({})
-        except (NodeFault, SettingError, TypeError) as error:
+        except (NodeError, SettingError, TypeError) as error:
             raise RecordingError(
                 f"node {name!r} ({job.cls}) no longer fits the recording: {error}. "
                 "Its streams can still be played (--only the others), read and exported."
@@ -124,7 +124,7 @@ class Player:
         )
 
     def start(self) -> None:
-        """Start all nodes. NodeFault: one raised."""
+        """Start all nodes. NodeError: one raised."""
         for part in self.parts:
             part.slot.start()
 
@@ -145,7 +145,7 @@ class Player:
                 self.history[stream].add(message)
 
     def step(self, tick: int, payloads: dict[str, bytes], now: int | None = None) -> dict[str, bytes]:
-        """Run all nodes that step at this tick; what they send, in its wire form. NodeFault: one raised.
+        """Run all nodes that step at this tick; what they send, in its wire form. NodeError: one raised.
 
         now  [ns] the tick's time, if the payloads do not say it
         """
@@ -163,7 +163,7 @@ class Player:
         return sent
 
     def step_one(self, part: Part, tick: int, payloads: dict[str, bytes], now: int) -> bool:
-        """Run one node, if it steps at this tick. MissingInput, NodeFault."""
+        """Run one node, if it steps at this tick. MissingInput, NodeError."""
         own = next((payloads[s] for s in part.streams if s in payloads), None) if part.as_recorded else None
         head = None
         if own is not None:

@@ -70,7 +70,7 @@ class Replay:
         self.seconds = self.wall = 0.0
 
     def run(self, shown: Shown = lambda tick, time, messages: True) -> None:
-        """Play once. NodeFault: a node raised."""
+        """Play once. NodeError: a node raised."""
         player = self.player = Player(self.recording, self.plan, self.running, live=True)
         reports = self.reports = {part.name: NodeReport() for part in player.parts}
         scales: dict[tuple[str, str], float] = {}

@@ -10,7 +10,7 @@ import msgspec
 import numpy as np
 
 from palpate.engine.plan import Plan
-from palpate.engine.slot import NodeFault
+from palpate.engine.slot import NodeError
 from palpate.messages import Message, MessageError, fields, pack, unpack
 from palpate.messages.base import HEADER
 from palpate.records.instants import instants, last_tick
@@ -135,7 +135,7 @@ def verify(
                 except MissingInput as missing:
                     own.stopped = f"from tick {tick} on: {missing} is not in the file"
                     continue
-                except NodeFault as fault:
+                except NodeError as fault:
                     own.differing += 1
                     own.first = own.first or Difference(
                         part.streams[0], tick, "step", "1", "an answer", str(fault.cause)

@@ -22,11 +22,12 @@ from palpate.engine.plan import Plan
 from palpate.launch.load.launchfile import LaunchFile
 from palpate.messages import Field, Message, fields
 from palpate.nodes.base import inputs
+from palpate.physics.errors import ArgumentError
 from palpate.records.changed import changed
 from palpate.records.compare import apart, compare
 from palpate.records.player import Player
 from palpate.records.reader import Recording
-from palpate.studies.search import Found, SearchError, Show, Trial, off_by, touched, write
+from palpate.studies.search import Found, Show, Trial, off_by, touched, write
 
 LADDER = (1, 2, 5, 10, 20, 50, 100, 200, 500)
 """Divisors of the graph's rate that are tried."""
@@ -85,7 +86,7 @@ def rates(launch: LaunchFile, error: float, file: Path, show: Show = lambda what
 
 
 def effects_of(plan: Plan) -> list[Rate]:
-    """Each running node that is an effect as a whole. SearchError: there is none."""
+    """Each running node that is an effect as a whole. ArgumentError: there is none."""
     path = force_path(plan)
     nodes = [plan.graph.nodes[name] for name in plan.order]
     told = [
@@ -94,7 +95,7 @@ def effects_of(plan: Plan) -> list[Rate]:
         if spec.cls.effect and not (spec.cls.paced or spec.cls.hardware)
     ]
     if not told:
-        raise SearchError(
+        raise ArgumentError(
             f"{plan.graph.path}: no effect of this graph is a node of its own, so there is no rate to choose; "
             "`palpate plan` shows the effects of a graph"
         )

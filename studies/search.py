@@ -15,22 +15,15 @@ from typing import Any
 
 import yaml
 
-from palpate.engine.slot import NodeFault
 from palpate.launch.load.launchfile import LaunchFile
 from palpate.launch.load.placement import FUSED
 from palpate.launch.run.execute import execute
-from palpate.physics.errors import MISUSE, PalpateError
+from palpate.physics.errors import ArgumentError, PalpateError
 from palpate.records.compare import Variant, compare
 from palpate.records.reader import Recording, RecordingError
 
 Show = Callable[[str], None]
 """Called with the name of what was done."""
-
-
-class SearchError(PalpateError, ValueError):
-    """A goal that cannot be read, or a graph in which there is nothing to choose; says what would do."""
-
-    exit_code = MISUSE
 
 
 @dataclass(frozen=True)
@@ -79,7 +72,7 @@ class Found:
 
 
 def read_error(text: str, quantities: Sequence[str] = ()) -> tuple[float, str]:
-    """Share [1] and quantity of '2 % force'; without quantities to choose from, of '1 %'. SearchError: it is none."""
+    """Share [1] and quantity of '2 % force'; without quantities to choose from, of '1 %'. ArgumentError: it is none."""
     number, sign, rest = text.partition("%")
     quantity = rest.strip() or "force"
     try:
@@ -88,7 +81,7 @@ def read_error(text: str, quantities: Sequence[str] = ()) -> tuple[float, str]:
         share = math.nan
     if not 0.0 < share < 1.0 or not sign or quantity not in (quantities or ("force",)) or (rest and not quantities):
         example = f"'2 % force'; of {', '.join(quantities)}" if quantities else "'1 %'"
-        raise SearchError(
+        raise ArgumentError(
             f"error: found {text!r}, expected a share of a peak, above 0 and below 100, such as {example}"
         )
     return share, quantity
@@ -111,27 +104,27 @@ def compared(
         base, variant = compare(recording, [texts], reference=reference)
     except RecordingError:
         raise
-    except (PalpateError, NodeFault) as error:
+    except PalpateError as error:
         return str(error)
     return base, variant
 
 
 def touched(launch: LaunchFile, file: Path) -> Recording:
-    """One run of the graph, in this process, recorded. SearchError: it has no end, it failed, or it would move a
+    """One run of the graph, in this process, recorded. ArgumentError: it has no end, it failed, or it would move a
     device."""
     name, graph = launch.path or launch.graph, launch.load()
     if launch.duration is None:
-        raise SearchError(f"{name}: it runs without end; give the length of the touch: --duration '5 s'")
+        raise ArgumentError(f"{name}: it runs without end; give the length of the touch: --duration '5 s'")
     devices = [node for node, spec in graph.nodes.items() if spec.cls.hardware]
     if devices:
-        raise SearchError(
+        raise ArgumentError(
             f"{name}: node {devices[0]!r} drives a device, and the touch is computed many times here; expected a "
             f"simulated one: --set {devices[0]}.use=device.Simulated, or the graph kidney"
         )
     outcome = execute(replace(launch, record=file, place=FUSED, clock="simulated"))
     if not outcome.result.ok or outcome.recording is None:
         why = outcome.result.deaths[0] if outcome.result.deaths else "it was interrupted"
-        raise SearchError(f"{name}: the run of the touch failed: {why}")
+        raise ArgumentError(f"{name}: the run of the touch failed: {why}")
     return Recording(file)
 
 

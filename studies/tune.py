@@ -12,18 +12,17 @@ from pathlib import Path
 from typing import Any
 
 from palpate.engine.graph import Graph
-from palpate.engine.slot import NodeFault
 from palpate.launch.load.launchfile import LaunchFile
 from palpate.launch.run.busy import busy
 from palpate.messages import Surface
 from palpate.nodes.base import SettingError
 from palpate.nodes.deformation import ReducedFE, models
 from palpate.nodes.deformation.basis_store import shipped
-from palpate.physics.errors import PalpateError
+from palpate.physics.errors import ArgumentError, PalpateError
 from palpate.records.changed import changed
 from palpate.records.compare import Variant
 from palpate.records.reader import Recording
-from palpate.studies.search import Found, SearchError, Show, Trial, compared, touched, write
+from palpate.studies.search import Found, Show, Trial, compared, touched, write
 
 COARSER = (1, 3, 10)
 """By what the number of the surface's vertices is divided."""
@@ -98,10 +97,10 @@ def title(one: Trial) -> str:
 
 
 def body_of(graph: Graph) -> str:
-    """Name of the node that sends `Surface`. SearchError: there is none."""
+    """Name of the node that sends `Surface`. ArgumentError: there is none."""
     names = [name for name, spec in graph.nodes.items() if Surface in spec.streams.values()]
     if len(names) != 1:
-        raise SearchError(
+        raise ArgumentError(
             f"{graph.path}: {len(names)} nodes send Surface, expected one deformable body; kidney, nodule and "
             "fingertip have one"
         )
@@ -131,10 +130,10 @@ def reference(recording: Recording, wanted: list[Trial]) -> Trial:
         try:
             spec = _body(recording, one)
             spec.cls(**spec.settings).start()
-        except (PalpateError, NodeFault):
+        except PalpateError:
             continue
         return one
-    raise SearchError(f"{recording.path}: none of the models fits this graph")
+    raise ArgumentError(f"{recording.path}: none of the models fits this graph")
 
 
 def _body(recording: Recording, one: Trial) -> Any:
@@ -166,9 +165,9 @@ def measured(recording: Recording, one: Trial, base: Trial, goal: Goal, claimed:
 
 
 def judged(one: Trial, base: Variant, variant: Variant, goal: Goal, claimed: float) -> Trial:
-    """With error and times of what it gave. SearchError: nothing was touched, so that no error can be told."""
+    """With error and times of what it gave. ArgumentError: nothing was touched, so that no error can be told."""
     if not getattr(variant, goal.quantity).scale > 0.0:
-        raise SearchError(
+        raise ArgumentError(
             f"the touch has no {goal.quantity} from its begin to its end, expected one that presses the body; a longer "
             "one may: --duration '3 s'"
         )
@@ -216,5 +215,5 @@ def _came(launch: LaunchFile, chosen: Trial, base: Trial, goal: Goal, file: Path
     recording = touched(launch.but(overrides=chosen.texts), file)
     both = compared(recording, [], back.texts)
     if isinstance(both, str):
-        raise SearchError(f"{launch.path or launch.graph}: the run of the choice cannot be computed again: {both}")
+        raise ArgumentError(f"{launch.path or launch.graph}: the run of the choice cannot be computed again: {both}")
     return judged(chosen, *both, goal, claim(recording, back))

@@ -33,7 +33,7 @@ class Run(samples.Run):
 
     def plot(self, *names: str, over: str | None = None) -> Figure:
         """Fields over time, or over another field: `plot("contact.force", over="contact.indentation")`. One axis each,
-        in the look of all pictures. PlotError: what cannot be drawn, and why."""
+        in the look of all pictures. PictureError: what cannot be drawn, and why."""
         from palpate.views.pictures.plot import plot
 
         return plot(self, names, over)

@@ -17,9 +17,8 @@ from palpate.launch.load.launchfile import find, names
 from palpate.launch.run.execute import execute
 from palpate.messages import Contact, Pose
 from palpate.records.reader import Recording
-from palpate.views.pictures import draw
+from palpate.views.pictures import PictureError, draw
 from palpate.views.pictures.film import picture
-from palpate.views.pictures.moments import NoMesh
 from palpate.views.run import Run
 
 FOLDER = Path(__file__).parent
@@ -42,7 +41,7 @@ def drawn(name: str, folder: Path) -> Path:
             contact = recording.columns(touch)
             picture(file, float(contact["time"][contact["indentation"].argmax()]), target)
             return target
-    except NoMesh:
+    except PictureError:
         pass
     made = {path.stem: path for path in draw(file, folder)}
     if not made:

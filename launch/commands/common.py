@@ -119,7 +119,7 @@ def chosen(
 def with_own_organ(
     launch: LaunchFile, file: Path | None, unit: str | None, repair: bool, silent: bool = False
 ) -> tuple[LaunchFile, list[str]]:
-    """The run with the organ of a mesh file, and what was done to it. OrganError, SettingError: it cannot be used."""
+    """The run with the organ of a mesh file, and what was done to it. MeshError, SettingError: it cannot be used."""
     if file is None:
         if unit is not None or repair:
             raise typer.BadParameter(f"{'--repair' if repair else '--unit'} needs --organ FILE")

@@ -61,8 +61,9 @@ def _running(stream: str, run: str | None) -> Iterator[Message]:
 
     from palpate.engine.faults import choices
     from palpate.launch.run.bus import HEALTH
-    from palpate.launch.run.discover import NoRun, find, hear
+    from palpate.launch.run.discover import find, hear
     from palpate.messages import Health, unpack
+    from palpate.physics.errors import RunError
 
     live_run = find(run)
     kind: type[Message] | None = Health if stream == HEALTH else None
@@ -78,7 +79,7 @@ def _running(stream: str, run: str | None) -> Iterator[Message]:
             source = msgspec.msgpack.decode(payload)["source"]
             reports[source] = reports.get(source, 0) + 1
             if reports[source] > 5 and stream.partition(".")[0] not in reports:
-                raise NoRun(f"run {live_run.name} has no stream {stream!r}. {choices('Nodes', stream, reports)}")
+                raise RunError(f"run {live_run.name} has no stream {stream!r}. {choices('Nodes', stream, reports)}")
 
 
 def _type_of(payload: bytes) -> type[Message]:

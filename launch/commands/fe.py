@@ -102,12 +102,13 @@ def table(
     """
     import numpy as np
 
-    from palpate.models.fe.study.press_record import LEVELS, Run, RunError
+    from palpate.models.fe.study.press_record import LEVELS, Run
+    from palpate.physics.errors import ArgumentError
 
     runs = {"steel": Run(steel), "silicone": Run(silicone)}
     ratio = _check_pair(runs, scaled=True)
     if to.suffix != ".npz":
-        raise RunError(f"--to {to}: expected a name that ends in .npz")
+        raise ArgumentError(f"--to {to}: expected a name that ends in .npz")
     records = {"steel": runs["steel"].record().softened(ratio), "silicone": runs["silicone"].record()}
     data = {"levels": LEVELS}
     for plate, record in records.items():
@@ -248,18 +249,19 @@ def _pictures(runs: dict[str, Run], folder: Path) -> list[Path]:
 
 def _check_pair(runs: dict[str, Run], scaled: bool = False) -> float:
     """Whether the runs are of one finger on these plates; the ratio of the divisors, which is 1 unless it may be
-    scaled. RunError: they are not."""
-    from palpate.models.fe.study.press_record import RunError, differing
+    scaled. ArgumentError: they are not."""
+    from palpate.models.fe.study.press_record import differing
+    from palpate.physics.errors import ArgumentError
 
     run_settings = {plate: run.settings() for plate, run in runs.items()}
     for plate, settings in run_settings.items():
         if settings.get("plate") != plate:
-            raise RunError(f"{runs[plate].folder}: a run on {settings.get('plate')}, expected one on {plate}")
+            raise ArgumentError(f"{runs[plate].folder}: a run on {settings.get('plate')}, expected one on {plate}")
     hard, soft = ({k: v for k, v in s.items() if k != "plate"} for s in run_settings.values())
     ratio = float(soft["divisor"]) / float(hard["divisor"])
     if scaled:
         hard |= {"divisor": soft["divisor"]}
     other = differing(hard, soft)
     if other is not None:
-        raise RunError(f"{other[0]} is {other[1]} on steel, {other[2]} on silicone; expected the same in both")
+        raise ArgumentError(f"{other[0]} is {other[1]} on steel, {other[2]} on silicone; expected the same in both")
     return ratio

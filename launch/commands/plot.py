@@ -18,12 +18,12 @@ def plot(
     trust: Trust = None,
 ) -> None:
     """Draw fields of a recording over time, or --over another field, with their units, one axis each."""
-    from palpate.views.pictures.plot import PlotError
+    from palpate.views.pictures import PictureError
     from palpate.views.run import Run
 
     target = out or file.with_name(f"{file.stem}-plot.png")
     if target.suffix.lower() not in (".png", ".svg", ".pdf"):
-        raise PlotError(f"{target}: found {target.suffix or 'no ending'!r}, expected .png, .svg or .pdf")
+        raise PictureError(f"{target}: found {target.suffix or 'no ending'!r}, expected .png, .svg or .pdf")
     figure = Run(file).plot(*names, over=over)
     target.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(target)

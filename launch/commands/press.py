@@ -9,18 +9,12 @@ from pathlib import Path
 import numpy as np
 
 from palpate.messages import Contact, Pose
-from palpate.physics.errors import MISUSE, PalpateError
+from palpate.models.fit.sessions import SessionError
 from palpate.records.reader import Recording
 
 HEAD = ["subject", "session", "depth [mm]", "rate [mm/s]", "force [N]"]
 NOISE = 5.0
 """[1] Standard deviations above the force before the press, from which a force is one."""
-
-
-class PressError(PalpateError, ValueError):
-    """A recording that shows no press, or a file that a session cannot be added to."""
-
-    exit_code = MISUSE
 
 
 @dataclass(frozen=True)
@@ -38,18 +32,18 @@ def press_of(file: Path, deepest: float, step: float, touch: float) -> Press:
     file     recording with one stream of `Pose` and one of `Contact`
     deepest  [m]  touch  [N] above which it touches; the depth is counted from where the force last was within the noise
 
-    PressError: it never touches, or not as deep.
+    SessionError: it never touches, or not as deep.
     """
     recording = Recording(file)
     poses, contacts = recording.stream_of(Pose), recording.stream_of(Contact)
     if poses is None or contacts is None:
-        raise PressError(
+        raise SessionError(
             f"{file}: expected one stream of Pose and one of Contact; it has {', '.join(recording.streams)}"
         )
     pose = [(m.time, m.position, m.velocity) for m in recording.messages(poses) if isinstance(m, Pose)]
     felt = [(m.time, m.force, m.normal) for m in recording.messages(contacts) if isinstance(m, Contact)]
     if not pose or not felt:
-        raise PressError(f"{file}: nothing was recorded")
+        raise SessionError(f"{file}: nothing was recorded")
     times = np.array([t for t, _, _ in felt], float)
     forces = np.array([f for _, f, _ in felt])
     normal = np.array(felt[0][2])
@@ -58,12 +52,12 @@ def press_of(file: Path, deepest: float, step: float, touch: float) -> Press:
     speed = -np.interp(times, when, np.array([v for _, _, v in pose]) @ normal)
     first = int(np.argmax(forces > touch))
     if not forces[first] > touch:
-        raise PressError(f"{file}: never more than {forces.max():.3g} N, expected a touch of more than {touch:g} N")
+        raise SessionError(f"{file}: never more than {forces.max():.3g} N, expected a touch of more than {touch:g} N")
     start = _onset(forces[: first + 1])
     depth = way[start:] - way[start]
     last = int(np.argmax(depth >= deepest))
     if not depth[last] >= deepest:
-        raise PressError(
+        raise SessionError(
             f"{file}: pressed {1e3 * depth.max():.3g} mm deep, expected {1e3 * deepest:g} mm. Press deeper, or take a"
             " smaller --depth."
         )
@@ -85,16 +79,20 @@ def _onset(forces: np.ndarray) -> int:
 def add_session(file: Path, subject: str, session: str, press: Press) -> int:
     """Add rows to a CSV; its head is written where there is none. The number of sessions that the subject then has.
 
-    PressError: the file is another kind, or has this session already.
+    SessionError: the file is another kind, or has this session already.
     """
     rows: list[list[str]] = []
     if file.is_file():
         with file.open(encoding="utf-8", newline="") as text:
             rows = [row for row in csv.reader(text) if row]
         if rows and rows[0] != HEAD:
-            raise PressError(f"{file}: its head is {','.join(rows[0])}, expected {','.join(HEAD)}. Take another file.")
+            raise SessionError(
+                f"{file}: its head is {','.join(rows[0])}, expected {','.join(HEAD)}. Take another file."
+            )
         if any(row[:2] == [subject, session] for row in rows[1:]):
-            raise PressError(f"{file}: subject {subject}, session {session} is there already. Take another --session.")
+            raise SessionError(
+                f"{file}: subject {subject}, session {session} is there already. Take another --session."
+            )
     with file.open("a", encoding="utf-8", newline="") as text:
         writer = csv.writer(text)
         if not rows:

@@ -23,8 +23,9 @@ def top(
     from rich.live import Live
 
     from palpate.launch.run.bus import HEALTH
-    from palpate.launch.run.discover import NoRun, find, hear
+    from palpate.launch.run.discover import find, hear
     from palpate.messages import Health, unpack
+    from palpate.physics.errors import RunError
 
     live_run = find(run)
     rows: dict[str, Row] = {}
@@ -42,7 +43,7 @@ def top(
     except KeyboardInterrupt:
         raise typer.Exit from None
     if not rows:
-        raise NoRun(f"run {live_run.name} has ended")
+        raise RunError(f"run {live_run.name} has ended")
     if as_json:
         from palpate.launch.commands.common import tell
 

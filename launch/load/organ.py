@@ -13,7 +13,7 @@ from palpate.launch.load.files import Override
 from palpate.launch.load.source import Source
 from palpate.messages import Vector3
 from palpate.nodes.base.surface import OnSurface, Placed, surface_mesh
-from palpate.physics.errors import MISUSE, PalpateError
+from palpate.physics.errors import MeshError
 from palpate.physics.geometry.heights import heights, summit
 from palpate.physics.geometry.mesh import Mesh
 
@@ -31,12 +31,6 @@ BETWEEN = 5
 """Places between two points of the path at which this is looked at."""
 
 
-class OrganError(PalpateError, ValueError):
-    """A mesh that cannot take the place of the scene's organ; says why."""
-
-    exit_code = MISUSE
-
-
 @dataclass(frozen=True)
 class Organ:
     """A mesh file and its unit: m, cm or mm."""
@@ -48,12 +42,12 @@ class Organ:
     def of(file: Path, unit: str | None) -> Organ:
         """The file with the unit given, or else the only one in which its size is plausible.
 
-        OrganError: the unit is none, the size does not fit it, or fits several. SettingError: the file cannot be read.
+        MeshError: the unit is none, the size does not fit it, or fits several. SettingError: the file cannot be read.
         """
         from palpate.nodes.base.mesh_file import LARGEST, SMALLEST, UNITS, plausible_units, read_triangles
 
         if unit is not None and unit not in UNITS:
-            raise OrganError(f"--unit: found {unit!r}, expected one of {', '.join(UNITS)}")
+            raise MeshError(f"--unit: found {unit!r}, expected one of {', '.join(UNITS)}")
         across = float(np.ptp(read_triangles(str(file))[0], axis=0).max())
         fits = plausible_units(across)
         sizes = " or ".join(f"--unit {u} ({1e3 * across * UNITS[u]:.3g} mm across)" for u in fits)
@@ -62,13 +56,13 @@ class Organ:
         if unit in fits:
             return Organ(file, str(unit))
         if not fits:
-            raise OrganError(
+            raise MeshError(
                 f"--organ {file}: its numbers extend over {across:.3g}, which is an organ in no unit; expected "
                 f"{1e3 * SMALLEST:g} to {1e3 * LARGEST:g} mm"
             )
         if unit is None:
-            raise OrganError(f"--organ {file}: the file says no unit, and its numbers fit several: {sizes}")
-        raise OrganError(
+            raise MeshError(f"--organ {file}: the file says no unit, and its numbers fit several: {sizes}")
+        raise MeshError(
             f"--organ {file}: in {unit} it is {1e3 * across * UNITS[unit]:.3g} mm across, expected "
             f"{1e3 * SMALLEST:g} to {1e3 * LARGEST:g} mm. Take {sizes}"
         )
@@ -81,7 +75,7 @@ def with_organ(launch: LaunchFile, organ: Organ) -> tuple[LaunchFile, str]:
     lowered by the difference of the two surfaces there, so that the hand presses as deep as into the scene's own; where
     the organ is too small or too steep for it the path becomes narrower. A rotation that the scene gives is kept.
 
-    OrganError: a graph without a surface and a hand. SettingError: a mesh that cannot be used.
+    MeshError: a graph without a surface and a hand. SettingError: a mesh that cannot be used.
     """
     turned = launch.load()  # with what the user says of the organ's surface; the path was written for the scene's own
     graph = replace(launch, overrides=tuple(o for o in launch.overrides if not _of_surface(o))).load()
@@ -89,7 +83,7 @@ def with_organ(launch: LaunchFile, organ: Organ) -> tuple[LaunchFile, str]:
     node = next((n for n in graph.nodes.values() if issubclass(n.cls, Placed) and "thickness" in n.settings), None)
     surface = scene.get("surface")
     if node is None or not isinstance(surface, dict) or "surface" not in surface:
-        raise OrganError(
+        raise MeshError(
             f"--organ: {graph.path.stem} has no scene.surface that a finger collides with; take a graph such as kidney"
         )
     given = node.settings

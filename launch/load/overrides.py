@@ -6,38 +6,32 @@ import json
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from palpate.physics.errors import MISUSE, PalpateError
-
-
-class CallError(PalpateError, ValueError):
-    """An argument that cannot be used; says what was expected."""
-
-    exit_code = MISUSE
+from palpate.physics.errors import ArgumentError
 
 
 def overrides(given: str | Sequence[str] | Mapping[str, Any]) -> list[str]:
-    """Overrides of a text, several texts, or nodes by name with their model or their settings. CallError."""
+    """Overrides of a text, several texts, or nodes by name with their model or their settings. ArgumentError."""
     if isinstance(given, str):
         return [given]
     if isinstance(given, Mapping):
         return list(of_nodes(given))
     if isinstance(given, Sequence) and all(isinstance(text, str) for text in given):
         return list(given)
-    raise CallError(
+    raise ArgumentError(
         f"found {given!r}, expected 'tissue.use=deformation.Rigid', a list of such texts, or a dict, "
         "{'tissue': 'deformation.Rigid'}"
     )
 
 
 def of_nodes(nodes: Mapping[str, str | Mapping[str, Any]]) -> Iterator[str]:
-    """Overrides of nodes by name: a model, or settings by name. CallError."""
+    """Overrides of nodes by name: a model, or settings by name. ArgumentError."""
     for name, what in nodes.items():
         if isinstance(what, str):
             yield f"{name}.use={what}"
         elif isinstance(what, Mapping):
             yield from (f"{name}.{key}={_text(f'{name}.{key}', value)}" for key, value in what.items())
         else:
-            raise CallError(
+            raise ArgumentError(
                 f"{name}: found {what!r}, expected a model, {name}='deformation.ReducedFE', or settings, "
                 f"{name}={{'stiffness': 2e3}}"
             )
@@ -50,4 +44,6 @@ def _text(name: str, value: Any) -> str:
     try:
         return json.dumps(value.tolist() if hasattr(value, "tolist") else value)
     except TypeError:
-        raise CallError(f"{name}: found {type(value).__name__}, expected a number, a text, a list or a dict") from None
+        raise ArgumentError(
+            f"{name}: found {type(value).__name__}, expected a number, a text, a list or a dict"
+        ) from None

@@ -6,8 +6,9 @@ import numpy as np
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
-from palpate.launch.load.organ import Organ, OrganError
+from palpate.launch.load.organ import Organ
 from palpate.nodes.base.mesh_file import UNITS, flaws, read_triangles
+from palpate.physics.errors import MeshError
 from palpate.physics.geometry.crossing import crossing
 from palpate.physics.geometry.mesh import Mesh, write_ply
 from palpate.physics.geometry.orient import edge_counts, outward
@@ -20,7 +21,7 @@ def repaired(organ: Organ) -> tuple[Organ, list[str]]:
     Holes are closed by fans. Where more than two triangles share an edge, or one passes through another, the surface is
     made anew by fTetWild, within a thousandth of its size.
 
-    OrganError: it cannot be mended. SettingError: the file cannot be read. MeshError: fTetWild is not installed.
+    MeshError: it cannot be mended, or fTetWild is not installed. SettingError: the file cannot be read.
     """
     vertices, triangles = read_triangles(str(organ.file))
     border, shared = edge_counts(triangles, len(vertices))
@@ -39,7 +40,7 @@ def repaired(organ: Organ) -> tuple[Organ, list[str]]:
         done.append("surface rebuilt without self-intersections")
     border, shared = edge_counts(triangles, len(vertices))
     if border or shared:
-        raise OrganError(
+        raise MeshError(
             f"--repair: {organ.file} still has {border} open edges and {shared} of more than two triangles. Mend it in "
             "a mesh editor"
         )
@@ -47,7 +48,7 @@ def repaired(organ: Organ) -> tuple[Organ, list[str]]:
     try:
         write_ply(file, Mesh(vertices * UNITS[organ.unit], outward(vertices, triangles)))
     except OSError as error:
-        raise OrganError(f"--repair: {file} cannot be written: {error.strerror}") from None
+        raise MeshError(f"--repair: {file} cannot be written: {error.strerror}") from None
     return Organ(file, "m"), done or ["triangles turned outwards"]
 
 

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable
 from palpate.engine.imports import load_class
 from palpate.engine.job import Job
 from palpate.engine.schedule import needed
-from palpate.engine.slot import NodeFault, ObserverSlot, Output, make
+from palpate.engine.slot import NodeError, ObserverSlot, Output, make
 from palpate.launch.run.bus import END, HEALTH
 from palpate.messages import Health, Message, MessageError, unpack
 from palpate.nodes.base import Observer, Stream
@@ -25,7 +25,7 @@ class Audience:
         for given in job.observers:
             node = make(given)
             if not isinstance(node, Observer):
-                raise NodeFault(given.name, "use", f"{given.cls} is not an observer")
+                raise NodeError(given.name, "use", f"{given.cls} is not an observer")
             self.slots.append(ObserverSlot(given, node))
         self.begun: list[ObserverSlot] = []
         self.foreign = 0
@@ -36,7 +36,7 @@ class Audience:
         """Groups that have ended and could not say so."""
 
     def start(self, slot: ObserverSlot, outputs: dict[str, Output]) -> None:
-        """Start one of them; `outputs` are those of this worker, by stream. NodeFault: it raised."""
+        """Start one of them; `outputs` are those of this worker, by stream. NodeError: it raised."""
         streams = tuple(
             Stream(stream, load_class(given.type), given.producer, given.every)
             for stream, given in slot.streams.items()
@@ -45,14 +45,14 @@ class Audience:
             slot.node.listen(streams, self.job.about)
             slot.node.start()
         except BaseException as error:
-            raise NodeFault(slot.name, "start", error) from error
+            raise NodeError(slot.name, "start", error) from error
         self.begun.append(slot)
         for stream in slot.streams:
             if stream in outputs:
                 outputs[stream].listeners.append(slot)
 
     def hear(self, data: bytes) -> int:
-        """Take a frame of another worker. Returns its tick, -1 where it has none. NodeFault: an observer raised."""
+        """Take a frame of another worker. Returns its tick, -1 where it has none. NodeError: an observer raised."""
         topic, _, payload = data.partition(b"\0")
         stream = topic.decode(errors="replace")
         try:

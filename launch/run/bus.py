@@ -26,7 +26,7 @@ from palpate.launch.run.keys import Keeper, Key, connect
 from palpate.launch.run.outlet import Outlet, Sender
 from palpate.launch.run.reports import ORDERS, Addressed, Note, Order, Report
 from palpate.launch.run.watch import Watch
-from palpate.physics.errors import PalpateError
+from palpate.physics.errors import RunError
 
 HEALTH = "!health"
 """Stream of each outlet for observers on which its worker tells how the nodes are doing."""
@@ -34,10 +34,6 @@ END = "!end"
 """Stream of each outlet for observers on which its worker says last that it sends no more; the payload is its group."""
 LONGEST_ORDER = 1 << 26  # [bytes]
 LINK_TIME = 1_000_000_000  # [ns] that a worker waits on the real clock for a writer that is there and says nothing
-
-
-class PortInUse(PalpateError, OSError):
-    """An endpoint that another program has bound."""
 
 
 def frame(stream: str, payload: bytes) -> bytes:
@@ -130,7 +126,7 @@ class Bus:
     def bind(self, host: str | None) -> dict[str, list[str]]:
         """Bind both outlets, locally and, where a host is given (`address` or `address:port`), there.
 
-        Returns the endpoints by outlet. PortInUse: somebody else has that port.
+        Returns the endpoints by outlet. RunError: somebody else has that port.
         """
         if host and self.key is not None:
             self._keeper = Keeper(self.context, self.key)
@@ -140,7 +136,7 @@ class Bus:
         try:
             self._outlet.bind(local.removeprefix("ipc://"))
         except OSError as error:
-            raise PortInUse(f"cannot bind {local}: {error.strerror}") from None
+            raise RunError(f"cannot bind {local}: {error.strerror}") from None
         self._bind(self._observers, endpoints["observers"][0])
         if host:
             self._far = self._publisher()
@@ -156,7 +152,7 @@ class Bus:
         try:
             socket.bind(address)
         except zmq.ZMQError as error:
-            raise PortInUse(f"cannot bind {address}: {error.strerror}") from None
+            raise RunError(f"cannot bind {address}: {error.strerror}") from None
 
     # -- with the launcher ---------------------------------------------------------------------------------------
 

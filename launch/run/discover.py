@@ -10,11 +10,7 @@ import zmq
 from palpate.launch.run.addresses import endpoint, key_of, runs
 from palpate.launch.run.bus import split
 from palpate.launch.run.keys import connect
-from palpate.physics.errors import PalpateError
-
-
-class NoRun(PalpateError, RuntimeError):
-    """No run goes on on this machine, or not the one that was asked for."""
+from palpate.physics.errors import RunError
 
 
 @dataclass
@@ -34,7 +30,7 @@ def running() -> list[Running]:
 
 
 def find(name: str | None = None) -> Running:
-    """The run of this name, or the only one. NoRun: there is none, or there are several and none was named."""
+    """The run of this name, or the only one. RunError: there is none, or there are several and none was named."""
     live_runs = running()
     if name is not None:
         live_runs = [run for run in live_runs if run.name.startswith(name)]
@@ -42,9 +38,9 @@ def find(name: str | None = None) -> Running:
         return live_runs[0]
     if not live_runs:
         which = f"run {name!r} is not active" if name else "no run is active"
-        raise NoRun(f"{which} on this machine (a run with --fused has no sockets to listen to); "
+        raise RunError(f"{which} on this machine (a run with --fused has no sockets to listen to); "
                     "start one: palpate run kidney --clock real")  # fmt: skip
-    raise NoRun(f"{len(live_runs)} runs go on: {', '.join(run.name for run in live_runs)}; name one with --run")
+    raise RunError(f"{len(live_runs)} runs are active: {', '.join(run.name for run in live_runs)}; name one with --run")
 
 
 def hear(run: Running, streams: list[str]) -> Iterator[tuple[str, bytes]]:

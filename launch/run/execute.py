@@ -33,7 +33,7 @@ from palpate.launch.run.result import Result
 from palpate.launch.run.screen import Screen
 from palpate.launch.run.sources import record_sources
 from palpate.launch.run.verdict import Verdict, verdict
-from palpate.physics.errors import PalpateError
+from palpate.physics.errors import RunError
 from palpate.records.format.mcap_file import is_complete
 
 PATIENCE = 5.0  # [s] after which a silent worker counts as hung
@@ -42,10 +42,6 @@ PATIENCE = 5.0  # [s] after which a silent worker counts as hung
 FILES, FILES_EACH = 64, 6
 """That one process of a run may have open: at least, and more for each group. With 9 groups the launcher has 33, a
 worker up to 60."""
-
-
-class TooFewFiles(PalpateError, OSError):
-    """What the system permits is too little for a run."""
 
 
 @dataclass
@@ -93,7 +89,7 @@ def execute(
     fit_cores   on the real clock, without a placement and with fewer cores than nodes of the force path: `auto`
     watch       called about ten times a second with the launcher of the run, where it has one
 
-    GraphError: what is wrong with the graph; nothing was started. OSError: an address that is taken. KeyFault: the key
+    GraphError: what is wrong with the graph; nothing was started. OSError: an address that is taken. RunError: the key
     is missing.
     """
     graph = graph or launch.load()
@@ -187,14 +183,14 @@ def _clock(launch: LaunchFile, planned: Plan) -> str:
 
 def _key(place: Placement, joined: frozenset[str], unencrypted: bool, name: str) -> Key | None:
     """What secures TCP: nothing where the user says so; the key of the rig where workers are started elsewhere; else
-    one that is made for this run. KeyFault."""
+    one that is made for this run. RunError."""
     if unencrypted or any(group.unencrypted for group in place.groups):
         return None
     return keys.load(name) if joined else Key.make()
 
 
 def _open_files(groups: int) -> None:
-    """Permit this process, and those that it starts, as many open files as the system lets it. TooFewFiles: ZeroMQ
+    """Permit this process, and those that it starts, as many open files as the system lets it. RunError: ZeroMQ
     ends a process without a word when it may open no more."""
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     needed = FILES + FILES_EACH * groups
@@ -202,7 +198,7 @@ def _open_files(groups: int) -> None:
     if soft != resource.RLIM_INFINITY and soft < most:
         resource.setrlimit(resource.RLIMIT_NOFILE, (most, hard))
     if most < needed:
-        raise TooFewFiles(f"a run of {groups} processes opens up to {needed} files in one, and the system permits "
+        raise RunError(f"a run of {groups} processes opens up to {needed} files in one, and the system permits "
                           f"{hard}: `ulimit -n {needed}`, or --fused")  # fmt: skip
 
 

@@ -17,7 +17,7 @@ import palpate.messages
 import palpate.nodes
 from palpate.engine.clock import now
 from palpate.engine.job import Job
-from palpate.engine.slot import NodeFault
+from palpate.engine.slot import NodeError
 from palpate.launch.run.exits import exits_told
 from palpate.launch.run.interrupts import STOPPING, interrupts
 from palpate.launch.run.loops import run
@@ -90,13 +90,13 @@ def run_fused(
                 result.wall = time.monotonic() - started
                 with watched(patience, START_PATIENCE):  # a long recording goes to a slow disk
                     worker.stop()
-        except (NodeFault, KeyboardInterrupt) as error:
+        except (NodeError, KeyboardInterrupt) as error:
             signal.setitimer(signal.ITIMER_REAL, 0.0)
             _note(result, error)
             if worker is not None:
                 try:
                     worker.stop()
-                except NodeFault as second:
+                except NodeError as second:
                     _note(result, second)
     result.ticks = worker.tick + 1 if worker is not None else 0
     return result
@@ -106,14 +106,14 @@ OURS = (str(Path(__file__).parent), *(str(Path(m.__file__ or "").parent) for m i
 NODES = str(Path(palpate.nodes.__file__ or "").parent)
 
 
-def _note(result: Result, error: NodeFault | KeyboardInterrupt) -> None:
+def _note(result: Result, error: NodeError | KeyboardInterrupt) -> None:
     """A second Ctrl-C shows up as an error of the node that was running; it is nobody's fault."""
-    cause = error.cause if isinstance(error, NodeFault) else error
-    if isinstance(error, NodeFault) and not (result.interrupted and isinstance(cause, KeyboardInterrupt)):
+    cause = error.cause if isinstance(error, NodeError) else error
+    if isinstance(error, NodeError) and not (result.interrupted and isinstance(cause, KeyboardInterrupt)):
         result.deaths.append(death(error))
 
 
-def death(fault: NodeFault) -> Death:
+def death(fault: NodeError) -> Death:
     """A fault as the result tells it."""
     cause = fault.cause
     if isinstance(cause, BaseException):

@@ -18,14 +18,10 @@ import msgspec
 import zmq
 from zmq.auth.thread import ThreadAuthenticator
 
-from palpate.physics.errors import PalpateError
+from palpate.physics.errors import RunError
 
 NAME = "rig"
 """Name of the key that is taken where none is named."""
-
-
-class KeyFault(PalpateError, RuntimeError):
-    """A key that is missing or cannot be used."""
 
 
 class _File(msgspec.Struct):
@@ -89,41 +85,41 @@ def folder() -> Path:
 
 
 def path_of(name: str) -> Path:
-    """File of a key. KeyFault: no name for one."""
+    """File of a key. RunError: no name for one."""
     if not re.fullmatch(r"[A-Za-z0-9_.-]+", name) or name.startswith("."):
-        raise KeyFault(f"key {name!r}: expected a name of letters, digits, '-', '_' and '.'")
+        raise RunError(f"key {name!r}: expected a name of letters, digits, '-', '_' and '.'")
     return folder() / f"{name}.json"
 
 
 def make(name: str = NAME) -> Path:
-    """A new key in a file that only this user can read. KeyFault: there is one of that name."""
+    """A new key in a file that only this user can read. RunError: there is one of that name."""
     path, key = path_of(name), Key.make()
     path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
     try:
         number = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
     except FileExistsError:
-        raise KeyFault(f"key {name!r}: {path} is there already; remove it first, or take another name") from None
+        raise RunError(f"key {name!r}: {path} is there already; remove it first, or take another name") from None
     with os.fdopen(number, "wb") as file:
         file.write(msgspec.json.encode(_File(key.public, key.secret)) + b"\n")
     return path
 
 
 def load(name: str = NAME) -> Key:
-    """The key of this name. KeyFault: there is none, others can read it, or it is damaged."""
+    """The key of this name. RunError: there is none, others can read it, or it is damaged."""
     path = path_of(name)
     try:
         if path.stat().st_mode & (stat.S_IRWXG | stat.S_IRWXO):
-            raise KeyFault(f"key {name!r}: others can read {path}; chmod 600 {path}, and make a new one if they have")
+            raise RunError(f"key {name!r}: others can read {path}; chmod 600 {path}, and make a new one if they have")
         key_file = msgspec.json.decode(path.read_bytes(), type=_File)
         zmq.curve_public(key_file.secret.encode())
     except FileNotFoundError:
-        raise KeyFault(
+        raise RunError(
             f"there is no key {name!r} ({path}). `palpate keys --make` makes one; copy that file to the same place on "
             "every machine that takes part. --unencrypted does without: then everybody on the network can read the run "
             "and send into it."
         ) from None
     except (msgspec.MsgspecError, ValueError, zmq.ZMQError) as error:
-        raise KeyFault(f"key {name!r}: {path} is damaged ({error})") from None
+        raise RunError(f"key {name!r}: {path} is damaged ({error})") from None
     return Key(key_file.public, key_file.secret)
 
 

@@ -16,7 +16,7 @@ def run(worker: Worker, origin: int, senders: set[str] = frozenset()) -> None:  
     origin   [ns] time of tick 0 on the machine's monotonic clock
     senders  the groups whose nodes the observers here listen to
 
-    NodeFault: a node failed.
+    NodeError: a node failed.
     """
     worker.begin(origin)
     gc.collect()

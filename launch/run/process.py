@@ -13,8 +13,8 @@ import msgspec
 import zmq
 
 from palpate.engine.clock import real_time
-from palpate.engine.slot import NodeFault
-from palpate.launch.run.bus import Bus, PortInUse, split
+from palpate.engine.slot import NodeError
+from palpate.launch.run.bus import Bus, split
 from palpate.launch.run.descendants import die_with_parent
 from palpate.launch.run.fused import death
 from palpate.launch.run.keys import Key
@@ -37,6 +37,7 @@ from palpate.launch.run.reports import (
     Take,
 )
 from palpate.launch.run.worker import Ended, Worker
+from palpate.physics.errors import RunError
 
 
 def serve(start: Start, alone: bool = False) -> int:
@@ -66,8 +67,8 @@ def serve(start: Start, alone: bool = False) -> int:
         worker.stop()
         orderly = begun is not None
         return 0
-    except (NodeFault, PortInUse) as error:
-        bus.report(Fault("", "process", str(error)) if isinstance(error, PortInUse) else _fault(error))
+    except (NodeError, RunError) as error:
+        bus.report(Fault("", "process", str(error)) if isinstance(error, RunError) else _fault(error))
         _stop_rest(worker)
         return 1
     except Exception as error:
@@ -104,7 +105,7 @@ def _link(bus: Bus) -> tuple[int, set[str]]:
                 return origin, senders
 
 
-def _fault(error: NodeFault) -> Fault:
+def _fault(error: NodeError) -> Fault:
     cause = death(error)
     return Fault(cause.node, cause.where, cause.text, cause.trace)
 
@@ -114,7 +115,7 @@ def _stop_rest(worker: Worker | None) -> None:
     if worker is not None:
         try:
             worker.stop()
-        except NodeFault as error:
+        except NodeError as error:
             print(f"after the fault, too: {error}", file=sys.stderr)
 
 

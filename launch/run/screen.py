@@ -109,7 +109,7 @@ def tell(death: Death, console: Console) -> None:
     """Print a death and its traceback."""
     console.print(Text(str(death), style="red"))
     # These say by themselves what to change.
-    if death.trace and not death.text.startswith(("SettingError", "DeviceError", "InputFault")):
+    if death.trace and not death.text.startswith(("SettingError", "DeviceError", "InputError")):
         console.print(Text(death.trace.rstrip(), style="dim"))
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from palpate.engine.clock import now, sleep_until
 from palpate.engine.schedule import nanoseconds, needed
-from palpate.engine.slot import Input, NodeFault, Slot
+from palpate.engine.slot import Input, NodeError, Slot
 from palpate.launch.run.reports import Paused
 from palpate.launch.run.worker import Ended, Worker
 from palpate.messages import Message
@@ -61,7 +61,7 @@ def _await(worker: Worker, slot: Slot, port: Input, tick: int) -> Message | None
             if came and (message := port.at(tick)) is not None:
                 return message
             if (need := port.lost(tick)) is not None:
-                raise NodeFault(port.producer, f"stream {port.stream!r}", f"its message of tick {need} was lost")
+                raise NodeError(port.producer, f"stream {port.stream!r}", f"its message of tick {need} was lost")
             if came:
                 continue
             if port.dead or slot.name in worker.mute:

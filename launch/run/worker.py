@@ -14,7 +14,7 @@ from functools import partial
 from palpate.engine.clock import LOOK, now
 from palpate.engine.health import Counters, message
 from palpate.engine.job import Job
-from palpate.engine.slot import Feed, NodeFault, Slot, make
+from palpate.engine.slot import Feed, NodeError, Slot, make
 from palpate.launch.run.audience import Audience
 from palpate.launch.run.bus import HEALTH, Bus, frame
 from palpate.launch.run.compiling import compiling
@@ -81,7 +81,7 @@ class Worker:
     # -- life ----------------------------------------------------------------------------------------------------
 
     def start(self) -> None:
-        """Start all nodes. NodeFault: one raised."""
+        """Start all nodes. NodeError: one raised."""
         names: list[str] = []
 
         def begin(name: str, node: Node, start: Callable[[], None]) -> None:
@@ -122,7 +122,7 @@ class Worker:
         for observer in self.audience.begun:
             try:
                 observer.take()
-            except NodeFault as error:
+            except NodeError as error:
                 fault = fault or error
         while self._started:
             name, node = self._started.pop()
@@ -130,7 +130,7 @@ class Worker:
                 node.stop()
                 self._pass_notes()
             except BaseException as error:
-                fault = fault or NodeFault(name, "stop", error)
+                fault = fault or NodeError(name, "stop", error)
         if fault:
             raise fault
 
@@ -170,7 +170,7 @@ class Worker:
             try:
                 payload = pack(message)
             except Exception as error:  # a type of the user's own may hold anything
-                raise NodeFault(slot.name, f"step at tick {message.tick}", error) from error
+                raise NodeError(slot.name, f"step at tick {message.tick}", error) from error
             for observer in output.listeners:
                 observer.pending.append((output.stream, message.tick, payload))
                 if self._real:  # a burst would take too long between two ticks
@@ -180,7 +180,7 @@ class Worker:
             if output.send is not None:
                 if len(payload) > LONGEST_MESSAGE:
                     text = f"a {output.kind.__name__} of {len(payload)} bytes, longest {LONGEST_MESSAGE}"
-                    raise NodeFault(slot.name, f"step at tick {message.tick}", text)
+                    raise NodeError(slot.name, f"step at tick {message.tick}", text)
                 output.send(payload)
             if output.observed:
                 self.bus.keep(output.topic + payload)
@@ -209,7 +209,7 @@ class Worker:
             message = unpack(payload, feed.kind)
         except MessageError as error:
             if not self._real:  # somebody would wait for this message for ever
-                raise NodeFault(feed.producer, f"stream {feed.stream!r}", error) from error
+                raise NodeError(feed.producer, f"stream {feed.stream!r}", error) from error
             self.foreign += 1
             return
         arrived = now() if self._real else 0
@@ -269,7 +269,7 @@ class Worker:
                 case Beat():
                     pass
         if self._alone and self._silence > ORPHANED:
-            raise NodeFault("", "launcher", "nothing was heard of it for 5 s")
+            raise NodeError("", "launcher", "nothing was heard of it for 5 s")
 
     def _bury(self, nodes: set[str], mute: set[str], back: bool) -> None:
         """These nodes are gone, or back again: their streams end. Nodes that cannot do without them fall silent."""

@@ -2,7 +2,7 @@
 
 from palpate.nodes.base.effect import Effect, Switch, effects, part
 from palpate.nodes.base.node import (
-    InputFault,
+    InputError,
     Node,
     Observer,
     Port,
@@ -18,7 +18,7 @@ from palpate.nodes.base.node import (
 
 __all__ = [
     "Effect",
-    "InputFault",
+    "InputError",
     "Node",
     "Observer",
     "Port",

@@ -25,7 +25,7 @@ class SettingError(PalpateError, ValueError):
     exit_code = MISUSE
 
 
-class InputFault(PalpateError, ValueError):
+class InputError(PalpateError, ValueError):
     """An input that cannot be used, by the fault of the node that sent it: raised in `step`, told as that node's."""
 
     def __init__(self, message: Message, text: str) -> None:

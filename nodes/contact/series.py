@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 import msgspec
 
 from palpate.messages import Contact, Proximity, Surface, Vector, Vector3
-from palpate.nodes.base import InputFault, Node, Wants, part
+from palpate.nodes.base import InputError, Node, Wants, part
 from palpate.nodes.base.absence import FALL, Gain
 from palpate.physics.bodies.place_energy import on_hand
 from palpate.physics.contact.series import Law, energy, exponential, hertz_exponential, kernel_form, power, series_step
@@ -81,7 +81,7 @@ class Series(Node):
     def _law_now(self, body: Surface, time: int, dt: float) -> tuple[float, float, float, float, float]:
         """K, n, c, s_free, s_prev of the body's law for a step of `dt` [s] that ends at `time` [ns].
 
-        InputFault: a law out of its range.
+        InputError: a law out of its range.
         """
         k, n, c, free, previous = law = (body.stiffness, body.exponent, body.damping, body.free, body.previous)
         step, relaxation = body.step, body.relaxation
@@ -89,7 +89,7 @@ class Series(Node):
             try:
                 check_law(Terminal(*law), step, relaxation)
             except ValueError as error:
-                raise InputFault(body, str(error)) from None
+                raise InputError(body, str(error)) from None
         age = (time - body.time) * 1e-9 if time >= 0 and body.time >= 0 else dt
         if not (age > LATE * dt or step > LATE * dt) or self.indentation is None:
             return law

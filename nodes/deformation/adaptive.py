@@ -12,7 +12,7 @@ from palpate.messages import Load, Surface
 from palpate.nodes.base import SettingError
 from palpate.nodes.deformation.basis_store import SHIPPED, cache
 from palpate.nodes.deformation.reduced_fe import ReducedFE
-from palpate.physics.bodies.condensed_body import BasisError
+from palpate.physics.archive import ArchiveError
 from palpate.physics.bodies.ladder import Ladder
 from palpate.physics.bodies.rungs import Rungs
 from palpate.physics.bodies.sampled_body import SampledBasis, SampledBody
@@ -61,7 +61,7 @@ class Adaptive(ReducedFE):
         make = f"Make them: {self.rungs_command()}"
         try:
             rungs, about = Rungs.load(path)
-        except BasisError as error:
+        except ArchiveError as error:
             raise SettingError(f"{error}. {make}") from None
         if about.get("basis") != self.key():
             raise SettingError(f"{path}: fidelity levels of basis {about.get('basis')}, expected {self.key()}. {make}")

@@ -23,7 +23,8 @@ from palpate.nodes.deformation.basis_store import (
     off,
     shipped,
 )
-from palpate.physics.bodies.condensed_body import Basis, BasisError, CondensedBody
+from palpate.physics.archive import ArchiveError
+from palpate.physics.bodies.condensed_body import Basis, CondensedBody
 from palpate.physics.bodies.ladder import Ladder
 from palpate.physics.bodies.sampled_body import SampledBasis, SampledBody
 from palpate.physics.geometry.mesh import Mesh
@@ -256,7 +257,7 @@ class ReducedFE(OnSurface):
                     if self.model == "sampled":
                         return path, SampledBasis.load(path)
                     basis = Basis.load(path)
-                except BasisError as error:
+                except ArchiveError as error:
                     raise SettingError(f"{error}, here: {self.command()} --force") from None
                 if basis.dents.size or self.model == "linear":
                     return path, basis

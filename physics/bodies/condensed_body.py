@@ -27,7 +27,7 @@ from typing import NamedTuple
 import numba
 import numpy as np
 
-from palpate.physics.archive import read_arrays
+from palpate.physics.archive import ArchiveError, read_arrays
 from palpate.physics.bodies.dents import SPACING, hat_moments, patch_radius, rise, risen
 from palpate.physics.bodies.patch import barycentric, carried, normal_force, share_of
 from palpate.physics.bodies.place_energy import Ground, along, held, softness, weight_slopes
@@ -40,7 +40,6 @@ from palpate.physics.bodies.true_patch import (
     uncorrected,
 )
 from palpate.physics.contact.spread import Spreader
-from palpate.physics.errors import PalpateError
 from palpate.physics.geometry.graded import ranges
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.geometry.mesh_closest import MeshClosestPoint
@@ -49,10 +48,6 @@ FORGOTTEN = 1e-9
 """[N] Remaining load below which a vertex is dropped."""
 LEAST_FORCE = 1e-3
 """[N] Least force that the terminal law is taken at."""
-
-
-class BasisError(PalpateError, ValueError):
-    """A stored basis that cannot be used; says why."""
 
 
 @dataclass(frozen=True)
@@ -88,7 +83,7 @@ class Basis:
     def load(cls, path: Path) -> Basis:
         """Read a stored basis.
 
-        BasisError: not a basis, or a damaged one.
+        ArchiveError: not a basis, or a damaged one.
         """
         try:
             archive = read_arrays(path)
@@ -103,7 +98,7 @@ class Basis:
             if dents.size and (len(dents) != len(vertices) or not np.isfinite(dents).all()):
                 raise ValueError(f"dents of shape {dents.shape} for {len(vertices)} vertices")
         except (KeyError, ValueError, TypeError, AttributeError, IndexError, MemoryError) as error:
-            raise BasisError(f"{path}: not a reduced basis: {error}. Rebuild it with `palpate reduce`") from None
+            raise ArchiveError(f"{path}: not a reduced basis: {error}. Rebuild it with `palpate reduce`") from None
         full += np.tril(full, -1).T
         return cls(vertices, triangles, full, dents)
 

@@ -27,8 +27,7 @@ from typing import Any
 
 import numpy as np
 
-from palpate.physics.archive import read_arrays
-from palpate.physics.bodies.condensed_body import BasisError
+from palpate.physics.archive import ArchiveError, read_arrays
 from palpate.physics.bodies.sampled_body import SampledBasis
 
 
@@ -102,7 +101,7 @@ class Rungs:
     def load(cls, path: Path) -> tuple[Rungs, dict[str, Any]]:
         """Read them, and what they say they were made from.
 
-        BasisError: not such a file, or a damaged one.
+        ArchiveError: not such a file, or a damaged one.
         """
         try:
             archive = read_arrays(path)
@@ -112,5 +111,5 @@ class Rungs:
             if rungs.bends.shape != (k, 3) or rungs.kappa.shape != (k, n) or not isinstance(about, dict):
                 raise ValueError(f"bends {rungs.bends.shape}, kappa {rungs.kappa.shape} of {k} rungs and {n} knots")
         except (KeyError, ValueError, TypeError, RecursionError) as error:
-            raise BasisError(f"{path}: not the fidelity levels of a sampled basis: {error}") from None
+            raise ArchiveError(f"{path}: not the fidelity levels of a sampled basis: {error}") from None
         return rungs, about

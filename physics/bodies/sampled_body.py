@@ -23,8 +23,8 @@ from typing import Any, NamedTuple
 import numba
 import numpy as np
 
-from palpate.physics.archive import read_arrays
-from palpate.physics.bodies.condensed_body import FORGOTTEN, LEAST_FORCE, BasisError
+from palpate.physics.archive import ArchiveError, read_arrays
+from palpate.physics.bodies.condensed_body import FORGOTTEN, LEAST_FORCE
 from palpate.physics.bodies.patch import barycentric, carried, normal_force, share_of
 from palpate.physics.bodies.sampled_energy import Points, forces, scratch
 from palpate.physics.bodies.sampled_solve import EACH, at_rest, settle
@@ -88,7 +88,7 @@ class SampledBasis:
     def load(cls, path: Path) -> SampledBasis:
         """Read a stored basis.
 
-        BasisError: not a basis with sampled points, or a damaged one.
+        ArchiveError: not a basis with sampled points, or a damaged one.
         """
         try:
             archive = read_arrays(path)
@@ -114,7 +114,7 @@ class SampledBasis:
                 (scale, power, most),
             )  # fmt: skip
         except (KeyError, ValueError, TypeError, AttributeError, IndexError, MemoryError) as error:
-            raise BasisError(f"{path}: not a sampled basis: {error}. Rebuild it with `palpate reduce`") from None
+            raise ArchiveError(f"{path}: not a sampled basis: {error}. Rebuild it with `palpate reduce`") from None
 
 
 class Model(NamedTuple):

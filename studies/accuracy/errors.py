@@ -2,18 +2,12 @@
 
 from __future__ import annotations
 
-from palpate.physics.errors import MISUSE, PalpateError
+from palpate.physics.errors import ArgumentError
 
 
-class BenchError(PalpateError, ValueError):
-    """A touch, method, reference or device that there is not, or that does not fit; says what would."""
-
-    exit_code = MISUSE
-
-
-class MissingError(BenchError):
+class MissingError(ArgumentError):
     """An outside solver, or a stored reference, that is not there; says how to get it."""
 
 
-class Refused(BenchError):
+class RefusedError(ArgumentError):
     """A method that cannot compute a touch; says why. It is charged, not dropped."""

@@ -14,9 +14,9 @@ from palpate.nodes.base import Node, inputs, outputs, settings
 from palpate.nodes.base.surface import OnSurface
 from palpate.nodes.deformation import BeamBundle, MassSpring, ReducedFE, Rigid
 from palpate.nodes.deformation.basis_store import shipped
+from palpate.physics.errors import ArgumentError
 from palpate.studies.accuracy import bases, chain, laboratory
 from palpate.studies.accuracy.continuum import BED, POISSON, YOUNG
-from palpate.studies.accuracy.errors import BenchError
 from palpate.studies.accuracy.outcome import Fidelity, Method, Outcome
 from palpate.studies.accuracy.touches import Touch
 from palpate.studies.accuracy.truth import HERTZ
@@ -179,21 +179,21 @@ def standard(patient: bool = False) -> list[Method]:
 def chosen(only: Sequence[str] | None, bodies: Mapping[str, type[Node]], patient: bool) -> list[Method]:
     """The standard methods and these bodies of a user's own; or those of them with a name in `only`, and the bodies.
 
-    BenchError: there is no such method, or a class is no body.
+    ArgumentError: there is no such method, or a class is no body.
     """
     methods = [*standard(patient), *(of_user(name, cls) for name, cls in bodies.items())]
     if wrong := [name for name in only or () if name not in {m.name for m in methods}]:
-        raise BenchError(f"method: found {wrong[0]!r}, expected one of {', '.join(m.name for m in methods)}")
+        raise ArgumentError(f"method: found {wrong[0]!r}, expected one of {', '.join(m.name for m in methods)}")
     return [m for m in methods if not only or m.name in only or m.name in bodies]
 
 
 def of_user(name: str, cls: type[Node]) -> Method:
     """A body of one's own, by its class: with the slab's material in those of its settings that are called like it.
 
-    BenchError: it is no deformable body.
+    ArgumentError: it is no deformable body.
     """
     if Surface not in outputs(cls) or Load not in {port.type for port in inputs(cls)}:
-        raise BenchError(
+        raise ArgumentError(
             f"body {name!r}: found {cls.__name__}, expected a body: a node that takes Load and sends Surface"
         )
     known = settings(cls)

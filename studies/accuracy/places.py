@@ -20,9 +20,10 @@ from typing import Any
 import numpy as np
 from scipy.interpolate import RegularGridInterpolator
 
+from palpate.physics.errors import ArgumentError
 from palpate.studies.accuracy import continuum, kidney
 from palpate.studies.accuracy.continuum import LEVELS, RADIUS, Block, Curve, Nodule
-from palpate.studies.accuracy.errors import BenchError, MissingError
+from palpate.studies.accuracy.errors import MissingError
 from palpate.studies.accuracy.kidney import Kidney
 from palpate.studies.peers import calculix, felupe, mujoco
 
@@ -93,7 +94,7 @@ class Place:
 
 @lru_cache(maxsize=32)
 def stored(name: str) -> Place:
-    """The reference of this name. MissingError: it is not stored; BenchError: its file is damaged."""
+    """The reference of this name. MissingError: it is not stored; ArgumentError: its file is damaged."""
     path = SHIPPED / f"{name}.npz"
     if not path.is_file():
         raise MissingError(
@@ -105,7 +106,7 @@ def stored(name: str) -> Place:
             own = {f.name: file[f.name] for f in fields(Place) if f.name != "about"}
             return Place(**own, about=json.loads(str(file["about"])))
     except (OSError, KeyError, ValueError, EOFError) as error:
-        raise BenchError(
+        raise ArgumentError(
             f"{path}: damaged ({error}). Build it anew: palpate bench accuracy --rebuild-references"
         ) from None
 

@@ -8,8 +8,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from palpate.physics.errors import ArgumentError
 from palpate.studies.accuracy.cells import Cell
-from palpate.studies.accuracy.errors import BenchError
 from palpate.studies.accuracy.limits import mostly
 from palpate.studies.accuracy.truth import QUANTITIES
 
@@ -36,14 +36,14 @@ def write(cells: Sequence[Cell], about: dict[str, Any], path: Path) -> None:
 
 
 def read(path: Path) -> tuple[list[Cell], dict[str, Any]]:
-    """Cells and provenance. BenchError: the file is none of `write`."""
+    """Cells and provenance. ArgumentError: the file is none of `write`."""
     try:
         with path.open(newline="", encoding="utf-8") as file:
             first = file.readline()
             about = json.loads(first.removeprefix("#"))
             return [_cell(row) for row in csv.DictReader(file)], about
     except (ValueError, KeyError, TypeError) as error:
-        raise BenchError(f"{path}: not a table of `palpate bench accuracy` ({error})") from None
+        raise ArgumentError(f"{path}: not a table of `palpate bench accuracy` ({error})") from None
 
 
 def _cell(row: dict[str, str]) -> Cell:

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from palpate.physics.errors import ArgumentError
 from palpate.studies.accuracy.continuum import RADIUS
-from palpate.studies.accuracy.errors import BenchError
 
 RETARDATION = 0.02
 """[s] Of the viscous touches: that of deformation.ReducedFE."""
@@ -112,8 +112,8 @@ TOUCHES: dict[str, Touch] = {
 
 
 def chosen(names: list[str] | None) -> list[Touch]:
-    """The touches of these names, all where none is given. BenchError: one that there is not."""
+    """The touches of these names, all where none is given. ArgumentError: one that there is not."""
     for name in names or ():
         if name not in TOUCHES:
-            raise BenchError(f"touch: found {name!r}, expected one of {', '.join(TOUCHES)}")
+            raise ArgumentError(f"touch: found {name!r}, expected one of {', '.join(TOUCHES)}")
     return [TOUCHES[name] for name in names] if names else list(TOUCHES.values())

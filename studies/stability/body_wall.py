@@ -22,8 +22,8 @@ from palpate.nodes.controller import Haptic
 from palpate.nodes.spread import Kernel
 from palpate.physics.device.stability import poles
 from palpate.physics.device.wall_loop import Device, advance, settles
+from palpate.physics.errors import ArgumentError
 from palpate.studies.accuracy.chain import BALL, LAW, NO_FORCES, NO_NODES, UP
-from palpate.studies.accuracy.errors import BenchError
 
 PUSH = 0.1
 """[N] of the hand: soft bodies are then pressed by millimetres."""
@@ -44,7 +44,7 @@ COLUMNS = {
 
 
 def classes(names: Sequence[str]) -> dict[str, type[Node]]:
-    """The bodies of these names. ClassError, BenchError: one is no node, or no body."""
+    """The bodies of these names. ClassError, ArgumentError: one is no node, or no body."""
     bodies = {}
     for name in names:
         try:
@@ -58,17 +58,17 @@ def classes(names: Sequence[str]) -> dict[str, type[Node]]:
 def stiffened(cls: type[Node], factor: float) -> Node:
     """The body on the plane, all of its moduli and stiffnesses this many times those that it has by default.
 
-    BenchError: it is no body, or says nothing of its stiffness.
+    ArgumentError: it is no body, or says nothing of its stiffness.
     """
     if Surface not in outputs(cls) or Load not in {port.type for port in inputs(cls)}:
-        raise BenchError(f"--body: found {cls.__name__}, expected a node that takes Load and sends Surface")
+        raise ArgumentError(f"--body: found {cls.__name__}, expected a node that takes Load and sends Surface")
     own: dict[str, Any] = {}
     for name, setting in settings(cls).items():
         if setting.unit in STIFF and setting.default is not ...:
             usual = setting.default
             own[name] = tuple(factor * one for one in usual) if isinstance(usual, tuple) else factor * usual
     if not own:
-        raise BenchError(f"--body: {cls.__name__} has no setting in {', '.join(STIFF)} that could be made stiffer")
+        raise ArgumentError(f"--body: {cls.__name__} has no setting in {', '.join(STIFF)} that could be made stiffer")
     body = cls(**own, **(PLACE if issubclass(cls, OnSurface) else {}))
     body.wanted = LAW
     return body

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from palpate.physics.device.wall_loop import Device
-from palpate.studies.accuracy.errors import BenchError
+from palpate.physics.errors import ArgumentError
 from palpate.studies.stability import body_wall, walls
 
 
@@ -43,11 +43,11 @@ class Study:
     def run(self, folder: Path, show: Callable[[str, float], None]) -> dict[str, Any]:
         """Rows of walls and bodies, the plane, and the files written; `show` has each loop and its rate [Hz].
 
-        ClassError, BenchError: options that describe no device or body.
+        ClassError, ArgumentError: options that describe no device or body.
         """
         walls.check(self.device, self.rates, self.delays, self.dampings, self.order, self.lost, self.jitter)
         if self.plane and not self.device.resolution:
-            raise BenchError("--regions: found --resolution 0, expected an encoder: the plane has its step in it")
+            raise ArgumentError("--regions: found --resolution 0, expected an encoder: the plane has its step in it")
         classes = body_wall.classes(self.bodies)
         rows = []
         for f, d, b in self.cases:

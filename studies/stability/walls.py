@@ -10,7 +10,7 @@ import numpy as np
 from palpate.physics.device import stability as theory
 from palpate.physics.device.regions import plane
 from palpate.physics.device.wall_loop import Device, felt_stiffness, run, settles
-from palpate.studies.accuracy.errors import BenchError
+from palpate.physics.errors import ArgumentError
 
 COLUMNS = {
     "rate": "Hz", "delay": "1", "damping": "N s/m", "passive": "N/m", "stable": "N/m", "quantised": "N/m",
@@ -29,7 +29,7 @@ def check(
     device: Device, rates: Sequence[float], delays: Sequence[int], dampings: Sequence[float], order: int, lost: float,
     jitter: float,
 ) -> None:  # fmt: skip
-    """BenchError: a value outside of what describes a device and its loop."""
+    """ArgumentError: a value outside of what describes a device and its loop."""
     for name, value, low, high, expected in (
         ("--mass", device.mass, 1e-6, 1e3, "1e-6 to 1000 kg"),
         ("--drag", device.drag, 1e-6, 1e4, "1e-6 to 10000 N s/m; theory has no bound without drag"),
@@ -44,7 +44,7 @@ def check(
         *(("--damping", b, 0.0, 1e4, "0 to 10000 N s/m") for b in dampings),
     ):
         if not low <= value <= high:
-            raise BenchError(f"{name}: found {value:g}, expected {expected}")
+            raise ArgumentError(f"{name}: found {value:g}, expected {expected}")
 
 
 def row(device: Device, rate: float, delay: int, damping: float, order: int, lost: float, jitter: float, seed: int

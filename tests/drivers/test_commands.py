@@ -11,8 +11,9 @@ from palpate.drivers import catalogue, discover
 from palpate.drivers.falcon.emulator import EmulatedFalcon
 from palpate.engine.faults import GraphError
 from palpate.launch.__main__ import app
-from palpate.launch.commands.press import Press, PressError, _onset, add_session
+from palpate.launch.commands.press import Press, _onset, add_session
 from palpate.launch.load.launchfile import find
+from palpate.models.fit.sessions import SessionError
 
 FALCON = {"idVendor": "0403", "idProduct": "cb48", "busnum": "1", "devnum": "7", "serial": "FT1"}
 PAD = {"idVendor": "0403", "idProduct": "6010", "busnum": "1", "devnum": "8"}
@@ -135,7 +136,9 @@ def test_the_depth_is_counted_from_where_the_force_leaves_the_noise(noise):
 def test_another_file_is_not_added_to(tmp_path):
     file = tmp_path / "other.csv"
     file.write_text("a,b\n1,2\n")
-    with pytest.raises(PressError, match=r"its head is a,b, expected subject,session,depth \[mm\],rate \[mm/s\],force"):
+    with pytest.raises(
+        SessionError, match=r"its head is a,b, expected subject,session,depth \[mm\],rate \[mm/s\],force"
+    ):
         add_session(file, "a", "1", Press(np.zeros(1), np.zeros(1), np.zeros(1)))
     assert file.read_text() == "a,b\n1,2\n"
 

@@ -53,7 +53,7 @@ def reads(cls, function, name, seen=()):
     return found - HEADER
 
 
-HARMLESS = {"InputFault", "bool", "isinstance"}
+HARMLESS = {"InputError", "bool", "isinstance"}
 
 
 def _called(cls, function, called):

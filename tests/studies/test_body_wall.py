@@ -9,7 +9,7 @@ from palpate.nodes.collision import Mesh
 from palpate.nodes.deformation import BeamBundle, MassSpring, ReducedFE
 from palpate.physics.device.regions import CYCLE, GROWS, NEAR, REST, fate, region
 from palpate.physics.device.wall_loop import Device
-from palpate.studies.accuracy.errors import BenchError
+from palpate.physics.errors import ArgumentError
 from palpate.studies.stability.body_wall import PUSH, Wall, held, row, stiffened, stiffest
 
 EXACT = Device(resolution=0.0)
@@ -51,7 +51,7 @@ def test_the_search_finds_the_end_and_says_where_there_is_none():
 
 
 def test_what_is_no_body_is_refused():
-    with pytest.raises(BenchError, match="Mesh, expected a node that takes Load"):
+    with pytest.raises(ArgumentError, match="Mesh, expected a node that takes Load"):
         stiffened(Mesh, 1.0)
 
 

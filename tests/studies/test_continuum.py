@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from palpate.models.fe.element.mesh import grid
+from palpate.physics.errors import ArgumentError
 from palpate.studies.accuracy import continuum, places
 from palpate.studies.accuracy.continuum import RADIUS, Block, Nodule, press
-from palpate.studies.accuracy.errors import BenchError, MissingError
+from palpate.studies.accuracy.errors import MissingError
 from palpate.studies.accuracy.halfspace import DEPTHS
 from palpate.studies.accuracy.halfspace import press as press_ball
 from palpate.studies.accuracy.touches import TOUCHES
@@ -99,7 +100,7 @@ def test_a_reference_that_is_missing_or_damaged_is_told_with_the_cure(tmp_path, 
     with pytest.raises(MissingError, match="--rebuild-references"):
         places.stored("middle")
     (tmp_path / "middle.npz").write_bytes(b"no archive")
-    with pytest.raises(BenchError, match="damaged"):
+    with pytest.raises(ArgumentError, match="damaged"):
         places.stored("middle")
     places.stored.cache_clear()
 

@@ -7,9 +7,9 @@ import pytest
 from typer.testing import CliRunner
 
 from palpate.launch.__main__ import app
+from palpate.physics.errors import ArgumentError
 from palpate.studies.accuracy import methods, page, table
 from palpate.studies.accuracy.cells import one
-from palpate.studies.accuracy.errors import BenchError
 from palpate.studies.accuracy.outcome import Fidelity
 from palpate.studies.accuracy.pareto import front, point, summaries
 from palpate.studies.accuracy.touches import TOUCHES
@@ -41,7 +41,7 @@ def test_the_table_holds_what_the_pictures_show(cells, tmp_path):
 
 def test_a_file_that_is_no_table_is_told(tmp_path):
     (tmp_path / "a.csv").write_text("1,2,3\n")
-    with pytest.raises(BenchError, match="not a table"):
+    with pytest.raises(ArgumentError, match="not a table"):
         table.read(tmp_path / "a.csv")
 
 

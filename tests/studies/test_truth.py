@@ -5,9 +5,9 @@ import pytest
 from scipy.integrate import quad
 from scipy.optimize import brentq
 
+from palpate.physics.errors import ArgumentError
 from palpate.studies.accuracy import truth
 from palpate.studies.accuracy.continuum import POISSON, RADIUS, YOUNG
-from palpate.studies.accuracy.errors import BenchError
 from palpate.studies.accuracy.places import stored
 from palpate.studies.accuracy.touches import TOUCHES, Touch, chosen
 
@@ -30,7 +30,7 @@ def test_a_touch_moves_as_fast_as_its_place_changes(touch):
 
 
 def test_an_unknown_touch_is_told_with_those_that_there_are():
-    with pytest.raises(BenchError, match="expected one of ball, plate"):
+    with pytest.raises(ArgumentError, match="expected one of ball, plate"):
         chosen(["rub"])
 
 

@@ -11,8 +11,9 @@ from typer.testing import CliRunner
 
 from palpate.launch.__main__ import app
 from palpate.launch.load.launchfile import find
+from palpate.physics.errors import ArgumentError
 from palpate.studies import tune
-from palpate.studies.search import SearchError, Trial, read_error, touched, write
+from palpate.studies.search import Trial, read_error, touched, write
 from palpate.studies.tune import QUANTITIES, Goal, body_of, candidates, pick
 
 FAST = Trial({"tissue.use": "deformation.MassSpring"}, 0.15, 30e-6, 60e-6)
@@ -48,12 +49,12 @@ def test_an_error_is_a_share_of_a_quantity(text, share):
 
 @pytest.mark.parametrize("text", ["2", "force", "-1 % force", "2 % colour", "nan % force"])
 def test_an_error_that_is_none_is_told(text):
-    with pytest.raises(SearchError, match="such as '2 % force'"):
+    with pytest.raises(ArgumentError, match="such as '2 % force'"):
         read_error(text, QUANTITIES)
 
 
 def test_a_graph_without_a_body_is_told():
-    with pytest.raises(SearchError, match="expected one deformable body"):
+    with pytest.raises(ArgumentError, match="expected one deformable body"):
         body_of(find("softness").load())
 
 

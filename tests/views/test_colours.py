@@ -8,10 +8,11 @@ from typer.testing import CliRunner
 
 from palpate.launch.__main__ import app
 from palpate.messages import Surface
+from palpate.physics.errors import ArgumentError
 from palpate.physics.geometry.mesh import plane
 from palpate.records.reader import Recording
 from palpate.views.pictures import film as films
-from palpate.views.pictures.colour import COLOURS, NoColour, able, check, painted, top
+from palpate.views.pictures.colour import COLOURS, able, check, painted, top
 
 SHEET = plane(0.1, 100)
 
@@ -47,9 +48,9 @@ def test_a_vertex_of_which_nothing_is_said_has_none():
 
 
 def test_a_body_that_does_not_tell_is_named_with_the_colours_that_it_can_have():
-    with pytest.raises(NoColour, match=r"r.mcap: its body sends no slip. Available colours: displacement, strain"):
+    with pytest.raises(ArgumentError, match=r"r.mcap: its body sends no slip. Available colours: displacement, strain"):
         check(COLOURS["slip"], [surface()], "r.mcap")
-    with pytest.raises(NoColour, match=r"sends no pressure; --set effects.pressure=on"):
+    with pytest.raises(ArgumentError, match=r"sends no pressure; --set effects.pressure=on"):
         check(COLOURS["pressure"], [surface()], "r.mcap")
     check(COLOURS["strain"], [surface()], "r.mcap")
 

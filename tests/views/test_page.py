@@ -14,15 +14,16 @@ from palpate.launch.load.launchfile import find
 from palpate.records.changed import changed
 from palpate.records.reader import Recording
 from palpate.records.verify import verify
+from palpate.views.page import PageError
 from palpate.views.page.session import Session
-from palpate.views.page.steered import NoTouch, steered
+from palpate.views.page.steered import steered
 
 pytest.importorskip("websockets")
 
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
-from palpate.views.page.server import PageServer, PortTaken
+from palpate.views.page.server import PageServer
 from palpate.views.page.source import Source
 
 WAIT = 90.0  # [s] that a busy machine may take
@@ -129,12 +130,12 @@ def test_an_order_that_is_none_is_refused_and_the_page_goes_on(server, order):
 
 
 def test_a_port_in_use_is_told(server):
-    with pytest.raises(PortTaken, match=str(server.page.port)):
+    with pytest.raises(PageError, match=str(server.page.port)):
         PageServer(Source(), server.page.port)
 
 
 def test_a_graph_without_a_hand_is_refused(tmp_path):
-    with pytest.raises(NoTouch, match="DeviceState"):
+    with pytest.raises(PageError, match="DeviceState"):
         steered(find("softness"), tmp_path)
 
 

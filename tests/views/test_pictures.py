@@ -20,8 +20,8 @@ from palpate.messages import Contact, DeviceState, Force, Friction, Proximity, S
 from palpate.nodes.base import Stream
 from palpate.nodes.logger import Mcap
 from palpate.records.reader import Recording, RecordingError
-from palpate.views.pictures import deformation, draw, off_screen, render
-from palpate.views.pictures.moments import NoMesh, choose, displaced, instants, surface_mesh
+from palpate.views.pictures import PictureError, deformation, draw, off_screen, render
+from palpate.views.pictures.moments import choose, displaced, instants, surface_mesh
 from palpate.views.pictures.regions import _stretches, regions
 from palpate.views.pictures.style import mean
 from palpate.views.pictures.touch import Touch, together, touches, work
@@ -235,12 +235,12 @@ def test_the_deformation_lands_on_its_vertices(tmp_path):
 
 def test_a_surface_that_never_moved_is_not_drawn(tmp_path):
     streams = {"contact": [press(1e-3)] * 5, "body": [surface()] * 5}
-    with pytest.raises(NoMesh, match="no displacement was recorded"):
+    with pytest.raises(PictureError, match="no displacement was recorded"):
         instants(Touch(Recording(record(tmp_path / "r.mcap", streams))), np.zeros((100, 3)))
 
 
 def test_a_vertex_that_the_mesh_does_not_have_is_told():
-    with pytest.raises(NoMesh, match="vertex 12 is displaced, but the mesh has only 12"):
+    with pytest.raises(PictureError, match="vertex 12 is displaced, but the mesh has only 12"):
         displaced(surface([12], np.ones((1, 3))), 12)
 
 

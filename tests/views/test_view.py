@@ -23,9 +23,10 @@ from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
 from palpate.messages import Surface
+from palpate.views.page import PageError
 from palpate.views.page.feed import frame
 from palpate.views.page.reel import POINTS, Reel, Reels
-from palpate.views.page.server import PageServer, PortTaken
+from palpate.views.page.server import PageServer
 
 SETS = ("scene.surface.vertices=1000", "scene.hand.begin=[0, 0, 0.111]",
         "scene.hand.path=[{to: [0, 0, 0.098], time: 0.3}, {to: [0, 0, 0.112], time: 0.3}]")  # fmt: skip
@@ -161,7 +162,7 @@ def test_what_cannot_be_shown_is_told_in_a_line(file, tmp_path, shown):
     ):
         ran = CliRunner().invoke(app, ["view", *map(str, files), "--no-open"])
         assert ran.exit_code != 0 and told in " ".join(ran.output.split()) and "Traceback" not in ran.output
-    with pytest.raises(PortTaken, match="port"):
+    with pytest.raises(PageError, match="port"):
         PageServer(Reels([file]), port=int(shown.address.partition("1:")[2].partition("/")[0]))
     with pytest.raises(RecordingError, match="no body"):
         Reel(bare)

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 class PageError(PalpateError, RuntimeError):
-    """What a page needs and is not installed."""
+    """What cannot be shown in a browser, or touched from there, and what would do."""
 
     exit_code = MISUSE
 
@@ -27,7 +27,7 @@ def check() -> None:
 
 
 def serve(source: Source, port: int = 0) -> PageServer:
-    """Show a source to whoever opens the address. PageError; PortTaken."""
+    """Show a source to whoever opens the address. PageError."""
     check()
     from palpate.views.page.server import PageServer
 

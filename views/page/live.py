@@ -75,7 +75,7 @@ class Live(Source):
 
 
 class Watch(Live):
-    """A run for those who look and do not touch. NoTouch: what the graph lacks to be shown."""
+    """A run for those who look and do not touch. PageError: what the graph lacks to be shown."""
 
     def __init__(self, planned: Plan) -> None:
         super().__init__(watched(planned))

@@ -15,9 +15,10 @@ from palpate.messages import Contact, Message, MessageError, Proximity, Surface,
 from palpate.records.format.mcap_file import Broken, Records, messages
 from palpate.records.player import plan_of
 from palpate.records.reader import Recording, RecordingError
+from palpate.views.page import PageError
 from palpate.views.page.feed import frame, now, surface_frame
 from palpate.views.page.source import Source
-from palpate.views.page.steered import SHOWN, NoTouch, shape
+from palpate.views.page.steered import SHOWN, shape
 
 POINTS = 4000
 """Of force and indentation over the whole recording: more than a screen has."""
@@ -47,7 +48,7 @@ class Reel:
         senders = {name: self.recording.streams[stream].producer for name, stream in names.items()}
         try:
             self.mesh, self.thickness = shape(planned, senders[Surface], senders.get(Proximity, senders[Surface]))
-        except NoTouch as error:
+        except PageError as error:
             raise RecordingError(f"{path}: {error}") from None
         self.use = planned.graph.nodes[senders[Surface]].use
         self._file = self.recording.file().open("rb")

@@ -20,7 +20,8 @@ from websockets.datastructures import Headers, MultipleValuesError
 from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 
-from palpate.physics.errors import MISUSE, PalpateError
+from palpate.physics.errors import PalpateError
+from palpate.views.page import PageError
 from palpate.views.page.source import Source
 
 HOST = "127.0.0.1"
@@ -29,18 +30,12 @@ PATIENCE = 30.0  # [s] for the server to open or to close
 RELOAD = 2.0  # [s] for a page to be loaded anew, before it counts as closed
 
 
-class PortTaken(PalpateError, OSError):
-    """The page's port cannot be bound."""
-
-    exit_code = MISUSE
-
-
 class PageServer:
     """Serves one source to any number of pages, from a thread of its own, until it is closed.
 
     port  0 for any
 
-    PortTaken.
+    PageError: the port is taken.
     """
 
     def __init__(self, source: Source, port: int = 0) -> None:
@@ -106,7 +101,7 @@ class PageServer:
             self._server = await serve(self._talk, HOST, port, process_request=self._answer, max_size=4096,
                                        compression=None, ping_interval=20)  # fmt: skip
         except OSError as error:
-            raise PortTaken(f"port {port} of {HOST}: {error.strerror}; --port 0 takes any free port") from None
+            raise PageError(f"port {port} of {HOST}: {error.strerror}; --port 0 takes any free port") from None
         self.port = next(iter(self._server.sockets)).getsockname()[1]
         self.source.on_news = lambda: asyncio.run_coroutine_threadsafe(self._notify(), self._loop)
 

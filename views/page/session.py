@@ -20,6 +20,7 @@ from palpate.messages import ForceBand, Friction
 from palpate.nodes.base.effect import effects
 from palpate.nodes.device.mouse import FARTHEST
 from palpate.physics.errors import PalpateError
+from palpate.views.page import PageError
 from palpate.views.page.feed import mesh_frame
 from palpate.views.page.live import Live
 from palpate.views.page.steered import BODIES, steered, touched
@@ -27,10 +28,6 @@ from palpate.views.page.steered import BODIES, steered, touched
 ENDING = 15.0  # [s] for a run to end in order
 Count = Annotated[int, msgspec.Meta(ge=0, lt=2**32)]
 Metres = Annotated[float, msgspec.Meta(ge=-FARTHEST, le=FARTHEST)]
-
-
-class NoBody(PalpateError, ValueError):
-    """A body that the page does not offer."""
 
 
 class Order(msgspec.Struct, forbid_unknown_fields=True):
@@ -50,7 +47,7 @@ class Session(Live):
     folder  for recordings
     sets    single values as after `--set`
 
-    NoTouch, GraphError: what is wrong with the graph.
+    PageError, GraphError: what is wrong with the graph.
     """
 
     command = "palpate touch"
@@ -89,7 +86,7 @@ class Session(Live):
         self.place.cleanup()
 
     def take(self, page: object, text: str | bytes) -> list[bytes]:
-        """Do what a page asks for. MsgspecError, NoBody: why not."""
+        """Do what a page asks for. MsgspecError, PageError: why not."""
         order = msgspec.json.decode(text, type=Order)
         if order.point is not None:
             self._steering = page
@@ -112,11 +109,11 @@ class Session(Live):
             self._outlet.sendto(msgspec.msgpack.encode([number, place, buttons]), str(self.socket))
 
     def _begin_again(self, body: str | None, effect: tuple[str, bool] | None) -> None:
-        """End the run and start one with this body, or the same, and this effect on or off. NoBody: no such one."""
+        """End the run and start one with this body, or the same, and this effect on or off. PageError: no such one."""
         if body is not None and body not in BODIES:
-            raise NoBody(f"body: found {body!r}, expected one of {', '.join(BODIES)}")
+            raise PageError(f"body: found {body!r}, expected one of {', '.join(BODIES)}")
         if effect is not None and effect[0] not in self.effects:
-            raise NoBody(f"effect: found {effect[0]!r}, expected one of {', '.join(self.effects) or 'none'}")
+            raise PageError(f"effect: found {effect[0]!r}, expected one of {', '.join(self.effects) or 'none'}")
         if effect is not None:
             self.effects[effect[0]] = self._switched[effect[0]] = effect[1]
         self._wish = body or self.touched.use

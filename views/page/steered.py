@@ -29,18 +29,12 @@ from palpate.messages import (
 )
 from palpate.nodes.base import SettingError
 from palpate.nodes.deformation import models
-from palpate.physics.errors import MISUSE, PalpateError
 from palpate.physics.geometry.mesh import Mesh
+from palpate.views.page import PageError
 
 BODIES = tuple(reversed(models()))
 SHOWN = (Pose, Proximity, Contact, Friction, Force, ForceBand, Pins, Pointed, Load, Surface)
 POINTER = "palpate-pointer"
-
-
-class NoTouch(PalpateError, ValueError):
-    """Why a graph cannot be touched with a pointer."""
-
-    exit_code = MISUSE
 
 
 @dataclass(frozen=True)
@@ -69,13 +63,13 @@ def steered(launch: LaunchFile, folder: Path) -> tuple[LaunchFile, Path]:
 
     folder  a private one, for the graph and the socket
 
-    NoTouch: no device that a hand could hold.
+    PageError: no device that a hand could hold.
     """
     graph = launch.load()
     devices = [name for name, spec in graph.nodes.items() if DeviceState in spec.streams.values()]
     if len(devices) != 1:
         count = "no node" if not devices else f"{len(devices)} nodes"
-        raise NoTouch(f"{launch.graph.stem}: {count} that sends DeviceState, expected one. Try: palpate touch kidney")
+        raise PageError(f"{launch.graph.stem}: {count} that sends DeviceState, expected one. Try: palpate touch kidney")
     spec = graph.nodes[devices[0]]
     feeds = {kind: stream for node in graph.nodes.values() for stream, kind in node.streams.items()}
     wires = {port: feeds[kind] for port, kind in _ports(feeds).items()}
@@ -102,14 +96,14 @@ def _ports(feeds: dict[type[Message], str]) -> dict[str, type[Message]]:
 
 
 def touched(planned: Plan) -> Touched:
-    """What the page shows of a plan that its pointer steers. NoTouch: no body with a mesh, or nobody tells where the
+    """What the page shows of a plan that its pointer steers. PageError: no body with a mesh, or nobody tells where the
     finger is."""
     begin = tuple(planned.graph.nodes[POINTER].settings["begin"])
     return _shown(planned, (Surface, Pose, Proximity, Contact), _place(planned), begin)
 
 
 def watched(planned: Plan) -> Touched:
-    """What a page shows of a plan that it does not steer. NoTouch: no body with a mesh, or no contact."""
+    """What a page shows of a plan that it does not steer. PageError: no body with a mesh, or no contact."""
     return _shown(planned, (Surface, Contact), Placement([Group("loop", planned.order)]), (0.0, 0.0, 0.0))
 
 
@@ -122,8 +116,8 @@ def _shown(planned: Plan, needed: tuple[type[Message], ...], place: Placement, b
             senders[stream] = name
     for kind in needed:
         if kind not in streams:
-            raise NoTouch(f"{planned.graph.path.stem}: no node sends {kind.__name__}; a page needs a body, its contact "
-                          "and the finger. Try: palpate touch kidney")  # fmt: skip
+            raise PageError(f"{planned.graph.path.stem}: no node sends {kind.__name__}; a page needs a body, its "
+                            "contact and the finger. Try: palpate touch kidney")  # fmt: skip
     body = senders[streams[Surface]]
     mesh, thickness = shape(planned, body, senders[streams[Proximity]] if Proximity in streams else body)
     return Touched(
@@ -138,12 +132,12 @@ def _shown(planned: Plan, needed: tuple[type[Message], ...], place: Placement, b
 
 
 def shape(planned: Plan, body: str, collision: str) -> tuple[Mesh, float]:
-    """The undeformed mesh of a body, and the thickness [m] of the fingertip. NoTouch: it has none."""
+    """The undeformed mesh of a body, and the thickness [m] of the fingertip. PageError: it has none."""
     node = planned.make(body)
     try:
         mesh = node.mesh()  # type: ignore[attr-defined]
     except (AttributeError, SettingError, ValueError, OSError) as error:
-        raise NoTouch(f"node {body!r} ({planned.graph.nodes[body].use}) has no mesh to show: {error}") from None
+        raise PageError(f"node {body!r} ({planned.graph.nodes[body].use}) has no mesh to show: {error}") from None
     return mesh, float(getattr(planned.make(collision), "thickness", 4e-3))
 
 

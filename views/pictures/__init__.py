@@ -13,12 +13,17 @@ from typing import TYPE_CHECKING
 
 from palpate.launch.load.extras import install
 from palpate.messages import Surface
+from palpate.physics.errors import PalpateError
 from palpate.records.reader import Recording
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from rich.console import Console
+
+
+class PictureError(PalpateError, ValueError):
+    """What cannot be drawn of a recording, or on this machine, and what can or what to install."""
 
 
 def draw(recording: Path, folder: Path, console: Console | None = None) -> list[Path]:
@@ -41,6 +46,7 @@ def draw(recording: Path, folder: Path, console: Console | None = None) -> list[
 
 def _draw(recording: Recording, folder: Path, console: Console | None, step: Callable[[str], None]) -> list[Path]:
     from palpate.views.pictures import (
+        PictureError,
         compression,
         deformation,
         device,
@@ -52,8 +58,6 @@ def _draw(recording: Recording, folder: Path, console: Console | None, step: Cal
         slip,
         softness,
     )
-    from palpate.views.pictures.moments import NoMesh
-    from palpate.views.pictures.off_screen import NoRendering
     from palpate.views.pictures.touch import Touch
 
     touch = Touch(recording)
@@ -66,7 +70,7 @@ def _draw(recording: Recording, folder: Path, console: Console | None, step: Cal
             _tell(console, f"no 3-D picture: pyvista is not installed; {install('view')}")
         else:
             views = deformation.Views(touch)  # it draws while the others are drawn here
-    except NoMesh as error:
+    except PictureError as error:
         if (
             recording.stream_of(Surface) is not None and touch.slip is None
         ):  # else there is none to draw, or it is a pad
@@ -82,7 +86,7 @@ def _draw(recording: Recording, folder: Path, console: Console | None, step: Cal
         if views is not None:
             try:
                 drawing = views.draw()
-            except NoRendering as error:
+            except PictureError as error:
                 _tell(console, str(error))
             else:
                 made.insert(0, folder / f"{deformation.NAME}.png")

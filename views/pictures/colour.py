@@ -10,14 +10,8 @@ from typing import Any
 import numpy as np
 
 from palpate.messages import Surface
-from palpate.physics.errors import MISUSE, PalpateError
+from palpate.physics.errors import ArgumentError
 from palpate.physics.geometry.strain import at_vertices, largest_stretch
-
-
-class NoColour(PalpateError, ValueError):
-    """A colour that a surface cannot have; says which ones it can."""
-
-    exit_code = MISUSE
 
 
 @dataclass(frozen=True)
@@ -47,9 +41,9 @@ COLOURS = {
 
 
 def colour(name: str) -> Colour:
-    """The colour of this name. NoColour: there is none."""
+    """The colour of this name. ArgumentError: there is none."""
     if name not in COLOURS:
-        raise NoColour(f"--colour: found {name!r}, expected one of {', '.join(COLOURS)}")
+        raise ArgumentError(f"--colour: found {name!r}, expected one of {', '.join(COLOURS)}")
     return COLOURS[name]
 
 
@@ -80,12 +74,12 @@ def painted(of: Colour, mesh: Any, surface: Surface) -> np.ndarray:
 
 
 def check(of: Colour, surfaces: Sequence[Surface], where: str) -> None:
-    """NoColour: one of the surfaces cannot have this colour; `where` says whose they are."""
+    """ArgumentError: one of the surfaces cannot have this colour; `where` says whose they are."""
     for surface in surfaces:
         can = able(surface)
         if of.name not in can:
             more = "; --set effects.pressure=on, where the body can" if of.name == "pressure" else ""
-            raise NoColour(f"{where}: its body sends no {of.name}{more}. Available colours: {', '.join(can)}")
+            raise ArgumentError(f"{where}: its body sends no {of.name}{more}. Available colours: {', '.join(can)}")
 
 
 def top(of: Colour, most: float) -> float:

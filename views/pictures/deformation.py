@@ -36,7 +36,7 @@ class Views:
         self._rendering.close()
 
     def draw(self) -> Figure:
-        """The figure. NoRendering: this machine cannot draw it."""
+        """The figure. PictureError: this machine cannot draw it."""
         from matplotlib.cm import ScalarMappable
         from matplotlib.colors import LinearSegmentedColormap, Normalize
 

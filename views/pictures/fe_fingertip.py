@@ -37,7 +37,7 @@ def draw(runs: dict[str, Run], folder: Path) -> list[Path]:
     """Draw runs, one per plate ("steel", "silicone"), into a folder: force.png, strain.png, and where the runs reach
     the paper's forces isostrain.png and flow.png.
 
-    ModuleNotFoundError: no matplotlib. RunError: a run that cannot be read.
+    ModuleNotFoundError: no matplotlib. ArgumentError: a run that cannot be read.
     """
     from matplotlib import rc_context
     from matplotlib.backends.backend_agg import FigureCanvasAgg

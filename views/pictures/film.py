@@ -12,9 +12,10 @@ import numpy as np
 from palpate.launch.load.extras import install
 from palpate.messages import Surface
 from palpate.records.reader import Recording
+from palpate.views.pictures import PictureError
 from palpate.views.pictures.colour import COLOURS, Colour, check, painted, top
-from palpate.views.pictures.moments import Instant, NoMesh, instants_at, surface_mesh
-from palpate.views.pictures.off_screen import NoRendering, Rendering
+from palpate.views.pictures.moments import Instant, instants_at, surface_mesh
+from palpate.views.pictures.off_screen import Rendering
 from palpate.views.pictures.touch import Touch
 
 if TYPE_CHECKING:
@@ -57,13 +58,13 @@ class Frame:
 def picture(file: Path, at: float, target: Path, of: Colour = COLOURS["displacement"]) -> float:
     """Draw the surface at the recorded instant nearest to a time [s]; that instant's time [s]. `of`: what colours it.
 
-    RecordingError, NoMesh, NoColour, NoRendering: what is missing.
+    RecordingError, PictureError, ArgumentError: what is missing.
     """
     _check_libraries("view", "matplotlib", "pyvista")
     touch = Touch(Recording(file))
     ticks, times = _recorded(touch)
     if not times[0] - 1e-9 <= at <= times[-1] + 1e-3:  # the last instant stands for its millisecond
-        raise NoMesh(f"{file}: --at {at:g} s, but it was recorded from {times[0]:.3f} s to {times[-1]:.3f} s")
+        raise PictureError(f"{file}: --at {at:g} s, but it was recorded from {times[0]:.3f} s to {times[-1]:.3f} s")
     tick = int(ticks[np.abs(times - at).argmin()])
     mesh = surface_mesh(touch)
     (instant,) = instants_at(touch, mesh.vertices, [tick])
@@ -81,10 +82,10 @@ def film(file: Path, target: Path, rate: float = 25.0, speed: float = 1.0, of: C
     speed  [1] of the film's time: 0.5 is slow motion
     of     what colours the surface
 
-    RecordingError, NoMesh, NoColour, NoRendering: what is missing. OSError: the file cannot be written.
+    RecordingError, PictureError, ArgumentError: what is missing. OSError: the file cannot be written.
     """
     if target.suffix.lower() not in ENDINGS:
-        raise NoRendering(f"{target}: found {target.suffix or 'no ending'!r}, expected {' or '.join(ENDINGS)}")
+        raise PictureError(f"{target}: found {target.suffix or 'no ending'!r}, expected {' or '.join(ENDINGS)}")
     _check_libraries("film", "matplotlib", "pyvista", "imageio_ffmpeg", "PIL")
     touch = Touch(Recording(file))
     ticks, times = _recorded(touch)
@@ -159,21 +160,23 @@ def _write_gif(target: Path, frames: Iterator[np.ndarray], rate: float) -> None:
 
 
 def _recorded(touch: Touch) -> tuple[np.ndarray, np.ndarray]:
-    """Ticks and times [s] at which both contact and surface were recorded. NoMesh: there are none."""
+    """Ticks and times [s] at which both contact and surface were recorded. PictureError: there are none."""
     path = touch.recording.path
     stream = touch.recording.stream_of(Surface)
     if stream is None:
-        raise NoMesh(f"{path}: no stream of surfaces in it, so there is no shape to draw; `palpate plot` draws numbers")
+        raise PictureError(
+            f"{path}: no stream of surfaces in it, so there is no shape to draw; `palpate plot` draws numbers"
+        )
     if touch.contact is None:
-        raise NoMesh(f"{path}: no contact was recorded")
+        raise PictureError(f"{path}: no contact was recorded")
     present = touch.recording.ticks()[stream]
     there = np.isin(touch.contact["tick"], present)
     if not there.any():
-        raise NoMesh(f"{path}: no surface was recorded")
+        raise PictureError(f"{path}: no surface was recorded")
     return touch.contact["tick"][there], touch.contact["time"][there]
 
 
 def _check_libraries(extra: str, *modules: str) -> None:
     for module in modules:
         if importlib.util.find_spec(module) is None:
-            raise NoRendering(f"the package that is imported as {module} is not installed: {install(extra)}")
+            raise PictureError(f"the package that is imported as {module} is not installed: {install(extra)}")

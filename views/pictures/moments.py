@@ -11,7 +11,7 @@ from palpate.engine.imports import UntrustedError, recorded_class
 from palpate.messages import Surface
 from palpate.nodes.base import Node, SettingError
 from palpate.nodes.base.surface import complete
-from palpate.physics.errors import PalpateError
+from palpate.views.pictures import PictureError
 from palpate.views.pictures.touch import Columns, Touch, together, touches
 
 SHALLOWEST = 0.35
@@ -42,37 +42,33 @@ class Instant:
     depth: float
 
 
-class NoMesh(PalpateError, ValueError):
-    """Why there is no surface to draw."""
-
-
 def surface_mesh(touch: Touch) -> Any:
     """The undeformed mesh on which the body that sent the surface was built: its node makes it again.
 
-    NoMesh: no surface stream, a body without a mesh, or one that cannot be made here.
+    PictureError: no surface stream, a body without a mesh, or one that cannot be made here.
     """
     stream = touch.recording.stream_of(Surface)
     if stream is None:
-        raise NoMesh("the recording has no stream of surfaces")
+        raise PictureError("the recording has no stream of surfaces")
     node = touch.node(stream)
     try:
         kind = recorded_class(node["class"], Node)
         body = kind(**node.get("settings", {}))
         return body.mesh()
     except UntrustedError as error:
-        raise NoMesh(f"stream {stream!r}: {error}") from None
+        raise PictureError(f"stream {stream!r}: {error}") from None
     except (KeyError, ImportError, AttributeError):
-        raise NoMesh(f"stream {stream!r}: {node.get('use', 'its sender')} has no mesh") from None
+        raise PictureError(f"stream {stream!r}: {node.get('use', 'its sender')} has no mesh") from None
     except (SettingError, ValueError, OSError) as error:
-        raise NoMesh(f"stream {stream!r}: its mesh cannot be made here: {error}") from None
+        raise PictureError(f"stream {stream!r}: its mesh cannot be made here: {error}") from None
 
 
 def displaced(surface: Surface, vertices: int) -> np.ndarray:
-    """Displacement [m] (V,3) of all vertices from the sparse form. NoMesh: a vertex that the mesh does not have."""
+    """Displacement [m] (V,3) of all vertices from the sparse form. PictureError: a vertex that the mesh lacks."""
     field = np.zeros((vertices, 3))
     if len(surface.nodes):
         if int(surface.nodes.max()) >= vertices or int(surface.nodes.min()) < 0:
-            raise NoMesh(f"vertex {int(surface.nodes.max())} is displaced, but the mesh has only {vertices}")
+            raise PictureError(f"vertex {int(surface.nodes.max())} is displaced, but the mesh has only {vertices}")
         field[surface.nodes] = surface.displacement
     return field
 
@@ -106,25 +102,25 @@ def choose(contact: Columns, count: int) -> list[int]:
 def instants(touch: Touch, points: np.ndarray, count: int = 6) -> list[Instant]:
     """Up to `count` instants of a mesh with these vertices [m] (V,3).
 
-    NoMesh: no contact, surface or displacement was recorded, or it does not fit the mesh.
+    PictureError: no contact, surface or displacement was recorded, or it does not fit the mesh.
     """
     if touch.recording.stream_of(Surface) is None or touch.contact is None:
-        raise NoMesh("the recording has no contact on a surface")
+        raise PictureError("the recording has no contact on a surface")
     chosen = instants_at(touch, points, choose(touch.contact, count))
     if not chosen:
-        raise NoMesh("nothing was touched")
+        raise PictureError("nothing was touched")
     if not any(instant.displacement.any() for instant in chosen):
-        raise NoMesh("no displacement was recorded")
+        raise PictureError("no displacement was recorded")
     return chosen
 
 
 def instants_at(touch: Touch, points: np.ndarray, ticks: list[int]) -> list[Instant]:
     """The instants at these ticks, as far as both contact and surface were recorded there.
 
-    NoMesh: no contact or surface was recorded, or it does not fit the mesh.
+    PictureError: no contact or surface was recorded, or it does not fit the mesh.
     """
     if touch.recording.stream_of(Surface) is None or touch.contact is None:
-        raise NoMesh("the recording has no contact on a surface")
+        raise PictureError("the recording has no contact on a surface")
     rows = {int(tick): row for row, tick in enumerate(touch.contact["tick"])}
     tips = _tips(touch)
     forces = {} if touch.force is None else dict(zip(touch.force["tick"].tolist(), touch.force["force"], strict=True))

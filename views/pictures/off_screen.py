@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from palpate.physics.errors import PalpateError
+from palpate.views.pictures import PictureError
 from palpate.views.pictures.moments import Instant
 from palpate.views.pictures.render import ball_centres
 
@@ -21,10 +21,6 @@ PATIENCE = 60.0  # [s]
 WINDOWS = ("", "vtkOSOpenGLRenderWindow")
 """What VTK draws into: its own choice, which is EGL where there is no display; then OSMesa."""
 CURE = "install Mesa's off-screen drawing (Debian: apt install libosmesa6, or libegl1 libgl1-mesa-dri)"
-
-
-class NoRendering(PalpateError, RuntimeError):
-    """Why no 3-D picture can be drawn on this machine, and what to install."""
 
 
 class Rendering:
@@ -69,18 +65,18 @@ class Rendering:
         )
 
     def pixels(self) -> dict[str, np.ndarray]:
-        """Wait for the pictures. NoRendering: this machine cannot draw them."""
+        """Wait for the pictures. PictureError: this machine cannot draw them."""
         for following in (*WINDOWS[1:], None):
             try:
                 _, errors = self._process.communicate(timeout=PATIENCE)
             except subprocess.TimeoutExpired:
-                raise NoRendering(f"no 3-D picture within {PATIENCE:.0f} s; {CURE}") from None
+                raise PictureError(f"no 3-D picture within {PATIENCE:.0f} s; {CURE}") from None
             if self._process.returncode == 0 and self._target.is_file():
                 with np.load(self._target) as archive:
                     return dict(archive)
             if following is not None:
                 self._process = self._begin(following)
-        raise NoRendering(
+        raise PictureError(
             f"no 3-D picture: {_reason(self._process.returncode, errors.decode(errors='replace'))}; {CURE}"
         )
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from palpate.launch.load.extras import install
-from palpate.physics.errors import PalpateError
+from palpate.views.pictures import PictureError
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -21,19 +21,15 @@ PREFIXES = {"m": (1e3, "mm"), "m^2": (1e6, "mm^2"), "m/s": (1e3, "mm/s"), "J": (
 """What a figure shows in place of an SI unit, and the factor to it: what a finger does lies in these."""
 
 
-class PlotError(PalpateError, ValueError):
-    """What cannot be drawn over time, and what can."""
-
-
 def plot(run: Run, names: Sequence[str], over: str | None = None) -> Figure:
     """A figure of fields `stream.field` over time, or over another field at the ticks that both have.
 
-    PlotError, RecordingError: what cannot be drawn.
+    PictureError, RecordingError: what cannot be drawn.
     """
     if importlib.util.find_spec("matplotlib") is None:
-        raise PlotError(f"plots need the package matplotlib: {install('view')}")
+        raise PictureError(f"plots need the package matplotlib: {install('view')}")
     if not names:
-        raise PlotError(
+        raise PictureError(
             f"nothing to plot; name fields of {run.path} as STREAM.FIELD; streams: {', '.join(run.streams)}"
         )
     from matplotlib import rc_context
@@ -42,7 +38,7 @@ def plot(run: Run, names: Sequence[str], over: str | None = None) -> Figure:
 
     across = None if over is None else _drawable(run, over)
     if across is not None and across.values.ndim > 1:
-        raise PlotError(f"{over!r} is a vector; expected a number to plot over, such as contact.indentation")
+        raise PictureError(f"{over!r} is a vector; expected a number to plot over, such as contact.indentation")
     with rc_context(LOOK):
         out = figure(9.0, 1.2 + 2.1 * len(names), run.path.name)
         panels = out.subplots(len(names), 1, sharex=True, squeeze=False)[:, 0]
@@ -82,14 +78,14 @@ def _drawable(run: Run, name: str) -> _Drawable:
 
     values = run[name]
     if isinstance(values, Stream):
-        raise PlotError(f"{name!r} is a stream; name one of its fields: "
+        raise PictureError(f"{name!r} is a stream; name one of its fields: "
                         f"{', '.join(f'{name}.{field}' for field in values.columns)}")  # fmt: skip
     if isinstance(values, list):
-        raise PlotError(f"{name!r} has arrays of changing length; `palpate picture` draws the shape")
+        raise PictureError(f"{name!r} has arrays of changing length; `palpate picture` draws the shape")
     if not len(values):
-        raise PlotError(f"{name!r}: no message was recorded")
+        raise PictureError(f"{name!r}: no message was recorded")
     plain, stream = np.asarray(values), name.rpartition(".")[0]
     if plain.dtype.kind not in "bif" or plain.ndim > 2:
-        raise PlotError(f"{name!r} is no number or vector over time; `palpate echo {run.path} {stream}` shows it")
+        raise PictureError(f"{name!r} is no number or vector over time; `palpate echo {run.path} {stream}` shows it")
     factor, unit = PREFIXES.get(values.unit, (1.0, values.unit))
     return _Drawable(plain * factor, unit, values.time, run[stream].tick)

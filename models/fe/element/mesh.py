@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from palpate.models.fe.element.jacobian import inverted
-from palpate.physics.errors import MISUSE, PalpateError
+from palpate.physics.errors import MeshError
 
 EDGES = np.array([[0, 1], [1, 2], [2, 0], [0, 3], [1, 3], [2, 3]])
 FACES = np.array([[0, 2, 1, 6, 5, 4], [0, 1, 3, 4, 8, 7], [1, 2, 3, 5, 9, 8], [0, 3, 2, 7, 9, 6]])
@@ -20,12 +20,6 @@ _QUADS = np.array([[0, 1, 3, 2], [4, 5, 7, 6], [0, 1, 5, 4], [2, 3, 7, 6], [0, 2
 FOLDED = 0.05
 """[1] Share of its greatest determinant by which an element may be inside out at a corner: where a square is mapped to
 a triangle two edges become one line, and curved sides then cross by a hair. The points of integration lie inside."""
-
-
-class MeshError(PalpateError, ValueError):
-    """A mesh that finite elements cannot use; says which element or face, and where."""
-
-    exit_code = MISUSE
 
 
 @dataclass(frozen=True)

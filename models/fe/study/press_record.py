@@ -18,16 +18,10 @@ from palpate.models.fe.contact.pressure import pressure as contact_pressure
 from palpate.models.fe.element.mesh import TetMesh
 from palpate.models.fe.meshing.fingertip import PAPER
 from palpate.models.fe.study.pressing import Pressing
-from palpate.physics.errors import MISUSE, PalpateError
+from palpate.physics.errors import ArgumentError
 
 LEVELS = np.array([0.05, 0.1, 0.15, 0.2, 0.3, 0.4])
 """Equivalent strains at which volumes are recorded."""
-
-
-class RunError(PalpateError, ValueError):
-    """A folder that is no run, or another's, or damaged; says which file, and what would work."""
-
-    exit_code = MISUSE
 
 
 @dataclass(frozen=True)
@@ -78,7 +72,7 @@ class Run:
     def begin(self, pressing: Pressing) -> list[list[float]]:
         """Make the folder for a pressing, or take it up where its run was broken off: the rows so far.
 
-        RunError: it holds a run of other settings, or is damaged.
+        ArgumentError: it holds a run of other settings, or is damaged.
         """
         plain = json.loads(json.dumps(pressing.settings()))
         first = [0.0] * (3 + len(LEVELS))
@@ -93,7 +87,7 @@ class Run:
         other = differing(self.settings(), plain)
         if other is not None:
             name, there, here = other
-            raise RunError(
+            raise ArgumentError(
                 f"{self.folder}: holds a run with {name} {there}, this one has {here}. Use another folder, or "
                 "remove that one"
             )
@@ -122,7 +116,7 @@ class Run:
         os.replace(scratch, self.folder / "state.npz")
 
     def settings(self) -> dict[str, Any]:
-        """What was run. RunError: no run."""
+        """What was run. ArgumentError: no run."""
         try:
             settings = json.loads((self.folder / "run.json").read_text())
         except (OSError, ValueError) as error:
@@ -132,18 +126,18 @@ class Run:
         return settings
 
     def table(self) -> np.ndarray:
-        """Rows (k, 3 + l): indentation, force, area, volumes. RunError: no run."""
+        """Rows (k, 3 + l): indentation, force, area, volumes. ArgumentError: no run."""
         rows = self._read("table.npz")["rows"]
         if rows.ndim != 2 or rows.shape[1] != 3 + len(LEVELS) or not np.isfinite(rows).all():
             raise self._damaged("table.npz", f"found {rows.shape}, expected finite rows of {3 + len(LEVELS)}")
         return rows
 
     def record(self) -> Record:
-        """What was found so far. RunError: no run."""
+        """What was found so far. ArgumentError: no run."""
         return as_record(self.table().tolist())
 
     def mesh(self) -> tuple[TetMesh, float]:
-        """The mesh, plate included, and the sides that it stands for, see `Pressing.sides`. RunError: no run."""
+        """The mesh, plate included, and the sides that it stands for, see `Pressing.sides`. ArgumentError: no run."""
         arrays = self._read("mesh.npz")
         try:
             return TetMesh(arrays["points"], arrays["elements"], arrays["region"]), float(arrays["sides"])
@@ -151,30 +145,30 @@ class Run:
             raise self._damaged("mesh.npz", error) from None
 
     def displacement(self, row: int) -> np.ndarray:
-        """Displacement [m] (N,3) of a row of the table. RunError: no such step."""
+        """Displacement [m] (N,3) of a row of the table. ArgumentError: no such step."""
         if row == 0:
             return np.zeros_like(self.mesh()[0].points)
         return self._read(f"step-{row:03d}.npz")["displacement"].astype(np.float64)
 
     def pressure(self, row: int) -> tuple[np.ndarray, np.ndarray]:
         """Nodes under the plate (V,) and the contact pressure there [Pa] (V,) of a row of the table, see
-        `fe.contact.pressure`; none in the first row. RunError: no such step."""
+        `fe.contact.pressure`; none in the first row. ArgumentError: no such step."""
         if row == 0:
             return np.zeros(0, dtype=np.int64), np.zeros(0)
         arrays = self._read(f"step-{row:03d}.npz")
         return arrays["corners"], arrays["pressure"]
 
     def displacement_at(self, force: float) -> np.ndarray:
-        """Displacement [m] (N,3) at a force [N], between the steps. RunError: not reached."""
+        """Displacement [m] (N,3) at a force [N], between the steps. ArgumentError: not reached."""
         return self._between(self.record().force, force, "N")
 
     def displacement_at_depth(self, indentation: float) -> np.ndarray:
-        """Displacement [m] (N,3) at an indentation [m], between the steps. RunError: not reached."""
+        """Displacement [m] (N,3) at an indentation [m], between the steps. ArgumentError: not reached."""
         return self._between(self.record().indentation, indentation, "m")
 
     def _between(self, marks: np.ndarray, mark: float, unit: str) -> np.ndarray:
         if not 0.0 <= mark <= marks[-1]:
-            raise RunError(f"{self.folder}: ends at {marks[-1]:.4g} {unit}, {mark:.4g} {unit} is not reached")
+            raise ArgumentError(f"{self.folder}: ends at {marks[-1]:.4g} {unit}, {mark:.4g} {unit} is not reached")
         row = max(1, int(np.searchsorted(marks, mark)))
         share = (mark - marks[row - 1]) / max(marks[row] - marks[row - 1], 1e-300)
         low, high = self.displacement(row - 1), self.displacement(row)
@@ -197,15 +191,15 @@ class Run:
         scratch.write_bytes(data)
         os.replace(scratch, self.folder / name)
 
-    def _damaged(self, name: str, reason: object) -> RunError:
+    def _damaged(self, name: str, reason: object) -> ArgumentError:
         path = self.folder / name
         if not path.exists():
             inside = sorted(file.parent for file in self.folder.glob(f"*/{name}"))
             such = f", such as {inside[0]}" if inside else ""
-            return RunError(
+            return ArgumentError(
                 f"{self.folder}: no {name} in it. Expected a folder that `palpate fe fingertip` has written{such}"
             )
-        return RunError(f"{path}: damaged: {reason}. Remove {self.folder} and run again")
+        return ArgumentError(f"{path}: damaged: {reason}. Remove {self.folder} and run again")
 
 
 def differing(first: dict[str, Any], second: dict[str, Any]) -> tuple[str, Any, Any] | None:
@@ -235,7 +229,7 @@ def record(
     broken off goes on from its last step.
 
     ConvergenceError: a step that fails; the steps before it are in the folder.
-    RunError: a folder of another run, or a damaged one.
+    ArgumentError: a folder of another run, or a damaged one.
     """
     rows: list[list[float]] = [[0.0] * (3 + len(LEVELS))]
     if run is not None:

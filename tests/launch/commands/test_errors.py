@@ -3,6 +3,7 @@
 import ast
 import builtins
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -10,6 +11,7 @@ import typer
 from typer.testing import CliRunner
 
 from palpate.launch.commands.common import Verbs
+from palpate.physics import errors
 from palpate.physics.errors import PalpateError
 
 FOLDERS = (
@@ -25,22 +27,44 @@ APART = {"MessageError"}
 """Of `palpate.messages`, which imports nothing of ours."""
 
 
-def raised():
-    """Every class of an error that is declared in a source, with its bases."""
+def declared() -> dict[str, list[str]]:
+    """The first base of every class of an error in the sources, by its name: one for each declaration."""
+    bases: dict[str, list[str]] = {}
     for folder in FOLDERS:
         for file in sorted((Path(__file__).parents[3] / folder).rglob("*.py")):
             for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
-                if isinstance(node, ast.ClassDef):
-                    bases = {base.id for base in node.bases if isinstance(base, ast.Name)}
-                    if any(issubclass(getattr(builtins, b, int), Exception) for b in bases) or "PalpateError" in bases:
-                        yield node.name, bases
+                if isinstance(node, ast.ClassDef) and node.bases:
+                    bases.setdefault(node.name, []).append(ast.unparse(node.bases[0]))
+
+    def error(name: str) -> bool:
+        kind = getattr(builtins, name, None)
+        if isinstance(kind, type):
+            return issubclass(kind, Exception)
+        return any(error(base) for base in bases.get(name, ()) if base != name)
+
+    return {name: found for name, found in bases.items() if error(name)}
 
 
-def test_every_error_has_the_one_root():
-    errors = dict(raised())
-    assert len(errors) > 20
-    without = {name for name, bases in errors.items() if "PalpateError" not in bases} - {"PalpateError"}
-    assert without <= INSIDE | APART, "an error that a user may meet derives from PalpateError"
+def drawn() -> dict[str, str]:
+    """The parent of each error in the tree at the head of `physics/errors.py`."""
+    parents, path = {}, []
+    for line in errors.__doc__.splitlines():
+        entry = re.match(r"( {4,})(\w+Error)\b", line)
+        if entry:
+            depth = len(entry[1]) // 2 - 2
+            path = [*path[:depth], entry[2]]
+            parents[entry[2]] = path[-2] if depth else "Exception"
+    return parents
+
+
+def test_the_tree_of_errors_is_the_one_that_is_drawn():
+    public = {name: bases for name, bases in declared().items() if name not in INSIDE | APART and name[0] != "_"}
+    assert {name: [parent] for name, parent in drawn().items()} == public, "one declaration each, ending in Error"
+
+
+def test_the_tree_has_one_root_and_holds_no_error_that_only_its_caller_meets():
+    assert [name for name, parent in drawn().items() if parent == "Exception"] == ["PalpateError"]
+    assert declared().keys() >= INSIDE | APART, "one of them is gone"
 
 
 class Sour(PalpateError):

@@ -8,7 +8,7 @@ from typer.testing import CliRunner
 
 from palpate.launch.__main__ import app
 from palpate.launch.load.launchfile import find
-from palpate.launch.load.organ import Organ, OrganError, with_organ
+from palpate.launch.load.organ import MeshError, Organ, with_organ
 from palpate.launch.load.repair import repaired
 from palpate.nodes.base.mesh_file import flaws
 from palpate.nodes.base.surface import surface_mesh
@@ -149,7 +149,7 @@ def test_the_only_plausible_unit_is_taken(tmp_path, scale, unit):
 )
 def test_a_wrong_or_missing_unit_names_those_that_fit(tmp_path, across, unit, text):
     file = saved(tmp_path, ball(across / 2, 1))
-    with pytest.raises(OrganError, match=text) as caught:
+    with pytest.raises(MeshError, match=text) as caught:
         Organ.of(file, unit)
     assert "\n" not in str(caught.value)
 
@@ -189,7 +189,7 @@ def test_the_rotation_of_the_scene_is_kept(tmp_path):
 
 
 def test_a_graph_without_a_surface_is_refused(tmp_path):
-    with pytest.raises(OrganError, match=r"softness has no scene\.surface"):
+    with pytest.raises(MeshError, match=r"softness has no scene\.surface"):
         with_organ(find("softness"), Organ(saved(tmp_path, liver()), "mm"))
 
 

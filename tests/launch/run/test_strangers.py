@@ -184,7 +184,7 @@ def test_a_run_with_other_machines_is_refused_without_a_key_unless_told_otherwis
     place = tmp_path / "far.yaml"
     place.write_text("far: {nodes: [spring, drag, spread], join: true}\n")
     launch = LaunchFile(graph=write_graph(tmp_path), place=place, duration=0.1)
-    with pytest.raises(keys.KeyFault, match="palpate keys --make"):
+    with pytest.raises(keys.RunError, match="palpate keys --make"):
         execute(launch, address="tcp://127.0.0.1:5999")
 
 
@@ -206,11 +206,11 @@ def test_keys_are_made_and_listed_and_belong_to_their_user(tmp_path, monkeypatch
     assert say("keys", "--make")[0] == 1
     assert say("keys", "lab", "--make")[0] == 0 and "lab" in say("keys")[1]
     path.chmod(0o644)
-    with pytest.raises(keys.KeyFault, match="others can read"):
+    with pytest.raises(keys.RunError, match="others can read"):
         keys.load()
     path.chmod(0o600)
     path.write_text("{}")
-    with pytest.raises(keys.KeyFault, match="damaged"):
+    with pytest.raises(keys.RunError, match="damaged"):
         keys.load()
 
 

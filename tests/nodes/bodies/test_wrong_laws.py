@@ -13,7 +13,7 @@ from palpate.launch.run.execute import execute
 from palpate.launch.run.screen import tell
 from palpate.launch.testing import FakeBus
 from palpate.messages import Proximity, Surface
-from palpate.nodes.base import InputFault, SettingError
+from palpate.nodes.base import InputError, SettingError
 from palpate.nodes.base.mesh_file import read_mesh
 from palpate.nodes.contact import Series
 
@@ -35,7 +35,7 @@ NEAR = Proximity(foot=(0, 0, 0), normal=(0, 0, 1), coordinates=(0, 0), element=0
 def test_a_law_out_of_range_is_refused_with_the_sender_and_the_number(name, value):
     wrong = msgspec.structs.replace(GOOD, **{name: value})
     bus = FakeBus(Series(), body=wrong)
-    with pytest.raises(InputFault, match=rf"Surface of 'liver' at tick 4: {name} \[.*found {value}, expected") as told:
+    with pytest.raises(InputError, match=rf"Surface of 'liver' at tick 4: {name} \[.*found {value}, expected") as told:
         bus.publish(NEAR)
     assert told.value.source == "liver"
 

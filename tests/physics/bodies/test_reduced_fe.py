@@ -15,7 +15,8 @@ from palpate.models.fe.reduce.reducible import of_organ
 from palpate.nodes.base import SettingError
 from palpate.nodes.base.surface import surface_mesh
 from palpate.nodes.deformation import ReducedFE
-from palpate.physics.bodies.condensed_body import Basis, BasisError, CondensedBody
+from palpate.physics.archive import ArchiveError
+from palpate.physics.bodies.condensed_body import Basis, CondensedBody
 from palpate.physics.geometry.mesh import Mesh
 
 UP = (0.0, 0.0, 1.0)
@@ -142,7 +143,7 @@ def test_a_stored_basis_keeps_its_numbers_and_a_damaged_one_is_refused(tmp_path)
     back = Basis.load(path)
     assert back.compliance == approx(basis().compliance, abs=2e-5 * float(np.abs(basis().compliance).max()))
     path.write_bytes(path.read_bytes()[:1000])
-    with pytest.raises(BasisError, match="palpate reduce"):
+    with pytest.raises(ArchiveError, match="palpate reduce"):
         Basis.load(path)
 
 

@@ -22,7 +22,8 @@ from palpate.models.fe.reduce.snapshots import MILD, mirror, press, press_from_r
 from palpate.nodes.base import SettingError
 from palpate.nodes.base.surface import FINGER_LENGTH, FINGER_RADIUS, surface_mesh, surface_patch
 from palpate.nodes.deformation import ReducedFE
-from palpate.physics.bodies.condensed_body import Basis, BasisError, CondensedBody
+from palpate.physics.archive import ArchiveError
+from palpate.physics.bodies.condensed_body import Basis, CondensedBody
 from palpate.physics.bodies.sampled_body import SampledBasis, SampledBody, gamma
 from palpate.physics.bodies.sampled_energy import barrier, forces, scratch, tangent
 from palpate.physics.bodies.sampled_solve import invert, settle, unhurried
@@ -450,7 +451,7 @@ def test_a_stored_basis_keeps_its_numbers_and_a_damaged_one_is_refused(tmp_path)
     it = SampledBody(back, slab().surface, YOUNG, 0.0, RADIUS, 1.0)
     assert settled(it, foot, n, nodes, push, 0.8)[3] == approx(settled(body(), foot, n, nodes, push, 0.8)[3], rel=1e-3)
     path.write_bytes(path.read_bytes()[:1000])
-    with pytest.raises(BasisError, match="palpate reduce"):
+    with pytest.raises(ArchiveError, match="palpate reduce"):
         SampledBasis.load(path)
 
 
