@@ -1,4 +1,4 @@
-"""The body that keeps to an error, proven on touches that its rungs (`palpate reduce --rungs`) were not fitted to.
+"""The body that keeps to an error, proven on touches that its rungs (`palpate reduce --levels`) were not fitted to.
 
     python benchmarks/adaptive.py [--surface fingertip] [--modes 80] [--ways 24] [--json]
 

@@ -39,7 +39,7 @@ def run_and_open(
     launch = described(graph, scene=scene, duration=duration, sets=sets, nodes=nodes)
     launch = launch.but(clock=clock, record=file, place=_place(place))
     if launch.duration is None:
-        raise ArgumentError(f"{graph}: the graph says no duration, so it would never end; give duration=2.0 [s]")
+        raise ArgumentError(f"{graph}: the graph has no duration, so the run would never end; pass duration=2.0 [s]")
     if launch.place is None and launch.clock != "real" and not _hardware(launch):
         launch = launch.but(place=FUSED)  # the answer is the same, and no process has to start
     outcome = execute(launch)

@@ -116,8 +116,8 @@ def steps(
     planned = plan(loaded)
     devices = [name for name in planned.order if planned.graph.nodes[name].cls.hardware]
     if devices or launch.clock == "real":
-        what = f"{devices[0]!r} talks to a device" if devices else "clock: real"
-        raise ArgumentError(f"{graph}: a loop step by step takes simulated time, but {what}; run it with palpate.run")
+        what = f"{devices[0]!r} drives a device" if devices else "clock: real"
+        raise ArgumentError(f"{graph}: stepping needs simulated time, but {what}; run it with palpate.run")
     ticks = None if launch.duration is None else max(1, round(launch.duration * loaded.rate))
     (job,) = jobs(planned, fused(planned), ticks=ticks)
     return _ticks(Worker(job, None, lambda report: None))

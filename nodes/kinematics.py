@@ -98,7 +98,7 @@ class Cartesian(_Tracker):
 
 
 class FalconStatics(Node):
-    """Torques that make a Falcon push with the wanted force: G^-T F, scaled as a whole to the motors' limit.
+    """Torques that make a Falcon push with the commanded force: G^-T F, scaled as a whole to the motors' limit.
 
     Zero without a force; without a pose it is silent, and the device lets go. `origin` is the same as in
     kinematics.Falcon.

@@ -15,7 +15,7 @@ PRESS = Wants("normal", "force", "compression", "indentation", "along", "stored"
 
 
 class Energy(Node):
-    """Keeps book of the energy of a touch: work of the hand, what fingertip, tissue and bristles hold and dissipate.
+    """Energy balance of a touch: work of the hand, what fingertip, tissue and bristles hold and dissipate.
 
     bound  energy that a part, or the display as a whole, may give out beyond what it had; beyond it the ledger trips
            for the rest of the run, and the controller that hears it takes the force to zero. 0: it never trips
@@ -76,7 +76,7 @@ class Energy(Node):
         if self.bound and made > self.bound and not self._tripped:
             self._tripped = True
             self._news.append(
-                f"the {culprit} gave out {made * 1e3:.3g} mJ that it cannot have had, beyond the bound of "
+                f"the {culprit} generated {made * 1e3:.3g} mJ, above the bound of "
                 f"{self.bound * 1e3:.3g} mJ, at {force.time * 1e-9:.3f} s: the force goes to zero"
             )
         work, balance = books.step

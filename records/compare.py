@@ -246,7 +246,7 @@ class Comparison:
         for variant in others:
             force, depth, step = variant.force.report(), variant.indentation.report(), variant.step.report()
             lines.append(
-                f"  {variant.name}: force off by {force['rms']:.4g} N rms, {force['peak']:.4g} N at most; indentation "
+                f"  {variant.name}: force error {force['rms']:.4g} N rms, {force['peak']:.4g} N at most; indentation "
                 f"{1e3 * depth['rms']:.4g} mm, {1e3 * depth['peak']:.4g} mm; step {1e6 * step['p50']:.1f} us (median)"
             )
         return "\n".join(lines)

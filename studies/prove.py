@@ -1,4 +1,4 @@
-"""Proof of a bill: one recorded touch, computed again with each effect as it is not now."""
+"""Ablation: one recorded touch, computed again with each effect toggled."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def prove(
     overrides: Sequence[str] = (),
     show: Show = lambda effect: None,
 ) -> None:
-    """Give each item its proof: how the force and the time of a tick change with the effect the other way round.
+    """Record for each item how the force and the time of a tick change with the effect toggled.
 
     overrides  of the plan that the items are of
 
@@ -31,12 +31,12 @@ def prove(
             item.proof = "no message depends on it"
             continue
         if not item.on and item.setting:
-            item.proof = f"not tried: give {item.where[0]} a value"
+            item.proof = f"not tried: {item.where[0]} needs a value"
             continue
         both = compared(recording, [*overrides, f"effects.{item.effect}={'off' if item.on else 'on'}"], overrides)
         if isinstance(both, str):
             why = both.splitlines()[0].split(": ", 1)[-1]
-            item.proof = f"cannot be {'left out' if item.on else 'had'}: {why}"
+            item.proof = f"cannot be switched {'off' if item.on else 'on'}: {why}"
         else:
             item.proof = _told(item, *both)
 
@@ -46,14 +46,14 @@ def _told(item: Item, base: Variant, variant: Variant) -> str:
         return "no force is computed"
     now, then = base.whole.report()["p50"] * 1e6, variant.whole.report()["p50"] * 1e6
     if abs(then - now) < RESOLUTION * now:
-        cost = f"a tick takes as long ({now:.0f} µs)"
+        cost = f"same time per tick ({now:.0f} µs)"
     else:
-        cost = f"a tick takes {then:.0f} µs in place of {now:.0f}"
+        cost = f"a tick takes {then:.0f} µs instead of {now:.0f}"
     word = "without it" if item.on else "with it"
     if variant.force.peak <= NONE:
-        return f"{word}: the same force; {cost}"
+        return f"{word}: same force; {cost}"
     scale = variant.force.scale
     if scale <= 0.0:
         return f"{word}: up to {variant.force.peak:.2g} N, where there was no force; {cost}"
     peak = variant.force.peak / scale
-    return f"{word}: force differs by {off_by(variant):.2%} of its peak (rms), at most {peak:.2%}; {cost}"
+    return f"{word}: force error {off_by(variant):.2%} of peak (RMS), {peak:.2%} at most; {cost}"

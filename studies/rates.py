@@ -70,7 +70,7 @@ def rates(launch: LaunchFile, error: float, file: Path, show: Show = lambda what
         picked, promised = together(recording, list(chosen(recording, error, show)), error)
         while True:
             again = touched(launch.but(overrides=promised.texts), Path(folder) / "slow.mcap")
-            show("a run of it")
+            show("a run at these rates")
             came = ran(again, picked)
             finer = None if came.error <= error else oftener(picked)
             if finer is None:
@@ -78,8 +78,8 @@ def rates(launch: LaunchFile, error: float, file: Path, show: Show = lambda what
             picked, promised = together(recording, finer, error)
     if came.error <= error:
         told = (
-            f"Chosen by palpate rates: each effect as seldom as an error of {100 * error:.2g} % allows;",
-            f"the force is off by {100 * came.error:.2g} % of its peak (rms) in a run of it.",
+            f"Chosen by palpate rates: the lowest update rates for an error of {100 * error:.2g} %;",
+            f"force error measured in a run: {100 * came.error:.2g} % of peak (RMS).",
         )
         write(launch, promised.overrides, told, file)
     return Found(picked, promised, came, came.error <= error)
@@ -96,8 +96,8 @@ def effects_of(plan: Plan) -> list[Rate]:
     ]
     if not told:
         raise ArgumentError(
-            f"{plan.graph.path}: no effect is a node of its own here, so there is no rate to choose; `palpate plan` "
-            "shows the effects of a graph"
+            f"{plan.graph.path}: no effect of this graph is a node of its own, so there is no rate to choose; "
+            "`palpate plan` shows the effects of a graph"
         )
     return told
 

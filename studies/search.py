@@ -1,4 +1,4 @@
-"""Settings of a graph tried on one recorded touch: what `palpate tune`, `rates` and `plan --prove` have in common.
+"""Settings of a graph tried on one recorded touch: what `palpate tune`, `rates` and `plan --ablate` have in common.
 
 The touch is recorded once as the graph stands (`touched`), and each choice computes it again next to a reference
 (`compared`). A choice is written as a launch file (`write`) and run: the hand reacts to the force, so that the touch
@@ -118,7 +118,7 @@ def touched(launch: LaunchFile, file: Path) -> Recording:
     devices = [node for node, spec in graph.nodes.items() if spec.cls.hardware]
     if devices:
         raise ArgumentError(
-            f"{name}: node {devices[0]!r} talks to a device, and the touch is computed many times here; expected a "
+            f"{name}: node {devices[0]!r} drives a device, and the touch is computed many times here; expected a "
             f"simulated one: --set {devices[0]}.use=device.Simulated, or the graph kidney"
         )
     outcome = execute(replace(launch, record=file, place=FUSED, clock="simulated"))

@@ -80,8 +80,8 @@ def tune(launch: LaunchFile, goal: Goal, file: Path, show: Show = lambda what: N
         if best is None:
             return Tuned(ranked, reference=base, claimed=claimed, why=cause(ranked, goal))
         told = (
-            f"Chosen by palpate tune: {goal.quantity} off by {100 * best.error:.2g} % of its peak (rms),",
-            f"a tick {1e6 * best.p50:.0f} us p50, {1e6 * best.p99:.0f} us p99, on the machine that it was tuned on.",
+            f"Chosen by palpate tune: {goal.quantity} error {100 * best.error:.2g} % of peak (RMS),",
+            f"a tick {1e6 * best.p50:.0f} us p50, {1e6 * best.p99:.0f} us p99, on the machine where it was tuned.",
         )
         write(launch, best.overrides, told, file)
         came = _came(launch, best, base, goal, Path(folder) / "tuned.mcap")
@@ -199,11 +199,11 @@ def cause(ranked: list[Trial], goal: Goal) -> str:
     name, took = min((one.slowest for one in late), key=lambda own: own[1])
     if took > goal.budget:
         return (
-            f"Node {name!r} alone takes {1e6 * took:.0f} us (p50 of its steps), whatever the body is: give a larger "
+            f"Node {name!r} alone takes {1e6 * took:.0f} us (p50 of its steps), with any tissue model: allow a larger "
             "budget, or tune the graph without it."
         )
     why = busy(own=1.0)
-    return f"{why}, which is the likely cause. Tune again when it is quiet." if why else ""
+    return f"{why}, which is the likely cause. Tune again when the machine is idle." if why else ""
 
 
 def _came(launch: LaunchFile, chosen: Trial, base: Trial, goal: Goal, file: Path) -> Trial:

@@ -109,8 +109,8 @@ def friction(path: Path) -> None:
         left.plot(time, force, colour, label=f"{angle}°")
         left.plot(time[at.warned], force[at.warned], colour, marker="o", fillstyle="none")
         left.plot(time[at.gross], force[at.gross], colour, marker="o")
-    left.plot([], [], "ko", fillstyle="none", label="warning: a tenth of the nodes slides")
-    left.plot([], [], "ko", label="every node slides")
+    left.plot([], [], "ko", fillstyle="none", label="warning: 10 % of the nodes slide")
+    left.plot([], [], "ko", label="all nodes slide")
     left.set(title="Three angles, drawn back", xlabel="time since sliding began [s]", ylabel="friction [N]")
     for name, direction in (("X+", 0), ("X−", 180), ("Y+ (back)", 90), ("Y− (on)", -90)):
         time, force, normal, _ = sliding(40, direction)

@@ -1,4 +1,4 @@
-"""`palpate bench`: what the models and the loop can do, on this machine and with your device."""
+"""`palpate bench`: accuracy and speed of the models, and stability of the loop with your device."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ import typer
 from palpate.launch.commands.bench_accuracy import accuracy
 from palpate.launch.commands.bench_stability import stability
 
-bench = typer.Typer(no_args_is_help=True, help="What the models and the loop can do, and what they cost.")
+bench = typer.Typer(no_args_is_help=True, help="Benchmark the models and the haptic loop.")
 
 
 @bench.callback()
 def _bench() -> None:
-    """What the models and the loop can do, and what they cost."""
+    """Benchmark the models and the haptic loop."""
 
 
 bench.command()(accuracy)

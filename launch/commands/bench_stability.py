@@ -1,4 +1,4 @@
-"""`palpate bench stability`: how stiff a wall, or a body, may be on a device."""
+"""`palpate bench stability`: the stiffest virtual wall, or tissue model, that a device can render."""
 
 from __future__ import annotations
 
@@ -17,34 +17,34 @@ PER_SECOND = 1e-3
 
 
 def stability(
-    rate: Annotated[list[float] | None, typer.Option(help="Rate of the loop, Hz; may be given again.")] = None,
-    delay: Annotated[list[int] | None, typer.Option(help="Whole samples of delay; may be given again.")] = None,
-    damping: Annotated[list[float] | None, typer.Option(help="Of the wall, N s/m; may be given again.")] = None,
-    mass: Annotated[float, typer.Option(help="Of the device's grip, kg.")] = 0.1,
-    drag: Annotated[float, typer.Option(help="Of the device, N s/m.")] = 0.2,
+    rate: Annotated[list[float] | None, typer.Option(help="Loop rate, Hz; may be repeated.")] = None,
+    delay: Annotated[list[int] | None, typer.Option(help="Delay, whole samples; may be repeated.")] = None,
+    damping: Annotated[list[float] | None, typer.Option(help="Damping of the wall, N s/m; may be repeated.")] = None,
+    mass: Annotated[float, typer.Option(help="Mass of the device at the grip, kg.")] = 0.1,
+    drag: Annotated[float, typer.Option(help="Viscous damping of the device, N s/m.")] = 0.2,
     coulomb: Annotated[float, typer.Option(help="Dry friction of the device, N.")] = 0.0,
-    resolution: Annotated[float, typer.Option(help="Step of the device's position, m; 0: exact.")] = 60e-6,
-    limit: Annotated[float, typer.Option(help="Greatest force of the device, N.")] = 9.0,
-    order: Annotated[int, typer.Option("--filter", help="Differences in the mean that is the velocity.")] = 1,
-    lost: Annotated[float, typer.Option(help="Share of samples that repeat the one before.")] = 0.0,
-    jitter: Annotated[float, typer.Option(help="Share by which the length of a step varies.")] = 0.0,
-    seed: Annotated[int, typer.Option(help="Of lost samples and jitter.")] = 0,
+    resolution: Annotated[float, typer.Option(help="Encoder resolution, m; 0: exact.")] = 60e-6,
+    limit: Annotated[float, typer.Option(help="Largest force of the device, N.")] = 9.0,
+    order: Annotated[int, typer.Option("--filter", help="Velocity averaging window (samples).")] = 1,
+    lost: Annotated[float, typer.Option(help="Fraction of samples lost; the previous value is reused.")] = 0.0,
+    jitter: Annotated[float, typer.Option(help="Relative variation of the step length.")] = 0.0,
+    seed: Annotated[int, typer.Option(help="Random seed for lost samples and jitter.")] = 0,
     body: Annotated[
-        list[str] | None, typer.Option(help="A body in place of the wall: deformation.ReducedFE; may be given again.")
+        list[str] | None, typer.Option(help="Tissue model instead of the wall: deformation.ReducedFE; may be repeated.")
     ] = None,
     plane: Annotated[
-        bool, typer.Option("--regions", help="Also the plane of drag and dry friction, with the encoder.")
+        bool, typer.Option("--regions", help="Also map stability over viscous damping and dry friction.")
     ] = False,
     out: Annotated[Path, typer.Option("-o", "--out", help="Folder of pictures and tables.")] = Path("stability"),
     as_json: Json = False,
 ) -> None:
-    """The stiffest wall that a device can hold: by theory, and simulated with and without the controller.
+    """Compute the stiffest wall that a device can render: by theory, and simulated with and without the controller.
 
     `passive` and `stable` are exact for a linear loop, `quantised` for a spring without delay. `bare` is the simulated
-    loop with a hand, a wall that lets go, and the encoder: the last stiffness, on eighths of an octave, at which the
-    swing decays. `controlled` is the stiffness that the hand feels with the controller at the stiffest such wall,
-    `commanded`. A body is made stiffer by all of its moduli; its stiffness is that at a push of 0.1 N, `stable` by the
-    poles with its own damping.
+    loop without passivity control, with a hand, a unilateral wall and the encoder: the last stiffness, in steps of 1/8
+    octave, at which the oscillation decays. With the controller, `commanded` is the stiffest such wall and `controlled`
+    the stiffness that the hand feels at it. For a tissue model all moduli are scaled; its stiffness is measured at a
+    push of 0.1 N, and `stable` uses its own damping.
     """
     from palpate.physics.device.wall_loop import Device
     from palpate.studies.stability.study import Study
@@ -81,29 +81,29 @@ def _print(rows: list[dict[str, Any]], device: Any) -> None:
         part = list(group)
         best = [f"{max(one[name] for one in part):.4g}" for name in names]
         table.append((f"{rate:g}", f"{delay:g}", *best, f"{1e3 * max(one['given_out'] for one in part):.2g}"))
-    heads = ("rate\n\\[Hz]", "delay\n", *(f"\n{name}" for name in names), "given out\n\\[mJ]")
+    heads = ("rate\n\\[Hz]", "delay\n", *(f"\n{name}" for name in names), "injected\n\\[mJ]")
     _table("stiffest wall at the best damping [N/m]", heads, table)
     out.print(
-        "passive, stable: theory of the linear loop, with any passive hand and with none; bare: simulated, without the "
-        "controller; controlled: what the hand feels with it; given out: energy that it gave to the hand at most",
+        "passive, stable: theory of the linear loop, with any passive hand and with none; bare: simulated, without "
+        "passivity control; controlled: what the hand feels with it; injected: largest energy given to the hand",
         style="dim",
     )
     if device.resolution and not device.coulomb:
-        out.print("no dry friction is given (--coulomb): seen through an encoder no wall is strictly passive, "
-                  "`quantised` is 0", style="dim")  # fmt: skip
+        words = "without dry friction (--coulomb) no wall is strictly passive through an encoder, so `quantised` is 0"
+        out.print(words, style="dim")
 
 
 def _print_bodies(rows: list[dict[str, Any]]) -> None:
     def stiffness(value: float) -> str:
-        return "all rest" if math.isinf(value) else "none rests" if value == 0.0 else f"{value:.4g}"
+        return "all stable" if math.isinf(value) else "none stable" if value == 0.0 else f"{value:.4g}"
 
     table = [
         (row["body"], f"{row['rate']:g}", f"{row['delay']:g}",
          *(stiffness(row[name]) for name in ("stable", "bare", "controlled")), f"{1e3 * row['given_out']:.2g}")
         for row in rows
     ]  # fmt: skip
-    heads = ("\nbody", "rate\n\\[Hz]", "\ndelay", "\nstable", "\nbare", "\ncontrolled", "given out\n\\[mJ]")
-    _table("stiffest body, N/m at a push of 0.1 N", heads, table)
+    heads = ("\nbody", "rate\n\\[Hz]", "\ndelay", "\nstable", "\nbare", "\ncontrolled", "injected\n\\[mJ]")
+    _table("stiffest tissue model, N/m at a push of 0.1 N", heads, table)
 
 
 def _table(title: str, heads: tuple[str, ...], rows: list[tuple[str, ...]]) -> None:

@@ -48,17 +48,17 @@ PlaceOption = Annotated[
     str | None,
     typer.Option(
         "--place",
-        help="Which nodes share a process: a placement file, apart (none), or auto: the force path, and the rest.",
+        help="Which nodes share a process: a placement file; apart: one process per node; auto: force path and rest.",
     ),
 ]
 OrganOption = Annotated[
     Path | None, typer.Option("--organ", help="Mesh file (.stl, .ply, .obj) in place of the scene's organ.")
 ]
 UnitOption = Annotated[
-    str | None, typer.Option("--unit", help="Of the mesh file's numbers: m, cm or mm; needed where several fit.")
+    str | None, typer.Option("--unit", help="Unit of the mesh file: m, cm or mm; required if several are plausible.")
 ]
 RepairOption = Annotated[
-    bool, typer.Option("--repair", help="Mend the mesh first: a closed one is written next to the file.")
+    bool, typer.Option("--repair", help="Repair the mesh first; a closed copy is written next to the file.")
 ]
 Fused = Annotated[bool, typer.Option("--fused", help="Run all nodes in one process.")]
 
@@ -105,7 +105,9 @@ def chosen(
 
     scene_file = None if scene is None else find_file(scene, SCENES, what="scene")
     if fused and place not in (None, FUSED):
-        raise typer.BadParameter(f"--fused puts everything in one process, --place {place} contradicts it: give one")
+        raise typer.BadParameter(
+            f"--fused puts everything in one process, --place {place} contradicts it: use one of them"
+        )
     place_file: Path | str | None = None
     if fused or place in BUILT_IN:
         place_file = FUSED if fused else place
@@ -152,7 +154,7 @@ def tell(data: Any) -> None:
 
 
 class Verbs(TyperGroup):
-    """The command group: errors are told in red on standard error, without traceback unless `--debug` is given."""
+    """The command group: errors are printed in red on standard error, without traceback unless `--debug` is given."""
 
     def invoke(self, ctx: Any) -> Any:
         try:
@@ -178,7 +180,7 @@ class _Foreign(PalpateError):
         self.name = type(error).__name__
         self.of_file = isinstance(error, OSError) and bool(error.filename and error.strerror)
         text = f"{error.filename}: {error.strerror}" if self.of_file else str(error)  # type: ignore[attr-defined]
-        super().__init__(text or "no more is known")
+        super().__init__(text or "no details available")
         if self.of_file or isinstance(error, FileNotFoundError | FileExistsError):
             self.exit_code = MISUSE
 

@@ -24,7 +24,7 @@ def compare(
     reference: Annotated[
         str | None, typer.Option(help='Reference: "recorded" or changed values; by default the first variant.')
     ] = None,
-    picture: Annotated[Path | None, typer.Option(help="File of the picture; by default beside the recording.")] = None,
+    picture: Annotated[Path | None, typer.Option(help="File of the picture; by default next to the recording.")] = None,
     no_picture: Annotated[bool, typer.Option("--no-picture", help="Draw no picture.")] = False,
     trust: Trust = None,
     as_json: Json = False,

@@ -1,4 +1,4 @@
-"""`palpate devices`: what is plugged in, who drives it, and whether you may use it."""
+"""`palpate devices`: connected devices, their nodes and your permissions."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ def devices(
         bool, typer.Option("--install-udev", help="Write the udev rule that lets you use them. Needs root.")
     ] = False,
     probe: Annotated[
-        bool, typer.Option("--probe", help="Open the devices that need firmware, and say whether it runs.")
+        bool, typer.Option("--probe", help="Open the devices that need firmware, and report whether it runs.")
     ] = False,
     emulate: Annotated[
-        str | None, typer.Option(help="Run an emulated device instead, and show what it answers: falcon, rawhid, ...")
+        str | None, typer.Option(help="Run an emulator instead and print its answers: falcon, rawhid, ...")
     ] = None,
     seconds: Annotated[float, typer.Option(help="How long to run it.", min=0.1, max=3600)] = 3.0,
     as_json: Json = False,
 ) -> None:
-    """List the devices on this machine: what drives them, permissions, and what to do next.
+    """List the devices on this machine: node, port, permissions and the next step.
 
     Without hardware, `port: emulator` on a device's node runs the whole graph with an emulator of its protocol.
     """
@@ -119,7 +119,7 @@ def _next(usb_device: Found) -> str:
     if usb_device.missing:
         return 'pip install "palpate[devices]"'
     if not usb_device.file:
-        return "no file of the system yet: its kernel driver is not bound"
+        return "no device file: its kernel driver is not bound"
     if not usb_device.permitted:
         return "not permitted: palpate devices --install-udev"
     return ""

@@ -1,4 +1,4 @@
-"""`palpate doctor`: what this machine has and what to do about the rest."""
+"""`palpate doctor`: diagnostics of this machine, with remedies."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from palpate.launch.commands.common import TROUBLE, Json, console, tell
 
 
 def doctor(
-    pictures: Annotated[bool, typer.Option(help="Try to draw a picture, which takes some seconds.")] = True,
+    pictures: Annotated[bool, typer.Option(help="Test off-screen drawing; takes some seconds.")] = True,
     seconds: Annotated[
         float, typer.Option(help="Seconds for each of two measurements of wake-up latency; 0: none.", min=0, max=600)
     ] = 2.0,
@@ -22,7 +22,7 @@ def doctor(
 
     if as_json:
         findings = list(examine(pictures=pictures, seconds=seconds))
-        tell({"ok": all(f.state != "fault" for f in findings), "findings": [asdict(f) for f in findings]})
+        tell({"ok": all(f.state != "fault" for f in findings), "diagnostics": [asdict(f) for f in findings]})
     else:
         from rich.text import Text
 

@@ -20,7 +20,7 @@ def echo(
     first: Annotated[str, typer.Argument(help="Recording, or the stream of a running graph.", metavar="FILE|STREAM")],
     second: Annotated[str | None, typer.Argument(help="Stream of the recording.", metavar="[STREAM]")] = None,
     count: Annotated[int | None, typer.Option("--count", "-n", help="Stop after that many messages.", min=1)] = None,
-    every: Annotated[int, typer.Option(help="Only each n-th message.", min=1)] = 1,
+    every: Annotated[int, typer.Option(help="Only every n-th message.", min=1)] = 1,
     run: Annotated[str | None, typer.Option(help="Name of the run, if there are several.")] = None,
     trust: Trust = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object per line.")] = False,

@@ -15,12 +15,12 @@ def export(
     file: File,
     to: Annotated[str, typer.Option(help="foxglove, rerun, parquet, csv or vtk.")],
     out: Annotated[
-        Path | None, typer.Option(help="File (foxglove, rerun) or folder; by default beside the recording.")
+        Path | None, typer.Option(help="File (foxglove, rerun) or folder; by default next to the recording.")
     ] = None,
     stream: Annotated[list[str] | None, typer.Option(help="Only this stream; may be repeated.")] = None,
     every: Annotated[
         int | None,
-        typer.Option(help="Only each n-th message; by default all numbers, and 30 surfaces in a second.", min=1),
+        typer.Option(help="Only every n-th message; by default all numbers, and 30 surfaces per second.", min=1),
     ] = None,
     trust: Trust = None,
     as_json: Json = False,

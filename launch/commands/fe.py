@@ -218,7 +218,7 @@ def _press(pressing: Pressing, end: float, run: Run, quiet: bool) -> Record:
         return record(pressing, end, run, tick)
     except KeyboardInterrupt:
         bar.stop()
-        done = f"stopped at {1e3 * pressing.solver.load:.2f} mm; the same command goes on from there ({run.folder})"
+        done = f"stopped at {1e3 * pressing.solver.load:.2f} mm; the same command continues from there ({run.folder})"
         typer.secho(done, fg="red", err=True)
         raise typer.Exit(INTERRUPTED) from None
     finally:

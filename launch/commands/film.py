@@ -19,7 +19,7 @@ def film(
     colour: ColourOption = "displacement",
     trust: Trust = None,
 ) -> None:
-    """Film a recording: the surface under the finger, coloured by its displacement or what is asked for."""
+    """Film a recording: the surface under the finger, coloured by displacement or another field."""
     from palpate.views.pictures import colour as colours
     from palpate.views.pictures.film import film as make
 

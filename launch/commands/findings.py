@@ -115,7 +115,7 @@ def _cores() -> Finding:
     cores = sorted(os.sched_getaffinity(0))
     listing = f"{len(cores)} usable: {', '.join(map(str, cores))}"
     few = len(cores) < 2
-    return Finding("cores", "note" if few else "ok", listing, "The force path wants a core to itself." if few else "")
+    return Finding("cores", "note" if few else "ok", listing, "The force path needs a core of its own." if few else "")
 
 
 def _fifo() -> Finding:
@@ -139,7 +139,7 @@ def _memory() -> Finding:
         libc.munlockall()
         return Finding("locked memory", "ok", f"permitted, {words}")
     cure = "Add `@realtime - memlock unlimited` to /etc/security/limits.conf; log in again."
-    return Finding("locked memory", "note", f"not permitted, {words}: page faults may hold up a tick", cure)
+    return Finding("locked memory", "note", f"not permitted, {words}: page faults may delay a tick", cure)
 
 
 def _usb() -> Iterator[Finding]:
@@ -180,7 +180,7 @@ def _wake_ups(seconds: float) -> Iterator[Finding]:
     plain = measure(seconds, None)
     assert plain is not None
     held = plain.p999 < HELD
-    cure = "" if held else "Real-time priority (SCHED_RR above) mends most of it; so does an idle machine."
+    cure = "" if held else "Real-time priority (SCHED_RR above) removes most of it; so does an idle machine."
     yield Finding("wake-ups", "ok" if held else "note", words(plain), cure)
     first = measure(seconds, PRIORITY)
     if first is None:

@@ -36,11 +36,11 @@ def fingertip(
     axes: Annotated[
         str,
         typer.Option(
-            help="Where slices, rows, columns run: T/H to tip or hand, N/P to nail or pulp, R/L seen from the tip, nail"
-            " up. By default for images: tip and nail are detected, each slice lies behind the previous one."
+            help="Directions of slices, rows, columns: T/H to tip or hand, N/P to nail or pulp, R/L seen from the tip,"
+            " nail up. By default for images: tip and nail are detected, each slice lies behind the previous one."
         ),
     ] = "",
-    picture: Annotated[Path | None, typer.Option(help="Picture of the result; by default beside the output.")] = None,
+    picture: Annotated[Path | None, typer.Option(help="Picture of the result; by default next to the output.")] = None,
     phantom: Annotated[
         Path | None, typer.Option(help="Write images of a synthetic finger, and exit: a new folder, or .nii.gz.")
     ] = None,
@@ -81,7 +81,7 @@ def fingertip(
         "tilt_deg": math.degrees(frame.tilt),
         "roll_deg": math.degrees(frame.roll),
         "left_and_right": {"header": "by the header", "stated": "as stated"}.get(
-            stack.handed, "not known: the next slice is taken to lie behind (--axes)"
+            stack.handed, "unknown: each slice is assumed to lie behind the previous one (--axes)"
         ),
         **measures(tip),
     }
@@ -97,7 +97,7 @@ def _phantom(path: Path, as_json: bool) -> None:
 
     file = path.name.endswith((".nii", ".nii.gz"))
     if path.exists():
-        raise typer.BadParameter(f"{path} is there already; give a new name", param_hint="--phantom")
+        raise typer.BadParameter(f"{path} exists; choose a new name", param_hint="--phantom")
     try:
         (write_nifti if file else write_dicom)(scan(), path)
     except OSError as error:
@@ -105,7 +105,7 @@ def _phantom(path: Path, as_json: bool) -> None:
     if as_json:
         tell({"ok": True, "phantom": str(path)})
     else:
-        typer.echo(f"Wrote images of a made-up finger to {path}; read them with `palpate fingertip {path}`.")
+        typer.echo(f"Wrote images of a synthetic finger to {path}; read them with `palpate fingertip {path}`.")
 
 
 def _spacing(text: str) -> tuple[float, float, float] | None:

@@ -52,7 +52,7 @@ def fit(
 
     if example is not None:
         write_example(example)
-        text = f"Wrote synthetic sessions of two made-up subjects to {example}."
+        text = f"Wrote synthetic sessions of two subjects to {example}."
         typer.echo(json.dumps({"ok": True, "file": str(example)}) if as_json else text)
         return
     if sessions is None:

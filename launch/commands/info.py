@@ -16,7 +16,7 @@ File = Annotated[Path, typer.Argument(help="Recording (.mcap).", metavar="FILE")
 
 
 def info(file: File, as_json: Json = False) -> None:
-    """What a recording holds: streams, counts, rates, losses, duration, origin, and whether it was cut off."""
+    """Show the contents of a recording: streams, counts, rates, losses, duration, origin, truncation."""
     from palpate.records.reader import Recording
 
     data = describe(Recording(file, stored=True))

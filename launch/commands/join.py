@@ -10,7 +10,7 @@ import typer
 def join(
     address: Annotated[str, typer.Argument(help="Address of the launcher, tcp://host:port.", metavar="ADDRESS")],
     group: Annotated[str, typer.Argument(help="Name of the group in the placement.", metavar="GROUP")],
-    patience: Annotated[float, typer.Option(help="Time to wait for the launcher, in s.", min=0.1)] = 60.0,
+    timeout: Annotated[float, typer.Option(help="Time to wait for the launcher, in s.", min=0.1)] = 60.0,
     key: Annotated[str, typer.Option(help="Key that secures the run; see `palpate keys`.")] = "rig",
     unencrypted: Annotated[bool, typer.Option("--unencrypted", help="For a run without encryption.")] = False,
 ) -> None:
@@ -28,7 +28,7 @@ def join(
         secured = None if unencrypted else keys.load(key)
         adopt_orphans()
         try:
-            code = serve(address, group, patience, secured)
+            code = serve(address, group, timeout, secured)
         finally:
             end_descendants()  # what its nodes have started
         raise typer.Exit(code)

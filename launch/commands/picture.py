@@ -32,7 +32,7 @@ def picture(
     colour: ColourOption = "displacement",
     trust: Trust = None,
 ) -> None:
-    """Draw the surface under the finger at one instant, coloured by its displacement or what is asked for."""
+    """Draw the surface under the finger at one instant, coloured by displacement or another field."""
     from palpate.views.pictures import colour as colours
     from palpate.views.pictures.film import picture as draw
 

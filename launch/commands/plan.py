@@ -22,8 +22,8 @@ _PICTURE = ".mmd"
 NEWEST = 3  # recordings that are looked through for the times of a graph
 
 PROVED = (
-    "; in blue: the whole tick, computed again on this machine now with and without it, so that what other nodes spend "
-    "on it counts as well"
+    "; in blue: the whole tick, computed again on this machine with and without the effect; it includes the time that "
+    "other nodes spend on it"
 )
 
 
@@ -49,31 +49,31 @@ def plan(
         str | None,
         typer.Option(help="Print the graph as Mermaid text, or write it to FILE.mmd.", metavar="[FILE]"),
     ] = None,
-    prove: Annotated[
+    ablate: Annotated[
         Path | None,
-        typer.Option(help="A recorded touch: compute it with each effect the other way, and say what changes."),
+        typer.Option(help="A recorded touch: compute it again with each effect toggled, and show what changes."),
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """Show what of a graph runs, in which order, and why the rest does not; and the bill of its effects.
+    """Show which nodes run, in which order, why the others do not, and the cost per effect.
 
-    Times are those of the newest recording of the graph below runs/, or of the one to prove with.
+    Times come from the newest recording of the graph below runs/, or from the one given to --ablate.
     """
     from palpate.launch.load.bill import bill
 
     run = chosen(graph, sets, scene, place, fused)
     planned = run.plan()
     placement = run.placement(planned)
-    times, source = _times(planned, prove)
+    times, source = _times(planned, ablate)
     items = bill(planned, times)
-    if prove is not None:
-        _prove(prove, items, sets or [], as_json)
+    if ablate is not None:
+        _prove(ablate, items, sets or [], as_json)
     if draw is not None:
         _draw(planned, draw, times)
     elif as_json:
         groups = [{"name": g.name, "nodes": g.nodes, "core": g.core, "priority": g.priority, "host": g.host}
                   for g in placement.groups]  # fmt: skip
-        addition = {"times": times, "times_from": source and str(source), "bill": [asdict(item) for item in items],
+        addition = {"times": times, "times_from": source and str(source), "costs": [asdict(item) for item in items],
                     "notes": planned.graph.notes}  # fmt: skip
         tell(planned.to_spec() | {"groups": groups} | addition)
     else:
@@ -112,19 +112,19 @@ def _prove(file: Path, items: list[Item], sets: list[str], silent: bool) -> None
     from palpate.records.reader import Recording
     from palpate.studies.prove import prove
 
-    with steps(f"plan: the touch again without each of {len(items)} effects", len(items), silent=silent) as done:
-        prove(Recording(file), items, sets, lambda name: done(f"without {name}"))
+    with steps(f"plan: the touch again with each of {len(items)} effects toggled", len(items), silent=silent) as done:
+        prove(Recording(file), items, sets, lambda name: done(f"{name} toggled"))
 
 
 def _bill(items: list[Item], source: Path | None) -> Any:
     from rich.table import Table
     from rich.text import Text
 
-    timed = f"times of {source}" if source else "times not measured: run the graph first"
-    caption = "µs: steps of the nodes that run for this effect alone, median"
+    timed = f"times of {source}" if source else "no times yet: run the graph first"
+    caption = "µs: median step time of the nodes that run only for this effect"
     if any(item.proof for item in items):
         caption += PROVED
-    table = Table(title=f"effects, µs a tick ({timed})", title_justify="left", box=None, pad_edge=False,
+    table = Table(title=f"cost per effect, µs per tick ({timed})", title_justify="left", box=None, pad_edge=False,
                   caption=caption, caption_justify="left")  # fmt: skip
     for column, justify in (("", "left"), ("effect", "left"), ("µs", "right"), ("why", "left")):
         table.add_column(column, overflow="fold", justify=justify)  # type: ignore[arg-type]
@@ -133,7 +133,7 @@ def _bill(items: list[Item], source: Path | None) -> Any:
         price = "" if not item.nodes else "?" if item.price is None else f"{item.price * 1e6:.1f}"
         why = Text(item.rule)
         if item.nodes or item.fields:
-            why.append(f"\nfor it alone: {', '.join([*item.nodes, *item.fields])}", style="dim")
+            why.append(f"\nruns only for this effect: {', '.join([*item.nodes, *item.fields])}", style="dim")
         if item.proof:
             why.append(f"\n{item.proof}", style="cyan")
         table.add_row(word, Text(item.effect), price, why)

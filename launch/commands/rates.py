@@ -1,4 +1,4 @@
-"""`palpate rates`: how seldom each effect may run for a stated error."""
+"""`palpate rates`: the lowest update rate of each effect for a given error."""
 
 from __future__ import annotations
 
@@ -21,22 +21,23 @@ PER_TICK = 3e-3
 def rates(
     graph: Graph,
     error: Annotated[
-        str, typer.Option(help="rms over the touch, of the peak: of each effect's own output, and of the force.")
+        str, typer.Option(help="Allowed error, RMS, % of peak: of each effect's own output and of the force.")
     ] = "1 %",
     sets: Sets = None,
     scene: SceneOption = None,
     duration: Annotated[
-        float | None, typer.Option(help="Of the touch that is measured on.", parser=seconds, metavar="TIME")
+        float | None, typer.Option(help="Duration of the touch that is measured.", parser=seconds, metavar="TIME")
     ] = None,
     out: Annotated[
-        Path | None, typer.Option("-o", "--out", help="Launch file to write; runs/GRAPH-rates.yaml.")
+        Path | None, typer.Option("-o", "--out", help="Launch file to write; default runs/GRAPH-rates.yaml.")
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """The lowest rate of each effect that keeps an error, from its own time constant, for this graph.
+    """Find the lowest update rate of each effect that keeps a given error.
 
-    Runs the graph at these rates, more often until the run keeps the error, and writes a launch file for `palpate run`
-    with what was measured. Nothing is written, and the exit code is 1, where no run keeps it.
+    The search starts at the time constant of each effect. It then runs the graph, raises the rates until the error is
+    kept, and writes a launch file with the measured figures. If no run keeps the error, nothing is written and the
+    exit code is 1.
     """
     from palpate.studies import rates as study
     from palpate.studies.search import read_error
@@ -53,7 +54,7 @@ def rates(
         assert found.promised is not None and found.came is not None
         tell({"ok": found.kept, "file": str(file) if found.kept else None, "error": share,
               "set": found.promised.overrides, "effects": [_data(rate) for rate in found.tried],
-              "promised": _times(found.promised), "came": _times(found.came)})  # fmt: skip
+              "predicted": _times(found.promised), "measured": _times(found.came)})  # fmt: skip
     else:
         _print(found, file)
     if not found.kept:
@@ -75,7 +76,7 @@ def _print(found: Found, file: Path) -> None:
 
     out = console()
     shown = Table(box=None, header_style="bold", pad_edge=False)
-    for title in ("", "effect", "time\nconstant", "every", "\nnow", "off by, rms %\nits output", "\nforce"):
+    for title in ("", "effect", "time\nconstant", "every", "\nnow", "error, RMS %\noutput", "\nforce"):
         shown.add_column(title, justify="left" if title in ("", "effect") else "right")
     for rate in found.tried:
         constant = "idle" if rate.idle else f"{1e3 * rate.constant:.3g} ms"
@@ -84,21 +85,21 @@ def _print(found: Found, file: Path) -> None:
     out.print(shown)
     if any(rate.idle for rate in found.tried):
         out.print(
-            "idle: nothing of it changes on this touch, and its rate is left; another touch may tell", style="dim"
+            "idle: its output does not change on this touch, so its rate is kept; try a touch that uses it", style="dim"
         )
-    for word, one in (("promised", found.promised), ("came", found.came)):
+    for word, one in (("predicted", found.promised), ("measured", found.came)):
         assert one is not None
         out.print(
-            f"{word:9} force off by {_percent(one.error)} %, a tick {1e6 * one.mean:.0f} us in the "
-            f"mean, where all effects at each tick take {1e6 * one.reference:.0f} us",
+            f"{word:9} force error {_percent(one.error)} % of peak (RMS), mean tick {1e6 * one.mean:.0f} us; "
+            f"{1e6 * one.reference:.0f} us with all effects at every tick",
             markup=False,
         )
     if found.kept:
         out.print(f"written   {file}: palpate run {file}", markup=False)
     else:
         out.print(
-            "No run kept the error: the hand reacts to the force, and the touch became another one. Nothing "
-            "is written. Take a larger --error.",
+            "No run kept the error: the hand reacts to the force, so the touch itself changed. Nothing is written. "
+            "Allow a larger --error.",
             style="yellow",
         )
 

@@ -14,13 +14,13 @@ FOLDS = 9
 
 
 def record_indentation(
-    sessions: Annotated[Path, typer.Argument(help="CSV that the session is added to.")],
+    sessions: Annotated[Path, typer.Argument(help="CSV file to which the session is added.")],
     subject: Annotated[str, typer.Option(help="Who or what is pressed.")],
     session: Annotated[str, typer.Option(help="Name of this press; use a new one for each press.")],
     graph: Annotated[str, typer.Option(help="Graph with a pose `finger` and a force `sensor`.")] = "indentation",
     sets: Sets = None,
     duration: Annotated[float, typer.Option(help="Duration of the press, in s.", min=0.5, max=3600)] = 10.0,
-    depth: Annotated[float, typer.Option(help="Largest depth of the forces, in mm.", min=0.1, max=100)] = 5.0,
+    depth: Annotated[float, typer.Option(help="Largest depth in the table, in mm.", min=0.1, max=100)] = 5.0,
     step: Annotated[float, typer.Option(help="Spacing of the depths, in mm.", min=0.01, max=10)] = 0.5,
     touch: Annotated[float, typer.Option(help="Force at which contact begins, in N.", min=1e-4, max=10)] = 0.05,
     as_json: Json = False,
@@ -29,7 +29,7 @@ def record_indentation(
 
     Force and speed of the loading phase, at evenly spaced depths, are added as a session to a CSV that `palpate fit`
     reads. A press at changing speed determines the damping as well.
-    A recording of the whole press is written beside it.
+    A recording of the whole press is written next to it.
     """
     from palpate.launch.commands.press import add_session, press_of
     from palpate.launch.load.launchfile import find

@@ -13,7 +13,7 @@ from palpate.launch.commands.info import File
 
 def recover(
     file: File,
-    out: Annotated[Path | None, typer.Option(help="File to write; by default beside the recording.")] = None,
+    out: Annotated[Path | None, typer.Option(help="File to write; by default next to the recording.")] = None,
     full: Annotated[
         bool, typer.Option("--full", help="Of a recording of sources: compute and write all messages.")
     ] = False,
@@ -22,8 +22,8 @@ def recover(
 ) -> None:
     """Make a complete recording from the readable part of a truncated or damaged one.
 
-    With --full make one with all messages of a recording of sources. Exit code 1 if a computed message is not what was
-    recorded; the messages before it are written.
+    --full turns a recording of sources into one with all messages. Exit code 1 if a computed message differs from the
+    recorded one; the messages before it are written.
     """
     from palpate.records.fill import explained
     from palpate.records.reader import Recording

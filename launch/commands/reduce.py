@@ -21,9 +21,10 @@ def reduce(
         list[str] | None,
         typer.Option("--set", help="A setting of deformation.ReducedFE: surface=liver.stl, poisson=0.48, bed=30."),
     ] = None,
-    force: Annotated[bool, typer.Option("--force", help="Build it even if it is stored.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Build it even if it is already stored.")] = False,
     rungs: Annotated[
-        bool, typer.Option("--rungs", help="Fit the rungs of deformation.Adaptive to its stored basis instead.")
+        bool,
+        typer.Option("--levels", help="Fit the fidelity levels of deformation.Adaptive to its stored basis instead."),
     ] = False,
     folder: Annotated[str | None, typer.Option("--to", help="Folder to store it in; by default the cache.")] = None,
     as_json: Json = False,
@@ -50,14 +51,14 @@ def reduce(
         with Stages(console(stderr=True), as_json) as stages:
             missed = basis.make(node, path, stages, commit())
     except KeyboardInterrupt:
-        again = "goes on from the touches that were pressed" if node.surface == "fingertip" else "begins anew"
+        again = "resumes after the touches already computed" if node.surface == "fingertip" else "starts again"
         typer.secho(f"stopped: nothing is stored; the same command {again}", fg="red", err=True)
         raise typer.Exit(INTERRUPTED) from None
     _say(as_json, path, time.perf_counter() - started, missed)
     if missed.get("worst", 0.0) > WORST:
         finer = f"--set coarse={min(2 * node.coarse, MOST_COARSE)} (now {node.coarse}, by default {ReducedFE.coarse})"
         cure = f"more vertices in {node.surface}" if "." in node.surface else finer
-        text = f"stored, but off by more than {WORST:.0%} at some touches. A finer surface mends it: {cure}"
+        text = f"stored, but the error is above {WORST:.0%} at some touches. Use a finer surface: {cure}"
         typer.secho(text, fg="red", err=True)
         raise typer.Exit(TROUBLE)
 
@@ -107,8 +108,8 @@ def _say(as_json: bool, path: Path, seconds: float | None, missed: dict[str, flo
     if missed:
         linear = ""
         if "linear_mean" in missed:
-            linear = f"; the linear body by {missed['linear_mean']:.1%}, {missed['linear_worst']:.1%}"
+            linear = f"; of the linear body {missed['linear_mean']:.1%}, {missed['linear_worst']:.1%}"
         out.print(
-            f"at touches that it was not made from it is off by {missed['mean']:.1%} in the mean, "
+            f"error at touches that it was not built from: {missed['mean']:.1%} in the mean, "
             f"{missed['worst']:.1%} at worst{linear}"
         )

@@ -43,7 +43,7 @@ def replay(
     trust: Trust = None,
     as_json: Json = False,
 ) -> None:
-    """Replay a recording: its device drives its graph, or another one, or with --only a part of it.
+    """Replay a recording: its device drives the recorded graph, another graph, or with --only a part of it.
 
     --check computes every message of every node again from exactly the inputs that it names, and prints the first
     difference. Exit code 1 if there is one. Bytes are compared if the recording was computed with the same
@@ -106,10 +106,10 @@ def _print(recording: Recording, report: Report, tolerance: float, elsewhere: li
         how = f"equal within {tolerance:g}" if tolerance else "bit-equal"
         out.print(Text(f"{checked} messages of {len(report.nodes)} nodes computed again: {how}", style="green"))
     else:
-        out.print(Text("nothing could be checked", style="red"))
+        out.print(Text("no message could be checked", style="red"))
     if elsewhere:
         how = f"numbers are compared within {tolerance:g}" if tolerance else "bytes are compared nevertheless"
-        out.print(Text(f"It was computed otherwise: {'; '.join(elsewhere)}; {how}.", style="yellow"))
+        out.print(Text(f"Computed with other versions or instructions: {'; '.join(elsewhere)}; {how}.", style="yellow"))
     for name, node in report.nodes.items():
         if node.stopped:
             out.print(Text(f"not checked: {name}: {node.stopped}", style="yellow"))
@@ -173,7 +173,7 @@ def _summary(player: Replay) -> None:
         )
     out.print(table)
     if player.player and player.player.substituted:
-        out.print(Text(f"{player.player.substituted} inputs that the recording lost were replaced by those before them",
+        out.print(Text(f"{player.player.substituted} lost inputs were replaced by the previous ones",
                        style="yellow"))  # fmt: skip
     if not player.recording.complete:
         out.print(Text(player.recording.ending, style="yellow"), soft_wrap=True)

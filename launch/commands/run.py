@@ -52,37 +52,39 @@ def run(
     clock: Annotated[str | None, typer.Option(help="simulated or real.")] = None,
     duration: Annotated[
         float | None,
-        typer.Option(help="On the graph's clock: seconds, or with a unit.", parser=seconds, metavar="TIME"),
+        typer.Option(help="Duration on the graph's clock: seconds, or with a unit.", parser=seconds, metavar="TIME"),
     ] = None,
     pace: Annotated[
-        float | None, typer.Option(help="Simulated time at this multiple of real time.", min=1e-3, max=1e6)
+        float | None, typer.Option(help="Pace of simulated time, as a multiple of real time.", min=1e-3, max=1e6)
     ] = None,
-    record: Annotated[Path | None, typer.Option(help="File of the recording; pictures go beside it.")] = None,
+    record: Annotated[Path | None, typer.Option(help="File of the recording; pictures are written next to it.")] = None,
     no_record: Annotated[bool, typer.Option("--no-record", help="Record nothing.")] = False,
     record_only: Annotated[
         str | None,
-        typer.Option(help="sources: record only what cannot be computed again; the rest is computed when it is read."),
+        typer.Option(
+            help="sources: record only what cannot be recomputed; the rest is computed when the file is read."
+        ),
     ] = None,
     leave_out: Annotated[list[str] | None, typer.Option("--leave-out", help="Stream not to record.")] = None,
-    thin: Annotated[list[str] | None, typer.Option(help="STREAM=N: record each N-th message only.")] = None,
+    thin: Annotated[list[str] | None, typer.Option(help="STREAM=N: record only every N-th message.")] = None,
     out: Annotated[Path | None, typer.Option(help="Folder of recording and pictures.")] = None,
     pictures: Annotated[bool, typer.Option(help="Draw the pictures of the run at its end.")] = True,
-    see: Annotated[bool, typer.Option("--view", help="Look at it meanwhile, in the browser.")] = False,
-    patience: Annotated[float, typer.Option(help="Time in s after which a silent node counts as hung.", min=0.1)] = 5.0,
+    see: Annotated[bool, typer.Option("--view", help="Show the run in the browser while it runs.")] = False,
+    timeout: Annotated[float, typer.Option(help="Time in s after which a silent node counts as hung.", min=0.1)] = 5.0,
     address: Annotated[str | None, typer.Option(help="tcp://host:port where workers of other hosts join.")] = None,
     key: Annotated[str, typer.Option(help="Key that secures connections to other hosts; see `palpate keys`.")] = "rig",
     unencrypted: Annotated[bool, typer.Option("--unencrypted", help="Do not encrypt TCP connections.")] = False,
     reconnect: Annotated[bool, typer.Option("--reconnect", help="Wait for a device that is unplugged.")] = False,
     strict: Annotated[
-        bool, typer.Option("--strict", help="Exit code 1 when a run on the real clock did not keep its rate.")
+        bool, typer.Option("--strict", help="Exit code 1 if a run on the real clock did not keep its rate.")
     ] = False,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No live view.")] = False,
     as_json: Json = False,
 ) -> None:
     """Run a graph: live view, recording, summary, pictures.
 
-    Ctrl-C or SIGTERM ends it in an orderly way. Exit code 1 when a node failed, or the recording is not whole; with
-    --strict also when a run on the real clock did not keep its rate; 130 after Ctrl-C, 143 after SIGTERM.
+    Ctrl-C or SIGTERM ends the run cleanly. Exit code 1 if a node failed or the recording is incomplete; with
+    --strict also if a run on the real clock did not keep its rate; 130 after Ctrl-C, 143 after SIGTERM.
     """
     from palpate.launch.load.launchfile import RECORDED
     from palpate.launch.run.forkserver import ForkServer
@@ -118,7 +120,7 @@ def run(
         view = None if quiet or as_json else console()
         with none_left():
             outcome = execute(
-                launch, loaded, console=view, forkserver=forkserver, patience=patience, address=address,
+                launch, loaded, console=view, forkserver=forkserver, patience=timeout, address=address,
                 leave_out=leave_out or (), thin=_thin(thin or []), unencrypted=unencrypted, key_name=key,
                 fit_cores=True, watch=watch.look if watch else lambda _: None,
             )  # fmt: skip
@@ -179,12 +181,12 @@ def _seen(launch: LaunchFile, loaded: Checked, silent: bool) -> tuple[Watch, Pag
 
     planned = plan(loaded)
     if len(launch.placement(planned).groups) == 1 and launch.clock != "real":
-        raise typer.BadParameter("--view: a run in one process on the simulated clock has nothing to listen to; leave "
+        raise typer.BadParameter("--view: a run in one process on the simulated clock has no sockets; leave "
                                  "out --fused, or look at its recording: palpate view FILE")  # fmt: skip
     watch = Watch(planned)
     opened = serve(watch)
     if not silent:
-        typer.echo(f"see it at {opened.address}", err=True)
+        typer.echo(f"view it at {opened.address}", err=True)
     webbrowser.open(opened.address)
     return watch, opened
 
@@ -195,7 +197,7 @@ def _reconnecting(launch: LaunchFile) -> list[str]:
 
     devices = [name for name, spec in launch.load().nodes.items() if "reconnect" in settings(spec.cls)]
     if not devices:
-        raise typer.BadParameter("--reconnect: no node of this graph talks to a device that it could wait for")
+        raise typer.BadParameter("--reconnect: no node of this graph drives a device that can be reconnected")
     return [f"{name}.reconnect=true" for name in devices]
 
 
@@ -266,7 +268,7 @@ def _judge(outcome: Outcome, out: Console) -> None:
         if any(health[key] for health in outcome.result.health.values()):
             out.print(Text(meaning, style="dim"))
     if not verdict.kept:
-        place = f"try --place {AUTO}: the force path in one process; " if outcome.placed != AUTO else ""
+        place = f"try --place {AUTO} (force path in one process); " if outcome.placed != AUTO else ""
         out.print(Text(f"{place}`palpate doctor` shows what slows this machine"))
 
 

@@ -28,12 +28,14 @@ def touch(
     organ: OrganOption = None,
     unit: UnitOption = None,
     repair: RepairOption = False,
-    port: Annotated[int, typer.Option(help="Of the page on 127.0.0.1; 0: any.", min=0, max=65535)] = 0,
+    port: Annotated[int, typer.Option(help="Port of the page on 127.0.0.1; 0: any free port.", min=0, max=65535)] = 0,
     no_open: Annotated[bool, typer.Option("--no-open", help="Do not open the browser.")] = False,
-    no_record: Annotated[bool, typer.Option("--no-record", help="Keep no recordings unless the page asks.")] = False,
+    no_record: Annotated[
+        bool, typer.Option("--no-record", help="Keep no recordings unless the page requests it.")
+    ] = False,
     out: Annotated[Path | None, typer.Option(help="Folder of the recordings.")] = None,
 ) -> None:
-    """Touch a graph with the mouse: its device gives way to a hand that follows the pointer of a page in the browser.
+    """Touch a graph with the mouse: a simulated hand replaces the device and follows the pointer of a browser page.
 
     The graph runs on the real clock in processes of its own. Ctrl-C ends it.
     """

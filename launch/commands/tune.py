@@ -1,4 +1,4 @@
-"""`palpate tune`: the body and fidelity for a budget of time, or of error, on this machine."""
+"""`palpate tune`: the tissue model and fidelity for a time or error budget on this machine."""
 
 from __future__ import annotations
 
@@ -21,25 +21,26 @@ PER_TICK = 1e-3
 def tune(
     graph: Graph,
     budget: Annotated[
-        float | None, typer.Option(help="p99 of all steps of a tick: '0.5 ms'.", parser=seconds, metavar="TIME")
+        float | None, typer.Option(help="Time per tick, all nodes, p99: '0.5 ms'.", parser=seconds, metavar="TIME")
     ] = None,
     error: Annotated[
-        str | None, typer.Option(help="rms over the touch, of the peak: '2 % force', or of indentation or shape.")
+        str | None, typer.Option(help="Allowed error, RMS, % of peak: '2 % force', or of indentation or shape.")
     ] = None,
     sets: Sets = None,
     scene: SceneOption = None,
     duration: Annotated[
-        float | None, typer.Option(help="Of the touch that is tuned on.", parser=seconds, metavar="TIME")
+        float | None,
+        typer.Option(help="Duration of the touch that is used for tuning.", parser=seconds, metavar="TIME"),
     ] = None,
     out: Annotated[
-        Path | None, typer.Option("-o", "--out", help="Launch file to write; runs/GRAPH-tuned.yaml.")
+        Path | None, typer.Option("-o", "--out", help="Launch file to write; default runs/GRAPH-tuned.yaml.")
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """The most accurate body that keeps a budget, or the cheapest that keeps an error, for this graph on this machine.
+    """Find the most accurate tissue model within a time budget, or the fastest within an error, on this machine.
 
-    Writes a launch file for `palpate run`, runs it, and tells what was promised and what came. Exit code 1 where
-    nothing keeps what is asked for.
+    Writes a launch file for `palpate run`, runs it, and prints predicted and measured figures. Exit code 1 if no model
+    qualifies.
     """
     from palpate.studies import tune as study
     from palpate.studies.search import read_error
@@ -56,8 +57,8 @@ def tune(
         tuned = study.tune(launch, goal, file, done)
     if as_json:
         told = {"ok": tuned.promised is not None, "file": str(file) if tuned.promised else None,
-                "reference": tuned.reference.overrides, "promised": tuned.promised and _data(tuned.promised),
-                "came": tuned.came and _data(tuned.came)}  # fmt: skip
+                "reference": tuned.reference.overrides, "predicted": tuned.promised and _data(tuned.promised),
+                "measured": tuned.came and _data(tuned.came)}  # fmt: skip
         tell(told | ({"why": tuned.why} if tuned.why else {}) | {"candidates": [_data(one) for one in tuned.tried]})
     else:
         _print(tuned, goal, file)
@@ -77,7 +78,7 @@ def _print(tuned: Tuned, goal: Goal, file: Path) -> None:
 
     out = console()
     shown = Table(box=None, header_style="bold", pad_edge=False)
-    for head in ("", f"{goal.quantity} off by\nrms %", "tick [us]\np50", "\np99"):
+    for head in ("", f"{goal.quantity} error\nRMS %", "tick [us]\np50", "\np99"):
         shown.add_column(head, justify="left" if not head else "right")
     for one in sorted((c for c in tuned.tried if not c.why), key=lambda c: c.error):
         style = "bold" if one is tuned.promised else None
@@ -86,18 +87,18 @@ def _print(tuned: Tuned, goal: Goal, file: Path) -> None:
     for reason in dict.fromkeys(one.why for one in tuned.tried if one.why):
         titles = "; ".join(title(one) for one in tuned.tried if one.why == reason)
         out.print(f"left out {titles}: {reason}", markup=False, style="dim")
-    known = "of whose own error nothing is known."
+    known = "whose own error is unknown."
     if tuned.claimed:
-        known = f"what it is known to be off by itself added: {100 * tuned.claimed:.2g} %."
+        known = f"plus the known error of that reference: {100 * tuned.claimed:.2g} %."
     out.print(f"Errors are differences from {title(tuned.reference)}, {known}", markup=False)
     if tuned.promised is None or tuned.came is None:
-        out.print(f"Nothing keeps {goal} here. {tuned.why}".rstrip(), style="yellow", markup=False)
+        out.print(f"No model keeps {goal} on this machine. {tuned.why}".rstrip(), style="yellow", markup=False)
         return
-    for word, one in (("promised", tuned.promised), ("came", tuned.came)):
+    for word, one in (("predicted", tuned.promised), ("measured", tuned.came)):
         times = f"{1e6 * one.p50:.0f} us p50, {1e6 * one.p99:.0f} us p99"
-        out.print(f"{word:9} {goal.quantity} off by {100 * one.error:.3g} %, a tick {times}", markup=False)
+        out.print(f"{word:9} {goal.quantity} error {100 * one.error:.3g} % of peak (RMS), tick {times}", markup=False)
     if not tuned.kept:
         out.print(
-            "The run did not keep it: the machine was busier, or the touch differs under this body.", style="yellow"
+            "The run missed the goal: the machine was busier, or the touch changes with this model.", style="yellow"
         )
     out.print(f"written   {file}: palpate run {file}", markup=False)

@@ -1,4 +1,4 @@
-"""`palpate view`: recordings in the browser, at any time of theirs."""
+"""`palpate view`: recordings in the browser, at any instant."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ if TYPE_CHECKING:
 
 
 def view(
-    files: Annotated[list[Path], typer.Argument(help="A recording, or two to see them side by side.")],
-    port: Annotated[int, typer.Option(help="Of the page on 127.0.0.1; 0: any.", min=0, max=65535)] = 0,
+    files: Annotated[list[Path], typer.Argument(help="A recording, or two to compare side by side.")],
+    port: Annotated[int, typer.Option(help="Port of the page on 127.0.0.1; 0: any free port.", min=0, max=65535)] = 0,
     no_open: Annotated[bool, typer.Option("--no-open", help="Do not open the browser.")] = False,
     trust: Trust = None,
 ) -> None:
-    """Look at a recording in the browser: the organ at any time, play, slow motion, step by step; two side by side.
+    """View a recording in the browser: any instant, playback, slow motion, single steps; two side by side.
 
     Ctrl-C ends it.
     """

@@ -119,7 +119,7 @@ def _readers(planned: Plan, node: str, effect: Effect, on: bool) -> str:
     """Who reads a part of a node's message."""
     names = " or ".join(effect.fields)
     if not on:
-        return f"nobody reads {names}"
+        return f"output unused: {names}"
     graph = planned.graph
     streams = graph.nodes[node].streams
     readers = [reader for reader, edges in planned.edges.items() if any(e.stream in streams for e in edges)]

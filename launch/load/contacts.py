@@ -37,7 +37,7 @@ class Contacts:
                     deaf.add(name)
                     faults.add(
                         f"reads the body {wire.producer!r}, which the load of {_and(pressed)} presses, not its own: it "
-                        "would feel another finger's dent",
+                        "would feel the indentation of another finger",
                         f"A body takes one contact. Give {name!r} a body and a spread of its own: "
                         f"`in: {{{wire.port.name}: {wire.producer}-2}}`, `spread-2: {{in: {{contact: {name}}}}}`, "
                         f"`{wire.producer}-2: {{in: {{load: spread-2}}}}`.",

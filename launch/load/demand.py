@@ -66,7 +66,7 @@ def skipped_nodes(graph: Graph, running: set[str]) -> dict[str, str]:
             reasons[name] = spec.off
             continue
         readers = [n for n, other in graph.nodes.items() if any(e.producer == name for e in other.edges)]
-        reasons[name] = f"nobody wants {', '.join(spec.streams)}"
+        reasons[name] = f"output unused: {', '.join(spec.streams)}"
         if readers:
             reasons[name] += (
                 f"; read only by {', '.join(readers)}, which {'does' if len(readers) == 1 else 'do'} not run"

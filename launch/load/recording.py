@@ -23,7 +23,7 @@ def set_recording(
     loggers = [spec for spec in graph.nodes.values() if issubclass(spec.cls, Mcap)]
     if file is None:
         for spec in loggers:
-            spec.off = spec.off or "no recording was asked for (--record FILE)"
+            spec.off = spec.off or "no recording was requested (--record FILE)"
         return
     if not loggers:
         name = next(n for n in ("log", "palpate-log", "palpate-log-2") if n not in graph.nodes)

@@ -37,7 +37,7 @@ def repaired(organ: Organ) -> tuple[Organ, list[str]]:
             shared = edge_counts(triangles, len(vertices))[1]
     if shared or crossing(vertices, triangles):
         vertices, triangles = _anew(vertices, triangles)
-        done.append("surface made anew without crossings")
+        done.append("surface rebuilt without self-intersections")
     border, shared = edge_counts(triangles, len(vertices))
     if border or shared:
         raise MeshError(

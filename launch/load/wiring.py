@@ -203,7 +203,7 @@ def close_loops(connections: Iterable[Wire], order: list[str], faults: Faults) -
     for wire in connections:
         if wire.held and not wire.port.optional:
             kind = wire.port.type.__name__
-            faults.add(f"holds the message of an earlier tick, and at tick 0 there is none; {kind} is not optional",
+            faults.add(f"holds the message of an earlier tick, but at tick 0 there is none; {kind} is not optional",
                        f"In the class, write `{wire.port.name}: {kind} | None`.", wire.place,
                        node=wire.consumer, port=wire.port.name)  # fmt: skip
 

@@ -37,10 +37,10 @@ def find(name: str | None = None) -> Running:
     if len(live_runs) == 1:
         return live_runs[0]
     if not live_runs:
-        which = f"no run {name!r} goes on" if name else "no run goes on"
+        which = f"run {name!r} is not active" if name else "no run is active"
         raise RunError(f"{which} on this machine (a run with --fused has no sockets to listen to); "
                     "start one: palpate run kidney --clock real")  # fmt: skip
-    raise RunError(f"{len(live_runs)} runs go on: {', '.join(run.name for run in live_runs)}; name one with --run")
+    raise RunError(f"{len(live_runs)} runs are active: {', '.join(run.name for run in live_runs)}; name one with --run")
 
 
 def hear(run: Running, streams: list[str]) -> Iterator[tuple[str, bytes]]:

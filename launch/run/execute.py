@@ -175,7 +175,7 @@ def _clock(launch: LaunchFile, planned: Plan) -> str:
     hardware = [name for name in planned.order if planned.graph.nodes[name].cls.hardware]
     if hardware and launch.clock == "simulated":
         faults = Faults()
-        faults.add("clock: found 'simulated', but it talks to a device, which keeps real time",
+        faults.add("clock: found 'simulated', but it drives a device, which needs real time",
                    "Say `clock: real` or --clock real.", node=hardware[0])  # fmt: skip
         faults.done()
     return launch.clock or ("real" if hardware else "simulated")

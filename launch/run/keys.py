@@ -115,7 +115,7 @@ def load(name: str = NAME) -> Key:
     except FileNotFoundError:
         raise RunError(
             f"there is no key {name!r} ({path}). `palpate keys --make` makes one; copy that file to the same place on "
-            "every machine that takes part. --unencrypted does without: then everybody on the network can hear the run "
+            "every machine that takes part. --unencrypted does without: then everybody on the network can read the run "
             "and send into it."
         ) from None
     except (msgspec.MsgspecError, ValueError, zmq.ZMQError) as error:

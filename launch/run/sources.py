@@ -53,6 +53,6 @@ def _faults(graph: Graph, whole: Plan, clock: str, logger: NodeSpec) -> Iterator
         elif spec.cls.__module__ == "__main__" or "<locals>" in full_name(spec.cls):
             why = f"its class {full_name(spec.cls)} cannot be imported by this name"
         elif spec.restart and clock == "simulated":
-            why = "it may be started again, and what the others do meanwhile is not a function of the sources"
+            why = "it may be restarted, and the behaviour of the other nodes meanwhile is not a function of the sources"
         if why:
             yield Fault(f"record {SOURCES}: the node cannot be computed again: {why}", cure, spec.place, node=name)

@@ -70,7 +70,7 @@ def _percent(share: float) -> str:
 
 TROUBLES = {
     "late": "late: ticks that the clock left out, since a whole period had passed",
-    "lost": "lost: messages that a node passed over, or that did not come within a period",
-    "held": "held: steps that used an input older than their tick asks for",
+    "lost": "lost: messages that a node skipped, or that did not arrive within a period",
+    "held": "held: steps that reused the previous value of an input",
 }
 """What the columns of the table count, for a run in which one of them is not zero."""

@@ -19,7 +19,7 @@ from palpate.physics.bodies.sampled_body import SampledBasis, SampledBody
 
 
 class Adaptive(ReducedFE):
-    """The sampled body with as many of its modes in use, at each tick, as a stated error asks for.
+    """The sampled body with adaptive fidelity: at each tick as many modes as a given error requires.
 
     The error is that against all of its modes; what these miss of the full model is told with the basis. It is
     claimed in each message, and may be above what was asked for while a finer body takes over, and where `most`
@@ -64,12 +64,12 @@ class Adaptive(ReducedFE):
         except ArchiveError as error:
             raise SettingError(f"{error}. {make}") from None
         if about.get("basis") != self.key():
-            raise SettingError(f"{path}: rungs of basis {about.get('basis')}, expected {self.key()}. {make}")
+            raise SettingError(f"{path}: fidelity levels of basis {about.get('basis')}, expected {self.key()}. {make}")
         return rungs
 
     def rungs_command(self) -> str:
         """What makes the rungs of its basis."""
-        return self.command().replace("palpate reduce", "palpate reduce --rungs", 1)
+        return self.command().replace("palpate reduce", "palpate reduce --levels", 1)
 
 
 def beside(basis: Path) -> Path:

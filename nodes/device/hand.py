@@ -49,7 +49,7 @@ class Segment(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Hand(Node):
-    """Settings of a hand that follows a scripted path, with an arm that gives way:
+    """Settings of a hand that follows a scripted path, with a compliant arm:
 
     begin     first point of the path, world frame; `path` goes on from there (see Segment) and ends at rest
     origin    where the device's own frame lies in the world

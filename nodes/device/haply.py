@@ -20,7 +20,7 @@ PLANES = {"xy": (0, 1), "xz": (0, 2), "yz": (1, 2)}
 
 
 class Inverse3(Hardware):
-    """A Haply Inverse3 through the maker's local service, or its emulator (docs/devices.md).
+    """A Haply Inverse3 through the manufacturer's local service, or its emulator (docs/devices.md).
 
     port       address of the service; empty: ws://localhost:10001
     device_id  which one, where the service has several

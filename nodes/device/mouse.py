@@ -32,7 +32,7 @@ class Sample(msgspec.Struct, array_like=True, frozen=True, forbid_unknown_fields
 
 
 class Pointer(Node):
-    """Where a pointer of another program wants the fingertip to be: the newest sample on a local datagram socket.
+    """Target position of the fingertip from a pointer of another program: the newest sample on a local datagram socket.
 
     A sample is a msgpack array [number, [x, y, z], buttons] in metres of the world. One that is not is dropped and
     counted. Its messages are recorded, so that what a hand made of them can be computed again. Settings:
@@ -104,7 +104,7 @@ class Pointer(Node):
 
 
 class Mouse(Node):
-    """A Falcon's grip in a hand that wants to be where a pointer is: hand, arm and grip of `device.Simulated`
+    """A Falcon's grip in a simulated hand that follows a pointer: hand, arm and grip of `device.Simulated`
     (docs/equations/controller.md), but for the path. The hand's goal p follows the pointer q as
 
         p' = (q - p)/lag,  |p'| <= speed

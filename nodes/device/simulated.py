@@ -19,7 +19,7 @@ GLITCH = 1000 * FALCON.count  # [rad]
 
 
 class Simulated(Hand):
-    """A Falcon held by a hand that follows a scripted path, with an arm that gives way (docs/equations/controller.md).
+    """A Falcon held by a hand that follows a scripted path, with a compliant arm (docs/equations/controller.md).
 
     It reports what a real one would: driven angles in whole encoder counts. Torques work on the grip through the same
     geometry; where none come any more the last ones fall to zero within 4 ms. The weight is balanced. Settings, with

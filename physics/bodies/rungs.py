@@ -13,7 +13,7 @@ the load goes into modes that were dropped:
     claim = kappa_r(nu) sqrt(|p_D|²/|p|²),    nu = s_linear/s - 1
 
 p = Phi'h/E over all modes, whose squares are twice the energies at rest; s the indentation, s_linear that of the linear
-body. kappa_r holds above all errors that were seen at states of about that nu (`palpate reduce --rungs`). It is fitted,
+body. kappa_r holds above all errors seen at states of about that nu (`palpate reduce --levels`). It is fitted,
 not a bound that could be proven. At rest (nu = 0) all rungs are the same.
 """
 
@@ -111,5 +111,5 @@ class Rungs:
             if rungs.bends.shape != (k, 3) or rungs.kappa.shape != (k, n) or not isinstance(about, dict):
                 raise ValueError(f"bends {rungs.bends.shape}, kappa {rungs.kappa.shape} of {k} rungs and {n} knots")
         except (KeyError, ValueError, TypeError, RecursionError) as error:
-            raise ArchiveError(f"{path}: not the rungs of a sampled basis: {error}") from None
+            raise ArchiveError(f"{path}: not the fidelity levels of a sampled basis: {error}") from None
         return rungs, about

@@ -15,7 +15,7 @@ from palpate.views.pictures.style import ENERGY, FINGER, INK, NORMAL, SPEED, fig
 
 def draw_walls(rows: list[dict[str, float]], path: Path) -> None:
     """Left: stiffness over damping at the middle rate and least delay. Right: stiffness over delay at each rate."""
-    drawn = figure(11.0, 5.0, "How stiff a wall the device can hold")
+    drawn = figure(11.0, 5.0, "Stiffest wall that the device can render")
     left, right = drawn.subplots(1, 2)
     rates = sorted({one["rate"] for one in rows})
     delay, rate = min(one["delay"] for one in rows), rates[len(rates) // 2]
@@ -23,8 +23,8 @@ def draw_walls(rows: list[dict[str, float]], path: Path) -> None:
     lines = (
         ("passive", NORMAL, "-", "passive, theory"),
         ("stable", SPEED, "-", "stable, theory"),
-        ("bare", FINGER, "o", "simulated, bare"),
-        ("controlled", ENERGY, "^", "felt with the controller"),
+        ("bare", FINGER, "o", "simulated, without passivity control"),
+        ("controlled", ENERGY, "^", "felt with passivity control"),
     )
     for name, colour, mark, label in lines:
         points = [(one["damping"], one[name]) for one in plane if one[name] > 0.0]
@@ -40,14 +40,14 @@ def draw_walls(rows: list[dict[str, float]], path: Path) -> None:
             right.plot(*zip(*points, strict=True) if points else ([], []), mark, color=colour, linewidth=width,
                        markersize=3 + 1.5 * width)  # fmt: skip
         right.annotate(f"{f:g} Hz", (part[0]["delay"], max(part[0]["stable"], 1.0)), fontsize=9)
-    right.set(xlabel="delay [samples]", yscale="log", title=f"B = {least:g} N s/m; thicker: faster")
+    right.set(xlabel="delay [samples]", yscale="log", title=f"B = {least:g} N s/m; thicker: higher rate")
     drawn.savefig(path)
 
 
 def draw_bodies(rows: list[dict[str, Any]], path: Path) -> None:
     """Stiffness over delay, a column for each body at the least rate."""
     names, rate = list(dict.fromkeys(row["body"] for row in rows)), min(row["rate"] for row in rows)
-    drawn = figure(3.6 * len(names) + 1.5, 4.6, f"How stiff a body the device can hold, {rate:g} Hz")
+    drawn = figure(3.6 * len(names) + 1.5, 4.6, f"Stiffest tissue model that the device can render, {rate:g} Hz")
     axes = drawn.subplots(1, len(names), sharey=True, squeeze=False)[0]
     known = [r[key] for r in rows for key in ("stable", "bare", "controlled") if 0.0 < r[key] < math.inf] or [1e3]
     top, low = 3.0 * max(known), 0.5 * min(known)
@@ -55,20 +55,20 @@ def draw_bodies(rows: list[dict[str, Any]], path: Path) -> None:
         own = [row for row in rows if row["body"] == name and row["rate"] == rate]
         for key, colour, mark, label in (
             ("stable", SPEED, "-", "stable, poles"),
-            ("bare", FINGER, "o", "simulated, bare"),
-            ("controlled", ENERGY, "^", "controller on"),
+            ("bare", FINGER, "o", "simulated, without passivity control"),
+            ("controlled", ENERGY, "^", "with passivity control"),
         ):
             points = [(row["delay"], min(row[key], top)) for row in own if row[key] > 0.0]
             ax.plot(*zip(*points, strict=True) if points else ([], []), mark, color=colour, label=label)
         ax.set(xlabel="delay [samples]", yscale="log", title=name.rpartition(".")[2], ylim=(low, 1.5 * top))
     axes[0].set_ylabel("stiffness  [N/m]")
-    axes[-1].legend(loc="best", title=f"marks at {top:.2g}: all rest", fontsize=8, title_fontsize=8)
+    axes[-1].legend(loc="best", title=f"marks at {top:.2g}: all stable", fontsize=8, title_fontsize=8)
     drawn.savefig(path)
 
 
 def draw_regions(told: dict[str, Any], device: Device, period: float, path: Path) -> None:
     """The plane, the lines at 1/2, and where the user's own device lies at some stiffnesses."""
-    drawn = figure(7.4, 6.0, "What drag, dry friction and an encoder make of a sampled spring")
+    drawn = figure(7.4, 6.0, "Stability of a sampled spring: viscous damping, dry friction, encoder")
     ax = drawn.subplots()
     number = [[KINDS.index(kind) for kind in row] for row in told["kinds"]]
     colours = ["#d9ead9", "#dbe6f4", "#f6e3bd", "#eec4bf"]

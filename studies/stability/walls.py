@@ -113,10 +113,10 @@ def answer(rows: list[dict[str, float]]) -> str:
     rate, delay = rates[len(rates) // 2], min(one["delay"] for one in rows)
     part = [one for one in rows if (one["rate"], one["delay"]) == (rate, delay)]
     best = {name: max(one[name] for one in part) for name in SHOWN}
-    tried = "any wall that was tried" if min(one["commanded"] for one in part) >= HIGH else "most walls"
+    tried = "all walls tried" if min(one["commanded"] for one in part) >= HIGH else "most walls"
     return (
-        f"At {rate:g} Hz and {delay:g} samples of delay this device holds walls up to {best['bare']:.3g} N/m without "
-        f"the controller (theory: {best['stable']:.3g}); with it, {tried}, of which the hand feels at most "
+        f"At {rate:g} Hz and {delay:g} samples of delay this device renders walls up to {best['bare']:.3g} N/m without "
+        f"the controller (theory: {best['stable']:.3g}). With it, it renders {tried}; the hand feels at most "
         f"{best['controlled']:.3g} N/m."
     )
 

@@ -171,10 +171,10 @@ def test_reconnect_is_for_graphs_with_a_device(tmp_path):
     )
     assert good.exit_code == 0, good.output
     wrong = run("run", "kidney", "--reconnect", "--duration", 0.2, "--no-record")
-    assert wrong.exit_code == 2 and "no node of this graph talks to a device" in wrong.stderr
+    assert wrong.exit_code == 2 and "no node of this graph drives a device" in wrong.stderr
     graph = tmp_path / "pointed.yaml"
     pointer = f"  pointer: {{use: device.Pointer, socket: {tmp_path}/p}}\n"
     mouse = "  device: {use: device.Mouse, in: {pointer: pointer, torque: statics}}\n"
     graph.write_text("extends: kidney\nnodes:\n" + pointer + mouse)
     wrong = run("run", graph, "--reconnect", "--duration", 0.2, "--no-record")
-    assert wrong.exit_code == 2 and "no node of this graph talks to a device" in wrong.stderr
+    assert wrong.exit_code == 2 and "no node of this graph drives a device" in wrong.stderr

@@ -143,7 +143,7 @@ def test_a_touch_is_compared_with_another_body(run, file):
     first, other = found.variants
     assert first.name == "recorded" and other.swapped == ("tissue",)
     assert other.force.report()["rms"] > 0.0
-    assert "tissue.use=deformation.Rigid: force off by" in repr(found)
+    assert "tissue.use=deformation.Rigid: force error" in repr(found)
     assert len(found.plot().axes) == 4
     both = palpate.compare(file, [], "scene.tissue.stiffness=200", ["tissue.use=deformation.Rigid"], reference=[])
     assert [len(both.report()), both.report()[1]["force_N"]["rms"]] == [4, 0.0]
@@ -189,7 +189,7 @@ def test_what_a_step_cannot_do_is_told():
     loop.close()
     with pytest.raises(StopIteration):
         next(loop)
-    with pytest.raises(palpate.PalpateError, match="talks to a device"):
+    with pytest.raises(palpate.PalpateError, match="drives a device"):
         next(palpate.steps("falcon"))
 
 

@@ -1,4 +1,4 @@
-"""`palpate reduce --rungs`: what it fits, where it stores it, and that the body that keeps to an error takes it."""
+"""`palpate reduce --levels`: what it fits, where it stores it, and that the body that keeps to an error takes it."""
 
 import json
 
@@ -23,12 +23,12 @@ def elsewhere(monkeypatch, tmp_path):
 
 
 def test_rungs_are_fitted_stored_beside_the_basis_and_taken_by_the_node(elsewhere):
-    ran = CliRunner().invoke(app, ["reduce", "--rungs", "--json"])
+    ran = CliRunner().invoke(app, ["reduce", "--levels", "--json"])
     assert ran.exit_code == 0, ran.output
     told = json.loads(ran.stdout)
     assert told["path"] == str(next(elsewhere.iterdir())) and told["touches"] == 6 and 6 <= told["states"] <= 18
     made, about = Rungs.load(next(elsewhere.iterdir()))
-    assert about["command"] == "palpate reduce --rungs --set model=sampled --set surface=fingertip"
+    assert about["command"] == "palpate reduce --levels --set model=sampled --set surface=fingertip"
     taken = Adaptive().rungs()
     assert taken.modes.tolist() == made.modes.tolist() == list(builder.SIZES)
     assert (made.kappa > 0.0).all()
@@ -36,6 +36,6 @@ def test_rungs_are_fitted_stored_beside_the_basis_and_taken_by_the_node(elsewher
 
 
 def test_rungs_of_a_basis_that_is_not_stored_say_how_to_build_it(elsewhere):
-    ran = CliRunner().invoke(app, ["reduce", "--rungs", "--set", "modes=30"])
+    ran = CliRunner().invoke(app, ["reduce", "--levels", "--set", "modes=30"])
     assert ran.exit_code == 2 and "no reduced basis is stored" in " ".join(ran.output.split())
     assert not elsewhere.exists()

@@ -98,7 +98,7 @@ def test_the_command_writes_what_it_promises_and_runs_it(tmp_path, write, monkey
     (tmp_path / "work").mkdir()
     monkeypatch.chdir(tmp_path / "work")
     ran = CliRunner().invoke(app, given[:-2])
-    assert ran.exit_code == 0 and "113 ms" in ran.output and "promised" in ran.output
+    assert ran.exit_code == 0 and "113 ms" in ran.output and "predicted" in ran.output
     assert "palpate run runs/swing-rates.yaml" in ran.output and find("runs/swing-rates.yaml").duration == 1.0
     assert [file.name for file in Path().iterdir()] == ["runs"]
 
@@ -142,7 +142,7 @@ def test_nothing_is_written_where_no_run_keeps_the_error(tmp_path, write, monkey
         (["kidney", "--error", "5"], "such as '1 %'"),
         (["kidney", "--error", "0 %"], "such as '1 %'"),
         (["kidney", "--error", "2 % force"], "such as '1 %'"),
-        (["fingertip-slide"], "no effect is a node of its own"),
+        (["fingertip-slide"], "no effect of this graph is a node of its own"),
         (["falcon", "--set", "device.port=emulator"], "expected a simulated one"),
     ],
 )

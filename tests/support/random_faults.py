@@ -112,7 +112,7 @@ def run(fault: Fault, folder: Path) -> list[str]:
         (folder / "disk").mkdir()
         file = folder / "disk" / "run.mcap"
     command = [sys.executable, "-m", "palpate.launch", "run", *_graph(fault, folder), "--record", str(file),
-               "--clock", fault.clock, "--no-pictures", "--patience", patience,
+               "--clock", fault.clock, "--no-pictures", "--timeout", patience,
                "--duration", str(_length(fault))]  # fmt: skip
     if fault.what == "disk":
         command = [*_small_disk(fault, folder / "disk", kept), *command]

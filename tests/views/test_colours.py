@@ -48,9 +48,9 @@ def test_a_vertex_of_which_nothing_is_said_has_none():
 
 
 def test_a_body_that_does_not_tell_is_named_with_the_colours_that_it_can_have():
-    with pytest.raises(ArgumentError, match=r"r.mcap: its body told no slip. Colours of it: displacement, strain"):
+    with pytest.raises(ArgumentError, match=r"r.mcap: its body sends no slip. Available colours: displacement, strain"):
         check(COLOURS["slip"], [surface()], "r.mcap")
-    with pytest.raises(ArgumentError, match=r"told no pressure; --set effects.pressure=on"):
+    with pytest.raises(ArgumentError, match=r"sends no pressure; --set effects.pressure=on"):
         check(COLOURS["pressure"], [surface()], "r.mcap")
     check(COLOURS["strain"], [surface()], "r.mcap")
 
@@ -102,7 +102,7 @@ def test_a_picture_has_the_colour_and_its_bar(file, tmp_path, name, monkeypatch)
 
 
 def test_a_colour_that_there_is_not_is_told_in_one_line(file, tmp_path):
-    for name, words in (("slip", "told no slip. Colours of it: displacement, pressure, strain"),
+    for name, words in (("slip", "sends no slip. Available colours: displacement, pressure, strain"),
                         ("heat", "expected one of displacement, pressure, slip, strain")):  # fmt: skip
         for verb in (["picture", "--at", "0.3"], ["film"]):
             result = CliRunner().invoke(app, [verb[0], str(file), *verb[1:], "--colour", name])

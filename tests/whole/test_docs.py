@@ -215,8 +215,8 @@ def test_the_commands_of_a_page_run_one_after_the_other(folder, page):
 
 
 def off_by(text):
-    """By how much the force differs, [%] of its peak: rms and at most; (0, 0) where it is the same."""
-    found = re.search(r"differs by ([\d.]+)%.*?at most ([\d.]+)%", text, re.DOTALL)
+    """Force error [% of peak], RMS and at most; (0, 0) where the force is the same."""
+    found = re.search(r"force error ([\d.]+)%.*?([\d.]+)% at most", text, re.DOTALL)
     return tuple(map(float, found.groups())) if found else (0.0, 0.0)
 
 
@@ -226,8 +226,8 @@ def test_what_the_page_says_of_each_effect_is_what_the_command_says(folder):
     python = [sys.executable, "-m", "palpate.launch"]
     touch = [*python, "run", "kidney", "--fused", "-q", "--no-pictures", "--record", "kidney.mcap"]
     subprocess.run(touch, check=True, capture_output=True)
-    asked = [*python, "plan", "kidney", "--prove", "kidney.mcap", "--json"]
-    told = json.loads(subprocess.run(asked, check=True, capture_output=True).stdout)["bill"]
+    asked = [*python, "plan", "kidney", "--ablate", "kidney.mcap", "--json"]
+    told = json.loads(subprocess.run(asked, check=True, capture_output=True).stdout)["costs"]
     proofs = {item["effect"]: item["proof"] for item in told}
     (block,) = (text for where, _, text in blocks() if where.startswith("docs/effects.md") and "without it:" in text)
     printed = dict(re.findall(r"^(?:on|off) +(\w+)(.*?)(?=^o|\Z)", block, re.MULTILINE | re.DOTALL))

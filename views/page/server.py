@@ -101,7 +101,7 @@ class PageServer:
             self._server = await serve(self._talk, HOST, port, process_request=self._answer, max_size=4096,
                                        compression=None, ping_interval=20)  # fmt: skip
         except OSError as error:
-            raise PageError(f"port {port} of {HOST}: {error.strerror}; --port 0 takes any that is free") from None
+            raise PageError(f"port {port} of {HOST}: {error.strerror}; --port 0 takes any free port") from None
         self.port = next(iter(self._server.sockets)).getsockname()[1]
         self.source.on_news = lambda: asyncio.run_coroutine_threadsafe(self._notify(), self._loop)
 
@@ -168,15 +168,15 @@ class PageServer:
             strange = origin is not None and urlsplit(origin).hostname not in LOOPBACK
             known = hmac.compare_digest(given.encode(), self.token.encode())
         except (ValueError, MultipleValuesError):  # what no browser sends: http://[::1, two origins
-            return _reply(HTTPStatus.BAD_REQUEST, b"this is no address, or its Origin is none\n")
+            return _reply(HTTPStatus.BAD_REQUEST, b"invalid address or Origin\n")
         if parts.path == "/socket":
             if strange or origin is None or not known:
-                return _reply(HTTPStatus.FORBIDDEN, b"the address of this page has a token, which is missing\n")
+                return _reply(HTTPStatus.FORBIDDEN, b"the token of the address is missing or wrong\n")
             return None
         if parts.path not in self._files:
             return _reply(HTTPStatus.NOT_FOUND, b"no such file\n")
         if strange or (parts.path == "/" and not known):
-            told = f"open the address that `{self.source.command}` prints: it has a token\n"
+            told = f"open the address that `{self.source.command}` prints; it contains a token\n"
             return _reply(HTTPStatus.FORBIDDEN, told.encode())
         name, kind = self._files[parts.path]
         body = resources.files("palpate.views.page").joinpath("static", name).read_bytes()

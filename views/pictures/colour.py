@@ -79,7 +79,7 @@ def check(of: Colour, surfaces: Sequence[Surface], where: str) -> None:
         can = able(surface)
         if of.name not in can:
             more = "; --set effects.pressure=on, where the body can" if of.name == "pressure" else ""
-            raise ArgumentError(f"{where}: its body told no {of.name}{more}. Colours of it: {', '.join(can)}")
+            raise ArgumentError(f"{where}: its body sends no {of.name}{more}. Available colours: {', '.join(can)}")
 
 
 def top(of: Colour, most: float) -> float:

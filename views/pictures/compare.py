@@ -24,7 +24,7 @@ def draw(variants: Sequence[Variant], path: Path) -> None:
 
 def drawn(variants: Sequence[Variant]) -> Figure:
     """The figure of `draw`."""
-    figure = blank(11, 6.5, f"one touch, {len(variants)} ways to compute it; differences against {variants[0].name}")
+    figure = blank(11, 6.5, f"One touch, {len(variants)} variants; differences from {variants[0].name}")
     axes = figure.subplots(2, 2, sharex=True)
     first = np.array(variants[0].curves).reshape(-1, 3)
     units = ((1, "force [N]", 1.0), (2, "indentation [mm]", 1e3))

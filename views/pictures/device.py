@@ -24,7 +24,7 @@ def draw(touch: Touch) -> Figure | None:
         return None
     time, size = force["time"], np.linalg.norm(force["force"], axis=1)
     settings = touch.settings(touch.recording.stream_of(Force))
-    out = figure(11.5, 6.4, "Force on the hand, and the energy that the display has absorbed")
+    out = figure(11.5, 6.4, "Force on the hand, and energy absorbed by the display")
     upper, lower = out.subplots(2, 1, sharex=True, height_ratios=(3, 2))
     for axes in (upper, lower):
         _contact(axes, touch, force)
@@ -34,7 +34,7 @@ def draw(touch: Touch) -> Figure | None:
     upper.plot(time, mean(size, time), color=INK, linewidth=1.2, linestyle=(0, (4, 2)), label="|F|")
     upper.set_ylabel("force on the hand [N]")
     limit = settings.get("limit")
-    limit_text = f", of the {limit:g} N that the device is held to" if isinstance(limit, float | int) else ""
+    limit_text = f", device limit {limit:g} N" if isinstance(limit, float | int) else ""
     upper.set_title(f"largest {size.max():.2f} N{limit_text}; shaded: in contact")
     upper.legend(loc="upper left", ncols=4)
     low, high = upper.get_ylim()

@@ -39,7 +39,7 @@ def draw(touch: Touch) -> Figure | None:
         ways = [("the fingertip", contact["compression"], "compression of the fingertip  s1  [mm]")]
     band = beside(touch)
     count = len(ways) + (band is not None)
-    out = figure(5.75 * max(count, 1.4), 5.2, "Normal force while the finger presses and lets go")
+    out = figure(5.75 * max(count, 1.4), 5.2, "Normal force during loading and unloading")
     every = out.subplots(1, count, sharey=True, squeeze=False)[0]
     left = every[0]
     for axes, (whose, way, label) in zip(every, ways, strict=False):
@@ -48,7 +48,7 @@ def draw(touch: Touch) -> Figure | None:
                 _line(axes, way[other], contact["force"][other], contact["time"][other], FAINT, "other touches")
         _loop(axes, way[chosen], contact["force"][chosen], contact["time"][chosen])
         axes.set_xlabel(label)
-        axes.set_title(f"{whose}: {work(way[chosen], contact['force'][chosen]) * 1e3:.1f} mJ in the loop")
+        axes.set_title(f"{whose}: {work(way[chosen], contact['force'][chosen]) * 1e3:.1f} mJ of hysteresis")
         axes.set_ylim(bottom=0.0)
         axes.set_xlim(left=0.0)
     left.set_ylabel("normal force [N]")
@@ -85,7 +85,9 @@ def _band(axes: Axes, both: tuple[Columns, Columns], depth: str) -> None:
     if beyond.any():
         axes.axvspan(way[beyond].min(), way.max(), color=FAINT, alpha=0.4, linewidth=0, label="deeper than measured")
     whose = "fingertip  s1" if depth == "compression" else "tissue  s2"
-    axes.set(xlabel=f"{depth} of the {whose}  [mm]", title="how sure: beside a subject's band", xlim=(0.0, None))
+    axes.set(
+        xlabel=f"{depth} of the {whose}  [mm]", title="uncertainty: compared with a subject's band", xlim=(0.0, None)
+    )
     axes.tick_params(labelleft=True)
     axes.legend(loc="upper left")
 
@@ -104,12 +106,12 @@ def _loop(axes: Axes, way: np.ndarray, force: np.ndarray, time: np.ndarray) -> N
     axes.plot(way * 1e3, force, ".", color=NORMAL, alpha=0.12, markersize=2.5)
     smooth = smoothed(force, time)
     moves = movement(way, time)
-    for label, colour, which in (("in", TISSUE, 1), ("rest", FINGER, 0), ("out", NORMAL, -1)):
+    for label, colour, which in (("loading", TISSUE, 1), ("hold", FINGER, 0), ("unloading", NORMAL, -1)):
         part = moves == which
         # A line ends where the next begins.
         x = np.where(part | np.append(part[1:], False), way, np.nan) * 1e3
         axes.plot(x, smooth, color=colour, linewidth=2.4, label=label)
-        if label != "rest":
+        if label != "hold":
             _arrow(axes, way * 1e3, smooth, np.flatnonzero(part))
     if len(smooth):
         axes.fill(way * 1e3, smooth, color=INK, alpha=0.05, linewidth=0)

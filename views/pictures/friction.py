@@ -96,7 +96,7 @@ def _time(upper: Axes, lower: Axes, data: tuple, a: slice | None, b: slice | Non
 
 def _region_a(axes: Axes, data: tuple, region: slice | None) -> None:
     if region is None:
-        return _none(axes, "A: nowhere was the speed constant while the normal force varied")
+        return _none(axes, "A: no interval with constant speed and varying normal force")
     time, normal, friction, speed = (values[region] for values in data)
     slope = float(normal @ friction / (normal @ normal))
     axes.set_facecolor(REGION_A)
@@ -117,7 +117,7 @@ def _region_a(axes: Axes, data: tuple, region: slice | None) -> None:
 
 def _region_b(axes: Axes, data: tuple, region: slice | None) -> None:
     if region is None:
-        return _none(axes, "B: nowhere did the speed rise at constant normal force")
+        return _none(axes, "B: no interval with rising speed and constant normal force")
     normal, friction, speed = (mean(values[region], data[0][region], WIDE) for values in data[1:])
     axes.set_facecolor(REGION_B)
     axes.grid(color="white")

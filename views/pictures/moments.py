@@ -23,9 +23,9 @@ class Instant:
     """One instant of a touch.
 
     time          [s]
-    surface       what the body told
+    surface       message of the body
     displacement  [m] (V,3)  of every vertex of the mesh
-    tip           [m] (3)    lowest point of the fingertip, None where the recording does not tell
+    tip           [m] (3)    lowest point of the fingertip, None where the recording has none
     normal        [1] (3)    outward normal at the foot point
     force         [N] (3)    on the hand
     load          [N]        normal force

@@ -50,7 +50,7 @@ def draw(touch: Touch) -> Figure | None:
             centre = (slip.points * pressure[:, None]).sum(axis=0) / pressure.sum() * 1e3
             grid[0][column].plot(*centre, "+", color="white", markersize=11, markeredgewidth=2)
         moved = _dots(grid[1][column], slip, slip.state == 2, slip.path * 1e3, "viridis_r", way)
-        grid[1][column].set_title(f"{100 * slip.fraction:.0f} % slides", loc="center")
+        grid[1][column].set_title(f"{100 * slip.fraction:.0f} % sliding", loc="center")
         grid[1][column].set_xlabel("←  across x [mm]")
     grid[0][0].invert_xaxis()  # who looks up through the plate has x on the left where y goes up
     for axes in grid[:, 0]:

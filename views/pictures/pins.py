@@ -46,7 +46,7 @@ def draw(touch: Touch) -> Figure | None:
         grid[0][column].set_title(f"{contact['time'][row]:.2f} s:  {contact['force'][row]:.2f} N", loc="center")
         if below:
             lumps = _map(grid[1][column], uneven[column], places, pitch, "RdBu_r", -rest, rest)
-            grid[1][column].set_title("what is not round", loc="center")
+            grid[1][column].set_title("part that is not axisymmetric", loc="center")
             for axes in grid[:, column]:
                 _circle(axes, nodule, contact["foot"][row], contact["normal"][row], places, pitch)
     for axes in grid[-1]:
@@ -130,6 +130,6 @@ def _over_time(
     lower.plot(time, heights.max(axis=(1, 2)), color=TISSUE, label="highest pin")
     lower.plot(time, heights.mean(axis=(1, 2)), color=FINGER, label="mean of the pins")
     lower.plot(time, pins["actuator"] * 1e3, color=NORMAL, linestyle=(0, (4, 2)), label="actuator")
-    lower.set(xlabel="time [s]", ylabel="height, way [mm]", xlim=(time[0], max(time[-1], time[0] + 1e-3)))
+    lower.set(xlabel="time [s]", ylabel="height, travel [mm]", xlim=(time[0], max(time[-1], time[0] + 1e-3)))
     lower.set_ylim(0.0, 1.3 * max(float(pins["actuator"].max()) * 1e3, float(heights.max()), 1e-3))
     lower.legend(loc="upper left", ncols=3)

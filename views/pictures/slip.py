@@ -108,7 +108,7 @@ def title(normal: np.ndarray, depth: np.ndarray, at: Phases) -> str:
     course = f"{', '.join(stages[:-1])} and {stages[-1]}"
     if normal[-1] > 0.0:
         return f"{course}: the recording ends in contact"
-    return f"{course}: how the contact lets go" if at.begin is not None else course
+    return f"{course}: release of the contact" if at.begin is not None else course
 
 
 def _shade(axes: Axes, time: np.ndarray, at: Phases, named: bool) -> None:
@@ -140,9 +140,9 @@ def _flags(slip: Columns) -> str:
     """What the model says of its own limits."""
     warnings = ""
     if slip["deeper"].any():
-        warnings += "; deeper than the pad is meshed for: too small a force"
+        warnings += "; deeper than the meshed pad: force too small"
     if slip["clamped"].any():
-        warnings += f"; up to {slip['clamped'].max()} beams held at their limit"
+        warnings += f"; up to {slip['clamped'].max()} beams at their strain limit"
     return warnings
 
 

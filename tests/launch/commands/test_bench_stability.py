@@ -49,8 +49,8 @@ def test_the_answer_comes_first_and_columns_that_say_nothing_do_not(tmp_path):
     first = next(line for line in told.splitlines() if line.startswith("At "))
     assert "1000 Hz and 1 samples of delay" in first and "without the controller (theory: 133)" in first
     table = told[told.index(first) :]
-    assert "given out" in table and "[mJ]" in table and "stability.csv" in table
-    assert "quantised" not in table[: table.index("no dry friction")]
+    assert "injected" in table and "[mJ]" in table and "stability.csv" in table
+    assert "quantised" not in table[: table.index("without dry friction")]
 
 
 @pytest.mark.parametrize("wrong", [("--drag", "0"), ("--mass", "nan"), ("--lost", "2"), ("--filter", "0")])

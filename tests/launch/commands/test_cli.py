@@ -275,7 +275,7 @@ def test_a_new_node_that_cannot_be_is_refused(tmp_path, args, words):
 
 def test_doctor_looks_at_the_machine():
     code, data = spoken("doctor", "--no-pictures", "--seconds", "0.2")
-    findings = {f["what"]: f for f in data["findings"]}
+    findings = {f["what"]: f for f in data["diagnostics"]}
     assert code == 0 and data["ok"]
     assert {"python", "pyzmq", "extra view", "cores", "SCHED_RR", "locked memory", "wake-ups"} <= set(findings)
     assert "p99.9" in findings["wake-ups"]["found"]

@@ -28,7 +28,7 @@ def test_each_effect_of_the_graph_is_told_with_the_rule_that_decided():
     assert switched["band"].on and switched["band"].nodes == ["band"]
     assert "pressure" not in bill_items, "MassSpring has none"
     beams = items("tissue.use=deformation.BeamBundle")
-    assert not beams["pressure"].on and beams["pressure"].rule == "nobody reads pressure"
+    assert not beams["pressure"].on and beams["pressure"].rule == "output unused: pressure"
 
 
 def test_what_runs_for_an_effect_alone_is_what_its_absence_leaves_out():
@@ -69,25 +69,28 @@ def test_a_recording_knows_the_times_of_its_nodes(recording):
 def test_the_proof_says_what_the_force_would_be_the_other_way_round(recording):
     bill_items = items()
     prove(recording, list(bill_items.values()))
-    assert "without it: force differs by" in bill_items["friction"].proof
-    assert "without it: the same force" in bill_items["shape"].proof
-    assert "with it: the same force" in bill_items["band"].proof
-    assert bill_items["nodule"].proof == "not tried: give tissue.nodule_radius a value"
+    assert "without it: force error" in bill_items["friction"].proof
+    assert "without it: same force" in bill_items["shape"].proof
+    assert "with it: same force" in bill_items["band"].proof
+    assert bill_items["nodule"].proof == "not tried: tissue.nodule_radius needs a value"
     assert bill_items["recording"].proof == "no message depends on it"
 
 
 def test_the_command_tells_it_as_text_as_json_and_as_a_picture(recording, monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
-    text = command("plan", "kidney", "--prove", recording.path).stdout
+    text = command("plan", "kidney", "--ablate", recording.path).stdout
     said = " ".join(text.split())
-    assert "µs: steps of the nodes that run for this effect alone" in said and "the whole tick, computed again" in said
+    assert (
+        "µs: median step time of the nodes that run only for this effect" in said
+        and "the whole tick, computed again" in said
+    )
     assert "the whole tick" not in " ".join(command("plan", "kidney").stdout.split())
-    assert "friction" in text and "force differs by" in text and "not measured" not in text
+    assert "friction" in text and "force error" in text and "no times yet" not in text
     data = json.loads(command("plan", "kidney", "--json").stdout)
-    told = {item["effect"]: item for item in data["bill"]}
+    told = {item["effect"]: item for item in data["costs"]}
     assert told["friction"]["on"] and told["friction"]["price"] is None and data["times_from"] is None
     (tmp_path / "runs" / "kidney-1").mkdir(parents=True)
     (tmp_path / "runs" / "kidney-1" / "kidney.mcap").write_bytes(recording.path.read_bytes())
     assert "kidney.mcap" in command("plan", "kidney").stdout
     assert ' µs"]' in command("plan", "kidney", "--draw").stdout
-    assert command("plan", "kidney", "--prove", tmp_path / "none.mcap").exit_code == 1
+    assert command("plan", "kidney", "--ablate", tmp_path / "none.mcap").exit_code == 1

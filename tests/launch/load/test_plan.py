@@ -49,8 +49,8 @@ def test_a_listener_of_everything_wants_everything(write):
 def test_without_listener_and_wanted_only_sources_and_sinks_pull(write):
     run = planned(write("g.yaml", TWO_DISPLAYS))
     assert run.order == ["device"]
-    assert run.skipped["control"] == "nobody wants control"
-    assert run.skipped["friction"] == "nobody wants friction; read only by control, which does not run"
+    assert run.skipped["control"] == "output unused: control"
+    assert run.skipped["friction"] == "output unused: friction; read only by control, which does not run"
     lamp = TWO_DISPLAYS + "  lamp: {use: graph_nodes.Lamp, in: {friction: friction}}\n"
     run = planned(write("g.yaml", lamp))
     assert set(run.skipped) == {"control"}

@@ -126,7 +126,7 @@ CASES = [
 
 @pytest.mark.parametrize(("way", "how"), CASES)
 def test_a_node_that_goes_wrong_is_one_clear_line_and_a_readable_recording(tmp_path, way, how):
-    run = Run(tmp_path, "--duration", "0.3", "--patience", "1", "--set", f"bad.how={how}", *WAYS[way])
+    run = Run(tmp_path, "--duration", "0.3", "--timeout", "1", "--set", f"bad.how={how}", *WAYS[way])
     # the stop is tried at the start, which may take long
     assert run.wait(START_PATIENCE + 40.0 if how == "stop hang" else 40.0) == 1
     said = run.err.read_text()
@@ -148,12 +148,12 @@ def test_a_node_that_is_only_odd_runs_through_and_leaves_nothing_behind(tmp_path
 
 def test_a_node_that_has_much_to_do_at_its_end_is_not_ended_before(tmp_path):
     """As the system that writes a long recording to a slow disk; it hears no signal meanwhile."""
-    run = Run(tmp_path, "--duration", "0.1", "--patience", "0.2", "--set", "bad.how=stop long", *WAYS["fused"])
+    run = Run(tmp_path, "--duration", "0.1", "--timeout", "0.2", "--set", "bad.how=stop long", *WAYS["fused"])
     assert run.wait() == 0, run.err.read_text()
 
 
 def test_a_slow_node_does_not_count_as_hung(tmp_path):
-    run = Run(tmp_path, "--duration", "0.016", "--patience", "0.8", "--set", "bad.how=slow")
+    run = Run(tmp_path, "--duration", "0.016", "--timeout", "0.8", "--set", "bad.how=slow")
     assert run.wait() == 0, run.err.read_text()
     assert run.ticks() == 16
 

@@ -115,7 +115,7 @@ def test_top_shows_rates_and_counts_of_every_node(run):
 def test_a_run_that_does_not_go_on_is_told():
     for args in (["top", "--run", "no-such"], ["echo", "sum", "--run", "no-such"]):
         code, _, err = say(*args)
-        assert code == 1 and "no run 'no-such' goes on" in err and len(err.strip().splitlines()) == 1
+        assert code == 1 and "run 'no-such' is not active" in err and len(err.strip().splitlines()) == 1
 
 
 def test_a_run_is_found_by_the_beginning_of_its_name(run):

@@ -201,9 +201,9 @@ def test_rungs_of_another_basis_are_refused_with_the_command_that_makes_them(mon
     rungs.save(tmp_path / "other.npz", about)
     assert (Rungs.load(tmp_path / "other.npz")[0].kappa == rungs.kappa).all()
     monkeypatch.setattr("palpate.nodes.deformation.adaptive.beside", lambda path: tmp_path / "other.npz")
-    command = "palpate reduce --rungs --set model=sampled --set surface=fingertip"
-    with pytest.raises(SettingError, match=f"rungs of basis another.*{command}"):
+    command = "palpate reduce --levels --set model=sampled --set surface=fingertip"
+    with pytest.raises(SettingError, match=f"fidelity levels of basis another.*{command}"):
         Adaptive().rungs()
     monkeypatch.setattr("palpate.nodes.deformation.adaptive.beside", lambda path: tmp_path / "none.npz")
-    with pytest.raises(SettingError, match=r"none.npz: not the rungs"):
+    with pytest.raises(SettingError, match=r"none.npz: not the fidelity levels"):
         Adaptive().rungs()

@@ -248,7 +248,7 @@ def test_ctrl_c_keeps_the_steps_and_the_same_command_goes_on(tmp_path):
         time.sleep(0.05)
     begun.send_signal(signal.SIGINT)
     _, errors = begun.communicate(timeout=60)
-    assert begun.returncode == 130 and "the same command goes on from there" in errors and "Traceback" not in errors
+    assert begun.returncode == 130 and "the same command continues from there" in errors and "Traceback" not in errors
     report = json.loads(run(*words, "--json").stdout)
     assert report["indentation"][-1] == pytest.approx(3e-4) and (np.diff(report["indentation"]) > 0).all()
     whole = json.loads(run(*words, "--json", "--to", str(tmp_path / "whole")).stdout)
