@@ -19,7 +19,8 @@ from palpate.launch.load.plan import plan
 from palpate.launch.load.recording import set_recording
 from palpate.launch.load.source import Source
 from palpate.records.player import plan_of
-from palpate.records.reader import Recording, RecordingError
+from palpate.records.reader import Recording
+from palpate.records.stored import RecordingError
 
 
 def changed(recording: Recording, overrides: Sequence[str] = (), graph: str | None = None) -> Plan:

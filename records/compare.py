@@ -18,7 +18,8 @@ from palpate.messages import Contact, Force, Message, Surface
 from palpate.records.changed import changed, no_idle, sources
 from palpate.records.instants import instants, last_tick
 from palpate.records.player import Player
-from palpate.records.reader import Recording, RecordingError
+from palpate.records.reader import Recording
+from palpate.records.stored import RecordingError
 
 RECORDED = "recorded"
 POINTS = 4000  # of a curve in the picture

@@ -7,10 +7,10 @@ from typing import IO, Any
 
 from palpate.nodes.logger.mcap import PROFILE
 from palpate.records.format.mcap_writer import McapWriter
-from palpate.records.reader import Recording
+from palpate.records.stored import Stored
 
 
-def begin_copy(recording: Recording, file: IO[bytes], about: dict[str, Any]) -> tuple[McapWriter, dict[str, int]]:
+def begin_copy(recording: Stored, file: IO[bytes], about: dict[str, Any]) -> tuple[McapWriter, dict[str, int]]:
     """A writer for it, and the number of each stream's channel. `about` replaces the provenance."""
     writer = McapWriter(file, PROFILE)
     write_json(writer, "palpate.about", about)

@@ -19,11 +19,11 @@ from palpate.engine.schedule import nanoseconds
 from palpate.engine.slot import NodeError
 from palpate.messages import MessageError, fields, unpack
 from palpate.records.copy import begin_copy, write_json
+from palpate.records.differences import ELSEWHERE, Difference, NodeReport, Report, compare_one
 from palpate.records.format.head import head_of, is_head
 from palpate.records.instants import instants
 from palpate.records.player import Part, Player, plan_of
-from palpate.records.reader import Recording, RecordingError
-from palpate.records.verify import ELSEWHERE, Difference, NodeReport, Report, compare_one
+from palpate.records.stored import RecordingError, Stored
 
 Row = tuple[str, int, int, bytes]
 
@@ -35,10 +35,11 @@ def fill(path: Path, file: IO[bytes], tolerance: float | None = None) -> tuple[R
 
     Returns how the checks came out, and the number of messages per stream. RecordingError: it cannot be computed.
     """
-    stored = Recording(path, stored=True)
+    stored = Stored(path)
     filling = _Filling(stored, tolerance)
     about = {key: value for key, value in stored.about.items() if key != "checked"}
-    whole = Recording(path)
+    whole = Stored(path)
+    whole.as_whole()
     writer, channels = begin_copy(whole, file, {**about, "computed_from": str(path)})
     counts = dict.fromkeys(whole.streams, 0)
     for name, tick, time, payload in filling.rows():
@@ -54,7 +55,7 @@ def fill(path: Path, file: IO[bytes], tolerance: float | None = None) -> tuple[R
 
 
 class _Filling:
-    def __init__(self, stored: Recording, tolerance: float | None) -> None:
+    def __init__(self, stored: Stored, tolerance: float | None) -> None:
         self.stored, self.plan = stored, plan_of(stored)
         self.tolerance = tolerance if tolerance is not None else ELSEWHERE if rounding(stored.about) else 0.0
         nodes = self.plan.graph.nodes

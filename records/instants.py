@@ -6,13 +6,13 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from palpate.records.reader import Recording
+from palpate.records.stored import Stored
 
 
-def instants(recording: Recording, present: Mapping[str, np.ndarray]) -> Iterator[tuple[int, dict[str, bytes]]]:
+def instants(recording: Stored, present: Mapping[str, np.ndarray]) -> Iterator[tuple[int, dict[str, bytes]]]:
     """Each tick at which one of these streams has a message, in order, with the wire bytes by stream.
 
-    present  of each stream the ticks at which it has a message, from `Recording.ticks`
+    present  of each stream the ticks at which it has a message, from `Stored.ticks`
 
     As it is known beforehand what belongs to a tick, no more is held than lies out of order in the file.
     """

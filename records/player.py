@@ -22,7 +22,7 @@ from palpate.messages import Message, MessageError, pack, unpack
 from palpate.nodes.base import Node, SettingError, inputs
 from palpate.records.format.head import Head, head_of
 from palpate.records.history import History
-from palpate.records.reader import Recording, RecordingError
+from palpate.records.stored import RecordingError, Stored
 
 
 class MissingInput(Exception):
@@ -88,7 +88,7 @@ class Player:
     RecordingError: a node that no longer fits, or that needs a stream which is neither played nor computed.
     """
 
-    def __init__(self, recording: Recording, plan: Plan, running: Iterable[str], live: bool) -> None:
+    def __init__(self, recording: Stored, plan: Plan, running: Iterable[str], live: bool) -> None:
         self.recording, self.plan, self.live = recording, plan, live
         self.recorded = plan_of(recording)
         chosen = {name for name in running if not plan.graph.nodes[name].cls.hardware}  # a replay moves no device
@@ -225,7 +225,7 @@ def _every(plan: Plan, node: str) -> int | None:
     return None if spec is None else spec.every
 
 
-def plan_of(recording: Recording) -> Plan:
+def plan_of(recording: Stored) -> Plan:
     """The plan that a recording was made with. RecordingError: a class that is not there any more."""
     try:
         spec = recording.about["plan"]

@@ -6,9 +6,10 @@ import os
 from pathlib import Path
 
 from palpate.records.copy import begin_copy, write_json
+from palpate.records.differences import Report
 from palpate.records.fill import fill
-from palpate.records.reader import Recording, RecordingError
-from palpate.records.verify import Report
+from palpate.records.reader import Recording
+from palpate.records.stored import RecordingError, Stored
 
 
 def recover(path: Path, out: Path | None = None) -> tuple[Path, dict[str, int]]:
@@ -18,7 +19,7 @@ def recover(path: Path, out: Path | None = None) -> tuple[Path, dict[str, int]]:
 
     Returns the new file and the number of messages per stream. RecordingError: there is nothing to recover.
     """
-    recording = Recording(path, stored=True)
+    recording = Stored(path)
     target = _target(path, out, "recovered")
     counts = dict.fromkeys(recording.streams, 0)
     part = target.with_name(target.name + ".part")

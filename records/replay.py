@@ -15,11 +15,12 @@ from palpate.messages import Health
 from palpate.nodes.base import Observer, Stream
 from palpate.nodes.logger import Mcap
 from palpate.records.changed import sources
+from palpate.records.differences import NodeReport, compare_one
 from palpate.records.format.head import head_of
 from palpate.records.instants import instants
 from palpate.records.player import Player
-from palpate.records.reader import Recording, RecordingError
-from palpate.records.verify import NodeReport, compare_one
+from palpate.records.reader import Recording
+from palpate.records.stored import RecordingError
 
 Shown = Callable[[int, int, dict[str, bytes]], bool]
 """Called at each instant with tick, time [ns] and the messages by stream; False ends the replay."""

@@ -19,7 +19,8 @@ import numpy as np
 from palpate.engine.faults import choices
 from palpate.launch.load.extras import install
 from palpate.messages import Field, Message, fields
-from palpate.records.reader import Recording, RecordingError
+from palpate.records.reader import Recording
+from palpate.records.stored import RecordingError
 
 if TYPE_CHECKING:
     from palpate.records.compare import Comparison

@@ -3,88 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field
-from typing import Any
-
-import msgspec
-import numpy as np
 
 from palpate.engine.plan import Plan
 from palpate.engine.slot import NodeError
-from palpate.messages import Message, MessageError, fields, pack, unpack
-from palpate.messages.base import HEADER
+from palpate.records.differences import Difference, NodeReport, Report, compare_one
 from palpate.records.instants import instants, last_tick
 from palpate.records.player import MissingInput, Player
-from palpate.records.reader import Recording, RecordingError
-
-ELSEWHERE = 1e-6
-"""Relative tolerance for a recording that was computed with other versions or instructions."""
-
-
-@dataclass(frozen=True)
-class Difference:
-    """Where a recomputed message is another one than the recorded: stream, tick, field with index, both values."""
-
-    stream: str
-    tick: int
-    field: str
-    unit: str
-    recorded: str
-    computed: str
-
-    def __str__(self) -> str:
-        return (
-            f"stream {self.stream!r}, tick {self.tick}, field {self.field} [{self.unit}]: "
-            f"recorded {self.recorded}, computed {self.computed}"
-        )
-
-
-@dataclass
-class NodeReport:
-    """What the check found for one node.
-
-    checked    messages that were computed again
-    differing  of these, how many came out otherwise
-    first      the first difference
-    largest    largest difference of a number, relative to the largest magnitude of its field so far
-    stopped    why, from some place on, the node could not be checked
-    """
-
-    checked: int = 0
-    differing: int = 0
-    first: Difference | None = None
-    largest: float = 0.0
-    stopped: str = ""
-
-
-@dataclass
-class Report:
-    """What the check found, by node. `cut` is true for a file that was cut off: its last inputs may be missing."""
-
-    nodes: dict[str, NodeReport] = field(default_factory=dict)
-    cut: bool = False
-
-    @property
-    def first(self) -> Difference | None:
-        """The earliest difference; at one tick that of the node that stands first in the graph."""
-        differences = [report.first for report in self.nodes.values() if report.first is not None]
-        return min(differences, key=lambda difference: difference.tick, default=None)
-
-    @property
-    def ok(self) -> bool:
-        """No message differs, and at least one was checked."""
-        return self.first is None and any(report.checked for report in self.nodes.values())
-
-    @property
-    def complete(self) -> bool:
-        """Every message of the file was checked."""
-        return not any(report.stopped for report in self.nodes.values())
-
-    def to_spec(self) -> dict[str, Any]:
-        """Plain data for programs."""
-        return {"ok": self.ok, "complete": self.complete, "cut_off": self.cut,
-                "first": asdict(self.first) if self.first else None,
-                "nodes": {name: asdict(report) for name, report in self.nodes.items()}}  # fmt: skip
+from palpate.records.reader import Recording
+from palpate.records.stored import RecordingError
 
 
 def verify(
@@ -165,83 +91,3 @@ def _cannot(recording: Recording, streams: tuple[str, ...], name: str) -> str:
         if lost:
             return f"the recording lost {lost} messages of stream {stream!r}, so the node's steps are not all known"
     return ""
-
-
-def compare_one(
-    own: NodeReport,
-    stream: str,
-    payload: bytes,
-    message: Message,
-    tolerance: float,
-    scales: dict[tuple[str, str], float],
-) -> None:
-    """Compare one message with its recorded bytes and note a difference. `scales`: magnitudes of the fields so far."""
-    if not tolerance and pack(message) == payload:
-        return
-    try:
-        recorded = unpack(payload, type(message))
-    except MessageError as error:
-        difference: Difference | None = Difference(
-            stream, message.tick, "type", "1", str(error), type(message).__name__
-        )
-    else:
-        difference = _first(own, stream, payload, recorded, message, tolerance, scales)
-    if difference is not None:
-        own.differing += 1
-        own.first = own.first or difference
-
-
-def _first(
-    own: NodeReport,
-    stream: str,
-    payload: bytes,
-    a: Message,
-    b: Message,
-    tolerance: float,
-    scales: dict[tuple[str, str], float],
-) -> Difference | None:
-    """The first field that differs beyond the tolerance."""
-    difference = None
-    for name in HEADER:
-        if getattr(a, name) != getattr(b, name):
-            difference = difference or Difference(
-                stream, b.tick, name, "1", repr(getattr(a, name)), repr(getattr(b, name))
-            )
-    for each in fields(type(b)):
-        x, y = getattr(a, each.name), getattr(b, each.name)
-        numeric = each.dtype is not None or bool(each.shape) or each.type is float
-        if not numeric:
-            if x != y:
-                difference = difference or Difference(stream, b.tick, each.name, each.unit, repr(x), repr(y))
-            continue
-        p, q = np.asarray(x), np.asarray(y)
-        if p.shape != q.shape:
-            shapes = (f"shape {p.shape}", f"shape {q.shape}")
-            difference = difference or Difference(stream, b.tick, each.name, each.unit, *shapes)
-            continue
-        if not p.size or p.tobytes() == q.tobytes():
-            continue
-        p, q = p.astype(float), q.astype(float)
-        scale = max(scales.get((stream, each.name), 0.0), float(np.abs(p).max()), float(np.abs(q).max()))
-        scales[stream, each.name] = scale
-        apart = np.abs(p - q) / scale if scale else np.zeros_like(p)
-        own.largest = max(own.largest, float(apart.max()))
-        wrong = np.argwhere((apart > tolerance) | ((p != q) | (np.signbit(p) != np.signbit(q))) & (tolerance == 0.0))
-        if len(wrong):
-            index = tuple(int(i) for i in wrong[0])
-            label = each.name + (f"[{', '.join(map(str, index))}]" if index else "")
-            difference = difference or Difference(
-                stream, b.tick, label, each.unit, repr(float(p[index])), repr(float(q[index]))
-            )
-    if difference is None and not tolerance:
-        difference = _other_fields(stream, payload, b)
-    return difference
-
-
-def _other_fields(stream: str, payload: bytes, message: Message) -> Difference:
-    """Equal values in other bytes: the type has got or lost a field since, or its encoding has changed."""
-    before = list(msgspec.msgpack.decode(payload))
-    now = list(msgspec.msgpack.decode(pack(message)))
-    only = ([name for name in before if name not in now], [name for name in now if name not in before])
-    differences = ["fields " + ", ".join(names) if names else "no other fields" for names in only]
-    return Difference(stream, message.tick, "of the encoding", "1", *differences)

@@ -20,7 +20,8 @@ from palpate.launch.load.placement import FUSED
 from palpate.launch.run.execute import execute
 from palpate.physics.errors import ArgumentError, PalpateError
 from palpate.records.compare import Variant, compare
-from palpate.records.reader import Recording, RecordingError
+from palpate.records.reader import Recording
+from palpate.records.stored import RecordingError
 
 Show = Callable[[str], None]
 """Called with the name of what was done."""

@@ -46,7 +46,8 @@ def _is_file(first: str, second: str | None) -> bool:
 
 
 def _recorded(file: str, stream: str | None) -> Iterator[Message]:
-    from palpate.records.reader import Recording, RecordingError
+    from palpate.records.reader import Recording
+    from palpate.records.stored import RecordingError
 
     recording = Recording(file)
     if stream is None:

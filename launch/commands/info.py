@@ -10,23 +10,23 @@ import typer
 from palpate.launch.commands.common import Json, console, tell
 
 if TYPE_CHECKING:
-    from palpate.records.reader import Recording
+    from palpate.records.stored import Stored
 
 File = Annotated[Path, typer.Argument(help="Recording (.mcap).", metavar="FILE")]
 
 
 def info(file: File, as_json: Json = False) -> None:
     """Show the contents of a recording: streams, counts, rates, losses, duration, origin, truncation."""
-    from palpate.records.reader import Recording
+    from palpate.records.stored import Stored
 
-    data = describe(Recording(file, stored=True))
+    data = describe(Stored(file))
     if as_json:
         tell(data)
     else:
         _print(data)
 
 
-def describe(recording: Recording) -> dict[str, Any]:
+def describe(recording: Stored) -> dict[str, Any]:
     """The answer of `palpate info` as plain data."""
     counts = dict.fromkeys(recording.streams, 0)
     sizes = dict.fromkeys(recording.streams, 0)

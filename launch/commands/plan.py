@@ -92,7 +92,8 @@ def plan(
 def _times(planned: Plan, given: Path | None) -> tuple[dict[str, float], Path | None]:
     """Median duration [s] of a step of each node, and the recording that says so: each is read whole, so that only the
     newest few with the graph's name are tried."""
-    from palpate.records.reader import Recording, RecordingError
+    from palpate.records.reader import Recording
+    from palpate.records.stored import RecordingError
 
     named = Path("runs").glob(f"*/{planned.graph.path.stem}.mcap")
     newest = sorted(named, key=lambda file: -file.stat().st_mtime)

@@ -13,9 +13,9 @@ from palpate.launch.commands.info import File
 
 if TYPE_CHECKING:
     from palpate.engine.plan import Plan
+    from palpate.records.differences import Report
     from palpate.records.reader import Recording
     from palpate.records.replay import Replay
-    from palpate.records.verify import Report
 
 
 def replay(
@@ -69,7 +69,8 @@ def replay(
 
 def _check(recording: Recording, plan: Plan, given: float | None, as_json: bool) -> None:
     from palpate.engine.provenance import rounding
-    from palpate.records.verify import ELSEWHERE, verify
+    from palpate.records.differences import ELSEWHERE
+    from palpate.records.verify import verify
 
     elsewhere = rounding(recording.about)
     tolerance = given if given is not None else ELSEWHERE if elsewhere else 0.0

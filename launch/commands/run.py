@@ -212,7 +212,7 @@ def _thin(given: list[str]) -> dict[str, int]:
 
 
 def _pictures(outcome: Outcome, folder: Path, silent: bool) -> list[Path]:
-    from palpate.records.reader import RecordingError
+    from palpate.records.stored import RecordingError
     from palpate.views.pictures import draw
 
     if outcome.recording is None or not outcome.recording.is_file() or not outcome.result.ticks:

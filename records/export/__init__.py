@@ -6,7 +6,8 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 
-from palpate.records.reader import Recording, RecordingError
+from palpate.records.reader import Recording
+from palpate.records.stored import RecordingError
 
 FORMATS = ("foxglove", "rerun", "parquet", "csv", "vtk")
 ENDINGS = {"foxglove": ".foxglove.mcap", "rerun": ".rrd"}

@@ -18,7 +18,8 @@ from palpate.messages.base import HEADER
 from palpate.records.export import scene
 from palpate.records.export.palette import FINGER, NORMAL
 from palpate.records.export.shape import FULL, LENGTH, Pace, Tell, colours, displaced, shapes
-from palpate.records.reader import Recording, RecordingError
+from palpate.records.reader import Recording
+from palpate.records.stored import RecordingError
 
 _CHUNK = 4 << 20
 """[B] Several surfaces, which are much alike, are compressed together."""

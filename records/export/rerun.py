@@ -10,7 +10,8 @@ import numpy as np
 from palpate.launch.load.extras import install
 from palpate.messages import Contact, Force, Surface, fields
 from palpate.records.export.shape import LENGTH, Pace, Tell, colours, displaced, shapes
-from palpate.records.reader import Recording, RecordingError
+from palpate.records.reader import Recording
+from palpate.records.stored import RecordingError
 
 
 def write_rerun(

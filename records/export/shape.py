@@ -12,7 +12,8 @@ from palpate.nodes.base import SettingError
 from palpate.nodes.base.surface import complete
 from palpate.records.export.palette import DEFORMATION
 from palpate.records.player import plan_of
-from palpate.records.reader import Recording, RecordingError
+from palpate.records.reader import Recording
+from palpate.records.stored import RecordingError
 
 Tell = Callable[[str], object]
 RATE = 30.0

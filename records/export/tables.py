@@ -14,7 +14,8 @@ from typing import Any
 from palpate.launch.load.extras import install
 from palpate.messages import Field, Message, fields
 from palpate.messages.fields import Shape
-from palpate.records.reader import Recording, RecordingError
+from palpate.records.reader import Recording
+from palpate.records.stored import RecordingError
 
 ROWS = 4096  # of a Parquet row group
 TIME = "time [s]"

@@ -11,7 +11,8 @@ import numpy as np
 from palpate.launch.load.extras import install
 from palpate.messages import Surface
 from palpate.records.export.shape import Pace, displaced, rest_shape
-from palpate.records.reader import Recording, RecordingError
+from palpate.records.reader import Recording
+from palpate.records.stored import RecordingError
 
 
 def write_vtk(recording: Recording, folder: Path, streams: tuple[str, ...], every: int | None = None) -> list[Path]:

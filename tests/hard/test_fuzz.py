@@ -223,6 +223,8 @@ def test_damaged_images_are_told(tmp_path, kind, seeds):
     pytest.importorskip("pydicom")
     pytest.importorskip("nibabel")
     pytest.importorskip("skimage")
+    from scan_images import write_images
+
     from palpate.models.scan import phantom, read
     from palpate.models.scan.stack import Stack
 
@@ -236,7 +238,7 @@ def test_damaged_images_are_told(tmp_path, kind, seeds):
         case "dcm":
             path = sorted(phantom.write_dicom(small, folder).iterdir())[1]
         case _:
-            path = sorted(phantom.write_images(small, folder, kind).iterdir())[1]
+            path = sorted(write_images(small, folder, kind).iterdir())[1]
     given = path if kind == "nii" else path.parent
     spacing = None if kind in ("nii", "dcm") else (1e-3, 1e-3, 1e-3)
     survives(lambda _: read(given, spacing), path, path.read_bytes(), seeds)

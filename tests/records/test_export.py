@@ -18,7 +18,8 @@ from typer.testing import CliRunner
 from palpate.launch.__main__ import app
 from palpate.messages import fields
 from palpate.records.export import export
-from palpate.records.reader import Recording, RecordingError
+from palpate.records.reader import Recording
+from palpate.records.stored import RecordingError
 
 TOUCH = Path(__file__).parents[1] / "golden" / "plane.mcap"
 

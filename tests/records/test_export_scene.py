@@ -165,7 +165,7 @@ def test_every_schema_is_one_that_foxglove_can_read(exported):
 
 def test_a_body_that_cannot_be_made_here_leaves_the_numbers_and_says_so(recording, tmp_path, monkeypatch):
     from palpate.records.export import shape
-    from palpate.records.reader import RecordingError
+    from palpate.records.stored import RecordingError
 
     def gone(_: Recording) -> None:
         raise RecordingError(f"{TOUCH}: mylab.Liver cannot be imported")

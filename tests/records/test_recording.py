@@ -28,8 +28,9 @@ from palpate.nodes.base import Stream
 from palpate.nodes.logger import Mcap
 from palpate.records.format.mcap_file import LIBRARY, SEAL, Records
 from palpate.records.player import plan_of
-from palpate.records.reader import Recording, RecordingError
+from palpate.records.reader import Recording
 from palpate.records.recover import recover
+from palpate.records.stored import RecordingError
 from palpate.records.verify import verify
 
 ENV = {

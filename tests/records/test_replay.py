@@ -17,10 +17,12 @@ from palpate.launch.run.execute import execute
 from palpate.messages import Load, pack, unpack
 from palpate.records.changed import changed
 from palpate.records.compare import compare
+from palpate.records.differences import Report
 from palpate.records.player import plan_of
-from palpate.records.reader import Recording, RecordingError
+from palpate.records.reader import Recording
 from palpate.records.replay import Replay
-from palpate.records.verify import Report, verify
+from palpate.records.stored import RecordingError
+from palpate.records.verify import verify
 
 HERE = Path(__file__).parents[1]
 runner = CliRunner()

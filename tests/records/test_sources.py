@@ -19,9 +19,10 @@ from palpate.messages import Force
 from palpate.records.compare import compare
 from palpate.records.copy import begin_copy
 from palpate.records.player import plan_of
-from palpate.records.reader import Recording, RecordingError
+from palpate.records.reader import Recording
 from palpate.records.recover import recover, recover_full
 from palpate.records.samples import Run
+from palpate.records.stored import RecordingError, Stored
 from palpate.records.verify import verify
 
 runner = CliRunner()
@@ -46,7 +47,7 @@ def record(folder: Path, text: str = GRAPH, only: str | None = "sources", place:
 
 def rows(path: Path, stored: bool = False) -> list[tuple[str, int, int, bytes]]:
     """All messages, by tick."""
-    return sorted(Recording(path, stored=stored).raw(), key=lambda row: (row[1], row[0]))
+    return sorted((Stored if stored else Recording)(path).raw(), key=lambda row: (row[1], row[0]))
 
 
 SLOW = GRAPH.replace("in: {pose: source, force: spring}}", "in: {pose: source, force: spring}, every: 7}")
@@ -60,7 +61,7 @@ def test_what_is_computed_is_byte_for_byte_what_would_have_been_recorded(tmp_pat
     assert rows(sources) == rows(whole)
     kept = [row for row in rows(sources, stored=True) if row[0] != "source"]
     assert {row[0] for row in kept} == set(NODES) - {"source"} and all(row in rows(whole) for row in kept)
-    counts = Recording(sources, stored=True).counts
+    counts = Stored(sources).counts
     assert counts["source"] == {"count": TICKS, "lost": 0} and counts["spring"] == {"count": 4, "lost": 0}
     assert all(own["lost"] == 0 for own in counts.values())
     assert sources.stat().st_size < whole.stat().st_size / 4
@@ -119,7 +120,7 @@ def test_the_check_says_how_the_kept_messages_came_out(tmp_path):
 def test_the_source_can_be_played_without_computing(tmp_path, monkeypatch):
     path = record(tmp_path)
     monkeypatch.setattr(Spring, "step", None)
-    assert len([row for row in Recording(path, stored=True).raw() if row[0] == "source"]) == TICKS
+    assert len([row for row in Stored(path).raw() if row[0] == "source"]) == TICKS
 
 
 # -- what does not come out as it was ------------------------------------------------------------------------------
@@ -192,7 +193,7 @@ def test_a_live_message_that_is_lost_and_that_nothing_depends_on_is_missing_alon
 
 def without(path: Path, *gone: tuple[str, int]) -> Path:
     """The same recording without messages that did not reach the logger."""
-    recording = Recording(path, stored=True)
+    recording = Stored(path)
     holed = path.with_name("holed.mcap")
     with holed.open("wb") as file:
         writer, channels = begin_copy(recording, file, recording.about)
@@ -226,7 +227,7 @@ def test_what_a_live_run_lost_is_told_and_what_comes_before_can_be_had(tmp_path,
 @pytest.mark.parametrize(
     ("text", "more", "words"),
     [
-        (GRAPH.replace("force: spring}}", "force: spring}, restart: true}"), {}, ["'drag'", "may be started again"]),
+        (GRAPH.replace("force: spring}}", "force: spring}, restart: true}"), {}, ["'drag'", "may be restarted"]),
         (GRAPH, {"leave_out": ["source"]}, ["'source'", "left out"]),
         (GRAPH, {"thin": {"drag": 3}}, ["'log'", "thin: drag", "computed"]),
     ],

@@ -15,7 +15,8 @@ from palpate.engine import imports
 from palpate.launch.__main__ import app
 from palpate.messages import Contact, Message
 from palpate.nodes.base import Node
-from palpate.records.reader import Recording, RecordingError
+from palpate.records.reader import Recording
+from palpate.records.stored import RecordingError
 
 MODULE = """
 from typing import Annotated

@@ -32,7 +32,8 @@ from graphs_for_runs import GRAPH, write_graph, write_place  # noqa: E402
 from unlucky import BEARABLE, BREAKS, WIRES  # noqa: E402
 
 from palpate.launch.run.descendants import die_with_parent  # noqa: E402
-from palpate.records.reader import Recording, RecordingError  # noqa: E402
+from palpate.records.reader import Recording  # noqa: E402
+from palpate.records.stored import RecordingError  # noqa: E402
 
 SIGNALS = ("SIGKILL", "SIGTERM", "SIGSEGV", "SIGSTOP", "SIGINT", "SIGABRT", "SIGHUP")
 LONGEST = 150.0

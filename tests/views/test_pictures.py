@@ -19,7 +19,8 @@ from palpate.launch.run.execute import execute
 from palpate.messages import Contact, DeviceState, Force, Friction, Proximity, Surface, pack
 from palpate.nodes.base import Stream
 from palpate.nodes.logger import Mcap
-from palpate.records.reader import Recording, RecordingError
+from palpate.records.reader import Recording
+from palpate.records.stored import RecordingError
 from palpate.views.pictures import PictureError, deformation, draw, off_screen, render
 from palpate.views.pictures.moments import choose, displaced, instants, surface_mesh
 from palpate.views.pictures.regions import _stretches, regions

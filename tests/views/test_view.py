@@ -13,7 +13,8 @@ from palpate.launch.__main__ import app
 from palpate.launch.load.launchfile import find
 from palpate.launch.run.execute import execute
 from palpate.physics.geometry.mesh import plane
-from palpate.records.reader import Recording, RecordingError
+from palpate.records.reader import Recording
+from palpate.records.stored import RecordingError
 from palpate.views.run import Run
 
 pytest.importorskip("websockets")

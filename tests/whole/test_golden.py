@@ -12,9 +12,10 @@ from pathlib import Path
 import pytest
 
 from palpate.engine.provenance import rounding
+from palpate.records.differences import ELSEWHERE
 from palpate.records.player import plan_of
 from palpate.records.reader import Recording
-from palpate.records.verify import ELSEWHERE, verify
+from palpate.records.verify import verify
 
 GOLDEN = sorted((Path(__file__).parents[1] / "golden").glob("*.mcap"))
 

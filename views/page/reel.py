@@ -14,7 +14,8 @@ import numpy as np
 from palpate.messages import Contact, Message, MessageError, Proximity, Surface, unpack
 from palpate.records.format.mcap_file import Broken, Records, messages
 from palpate.records.player import plan_of
-from palpate.records.reader import Recording, RecordingError
+from palpate.records.reader import Recording
+from palpate.records.stored import RecordingError
 from palpate.views.page import PageError
 from palpate.views.page.feed import frame, now, surface_frame
 from palpate.views.page.source import Source

@@ -24,7 +24,8 @@ from palpate.messages import (
     unpack,
 )
 from palpate.nodes.base import Node
-from palpate.records.reader import Recording, RecordingError
+from palpate.records.reader import Recording
+from palpate.records.stored import RecordingError
 
 Columns = dict[str, np.ndarray]
 GAP = 0.05  # [s] shorter losses of contact do not end a touch

@@ -15,6 +15,7 @@ pytest.importorskip("nibabel")
 
 import nibabel
 import typer
+from scan_images import write_images
 from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
@@ -161,7 +162,7 @@ def test_a_finger_that_lay_rolled_or_tilted_has_the_same_forces(plain, turn):
 )  # fmt: skip
 def test_letters_say_where_images_run(tmp_path, plain, axes, order, flips):
     stack, _ = stored(order, flips)
-    folder = phantom.write_images(stack, tmp_path / "i")
+    folder = write_images(stack, tmp_path / "i")
     tip = rebuild(segment(read(folder, stack.spacing, axes)))
     assert forces(tip) == approx(plain, rel=0.04) and thumb_side(tip) < -0.4e-3
 
@@ -170,19 +171,19 @@ def test_letters_say_where_images_run(tmp_path, plain, axes, order, flips):
 def test_images_along_the_finger_become_cross_sections(tmp_path, axes, order, flips):
     stack, _ = stored(order, flips)
     for given in (axes, ""):
-        copy = read(phantom.write_images(stack, tmp_path / f"i{given}"), stack.spacing, given)
+        copy = read(write_images(stack, tmp_path / f"i{given}"), stack.spacing, given)
         assert copy.spacing[0] == imaged().spacing[0] and (given == "" or sum(same_up_to_a_turn(copy.volume)) == 1)
 
 
 @pytest.mark.parametrize("axes", ["HP", "HPX", "HHP", "HTP", "NPR", "HPRL"])
 def test_letters_that_are_no_axes_are_refused(tmp_path, axes):
-    folder = phantom.write_images(imaged(), tmp_path / "i")
+    folder = write_images(imaged(), tmp_path / "i")
     with pytest.raises(ScanError, match="expected a letter each of T or H, N or P, R or L"):
         read(folder, imaged().spacing, axes)
 
 
 def test_letters_against_the_images_are_refused(tmp_path):
-    folder = phantom.write_images(imaged(), tmp_path / "i")
+    folder = write_images(imaged(), tmp_path / "i")
     with pytest.raises(ScanError, match="put the tip at the end of the stack where the finger is broader"):
         rebuild(segment(read(folder, imaged().spacing, "TPR")))
     with pytest.raises(ScanError, match="narrow side"):
@@ -242,7 +243,7 @@ def test_nifti_whose_header_says_nothing_of_space_is_taken_as_images_are(tmp_pat
 def test_the_command_says_how_the_finger_lay_and_whether_left_and_right_are_known(tmp_path):
     app = typer.Typer()
     app.command()(fingertip)
-    folder = phantom.write_images(phantom.scan(tilt=np.radians(10)), tmp_path / "i")
+    folder = write_images(phantom.scan(tilt=np.radians(10)), tmp_path / "i")
     told = {}
     for axes in ("", "hpr"):
         options = ["--spacing", "1.2,0.23,0.23", "-o", str(tmp_path / "f.npz"), "--json", "--axes", axes]

@@ -11,7 +11,7 @@ pytest.importorskip("skimage")
 pytest.importorskip("pydicom")
 pytest.importorskip("nibabel")
 
-from skimage.io import imsave
+from scan_images import write_images
 from typer.testing import CliRunner
 
 from palpate.launch.__main__ import app
@@ -30,14 +30,6 @@ SPACING = (1.2e-3, 0.23e-3, 0.23e-3)
 def image_centre(anatomy):
     """Height z [m] of the middle of the images over the axis of the finger."""
     return (anatomy.dorsal - anatomy.palmar - anatomy.bulge) / 2
-
-
-def write_images(stack, folder, kind="png"):
-    """Numbered 16-bit images, .png or .tif."""
-    folder.mkdir(parents=True, exist_ok=True)
-    for k, image in enumerate(phantom.stored(stack)):
-        imsave(folder / f"slice_{k:03d}.{kind}", image, check_contrast=False)
-    return folder
 
 
 @pytest.fixture(scope="module")
