@@ -21,7 +21,7 @@ of the dent say, and the mesh's error as large as it.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import Any, NamedTuple
 
 import numba
 import numpy as np
@@ -31,9 +31,6 @@ from palpate.physics.bodies.patch import normal_force, share_of
 from palpate.physics.bodies.true_patch import draw_together, load_radius, patch_compliance
 from palpate.physics.contact.spread import Spreader
 from palpate.physics.geometry.mesh import Mesh
-
-if TYPE_CHECKING:
-    from palpate.physics.bodies.condensed_body import Model
 
 NUDGE = 1e-4
 """[m] Way over which the change of the dents is taken."""
@@ -58,7 +55,7 @@ class Ground(NamedTuple):
     dents: np.ndarray
 
 
-def softness(mesh: Mesh, model: Model, spreader: Spreader) -> np.ndarray:
+def softness(mesh: Mesh, model: Any, spreader: Spreader) -> np.ndarray:
     """Logarithm (V,) of the compliance under the spreader's patch round each vertex of a coarse mesh, for a modulus of
     1 Pa; the mean of all where a patch finds nothing.
 
