@@ -61,7 +61,7 @@ def write(cells: Sequence[Cell], about: dict[str, Any], pictures: dict[str, Path
     lines = ["# What accuracy costs in time", "", advice(told), "", default_costs(cells), ""]
     if "overview" in pictures:
         lines += [f"![All touches]({pictures['overview'].name})", ""]
-    lines += ["| method, setting | error of the force, mean | worst touch | p50 | p99 | computed | charged |"]
+    lines += ["| method, setting | error of the force, median | worst touch | p50 | p99 | computed | charged |"]
     lines += ["|---|---|---|---|---|---|---|"]
     bold = best(told)
     for k, s in enumerate(told):

@@ -39,7 +39,7 @@ def point(cell: Cell, quantity: str = "force") -> tuple[float, float]:
 class Summary:
     """A method at one setting over the touches that it computed.
 
-    error     [1] mean of the rms errors of the force;  worst [1] the greatest of them, on the touch `hardest`
+    error     [1] median of the rms errors of the force;  worst [1] the greatest of them, on the touch `hardest`
     p50, p99  [s] of a step, median
     computed  how many touches;  charged  how many it could not do or broke down on, which are in no error
     """
@@ -80,7 +80,7 @@ def summaries(cells: Sequence[Cell]) -> list[Summary]:
             p50, p99 = np.median([(c.p50, c.p99) for c in good], axis=0)
             told.append(
                 Summary(
-                    method, good[0].title, fidelity, float(np.mean(errors)), errors[worst], good[worst].touch,
+                    method, good[0].title, fidelity, float(np.median(errors)), errors[worst], good[worst].touch,
                     float(p50), float(p99), len(good), len(touches) - len(good),
                 )
             )  # fmt: skip
@@ -88,7 +88,7 @@ def summaries(cells: Sequence[Cell]) -> list[Summary]:
 
 
 def best(told: Sequence[Summary]) -> list[int]:
-    """The Pareto front of those that compute as many touches as any does: a mean over few is not held against one over
+    """The Pareto front of those that compute as many touches as any does: the median of few is not held against one of
     many."""
     most = max((s.computed for s in told), default=0)
     able = [k for k, s in enumerate(told) if s.computed == most]
@@ -110,7 +110,7 @@ def advice(told: Sequence[Summary]) -> str:
     worst = f", {percent(take.worst)} at worst, {take.hardest}" if take.computed > 1 else ""
     slow = "" if quick else " Nothing here keeps a loop at 1 kHz."
     return (
-        f"For {many} take {take.title}, {take.fidelity}: force off by {percent(take.error)} (RMS over the peak, mean"
+        f"For {many} take {take.title}, {take.fidelity}: force off by {percent(take.error)} (RMS over the peak, median"
         f"{worst}), p50 {duration(take.p50)}, p99 {duration(take.p99)}.{slow}"
     )
 

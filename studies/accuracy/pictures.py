@@ -70,8 +70,8 @@ def touch_picture(cells: Sequence[Cell], path: Path) -> None:
 
 
 def overview(told: Sequence[Summary], cells: Sequence[Cell], path: Path) -> None:
-    """All touches: the mean error of each method and setting over its median time. Open marks: those that compute fewer
-    touches than others, of which they are the mean."""
+    """All touches: the median error of each method and setting over its median time. Open marks: of fewer
+    touches than others compute."""
     figure, axes = _empty("what accuracy costs: force error over the time of a step, each over the touches it computes")
     look = _looks(cells)
     points = [(s.p99, max(s.error, LEAST)) for s in told]
@@ -87,7 +87,7 @@ def overview(told: Sequence[Summary], cells: Sequence[Cell], path: Path) -> None
                   markerfacecolor=colour if first.computed == most else "white",
                   label=f"{first.title}: {first.computed}, {first.charged}")  # fmt: skip
     _front(axes, [points[k] for k in on_front], f"Pareto front of those with {most}")
-    _finish(axes, "rms error of the force over its peak, mean of the touches computed", points)
+    _finish(axes, "rms error of the force over its peak, median of the touches computed", points)
     axes.legend(fontsize=8, loc="upper left", bbox_to_anchor=(1.01, 1.0), frameon=False,
                 title="touches computed, charged")  # fmt: skip
     lowest = {s.method: k for k, s in sorted(enumerate(told), key=lambda one: -one[1].error) if s.computed == most}

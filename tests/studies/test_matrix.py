@@ -117,7 +117,7 @@ def test_what_to_take_is_the_most_accurate_that_keeps_the_loop_and_can_do_most()
     ]
     told = summaries(cells)
     assert advice(told).startswith(
-        "For 2 touches take body, 1000 Hz: force off by 2 % (RMS over the peak, mean, 3 % at"
+        "For 2 touches take body, 1000 Hz: force off by 2 % (RMS over the peak, median, 3 % at"
     )
     assert "worst, hold), p50 40 µs, p99 3 ms." in advice(told)
     assert [told[k].method for k in best(told)] == ["spring", "body", "solver"]
