@@ -83,25 +83,32 @@ def _print(cells: list[Cell], files: dict[str, Path]) -> None:
     from rich.table import Table
 
     from palpate.launch.load.extras import install
+    from palpate.launch.run.busy import busy
     from palpate.studies.accuracy.laboratory import missing
     from palpate.studies.accuracy.page import LEGEND, default_costs
-    from palpate.studies.accuracy.pareto import front, summaries
+    from palpate.studies.accuracy.pareto import advice, best, duration, summaries, unable
 
     told = summaries(cells)
-    best = front([(s.p99, s.error) for s in told])
+    bold = best(told)
     shown = Table(box=None, header_style="bold", pad_edge=False)
-    for title in ("", "touches", "force off by\nrms, mean [%]", "step\np50", "\np99"):
-        shown.add_column(title, justify="left" if not title else "right")
+    for title in ("", "force off by\nRMS, median [%]", "worst\ntouch [%]", "step\np50", "\np99", "touches\ncomputed",
+                  "\ncharged"):  # fmt: skip
+        shown.add_column(title, justify="left" if not title else "right", no_wrap=not title)
     for k, s in enumerate(told):
         shown.add_row(
-            f"{s.title}, {s.fidelity}", f"{s.computed}/{s.touches}", f"{100 * s.error:.3g}",
-            *(s.cost(t) for t in (s.p50, s.p99)), style="bold" if k in best else None,
+            f"{s.title}, {s.fidelity}", f"{100 * s.error:.2g}", f"{100 * s.worst:.2g}", duration(s.p50),
+            duration(s.p99), str(s.computed), str(s.charged or ""), style="bold" if k in bold else None,
         )  # fmt: skip
     out = console()
+    wide = console(soft_wrap=True)
+    wide.print(advice(told), markup=False)
+    if why := busy(own=1):
+        wide.print(f"{why}: p50 and p99 are too long.", style="yellow", markup=False)
     out.print(shown)
     out.print(LEGEND, markup=False)
+    if charged := unable(cells):
+        out.print(f"Charged on every touch: {', '.join(charged)}.", markup=False)
     out.print(default_costs(cells), markup=False)
-    wide = console(soft_wrap=True)
     if kept := sum(cell.kept for cell in cells):
         words = f"{kept} of {len(cells)} are of earlier runs here, their times as well; --fresh computes them again"
         wide.print(words, markup=False)

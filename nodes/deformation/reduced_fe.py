@@ -99,7 +99,17 @@ class ReducedFE(OnSurface):
         basis, given = self._placed()
         if isinstance(basis, SampledBasis):
             return SampledBody(basis, *given)
-        return CondensedBody(basis, *given, self.poisson, self.sticks)
+        return CondensedBody(basis, *given, self.poisson, self.sticks, self._apart())
+
+    def _apart(self) -> np.ndarray | None:
+        """How far [m] (V,) each vertex of the basis is from another modulus; None where there is but one."""
+        if self.surface == "fingertip" or not (self.nodule_radius > 0 or self.capsule_thickness > 0):
+            return None
+        vertices = self.coarse_mesh().vertices
+        if self.capsule_thickness > 0:
+            return np.zeros(len(vertices))
+        away = np.linalg.norm(vertices - self.nodule_centre, axis=1)
+        return np.abs(away - self.nodule_radius)
 
     def _placed(self) -> tuple[Basis | SampledBasis, tuple[Mesh, float, float, float, float]]:
         """The basis at its place, and what else a body of it takes."""

@@ -34,6 +34,7 @@ from palpate.physics.bodies.place_energy import Ground, along, held, softness, w
 from palpate.physics.bodies.true_patch import (
     TruePatch,
     dent_at,
+    draw_together,
     load_radius,
     patch_compliance,
     true_patch,
@@ -126,12 +127,12 @@ class Model(NamedTuple):
     true: TruePatch
 
 
-COMPLIANCE, FREE, NOW, MORE, OWN, BEYOND, PRESS, RADIUS, NARROW, WIDE = range(10)
+COMPLIANCE, FREE, NOW, MORE, OWN, BEYOND, PRESS, RADIUS, NARROW, WIDE, NARROWED = range(11)
 """Numbers that a body keeps: compliance [m/N], s_free and s [m] of the law that was told, the load [N] on the patch
 that large displacement adds, compliance [m/N] of the linear body at rest, how far beyond the deepest press it is, the
 normal force [N] on the patch with what was added, the patch's radius [m], how much narrower than the mesh it is, its
-radius [m] on the coarse surface, which the dents were found under."""
-SIDE = slice(10, 13)
+radius [m] on the coarse surface, which the dents were found under, whether it is drawn together near a nodule."""
+SIDE = slice(11, 14)
 """What holds the patch along the surface [1] (3), see `true_patch.patch_compliance`."""
 
 
@@ -147,6 +148,7 @@ class CondensedBody:
     poisson   [1] of the organ under the patch; None: the compliance of the widened load is left as it is, as the full
               model of the same coarse surface has it
     sticks    whether the surface under the patch sticks to the finger
+    apart     [m] (V,) distance of each vertex of `basis` from a nodule or capsule; None where there is neither
     """
 
     def __init__(
@@ -159,6 +161,7 @@ class CondensedBody:
         reach: float,
         poisson: float | None = None,
         sticks: bool = True,
+        apart: np.ndarray | None = None,
     ) -> None:
         coarse = Mesh(basis.vertices, basis.triangles)
         foot, _, triangle, _ = MeshClosestPoint(coarse).find(mesh.vertices)
@@ -171,18 +174,18 @@ class CondensedBody:
         self._count = self._touched = 0
         dents = basis.dents if basis.dents.size else np.zeros((count, 0))
         moments = hat_moments(coarse)
-        true = uncorrected(mesh) if poisson is None else true_patch(coarse, mesh, poisson, sticks)
+        true = uncorrected(mesh) if poisson is None else true_patch(coarse, mesh, poisson, sticks, apart)
         self._model = Model(
             basis.compliance, basis.vertices, dents, moments, self.corners, self.weights, young, retardation,
             mesh.vertices, true,
         )  # fmt: skip
         self._fields, self._marks = np.zeros((5, count, 3)), np.zeros((2, count), dtype=np.int64)
-        self._curve, self._numbers = np.zeros((2, dents.shape[1] + 1)), np.zeros(13)
+        self._curve, self._numbers = np.zeros((2, dents.shape[1] + 1)), np.zeros(14)
         self.held = self._fields[0]
         """[N] (V,3) loads that the displacement follows, h."""
         self._normal = (0.0, 0.0, 0.0)
         slopes = weight_slopes(coarse, self.corners)
-        soft = softness(coarse, mesh, basis.compliance, true, self._spreader, self.corners, self.weights)
+        soft = softness(coarse, self._model, self._spreader)
         self._ground = Ground(basis.vertices, coarse.normals, moments, self.corners, slopes, soft, dents)
         self._patch, self._pull = np.zeros(0, dtype=np.int32), np.zeros((0, 3))
         self._slope, self._turning = np.zeros(3), np.zeros((3, 3))
@@ -334,7 +337,11 @@ def _step(model, patch, pull, share, normal, dt, fields, marked, curve, numbers,
                         row[3 * b] * load[b, 0] + row[3 * b + 1] * load[b, 1] + row[3 * b + 2] * load[b, 2]
                     )
     radius, narrow = load_radius(model.fine, patch, pull, normal, total, model.true.least)
-    body, more = patch_compliance(compliance, model.true, order, touched, measure, normal, radius, numbers[SIDE])
+    narrowed = draw_together(model, patch, pull, normal, total, order, touched, measure, radius)
+    body, more = patch_compliance(
+        compliance, model.true, order, touched, measure, narrowed, normal, radius, numbers[SIDE]
+    )
+    numbers[NARROWED] = narrowed
     own = (body + more) / young
     press = pressed / body if body > 0.0 else 0.0  # the normal force on the patch that h stands for
     aside = (static - body * total) / young if share > 0.0 and total > 0.0 else 0.0  # what the tangential load adds
@@ -371,12 +378,15 @@ def _displaced(model, foot, within, fields, active, count, touched, normal, numb
     patch along the surface, with the half-space's own under the true load in place of that under the hats."""
     compliance, held, u, share, order = model.compliance, fields[0], fields[1], fields[2], fields[3, :, 0]
     true, press, radius = model.true, numbers[PRESS], numbers[RADIUS]
+    narrowed = numbers[NARROWED] > 0.0
     field, side, patch = u.reshape(-1), numbers[SIDE], fields[4]
     field[:] = 0.0
     for k in range(touched):
         v = int(order[k])
         for i in range(3):
             patch[v, i] = share[v, 0] * (press * side[i] - numbers[MORE] * normal[i])
+            if narrowed:  # twice: what is shown passes through the hats once more
+                patch[v, i] += 2.0 * (share[v, 1] - share[v, 0]) * press * (side[i] - normal[i])
     for k in range(count):
         b = active[k]
         for i in range(3):
@@ -390,7 +400,9 @@ def _displaced(model, foot, within, fields, active, count, touched, normal, numb
     if len(true.table) > 0:
         hats = patch.reshape(-1)[: len(u)]
         for k in range(touched):
-            _add(hats, true.table[int(order[k])], true.normal * press * share[int(order[k]), 0] / model.young)
+            v = int(order[k])
+            part = 2.0 * share[v, 1] - share[v, 0] if narrowed else share[v, 0]
+            _add(hats, true.table[v], true.normal * press * part / model.young)
         for v in range(len(u)):
             for i in range(3):
                 u[v, i] += hats[v] * normal[i]

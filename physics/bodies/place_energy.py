@@ -21,14 +21,14 @@ of the dent say, and the mesh's error as large as it.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numba
 import numpy as np
 
 from palpate.physics.bodies.dents import SPACING, rise, risen, stiffening
 from palpate.physics.bodies.patch import normal_force, share_of
-from palpate.physics.bodies.true_patch import TruePatch, load_radius, patch_compliance
+from palpate.physics.bodies.true_patch import draw_together, load_radius, patch_compliance
 from palpate.physics.contact.spread import Spreader
 from palpate.physics.geometry.mesh import Mesh
 
@@ -55,21 +55,13 @@ class Ground(NamedTuple):
     dents: np.ndarray
 
 
-def softness(
-    mesh: Mesh,
-    fine: Mesh,
-    compliance: np.ndarray,
-    true: TruePatch,
-    spreader: Spreader,
-    corners: np.ndarray,
-    weights: np.ndarray,
-) -> np.ndarray:
+def softness(mesh: Mesh, model: Any, spreader: Spreader) -> np.ndarray:
     """Logarithm (V,) of the compliance under the spreader's patch round each vertex of a coarse mesh, for a modulus of
     1 Pa; the mean of all where a patch finds nothing.
 
-    compliance [m/N] (3V,3V);  corners, weights (N,3) coarse vertices and shares of each vertex of the spreader's mesh,
-    `fine`
+    model  a `condensed_body.Model` whose fine mesh is the spreader's
     """
+    corners, weights, true = model.corners, model.weights, model.true
     compliances = np.full(len(mesh.vertices), np.nan)
     measure, side = np.zeros((len(mesh.vertices), 3)), np.zeros(3)
     for v, (foot, n) in enumerate(zip(mesh.vertices, mesh.normals, strict=True)):
@@ -78,9 +70,14 @@ def softness(
         nodes, forces = spreader.nodes[:count], spreader.forces[:count]
         if count:
             np.add.at(measure[:, 0], corners[nodes], weights[nodes] * (forces @ -normal)[:, None])
-            radius, _ = load_radius(fine.vertices, nodes, forces, normal, normal_force(forces, normal), true.least)
+            total = normal_force(forces, normal)
+            radius, _ = load_radius(model.fine, nodes, forces, normal, total, true.least)
             order = np.unique(corners[nodes])
-            body, more = patch_compliance(compliance, true, order, len(order), measure, normal, radius, side)
+            touched = len(order)
+            narrowed = draw_together(model, nodes, forces, normal, total, order, touched, measure, radius)
+            body, more = patch_compliance(
+                model.compliance, true, order, touched, measure, narrowed, normal, radius, side
+            )
             compliances[v] = body + more
             measure[order] = 0.0
     good = compliances > 0.0

@@ -13,6 +13,13 @@ H     of the half-space between hats: H_ij = (1 - nu²)/pi T_ij, T_ij [1/m] the 
       (J. Boussinesq 1885; K. L. Johnson, Contact Mechanics, 1985, eq. 3.19)
 
 C - H is smooth at the scale of the patch (the far side, the border, the bed), so that the wider load serves for it.
+Near a nodule or under a capsule it is not: there C and H take the load
+
+    gamma = g - w b (g - h),    b = (R_w² - R²)/(R_w² - R_h²)
+
+R_w is the radius on the hats of g, R_h that of h, the load drawn together: its share at r times (1 - r²/R²)^8. With
+w = 1 gamma has the true second moment on the hats. w falls from 1 where the patch's mean distance from the other
+modulus is `WITHIN` R to 0 at `BEYOND` R.
 
 Where the patch sticks to the finger two things are held, and `hold` is what that takes:
 
@@ -37,6 +44,7 @@ import numba
 import numpy as np
 import scipy  # its parts are slow to import, and are when they are used
 
+from palpate.physics.bodies.dents import patch_radius
 from palpate.physics.bodies.patch import share_of
 from palpate.physics.geometry.mesh import Mesh
 
@@ -50,6 +58,10 @@ NEAR = 2.5
 """[1] Distance of two triangles, over the mesh's mean edge, within which 1/r is integrated in closed form."""
 LEAST_SHARE = 0.05
 """[1] Of g.C g that is left whatever the correction says."""
+WITHIN, BEYOND = 0.5, 2.0
+"""[1] Distances from another modulus over R between which the load is drawn together less and less."""
+MOST_NARROWED = 3.0
+"""[1] Greatest b: beyond, the patch is so much narrower than the hats that too little of it is left to tell."""
 LEAST_MOMENT = 0.29
 """[1] Mean square distance of a hat's force from its vertex, over the vertex's area: even triangles."""
 RULE = np.array([
@@ -72,6 +84,7 @@ class TruePatch(NamedTuple):
     normal   [1]   (1 - nu²)/pi;  tangential [1] (1 - nu/2)/(1 - nu);  held [1] share of c_R that sticking takes
     sticks   [1]   whether the patch sticks to the finger
     least    [m²]  (N,) least mean square radius of a load on each vertex of the touched mesh
+    apart    [m]   (V,) distance of each coarse vertex from another modulus; none where there is but one
     """
 
     table: np.ndarray
@@ -81,20 +94,25 @@ class TruePatch(NamedTuple):
     held: float
     sticks: bool
     least: np.ndarray
+    apart: np.ndarray
 
 
-def true_patch(coarse: Mesh, fine: Mesh, poisson: float, sticks: bool = True) -> TruePatch:
+def true_patch(
+    coarse: Mesh, fine: Mesh, poisson: float, sticks: bool = True, apart: np.ndarray | None = None
+) -> TruePatch:
     """Of a body that is condensed to `coarse` and touched on `fine`."""
     held = HELD * ((1.0 - 2.0 * poisson) / (1.0 - poisson)) ** 2 if sticks else 0.0
     table = mean_inverse_distance(coarse).astype(np.float32)
     ratio = (1.0 - 0.5 * poisson) / (1.0 - poisson)
     least = LEAST_MOMENT * fine.areas
-    return TruePatch(table, dent_profile(), (1.0 - poisson**2) / np.pi, ratio, held, sticks, least)
+    near = np.zeros(0) if apart is None else apart
+    return TruePatch(table, dent_profile(), (1.0 - poisson**2) / np.pi, ratio, held, sticks, least, near)
 
 
 def uncorrected(fine: Mesh) -> TruePatch:
     """Nothing is corrected: the body as its full model is under the widened load."""
-    return TruePatch(np.zeros((0, 0), np.float32), np.zeros(0), 0.0, 1.0, 0.0, False, LEAST_MOMENT * fine.areas)
+    least = LEAST_MOMENT * fine.areas
+    return TruePatch(np.zeros((0, 0), np.float32), np.zeros(0), 0.0, 1.0, 0.0, False, least, np.zeros(0))
 
 
 def dent_profile() -> np.ndarray:
@@ -297,37 +315,102 @@ def _held_sideways(block, normal, more, force):
 
 
 @numba.njit(cache=True)
-def patch_compliance(compliance, true, order, touched, measure, normal, radius, side):
-    """Of a patch, for a modulus of 1 Pa [m/N]: g.C g along the normal, and what is added to it; fills `side` [1] (3),
-    the force along the surface that holds the patch there, for each newton of normal force.
+def draw_together(model, patch, pull, normal, total, order, touched, measure, radius):
+    """Fill the second column of `measure` (V,3), whose first holds g, with gamma. False where both are the same.
 
-    order (>= touched) coarse vertices of the patch, measure (V,3) whose first column holds their shares
+    model  with `fine` [m] (N,3), vertices of the touched mesh, `corners` and `weights` (N,3) of each on the coarse one,
+           `vertices` [m] (V,3) and `moments` [m²] (V,) of that, and `true`
+    order (>= touched) coarse vertices of the patch;  patch, pull  the load (k,3) on the fine ones;  radius [m] R
     """
-    block, hats = np.zeros((3, 3)), 0.0
-    corrects = len(true.table) > 0
+    apart = model.true.apart
+    if len(apart) == 0:
+        return False
+    away, x = 0.0, np.zeros(3)
+    for k in range(touched):
+        v = int(order[k])
+        away += measure[v, 0] * apart[v]
+        measure[v, 1] = 0.0
+    at = min(max((away / radius - WITHIN) / (BEYOND - WITHIN), 0.0), 1.0)
+    near = 1.0 - at * at * (3.0 - 2.0 * at)
+    if near <= 0.0:
+        return False
+    for k in range(len(patch)):
+        share = abs(share_of(k, pull, normal, total))
+        for i in range(3):
+            x[i] += share * model.fine[patch[k], i]
+    whole = 0.0
+    for k in range(len(patch)):
+        p = patch[k]
+        d0, d1, d2 = model.fine[p, 0] - x[0], model.fine[p, 1] - x[1], model.fine[p, 2] - x[2]
+        inside = max(1.0 - (d0 * d0 + d1 * d1 + d2 * d2) / (radius * radius), 0.0)
+        share = abs(share_of(k, pull, normal, total)) * inside**8
+        whole += share
+        for a in range(3):
+            measure[model.corners[p, a], 1] += share * model.weights[p, a]
+    if not whole > 0.0:
+        return False
+    for k in range(touched):
+        measure[int(order[k]), 1] /= whole
+    wide = patch_radius(model.vertices, model.moments, order, touched, measure) ** 2
+    drawn = patch_radius(model.vertices, model.moments, order, touched, measure[:, 1:]) ** 2
+    by = (wide - radius * radius) / max(wide - drawn, 0.25 * radius * radius)
+    by = near * min(max(by, 0.0), MOST_NARROWED)
+    for k in range(touched):
+        v = int(order[k])
+        measure[v, 1] = measure[v, 0] - by * (measure[v, 0] - measure[v, 1])
+    return True
+
+
+@numba.njit(cache=True)
+def _gathered(compliance, table, order, touched, measure, column, block):
+    """Fill block [m/N] (3,3) with g.C g of the shares in a column of `measure`; returns g.T g [1/m]."""
+    block[:] = 0.0
+    hats, corrects = 0.0, len(table) > 0
     for k in range(touched):
         v = int(order[k])
         for m in range(touched):
             b = int(order[m])
-            both = measure[v, 0] * measure[b, 0]
+            both = measure[v, column] * measure[b, column]
             for i in range(3):
                 for j in range(3):
                     block[i, j] += both * compliance[3 * v + i, 3 * b + j]
             if corrects:
-                hats += both * true.table[v, b]
+                hats += both * table[v, b]
+    return hats
+
+
+@numba.njit(cache=True)
+def _along(block, normal):
     own = 0.0
     for i in range(3):
-        side[i] = 0.0
         for j in range(3):
             own += normal[i] * block[i, j] * normal[j]
-    if not corrects:
+    return own
+
+
+@numba.njit(cache=True)
+def patch_compliance(compliance, true, order, touched, measure, narrowed, normal, radius, side):
+    """Of a patch, for a modulus of 1 Pa [m/N]: g.C g along the normal, and what is added to it; fills `side` [1] (3),
+    the force along the surface that holds the patch there, for each newton of normal force.
+
+    order (>= touched) coarse vertices of the patch, measure (V,3) whose first column holds their shares
+    narrowed  whether its second holds those of the load drawn together, see `draw_together`
+    """
+    block = np.zeros((3, 3))
+    side[:] = 0.0
+    hats = _gathered(compliance, true.table, order, touched, measure, 0, block)
+    own = _along(block, normal)
+    if len(true.table) == 0:
         return own, 0.0
+    apart = 0.0
+    if narrowed:
+        hats = _gathered(compliance, true.table, order, touched, measure, 1, block)
+        apart = _along(block, normal) - own
     more = true.normal * (MEAN / radius - hats)
-    if not true.sticks:
-        return own, max(more, LEAST_SHARE * own - own)
-    lost = _held_sideways(block, normal, true.tangential * more, side)
-    more -= true.held * true.normal * MEAN / radius + lost
-    return own, max(more, LEAST_SHARE * own - own)
+    if true.sticks:
+        lost = _held_sideways(block, normal, true.tangential * more, side)
+        more -= true.held * true.normal * MEAN / radius + lost
+    return own, max(more + apart, LEAST_SHARE * own - own)
 
 
 @numba.njit(cache=True)

@@ -16,6 +16,8 @@ PLACES = [
     ((far, far / 2), (far, -far), (-far, far / 2), (-far, -far), (0, far), (0, -far - 4), (far, 0), (-far, 0))
 ]  # fmt: skip
 """[point] From the point to the label, the nearer ones first."""
+CLEAR = 4.0
+"""[pixel] Between a label and an axis."""
 
 
 def place(
@@ -29,6 +31,7 @@ def place(
     canvas = axes.figure.canvas
     assert isinstance(canvas, FigureCanvasAgg)
     canvas.draw()
+    canvas.figure.set_layout_engine("none")  # else the axes move once more when the labels are there
     renderer = canvas.get_renderer()
     frame = axes.get_window_extent(renderer)
     spots = axes.transData.transform([*((x, y) for x, y, *_ in wanted), *points])
@@ -43,7 +46,7 @@ def place(
             )  # fmt: skip
             label.set_in_layout(False)
             box = Bbox.from_bounds(*_text_box(label, renderer))
-            inside = frame.x0 < box.x0 and box.x1 < frame.x1 and frame.y0 < box.y0 and box.y1 < frame.y1
+            inside = all((frame.x0 + CLEAR < box.x0, box.x1 < frame.x1, frame.y0 + CLEAR < box.y0, box.y1 < frame.y1))
             others = taken + boxes
             if inside and not any(box.overlaps(b) for b in others):
                 boxes.append(box)

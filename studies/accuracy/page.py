@@ -10,14 +10,17 @@ from palpate.studies.accuracy.cells import Cell
 from palpate.studies.accuracy.laboratory import OUTSIDE, missing
 from palpate.studies.accuracy.limits import AXES, mostly, still_falling
 from palpate.studies.accuracy.order import studies
-from palpate.studies.accuracy.pareto import duration, front, point, summaries
+from palpate.studies.accuracy.pareto import advice, best, duration, front, percent, point, summaries, unable
 from palpate.studies.accuracy.places import on_path, stored
 from palpate.studies.accuracy.touches import TOUCHES
 from palpate.studies.accuracy.truth import QUANTITIES
 
 DEFAULT = ("MassSpring", "1000 Hz")
 """What the kidney graph runs unless it is told otherwise."""
-LEGEND = "Bold: on the Pareto front. What a method cannot do is charged with an error of 100 % and a step of 10 s."
+LEGEND = (
+    "Bold: on the Pareto front of those that compute as many touches as any. Charged: touches that a method cannot do "
+    "or breaks down on; they are in no error and no time."
+)
 COLUMNS = (
     "Below, errors are rms and worst, over the peak of the truth. *Held* is memory, *once* is building and starting, "
     "*mostly* is what the error of the force is made of."
@@ -54,19 +57,22 @@ def default_costs(cells: Sequence[Cell]) -> str:
 
 def write(cells: Sequence[Cell], about: dict[str, Any], pictures: dict[str, Path], path: Path) -> None:
     """Write the page beside its pictures."""
-    lines = ["# What accuracy costs in time", "", default_costs(cells), ""]
+    told = summaries(cells)
+    lines = ["# What accuracy costs in time", "", advice(told), "", default_costs(cells), ""]
     if "overview" in pictures:
         lines += [f"![All touches]({pictures['overview'].name})", ""]
-    lines += ["| method, setting | touches | error of the force, mean | p50 | p99 |", "|---|---|---|---|---|"]
-    told = summaries(cells)
-    best = {(told[k].method, told[k].fidelity) for k in front([(s.p99, s.error) for s in told])}
-    for s in told:
-        mark = "**" if (s.method, s.fidelity) in best else ""
+    lines += ["| method, setting | error of the force, median | worst touch | p50 | p99 | computed | charged |"]
+    lines += ["|---|---|---|---|---|---|---|"]
+    bold = best(told)
+    for k, s in enumerate(told):
+        mark = "**" if k in bold else ""
         lines.append(
-            f"| {mark}{s.title}, {s.fidelity}{mark} | {s.computed} of {s.touches} | {_percent(s.error)} | "
-            f"{s.cost(s.p50)} | {s.cost(s.p99)} |"
+            f"| {mark}{s.title}, {s.fidelity}{mark} | {percent(s.error)} | {percent(s.worst)}, {s.hardest} | "
+            f"{duration(s.p50)} | {duration(s.p99)} | {s.computed} | {s.charged or ''} |"
         )
-    lines += ["", LEGEND, "", COLUMNS, ""]
+    lines += ["", LEGEND, ""]
+    lines += [f"Charged on every touch: {', '.join(out)}.", ""] if (out := unable(cells)) else []
+    lines += [COLUMNS, ""]
     for touch in dict.fromkeys(c.touch for c in cells):
         lines += _of_touch([c for c in cells if c.touch == touch], pictures.get(touch))
     orders = studies(cells)
@@ -105,11 +111,11 @@ def _of_touch(own: list[Cell], picture: Path | None) -> list[str]:
     told = [q for q in QUANTITIES if any(q in c.errors for c in own if c.status == "ok")]
     lines += [f"| method, setting | {' | '.join(told)} | p50 | p99 | held | once | mostly |",
               f"|---|{'---|' * (len(told) + 5)}"]  # fmt: skip
-    best = front([point(c) for c in own])
+    bold = front([point(c) for c in own])
     for k, cell in enumerate(own):
         if cell.status == "refused":
             continue
-        mark = "**" if k in best else ""
+        mark = "**" if k in bold else ""
         errors = " | ".join(_error(cell, q) for q in told)
         memory = "" if cell.memory is None else f"{cell.memory / 1e6:.1f} MB"
         lines.append(
@@ -133,7 +139,7 @@ def _reference(own: list[Cell]) -> str:
     )
     band = next((c.errors["force"]["band"] for c in own if c.status == "ok"), float("nan"))
     at = f", at {len(names)} places" if len(names) > 1 else ""
-    return f"Reference: {meshes}{at}. It may be off by {_percent(band)} of the peak force."
+    return f"Reference: {meshes}{at}. It may be off by {percent(band)} of the peak force."
 
 
 def _limits(own: list[Cell]) -> list[str]:
@@ -146,20 +152,20 @@ def _limits(own: list[Cell]) -> list[str]:
                 continue
             last, change = (
                 line[-1],
-                f"the last refinement changed the force by {_percent(line[-2].discretisation or 0.0)}",
+                f"the last refinement changed the force by {percent(line[-2].discretisation or 0.0)}",
             )
             if last.at_reference():
                 lines.append(f"* {last.title}, {text}: comes to the reference")
                 continue
             flat = "still falling" if still_falling(line) else "flat"
-            lines.append(f"* {last.title}, {text}: {_percent(last.errors['force']['rms'])} is left, {flat}; {change}")
+            lines.append(f"* {last.title}, {text}: {percent(last.errors['force']['rms'])} is left, {flat}; {change}")
     return lines
 
 
 def _claims(own: list[Cell]) -> list[str]:
     return [
-        f"* {c.title}, {c.fidelity}: its basis claims {_percent(c.claimed)} of the indentation in the mean; "
-        f"here it is off by {_percent(c.errors['indentation']['rms'])} of its peak (rms)"
+        f"* {c.title}, {c.fidelity}: its basis claims {percent(c.claimed)} of the indentation in the mean; "
+        f"here it is off by {percent(c.errors['indentation']['rms'])} of its peak (rms)"
         for c in own
         if c.claimed is not None and c.fidelity == "1000 Hz"
     ]
@@ -171,8 +177,4 @@ def _error(cell: Cell, quantity: str) -> str:
         return ""
     if cell.at_reference(quantity):
         return "at the reference"
-    return f"{_percent(own['rms'])}, {_percent(own['worst'])}"
-
-
-def _percent(value: float) -> str:
-    return f"{100 * value:.2g} %" if value < 1.0 else f"{100 * value:.0f} %"
+    return f"{percent(own['rms'])}, {percent(own['worst'])}"

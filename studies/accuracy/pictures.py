@@ -12,7 +12,7 @@ from palpate.studies.accuracy.cells import Cell
 from palpate.studies.accuracy.labels import place
 from palpate.studies.accuracy.methods import standard
 from palpate.studies.accuracy.order import Study
-from palpate.studies.accuracy.pareto import Summary, front, point
+from palpate.studies.accuracy.pareto import Summary, best, front, point
 from palpate.studies.accuracy.score import CHARGED, CHARGED_STEP
 from palpate.studies.accuracy.touches import TOUCHES
 
@@ -25,6 +25,8 @@ MARKS = "osD^vPX<>hdp8H"
 LOOPS = ((1e-3, "a loop at 1 kHz"), (1e-4, "at 10 kHz"))
 HARD = "\u00a0"
 """A space at which no line is broken."""
+LEAST = 1e-4
+"""[1] Errors below which a mark stands at it."""
 INK, FAINT = "#2b2b33", "#b9b9c4"
 
 
@@ -35,7 +37,7 @@ def touch_picture(cells: Sequence[Cell], path: Path) -> None:
     figure, axes = _empty(f"{cells[0].touch}: {TOUCHES[cells[0].touch].title}")
     look = _looks(cells)
     points = [point(c) for c in own]
-    best = front(points)
+    on_front = front(points)
     for method in dict.fromkeys(c.method for c in own):
         mine = [k for k, c in enumerate(own) if c.method == method]
         colour, mark = look[method]
@@ -43,12 +45,11 @@ def touch_picture(cells: Sequence[Cell], path: Path) -> None:
             cell, (x, y) = own[k], points[k]
             axes.plot([cell.p50, cell.p99], [y, y], color=colour, alpha=0.35, linewidth=1)
             failed = cell.status == "failed"
-            axes.plot(x, y, "x" if failed else mark, color=colour, markersize=7 if k in best else 5,
+            axes.plot(x, y, "x" if failed else mark, color=colour, markersize=7 if k in on_front else 5,
                       markerfacecolor="white" if cell.at_reference() else colour)  # fmt: skip
         axes.plot([], [], mark, color=colour, label=own[mine[0]].title)
-    if best:
-        axes.step([points[k][0] for k in best], [points[k][1] for k in best], where="post", color=INK, linewidth=1.2,
-                  linestyle=":", label="Pareto front", zorder=1)  # fmt: skip
+    if on_front:
+        _front(axes, [points[k] for k in on_front], "Pareto front")
     bands = [c.errors["force"]["band"] for c in own if c.status == "ok"]
     charged = [(CHARGED_STEP, CHARGED)] if refused else []
     _finish(axes, "rms error of the force over its peak", points + charged)
@@ -62,30 +63,36 @@ def touch_picture(cells: Sequence[Cell], path: Path) -> None:
         min((k for k, c in enumerate(own) if c.method == m), key=lambda k: points[k][1])
         for m in dict.fromkeys(c.method for c in own)
     ]
-    beside = [k for k in lowest if own[k].method not in {own[b].method for b in best}]
-    texts = [(*points[k], f"{own[k].title}, {own[k].fidelity}", look[own[k].method][0]) for k in [*best, *beside]]
+    beside = [k for k in lowest if own[k].method not in {own[b].method for b in on_front}]
+    texts = [(*points[k], f"{own[k].title}, {own[k].fidelity}", look[own[k].method][0]) for k in [*on_front, *beside]]
     place(axes, texts, points + charged)
     _save(figure, path)
 
 
 def overview(told: Sequence[Summary], cells: Sequence[Cell], path: Path) -> None:
-    """All touches: the mean error of each method and setting over its median time."""
-    figure, axes = _empty(f"what accuracy costs: {_touches(told[0].touches)}; what a method cannot do is charged")
+    """All touches: the median error of each method and setting over its median time. Open marks: of fewer
+    touches than others compute."""
+    figure, axes = _empty("what accuracy costs: force error over the time of a step, each over the touches it computes")
     look = _looks(cells)
-    points = [(s.p99, s.error) for s in told]
-    best = front(points)
+    points = [(s.p99, max(s.error, LEAST)) for s in told]
+    most = max(s.computed for s in told)
+    on_front = best(told)
     for method in dict.fromkeys(s.method for s in told):
         colour, mark = look[method]
         mine = [k for k, s in enumerate(told) if s.method == method]
         for k in mine:
-            axes.plot([told[k].p50, told[k].p99], [told[k].error] * 2, color=colour, alpha=0.35, linewidth=1)
+            axes.plot([told[k].p50, told[k].p99], [points[k][1]] * 2, color=colour, alpha=0.35, linewidth=1)
+        first = told[mine[0]]
         axes.plot(*np.array([points[k] for k in mine]).T, mark, color=colour, markersize=5, alpha=0.8,
-                  label=f"{told[mine[0]].title}: {told[mine[0]].computed} of {told[mine[0]].touches}")  # fmt: skip
-    axes.step([points[k][0] for k in best], [points[k][1] for k in best], where="post", color=INK, linewidth=1.2,
-              linestyle=":", label="Pareto front", zorder=1)  # fmt: skip
-    _finish(axes, "rms error of the force over its peak, mean of the touches", points)
-    axes.legend(fontsize=8, loc="upper left", bbox_to_anchor=(1.01, 1.0), frameon=False, title="touches computed")
-    texts = [(*points[k], f"{told[k].title}, {told[k].fidelity}", look[told[k].method][0]) for k in best]
+                  markerfacecolor=colour if first.computed == most else "white",
+                  label=f"{first.title}: {first.computed}, {first.charged}")  # fmt: skip
+    _front(axes, [points[k] for k in on_front], f"Pareto front of those with {most}")
+    _finish(axes, "rms error of the force over its peak, median of the touches computed", points)
+    axes.legend(fontsize=8, loc="upper left", bbox_to_anchor=(1.01, 1.0), frameon=False,
+                title="touches computed, charged")  # fmt: skip
+    lowest = {s.method: k for k, s in sorted(enumerate(told), key=lambda one: -one[1].error) if s.computed == most}
+    named = [*on_front, *(k for m, k in lowest.items() if m not in {told[b].method for b in on_front})]
+    texts = [(*points[k], f"{told[k].title}, {told[k].fidelity}", look[told[k].method][0]) for k in named]
     place(axes, texts, points)
     _save(figure, path)
 
@@ -165,8 +172,8 @@ def _finish(axes: Axes, label: str, points: Sequence[tuple[float, float]]) -> No
     axes.set_ylabel(label)
 
 
-def _touches(count: int) -> str:
-    return f"{count} touch{'' if count == 1 else 'es'}"
+def _front(axes: Axes, points: Sequence[tuple[float, float]], label: str) -> None:
+    axes.step(*np.array(points).T, where="post", color=INK, linewidth=1.2, linestyle=":", label=label, zorder=1)
 
 
 def _wrapped(text: str) -> str:

@@ -16,7 +16,7 @@ from palpate.studies.accuracy.limits import mostly, told_apart
 from palpate.studies.accuracy.methods import of_user
 from palpate.studies.accuracy.order import studies
 from palpate.studies.accuracy.outcome import Fidelity, Method
-from palpate.studies.accuracy.pareto import front, point, summaries
+from palpate.studies.accuracy.pareto import advice, best, front, point, summaries
 from palpate.studies.accuracy.score import CHARGED, CHARGED_STEP
 from palpate.studies.accuracy.touches import TOUCHES
 from palpate.studies.accuracy.truth import HERTZ
@@ -95,12 +95,33 @@ def test_a_broken_body_is_a_point_on_the_chart_and_charged(name, why):
     assert point(cell) == (CHARGED_STEP, CHARGED)
 
 
-def test_what_a_method_cannot_do_is_charged_in_the_overview():
+def test_what_a_method_cannot_do_is_counted_and_is_in_no_error():
     cells = [one(TOUCHES[t], STANDARD["hertz"], STANDARD["hertz"].fidelities[2]) for t in ("ball", "indent")]
     assert [c.status for c in cells] == ["ok", "refused"]
     (told,) = summaries(cells)
-    assert (told.computed, told.touches) == (1, 2)
-    assert told.error == pytest.approx(0.5, abs=1e-6)
+    assert (told.computed, told.charged) == (1, 1)
+    assert told.error == cells[0].errors["force"]["rms"] < 1e-6
+
+
+def computed(method, touch, error, p50, p99):
+    return Cell(touch, method, method, "1000 Hz", "step", 1000.0, errors={"force": {"rms": error}}, p50=p50, p99=p99)
+
+
+def test_what_to_take_is_the_most_accurate_that_keeps_the_loop_and_can_do_most():
+    """A law that is exact on one touch is not held against bodies that do both; a slow p99 alone rules nothing out."""
+    cells = [
+        computed("law", "ball", 0.0, 1e-6, 2e-6),
+        *(computed("body", t, e, 4e-5, 3e-3) for t, e in (("indent", 0.01), ("hold", 0.03))),
+        *(computed("spring", t, 0.3, 3e-5, 6e-5) for t in ("indent", "hold")),
+        *(computed("solver", t, 0.001, 0.07, 0.08) for t in ("indent", "hold")),
+    ]
+    told = summaries(cells)
+    assert advice(told).startswith(
+        "For 2 touches take body, 1000 Hz: force off by 2 % (RMS over the peak, median, 3 % at"
+    )
+    assert "worst, hold), p50 40 µs, p99 3 ms." in advice(told)
+    assert [told[k].method for k in best(told)] == ["spring", "body", "solver"]
+    assert "Nothing here keeps a loop at 1 kHz" in advice([s for s in told if s.method == "solver"])
 
 
 def test_every_touch_has_every_method_in_its_row():

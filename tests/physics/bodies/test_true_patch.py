@@ -1,6 +1,7 @@
 """The compliance of the load's own patch on a body that is condensed to coarse vertices (physics.bodies.true_patch)."""
 
 import math
+from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
@@ -12,9 +13,10 @@ from scipy.special import ellipe, ellipk
 from palpate.nodes.base.surface import surface_mesh
 from palpate.nodes.deformation import ReducedFE
 from palpate.physics.bodies import true_patch as tp
-from palpate.physics.bodies.condensed_body import CondensedBody
+from palpate.physics.bodies.condensed_body import Basis, CondensedBody
 from palpate.physics.contact.spread import Spreader
 from palpate.physics.geometry.mesh import Mesh, plane
+from palpate.studies.accuracy.bases import ready
 from palpate.studies.accuracy.places import stored
 
 YOUNG, POISSON, RADIUS = 19e3, 0.45, 8e-3
@@ -168,6 +170,93 @@ def test_a_patch_that_sticks_keeps_its_mean_place_and_a_free_one_gives_way():
     assert drift[True][1] < 0.97 * drift[False][1]
 
 
+def hats(mesh):
+    """Points [m] (Q,3) on the triangles of a mesh, and what each counts in the mean under every vertex's hat (Q,V)."""
+    corner = mesh.vertices[mesh.triangles]
+    area = 0.5 * np.linalg.norm(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), axis=1)
+    points = np.einsum("qc,tci->tqi", tp.RULE[:, :3], corner)
+    counts = np.zeros((*points.shape[:2], len(mesh.vertices)))
+    for c in range(3):
+        each = area[:, None] * tp.RULE[:, 3] * tp.RULE[:, c]
+        np.put_along_axis(counts, np.repeat(mesh.triangles[:, None, c : c + 1], 7, 1), each[..., None], 2)
+    counts = counts.reshape(-1, len(mesh.vertices))
+    return points.reshape(-1, 3), counts / counts.sum(axis=0)
+
+
+STIFFER, WIDTH = 0.3, 9e-3
+"""[1] Share of the compliance that a harder lump takes from the middle, [m] over such a distance."""
+
+
+def lump(x, y):
+    """What a harder lump below the middle takes from the compliance between points (k,3), (m,3) for 1 Pa [m/N]."""
+    most = STIFFER * (1.0 - POISSON**2) * tp.MEAN / (math.pi * RADIUS)
+    here, there = (np.exp(-np.sum(p**2, axis=1) / WIDTH**2) for p in (x, y))
+    return -most * here[:, None] * there[None]
+
+
+@lru_cache(maxsize=1)
+def lumped():
+    """A half-space with the lump, condensed to hats 4 mm apart."""
+    coarse = plane(0.1, 600)
+    points, counts = hats(coarse)
+    half_space = (1.0 - POISSON**2) / math.pi * tp.mean_inverse_distance(coarse)
+    size = len(coarse.vertices)
+    compliance = np.zeros((size, 3, size, 3))
+    compliance[:, 2, :, 2] = half_space + counts.T @ lump(points, points) @ counts
+    compliance[:, 0, :, 0] = compliance[:, 1, :, 1] = half_space
+    return Basis(coarse.vertices, coarse.triangles, compliance.reshape(3 * size, -1).astype(np.float32))
+
+
+def lumped_body(apart):
+    near = None if apart is None else np.full(len(lumped().vertices), apart)
+    return CondensedBody(lumped(), plane(0.1, 10000), YOUNG, 0.0, RADIUS, 1.0, POISSON, False, near)
+
+
+def test_over_a_lump_the_load_acts_as_wide_as_it_is():
+    """Against the pressure itself on the half-space and the lump, by quadrature."""
+    mean = quad(lambda s: 2.0 * math.pi * s * pressure(s) * math.exp(-((s * RADIUS / WIDTH) ** 2)), 0.0, 1.0)[0]
+    exact = (1.0 - POISSON**2) * tp.MEAN / (math.pi * RADIUS * YOUNG) * (1.0 - STIFFER * mean * mean)
+    (over, _, now), nodes, forces = pressed(body := lumped_body(0.0), 0.0)
+    assert over == approx(exact, rel=0.006)
+    sent, moved = body.displaced((0.0, 0.0, 0.0))
+    field = np.zeros((len(body.mesh.vertices), 3))
+    field[sent] = moved
+    assert np.sum(forces * field[nodes]) / 0.1 == approx(now, rel=0.015)
+    assert pressed(lumped_body(None), 0.0)[0][0] > 1.02 * exact
+
+
+def test_the_load_is_drawn_together_less_and_less_away_from_a_nodule_and_not_at_all_far_off():
+    found = [pressed(lumped_body(far * RADIUS), 0.0)[0][0] for far in (0.2, 0.45, 1.0, 1.7, 2.05)]
+    assert found[0] == found[1] < found[2] < found[3] < found[4]
+    assert found[4] == pressed(lumped_body(None), 0.0)[0][0]
+
+
+def test_what_corrects_a_patch_near_a_nodule_is_the_same_for_every_load_there():
+    body = lumped_body(RADIUS)
+    found = [pressed(body, 0.004, force)[0][0] for force in (0.01, 1.0, 0.2)]
+    assert found == approx([found[0]] * 3, rel=1e-9)
+
+
+@pytest.mark.parametrize(("name", "error"), [("nodule-00", 0.025), ("nodule-10", 0.02)])
+def test_a_slab_with_a_nodule_answers_a_light_touch_as_two_full_solvers_do(name, error, nodule_node):
+    reference = stored(name)
+    soft = np.polyfit(reference.force[:4], reference.indentation[:4] / reference.force[:4], 2)[-1]
+    body = nodule_node._made()
+    assert pressed(body, reference.about["place"]["place"])[0][0] == approx(soft, rel=error)
+
+
+@pytest.fixture(scope="module")
+def nodule_node(tmp_path_factory):
+    """The slab of the references with its nodule, its basis built."""
+    nodule = {"nodule_centre": (0.0, 0.0, -6e-3), "nodule_radius": 4e-3, "nodule_ratio": 10.0}
+    place = {"surface": "plane", "position": (0.0, 0.0, 0.0), "vertices": 10000}
+    node = ReducedFE(**place, **nodule, model="linear", retardation=0.0)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
+        ready(node)
+        yield node
+
+
 def softness(body, radius):
     """Compliance, and the radius of what is pressed on the mesh."""
     (compliance, _, _), nodes, forces = pressed(body, 0.0, 0.1, radius)
@@ -190,8 +279,9 @@ def test_energy_is_positive_whatever_the_place_poisson_ratio_and_load():
     mesh, rng = surface_mesh("kidney", 3000), np.random.default_rng(8)
     basis = ReducedFE(model="linear").basis()
     coarse = Mesh(basis.vertices, basis.triangles)
-    for poisson in (0.0, 0.3, 0.45, 0.49):
-        body = CondensedBody(basis, mesh, YOUNG, 0.0, RADIUS, 0.02, poisson)
+    for poisson, apart in ((0.0, None), (0.3, 0.0), (0.3, None), (0.45, 0.0), (0.45, None), (0.49, 0.0)):
+        near = None if apart is None else np.full(len(basis.vertices), apart)
+        body = CondensedBody(basis, mesh, YOUNG, 0.0, RADIUS, 0.02, poisson, apart=near)
         for v in rng.choice(len(mesh.vertices), 12):
             foot, normal = mesh.vertices[v], mesh.normals[v] / np.linalg.norm(mesh.normals[v])
             for radius in (3e-3, 8e-3, 15e-3):
