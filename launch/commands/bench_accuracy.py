@@ -91,8 +91,8 @@ def _print(cells: list[Cell], files: dict[str, Path]) -> None:
     told = summaries(cells)
     bold = best(told)
     shown = Table(box=None, header_style="bold", pad_edge=False)
-    for title in ("", "force off by\nRMS, median [%]", "worst\ntouch [%]", "step\np50", "\np99", "touches\ncomputed",
-                  "\ncharged"):  # fmt: skip
+    for title in ("", "force error\nRMS, median [%]", "worst\ntouch [%]", "step\np50", "\np99", "touches\ncomputed",
+                  "\nunsupported"):  # fmt: skip
         shown.add_column(title, justify="left" if not title else "right", no_wrap=not title)
     for k, s in enumerate(told):
         shown.add_row(
@@ -106,8 +106,8 @@ def _print(cells: list[Cell], files: dict[str, Path]) -> None:
         wide.print(f"{why}: p50 and p99 are too long.", style="yellow", markup=False)
     out.print(shown)
     out.print(LEGEND, markup=False)
-    if charged := unable(cells):
-        out.print(f"Charged on every touch: {', '.join(charged)}.", markup=False)
+    if none := unable(cells):
+        out.print(f"Cannot do any touch: {', '.join(none)}.", markup=False)
     out.print(default_costs(cells), markup=False)
     if kept := sum(cell.kept for cell in cells):
         words = f"{kept} of {len(cells)} are of earlier runs here, their times as well; --fresh computes them again"

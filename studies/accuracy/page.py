@@ -61,7 +61,7 @@ def write(cells: Sequence[Cell], about: dict[str, Any], pictures: dict[str, Path
     lines = ["# What accuracy costs in time", "", advice(told), "", default_costs(cells), ""]
     if "overview" in pictures:
         lines += [f"![All touches]({pictures['overview'].name})", ""]
-    lines += ["| method, setting | error of the force, median | worst touch | p50 | p99 | computed | charged |"]
+    lines += ["| method, setting | error of the force, median | worst touch | p50 | p99 | computed | unsupported |"]
     lines += ["|---|---|---|---|---|---|---|"]
     bold = best(told)
     for k, s in enumerate(told):
@@ -71,7 +71,7 @@ def write(cells: Sequence[Cell], about: dict[str, Any], pictures: dict[str, Path
             f"{duration(s.p50)} | {duration(s.p99)} | {s.computed} | {s.charged or ''} |"
         )
     lines += ["", LEGEND, ""]
-    lines += [f"Charged on every touch: {', '.join(out)}.", ""] if (out := unable(cells)) else []
+    lines += [f"Cannot do any touch: {', '.join(out)}.", ""] if (out := unable(cells)) else []
     lines += [COLUMNS, ""]
     for touch in dict.fromkeys(c.touch for c in cells):
         lines += _of_touch([c for c in cells if c.touch == touch], pictures.get(touch))
@@ -124,7 +124,7 @@ def _of_touch(own: list[Cell], picture: Path | None) -> list[str]:
         )
     lines += ["", *_limits(own), *_claims(own)]
     refused = {c.title: c.why for c in own if c.status == "refused"}
-    return [*lines, *(f"* {title} is charged: {why}" for title, why in refused.items()), ""]
+    return [*lines, *(f"* {title} cannot: {why}" for title, why in refused.items()), ""]
 
 
 def _reference(own: list[Cell]) -> str:

@@ -57,7 +57,7 @@ def touch_picture(cells: Sequence[Cell], path: Path) -> None:
         axes.axhspan(axes.get_ylim()[0], max(bands), color=FAINT, alpha=0.35, linewidth=0, label="at the reference")
     if refused:
         told = "; ".join(dict.fromkeys(c.title.replace(" ", HARD) for c in refused))
-        axes.plot(CHARGED_STEP, CHARGED, "x", color=INK, label=f"cannot do it and are charged:\n{_wrapped(told)}")
+        axes.plot(CHARGED_STEP, CHARGED, "x", color=INK, label=f"cannot do it, drawn at 100 %:\n{_wrapped(told)}")
     axes.legend(fontsize=8, loc="upper left", bbox_to_anchor=(1.01, 1.0), frameon=False)
     lowest = [
         min((k for k, c in enumerate(own) if c.method == m), key=lambda k: points[k][1])
@@ -89,7 +89,7 @@ def overview(told: Sequence[Summary], cells: Sequence[Cell], path: Path) -> None
     _front(axes, [points[k] for k in on_front], f"Pareto front of those with {most}")
     _finish(axes, "rms error of the force over its peak, median of the touches computed", points)
     axes.legend(fontsize=8, loc="upper left", bbox_to_anchor=(1.01, 1.0), frameon=False,
-                title="touches computed, charged")  # fmt: skip
+                title="touches computed, unsupported")  # fmt: skip
     lowest = {s.method: k for k, s in sorted(enumerate(told), key=lambda one: -one[1].error) if s.computed == most}
     named = [*on_front, *(k for m, k in lowest.items() if m not in {told[b].method for b in on_front})]
     texts = [(*points[k], f"{told[k].title}, {told[k].fidelity}", look[told[k].method][0]) for k in named]

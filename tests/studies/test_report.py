@@ -76,7 +76,7 @@ def test_the_page_ends_with_what_it_does_not_cover(cells, tmp_path):
     assert text.index("## ball") < text.index("## Not covered")
     assert text.rstrip().endswith(page.NOT_COVERED[-1])
     assert "at the reference" in text
-    assert "exponential law is charged: it is a fingertip's law" in text
+    assert "exponential law cannot: it is a fingertip's law" in text
 
 
 def test_the_command_makes_page_pictures_and_table(tmp_path, monkeypatch):
