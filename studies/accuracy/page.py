@@ -18,12 +18,12 @@ from palpate.studies.accuracy.truth import QUANTITIES
 DEFAULT = ("MassSpring", "1000 Hz")
 """What the kidney graph runs unless it is told otherwise."""
 LEGEND = (
-    "Bold: on the Pareto front of those that compute as many touches as any. Unsupported: touches that a method cannot do "
-    "or breaks down on; they are in no error and no time."
+    "Bold: on the Pareto front of those that compute as many touches as any. Unsupported: touches that a method cannot "
+    "do or breaks down on; they are in no error and no time."
 )
 COLUMNS = (
-    "Below, errors are rms and worst, over the peak of the reference. *Held* is memory, *once* is building and starting, "
-    "*mostly* is what the error of the force is made of."
+    "Below, errors are rms and worst, over the peak of the reference. *Held* is memory, *once* is building and "
+    "starting, *mostly* is what the error of the force is made of."
 )
 SOLVER = {"fe": "full FE", "felupe": "FElupe"}
 """Those of the references."""

@@ -40,8 +40,8 @@ class Far:
 
     def read(self, *given):
         self.reads += 1
-        assert self.reads < 100 * MOST, "the driver reads until nothing is left"
         if self.flood is not None:
+            assert self.reads < 100 * MOST, "the driver reads until nothing is left"
             return self.flood(self.reads)
         return self.waiting.pop(0) if self.waiting else ""
 

@@ -65,6 +65,7 @@ def recorded(tmp_path_factory):
 def here(recorded, monkeypatch):
     monkeypatch.chdir(recorded)
     monkeypatch.setattr(sys, "path", [entry for entry in sys.path if entry])
+    monkeypatch.delitem(sys.modules, "innocent", raising=False)
     (recorded / "was imported").unlink(missing_ok=True)
     yield recorded
     sys.modules.pop("innocent", None)

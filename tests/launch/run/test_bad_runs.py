@@ -272,7 +272,7 @@ WRONG = {
     "--set bad.hwo=x": "Did you mean 'how'",
     "--set nope.how=x": "expected a node",
     "--scene nope": "not found",
-    "--fused --place two": "give one",
+    "--fused --place two": "use one of them",
     "--clock moon": "expected simulated or real",
     "--record /proc/palpate/run.mcap": "recording /proc/palpate/run.mcap: No such file or directory",
     "--record .": "this is a folder",

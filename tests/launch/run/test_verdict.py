@@ -55,7 +55,7 @@ def test_a_node_that_takes_too_long_is_in_the_verdict_and_in_the_exit_code_on_wi
         assert told["ok"] and not told["verdict"]["kept"] and told["verdict"]["due"] == 500
         assert told["verdict"]["late"] + told["verdict"]["overdue"] > 100
     told = CliRunner().invoke(app, [*arguments[:-2], "--no-record", "-q"]).stdout
-    assert "not real time: " in told and "held: steps that used an input" in told and "--place auto" in told
+    assert "not real time: " in told and "held: steps that reused the previous value" in told and "--place auto" in told
 
 
 def test_the_simulated_clock_has_no_verdict(tmp_path):

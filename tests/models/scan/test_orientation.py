@@ -251,4 +251,4 @@ def test_the_command_says_how_the_finger_lay_and_whether_left_and_right_are_know
         assert result.exit_code == 0, result.output
         told[axes] = json.loads(result.output)
         assert told[axes]["tilt_deg"] == approx(10, abs=1)
-    assert told[""]["left_and_right"].startswith("not known") and told["hpr"]["left_and_right"] == "as stated"
+    assert told[""]["left_and_right"].startswith("unknown") and told["hpr"]["left_and_right"] == "as stated"
