@@ -2,8 +2,8 @@
 
     PalpateError
       ArgumentError     an argument of a function or a command that cannot be used
-        MissingError    an outside solver or a stored reference that is not there
-        RefusedError    a touch that a method cannot compute
+        MissingError      an outside solver or a stored reference that is not there
+        UnsupportedError  a touch that a method cannot compute
       SettingError      a setting of a node
       UnitError         a quantity
       ClassError        a `use:` that names no usable class

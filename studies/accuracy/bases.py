@@ -8,7 +8,7 @@ import time
 from palpate.models.build.basis import Silent, built
 from palpate.nodes.deformation import ReducedFE
 from palpate.nodes.deformation.basis_store import SHIPPED, about, cache, find, key
-from palpate.studies.accuracy.errors import RefusedError
+from palpate.studies.accuracy.errors import UnsupportedError
 
 
 def ready(node: ReducedFE, patient: bool = False) -> float:
@@ -16,7 +16,7 @@ def ready(node: ReducedFE, patient: bool = False) -> float:
 
     patient  build dents at a hundred places too, which takes some minutes, and modes of a body other than the slab
 
-    RefusedError: such a basis is not stored, and nobody is patient.
+    UnsupportedError: such a basis is not stored, and nobody is patient.
     """
     for folder in (SHIPPED, cache()):
         path = find(folder, node.key())
@@ -24,7 +24,7 @@ def ready(node: ReducedFE, patient: bool = False) -> float:
             return float((about(path) or {}).get("seconds", 0.0))
     long = {"nonlinear": "dents", "sampled": "modes" if node.surface != "plane" else ""}.get(node.model)
     if long and not patient:
-        raise RefusedError(f"no basis with {long} is stored for these settings. Build it once: {node.command()}")
+        raise UnsupportedError(f"no basis with {long} is stored for these settings. Build it once: {node.command()}")
     begun = time.perf_counter()
     basis, _ = built(node, Silent(), check=False)
     seconds = time.perf_counter() - begun

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from palpate.studies.accuracy.errors import RefusedError
+from palpate.studies.accuracy.errors import UnsupportedError
 from palpate.studies.accuracy.outcome import Fidelity, Method
 from palpate.studies.accuracy.places import SHIPPED, cache
 from palpate.studies.accuracy.score import CHARGED_STEP, charged, score
@@ -125,7 +125,7 @@ def one(touch: Touch, method: Method, fidelity: Fidelity, repeats: int = 1) -> C
             cell.steps, cell.memory, cell.offline = len(outcome.steps), outcome.memory, outcome.offline
             cell.claimed = None if np.isnan(outcome.claimed) else outcome.claimed
             return cell
-        except RefusedError as error:
+        except UnsupportedError as error:
             why = str(error)
         except Exception as error:  # a user's class may raise anything; that is a point on the chart, not an end
             cell.status, cell.why, cell.errors = "failed", f"{type(error).__name__}: {error}", charged()

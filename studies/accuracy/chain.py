@@ -19,7 +19,7 @@ from palpate.nodes.base.surface import OnSurface, complete
 from palpate.nodes.contact import Series
 from palpate.nodes.friction import LuGre  # type: ignore[attr-defined]
 from palpate.nodes.spread import Kernel
-from palpate.studies.accuracy.errors import RefusedError
+from palpate.studies.accuracy.errors import UnsupportedError
 from palpate.studies.accuracy.kidney import along
 from palpate.studies.accuracy.outcome import LOOKS, NEAR, Fidelity, Outcome
 from palpate.studies.accuracy.touches import Touch
@@ -47,7 +47,7 @@ def run(touch: Touch, body: type[Node], fidelity: Fidelity, contact: dict[str, A
 
     contact  settings of contact.Series
 
-    RefusedError: the body has no basis, or does not take its settings. ArithmeticError: its force is not finite.
+    UnsupportedError: the body has no basis, or does not take its settings. ArithmeticError: its force is not finite.
     """
     approach, slip, place, times = _path(touch, fidelity.rate)
     begun = time.perf_counter()
@@ -133,7 +133,7 @@ class _Chain:
             self.spread = Kernel(**surface, **given.get("spread", {}))
             self.start()
         except SettingError as error:
-            raise RefusedError(str(error)) from None
+            raise UnsupportedError(str(error)) from None
         self.mesh = self.spread.mesh() if self.body.wants("displacement") else None
         self.nodes = [n for n in (self.contact, self.friction, self.spread, self.body) if n is not None]
 

@@ -9,5 +9,5 @@ class MissingError(ArgumentError):
     """An outside solver, or a stored reference, that is not there; says how to get it."""
 
 
-class RefusedError(ArgumentError):
+class UnsupportedError(ArgumentError):
     """A method that cannot compute a touch; says why. It is charged, not dropped."""

@@ -13,7 +13,7 @@ from functools import lru_cache
 import numpy as np
 
 from palpate.studies.accuracy import halfspace, places, truth
-from palpate.studies.accuracy.errors import RefusedError
+from palpate.studies.accuracy.errors import UnsupportedError
 from palpate.studies.accuracy.outcome import LOOKS, NEAR, Fidelity, Method, Outcome
 from palpate.studies.accuracy.places import ON_KIDNEY, PLACES, cells_text, on_path
 from palpate.studies.accuracy.touches import Touch
@@ -101,7 +101,7 @@ def _full(touch: Touch, fidelity: Fidelity, repeats: int) -> Outcome:
 def _of_solver(touch: Touch, fidelity: Fidelity, repeats: int) -> Outcome:
     solver, cells = str(fidelity.settings["fe"]["solver"]), int(str(fidelity.settings["fe"]["cells"]))
     if not set(on_path(touch.place)) <= set(PLACES):
-        raise RefusedError(f"place {touch.place!r} is not known")
+        raise UnsupportedError(f"place {touch.place!r} is not known")
     blocks = [replace(PLACES[name], cells=cells) for name in on_path(touch.place)]
     curves = [places.computed(block, solver) for block in blocks]
     curve, base = curves[0], blocks[0]

@@ -57,7 +57,7 @@ class Outcome:
 class Method:
     """One method.
 
-    compute     (touch, fidelity, repeats) -> outcome; raises RefusedError, or what went wrong
+    compute     (touch, fidelity, repeats) -> outcome; raises UnsupportedError, or what went wrong
     refuses     why it cannot compute a touch; empty where it can
     fidelities  from coarse to fine on each axis
     """

@@ -11,7 +11,7 @@ from palpate.nodes.deformation import MassSpring, ReducedFE
 from palpate.physics.errors import PalpateError
 from palpate.studies.accuracy import bases, chain, methods
 from palpate.studies.accuracy.cells import Cell, compute, matrix, one
-from palpate.studies.accuracy.errors import RefusedError
+from palpate.studies.accuracy.errors import UnsupportedError
 from palpate.studies.accuracy.limits import mostly, told_apart
 from palpate.studies.accuracy.methods import of_user
 from palpate.studies.accuracy.order import studies
@@ -164,7 +164,7 @@ def test_a_basis_that_is_not_stored_is_built_once_and_charged(tmp_path, monkeypa
     assert seconds > 0.0
     assert bases.ready(node) == seconds
     node.start()
-    with pytest.raises(RefusedError, match="palpate reduce"):
+    with pytest.raises(UnsupportedError, match="palpate reduce"):
         bases.ready(ReducedFE(surface="plane", position=(0.0, 0.0, 0.0), coarse=50))
 
 
