@@ -93,7 +93,7 @@ def _print(cells: list[Cell], files: dict[str, Path]) -> None:
     shown = Table(box=None, header_style="bold", pad_edge=False)
     for title in ("", "force error\nRMS, median [%]", "worst\ntouch [%]", "step\np50", "\np99", "touches\ncomputed",
                   "\nunsupported"):  # fmt: skip
-        shown.add_column(title, justify="left" if not title else "right", no_wrap=not title)
+        shown.add_column(title, justify="left" if not title else "right", no_wrap=bool(title))
     for k, s in enumerate(told):
         shown.add_row(
             f"{s.title}, {s.fidelity}", f"{100 * s.error:.2g}", f"{100 * s.worst:.2g}", duration(s.p50),
