@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import time
 from pathlib import Path
 from typing import Annotated, Any
@@ -37,7 +38,7 @@ def reduce(
     from palpate.nodes.deformation.reduced_fe import ReducedFE
 
     if rungs:
-        _rungs(_given(sets or []), as_json)
+        _rungs(_given(sets or []), force, as_json)
         return
     node = ReducedFE(**_given(sets or []))
     target = Path(folder) if folder else cache()
@@ -63,14 +64,24 @@ def reduce(
         raise typer.Exit(TROUBLE)
 
 
-def _rungs(settings: dict[str, Any], as_json: bool) -> None:
+def _rungs(settings: dict[str, Any], force: bool, as_json: bool) -> None:
     from palpate.engine.provenance import commit
     from palpate.launch.commands.stages import Stages
     from palpate.models.build.rungs import make
+    from palpate.nodes.base import SettingError
     from palpate.nodes.deformation import Adaptive
+    from palpate.nodes.deformation.adaptive import beside
+    from palpate.nodes.deformation.basis_store import SHIPPED, cache
 
+    node = Adaptive(**settings)
+    stored = None if force else node.stored(SHIPPED, cache())
+    if stored is not None and beside(stored[0]).exists():
+        with contextlib.suppress(SettingError):  # levels of another basis are made anew
+            node.rungs()
+            _say(as_json, beside(stored[0]), None, {})
+            return
     with Stages(console(stderr=True), as_json) as stages:
-        path, seen = make(Adaptive(**settings), stages, commit())
+        path, seen = make(node, stages, commit())
     if as_json:
         tell({"path": str(path), **seen})
     else:

@@ -39,3 +39,10 @@ def test_rungs_of_a_basis_that_is_not_stored_say_how_to_build_it(elsewhere):
     ran = CliRunner().invoke(app, ["reduce", "--levels", "--set", "modes=30"])
     assert ran.exit_code == 2 and "no reduced basis is stored" in " ".join(ran.output.split())
     assert not elsewhere.exists()
+
+
+def test_levels_that_are_there_are_kept_unless_forced(elsewhere):
+    first, again = (json.loads(CliRunner().invoke(app, ["reduce", "--levels", "--json"]).stdout) for _ in range(2))
+    assert first["path"] == again["path"] and again["built"] is False
+    forced = CliRunner().invoke(app, ["reduce", "--levels", "--force", "--json"])
+    assert json.loads(forced.stdout)["touches"] == 6
