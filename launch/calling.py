@@ -8,10 +8,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from palpate.launch.load.files import PLACES, SCENES, find_file
+from palpate.launch.load.files import SCENES, find_file
 from palpate.launch.load.launchfile import LaunchFile, find
 from palpate.launch.load.overrides import of_nodes
-from palpate.launch.load.placement import FUSED
+from palpate.launch.load.placement import FUSED, find_place
 from palpate.launch.load.units import UnitError, convert
 from palpate.launch.run.execute import execute
 from palpate.physics.errors import ArgumentError, RunError
@@ -37,7 +37,7 @@ def run_and_open(
         raise ArgumentError(f"clock: found {clock!r}, expected 'simulated' or 'real'")
     file = Path(record) if record is not None else _fresh(Path(graph).stem)
     launch = described(graph, scene=scene, duration=duration, sets=sets, nodes=nodes)
-    launch = launch.but(clock=clock, record=file, place=_place(place))
+    launch = launch.but(clock=clock, record=file, place=find_place(place))
     if launch.duration is None:
         raise ArgumentError(f"{graph}: the graph has no duration, so the run would never end; pass duration=2.0 [s]")
     if launch.place is None and launch.clock != "real" and not _hardware(launch):
@@ -69,11 +69,6 @@ def described(
         scene=None if scene is None else find_file(scene, SCENES, what="scene"),
         duration=None if duration is None else _seconds(duration),
     )
-
-
-def _place(place: str | Path | None) -> str | Path | None:
-    """A placement as a launch file has it. GraphError: there is no such file."""
-    return place if place in (None, FUSED) else find_file(str(place), PLACES, what="placement")
 
 
 def _hardware(launch: LaunchFile) -> bool:

@@ -99,21 +99,16 @@ def chosen(
     graph: str, sets: list[str] | None = None, scene: str | None = None, place: str | None = None, fused: bool = False
 ) -> LaunchFile:
     """The run that the options describe. GraphError: what is wrong with them."""
-    from palpate.launch.load.files import PLACES, SCENES, find_file
+    from palpate.launch.load.files import SCENES, find_file
     from palpate.launch.load.launchfile import find
-    from palpate.launch.load.placement import BUILT_IN, FUSED
+    from palpate.launch.load.placement import FUSED, find_place
 
     scene_file = None if scene is None else find_file(scene, SCENES, what="scene")
     if fused and place not in (None, FUSED):
         raise typer.BadParameter(
             f"--fused puts everything in one process, --place {place} contradicts it: use one of them"
         )
-    place_file: Path | str | None = None
-    if fused or place in BUILT_IN:
-        place_file = FUSED if fused else place
-    elif place is not None:
-        place_file = find_file(place, PLACES, what="placement")
-    return find(graph).but(overrides=sets or (), scene=scene_file, place=place_file)
+    return find(graph).but(overrides=sets or (), scene=scene_file, place=FUSED if fused else find_place(place))
 
 
 def with_own_organ(

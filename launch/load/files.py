@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -17,8 +17,12 @@ SCENES = GRAPHS / "scenes"
 PLACES = GRAPHS / "place"
 
 
-def find_file(name: str, folder: Path, beside: Path | None = None, place: Place = NOWHERE, what: str = "file") -> Path:
+def find_file(
+    name: str, folder: Path, beside: Path | None = None, place: Place = NOWHERE, what: str = "file",
+    words: Sequence[str] = (),
+) -> Path:  # fmt: skip
     """The file that a name means: a path, from `beside` or else the working directory; or one that ships in `folder`.
+    `words` would do in its place.
 
     GraphError: there is none; names those that ship.
     """
@@ -27,7 +31,7 @@ def find_file(name: str, folder: Path, beside: Path | None = None, place: Place 
     for path in tried:
         if os.path.isfile(path):  # False, not an error, for a name that no file can have
             return path.resolve()
-    shipped = [p.stem for p in sorted(folder.glob("*.yaml"))]
+    shipped = [*words, *(p.stem for p in sorted(folder.glob("*.yaml")))]
     cure = f"{choices('Shipped', given.stem, shipped)} Or give the path of a file."
     raise GraphError([Fault(f"{what} {name!r} not found, looked in {short(str(beside or Path.cwd()))}", cure, place)])
 

@@ -101,6 +101,13 @@ def auto(plan: Plan) -> Placement:
     return Placement([group for group in groups if group.nodes])
 
 
+def find_place(given: str | Path | None) -> str | Path | None:
+    """A placement as a launch file has it: a word of `BUILT_IN`, or a file. GraphError: there is none of this name."""
+    if given is None or str(given) in BUILT_IN:
+        return given
+    return find_file(str(given), PLACES, what="placement", words=BUILT_IN)
+
+
 def load_place(path: str | Path | Placement | None, plan: Plan, *, beside: Path | None = None) -> Placement:
     """The placement of a plan.
 
@@ -116,7 +123,7 @@ def load_place(path: str | Path | Placement | None, plan: Plan, *, beside: Path 
         return Placement([*path.groups, *(Group(name, [name]) for name in _names(plan) if name not in placed)])
     if path is None or str(path) in BUILT_IN:
         return {FUSED: fused, AUTO: auto}.get(str(path), apart)(plan)
-    source = read(find_file(str(path), PLACES, beside, what="placement"))
+    source = read(find_file(str(path), PLACES, beside, what="placement", words=BUILT_IN))
     faults = Faults()
     if not isinstance(source.data, dict):
         faults.add("expected a mapping of group names to {nodes: [...], core: ...}", "", source.place())

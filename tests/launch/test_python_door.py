@@ -200,6 +200,8 @@ def test_a_run_takes_a_placement_and_on_simulated_time_is_one_process(tmp_path, 
     two = palpate.run("kidney", record=tmp_path / "b.mcap", duration=0.02, sets=QUICK, place="two")
     assert placed[0] == "fused" and placed[1].name == "two.yaml"
     np.testing.assert_array_equal(one.controller.force, two.controller.force)
+    apart = palpate.run("kidney", record=tmp_path / "d.mcap", duration=0.02, sets=QUICK, place="apart")
+    assert list(apart.contact.force) == list(two.contact.force)
     with pytest.raises(palpate.PalpateError, match="placement"):
         palpate.run("kidney", record=tmp_path / "c.mcap", duration=0.02, place="nowhere")
 
