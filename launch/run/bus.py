@@ -24,7 +24,7 @@ from palpate.launch.run.addresses import endpoint
 from palpate.launch.run.inlet import HIGH_WATER, Inlet, TcpInlet
 from palpate.launch.run.keys import Keeper, Key, connect
 from palpate.launch.run.outlet import Outlet, Sender
-from palpate.launch.run.reports import ORDERS, Addressed, Note, Order, Report
+from palpate.launch.run.reports import ORDERS, Addressed, Done, Note, Order, Report
 from palpate.launch.run.watch import Watch
 from palpate.physics.errors import RunError
 
@@ -342,6 +342,13 @@ class Bus:
                 self._far.poll(LOOK)
                 self._count_far()
 
+    def end(self, orderly: bool) -> None:
+        """The last reports: what there is to say of the readers, and that all is sent. What comes later may be missed,
+        as the launcher does not wait for a worker that is done."""
+        for text in self._outlet.notes():
+            self.report(Note(text))
+        self.report(Done(orderly))
+
     def close(self, orderly: bool) -> None:
         """Deliver what is under way and close; after an orderly end say that this was all."""
         for inlet in self._inlets.values():
@@ -355,8 +362,7 @@ class Bus:
                 self._kept.append(frame(END, self.group.encode()))
                 self.flush(_wait)
                 self._wait_taken()
-        for text in self._outlet.close():
-            self.report(Note(text))
+        self._outlet.close()
         if self._keeper is not None:
             self._keeper.close()
         self._control.close(linger=0)

@@ -231,8 +231,7 @@ class Outlet:
         del self._readers[reader]
         self._greeting.discard(reader)
         self._unfinished.discard(reader)
-        if reader.dropped:
-            self._note(f"{reader.dropped} messages of group {self._group!r} were dropped: {reader.name} had no room")
+        self._count(reader)
         self._watch.remove(reader.end.fileno())
         reader.end.close()
         self._sort()
@@ -275,14 +274,24 @@ class Outlet:
                 if now() - reader.begun > GREETING_TIME:
                     self._refuse(reader, "it did not finish its greeting")
 
+    def _count(self, reader: Reader) -> None:
+        if reader.dropped:
+            self._note(f"{reader.dropped} messages of group {self._group!r} were dropped: {reader.name} had no room")
+            reader.dropped = 0
+
     def _note(self, text: str) -> None:
         if text in self._notes or len(self._notes) < MOST_NOTES:
             self._notes[text] += 1
 
-    def close(self) -> list[str]:
-        """Close; what was sent is delivered by the system. Returns what there is to say of the readers."""
+    def notes(self) -> list[str]:
+        """What there is to say of the readers, once all is sent."""
+        for reader in self._readers:
+            self._count(reader)
+        return [text if count == 1 else f"{text} ({count} times)" for text, count in self._notes.items()]
+
+    def close(self) -> None:
+        """Close; what was sent is delivered by the system."""
         for reader in tuple(self._readers):
             self.drop(reader)
         self._watch.remove(self._listener.fileno())
         self._listener.close()
-        return [text if count == 1 else f"{text} ({count} times)" for text, count in self._notes.items()]

@@ -24,7 +24,6 @@ from palpate.launch.run.reports import (
     Addressed,
     Close,
     Connect,
-    Done,
     Fault,
     Go,
     Hello,
@@ -78,7 +77,7 @@ def serve(start: Start, alone: bool = False) -> int:
         bus.report(Fault("", "process", f"{type(error).__name__}: {error}", trace))
         return 1
     finally:
-        bus.report(Done(orderly))
+        bus.end(orderly)
         bus.close(orderly)
 
 

@@ -189,7 +189,7 @@ def test_on_the_real_clock_what_has_no_room_is_dropped_whole_and_counted(tmp_pat
     assert heard == [sent[int(data[:6])] for data in heard]
     writer.send(b"after")
     assert reader.next() == b"after"
-    assert writer.outlet.close() == [
+    assert writer.outlet.notes() == [
         f"{len(sent) - len(heard)} messages of group 'here' were dropped: group 'there' had no room"
     ]
 
@@ -349,7 +349,7 @@ def test_who_does_not_speak_as_he_should_is_refused_and_named(ends, how):
     assert reader.next() == b"goes on"
     while end.recv(4096):  # a greeting; then it was closed
         pass
-    (note,) = writer.outlet.close()
+    (note,) = writer.outlet.notes()
     assert note.startswith(f"a reader of group 'here' was refused, process {os.getpid()}: ")
 
 
@@ -359,7 +359,7 @@ def test_a_greeting_that_does_not_end_is_given_up(ends, monkeypatch, said):
     monkeypatch.setattr(outlet_module, "GREETING_TIME", 50_000_000)
     end = stranger(writer, said)
     writer.serve(lambda: writer.outlet.foreign == 1)
-    assert "it did not finish its greeting" in writer.outlet.close()[0]
+    assert "it did not finish its greeting" in writer.outlet.notes()[0]
     end.close()
 
 
@@ -371,7 +371,7 @@ def test_who_subscribes_to_nothing_gets_nothing_and_holds_nobody_back(ends):
     assert reader.next() == b"to one" and len(writer.sender.readers) == 1
     end.close()
     writer.serve(lambda: len(writer.outlet._readers) == 1)
-    assert writer.outlet.close() == []
+    assert writer.outlet.notes() == []
 
 
 def test_a_stranger_who_stops_reading_loses_messages_and_holds_nobody_back(ends):
@@ -385,7 +385,7 @@ def test_a_stranger_who_stops_reading_loses_messages_and_holds_nobody_back(ends)
     assert dropped > 100
     end.close()
     writer.serve(lambda: len(writer.outlet._readers) == 1)
-    assert writer.outlet.close() == [
+    assert writer.outlet.notes() == [
         f"{dropped} messages of group 'here' were dropped: process {os.getpid()} had no room"
     ]
 
