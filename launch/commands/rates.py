@@ -126,6 +126,7 @@ def _print(found: Slowed, file: Path) -> None:
         )
     for speed, one in found.at.items() if len(found.at) > 1 else ():
         out.print(f"          at {speed:g} times its speed {percents(one)}", markup=False)
+    out.print("Errors are differences from the same graph with all effects at every tick.", style="dim")
     if found.at.keys() == {1.0}:
         out.print("Holds for this motion alone: a faster one may be off by more.", style="dim")
     else:
