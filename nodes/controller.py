@@ -126,7 +126,7 @@ class Haptic(Node):
 
     def step(
         self,
-        contact: Annotated[Contact | None, Wants("normal", "force", "compression", "indentation", "along")],
+        contact: Annotated[Contact | None, Wants("normal", "force", "compression", "indentation", "lateral_force")],
         friction: Annotated[Friction | None, Wants("force")],
         pose: Annotated[Pose | None, Wants("position", "velocity")],
         ledger: Annotated[Ledger | None, Wants("tripped")] = None,
@@ -154,7 +154,7 @@ class Haptic(Node):
         if self._tripped:
             share *= self._closed(dt)
         self.state[MODE, WITHHELD] = 1.0 - share
-        a = contact.along
+        a = contact.lateral_force
         fx, fy, fz, touching, energy = haptic(
             self.gains,
             self.state,
