@@ -14,23 +14,18 @@ from typing import Any
 from palpate.engine.graph import Graph
 from palpate.launch.load.launchfile import LaunchFile
 from palpate.launch.run.busy import busy
-from palpate.messages import Surface
-from palpate.nodes.base import SettingError
-from palpate.nodes.deformation import ReducedFE, models
-from palpate.nodes.deformation.basis_store import shipped
+from palpate.nodes.deformation import models
 from palpate.physics.errors import ArgumentError, PalpateError
 from palpate.records.changed import changed
 from palpate.records.compare import Variant
 from palpate.records.reader import Recording
+from palpate.studies.known import body_of, known_error
 from palpate.studies.search import Found, Show, Trial, compared, touched, write
 
 COARSER = (1, 3, 10)
 """By what the number of the surface's vertices is divided."""
 EVERY = (1, 2, 5)
 """Divisors of the body's rate."""
-KNOWN = 0.01
-"""[1] Force error (RMS) of ReducedFE against two full solvers on meshes that follow the patch, on the test cases of
-`palpate bench accuracy` but the tap and the nodule (docs/accuracy.md)."""
 QUANTITIES = ("force", "indentation", "shape")
 
 
@@ -61,7 +56,7 @@ class Tuned(Found):
     """With the overrides of the reference, what it is known to be off by [1], and why nothing keeps the budget."""
 
     reference: Trial = field(default_factory=lambda: Trial({}))
-    claimed: float = 0.0
+    estimated_error: float = 0.0
     why: str = ""
 
 
@@ -72,13 +67,13 @@ def tune(launch: LaunchFile, goal: Goal, file: Path, show: Show = lambda what: N
         recording = touched(launch, Path(folder) / "touch.mcap")
         show("the touch")
         base = reference(recording, wanted)
-        claimed, ranked = claim(recording, base), []
+        estimated_error, ranked = known_error(changed(recording, base.texts).graph), []
         for one in wanted:
-            ranked.append(measured(recording, one, base, goal, claimed))
+            ranked.append(measured(recording, one, base, goal, estimated_error))
             show(title(one))
         best = pick(ranked, goal)
         if best is None:
-            return Tuned(ranked, reference=base, claimed=claimed, why=cause(ranked, goal))
+            return Tuned(ranked, reference=base, estimated_error=estimated_error, why=cause(ranked, goal))
         told = (
             f"Chosen by palpate tune: {goal.quantity} error {100 * best.error:.2g} % of peak (RMS),",
             f"a tick {1e6 * best.p50:.0f} us p50, {1e6 * best.p99:.0f} us p99, on the machine where it was tuned.",
@@ -86,7 +81,7 @@ def tune(launch: LaunchFile, goal: Goal, file: Path, show: Show = lambda what: N
         write(launch, best.overrides, told, file)
         came = _came(launch, best, base, goal, Path(folder) / "tuned.mcap")
         show("a run of the choice")
-    return Tuned(ranked, best, came, goal.keeps(came), base, claimed)
+    return Tuned(ranked, best, came, goal.keeps(came), base, estimated_error)
 
 
 def title(one: Trial) -> str:
@@ -94,17 +89,6 @@ def title(one: Trial) -> str:
     words = {"use": "{}", "vertices": "{} vertices", "every": "every {}"}
     told = [words[key.rpartition(".")[2]].format(value) for key, value in one.overrides.items()]
     return ", ".join(word.removeprefix("deformation.") for word in told)
-
-
-def body_of(graph: Graph) -> str:
-    """Name of the node that sends `Surface`. ArgumentError: there is none."""
-    names = [name for name, spec in graph.nodes.items() if Surface in spec.streams.values()]
-    if len(names) != 1:
-        raise ArgumentError(
-            f"{graph.path}: {len(names)} nodes send Surface, expected one deformable body; kidney, nodule and "
-            "fingertip have one"
-        )
-    return names[0]
 
 
 def candidates(graph: Graph) -> list[Trial]:
@@ -142,29 +126,13 @@ def _body(recording: Recording, one: Trial) -> Any:
     return graph.nodes[body_of(graph)]
 
 
-def claim(recording: Recording, base: Trial) -> float:
-    """What the reference is off by [1]: `KNOWN`, and what its stored basis says of itself, its dents against the full
-    model; 0 where nothing is known."""
-    spec = _body(recording, base)
-    if spec.cls is not ReducedFE:
-        return 0.0
-    try:
-        node = ReducedFE(**spec.settings)
-        key = node.key()
-    except SettingError:
-        return 0.0
-    told = [about["error"] for about in shipped().values() if about["key"] == key]
-    known = 0.0 if node.model == "sampled" else KNOWN
-    return known + (float(told[0].get("mean", 0.0)) if told else 0.0)
-
-
-def measured(recording: Recording, one: Trial, base: Trial, goal: Goal, claimed: float) -> Trial:
+def measured(recording: Recording, one: Trial, base: Trial, goal: Goal, estimated_error: float) -> Trial:
     """A candidate with what it gave next to the reference."""
     both = compared(recording, one.texts, base.texts)
-    return replace(one, why=both) if isinstance(both, str) else judged(one, *both, goal, claimed)
+    return replace(one, why=both) if isinstance(both, str) else judged(one, *both, goal, estimated_error)
 
 
-def judged(one: Trial, base: Variant, variant: Variant, goal: Goal, claimed: float) -> Trial:
+def judged(one: Trial, base: Variant, variant: Variant, goal: Goal, estimated_error: float) -> Trial:
     """With error and times of what it gave. ArgumentError: nothing was touched, so that no error can be told."""
     if not getattr(variant, goal.quantity).scale > 0.0:
         raise ArgumentError(
@@ -178,7 +146,9 @@ def judged(one: Trial, base: Variant, variant: Variant, goal: Goal, claimed: flo
         if name != body and 100 * steps.count >= variant.whole.count
     ]
     told = one.measured(base, variant, goal.quantity)
-    return replace(told, error=told.error + claimed, slowest=max(often, key=lambda own: own[1], default=("", 0.0)))
+    return replace(
+        told, error=told.error + estimated_error, slowest=max(often, key=lambda own: own[1], default=("", 0.0))
+    )
 
 
 def pick(ranked: list[Trial], goal: Goal) -> Trial | None:
@@ -216,4 +186,4 @@ def _came(launch: LaunchFile, chosen: Trial, base: Trial, goal: Goal, file: Path
     both = compared(recording, [], back.texts)
     if isinstance(both, str):
         raise ArgumentError(f"{launch.path or launch.graph}: the run of the choice cannot be computed again: {both}")
-    return judged(chosen, *both, goal, claim(recording, back))
+    return judged(chosen, *both, goal, known_error(changed(recording, back.texts).graph))

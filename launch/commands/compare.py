@@ -89,6 +89,8 @@ def _print(variants: list[Variant]) -> None:
     from rich.table import Table
     from rich.text import Text
 
+    from palpate.studies.known import own_error
+
     out = console()
     names = [chr(ord("A") + i) if i < 26 else str(i) for i in range(len(variants))]
     for name, variant in zip(names, variants, strict=True):
@@ -112,6 +114,7 @@ def _print(variants: list[Variant]) -> None:
     first = variants[0]
     out.print(
         f"Differences from A, whose peaks are {first.force.scale:.3f} N, {first.indentation.scale * 1e3:.3f} mm and "
-        f"{first.shape.scale * 1e3:.3f} mm. step: the nodes that were changed (of A, or else the body); all: one tick.",
+        f"{first.shape.scale * 1e3:.3f} mm. {own_error(first.plan.graph)} step: the nodes that were changed (of A, or "
+        "else the body); all: one tick.",
         markup=False,
     )

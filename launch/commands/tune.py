@@ -88,8 +88,8 @@ def _print(tuned: Tuned, goal: Goal, file: Path) -> None:
         titles = "; ".join(title(one) for one in tuned.tried if one.why == reason)
         out.print(f"left out {titles}: {reason}", markup=False, style="dim")
     known = "whose own error is unknown."
-    if tuned.claimed:
-        known = f"plus the known error of that reference: {100 * tuned.claimed:.2g} %."
+    if tuned.estimated_error:
+        known = f"plus the known error of that reference: {100 * tuned.estimated_error:.2g} %."
     out.print(f"Errors are differences from {title(tuned.reference)}, {known}", markup=False)
     if tuned.promised is None or tuned.came is None:
         out.print(f"No model keeps {goal} on this machine. {tuned.why}".rstrip(), style="yellow", markup=False)
