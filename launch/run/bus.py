@@ -22,10 +22,10 @@ import zmq
 from palpate.engine.clock import LOOK, now
 from palpate.launch.run.addresses import endpoint
 from palpate.launch.run.inlet import HIGH_WATER, Inlet, TcpInlet
-from palpate.launch.run.keys import Keeper, Key, connect
+from palpate.launch.run.keys import Authenticator, Key, connect
 from palpate.launch.run.outlet import Outlet, Sender
-from palpate.launch.run.reports import ORDERS, Addressed, Done, Note, Order, Report
-from palpate.launch.run.watch import Watch
+from palpate.launch.run.reports import ORDERS, Addressed, NodesEnded, Note, Order, Report
+from palpate.launch.run.watch import SocketPoller
 from palpate.physics.errors import RunError
 
 HEALTH = "!health"
@@ -76,8 +76,8 @@ class Bus:
         self.run, self.group, self.real, self.key = run, group, real, key
         self._foreign = 0
         self._external = external or {}
-        self._watch = Watch()
-        self._keeper: Keeper | None = None
+        self._watch = SocketPoller()
+        self._keeper: Authenticator | None = None
         self._control = self._socket(zmq.SUB, 0)
         self._control.set(zmq.MAXMSGSIZE, LONGEST_ORDER)
         self._reports = self._socket(zmq.PUSH, 2000)
@@ -129,7 +129,7 @@ class Bus:
         Returns the endpoints by outlet. RunError: somebody else has that port.
         """
         if host and self.key is not None:
-            self._keeper = Keeper(self.context, self.key)
+            self._keeper = Authenticator(self.context, self.key)
             self.key.secure(self._observers, server=True)
         endpoints = {name: [endpoint(self.run, self.group, name)] for name in ("force", "observers")}
         local = endpoints["force"][0]
@@ -347,7 +347,7 @@ class Bus:
         as the launcher does not wait for a worker that is done."""
         for text in self._outlet.notes():
             self.report(Note(text))
-        self.report(Done(orderly))
+        self.report(NodesEnded(orderly))
 
     def close(self, orderly: bool) -> None:
         """Deliver what is under way and close; after an orderly end say that this was all."""

@@ -7,9 +7,9 @@ import time
 from collections.abc import Collection, Mapping
 
 from palpate.launch.run.forkserver import ForkServer
-from palpate.launch.run.member import Member
+from palpate.launch.run.member import WorkerHandle
 from palpate.launch.run.reports import Close, Kill, Quit, Stop
-from palpate.launch.run.wires import Wires
+from palpate.launch.run.wires import ControlChannel
 
 STOP_PATIENCE = 3.0  # [s] for the workers to end once they were told
 
@@ -20,7 +20,9 @@ class Ending:
     real  whether the run is on the real clock: nodes go on as long as one that leads them does
     """
 
-    def __init__(self, members: Mapping[str, Member], wires: Wires, forkserver: ForkServer, real: bool) -> None:
+    def __init__(
+        self, members: Mapping[str, WorkerHandle], wires: ControlChannel, forkserver: ForkServer, real: bool
+    ) -> None:
         self._members, self._wires, self._forkserver, self._real = members, wires, forkserver, real
         self._quit_at: float | None = None
         self._deadline: float | None = None

@@ -19,7 +19,7 @@ from collections.abc import Callable
 import zmq
 
 from palpate.engine.clock import LOOK, now
-from palpate.launch.run.watch import Watch
+from palpate.launch.run.watch import SocketPoller
 from palpate.launch.run.zmtp import COMMAND, GREETING, MORE, PUBLISHERS, Connection, ZmtpError, command, frame, pong
 
 CHUNK = 1 << 16  # [bytes] that are read in one call
@@ -39,7 +39,7 @@ class Inlet:
     """
 
     def __init__(
-        self, stream: str, group: str, watch: Watch, ready: Callable[[Inlet], None], apart: set[Inlet]
+        self, stream: str, group: str, watch: SocketPoller, ready: Callable[[Inlet], None], apart: set[Inlet]
     ) -> None:
         self.stream = stream
         self.linked = False

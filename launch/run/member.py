@@ -19,7 +19,7 @@ QUIET = 0.3  # [s] of silence from which on the kernel is asked what a worker wa
 
 
 @dataclass
-class Member:
+class WorkerHandle:
     """A group of a run.
 
     job        what its worker runs

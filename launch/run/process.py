@@ -24,10 +24,10 @@ from palpate.launch.run.reports import (
     Addressed,
     Close,
     Connect,
-    Fault,
     Go,
     Hello,
     Linked,
+    NodeFault,
     Order,
     Quit,
     Ready,
@@ -35,7 +35,7 @@ from palpate.launch.run.reports import (
     Stop,
     Take,
 )
-from palpate.launch.run.worker import Ended, Worker
+from palpate.launch.run.worker import EndedError, Worker
 from palpate.physics.errors import RunError
 
 
@@ -60,21 +60,21 @@ def serve(start: Start, alone: bool = False) -> int:
         refused = real_time(job.core, job.priority if real else None)
         endpoints = bus.bind(job.host)
         bus.report(Ready(endpoints, refused, bool(job.host and start.key)))
-        with contextlib.suppress(Ended):
+        with contextlib.suppress(EndedError):
             begun = _link(bus)
             run(worker, *begun)
         worker.stop()
         orderly = begun is not None
         return 0
     except (NodeError, RunError) as error:
-        bus.report(Fault("", "process", str(error)) if isinstance(error, RunError) else _fault(error))
+        bus.report(NodeFault("", "process", str(error)) if isinstance(error, RunError) else _fault(error))
         _stop_rest(worker)
         return 1
     except Exception as error:
         trace = (
             "" if isinstance(error, OSError) else traceback.format_exc()
         )  # what the system refuses is told in a line
-        bus.report(Fault("", "process", f"{type(error).__name__}: {error}", trace))
+        bus.report(NodeFault("", "process", f"{type(error).__name__}: {error}", trace))
         return 1
     finally:
         bus.end(orderly)
@@ -89,7 +89,7 @@ def _link(bus: Bus) -> tuple[int, set[str]]:
     def look(wait: int = 0) -> Order | None:
         order = bus.order(wait)
         if isinstance(order, Stop | Quit | Close):
-            raise Ended
+            raise EndedError
         return order
 
     while True:
@@ -104,9 +104,9 @@ def _link(bus: Bus) -> tuple[int, set[str]]:
                 return origin, senders
 
 
-def _fault(error: NodeError) -> Fault:
+def _fault(error: NodeError) -> NodeFault:
     cause = death(error)
-    return Fault(cause.node, cause.where, cause.text, cause.trace)
+    return NodeFault(cause.node, cause.where, cause.text, cause.trace)
 
 
 def _stop_rest(worker: Worker | None) -> None:

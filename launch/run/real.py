@@ -24,7 +24,7 @@ from __future__ import annotations
 from palpate.engine.clock import now, sleep_until
 from palpate.engine.schedule import needed, next_run
 from palpate.engine.slot import Input, Slot
-from palpate.launch.run.worker import Ended, Worker
+from palpate.launch.run.worker import EndedError, Worker
 from palpate.messages import Message
 
 HELD = 0.007  # [s] age at which an input of a node counts as absent
@@ -72,7 +72,7 @@ def _pace(worker: Worker, lead: Slot, origin: int, period: float) -> tuple[int, 
             lead.health.late += skipped
         tick += skipped
     if worker.stopping:
-        raise Ended
+        raise EndedError
     worker.drain()
     return tick, now() - origin
 
@@ -89,7 +89,7 @@ def _follow(worker: Worker, lead: Slot) -> tuple[int, int] | None:
                 worker.drain()
             worker.heed()
         if worker.stopping:
-            raise Ended
+            raise EndedError
     worker.drain()
     newest = port.queue[-1]
     if newest.tick <= worker.tick:  # a duplicate, or out of order

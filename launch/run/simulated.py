@@ -10,7 +10,7 @@ from palpate.engine.clock import now, sleep_until
 from palpate.engine.schedule import nanoseconds, needed
 from palpate.engine.slot import Input, NodeError, Slot
 from palpate.launch.run.reports import Paused
-from palpate.launch.run.worker import Ended, Worker
+from palpate.launch.run.worker import EndedError, Worker
 from palpate.messages import Message
 
 
@@ -69,7 +69,7 @@ def _await(worker: Worker, slot: Slot, port: Input, tick: int) -> Message | None
             if (message := port.at(tick)) is not None:
                 return message
             if worker.last is not None and worker.tick > worker.last:
-                raise Ended
+                raise EndedError
             worker.awaits = port.stream, needed(tick, port.every, port.loop)
     finally:
         worker.awaits = None

@@ -6,7 +6,7 @@ import select
 from collections.abc import Callable
 
 
-class Watch:
+class SocketPoller:
     """Calls the owner of each socket that has something to read, or whose other end is gone."""
 
     def __init__(self) -> None:

@@ -16,13 +16,13 @@ START_PATIENCE = 120.0  # [s] for a node's `start`: it may compile kernels or bu
 GLANCES = 8  # looks in the time that a node is given
 
 
-class Hangs(Exception):
+class HangError(Exception):
     """A node has been in one call for too long."""
 
 
 @contextlib.contextmanager
 def watched(patience: float | None, last: float | None = None) -> Iterator[None]:
-    """A node's call that takes longer than `patience` [s] while the block runs gets `Hangs` raised inside it.
+    """A node's call that takes longer than `patience` [s] while the block runs gets `HangError` raised inside it.
     None: nothing is watched.
 
     A timer's signal looks at the call that runs, so that the loop itself pays nothing. Time for which the process
@@ -44,7 +44,7 @@ def watched(patience: float | None, last: float | None = None) -> Iterator[None]
         if here is None or here != before:
             before, spent = here, 0.0
         elif patience is not None and spent >= patience:
-            raise Hangs(f"no sign of life for {patience:.3g} s")
+            raise HangError(f"no sign of life for {patience:.3g} s")
 
     try:
         known = None if patience is None else signal.signal(signal.SIGALRM, glance)

@@ -14,13 +14,13 @@ import zmq
 from palpate.engine.job import Job
 from palpate.launch.run.addresses import RunFolder, endpoint
 from palpate.launch.run.bus import END, HEALTH, frame
-from palpate.launch.run.keys import Keeper, Key
+from palpate.launch.run.keys import Authenticator, Key
 from palpate.launch.run.reports import REPORTS, Addressed, Order
 
 LONGEST_REPORT = 1 << 26  # [bytes]
 
 
-class Wires:
+class ControlChannel:
     """Sockets of the launcher of a run, and the folder that holds those of the run.
 
     control, reports  local addresses that workers connect to
@@ -42,7 +42,7 @@ class Wires:
         self._context = zmq.Context()
         self._keeper = None
         if self.guarded and key is not None:
-            self._keeper = Keeper(self._context, key)
+            self._keeper = Authenticator(self._context, key)
         self._orders, self._told = self._context.socket(zmq.XPUB), self._context.socket(zmq.PULL)
         self._orders.set(zmq.XPUB_VERBOSE, 1)
         self._orders.set(zmq.MAXMSGSIZE, 1024)  # subscriptions only

@@ -14,7 +14,7 @@ from functools import partial
 from palpate.engine.clock import LOOK, now
 from palpate.engine.health import Counters, message
 from palpate.engine.job import Job
-from palpate.engine.slot import Feed, NodeError, Slot, make
+from palpate.engine.slot import NodeError, RemoteStream, Slot, make
 from palpate.launch.run.audience import Audience
 from palpate.launch.run.bus import HEALTH, Bus, frame
 from palpate.launch.run.compiling import compiling
@@ -30,7 +30,7 @@ GLANCE = 200_000_000  # [ns] by which that time grows at most between two looks:
 REPORT = 200_000_000  # [ns] between two signs of life
 
 
-class Ended(Exception):
+class EndedError(Exception):
     """The last tick has been run, or the launcher has told the worker to stop."""
 
 
@@ -47,7 +47,7 @@ class Worker:
         self.job, self.bus, self.report, self._alone = job, bus, report, alone
         self.slots = [Slot(given, make(given), job.external) for given in job.nodes]
         self.outputs = {output.stream: output for slot in self.slots for output in slot.outputs}
-        self.feeds: dict[str, Feed] = {}
+        self.feeds: dict[str, RemoteStream] = {}
         for slot in self.slots:
             slot.wire(self.outputs)
             self._feed(slot)
@@ -74,7 +74,9 @@ class Worker:
             if port.dead or port.output is not None or self.bus is None:
                 continue
             if port.stream not in self.feeds:
-                self.feeds[port.stream] = Feed(port.stream, port.kind, port.producer, self.bus.inlet(port.stream))
+                self.feeds[port.stream] = RemoteStream(
+                    port.stream, port.kind, port.producer, self.bus.inlet(port.stream)
+                )
             port.feed = self.feeds[port.stream]
             port.feed.ports.append(port)
 
@@ -185,7 +187,7 @@ class Worker:
             if output.observed:
                 self.bus.keep(output.topic + payload)
 
-    def wait(self, feed: Feed, deadline: int | None = None) -> bool:
+    def wait(self, feed: RemoteStream, deadline: int | None = None) -> bool:
         """Wait for a message of a stream, for about `LOOK` or until a deadline [ns]; returns whether one came. Where
         none comes the worker looks round."""
         payloads = feed.inlet.wait() if deadline is None else feed.inlet.wait_until(deadline)
@@ -204,7 +206,7 @@ class Worker:
                 for payload in inlet.take():
                     self._deliver(feed, payload)
 
-    def _deliver(self, feed: Feed, payload: bytes) -> None:
+    def _deliver(self, feed: RemoteStream, payload: bytes) -> None:
         try:
             message = unpack(payload, feed.kind)
         except MessageError as error:
@@ -265,7 +267,7 @@ class Worker:
                 case Gone(nodes, mute, back):
                     self._bury(set(nodes), set(mute), back)
                 case Quit() if self.slots:
-                    raise Ended
+                    raise EndedError
                 case Beat():
                     pass
         if self._alone and self._silence > ORPHANED:

@@ -8,7 +8,7 @@ import msgspec
 
 from palpate.drivers.emulate.hand import Script
 from palpate.drivers.exchange import Driver
-from palpate.drivers.guard import Guard, Sample
+from palpate.drivers.guard import DeviceSample, Guard
 from palpate.messages import DeviceState
 from palpate.nodes.base.wired import Wired
 from palpate.nodes.device.hand import Hand
@@ -45,7 +45,7 @@ class Hardware(Hand, Wired):
         )
 
 
-def state(sample: Sample | None) -> DeviceState:
+def state(sample: DeviceSample | None) -> DeviceState:
     """A sample as the graph knows it; neither angles nor place while they cannot be trusted."""
     if sample is None or not sample.homed:
         return DeviceState(buttons=0 if sample is None else sample.buttons, homed=False)

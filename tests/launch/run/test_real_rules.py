@@ -10,7 +10,7 @@ import pytest
 from palpate.engine.job import InputJob, NodeJob
 from palpate.engine.slot import Slot, make
 from palpate.launch.run import real
-from palpate.launch.run.worker import Ended
+from palpate.launch.run.worker import EndedError
 from palpate.messages import Force, Message, Pose, Torque
 
 FORCE = Force(force=(1.0, 0.0, 0.0), state="free", energy=0.0)
@@ -144,7 +144,7 @@ def test_a_node_that_waits_ends_when_it_is_told():
         here.stopping = True
 
     here.heed = heed
-    with pytest.raises(Ended):
+    with pytest.raises(EndedError):
         real._follow(here, made)
 
 
@@ -165,7 +165,7 @@ def test_a_run_that_is_told_to_stop_ends_at_its_next_tick(monkeypatch):
     monkeypatch.setattr(real, "sleep_until", lambda deadline: 0)
     here = worker()
     here.stopping = True
-    with pytest.raises(Ended):
+    with pytest.raises(EndedError):
         real._pace(here, slot("Source", ("torque", {"loop": True})), 0, MS)
 
 

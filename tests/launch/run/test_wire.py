@@ -28,7 +28,7 @@ from palpate.launch.run.execute import execute
 from palpate.launch.run.inlet import CHUNK, Inlet
 from palpate.launch.run.launcher import Launcher
 from palpate.launch.run.outlet import Outlet
-from palpate.launch.run.watch import Watch
+from palpate.launch.run.watch import SocketPoller
 from palpate.launch.run.zmtp import GREETING, command, frame, ready
 from palpate.messages import Force, Message, Pose, pack, unpack
 from palpate.nodes.base import inputs
@@ -57,7 +57,7 @@ class End:
 
     def __init__(self, path: Path, real: bool = False) -> None:
         self.path, self.real, self.held = str(path), real, 0
-        self.watch, self.apart = Watch(), set()
+        self.watch, self.apart = SocketPoller(), set()
 
     def hold(self) -> None:
         self.held += 1
