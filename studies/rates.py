@@ -152,7 +152,7 @@ def _lowest(recording: Recording, plan: Plan, rate: Rate, full: list[str], error
     change = _Outputs(plan, rate, without=set())
     before = change.seen(None)
 
-    def look(players: Sequence[Player]) -> None:
+    def on_tick(players: Sequence[Player]) -> None:
         nonlocal before
         now = change.seen(players[0])
         change.add(now, before)
@@ -162,7 +162,7 @@ def _lowest(recording: Recording, plan: Plan, rate: Rate, full: list[str], error
             own.add(own.seen(player), base)
 
     sets = [[*(text for text in full if text != rate.override(1)), rate.override(every)] for every in slower]
-    _, *variants = compare(recording, sets, reference=full, look=look)
+    _, *variants = compare(recording, sets, reference=full, on_tick=on_tick)
     if not change.error > 0.0:
         return replace(rate, every=rate.before)
     rate = replace(rate, constant=1.0 / (plan.graph.rate * change.error))

@@ -122,7 +122,7 @@ def run(
             outcome = execute(
                 launch, loaded, console=view, forkserver=forkserver, patience=timeout, address=address,
                 leave_out=leave_out or (), thin=_thin(thin or []), unencrypted=unencrypted, key_name=key,
-                fit_cores=True, watch=watch.look if watch else lambda _: None,
+                fit_cores=True, watch=watch.on_update if watch else lambda _: None,
             )  # fmt: skip
         if watch:
             watch.over()

@@ -17,12 +17,12 @@ class Barrier:
     """
 
     def __init__(self, members: Mapping[str, WorkerHandle], wires: ControlChannel) -> None:
-        self._members, self._wires = members, wires
+        self._members, self._control = members, wires
 
     def ready(self, member: WorkerHandle, report: Ready) -> bool:
         """A worker has built its nodes and bound its outlets. False: its report has overtaken its subscription to
         orders, and is kept until that has come (`early`)."""
-        if not self._wires.hears(member.job.group):
+        if not self._control.hears(member.job.group):
             member.early = report
             return False
         member.endpoints, member.secured = report.endpoints, report.secured
@@ -32,7 +32,7 @@ class Barrier:
     def early(self) -> list[tuple[WorkerHandle, Ready]]:
         """The workers whose subscription has come now, with the report that had overtaken it."""
         waiting = []
-        for group in self._wires.new():
+        for group in self._control.new():
             member = self._members[group]
             if member.early is not None:
                 report, member.early = member.early, None
@@ -53,7 +53,7 @@ class Barrier:
                 # The local address where both are on one machine, else the one that the network reaches.
                 address = other.endpoints[outlet][0 if member.joined == other.joined else -1]
                 sources.append(OutletAddress(group, address, tuple(streams), outlet == "observers", other.secured))
-        self._wires.tell(member.job.group, Connect(tuple(sources), listeners(member.job, others)))
+        self._control.tell(member.job.group, Connect(tuple(sources), listeners(member.job, others)))
 
     def link_all(self) -> None:
         """Tell all of them."""

@@ -52,7 +52,7 @@ from palpate.launch.run.reports import (
 )
 from palpate.launch.run.result import Death, Result
 from palpate.launch.run.watchdog import START_PATIENCE
-from palpate.launch.run.wires import ControlChannel, muted
+from palpate.launch.run.wires import ControlChannel, blocked_by
 from palpate.launch.run.worker import REPORT
 
 HEAD_START = 40_000_000  # [ns] from the order to go to tick 0: every worker has heard it by then
@@ -112,17 +112,17 @@ class Launcher:
         self._abreast = False
         """Whether all reports that have come were taken."""
         try:
-            self._wires = ControlChannel(self.run_id, self.jobs, address, key)
+            self._control = ControlChannel(self.run_id, self.jobs, address, key)
         except OSError:
             self.forkserver.close()
             raise
-        self._barrier = Barrier(self.members, self._wires)
-        self._ending = Ending(self.members, self._wires, self.forkserver, self._real)
+        self._barrier = Barrier(self.members, self._control)
+        self._ending = Ending(self.members, self._control, self.forkserver, self._real)
         for group in joined:
-            self._wires.expect(group)
+            self._control.expect(group)
             self.members[group].busy = f"{group} (palpate join {address} {group})"
         self._poller = zmq.Poller()
-        self._wires.register(self._poller)
+        self._control.register(self._poller)
         self._poller.register(self.forkserver.socket.fileno(), select.POLLIN)
         self._poller.register(self.forkserver.output.fileno(), select.POLLIN)
 
@@ -170,16 +170,16 @@ class Launcher:
         finally:
             self.phase = "ended"
             self.printed(self.forkserver.close())
-            foreign = self._wires.foreign + sum(member.foreign for member in self.members.values())
+            foreign = self._control.foreign + sum(member.foreign for member in self.members.values())
             if foreign:
                 self.result.notes.append(f"{foreign} frames that are none of this run's were dropped")
             self.result.foreign = foreign
-            self._wires.close(200)
+            self._control.close(200)
 
     def _fork(self, member: WorkerHandle) -> None:
-        self._wires.expect(member.job.group)
+        self._control.expect(member.job.group)
         member.forked()
-        wires = self._wires
+        wires = self._control
         self.forkserver.ask(Start(member.job, self.run_id, wires.control, wires.reports, self.key, wires.guarded))
 
     def _turn(self) -> None:
@@ -213,7 +213,7 @@ class Launcher:
 
     def _next_report(self, wait: int = 0) -> bool:
         """Take the next report, if one comes within so many milliseconds."""
-        addressed = self._wires.report(wait)
+        addressed = self._control.report(wait)
         if addressed is not None:
             self._take(self.members[addressed.group], addressed.report)
         return addressed is not None
@@ -225,7 +225,7 @@ class Launcher:
             member.heard()
         match report:
             case Hello():
-                self._wires.tell(f"join-{member.job.group}", Take(member.job, self.run_id))
+                self._control.tell(f"join-{member.job.group}", Take(member.job, self.run_id))
             case Starting(node, kernels):
                 member.busy, member.kernels = node, kernels
             case Ready():
@@ -240,14 +240,14 @@ class Launcher:
                 member.paused = tick
                 ticks = [lead.paused for lead in self._leads()]
                 if None not in ticks:
-                    self._wires.tell("*", End(max(tick for tick in ticks if tick is not None)))
+                    self._control.tell("*", End(max(tick for tick in ticks if tick is not None)))
             case NodeFault():
                 self._died(member, report)
             case Note(text):
                 self.result.notes.append(text)
                 self.printed(text + "\n")
-            case NodesEnded(orderly):
-                member.delivers, member.orderly = True, orderly
+            case NodesEnded(clean_exit):
+                member.flushed, member.clean_exit = True, clean_exit
                 if member.alive:
                     member.state = "done"
                     self._ending.follow()
@@ -268,7 +268,7 @@ class Launcher:
         if not self._barrier.ready(member, report):
             return
         if self._real and not any(lead.alive for lead in self._leads()):
-            self._wires.tell(member.job.group, Stop())  # started again too late: the run has ended meanwhile
+            self._control.tell(member.job.group, Stop())  # started again too late: the run has ended meanwhile
         self.result.notes += [n for n in report.refused if n not in self.result.notes]
         if self.phase == "running":
             self._barrier.link(member)
@@ -289,14 +289,14 @@ class Launcher:
         self.result.start = self._started - self.begun
         self.result.origin = self._started
         self.origin = now() + (HEAD_START if self._real else 0)
-        self._wires.tell("*", Go(self.origin))
+        self._control.tell("*", Go(self.origin))
         for member in self.members.values():
             member.state = "running"
             member.heard()
 
     def _back(self, member: WorkerHandle) -> None:
         """A worker that was started again joins the run."""
-        self._wires.tell(member.job.group, Go(self.origin))
+        self._control.tell(member.job.group, Go(self.origin))
         member.state = "running"
         self._tell_gone({node.name for node in member.job.nodes}, back=True)
 
@@ -306,11 +306,11 @@ class Launcher:
         member.state = "failed"
         death = Death(fault.node or member.names, fault.where, fault.text, fault.trace)
         self.result.deaths.append(death)
-        self._bury(member)
+        self._handle_death(member)
         if self.phase == "running":
             self.died(death)
 
-    def _bury(self, member: WorkerHandle) -> None:
+    def _handle_death(self, member: WorkerHandle) -> None:
         """Tell the others, so that their inputs from this group become None; then end the run, start it again, or go on
         without it."""
         dead = {node.name for node in member.job.nodes}
@@ -329,8 +329,8 @@ class Launcher:
         self._ending.quit_after(seconds)
 
     def _tell_gone(self, nodes: set[str], back: bool = False) -> None:
-        mute = muted(self.jobs.values(), nodes)
-        self._wires.tell("*", Gone(tuple(sorted(nodes)), tuple(sorted(mute)), back))
+        blocked = blocked_by(self.jobs.values(), nodes)
+        self._control.tell("*", Gone(tuple(sorted(nodes)), tuple(sorted(blocked)), back))
 
     def _answer(self, answer: Started | Exited) -> None:
         member = self.members[answer.group]
@@ -386,7 +386,7 @@ class Launcher:
         if moment - self._beat > BEAT:
             self._beat = moment
             if self.address:
-                self._wires.tell("*", Beat())
+                self._control.tell("*", Beat())
             for pid in (self.forkserver.process.pid, *(m.keeper for m in self.members.values() if m.keeper)):
                 awake(pid)  # who would never tell of a worker's end
         self._ending.check(begun=self.phase not in ("starting", "linking"))

@@ -18,7 +18,7 @@ from collections.abc import Callable, Collection, Mapping
 
 import zmq
 
-from palpate.engine.clock import LOOK, now
+from palpate.engine.clock import POLL_INTERVAL, now
 from palpate.launch.run.inlet import credentials, trusted
 from palpate.launch.run.watch import SocketPoller
 from palpate.launch.run.zmtp import GREETING, GROUP, SUBSCRIBERS, Connection, ZmtpError, pong, subscription
@@ -191,13 +191,13 @@ class Outlet:
                 reader.group = group if group in self._workers else ""
                 reader.write(reader.connection.ready)
             for flags, body in frames:
-                self._heed(reader, flags, body)
+                self._handle_frame(reader, flags, body)
         except ZmtpError as error:
             self._refuse(reader, str(error))
         except OSError:
             self.drop(reader)
 
-    def _heed(self, reader: ReaderConnection, flags: int, body: bytes) -> None:
+    def _handle_frame(self, reader: ReaderConnection, flags: int, body: bytes) -> None:
         wanted = subscription(flags, body)
         if wanted is not None:
             comes, topic = wanted
@@ -258,7 +258,7 @@ class Outlet:
                 else:
                     reader.dropped += 1
                 return
-            room.poll(LOOK)
+            room.poll(POLL_INTERVAL)
             holds()
 
     def tend(self) -> None:

@@ -53,7 +53,7 @@ def serve(start: Start, alone: bool = False) -> int:
     job = start.job
     real = job.clock == "real"
     bus = Bus(start.run, job.group, start.control, start.reports, real, job.external, start.key, start.guarded)
-    worker, begun, orderly = None, None, False
+    worker, begun, clean_exit = None, None, False
     try:
         worker = Worker(job, bus, bus.report, alone)
         worker.start()
@@ -64,7 +64,7 @@ def serve(start: Start, alone: bool = False) -> int:
             begun = _link(bus)
             run(worker, *begun)
         worker.stop()
-        orderly = begun is not None
+        clean_exit = begun is not None
         return 0
     except (NodeError, RunError) as error:
         bus.report(NodeFault("", "process", str(error)) if isinstance(error, RunError) else _fault(error))
@@ -77,8 +77,8 @@ def serve(start: Start, alone: bool = False) -> int:
         bus.report(NodeFault("", "process", f"{type(error).__name__}: {error}", trace))
         return 1
     finally:
-        bus.end(orderly)
-        bus.close(orderly)
+        bus.end(clean_exit)
+        bus.close(clean_exit)
 
 
 def _link(bus: Bus) -> tuple[int, set[str]]:
@@ -86,19 +86,19 @@ def _link(bus: Bus) -> tuple[int, set[str]]:
     hear. Ended: it was told to stop before."""
     senders: set[str] = set()
 
-    def look(wait: int = 0) -> Order | None:
+    def poll(wait: int = 0) -> Order | None:
         order = bus.order(wait)
         if isinstance(order, Stop | Quit | Close):
             raise EndedError
         return order
 
     while True:
-        match look(1000):
+        match poll(1000):
             case Connect(sources, observed):
                 for source in sources:
                     bus.connect(source.address, source.streams, source.observed, source.secured, source.group)
                 senders = {source.group for source in sources if source.observed}
-                bus.wait_linked(observed, look)
+                bus.wait_linked(observed, poll)
                 bus.report(Linked())
             case Go(origin):
                 return origin, senders

@@ -45,7 +45,7 @@ def run_real(worker: Worker, origin: int) -> None:
         worker.tick = tick
         deadline = now() + period
         for slot in worker.slots:
-            if tick < slot.due or slot.name in worker.mute:
+            if tick < slot.due or slot.name in worker.blocked:
                 continue
             messages = _gather(worker, slot, tick, deadline, slot is lead)
             if messages is None:
@@ -58,7 +58,7 @@ def run_real(worker: Worker, origin: int) -> None:
             age = max(0, now() - origin - at)
             slot.health.age.add(age)
             slot.health.overdue += age > period
-        worker.heed()
+        worker.check_orders()
         worker.housekeep()
 
 
@@ -80,14 +80,14 @@ def _pace(worker: Worker, lead: Slot, origin: int, period: float) -> tuple[int, 
 def _follow(worker: Worker, lead: Slot) -> tuple[int, int] | None:
     """Wait for the next driving message; of several that wait, the newest counts and the others are lost."""
     port = lead.inputs[0]
-    while port.dead or lead.name in worker.mute or not port.queue:
+    while port.dead or lead.name in worker.blocked or not port.queue:
         if port.feed is None or port.dead:
             worker.pause()
         else:
             worker.wait(port.feed)
-            if lead.name in worker.mute:  # its input comes on, and so nobody else looks whether it is wanted again
+            if lead.name in worker.blocked:  # its input comes on, and so nobody else looks whether it is wanted again
                 worker.drain()
-            worker.heed()
+            worker.check_orders()
         if worker.stopping:
             raise EndedError
     worker.drain()

@@ -44,10 +44,10 @@ class Go(msgspec.Struct, frozen=True, tag=True):
 
 
 class Gone(msgspec.Struct, frozen=True, tag=True):
-    """These nodes have died, or are back; `mute`: nodes that cannot go on without them."""
+    """These nodes have died, or are back; `blocked`: nodes that cannot go on without them."""
 
     nodes: tuple[str, ...]
-    mute: tuple[str, ...]
+    blocked: tuple[str, ...]
     back: bool = False
 
 
@@ -131,7 +131,7 @@ class Note(msgspec.Struct, frozen=True, tag=True):
 class NodesEnded(msgspec.Struct, frozen=True, tag=True):
     """All nodes have ended; what they sent before is being delivered, and, after an orderly end, that it was all."""
 
-    orderly: bool
+    clean_exit: bool
 
 
 Order = Take | Connect | Go | Gone | End | Stop | Close | Quit | Beat

@@ -34,7 +34,7 @@ def watched(patience: float | None, last: float | None = None) -> Iterator[None]
     spent, looked, queued = 0.0, time.monotonic(), _queued()
     end = 2.0 * (patience or 0.0) if last is None else last
 
-    def glance(_: int, frame: FrameType | None) -> None:
+    def check(_: int, frame: FrameType | None) -> None:
         nonlocal before, spent, looked, queued
         with contextlib.suppress(OSError, ValueError):  # a standard error that is no file
             faulthandler.dump_traceback_later(end, exit=True)
@@ -47,7 +47,7 @@ def watched(patience: float | None, last: float | None = None) -> Iterator[None]
             raise HangError(f"no sign of life for {patience:.3g} s")
 
     try:
-        known = None if patience is None else signal.signal(signal.SIGALRM, glance)
+        known = None if patience is None else signal.signal(signal.SIGALRM, check)
     except ValueError:
         known = None
     if known is None or patience is None:

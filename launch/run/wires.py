@@ -140,11 +140,11 @@ def listeners(job: Job, others: Mapping[str, Job]) -> dict[str, int]:
     return own
 
 
-def muted(jobs: Collection[Job], dead: set[str]) -> set[str]:
+def blocked_by(jobs: Collection[Job], dead: set[str]) -> set[str]:
     """Nodes that cannot go on without the dead ones, directly or through others."""
-    mute: set[str] = set()
+    blocked: set[str] = set()
     while True:
-        gone = dead | mute
+        gone = dead | blocked
         more = {
             node.name
             for job in jobs
@@ -152,5 +152,5 @@ def muted(jobs: Collection[Job], dead: set[str]) -> set[str]:
             if node.name not in gone and any(g.producer in gone and not g.optional for g in node.inputs)
         }
         if not more:
-            return mute
-        mute |= more
+            return blocked
+        blocked |= more

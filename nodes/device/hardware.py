@@ -11,10 +11,10 @@ from palpate.drivers.exchange import Driver
 from palpate.drivers.guard import DeviceSample, Guard
 from palpate.messages import DeviceState
 from palpate.nodes.base.wired import Wired
-from palpate.nodes.device.hand import Hand
+from palpate.nodes.device.hand import SimulatedOperator
 
 
-class Hardware(Hand, Wired):
+class Hardware(SimulatedOperator, Wired):
     """A device at the machine. Its commands pass the limits of `drivers/limits.py` last of all. Settings of all:
 
     deadman  mask of buttons of which one has to be held for any force; 0: none

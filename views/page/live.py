@@ -33,7 +33,7 @@ class Live(FrameSource):
         self._over = threading.Event()
         self._thread: threading.Thread | None = None
 
-    def look(self, launcher: Launcher) -> None:
+    def on_update(self, launcher: Launcher) -> None:
         """Called by the launcher again and again: follow its run from its beginning."""
         if self._thread is None and launcher.phase == "running":
             self.begun()
