@@ -47,10 +47,10 @@ def stability(
     push of 0.1 N, and `stable` uses its own damping.
     """
     from palpate.physics.device.wall_loop import Device
-    from palpate.studies.stability.study import Study
+    from palpate.studies.stability.study import StabilityStudy
 
     device = Device(mass, drag, coulomb, resolution, limit)
-    study = Study(
+    study = StabilityStudy(
         device, rate or [500.0, 1000.0, 4000.0], delay or [0, 1, 2, 5], damping or [0.0, 0.05, 0.1, 0.2], order, lost,
         jitter, seed, body or [], plane,
     )  # fmt: skip

@@ -23,7 +23,7 @@ TURNS = 6
 """Repetitions of the axis and the cut square to it; each leaves a hundredth of the error."""
 
 
-class Frame(NamedTuple):
+class FingerFrame(NamedTuple):
     """The finger's frame in another.
 
     origin  [m]  (3)    the tip of the skin, on the axis of the bone
@@ -59,7 +59,7 @@ class Cloud(NamedTuple):
         return np.cov(self.points.T, aweights=self.weights)
 
 
-def find_frame(lying: Fingertip, nail: np.ndarray | None) -> Frame:
+def find_frame(lying: Fingertip, nail: np.ndarray | None) -> FingerFrame:
     """The finger's frame in that of its surfaces, whose y runs about from the tip to the hand.
 
     nail  [1] (3)  about where the nail is; None: where the bone tells
@@ -88,10 +88,10 @@ def find_frame(lying: Fingertip, nail: np.ndarray | None) -> Frame:
         raise ScanError("the bone is midway between nail and pulp; say where the nail is (--dorsal or --axes)")
     z = z / np.linalg.norm(z) * np.sign(offset)
     axes = np.stack([np.cross(y, z), y, z])
-    return Frame(middle + (_tip(lying, skin, y) - middle @ y) * y, axes)
+    return FingerFrame(middle + (_tip(lying, skin, y) - middle @ y) * y, axes)
 
 
-def turned(lying: Fingertip, frame: Frame, margin: float) -> Fingertip:
+def turned(lying: Fingertip, frame: FingerFrame, margin: float) -> Fingertip:
     """The surfaces in the finger's frame, with a margin [m] of air. The last slice is taken on where it slants."""
     step = lying.spacing
     inside = (_inside(lying, "skin").points - frame.origin) @ frame.axes.T

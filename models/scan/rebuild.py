@@ -14,7 +14,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from scipy.interpolate import PchipInterpolator
 
-from palpate.models.scan.align import Frame, find_frame, turned
+from palpate.models.scan.align import FingerFrame, find_frame, turned
 from palpate.models.scan.outline import Outlines, distance, enclosed
 from palpate.models.scan.stack import ScanError
 from palpate.physics.fingertip.surfaces import Fingertip
@@ -31,7 +31,7 @@ class Rebuilt(NamedTuple):
     handed, so that columns are counted from the other side where the tip is in the last slice)."""
 
     tip: Fingertip
-    frame: Frame
+    frame: FingerFrame
 
 
 def rebuild(outlines: Outlines, grid: float = 4e-4, dorsal: Side = "auto") -> Fingertip:

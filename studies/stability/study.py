@@ -15,7 +15,7 @@ from palpate.studies.stability import body_wall, walls
 
 
 @dataclass(frozen=True)
-class Study:
+class StabilityStudy:
     """What is asked for: rates [Hz], delays [1] and dampings [N s/m] of the wall, how the velocity is taken and what
     goes wrong (see `walls.row`), bodies by name, and whether the plane is."""
 

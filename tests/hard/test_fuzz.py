@@ -282,7 +282,7 @@ def test_yaml_that_grows_nests_or_runs_is_refused(tmp_path, text, monkeypatch):
     assert not (tmp_path / "was-run").exists()
 
 
-READERS = {"falcon": frames.Reader, "bota": bota.Reader, "dotpad": dotpad.Reader}
+READERS = {"falcon": frames.FalconFrameReader, "bota": bota.BotaFrameReader, "dotpad": dotpad.PacketReader}
 TRUE = {
     "falcon": frames.report((1, 2, 3), 0, (True, True, True)),
     "bota": bota.frame(bota.Reading(0, (0.0,) * 6, 1, 20.0)),
