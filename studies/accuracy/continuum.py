@@ -20,7 +20,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.models.fe.contact.bed import Bed
+from palpate.models.fe.contact.bed import ElasticFoundation
 from palpate.models.fe.element import faces as face_rule
 from palpate.models.fe.element.mesh import TetMesh, bricks, grid, quadratic
 from palpate.models.fe.meshing.organ import SLAB
@@ -164,7 +164,7 @@ def press(
     """Press the block with `fe.Solver`."""
     cut = tetrahedra(block)
     materials = {k: neo_hooke(young * float(h), block.poisson) for k, h in enumerate(cut.ratios)}
-    bed = Bed(cut.under, BED * young)
+    bed = ElasticFoundation(cut.under, BED * young)
     body = Solver(cut.mesh, materials, cut.fixed, loads=lambda f: 0.5 * f * cut.unit, contacts=[bed], settings=STEPS)
     depth, shape, seconds = [], [], []
     for k, level in enumerate(levels):

@@ -17,7 +17,7 @@ from functools import lru_cache
 import numpy as np
 from scipy.sparse import coo_matrix, csr_matrix
 
-from palpate.models.fe.contact.bed import Bed
+from palpate.models.fe.contact.bed import ElasticFoundation
 from palpate.models.fe.element import faces as face_rule
 from palpate.models.fe.element.jacobian import inverted
 from palpate.models.fe.element.mesh import FOLDED, TetMesh, bricks, edge_nodes, grid
@@ -166,7 +166,7 @@ def _shapeless(levels: np.ndarray, depth: list[float], unknowns: int, seconds: l
     return curve(levels, depth, [np.zeros((0, 0))] * len(levels), np.zeros(0), np.zeros(0), unknowns, seconds)
 
 
-class _PartBed(Bed):
+class _PartBed(ElasticFoundation):
     """A bed under those points of integration (F,6) of its faces that lie on it."""
 
     def __init__(self, faces: np.ndarray, stiffness: float, share: np.ndarray) -> None:
