@@ -95,13 +95,13 @@ def test_several_runs_at_once_end_well_and_their_recordings_lack_nothing(tmp_pat
     for number in range(4):
         folder = tmp_path / str(number)
         folder.mkdir()
-        command = [sys.executable, "-c", RUN, str(write_graph(folder, text)), "1.5", str(folder / "run.mcap")]
+        command = [sys.executable, "-c", RUN, str(write_graph(folder, text)), "0.5", str(folder / "run.mcap")]
         started.append(subprocess.Popen(command, env={**os.environ, "PYTHONPATH": path}, stderr=subprocess.PIPE))
     for number, process in enumerate(started):
         _, errors = process.communicate(timeout=200)
         assert process.returncode == 0, errors.decode()
         recording = Recording(tmp_path / str(number) / "run.mcap")
-        assert recording.counts == {name: {"count": 1500, "lost": 0} for name in NODES}
+        assert recording.counts == {name: {"count": 500, "lost": 0} for name in NODES}
 
 
 def test_a_logger_that_is_slower_than_its_senders_gets_all(tmp_path):

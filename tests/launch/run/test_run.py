@@ -14,6 +14,7 @@ import time
 from pathlib import Path
 
 import pytest
+import warm_fork_server
 from graphs_for_runs import GRAPH, NODES, write_graph, write_place
 
 from palpate.launch.load.launchfile import LaunchFile
@@ -55,9 +56,12 @@ def processes() -> set[str]:
                 parent = (entry / "stat").read_text().rpartition(")")[2].split()[1]
             except OSError:
                 continue
-            if "palpate.launch.run.forkserver" in line and parent in ("1", str(os.getpid())):
+            if ("palpate.launch.run.forkserver" in line or warm_fork_server.__file__ in line) and parent in (
+                "1",
+                str(os.getpid()),
+            ):
                 pids.add(entry.name)
-    return pids
+    return pids - {str(warm_fork_server.SOURCE.process and warm_fork_server.SOURCE.process.pid)}
 
 
 @pytest.fixture(autouse=True)
