@@ -12,7 +12,7 @@ from palpate.launch.commands.progress import steps
 
 if TYPE_CHECKING:
     from palpate.studies.accuracy.cells import Cell
-    from palpate.studies.accuracy.touches import Touch
+    from palpate.studies.accuracy.touches import BenchCase
 
 
 def accuracy(
@@ -66,7 +66,7 @@ def accuracy(
         _print(cells, files)
 
 
-def _rebuild(about: dict[str, Any], wanted: list[Touch], silent: bool) -> None:
+def _rebuild(about: dict[str, Any], wanted: list[BenchCase], silent: bool) -> None:
     from palpate.studies.accuracy.places import SHIPPED, on_path
     from palpate.studies.accuracy.places import rebuild as work
 

@@ -12,7 +12,7 @@ from palpate.launch.commands.common import MISUSE, TROUBLE, Json, console, tell
 
 if TYPE_CHECKING:
     from palpate.drivers.discover import Found
-    from palpate.drivers.guard import Sample
+    from palpate.drivers.guard import DeviceSample
 
 
 def devices(
@@ -105,7 +105,7 @@ def _firmware(usb_device: Found) -> str:
 
     if usb_device.use != "device.Falcon" or _next(usb_device):
         return ""
-    device = driver.Falcon(lambda: ftdi.UsbFtdi(falcon.VENDOR, falcon.PRODUCT, falcon.NAME, usb_device.port))
+    device = driver.FalconDriver(lambda: ftdi.UsbFtdi(falcon.VENDOR, falcon.PRODUCT, falcon.NAME, usb_device.port))
     try:
         device.open()
     except DeviceError as error:
@@ -160,7 +160,7 @@ def _emulate(name: str, seconds: float, as_json: bool) -> None:
         raise typer.Exit(MISUSE)
 
 
-def _told(sample: Sample | None) -> str:
+def _told(sample: DeviceSample | None) -> str:
     if sample is None:
         return "no answer yet"
     if sample.wrench:

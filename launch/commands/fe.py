@@ -14,7 +14,7 @@ from palpate.launch.load.extras import install
 
 if TYPE_CHECKING:
     from palpate.models.fe.meshing.layers import Layers
-    from palpate.models.fe.study.press_record import Record, Run
+    from palpate.models.fe.study.press_record import PressRun, Record
     from palpate.models.fe.study.pressing import Pressing
 
 fe = typer.Typer(no_args_is_help=True, help="Run the full finite-element models.")
@@ -74,9 +74,9 @@ def compare(
 ) -> None:
     """Compare both plates: which of the paper's statements hold, and pictures like its Figures 3 to 5."""
     from palpate.models.fe.study.paper_claims import statements
-    from palpate.models.fe.study.press_record import Run
+    from palpate.models.fe.study.press_record import PressRun
 
-    runs = {"steel": Run(steel), "silicone": Run(silicone)}
+    runs = {"steel": PressRun(steel), "silicone": PressRun(silicone)}
     _check_pair(runs)
     rows = statements(*(run.record() for run in runs.values()))
     to.mkdir(parents=True, exist_ok=True)
@@ -102,10 +102,10 @@ def table(
     """
     import numpy as np
 
-    from palpate.models.fe.study.press_record import LEVELS, Run
+    from palpate.models.fe.study.press_record import LEVELS, PressRun
     from palpate.physics.errors import ArgumentError
 
-    runs = {"steel": Run(steel), "silicone": Run(silicone)}
+    runs = {"steel": PressRun(steel), "silicone": PressRun(silicone)}
     ratio = _check_pair(runs, scaled=True)
     if to.suffix != ".npz":
         raise ArgumentError(f"--to {to}: expected a name that ends in .npz")
@@ -162,15 +162,15 @@ def _check_material(material: str) -> None:
 
 def _finger(path: Path | None, cells: int) -> Layers:
     from palpate.models.fe.element.mesh import MeshError
-    from palpate.models.fe.meshing.fingertip import Fingertip
+    from palpate.models.fe.meshing.fingertip import FingertipDimensions
     from palpate.models.fe.meshing.scanned import Scanned
     from palpate.physics.fingertip import surfaces as measured
 
     if not 3 <= cells <= 20:
         raise MeshError(f"--cells {cells}: expected 3 ... 20")
     if path is None:
-        return Fingertip(cells=cells)
-    return Scanned(measured.Fingertip.load(path), cells=cells)
+        return FingertipDimensions(cells=cells)
+    return Scanned(measured.FingertipSurfaces.load(path), cells=cells)
 
 
 def _check_depth(depth: float, tip: Layers) -> None:
@@ -181,10 +181,10 @@ def _check_depth(depth: float, tip: Layers) -> None:
         raise MeshError(f"--depth {depth:g}: expected more than 0 and less than {most:.2f} mm, from skin to bone")
 
 
-def _pressing(tip: Layers, plate: str, material: str, friction: float, place: Path) -> tuple[Pressing, Run]:
+def _pressing(tip: Layers, plate: str, material: str, friction: float, place: Path) -> tuple[Pressing, PressRun]:
     """The pressing, and its folder, which can be written."""
     from palpate.models.fe.element.mesh import MeshError
-    from palpate.models.fe.study.press_record import Run
+    from palpate.models.fe.study.press_record import PressRun
     from palpate.models.fe.study.pressing import Pressing
 
     try:
@@ -196,10 +196,10 @@ def _pressing(tip: Layers, plate: str, material: str, friction: float, place: Pa
     place.mkdir(parents=True, exist_ok=True)
     (place / "next").write_bytes(b"")
     (place / "next").unlink()
-    return pressing, Run(place)
+    return pressing, PressRun(place)
 
 
-def _press(pressing: Pressing, end: float, run: Run, quiet: bool) -> Record:
+def _press(pressing: Pressing, end: float, run: PressRun, quiet: bool) -> Record:
     """The pressing, with a bar; Ctrl-C keeps what is done."""
     from rich.progress import Progress, TextColumn
 
@@ -236,7 +236,7 @@ def _fields(pressing: Pressing, path: Path) -> None:
     write_vtu(path, mesh, {"displacement": moved, "pressure": pressure}, {"equivalent_strain": values.mean(axis=1)})
 
 
-def _pictures(runs: dict[str, Run], folder: Path) -> list[Path]:
+def _pictures(runs: dict[str, PressRun], folder: Path) -> list[Path]:
     """The pictures, or a line that says what is missing."""
     from palpate.views.pictures.fe_fingertip import draw
 
@@ -247,7 +247,7 @@ def _pictures(runs: dict[str, Run], folder: Path) -> list[Path]:
         return []
 
 
-def _check_pair(runs: dict[str, Run], scaled: bool = False) -> float:
+def _check_pair(runs: dict[str, PressRun], scaled: bool = False) -> float:
     """Whether the runs are of one finger on these plates; the ratio of the divisors, which is 1 unless it may be
     scaled. ArgumentError: they are not."""
     from palpate.models.fe.study.press_record import differing

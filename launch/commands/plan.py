@@ -14,7 +14,7 @@ from palpate.launch.commands.progress import steps
 
 if TYPE_CHECKING:
     from palpate.engine.plan import Plan
-    from palpate.launch.load.bill import Item
+    from palpate.launch.load.bill import EffectCost
     from palpate.launch.load.placement import Placement
 
 MERMAID = "mermaid"
@@ -109,7 +109,7 @@ def _times(planned: Plan, given: Path | None) -> tuple[dict[str, float], Path | 
     return {}, None
 
 
-def _prove(file: Path, items: list[Item], sets: list[str], silent: bool) -> None:
+def _prove(file: Path, items: list[EffectCost], sets: list[str], silent: bool) -> None:
     from palpate.records.reader import Recording
     from palpate.studies.prove import prove
 
@@ -117,7 +117,7 @@ def _prove(file: Path, items: list[Item], sets: list[str], silent: bool) -> None
         prove(Recording(file), items, sets, lambda name: done(f"{name} toggled"))
 
 
-def _bill(items: list[Item], source: Path | None) -> Any:
+def _bill(items: list[EffectCost], source: Path | None) -> Any:
     from rich.table import Table
     from rich.text import Text
 

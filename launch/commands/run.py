@@ -35,8 +35,8 @@ if TYPE_CHECKING:
 
     from palpate.engine.graph import Graph as Checked
     from palpate.launch.load.launchfile import LaunchFile
-    from palpate.launch.run.execute import Outcome
-    from palpate.views.page.live import Watch
+    from palpate.launch.run.execute import RunOutcome
+    from palpate.views.page.live import LiveView
     from palpate.views.page.server import PageServer
 
 
@@ -90,7 +90,7 @@ def run(
     from palpate.launch.run.forkserver import ForkServer
 
     loaded: Checked | None = None
-    watch: Watch | None = None
+    watch: LiveView | None = None
     seen: PageServer | None = None
     forkserver = None if fused and clock != "real" else ForkServer()  # it imports while the graph is read
     try:
@@ -122,7 +122,7 @@ def run(
             outcome = execute(
                 launch, loaded, console=view, forkserver=forkserver, patience=timeout, address=address,
                 leave_out=leave_out or (), thin=_thin(thin or []), unencrypted=unencrypted, key_name=key,
-                fit_cores=True, watch=watch.look if watch else lambda _: None,
+                fit_cores=True, watch=watch.on_update if watch else lambda _: None,
             )  # fmt: skip
         if watch:
             watch.over()
@@ -169,7 +169,7 @@ def _watchable(launch: LaunchFile) -> LaunchFile:
     return launch.but(overrides=shape, pace=1.0 if launch.clock != "real" and launch.pace is None else None)
 
 
-def _seen(launch: LaunchFile, loaded: Checked, silent: bool) -> tuple[Watch, PageServer]:
+def _seen(launch: LaunchFile, loaded: Checked, silent: bool) -> tuple[LiveView, PageServer]:
     """Open the page that shows the run. BadParameter, PalpateError: nothing can be opened."""
     import webbrowser
 
@@ -177,13 +177,13 @@ def _seen(launch: LaunchFile, loaded: Checked, silent: bool) -> tuple[Watch, Pag
     from palpate.views.page import check, serve
 
     check()
-    from palpate.views.page.live import Watch
+    from palpate.views.page.live import LiveView
 
     planned = plan(loaded)
     if len(launch.placement(planned).groups) == 1 and launch.clock != "real":
         raise typer.BadParameter("--view: a run in one process on the simulated clock has no sockets; leave "
                                  "out --fused, or look at its recording: palpate view FILE")  # fmt: skip
-    watch = Watch(planned)
+    watch = LiveView(planned)
     opened = serve(watch)
     if not silent:
         typer.echo(f"view it at {opened.address}", err=True)
@@ -211,7 +211,7 @@ def _thin(given: list[str]) -> dict[str, int]:
     return factors
 
 
-def _pictures(outcome: Outcome, folder: Path, silent: bool) -> list[Path]:
+def _pictures(outcome: RunOutcome, folder: Path, silent: bool) -> list[Path]:
     from palpate.records.stored import RecordingError
     from palpate.views.pictures import draw
 
@@ -227,7 +227,7 @@ def _pictures(outcome: Outcome, folder: Path, silent: bool) -> list[Path]:
     return []
 
 
-def _summary(outcome: Outcome, name: str, drawn: list[Path]) -> None:
+def _summary(outcome: RunOutcome, name: str, drawn: list[Path]) -> None:
     from rich.markup import escape
     from rich.text import Text
 
@@ -254,7 +254,7 @@ def _summary(outcome: Outcome, name: str, drawn: list[Path]) -> None:
         out.print(Text(f"picture   {picture}"))
 
 
-def _judge(outcome: Outcome, out: Console) -> None:
+def _judge(outcome: RunOutcome, out: Console) -> None:
     """Whether the run kept its rate, what its counters mean, and what would help."""
     from rich.text import Text
 
@@ -272,7 +272,7 @@ def _judge(outcome: Outcome, out: Console) -> None:
         out.print(Text(f"{place}`palpate doctor` shows what slows this machine"))
 
 
-def _data(outcome: Outcome) -> dict[str, Any]:
+def _data(outcome: RunOutcome) -> dict[str, Any]:
     result = outcome.result
     return {
         "ok": outcome.ok,

@@ -12,7 +12,7 @@ import typer
 from palpate.launch.commands.common import Trust
 
 if TYPE_CHECKING:
-    from palpate.views.page.source import Source
+    from palpate.views.page.source import FrameSource
 
 
 def view(
@@ -37,7 +37,7 @@ def view(
     show(reels, "see", port, no_open)
 
 
-def show(source: Source, verb: str, port: int, no_open: bool) -> None:
+def show(source: FrameSource, verb: str, port: int, no_open: bool) -> None:
     """Serve the page of a source until Ctrl-C."""
     import webbrowser
 

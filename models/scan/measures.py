@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from palpate.physics.fingertip.surfaces import Fingertip, cast, fill
+from palpate.physics.fingertip.surfaces import FingertipSurfaces, cast, fill
 
 
-def measures(tip: Fingertip, depth: float = 2e-3, pitch: float = 1.2e-3) -> dict[str, float]:
+def measures(tip: FingertipSurfaces, depth: float = 2e-3, pitch: float = 1.2e-3) -> dict[str, float]:
     """Sizes [mm], volumes [mm³], and the number of beams that touch a plate at a depth [m], with their units in the
     names."""
     inside = np.argwhere(tip.skin < 0)

@@ -17,8 +17,8 @@ from palpate.nodes.deformation.basis_store import shipped
 from palpate.physics.errors import ArgumentError
 from palpate.studies.accuracy import bases, chain, laboratory
 from palpate.studies.accuracy.continuum import BED, POISSON, YOUNG
-from palpate.studies.accuracy.outcome import Fidelity, Method, Outcome
-from palpate.studies.accuracy.touches import Touch
+from palpate.studies.accuracy.outcome import Fidelity, Method, MethodOutcome
+from palpate.studies.accuracy.touches import BenchCase
 from palpate.studies.accuracy.truth import HERTZ
 
 RATES = (250.0, 500.0, 1000.0, 2000.0, 4000.0)
@@ -40,8 +40,10 @@ def _spread(name: str, value: object, text: str) -> Fidelity:
     return Fidelity(text, "reach" if name == "radius" else "form", settings={"spread": {name: value}})
 
 
-def _of_body(cls: type[Node], own: Callable[[Touch], dict[str, Any]]) -> Callable[[Touch, Fidelity, int], Outcome]:
-    def compute(touch: Touch, fidelity: Fidelity, repeats: int) -> Outcome:
+def _of_body(
+    cls: type[Node], own: Callable[[BenchCase], dict[str, Any]]
+) -> Callable[[BenchCase, Fidelity, int], MethodOutcome]:
+    def compute(touch: BenchCase, fidelity: Fidelity, repeats: int) -> MethodOutcome:
         given = dict(fidelity.settings)
         given["body"] = own(touch) | given.get("body", {})
         finger = chain.BALL if touch.finger == "ball" else {}
@@ -50,7 +52,7 @@ def _of_body(cls: type[Node], own: Callable[[Touch], dict[str, Any]]) -> Callabl
     return compute
 
 
-def _mass_spring(touch: Touch) -> dict[str, Any]:
+def _mass_spring(touch: BenchCase) -> dict[str, Any]:
     """Hertz's law for the ball; its own default damping where the slab is viscous."""
     law: dict[str, Any] = {"stiffness": HERTZ, "exponent": 1.5}
     if touch.retardation == 0.0:
@@ -58,14 +60,14 @@ def _mass_spring(touch: Touch) -> dict[str, Any]:
     return law | (NODULE if touch.nodule else {})
 
 
-def _beams(touch: Touch) -> dict[str, Any]:
+def _beams(touch: BenchCase) -> dict[str, Any]:
     """One layer as thick as the slab."""
     layer = {"layers": (SLAB,), "moduli": (YOUNG,), "relaxations": (touch.retardation,), "poisson": POISSON}
     return layer | {"radius": 8e-3} | (NODULE if touch.nodule else {})
 
 
-def _reduced(model: str) -> Callable[[Touch], dict[str, Any]]:
-    def own(touch: Touch) -> dict[str, Any]:
+def _reduced(model: str) -> Callable[[BenchCase], dict[str, Any]]:
+    def own(touch: BenchCase) -> dict[str, Any]:
         outcome: dict[str, Any] = {"model": model, "young": YOUNG, "poisson": POISSON, "bed": BED,
                                  "retardation": touch.retardation}  # fmt: skip
         if touch.nodule:
@@ -75,10 +77,12 @@ def _reduced(model: str) -> Callable[[Touch], dict[str, Any]]:
     return own
 
 
-def _reducing(model: str, patient: bool = False, **fixed: object) -> Callable[[Touch, Fidelity, int], Outcome]:
+def _reducing(
+    model: str, patient: bool = False, **fixed: object
+) -> Callable[[BenchCase, Fidelity, int], MethodOutcome]:
     """With its basis built where none is stored, and with what a stored one says of its error."""
 
-    def compute(touch: Touch, fidelity: Fidelity, repeats: int) -> Outcome:
+    def compute(touch: BenchCase, fidelity: Fidelity, repeats: int) -> MethodOutcome:
         own = _reduced(model)(touch) | fixed | fidelity.settings.get("body", {})
         node = ReducedFE(**chain.surface_of(touch), **own)
         offline = bases.ready(node, patient)
@@ -104,33 +108,33 @@ class _Hard(Rigid):
     wanted = chain.LAW
 
 
-def _law(finger: Callable[[Touch], dict[str, Any]]) -> Callable[[Touch, Fidelity, int], Outcome]:
+def _law(finger: Callable[[BenchCase], dict[str, Any]]) -> Callable[[BenchCase, Fidelity, int], MethodOutcome]:
     """contact.Series with one law against a rigid body: the law alone."""
 
-    def compute(touch: Touch, fidelity: Fidelity, repeats: int) -> Outcome:
+    def compute(touch: BenchCase, fidelity: Fidelity, repeats: int) -> MethodOutcome:
         hard = replace(fidelity, settings={"body": {"plate_stiffness": 1e12}})
         return chain.run(touch, _Hard, hard, finger(touch), repeats)
 
     return compute
 
 
-def _hertz(touch: Touch) -> dict[str, Any]:
+def _hertz(touch: BenchCase) -> dict[str, Any]:
     return {"finger_law": "power", "finger_power_stiffness": HERTZ, "finger_power_exponent": 1.5, "finger_damping": 0.0}
 
 
-def _only_slab(touch: Touch) -> str:
+def _only_slab(touch: BenchCase) -> str:
     return "the plate is rigid: there is no body to compute" if touch.body == "plate" else ""
 
 
-def _no_nodule(touch: Touch) -> str:
+def _no_nodule(touch: BenchCase) -> str:
     return _only_slab(touch) or ("a law knows of no nodule" if touch.nodule else "")
 
 
-def _only_ball(touch: Touch) -> str:
+def _only_ball(touch: BenchCase) -> str:
     return "" if touch.body == "half-space" else "it holds for a ball on a half-space, with nothing in series"
 
 
-def _only_fingertip(touch: Touch) -> str:
+def _only_fingertip(touch: BenchCase) -> str:
     return "" if touch.body == "plate" else "it is a fingertip's law, and knows no tissue under it"
 
 
@@ -198,7 +202,7 @@ def of_user(name: str, cls: type[Node]) -> Method:
         )
     known = settings(cls)
 
-    def own(touch: Touch) -> dict[str, Any]:
+    def own(touch: BenchCase) -> dict[str, Any]:
         material = {"young": YOUNG, "poisson": POISSON, "retardation": touch.retardation}
         return {k: v for k, v in material.items() if k in known}
 

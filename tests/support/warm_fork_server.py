@@ -12,6 +12,7 @@ from __future__ import annotations
 import ctypes
 import json
 import os
+import platform
 import resource
 import signal
 import socket
@@ -30,10 +31,8 @@ AFTER_IMPORT = {
 }  # fmt: skip
 """Variables that nothing reads while it is imported."""
 LIMITS = (resource.RLIMIT_AS, resource.RLIMIT_FSIZE, resource.RLIMIT_NOFILE)
-CLONE, CLONE_PARENT = (
-    56,
-    0x8000,
-)  # of x86-64: the number of the call, and the flag that the child is the caller's sibling
+CLONE, CLONE_PARENT = 56, 0x8000
+"""Of x86-64: the number of the call, and the flag that the child is the caller's sibling."""
 
 
 class Forked:
@@ -105,7 +104,9 @@ def lasting(env: dict[str, str]) -> dict[str, str]:
 
 
 def use() -> None:
-    """From now on, for all runs of this process."""
+    """From now on, for all runs of this process, on the one architecture whose system call is known here."""
+    if platform.machine() != "x86_64":
+        return
     forkserver.subprocess = SimpleNamespace(**{**vars(subprocess), "Popen": SOURCE.popen})
 
 

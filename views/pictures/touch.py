@@ -38,7 +38,7 @@ class _Tick(msgspec.Struct):
 _TICK = msgspec.msgpack.Decoder(_Tick)
 
 
-class Touch:
+class TouchStreams:
     """The streams of a recording that pictures are drawn from; None where it has no such stream or no message in it."""
 
     def __init__(self, recording: Recording) -> None:

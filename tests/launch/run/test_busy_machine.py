@@ -15,7 +15,7 @@ from graphs_for_runs import GRAPH, NODES, write_graph
 from palpate.engine.job import Job, NodeJob
 from palpate.launch.load.launchfile import LaunchFile
 from palpate.launch.run.execute import execute
-from palpate.launch.run.member import QUIET, Member, threads
+from palpate.launch.run.member import QUIET, WorkerHandle, threads
 from palpate.records.reader import Recording
 
 RUN = """
@@ -49,7 +49,7 @@ def test_time_without_a_processor_is_no_silence(crowd):
     core = max(os.sched_getaffinity(0))
     starved = crowd(19, core)
     others = [crowd(0, core) for _ in range(3)]
-    member = Member(Job("a", (NodeJob("a", "", {}, 1, (), ()),)), pid=starved.pid)
+    member = WorkerHandle(Job("a", (NodeJob("a", "", {}, 1, (), ()),)), pid=starved.pid)
     begun, silence = time.monotonic(), 0.0
     while time.monotonic() < begun + 2.0:
         silence = member.silence()
@@ -70,7 +70,7 @@ def test_time_without_a_processor_is_no_silence(crowd):
 
 
 def test_what_the_launcher_was_kept_from_looking_at_is_no_silence():
-    member = Member(Job("a", (NodeJob("a", "", {}, 1, (), ()),)))
+    member = WorkerHandle(Job("a", (NodeJob("a", "", {}, 1, (), ()),)))
     time.sleep(0.5)
     assert member.silence() < 0.25
 
