@@ -35,4 +35,4 @@ def kept(function: Callable[..., np.ndarray]) -> Callable[..., np.ndarray]:
 def _content(given: Any) -> Any:
     if not isinstance(given, np.ndarray):
         return given
-    return given.shape, given.dtype.str, hashlib.sha256(np.ascontiguousarray(given)).digest()
+    return given.shape, given.dtype.str, hashlib.sha256(np.ascontiguousarray(given).data).digest()
