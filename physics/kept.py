@@ -37,7 +37,7 @@ def kept(function: Callable[..., Result]) -> Callable[..., Result]:
 
 def _content(given: Any) -> Any:
     if isinstance(given, np.ndarray):
-        return given.shape, given.dtype.str, hashlib.sha256(np.ascontiguousarray(given)).digest()
+        return given.shape, given.dtype.str, hashlib.sha256(np.ascontiguousarray(given).data).digest()
     if is_dataclass(given):
         return tuple(_content(getattr(given, field.name)) for field in fields(given))
     return given

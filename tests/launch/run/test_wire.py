@@ -430,10 +430,10 @@ PASS_ON = """
 import os, sys
 from palpate.launch.run.inlet import Inlet
 from palpate.launch.run.outlet import Outlet
-from palpate.launch.run.watch import Watch
+from palpate.launch.run.watch import SocketPoller
 
 here, there, first = sys.argv[1], sys.argv[2], sys.argv[3] == "first"
-watch, apart = Watch(), set()
+watch, apart = SocketPoller(), set()
 outlet = Outlet("a", {"pose": ("a",)}, False, watch)
 outlet.bind(here)
 out = outlet.sender("pose", None, lambda: None)
