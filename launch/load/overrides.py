@@ -1,4 +1,4 @@
-"""Values as Python code gives them, as the texts that `--set` takes."""
+"""The texts that `--set` takes: from values as Python code gives them, and back."""
 
 from __future__ import annotations
 
@@ -6,6 +6,9 @@ import json
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
+import yaml
+
+from palpate.nodes.base import SettingError
 from palpate.physics.errors import ArgumentError
 
 
@@ -47,3 +50,17 @@ def _text(name: str, value: Any) -> str:
         raise ArgumentError(
             f"{name}: found {type(value).__name__}, expected a number, a text, a list or a dict"
         ) from None
+
+
+def settings_of(sets: list[str]) -> dict[str, Any]:
+    """Values by name of the texts "name=value". SettingError: another text, or a value that is no YAML."""
+    settings = {}
+    for text in sets:
+        name, sign, value = text.partition("=")
+        if not sign:
+            raise SettingError(f"--set {text}: expected name=value")
+        try:
+            settings[name.removeprefix("tissue.")] = yaml.safe_load(value)
+        except yaml.YAMLError:
+            raise SettingError(f"--set {text}: expected a number, a name or a list such as '[0, 0, 0.012]'") from None
+    return settings

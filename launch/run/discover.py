@@ -5,12 +5,16 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
+import msgspec
 import zmq
 
+from palpate.engine.faults import choices
 from palpate.launch.run.addresses import endpoint, key_of, runs
-from palpate.launch.run.bus import split
+from palpate.launch.run.bus import HEALTH, split
 from palpate.launch.run.keys import connect
-from palpate.physics.errors import RunError
+from palpate.messages import Health, Message, unpack
+from palpate.messages.docs import message_types
+from palpate.physics.errors import PalpateError, RunError
 
 
 @dataclass
@@ -61,3 +65,36 @@ def hear(run: Running, streams: list[str]) -> Iterator[tuple[str, bytes]]:
 def alive(run: Running) -> bool:
     """Whether any worker of the run still has its outlet open."""
     return any(run.name == other.name for other in running())
+
+
+def messages_of(stream: str, run: str | None) -> Iterator[Message]:
+    """The messages of a stream of a run, their type being known by the fields that they have.
+
+    RunError: no such run or stream. PalpateError: a message of no known type.
+    """
+    live_run = find(run)
+    kind: type[Message] | None = Health if stream == HEALTH else None
+    reports: dict[str, int] = {}
+    heard = False
+    for name, payload in hear(live_run, list({stream, HEALTH})):
+        if name == stream:
+            heard = True
+            kind = kind or _type_of(payload)
+            yield unpack(payload, kind)
+        elif not heard:
+            # Each node reports five times a second: after some reports a stream of no node is known to be none.
+            source = msgspec.msgpack.decode(payload)["source"]
+            reports[source] = reports.get(source, 0) + 1
+            if reports[source] > 5 and stream.partition(".")[0] not in reports:
+                raise RunError(f"run {live_run.name} has no stream {stream!r}. {choices('Nodes', stream, reports)}")
+
+
+def _type_of(payload: bytes) -> type[Message]:
+    """The message type whose fields a message on the wire has."""
+    names = set(msgspec.msgpack.decode(payload))
+    for kind in message_types().values():
+        if set(kind.__struct_fields__) == names:
+            return kind
+    if names >= set(Message.__struct_fields__):
+        return Message  # of a type of the user's own: its header, at least
+    raise PalpateError(f"a message with the fields {', '.join(sorted(names))} is of no type that is known here")

@@ -10,7 +10,7 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from palpate.launch.commands.common import Verbs
+from palpate.launch.terminal.group import Verbs
 from palpate.physics import errors
 from palpate.physics.errors import PalpateError
 
