@@ -3,6 +3,7 @@
 import ast
 import subprocess
 import sys
+from collections import Counter
 from importlib.metadata import requires
 from pathlib import Path
 
@@ -125,6 +126,11 @@ def test_no_files_import_one_another_in_a_circle():
     while free := {module for module, others in needs.items() if not others}:
         needs = {module: others - free for module, others in needs.items() if module not in free}
     assert not needs, "in a circle, or above one"
+
+
+def test_no_folder_has_more_than_twenty_files():
+    files = Counter(file.parent for file in {file for _, file in FILES})
+    assert {str(folder): count for folder, count in files.items() if count > 20} == {}
 
 
 def test_the_wheel_holds_every_folder():

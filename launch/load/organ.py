@@ -10,7 +10,7 @@ import numpy as np
 
 from palpate.engine.faults import Place
 from palpate.launch.load.files import Override
-from palpate.launch.load.source import Source
+from palpate.launch.load.values.source import Source
 from palpate.messages import Vector3
 from palpate.nodes.base.surface import OnSurface, Placed, surface_mesh
 from palpate.physics.errors import MeshError

@@ -9,7 +9,7 @@ from typing import Any
 
 from palpate.engine.faults import Faults, Place, choices
 from palpate.launch.load.classes import senders
-from palpate.launch.load.source import Source
+from palpate.launch.load.values.source import Source
 from palpate.messages import Message
 from palpate.nodes.base import Node, Port, inputs
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 from palpate.launch.run.member import Member
 from palpate.launch.run.reports import Connect, Ready, Source
-from palpate.launch.run.wires import Wires, heard, listeners
+from palpate.launch.run.wire.wires import Wires, heard, listeners
 
 
 class Barrier:

@@ -9,7 +9,7 @@ from collections.abc import Collection, Mapping
 from palpate.launch.run.forkserver import ForkServer
 from palpate.launch.run.member import Member
 from palpate.launch.run.reports import Close, Kill, Quit, Stop
-from palpate.launch.run.wires import Wires
+from palpate.launch.run.wire.wires import Wires
 
 STOP_PATIENCE = 3.0  # [s] for the workers to end once they were told
 

@@ -187,7 +187,7 @@ def _work(request: Start) -> NoReturn:
     code = 1
     try:
         die_with_parent()
-        from palpate.launch.run.process import serve
+        from palpate.launch.run.work.process import serve
 
         code = serve(request)
     finally:
@@ -221,7 +221,7 @@ if __name__ == "__main__":
     # Here, while the launcher reads the graph, and once for all workers.
     import numba.core.registry
 
-    import palpate.launch.run.process
+    import palpate.launch.run.work.process
 
     numba.core.registry.cpu_target.target_context.refresh()  # a quarter of a second, at the first kernel otherwise
     for package in pkgutil.iter_modules(palpate.nodes.__path__, "palpate.nodes."):

@@ -85,7 +85,7 @@ Json = Annotated[bool, typer.Option("--json", help="Print JSON for programs.", c
 
 def instant(text: str) -> float:
     """[s] of a time as in launch files: 2, '1200 ms', 0. BadParameter: it is none."""
-    from palpate.launch.load.units import UnitError, convert
+    from palpate.launch.load.values.units import UnitError, convert
 
     try:
         return convert(text, "s")

@@ -16,7 +16,7 @@ from palpate.studies.accuracy.limits import mostly, told_apart
 from palpate.studies.accuracy.methods import of_user
 from palpate.studies.accuracy.order import studies
 from palpate.studies.accuracy.outcome import Fidelity, Method
-from palpate.studies.accuracy.pareto import advice, best, front, point, summaries
+from palpate.studies.accuracy.output.pareto import advice, best, front, point, summaries
 from palpate.studies.accuracy.score import CHARGED, CHARGED_STEP
 from palpate.studies.accuracy.touches import TOUCHES
 from palpate.studies.accuracy.truth import HERTZ

@@ -8,8 +8,8 @@ import time
 
 from palpate.engine.plan import Plan
 from palpate.launch.load.launchfile import LaunchFile
-from palpate.launch.run.discover import Running
 from palpate.launch.run.launcher import Launcher
+from palpate.launch.run.wire.discover import Running
 from palpate.nodes.base.effect import effects
 from palpate.views.page.feed import Feed, mesh_frame
 from palpate.views.page.source import Source

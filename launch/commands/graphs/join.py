@@ -21,9 +21,9 @@ def join(
     if not host or not port.isdigit():
         raise typer.BadParameter(f"address: found {address!r}, expected tcp://host:port")
     with one_blas_thread():
-        from palpate.launch.run import keys
         from palpate.launch.run.descendants import adopt_orphans, end_descendants
-        from palpate.launch.run.process import join as serve
+        from palpate.launch.run.wire import keys
+        from palpate.launch.run.work.process import join as serve
 
         secured = None if unencrypted else keys.load(key)
         adopt_orphans()

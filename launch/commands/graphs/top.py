@@ -22,8 +22,8 @@ def top(
     """Show a running graph: rate, step times, late, lost and held messages of each node. Ctrl-C ends it."""
     from rich.live import Live
 
-    from palpate.launch.run.bus import HEALTH
-    from palpate.launch.run.discover import find, hear
+    from palpate.launch.run.wire.bus import HEALTH
+    from palpate.launch.run.wire.discover import find, hear
     from palpate.messages import Health, unpack
     from palpate.physics.errors import RunError
 

@@ -22,7 +22,7 @@ def keys(
     """
     from rich.text import Text
 
-    from palpate.launch.run import keys as known
+    from palpate.launch.run.wire import keys as known
 
     made = known.make(name) if make else None
     paths = dict(known.known())

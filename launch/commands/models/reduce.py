@@ -34,7 +34,7 @@ def reduce(
 ) -> None:
     """Build the basis of deformation.ReducedFE for a surface and a material, and store it in the cache."""
     from palpate.engine.provenance import commit
-    from palpate.launch.load.overrides import settings_of
+    from palpate.launch.load.values.overrides import settings_of
     from palpate.launch.terminal.stages import Stages
     from palpate.models.build import basis
     from palpate.nodes.deformation.basis_store import SHIPPED, cache

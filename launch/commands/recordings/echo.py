@@ -29,7 +29,7 @@ def echo(
 
     Arrays are shortened to their size and largest magnitude. Ctrl-C ends it.
     """
-    from palpate.launch.run.discover import messages_of
+    from palpate.launch.run.wire.discover import messages_of
 
     messages = _recorded(first, second) if _is_file(first, second) else messages_of(first, run)
     out = console(soft_wrap=True)

@@ -19,8 +19,8 @@ def film(
     trust: Trust = None,
 ) -> None:
     """Film a recording: the surface under the finger, coloured by displacement or another field."""
-    from palpate.views.pictures import colour as colours
-    from palpate.views.pictures.film import film as make
+    from palpate.views.surface import colour as colours
+    from palpate.views.surface.film import film as make
 
     target = out or file.with_suffix(".mp4")
     frames = make(file, target, rate, speed, colours.colour(colour))

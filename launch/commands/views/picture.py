@@ -18,8 +18,8 @@ def picture(
     trust: Trust = None,
 ) -> None:
     """Draw the surface under the finger at one instant, coloured by displacement or another field."""
-    from palpate.views.pictures import colour as colours
-    from palpate.views.pictures.film import picture as draw
+    from palpate.views.surface import colour as colours
+    from palpate.views.surface.film import picture as draw
 
     target = out or file.with_name(f"{file.stem}-picture.png")
     if target.suffix.lower() != ".png":

@@ -44,8 +44,8 @@ def accuracy(
     from palpate.studies.accuracy import methods as known
     from palpate.studies.accuracy.cells import compute, matrix
     from palpate.studies.accuracy.limits import mostly, told_apart
-    from palpate.studies.accuracy.report import about as versions
-    from palpate.studies.accuracy.report import written
+    from palpate.studies.accuracy.output.report import about as versions
+    from palpate.studies.accuracy.output.report import written
     from palpate.studies.accuracy.touches import chosen
 
     about, wanted = versions(), chosen(touches)
@@ -84,8 +84,8 @@ def _print(cells: list[Cell], files: dict[str, Path]) -> None:
     from palpate.launch.load.extras import install
     from palpate.launch.run.busy import busy
     from palpate.studies.accuracy.laboratory import missing
-    from palpate.studies.accuracy.page import LEGEND, default_costs
-    from palpate.studies.accuracy.pareto import advice, best, duration, summaries, unable
+    from palpate.studies.accuracy.output.page import LEGEND, default_costs
+    from palpate.studies.accuracy.output.pareto import advice, best, duration, summaries, unable
 
     told = summaries(cells)
     heads = ("", ">force error\nRMS, median [%]", ">worst\ntouch [%]", ">step\np50", ">\np99", ">touches\ncomputed",

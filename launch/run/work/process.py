@@ -14,11 +14,7 @@ import zmq
 
 from palpate.engine.clock import real_time
 from palpate.engine.slot import NodeError
-from palpate.launch.run.bus import Bus, split
 from palpate.launch.run.descendants import die_with_parent
-from palpate.launch.run.fused import death
-from palpate.launch.run.keys import Key
-from palpate.launch.run.loops import run
 from palpate.launch.run.reports import (
     ORDERS,
     Addressed,
@@ -35,7 +31,11 @@ from palpate.launch.run.reports import (
     Stop,
     Take,
 )
-from palpate.launch.run.worker import Ended, Worker
+from palpate.launch.run.wire.bus import Bus, split
+from palpate.launch.run.wire.keys import Key
+from palpate.launch.run.work.fused import death
+from palpate.launch.run.work.loops import run
+from palpate.launch.run.work.worker import Ended, Worker
 from palpate.physics.errors import RunError
 
 

@@ -9,9 +9,9 @@ import msgspec
 import zmq
 
 from palpate.engine.faults import choices
-from palpate.launch.run.addresses import endpoint, key_of, runs
-from palpate.launch.run.bus import HEALTH, split
-from palpate.launch.run.keys import connect
+from palpate.launch.run.wire.addresses import endpoint, key_of, runs
+from palpate.launch.run.wire.bus import HEALTH, split
+from palpate.launch.run.wire.keys import connect
 from palpate.messages import Health, Message, unpack
 from palpate.messages.docs import message_types
 from palpate.physics.errors import PalpateError, RunError

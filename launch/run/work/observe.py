@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from palpate.engine.clock import now
-from palpate.launch.run.worker import Worker
+from palpate.launch.run.work.worker import Worker
 
 QUIET = 500_000_000  # [ns] without a frame after which nothing more of senders that were killed is under way
 

@@ -10,7 +10,7 @@ from palpate.engine.clock import now, sleep_until
 from palpate.engine.schedule import nanoseconds, needed
 from palpate.engine.slot import Input, NodeError, Slot
 from palpate.launch.run.reports import Paused
-from palpate.launch.run.worker import Ended, Worker
+from palpate.launch.run.work.worker import Ended, Worker
 from palpate.messages import Message
 
 

@@ -19,9 +19,9 @@ from collections.abc import Callable, Collection, Mapping
 import zmq
 
 from palpate.engine.clock import LOOK, now
-from palpate.launch.run.inlet import credentials, trusted
-from palpate.launch.run.watch import Watch
-from palpate.launch.run.zmtp import GREETING, GROUP, SUBSCRIBERS, Connection, ZmtpError, pong, subscription
+from palpate.launch.run.wire.inlet import credentials, trusted
+from palpate.launch.run.wire.watch import Watch
+from palpate.launch.run.wire.zmtp import GREETING, GROUP, SUBSCRIBERS, Connection, ZmtpError, pong, subscription
 
 ROOM = 1 << 20  # [bytes] that wait for a reader, with the kernel's own for each frame; the system may permit less
 LONGEST_COMMAND = 1024  # [bytes] of what a reader may send at once

@@ -24,7 +24,7 @@ from __future__ import annotations
 from palpate.engine.clock import now, sleep_until
 from palpate.engine.schedule import needed, next_run
 from palpate.engine.slot import Input, Slot
-from palpate.launch.run.worker import Ended, Worker
+from palpate.launch.run.work.worker import Ended, Worker
 from palpate.messages import Message
 
 HELD = 0.007  # [s] age at which an input of a node counts as absent

@@ -8,7 +8,7 @@ from typing import TypeVar
 import msgspec
 
 from palpate.engine.faults import Faults, choices
-from palpate.launch.load.source import Source
+from palpate.launch.load.values.source import Source
 
 Line = TypeVar("Line", bound=msgspec.Struct)
 

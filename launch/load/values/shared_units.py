@@ -11,9 +11,9 @@ from palpate.engine.faults import Faults
 from palpate.engine.graph import sent_by
 from palpate.launch.load.classes import SHIPPED, ClassError, catalogue, classes, find_class
 from palpate.launch.load.files import GRAPHS
-from palpate.launch.load.settings import Offer
-from palpate.launch.load.source import Source
-from palpate.launch.load.units import Unit, UnitError, parse
+from palpate.launch.load.values.settings import Offer
+from palpate.launch.load.values.source import Source
+from palpate.launch.load.values.units import Unit, UnitError, parse
 from palpate.nodes.base import Node, settings
 
 

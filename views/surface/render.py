@@ -1,6 +1,6 @@
 """Views of the deformed surface by pyvista, in a process of its own: a fault of the graphics driver ends it alone.
 
-python -m palpate.views.pictures.render views.npz pixels.npz
+python -m palpate.views.surface.render views.npz pixels.npz
 """
 
 from __future__ import annotations

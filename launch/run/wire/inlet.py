@@ -19,8 +19,18 @@ from collections.abc import Callable
 import zmq
 
 from palpate.engine.clock import LOOK, now
-from palpate.launch.run.watch import Watch
-from palpate.launch.run.zmtp import COMMAND, GREETING, MORE, PUBLISHERS, Connection, ZmtpError, command, frame, pong
+from palpate.launch.run.wire.watch import Watch
+from palpate.launch.run.wire.zmtp import (
+    COMMAND,
+    GREETING,
+    MORE,
+    PUBLISHERS,
+    Connection,
+    ZmtpError,
+    command,
+    frame,
+    pong,
+)
 
 CHUNK = 1 << 16  # [bytes] that are read in one call
 LONGEST_MESSAGE = 1 << 28  # [bytes]

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from palpate.studies.accuracy.cells import Cell
-from palpate.studies.accuracy.labels import place
 from palpate.studies.accuracy.methods import standard
 from palpate.studies.accuracy.order import Study
-from palpate.studies.accuracy.pareto import Summary, best, front, point
+from palpate.studies.accuracy.output.labels import place
+from palpate.studies.accuracy.output.pareto import Summary, best, front, point
 from palpate.studies.accuracy.score import CHARGED, CHARGED_STEP
 from palpate.studies.accuracy.touches import TOUCHES
 

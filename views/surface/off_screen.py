@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 
 from palpate.views.pictures import PictureError
-from palpate.views.pictures.moments import Instant
-from palpate.views.pictures.render import ball_centres
+from palpate.views.surface.moments import Instant
+from palpate.views.surface.render import ball_centres
 
 PATIENCE = 60.0  # [s]
 WINDOWS = ("", "vtkOSOpenGLRenderWindow")

@@ -10,7 +10,7 @@ from palpate.studies.accuracy.cells import Cell
 from palpate.studies.accuracy.laboratory import OUTSIDE, missing
 from palpate.studies.accuracy.limits import AXES, mostly, still_falling
 from palpate.studies.accuracy.order import studies
-from palpate.studies.accuracy.pareto import advice, best, duration, front, percent, point, summaries, unable
+from palpate.studies.accuracy.output.pareto import advice, best, duration, front, percent, point, summaries, unable
 from palpate.studies.accuracy.places import on_path, stored
 from palpate.studies.accuracy.touches import TOUCHES
 from palpate.studies.accuracy.truth import QUANTITIES

@@ -22,7 +22,7 @@ from urllib.parse import quote, unquote
 
 import msgspec
 
-from palpate.launch.run.keys import Key
+from palpate.launch.run.wire.keys import Key
 
 LONGEST = 100  # [bytes] of the path of a socket; the kernel takes 107
 _LOCK, _KEY = "lock", "key"

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from types import FrameType
 
 from palpate.engine.slot import ObserverSlot, Slot
-from palpate.launch.run.worker import Worker
+from palpate.launch.run.work.worker import Worker
 
 START_PATIENCE = 120.0  # [s] for a node's `start`: it may compile kernels or build a basis
 GLANCES = 8  # looks in the time that a node is given

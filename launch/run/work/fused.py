@@ -18,13 +18,13 @@ import palpate.nodes
 from palpate.engine.clock import now
 from palpate.engine.job import Job
 from palpate.engine.slot import NodeError
-from palpate.launch.run.exits import exits_told
 from palpate.launch.run.interrupts import STOPPING, interrupts
-from palpate.launch.run.loops import run
 from palpate.launch.run.reports import Alive, Note, Report, Starting
 from palpate.launch.run.result import Death, Result
-from palpate.launch.run.watchdog import START_PATIENCE, watched
-from palpate.launch.run.worker import Worker
+from palpate.launch.run.work.exits import exits_told
+from palpate.launch.run.work.loops import run
+from palpate.launch.run.work.watchdog import START_PATIENCE, watched
+from palpate.launch.run.work.worker import Worker
 from palpate.physics.errors import PalpateError
 
 RAISED_AGAIN = 0.5  # [s] after which an interrupt during the start is raised again
@@ -102,7 +102,10 @@ def run_fused(
     return result
 
 
-OURS = (str(Path(__file__).parent), *(str(Path(m.__file__ or "").parent) for m in (palpate.engine, palpate.messages)))
+OURS = (
+    str(Path(__file__).parents[1]),
+    *(str(Path(m.__file__ or "").parent) for m in (palpate.engine, palpate.messages)),
+)
 NODES = str(Path(palpate.nodes.__file__ or "").parent)
 
 

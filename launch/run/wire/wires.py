@@ -12,10 +12,10 @@ import msgspec
 import zmq
 
 from palpate.engine.job import Job
-from palpate.launch.run.addresses import RunFolder, endpoint
-from palpate.launch.run.bus import END, HEALTH, frame
-from palpate.launch.run.keys import Keeper, Key
 from palpate.launch.run.reports import REPORTS, Addressed, Order
+from palpate.launch.run.wire.addresses import RunFolder, endpoint
+from palpate.launch.run.wire.bus import END, HEALTH, frame
+from palpate.launch.run.wire.keys import Keeper, Key
 
 LONGEST_REPORT = 1 << 26  # [bytes]
 

@@ -13,10 +13,10 @@ from palpate.launch.load.extras import install
 from palpate.messages import Surface
 from palpate.records.reader import Recording
 from palpate.views.pictures import PictureError
-from palpate.views.pictures.colour import COLOURS, Colour, check, painted, top
-from palpate.views.pictures.moments import Instant, instants_at, surface_mesh
-from palpate.views.pictures.off_screen import Rendering
 from palpate.views.pictures.touch import Touch
+from palpate.views.surface.colour import COLOURS, Colour, check, painted, top
+from palpate.views.surface.moments import Instant, instants_at, surface_mesh
+from palpate.views.surface.off_screen import Rendering
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

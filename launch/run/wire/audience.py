@@ -8,7 +8,7 @@ from palpate.engine.imports import load_class
 from palpate.engine.job import Job
 from palpate.engine.schedule import needed
 from palpate.engine.slot import NodeError, ObserverSlot, Output, make
-from palpate.launch.run.bus import END, HEALTH
+from palpate.launch.run.wire.bus import END, HEALTH
 from palpate.messages import Health, Message, MessageError, unpack
 from palpate.nodes.base import Observer, Stream
 

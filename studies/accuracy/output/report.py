@@ -6,10 +6,10 @@ from pathlib import Path
 from typing import Any
 
 from palpate.engine.provenance import machine
-from palpate.studies.accuracy import page, table
 from palpate.studies.accuracy.cells import Cell
 from palpate.studies.accuracy.order import studies
-from palpate.studies.accuracy.pareto import summaries
+from palpate.studies.accuracy.output import page, table
+from palpate.studies.accuracy.output.pareto import summaries
 from palpate.studies.peers import calculix
 
 
@@ -29,7 +29,7 @@ def written(cells: list[Cell], told: dict[str, Any], folder: Path) -> dict[str, 
 
 def _drawn(cells: list[Cell], folder: Path) -> dict[str, Path]:
     """The pictures; none where matplotlib is missing."""
-    from palpate.studies.accuracy.pictures import convergence, overview, touch_picture
+    from palpate.studies.accuracy.output.pictures import convergence, overview, touch_picture
 
     drawn: dict[str, Path] = {}
     try:

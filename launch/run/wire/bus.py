@@ -20,12 +20,12 @@ import msgspec
 import zmq
 
 from palpate.engine.clock import LOOK, now
-from palpate.launch.run.addresses import endpoint
-from palpate.launch.run.inlet import HIGH_WATER, Inlet, TcpInlet
-from palpate.launch.run.keys import Keeper, Key, connect
-from palpate.launch.run.outlet import Outlet, Sender
 from palpate.launch.run.reports import ORDERS, Addressed, Done, Note, Order, Report
-from palpate.launch.run.watch import Watch
+from palpate.launch.run.wire.addresses import endpoint
+from palpate.launch.run.wire.inlet import HIGH_WATER, Inlet, TcpInlet
+from palpate.launch.run.wire.keys import Keeper, Key, connect
+from palpate.launch.run.wire.outlet import Outlet, Sender
+from palpate.launch.run.wire.watch import Watch
 from palpate.physics.errors import RunError
 
 HEALTH = "!health"

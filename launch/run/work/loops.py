@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import gc
 
-from palpate.launch.run.observe import observe
-from palpate.launch.run.real import run_real
-from palpate.launch.run.simulated import run_simulated
-from palpate.launch.run.worker import Ended, Worker
+from palpate.launch.run.work.observe import observe
+from palpate.launch.run.work.real import run_real
+from palpate.launch.run.work.simulated import run_simulated
+from palpate.launch.run.work.worker import Ended, Worker
 
 
 def run(worker: Worker, origin: int, senders: set[str] = frozenset()) -> None:  # type: ignore[assignment]

@@ -16,8 +16,8 @@ import msgspec
 from palpate.engine.faults import Faults, Place, choices, nearest
 from palpate.launch.load.classes import SHIPPED, catalogue, classes
 from palpate.launch.load.scene import Scene
-from palpate.launch.load.source import Source
-from palpate.launch.load.units import UnitError, convert, is_quantity
+from palpate.launch.load.values.source import Source
+from palpate.launch.load.values.units import UnitError, convert, is_quantity
 from palpate.launch.load.wiring import unknown
 from palpate.nodes.base import Node, Setting, SettingError, settings
 from palpate.nodes.base import convert as check

@@ -15,11 +15,11 @@ from palpate.engine.clock import LOOK, now
 from palpate.engine.health import Counters, message
 from palpate.engine.job import Job
 from palpate.engine.slot import Feed, NodeError, Slot, make
-from palpate.launch.run.audience import Audience
-from palpate.launch.run.bus import HEALTH, Bus, frame
-from palpate.launch.run.compiling import compiling
-from palpate.launch.run.inlet import LONGEST_MESSAGE
 from palpate.launch.run.reports import Alive, Beat, Close, End, Gone, Note, Quit, Report, Starting, Stop
+from palpate.launch.run.wire.audience import Audience
+from palpate.launch.run.wire.bus import HEALTH, Bus, frame
+from palpate.launch.run.wire.inlet import LONGEST_MESSAGE
+from palpate.launch.run.work.compiling import compiling
 from palpate.messages import MessageError, pack, unpack
 from palpate.nodes.base import Node
 
