@@ -124,7 +124,7 @@ def proven(node: Adaptive, basis: SampledBasis, rungs: Rungs, ways: int, progres
                 sizes = [b.basis.modes.shape[1] for b in plain]
                 cost = float(ladder.evaluations @ sizes)
                 told[n].append(
-                    (abs(now / own[-1] - 1.0), ladder.claimed, cost, plain[least].evaluations * sizes[least],
+                    (abs(now / own[-1] - 1.0), ladder.estimated_error, cost, plain[least].evaluations * sizes[least],
                      plain[-1].evaluations * sizes[-1], ladder.fidelity, sizes[least])
                 )  # fmt: skip
         progress.advance(task)

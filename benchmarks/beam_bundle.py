@@ -38,9 +38,9 @@ def measure(pitch: float, steps: int) -> dict[str, float]:
     solver, rounds, residual = [], [], []
     for _ in slide:
         begin = time.thread_time_ns()
-        step(bundle, state, DEPTH, (0, SPEED * DT), node.friction, DT, most=node.rounds)
+        step(bundle, state, DEPTH, (0, SPEED * DT), node.friction, DT, most=node.iterations)
         solver.append(time.thread_time_ns() - begin)
-        rounds.append(state.summary.rounds)
+        rounds.append(state.summary.iterations)
         residual.append(state.summary.residual)
 
     for one in press:

@@ -99,7 +99,7 @@ class Touch:
         contact = self.contact.publish(*held, near)[-1]
         (load,) = self.spread.publish(contact)
         (self.surface,) = self.body.publish(load)
-        n, a = np.array(contact.normal), np.array(contact.along)
+        n, a = np.array(contact.normal), np.array(contact.lateral_force)
         force = Force(force=tuple((contact.force * n + a).tolist()), state="contact", energy=0.0)
         books = self.ledger.publish(pose, contact, self.surface, force)[-1]
         self.put += max(books.work, 0.0)
@@ -134,7 +134,7 @@ def main() -> None:
     for name, body in BODIES.items():
         for kind, way in ROUNDS.items():
             touch = measure(body(), *way, turns)
-            made, put = touch.ledger.node.made("tissue"), touch.put
+            made, put = touch.ledger.node.generated("tissue"), touch.put
             note = "" if touch.surface.stored else " (does not tell what it holds)"
             row = f"{1e3 * put / turns:.3f} | {1e3 * made:.3f}{note} | {100.0 * made / put:.1f} %"
             given = f"{1e3 * touch.bare.most:.3f} | {1e3 * touch.kept.most:.3f}"

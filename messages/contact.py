@@ -19,7 +19,7 @@ class Proximity(Message):
     element      [1]   ()   index of the patch or triangle that holds it
     gap          [m]   ()   signed distance of the bone edge, positive outside
     approach     [m]   ()   tissue thickness minus gap, 0 when apart
-    apart        [m]   ()   gap minus tissue thickness: how far the finger is from touching, 0 in contact
+    separation   [m]   ()   gap minus tissue thickness: distance of the finger from touching, 0 in contact
     slip         [m/s] (3)  velocity of the finger along the surface
     """
 
@@ -30,7 +30,7 @@ class Proximity(Message):
     gap: Annotated[float, "m"]
     approach: Annotated[float, "m"]
     slip: Annotated[Vector3, "m/s"]
-    apart: Annotated[float, "m"] = 0.0
+    separation: Annotated[float, "m"] = 0.0
 
 
 class Contact(Message):
@@ -43,8 +43,8 @@ class Contact(Message):
     indentation       [m]   ()   of the tissue, s2
     compression_rate  [m/s] ()   change of s1 over the step
     indentation_rate  [m/s] ()   change of s2 over the step
-    along             [N]   (3)  force on the finger along the surface, towards where the body is softer; not friction
-    stored            [J]   (e)  energy that the fingertip holds; e = 1, 0 where nobody reads it
+    lateral_force     [N]   (3)  on the finger along the surface, towards where the body is softer; not friction
+    stored            [J]   (e)  energy stored in the fingertip; e = 1, 0 where nobody reads it
     """
 
     foot: Annotated[Vector3, "m"]
@@ -54,7 +54,7 @@ class Contact(Message):
     indentation: Annotated[float, "m"]
     compression_rate: Annotated[float, "m/s"]
     indentation_rate: Annotated[float, "m/s"]
-    along: Annotated[Vector3, "N"] = (0.0, 0.0, 0.0)
+    lateral_force: Annotated[Vector3, "N"] = (0.0, 0.0, 0.0)
     stored: Annotated[Vector, "J", ("e",)] = ()
 
 
@@ -64,7 +64,7 @@ class Friction(Message):
     force    [N] (3)  tangential to the surface
     bristle  [m] (3)  mean bristle deflection
     stick    [1] ()   true while the contact does not slide
-    stored   [J] (e)  energy that the bristles hold; e = 1, 0 where the law does not tell or nobody reads it
+    stored   [J] (e)  energy stored in the bristles; e = 1, 0 where the law does not report it or nobody reads it
     """
 
     force: Annotated[Vector3, "N"]

@@ -1,4 +1,4 @@
-"""Message of the energy of a touch."""
+"""Message of the energy account of a trial."""
 
 from __future__ import annotations
 
@@ -8,23 +8,25 @@ from palpate.messages.base import Message
 
 
 class Ledger(Message):
-    """What the hand put in, where it is, and what nobody can have given. All sums are since the run's start.
+    """Energy account of the display: what the hand put in, where it is, and what was generated. All sums run from the
+    run's start.
 
     hand                  [J] () work of the hand on the display
     controller            [J] () of it: taken by limits and damping of the controller, negative where it gave
-    sampling              [J] () of it: lost by holding the force over a step; negative, a sampled spring makes energy
-    fingertip_stored      [J] () held by the fingertip
-    fingertip_dissipated  [J] () its work less what it holds
-    tissue_stored         [J] () held by the body; 0 where the model does not tell
-    tissue_dissipated     [J] () its work less what it holds
-    friction_stored       [J] () held by the bristles
-    friction_dissipated   [J] () its work less what it holds
+    sampling              [J] () of it: lost by holding the force over a step; negative where a sampled spring
+                                 generates energy
+    fingertip_stored      [J] () stored in the fingertip
+    fingertip_dissipated  [J] () its work less the stored energy
+    tissue_stored         [J] () stored in the body; 0 where the model does not report it
+    tissue_dissipated     [J] () its work less the stored energy
+    friction_stored       [J] () stored in the bristles
+    friction_dissipated   [J] () its work less the stored energy
     work                  [J] () of the hand in this tick
-    balance               [J] () of this tick that nobody has: the surface's curvature over a step
+    balance               [J] () energy of this tick that no part accounts for: the surface's curvature over a step
     unexplained           [J] () sum of the balances
-    made                  [J] () most energy that a part, or the display as a whole, gave out and cannot have had
-    culprit               [1] () which one
-    tripped               [1] () true from the moment on when that was beyond the bound
+    generated             [J] () largest energy that a part, or the display as a whole, gave out beyond what it received
+    generated_by          [1] () that part
+    tripped               [1] () true from the moment that this exceeded the bound
     """
 
     hand: Annotated[float, "J"]
@@ -39,6 +41,6 @@ class Ledger(Message):
     work: Annotated[float, "J"]
     balance: Annotated[float, "J"]
     unexplained: Annotated[float, "J"]
-    made: Annotated[float, "J"]
-    culprit: Annotated[str, "1"] = ""
+    generated: Annotated[float, "J"]
+    generated_by: Annotated[str, "1"] = ""
     tripped: Annotated[bool, "1"] = False

@@ -17,11 +17,11 @@ class Slip(Message):
     gross      [1] ()     all of the contact slides
     state      [1] (n)    of each node of the pad: 0 apart, 1 sticks, 2 slides
     first      [s] (n)    of each, time of its first slip since the finger began to slide; -1 where there was none
-    path       [m] (n)    of each, way slipped since it touched: the localized displacement
-    points     [m] (n,2)  of each, place in the plane of the plate, from the lowest point of the finger
-    clamped    [1] ()     beams pressed beyond their reach, and held there
+    path       [m] (n)    of each, distance slipped since it touched: the localized displacement
+    points     [m] (n,2)  of each, position in the plane of the plate, from the lowest point of the finger
+    limited    [1] ()     beams at their strain limit
     deeper     [1] ()     pressed deeper than the pad was meshed for: rim beams are missing, the force is too small
-    rounds     [1] ()     that the solver took
+    iterations [1] ()     of the solver
     residual   [1] ()     largest violation of the law of friction, over the largest friction of a node
     """
 
@@ -34,7 +34,7 @@ class Slip(Message):
     first: Annotated[Floats, "s", ("n",)]
     path: Annotated[Floats, "m", ("n",)]
     points: Annotated[Floats, "m", ("n", 2)]
-    clamped: Annotated[int, "1"] = 0
+    limited: Annotated[int, "1"] = 0
     deeper: Annotated[bool, "1"] = False
-    rounds: Annotated[int, "1"] = 0
+    iterations: Annotated[int, "1"] = 0
     residual: Annotated[float, "1"] = 0.0

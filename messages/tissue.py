@@ -16,32 +16,36 @@ NO_INTS = np.zeros(0, dtype="<i4")
 class Surface(Message):
     """The deformed surface, and the terminal law: the body's response at the contact for the next step,
 
-        F(s) = stiffness <s - free>^exponent <1 + damping (s - previous)/T>
+        F(s) = stiffness <s - rest_indentation>^exponent <1 + damping (s - previous_indentation)/T>
 
     It speaks of the time `step` after that of the message; docs/equations/contact.md has what it says of other times.
 
-    nodes         [1]     (k)    indices of displaced vertices of the sender's own mesh. The others rest or, where
-                                 those listed lie all over the mesh, between them (nodes.base.surface.complete)
-    displacement  [m]     (k,3)  of each
-    pressure      [Pa]    (p)    contact pressure at each of `nodes`; empty where the model has none
-    slipped       [1]     (q)    1 for each of `nodes` that slides; empty where the model does not know
-    stiffness     [N/m^n] ()     K of the terminal law
-    exponent      [1]     ()     n, in [1, 3]
-    damping       [s/m]   ()     c
-    free          [m]     ()     indentation of the next step at zero force
-    previous      [m]     ()     indentation at the end of this step
-    step          [s]     ()     time after that of the message that the law speaks of; 0: the contact's own step
-    relaxation    [s]     ()     time constant with which the body comes to it; 0: at once, or as `damping` says
-    clamped       [1]     ()     elements and vertices held at a limit, where the model has one; 0 where all is well
-    slope         [N]     (3)    what the body's energy at this force gains for each metre that the contact moves along
-                                 the surface; 0 where the model does not know. The finger is pushed that way
-    turning       [1/m]   (t)    change of the outward normal with place, dn_i/dx_j row by row; t = 9, 0 without slope
-    beyond        [1]     ()     how far beyond the range that the model was made from: 0 within, 1 at twice its end
-    stored        [J]     (e)    energy that the body holds under the normal force; e = 1, 0 where the model does not
-                                 tell or nobody reads it
-    claimed       [1]     ()     error of the indentation at the force that a model of several fidelities owns to,
-                                 relative to the finest of them; 0 for other models
-    fidelity      [1]     ()     modes of the one in use; 0 for other models
+    nodes                 [1]     (k)    indices of displaced vertices of the sender's own mesh. The others rest or,
+                                         where those listed lie all over the mesh, between them
+                                         (nodes.base.surface.complete)
+    displacement          [m]     (k,3)  of each
+    pressure              [Pa]    (p)    contact pressure at each of `nodes`; empty where the model has none
+    slipped               [1]     (q)    1 for each of `nodes` that slides; empty where the model does not know
+    stiffness             [N/m^n] ()     K of the terminal law
+    exponent              [1]     ()     n, in [1, 3]
+    damping               [s/m]   ()     c
+    rest_indentation      [m]     ()     indentation of the next step at zero force
+    previous_indentation  [m]     ()     indentation at the end of this step
+    step                  [s]     ()     length of the step that the law holds for; 0: the contact's own step
+    relaxation            [s]     ()     time constant with which the body approaches equilibrium; 0: at once, or as
+                                         `damping` says
+    limited               [1]     ()     elements and vertices held at a limit, where the model has one; normally 0
+    tangential_gradient   [N]     (3)    derivative of the body's energy, at this force, with respect to the contact's
+                                         position along the surface; 0 where the model does not know. It is the force
+                                         that pushes the finger sideways
+    shape_operator        [1/m]   (t)    dn_i/dx_j of the outward normal, row by row; t = 9, 0 without the gradient
+    extrapolation         [1]     ()     how far outside the range that the model was built from: 0 within, 1 at twice
+                                         its end
+    stored                [J]     (e)    energy stored in the body by the normal force; e = 1, 0 where the model does
+                                         not report it or nobody reads it
+    estimated_error       [1]     ()     estimated error of the indentation, relative to the finest fidelity level; 0
+                                         for models with one level
+    fidelity              [1]     ()     modes of the level in use; 0 for other models
     """
 
     nodes: Annotated[Ints, "1", ("k",)]
@@ -49,23 +53,23 @@ class Surface(Message):
     stiffness: Annotated[float, "N/m^n"]
     exponent: Annotated[float, "1"]
     damping: Annotated[float, "s/m"]
-    free: Annotated[float, "m"]
-    previous: Annotated[float, "m"]
+    rest_indentation: Annotated[float, "m"]
+    previous_indentation: Annotated[float, "m"]
     pressure: Annotated[Floats, "Pa", ("p",)] = NO_FLOATS
     slipped: Annotated[Ints, "1", ("q",)] = NO_INTS
     step: Annotated[float, "s"] = 0.0
     relaxation: Annotated[float, "s"] = 0.0
-    clamped: Annotated[int, "1"] = 0
-    slope: Annotated[Vector3, "N"] = (0.0, 0.0, 0.0)
-    turning: Annotated[Vector, "1/m", ("t",)] = ()
-    beyond: Annotated[float, "1"] = 0.0
+    limited: Annotated[int, "1"] = 0
+    tangential_gradient: Annotated[Vector3, "N"] = (0.0, 0.0, 0.0)
+    shape_operator: Annotated[Vector, "1/m", ("t",)] = ()
+    extrapolation: Annotated[float, "1"] = 0.0
     stored: Annotated[Vector, "J", ("e",)] = ()
-    claimed: Annotated[float, "1"] = 0.0
+    estimated_error: Annotated[float, "1"] = 0.0
     fidelity: Annotated[int, "1"] = 0
 
     @classmethod
     def example(cls, loaded: bool) -> Self:
         """A soft body that knows how it is curved."""
         made = super().example(loaded)
-        law = {"stiffness": 3e3, "exponent": 1.5, "free": 0.0, "previous": 0.0}
-        return msgspec.structs.replace(made, **law, turning=(0.0,) * 9)
+        law = {"stiffness": 3e3, "exponent": 1.5, "rest_indentation": 0.0, "previous_indentation": 0.0}
+        return msgspec.structs.replace(made, **law, shape_operator=(0.0,) * 9)

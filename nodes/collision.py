@@ -86,6 +86,6 @@ def _proximity(foot: np.ndarray[Any, Any], element: int, thickness: float, pose:
         element=element,
         gap=gap,
         approach=max(thickness - gap, 0.0),
-        apart=max(gap - thickness, 0.0),
+        separation=max(gap - thickness, 0.0),
         slip=(v0 - out * n0, v1 - out * n1, v2 - out * n2),
     )

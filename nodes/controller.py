@@ -9,11 +9,11 @@ import numpy as np
 
 from palpate.messages import Contact, DeviceState, Force, Friction, Ledger, Pose
 from palpate.nodes.base import Node, Wants
-from palpate.nodes.base.absence import FADE, FALL, Faded, Gain, Lost
-from palpate.physics.device.controller import ENERGY, FORCE, LIMIT, MODE, SLEW, WITHHELD, buffers, haptic
+from palpate.nodes.base.absence import FADE, FALL, Faded, Gain, Lost, Pace
+from palpate.physics.device.controller import BRAKE, ENERGY, FORCE, LIMIT, MODE, SLEW, WITHHELD, buffers, haptic
 
-GAP = 9e-3
-"""[s] without a step, and three times the step before, that count as an outage: the device was without torque then."""
+GENTLE = 500.0
+"""[N/s] by which the force of the added damping rises at most after an outage, until contact ends."""
 SETTLE = 1.0
 """[s] in which the force comes back after an outage while it pushes the hand out, instead of `ramp`."""
 LENT = 0.5e-3
@@ -39,7 +39,7 @@ class Haptic(Node):
 
     A friction whose sender is gone fades out within 20 ms, and the force is the contact's own alone. While a contact, a
     pose, or an input that the contact is computed from is missing, or the device works without the command that it had,
-    the force falls to zero within 4 ms; after that, and after a time without steps (the device has let go by then), it
+    the force falls to zero within 4 ms; after that, and after a time without steps in which the device has let go, it
     comes in from zero, never above limit/ramp times the time since and, with `passivity`, over a second while it pushes
     the hand out. A step that comes late changes the force by no more than one in time. When a ledger trips the force
     goes to zero within `ramp`, and stays there.
@@ -78,7 +78,7 @@ class Haptic(Node):
         )
         self._whole = self._lost = False
         self._contact, self._device = Lost(), Lost()
-        self._last = 0.0
+        self._pace = Pace()
         self._gain, self._friction = Gain(FALL, self.ramp), Faded(FADE)
         self._energy, self._least = 0.0, -LENT
         """[J] Of the display: at the last step, and the least at which the force still comes back."""
@@ -89,30 +89,33 @@ class Haptic(Node):
         """After an outage: a fresh state, but for the force that the hand has and the energy that the display has."""
         old = self.state
         self.state, self.past = buffers(self.delay)
-        self.state[FORCE], self.state[ENERGY], self.state[MODE, 0] = old[FORCE], old[ENERGY], old[MODE, 0]
+        self.state[FORCE], self.state[ENERGY, 0], self.state[MODE, 0] = old[FORCE], old[ENERGY, 0], old[MODE, 0]
+        self.state[ENERGY, BRAKE:] = old[ENERGY, BRAKE], GENTLE, 0.0
         self._least = min(old[ENERGY, 0], 0.0) - LENT
 
-    def _share(self, lacks: bool, touching: bool, dt: float) -> float:
-        """The share of force and limit in this step [1]. `lacks`: an input was missing."""
-        late = dt > GAP and 0.0 < 3.0 * self._last < dt
-        step = min(dt, self._last) if self._last > 0.0 else dt
+    def _share(self, lacks: bool, paused: bool, released: bool, touching: bool, dt: float) -> float:
+        """The share of force and limit in this step [1].
+
+        lacks     an input was missing
+        paused    the node stood still before
+        released  the device worked without torque, or does not say
+        """
         missing = self._whole and lacks
-        if not lacks and (late or self._lost):
+        if not lacks and (paused or self._lost):
             self._come_back()
-        self._whole, self._lost, self._last = self._whole or not lacks, missing, dt
+        self._whole, self._lost = self._whole or not lacks, missing
         gain, energy, before = self._gain, self.state[ENERGY, 0], self._energy
         self._energy = energy
-        if late:
+        if paused and released:
             gain.value = 0.0
             self.state[FORCE] = 0.0
         elif missing or not touching or energy > before or self.ramp == 0.0 or not self.passivity:
-            gain.update(not missing, step)
+            gain.update(not missing, dt)
         elif energy > self._least:
-            gain.value = min(gain.value + step / SETTLE, 1.0)
+            gain.value = min(gain.value + dt / SETTLE, 1.0)
         elif energy < before and gain.value < 1.0:
-            gain.value = max(gain.value - step / YIELD, 0.0)
+            gain.value = max(gain.value - dt / YIELD, 0.0)
         self.gains[LIMIT] = gain.value * self.limit
-        self.gains[SLEW] = self.slew * (step / dt) if dt > step else self.slew
         return gain.value
 
     def _closed(self, dt: float) -> float:
@@ -123,7 +126,7 @@ class Haptic(Node):
 
     def step(
         self,
-        contact: Annotated[Contact | None, Wants("normal", "force", "compression", "indentation", "along")],
+        contact: Annotated[Contact | None, Wants("normal", "force", "compression", "indentation", "lateral_force")],
         friction: Annotated[Friction | None, Wants("force")],
         pose: Annotated[Pose | None, Wants("position", "velocity")],
         ledger: Annotated[Ledger | None, Wants("tripped")] = None,
@@ -133,9 +136,15 @@ class Haptic(Node):
     ) -> Force:
         before = self._gain.value
         lacks = contact is None or pose is None or self._contact.update(contact.used)
-        lacks = (device is not None and self._device.update(device.used)) or lacks
-        share = self._share(lacks, contact is None or contact.force > 0.0, dt)
+        without = device is not None and self._device.update(device.used)
+        lacks = lacks or without
+        touching = contact is None or contact.force > 0.0
         p = self._friction.update(friction.force if friction is not None else None, dt)
+        paused, usual = self._pace.update(dt), self._pace.usual
+        share = self._share(lacks, paused, without or device is None, touching, usual)
+        if paused:
+            dt = usual  # what was before the pause is forgotten
+        self.gains[SLEW] = self.slew * (usual / dt) if dt > usual else self.slew
         if contact is None or pose is None:
             left = share / before if before > 0.0 else 0.0
             fx, fy, fz = (left * self.state[FORCE, :3]).tolist()
@@ -145,7 +154,7 @@ class Haptic(Node):
         if self._tripped:
             share *= self._closed(dt)
         self.state[MODE, WITHHELD] = 1.0 - share
-        a = contact.along
+        a = contact.lateral_force
         fx, fy, fz, touching, energy = haptic(
             self.gains,
             self.state,

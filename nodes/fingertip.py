@@ -94,7 +94,7 @@ class BundleContact(Node):
     dome_length: Annotated[float, "m", msgspec.Meta(gt=0)] = 4e-3
     warning: Annotated[float, "1", msgspec.Meta(gt=0, le=1)] = 0.1
     """Part of the contact that slides when incipient slip is told."""
-    rounds: Annotated[int, "1", msgspec.Meta(ge=1, le=1000)] = 30
+    iterations: Annotated[int, "1", msgspec.Meta(ge=1, le=1000)] = 30
     """At most so many of the solver in a step."""
 
     def start(self) -> None:
@@ -131,7 +131,7 @@ class BundleContact(Node):
         shift = (x - last[0], y - last[1])
         rate = (max(depth, 0.0) - max(self.depth, 0.0)) / max(dt, SHORTEST_STEP)
         self.before, self.depth = pose.position, depth
-        reaction = step(self.bundle, self.state, depth, shift, self.friction, dt, most=self.rounds)
+        reaction = step(self.bundle, self.state, depth, shift, self.friction, dt, most=self.iterations)
         if self.state.summary.contacts == 0:
             self.onset = -1.0
         elif self.onset < 0 and shift != (0.0, 0.0):
@@ -164,9 +164,9 @@ class BundleContact(Node):
             first=np.where(s.first < 0, -1.0, np.maximum(s.first - max(self.onset, 0.0), 0.0)),
             path=s.path,
             points=self.bundle.points,
-            clamped=s.summary.clamped,
+            limited=s.summary.limited,
             deeper=self.depth > self.reach * (1 + 1e-9),
-            rounds=s.summary.rounds,
+            iterations=s.summary.iterations,
             residual=s.summary.residual,
         )
 
@@ -183,6 +183,7 @@ class BundleContact(Node):
         free = max(self.depth - force / stiffness, touch) if force > 0 else touch
         return Surface(
             nodes=touching, displacement=moved, stiffness=stiffness, exponent=1.0, damping=0.0,
-            free=free, previous=max(self.depth, 0.0), pressure=s.normal[touching] / self.bundle.cell,
-            slipped=s.slipping[touching], clamped=s.summary.clamped,
+            rest_indentation=free, previous_indentation=max(self.depth, 0.0),
+            pressure=s.normal[touching] / self.bundle.cell,
+            slipped=s.slipping[touching], limited=s.summary.limited,
         )  # fmt: skip

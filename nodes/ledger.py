@@ -11,7 +11,7 @@ from palpate.nodes.base import Node, Wants
 from palpate.physics.contact.ledger import Books, Moment
 
 ZERO = (0.0, 0.0, 0.0)
-PRESS = Wants("normal", "force", "compression", "indentation", "along", "stored")
+PRESS = Wants("normal", "force", "compression", "indentation", "lateral_force", "stored")
 
 
 class Energy(Node):
@@ -32,9 +32,9 @@ class Energy(Node):
         self._tripped = False
         self._news: list[str] = []
 
-    def made(self, part: str) -> float:
+    def generated(self, part: str) -> float:
         """Energy [J] that one part has given out and cannot have had."""
-        return self._books.part(part).made
+        return self._books.part(part).generated
 
     def notes(self) -> list[str]:
         news, self._news = self._news, []
@@ -63,7 +63,7 @@ class Energy(Node):
                     contact.force,
                     contact.compression,
                     contact.indentation,
-                    contact.along,
+                    contact.lateral_force,
                     friction.force if friction is not None else ZERO,
                     (
                         _told(contact.stored),
@@ -72,11 +72,11 @@ class Energy(Node):
                     ),
                 )
             )
-        culprit, made = books.worst()
-        if self.bound and made > self.bound and not self._tripped:
+        part, most = books.worst()
+        if self.bound and most > self.bound and not self._tripped:
             self._tripped = True
             self._news.append(
-                f"the {culprit} generated {made * 1e3:.3g} mJ, above the bound of "
+                f"the {part} generated {most * 1e3:.3g} mJ, above the bound of "
                 f"{self.bound * 1e3:.3g} mJ, at {force.time * 1e-9:.3f} s: the force goes to zero"
             )
         work, balance = books.step
@@ -93,8 +93,8 @@ class Energy(Node):
             work=work,
             balance=balance,
             unexplained=books.balance,
-            made=made,
-            culprit=culprit if made else "",
+            generated=most,
+            generated_by=part if most else "",
             tripped=self._tripped,
         )
 

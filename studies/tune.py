@@ -61,7 +61,7 @@ class Tuned(Found):
     """With the overrides of the reference, what it is known to be off by [1], and why nothing keeps the budget."""
 
     reference: Trial = field(default_factory=lambda: Trial({}))
-    claimed: float = 0.0
+    estimated_error: float = 0.0
     why: str = ""
 
 
@@ -72,13 +72,13 @@ def tune(launch: LaunchFile, goal: Goal, file: Path, show: Show = lambda what: N
         recording = touched(launch, Path(folder) / "touch.mcap")
         show("the touch")
         base = reference(recording, wanted)
-        claimed, ranked = claim(recording, base), []
+        estimated_error, ranked = claim(recording, base), []
         for one in wanted:
-            ranked.append(measured(recording, one, base, goal, claimed))
+            ranked.append(measured(recording, one, base, goal, estimated_error))
             show(title(one))
         best = pick(ranked, goal)
         if best is None:
-            return Tuned(ranked, reference=base, claimed=claimed, why=cause(ranked, goal))
+            return Tuned(ranked, reference=base, estimated_error=estimated_error, why=cause(ranked, goal))
         told = (
             f"Chosen by palpate tune: {goal.quantity} error {100 * best.error:.2g} % of peak (RMS),",
             f"a tick {1e6 * best.p50:.0f} us p50, {1e6 * best.p99:.0f} us p99, on the machine where it was tuned.",
@@ -86,7 +86,7 @@ def tune(launch: LaunchFile, goal: Goal, file: Path, show: Show = lambda what: N
         write(launch, best.overrides, told, file)
         came = _came(launch, best, base, goal, Path(folder) / "tuned.mcap")
         show("a run of the choice")
-    return Tuned(ranked, best, came, goal.keeps(came), base, claimed)
+    return Tuned(ranked, best, came, goal.keeps(came), base, estimated_error)
 
 
 def title(one: Trial) -> str:
@@ -158,13 +158,13 @@ def claim(recording: Recording, base: Trial) -> float:
     return known + (float(told[0].get("mean", 0.0)) if told else 0.0)
 
 
-def measured(recording: Recording, one: Trial, base: Trial, goal: Goal, claimed: float) -> Trial:
+def measured(recording: Recording, one: Trial, base: Trial, goal: Goal, estimated_error: float) -> Trial:
     """A candidate with what it gave next to the reference."""
     both = compared(recording, one.texts, base.texts)
-    return replace(one, why=both) if isinstance(both, str) else judged(one, *both, goal, claimed)
+    return replace(one, why=both) if isinstance(both, str) else judged(one, *both, goal, estimated_error)
 
 
-def judged(one: Trial, base: Variant, variant: Variant, goal: Goal, claimed: float) -> Trial:
+def judged(one: Trial, base: Variant, variant: Variant, goal: Goal, estimated_error: float) -> Trial:
     """With error and times of what it gave. ArgumentError: nothing was touched, so that no error can be told."""
     if not getattr(variant, goal.quantity).scale > 0.0:
         raise ArgumentError(
@@ -178,7 +178,9 @@ def judged(one: Trial, base: Variant, variant: Variant, goal: Goal, claimed: flo
         if name != body and 100 * steps.count >= variant.whole.count
     ]
     told = one.measured(base, variant, goal.quantity)
-    return replace(told, error=told.error + claimed, slowest=max(often, key=lambda own: own[1], default=("", 0.0)))
+    return replace(
+        told, error=told.error + estimated_error, slowest=max(often, key=lambda own: own[1], default=("", 0.0))
+    )
 
 
 def pick(ranked: list[Trial], goal: Goal) -> Trial | None:

@@ -1,4 +1,4 @@
-"""What a node does while an input that it had is missing, and when it is back: fade out and fade in, never jump."""
+"""What a node does while an input that it had is missing, or after it stood still: fade out and fade in, never jump."""
 
 from __future__ import annotations
 
@@ -9,6 +9,26 @@ FALL = 4e-3
 holds an input (7 ms) and a device its command (9 ms) it makes the 20 ms after which a dead node has no effect."""
 FADE = 20e-3
 """[s] in which an optional effect fades out when its sender is gone, and in when it is back."""
+
+
+GAP = 9e-3
+"""[s] without a step, and three times the step before, in which a node stood still: a slow one is not meant."""
+
+
+class Pace:
+    """The time between the steps of a node."""
+
+    def __init__(self) -> None:
+        self.usual = 0.0
+        """[s] The last step's, or the one before's where that was shorter."""
+        self._last = 0.0
+
+    def update(self, dt: float) -> bool:
+        """Take the time dt [s] since the last step; whether the node stood still meanwhile."""
+        stood = dt > GAP and 0.0 < 3.0 * self._last < dt
+        self.usual = min(dt, self._last) if self._last > 0.0 else dt
+        self._last = dt
+        return stood
 
 
 class Gain:

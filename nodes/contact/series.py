@@ -23,7 +23,15 @@ LATE = 1.5
 RETURN = 0.1
 """[s] in which the contact comes back to the whole approach when its body is back."""
 Positive = msgspec.Meta(gt=0)
-BODY = Wants("stiffness", "exponent", "damping", "free", "previous", "slope", "turning")
+BODY = Wants(
+    "stiffness",
+    "exponent",
+    "damping",
+    "rest_indentation",
+    "previous_indentation",
+    "tangential_gradient",
+    "shape_operator",
+)
 
 
 class Series(Node):
@@ -83,7 +91,13 @@ class Series(Node):
 
         InputError: a law out of its range.
         """
-        k, n, c, free, previous = law = (body.stiffness, body.exponent, body.damping, body.free, body.previous)
+        k, n, c, free, previous = law = (
+            body.stiffness,
+            body.exponent,
+            body.damping,
+            body.rest_indentation,
+            body.previous_indentation,
+        )
         step, relaxation = body.step, body.relaxation
         if not _in_range(body):
             try:
@@ -118,22 +132,32 @@ class Series(Node):
         return approach - left * left * (approach - begin)
 
     def rests(self, proximity: Proximity, body: Surface | None) -> bool:
-        if not self._idle or body is None or not proximity.apart > FAR:
+        if not self._idle or body is None or not proximity.separation > FAR:
             return False
-        return abs(body.free) < STILL and abs(body.previous) < STILL and _in_range(body)
+        return abs(body.rest_indentation) < STILL and abs(body.previous_indentation) < STILL and _in_range(body)
 
     def step(
         self,
         proximity: Proximity,
         body: Annotated[
             Surface | None,
-            Wants("stiffness", "exponent", "damping", "free", "previous", "step", "relaxation", "slope", "turning"),
+            Wants(
+                "stiffness",
+                "exponent",
+                "damping",
+                "rest_indentation",
+                "previous_indentation",
+                "step",
+                "relaxation",
+                "tangential_gradient",
+                "shape_operator",
+            ),
         ],
         *,
         dt: float,
     ) -> Contact:
         before = self.compression
-        along: Vector3 = (0.0, 0.0, 0.0)
+        lateral: Vector3 = (0.0, 0.0, 0.0)
         force = indentation = indentation_rate = 0.0
         back = self._there.value < 1.0 or (self._law_then is None and proximity.tick > 0)
         there = self._there.update(body is not None or self._law_then is None, dt)
@@ -144,8 +168,8 @@ class Series(Node):
             force, self.compression, indentation = self._solve(self._felt(proximity.approach, dt), dt, *law)
             indentation_rate = (indentation - law[-1]) / dt
             self.indentation = indentation
-            if force > 0.0 and len(body.turning) == 9:
-                along = on_hand(body.slope, body.turning, proximity.approach, proximity.normal)
+            if force > 0.0 and len(body.shape_operator) == 9:
+                lateral = on_hand(body.tangential_gradient, body.shape_operator, proximity.approach, proximity.normal)
         elif self._law_then is not None and there > 0.0:
             free = max(self._law_then[3], 0.0)
             approach = free + there * (proximity.approach - free)
@@ -164,7 +188,7 @@ class Series(Node):
             indentation=indentation,
             compression_rate=rate,
             indentation_rate=indentation_rate,
-            along=along,
+            lateral_force=lateral,
             stored=self._stored(),
         )
 
@@ -176,7 +200,7 @@ class Series(Node):
 
 def _in_range(body: Surface) -> bool:
     """Whether a body's law passes `check_law`, which tells why it does not: asked every tick."""
-    k, c, free, step, relaxation = body.stiffness, body.damping, body.free, body.step, body.relaxation
+    k, c, free, step, relaxation = body.stiffness, body.damping, body.rest_indentation, body.step, body.relaxation
     return (
         k > 0.0
         and 1.0 <= body.exponent <= 3.0
@@ -184,5 +208,5 @@ def _in_range(body: Surface) -> bool:
         and free >= LEAST_FREE
         and step >= 0.0
         and relaxation >= 0.0
-        and -math.inf < k + c + free + body.previous + step + relaxation < math.inf
+        and -math.inf < k + c + free + body.previous_indentation + step + relaxation < math.inf
     )

@@ -49,7 +49,7 @@ class Adaptive(ReducedFE):
     def step(self, load: Load, *, dt: float) -> Surface:
         surface, ladder = super().step(load, dt=dt), self._body
         assert isinstance(ladder, Ladder)
-        return msgspec.structs.replace(surface, claimed=ladder.claimed, fidelity=ladder.fidelity)
+        return msgspec.structs.replace(surface, estimated_error=ladder.estimated_error, fidelity=ladder.fidelity)
 
     def rungs(self) -> Rungs:
         """The stored rungs of the basis.

@@ -74,7 +74,7 @@ class BeamBundle(WithNodule):
         """Step the beams under the load; the indentation told is conjugate to the force."""
         bed = self.bed
         try:
-            stiffness, exponent, free, previous, clamped, _ = bed.step(
+            stiffness, exponent, free, previous, limited, _ = bed.step(
                 load.nodes, load.forces, load.foot, load.normal, dt
             )
         except IndexError as error:
@@ -90,11 +90,11 @@ class BeamBundle(WithNodule):
             stiffness=stiffness,
             exponent=exponent,
             damping=0.0,
-            free=free,
-            previous=previous,
+            rest_indentation=free,
+            previous_indentation=previous,
             step=dt,
             relaxation=bed.relaxation(dt),
-            clamped=int(clamped),
+            limited=int(limited),
         )
 
     @part("shape", "nodes", "displacement", otherwise=NO_NODES, also=("pressure",))

@@ -63,8 +63,8 @@ class MassSpring(WithNodule):
             stiffness=self._law[0],
             exponent=self.exponent,
             damping=self.damping,
-            free=0.0,
-            previous=self.indentation,
+            rest_indentation=0.0,
+            previous_indentation=self.indentation,
             step=dt,
             stored=self._stored(),
         )

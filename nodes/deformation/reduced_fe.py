@@ -146,7 +146,7 @@ class ReducedFE(OnSurface):
         stiffness, exponent, free, now = self._answer(load, dt)
         self._place = (load.foot, load.normal)
         nodes, moved = self._displaced(load.foot)
-        slope, turning = self._along(len(load.nodes))
+        gradient, shape = self._along(len(load.nodes))
         return Surface(
             nodes=nodes,
             displacement=moved,
@@ -154,13 +154,13 @@ class ReducedFE(OnSurface):
             stiffness=stiffness,
             exponent=exponent,
             damping=0.0,
-            free=free,
-            previous=now,
+            rest_indentation=free,
+            previous_indentation=now,
             step=dt,
             relaxation=self.retardation,
-            beyond=self._body.beyond,
-            slope=slope,
-            turning=turning,
+            extrapolation=self._body.extrapolation,
+            tangential_gradient=gradient,
+            shape_operator=shape,
             stored=self._stored(),
         )
 
@@ -184,7 +184,7 @@ class ReducedFE(OnSurface):
         self._push[load.nodes] = 0.0
         return pressure
 
-    @part("slope", "slope", "turning", otherwise=((0.0, 0.0, 0.0), ()))
+    @part("slope", "tangential_gradient", "shape_operator", otherwise=((0.0, 0.0, 0.0), ()))
     def _along(self, loaded: int) -> tuple[Vector3, Vector]:
         """How the body's energy changes along its surface, which pushes the finger to where it is softer."""
         return self._body.along() if isinstance(self._body, CondensedBody) and loaded else ((0.0, 0.0, 0.0), ())

@@ -28,8 +28,8 @@ class Rigid(Node):
             stiffness=self.plate_stiffness,
             exponent=1.0,
             damping=0.0,
-            free=0.0,
-            previous=(push := normal_force(load.forces, load.normal)) / self.plate_stiffness,
+            rest_indentation=0.0,
+            previous_indentation=(push := normal_force(load.forces, load.normal)) / self.plate_stiffness,
             step=dt,
             stored=(0.5 * push * push / self.plate_stiffness,),
         )

@@ -10,7 +10,7 @@ import numpy as np
 
 from palpate.messages import DeviceState, Torque, Vector3
 from palpate.nodes.base import SettingError
-from palpate.nodes.base.absence import FALL, Faded
+from palpate.nodes.base.absence import FALL, Faded, Pace
 from palpate.nodes.device.hand import Hand
 from palpate.physics.device.falcon import FALCON, HOME, leg
 from palpate.physics.device.grip import CLOCK, POSITION, grip_kernel
@@ -22,8 +22,8 @@ class Simulated(Hand):
     """A Falcon held by a hand that follows a scripted path, with a compliant arm (docs/equations/controller.md).
 
     It reports what a real one would: driven angles in whole encoder counts. Torques work on the grip through the same
-    geometry; where none come any more the last ones fall to zero within 4 ms. The weight is balanced. Settings, with
-    those of the hand:
+    geometry; where none come any more the last ones fall to zero within 4 ms. The weight is balanced. When its process
+    has stood still, so have the hand and its script. Settings, with those of the hand:
 
     delay     samples by which reports are late; lost: chance that a report repeats the one before; glitches: chance
               that one angle is off by 1000 counts for one report. The same seed gives the same bad days
@@ -63,7 +63,7 @@ class Simulated(Hand):
         self.state, self.memory = np.zeros((3, 3)), np.zeros((4, 3))
         self.state[POSITION] = points[0]
         self.random = np.random.Generator(np.random.PCG64(self.seed))
-        self._torques = Faded(FALL)
+        self._torques, self._pace = Faded(FALL), Pace()
         first = self._move((0.0, 0.0, 0.0), 0.0)
         self.reports = deque([first] * (self.delay + 1), maxlen=self.delay + 1)
         self.last = first
@@ -72,6 +72,8 @@ class Simulated(Hand):
         return grip_kernel(self.geometry, self.constants, self.state, self.memory, *self._way, *torques, dt)
 
     def step(self, torque: Torque | None, *, dt: float) -> DeviceState:
+        if self._pace.update(dt):
+            dt = self._pace.usual
         t0, t1, t2 = self.applied = self._torques.update(torque.torques if torque is not None else None, dt)
         self.reports.append(self._move((t0, t1, t2), dt))
         if not self.lost or self.random.random() >= self.lost:

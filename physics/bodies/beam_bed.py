@@ -276,11 +276,11 @@ def _bed_step(nodes, forces, normal, dt, count, beams, moving, patch, touched):
         for a in range(3):
             force[j, a] += _held(forces[k, a])
     total = total if total > NO_FORCE else 0.0
-    clamped = 0.0
+    limited = 0.0
     for k in range(count):
-        clamped += _beam(active[k], dt, beams, moving)
+        limited += _beam(active[k], dt, beams, moving)
     _response(normal, dt, total, beams, moving, patch, touched)
-    law[4], law[5] = clamped, total
+    law[4], law[5] = limited, total
     for k in range(nodes.shape[0]):
         force[nodes[k], :] = 0.0
     kept = 0

@@ -218,7 +218,7 @@ class CondensedBody:
         return compliance, free, now
 
     @property
-    def beyond(self) -> float:
+    def extrapolation(self) -> float:
         """How far the last step is beyond what the body can tell, 0 within: its indentation beyond the deepest that the
         organ was pressed to (1 at twice that; 0 where only the linear organ is known), or its load narrower than the
         touched mesh can tell (1: half as wide)."""

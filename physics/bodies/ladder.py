@@ -66,7 +66,7 @@ class Ladder:
         self._told = BLEND
         """Ticks for which the one in use has answered, up to `BLEND`; less than 0 while it seeks its equilibrium."""
         self._calm = 0
-        self.claimed = 0.0
+        self.estimated_error = 0.0
         """Claimed relative error of the indentation in the last step."""
         self.evaluations = np.zeros(len(self.bodies), dtype=np.int64)
         """Evaluations of the energy by each in the last step."""
@@ -94,9 +94,9 @@ class Ladder:
         return self.body.settled
 
     @property
-    def beyond(self) -> float:
+    def extrapolation(self) -> float:
         """As of `SampledBody`."""
-        return self.body.beyond
+        return self.body.extrapolation
 
     def step(self, nodes: np.ndarray, forces: np.ndarray, foot: tuple, normal: tuple, dt: float) -> Law:
         """As of `SampledBody`."""
@@ -122,10 +122,10 @@ class Ladder:
             self._told = 0
         self._told = min(self._told + 1, BLEND)
         w = self.weight
-        self.claimed = w * self._claim(self._at, law, measure, pressed)
+        self.estimated_error = w * self._claim(self._at, law, measure, pressed)
         if w == 1.0:
             return law
-        self.claimed += (1.0 - w) * self._claim(self._before, now, measure, pressed)
+        self.estimated_error += (1.0 - w) * self._claim(self._before, now, measure, pressed)
         force = max(-float(np.dot(forces.sum(axis=0), normal)), LEAST_FORCE) if len(nodes) else LEAST_FORCE
         return blended(now, law, w, force)
 

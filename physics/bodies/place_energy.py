@@ -115,15 +115,16 @@ def held(knots, slopes, depth):
 
 
 @numba.njit(cache=True)
-def along(ground, nodes, touched, measure, patch, pull, normal, radius, compliance, slope, turning):
-    """Fill `slope` [N] (3), g, and `turning` [1/m] (3,3), S, for a load on the fine vertices `patch`.
+def along(ground, nodes, touched, measure, patch, pull, normal, radius, compliance, gradient, shape):
+    """Fill `gradient` [N] (3), g, and `shape` [1/m] (3,3), the shape operator S, for a load on
+    the fine vertices `patch`.
 
     nodes, touched, measure  coarse vertices of the patch, how many, and their shares (V,3), in the first column
     pull                     [N] (k,3) forces;  normal [1] (3);  radius [m] and
     compliance [m/N] of the linear organ under the patch
     """
-    slope[:] = 0.0
-    turning[:] = 0.0
+    gradient[:] = 0.0
+    shape[:] = 0.0
     force = normal_force(pull, normal)
     if not (force > 0.0 and compliance > 0.0):
         return
@@ -137,12 +138,12 @@ def along(ground, nodes, touched, measure, patch, pull, normal, radius, complian
                 grad = share * ground.slopes[p, a, i]
                 softer[i] += grad * ground.softness[v]
                 for j in range(3):
-                    turning[j, i] += grad * ground.normals[v, j]
+                    shape[j, i] += grad * ground.normals[v, j]
                 for m in range(levels):
                     tilt[m, i] += grad * ground.dents[v, m]
     if levels == 0:
         for i in range(3):
-            slope[i] = 0.5 * compliance * force * force * softer[i]
+            gradient[i] = 0.5 * compliance * force * force * softer[i]
     else:
         for a in range(touched):
             v = int(nodes[a])
@@ -157,23 +158,23 @@ def along(ground, nodes, touched, measure, patch, pull, normal, radius, complian
             there = held(knots, slopes, depth)
             rise(dented - NUDGE * tilt[:, i], first, 1, one, knots, slopes)
             back = held(knots, slopes, depth)
-            slope[i] = radius * radius / compliance * (here * softer[i] - 0.5 * (there - back) / NUDGE)
-    out = slope[0] * normal[0] + slope[1] * normal[1] + slope[2] * normal[2]
+            gradient[i] = radius * radius / compliance * (here * softer[i] - 0.5 * (there - back) / NUDGE)
+    out = gradient[0] * normal[0] + gradient[1] * normal[1] + gradient[2] * normal[2]
     for i in range(3):
-        slope[i] -= out * normal[i]
+        gradient[i] -= out * normal[i]
 
 
 @numba.njit(cache=True)
-def on_hand(slope, turning, approach, normal):
+def on_hand(gradient, shape, approach, normal):
     """Force along the surface on a hand [N] (3 numbers) whose bone edge is `approach` [m] below the foot point, from g
     [N] (3) and S [1/m] (9), row by row: (1 - e S)^-1 g, with e S no greater than `STEEPEST`."""
     size = 0.0
     for k in range(9):
-        size += turning[k] * turning[k]
+        size += shape[k] * shape[k]
     deep = min(approach, STEEPEST / max(np.sqrt(size), 1e-12))
     force = np.zeros(3)
     for _ in range(40):  # Neumann's series: what is left falls to STEEPEST of itself each time
         for i in range(3):
-            force[i] = slope[i] + deep * (turning[i] * force[0] + turning[3 + i] * force[1] + turning[6 + i] * force[2])
+            force[i] = gradient[i] + deep * (shape[i] * force[0] + shape[3 + i] * force[1] + shape[6 + i] * force[2])
     out = force[0] * normal[0] + force[1] * normal[1] + force[2] * normal[2]
     return force[0] - out * normal[0], force[1] - out * normal[1], force[2] - out * normal[2]

@@ -211,7 +211,7 @@ class SampledBody:
         return stiffness, exponent, free, now
 
     @property
-    def beyond(self) -> float:
+    def extrapolation(self) -> float:
         """How far |q| is beyond the greatest of the full solutions, where half the root of the barrier's limit lies:
         0 within, 1 where the barrier begins."""
         return max(2.0 * float(np.sqrt(self.q @ self.q / self.basis.points.limit)) - 1.0, 0.0)

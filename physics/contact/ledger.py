@@ -54,7 +54,7 @@ class Account:
         return self.work - (self.stored or 0.0)
 
     @property
-    def made(self) -> float:
+    def generated(self) -> float:
         """Energy [J] that the part has given out and cannot have had."""
         return max(self._highest - self.dissipated, 0.0) if self.stored is not None else max(-self.work, 0.0)
 
@@ -135,7 +135,7 @@ class Books:
 
     def worst(self) -> tuple[str, float]:
         """The part that has made most energy, and how much [J]."""
-        made = [account.made for account in self.accounts]
+        made = [account.generated for account in self.accounts]
         most = max(made)
         return NAMES[made.index(most)], most
 

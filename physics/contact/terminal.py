@@ -28,18 +28,18 @@ LEAST_FREE = -0.1
 class Terminal(NamedTuple):
     """Values of a terminal law.
 
-    stiffness  [N/m^n]  K > 0
-    exponent   [1]      n in [1, 3]
-    damping    [s/m]    c >= 0
-    free       [m]      s_free, indentation of the next step at zero force
-    previous   [m]      s_prev, indentation at the end of this step
+    stiffness             [N/m^n]  K > 0
+    exponent              [1]  n in [1, 3]
+    damping               [s/m]  c >= 0
+    rest_indentation      [m]  s_free, indentation of the next step at zero force
+    previous_indentation  [m]  s_prev, indentation at the end of this step
     """
 
     stiffness: float
     exponent: float
     damping: float = 0.0
-    free: float = 0.0
-    previous: float = 0.0
+    rest_indentation: float = 0.0
+    previous_indentation: float = 0.0
 
 
 @njit(cache=True, error_model="numpy")
@@ -179,15 +179,15 @@ def check_law(law: Terminal, step: float = 0.0, relaxation: float = 0.0) -> None
         ("stiffness", "N/m^n", stiffness, math.ulp(0.0), math.inf, some),
         ("exponent", "1", exponent, 1.0, 3.0, "1 to 3"),
         ("damping", "s/m", damping, 0.0, math.inf, none),
-        ("free", "m", free, LEAST_FREE, math.inf, f"a finite number >= {LEAST_FREE}"),
-        ("previous", "m", previous, -math.inf, math.inf, "a finite number"),
+        ("rest_indentation", "m", free, LEAST_FREE, math.inf, f"a finite number >= {LEAST_FREE}"),
+        ("previous_indentation", "m", previous, -math.inf, math.inf, "a finite number"),
         ("step", "s", step, 0.0, math.inf, none),
         ("relaxation", "s", relaxation, 0.0, math.inf, none),
     ):
         if not (math.isfinite(value) and least <= value <= most):
             raise ValueError(
-                f"{name} [{unit}]: found {value}, expected {expected}. A terminal law, F(s) = stiffness <s - "
-                "free>^exponent <1 + damping (s - previous)/T>, presses and never pulls."
+                f"{name} [{unit}]: found {value}, expected {expected}. A terminal law, F(s) = stiffness "
+                "<s - rest_indentation>^exponent <1 + damping (s - previous_indentation)/T>, presses and never pulls."
             )
 
 
@@ -204,10 +204,10 @@ def law_at(length: float, start: float, law: Terminal, step: float, relaxation: 
     Exact for a Kelvin-Voigt body. Without `step` or `relaxation` the law is the same for all lengths.
     """
     if not (step > 0.0 and relaxation > 0.0):
-        return law.stiffness, law.free
+        return law.stiffness, law.rest_indentation
     share = (length / step) * (step + relaxation) / (length + relaxation)
     own = length / (length + relaxation)
-    free = start + share * (law.free - law.previous) + own * (law.previous - start)
+    free = start + share * (law.rest_indentation - law.previous_indentation) + own * (law.previous_indentation - start)
     return law.stiffness / share**law.exponent, free
 
 

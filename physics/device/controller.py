@@ -12,7 +12,9 @@ fades out, so the force is continuous.
 The contact force that is shown is no stiffer than the loop allows (rendered.py). The observer, E <- E - F . dx, pairs
 each way with the force of `delay` samples before, which is what the hand has really received when position or force
 travels that long. At a switch a credit is dropped and a debt is kept (of at most 10 mJ, so that rounding errors do not
-pile up): else each bounce of a stiff wall would leave its leak behind.
+pile up): else each bounce of a stiff wall would leave its leak behind. A whole debt paid within one step is a blow
+(0.5 mJ at 0.1 m/s: 5 N), which keeps a stiff wall stable, but after an outage would be felt: until contact ends the
+force of the added damping then rises by no more than RISE.
 
 The velocity v of that damping is the last difference of positions: it is the one that the energy is counted with, and
 a filtered one comes too late for a stiff wall. A way of hardly more than one encoder count is mostly rounding, though,
@@ -42,6 +44,7 @@ CARRIED = 1e-2  # [J] largest debt carried over a switch
 HEAD, STARTED = 1, 2  # state[MODE] = mode, newest place in the rings, whether there was a step before,
 WITHHELD = 3  # and the part of the contact force that is withheld [1]
 STILL, TOUCHING, CLOCK = range(3)  # state[TIMES] = time without movement [s], approach when last touching [m], time [s]
+BRAKE, RISE = 1, 2  # state[ENERGY] = observed energy [J], force of the added damping [N], its bound [N/s] (0: none)
 PUSH, STAND, WHEN = 0, 3, 6  # columns of the rings, which each begin there
 
 
@@ -139,6 +142,8 @@ def switch(gains, state, touching, approach, x, y, z, vx, vy, vz):
             state[OFFSET, i] += old - assist(gains, new, state, i, position[i], velocity[i])
         state[ENERGY, 0] = min(max(state[ENERGY, 0], -CARRIED), 0.0)
         state[MODE, 0] = new
+        if new == FREE:
+            state[ENERGY, RISE] = 0.0
     return new
 
 
@@ -203,6 +208,11 @@ def haptic(gains, state, past, normal_force, n, friction, approach, position, ve
         alpha = 0.0
         if way >= 1.5 * gains[RESOLUTION]:  # less is rounding
             alpha = dissipation(state[ENERGY, 0], dt, wx * wx + wy * wy + wz * wz, 0.5 * gains[MASS] / slow)
+        if state[ENERGY, RISE] > 0.0:
+            speed = math.sqrt(wx * wx + wy * wy + wz * wz)
+            brake = min(alpha * speed, state[ENERGY, BRAKE] + state[ENERGY, RISE] * dt)
+            alpha = brake / speed if speed > 0.0 else 0.0
+            state[ENERGY, BRAKE] = brake
         fx, fy, fz = fx - alpha * wx, fy - alpha * wy, fz - alpha * wz
     fx, fy, fz = clamp(fx, fy, fz, gains[LIMIT])
     fx, fy, fz = slew(fx, fy, fz, state[FORCE, 0], state[FORCE, 1], state[FORCE, 2], gains[SLEW] * dt)

@@ -211,7 +211,7 @@ def step(
     """Move the fingertip to a depth [m] and by a shift [m] along the plate in dt [s]; force of the plate on it [N] (3).
 
     The state is changed in place. The normal force never pulls; the tangential force never passes friction times the
-    normal one. A depth beyond a beam's reach is held there and counted (`clamped`). For dt <= 0 no time
+    normal one. A depth beyond a beam's reach is held there and counted (`limited`). For dt <= 0 no time
     passes: nothing changes. The solver takes at most `most` rounds; rounds and residual are in the summary.
     """
     far = math.hypot(*shift)

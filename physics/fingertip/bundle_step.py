@@ -84,16 +84,16 @@ class Motion(NamedTuple):
 
 
 class Summary(NamedTuple):
-    """Of the last step: nodes in contact and sliding, beams held at their reach, rounds and residual of the solver, and
-    its length [s]; and of a next step of the same length at the same depth its stiffness [N/m], its depth of first
+    """Of the last step: nodes in contact and sliding, beams at their strain limit, iterations and residual of the solver,
+    and its length [s]; and of a next step of the same length at the same depth its stiffness [N/m], its depth of first
     touch [m] and its force [N]."""
 
     contacts: int = 0
     slips: int = 0
-    clamped: int = 0
+    limited: int = 0
     next_stiffness: float = 0.0
     next_touch: float = 0.0
-    rounds: int = 0
+    iterations: int = 0
     residual: float = 0.0
     last_step: float = 0.0
     next_force: float = 0.0
@@ -106,28 +106,28 @@ def bundle_step(beams, sheet, nodes, scratch, motion, tolerance, most):
     beams, nodes, scratch, motion  as above      sheet  a `skin.Sheet`
     tolerance, most                as in `stick_slip`
     """
-    contacts, clamped = _press(beams, nodes, scratch, motion)
+    contacts, limited = _press(beams, nodes, scratch, motion)
     stiffness, touch, following = _next_law(beams, nodes, motion)
-    slips, rounds, residual = _rub(beams, sheet, nodes, scratch, motion, tolerance, most)
+    slips, iterations, residual = _rub(beams, sheet, nodes, scratch, motion, tolerance, most)
     force = nodes.force
     force[:] = 0.0
     for i in range(beams.heights.shape[0]):
         force[0] += nodes.tangent[i, 0]
         force[1] += nodes.tangent[i, 1]
         force[2] += nodes.normal[i]
-    return Summary(contacts, slips, clamped, stiffness, touch, rounds, residual, motion.dt, following)
+    return Summary(contacts, slips, limited, stiffness, touch, iterations, residual, motion.dt, following)
 
 
 @numba.njit(cache=True)
 def _press(beams, nodes, scratch, motion):
     """Shorten the beams to the depth: normal forces, limits of friction, weights in the sheet; nodes in contact, and
     beams held at their reach."""
-    contacts = clamped = 0
+    contacts = limited = 0
     for i in range(beams.heights.shape[0]):
         wanted = motion.depth - beams.heights[i]
         if wanted > beams.reach[i]:
             wanted = beams.reach[i]
-            clamped += 1
+            limited += 1
         strain = wanted / beams.length[i]
         pressure = chain_strain_step(
             nodes.strains[i], beams.moduli, beams.viscosities, beams.shares[i], strain, motion.dt
@@ -139,7 +139,7 @@ def _press(beams, nodes, scratch, motion):
             contacts += 1
         else:
             nodes.path[i], nodes.first[i] = 0.0, -1.0
-    return contacts, clamped
+    return contacts, limited
 
 
 @numba.njit(cache=True)
@@ -166,7 +166,7 @@ def _next_law(beams, nodes, motion):
 
 @numba.njit(cache=True)
 def _rub(beams, sheet, nodes, scratch, motion, tolerance, most):
-    """Stick or slide under the shift; nodes that slide, rounds and residual of the solver."""
+    """Stick or slide under the shift; nodes that slide, iterations and residual of the solver."""
     # With all nodes stuck the deflection would be u_s = u - shift. Elastic and viscous forces of the sheet in the step
     # are K u_new + (tau/dt) K (u_new - u); a common shift strains nothing, so r = -k u_s - K u.
     deflection, slip, lateral, matrix = nodes.deflection, nodes.slip, beams.lateral, scratch.matrix
@@ -187,10 +187,10 @@ def _rub(beams, sheet, nodes, scratch, motion, tolerance, most):
         matrix[sheet.diagonal[i], 0, 0] += lateral[i]
         matrix[sheet.diagonal[i], 1, 1] += lateral[i]
     whole = Blocks(sheet.rows, sheet.columns, sheet.diagonal, matrix, sheet.band)
-    rounds, residual = stick_slip(
+    iterations, residual = stick_slip(
         whole, scratch.trial, scratch.limit, slip, scratch.plate, scratch.solver, tolerance, most
     )
-    return _slid(nodes, scratch, motion), rounds, residual
+    return _slid(nodes, scratch, motion), iterations, residual
 
 
 @numba.njit(cache=True)

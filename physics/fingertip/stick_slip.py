@@ -11,7 +11,7 @@ plate. Node i sticks where q_i is inside its disc.
 
 Method (truncated nonsmooth Newton, Gräser & Kornhuber 2009, on one level): block Gauss-Seidel with the exact answer of
 each 2 x 2 problem finds who slips; a Newton step on those nodes, where Phi is smooth, removes what Gauss-Seidel is slow
-at; a line search keeps Phi falling. Warm-started, it ends after one to three rounds.
+at; a line search keeps Phi falling. Warm-started, it ends after one to three iterations.
 """
 
 from __future__ import annotations
@@ -224,7 +224,7 @@ def stick_slip(matrix, force, limit, slip, plate, work, tolerance, most):
     matrix     A as `Blocks`                             work  as `Workspace`
     force      [N] (N,2)  r: on the plate if all stuck   limit [N] (N)  mu f_n >= 0
     slip       [m] (N,2)                                 plate [N] (N,2)
-    tolerance  [1]  relative residual to stop at         most  rounds at most
+    tolerance  [1]  relative residual to stop at         most  iterations at most
     """
     scale = 0.0
     for i in range(limit.shape[0]):

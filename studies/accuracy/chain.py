@@ -31,7 +31,7 @@ BALL: dict[str, Any] = {"finger_law": "power", "finger_power_stiffness": 1e12, "
                         "finger_damping": 0.0}  # fmt: skip
 """A finger that does not give."""
 UP = (0.0, 0.0, 1.0)
-LAW = frozenset({"stiffness", "exponent", "damping", "free", "previous", "step", "relaxation"})
+LAW = frozenset({"stiffness", "exponent", "damping", "rest_indentation", "previous_indentation", "step", "relaxation"})
 """Fields of a body that the contact reads: its terminal law."""
 NO_NODES = np.zeros(0, dtype=np.int32)
 NO_FORCES = np.zeros((0, 3))
@@ -178,7 +178,8 @@ def _copied(load: Load) -> Load:
 def _kept(surface: Surface) -> Surface:
     return Surface(
         nodes=np.array(surface.nodes), displacement=np.array(surface.displacement), stiffness=surface.stiffness,
-        exponent=surface.exponent, damping=surface.damping, free=surface.free, previous=surface.previous,
+        exponent=surface.exponent, damping=surface.damping,
+        rest_indentation=surface.rest_indentation, previous_indentation=surface.previous_indentation,
     )  # fmt: skip
 
 

@@ -86,7 +86,7 @@ def _reducing(model: str, patient: bool = False, **fixed: object) -> Callable[[T
         outcome.offline += offline
         errors = [about["error"] for about in shipped().values() if about["key"] == node.key()]
         if model != "linear" and errors and errors[0]:
-            outcome.claimed = float(errors[0]["mean"])
+            outcome.estimated_error = float(errors[0]["mean"])
         return outcome
 
     return compute

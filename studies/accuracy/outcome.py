@@ -41,7 +41,7 @@ class Outcome:
     shapes   (time [s], points [m] (k,2), depth [m] (k,)) at some instants
     steps    [s] (n,) time that each step took
     memory   [byte] arrays that the method holds, None where nobody counted; offline [s] once, before
-    claimed  [1] what the model says that its indentation is off by, NaN where it says nothing
+    estimated_error  [1] what the model says that its indentation is off by, NaN where it says nothing
     """
 
     times: np.ndarray
@@ -50,7 +50,7 @@ class Outcome:
     steps: np.ndarray
     memory: int | None
     offline: float
-    claimed: float = float("nan")
+    estimated_error: float = float("nan")
 
 
 @dataclass(frozen=True)

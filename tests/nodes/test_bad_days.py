@@ -86,14 +86,16 @@ MESSAGES = {
         stiffness=number(1e12, 1e-9),
         exponent=st.floats(1.0, 3.0),
         damping=number(1e6, 0.0),
-        free=number(0.1),
-        previous=number(1.0),
+        rest_indentation=number(0.1),
+        previous_indentation=number(1.0),
         stored=HELD,
     ),
     Load: loads(),
     Force: st.builds(Force, force=vector(1e12), state=st.just("contact"), energy=number(1e9)),
     Torque: st.builds(Torque, torques=vector(1e9)),
-    Ledger: st.builds(Ledger, **dict.fromkeys(BOOKS, number(1e9)), culprit=st.just("tissue"), tripped=st.booleans()),
+    Ledger: st.builds(
+        Ledger, **dict.fromkeys(BOOKS, number(1e9)), generated_by=st.just("tissue"), tripped=st.booleans()
+    ),
 }
 VARIANTS = {
     "tissue with neighbours": ("tissue", {"coupling": 200.0, "damping": 0.0}),

@@ -28,7 +28,8 @@ def touch(force, compression=0.0, indentation=0.0, foot=(0, 0, 0), normal=(0, 0,
 
 def body(nodes, displacement, pressure=()):
     return Surface(
-        nodes=nodes, displacement=displacement, stiffness=1.0, exponent=1.5, damping=0.0, free=0.0, previous=0.0,
+        nodes=nodes, displacement=displacement, stiffness=1.0, exponent=1.5, damping=0.0,
+        rest_indentation=0.0, previous_indentation=0.0,
         pressure=pressure,
     )  # fmt: skip
 

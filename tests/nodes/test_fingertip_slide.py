@@ -67,7 +67,7 @@ def test_the_law_of_the_finger_is_the_tangent_of_its_next_step():
     seen = bus.publish(*[pose(d) for d in depth])
     error = []
     for before, after, d in zip(seen, seen[1:], depth[1:], strict=False):
-        law = before[3].stiffness * max(d - before[3].free, 0)
+        law = before[3].stiffness * max(d - before[3].rest_indentation, 0)
         assert law <= after[0].force * (1 + 1e-9) + 1e-9
         error.append(after[0].force - law)
     assert np.array(error[300:398]) == approx(0, abs=1e-9)
@@ -95,18 +95,18 @@ def test_the_finger_gives_no_force_before_touch_and_after_lifting():
     bus = FakeBus(BundleContact())
     for contact, friction, slip, surface in (*bus.publish(pose(-1e-3, 0.01)),):
         assert contact.force == 0 and friction.force == (0, 0, 0) and slip.contacts == 0
-        assert surface.stiffness > 0 and surface.free >= 0
+        assert surface.stiffness > 0 and surface.rest_indentation >= 0
     bus.publish(*[pose(1e-3)] * 50, *[pose(1e-3, 1e-5 * k) for k in range(100)])
     contact, friction, slip, surface = bus.publish(pose(-1e-3))[0]
     assert contact.force == 0 and friction.force == (0, 0, 0)
-    assert surface.free > 0 and np.all(slip.first == -1)
+    assert surface.rest_indentation > 0 and np.all(slip.first == -1)
 
 
 def test_pressing_beyond_the_reach_is_bounded_and_flagged():
     bus = FakeBus(BundleContact(**DOME))
     inside = bus.publish(*[pose(2e-3)] * 5)[-1]
     beyond = bus.publish(*[pose(30e-3)] * 5)[-1]
-    assert inside[2].clamped == 0 and beyond[2].clamped == 69
+    assert inside[2].limited == 0 and beyond[2].limited == 69
     assert inside[0].force < beyond[0].force <= 69 * 0.9 * 3.4e4 * 1.2e-3**2 * (1 + 1e-9)
 
 
@@ -114,7 +114,7 @@ def test_pressing_deeper_than_the_pad_is_meshed_for_is_flagged_before_any_beam_i
     """There the rim beams are missing: the force is finite, and smaller than that of a pad that has them."""
     seen = [FakeBus(BundleContact(reach=reach)).publish(*[pose(3e-3)] * 3)[-1] for reach in (2e-3, 3e-3, 4e-3)]
     assert [s[2].deeper for s in seen] == [True, False, False]
-    assert not any(s[2].clamped for s in seen)
+    assert not any(s[2].limited for s in seen)
     assert 0 < seen[0][0].force < 0.95 * seen[1][0].force
     assert seen[1][0].force == approx(seen[2][0].force, rel=0.05)
 
@@ -152,7 +152,7 @@ def test_wild_poses_give_finite_bounded_answers(dt):
     for scale in 10.0 ** random.uniform(-9, 300, 60):
         x, y, z = scale * random.normal(size=3)
         contact, friction, slip, _ = bus.publish(Pose(position=(x, y, z), velocity=(0, 0, 0), dt=dt))[0]
-        assert contact.force >= 0 and slip.rounds <= 30
+        assert contact.force >= 0 and slip.iterations <= 30
         assert np.hypot(*friction.force[:2]) <= 0.7 * contact.force * (1 + 1e-9)
     steady = bus.publish(*[pose(1e-3)] * 20)[-1]
     assert np.isfinite(steady[0].force) and np.abs(steady[3].displacement).max(initial=0.0) < 0.1

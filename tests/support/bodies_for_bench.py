@@ -16,8 +16,8 @@ class Spring(Node):
 
     def step(self, load: Load, *, dt: float) -> Surface:
         self.before = -float(load.forces[:, 2].sum()) / 300.0
-        return Surface(nodes=NO_NODES, displacement=NO_VECTORS, stiffness=300.0, exponent=1.0, damping=0.0, free=0.0,
-                       previous=self.before, step=dt)  # fmt: skip
+        return Surface(nodes=NO_NODES, displacement=NO_VECTORS, stiffness=300.0, exponent=1.0, damping=0.0,
+                       rest_indentation=0.0, previous_indentation=self.before, step=dt)  # fmt: skip
 
 
 class Raises(Spring):
@@ -35,4 +35,5 @@ class Drifts(Spring):
     def step(self, load: Load, *, dt: float) -> Surface:
         told = super().step(load, dt=dt)
         return Surface(nodes=NO_NODES, displacement=NO_VECTORS, stiffness=told.stiffness, exponent=1.0, damping=0.0,
-                       free=0.0, previous=float("nan"), step=dt) if len(load.nodes) else told  # fmt: skip
+                       rest_indentation=0.0, previous_indentation=float("nan"), step=dt,
+                       ) if len(load.nodes) else told  # fmt: skip

@@ -77,6 +77,10 @@ class Chain:
                     self._arrive()
             self.tick += 1
 
+    def stall(self, ticks: int) -> None:
+        """No node has a processor for so long."""
+        self.tick += ticks
+
     def _arrive(self) -> None:
         while self.way and self.way[0][0] <= self.tick:
             _, stream, message = self.way.popleft()

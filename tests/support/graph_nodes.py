@@ -55,7 +55,9 @@ class Press(Node):
 
     stiffness: Annotated[float, "N/m"] = 400.0
 
-    def step(self, proximity: Proximity, body: Annotated[Surface | None, Wants("stiffness", "free")]) -> Contact:
+    def step(
+        self, proximity: Proximity, body: Annotated[Surface | None, Wants("stiffness", "rest_indentation")]
+    ) -> Contact:
         zero = (0.0, 0.0, 0.0)
         return Contact(zero, zero, 0.0, 0.0, 0.0, 0.0, 0.0)
 
@@ -115,7 +117,7 @@ class Both(Node):
 
     def step(self, pose: Pose) -> tuple[Force, Torque]:
         zero = (0.0, 0.0, 0.0)
-        return Force(zero, "free", 0.0), Torque(zero)
+        return Force(zero, "rest_indentation", 0.0), Torque(zero)
 
 
 class Control(Node):
@@ -124,7 +126,7 @@ class Control(Node):
     gain: Annotated[float | None, "1"] = None
 
     def step(self, contact: Contact, friction: Friction | None) -> Force:
-        return Force((0.0, 0.0, 0.0), "free", 0.0)
+        return Force((0.0, 0.0, 0.0), "rest_indentation", 0.0)
 
 
 class Motor(Node):

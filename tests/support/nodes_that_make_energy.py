@@ -19,5 +19,5 @@ class Giving(MassSpring):
 
     def step(self, load: Load, *, dt: float) -> Surface:
         surface = super().step(load, dt=dt)
-        out, self._last = surface.previous < self._last, surface.previous
+        out, self._last = surface.previous_indentation < self._last, surface.previous_indentation
         return msgspec.structs.replace(surface, stiffness=surface.stiffness * (1.0 + self.gain * out))

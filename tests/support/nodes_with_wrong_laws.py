@@ -21,6 +21,6 @@ class Bouncy(Node):
             stiffness=stiffness,
             exponent=1.5,
             damping=5.0,
-            free=0.0,
-            previous=0.0,
+            rest_indentation=0.0,
+            previous_indentation=0.0,
         )

@@ -21,7 +21,7 @@ def surface(**more):
     """Of a sheet that is 20 % longer along x."""
     nodes = np.arange(len(SHEET.vertices), dtype=np.int32)
     moved = SHEET.vertices * (0.2, 0.0, 0.0)
-    law = {"stiffness": 1.0, "exponent": 1.0, "damping": 0.0, "free": 0.0, "previous": 0.0}
+    law = {"stiffness": 1.0, "exponent": 1.0, "damping": 0.0, "rest_indentation": 0.0, "previous_indentation": 0.0}
     return Surface(nodes=nodes, displacement=moved, **law, **more)
 
 
@@ -38,7 +38,7 @@ def test_the_values_are_those_of_the_message():
 def test_a_vertex_of_which_nothing_is_said_has_none():
     one = Surface(
         nodes=np.array([7], np.int32), displacement=np.array([[0.0, 0.0, -1e-3]]), pressure=np.array([2e3]),
-        slipped=np.array([1]), stiffness=1.0, exponent=1.0, damping=0.0, free=0.0, previous=0.0,
+        slipped=np.array([1]), stiffness=1.0, exponent=1.0, damping=0.0, rest_indentation=0.0, previous_indentation=0.0,
     )  # fmt: skip
     for name in ("displacement", "pressure", "slip"):
         assert np.flatnonzero(painted(COLOURS[name], SHEET, one)).tolist() == [7]

@@ -77,8 +77,8 @@ def surface(nodes=(), displacement=()):
         stiffness=3e3,
         exponent=1.5,
         damping=5.0,
-        free=0.0,
-        previous=0.0,
+        rest_indentation=0.0,
+        previous_indentation=0.0,
     )
 
 

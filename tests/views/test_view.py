@@ -62,7 +62,7 @@ def test_any_time_shows_the_last_messages_before_it(file):
 
 def test_what_slides_is_told_where_the_body_knows():
     mesh = plane(0.1, 12)
-    law = {"stiffness": 1.0, "exponent": 1.0, "damping": 0.0, "free": 0.0, "previous": 0.0}
+    law = {"stiffness": 1.0, "exponent": 1.0, "damping": 0.0, "rest_indentation": 0.0, "previous_indentation": 0.0}
     body = {"nodes": np.array([3, 5], np.int32), "displacement": np.zeros((2, 3)), **law}
     assert read(frame({"kind": "frame"}, Surface(**body, slipped=np.array([0, 1])), mesh))[0]["slipped"] == [0, 1]
     assert "slipped" not in read(frame({"kind": "frame"}, Surface(**body), mesh))[0]

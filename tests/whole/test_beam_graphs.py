@@ -44,7 +44,7 @@ def test_the_fingertip_presses_relaxes_and_lets_go(slide):
     warned = next(k for k, s in enumerate(slip) if s.incipient)
     gross = next(k for k, s in enumerate(slip) if s.gross)
     assert 1500 < warned < gross - 300
-    assert max(s.residual for s in slip) < 1e-5 and max(s.rounds for s in slip) < 30
+    assert max(s.residual for s in slip) < 1e-5 and max(s.iterations for s in slip) < 30
 
 
 def test_processes_send_the_same_bytes_as_one_process(slide, tmp_path):

@@ -45,7 +45,7 @@ ADDED = {
                 self.dent += self.mobility * force * dt
                 return Surface(
                     nodes=[], displacement=np.zeros((0, 3)), stiffness=self.plate, exponent=1.0, damping=0.0,
-                    free=self.dent, previous=self.dent + force / self.plate, step=dt,
+                    rest_indentation=self.dent, previous_indentation=self.dent + force / self.plate, step=dt,
                 )
     ''',
     "nodes/device/crank.py": '''

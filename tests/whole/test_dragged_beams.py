@@ -32,7 +32,7 @@ def test_no_triangle_is_turned_over_and_neighbours_stay_together(run):
         assert (np.einsum("ij,ij->i", np.cross(b - a, c - a), mesh.face_vectors) > 0).all()
         assert (np.linalg.norm(moved[i] - moved[j], axis=1) / spans).max() <= 0.8 * (1 + 1e-6)
         looked += friction[tick] > 0.2
-        held += surface.clamped > 0
+        held += surface.limited > 0
     assert looked > 20 and held > 0
 
 

@@ -100,8 +100,8 @@ def test_both_laws_give_the_same_force_with_the_law_that_the_tissue_sent(whole, 
     assert all(m.used[1] == m.tick - 1 for m in list(whole.messages("contact"))[1:50])
     force, s1, s2 = contact["force"][touching], contact["compression"], contact["indentation"][touching]
     law = {name: values[touching - 1] for name, values in sent.items()}
-    tissue = law["stiffness"] * np.maximum(s2 - law["free"], 0.0) ** law["exponent"]
-    tissue *= np.maximum(1.0 + law["damping"] * (s2 - law["previous"]) / T, 0.0)
+    tissue = law["stiffness"] * np.maximum(s2 - law["rest_indentation"], 0.0) ** law["exponent"]
+    tissue *= np.maximum(1.0 + law["damping"] * (s2 - law["previous_indentation"]) / T, 0.0)
     b, m, c = 26.2641, 1681.06, 8.0
     rate = (s1[touching] - s1[touching - 1]) / T
     finger = b / m * np.expm1(m * s1[touching]) * np.maximum(1.0 + c * rate, 0.0)
@@ -112,7 +112,10 @@ def test_both_laws_give_the_same_force_with_the_law_that_the_tissue_sent(whole, 
 def test_the_tissue_goes_in_as_far_as_the_contact_says(columns):
     touching = columns["contact"]["force"] > 0.0
     np.testing.assert_allclose(
-        columns["tissue"]["previous"][touching], columns["contact"]["indentation"][touching], rtol=1e-7, atol=1e-11
+        columns["tissue"]["previous_indentation"][touching],
+        columns["contact"]["indentation"][touching],
+        rtol=1e-7,
+        atol=1e-11,
     )
 
 

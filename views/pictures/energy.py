@@ -49,7 +49,7 @@ def draw(touch: Touch) -> Figure | None:
         "dissipated by the controller, lost by sampling (negative: generated), and residual of the balance"
     )
     middle.legend(loc="lower left", ncols=3, fontsize=9)
-    lower.plot(time, ledger["made"] * 1e3, color=TISSUE, linewidth=1.3)
+    lower.plot(time, ledger["generated"] * 1e3, color=TISSUE, linewidth=1.3)
     if bound:
         lower.axhline(bound * 1e3, color=INK, linewidth=0.8, linestyle=(0, (4, 2)))
     tripped = np.flatnonzero(ledger["tripped"])

@@ -141,8 +141,8 @@ def _flags(slip: Columns) -> str:
     warnings = ""
     if slip["deeper"].any():
         warnings += "; deeper than the meshed pad: force too small"
-    if slip["clamped"].any():
-        warnings += f"; up to {slip['clamped'].max()} beams at their strain limit"
+    if slip["limited"].any():
+        warnings += f"; up to {slip['limited'].max()} beams at their strain limit"
     return warnings
 
 

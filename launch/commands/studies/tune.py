@@ -85,8 +85,8 @@ def _print(tuned: Tuned, goal: Goal, file: Path) -> None:
         titles = "; ".join(title(one) for one in tuned.tried if one.why == reason)
         say(f"left out {titles}: {reason}", "dim", wrap=True)
     known = "whose own error is unknown."
-    if tuned.claimed:
-        known = f"plus the known error of that reference: {100 * tuned.claimed:.2g} %."
+    if tuned.estimated_error:
+        known = f"plus the known error of that reference: {100 * tuned.estimated_error:.2g} %."
     say(f"Errors are differences from {title(tuned.reference)}, {known}", wrap=True)
     if tuned.promised is None or tuned.came is None:
         say(f"No model keeps {goal} on this machine. {tuned.why}".rstrip(), "yellow", wrap=True)

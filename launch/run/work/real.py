@@ -3,9 +3,9 @@
 A node waits up to one period for inputs of the same tick from the force path and holds the newest message of all
 others; the header's `used` records which. A tick that could not begin within its period is left out and counted.
 
-An input that is older than a stated age counts as absent, whoever is to blame: `HELD` for a node, less the time for
-which it did not step itself, `RELEASED` for a paced one, or three periods of the sender where these are longer. So a
-node that stops is without effect on the device after less than 20 ms, at 1 kHz:
+An input that is older than a stated age counts as absent, whoever is to blame: `HELD` for a node, `RELEASED` for a
+paced one, or three periods of the sender where these are longer. Time for which the node itself did not step does not
+count, but for hardware. So a node that stops is without effect on the device after less than 20 ms, at 1 kHz:
 
 * Those that it drives fall silent at once, for a step runs on a new driving message only, and all that are left do not
   depend on it but by inputs that they hold.
@@ -16,7 +16,8 @@ node that stops is without effect on the device after less than 20 ms, at 1 kHz:
   falls to zero in 4 ms. Where the others go on, the controller takes the force away in 4 ms after `HELD`.
 
 On a machine too busy for its loop, the same ages take the torque away: a loop that is more than `RELEASED` late is an
-outage to the device. What comes back after an outage comes in from zero (nodes/base/absence.py).
+outage to hardware, while a simulated device stood still with the rest and goes on with the torque that it had. What
+comes back after an outage comes in from zero (nodes/base/absence.py).
 """
 
 from __future__ import annotations
@@ -134,9 +135,9 @@ def _expired(worker: Worker, slot: Slot, port: Input, message: Message, tick: in
 
 def _slept(slot: Slot, tick: int) -> int:
     """Ticks for which the node itself did not step. They do not make its inputs old: who stood still together with it,
-    as a whole loop does on a machine that stalls, has said all that there was to say. A paced node counts them: after
-    an outage the device is without torque."""
-    return max(0, tick - slot.due) if slot.due and not slot.node.paced else 0
+    as a whole loop does on a machine that stalls, has said all that there was to say. Hardware counts them: it went on
+    meanwhile, and is without torque."""
+    return max(0, tick - slot.due) if slot.due and not slot.node.hardware else 0
 
 
 def _permitted(worker: Worker, slot: Slot, port: Input) -> float:

@@ -164,10 +164,10 @@ def _limits(own: list[Cell]) -> list[str]:
 
 def _claims(own: list[Cell]) -> list[str]:
     return [
-        f"* {c.title}, {c.fidelity}: its basis claims {percent(c.claimed)} of the indentation in the mean; "
+        f"* {c.title}, {c.fidelity}: its basis claims {percent(c.estimated_error)} of the indentation in the mean; "
         f"here it is off by {percent(c.errors['indentation']['rms'])} of its peak (rms)"
         for c in own
-        if c.claimed is not None and c.fidelity == "1000 Hz"
+        if c.estimated_error is not None and c.fidelity == "1000 Hz"
     ]
 
 

@@ -15,7 +15,7 @@ from palpate.studies.accuracy.truth import QUANTITIES
 
 PLAIN = {
     "touch": str, "method": str, "title": str, "fidelity": str, "axis": str, "rate": float, "status": str, "why": str,
-    "p50": float, "p99": float, "steps": int, "memory": int, "offline": float, "claimed": float,
+    "p50": float, "p99": float, "steps": int, "memory": int, "offline": float, "estimated_error": float,
     "discretisation": float, "finest": float, "falling": str,
 }  # fmt: skip
 MEASURES = ("rms", "worst", "band")

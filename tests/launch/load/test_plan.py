@@ -95,10 +95,10 @@ def test_pruning_leaves_the_held_edges_as_they_are(whole):
 
 def test_only_fields_that_somebody_reads_are_wanted(whole):
     run = planned(whole, "wanted=[control]")
-    assert run.wanted["tissue"] == {"stiffness", "free"}
+    assert run.wanted["tissue"] == {"stiffness", "rest_indentation"}
     assert run.wanted["control"] == {"force", "state", "energy"}
     node = run.make("tissue")
-    assert node.wants("free") and not node.wants("displacement")
+    assert node.wants("rest_indentation") and not node.wants("displacement")
     everything = planned(whole)
     assert "displacement" in everything.wanted["tissue"]
     heard = planned(whole, "wanted=[control]", "log.in=[tissue]")

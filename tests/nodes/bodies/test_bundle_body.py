@@ -82,7 +82,7 @@ def test_a_nodule_holds_the_surface_up_and_makes_the_body_stiffer(kind):
     deep, less = -plain.displacement[:, 2], -hard.displacement[:, 2]
     assert (less[factor > 1.05] < deep[factor > 1.05]).all() and (factor > 1.05).any()
     assert less[factor == 1.0] == approx(deep[factor == 1.0])
-    assert hard.previous < plain.previous and hard.stiffness > plain.stiffness
+    assert hard.previous_indentation < plain.previous_indentation and hard.stiffness > plain.stiffness
 
 
 def test_beams_over_a_nodule_give_way_by_the_factor_less():

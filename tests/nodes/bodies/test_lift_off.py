@@ -48,19 +48,19 @@ def test_the_dent_is_told_while_it_recovers_and_only_where_it_is():
     here = (0.0, 0.0, 0.0)
     held = bus.publish(*[spread(0.5, here)] * 100)[-1]
     gone = bus.publish(*[empty(here)] * 200)
-    frees = np.array([held.free, *(one.free for one in gone)])
-    assert held.free > 1e-4
+    frees = np.array([held.rest_indentation, *(one.rest_indentation for one in gone)])
+    assert held.rest_indentation > 1e-4
     assert (np.diff(frees) < 0).all() and frees[1] > 0.9 * frees[0] and frees[-1] > 0.1 * frees[0]
-    assert all(one.previous >= one.free for one in gone)
+    assert all(one.previous_indentation >= one.rest_indentation for one in gone)
     (aside,) = bus.publish(empty((0.03, 0.0, 0.0)))
-    assert aside.free == 0.0 and aside.previous == 0.0
+    assert aside.rest_indentation == 0.0 and aside.previous_indentation == 0.0
     (back,) = bus.publish(empty(here))
-    assert back.free == pytest.approx(gone[-1].free, rel=0.02)
+    assert back.rest_indentation == pytest.approx(gone[-1].rest_indentation, rel=0.02)
 
 
 def test_the_law_passes_smoothly_from_the_last_patch_to_the_one_below_the_finger():
     bus = FakeBus(make(BeamBundle))
     bus.publish(*[spread(0.5, (0.0, 0.0, 0.0))] * 100)
     laws = bus.publish(*[empty((x, 0.0, 0.0)) for x in np.linspace(0, 0.02, 400)])
-    frees = np.array([law.free for law in laws])
+    frees = np.array([law.rest_indentation for law in laws])
     assert np.abs(np.diff(frees)).max() < 0.02 * frees[0]

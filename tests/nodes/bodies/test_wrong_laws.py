@@ -18,7 +18,8 @@ from palpate.nodes.base.mesh_file import read_mesh
 from palpate.nodes.contact import Series
 
 GOOD = Surface(
-    nodes=[], displacement=np.zeros((0, 3)), stiffness=3e3, exponent=1.5, damping=5.0, free=0.0, previous=0.0,
+    nodes=[], displacement=np.zeros((0, 3)), stiffness=3e3, exponent=1.5, damping=5.0,
+    rest_indentation=0.0, previous_indentation=0.0,
     source="liver", tick=4,
 )  # fmt: skip
 NEAR = Proximity(foot=(0, 0, 0), normal=(0, 0, 1), coordinates=(0, 0), element=0, gap=0, approach=4e-3, slip=(0, 0, 0))
@@ -28,8 +29,9 @@ NEAR = Proximity(foot=(0, 0, 0), normal=(0, 0, 1), coordinates=(0, 0), element=0
     ("name", "value"),
     [
         ("stiffness", -5.0), ("stiffness", 0.0), ("stiffness", math.inf), ("stiffness", math.nan), ("exponent", -1.0),
-        ("exponent", 0.99), ("exponent", 3.5), ("damping", -1e-3), ("free", -1.0), ("free", math.nan),
-        ("previous", math.inf), ("step", -1e-3), ("relaxation", math.nan),
+        ("exponent", 0.99), ("exponent", 3.5), ("damping", -1e-3),
+        ("rest_indentation", -1.0), ("rest_indentation", math.nan),
+        ("previous_indentation", math.inf), ("step", -1e-3), ("relaxation", math.nan),
     ],
 )  # fmt: skip
 def test_a_law_out_of_range_is_refused_with_the_sender_and_the_number(name, value):
@@ -40,7 +42,9 @@ def test_a_law_out_of_range_is_refused_with_the_sender_and_the_number(name, valu
     assert told.value.source == "liver"
 
 
-@pytest.mark.parametrize("given", [{}, {"free": -1e-3}, {"exponent": 3.0}, {"stiffness": 1e12}, {"damping": 0.0}])
+@pytest.mark.parametrize(
+    "given", [{}, {"rest_indentation": -1e-3}, {"exponent": 3.0}, {"stiffness": 1e12}, {"damping": 0.0}]
+)
 def test_a_law_within_its_range_is_taken(given):
     (answer,) = FakeBus(Series(), body=msgspec.structs.replace(GOOD, **given)).publish(NEAR)
     assert answer.force > 0

@@ -54,7 +54,7 @@ def test_the_books_of_a_stroke_close_and_no_part_makes_energy(kidney, body):
     assert last.hand > 5e-3
     assert last.hand - last.controller - last.sampling == approx(parts + last.unexplained, rel=1e-9)
     assert abs(last.unexplained) < 1e-3 * last.hand
-    assert max(m.made for m in every) < 0.05 * last.hand and not last.tripped
+    assert max(m.generated for m in every) < 0.05 * last.hand and not last.tripped
     assert min(np.diff([m.fingertip_dissipated for m in messages])) >= -1e-9
     assert not any("above the bound" in note for note in result.notes)
 
@@ -63,8 +63,8 @@ def test_a_body_that_gives_out_energy_trips_it_and_the_force_is_gone_within_the_
     recording, result = kidney(*BOUNCE, *GIVING, "scene.energy.bound=2 mJ", duration=1.4)
     ledger = list(recording.messages("ledger"))
     tripped = next(m.tick for m in ledger if m.tripped)
-    assert ledger[-1].tripped and ledger[tripped].culprit in ("tissue", "display")
-    assert ledger[tripped - 1].made <= 2e-3 < ledger[tripped].made
+    assert ledger[-1].tripped and ledger[tripped].generated_by in ("tissue", "display")
+    assert ledger[tripped - 1].generated <= 2e-3 < ledger[tripped].generated
     sizes = np.array([np.linalg.norm(m.force) for m in recording.messages("controller")])
     contact = np.array([m.force for m in recording.messages("contact")])
     assert sizes[:tripped].max() > 0.3 and not sizes[tripped + 102 :].any()
@@ -77,7 +77,7 @@ def test_a_body_that_gives_out_energy_trips_it_and_the_force_is_gone_within_the_
 def test_the_same_body_without_a_bound_goes_on(kidney):
     recording, _ = kidney(*BOUNCE, *GIVING, "scene.energy.bound=0", duration=1.4)
     assert not any(m.tripped for m in recording.messages("ledger"))
-    assert max(m.made for m in recording.messages("ledger")) > 2e-3
+    assert max(m.generated for m in recording.messages("ledger")) > 2e-3
 
 
 def test_without_a_ledger_nothing_of_it_is_computed(kidney):
@@ -102,7 +102,9 @@ def test_the_controller_ramps_down_and_stays_down():
     pose = Pose(position=(0.0, 0.0, 0.0), velocity=(0.0, 0.0, 0.0), dt=1e-3)
     bus = FakeBus(Haptic(passivity=False, ramp=0.05, slew=1e6), pose=pose)
     books = {
-        f: 0.0 for f in Ledger.__struct_fields__ if f not in ("tick", "time", "source", "used", "culprit", "tripped")
+        f: 0.0
+        for f in Ledger.__struct_fields__
+        if f not in ("tick", "time", "source", "used", "generated_by", "tripped")
     }
     good, bad = Ledger(**books), Ledger(**books, tripped=True)
     full = [bus.publish(good, contact)[-1].force[2] for _ in range(5)]
@@ -114,8 +116,9 @@ def test_the_controller_ramps_down_and_stays_down():
 
 
 def test_an_outage_is_no_way_of_the_hand():
-    body = Surface(nodes=[], displacement=np.zeros((0, 3)), stiffness=1e3, exponent=1.0, damping=0.0, free=0.0,
-                   previous=0.0, stored=(0.0,))  # fmt: skip
+    body = Surface(nodes=[], displacement=np.zeros((0, 3)), stiffness=1e3, exponent=1.0, damping=0.0,
+    rest_indentation=0.0,
+                   previous_indentation=0.0, stored=(0.0,))  # fmt: skip
     contact = Contact(foot=(0, 0, 0), normal=UP, force=0.0, compression=0.0, indentation=0.0, compression_rate=0.0,
                       indentation_rate=0.0, stored=(0.0,))  # fmt: skip
     bus = FakeBus(Energy())

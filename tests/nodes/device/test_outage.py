@@ -85,6 +85,21 @@ def test_a_pause_in_which_the_device_has_let_go_is_an_outage():
     assert after[:3] == approx([0.0, 0.08, 0.16]) and after[-1] == approx(8.0)
 
 
+@pytest.mark.parametrize("passivity", [False, True])
+def test_a_pause_through_which_the_device_kept_its_torque_is_none(passivity):
+    """The whole loop stood still, and the simulated hand with it."""
+    node = Haptic(passivity=passivity)
+    node.start()
+
+    def size(dt: float, used: int = 0) -> float:
+        device = DeviceState(tick=1, used=(used,))
+        return float(np.linalg.norm(node.step(contact(8.0, 2e-3), None, POSE, device=device, dt=dt).force))
+
+    before = [size(T) for _ in range(300)][-1]
+    assert [size(dt) for dt in (0.041, T, T)] == [before] * 3
+    assert [size(0.041, used=-1), size(T)] == approx([0.0, 9.0 * T / 0.1 if not passivity else 0.0], abs=0.08)
+
+
 def test_a_step_that_comes_late_changes_the_force_by_no_more_than_one_in_time():
     node = Haptic(passivity=False, slew=1000.0)
     node.start()

@@ -77,7 +77,7 @@ def round_trip(error):
     body, rows = ladder(error), []
     for force in np.concatenate([np.linspace(1e-4, 0.3, 120), np.full(30, 0.3), np.linspace(0.3, 1e-4, 150)]):
         law = body.step(*load(force))
-        rows.append((body.claimed, body.fidelity, law[3], force, body.weight, *law[:3]))
+        rows.append((body.estimated_error, body.fidelity, law[3], force, body.weight, *law[:3]))
     return np.array(rows)
 
 
@@ -99,7 +99,7 @@ def test_the_true_error_is_within_what_is_claimed_on_a_held_out_touch():
     for force in np.linspace(0.0, 0.25, 26)[1:]:
         for _ in range(4):
             now = body.step(*load(force, x=1.7e-3, y=-3.3e-3))[3]
-        assert abs(now / settled(whole, force, x=1.7e-3, y=-3.3e-3) - 1.0) <= body.claimed + 1e-3
+        assert abs(now / settled(whole, force, x=1.7e-3, y=-3.3e-3) - 1.0) <= body.estimated_error + 1e-3
 
 
 def test_a_switch_moves_the_indentation_by_its_share_of_the_difference_in_a_tick():
@@ -140,7 +140,7 @@ def test_most_leaves_the_finer_rungs_out_and_the_claim_says_so():
     body = ladder(0.001, most=20)
     for force in np.linspace(0.01, 0.2, 60):
         body.step(*load(force))
-    assert body.fidelity == 20 and body.claimed > 0.001
+    assert body.fidelity == 20 and body.estimated_error > 0.001
 
 
 def test_a_late_step_takes_one_rung_less_and_a_second_in_time_gives_it_back():
@@ -155,7 +155,7 @@ def test_a_late_step_takes_one_rung_less_and_a_second_in_time_gives_it_back():
         now = body.step(*load(0.1, dt=2e-3 if k < 3 else 1e-3))[3]  # a switch that is under way costs time: one rung
         assert abs(now - before) <= apart / BLEND + 2 * TOLERANCE * now
         before = now
-    assert body.fidelity == 60 and body.claimed > free.claimed and body.claimed > 1e-3
+    assert body.fidelity == 60 and body.estimated_error > free.estimated_error and body.estimated_error > 1e-3
     for _ in range(round(PROBATION / 1e-3) + WARM + BLEND):
         body.step(*load(0.1))
         told.append(body.fidelity)
@@ -177,7 +177,11 @@ def test_the_same_messages_give_the_same_bytes_and_tell_claim_and_fidelity():
     setting = {"error": 0.06, "vertices": 400, "position": (0.0, 0.0, 0.0)}
     runs = [FakeBus(Adaptive(**setting)).publish(*loads) for _ in range(2)]
     assert [pack(s) for s in runs[0]] == [pack(s) for s in runs[1]]
-    assert runs[0][0].claimed == 0.0 and runs[0][-1].claimed > 0.0 and runs[0][-1].fidelity in (10, 20, 40, 60, 80)
+    assert (
+        runs[0][0].estimated_error == 0.0
+        and runs[0][-1].estimated_error > 0.0
+        and runs[0][-1].fidelity in (10, 20, 40, 60, 80)
+    )
 
 
 @pytest.mark.parametrize(

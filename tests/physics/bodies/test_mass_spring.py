@@ -252,7 +252,7 @@ def test_contact_against_the_node_is_the_monolithic_series_solution():
         (pressed,) = contact.publish(proximity(x))
         (surface,) = tissue.publish(*spread.publish(pressed))
         forces.append(pressed.force)
-        s2.append((pressed.indentation, surface.previous))
+        s2.append((pressed.indentation, surface.previous_indentation))
     whole, _, _ = series_path(e, 1e-3, exponential(26.2641, 1681.06), 8.0, K, N, C)
     assert forces == approx(whole, rel=1e-9, abs=1e-12)
     assert [a for a, _ in s2] == approx([b for _, b in s2], rel=1e-9, abs=1e-14)
@@ -262,17 +262,17 @@ def test_the_field_is_left_out_where_nobody_wants_it():
     on = Load(nodes=[5, 6], forces=[[0, 0, -1.0], [0, 0, -1.0]], foot=(0, 0, 0), normal=UP)
     (full,) = FakeBus(MassSpring(surface="plane", vertices=400)).publish(on)
     node = MassSpring(surface="plane", vertices=400)
-    node.wanted = frozenset({"stiffness", "previous"})
+    node.wanted = frozenset({"stiffness", "previous_indentation"})
     (lean,) = FakeBus(node).publish(on)
     assert full.nodes.size == 2 and lean.nodes.size == 0
-    assert lean.previous == full.previous > 0
+    assert lean.previous_indentation == full.previous_indentation > 0
 
 
 def test_coupling_leaves_the_terminal_law_as_it_is():
     nodes, forces = load((0.0, 0.0, -1.0))
     on = Load(nodes=nodes, forces=forces, foot=(0, 0, 0), normal=UP)
     indentations = [
-        FakeBus(MassSpring(surface="plane", vertices=3721, coupling=k)).publish(on, on)[-1].previous
+        FakeBus(MassSpring(surface="plane", vertices=3721, coupling=k)).publish(on, on)[-1].previous_indentation
         for k in (0.0, 30.0)
     ]
     assert indentations[0] == indentations[1]

@@ -84,7 +84,7 @@ def top(x, y):
 
 
 ARCS = {
-    "along": (top(-0.025, 0.0), top(0.025, 0.0)),
+    "lateral_force": (top(-0.025, 0.0), top(0.025, 0.0)),
     "back": (top(0.025, 0.0), top(-0.025, 0.0)),
     "across": (top(0.0, -0.01), top(0.02, 0.012)),
     "to the end": (top(0.0, 0.0), top(0.04, 0.0)),
@@ -113,7 +113,7 @@ def test_pressing_here_sliding_and_lifting_there_gives_out_nothing(model, retard
 def test_a_hand_that_feels_the_normal_force_alone_gains_more(monkeypatch):
     """So the tests above see what they are meant to see."""
     hand = Hand()
-    monkeypatch.setattr(hand.body, "along", lambda: ((0.0, 0.0, 0.0), (0.0,) * 9))
+    monkeypatch.setattr(hand.body, "lateral_force", lambda: ((0.0, 0.0, 0.0), (0.0,) * 9))
     assert gained(hand, np.linspace(*ARCS["softest to stiffest"], 500), 10e-3) > 1.3 * GAIN
 
 
@@ -184,7 +184,12 @@ def test_over_a_ball_the_hand_moves_less_than_the_foot_point():
 def test_the_contact_passes_it_to_the_hand_and_no_contact_does_not():
     near = {"foot": (0, 0, 0), "normal": (0.0, 0.0, 1.0), "coordinates": (0, 0), "element": 0, "slip": (0, 0, 0)}
     body = {"nodes": [], "displacement": np.zeros((0, 3)), "stiffness": 1e3, "exponent": 1.0, "damping": 0.0}
-    body |= {"free": 0.0, "previous": 0.0, "slope": (0.2, -0.1, 0.0), "turning": (0.0,) * 9}
+    body |= {
+        "rest_indentation": 0.0,
+        "previous_indentation": 0.0,
+        "tangential_gradient": (0.2, -0.1, 0.0),
+        "shape_operator": (0.0,) * 9,
+    }
     bus = FakeBus(Series())
     touching = bus.publish(Surface(**body), Proximity(gap=0.0, approach=2e-3, **near))[-1]
     assert touching.along == approx((0.2, -0.1, 0.0)) and touching.force > 0
@@ -201,5 +206,5 @@ def test_the_node_sends_it():
     press = np.outer(share / share.sum(), (0, 0, -1.0))
     load = Load(nodes=nodes, forces=press, foot=tuple(top_vertex), normal=(0, 0, 1))
     surface = bus.publish(load)[-1]
-    assert len(surface.turning) == 9 and np.isfinite(surface.slope).all()
-    assert 1e-4 < np.linalg.norm(surface.slope) < 0.05
+    assert len(surface.shape_operator) == 9 and np.isfinite(surface.tangential_gradient).all()
+    assert 1e-4 < np.linalg.norm(surface.tangential_gradient) < 0.05

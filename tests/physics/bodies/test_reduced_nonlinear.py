@@ -285,8 +285,8 @@ def test_the_node_with_dents_of_a_fifth_is_softer_than_its_linear_model_by_a_qua
         share = (1 - q[nodes] ** 2) ** 2
         press = np.outer(share / share.sum(), (0, 0, -5.0))
         last = bus.publish(*[Load(nodes=nodes, forces=press, foot=top, normal=(0, 0, 1))] * 200)[-1]
-        assert last.stiffness * (last.previous - last.free) > 0
-        indentations.append(last.previous)
+        assert last.stiffness * (last.previous_indentation - last.rest_indentation) > 0
+        indentations.append(last.previous_indentation)
     assert indentations[0] == approx(1.25 * indentations[1], rel=0.02)
 
 
@@ -300,7 +300,7 @@ def test_beyond_the_deepest_press_the_body_stiffens():
         it = body()
         law = it.step(nodes, force * push, foot, n, 1e3)
         depth.append(law[2])
-        beyond.append(it.beyond)
+        beyond.append(it.extrapolation)
     depth, beyond = np.array(depth), np.array(beyond)
     assert (np.diff(depth) > 0).all() and beyond[0] == 0.0 and beyond[-1] > 0.3
     radius = depth[-1] / (end * (1.0 + beyond[-1]))
@@ -323,5 +323,5 @@ def test_ten_newtons_do_not_push_the_kidney_through():
         press = np.outer(share / share.sum(), (0, 0, -force))
         load = Load(nodes=nodes, forces=press, foot=tuple(top), normal=(0, 0, 1))
         surfaces.append(bus.publish(*[load] * 400)[-1])
-    assert surfaces[0].beyond == 0.0
-    assert surfaces[1].beyond > 0.5 and surfaces[1].previous < 25e-3
+    assert surfaces[0].extrapolation == 0.0
+    assert surfaces[1].extrapolation > 0.5 and surfaces[1].previous_indentation < 25e-3

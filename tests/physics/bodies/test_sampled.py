@@ -472,11 +472,15 @@ def test_the_node_takes_a_load_and_sends_a_surface_wherever_it_is_placed(monkeyp
         share = (1 - q[nodes] ** 2) ** 2
         load = Load(nodes=nodes, forces=np.outer(share / share.sum(), -0.8 * n), foot=tuple(foot), normal=tuple(n))
         (empty,) = bus.publish(Load(nodes=[], forces=np.zeros((0, 3)), foot=tuple(foot), normal=tuple(n)))
-        assert empty.previous == 0.0 and empty.free == 0.0 and np.abs(empty.displacement).max() == 0.0
+        assert (
+            empty.previous_indentation == 0.0
+            and empty.rest_indentation == 0.0
+            and np.abs(empty.displacement).max() == 0.0
+        )
         last = bus.publish(*[load] * 6)[-1]
         assert last.stiffness > 0 and 1 <= last.exponent <= 3
         assert (last.displacement @ n).min() < -1e-3
-        indentations.append(last.previous)
+        indentations.append(last.previous_indentation)
     assert indentations[1] == approx(indentations[0], rel=1e-3)
 
 

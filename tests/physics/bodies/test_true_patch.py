@@ -269,9 +269,9 @@ def test_a_narrower_patch_is_softer_as_its_radius_until_the_mesh_ends():
     (wide, far), (narrow, near) = (softness(body, radius) for radius in (8e-3, 4e-3))
     half_space = (1.0 - POISSON**2) * tp.MEAN * (1.0 - tp.HELD * (0.1 / 0.55) ** 2) / (math.pi * YOUNG)
     assert narrow - wide == approx(half_space * (1.0 / near - 1.0 / far), rel=0.06)  # and what the slab adds
-    assert body.beyond == 0.0
+    assert body.extrapolation == 0.0
     pressed(body, 0.0, 0.1, 0.5e-3)
-    assert 0.0 < body.beyond < 14.0
+    assert 0.0 < body.extrapolation < 14.0
 
 
 def test_energy_is_positive_whatever_the_place_poisson_ratio_and_load():

@@ -344,7 +344,13 @@ def proximity(e):
 
 def body(previous=0.0):
     return Surface(
-        nodes=[], displacement=np.zeros((0, 3)), stiffness=K, exponent=N, damping=C2, free=0.0, previous=previous
+        nodes=[],
+        displacement=np.zeros((0, 3)),
+        stiffness=K,
+        exponent=N,
+        damping=C2,
+        rest_indentation=0.0,
+        previous_indentation=previous,
     )
 
 

@@ -43,13 +43,15 @@ def test_a_conservative_spring_has_no_balance_and_the_sampled_one_makes_what_the
         assert books.sampling == approx(-made, rel=1e-12)
         assert books.tissue.dissipated == approx(0.5 * made, rel=1e-9)
         assert books.hand == approx(-0.5 * made, rel=1e-9)
-        assert books.tissue.made == approx(0.0, abs=1e-15) and books.display.made == approx(0.5 * made, rel=1e-6)
+        assert books.tissue.generated == approx(0.0, abs=1e-15) and books.display.generated == approx(
+            0.5 * made, rel=1e-6
+        )
 
 
 def test_a_body_that_gives_out_more_than_it_took_is_told_by_name():
     books = spring(there_and_back(20000), gain=0.05)
     work = 0.5 * 500.0 * 5e-3**2
-    assert books.worst()[0] in ("tissue", "display") and books.tissue.made == approx(0.05 * work, rel=0.02)
+    assert books.worst()[0] in ("tissue", "display") and books.tissue.generated == approx(0.05 * work, rel=0.02)
 
 
 def test_a_debt_is_not_hidden_by_what_was_dissipated_before():
@@ -61,7 +63,7 @@ def test_a_debt_is_not_hidden_by_what_was_dissipated_before():
         f = 500.0 * s * (1.0 + gain * (s < last))
         books.book(Moment((0, 0, -s), (0, 0, f), UP, f, 0.0, s, NONE, NONE, (0.0, 250.0 * s * s, 0.0)))
         last = s
-    assert books.tissue.dissipated > 0.0 and books.tissue.made == approx(0.2 * 250.0 * 5e-3**2, rel=0.03)
+    assert books.tissue.dissipated > 0.0 and books.tissue.generated == approx(0.2 * 250.0 * 5e-3**2, rel=0.03)
 
 
 def test_a_part_that_does_not_tell_is_held_to_what_it_was_given():
@@ -69,7 +71,7 @@ def test_a_part_that_does_not_tell_is_held_to_what_it_was_given():
     for s in there_and_back(1000):
         f = 500.0 * s
         books.book(Moment((0, 0, -s), (0, 0, f), UP, f, 0.0, s, NONE, NONE, (0.0, None, 0.0)))
-    assert books.tissue.work >= 0.0 and books.tissue.made == 0.0
+    assert books.tissue.work >= 0.0 and books.tissue.generated == 0.0
     assert books.tissue.stored is None and books.tissue.dissipated == books.tissue.work
 
 
@@ -85,7 +87,7 @@ def test_friction_takes_the_force_times_the_way_less_what_its_bristles_hold(law)
     held = law.stored(tuple(z[-1]), load)
     ends = float(np.sum(force[1:, 0])) * speed * dt
     assert books.friction.dissipated == approx(ends - held, abs=1e-12)
-    assert books.friction.dissipated == approx(0.5 * load * slid, rel=0.05) and books.friction.made < 1e-12
+    assert books.friction.dissipated == approx(0.5 * load * slid, rel=0.05) and books.friction.generated < 1e-12
 
 
 @given(st.lists(st.floats(0.0, 0.012), min_size=3, max_size=40), st.sampled_from([1e-4, 1e-3, 1e-2]))
@@ -98,7 +100,7 @@ def test_fingertip_and_tissue_never_make_energy_whatever_the_path(approaches, dt
         held = float(energy(law, a)), 3e3 * max(b, 0.0) ** 2.5 / 2.5, 0.0
         books.book(Moment((0, 0, -a - b), (0, 0, force), UP, force, a, b, NONE, NONE, held))
     scale = max(1e-9, float(f.max()) * 0.012)
-    assert books.fingertip.made <= 1e-9 * scale and books.tissue.made <= 1e-9 * scale
+    assert books.fingertip.generated <= 1e-9 * scale and books.tissue.generated <= 1e-9 * scale
 
 
 def test_books_do_not_depend_on_the_frame():
