@@ -16,7 +16,7 @@ from palpate.launch.load.launchfile import LaunchFile
 from palpate.launch.run.busy import busy
 from palpate.messages import Surface
 from palpate.nodes.base import SettingError
-from palpate.nodes.deformation import ReducedFE, models
+from palpate.nodes.deformation import ReducedFE, bodies
 from palpate.nodes.deformation.basis_store import shipped
 from palpate.physics.errors import ArgumentError, PalpateError
 from palpate.records.changed import changed
@@ -118,7 +118,7 @@ def candidates(graph: Graph) -> list[Trial]:
             | ({} if count in (None, vertices) else {"scene.surface.vertices": count})
             | ({} if every == 1 else {f"{body}.every": every})
         )
-        for model in models()
+        for model in bodies()
         for count in counts
         for every in EVERY
     ]

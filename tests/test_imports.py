@@ -21,10 +21,12 @@ import palpate.models.fit
 import palpate.nodes
 import palpate.physics
 import palpate.records
+import palpate.registry
 import palpate.studies
 import palpate.views
 
 PACKAGES = (
+    palpate.registry,
     palpate.physics,
     palpate.drivers,
     palpate.models.build,
@@ -42,13 +44,14 @@ FOLDERS = {package.__name__.removeprefix("palpate."): Path(next(iter(package.__p
 GOLDEN = Path(__file__).parent / "golden" / "plane.mcap"
 LINKS = Path(__file__).parent.parent / "typings" / "palpate"
 FOLDERS["models.scan"] = FOLDERS["models.fe"].parent / "scan"  # imports libraries of its extra: not imported here
-LOW = ("messages", "physics", "records.format", "drivers", "nodes")
+LOW = ("registry", "messages", "physics", "records.format", "drivers", "nodes")
 MIDDLE = (*LOW, "engine", "launch.load")
 MODELS = ("models.build", "models.fe", "models.fit", "models.scan")
 HIGH = (*MIDDLE, "launch.run", "records", *MODELS, "views")
 MAY = {
-    "messages": (),
-    "physics": (),
+    "registry": (),
+    "messages": ("registry",),
+    "physics": ("registry",),
     "drivers": ("messages", "physics"),
     "records.format": ("messages", "physics"),
     "nodes": LOW,

@@ -15,7 +15,6 @@ import contextlib
 import gc
 import importlib
 import os
-import pkgutil
 import select
 import signal
 import socket
@@ -222,8 +221,9 @@ if __name__ == "__main__":
     import numba.core.registry
 
     import palpate.launch.run.work.process
+    import palpate.nodes
+    from palpate.registry import modules
 
     numba.core.registry.cpu_target.target_context.refresh()  # a quarter of a second, at the first kernel otherwise
-    for package in pkgutil.iter_modules(palpate.nodes.__path__, "palpate.nodes."):
-        importlib.import_module(package.name)
+    modules(palpate.nodes)
     _serve(socket.socket(fileno=int(sys.argv[1])))

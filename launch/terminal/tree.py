@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import importlib
-import pkgutil
 from types import ModuleType
 
 import typer
+
+from palpate.registry import modules
 
 
 def group(package: ModuleType, **options: object) -> typer.Typer:
@@ -26,10 +26,9 @@ def group(package: ModuleType, **options: object) -> typer.Typer:
 def commands(package: ModuleType) -> dict[str, ModuleType]:
     """The commands of a folder by name: files, and folders with a `HELP`; other folders only keep files apart."""
     found: dict[str, ModuleType] = {}
-    for item in pkgutil.iter_modules(package.__path__, f"{package.__name__}."):
-        module = importlib.import_module(item.name)
-        if item.ispkg and not hasattr(module, "HELP"):
+    for name, module in modules(package).items():
+        if hasattr(module, "__path__") and not hasattr(module, "HELP"):
             found |= commands(module)
         else:
-            found[item.name.rpartition(".")[2]] = module
+            found[name] = module
     return found

@@ -15,7 +15,7 @@ from palpate.physics import errors
 from palpate.physics.errors import PalpateError
 
 FOLDERS = (
-    "physics", "models", "messages", "drivers", "nodes", "engine", "launch", "records", "views", "studies",
+    "registry", "physics", "models", "messages", "drivers", "nodes", "engine", "launch", "records", "views", "studies",
 )  # fmt: skip
 INSIDE = {
     "Broken", "Ended", "Hangs", "Inverted", "MissingInput", "NotPositive", "Refused", "UnheldError", "ZmtpError",

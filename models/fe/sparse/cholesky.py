@@ -17,7 +17,7 @@ import numpy as np
 from numba import types
 from numba.extending import get_cython_function_address
 
-from palpate.models.fe.linear.ordering import Tree, dissect
+from palpate.models.fe.sparse.ordering import Tree, dissect
 
 _LETTERS = np.frombuffer(b"LRTN", dtype=np.uint8)
 

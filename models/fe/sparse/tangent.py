@@ -14,9 +14,9 @@ import numpy as np
 from scipy.sparse import bsr_array
 from scipy.sparse.linalg import LinearOperator, gmres
 
-from palpate.models.fe.linear.cholesky import Cholesky, NotPositive
-from palpate.models.fe.linear.gradients import descend
-from palpate.models.fe.linear.pattern import Pattern, pattern
+from palpate.models.fe.sparse.cholesky import Cholesky, NotPositive
+from palpate.models.fe.sparse.gradients import descend
+from palpate.models.fe.sparse.pattern import Pattern, pattern
 
 ENOUGH = 1e-4
 """[1] Residual of the linear system that a direction leaves: Newton's iteration converges by as much each time."""
