@@ -66,11 +66,11 @@ def registered(group: str) -> tuple[dict[str, ModuleType], dict[str, str]]:
 
     there: dict[str, ModuleType] = {}
     missing: dict[str, str] = {}
-    for point in sorted(entry_points(group=group), key=lambda point: point.value):
+    for name in sorted({point.module for point in entry_points(group=group)}):
         try:
-            there[point.value] = importlib.import_module(point.value)
-        except Exception as error:  # whatever another distribution does wrong: the others are still listed
-            missing[point.value] = f"{type(error).__name__}: {error}"
+            there[name] = importlib.import_module(name)
+        except (Exception, SystemExit) as error:  # whatever another distribution does wrong: the others are listed
+            missing[name] = f"{type(error).__name__}: {error}"
     return there, missing
 
 
