@@ -56,4 +56,4 @@ def _told(item: Item, base: Variant, variant: Variant) -> str:
     if scale <= 0.0:
         return f"{word}: up to {variant.force.peak:.2g} N, where there was no force; {cost}"
     peak = variant.force.peak / scale
-    return f"{word}: force error {off_by(variant):.2%} of peak (RMS), {peak:.2%} at most; {cost}"
+    return f"{word}: force differs by {off_by(variant):.2%} of its peak (RMS), {peak:.2%} at most; {cost}"

@@ -1,17 +1,18 @@
-"""The lowest rate of each effect that keeps what comes of it to a stated error, found on one touch.
+"""The lowest rate of each effect that keeps what comes of it to a stated error, on a touch at several speeds.
 
 An effect that is a node of its own may run at each n-th tick (`every: n`); others read its last message until then.
 How often it has to run follows from its own time constant: the time in which its output, as fast as it changes in the
 mean (rms) over the touch, goes through its own peak. Held for n ticks of dt, it is off by n dt/(sqrt(3) constant) of
 its peak (rms). What is chosen was measured: the touch is computed again with the effect at each rate of a ladder.
+A faster hand goes through the peak sooner, so that this is done at a spread of speeds, and the worst of them counts.
 """
 
 from __future__ import annotations
 
 import math
 import tempfile
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,7 @@ from palpate.engine.plan import Plan
 from palpate.launch.load.launchfile import LaunchFile
 from palpate.messages import Field, Message, fields
 from palpate.nodes.base import inputs
+from palpate.nodes.device.hand import Hand
 from palpate.physics.errors import ArgumentError
 from palpate.records.changed import changed
 from palpate.records.compare import apart, compare
@@ -29,6 +31,8 @@ from palpate.records.player import Player
 from palpate.records.reader import Recording
 from palpate.studies.search import Found, Show, Trial, off_by, touched, write
 
+SPEEDS = (0.5, 1.0, 2.0)
+"""Of the hand, over that of the graph's own path."""
 LADDER = (1, 2, 5, 10, 20, 50, 100, 200, 500)
 """Divisors of the graph's rate that are tried."""
 
@@ -61,28 +65,89 @@ class Rate:
         return f"{self.node}.every={self.every if every is None else every}"
 
 
-def rates(launch: LaunchFile, error: float, file: Path, show: Show = lambda what: None) -> Found:
-    """Each effect as seldom as an error [1] allows, more often until a run keeps it; then written as a launch file."""
+@dataclass(frozen=True)
+class Slowed(Found):
+    """With what came of the run at each speed: the choice holds for these."""
+
+    at: dict[float, Trial] = field(default_factory=dict)
+
+
+def rates(
+    launch: LaunchFile, error: float, file: Path, show: Show = lambda what: None, speeds: Sequence[float] = SPEEDS
+) -> Slowed:
+    """Each effect as seldom as an error [1] allows at each speed, more often until a run at each keeps it; then written
+    as a launch file."""
     effects_of(launch.plan())  # tells what has none before anything runs
+    motions = at_speeds(launch, speeds)
     with tempfile.TemporaryDirectory() as folder:
-        recording = touched(launch, Path(folder) / "touch.mcap")
+        recordings = [touched(motion, Path(folder) / f"{speed}.mcap") for speed, motion in motions.items()]
         show("the touch")
-        picked, promised = together(recording, list(chosen(recording, error, show)), error)
+        found = [list(chosen(recording, error, show)) for recording in recordings]
+        picked, promised = together(recordings, strictest(found), error)
         while True:
-            again = touched(launch.but(overrides=promised.texts), Path(folder) / "slow.mcap")
+            at = {
+                speed: ran(touched(motion.but(overrides=promised.texts), Path(folder) / "slow.mcap"), picked)
+                for speed, motion in motions.items()
+            }
             show("a run at these rates")
-            came = ran(again, picked)
+            came = max(at.values(), key=lambda one: one.error)
             finer = None if came.error <= error else oftener(picked)
             if finer is None:
                 break
-            picked, promised = together(recording, finer, error)
+            picked, promised = together(recordings, finer, error)
     if came.error <= error:
         told = (
-            f"Chosen by palpate rates: the lowest update rates for an error of {100 * error:.2g} %;",
-            f"force error measured in a run: {100 * came.error:.2g} % of peak (RMS).",
+            f"Chosen by palpate rates: the lowest update rates for an error of {100 * error:.2g} %.",
+            f"Measured on the path of this graph at {spread(at)}:",
+            *(f"  {speed:g} times its speed: force error {percents(one)}" for speed, one in at.items()),
+            "A hand that moves faster may be off by more.",
         )
         write(launch, promised.overrides, told, file)
-    return Found(picked, promised, came, came.error <= error)
+    return Slowed(picked, promised, came, came.error <= error, at)
+
+
+def percents(one: Trial) -> str:
+    """Its error in words."""
+    return f"{100 * one.error:.2g} % of peak (RMS), {100 * one.worst:.2g} % at worst"
+
+
+def spread(speeds: Iterable[float]) -> str:
+    """Speeds in words."""
+    return f"{', '.join(f'{speed:g}' for speed in sorted(speeds))} times its speed"
+
+
+def at_speeds(launch: LaunchFile, speeds: Sequence[float]) -> dict[float, LaunchFile]:
+    """The run with its hand at each of these speeds, as long as its path then takes; as it is where no hand follows a
+    path."""
+    hands = {
+        name: float(spec.settings.get("speed", 1.0))
+        for name, spec in launch.load().nodes.items()
+        if issubclass(spec.cls, Hand) and not spec.cls.hardware and spec.settings.get("path")
+    }
+    if not hands:
+        return {1.0: launch}
+    return {
+        speed: launch.but(
+            overrides=[f"{name}.speed={own * speed}" for name, own in hands.items()],
+            duration=launch.duration and launch.duration / speed,
+        )
+        for speed in speeds
+    }
+
+
+def strictest(found: Sequence[Sequence[Rate]]) -> list[Rate]:
+    """Of each effect the rate that it needs at all speeds: the shortest time constant, the most frequent, the largest
+    errors at the rates of each. What nowhere changes keeps its rate."""
+    picked = []
+    for same in zip(*found, strict=True):
+        busy = [rate for rate in same if not rate.idle]
+        if not busy:
+            picked.append(same[0])
+            continue
+        worst = {name: max(getattr(rate, name) for rate in busy) for name in ("own", "force")}
+        least = {name: min(getattr(rate, name) for rate in busy) for name in ("constant", "every")}
+        picked.append(replace(busy[0], **worst, **least))
+    return picked
 
 
 def effects_of(plan: Plan) -> list[Rate]:
@@ -111,12 +176,14 @@ def chosen(recording: Recording, error: float, show: Show = lambda what: None) -
         show(rate.node)
 
 
-def together(recording: Recording, rates: Sequence[Rate], error: float) -> tuple[list[Rate], Trial]:
-    """All of them at once: where the force is then off by more than `error` [1], the one that has most part in it runs
-    more often, until it is not; and what the touch is with these, against that at full rates."""
+def together(recordings: Sequence[Recording], rates: Sequence[Rate], error: float) -> tuple[list[Rate], Trial]:
+    """All of them at once: where the force is then off by more than `error` [1] on one of the touches, the one that has
+    most part in it runs more often, until it is not; and what the worst touch is with these, against that at full
+    rates."""
     picked = list(rates)
     while True:
-        one = _trial(recording, picked, [rate.override() for rate in picked])
+        overrides = [rate.override() for rate in picked]
+        one = max((_trial(recording, picked, overrides) for recording in recordings), key=lambda one: one.error)
         finer = None if one.error <= error else oftener(picked)
         if finer is None:
             return picked, one
@@ -242,3 +309,14 @@ def _apart(own: Any, other: Any) -> tuple[float, float]:
         fits = own[0].shape == rows.shape
         return (float(np.linalg.norm(own[0] - rows)) if fits else size), size
     return apart(own[1], own[0], nodes, rows), size
+
+
+def read_speeds(text: str) -> tuple[float, ...]:
+    """Speeds of '0.5, 1, 2'. ArgumentError: they are none."""
+    try:
+        speeds = tuple(float(part) for part in text.split(","))
+    except ValueError:
+        speeds = ()
+    if not speeds or not all(0.0 < speed <= 100.0 for speed in speeds):
+        raise ArgumentError(f"speeds: found {text!r}, expected numbers above 0, up to 100, such as '0.5, 1, 2'")
+    return tuple(dict.fromkeys(speeds))

@@ -32,7 +32,7 @@ class Trial:
     """Settings, and what they gave on a touch.
 
     overrides  as `--set` takes them, by name
-    error      [1] rms of a quantity from that of the reference, over its peak
+    error      [1] rms of a quantity from that of the reference, over its peak;  worst [1] its greatest, over its peak
     p50, p99   [s] of a tick;  mean [s] too, as a rate that is lower does not show in the median
     why        what went wrong, if something did
     slowest    the node beside the body that takes longest of those that run in at least one tick of a hundred, and the
@@ -48,6 +48,7 @@ class Trial:
     slowest: tuple[str, float] = ("", 0.0)
     mean: float = math.inf
     reference: float = math.inf
+    worst: float = math.inf
 
     @property
     def texts(self) -> list[str]:
@@ -57,7 +58,8 @@ class Trial:
     def measured(self, base: Variant, variant: Variant, quantity: str = "force") -> Trial:
         """With the error of a quantity and the times of what it gave."""
         whole = variant.whole.report()
-        return replace(self, error=off_by(variant, quantity), p50=whole["p50"], p99=whole["p99"],
+        worst = off_by(variant, quantity, "peak")
+        return replace(self, error=off_by(variant, quantity), worst=worst, p50=whole["p50"], p99=whole["p99"],
                        mean=whole["mean"], reference=base.whole.report()["mean"])  # fmt: skip
 
 
@@ -88,10 +90,10 @@ def read_error(text: str, quantities: Sequence[str] = ()) -> tuple[float, str]:
     return share, quantity
 
 
-def off_by(variant: Variant, quantity: str = "force") -> float:
-    """[1] By what a quantity is off, rms over the peak of the reference; 0 where the reference has none."""
+def off_by(variant: Variant, quantity: str = "force", measure: str = "rms") -> float:
+    """[1] By what a quantity is off, rms (or peak) over the peak of the reference; 0 where the reference has none."""
     spread = getattr(variant, quantity).report()
-    return spread["rms"] / spread["reference_peak"] if spread["reference_peak"] > 0.0 else 0.0
+    return spread[measure] / spread["reference_peak"] if spread["reference_peak"] > 0.0 else 0.0
 
 
 def compared(

@@ -14,23 +14,18 @@ from typing import Any
 from palpate.engine.graph import Graph
 from palpate.launch.load.launchfile import LaunchFile
 from palpate.launch.run.busy import busy
-from palpate.messages import Surface
-from palpate.nodes.base import SettingError
-from palpate.nodes.deformation import ReducedFE, bodies
-from palpate.nodes.deformation.basis_store import shipped
+from palpate.nodes.deformation import bodies
 from palpate.physics.errors import ArgumentError, PalpateError
 from palpate.records.changed import changed
 from palpate.records.compare import Variant
 from palpate.records.reader import Recording
+from palpate.studies.known import body_of, known_error
 from palpate.studies.search import Found, Show, Trial, compared, touched, write
 
 COARSER = (1, 3, 10)
 """By what the number of the surface's vertices is divided."""
 EVERY = (1, 2, 5)
 """Divisors of the body's rate."""
-KNOWN = 0.01
-"""[1] Force error (RMS) of ReducedFE against two full solvers on meshes that follow the patch, on the test cases of
-`palpate bench accuracy` but the tap and the nodule (docs/accuracy.md)."""
 QUANTITIES = ("force", "indentation", "shape")
 
 
@@ -72,7 +67,7 @@ def tune(launch: LaunchFile, goal: Goal, file: Path, show: Show = lambda what: N
         recording = touched(launch, Path(folder) / "touch.mcap")
         show("the touch")
         base = reference(recording, wanted)
-        estimated_error, ranked = claim(recording, base), []
+        estimated_error, ranked = known_error(changed(recording, base.texts).graph), []
         for one in wanted:
             ranked.append(measured(recording, one, base, goal, estimated_error))
             show(title(one))
@@ -94,17 +89,6 @@ def title(one: Trial) -> str:
     words = {"use": "{}", "vertices": "{} vertices", "every": "every {}"}
     told = [words[key.rpartition(".")[2]].format(value) for key, value in one.overrides.items()]
     return ", ".join(word.removeprefix("deformation.") for word in told)
-
-
-def body_of(graph: Graph) -> str:
-    """Name of the node that sends `Surface`. ArgumentError: there is none."""
-    names = [name for name, spec in graph.nodes.items() if Surface in spec.streams.values()]
-    if len(names) != 1:
-        raise ArgumentError(
-            f"{graph.path}: {len(names)} nodes send Surface, expected one deformable body; kidney, nodule and "
-            "fingertip have one"
-        )
-    return names[0]
 
 
 def candidates(graph: Graph) -> list[Trial]:
@@ -140,22 +124,6 @@ def _body(recording: Recording, one: Trial) -> Any:
     """The body's part of the graph with these settings."""
     graph = changed(recording, one.texts).graph
     return graph.nodes[body_of(graph)]
-
-
-def claim(recording: Recording, base: Trial) -> float:
-    """What the reference is off by [1]: `KNOWN`, and what its stored basis says of itself, its dents against the full
-    model; 0 where nothing is known."""
-    spec = _body(recording, base)
-    if spec.cls is not ReducedFE:
-        return 0.0
-    try:
-        node = ReducedFE(**spec.settings)
-        key = node.key()
-    except SettingError:
-        return 0.0
-    told = [about["error"] for about in shipped().values() if about["key"] == key]
-    known = 0.0 if node.model == "sampled" else KNOWN
-    return known + (float(told[0].get("mean", 0.0)) if told else 0.0)
 
 
 def measured(recording: Recording, one: Trial, base: Trial, goal: Goal, estimated_error: float) -> Trial:
@@ -218,4 +186,4 @@ def _came(launch: LaunchFile, chosen: Trial, base: Trial, goal: Goal, file: Path
     both = compared(recording, [], back.texts)
     if isinstance(both, str):
         raise ArgumentError(f"{launch.path or launch.graph}: the run of the choice cannot be computed again: {both}")
-    return judged(chosen, *both, goal, claim(recording, back))
+    return judged(chosen, *both, goal, known_error(changed(recording, back.texts).graph))

@@ -7,8 +7,11 @@ and its property `advance` is a compiled function
 
 of the deflection before the step, the slip velocity [m/s] (3), both tangential, the normal force [N] > 0 and the step
 [s] > 0; the force is along the sliding velocity of the finger. `friction.NAME` in a
-graph is the law NAME of any file of this folder. A law may have a method `stored(z, load)`, the energy [J] that the
-bristles hold: the ledger then tells what is dissipated.
+graph is the law NAME of any file of this folder. A law may have
+
+    stored(z, load)  the energy [J] that the bristles hold: the ledger then reports what is dissipated
+    rescale          a setting; True: a load that rises gives the bristles no energy (needs `stored`)
+    caution()        which settings let it generate energy, a line that the user sees; "" where none does
 """
 
 from __future__ import annotations
@@ -55,19 +58,11 @@ def turn(zx, zy, zz, ax, ay, az, bx, by, bz):
 
 
 @njit(cache=True, error_model="numpy")
-def carry(z, a, before, b, slip, load, rescale):
-    """The deflection [m] (3) under this step's normal b and load, and the tangential part of the slip [m/s] (3).
-
-    z, a, before  deflection [m] (3), normal [1] (3) and load [N] of the last step
-    rescale  True: z shrinks by sqrt(f_old/f_new) when the load rises, so that bristles whose stiffness grows with the
-             load take no energy from that
-    """
-    x, y, z = turn(z[0], z[1], z[2], a[0], a[1], a[2], b[0], b[1], b[2])
-    if rescale and load > before > 0.0:
-        shrink = math.sqrt(before / load)
-        x, y, z = x * shrink, y * shrink, z * shrink
+def carry(z, a, b, slip):
+    """Deflection z [m] (3), tangent to the last normal a [1] (3), under this normal b; tangential slip [m/s] (3)."""
     along = slip[0] * b[0] + slip[1] * b[1] + slip[2] * b[2]
-    return (x, y, z), (slip[0] - along * b[0], slip[1] - along * b[1], slip[2] - along * b[2])
+    v = (slip[0] - along * b[0], slip[1] - along * b[1], slip[2] - along * b[2])
+    return turn(z[0], z[1], z[2], a[0], a[1], a[2], b[0], b[1], b[2]), v
 
 
 def kernel_form(law: Any) -> Any:
@@ -83,9 +78,43 @@ def step(law: Any, before: Bristles, normal: Vector, slip: Vector, load: float, 
     """
     if not load > 0.0:
         return Bristles(), NOTHING, False
-    z, v = carry(*before, normal, slip, load, getattr(law, "rescale", False))
-    z, force, stick = law.advance(law, z, v, load, dt)
+    z, v = carry(before.z, before.normal, normal, slip)
+    answer = law.advance(law, z, v, load, dt)
+    if load > before.load > 0.0 and getattr(law, "rescale", False):
+        answer = _without_gain(law, answer, z, before.load, v, load, dt)
+    z, force, stick = answer
     return Bristles(z, normal, load), force, stick
+
+
+def _without_gain(law, answer, z, last, v, load, dt):
+    """The answer of `advance`, or that of bristles s z, s <= 1, where a load that rises from `last` [N] would otherwise
+    give more than the step dissipates:
+
+        D(s) = f(s).v T + V(z, f_last) - V(z+(s), f_n) >= 0
+
+    At s = sqrt(f_last/f_n) the bristles hold under the new load what they held under the last one, so that D >= 0 for a
+    law that is passive under constant load. Between that and s = 1 LuGre's D is concave: the zero of its chord has
+    D >= 0 too.
+    """
+
+    def dissipated(answer):
+        after, force, _ = answer
+        work = dt * (force[0] * v[0] + force[1] * v[1] + force[2] * v[2])
+        return work + law.stored(z, last) - law.stored(after, load)
+
+    def scaled(s):
+        return law.advance(law, (s * z[0], s * z[1], s * z[2]), v, load, dt)
+
+    here = dissipated(answer)
+    if here >= 0.0:
+        return answer
+    least = math.sqrt(last / load)
+    lowest = scaled(least)
+    there = dissipated(lowest)
+    if not there > 0.0:
+        return lowest
+    chord = scaled(least + (1.0 - least) * there / (there - here))
+    return chord if dissipated(chord) >= 0.0 else lowest
 
 
 def path(law: Any, slip: ArrayLike, load: ArrayLike, dt: ArrayLike, normal: ArrayLike = (0.0, 0.0, 1.0)):

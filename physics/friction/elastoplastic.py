@@ -4,7 +4,7 @@
     alpha = 0 for r <= share or z.v <= 0,  (1 - cos(pi (r - share)/(1 - share)))/2 up to r = 1,  1 beyond
 
 P. Dupont, V. Hayward, B. Armstrong, F. Altpeter, "Single state elastoplastic friction models", IEEE Trans. Autom.
-Control 47 (2002) 787-792. With LuGre's bound on sigma2 it is passive under constant load.
+Control 47 (2002) 787-792. With LuGre's bound on sigma2 it is passive.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import Annotated, NamedTuple
 
 from numba import njit
 
-from palpate.physics.friction.lugre import force, stribeck
+from palpate.physics.friction.lugre import active, force, stribeck
 
 
 @njit(cache=True, error_model="numpy")
@@ -59,11 +59,15 @@ class ElastoPlastic(NamedTuple):
     bristle_damping: Annotated[float, "s/m", ">= 0"] = 1.0
     viscous: Annotated[float, "s/m", ">= 0"] = 0.4
     elastic: Annotated[float, "1", ">= 0", "< 1"] = 0.9
-    rescale: Annotated[bool, "1"] = False
+    rescale: Annotated[bool, "1"] = True  # the bristles shrink where a rising load would otherwise give energy
 
     @property
     def advance(self):
         return elastoplastic
+
+    def caution(self):
+        """What of its settings lets the law generate energy; "" where nothing does."""
+        return active(self)
 
     def stored(self, z, load):
         """Energy [J] that the bristles hold at the deflection z [m] (3) and the load [N]."""

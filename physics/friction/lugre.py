@@ -71,11 +71,15 @@ class LuGre(NamedTuple):
     bristle_damping: Annotated[float, "s/m", ">= 0"] = 1.0
     viscous: Annotated[float, "s/m", ">= 0"] = 0.4
     update: Annotated[Literal["exponential", "euler"], "1"] = "exponential"
-    rescale: Annotated[bool, "1"] = False  # shrink the bristles when the load rises, so that this gives no energy
+    rescale: Annotated[bool, "1"] = True  # the bristles shrink where a rising load would otherwise give energy
 
     @property
     def advance(self):
         return lugre
+
+    def caution(self):
+        """What of its settings lets the law generate energy; "" where nothing does."""
+        return active(self)
 
     def stored(self, z, load):
         """Energy [J] that the bristles hold at the deflection z [m] (3) and the load [N]."""
@@ -86,6 +90,17 @@ def passive_viscous(mu_slide: float, mu_static: float, bristle_damping: float) -
     """Least sigma2 [s/m] at which LuGre friction under constant load is passive: sigma1 (mu_s - mu_c)/mu_c
     (Barabanov & Ortega, IEEE Trans. Autom. Control 45, 2000, 675-686)."""
     return bristle_damping * (mu_static - mu_slide) / mu_slide
+
+
+def active(law) -> str:
+    """Which settings of LuGre's family let it generate energy under a constant load, in words; "" for a passive one."""
+    least = passive_viscous(law.mu_slide, law.mu_static, law.bristle_damping)
+    if law.viscous >= least * (1.0 - 1e-9):
+        return ""
+    return (
+        f"friction: viscous {law.viscous:g} s/m lets the law generate energy; it is passive from {least:.3g} s/m on "
+        "(bristle_damping (mu_static - mu_slide)/mu_slide)"
+    )
 
 
 def steady_friction(speed: ArrayLike, law: LuGre) -> np.ndarray:

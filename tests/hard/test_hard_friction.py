@@ -77,6 +77,18 @@ def test_bristles_under_constant_load_give_out_no_energy(path, dt, law, load):
     assert work >= stored - 1e-9 * (abs(work) + stored) - 1e-18
 
 
+@settings(deadline=None)
+@given(st.lists(st.tuples(speeds, speeds, st.floats(-9, 9)), min_size=2, max_size=12), steps, st.sampled_from(LAWS))
+def test_bristles_under_a_load_that_jumps_by_decades_give_out_no_energy(path, dt, law):
+    """Each step by itself: work - growth of what is held >= 0."""
+    slip, load = tangential([p[:2] for p in path]), 10.0 ** np.array([p[2] for p in path])
+    force, z, _ = bristle.path(law, slip, load, dt)
+    work = (force * slip).sum(axis=1) * dt
+    stored = 0.5 * load * law.bristle_stiffness * (z**2).sum(axis=1)
+    before = np.append(0.0, stored[:-1])
+    assert (work - stored + before >= -1e-9 * (np.abs(work) + stored + before) - 1e-18).all()
+
+
 def test_bristles_without_the_viscous_bound_give_out_energy():
     """The usual parameters leave sigma2 at 0: below sigma1 (mu_s - mu_c)/mu_c a path exists that gains energy."""
     law = LAW._replace(viscous=0.0, bristle_damping=20.0)

@@ -13,8 +13,9 @@ from palpate.launch.__main__ import app
 from palpate.launch.load.launchfile import find
 from palpate.physics.errors import ArgumentError
 from palpate.studies import tune
+from palpate.studies.known import body_of, known_error, own_error
 from palpate.studies.search import Trial, read_error, touched, write
-from palpate.studies.tune import QUANTITIES, Goal, body_of, candidates, pick
+from palpate.studies.tune import QUANTITIES, Goal, candidates, pick
 
 FAST = Trial({"tissue.use": "deformation.MassSpring"}, 0.15, 30e-6, 60e-6)
 MIDDLE = Trial({"tissue.use": "deformation.ReducedFE", "tissue.every": 5}, 0.01, 50e-6, 100e-6)
@@ -156,3 +157,13 @@ def test_it_asks_for_a_budget_or_an_error():
     ran = CliRunner().invoke(app, ["tune", "kidney"])
     assert ran.exit_code == 2
     assert "--budget" in ran.output
+
+
+def test_what_a_reference_is_itself_off_by_stands_beside_the_differences_from_it():
+    kidney = find("kidney")
+    reduced = kidney.but(overrides=["tissue.use=deformation.ReducedFE"]).load()
+    assert 0.01 <= known_error(reduced) < 0.05 and "force error of ReducedFE itself: " in own_error(reduced)
+    assert known_error(kidney.load()) == 0.0 and "error of MassSpring itself is not in these" in own_error(
+        kidney.load()
+    )
+    assert own_error(find("indentation").load()) == ""

@@ -69,7 +69,7 @@ def test_a_recording_knows_the_times_of_its_nodes(recording):
 def test_the_proof_says_what_the_force_would_be_the_other_way_round(recording):
     bill_items = items()
     prove(recording, list(bill_items.values()))
-    assert "without it: force error" in bill_items["friction"].proof
+    assert "without it: force differs by" in bill_items["friction"].proof
     assert "without it: same force" in bill_items["shape"].proof
     assert "with it: same force" in bill_items["band"].proof
     assert bill_items["nodule"].proof == "not tried: tissue.nodule_radius needs a value"
@@ -85,7 +85,7 @@ def test_the_command_tells_it_as_text_as_json_and_as_a_picture(recording, monkey
         and "the whole tick, computed again" in said
     )
     assert "the whole tick" not in " ".join(command("plan", "kidney").stdout.split())
-    assert "friction" in text and "force error" in text and "no times yet" not in text
+    assert "friction" in text and "force differs by" in text and "no times yet" not in text
     data = json.loads(command("plan", "kidney", "--json").stdout)
     told = {item["effect"]: item for item in data["costs"]}
     assert told["friction"]["on"] and told["friction"]["price"] is None and data["times_from"] is None

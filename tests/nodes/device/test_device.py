@@ -98,6 +98,14 @@ def test_the_path_lies_in_the_world():
     assert place(FakeBus(node).run(300)[-1]) == approx((0.01, 0.0, 0.12), abs=1e-8)
 
 
+def test_a_hand_at_twice_the_speed_goes_the_same_path_in_half_the_time():
+    slow, fast = (FakeBus(Simulated(path=DOWN, speed=speed, **STIFF)).run(240) for speed in (1.0, 2.0))
+    for k in (40, 80, 119):
+        assert place(fast[k]) == approx(place(slow[2 * k + 1]), abs=2e-5)
+    with pytest.raises(SettingError, match="speed"):
+        Simulated(speed=0.0)
+
+
 def test_angles_come_in_whole_counts():
     for state in FakeBus(Simulated(path=DOWN)).run(150):
         n = (np.array(state.joints) - FALCON.zero) / FALCON.count

@@ -166,14 +166,75 @@ def test_it_is_passive_exactly_when_the_bound_on_viscous_friction_holds(law):
     assert _least_margin(law._replace(viscous=0.0)) < -1e-3
 
 
-def test_rescaling_on_a_rising_load_gives_no_energy():
+def test_a_load_that_rises_on_resting_bristles_gives_no_energy():
     v = np.array([[0.05, 0, 0]] * 30 + [[0, 0, 0]])
     load = np.array([1.0] * 30 + [6.0])
-    _, z = lugre_path(v, load, 1e-3, LAW)
+    _, z = lugre_path(v, load, 1e-3, LAW._replace(rescale=False))
     free = 0.5 * 3000 * (6 * z[-1] @ z[-1] - z[-2] @ z[-2])
     assert 0 < free <= 0.5 * 5 * 0.7**2 / 3000 * (1 + 1e-9)
-    _, z = lugre_path(v, load, 1e-3, LAW._replace(rescale=True))
+    _, z = lugre_path(v, load, 1e-3, LAW)
     assert 6 * z[-1] @ z[-1] == approx(z[-2] @ z[-2], rel=1e-12)
+
+
+@every
+def test_where_nothing_is_gained_rescaling_changes_no_bit(law):
+    """A constant load, one that falls, and one that rises slowly in a slide, where slip dissipates far more."""
+    plain = law._replace(rescale=False)
+    v = np.tile(0.05 * X, (300, 1))
+    for load in (2.0, np.linspace(2.0, 0.5, 300), np.r_[np.full(100, 1.0), np.linspace(1.0, 3.0, 200)]):
+        for one, other in zip(bristle.path(law, v, load, 1e-3), bristle.path(plain, v, load, 1e-3), strict=True):
+            assert np.array_equal(one, other)
+
+
+def generated(law, motions, seed):
+    """By motion, the energy generated over the work done both ways: random walks and random jumps of the slip velocity
+    and of the load, steps of 0.1 to 10 ms. D = work - stored may never fall below an earlier value."""
+    rng, steps = np.random.default_rng(seed), 40
+    shares = np.empty(motions)
+    for k in range(motions):
+        dt, swing = 10.0 ** rng.uniform(-4, -2), rng.uniform(0.05, 1.5)
+        walks = [
+            np.cumsum(r, axis=0) / 4 if rng.random() < 0.5 else r for r in (rng.normal(size=(steps, n)) for n in (2, 1))
+        ]
+        v = np.column_stack((10.0 ** rng.uniform(-4, 0) * walks[0], np.zeros(steps)))
+        load = 10.0 ** rng.uniform(-1, 1) * np.exp(swing * walks[1][:, 0])
+        force, z, _ = bristle.path(law, v, load, dt)
+        work = (force * v).sum(axis=1) * dt
+        stiffness = law.stiffness if isinstance(law, CoulombLaw) else law.bristle_stiffness * load
+        dissipated = np.append(0.0, np.cumsum(work) - 0.5 * stiffness * (z**2).sum(axis=1))
+        shares[k] = (np.maximum.accumulate(dissipated) - dissipated).max() / np.abs(work).sum()
+    return shares
+
+
+@pytest.mark.parametrize("law", [EXPONENTIAL, EULER, ELASTIC, CoulombLaw()], ids=lambda law: type(law).__name__)
+def test_no_random_motion_under_a_varying_load_generates_energy(law):
+    assert generated(law, 1000, seed=4).max() < 1e-9
+
+
+@every
+def test_without_rescaling_most_of_them_do(law):
+    shares = generated(law._replace(rescale=False), 200, seed=4)
+    assert np.mean(shares > 1e-9) > 0.5 and shares.max() > 0.5
+
+
+def pumped(law, seconds=1.0, dt=5e-5):
+    """Greatest kinetic energy over that at the begin of a block of 50 g on bristles, whose load is raised each time
+    that they are stretched and lowered each time that they are straight; nothing else does work on it."""
+    law, bristles, v, start, most, low = bristle.kernel_form(law), bristle.Bristles(), 5e-3, 5e-3, 0.0, 1.0
+    stiff = 0.5 * (low + 3.0) * law.bristle_stiffness / 0.05
+    for k in range(round(seconds / dt)):
+        load = low if math.sin(2.0 * math.sqrt(stiff) * k * dt) < 0.0 else 3.0
+        bristles, force, _ = bristle.step(law, bristles, UP, (v, 0.0, 0.0), load, dt)
+        v -= force[0] / 0.05 * dt
+        most = max(most, abs(v) if k * dt > 0.1 else 0.0)
+    return (most / start) ** 2
+
+
+def test_a_pulsating_load_pumps_plain_bristles_and_not_ours():
+    """Through the motion of a block alone: no stored energy of the law is asked for."""
+    mild = Elastic(bristle_damping=0.0, viscous=0.0)
+    assert pumped(mild._replace(rescale=False)) > 2.0
+    assert pumped(mild) < 1.0
 
 
 @given(st.lists(st.floats(-1, 1), min_size=9, max_size=9))
@@ -263,6 +324,17 @@ def test_the_lugre_node_is_the_law():
     answers = bus.publish(*[contact(1.5)] * 40)
     force, z = lugre_path(np.tile(0.05 * X, (40, 1)), 1.5, 1e-3, LAW)
     assert [a.force for a in answers] == approx(force) and [a.bristle for a in answers] == approx(z)
+
+
+@pytest.mark.parametrize("kind", [LuGre, ElastoPlastic])
+def test_settings_that_let_the_law_generate_energy_are_reported_once(kind):
+    node = kind(viscous=0.1)
+    node.start()
+    (note,) = node.notes()
+    assert "viscous 0.1 s/m" in note and "from 0.4 s/m" in note and not node.notes()
+    usual = kind()
+    usual.start()
+    assert not usual.notes()
 
 
 def test_a_finger_at_rest_sticks_with_strained_bristles():

@@ -1,0 +1,53 @@
+"""What a graph's tissue model is itself off by: a difference from a reference is no error without it."""
+
+from __future__ import annotations
+
+from palpate.engine.graph import Graph
+from palpate.messages import Surface
+from palpate.nodes.base import SettingError
+from palpate.nodes.deformation import ReducedFE
+from palpate.nodes.deformation.basis_store import shipped
+from palpate.physics.errors import ArgumentError
+
+KNOWN = 0.01
+"""[1] Force error (RMS) of ReducedFE against two full solvers on meshes that follow the patch, on the test cases of
+`palpate bench accuracy` but the tap and the nodule (docs/accuracy.md)."""
+
+
+def body_of(graph: Graph) -> str:
+    """Name of the node that sends `Surface`. ArgumentError: there is none."""
+    names = [name for name, spec in graph.nodes.items() if Surface in spec.streams.values()]
+    if len(names) != 1:
+        raise ArgumentError(
+            f"{graph.path}: {len(names)} nodes send Surface, expected one deformable body; kidney, nodule and "
+            "fingertip have one"
+        )
+    return names[0]
+
+
+def known_error(graph: Graph) -> float:
+    """What the graph's body is off by [1]: `KNOWN`, and what its stored basis says of itself, its nonlinear table
+    against the full model; 0 where nothing is known."""
+    spec = graph.nodes[body_of(graph)]
+    if spec.cls is not ReducedFE:
+        return 0.0
+    try:
+        node = ReducedFE(**spec.settings)
+        key = node.key()
+    except SettingError:
+        return 0.0
+    told = [about["error"] for about in shipped().values() if about["key"] == key]
+    known = 0.0 if node.model == "sampled" else KNOWN
+    return known + (float(told[0].get("mean", 0.0)) if told else 0.0)
+
+
+def own_error(graph: Graph) -> str:
+    """A sentence on it; "" for a graph without a body."""
+    try:
+        name = graph.nodes[body_of(graph)].cls.__name__
+        known = known_error(graph)
+    except ArgumentError:
+        return ""
+    if known:
+        return f"The known force error of {name} itself: {100 * known:.2g} % of peak (RMS; docs/accuracy.md)."
+    return f"The error of {name} itself is not in these differences: `palpate bench accuracy` measures it."
