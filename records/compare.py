@@ -145,7 +145,7 @@ def _variant(recording: Recording, overrides: tuple[str, ...], original: Plan) -
         for name in plan.order
         if name not in nodes
         or full_name(nodes[name].cls) != full_name(plan.graph.nodes[name].cls)
-        or nodes[name].settings != plan.graph.nodes[name].settings
+        or any(nodes[name].settings.get(key, value) != value for key, value in plan.graph.nodes[name].settings.items())
         or nodes[name].every != plan.graph.nodes[name].every
     )
     return Variant(" ".join(overrides) or RECORDED, overrides, plan, swapped)

@@ -85,7 +85,7 @@ class Motion(NamedTuple):
 
 class Summary(NamedTuple):
     """Of the last step: nodes in contact and sliding, beams at their strain limit, iterations and residual of the
-    solver, its length [s]; and of a next step of the same length at the same depth its stiffness [N/m], its depth of first
+    solver, its length [s]; of a next step of that length at that depth its stiffness [N/m], its depth of first
     touch [m] and its force [N]."""
 
     contacts: int = 0

@@ -451,6 +451,14 @@ def test_compare_honours_every(kidney):
     assert variant.shape.peak > 0.0 and variant.force.peak > 0.0
 
 
+def test_what_no_override_changes_is_as_it_was_recorded_whatever_the_default_is_today(kidney):
+    """The golden friction was recorded with `rescale` off, which is on by default since."""
+    recording = Recording(kidney)
+    assert changed(recording, ["tissue.every=10"]).graph.nodes["friction"].settings["rescale"] is False
+    (variant,) = compare(recording, [["friction.rescale=true"]], reference=[])[1:]
+    assert variant.swapped == ("friction",) and variant.plan.graph.nodes["friction"].settings["rescale"] is True
+
+
 def test_a_check_at_other_ticks_is_refused(touch):
     code, _, err = say("replay", touch, "--check", "--set", "spread.every=2")
     assert code == 1 and "a check steps every node when it was recorded" in err
