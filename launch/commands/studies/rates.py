@@ -111,12 +111,8 @@ def _print(found: Slowed, file: Path) -> None:
     if found.kept:
         say(f"written   {file}: palpate run {file}", wrap=True)
     else:
-        say(
-            "No run kept the error: the hand reacts to the force, so the touch itself changed. Nothing is written. "
-            "Allow a larger --error.",
-            "yellow",
-            wrap=True,
-        )
+        why = "the hand reacts to the force, so the touch itself changed"
+        say(f"No run kept the error: {why}. Nothing is written. Allow a larger --error.", "yellow", wrap=True)
 
 
 def _percent(share: float) -> str:
