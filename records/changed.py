@@ -17,7 +17,7 @@ from palpate.launch.load.graph import load_source
 from palpate.launch.load.launchfile import find
 from palpate.launch.load.plan import plan
 from palpate.launch.load.recording import set_recording
-from palpate.launch.load.source import YamlSource
+from palpate.launch.load.values.source import YamlSource
 from palpate.records.player import plan_of
 from palpate.records.reader import Recording
 from palpate.records.stored import RecordingError

@@ -269,7 +269,7 @@ class Run:
 
         PalpateError: what does not fit, or which node failed.
         """
-        from palpate.launch.load.overrides import overrides
+        from palpate.launch.load.values.overrides import overrides
         from palpate.records.compare import Comparison, compare
 
         given = [overrides(variant) for variant in variants]

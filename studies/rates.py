@@ -309,3 +309,14 @@ def _apart(own: Any, other: Any) -> tuple[float, float]:
         fits = own[0].shape == rows.shape
         return (float(np.linalg.norm(own[0] - rows)) if fits else size), size
     return apart(own[1], own[0], nodes, rows), size
+
+
+def read_speeds(text: str) -> tuple[float, ...]:
+    """Speeds of '0.5, 1, 2'. ArgumentError: they are none."""
+    try:
+        speeds = tuple(float(part) for part in text.split(","))
+    except ValueError:
+        speeds = ()
+    if not speeds or not all(0.0 < speed <= 100.0 for speed in speeds):
+        raise ArgumentError(f"speeds: found {text!r}, expected numbers above 0, up to 100, such as '0.5, 1, 2'")
+    return tuple(dict.fromkeys(speeds))

@@ -61,7 +61,7 @@ def chain(monkeypatch):
     """Makes a graph that runs by the rules of the real clock on a clock that stands."""
     from chain_for_runs import Chain, Lost, nothing
 
-    from palpate.launch.run import real
+    from palpate.launch.run.work import real
 
     def made(launch, late: int = 0, lost: Lost = nothing) -> Chain:
         chain = Chain(launch, late, lost)

@@ -13,7 +13,7 @@ from typing import Any
 from palpate.engine.faults import Faults, choices
 from palpate.engine.graph import EffectChoice, NodeSpec
 from palpate.launch.load.classes import catalogue
-from palpate.launch.load.source import YamlSource
+from palpate.launch.load.values.source import YamlSource
 from palpate.nodes.base import Effect, Node, effects
 from palpate.nodes.base.effect import switch
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import palpate.graphs
 from palpate.engine.faults import NOWHERE, Fault, Faults, GraphError, Location, choices, nearest, short
-from palpate.launch.load.source import YamlSource, merge, parse, read
+from palpate.launch.load.values.source import YamlSource, merge, parse, read
 
 GRAPHS = Path(next(iter(palpate.graphs.__path__))).resolve()
 SCENES = GRAPHS / "scenes"

@@ -21,10 +21,10 @@ from palpate.launch.load.effects import apply as switch
 from palpate.launch.load.effects import chosen as chosen_effects
 from palpate.launch.load.files import GRAPHS, Override, apply, find_file, read_extended, read_scene
 from palpate.launch.load.scene import Scene, condition
-from palpate.launch.load.settings import Offer, check_offers, check_taken, resolve
-from palpate.launch.load.shared_units import check_units, uses
-from palpate.launch.load.source import YamlSource
-from palpate.launch.load.units import UnitError, convert
+from palpate.launch.load.values.settings import Offer, check_offers, check_taken, resolve
+from palpate.launch.load.values.shared_units import check_units, uses
+from palpate.launch.load.values.source import YamlSource
+from palpate.launch.load.values.units import UnitError, convert
 from palpate.launch.load.wiring import Kinds, Wire, close_loops, find_streams, wires
 from palpate.messages import Message
 from palpate.nodes.base import Node, Observer, inputs, settings

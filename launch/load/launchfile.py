@@ -21,8 +21,8 @@ from palpate.launch.load.files import GRAPHS, PLACES, SCENES, Override, find_fil
 from palpate.launch.load.graph import load
 from palpate.launch.load.placement import BUILT_IN, Placement, load_place
 from palpate.launch.load.plan import plan
-from palpate.launch.load.source import YamlSource, read
-from palpate.launch.load.units import UnitError, convert
+from palpate.launch.load.values.source import YamlSource, read
+from palpate.launch.load.values.units import UnitError, convert
 
 LAUNCHES = Path(__file__).resolve().parent.parent
 CLOCKS = ("simulated", "real")

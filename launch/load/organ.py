@@ -10,7 +10,7 @@ import numpy as np
 
 from palpate.engine.faults import Location
 from palpate.launch.load.files import Override
-from palpate.launch.load.source import YamlSource
+from palpate.launch.load.values.source import YamlSource
 from palpate.messages import Vector3
 from palpate.nodes.base.surface import OnSurface, Placed, surface_mesh
 from palpate.physics.errors import MeshError

@@ -18,8 +18,8 @@ from palpate.engine.faults import Faults, choices
 from palpate.engine.force_path import force_path
 from palpate.engine.plan import Plan
 from palpate.launch.load.files import PLACES, find_file
-from palpate.launch.load.lines import fill
-from palpate.launch.load.source import YamlSource, read
+from palpate.launch.load.values.lines import fill
+from palpate.launch.load.values.source import YamlSource, read
 
 FUSED = "fused"
 AUTO = "auto"

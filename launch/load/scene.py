@@ -8,8 +8,8 @@ from collections.abc import Iterator
 from typing import Any
 
 from palpate.engine.faults import Faults, Location, choices
-from palpate.launch.load.source import YamlSource, scalar
-from palpate.launch.load.units import Dimension, is_quantity, parse, split
+from palpate.launch.load.values.source import YamlSource, scalar
+from palpate.launch.load.values.units import Dimension, is_quantity, parse, split
 
 _COMPARE = {
     ">=": operator.ge, "<=": operator.le, "==": operator.eq, "!=": operator.ne, ">": operator.gt, "<": operator.lt,

@@ -9,7 +9,7 @@ from typing import Any
 
 from palpate.engine.faults import Faults, Location, choices
 from palpate.launch.load.classes import senders
-from palpate.launch.load.source import YamlSource
+from palpate.launch.load.values.source import YamlSource
 from palpate.messages import Message
 from palpate.nodes.base import Node, Port, inputs
 

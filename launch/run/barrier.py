@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 from palpate.launch.run.member import WorkerHandle
 from palpate.launch.run.reports import Connect, OutletAddress, Ready
-from palpate.launch.run.wires import ControlChannel, heard, listeners
+from palpate.launch.run.wire.wires import ControlChannel, heard, listeners
 
 
 class Barrier:

@@ -9,7 +9,7 @@ from collections.abc import Collection, Mapping
 from palpate.launch.run.forkserver import ForkServer
 from palpate.launch.run.member import WorkerHandle
 from palpate.launch.run.reports import Close, Kill, Quit, Stop
-from palpate.launch.run.wires import ControlChannel
+from palpate.launch.run.wire.wires import ControlChannel
 
 STOP_PATIENCE = 3.0  # [s] for the workers to end once they were told
 

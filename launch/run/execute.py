@@ -23,16 +23,16 @@ from palpate.launch.load.launchfile import SOURCES, LaunchFile
 from palpate.launch.load.placement import APART, AUTO, Placement, auto
 from palpate.launch.load.plan import plan
 from palpate.launch.load.recording import set_recording
-from palpate.launch.run import keys
 from palpate.launch.run.assign import jobs, spared
 from palpate.launch.run.forkserver import ForkServer
-from palpate.launch.run.fused import run_fused
-from palpate.launch.run.keys import Key
 from palpate.launch.run.launcher import Launcher
 from palpate.launch.run.result import Result
 from palpate.launch.run.screen import Screen
 from palpate.launch.run.sources import record_sources
 from palpate.launch.run.verdict import Verdict, verdict
+from palpate.launch.run.wire import keys
+from palpate.launch.run.wire.keys import Key
+from palpate.launch.run.work.fused import run_fused
 from palpate.physics.errors import RunError
 from palpate.records.format.mcap_file import is_complete
 

@@ -15,7 +15,6 @@ import contextlib
 import gc
 import importlib
 import os
-import pkgutil
 import select
 import signal
 import socket
@@ -187,7 +186,7 @@ def _work(request: Start) -> NoReturn:
     code = 1
     try:
         die_with_parent()
-        from palpate.launch.run.process import serve
+        from palpate.launch.run.work.process import serve
 
         code = serve(request)
     finally:
@@ -218,12 +217,12 @@ def load() -> None:
     """Import what workers need, once for all of them, while the launcher reads the graph."""
     import numba.core.registry
 
-    import palpate.launch.run.process
+    import palpate.launch.run.work.process
     import palpate.nodes
+    from palpate.registry import modules
 
     numba.core.registry.cpu_target.target_context.refresh()  # a quarter of a second, at the first kernel otherwise
-    for package in pkgutil.iter_modules(palpate.nodes.__path__, "palpate.nodes."):
-        importlib.import_module(package.name)
+    modules(palpate.nodes)
 
 
 def main(descriptor: int) -> NoReturn:

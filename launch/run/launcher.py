@@ -24,7 +24,6 @@ from palpate.launch.run.descendants import at_the_disk, awake, stopped
 from palpate.launch.run.ending import Ending
 from palpate.launch.run.forkserver import ForkServer
 from palpate.launch.run.interrupts import STOPPING, interrupts
-from palpate.launch.run.keys import Key
 from palpate.launch.run.lost import lost
 from palpate.launch.run.member import WorkerHandle
 from palpate.launch.run.reports import (
@@ -51,9 +50,10 @@ from palpate.launch.run.reports import (
     Take,
 )
 from palpate.launch.run.result import Death, Result
-from palpate.launch.run.watchdog import START_PATIENCE
-from palpate.launch.run.wires import ControlChannel, blocked_by
-from palpate.launch.run.worker import REPORT
+from palpate.launch.run.wire.keys import Key
+from palpate.launch.run.wire.wires import ControlChannel, blocked_by
+from palpate.launch.run.work.watchdog import START_PATIENCE
+from palpate.launch.run.work.worker import REPORT
 
 HEAD_START = 40_000_000  # [ns] from the order to go to tick 0: every worker has heard it by then
 BEAT = 0.5  # [s] between signs of life for workers on other machines, and looks at who stands between

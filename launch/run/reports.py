@@ -10,7 +10,7 @@ import msgspec
 
 from palpate.engine.health import Counters
 from palpate.engine.job import Job
-from palpate.launch.run.keys import Key
+from palpate.launch.run.wire.keys import Key
 
 
 class Take(msgspec.Struct, frozen=True, tag=True):

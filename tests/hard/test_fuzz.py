@@ -27,7 +27,6 @@ from palpate.drivers.haply import inverse3
 from palpate.drivers.hid import descriptor, raw
 from palpate.drivers.pins import dotpad
 from palpate.drivers.sensors import bota, netft
-from palpate.launch.commands.info import describe
 from palpate.launch.load.files import GRAPHS, SCENES
 from palpate.launch.load.launchfile import LAUNCHES, find
 from palpate.messages import Contact, DeviceState, Load, MessageError, Surface, pack, unpack
@@ -41,6 +40,7 @@ from palpate.physics.bodies.condensed_body import Basis
 from palpate.physics.bodies.sampled_body import SampledBasis
 from palpate.physics.errors import PalpateError
 from palpate.physics.fingertip.surfaces import FingertipSurfaces
+from palpate.records.contents import contents
 from palpate.records.format.mcap_file import MAGIC, Broken, opened
 from palpate.records.reader import Recording
 from palpate.records.recover import recover
@@ -114,7 +114,7 @@ def test_a_damaged_recording_is_told_and_what_is_whole_is_recovered(tmp_path, to
 
     def read(damaged_path: Path) -> None:
         recording = Recording(damaged_path)
-        told = describe(recording)
+        told = contents(recording)
         if recording.complete:
             assert damaged_path.read_bytes() == touch or sum(s["count"] for s in told["streams"]) == len(whole)
         for stream, tick, _, payload in recording.raw():

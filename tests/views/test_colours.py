@@ -11,8 +11,8 @@ from palpate.messages import Surface
 from palpate.physics.errors import ArgumentError
 from palpate.physics.geometry.mesh import plane
 from palpate.records.reader import Recording
-from palpate.views.pictures import film as films
-from palpate.views.pictures.colour import COLOURS, able, check, painted, top
+from palpate.views.surface import film as films
+from palpate.views.surface.colour import COLOURS, able, check, painted, top
 
 SHEET = plane(0.1, 100)
 

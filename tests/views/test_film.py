@@ -12,8 +12,8 @@ from palpate.messages import Pose
 from palpate.nodes.base import Stream
 from palpate.nodes.logger import Mcap
 from palpate.records.reader import Recording
-from palpate.views.pictures import film as films
-from palpate.views.pictures.colour import COLOURS
+from palpate.views.surface import film as films
+from palpate.views.surface.colour import COLOURS
 
 
 @pytest.fixture

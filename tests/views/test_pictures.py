@@ -21,11 +21,12 @@ from palpate.nodes.base import Stream
 from palpate.nodes.logger import Mcap
 from palpate.records.reader import Recording
 from palpate.records.stored import RecordingError
-from palpate.views.pictures import PictureError, deformation, draw, off_screen, render
-from palpate.views.pictures.moments import choose, displaced, instants, surface_mesh
+from palpate.views.pictures import PictureError, deformation, draw
 from palpate.views.pictures.regions import _stretches, regions
 from palpate.views.pictures.style import mean
 from palpate.views.pictures.touch import TouchStreams, together, touches, work
+from palpate.views.surface import off_screen, render
+from palpate.views.surface.moments import choose, displaced, instants, surface_mesh
 
 UP = (0.0, 0.0, 1.0)
 PLOTS = ["force.png", "compression.png", "friction.png", "device.png"]

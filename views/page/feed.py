@@ -13,10 +13,10 @@ import msgspec
 import numpy as np
 import zmq
 
-from palpate.launch.run.addresses import endpoint, key_of
-from palpate.launch.run.bus import HEALTH, split
-from palpate.launch.run.discover import Running
-from palpate.launch.run.keys import connect
+from palpate.launch.run.wire.addresses import endpoint, key_of
+from palpate.launch.run.wire.bus import HEALTH, split
+from palpate.launch.run.wire.discover import Running
+from palpate.launch.run.wire.keys import connect
 from palpate.messages import (
     Contact,
     Force,

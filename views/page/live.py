@@ -7,8 +7,10 @@ import threading
 import time
 
 from palpate.engine.plan import Plan
-from palpate.launch.run.discover import Running
+from palpate.launch.load.launchfile import LaunchFile
 from palpate.launch.run.launcher import Launcher
+from palpate.launch.run.wire.discover import Running
+from palpate.nodes.base.effect import effects
 from palpate.views.page.feed import StreamReader, mesh_frame
 from palpate.views.page.source import FrameSource
 from palpate.views.page.steered import Touched, watched
@@ -85,3 +87,11 @@ class LiveView(Live):
     def over(self) -> None:
         super().over()
         self.say("the run has ended")
+
+
+def watchable(launch: LaunchFile) -> LaunchFile:
+    """The run with the shape of its body computed, though no node of it may read that; at the pace of the world, as
+    one that is faster is over before it is seen."""
+    can = {effect.name for spec in launch.load().nodes.values() for effect in effects(spec.cls)}
+    shape = ["effects.shape=on"] if "shape" in can else []
+    return launch.but(overrides=shape, pace=1.0 if launch.clock != "real" and launch.pace is None else None)

@@ -28,11 +28,9 @@ from palpate.messages import (
     Torque,
 )
 from palpate.nodes.base import SettingError
-from palpate.nodes.deformation import models
 from palpate.physics.geometry.mesh import Mesh
 from palpate.views.page import PageError
 
-BODIES = tuple(reversed(models()))
 SHOWN = (Pose, Proximity, Contact, Friction, Force, ForceBand, Pins, Pointed, Load, Surface)
 POINTER = "palpate-pointer"
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from palpate.models.fe.contact.switching import Switching
 from palpate.models.fe.element import faces as face_rule
-from palpate.models.fe.linear.pattern import Pattern
+from palpate.models.fe.sparse.pattern import Pattern
 
 
 class ElasticFoundation:

@@ -31,8 +31,8 @@ from typing import Any
 import numpy as np
 from scipy.sparse import csr_array, vstack
 
-from palpate.models.fe.linear.cholesky import Cholesky
 from palpate.models.fe.reduce.reducible import Reducible
+from palpate.models.fe.sparse.cholesky import Cholesky
 
 TOLERANCE = 1e-3
 """Unbalanced force over that of the load, both as the displacements that they would cause at rest (energy norm)."""

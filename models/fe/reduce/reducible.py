@@ -11,11 +11,11 @@ import numpy as np
 
 from palpate.models.fe.contact.bed import ElasticFoundation
 from palpate.models.fe.element.mesh import TetMesh
-from palpate.models.fe.linear.tangent import Tangent
 from palpate.models.fe.meshing.fingertip import BONE, DERMIS, EPIDERMIS, NAIL, SUBCUTIS, FingertipDimensions, materials
 from palpate.models.fe.meshing.organ import Organ
 from palpate.models.fe.solve.body import ElasticBody, hats
 from palpate.models.fe.solve.solver import DEFAULT, Settings, Solver
+from palpate.models.fe.sparse.tangent import Tangent
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.materials.hyperelastic import Material
 

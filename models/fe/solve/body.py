@@ -15,8 +15,8 @@ from palpate.models.fe.element import faces as face_rule
 from palpate.models.fe.element.compiled import LAW, compiled
 from palpate.models.fe.element.elements import gradients, integrate
 from palpate.models.fe.element.mesh import MeshError, TetMesh
-from palpate.models.fe.linear.pattern import Pattern, pattern
-from palpate.models.fe.linear.tangent import Tangent
+from palpate.models.fe.sparse.pattern import Pattern, pattern
+from palpate.models.fe.sparse.tangent import Tangent
 from palpate.physics.materials.hyperelastic import Material
 
 COLUMNS = 16

@@ -11,11 +11,11 @@ import numpy as np
 
 from palpate.models.fe.contact.protocol import ContactPair
 from palpate.models.fe.element.mesh import MeshError, TetMesh, point_text
-from palpate.models.fe.linear.tangent import UnheldError
 from palpate.models.fe.solve.assembly import Assembly, Balance, Inverted
 from palpate.models.fe.solve.checkpoint import SolverState, read_state, write_state
 from palpate.models.fe.solve.checks import check_held, check_locking, check_units, checked
 from palpate.models.fe.solve.support import Support
+from palpate.models.fe.sparse.tangent import UnheldError
 from palpate.physics.errors import PalpateError
 from palpate.physics.materials.hyperelastic import Material
 

@@ -10,12 +10,12 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from palpate.launch.commands.common import Verbs
+from palpate.launch.terminal.group import Verbs
 from palpate.physics import errors
 from palpate.physics.errors import PalpateError
 
 FOLDERS = (
-    "physics", "models", "messages", "drivers", "nodes", "engine", "launch", "records", "views", "studies",
+    "registry", "physics", "models", "messages", "drivers", "nodes", "engine", "launch", "records", "views", "studies",
 )  # fmt: skip
 INSIDE = {
     "Broken", "EndedError", "HangError", "Inverted", "MissingInput", "NotPositive", "RefusedError", "UnheldError",

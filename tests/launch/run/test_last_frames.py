@@ -8,10 +8,10 @@ import time
 import pytest
 import zmq
 
-from palpate.launch.run import bus as bus_module
-from palpate.launch.run import inlet as inlet_module
-from palpate.launch.run.addresses import RunFolder
-from palpate.launch.run.bus import END, HEALTH, Bus, frame, split
+from palpate.launch.run.wire import bus as bus_module
+from palpate.launch.run.wire import inlet as inlet_module
+from palpate.launch.run.wire.addresses import RunFolder
+from palpate.launch.run.wire.bus import END, HEALTH, Bus, frame, split
 
 FRAMES, ROOM, BEHIND = 20_000, 50, 120
 LARGE = b"x" * 500

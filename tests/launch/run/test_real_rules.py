@@ -9,8 +9,8 @@ import pytest
 
 from palpate.engine.job import InputJob, NodeJob
 from palpate.engine.slot import Slot, make
-from palpate.launch.run import real
-from palpate.launch.run.worker import EndedError
+from palpate.launch.run.work import real
+from palpate.launch.run.work.worker import EndedError
 from palpate.messages import Force, Message, Pose, Torque
 
 FORCE = Force(force=(1.0, 0.0, 0.0), state="free", energy=0.0)

@@ -10,9 +10,9 @@ import msgspec
 import zmq
 
 from palpate.engine.job import Job, NodeJob
-from palpate.launch.run.bus import split
 from palpate.launch.run.launcher import Launcher
 from palpate.launch.run.reports import ORDERS, Addressed, Connect, NodesEnded, Order, Ready
+from palpate.launch.run.wire.bus import split
 
 
 def free_port() -> int:

@@ -18,13 +18,13 @@ from typer.testing import CliRunner
 
 from palpate.launch.__main__ import app
 from palpate.launch.load.launchfile import LaunchFile
-from palpate.launch.run import addresses, keys
 from palpate.launch.run.assign import jobs
 from palpate.launch.run.execute import execute
 from palpate.launch.run.launcher import Launcher
 from palpate.launch.run.reports import Addressed, NodesEnded, Note
 from palpate.launch.run.result import Result
-from palpate.launch.run.wires import ControlChannel
+from palpate.launch.run.wire import addresses, keys
+from palpate.launch.run.wire.wires import ControlChannel
 
 
 def run(folder: Path, during) -> Result:

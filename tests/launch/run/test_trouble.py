@@ -12,7 +12,7 @@ from graphs_for_runs import GRAPH, write_graph
 
 from palpate.launch.load.launchfile import LaunchFile
 from palpate.launch.run.execute import RunOutcome, execute
-from palpate.launch.run.watchdog import START_PATIENCE
+from palpate.launch.run.work.watchdog import START_PATIENCE
 from palpate.records.player import plan_of
 from palpate.records.reader import Recording
 from palpate.records.verify import verify

@@ -21,15 +21,15 @@ import palpate.messages
 from palpate.engine.job import InputJob
 from palpate.engine.slot import Input
 from palpate.launch.load.launchfile import LaunchFile
-from palpate.launch.run import outlet as outlet_module
-from palpate.launch.run.addresses import endpoint
 from palpate.launch.run.assign import jobs
 from palpate.launch.run.execute import execute
-from palpate.launch.run.inlet import CHUNK, Inlet
 from palpate.launch.run.launcher import Launcher
-from palpate.launch.run.outlet import Outlet
-from palpate.launch.run.watch import SocketPoller
-from palpate.launch.run.zmtp import GREETING, command, frame, ready
+from palpate.launch.run.wire import outlet as outlet_module
+from palpate.launch.run.wire.addresses import endpoint
+from palpate.launch.run.wire.inlet import CHUNK, Inlet
+from palpate.launch.run.wire.outlet import Outlet
+from palpate.launch.run.wire.watch import SocketPoller
+from palpate.launch.run.wire.zmtp import GREETING, command, frame, ready
 from palpate.messages import Force, Message, Pose, pack, unpack
 from palpate.nodes.base import inputs
 from palpate.records.reader import Recording
@@ -428,9 +428,9 @@ def test_who_is_another_user_is_not_let_in(ends, monkeypatch):
 TURNS = 50
 PASS_ON = """
 import os, sys
-from palpate.launch.run.inlet import Inlet
-from palpate.launch.run.outlet import Outlet
-from palpate.launch.run.watch import SocketPoller
+from palpate.launch.run.wire.inlet import Inlet
+from palpate.launch.run.wire.outlet import Outlet
+from palpate.launch.run.wire.watch import SocketPoller
 
 here, there, first = sys.argv[1], sys.argv[2], sys.argv[3] == "first"
 watch, apart = SocketPoller(), set()
