@@ -104,7 +104,7 @@ def _read(path: Path) -> LaunchFile:
     return _like_its_base(path, data)
 
 
-def _run(source: Source, path: Path, keys: tuple[str, ...]) -> LaunchFile:
+def _run(source: YamlSource, path: Path, keys: tuple[str, ...]) -> LaunchFile:
     """What a launch file says, or the `run:` of a graph. GraphError: what is wrong with it."""
     data = source.data
     faults = Faults()
