@@ -14,15 +14,11 @@ from typing import Annotated  # noqa: E402
 
 import typer  # noqa: E402
 
-from palpate.launch.commands import verbs  # noqa: E402
-from palpate.launch.commands.common import Verbs  # noqa: E402
+from palpate.launch import commands  # noqa: E402
+from palpate.launch.terminal.group import Verbs  # noqa: E402
+from palpate.launch.terminal.tree import group  # noqa: E402
 
-app = typer.Typer(
-    cls=Verbs,
-    no_args_is_help=True,
-    pretty_exceptions_enable=False,
-    help="What a fingertip feels on soft tissue: a graph of message-passing nodes.",
-)
+app = group(commands, cls=Verbs, pretty_exceptions_enable=False)
 
 
 def _version(value: bool) -> None:
@@ -33,21 +29,16 @@ def _version(value: bool) -> None:
         raise typer.Exit
 
 
-@app.callback()
+@app.callback(help=commands.HELP)
 def _top(
     debug: Annotated[bool, typer.Option("--debug", help="Show tracebacks.")] = False,
     version: Annotated[
         bool, typer.Option("--version", help="Show the version.", callback=_version, is_eager=True)
     ] = False,
 ) -> None:
-    """What a fingertip feels on soft tissue: a graph of message-passing nodes."""
+    pass
 
 
-for _name, _verb, _kind in verbs():
-    if isinstance(_verb, typer.Typer):
-        app.add_typer(_verb, name=_name)
-    else:
-        app.command(cls=_kind)(_verb)
 if _here:
     signal.signal(signal.SIGINT, _before)
 

@@ -10,9 +10,9 @@ from typing import Any
 
 from palpate.launch.load.files import SCENES, find_file
 from palpate.launch.load.launchfile import LaunchFile, find
-from palpate.launch.load.overrides import of_nodes
 from palpate.launch.load.placement import FUSED, find_place
-from palpate.launch.load.units import UnitError, convert
+from palpate.launch.load.values.overrides import of_nodes
+from palpate.launch.load.values.units import UnitError, convert
 from palpate.launch.run.execute import execute
 from palpate.physics.errors import ArgumentError, RunError
 from palpate.views.run import Run

@@ -19,10 +19,10 @@ from palpate.launch.calling import described
 from palpate.launch.load.placement import fused
 from palpate.launch.load.plan import plan
 from palpate.launch.load.recording import set_recording
-from palpate.launch.load.units import UnitError, convert
+from palpate.launch.load.values.units import UnitError, convert
 from palpate.launch.run.assign import jobs
-from palpate.launch.run.simulated import run_tick
-from palpate.launch.run.worker import Worker
+from palpate.launch.run.work.simulated import run_tick
+from palpate.launch.run.work.worker import Worker
 from palpate.messages import Message
 from palpate.nodes.base import SettingError, settings
 from palpate.nodes.base.node import convert as settled

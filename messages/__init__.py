@@ -1,5 +1,6 @@
 """What nodes say to one another: typed messages with units and shapes, and their wire form."""
 
+import sys
 from typing import TYPE_CHECKING, Any
 
 from palpate.messages.base import (
@@ -25,6 +26,7 @@ from palpate.messages.slip import Slip
 from palpate.messages.tactile import Tactile
 from palpate.messages.tissue import Surface
 from palpate.messages.uncertainty import ForceBand
+from palpate.registry import find
 
 __all__ = [
     "Contact",
@@ -61,9 +63,7 @@ if not TYPE_CHECKING:
 
     def __getattr__(name: str) -> Any:
         """A message type of any other file of this folder."""
-        from palpate.messages.docs import message_types
-
-        kind = None if name.startswith("_") else message_types().get(name)
+        kind = find(sys.modules[__name__], name, Message) if name[:1].isupper() else None
         if kind is None:
             raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
         return kind

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import importlib
 import inspect
-import pkgutil
 import re
 import sys
 from typing import NamedTuple
 
 from palpate.messages.base import Message
+from palpate.registry import classes, declared, registered
 
 _LINE = re.compile(r"(\w+)\s+\[([^\]]+)\]\s+\(([^)]*)\)\s+(\S.*)")
 
@@ -37,12 +36,11 @@ def summary(thing: object) -> str:
 
 
 def message_types() -> dict[str, type[Message]]:
-    """All message types that ship, by name: those of every file of this folder."""
-    package = sys.modules[Message.__module__.rpartition(".")[0]]
-    files = [importlib.import_module(f"{package.__name__}.{f.name}") for f in pkgutil.iter_modules(package.__path__)]
-    things = (member for file in files for member in vars(file).values() if isinstance(member, type))
-    kinds = (member for member in things if issubclass(member, Message) and member is not Message)
-    return {kind.__name__: kind for kind in sorted(kinds, key=lambda kind: kind.__name__)}
+    """All message types by name: those of every file of this folder, and those that other distributions register."""
+    others = registered("palpate.messages")[0].values()
+    kinds = {kind.__name__: kind for module in others for kind in declared(module, Message)}
+    kinds |= classes(sys.modules[Message.__module__.rpartition(".")[0]], Message)
+    return {name: kinds[name] for name in sorted(kinds) if kinds[name] is not Message}
 
 
 def _shape(text: str) -> tuple[int | str, ...]:

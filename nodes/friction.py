@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
-import pkgutil
 import typing
 from typing import Annotated, Any, ClassVar
 
@@ -13,6 +11,7 @@ from palpate.messages import Contact, Friction, Proximity, Vector
 from palpate.nodes.base import Node, Wants, part
 from palpate.physics import friction
 from palpate.physics.friction import bristle
+from palpate.registry import classes
 
 SIGNS = {">": "gt", ">=": "ge", "<": "lt", "<=": "le"}
 
@@ -70,7 +69,14 @@ def _setting(hint: Any) -> Any:
     return Annotated[kind, unit, msgspec.Meta(**bounds)] if bounds else hint
 
 
-for _file in pkgutil.iter_modules(friction.__path__):
-    for _law in vars(importlib.import_module(f"{friction.__name__}.{_file.name}")).values():
-        if isinstance(_law, type) and hasattr(_law, "advance") and _law.__module__.endswith(f".{_file.name}"):
-            globals()[_law.__name__] = node_of(_law)
+_NODES = {name: node_of(law) for name, law in classes(friction, tuple).items() if hasattr(law, "advance")}
+
+
+def __getattr__(name: str) -> type[Node]:
+    if name not in _NODES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return _NODES[name]
+
+
+def __dir__() -> list[str]:
+    return [*globals(), *_NODES]

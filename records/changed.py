@@ -7,7 +7,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from palpate.engine.faults import Place
+from palpate.engine.faults import Location
 from palpate.engine.graph import Graph
 from palpate.engine.imports import UntrustedError, check_trusted, full_name
 from palpate.engine.plan import Plan
@@ -17,7 +17,7 @@ from palpate.launch.load.graph import load_source
 from palpate.launch.load.launchfile import find
 from palpate.launch.load.plan import plan
 from palpate.launch.load.recording import set_recording
-from palpate.launch.load.source import Source
+from palpate.launch.load.values.source import YamlSource
 from palpate.records.player import plan_of
 from palpate.records.reader import Recording
 from palpate.records.stored import RecordingError
@@ -83,13 +83,30 @@ def _recorded_graph(recording: Recording, overrides: Sequence[str]) -> Graph:
         check_trusted(*(module for module in modules if not is_shipped(module)))
     except UntrustedError as error:
         raise RecordingError(f"{recording.path}: {error}") from None
-    return load_source(
-        Source(copy.deepcopy(recorded["source"]), {(): Place(name)}),
-        Path(recorded["path"]),
-        overrides=overrides,
-        scene=copy.deepcopy(recorded["scene"]),
-        wanted=recorded["streams"],
-    )
+
+    def load(given: Sequence[str]) -> Graph:
+        return load_source(
+            YamlSource(copy.deepcopy(recorded["source"]), {(): Location(name)}),
+            Path(recorded["path"]),
+            overrides=given,
+            scene=copy.deepcopy(recorded["scene"]),
+            wanted=recorded["streams"],
+        )
+
+    graph = load(overrides)
+    _keep_settings(graph, load(()), plan_of(recording).graph, {path.partition("=")[0] for path in overrides})
+    return graph
+
+
+def _keep_settings(graph: Graph, defaults: Graph, recorded: Graph, overridden: Collection[str]) -> None:
+    """Settings that no override changes are as they were recorded, whatever their defaults are today."""
+    for name, spec in graph.nodes.items():
+        now, then = defaults.nodes.get(name), recorded.nodes.get(name)
+        if now is None or then is None or not spec.cls is now.cls is then.cls:
+            continue
+        for key in spec.settings.keys() & then.settings.keys():
+            if spec.settings[key] == now.settings[key] and f"{name}.{key}" not in overridden:
+                spec.settings[key] = then.settings[key]
 
 
 def _match_devices(recording: Recording, graph: Graph) -> None:

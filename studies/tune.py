@@ -14,7 +14,7 @@ from typing import Any
 from palpate.engine.graph import Graph
 from palpate.launch.load.launchfile import LaunchFile
 from palpate.launch.run.busy import busy
-from palpate.nodes.deformation import models
+from palpate.nodes.deformation import bodies
 from palpate.physics.errors import ArgumentError, PalpateError
 from palpate.records.changed import changed
 from palpate.records.compare import Variant
@@ -102,7 +102,7 @@ def candidates(graph: Graph) -> list[Trial]:
             | ({} if count in (None, vertices) else {"scene.surface.vertices": count})
             | ({} if every == 1 else {f"{body}.every": every})
         )
-        for model in models()
+        for model in bodies()
         for count in counts
         for every in EVERY
     ]

@@ -2,7 +2,7 @@
 
     python tests/mutation.py [--minutes 20] [--seed 0] [--tests TEST_FILE]... FILE...
 
-    python tests/mutation.py engine/slot.py launch/run/real.py
+    python tests/mutation.py engine/slot.py launch/run/work/real.py
     python tests/mutation.py drivers/guard.py --tests tests/drivers/test_guard.py
 
 Works on a copy of the tree. Each mutant is run against the tests that import its module (for `engine` and `launch/run`:

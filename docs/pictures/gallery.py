@@ -18,8 +18,8 @@ from palpate.launch.run.execute import execute
 from palpate.messages import Contact, Pose
 from palpate.records.reader import Recording
 from palpate.views.pictures import PictureError, draw
-from palpate.views.pictures.film import picture
 from palpate.views.run import Run
+from palpate.views.surface.film import picture
 
 FOLDER = Path(__file__).parent
 WIDTH = 760  # [px]

@@ -8,20 +8,23 @@ from collections.abc import Callable
 
 import numpy as np
 
-from palpate.drivers.emulate.faults import Days, Faults
-from palpate.drivers.emulate.hand import Hand, Script
+from palpate.drivers.emulate.faults import Days, EmulatedFaults
+from palpate.drivers.emulate.hand import EmulatedOperator, Script
 from palpate.drivers.errors import DeviceError
 from palpate.drivers.hid import raw, spacemouse
 
 COUNT = 20e-6  # [m] of the emulated device
 UNIT = 1e-3  # [N]
+SWING = 2.0  # [s] of the hand at a mouse, the thumb at a gamepad
 
 
 class EmulatedRawHid:
-    """A device with three axes that answers every command, and stops without commands: `transport.hid.Hid`."""
+    """A device with three axes that answers every command, and stops without commands: `transport.hid.HidPort`."""
 
-    def __init__(self, script: Script | None = None, faults: Faults | None = None, *, waits: bool = False) -> None:
-        self.hand, self.days, self.waits = Hand(script or Script()), Days(faults or Faults()), waits
+    def __init__(
+        self, script: Script | None = None, faults: EmulatedFaults | None = None, *, waits: bool = False
+    ) -> None:
+        self.hand, self.days, self.waits = EmulatedOperator(script or Script()), Days(faults or EmulatedFaults()), waits
         self.said: deque[tuple[int, bytes]] = deque()
         self.force = (0.0, 0.0, 0.0)
         self.until = 0
@@ -44,7 +47,7 @@ class EmulatedRawHid:
     def write(self, report: bytes) -> None:
         self._plugged()
         message = raw.unpack(report)
-        if not isinstance(message, raw.Command):
+        if not isinstance(message, raw.RawCommand):
             return
         now = time.monotonic_ns()
         if not self.waits:
@@ -61,11 +64,11 @@ class EmulatedRawHid:
         counts = [round(p / COUNT) for p in place]
         if self.days.chance("noise"):
             counts[0] += 1
-        answer: raw.State | raw.Info
+        answer: raw.RawState | raw.Info
         if message.flags & raw.ASK_INFO:
             answer = raw.Info(0, 3, (COUNT,) * 3 + (0.0,) * 3, (UNIT,) * 3 + (0.0,) * 3)
         else:
-            answer = raw.State(
+            answer = raw.RawState(
                 self.sequence, message.sequence, raw.HOMED, 3, now // 1000 & 0xFFFFFFFF, (*counts, 0, 0, 0),
                 self.hand.buttons,
             )  # fmt: skip
@@ -94,12 +97,14 @@ class EmulatedRawHid:
 
 
 class EmulatedReports:
-    """A device that only reports, every 8 ms, what `moved` says at a time [s]: `transport.hid.Hid`."""
+    """A device that only reports, every 8 ms, what `moved` says at a time [s]: `transport.hid.HidPort`."""
 
     PERIOD = 0.008
 
-    def __init__(self, moved: Callable[[float], list[bytes]], descriptor: bytes = b"", faults: Faults | None = None):
-        self.moved, self.description, self.days = moved, descriptor, Days(faults or Faults())
+    def __init__(
+        self, moved: Callable[[float], list[bytes]], descriptor: bytes = b"", faults: EmulatedFaults | None = None
+    ):
+        self.moved, self.description, self.days = moved, descriptor, Days(faults or EmulatedFaults())
         self.said: deque[bytes] = deque()
         self.due = self.begun = time.monotonic()
 
@@ -132,11 +137,11 @@ class EmulatedReports:
         self.said.clear()
 
 
-def moving_mouse(seconds: float = 2.0) -> Callable[[float], list[bytes]]:
-    """A hand that presses a SpaceMouse down and lets it up again, once in `seconds`."""
+def moving_mouse() -> Callable[[float], list[bytes]]:
+    """A hand that presses a SpaceMouse down and lets it up again, once in `SWING`."""
 
     def moved(at: float) -> list[bytes]:
-        down = round(175 * np.sin(2 * np.pi * at / seconds))
+        down = round(175 * np.sin(2 * np.pi * at / SWING))
         return spacemouse.reports((0, 0, down, 0, 0, 0), 0, together=True)
 
     return moved
@@ -153,11 +158,11 @@ GAMEPAD = bytes.fromhex(
 """Report descriptor of an ordinary gamepad: number, four bytes of sticks, twelve buttons."""
 
 
-def moving_gamepad(seconds: float = 2.0) -> Callable[[float], list[bytes]]:
-    """A thumb that moves the left stick from side to side, once in `seconds`."""
+def moving_gamepad() -> Callable[[float], list[bytes]]:
+    """A thumb that moves the left stick from side to side, once in `SWING`."""
 
     def moved(at: float) -> list[bytes]:
-        x = round(127.5 + 100 * np.sin(2 * np.pi * at / seconds))
+        x = round(127.5 + 100 * np.sin(2 * np.pi * at / SWING))
         return [bytes((1, x, 128, 128, 128, 0, 0))]
 
     return moved

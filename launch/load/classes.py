@@ -1,11 +1,10 @@
-"""Node classes by the name in `use:`, and the catalogue of those that ship."""
+"""Node classes by the name in `use:`, and the catalogue of those that ship or that other distributions register."""
 
 from __future__ import annotations
 
 import importlib
 import importlib.util
 import os
-import pkgutil
 import traceback
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -21,8 +20,8 @@ from palpate.messages import Message, fields
 from palpate.messages.base import HEADER
 from palpate.messages.docs import summary
 from palpate.nodes.base import Node, Observer, inputs, outputs, settings
-from palpate.nodes.base.room import offered
 from palpate.physics.errors import MISUSE, PalpateError
+from palpate.registry import declared, files, registered
 
 SHIPPED = palpate.nodes.__name__
 
@@ -147,7 +146,7 @@ def body(kind: type[Message]) -> frozenset[str]:
 def classes(module: ModuleType) -> list[type[Node]]:
     """The node classes that a module offers, sorted by name, base classes of palpate left out."""
     node_classes = []
-    for name in sorted(set(vars(module)) | set(offered(getattr(module, "__path__", ())))):
+    for name in sorted(set(dir(module))):
         member = getattr(module, name, None)
         if (
             isinstance(member, type) and issubclass(member, Node) and not name.startswith("_")
@@ -159,7 +158,7 @@ def classes(module: ModuleType) -> list[type[Node]]:
 
 def shipped_modules() -> list[str]:
     """Names of palpate's node modules as they stand in `use:`, without importing them."""
-    return sorted(m.name for m in pkgutil.iter_modules(palpate.nodes.__path__) if m.name != "base")
+    return [name for file in files(palpate.nodes) if (name := file.rpartition(".")[2]) != "base"]
 
 
 def _node_modules() -> list[str]:
@@ -170,9 +169,10 @@ def _node_modules() -> list[str]:
 
 @lru_cache(maxsize=1)
 def catalogue() -> tuple[tuple[Entry, ...], dict[str, str]]:
-    """All node classes that ship, sorted by name, and the modules that cannot be imported with the reason."""
+    """All node classes that ship, and those of the modules that other distributions register as entry points of the
+    group `palpate.nodes`, sorted by name; and the modules that cannot be imported with the reason."""
     uses: dict[type[Node], str] = {}
-    missing = {}
+    others, missing = registered("palpate.nodes")
     for name in shipped_modules():
         try:
             module = importlib.import_module(f"{SHIPPED}.{name}")
@@ -183,6 +183,13 @@ def catalogue() -> tuple[tuple[Entry, ...], dict[str, str]]:
         for cls in offered:
             if cls.__module__.startswith(module.__name__):
                 uses.setdefault(cls, f"{name}.{cls.__name__}")
+    for name, module in others.items():
+        try:
+            for cls in declared(module, Node):
+                _check(f"{name}.{cls.__name__}", cls)
+                uses[cls] = f"{name}.{cls.__name__}"
+        except ClassError as error:
+            missing[name] = f"{error}. {error.cure}"
     return tuple(Entry(use, cls) for cls, use in sorted(uses.items(), key=lambda item: item[1])), missing
 
 

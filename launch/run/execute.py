@@ -23,16 +23,16 @@ from palpate.launch.load.launchfile import SOURCES, LaunchFile
 from palpate.launch.load.placement import APART, AUTO, Placement, auto
 from palpate.launch.load.plan import plan
 from palpate.launch.load.recording import set_recording
-from palpate.launch.run import keys
 from palpate.launch.run.assign import jobs, spared
 from palpate.launch.run.forkserver import ForkServer
-from palpate.launch.run.fused import run_fused
-from palpate.launch.run.keys import Key
 from palpate.launch.run.launcher import Launcher
 from palpate.launch.run.result import Result
 from palpate.launch.run.screen import Screen
 from palpate.launch.run.sources import record_sources
 from palpate.launch.run.verdict import Verdict, verdict
+from palpate.launch.run.wire import keys
+from palpate.launch.run.wire.keys import Key
+from palpate.launch.run.work.fused import run_fused
 from palpate.physics.errors import RunError
 from palpate.records.format.mcap_file import is_complete
 
@@ -45,7 +45,7 @@ worker up to 60."""
 
 
 @dataclass
-class Outcome:
+class RunOutcome:
     """A run that has ended: its plan, its result, its recording (None: not recorded), whether it kept its rate (None:
     on the simulated clock, or nothing keeps the time), and the placement that it ran by, as `--place` names it."""
 
@@ -75,7 +75,7 @@ def execute(
     key_name: str = keys.NAME,
     fit_cores: bool = False,
     watch: Callable[[Launcher], None] = lambda _: None,
-) -> Outcome:
+) -> RunOutcome:
     """Run a launch file to its end.
 
     graph       that of the launch file, where it has been read already
@@ -161,7 +161,7 @@ def execute(
         )
     result.health = {name: result.health[name] for name in names if name in result.health}
     kept = verdict(result, planned, ticks) if clock == "real" else None
-    return Outcome(planned, result, launch.record, kept, AUTO if crowded else str(launch.place or APART))
+    return RunOutcome(planned, result, launch.record, kept, AUTO if crowded else str(launch.place or APART))
 
 
 def _crowded(planned: Plan) -> bool:

@@ -15,7 +15,6 @@ import contextlib
 import gc
 import importlib
 import os
-import pkgutil
 import select
 import signal
 import socket
@@ -187,7 +186,7 @@ def _work(request: Start) -> NoReturn:
     code = 1
     try:
         die_with_parent()
-        from palpate.launch.run.process import serve
+        from palpate.launch.run.work.process import serve
 
         code = serve(request)
     finally:
@@ -214,16 +213,26 @@ def _reap(end: socket.socket, keepers: dict[int, _Kept]) -> None:
         end.sendall(msgspec.json.encode(Exited(kept.group, code)) + b"\n")
 
 
-if __name__ == "__main__":
+def load() -> None:
+    """Import what workers need, once for all of them, while the launcher reads the graph."""
+    import numba.core.registry
+
+    import palpate.launch.run.work.process
+    import palpate.nodes
+    from palpate.registry import modules
+
+    numba.core.registry.cpu_target.target_context.refresh()  # a quarter of a second, at the first kernel otherwise
+    modules(palpate.nodes)
+
+
+def main(descriptor: int) -> NoReturn:
+    """Serve the launcher at the other end of this socket."""
     signal.signal(signal.SIGTERM, _end_all)
     die_with_parent(signal.SIGTERM)
     adopt_orphans()
-    # Here, while the launcher reads the graph, and once for all workers.
-    import numba.core.registry
+    load()
+    _serve(socket.socket(fileno=descriptor))
 
-    import palpate.launch.run.process
 
-    numba.core.registry.cpu_target.target_context.refresh()  # a quarter of a second, at the first kernel otherwise
-    for package in pkgutil.iter_modules(palpate.nodes.__path__, "palpate.nodes."):
-        importlib.import_module(package.name)
-    _serve(socket.socket(fileno=int(sys.argv[1])))
+if __name__ == "__main__":
+    main(int(sys.argv[1]))

@@ -32,9 +32,6 @@ __all__ = [
 ]
 
 
-globals().update({name: constructor(name) for name in laws()})  # now: the folder `linear` has a law's name
-
-
 def __getattr__(name: str) -> Callable[..., Material]:
     if name.startswith("_"):
         raise AttributeError(name)

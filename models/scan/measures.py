@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import math
+from typing import Any
+
 import numpy as np
 
-from palpate.physics.fingertip.surfaces import Fingertip, cast, fill
+from palpate.models.scan.align import FingerFrame
+from palpate.models.scan.stack import Stack
+from palpate.physics.fingertip.surfaces import FingertipSurfaces, cast, fill
 
 
-def measures(tip: Fingertip, depth: float = 2e-3, pitch: float = 1.2e-3) -> dict[str, float]:
+def measures(tip: FingertipSurfaces, depth: float = 2e-3, pitch: float = 1.2e-3) -> dict[str, float]:
     """Sizes [mm], volumes [mm³], and the number of beams that touch a plate at a depth [m], with their units in the
     names."""
     inside = np.argwhere(tip.skin < 0)
@@ -22,4 +27,17 @@ def measures(tip: Fingertip, depth: float = 2e-3, pitch: float = 1.2e-3) -> dict
         "soft_volume_mm3": (tip.volume("skin") - tip.volume("bone")) * 1e9,
         "bone_volume_mm3": tip.volume("bone") * 1e9,
         "beams": len(fill(tip, depth, pitch).heights),
+    }
+
+
+def of_images(stack: Stack, frame: FingerFrame) -> dict[str, Any]:
+    """How many slices, how far apart, how the finger lies in them, and how left and right are known."""
+    return {
+        "slices": len(stack.volume),
+        "spacing_mm": [s * 1e3 for s in stack.spacing],
+        "tilt_deg": math.degrees(frame.tilt),
+        "roll_deg": math.degrees(frame.roll),
+        "left_and_right": {"header": "by the header", "stated": "as stated"}.get(
+            stack.handed, "unknown: each slice is assumed to lie behind the previous one (--axes)"
+        ),
     }

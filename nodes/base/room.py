@@ -2,27 +2,21 @@
 
 from __future__ import annotations
 
-import importlib
-import re
-from collections.abc import Iterable
-from pathlib import Path
-from typing import Any
+import sys
+from collections.abc import Callable
 
-_CLASS = re.compile(r"^class ([A-Z]\w*)", re.MULTILINE)
+from palpate.nodes.base.node import Node
+from palpate.registry import classes, find
 
 
-def offered(folders: Iterable[str]) -> dict[str, str]:
-    """The file that has a class, by the name of the class. Nothing is imported."""
-    files = sorted(file for folder in folders for file in Path(folder).glob("[!_]*.py"))
-    return {name: file.stem for file in files for name in _CLASS.findall(file.read_text(encoding="utf-8"))}
+def room(name: str) -> tuple[Callable[[str], type[Node]], Callable[[], list[str]]]:
+    """`__getattr__` and `__dir__` of a folder of nodes: a class, whose file is read when it is asked for, so that a
+    graph with one device needs no other; and the names of all."""
 
+    def get(wanted: str) -> type[Node]:
+        kind = find(sys.modules[name], wanted, Node) if wanted[:1].isupper() else None
+        if kind is None:
+            raise AttributeError(f"module {name!r} has no attribute {wanted!r}")
+        return kind
 
-def class_of(room: str, folders: Iterable[str], name: str) -> Any:
-    """A class of a room, whose file is read when it is asked for: a graph with one device needs no other.
-
-    AttributeError: no file of the room has such a class.
-    """
-    file = offered(folders).get(name)
-    if file is None:
-        raise AttributeError(f"module {room!r} has no attribute {name!r}")
-    return getattr(importlib.import_module(f"{room}.{file}"), name)
+    return get, lambda: [*vars(sys.modules[name]), *classes(sys.modules[name], Node)]

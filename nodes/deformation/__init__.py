@@ -1,24 +1,28 @@
 """Deformable bodies. Each takes `Load`, sends `Surface`, and can stand in for any other; it is found by its name in any
 file of this folder."""
 
-from typing import Any
+import sys
 
-from palpate.nodes.base.room import class_of, offered
+from palpate.nodes.base.node import Node
+from palpate.nodes.base.room import room
 from palpate.nodes.deformation.adaptive import Adaptive
 from palpate.nodes.deformation.beam_bundle import BeamBundle
 from palpate.nodes.deformation.mass_spring import MassSpring
 from palpate.nodes.deformation.reduced_fe import ReducedFE
 from palpate.nodes.deformation.rigid import Rigid
+from palpate.registry import classes, declared, registered
 
 __all__ = ["Adaptive", "BeamBundle", "MassSpring", "ReducedFE", "Rigid"]
 
 
-def models() -> list[str]:
-    """Names of the bodies that stand in for any organ, as `use:` takes them: those that declare a `rank`, which says
-    how near a body is to full finite elements, the nearest first."""
-    ranks = {f"deformation.{name}": vars(class_of(__name__, __path__, name)).get("rank") for name in offered(__path__)}
-    return sorted((name for name, rank in ranks.items() if rank), key=lambda name: (-(ranks[name] or 0), name))
+def bodies() -> dict[str, type[Node]]:
+    """The bodies that stand in for any organ, by what `use:` takes: those that declare a `rank`, which says how near a
+    body is to full finite elements, the nearest first. Those that other distributions register are among them."""
+    every = {f"deformation.{name}": kind for name, kind in classes(sys.modules[__name__], Node).items()}
+    for module in registered("palpate.nodes")[0].values():
+        every |= {f"{module.__name__}.{kind.__name__}": kind for kind in declared(module, Node)}
+    ranks = {name: vars(kind)["rank"] for name, kind in every.items() if vars(kind).get("rank")}
+    return {name: every[name] for name in sorted(ranks, key=lambda name: (-ranks[name], name))}
 
 
-def __getattr__(name: str) -> Any:
-    return class_of(__name__, __path__, name)
+__getattr__, __dir__ = room(__name__)

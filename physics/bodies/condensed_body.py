@@ -114,7 +114,7 @@ class Basis:
         return cls(vertices, triangles, full, dents)
 
 
-class Model(NamedTuple):
+class CondensedModel(NamedTuple):
     """What a condensed body is made of.
 
     compliance, vertices, dents  as in `Basis`
@@ -187,7 +187,7 @@ class CondensedBody:
         dents = basis.dents if basis.dents.size else np.zeros((count, 0))
         moments = hat_moments(coarse)
         true = uncorrected(mesh) if poisson is None else true_patch(coarse, mesh, poisson, sticks, apart)
-        self._model = Model(
+        self._model = CondensedModel(
             basis.compliance, basis.vertices, dents, moments, self.corners, self.weights, young, retardation,
             mesh.vertices, true,
         )  # fmt: skip
@@ -322,6 +322,7 @@ def _step(model, patch, pull, share, normal, dt, fields, marked, curve, numbers,
     dents, young = model.dents, model.young
     held, load, measure, order = fields[0], fields[1], fields[2], fields[3, :, 0]
     active, marks = marked[0], marked[1]
+    # the load, and the patch weights m, on the vertices of the coarse mesh
     touched = 0
     total = normal_force(pull, normal)
     for k in range(len(patch)):
@@ -339,6 +340,7 @@ def _step(model, patch, pull, share, normal, dt, fields, marked, curve, numbers,
             measure[v, 0] += w * part
             for i in range(3):
                 load[v, i] += share * w * pull[k, i]
+    # history h of the load: Kelvin-Voigt retardation over dt
     keep, take = model.retardation / (dt + model.retardation), dt / (dt + model.retardation)
     for k in range(count):
         for i in range(3):
@@ -364,6 +366,7 @@ def _step(model, patch, pull, share, normal, dt, fields, marked, curve, numbers,
             active[kept] = v
             kept += 1
     count = kept
+    # indentation of the linear body: m.C h of the history, m.C f of the load
     now, static, pressed = 0.0, 0.0, 0.0
     for k in range(touched):
         v = int(order[k])
@@ -384,6 +387,7 @@ def _step(model, patch, pull, share, normal, dt, fields, marked, curve, numbers,
                     static += side * (
                         row[3 * b] * load[b, 0] + row[3 * b + 1] * load[b, 1] + row[3 * b + 2] * load[b, 2]
                     )
+    # the patch as small as the load is: a half-space's correction to the compliance
     radius, narrow = load_radius(model.fine, patch, pull, normal, total, model.true.least)
     wide = patch_radius(model.vertices, model.moments, order, touched, measure)
     numbers[DEEP : SLIDES + 1] = 0.0
@@ -400,16 +404,19 @@ def _step(model, patch, pull, share, normal, dt, fields, marked, curve, numbers,
         if not model.true.sticks:
             numbers[SLIDES] = max(total / (young * radius * radius * LIGHT) - 1.0, 0.0)
         numbers[NEAR] = max(NEAR_WIDTH * wide / radius - 1.0, 0.0) if narrowed else 0.0
-    own = (body + more) / young
+    self_compliance = (body + more) / young
     press = pressed / body if body > 0.0 else 0.0  # the normal force on the patch that h stands for
-    aside = (static - body * total) / young if share > 0.0 and total > 0.0 else 0.0  # what the tangential load adds
+    tangential = (
+        (static - body * total) / young if share > 0.0 and total > 0.0 else 0.0
+    )  # what the tangential load adds
     now = (now + more * press) / young
-    free = keep * now + take * aside
-    numbers[COMPLIANCE], numbers[FREE], numbers[NOW] = take * own, free, now
-    numbers[MORE], numbers[OWN], numbers[PRESS] = 0.0, own, press
+    free = keep * now + take * tangential
+    numbers[COMPLIANCE], numbers[FREE], numbers[NOW] = take * self_compliance, free, now
+    numbers[MORE], numbers[OWN], numbers[PRESS] = 0.0, self_compliance, press
     numbers[RADIUS], numbers[WIDE] = radius, wide
-    if dents.shape[1] == 0 or not own > 0.0:
+    if dents.shape[1] == 0 or not self_compliance > 0.0:
         return count, touched
+    # large displacement: nonlinear indentation table, s/R over that of the linear body
     radius = wide
     knots, slopes = curve[0], curve[1]
     rise(dents, order, touched, measure, knots, slopes)
@@ -418,13 +425,13 @@ def _step(model, patch, pull, share, normal, dt, fields, marked, curve, numbers,
     numbers[FREE] = radius * risen(free / radius, knots, slopes)[0]
     end = SPACING * dents.shape[1]
     numbers[DEEP] = max(numbers[NOW] / (radius * end) - 1.0, 0.0)
-    then, slope = risen((free + take * own * force) / radius, knots, slopes)
+    then, slope = risen((free + take * self_compliance * force) / radius, knots, slopes)
     numbers[COMPLIANCE] = (radius * then - numbers[FREE]) / force
     # of a convex s(f): so contact comes to its force from above, and does not swing
-    if slope * take * own > numbers[COMPLIANCE]:
-        numbers[COMPLIANCE] = slope * take * own
+    if slope * take * self_compliance > numbers[COMPLIANCE]:
+        numbers[COMPLIANCE] = slope * take * self_compliance
         numbers[FREE] = radius * then - numbers[COMPLIANCE] * force
-    numbers[MORE] = (numbers[NOW] - now) / own
+    numbers[MORE] = (numbers[NOW] - now) / self_compliance
     numbers[PRESS] += numbers[MORE]
     return count, touched
 

@@ -25,7 +25,6 @@ A law in the invariants I and II needs its derivatives by these only: see `neo_h
 from __future__ import annotations
 
 import importlib
-import pkgutil
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -37,6 +36,7 @@ import numpy as np
 from palpate.physics import materials
 from palpate.physics.errors import MISUSE, PalpateError
 from palpate.physics.materials.compiled import LAW, address, compiled
+from palpate.registry import modules
 
 Law = Callable[..., tuple[float, float, float, float]]
 
@@ -134,9 +134,8 @@ def rubberlike(law: str, young: float) -> None:
 
 def laws() -> dict[str, ModuleType]:
     """The files of this folder that hold a law, by name."""
-    names = sorted(file.name for file in pkgutil.iter_modules(materials.__path__))
-    every = {name: importlib.import_module(f"{materials.__name__}.{name}") for name in names}
-    return {name: module for name, module in every.items() if hasattr(module, "energy") and hasattr(module, name)}
+    every = modules(materials).items()
+    return {name: module for name, module in every if hasattr(module, "energy") and hasattr(module, name)}
 
 
 def constructor(name: str) -> Callable[..., Material]:

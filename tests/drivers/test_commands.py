@@ -11,8 +11,8 @@ from palpate.drivers import catalogue, discover
 from palpate.drivers.falcon.emulator import EmulatedFalcon
 from palpate.engine.faults import GraphError
 from palpate.launch.__main__ import app
-from palpate.launch.commands.press import Press, _onset, add_session
 from palpate.launch.load.launchfile import find
+from palpate.models.fit.press import Press, _onset, add_session
 from palpate.models.fit.sessions import SessionError
 
 FALCON = {"idVendor": "0403", "idProduct": "cb48", "busnum": "1", "devnum": "7", "serial": "FT1"}

@@ -27,9 +27,8 @@ from palpate.drivers.haply import inverse3
 from palpate.drivers.hid import descriptor, raw
 from palpate.drivers.pins import dotpad
 from palpate.drivers.sensors import bota, netft
-from palpate.launch.commands.info import describe
 from palpate.launch.load.files import GRAPHS, SCENES
-from palpate.launch.load.launchfile import LAUNCHES, find
+from palpate.launch.load.launchfile import find
 from palpate.messages import Contact, DeviceState, Load, MessageError, Surface, pack, unpack
 from palpate.models.fit.sessions import read_sessions
 from palpate.nodes.base.mesh_file import read_mesh
@@ -40,7 +39,8 @@ from palpate.nodes.tactile import TABLE, Flow
 from palpate.physics.bodies.condensed_body import Basis
 from palpate.physics.bodies.sampled_body import SampledBasis
 from palpate.physics.errors import PalpateError
-from palpate.physics.fingertip.surfaces import Fingertip
+from palpate.physics.fingertip.surfaces import FingertipSurfaces
+from palpate.records.contents import contents
 from palpate.records.format.mcap_file import MAGIC, Broken, opened
 from palpate.records.reader import Recording
 from palpate.records.recover import recover
@@ -114,7 +114,7 @@ def test_a_damaged_recording_is_told_and_what_is_whole_is_recovered(tmp_path, to
 
     def read(damaged_path: Path) -> None:
         recording = Recording(damaged_path)
-        told = describe(recording)
+        told = contents(recording)
         if recording.complete:
             assert damaged_path.read_bytes() == touch or sum(s["count"] for s in told["streams"]) == len(whole)
         for stream, tick, _, payload in recording.raw():
@@ -202,7 +202,7 @@ def test_a_damaged_fingertip_is_told(tmp_path):
     arrays = dict(zip(FIELDS, (np.zeros(3), np.full(3, 1e-3), grid, grid, grid), strict=True))
     np.savez_compressed(tmp_path / "whole.npz", **arrays)
     data = (tmp_path / "whole.npz").read_bytes()
-    assert survives(Fingertip.load, tmp_path / "spoilt.npz", data, range(200))
+    assert survives(FingertipSurfaces.load, tmp_path / "spoilt.npz", data, range(200))
 
 
 def cube(kind: str) -> bytes:
@@ -254,6 +254,14 @@ def test_damaged_sessions_are_told(tmp_path, seeds):
     assert survives(read_sessions, tmp_path / "spoilt.csv", data, seeds)
 
 
+LAUNCH = b"""# One run.
+graph: kidney
+clock: simulated
+duration: 6.3 s
+record: kidney.mcap
+"""
+
+
 def find_and_plan(path: Path) -> None:
     find(str(path)).plan()
 
@@ -265,8 +273,9 @@ def test_the_text_of_a_damaged_graph_launch_file_or_scene_is_told(tmp_path, kind
         source = SCENES / "kidney.yaml"
         read: Callable[[Path], object] = lambda path: find("kidney").but(scene=path).plan()  # noqa: E731
     else:
-        source, read = (GRAPHS if kind == "graph" else LAUNCHES) / "kidney.yaml", find_and_plan
-    survives(read, tmp_path / "spoilt.yaml", source.read_bytes(), seeds, named="kidney.yaml")
+        source, read = GRAPHS / "kidney.yaml", find_and_plan
+    text = LAUNCH if kind == "launch" else source.read_bytes()
+    survives(read, tmp_path / "spoilt.yaml", text, seeds, named="kidney.yaml")
 
 
 GROWS = "a: &a [" + "x," * 50 + "]\nb: [" + "*a," * 9000 + "]"
@@ -282,7 +291,7 @@ def test_yaml_that_grows_nests_or_runs_is_refused(tmp_path, text, monkeypatch):
     assert not (tmp_path / "was-run").exists()
 
 
-READERS = {"falcon": frames.Reader, "bota": bota.Reader, "dotpad": dotpad.Reader}
+READERS = {"falcon": frames.FalconFrameReader, "bota": bota.BotaFrameReader, "dotpad": dotpad.PacketReader}
 TRUE = {
     "falcon": frames.report((1, 2, 3), 0, (True, True, True)),
     "bota": bota.frame(bota.Reading(0, (0.0,) * 6, 1, 20.0)),
@@ -388,7 +397,7 @@ def test_archives_run_no_code(tmp_path):
     np.savez(tmp_path / "bad.npz", vertices=np.array([Touch()], dtype=object), about=np.array("{}"))
     (tmp_path / "pickle.npz").write_bytes(pickle.dumps(Touch()))
     for name in ("bad.npz", "pickle.npz"):
-        for load in (Basis.load, SampledBasis.load, Fingertip.load):
+        for load in (Basis.load, SampledBasis.load, FingertipSurfaces.load):
             with pytest.raises(PalpateError):
                 load(tmp_path / name)
     assert not (tmp_path / "mark").exists()

@@ -396,7 +396,7 @@ def test_the_device_of_a_recording_is_a_node_like_any_other(kidney, tmp_path):
     graph = tmp_path / "mine.yaml"
     graph.write_text(
         f"nodes:\n  device: {{use: device.Replayed, path: {kidney}}}\n"
-        "  finger: {use: kinematics.Falcon, in: {state: device}}\n"
+        "  finger: {use: kinematics.FalconKinematics, in: {state: device}}\n"
     )
     runs = []
     for place in ("fused", None):
@@ -449,6 +449,14 @@ def test_compare_honours_every(kidney):
     (variant,) = compare(Recording(kidney), [["tissue.every=10"]], reference=[])[1:]
     assert variant.swapped == ("tissue",) and 6 <= variant.step.count <= 12  # it sleeps before the touch
     assert variant.shape.peak > 0.0 and variant.force.peak > 0.0
+
+
+def test_what_no_override_changes_is_as_it_was_recorded_whatever_the_default_is_today(kidney):
+    """The golden friction was recorded with `rescale` off, which is on by default since."""
+    recording = Recording(kidney)
+    assert changed(recording, ["tissue.every=10"]).graph.nodes["friction"].settings["rescale"] is False
+    (variant,) = compare(recording, [["friction.rescale=true"]], reference=[])[1:]
+    assert variant.swapped == ("friction",) and variant.plan.graph.nodes["friction"].settings["rescale"] is True
 
 
 def test_a_check_at_other_ticks_is_refused(touch):

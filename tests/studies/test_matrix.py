@@ -12,11 +12,12 @@ from palpate.physics.errors import PalpateError
 from palpate.studies.accuracy import bases, chain, methods
 from palpate.studies.accuracy.cells import Cell, compute, matrix, one
 from palpate.studies.accuracy.errors import UnsupportedError
+from palpate.studies.accuracy.fidelities import of_body
 from palpate.studies.accuracy.limits import mostly, told_apart
 from palpate.studies.accuracy.methods import of_user
 from palpate.studies.accuracy.order import studies
 from palpate.studies.accuracy.outcome import Fidelity, Method
-from palpate.studies.accuracy.pareto import advice, best, front, point, summaries
+from palpate.studies.accuracy.output.pareto import advice, best, front, point, summaries
 from palpate.studies.accuracy.score import CHARGED, CHARGED_STEP
 from palpate.studies.accuracy.touches import TOUCHES
 from palpate.studies.accuracy.truth import HERTZ
@@ -32,7 +33,7 @@ def user(name):
 
 
 def spring_with(stiffness):
-    own = methods._of_body(MassSpring, lambda touch: {"stiffness": stiffness, "exponent": 1.5, "damping": 0.0})
+    own = of_body(MassSpring, lambda touch: {"stiffness": stiffness, "exponent": 1.5, "damping": 0.0})
     return Method(f"spring-{stiffness:g}", "a spring", own, (DEFAULT,))
 
 

@@ -8,10 +8,11 @@ from typer.testing import CliRunner
 
 from palpate.launch.__main__ import app
 from palpate.physics.errors import ArgumentError
-from palpate.studies.accuracy import methods, page, table
+from palpate.studies.accuracy import methods
 from palpate.studies.accuracy.cells import one
 from palpate.studies.accuracy.outcome import Fidelity
-from palpate.studies.accuracy.pareto import front, point, summaries
+from palpate.studies.accuracy.output import page, table
+from palpate.studies.accuracy.output.pareto import front, point, summaries
 from palpate.studies.accuracy.touches import TOUCHES
 
 STANDARD = {m.name: m for m in methods.standard()}
@@ -55,7 +56,7 @@ def test_labels_lie_on_neither_points_nor_one_another():
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    from palpate.studies.accuracy.labels import place
+    from palpate.studies.accuracy.output.labels import place
 
     figure = Figure(figsize=(8, 5))
     FigureCanvasAgg(figure)

@@ -12,8 +12,8 @@ from palpate.engine.slot import Slot, make
 from palpate.launch.load.launchfile import LaunchFile
 from palpate.launch.load.plan import plan
 from palpate.launch.load.recording import set_recording
-from palpate.launch.run import real
 from palpate.launch.run.assign import jobs
+from palpate.launch.run.work import real
 from palpate.messages import Message
 
 Lost = Callable[[str, str, int], bool]

@@ -4,7 +4,7 @@ from ctypes.util import find_library
 
 import pytest
 
-from palpate.views.pictures.off_screen import CURE
+from palpate.views.surface.off_screen import CURE
 
 
 def needs_drawing() -> None:

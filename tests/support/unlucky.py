@@ -14,7 +14,7 @@ from typing import Annotated, Any
 import numpy as np
 from nodes_for_runs import Spring
 
-from palpate.launch.run.outlet import Sender
+from palpate.launch.run.wire.outlet import Sender
 from palpate.messages import Force, Pose
 
 

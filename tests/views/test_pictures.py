@@ -21,11 +21,12 @@ from palpate.nodes.base import Stream
 from palpate.nodes.logger import Mcap
 from palpate.records.reader import Recording
 from palpate.records.stored import RecordingError
-from palpate.views.pictures import PictureError, deformation, draw, off_screen, render
-from palpate.views.pictures.moments import choose, displaced, instants, surface_mesh
+from palpate.views.pictures import PictureError, deformation, draw
 from palpate.views.pictures.regions import _stretches, regions
 from palpate.views.pictures.style import mean
-from palpate.views.pictures.touch import Touch, together, touches, work
+from palpate.views.pictures.touch import TouchStreams, together, touches, work
+from palpate.views.surface import off_screen, render
+from palpate.views.surface.moments import choose, displaced, instants, surface_mesh
 
 UP = (0.0, 0.0, 1.0)
 PLOTS = ["force.png", "compression.png", "friction.png", "device.png"]
@@ -219,7 +220,7 @@ def test_the_deformation_lands_on_its_vertices(tmp_path):
             ]
         },
     )
-    touch = Touch(Recording(file))
+    touch = TouchStreams(Recording(file))
     mesh = surface_mesh(touch)
     assert abs(len(mesh.vertices) - 200) < 40
     assert (mesh.vertices.min(axis=0) + mesh.vertices.max(axis=0))[0] / 2 == pytest.approx(0.01, abs=1e-3)
@@ -237,7 +238,7 @@ def test_the_deformation_lands_on_its_vertices(tmp_path):
 def test_a_surface_that_never_moved_is_not_drawn(tmp_path):
     streams = {"contact": [press(1e-3)] * 5, "body": [surface()] * 5}
     with pytest.raises(PictureError, match="no displacement was recorded"):
-        instants(Touch(Recording(record(tmp_path / "r.mcap", streams))), np.zeros((100, 3)))
+        instants(TouchStreams(Recording(record(tmp_path / "r.mcap", streams))), np.zeros((100, 3)))
 
 
 def test_a_vertex_that_the_mesh_does_not_have_is_told():

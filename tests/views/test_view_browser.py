@@ -17,7 +17,7 @@ from palpate.launch.run.execute import execute
 from palpate.messages import Surface
 from palpate.views.page.reel import Reels
 from palpate.views.page.server import PageServer
-from palpate.views.pictures.colour import COLOURS, painted
+from palpate.views.surface.colour import COLOURS, painted
 
 pytestmark = NEEDED
 

@@ -20,8 +20,8 @@ from test_page import read
 from websockets.sync.client import connect
 
 from palpate.launch.__main__ import app
-from palpate.launch.commands.run import _watchable as watchable
 from palpate.launch.load.launchfile import find
+from palpate.views.page.live import watchable
 
 SETS = ("scene.surface.vertices=1000",)
 WAIT = 90.0

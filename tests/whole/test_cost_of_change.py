@@ -213,7 +213,7 @@ def test_their_messages_are_exported_with_units(said):
     answer(said, "foxglove")
     with (said[1] / "tables" / "tissue.csv").open() as file:
         rows = list(csv.DictReader(file))
-    dents = [float(row["free [m]"]) for row in rows]
+    dents = [float(row["rest_indentation [m]"]) for row in rows]
     assert dents == sorted(dents) and dents[-1] > 0.0
     with (said[1] / "tables" / "skin.csv").open() as file:
         assert "power [W]" in next(csv.reader(file))

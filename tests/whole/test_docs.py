@@ -16,10 +16,10 @@ import yaml
 from typer.core import TyperGroup
 
 from palpate.launch.__main__ import app
-from palpate.launch.commands.common import chosen
-from palpate.launch.commands.template import node_files
 from palpate.launch.load.launchfile import find
 from palpate.launch.load.placement import load_place
+from palpate.launch.template import node_files
+from palpate.launch.terminal.options import chosen
 from palpate.messages import Load, Surface
 
 ROOT = Path(__file__).parents[2]

@@ -10,8 +10,8 @@ from palpate.engine.clock import now
 from palpate.launch.load.launchfile import find
 from palpate.launch.load.plan import plan
 from palpate.launch.run.assign import jobs
-from palpate.launch.run.simulated import run_tick
-from palpate.launch.run.worker import Worker
+from palpate.launch.run.work.simulated import run_tick
+from palpate.launch.run.work.worker import Worker
 
 BEGUN, TICKS = 2500, 2500
 KEPT = 0.25

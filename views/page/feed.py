@@ -13,10 +13,10 @@ import msgspec
 import numpy as np
 import zmq
 
-from palpate.launch.run.addresses import endpoint, key_of
-from palpate.launch.run.bus import HEALTH, split
-from palpate.launch.run.discover import Running
-from palpate.launch.run.keys import connect
+from palpate.launch.run.wire.addresses import endpoint, key_of
+from palpate.launch.run.wire.bus import HEALTH, split
+from palpate.launch.run.wire.discover import Running
+from palpate.launch.run.wire.keys import connect
 from palpate.messages import (
     Contact,
     Force,
@@ -41,7 +41,7 @@ KEPT = 400
 """Messages of small streams that wait for the next frame; older ones are dropped."""
 
 
-class Feed:
+class StreamReader:
     """Listens to one run; `frame` makes what the page draws next."""
 
     def __init__(self, run: Running, touched: Touched) -> None:

@@ -18,12 +18,13 @@ from palpate.launch.run.execute import execute
 from palpate.launch.run.launcher import Launcher
 from palpate.messages import ForceBand, Friction
 from palpate.nodes.base.effect import effects
+from palpate.nodes.deformation import bodies
 from palpate.nodes.device.mouse import FARTHEST
 from palpate.physics.errors import PalpateError
 from palpate.views.page import PageError
 from palpate.views.page.feed import mesh_frame
 from palpate.views.page.live import Live
-from palpate.views.page.steered import BODIES, steered, touched
+from palpate.views.page.steered import steered, touched
 
 ENDING = 15.0  # [s] for a run to end in order
 Count = Annotated[int, msgspec.Meta(ge=0, lt=2**32)]
@@ -57,6 +58,7 @@ class Session(Live):
         self.launch, self.socket = steered(launch, Path(self.place.name))
         self.launch = self.launch.but(overrides=sets)
         self._graph: Graph | None = self.launch.load()
+        self.bodies = list(reversed(bodies()))
         super().__init__(touched(plan(self._graph)))
         self.folder = folder
         self.effects = self._effects(self._graph)
@@ -110,8 +112,8 @@ class Session(Live):
 
     def _begin_again(self, body: str | None, effect: tuple[str, bool] | None) -> None:
         """End the run and start one with this body, or the same, and this effect on or off. PageError: no such one."""
-        if body is not None and body not in BODIES:
-            raise PageError(f"body: found {body!r}, expected one of {', '.join(BODIES)}")
+        if body is not None and body not in self.bodies:
+            raise PageError(f"body: found {body!r}, expected one of {', '.join(self.bodies)}")
         if effect is not None and effect[0] not in self.effects:
             raise PageError(f"effect: found {effect[0]!r}, expected one of {', '.join(self.effects) or 'none'}")
         if effect is not None:
@@ -146,7 +148,9 @@ class Session(Live):
         self.number += 1
         self.record = self.folder / f"{self.launch.graph.stem}-{self.number}.mcap"
         try:
-            outcome = execute(self.launch.but(record=self.record, place=self.touched.place), graph, watch=self.look)
+            outcome = execute(
+                self.launch.but(record=self.record, place=self.touched.place), graph, watch=self.on_update
+            )
         finally:
             self.over()
         if self.keep and self.record.exists():
@@ -157,12 +161,12 @@ class Session(Live):
             self.say(f"stopped: the run has ended. {'; '.join(map(str, outcome.result.deaths))}"[:600])
             self._change.wait()
 
-    def look(self, launcher: Launcher) -> None:
+    def on_update(self, launcher: Launcher) -> None:
         if self._change.is_set():
             launcher.stop()
         else:
-            super().look(launcher)
+            super().on_update(launcher)
 
     def begun(self) -> None:
-        about = {"recording": str(self.record), "bodies": BODIES, "effects": self.effects}
+        about = {"recording": str(self.record), "bodies": self.bodies, "effects": self.effects}
         self.mesh = mesh_frame(self.touched, about)

@@ -8,10 +8,10 @@ import numpy as np
 
 from palpate.models.fe.contact.switching import Switching
 from palpate.models.fe.element import faces as face_rule
-from palpate.models.fe.linear.pattern import Pattern
+from palpate.models.fe.sparse.pattern import Pattern
 
 
-class Bed:
+class ElasticFoundation:
     """Springs between faces and their undeformed position, for `fe.Solver` among its contacts.
 
     faces      (F,6) boundary faces that lie on the bed

@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 from palpate.models.fe.contact.augmented import STIFF, Augmented, checked_faces, stiffness_per_area
 from palpate.models.fe.contact.switching import Switching
 from palpate.models.fe.element import faces as face_rule
-from palpate.models.fe.linear.pattern import Pattern
+from palpate.models.fe.sparse.pattern import Pattern
 
 
 @numba.njit(cache=True)

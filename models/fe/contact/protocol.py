@@ -7,7 +7,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from palpate.models.fe.contact.switching import Switching
-from palpate.models.fe.linear.pattern import Pattern
+from palpate.models.fe.sparse.pattern import Pattern
 
 
 class ContactPair(Protocol):

@@ -23,7 +23,7 @@ from palpate.models.fe.contact.augmented import SMOOTH, STIFF, Augmented, stiffn
 from palpate.models.fe.contact.switching import Switching
 from palpate.models.fe.element.compiled import SHAPE, compiled
 from palpate.models.fe.element.mesh import point_text
-from palpate.models.fe.linear.pattern import Pattern
+from palpate.models.fe.sparse.pattern import Pattern
 
 LEAP = 0.1
 """Edges of the faces that a rigid body may be deeper in them on its way than at either end of a load step."""

@@ -10,7 +10,7 @@ from scipy.sparse.csgraph import connected_components
 
 from palpate.models.fe.contact.protocol import ContactPair
 from palpate.models.fe.element.mesh import TetMesh, point_text
-from palpate.models.fe.linear.pattern import Pattern
+from palpate.models.fe.sparse.pattern import Pattern
 
 FIXED = 1e-12
 """[1] Stiffness against a rigid motion, over the greatest, above which fixed components hold it; below is rounding."""

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from palpate.models.fe.meshing.fingertip import PAPER
+from palpate.models.fe.meshing.fingertip import PAPER, divisor_and_bone
 from palpate.models.fe.study.press_record import Record
 from palpate.physics.contact.tactile import growth
 
@@ -18,6 +18,26 @@ WEAK = 0.1
 
 LEAST = 1e-3
 """[mm³, mm³/N] A smaller isostrain volume, or growth of it, on both plates: the level is not reached."""
+
+
+def numbers(plate: str, material: str, record: Record, paper: bool) -> dict[str, Any]:
+    """The record as plain data, with the paper's points beside it."""
+    divisor, bone = divisor_and_bone(material)
+    return {
+        "plate": plate,
+        "material": material,
+        "divisor": divisor,
+        "bone": bone,
+        "indentation": record.indentation.tolist(),
+        "force": record.force.tolist(),
+        "area": record.area.tolist(),
+        "levels": record.levels.tolist(),
+        "volumes": record.volumes.tolist(),
+        "paper": [
+            {"force": f, "indentation": d, "found": record.at(f)[0] if f <= record.force[-1] else None}
+            for f, d in (PAPER[plate] if paper else ())
+        ],
+    }
 
 
 def points(sets: dict[str, dict[str, Record]]) -> list[dict[str, Any]]:

@@ -62,7 +62,7 @@ class Record:
         return replace(self, force=self.force / divisor)
 
 
-class Run:
+class PressRun:
     """The folder of a run: settings, mesh, a table with a row a step, the displacements of each step, and the solver's
     last state. A step is written whole or not at all."""
 
@@ -222,7 +222,7 @@ DAMAGED = (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile)
 def record(
     pressing: Pressing,
     end: float,
-    run: Run | None = None,
+    run: PressRun | None = None,
     report: Callable[[float], None] | None = None,
 ) -> Record:
     """Press until the plate has risen by `end` [m]. With a run, each step is kept in its folder, and a run that was
@@ -266,3 +266,27 @@ def fit_divisor(steel: Record) -> float:
         return sum((curve.at(e)[0] - depth) ** 2 + (e - f) ** 2 for e, (f, depth) in zip(ends, points, strict=True))
 
     return float(np.exp(minimize_scalar(miss, bounds=(np.log(2.0), np.log(100.0)), method="bounded").x))
+
+
+def run_name(plate: str, material: str, cells: int, friction: float, finger: Path | None = None) -> str:
+    """Of the folder in which a run keeps its results."""
+    return f"{plate}-{material.replace('/', '-by-')}-{cells}-{friction:g}" + (
+        "" if finger is None else f"-{finger.stem}"
+    )
+
+
+def check_pair(runs: dict[str, PressRun], scaled: bool = False) -> float:
+    """Whether the runs, by plate, are of one finger on these plates; the ratio of the divisors, which is 1 unless it
+    may be scaled. ArgumentError: they are not."""
+    run_settings = {plate: run.settings() for plate, run in runs.items()}
+    for plate, settings in run_settings.items():
+        if settings.get("plate") != plate:
+            raise ArgumentError(f"{runs[plate].folder}: a run on {settings.get('plate')}, expected one on {plate}")
+    hard, soft = ({k: v for k, v in s.items() if k != "plate"} for s in run_settings.values())
+    ratio = float(soft["divisor"]) / float(hard["divisor"])
+    if scaled:
+        hard |= {"divisor": soft["divisor"]}
+    other = differing(hard, soft)
+    if other is not None:
+        raise ArgumentError(f"{other[0]} is {other[1]} on steel, {other[2]} on silicone; expected the same in both")
+    return ratio

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from palpate.models.fe.contact.pair import Pair
+from palpate.models.fe.contact.pressure import nodal_pressure
 from palpate.models.fe.contact.rigid import Rigid, plane
 from palpate.models.fe.element.mesh import TetMesh, bricks, grid, quadratic
+from palpate.models.fe.element.vtk import write_vtu
 from palpate.models.fe.meshing.fingertip import PAPER, divisor_and_bone, materials
 from palpate.models.fe.meshing.layers import PLATE, Layers
 from palpate.models.fe.solve.solver import Settings, Solver
@@ -115,6 +118,13 @@ class Pressing:
         """Deformed volumes of the whole finger in which the equivalent strain is at least a level [m³] (L,)."""
         moved = self.solver.displacement[: len(self.finger.mesh.points)]
         return self.sides * volumes_above(self.finger.mesh, moved, levels)
+
+    def write(self, path: Path) -> None:
+        """Displacement, equivalent strain and contact pressure as they are now, as VTK."""
+        mesh, moved = self.finger.mesh, self.solver.displacement
+        count = len(mesh.points)
+        nodes = {"displacement": moved[:count], "pressure": nodal_pressure(self.touch, moved)[:count]}
+        write_vtu(path, mesh, nodes, {"equivalent_strain": self.strain().mean(axis=1)})
 
 
 def _graded(fine: float, uniform: float, end: float) -> np.ndarray:

@@ -4,6 +4,7 @@ import json
 import subprocess
 import sys
 from importlib.metadata import version
+from pathlib import Path
 
 import pytest
 import typer
@@ -11,9 +12,10 @@ from rich.text import Text
 from typer.testing import CliRunner
 
 from palpate.drivers import discover
+from palpate.launch import commands
 from palpate.launch.__main__ import app
-from palpate.launch.commands import findings
 from palpate.launch.load.launchfile import find
+from palpate.launch.machine import findings
 from palpate.launch.run.execute import execute
 from palpate.records.reader import Recording
 
@@ -39,6 +41,18 @@ def test_help_lists_the_verbs():
     for verb in ("check", "plan", "nodes", "messages", "doctor", "new"):
         assert verb in text
     assert run().exit_code == 2
+
+
+def test_each_file_among_the_commands_is_a_command_and_thin():
+    folder = Path(commands.__file__).parent
+
+    def verbs(command):
+        for name, sub in getattr(command, "commands", {}).items():
+            yield from verbs(sub) if hasattr(sub, "commands") else [name.replace("-", "_")]
+
+    files = [file for file in folder.rglob("*.py") if file.stem != "__init__"]
+    assert sorted(verbs(typer.main.get_command(app))) == sorted(file.stem for file in files)
+    assert {file: n for file in files if (n := len(file.read_text(encoding="utf-8").splitlines())) > 120} == {}
 
 
 def test_help_shows_every_word_of_its_texts():

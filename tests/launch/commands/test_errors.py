@@ -10,17 +10,16 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from palpate.launch.commands.common import Verbs
+from palpate.launch.terminal.group import Verbs
 from palpate.physics import errors
 from palpate.physics.errors import PalpateError
 
 FOLDERS = (
-    "physics", "models", "messages", "drivers", "nodes", "engine", "launch", "records", "views", "studies",
+    "registry", "physics", "models", "messages", "drivers", "nodes", "engine", "launch", "records", "views", "studies",
 )  # fmt: skip
 INSIDE = {
-    "Broken", "Ended", "Hangs", "Inverted", "MissingInput", "NotPositive", "Refused", "UnheldError", "ZmtpError",
-    "_Fault",
-    "UntrustedError",
+    "Broken", "EndedError", "HangError", "Inverted", "MissingInput", "NotPositive", "RefusedError", "UnheldError",
+    "UntrustedError", "ZmtpError", "_Fault",
 }  # fmt: skip
 """Caught by their callers, always; no user meets them."""
 APART = {"MessageError"}

@@ -4,8 +4,8 @@ import os
 
 import pytest
 
-from palpate.launch.commands import progress
 from palpate.launch.run.busy import busy
+from palpate.launch.terminal import progress
 
 
 @pytest.fixture

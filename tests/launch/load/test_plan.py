@@ -12,7 +12,7 @@ from palpate.engine.plan import Plan
 from palpate.launch.load.draw import mermaid
 from palpate.launch.load.graph import load
 from palpate.launch.load.launchfile import LaunchFile, find, names
-from palpate.launch.load.placement import Group, apart, fused, load_place
+from palpate.launch.load.placement import ProcessGroup, apart, fused, load_place
 from palpate.launch.load.plan import plan
 
 TWO_DISPLAYS = """
@@ -160,9 +160,9 @@ def test_a_placement_groups_nodes(whole, write):
     run = planned(whole, "scene.tissue.friction=off")
     groups = load_place(place, run).groups
     assert groups[:3] == [
-        Group("loop", ["near", "contact"], (1,), 80),
-        Group("far", ["tissue"], (0, 1), None, "10.0.0.2"),
-        Group("rest", ["spread", "log"]),
+        ProcessGroup("loop", ["near", "contact"], (1,), 80),
+        ProcessGroup("far", ["tissue"], (0, 1), None, "10.0.0.2"),
+        ProcessGroup("rest", ["spread", "log"]),
     ]
     assert {g.name for g in groups[3:]} == {"device", "finger", "control", "motor"}
     assert load_place(place, run).group_of("log").name == "rest"
@@ -219,7 +219,7 @@ def test_a_launch_file_is_one_run(whole, write):
     assert what_runs.graph.rate == 500.0 and set(what_runs.skipped) == {"friction"}
     assert what_runs.graph.nodes["tissue"].settings["stiffness"] == 5.0
     assert what_runs.graph.nodes["finger"].settings["radius"] == 0.001
-    assert run.placement(what_runs).groups[0] == Group("loop", ["near", "contact"])
+    assert run.placement(what_runs).groups[0] == ProcessGroup("loop", ["near", "contact"])
     assert run.but(overrides=["tissue.stiffness=6"]).load().nodes["tissue"].settings["stiffness"] == 6.0
     assert run.but(clock="simulated", duration=None).clock == "simulated" and run.but(duration=None).duration == 1.5
 
@@ -237,6 +237,32 @@ def test_a_graph_that_extends_one_that_ships_runs_as_long_and_is_recorded_like_i
     round_ = write("round.yaml", "extends: round.yaml\n")
     assert find(str(round_)) == LaunchFile(graph=round_)
     assert find(str(write("lost.yaml", "extends: nowhere\n"))).record is None
+
+
+def test_the_run_of_a_graph_is_its_own_and_no_part_of_what_is_recorded_of_it(write):
+    text = "extends: kidney\nrun: {clock: real, duration: 700 ms, record: sources, pace: 2}\n"
+    file = write("mine.yaml", text)
+    run = find(str(file))
+    assert run == LaunchFile(graph=file, clock="real", duration=0.7, record=Path("mine.mcap"), only="sources", pace=2.0)
+    longer = find(str(write("longer.yaml", "extends: mine.yaml\n")))
+    assert (longer.duration, longer.record, longer.only) == (0.7, Path("longer.mcap"), "sources")
+    assert "run" not in run.load().source
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("run: {duraton: 3 s}", ["'duraton'", "Did you mean 'duration'"]),
+        ("run: {graph: kidney}", ["unknown key 'graph'"]),
+        ("run: 3", ["run: found 3", "expected a mapping"]),
+        ("run: {clock: [real]}", ["clock: found ['real']"]),
+    ],
+)
+def test_a_bad_run_of_a_graph_is_told(write, text, words):
+    with pytest.raises(GraphError) as error:
+        find(str(write("mine.yaml", f"extends: kidney\n{text}\n")))
+    for word in ["mine.yaml:2", *words]:
+        assert word in str(error.value)
 
 
 @pytest.mark.parametrize(
@@ -272,7 +298,8 @@ def test_a_wrong_override_in_a_launch_file_is_told_with_its_line(whole, write):
 def test_what_ships_is_found_by_name():
     assert "kidney" in names()
     run = find("kidney")
-    assert run.path is not None and run.path.name == "kidney.yaml" and run.graph.parent.name == "graphs"
+    assert run.path is None and run.graph.name == "kidney.yaml" and run.graph.parent.name == "graphs"
+    assert run.duration == 6.3 and run.clock == "simulated"
     with pytest.raises(GraphError, match="Did you mean 'kidney'"):
         find("kidny")
 

@@ -9,7 +9,7 @@ from palpate.engine.graph import sent_by
 from palpate.launch.load.classes import catalogue
 from palpate.launch.load.files import GRAPHS as GRAPHS_FOLDER
 from palpate.launch.load.graph import load
-from palpate.launch.load.shared_units import _meaning
+from palpate.launch.load.values.shared_units import _meaning
 from palpate.nodes.base import settings
 from palpate.nodes.deformation import Rigid
 

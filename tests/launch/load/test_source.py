@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from palpate.engine.faults import GraphError, nearest
 from palpate.launch.load.graph import load
-from palpate.launch.load.source import merge, parse, scalar
+from palpate.launch.load.values.source import merge, parse, scalar
 
 
 @pytest.mark.parametrize("text", ["", "3", "[1, 2]", "nodes: {}", "nodes:", "a: &a [*a]", "- - - x", "\x00", "%YAML 9"])

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from palpate.launch.load.units import UnitError, convert, is_quantity, parse, symbol
+from palpate.launch.load.values.units import UnitError, convert, is_quantity, parse, symbol
 
 
 @pytest.mark.parametrize(

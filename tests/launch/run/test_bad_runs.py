@@ -18,7 +18,7 @@ from typer.testing import CliRunner
 from palpate.launch.__main__ import app
 from palpate.launch.run.forkserver import ForkServer
 from palpate.launch.run.reports import Prepare
-from palpate.launch.run.watchdog import START_PATIENCE
+from palpate.launch.run.work.watchdog import START_PATIENCE
 from palpate.records.reader import Recording
 
 GRAPH = """

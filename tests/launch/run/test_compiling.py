@@ -4,9 +4,9 @@ import numba
 import pytest
 from rich.console import Console
 
-from palpate.launch.run.compiling import compiling
 from palpate.launch.run.result import Result
 from palpate.launch.run.screen import Screen
+from palpate.launch.run.work.compiling import compiling
 
 
 def test_each_kernel_that_is_compiled_is_counted_and_none_that_is_there_already():

@@ -8,10 +8,10 @@ import time
 import pytest
 import zmq
 
-from palpate.launch.run import bus as bus_module
-from palpate.launch.run import inlet as inlet_module
-from palpate.launch.run.addresses import RunFolder
-from palpate.launch.run.bus import END, HEALTH, Bus, frame, split
+from palpate.launch.run.wire import bus as bus_module
+from palpate.launch.run.wire import inlet as inlet_module
+from palpate.launch.run.wire.addresses import RunFolder
+from palpate.launch.run.wire.bus import END, HEALTH, Bus, frame, split
 
 FRAMES, ROOM, BEHIND = 20_000, 50, 120
 LARGE = b"x" * 500
@@ -110,7 +110,7 @@ def test_a_node_on_another_machine_gets_what_was_sent_to_it(ends):
         out = sender.sender("a", lambda: None)
         for k in range(FRAMES):
             out.send(payload(k)[2:])
-        sender.close(orderly=True)
+        sender.close(clean_exit=True)
 
     sending = ends.start(send)
     seen: list[int] = []

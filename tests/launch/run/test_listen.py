@@ -17,8 +17,8 @@ from graphs_for_runs import GRAPH, NODES, write_graph
 from typer.testing import CliRunner
 
 from palpate.launch.__main__ import app
-from palpate.launch.run.addresses import endpoint
-from palpate.launch.run.discover import find, running
+from palpate.launch.run.wire.addresses import endpoint
+from palpate.launch.run.wire.discover import find, running
 
 EXAMPLES = Path(__file__).parents[3] / "docs" / "examples"
 ENV = {

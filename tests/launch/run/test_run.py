@@ -17,17 +17,18 @@ import pytest
 from graphs_for_runs import GRAPH, NODES, write_graph, write_place
 
 from palpate.launch.load.launchfile import LaunchFile
-from palpate.launch.run import keys, launcher
-from palpate.launch.run.addresses import runs
-from palpate.launch.run.execute import Outcome, execute
-from palpate.launch.run.exits import exits_told
+from palpate.launch.run import launcher
+from palpate.launch.run.execute import RunOutcome, execute
+from palpate.launch.run.wire import keys
+from palpate.launch.run.wire.addresses import runs
+from palpate.launch.run.work.exits import exits_told
 from palpate.messages import Torque
 from palpate.records.reader import Recording
 
 TICKS = 300
 
 
-def go(tmp_path: Path, text: str = GRAPH, ticks: int = TICKS, record: bool = True, **more) -> Outcome:
+def go(tmp_path: Path, text: str = GRAPH, ticks: int = TICKS, record: bool = True, **more) -> RunOutcome:
     patience = more.pop("patience", 5.0)
     launch = LaunchFile(
         graph=write_graph(tmp_path, text),
@@ -117,7 +118,7 @@ def test_a_group_that_joins_by_hand_sends_the_same_bytes(tmp_path, reference, mo
     command = [
         sys.executable,
         "-c",
-        "from palpate.launch.run import keys; from palpate.launch.run.process import join; "
+        "from palpate.launch.run.wire import keys; from palpate.launch.run.work.process import join; "
         f"raise SystemExit(join({address!r}, 'far', 30, keys.load()))",
     ]
     path = os.pathsep.join([str(Path(__file__).parents[2] / "support"), os.environ.get("PYTHONPATH", "")])
@@ -207,7 +208,7 @@ def test_what_a_node_of_one_process_forks_and_its_threads_exit_as_they_want():
         if child == 0:
             os._exit(5)
         assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 5
-        program = "import os, threading\nfrom palpate.launch.run.exits import exits_told\nwith exits_told():\n"
+        program = "import os, threading\nfrom palpate.launch.run.work.exits import exits_told\nwith exits_told():\n"
         program += "    threading.Thread(target=os._exit, args=(6,)).start()\n    threading.Event().wait()"
         assert subprocess.run([sys.executable, "-c", program]).returncode == 6
         with pytest.raises(SystemExit, match="7"):

@@ -18,7 +18,7 @@ import sys
 from numba.core.dispatcher import Dispatcher
 from palpate.launch.load.launchfile import find
 from palpate.launch.run.execute import execute
-from palpate.launch.run.worker import Worker
+from palpate.launch.run.work.worker import Worker
 
 late, start, compiled = [], Worker.start, Dispatcher.compile
 

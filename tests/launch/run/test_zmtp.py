@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from palpate.launch.run.zmtp import (
+from palpate.launch.run.wire.zmtp import (
     COMMAND,
     GREETING,
     MORE,

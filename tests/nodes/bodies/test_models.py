@@ -35,11 +35,11 @@ def softer(tmp_path, monkeypatch):
 
 
 def test_the_nearest_to_full_elements_comes_first_and_a_rank_is_not_inherited():
-    assert deformation.models() == ["deformation.ReducedFE", "deformation.BeamBundle", "deformation.MassSpring"]
+    assert list(deformation.bodies()) == ["deformation.ReducedFE", "deformation.BeamBundle", "deformation.MassSpring"]
 
 
 def test_a_body_with_a_rank_is_a_candidate_and_a_method_of_the_bench(softer):
-    assert deformation.models()[1:3] == ["deformation.BeamBundle", "deformation.Softer"]
+    assert list(deformation.bodies())[1:3] == ["deformation.BeamBundle", "deformation.Softer"]
     assert any(one.overrides == {"tissue.use": "deformation.Softer"} for one in candidates(find("kidney").load()))
     names = [method.name for method in methods.standard()]
     assert names.count("deformation.Softer") == 1 and not any("Unranked" in name for name in names)

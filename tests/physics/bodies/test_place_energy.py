@@ -84,7 +84,7 @@ def top(x, y):
 
 
 ARCS = {
-    "lateral_force": (top(-0.025, 0.0), top(0.025, 0.0)),
+    "along": (top(-0.025, 0.0), top(0.025, 0.0)),
     "back": (top(0.025, 0.0), top(-0.025, 0.0)),
     "across": (top(0.0, -0.01), top(0.02, 0.012)),
     "to the end": (top(0.0, 0.0), top(0.04, 0.0)),
@@ -113,7 +113,7 @@ def test_pressing_here_sliding_and_lifting_there_gives_out_nothing(model, retard
 def test_a_hand_that_feels_the_normal_force_alone_gains_more(monkeypatch):
     """So the tests above see what they are meant to see."""
     hand = Hand()
-    monkeypatch.setattr(hand.body, "lateral_force", lambda: ((0.0, 0.0, 0.0), (0.0,) * 9))
+    monkeypatch.setattr(hand.body, "along", lambda: ((0.0, 0.0, 0.0), (0.0,) * 9))
     assert gained(hand, np.linspace(*ARCS["softest to stiffest"], 500), 10e-3) > 1.3 * GAIN
 
 
@@ -192,8 +192,8 @@ def test_the_contact_passes_it_to_the_hand_and_no_contact_does_not():
     }
     bus = FakeBus(Series())
     touching = bus.publish(Surface(**body), Proximity(gap=0.0, approach=2e-3, **near))[-1]
-    assert touching.along == approx((0.2, -0.1, 0.0)) and touching.force > 0
-    assert bus.publish(Proximity(gap=0.01, approach=0.0, **near))[-1].along == (0.0, 0.0, 0.0)
+    assert touching.lateral_force == approx((0.2, -0.1, 0.0)) and touching.force > 0
+    assert bus.publish(Proximity(gap=0.01, approach=0.0, **near))[-1].lateral_force == (0.0, 0.0, 0.0)
 
 
 def test_the_node_sends_it():

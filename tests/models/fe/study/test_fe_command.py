@@ -14,11 +14,12 @@ import typer
 from typer.testing import CliRunner
 
 from palpate.launch.__main__ import app
-from palpate.launch.commands.fe import fe, run_name
+from palpate.launch.commands.models import fe
+from palpate.launch.terminal.tree import group
 from palpate.launch.testing import FakeBus
 from palpate.messages import Contact
 from palpate.models.build import basis as builder
-from palpate.models.fe.study.press_record import Run
+from palpate.models.fe.study.press_record import PressRun, run_name
 from palpate.nodes.deformation import ReducedFE
 from palpate.nodes.tactile import Flow
 from palpate.physics.bodies.condensed_body import Basis
@@ -124,7 +125,7 @@ def test_fe_fingertip_reports_the_run_beside_the_paper(steel):
 
 def test_the_record_and_the_file_for_paraview_hold_the_pressure(steel):
     folder, report = steel
-    run = Run(folder / "steel-20-3-0.2")
+    run = PressRun(folder / "steel-20-3-0.2")
     nodes, pressure = run.pressure(len(report["force"]) - 1)
     mean = report["force"][-1] / report["area"][-1]
     assert 0.2 * mean < pressure.max() < 4.0 * mean  # so light a contact is narrower than a face
@@ -144,7 +145,7 @@ def test_the_area_of_a_light_run_fills_its_picture_beside_the_papers_greater_for
     from palpate.views.pictures.fe_fingertip import force
 
     folder, report = steel
-    left, right = force({"steel": Run(folder / "steel-20-3-0.2")}).axes
+    left, right = force({"steel": PressRun(folder / "steel-20-3-0.2")}).axes
     assert left.get_ylim()[1] > 0.5
     assert right.get_xlim()[1] == pytest.approx(1.05 * report["force"][-1])
 
@@ -303,15 +304,15 @@ def test_an_organ_in_modes_says_how_far_it_is_off_where_it_was_not_pressed(tmp_p
 @pytest.mark.parametrize("page", ["README.md", "docs/fingertip.md"])
 def test_the_printed_commands_compare_folders_that_they_make(page):
     """`palpate fe compare` as printed names folders of runs that are printed before it."""
-    group = typer.main.get_command(fe)
+    verbs = typer.main.get_command(group(fe)).commands
     made = set()
     for line in (Path(__file__).parents[4] / page).read_text(encoding="utf-8").splitlines():
         words = shlex.split(line, comments=True) if line.startswith("palpate fe ") else []
         if words[2:3] == ["fingertip"]:
-            given = group.commands["fingertip"].make_context("fingertip", words[3:]).params
+            given = verbs["fingertip"].make_context("fingertip", words[3:]).params
             names = ("plate", "material", "cells", "friction", "finger")
             made.add(str(given["folder"] / run_name(*(given[name] for name in names))))
         elif words[2:3] == ["compare"]:
-            given = group.commands["compare"].make_context("compare", words[3:]).params
+            given = verbs["compare"].make_context("compare", words[3:]).params
             assert {str(given["steel"]), str(given["silicone"])} <= made
     assert made or page == "README.md"

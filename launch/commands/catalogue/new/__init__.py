@@ -1,0 +1,3 @@
+"""`palpate new`: files to begin from."""
+
+HELP = "Write templates of files."

@@ -1,0 +1,60 @@
+"""`palpate new`: files to begin from."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from palpate.launch.terminal.options import Json
+from palpate.launch.terminal.output import tell
+
+new = typer.Typer(no_args_is_help=True, help="Write templates of files.")
+
+
+@new.callback()
+def _group() -> None:
+    """Write templates of files."""
+
+
+@new.command("node")
+def node(
+    name: Annotated[str, typer.Argument(help="Name of the class, such as MyDrag.")],
+    takes: Annotated[str, typer.Option(help="Message type that drives it.")] = "Contact",
+    sends: Annotated[str, typer.Option(help="Message type that it sends.")] = "Force",
+    folder: Annotated[Path, typer.Option(help="Where to write.")] = Path(),
+    as_json: Json = False,
+) -> None:
+    """Write a node and its test, which passes unchanged."""
+    from palpate.engine.faults import Faults, choices
+    from palpate.launch.template import node_files
+    from palpate.messages.docs import message_types
+
+    faults = Faults()
+    kinds = message_types()
+    for option, given in (("--takes", takes), ("--sends", sends)):
+        if given not in kinds:
+            faults.add(f"{option}: no message type {given!r}", choices("Types", given, kinds))
+    faults.done()
+    try:
+        texts = node_files(name, kinds[takes], kinds[sends])
+    except ValueError as error:
+        faults.add(str(error))
+        faults.done()
+    for file in texts:
+        if (folder / file).exists():
+            faults.add(f"{folder / file} exists", "Choose another name, or remove the file.")
+    faults.done()
+    folder.mkdir(parents=True, exist_ok=True)
+    for file, text in texts.items():
+        (folder / file).write_text(text, encoding="utf-8")
+    module, test = (Path(file) for file in texts)
+    title = next(
+        line.split("(")[0].removeprefix("class ") for line in texts[str(module)].splitlines() if line[:6] == "class "
+    )
+    if as_json:
+        tell({"ok": True, "files": [str(folder / file) for file in texts], "use": f"{module.stem}.{title}"})
+        return
+    typer.echo(f"{folder / module}\n{folder / test}\nTest:  cd {folder} && python -m pytest {test}")
+    typer.echo(f"Graph: {{use: {module.stem}.{title}, in: {{...}}}}")

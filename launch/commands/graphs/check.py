@@ -1,0 +1,31 @@
+"""`palpate check`: whether a graph can run, with everything that is wrong."""
+
+from __future__ import annotations
+
+from palpate.launch.terminal.options import Fused, Graph, Json, PlaceOption, SceneOption, Sets, chosen
+from palpate.launch.terminal.output import console, tell
+
+
+def check(
+    graph: Graph,
+    sets: Sets = None,
+    scene: SceneOption = None,
+    place: PlaceOption = None,
+    fused: Fused = False,
+    as_json: Json = False,
+) -> None:
+    """Check a graph, its scene and its placement; all faults are reported at once. Exit code 2 if there are any."""
+    run = chosen(graph, sets, scene, place, fused)
+    plan = run.plan()
+    groups = run.placement(plan).groups
+    edges = [edge for own in plan.edges.values() for edge in own]
+    held = sum(edge.loop for edge in edges)
+    if as_json:
+        tell({"ok": True, "nodes": len(plan.order), "observers": len(plan.observers), "skipped": len(plan.skipped),
+              "edges": len(edges), "loop_edges": held, "processes": len(groups), "rate": plan.graph.rate})  # fmt: skip
+        return
+    counts = {"nodes": plan.order, "observers": plan.observers, "skipped": plan.skipped, "edges": edges}
+    counted = ", ".join(f"{what} {len(things)}" for what, things in counts.items())
+    console(soft_wrap=True).print(
+        f"[green]ok[/]  {counted} ({held} held), processes {len(groups)}, rate {plan.graph.rate:g} Hz"
+    )

@@ -1,0 +1,34 @@
+"""`palpate join`: run one group of a placement on this machine for a launcher elsewhere."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+
+def join(
+    address: Annotated[str, typer.Argument(help="Address of the launcher, tcp://host:port.", metavar="ADDRESS")],
+    group: Annotated[str, typer.Argument(help="Name of the group in the placement.", metavar="GROUP")],
+    timeout: Annotated[float, typer.Option(help="Time to wait for the launcher, in s.", min=0.1)] = 60.0,
+    key: Annotated[str, typer.Option(help="Key that secures the run; see `palpate keys`.")] = "rig",
+    unencrypted: Annotated[bool, typer.Option("--unencrypted", help="For a run without encryption.")] = False,
+) -> None:
+    """Run a group of a placement here, for a launcher on another machine (`palpate run --address ...`)."""
+    from palpate.engine.clock import one_blas_thread
+
+    host, _, port = address.removeprefix("tcp://").rpartition(":")
+    if not host or not port.isdigit():
+        raise typer.BadParameter(f"address: found {address!r}, expected tcp://host:port")
+    with one_blas_thread():
+        from palpate.launch.run.descendants import adopt_orphans, end_descendants
+        from palpate.launch.run.wire import keys
+        from palpate.launch.run.work.process import join as serve
+
+        secured = None if unencrypted else keys.load(key)
+        adopt_orphans()
+        try:
+            code = serve(address, group, timeout, secured)
+        finally:
+            end_descendants()  # what its nodes have started
+        raise typer.Exit(code)

@@ -1,0 +1,55 @@
+"""`palpate touch`: a page in the browser where the mouse is the finger."""
+
+from __future__ import annotations
+
+import datetime
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from palpate.launch.terminal.browser import show
+from palpate.launch.terminal.options import (
+    Graph,
+    NoOpen,
+    OrganOption,
+    Port,
+    RepairOption,
+    SceneOption,
+    Sets,
+    UnitOption,
+    chosen,
+    with_own_organ,
+)
+
+
+def touch(
+    graph: Graph = "kidney",
+    sets: Sets = None,
+    scene: SceneOption = None,
+    organ: OrganOption = None,
+    unit: UnitOption = None,
+    repair: RepairOption = False,
+    port: Port = 0,
+    no_open: NoOpen = False,
+    no_record: Annotated[
+        bool, typer.Option("--no-record", help="Keep no recordings unless the page requests it.")
+    ] = False,
+    out: Annotated[Path | None, typer.Option(help="Folder of the recordings.")] = None,
+) -> None:
+    """Touch a graph with the mouse: a simulated hand replaces the device and follows the pointer of a browser page.
+
+    The graph runs on the real clock in processes of its own. Ctrl-C ends it.
+    """
+    from palpate.views.page import check
+
+    check()
+    from palpate.views.page.session import Session
+
+    folder = out or Path("runs") / f"touch-{datetime.datetime.now():%Y%m%d-%H%M%S}"
+    launch, _ = with_own_organ(chosen(graph, None if organ is None else sets, scene), organ, unit, repair)
+    session = Session(launch, folder, list(sets or []))
+    session.keep = not no_record
+    show(session, "touch", port, no_open)
+    for file in session.kept:
+        typer.echo(f"recording {file} ({file.stat().st_size / 1e6:.1f} MB)")

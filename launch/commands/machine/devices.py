@@ -1,0 +1,91 @@
+"""`palpate devices`: connected devices, their nodes and your permissions."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from palpate.launch.terminal.options import Json
+from palpate.launch.terminal.output import console, say, table, tell
+from palpate.physics.errors import MISUSE, TROUBLE
+
+
+def devices(
+    install_udev: Annotated[
+        bool, typer.Option("--install-udev", help="Write the udev rule that lets you use them. Needs root.")
+    ] = False,
+    probe: Annotated[
+        bool, typer.Option("--probe", help="Open the devices that need firmware, and report whether it runs.")
+    ] = False,
+    emulate: Annotated[
+        str | None, typer.Option(help="Run an emulator instead and print its answers: falcon, rawhid, ...")
+    ] = None,
+    seconds: Annotated[float, typer.Option(help="How long to run it.", min=0.1, max=3600)] = 3.0,
+    as_json: Json = False,
+) -> None:
+    """List the devices on this machine: node, port, permissions and the next step.
+
+    Without hardware, `port: emulator` on a device's node runs the whole graph with an emulator of its protocol.
+    """
+    if install_udev:
+        _install(as_json)
+    elif emulate is not None:
+        _emulate(emulate, seconds, as_json)
+    else:
+        _list(probe, as_json)
+
+
+def _install(as_json: bool) -> None:
+    from palpate.drivers.catalogue import RULE, udev_rules
+
+    try:
+        Path(RULE).write_text(udev_rules(), encoding="utf-8")
+    except OSError as error:
+        text = f"{RULE}: {error.strerror}. Run it as root: sudo $(which palpate) devices --install-udev"
+        if as_json:
+            tell({"ok": False, "file": RULE, "text": text})
+        else:
+            say(text, "red", err=True)
+        raise typer.Exit(TROUBLE) from None
+    text = "Now: sudo udevadm control --reload && sudo udevadm trigger; or plug the devices in again."
+    if as_json:
+        tell({"ok": True, "file": RULE, "text": text})
+    else:
+        typer.echo(f"Wrote {RULE}. {text}")
+
+
+def _list(probe: bool, as_json: bool) -> None:
+    from palpate.drivers.discover import devices as plugged
+    from palpate.launch.machine.usb import firmware_of, next_step
+
+    usb_devices = list(plugged())
+    firmware = {f.port: firmware_of(f) if probe else "" for f in usb_devices}
+    if as_json:
+        listing = [{**asdict(f), "firmware": firmware[f.port], "next": next_step(f)} for f in usb_devices]
+        tell({"ok": True, "devices": listing})
+        return
+    if not usb_devices:
+        say("No known device on USB. Network devices (Inverse3, Net F/T) are not listed: give their address as `port`.",
+            wrap=True)  # fmt: skip
+        say("Nothing to do: `port: emulator` runs without one.", "dim", wrap=True)
+        return
+    rows = (
+        (f"{f.name} {f.ids}", f.use, f.port or "-", f.bound or "-", firmware[f.port] or "-", next_step(f) or "ready")
+        for f in usb_devices
+    )
+    console().print(table(("device", "node", "port", "kernel driver", "firmware", "next step"), rows))
+
+
+def _emulate(name: str, seconds: float, as_json: bool) -> None:
+    from palpate.launch.machine.emulated import run
+
+    counts = run(name, seconds, (lambda _: None) if as_json else typer.echo)
+    if as_json:
+        tell(counts)
+    else:
+        typer.echo(f"{counts['answers']} answers of {counts['cycles']} cycles in {seconds:g} s")
+    if not counts["ok"]:
+        raise typer.Exit(MISUSE)

@@ -1,0 +1,38 @@
+"""`palpate keys`: the keys that secure connections to other machines."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from palpate.launch.terminal.options import Json
+from palpate.launch.terminal.output import console, tell
+
+
+def keys(
+    name: Annotated[str, typer.Argument(help="Name of the key to make.", metavar="[NAME]")] = "rig",
+    make: Annotated[bool, typer.Option("--make", help="Make a new key.")] = False,
+    as_json: Json = False,
+) -> None:
+    """List the keys of this user, or make one.
+
+    Whoever has the file of a key can take part in the runs that it secures. Copy it to the same place on every machine
+    of a rig, and let nobody else read it.
+    """
+    from rich.text import Text
+
+    from palpate.launch.run.wire import keys as known
+
+    made = known.make(name) if make else None
+    paths = dict(known.known())
+    if as_json:
+        tell({"ok": True, "made": None if made is None else str(made), "keys": {n: str(p) for n, p in paths.items()}})
+        return
+    out = console(soft_wrap=True)
+    if made is not None:
+        out.print(Text(f"made {made}; copy it to the same place on the other machines", style="green"))
+    for key_name, path in paths.items():
+        out.print(Text(f"{key_name}  {path}"))
+    if not paths:
+        out.print(Text(f"no keys in {known.folder()}; `palpate keys --make` makes one", style="dim"))

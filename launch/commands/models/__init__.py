@@ -1,0 +1,1 @@
+"""Off-line computations: bases, fits, fingers, finite elements."""

@@ -1,0 +1,47 @@
+"""`palpate export`: a recording in the formats of other tools."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from palpate.launch.terminal.options import File, Json, Trust
+from palpate.launch.terminal.output import console, tell
+
+
+def export(
+    file: File,
+    to: Annotated[str, typer.Option(help="foxglove, rerun, parquet, csv or vtk.")],
+    out: Annotated[
+        Path | None, typer.Option(help="File (foxglove, rerun) or folder; by default next to the recording.")
+    ] = None,
+    stream: Annotated[list[str] | None, typer.Option(help="Only this stream; may be repeated.")] = None,
+    every: Annotated[
+        int | None,
+        typer.Option(help="Only every n-th message; by default all numbers, and 30 surfaces per second.", min=1),
+    ] = None,
+    trust: Trust = None,
+    as_json: Json = False,
+) -> None:
+    """Write a recording as MCAP with a scene (Foxglove, PlotJuggler), for Rerun, as Parquet, CSV, or VTK (ParaView)."""
+    from palpate.records.export import export as write
+    from palpate.records.reader import Recording
+
+    recording = Recording(file)
+    notes: list[str] = []
+    written = write(recording, to, out, stream or (), every=every, tell=notes.append)
+    if as_json:
+        files = [str(path) for path in written]
+        tell({"ok": True, "files": files, "notes": notes, "complete": recording.complete, "ending": recording.ending})
+        return
+    from rich.text import Text
+
+    size = sum(path.stat().st_size for path in written)
+    where = written[0] if len(written) == 1 else written[0].parent
+    console().print(Text(f"{where}: {len(written)} file{'s' * (len(written) != 1)}, {size / 1e6:.2f} MB"))
+    for note in notes:
+        console(soft_wrap=True).print(Text(note, style="yellow"))
+    if not recording.complete:
+        console(soft_wrap=True).print(Text(recording.ending, style="yellow"))

@@ -1,0 +1,48 @@
+"""`palpate recover`: a complete file from one that was cut off or damaged, or that holds its sources only."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from palpate.launch.terminal.options import File, Json, Trust
+from palpate.launch.terminal.output import console, tell
+from palpate.physics.errors import TROUBLE
+
+
+def recover(
+    file: File,
+    out: Annotated[Path | None, typer.Option(help="File to write; by default next to the recording.")] = None,
+    full: Annotated[
+        bool, typer.Option("--full", help="Of a recording of sources: compute and write all messages.")
+    ] = False,
+    trust: Trust = None,
+    as_json: Json = False,
+) -> None:
+    """Make a complete recording from the readable part of a truncated or damaged one.
+
+    --full turns a recording of sources into one with all messages. Exit code 1 if a computed message differs from the
+    recorded one; the messages before it are written.
+    """
+    from palpate.records.fill import explained
+    from palpate.records.reader import Recording
+    from palpate.records.recover import recover as save
+    from palpate.records.recover import recover_full
+
+    if full:
+        target, counts, report = recover_full(file, out)
+        wrong = explained(file, report, Recording(file).about) if report.first is not None else ""
+    else:
+        (target, counts), wrong = save(file, out), ""
+    if as_json:
+        tell({"ok": not wrong, "file": str(target), "counts": counts, "difference": wrong or None})
+    else:
+        from rich.text import Text
+
+        console().print(Text(f"{target}: {sum(counts.values())} messages of {len(counts)} streams"))
+        if wrong:
+            console(stderr=True, soft_wrap=True).print(Text(wrong, style="red"))
+    if wrong:
+        raise typer.Exit(TROUBLE)

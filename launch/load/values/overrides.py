@@ -1,0 +1,66 @@
+"""The texts that `--set` takes: from values as Python code gives them, and back."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+import yaml
+
+from palpate.nodes.base import SettingError
+from palpate.physics.errors import ArgumentError
+
+
+def overrides(given: str | Sequence[str] | Mapping[str, Any]) -> list[str]:
+    """Overrides of a text, several texts, or nodes by name with their model or their settings. ArgumentError."""
+    if isinstance(given, str):
+        return [given]
+    if isinstance(given, Mapping):
+        return list(of_nodes(given))
+    if isinstance(given, Sequence) and all(isinstance(text, str) for text in given):
+        return list(given)
+    raise ArgumentError(
+        f"found {given!r}, expected 'tissue.use=deformation.Rigid', a list of such texts, or a dict, "
+        "{'tissue': 'deformation.Rigid'}"
+    )
+
+
+def of_nodes(nodes: Mapping[str, str | Mapping[str, Any]]) -> Iterator[str]:
+    """Overrides of nodes by name: a model, or settings by name. ArgumentError."""
+    for name, what in nodes.items():
+        if isinstance(what, str):
+            yield f"{name}.use={what}"
+        elif isinstance(what, Mapping):
+            yield from (f"{name}.{key}={_text(f'{name}.{key}', value)}" for key, value in what.items())
+        else:
+            raise ArgumentError(
+                f"{name}: found {what!r}, expected a model, {name}='deformation.ReducedFE', or settings, "
+                f"{name}={{'stiffness': 2e3}}"
+            )
+
+
+def _text(name: str, value: Any) -> str:
+    """A value as it stands after `--set`: texts with units as they are, all else as JSON, which YAML reads."""
+    if isinstance(value, str):
+        return value
+    try:
+        return json.dumps(value.tolist() if hasattr(value, "tolist") else value)
+    except TypeError:
+        raise ArgumentError(
+            f"{name}: found {type(value).__name__}, expected a number, a text, a list or a dict"
+        ) from None
+
+
+def settings_of(sets: list[str]) -> dict[str, Any]:
+    """Values by name of the texts "name=value". SettingError: another text, or a value that is no YAML."""
+    settings = {}
+    for text in sets:
+        name, sign, value = text.partition("=")
+        if not sign:
+            raise SettingError(f"--set {text}: expected name=value")
+        try:
+            settings[name.removeprefix("tissue.")] = yaml.safe_load(value)
+        except yaml.YAMLError:
+            raise SettingError(f"--set {text}: expected a number, a name or a list such as '[0, 0, 0.012]'") from None
+    return settings

@@ -1,0 +1,296 @@
+"""The settings of one node: class default, then what the scene offers by `with:`, then the node's own line."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import sys
+import types
+import typing
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+import msgspec
+
+from palpate.engine.faults import Faults, Location, choices, nearest
+from palpate.launch.load.classes import SHIPPED, catalogue, classes
+from palpate.launch.load.scene import Scene
+from palpate.launch.load.values.source import YamlSource
+from palpate.launch.load.values.units import UnitError, convert, is_quantity
+from palpate.launch.load.wiring import unknown
+from palpate.nodes.base import Node, Setting, SettingError, settings
+from palpate.nodes.base import convert as check
+
+FIXED = ("effects", "wanted")
+"""What a scene says of the graph as a whole."""
+
+
+@dataclass(frozen=True)
+class Offer:
+    """One key that a `with:` offers to one node; `taken` where it is a setting that the node's own line leaves open."""
+
+    path: str
+    key: str
+    value: Any
+    node: str
+    cls: type[Node]
+    place: Location
+    taken: bool
+
+
+def resolve(
+    name: str, cls: type[Node], line: YamlSource, own: list[str], scene: Scene, offers: list[Offer], faults: Faults
+) -> dict[str, Any]:
+    """All settings of a node as plain data in SI units, checked; what is wrong becomes faults.
+
+    line    the node's line of the graph file
+    own     keys of the line that are settings
+    offers  gets what `with:` offers, for `check_offers`
+    """
+    known = settings(cls)
+    given: dict[str, tuple[Any, Location]] = {}
+    for mapping, path in _offered(name, line, scene, faults):
+        for key, value in mapping.items():
+            place = scene.source.place(*path.split("."), key) if path else line.place("with", key)
+            offers.append(Offer(path, key, value, name, cls, place, key in known and key not in own))
+            if key in known:
+                given[key] = (value, place)
+    for key in own:
+        if key in known:
+            given[key] = (line.data[key], line.place(key))
+        else:
+            text, cure = unknown(line.place(key), f"{key}: null")
+            faults.add(text, _cure(key, cls, known) + cure, line.place(key), node=name, setting=key)
+    values = {}
+    count = len(faults.entries)
+    for key, setting in known.items():
+        about = {"node": name, "setting": key, "unit": setting.unit}
+        if key in given:
+            value, place = given[key]
+            before = len(faults.entries)
+            value = scene.fill(value, faults, place, about)
+            if len(faults.entries) == before:
+                values[key] = _checked(setting, value, place, about, faults)
+        elif setting.default is ...:
+            faults.add("missing", "It has no default.", line.place(), **about)
+    if len(faults.entries) == count:
+        try:
+            node = cls(**values)
+            values = {key: _plain(getattr(node, key)) for key in known}
+        except SettingError as error:
+            faults.add(str(error), "", line.place(), node=name)
+        except Exception as error:  # a user's constructor may fail in any way
+            faults.add(f"{cls.__name__} cannot be made: {type(error).__name__}: {error}", "", line.place(), node=name)
+    return values
+
+
+def _checked(setting: Setting, value: Any, place: Location, about: dict[str, str], faults: Faults) -> Any:
+    """The value of one setting in its unit, as plain data; what is wrong becomes a fault."""
+    try:
+        value = in_si(setting, value)
+        _finite(value)
+        return _plain(check(setting, value))
+    except UnitError as error:
+        faults.add(str(error), "", place, **about)
+    except SettingError as error:
+        faults.add(str(error).removeprefix(f"setting {setting.name!r} [{setting.unit}]: "), "", place, **about)
+    return None
+
+
+def _cure(key: str, cls: type[Node], known: dict[str, Setting]) -> str:
+    return choices(f"Settings of {cls.__name__}", key, known)
+
+
+def _offered(name: str, line: YamlSource, scene: Scene, faults: Faults) -> list[tuple[dict[str, Any], str]]:
+    """The mappings that `with:` names: value, path in the scene ("" for one written in place)."""
+    given = line.data.get("with")
+    mappings = []
+    for item in given if isinstance(given, list) else [] if given is None else [given]:
+        place, path = line.place("with"), ""
+        if isinstance(item, str) and item.startswith("$"):
+            path = item[1:]
+        value = scene.fill(item, faults, place, {"node": name}) if path or not isinstance(item, dict) else item
+        if isinstance(value, dict):
+            mappings.append((value, path))
+        elif not path or scene.has(path):
+            faults.add(f"with: found {item!r}, expected a mapping of the scene, `$name`, or a list of them",
+                       scene.cure(str(item)), place, node=name)  # fmt: skip
+    return mappings
+
+
+def check_offers(offers: list[Offer], scene: Scene, faults: Faults) -> None:
+    """A fault for each key of a `with:` mapping that nobody has as a setting.
+
+    A model takes what it has and leaves the rest to the models that it may be swapped for; so a key is known when a
+    class of the node's module, another taker of the same mapping, a `when:` or `$path`, or a shipped class has it.
+    A truth value is also known as an effect of the scene that no node of this graph asks for, unless it looks like a
+    setting that is not spelled right.
+    """
+    taken: set[tuple[str, str]] = set()
+    names: dict[type[Node], dict[str, Setting]] = {}
+    sure: dict[type[Node], bool] = {}
+    for offer in offers:
+        if offer.cls not in names:
+            names[offer.cls], sure[offer.cls] = _family(offer.cls)
+        if offer.key in names[offer.cls] or not sure[offer.cls]:
+            taken.add((offer.path, offer.key))
+    reported = set()
+    for offer in offers:
+        path = f"{offer.path}.{offer.key}"
+        read = offer.path and any(used == path or used.startswith(f"{path}.") for used in scene.used)
+        if (offer.path, offer.key) in taken or read or offer.place in reported:
+            continue
+        if isinstance(offer.value, bool) and not nearest(offer.key, names[offer.cls], likeness=0.8):
+            continue
+        shipped, missing = catalogue()
+        if missing or any(offer.key in settings(entry.cls) for entry in shipped):
+            continue
+        reported.add(offer.place)
+        text = f"with: {path.lstrip('.')!r} is a setting of no class of {offer.cls.__module__}"
+        faults.add(text, _cure(offer.key, offer.cls, names[offer.cls]), offer.place, node=offer.node, setting=offer.key)
+
+
+def check_taken(
+    offers: list[Offer], changes: Iterable[tuple[str, YamlSource]], scene: Scene, faults: Faults
+) -> tuple[str, ...]:
+    """A fault for each value of the scene that was set from outside and reaches no node; lines that say which other
+    values of the scene the classes in use leave out.
+
+    changes  dotted paths in the scene and what was set there
+    """
+    offered = {offer.path for offer in offers}
+    read = [path for path in scene.used if path not in offered]
+
+    def reaches(path: str) -> bool:
+        taken = (f"{o.path}.{o.key}" for o in offers if o.taken)
+        return any(f"{path}.".startswith(f"{u}.") for u in taken) or any(
+            f"{path}.".startswith(f"{u}.") or u.startswith(f"{path}.") for u in read
+        )
+
+    for path, value in [leaf for change in changes for leaf in _leaves(*change)]:
+        if path.partition(".")[0] in FIXED or reaches(path):
+            continue
+        lost = [offer for offer in offers if f"{path}.".startswith(f"{offer.path}.{offer.key}.")]
+        cure = " ".join(_instead(offer) for offer in lost) or "No node reads it."
+        faults.add(f"{path!r} of the scene reaches no node of this graph", cure, value.place())
+    left: dict[tuple[str, str], list[str]] = {}
+    for offer in offers:
+        path = f"{offer.path}.{offer.key}"
+        known = any(offer.key in settings(o.cls) for o in offers if (o.path, o.key) == (offer.path, offer.key))
+        if offer.path and not known and not reaches(path) and offer.key in _family(offer.cls)[0]:
+            close = _closest(offer.key, offer.cls)
+            about = f"{offer.node} ({offer.cls.__name__}) does not take from scene.{offer.path}: "
+            left.setdefault((offer.node, about), []).append(f"{offer.key}{f' (it has {close})' if close else ''}")
+    return tuple(f"{about}{', '.join(keys)}" for (_, about), keys in left.items())
+
+
+def _leaves(path: str, value: YamlSource) -> Iterator[tuple[str, YamlSource]]:
+    if not isinstance(value.data, dict):
+        yield path, value
+        return
+    for key in value.data:
+        yield from _leaves(f"{path}.{key}", value.sub(key))
+
+
+def _instead(offer: Offer) -> str:
+    """What to set in place of a value of the scene that a node does not take."""
+    name = f"{offer.node!r} ({offer.cls.__name__})"
+    if offer.key in settings(offer.cls):
+        return f"The line of {name} gives {offer.key!r} itself: set {offer.node}.{offer.key}."
+    close = _closest(offer.key, offer.cls)
+    return f"{name} has {close!r}." if close else f"Settings of {name}: {', '.join(settings(offer.cls)) or 'none'}."
+
+
+def _closest(key: str, cls: type[Node]) -> str:
+    """The setting of a class that is in the same unit as another class's `key`, and shares a word with it."""
+    mine, other = settings(cls), _family(cls)[0].get(key)
+    same = [name for name, setting in mine.items() if other is None or setting.unit == other.unit]
+    words = [name for name in same if set(name.split("_")) & set(key.split("_"))]
+    return next(iter(words or nearest(key, same, 1)), "")
+
+
+def _family(cls: type[Node]) -> tuple[dict[str, Setting], bool]:
+    """The settings of all node classes of a class's module, or of its folder, and whether all of them could be seen."""
+    names = dict(settings(cls))
+    modules = [cls.__module__]
+    if cls.__module__.startswith(SHIPPED):
+        modules.append(".".join(cls.__module__.split(".")[:3]))
+    seen = True
+    for module in modules:
+        try:
+            others = classes(sys.modules[module])
+        except ImportError:
+            seen = False
+            continue
+        for other in others:
+            with contextlib.suppress(TypeError, NameError):  # a neighbour that is not well formed has no say
+                names |= settings(other)
+    return names, seen
+
+
+def in_si(setting: Setting, value: Any) -> Any:
+    """The value with quantities such as "6 mm" turned into numbers of the setting's unit. UnitError: not possible."""
+    return _in_si(setting.type, value, setting.unit)
+
+
+def _in_si(hint: Any, value: Any, unit: str) -> Any:
+    options = _options(hint)
+    numeric = float in options or int in options
+    if isinstance(value, str):
+        if not numeric or any(value in typing.get_args(o) for o in options if typing.get_origin(o) is typing.Literal):
+            return value
+        return value if str in options and not is_quantity(value) else _whole(convert(value, unit), options)
+    if isinstance(value, float) and numeric:
+        return _whole(value, options)
+    for option in options:
+        origin, inner = typing.get_origin(option), typing.get_args(option)
+        if isinstance(value, list) and origin in (tuple, list) and inner:
+            kinds = (
+                inner
+                if origin is tuple and Ellipsis not in inner and len(inner) == len(value)
+                else inner[:1] * len(value)
+            )
+            return [_in_si(kind, item, unit) for kind, item in zip(kinds, value, strict=True)]
+        if isinstance(value, dict) and isinstance(option, type) and issubclass(option, msgspec.Struct):
+            return {key: _field_in_si(option, key, item) for key, item in value.items()}
+        if isinstance(value, dict) and origin is dict and inner:
+            return {key: _in_si(inner[1], item, unit) for key, item in value.items()}
+    return value
+
+
+def _field_in_si(struct: type[msgspec.Struct], key: str, value: Any) -> Any:
+    """A field of a setting that is a struct; it has a unit of its own, or takes plain values only."""
+    hint = typing.get_type_hints(struct, include_extras=True).get(key)
+    unit = next((m for m in getattr(hint, "__metadata__", ()) if isinstance(m, str)), None)
+    return value if unit is None else _in_si(hint, value, unit)
+
+
+def _whole(value: float, options: list[Any]) -> float | int:
+    """2e3 is a whole number where the setting takes no other."""
+    return int(value) if float not in options and value.is_integer() else value
+
+
+def _options(hint: Any) -> list[Any]:
+    """The alternatives of a type, marks taken off."""
+    if typing.get_origin(hint) is Annotated:
+        return _options(typing.get_args(hint)[0])
+    if typing.get_origin(hint) in (typing.Union, types.UnionType):
+        return [o for a in typing.get_args(hint) for o in _options(a)]
+    return [hint]
+
+
+def _plain(value: Any) -> Any:
+    """The value as JSON would give it back."""
+    value = msgspec.to_builtins(value)
+    if isinstance(value, dict):
+        return {key: _plain(item) for key, item in value.items()}
+    return [_plain(item) for item in value] if isinstance(value, list | tuple) else value
+
+
+def _finite(value: Any) -> None:
+    """UnitError: a number that is infinite or none. A default may be infinite: leave the setting out."""
+    if isinstance(value, float) and not math.isfinite(value):
+        raise UnitError(f"found {value}; expected a finite number")
+    for item in value if isinstance(value, list | tuple) else value.values() if isinstance(value, dict) else ():
+        _finite(item)

@@ -1,0 +1,176 @@
+"""YAML as plain data that remembers where each key was written.
+
+Scalars are read by the rules of YAML 1.2 where those of 1.1 surprise: `2e3` is a number. `on`, `off`, `yes` and `no`
+stay truth values. A key that stands twice, a merge key and a tag are faults, never silent.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import yaml
+from yaml.scanner import ScannerError
+
+from palpate.engine.faults import Fault, GraphError, Location
+
+Keys = tuple[Any, ...]
+
+_INT = re.compile(r"[-+]?[0-9]+")
+_FLOAT = re.compile(r"[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?")
+_WORDS = {
+    "": None, "~": None, "null": None, "true": True, "yes": True, "on": True, "false": False, "no": False, "off": False,
+    ".inf": math.inf, "+.inf": math.inf, "-.inf": -math.inf, ".nan": math.nan,
+}  # fmt: skip
+_TOO_MANY = 200_000
+_DEEPEST = 100  # brackets inside one another: the scanner looks at all of them at each word
+
+
+@dataclass
+class YamlSource:
+    """Plain data and the place of each key; a place is found by the keys that lead to it."""
+
+    data: Any = None
+    places: dict[Keys, Location] = field(default_factory=dict)
+
+    def place(self, *keys: Any) -> Location:
+        """Where the value under these keys was written, or the nearest thing around it."""
+        for end in range(len(keys), -1, -1):
+            if keys[:end] in self.places:
+                return self.places[keys[:end]]
+        return Location()
+
+    def sub(self, *keys: Any) -> YamlSource:
+        """The part under these keys; empty data where there is none."""
+        data = self.data
+        for key in keys:
+            data = data.get(key) if isinstance(data, dict) else None
+        n = len(keys)
+        places = {k[n:]: p for k, p in self.places.items() if k[:n] == keys}
+        places.setdefault((), self.place(*keys))
+        return YamlSource(data, places)
+
+    def put(self, keys: Keys, value: YamlSource) -> None:
+        """Set the value under these keys, making mappings on the way."""
+        data = self.data
+        for depth, key in enumerate(keys[:-1]):
+            if not isinstance(data.get(key), dict):
+                data[key] = {}
+                self.places.setdefault(keys[: depth + 1], value.place())
+            data = data[key]
+        self.drop(keys)
+        data[keys[-1]] = value.data
+        self.places.update({keys + k: p for k, p in value.places.items()})
+
+    def drop(self, keys: Keys) -> None:
+        """Forget the places under these keys; the order of the data stays."""
+        n = len(keys)
+        self.places = {k: p for k, p in self.places.items() if k[:n] != keys}
+
+
+def read(path: Path) -> YamlSource:
+    """The file's data with places. GraphError: it cannot be read or is not YAML; names file, line and column."""
+    try:
+        raw = path.read_bytes()
+    except OSError as error:
+        raise GraphError([Fault(f"cannot be read: {error.strerror}", place=Location(str(path)))]) from None
+    return parse(raw, str(path))
+
+
+def parse(text: str | bytes, file: str) -> YamlSource:
+    """The data of a YAML text with places; `file` is what the places call it."""
+    try:
+        root = yaml.compose(text, Loader=_Loader)
+        source = YamlSource(None, {(): Location(file, 1, 1)})
+        if root is not None:
+            source.data = _Builder(file, source.places).build(root, (), ())
+    except yaml.MarkedYAMLError as error:
+        mark = error.problem_mark or error.context_mark
+        place = Location(file, mark.line + 1, mark.column + 1) if mark else Location(file)
+        what = ", ".join(part for part in (error.context, error.problem) if part)
+        raise GraphError([Fault(f"not YAML: column {place.column}: {what}", place=place)]) from None
+    except yaml.YAMLError as error:
+        raise GraphError([Fault(f"not YAML: {' '.join(str(error).split())}", place=Location(file))]) from None
+    except RecursionError:
+        raise GraphError([Fault("nested too deeply", place=Location(file))]) from None
+    return source
+
+
+def merge(base: YamlSource, top: YamlSource) -> YamlSource:
+    """`top` laid over `base`, mapping by mapping; null in `top` takes away what stands in `base`."""
+    if not (isinstance(base.data, dict) and isinstance(top.data, dict)):
+        return top
+    merged = YamlSource(dict(base.data), dict(base.places))
+    for key, value in top.data.items():
+        if value is None and key in merged.data:
+            del merged.data[key]
+            merged.drop((key,))
+        elif isinstance(value, dict) and isinstance(merged.data.get(key), dict):
+            merged.put((key,), merge(merged.sub(key), top.sub(key)))
+        else:
+            merged.put((key,), top.sub(key))
+    merged.places[()] = top.place()
+    return merged
+
+
+class _Loader(yaml.SafeLoader):
+    """Refuses what is nested too deeply while it scans, and not after the minutes that this would take."""
+
+    def fetch_flow_collection_start(self, TokenClass: Any) -> None:
+        if self.flow_level >= _DEEPEST:
+            raise ScannerError(
+                None, None, f"nested too deeply: more than {_DEEPEST} brackets inside one another", self.get_mark()
+            )
+        super().fetch_flow_collection_start(TokenClass)
+
+
+class _Builder:
+    """Turns composed nodes into data, collecting places."""
+
+    def __init__(self, file: str, places: dict[Keys, Location]) -> None:
+        self.file, self.places = file, places
+
+    def build(self, node: yaml.Node, keys: Keys, parents: tuple[int, ...]) -> Any:
+        place = Location(self.file, node.start_mark.line + 1, node.start_mark.column + 1)
+        self.places.setdefault(keys, place)
+        if id(node) in parents:
+            raise GraphError([Fault("an alias that contains itself", place=place)])
+        if len(self.places) > _TOO_MANY:
+            raise GraphError([Fault(f"more than {_TOO_MANY} entries", place=place)])
+        if not node.tag.startswith("tag:yaml.org,2002:"):
+            raise GraphError([Fault(f"tag {node.tag!r}: tags are not read", place=place)])
+        inside = (*parents, id(node))
+        if isinstance(node, yaml.MappingNode):
+            return self._mapping(node, keys, inside)
+        if isinstance(node, yaml.SequenceNode):
+            return [self.build(item, (*keys, i), inside) for i, item in enumerate(node.value)]
+        return node.value if getattr(node, "style", None) else scalar(node.value)
+
+    def _mapping(self, node: yaml.MappingNode, keys: Keys, inside: tuple[int, ...]) -> dict[str, Any]:
+        mapping: dict[str, Any] = {}
+        for key, value in node.value:
+            place = Location(self.file, key.start_mark.line + 1, key.start_mark.column + 1)
+            if not isinstance(key, yaml.ScalarNode):
+                raise GraphError([Fault("a key must be a word", place=place)])
+            name = key.value
+            if name == "<<":
+                raise GraphError([Fault("merge keys (<<) are not read", "Use `extends:`.", place)])
+            if name in mapping:
+                first = self.places[(*keys, name)].line
+                raise GraphError([Fault(f"{name!r} stands twice, first on line {first}", "Remove one.", place)])
+            self.places[(*keys, name)] = place
+            mapping[name] = self.build(value, (*keys, name), inside)
+        return mapping
+
+
+def scalar(text: str) -> Any:
+    """The value of an unquoted word: null, truth value, number or text."""
+    word = text.lower()
+    if word in _WORDS:
+        return _WORDS[word]
+    if _INT.fullmatch(text):
+        return int(text) if len(text) < 40 else float(text)
+    return float(text) if _FLOAT.fullmatch(text) else text

@@ -1,0 +1,1 @@
+"""What `palpate doctor` looks at: this machine, and how late it wakes a process."""

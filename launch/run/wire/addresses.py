@@ -1,0 +1,121 @@
+"""Where the sockets of the runs on this machine lie: files in a folder that only their user can enter.
+
+    FOLDER/RUN/control  FOLDER/RUN/reports           of the launcher
+    FOLDER/RUN/GROUP.force  FOLDER/RUN/GROUP.observers   of each worker
+
+FOLDER is `palpate` in the user's runtime folder (XDG_RUNTIME_DIR), else /tmp/palpate-UID. The launcher holds a lock in
+the folder of its run while it lives, so that what was left by one that was killed can be told from what is in use.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import hashlib
+import os
+import shutil
+import stat
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from urllib.parse import quote, unquote
+
+import msgspec
+
+from palpate.launch.run.wire.keys import Key
+
+LONGEST = 100  # [bytes] of the path of a socket; the kernel takes 107
+_LOCK, _KEY = "lock", "key"
+
+
+def folder() -> Path:
+    """The folder of all runs of this user; it is made where there is none.
+
+    PermissionError: somebody else owns it, or can enter it.
+    """
+    runtime = os.environ.get("XDG_RUNTIME_DIR", "")
+    here = runtime and len(runtime) < 40 and os.access(runtime, os.W_OK | os.X_OK)
+    path = Path(runtime) / "palpate" if here else Path(f"/tmp/palpate-{os.getuid()}")
+    with contextlib.suppress(FileExistsError):
+        path.mkdir(mode=0o700)
+    status = path.lstat()
+    if not stat.S_ISDIR(status.st_mode) or status.st_uid != os.getuid() or status.st_mode & 0o077:
+        raise PermissionError(
+            f"{path}: the sockets of a run belong into a folder of this user (uid {os.getuid()}) that nobody else can "
+            f"enter; found one of uid {status.st_uid} with mode {stat.S_IMODE(status.st_mode):o}. "
+            "Remove it, or set XDG_RUNTIME_DIR."
+        )
+    return path
+
+
+def endpoint(run: str, name: str, outlet: str = "") -> str:
+    """Local address of a socket of a run: of the launcher, or an outlet of the worker of a group."""
+    path = folder() / run / (f"{quote(name, safe='')}.{outlet}" if outlet else name)
+    if len(os.fsencode(path)) > LONGEST:
+        path = path.with_name(f"{hashlib.sha256(name.encode()).hexdigest()[:16]}.{outlet}")
+    return f"ipc://{path}"
+
+
+class RunFolder:
+    """The folder of one run, made and locked; `close` removes it. Folders that dead launchers have left are removed."""
+
+    def __init__(self, run: str) -> None:
+        for old in folder().iterdir():
+            if not _in_use(old):
+                shutil.rmtree(old, ignore_errors=True)
+        self.path = folder() / run
+        self.path.mkdir(mode=0o700)
+        self._lock = os.open(self.path / _LOCK, os.O_CREAT | os.O_RDWR | os.O_CLOEXEC, 0o600)
+        fcntl.flock(self._lock, fcntl.LOCK_EX)
+
+    def write_key(self, key: Key, groups: list[str]) -> None:
+        """Leave the key of the run for those who listen on this machine, and the groups whose outlets it secures."""
+        number = os.open(self.path / _KEY, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+        with os.fdopen(number, "wb") as file:
+            file.write(msgspec.json.encode(_Secured(key, groups)))
+
+    def close(self) -> None:
+        """Remove the folder with the sockets in it."""
+        shutil.rmtree(self.path, ignore_errors=True)
+        os.close(self._lock)
+
+
+class _Secured(msgspec.Struct):
+    key: Key
+    groups: list[str]
+
+
+def key_of(run: str, group: str) -> Key | None:
+    """The key that secures the outlets of a group of a run; None where nothing does."""
+    try:
+        secured = msgspec.json.decode((folder() / run / _KEY).read_bytes(), type=_Secured)
+    except FileNotFoundError:
+        return None
+    return secured.key if group in secured.groups else None
+
+
+def runs() -> Iterator[tuple[str, list[str]]]:
+    """Runs that go on, the newest last, and the groups whose outlets for observers are there."""
+    with contextlib.suppress(FileNotFoundError):
+        for path in sorted(folder().iterdir(), key=lambda file: file.stat().st_ctime):
+            if _in_use(path):
+                yield path.name, sorted(unquote(file.stem) for file in path.glob("*.observers"))
+
+
+def _in_use(path: Path) -> bool:
+    """Whether the launcher of this run lives, or has made the folder a moment ago. A stray file is no run."""
+    if not path.is_dir():
+        return False
+    try:
+        number = os.open(path / _LOCK, os.O_RDWR | os.O_CLOEXEC)
+    except FileNotFoundError:
+        with contextlib.suppress(FileNotFoundError):
+            return abs(path.stat().st_mtime - time.time()) < 5.0
+        return False
+    try:
+        fcntl.flock(number, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    finally:
+        os.close(number)
+    return False

@@ -1,0 +1,91 @@
+"""The observers of one worker, a logger or a viewer: they get messages as they travel, and how the nodes are doing."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+
+from palpate.engine.imports import load_class
+from palpate.engine.job import Job
+from palpate.engine.schedule import needed
+from palpate.engine.slot import NodeError, ObserverSlot, Output, make
+from palpate.launch.run.wire.bus import END, HEALTH
+from palpate.messages import Health, Message, MessageError, unpack
+from palpate.nodes.base import Observer, Stream
+
+
+class Audience:
+    """The observers of a worker.
+
+    leave  called with each group that has said that it sends no more: it waits until nobody listens
+    """
+
+    def __init__(self, job: Job, leave: Callable[[str], None] | None) -> None:
+        self.job, self._leave = job, leave
+        self.slots: list[ObserverSlot] = []
+        for given in job.observers:
+            node = make(given)
+            if not isinstance(node, Observer):
+                raise NodeError(given.name, "use", f"{given.cls} is not an observer")
+            self.slots.append(ObserverSlot(given, node))
+        self.begun: list[ObserverSlot] = []
+        self.foreign = 0
+        """Frames that were dropped because they are no messages of this run's."""
+        self.ended: set[str] = set()
+        """Groups that have said that they send no more."""
+        self.lost: set[str] = set()
+        """Groups that have ended and could not say so."""
+
+    def start(self, slot: ObserverSlot, outputs: dict[str, Output]) -> None:
+        """Start one of them; `outputs` are those of this worker, by stream. NodeError: it raised."""
+        streams = tuple(
+            Stream(stream, load_class(given.type), given.producer, given.every)
+            for stream, given in slot.streams.items()
+        )
+        try:
+            slot.node.listen(streams, self.job.about)
+            slot.node.start()
+        except BaseException as error:
+            raise NodeError(slot.name, "start", error) from error
+        self.begun.append(slot)
+        for stream in slot.streams:
+            if stream in outputs:
+                outputs[stream].listeners.append(slot)
+
+    def hear(self, data: bytes) -> int:
+        """Take a frame of another worker. Returns its tick, -1 where it has none. NodeError: an observer raised."""
+        topic, _, payload = data.partition(b"\0")
+        stream = topic.decode(errors="replace")
+        try:
+            if stream == HEALTH:
+                self.tell([unpack(payload, Health)])
+                return -1
+            if stream == END:
+                group = payload.decode(errors="replace")
+                self.ended.add(group)
+                if self._leave is not None:
+                    self._leave(group)
+                return -1
+            tick = unpack(payload, Message).tick
+        except MessageError:
+            self.foreign += 1
+            return -1
+        for slot in self.slots:
+            if stream in slot.streams and tick > slot.last[stream]:
+                slot.observe(stream, tick, payload)
+        return tick
+
+    def tell(self, reports: Iterable[Health]) -> None:
+        """How nodes are doing."""
+        for report in reports:
+            for slot in self.begun:
+                slot.node.health(report)
+
+    def has_all(self, last: int | None) -> bool:
+        """Whether every stream has brought its last message; on the real clock nobody knows which that is."""
+        if last is None or self.job.clock == "real":
+            return False
+        return all(
+            slot.last[stream] >= needed(last, given.every, False)
+            for slot in self.slots
+            for stream, given in slot.streams.items()
+        )

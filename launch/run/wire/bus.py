@@ -1,0 +1,373 @@
+"""The sockets of a worker process: orders in, reports out, one outlet for the nodes of the graph, one for observers.
+
+A frame of ZeroMQ is the stream's name, a zero byte, and the message as one msgpack map. The outlets are publishers, so
+that any program can subscribe by the stream's name. Nodes on the same machine are reached without libzmq and its
+threads (`outlet`, `inlet`). Observers have an outlet of their own: frames for them are kept back and sent in bursts,
+because waking a second reader costs 60-100 us, which the force path must not pay.
+
+On the simulated clock an outlet waits when a reader is slow; on the real clock it drops, and the reader counts. An
+outlet of libzmq is closed when its readers have taken all: what a connection holds when its other end closes is lost to
+a reader that had no room for it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections import Counter
+from collections.abc import Callable, Collection, Iterable, Mapping
+
+import msgspec
+import zmq
+
+from palpate.engine.clock import POLL_INTERVAL, now
+from palpate.launch.run.reports import ORDERS, Addressed, NodesEnded, Note, Order, Report
+from palpate.launch.run.wire.addresses import endpoint
+from palpate.launch.run.wire.inlet import HIGH_WATER, Inlet, TcpInlet
+from palpate.launch.run.wire.keys import Authenticator, Key, connect
+from palpate.launch.run.wire.outlet import Outlet, Sender
+from palpate.launch.run.wire.watch import SocketPoller
+from palpate.physics.errors import RunError
+
+HEALTH = "!health"
+"""Stream of each outlet for observers on which its worker tells how the nodes are doing."""
+END = "!end"
+"""Stream of each outlet for observers on which its worker says last that it sends no more; the payload is its group."""
+LONGEST_ORDER = 1 << 26  # [bytes]
+LINK_TIME = 1_000_000_000  # [ns] that a worker waits on the real clock for a writer that is there and says nothing
+
+
+def frame(stream: str, payload: bytes) -> bytes:
+    """The frame of a message on a stream."""
+    return stream.encode() + b"\0" + payload
+
+
+def split(data: bytes) -> tuple[str, bytes]:
+    """Stream and payload of a frame. ValueError: no zero byte, or a name that is not UTF-8."""
+    topic, zero, payload = data.partition(b"\0")
+    if not zero:
+        raise ValueError(f"not a frame: no zero byte among {len(data)} bytes")
+    return topic.decode(), payload
+
+
+class Bus:
+    """Sockets of one worker.
+
+    run, group  names of the run and of the worker
+    control     endpoint of the launcher's control publisher
+    reports     endpoint where the launcher takes reports
+    real        whether it is the real clock: nobody waits for a slow reader
+    external    streams that the nodes of other groups read, and those groups
+    key         secures the outlets where they are bound to TCP as well; None: nothing is secured
+    guarded     the launcher's sockets are secured by the key
+    """
+
+    def __init__(
+        self,
+        run: str,
+        group: str,
+        control: str,
+        reports: str,
+        real: bool,
+        external: Mapping[str, Collection[str]] | None = None,
+        key: Key | None = None,
+        guarded: bool = False,
+    ) -> None:
+        self.context = zmq.Context()
+        self.run, self.group, self.real, self.key = run, group, real, key
+        self._foreign = 0
+        self._external = external or {}
+        self._watch = SocketPoller()
+        self._keeper: Authenticator | None = None
+        self._control = self._socket(zmq.SUB, 0)
+        self._control.set(zmq.MAXMSGSIZE, LONGEST_ORDER)
+        self._reports = self._socket(zmq.PUSH, 2000)
+        for socket, address in ((self._control, control), (self._reports, reports)):
+            connect(socket, address, key if guarded else None)
+        for topic in (f"~{group}", "~*"):
+            self._control.subscribe(topic.encode() + b"\0")
+        self._ordered = True
+        """Whether orders may have come."""
+        self._watch.add(int(self._control.get(zmq.FD)), self._note_order)
+        self._outlet = Outlet(group, self._external, real, self._watch)
+        self._far: zmq.Socket | None = None
+        """Where nodes on other machines read."""
+        self._far_readers: Counter[bytes] = Counter()
+        # What the outlets hold is delivered, however long it takes: the launcher ends those who never read it.
+        self._observers = self._publisher()
+        self._observed = self._socket(zmq.SUB, 0)
+        self._observed.set(zmq.RCVHWM, HIGH_WATER)
+        self._observed.set(zmq.RCVTIMEO, POLL_INTERVAL)
+        self._inlets: dict[str, Inlet | TcpInlet] = {}
+        self._tcp: list[Inlet | TcpInlet] = []
+        self._apart: set[Inlet] = set()
+        self._ready: list[Inlet | TcpInlet] = []
+        self.listeners: dict[bytes, int] = {}
+        self._sources: dict[str, str] = {}
+        """Endpoint of each group that is observed here."""
+        self._overhears: set[str] = set()
+        self._kept: list[bytes] = []
+        self._topics: tuple[bytes, ...] = ()
+
+    def _socket(self, kind: int, linger: int) -> zmq.Socket:
+        socket = self.context.socket(kind)
+        socket.set(zmq.LINGER, linger)
+        return socket
+
+    def _publisher(self) -> zmq.Socket:
+        socket = self._socket(zmq.XPUB, -1)
+        socket.set(zmq.XPUB_VERBOSER, 1)  # each one who comes or goes is told
+        socket.set(zmq.SNDHWM, HIGH_WATER)
+        socket.set(zmq.MAXMSGSIZE, 1024)  # subscriptions only
+        if not self.real:
+            socket.set(zmq.XPUB_NODROP, 1)
+            socket.set(zmq.SNDTIMEO, POLL_INTERVAL)
+        return socket
+
+    def bind(self, host: str | None) -> dict[str, list[str]]:
+        """Bind both outlets, locally and, where a host is given (`address` or `address:port`), there.
+
+        Returns the endpoints by outlet. RunError: somebody else has that port.
+        """
+        if host and self.key is not None:
+            self._keeper = Authenticator(self.context, self.key)
+            self.key.secure(self._observers, server=True)
+        endpoints = {name: [endpoint(self.run, self.group, name)] for name in ("force", "observers")}
+        local = endpoints["force"][0]
+        try:
+            self._outlet.bind(local.removeprefix("ipc://"))
+        except OSError as error:
+            raise RunError(f"cannot bind {local}: {error.strerror}") from None
+        self._bind(self._observers, endpoints["observers"][0])
+        if host:
+            self._far = self._publisher()
+            if self.key is not None:
+                self.key.secure(self._far, server=True)
+            address, _, port = host.partition(":")
+            for step, (name, socket) in enumerate((("force", self._far), ("observers", self._observers))):
+                self._bind(socket, f"tcp://{address}:{int(port) + step}" if port else f"tcp://{address}:*")
+                endpoints[name].append(socket.get_string(zmq.LAST_ENDPOINT).rstrip("\0"))
+        return endpoints
+
+    def _bind(self, socket: zmq.Socket, address: str) -> None:
+        try:
+            socket.bind(address)
+        except zmq.ZMQError as error:
+            raise RunError(f"cannot bind {address}: {error.strerror}") from None
+
+    # -- with the launcher ---------------------------------------------------------------------------------------
+
+    def report(self, report: Report) -> None:
+        """Tell the launcher."""
+        self._reports.send(msgspec.msgpack.encode(Addressed(self.group, report)))  # type: ignore[arg-type]
+
+    def _note_order(self) -> None:
+        self._ordered = True
+
+    def order(self, wait: int = 0) -> Order | None:
+        """The launcher's next order; None where none comes within so many milliseconds, or has been swept up."""
+        while (wait or self._ordered) and self._control.poll(wait):
+            self._ordered = True
+            try:
+                return ORDERS.decode(split(self._control.recv(zmq.NOBLOCK))[1])
+            except (msgspec.MsgspecError, ValueError):
+                self._foreign += 1
+            except zmq.Again:
+                pass
+        self._ordered = False
+        return None
+
+    @property
+    def foreign(self) -> int:
+        """Frames and readers that were refused because they are none of this run's."""
+        return self._foreign + self._outlet.foreign + sum(inlet.foreign for inlet in self._inlets.values())
+
+    def sweep(self, wait: int = 0) -> list[Inlet | TcpInlet]:
+        """Look at all sockets at once, for so many milliseconds: readers are served, and orders are there to be taken.
+        Returns the inlets that may have something, valid until the next sweep."""
+        self._ready.clear()
+        self._watch.poll(wait)
+        self._outlet.tend()
+        if self._apart:
+            for inlet in tuple(self._apart):
+                inlet.reach()
+        return self._ready + self._tcp if self._tcp else self._ready
+
+    # -- streams of other groups ---------------------------------------------------------------------------------
+
+    def inlet(self, stream: str) -> Inlet | TcpInlet:
+        """Where the nodes here read a stream of another group."""
+        if stream not in self._inlets:
+            self._inlets[stream] = Inlet(stream, self.group, self._watch, self._ready.append, self._apart)
+        return self._inlets[stream]
+
+    def connect(self, address: str, streams: Iterable[str], observed: bool, secured: bool, group: str) -> None:
+        """Read these streams from the outlet of a group at `address`."""
+        key = self.key if secured else None
+        if not observed:
+            for stream in streams:
+                inlet = self.inlet(stream)
+                if address.startswith("tcp:") and isinstance(inlet, Inlet):
+                    inlet = self._inlets[stream] = TcpInlet(self._socket(zmq.SUB, 0), stream)
+                    self._tcp.append(inlet)
+                if isinstance(inlet, TcpInlet):
+                    connect(inlet.socket, address, key)
+                else:
+                    inlet.connect(address.removeprefix("ipc://"))
+            return
+        connect(self._observed, address, key)
+        self._sources[group] = address
+        for stream in streams:
+            if stream not in self._overhears:  # each time is counted where it is sent
+                self._overhears.add(stream)
+                self._observed.subscribe(stream.encode() + b"\0")
+
+    def ended(self, group: str) -> None:
+        """The last frame of a group that is observed here was taken: so it may close."""
+        if group in self._sources:
+            self._observed.disconnect(self._sources.pop(group))
+
+    def overheard(self, wait: bool) -> bytes | None:
+        """The next frame for the observers here; None where none has come, or none comes in time."""
+        try:
+            return self._observed.recv(0 if wait else zmq.NOBLOCK)
+        except zmq.Again:
+            return None
+
+    # -- streams of this group -----------------------------------------------------------------------------------
+
+    def sender(self, stream: str, holds: Callable[[], None]) -> Sender:
+        """Where a stream is sent to nodes of other groups.
+
+        holds  called again and again while a reader has no room, on the simulated clock
+        """
+        return self._outlet.sender(stream, self._far, holds)
+
+    def wait_linked(self, observers: dict[str, int], poll: Callable[[], object]) -> None:
+        """Wait until each stream has its readers, at the outlet for nodes and at that for observers, and until the
+        nodes here have their writers.
+
+        poll  called again and again meanwhile (it may raise)
+        """
+        missing = {stream.encode() + b"\0": count for stream, count in observers.items() if count}
+        until = now() + LINK_TIME
+        wakes = [int(socket.get(zmq.FD)) for socket in (self._observers, self._far) if socket is not None]
+        for number in wakes:
+            self._watch.add(number, lambda: None)
+        while (
+            any(count > 0 for count in missing.values())
+            or any(self._readers(stream) < len(groups) for stream, groups in self._external.items())
+            or (any(inlet.awaits_writer for inlet in self._inlets.values()) and not (self.real and now() > until))
+        ):
+            for note in self._subscriptions(self._observers):
+                self._listener(note)
+                if note[:1] == b"\x01" and note[1:] in missing:
+                    missing[note[1:]] -= 1
+            self._count_far()
+            for inlet in self.sweep(POLL_INTERVAL):
+                inlet.take()  # what was sent to a predecessor is nothing for this one
+            poll()
+        for number in wakes:
+            self._watch.remove(number)
+
+    def _readers(self, stream: str) -> int:
+        return self._outlet.linked(stream) + self._far_readers[stream.encode() + b"\0"]
+
+    def _subscriptions(self, socket: zmq.Socket) -> Iterable[bytes]:
+        """Who has come or gone at a publisher."""
+        while int(socket.get(zmq.EVENTS)) & zmq.POLLIN:
+            yield socket.recv()
+
+    def _count_far(self) -> None:
+        if self._far is not None:
+            for note in self._subscriptions(self._far):
+                self._far_readers[note[1:]] += 1 if note[:1] == b"\x01" else -1
+
+    def sends(self, streams: Iterable[str]) -> None:
+        """The streams that observers can listen to here."""
+        self._topics = tuple(stream.encode() + b"\0" for stream in (*streams, HEALTH, END))
+
+    def _listener(self, note: bytes) -> None:
+        """An observer comes or goes. A subscription is a prefix; one that fits no stream is not kept."""
+        if note[:1] not in (b"\x00", b"\x01"):
+            self._foreign += 1
+            return
+        if not any(topic.startswith(note[1:]) for topic in self._topics):
+            return
+        count = self.listeners.get(note[1:], 0) + (1 if note[:1] == b"\x01" else -1)
+        if count > 0:
+            self.listeners[note[1:]] = count
+        else:
+            self.listeners.pop(note[1:], None)
+
+    def heard(self, stream: str) -> bool:
+        """Whether an observer listens to this stream."""
+        topic = stream.encode() + b"\0"
+        return any(topic.startswith(listener) for listener in self.listeners)
+
+    def keep(self, data: bytes) -> None:
+        """Keep a frame for the observers; `flush` sends it."""
+        self._kept.append(data)
+
+    def flush(self, holds: Callable[[], None]) -> bool:
+        """Send the kept frames, and learn who listens. Returns whether that has changed.
+
+        holds  called again and again while an observer has no room, on the simulated clock
+        """
+        kept, self._kept = self._kept, []
+        for place, data in enumerate(kept):
+            while True:
+                try:
+                    self._observers.send(data)
+                    break
+                except zmq.Again:
+                    try:
+                        holds()
+                    except BaseException:
+                        self._kept = kept[place:]
+                        raise
+        changed = False
+        for note in self._subscriptions(self._observers):
+            changed = True
+            self._listener(note)
+        return changed
+
+    def _wait_taken(self) -> None:
+        """Wait until all have taken what libzmq holds: nodes far away close their inlets, observers leave at the end.
+        What was sent to nodes on this machine is the system's, and is theirs when this worker is gone."""
+        while self.heard(END):
+            if self._observers.poll(POLL_INTERVAL):
+                self._listener(self._observers.recv())
+        if self._far is not None and not self.real:
+            while any(self._far_readers[stream.encode() + b"\0"] > 0 for stream in self._external):
+                self._far.poll(POLL_INTERVAL)
+                self._count_far()
+
+    def end(self, clean_exit: bool) -> None:
+        """The last reports: what there is to say of the readers, and that all is sent. What comes later may be missed,
+        as the launcher does not wait for a worker that is done."""
+        for text in self._outlet.notes():
+            self.report(Note(text))
+        self.report(NodesEnded(clean_exit))
+
+    def close(self, clean_exit: bool) -> None:
+        """Deliver what is under way and close; after an clean_exit end say that this was all."""
+        for inlet in self._inlets.values():
+            inlet.close()
+        self._observed.close(linger=0)
+        with contextlib.suppress(zmq.ZMQError):
+            self.flush(_wait)
+            if clean_exit:
+                self._observers.set(zmq.XPUB_NODROP, 1)
+                self._observers.set(zmq.SNDTIMEO, POLL_INTERVAL)
+                self._kept.append(frame(END, self.group.encode()))
+                self.flush(_wait)
+                self._wait_taken()
+        self._outlet.close()
+        if self._keeper is not None:
+            self._keeper.close()
+        self._control.close(linger=0)
+        self.context.destroy()
+
+
+def _wait() -> None:
+    """An observer without room is alive, or is ended by the launcher."""

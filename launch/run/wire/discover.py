@@ -1,0 +1,100 @@
+"""Listening to a run that goes on, from another process: which runs there are, and what they send."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import msgspec
+import zmq
+
+from palpate.engine.faults import choices
+from palpate.launch.run.wire.addresses import endpoint, key_of, runs
+from palpate.launch.run.wire.bus import HEALTH, split
+from palpate.launch.run.wire.keys import connect
+from palpate.messages import Health, Message, unpack
+from palpate.messages.docs import message_types
+from palpate.physics.errors import PalpateError, RunError
+
+
+@dataclass
+class Running:
+    """A run that goes on: its name, and its groups of nodes (workers)."""
+
+    name: str
+    groups: list[str] = field(default_factory=list)
+
+
+def running() -> list[Running]:
+    """The runs of this user on this machine whose nodes have processes of their own, the newest last.
+
+    A run that is fused in one process on simulated time has no sockets and cannot be seen.
+    """
+    return [Running(name, groups) for name, groups in runs() if groups]
+
+
+def find(name: str | None = None) -> Running:
+    """The run of this name, or the only one. RunError: there is none, or there are several and none was named."""
+    live_runs = running()
+    if name is not None:
+        live_runs = [run for run in live_runs if run.name.startswith(name)]
+    if len(live_runs) == 1:
+        return live_runs[0]
+    if not live_runs:
+        which = f"run {name!r} is not active" if name else "no run is active"
+        raise RunError(f"{which} on this machine (a run with --fused has no sockets to listen to); "
+                    "start one: palpate run kidney --clock real")  # fmt: skip
+    raise RunError(f"{len(live_runs)} runs are active: {', '.join(run.name for run in live_runs)}; name one with --run")
+
+
+def hear(run: Running, streams: list[str]) -> Iterator[tuple[str, bytes]]:
+    """Stream and payload of each message that a run sends on these streams, as they come, until it has ended."""
+    with zmq.Context() as context, context.socket(zmq.SUB) as socket:
+        socket.set(zmq.LINGER, 0)
+        for stream in streams:
+            socket.subscribe(stream.encode() + b"\0")
+        for group in run.groups:
+            connect(socket, endpoint(run.name, group, "observers"), key_of(run.name, group))
+        while True:
+            if socket.poll(200):
+                yield split(socket.recv())
+            elif not alive(run):
+                return
+
+
+def alive(run: Running) -> bool:
+    """Whether any worker of the run still has its outlet open."""
+    return any(run.name == other.name for other in running())
+
+
+def messages_of(stream: str, run: str | None) -> Iterator[Message]:
+    """The messages of a stream of a run, their type being known by the fields that they have.
+
+    RunError: no such run or stream. PalpateError: a message of no known type.
+    """
+    live_run = find(run)
+    kind: type[Message] | None = Health if stream == HEALTH else None
+    reports: dict[str, int] = {}
+    heard = False
+    for name, payload in hear(live_run, list({stream, HEALTH})):
+        if name == stream:
+            heard = True
+            kind = kind or _type_of(payload)
+            yield unpack(payload, kind)
+        elif not heard:
+            # Each node reports five times a second: after some reports a stream of no node is known to be none.
+            source = msgspec.msgpack.decode(payload)["source"]
+            reports[source] = reports.get(source, 0) + 1
+            if reports[source] > 5 and stream.partition(".")[0] not in reports:
+                raise RunError(f"run {live_run.name} has no stream {stream!r}. {choices('Nodes', stream, reports)}")
+
+
+def _type_of(payload: bytes) -> type[Message]:
+    """The message type whose fields a message on the wire has."""
+    names = set(msgspec.msgpack.decode(payload))
+    for kind in message_types().values():
+        if set(kind.__struct_fields__) == names:
+            return kind
+    if names >= set(Message.__struct_fields__):
+        return Message  # of a type of the user's own: its header, at least
+    raise PalpateError(f"a message with the fields {', '.join(sorted(names))} is of no type that is known here")

@@ -1,0 +1,234 @@
+"""Where the nodes of a worker read a stream of another group: one inlet a stream.
+
+A reader is woken by the stream that it waits for and by no other: what comes early on another one wakes nobody.
+
+Inlet     from a worker on this machine: ZMTP over a Unix socket, read by the thread that computes, one call a message
+TcpInlet  from a worker on another one: libzmq's subscriber
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import select
+import socket
+import struct
+import time
+from collections.abc import Callable
+
+import zmq
+
+from palpate.engine.clock import POLL_INTERVAL, now
+from palpate.launch.run.wire.watch import SocketPoller
+from palpate.launch.run.wire.zmtp import (
+    COMMAND,
+    GREETING,
+    MORE,
+    PUBLISHERS,
+    Connection,
+    ZmtpError,
+    command,
+    frame,
+    pong,
+)
+
+CHUNK = 1 << 16  # [bytes] that are read in one call
+LONGEST_MESSAGE = 1 << 28  # [bytes]
+LONGEST_FRAME = LONGEST_MESSAGE + 1024  # [bytes] with the name of its stream
+RETRY = 5_000_000  # [ns] between two attempts to reach a writer
+HIGH_WATER = 20_000  # frames that libzmq holds for a slow reader
+
+
+class Inlet:
+    """Reads one stream of a worker on this machine.
+
+    group  the worker's own name
+    watch  where the socket is watched
+    ready  called when the watch finds something to read
+    apart  holds the inlet while it has no writer
+    """
+
+    def __init__(
+        self, stream: str, group: str, watch: SocketPoller, ready: Callable[[Inlet], None], apart: set[Inlet]
+    ) -> None:
+        self.stream = stream
+        self.linked = False
+        """Whether the writer is there and has been sent the subscription."""
+        self.foreign = 0
+        """Frames, and writers, that were refused."""
+        self._topic = stream.encode() + b"\0"
+        self._group, self._watch, self._ready, self._apart = group, watch, ready, apart
+        self._path = ""
+        self._socket: socket.socket | None = None
+        self._tried = -RETRY
+        self._many = False
+        """Whether what comes next belongs to a message of several frames."""
+        self._between = False
+        """Whether what comes next is the beginning of a frame."""
+
+    def connect(self, path: str) -> None:
+        """Read from the outlet that listens there, whenever it does."""
+        self._path = path
+        self._apart.add(self)
+        self.reach()
+
+    def reach(self) -> None:
+        """Try to reach the writer, where there is no connection."""
+        if now() - self._tried < RETRY:
+            return
+        self._tried = now()
+        end = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        connection = Connection(b"SUB", PUBLISHERS, LONGEST_FRAME, self._group)
+        try:
+            end.setblocking(False)
+            end.connect(self._path)
+            if not trusted(end):
+                raise PermissionError
+            end.send(GREETING + connection.ready)
+        except OSError:  # nobody listens, not any more, or somebody else
+            end.close()
+            return
+        end.setblocking(True)
+        end.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, struct.pack("@ll", 0, POLL_INTERVAL * 1000))
+        self._socket, self._receive = end, end.recv
+        self._connection = connection
+        self._many = self._between = False
+        self._apart.discard(self)
+        self._watch.add(end.fileno(), lambda: self._ready(self))
+
+    def wait(self) -> list[bytes]:
+        """The payloads that come next; none where none comes in about `POLL_INTERVAL`."""
+        if self._socket is None:
+            time.sleep(POLL_INTERVAL * 1e-3)
+            return []
+        return self._read(0)
+
+    def wait_until(self, deadline: int) -> list[bytes]:
+        """The payloads that come next; none where none comes before the deadline [ns]."""
+        left = max(0, deadline - now()) * 1e-9
+        if self._socket is None:
+            time.sleep(left)
+            return []
+        return self._read(socket.MSG_DONTWAIT) if select.select([self._socket], [], [], left)[0] else []
+
+    def take(self) -> list[bytes]:
+        """The payloads that have come."""
+        return [] if self._socket is None else self._read(socket.MSG_DONTWAIT)
+
+    def _read(self, flags: int) -> list[bytes]:
+        try:
+            data = self._receive(CHUNK, flags)
+        except (BlockingIOError, InterruptedError):
+            return []
+        except OSError:
+            data = b""
+        if not data:  # the writer is gone; what it sent before was read
+            self._drop()
+            return []
+        if data[0] == 0 and len(data) == 2 + data[1] and data.startswith(self._topic, 2) and self._between:
+            return [data[2 + len(self._topic) :]]  # one short message, as mostly
+        try:
+            return self._payloads(data)
+        except ZmtpError:
+            self.foreign += 1
+            self._drop()
+            return []
+
+    def _payloads(self, data: bytes) -> list[bytes]:
+        """The payloads that these bytes complete. ZmtpError: it is no ZMTP."""
+        payloads = []
+        for kind, body in self._connection.feed(data):
+            if kind == 0 and body.startswith(self._topic) and not self._many:
+                payloads.append(body[len(self._topic) :])
+            else:
+                self._other(kind, body)
+        if not self.linked:
+            self._link()
+        self._between = self.linked and not self._many and not self._connection.decoder.rest
+        return payloads
+
+    def _link(self) -> None:
+        """Subscribe as soon as the writer is ready."""
+        assert self._socket is not None
+        if self._connection.peer is None:
+            return
+        old = self._connection.minor == 0
+        with contextlib.suppress(OSError):
+            self._socket.send(frame(b"\1" + self._topic) if old else command(b"SUBSCRIBE", self._topic))
+        self.linked = True
+
+    def _other(self, kind: int, body: bytes) -> None:
+        """A command, another stream, or a message of several frames, which is none of palpate's."""
+        assert self._socket is not None
+        answer = pong(kind, body)
+        if answer is not None:
+            with contextlib.suppress(OSError):
+                self._socket.send(answer, socket.MSG_DONTWAIT)
+        elif kind != COMMAND:
+            self.foreign += not self._many
+            self._many = kind == MORE
+
+    @property
+    def awaits_writer(self) -> bool:
+        """Whether there is a writer to be reached or to become ready."""
+        return bool(self._path) and not self.linked
+
+    def _drop(self) -> None:
+        self.close()
+        self._apart.add(self)
+
+    def close(self) -> None:
+        """Close; the sender does not wait for this reader any more."""
+        if self._socket is not None:
+            self._watch.remove(self._socket.fileno())
+            self._socket.close()
+        self._socket, self.linked = None, False
+
+
+class TcpInlet:
+    """Reads one stream of a worker on another machine."""
+
+    awaits_writer = False
+    foreign = 0
+
+    def __init__(self, socket: zmq.Socket, stream: str) -> None:
+        topic = stream.encode() + b"\0"
+        self.stream, self.socket, self._skip = stream, socket, len(topic)
+        socket.set(zmq.RCVHWM, HIGH_WATER)
+        socket.set(zmq.RCVTIMEO, POLL_INTERVAL)
+        socket.set(zmq.RECONNECT_IVL, 5)
+        socket.subscribe(topic)
+
+    def wait(self) -> list[bytes]:
+        """The payload that comes next; none where none comes in `POLL_INTERVAL`."""
+        try:
+            return [self.socket.recv()[self._skip :]]
+        except zmq.Again:
+            return []
+
+    def wait_until(self, deadline: int) -> list[bytes]:
+        """The payload that comes next; none where none comes before the deadline [ns], rounded up to 1 ms."""
+        return self.take() if self.socket.poll(max(1, -((now() - deadline) // 1_000_000))) else []
+
+    def take(self) -> list[bytes]:
+        """The payloads that have come."""
+        payloads = []
+        with contextlib.suppress(zmq.Again):
+            while True:
+                payloads.append(self.socket.recv(zmq.NOBLOCK)[self._skip :])
+        return payloads
+
+    def close(self) -> None:
+        """Close; the sender does not wait for this reader any more."""
+        self.socket.close(linger=0)
+
+
+def credentials(end: socket.socket) -> tuple[int, int]:
+    """Process and user at the other end."""
+    pid, user, _ = struct.unpack("3i", end.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, 12))
+    return pid, user
+
+
+def trusted(end: socket.socket) -> bool:
+    """Whether the other end is a process of this user, or of the system."""
+    return credentials(end)[1] in (os.getuid(), 0)

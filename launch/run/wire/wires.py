@@ -1,0 +1,156 @@
+"""The launcher's wires to its workers, and who among them has to hear whom.
+
+Orders go out, reports come in, and which workers hear their orders already is known.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Collection, Iterator, Mapping
+
+import msgspec
+import zmq
+
+from palpate.engine.job import Job
+from palpate.launch.run.reports import REPORTS, Addressed, Order
+from palpate.launch.run.wire.addresses import RunFolder, endpoint
+from palpate.launch.run.wire.bus import END, HEALTH, frame
+from palpate.launch.run.wire.keys import Authenticator, Key
+
+LONGEST_REPORT = 1 << 26  # [bytes]
+
+
+class ControlChannel:
+    """Sockets of the launcher of a run, and the folder that holds those of the run.
+
+    control, reports  local addresses that workers connect to
+    address           where workers on other machines find them as well: `tcp://host:port`, reports at port + 1
+    key               secures them there; None: nothing does
+
+    OSError: that address cannot be bound.
+    """
+
+    def __init__(self, run: str, jobs: Mapping[str, Job], address: str | None, key: Key | None) -> None:
+        self.foreign = 0
+        """Frames that were dropped because they are no reports of this run's workers."""
+        self._folder = RunFolder(run)
+        secured = [group for group, job in jobs.items() if job.host]
+        if key is not None and secured:
+            self._folder.write_key(key, secured)
+        self.control, self.reports = endpoint(run, "control"), endpoint(run, "reports")
+        self.guarded = bool(address) and key is not None
+        self._context = zmq.Context()
+        self._keeper = None
+        if self.guarded and key is not None:
+            self._keeper = Authenticator(self._context, key)
+        self._orders, self._told = self._context.socket(zmq.XPUB), self._context.socket(zmq.PULL)
+        self._orders.set(zmq.XPUB_VERBOSE, 1)
+        self._orders.set(zmq.MAXMSGSIZE, 1024)  # subscriptions only
+        self._told.set(zmq.MAXMSGSIZE, LONGEST_REPORT)
+        for socket in (self._orders, self._told):
+            socket.set(zmq.LINGER, 500)
+            if self.guarded and key is not None:
+                key.secure(socket, server=True)
+        self._orders.bind(self.control)
+        self._told.bind(self.reports)
+        if address:
+            host, _, port = address.removeprefix("tcp://").rpartition(":")
+            try:
+                self._orders.bind(f"tcp://{host}:{port}")
+                self._told.bind(f"tcp://{host}:{int(port) + 1}")
+            except zmq.ZMQError as error:
+                self.close(0)
+                raise OSError(f"cannot bind {address} (and the port after it): {error.strerror}") from None
+        self._subscribed = dict.fromkeys(jobs, 0)
+        self._expected = dict.fromkeys(jobs, 0)
+
+    def register(self, poller: zmq.Poller) -> None:
+        """Wake this poller when there is something to take."""
+        poller.register(self._told, zmq.POLLIN)
+        poller.register(self._orders, zmq.POLLIN)
+
+    def tell(self, group: str, order: Order) -> None:
+        """Send an order to the worker of a group; `*` is all of them."""
+        self._orders.send(frame(f"~{group}", msgspec.json.encode(order)))
+
+    def expect(self, group: str) -> None:
+        """One more worker of this group is on its way."""
+        self._expected[group] += 1
+
+    def hears(self, group: str) -> bool:
+        """Whether the worker of a group hears what it is told; what it is told before is lost."""
+        return self._subscribed[group] >= self._expected[group]
+
+    def new(self) -> Iterator[str]:
+        """Groups whose workers have begun to hear since the last call."""
+        while self._orders.poll(0):
+            note = self._orders.recv()
+            group = note[2:-1].decode(errors="replace")
+            if note[:2] == b"\x01~" and group in self._subscribed:
+                self._subscribed[group] += 1
+                yield group
+            elif note[:1] not in (b"\x00", b"\x01"):
+                self.foreign += 1
+
+    def report(self, wait: int = 0) -> Addressed | None:
+        """The next report of a worker of this run; None where none comes within so many milliseconds."""
+        while self._told.poll(wait):
+            try:
+                addressed = REPORTS.decode(self._told.recv())
+            except (msgspec.MsgspecError, ValueError):
+                self.foreign += 1
+                continue
+            if addressed.group in self._expected:
+                return addressed
+            self.foreign += 1
+        return None
+
+    def close(self, linger: int) -> None:
+        """Close; orders under way get so many milliseconds."""
+        if self._keeper is not None:
+            self._keeper.close()
+        self._context.destroy(linger=linger)
+        self._folder.close()
+
+
+def heard(job: Job, others: Mapping[str, Job]) -> Iterator[tuple[str, str, list[str]]]:
+    """What a worker reads from the others: group, outlet and streams."""
+    reads = {given.stream for node in job.nodes for given in node.inputs}
+    observes = {stream for observer in job.observers for stream in observer.streams}
+    for other, theirs in others.items():
+        sent = {stream for node in theirs.nodes for stream in node.streams}
+        for outlet, wanted in (("force", reads), ("observers", observes)):
+            streams = sorted(sent & wanted)
+            if outlet == "observers" and job.observers and sent:
+                streams += [HEALTH, END]
+            if streams:
+                yield other, outlet, streams
+
+
+def listeners(job: Job, others: Mapping[str, Job]) -> dict[str, int]:
+    """How many of the others observe each stream of a worker."""
+    observed = Counter(
+        stream
+        for theirs in others.values()
+        for stream in {stream for observer in theirs.observers for stream in observer.streams}
+    )
+    own = {stream: observed[stream] for node in job.nodes for stream in node.streams if observed[stream]}
+    if any(node.streams for node in job.nodes):
+        own[HEALTH] = own[END] = sum(bool(theirs.observers) for theirs in others.values())
+    return own
+
+
+def blocked_by(jobs: Collection[Job], dead: set[str]) -> set[str]:
+    """Nodes that cannot go on without the dead ones, directly or through others."""
+    blocked: set[str] = set()
+    while True:
+        gone = dead | blocked
+        more = {
+            node.name
+            for job in jobs
+            for node in job.nodes
+            if node.name not in gone and any(g.producer in gone and not g.optional for g in node.inputs)
+        }
+        if not more:
+            return blocked
+        blocked |= more

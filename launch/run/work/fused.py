@@ -1,0 +1,136 @@
+"""A whole graph in one process, this one: plain calls, no sockets; for debuggers, tests, sweeps and speed."""
+
+from __future__ import annotations
+
+import faulthandler
+import signal
+import sys
+import time
+import traceback
+from collections.abc import Callable
+from pathlib import Path
+
+import msgspec
+
+import palpate.engine
+import palpate.messages
+import palpate.nodes
+from palpate.engine.clock import now
+from palpate.engine.job import Job
+from palpate.engine.slot import NodeError
+from palpate.launch.run.interrupts import STOPPING, interrupts
+from palpate.launch.run.reports import Alive, Note, Report, Starting
+from palpate.launch.run.result import Death, Result
+from palpate.launch.run.work.exits import exits_told
+from palpate.launch.run.work.loops import run
+from palpate.launch.run.work.watchdog import START_PATIENCE, watched
+from palpate.launch.run.work.worker import Worker
+from palpate.physics.errors import PalpateError
+
+RAISED_AGAIN = 0.5  # [s] after which an interrupt during the start is raised again
+
+
+def run_fused(
+    job: Job,
+    show: Callable[[Result], None] = lambda _: None,
+    patience: float | None = None,
+    starting: Callable[[str, int], None] = lambda node, kernels: None,
+    printed: Callable[[str], None] = lambda _: None,
+) -> Result:
+    """Run a job whose nodes and observers are all in it.
+
+    show      called about five times a second with what is known so far
+    starting  called with the node that is started, and how many kernels were compiled so far
+    patience  [s] that a node's call may take before it counts as hung; None: for ever, for a debugger
+    printed   called with a line when a start is being stopped
+
+    A node's fault ends the run and is in the result. Ctrl-C or SIGTERM ends it at the end of the tick, a second one
+    at once.
+    """
+    result = Result()
+    begun = time.monotonic()
+    worker: Worker | None = None
+
+    def report(what: Report) -> None:
+        if isinstance(what, Alive):
+            result.health.update(msgspec.to_builtins(what.nodes))
+            show(result)
+        elif isinstance(what, Starting):
+            starting(what.node, what.kernels)
+        elif isinstance(what, Note):
+            result.notes.append(what.text)
+
+    def interrupted(number: int) -> None:
+        again, result.signal = result.interrupted, result.signal or number
+        if not result.start:
+            if not again:
+                printed(STOPPING)
+            # Code that compiles may catch the exception: it is raised again until the start has ended.
+            signal.signal(signal.SIGALRM, lambda *_: interrupted(number))
+            signal.setitimer(signal.ITIMER_REAL, RAISED_AGAIN)
+        if again or not result.start:
+            raise KeyboardInterrupt
+        assert worker is not None
+        worker.stopping = True
+
+    if sys.__stderr__ is not None and not faulthandler.is_enabled():
+        faulthandler.enable(file=sys.__stderr__, all_threads=False)  # a crash in compiled code tells where
+    with interrupts(interrupted), exits_told():
+        try:
+            worker = Worker(job, None, report)
+            with watched(None if patience is None else START_PATIENCE):
+                worker.start()
+            started = time.monotonic()
+            result.start = started - begun
+            result.origin = started
+            try:
+                with watched(patience):
+                    run(worker, now())
+            finally:
+                result.wall = time.monotonic() - started
+                with watched(patience, START_PATIENCE):  # a long recording goes to a slow disk
+                    worker.stop()
+        except (NodeError, KeyboardInterrupt) as error:
+            signal.setitimer(signal.ITIMER_REAL, 0.0)
+            _note(result, error)
+            if worker is not None:
+                try:
+                    worker.stop()
+                except NodeError as second:
+                    _note(result, second)
+    result.ticks = worker.tick + 1 if worker is not None else 0
+    return result
+
+
+OURS = (
+    str(Path(__file__).parents[1]),
+    *(str(Path(m.__file__ or "").parent) for m in (palpate.engine, palpate.messages)),
+)
+NODES = str(Path(palpate.nodes.__file__ or "").parent)
+
+
+def _note(result: Result, error: NodeError | KeyboardInterrupt) -> None:
+    """A second Ctrl-C shows up as an error of the node that was running; it is nobody's fault."""
+    cause = error.cause if isinstance(error, NodeError) else error
+    if isinstance(error, NodeError) and not (result.interrupted and isinstance(cause, KeyboardInterrupt)):
+        result.deaths.append(death(error))
+
+
+def death(fault: NodeError) -> Death:
+    """A fault as the result tells it."""
+    cause = fault.cause
+    if isinstance(cause, BaseException):
+        return Death(fault.node, fault.where, f"{type(cause).__name__}: {cause}".removesuffix(": "), _trace(cause))
+    return Death(fault.node, fault.where, cause)
+
+
+def _trace(cause: BaseException) -> str:
+    """The traceback from the node's own code on; none where no line of it is the node's, as for a NaN that it sent, and
+    for what the system refuses to a node of ours, as the message says it all."""
+    own = cause.__traceback__
+    while own is not None and own.tb_frame.f_code.co_filename.startswith(OURS):
+        own = own.tb_next
+    told = isinstance(cause, OSError | PalpateError)
+    if own is None or (told and own.tb_frame.f_code.co_filename.startswith(NODES)):
+        return ""
+    return "".join(traceback.format_exception(type(cause), cause, own))

@@ -1,0 +1,37 @@
+"""Which loop a worker runs: on the simulated clock, on the real one, or for observers alone."""
+
+from __future__ import annotations
+
+import gc
+
+from palpate.launch.run.work.observe import observe
+from palpate.launch.run.work.real import run_real
+from palpate.launch.run.work.simulated import run_simulated
+from palpate.launch.run.work.worker import EndedError, Worker
+
+
+def run(worker: Worker, origin: int, senders: set[str] = frozenset()) -> None:  # type: ignore[assignment]
+    """Run all ticks.
+
+    origin   [ns] time of tick 0 on the machine's monotonic clock
+    senders  the groups whose nodes the observers here listen to
+
+    NodeError: a node failed.
+    """
+    worker.begin(origin)
+    gc.collect()
+    gc.freeze()
+    if worker.job.clock == "real":
+        gc.disable()
+    try:
+        if worker.slots and worker.job.clock == "real":
+            run_real(worker, origin)
+        elif worker.slots:
+            run_simulated(worker, origin)
+        if worker.audience.slots and worker.bus is not None and (not worker.slots or worker.job.clock != "real"):
+            observe(worker, senders)
+    except EndedError:
+        pass
+    finally:
+        gc.enable()
+        worker.finish()

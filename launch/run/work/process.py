@@ -1,0 +1,159 @@
+"""The life of a worker process, from its job to its last report."""
+
+from __future__ import annotations
+
+import contextlib
+import faulthandler
+import os
+import signal
+import sys
+import traceback
+
+import msgspec
+import zmq
+
+from palpate.engine.clock import real_time
+from palpate.engine.slot import NodeError
+from palpate.launch.run.descendants import die_with_parent
+from palpate.launch.run.reports import (
+    ORDERS,
+    Addressed,
+    Close,
+    Connect,
+    Go,
+    Hello,
+    Linked,
+    NodeFault,
+    Order,
+    Quit,
+    Ready,
+    Start,
+    Stop,
+    Take,
+)
+from palpate.launch.run.wire.bus import Bus, split
+from palpate.launch.run.wire.keys import Key
+from palpate.launch.run.work.fused import death
+from palpate.launch.run.work.loops import run
+from palpate.launch.run.work.worker import EndedError, Worker
+from palpate.physics.errors import RunError
+
+
+def serve(start: Start, alone: bool = False) -> int:
+    """Run a job: build, report ready, connect, report linked, wait for the start, run, report the end.
+
+    alone  end when nothing is heard of the launcher, for a worker that is not its child
+
+    Returns the exit code: 0, or 1 after a fault, which has been reported with its traceback.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the launcher decides when to stop
+    faulthandler.enable(file=2, all_threads=False)  # a crash in compiled code tells where
+    faulthandler.register(signal.SIGUSR1, file=2, all_threads=False)
+    os.register_at_fork(after_in_child=die_with_parent)  # what a node forks ends with it
+    job = start.job
+    real = job.clock == "real"
+    bus = Bus(start.run, job.group, start.control, start.reports, real, job.external, start.key, start.guarded)
+    worker, begun, clean_exit = None, None, False
+    try:
+        worker = Worker(job, bus, bus.report, alone)
+        worker.start()
+        refused = real_time(job.core, job.priority if real else None)
+        endpoints = bus.bind(job.host)
+        bus.report(Ready(endpoints, refused, bool(job.host and start.key)))
+        with contextlib.suppress(EndedError):
+            begun = _link(bus)
+            run(worker, *begun)
+        worker.stop()
+        clean_exit = begun is not None
+        return 0
+    except (NodeError, RunError) as error:
+        bus.report(NodeFault("", "process", str(error)) if isinstance(error, RunError) else _fault(error))
+        _stop_rest(worker)
+        return 1
+    except Exception as error:
+        trace = (
+            "" if isinstance(error, OSError) else traceback.format_exc()
+        )  # what the system refuses is told in a line
+        bus.report(NodeFault("", "process", f"{type(error).__name__}: {error}", trace))
+        return 1
+    finally:
+        bus.end(clean_exit)
+        bus.close(clean_exit)
+
+
+def _link(bus: Bus) -> tuple[int, set[str]]:
+    """Connect to the other workers when told where they are; the time of tick 0, and the groups that the observers here
+    hear. Ended: it was told to stop before."""
+    senders: set[str] = set()
+
+    def poll(wait: int = 0) -> Order | None:
+        order = bus.order(wait)
+        if isinstance(order, Stop | Quit | Close):
+            raise EndedError
+        return order
+
+    while True:
+        match poll(1000):
+            case Connect(sources, observed):
+                for source in sources:
+                    bus.connect(source.address, source.streams, source.observed, source.secured, source.group)
+                senders = {source.group for source in sources if source.observed}
+                bus.wait_linked(observed, poll)
+                bus.report(Linked())
+            case Go(origin):
+                return origin, senders
+
+
+def _fault(error: NodeError) -> NodeFault:
+    cause = death(error)
+    return NodeFault(cause.node, cause.where, cause.text, cause.trace)
+
+
+def _stop_rest(worker: Worker | None) -> None:
+    """After a fault the other nodes still get their stop; a second fault there would hide the first."""
+    if worker is not None:
+        try:
+            worker.stop()
+        except NodeError as error:
+            print(f"after the fault, too: {error}", file=sys.stderr)
+
+
+def join(address: str, group: str, patience: float, key: Key | None = None) -> int:
+    """Be the worker of this group for a launcher elsewhere; returns the exit code.
+
+    address   of the launcher, `tcp://host:port`
+    patience  [s] to wait for it
+    key       that secures the run; None: nothing does
+
+    TimeoutError: no launcher answered there.
+    """
+    host, _, port = address.removeprefix("tcp://").rpartition(":")
+    control, reports = f"tcp://{host}:{port}", f"tcp://{host}:{int(port) + 1}"
+    take = None
+    with zmq.Context() as context, context.socket(zmq.SUB) as heard, context.socket(zmq.PUSH) as said:
+        for socket in (heard, said):
+            socket.set(zmq.LINGER, 0)
+            if key is not None:
+                key.secure(socket, server=False)
+        heard.subscribe(f"~join-{group}".encode() + b"\0")
+        heard.connect(control)
+        said.connect(reports)
+        for _ in range(max(1, round(patience / 0.25))):
+            said.send(msgspec.msgpack.encode(Addressed(group, Hello())))
+            if heard.poll(250):
+                take = _take(heard.recv())
+                if take is not None:
+                    break
+        else:
+            what = "" if key is None else " and has the same key"
+            raise TimeoutError(f"no launcher at {address} that waits for group {group!r}{what}")
+    assert take is not None
+    return serve(Start(take.job, take.run, control, reports, key, key is not None), alone=True)
+
+
+def _take(data: bytes) -> Take | None:
+    try:
+        order = ORDERS.decode(split(data)[1])
+    except (msgspec.MsgspecError, ValueError):
+        return None
+    return order if isinstance(order, Take) else None

@@ -1,0 +1,165 @@
+"""The loop on the real clock: the paced node keeps the time, the others follow the arrival of their driving input.
+
+A node waits up to one period for inputs of the same tick from the force path and holds the newest message of all
+others; the header's `used` records which. A tick that could not begin within its period is left out and counted.
+
+An input that is older than a stated age counts as absent, whoever is to blame: `HELD` for a node, `RELEASED` for a
+paced one, or three periods of the sender where these are longer. Time for which the node itself did not step does not
+count, but for hardware. So a node that stops is without effect on the device after less than 20 ms, at 1 kHz:
+
+* Those that it drives fall silent at once, for a step runs on a new driving message only, and all that are left do not
+  depend on it but by inputs that they hold.
+* Who can do without such an input does so after `HELD`, and says what is so (no tissue: no force) with fresh messages.
+* Who cannot falls silent then, and the next one begins to hold its last message. All such inputs of the graph, n of
+  them, share `HELD`: each is held for HELD / n (`Job.links`).
+* The device holds the last torque of those who fell silent for `RELEASED`: n (HELD / n) + RELEASED = 16 ms; then it
+  falls to zero in 4 ms. Where the others go on, the controller takes the force away in 4 ms after `HELD`.
+
+On a machine too busy for its loop, the same ages take the torque away: a loop that is more than `RELEASED` late is an
+outage to hardware, while a simulated device stood still with the rest and goes on with the torque that it had. What
+comes back after an outage comes in from zero (nodes/base/absence.py).
+"""
+
+from __future__ import annotations
+
+from palpate.engine.clock import now, sleep_until
+from palpate.engine.schedule import needed, next_run
+from palpate.engine.slot import Input, Slot
+from palpate.launch.run.work.worker import EndedError, Worker
+from palpate.messages import Message
+
+HELD = 0.007  # [s] age at which an input of a node counts as absent
+RELEASED = 0.009  # [s] age at which an input of a paced node counts as absent: the device is without torque
+
+
+def run_real(worker: Worker, origin: int) -> None:
+    """Run until the worker's last tick or until it is stopped. `origin` [ns]: when tick 0 is."""
+    rate = worker.job.rate
+    period = round(1e9 / rate)
+    paced = next((slot for slot in worker.slots if slot.node.paced), None)
+    lead = paced or worker.slots[0]
+    while worker.last is None or worker.tick < worker.last:
+        started = _pace(worker, lead, origin, 1e9 / rate) if paced else _follow(worker, lead)
+        if started is None:
+            continue
+        tick, at = started
+        worker.tick = tick
+        deadline = now() + period
+        for slot in worker.slots:
+            if tick < slot.due or slot.name in worker.blocked:
+                continue
+            messages = _gather(worker, slot, tick, deadline, slot is lead)
+            if messages is None:
+                slot.health.lost += 1
+                continue
+            slot.due = next_run(tick, slot.every)
+            driving = messages[0] if slot.driver is not None else None
+            slot.step(tick, driving.time if driving is not None else at, messages, slot.every / rate)
+            worker.send(slot)
+            age = max(0, now() - origin - at)
+            slot.health.age.add(age)
+            slot.health.overdue += age > period
+        worker.check_orders()
+        worker.housekeep()
+
+
+def _pace(worker: Worker, lead: Slot, origin: int, period: float) -> tuple[int, int] | None:
+    """Wait for the next tick of the clock; returns tick and time. Ticks whose whole period has passed are left out."""
+    tick = worker.tick + 1
+    late = sleep_until(origin + round(tick * period))
+    if late > period:
+        skipped = int(late // period)
+        if worker.tick >= 0:  # a worker that was started again begins where the run is
+            lead.health.late += skipped
+        tick += skipped
+    if worker.stopping:
+        raise EndedError
+    worker.drain()
+    return tick, now() - origin
+
+
+def _follow(worker: Worker, lead: Slot) -> tuple[int, int] | None:
+    """Wait for the next driving message; of several that wait, the newest counts and the others are lost."""
+    port = lead.inputs[0]
+    while port.dead or lead.name in worker.blocked or not port.queue:
+        if port.feed is None or port.dead:
+            worker.pause()
+        else:
+            worker.wait(port.feed)
+            if lead.name in worker.blocked:  # its input comes on, and so nobody else looks whether it is wanted again
+                worker.drain()
+            worker.check_orders()
+        if worker.stopping:
+            raise EndedError
+    worker.drain()
+    newest = port.queue[-1]
+    if newest.tick <= worker.tick:  # a duplicate, or out of order
+        lead.health.lost += len(port.queue)
+        port.queue.clear()
+        return None
+    lead.health.lost += len(port.queue) - 1
+    return newest.tick, newest.time
+
+
+def _gather(worker: Worker, slot: Slot, tick: int, deadline: int, leading: bool) -> list[Message | None] | None:
+    """The inputs of a step; None when one that it cannot do without has not come in time."""
+    messages: list[Message | None] = []
+    for port in slot.inputs:
+        drives = port is slot.driver
+        waits = (port.waits or drives) and not (leading and drives) and not _silent(worker, slot, port, tick)
+        message = _pick(worker, port, tick, deadline, waits)
+        if message is not None and message.tick < needed(tick, port.every, port.loop):
+            if drives:
+                return None
+            slot.health.held += 1
+            if _expired(worker, slot, port, message, tick):
+                message = None
+        if message is None and not port.port.optional:
+            return None
+        messages.append(message)
+    return messages
+
+
+def _silent(worker: Worker, slot: Slot, port: Input, tick: int) -> bool:
+    """Whether the sender of an input that the node can do without has stopped: then it is not waited for."""
+    if not port.port.optional or port.dead:
+        return False
+    message = port.newest(tick - 1 if port.loop else tick)
+    return message is not None and _expired(worker, slot, port, message, tick)
+
+
+def _expired(worker: Worker, slot: Slot, port: Input, message: Message, tick: int) -> bool:
+    """Whether a message is older than it may be held."""
+    return (tick - message.tick - _slept(slot, tick)) / worker.job.rate > _permitted(worker, slot, port)
+
+
+def _slept(slot: Slot, tick: int) -> int:
+    """Ticks for which the node itself did not step. They do not make its inputs old: who stood still together with it,
+    as a whole loop does on a machine that stalls, has said all that there was to say. Hardware counts them: it went on
+    meanwhile, and is without torque."""
+    return max(0, tick - slot.due) if slot.due and not slot.node.hardware else 0
+
+
+def _permitted(worker: Worker, slot: Slot, port: Input) -> float:
+    """The age [s] up to which an input is held."""
+    period = port.every / worker.job.rate
+    age = max(RELEASED if slot.node.paced else HELD, 3 * period)
+    chained = worker.job.links > 1 and not (slot.node.paced or port.port.optional)
+    return max(age / worker.job.links, period) if chained else age
+
+
+def _pick(worker: Worker, port: Input, tick: int, deadline: int, waits: bool) -> Message | None:
+    """The message of this tick, waited for until the deadline, or the newest one before it."""
+    if port.dead:
+        return None
+    message = port.newest(tick - 1 if port.loop else tick)
+    need = needed(tick, port.every, port.loop)
+    if not waits or port.loop or port.output is not None:
+        return message
+    while (message is None or message.tick < need) and now() < deadline:
+        assert port.feed is not None
+        worker.wait(port.feed, deadline)
+        if port.dead or worker.stopping:
+            return None
+        message = port.newest(tick)
+    return message

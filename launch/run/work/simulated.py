@@ -1,0 +1,84 @@
+"""The loop on the simulated clock: as fast as the machine allows, or paced.
+
+Each node waits for exactly the messages that the rules of `schedule` name, so that the answer does not depend on the
+placement. Every worker runs its nodes in the graph's order, which excludes deadlock.
+"""
+
+from __future__ import annotations
+
+from palpate.engine.clock import now, sleep_until
+from palpate.engine.schedule import nanoseconds, needed
+from palpate.engine.slot import Input, NodeError, Slot
+from palpate.launch.run.reports import Paused
+from palpate.launch.run.work.worker import EndedError, Worker
+from palpate.messages import Message
+
+
+def run_simulated(worker: Worker, origin: int) -> None:
+    """Run the ticks from 0 to the worker's last. `origin` [ns]: when tick 0 is, where the run is paced."""
+    rate, pace = worker.job.rate, worker.job.pace
+    lead = next((slot for slot in worker.slots if slot.node.paced), None)
+    tick, begun = 0, now()
+    while worker.last is None or tick <= worker.last:
+        worker.tick = tick
+        if pace is not None and lead is not None:
+            sleep_until(origin + round(nanoseconds(tick, rate) / pace))
+        run_tick(worker, tick)
+        if lead is not None:
+            ended = now()
+            lead.health.age.add(ended - begun)
+            begun = ended
+            if worker.stopping:
+                _agree_on_the_end(worker, tick)
+        tick += 1
+
+
+def run_tick(worker: Worker, tick: int) -> None:
+    """Run the nodes that step at this tick, and what is due after it."""
+    rate = worker.job.rate
+    at = nanoseconds(tick, rate)
+    for slot in worker.slots:
+        if tick % slot.every or slot.name in worker.blocked:
+            continue
+        messages: list[Message | None] = [None] * len(slot.inputs)
+        for place, port in slot.awaited:
+            message = None if port.dead else port.at(tick)
+            if message is None and not port.absent(tick):
+                message = _await(worker, slot, port, tick)
+            messages[place] = message
+        if slot.name not in worker.blocked:
+            slot.step(tick, at, messages, slot.every / rate)
+            if tick >= slot.sends:
+                worker.send(slot)
+    worker.housekeep()
+
+
+def _await(worker: Worker, slot: Slot, port: Input, tick: int) -> Message | None:
+    assert port.feed is not None
+    try:
+        while True:
+            came = worker.wait(port.feed)
+            if came and (message := port.at(tick)) is not None:
+                return message
+            if (need := port.lost(tick)) is not None:
+                raise NodeError(port.producer, f"stream {port.stream!r}", f"its message of tick {need} was lost")
+            if came:
+                continue
+            if port.dead or slot.name in worker.blocked:
+                return None
+            if (message := port.at(tick)) is not None:
+                return message
+            if worker.last is not None and worker.tick > worker.last:
+                raise EndedError
+            worker.awaits = port.stream, needed(tick, port.every, port.loop)
+    finally:
+        worker.awaits = None
+
+
+def _agree_on_the_end(worker: Worker, tick: int) -> None:
+    """Every paced worker tells where it is and waits; the launcher names the last tick, the largest of these."""
+    worker.stopping = False
+    worker.last = tick if worker.bus is None else None
+    worker.report(Paused(tick))
+    while worker.last is None:
+        worker.pause()

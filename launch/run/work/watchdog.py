@@ -1,0 +1,84 @@
+"""Ends a node that hangs where no launcher watches: in a run that is one process."""
+
+from __future__ import annotations
+
+import contextlib
+import faulthandler
+import signal
+import time
+from collections.abc import Iterator
+from types import FrameType
+
+from palpate.engine.slot import ObserverSlot, Slot
+from palpate.launch.run.work.worker import Worker
+
+START_PATIENCE = 120.0  # [s] for a node's `start`: it may compile kernels or build a basis
+GLANCES = 8  # looks in the time that a node is given
+
+
+class HangError(Exception):
+    """A node has been in one call for too long."""
+
+
+@contextlib.contextmanager
+def watched(patience: float | None, last: float | None = None) -> Iterator[None]:
+    """A node's call that takes longer than `patience` [s] while the block runs gets `HangError` raised inside it.
+    None: nothing is watched.
+
+    A timer's signal looks at the call that runs, so that the loop itself pays nothing. Time for which the process
+    waited for a processor does not count: a busy machine is no hang. Compiled code that never returns, or a call of the
+    system that waits for a disk, lets no handler run: then the process ends after `last` [s], twice the patience where
+    it is left out, after telling on standard error where it was. Outside the main thread nothing is watched.
+    """
+    before: object = None
+    spent, looked, queued = 0.0, time.monotonic(), _queued()
+    end = 2.0 * (patience or 0.0) if last is None else last
+
+    def check(_: int, frame: FrameType | None) -> None:
+        nonlocal before, spent, looked, queued
+        with contextlib.suppress(OSError, ValueError):  # a standard error that is no file
+            faulthandler.dump_traceback_later(end, exit=True)
+        moment, waited, here = time.monotonic(), _queued(), _running(frame)
+        spent += min(moment - looked - (waited - queued), 2.0 * (patience or 0.0) / GLANCES)
+        looked, queued = moment, waited
+        if here is None or here != before:
+            before, spent = here, 0.0
+        elif patience is not None and spent >= patience:
+            raise HangError(f"no sign of life for {patience:.3g} s")
+
+    try:
+        known = None if patience is None else signal.signal(signal.SIGALRM, check)
+    except ValueError:
+        known = None
+    if known is None or patience is None:
+        yield
+        return
+    left, _ = signal.setitimer(signal.ITIMER_REAL, patience / GLANCES, patience / GLANCES)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        faulthandler.cancel_dump_traceback_later()
+        signal.signal(signal.SIGALRM, known)
+        signal.setitimer(signal.ITIMER_REAL, left)
+
+
+def _queued() -> float:
+    """[s] for which this thread was ready to run and got no processor; 0 where the kernel does not tell."""
+    try:
+        with open("/proc/thread-self/schedstat") as file:
+            return int(file.read().split()[1]) * 1e-9
+    except (OSError, IndexError, ValueError):
+        return 0.0
+
+
+def _running(frame: FrameType | None) -> object:
+    """Which node's call is under way, and which call of it; None between two."""
+    while frame is not None:
+        if frame.f_code in (Slot.step.__code__, ObserverSlot.take.__code__):
+            slot = frame.f_locals["self"]
+            return id(slot), slot.health.step.count
+        if frame.f_code in (Worker.start.__code__, Worker.stop.__code__):
+            return frame.f_code, frame.f_locals["self"].started
+        frame = frame.f_back
+    return None

@@ -1,0 +1,357 @@
+"""What one worker process holds: its nodes, the ways between them and to others, its observers, its reports.
+
+The loops over the ticks are apart, one for each clock: `simulated`, `real`; `observe` serves observers alone.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import sys
+from collections.abc import Callable
+from functools import partial
+
+from palpate.engine.clock import POLL_INTERVAL, now
+from palpate.engine.health import Counters, message
+from palpate.engine.job import Job
+from palpate.engine.slot import NodeError, RemoteStream, Slot, make
+from palpate.launch.run.reports import Alive, Beat, Close, End, Gone, Note, Quit, Report, Starting, Stop
+from palpate.launch.run.wire.audience import Audience
+from palpate.launch.run.wire.bus import HEALTH, Bus, frame
+from palpate.launch.run.wire.inlet import LONGEST_MESSAGE
+from palpate.launch.run.work.compiling import compiling
+from palpate.messages import MessageError, pack, unpack
+from palpate.nodes.base import Node
+
+BURST = 16  # ticks between two bursts to the observers
+OVERHEARD = 1000  # frames for observers that are taken in a row while nodes wait for their turn
+ORPHANED = 5_000_000_000  # [ns] of its own attention without a word of the launcher
+GLANCE = 200_000_000  # [ns] by which that time grows at most between two looks: a busy machine is no dead launcher
+REPORT = 200_000_000  # [ns] between two signs of life
+
+
+class EndedError(Exception):
+    """The last tick has been run, or the launcher has told the worker to stop."""
+
+
+class Worker:
+    """The nodes of one group.
+
+    job     what to run
+    bus     sockets to the other workers; None when all nodes are here
+    report  takes a report for the launcher
+    alone   started by hand: it ends when nothing is heard of the launcher any more
+    """
+
+    def __init__(self, job: Job, bus: Bus | None, report: Callable[[Report], None], alone: bool = False) -> None:
+        self.job, self.bus, self.report, self._alone = job, bus, report, alone
+        self.slots = [Slot(given, make(given), job.external) for given in job.nodes]
+        self.outputs = {output.stream: output for slot in self.slots for output in slot.outputs}
+        self.feeds: dict[str, RemoteStream] = {}
+        for slot in self.slots:
+            slot.wire(self.outputs)
+            self._feed(slot)
+        self.audience = Audience(job, bus.ended if bus is not None else None)
+        self._real = job.clock == "real"
+        self.blocked: set[str] = set()
+        self.stopping = False
+        self.last = job.ticks - 1 if job.ticks is not None else None
+        self.tick = -1
+        self.foreign = 0
+        self.awaits: tuple[str, int] | None = None
+        """Stream and tick of the message that it waits for, once that takes longer than a look round."""
+        self._since = 0
+        self._reported = 0
+        self._glanced, self._silence = now(), 0
+        self._burst = job.phase % BURST
+        self._started: list[tuple[str, Node]] = []
+        if bus is not None:
+            bus.sends(self.outputs)
+
+    def _feed(self, slot: Slot) -> None:
+        """The inputs from other groups get their feeds."""
+        for port in slot.inputs:
+            if port.dead or port.output is not None or self.bus is None:
+                continue
+            if port.stream not in self.feeds:
+                self.feeds[port.stream] = RemoteStream(
+                    port.stream, port.kind, port.producer, self.bus.inlet(port.stream)
+                )
+            port.feed = self.feeds[port.stream]
+            port.feed.ports.append(port)
+
+    # -- life ----------------------------------------------------------------------------------------------------
+
+    def start(self) -> None:
+        """Start all nodes. NodeError: one raised."""
+        names: list[str] = []
+
+        def begin(name: str, node: Node, start: Callable[[], None]) -> None:
+            names.append(name)
+            self._start(name, node, start)
+
+        with compiling(lambda count: self.report(Starting(names[-1], count))):
+            for slot in self.slots:
+                self.report(Starting(slot.name))
+                begin(slot.name, slot.node, slot.start)
+            for observer in self.audience.slots:
+                begin(observer.name, observer.node, partial(self.audience.start, observer, self.outputs))
+        if self.bus is None and not self._real:
+            for slot in self.slots:
+                for output in slot.outputs:
+                    output.period = math.gcd(*(taken.node.period(output.stream) for taken in output.listeners))
+                slot.period = math.gcd(*(output.period for output in slot.outputs))
+                slot.sends = 0 if slot.period else sys.maxsize
+
+    def _start(self, name: str, node: Node, start: Callable[[], None]) -> None:
+        """Start one of them; what fails gives back at once what it has opened, as far as it came."""
+        try:
+            start()
+        except BaseException:
+            with contextlib.suppress(Exception):
+                node.stop()
+            raise
+        self._started.append((name, node))
+
+    @property
+    def started(self) -> int:
+        """Number of nodes that were started and not stopped yet."""
+        return len(self._started)
+
+    def stop(self) -> None:
+        """Stop all nodes that were started, the last one first. The first fault is raised when all have stopped."""
+        fault = None
+        for observer in self.audience.begun:
+            try:
+                observer.take()
+            except NodeError as error:
+                fault = fault or error
+        while self._started:
+            name, node = self._started.pop()
+            try:
+                node.stop()
+                self._pass_notes()
+            except BaseException as error:
+                fault = fault or NodeError(name, "stop", error)
+        if fault:
+            raise fault
+
+    def begin(self, origin: int) -> None:
+        """The run begins: who listens, and how the nodes are doing at its beginning. `origin` [ns]: when tick 0 is."""
+        if self.bus is not None:
+            for feed in self.feeds.values():
+                feed.inlet = self.bus.inlet(feed.stream)
+            for stream in self.job.external:
+                self.outputs[stream].send = self.bus.sender(stream, self.poll).send
+        self._mark_heard()
+        for observer in self.audience.begun:
+            observer.node.begun(origin)
+        if self._real:
+            self._since = max(0, int((now() - origin) * 1e-9 * self.job.rate))
+            self.tick = max(self.tick, self._since - 1)  # messages from before it began are not its own to answer
+        self._tell_observers({slot.name: slot.health.report() for slot in self.slots})
+
+    def finish(self) -> None:
+        """The run has ended: send what is left."""
+        self.sign_of_life()
+        self._flush()
+
+    # -- messages ------------------------------------------------------------------------------------------------
+
+    def send(self, slot: Slot) -> None:
+        """Send what a step has set."""
+        if slot.period > 1:
+            slot.sends = slot.health.tick - slot.health.tick % slot.period + slot.period
+        for output in slot.outputs:
+            if not (output.external or output.observed or output.listeners):
+                continue
+            message = output.last
+            assert message is not None
+            if output.period != 1 and (not output.period or message.tick % output.period):
+                continue
+            try:
+                payload = pack(message)
+            except Exception as error:  # a type of the user's own may hold anything
+                raise NodeError(slot.name, f"step at tick {message.tick}", error) from error
+            for observer in output.listeners:
+                observer.pending.append((output.stream, message.tick, payload))
+                if self._real:  # a burst would take too long between two ticks
+                    observer.take()
+            if self.bus is None:
+                continue
+            if output.send is not None:
+                if len(payload) > LONGEST_MESSAGE:
+                    text = f"a {output.kind.__name__} of {len(payload)} bytes, longest {LONGEST_MESSAGE}"
+                    raise NodeError(slot.name, f"step at tick {message.tick}", text)
+                output.send(payload)
+            if output.observed:
+                self.bus.keep(output.topic + payload)
+
+    def wait(self, feed: RemoteStream, deadline: int | None = None) -> bool:
+        """Wait for a message of a stream, for about `POLL_INTERVAL` or until a deadline [ns]; returns whether one came.
+        Where none comes the worker polls its sockets."""
+        payloads = feed.inlet.wait() if deadline is None else feed.inlet.wait_until(deadline)
+        if not payloads:
+            self.poll()
+            return False
+        for payload in payloads:
+            self._deliver(feed, payload)
+        return True
+
+    def drain(self) -> None:
+        """Take all that has come."""
+        if self.bus is not None:
+            for inlet in self.bus.sweep():
+                feed = self.feeds[inlet.stream]
+                for payload in inlet.take():
+                    self._deliver(feed, payload)
+
+    def _deliver(self, feed: RemoteStream, payload: bytes) -> None:
+        try:
+            message = unpack(payload, feed.kind)
+        except MessageError as error:
+            if not self._real:  # somebody would wait for this message for ever
+                raise NodeError(feed.producer, f"stream {feed.stream!r}", error) from error
+            self.foreign += 1
+            return
+        arrived = now() if self._real else 0
+        for port in feed.ports:
+            port.put(message, arrived)
+
+    def overhear(self, wait: bool) -> bool:
+        """Hand one frame of another worker to the observers here; returns whether there was one."""
+        assert self.bus is not None
+        data = self.bus.overheard(wait)
+        if data is None:
+            return False
+        tick = self.audience.hear(data)
+        if not self.slots:
+            self.tick = max(self.tick, tick)
+        return True
+
+    # -- looking round -------------------------------------------------------------------------------------------
+
+    def poll(self) -> None:
+        """While nothing can go on: what has come meanwhile, orders, and a sign of life. Ended: it was told to quit."""
+        # A sender that is held back here may be what the awaited message depends on.
+        self.drain()
+        self.check_orders()
+        self._overhear_some()
+        if now() - self._reported > REPORT:
+            self._flush()
+            self.sign_of_life()
+
+    def pause(self) -> None:
+        """Wait for an order, for a while."""
+        self.check_orders(POLL_INTERVAL)
+        self.poll()
+
+    def check_orders(self, wait: int = 0) -> None:
+        """Do what the launcher has ordered, or orders within so many milliseconds. Ended: to quit."""
+        if self.bus is None:
+            return
+        if self._alone:
+            moment = now()
+            self._silence += min(moment - self._glanced, GLANCE)
+            self._glanced = moment
+        while (order := self.bus.order(wait)) is not None:
+            self._silence, wait = 0, 0
+            match order:
+                case Stop():  # observers go on until all senders are gone
+                    self.stopping = self.stopping or bool(self.slots)
+                case Close(lost):
+                    self.stopping = True
+                    self.audience.lost |= set(lost)
+                case End(tick):
+                    self.last = tick
+                case Gone(nodes, blocked, back):
+                    self._handle_deaths(set(nodes), set(blocked), back)
+                case Quit() if self.slots:
+                    raise EndedError
+                case Beat():
+                    pass
+        if self._alone and self._silence > ORPHANED:
+            raise NodeError("", "launcher", "nothing was heard of it for 5 s")
+
+    def _handle_deaths(self, nodes: set[str], blocked: set[str], back: bool) -> None:
+        """These nodes are gone, or back again: their streams end. Nodes that cannot do without them fall silent."""
+        self.blocked = self.blocked - blocked if back else self.blocked | blocked
+        for slot in self.slots:
+            for port in slot.inputs:
+                if port.producer in nodes | blocked:
+                    port.dead = not back
+                    port.queue.clear()
+                    port.message = None
+
+    def _overhear_some(self) -> None:
+        if self.bus is not None and self.audience.slots:
+            for _ in range(OVERHEARD):
+                if not self.overhear(wait=False):
+                    break
+
+    # -- housekeeping --------------------------------------------------------------------------------------------
+
+    def housekeep(self) -> None:
+        """After a tick: in bursts, what observers and the launcher get; Ended: the launcher has told to quit."""
+        self._burst += 1
+        due = now() - self._reported > REPORT  # slow nodes, too, have to give signs of life
+        if self._burst < BURST and not due:
+            return
+        self._burst = 0
+        if self.slots:
+            if self.bus is not None:
+                self.bus.sweep()
+            self.check_orders()
+            self._overhear_some()
+        self._flush()
+        if due:
+            self.sign_of_life()
+
+    def _flush(self) -> None:
+        for observer in self.audience.begun:
+            observer.take()
+        if self.bus is not None and self.bus.flush(self.heed_while_full):
+            self._mark_heard()
+
+    def heed_while_full(self) -> None:
+        """While observers have no room: orders and signs of life."""
+        if self.bus is not None:
+            self.bus.sweep()
+        self.check_orders()
+        if now() - self._reported > REPORT:
+            self.sign_of_life()
+
+    def _mark_heard(self) -> None:
+        if self.bus is not None:
+            for output in self.outputs.values():
+                output.observed = self.bus.heard(output.stream)
+
+    def sign_of_life(self) -> None:
+        """Tell the launcher and the observers how the nodes are doing."""
+        self._reported = now()
+        for slot in self.slots:
+            slot.health.state = slot.node.condition() or "ready"
+        nodes = {slot.name: slot.health.report(slot.forces()) for slot in self.slots}
+        self._tell_observers(nodes)
+        nodes |= {observer.name: observer.health.report() for observer in self.audience.slots}
+        foreign = self.foreign + self.audience.foreign + (self.bus.foreign if self.bus is not None else 0)
+        self.report(Alive(nodes, foreign, self.awaits))
+        self._pass_notes()
+
+    def _tell_observers(self, nodes: dict[str, Counters]) -> None:
+        """How the nodes here are doing, to the observers here and elsewhere."""
+        far = self.bus is not None and self.bus.heard(HEALTH)
+        if not far and not self.audience.begun:
+            return
+        for slot in self.slots:
+            last = slot.outputs[0].last if slot.outputs else None
+            health = message(slot.name, last.time if last is not None else 0, self._since, nodes[slot.name])
+            self.audience.tell([health])
+            if far and self.bus is not None:
+                self.bus.keep(frame(HEALTH, pack(health)))
+
+    def _pass_notes(self) -> None:
+        """Hand on what the nodes and observers have to say."""
+        for node in (*(slot.node for slot in self.slots), *(slot.node for slot in self.audience.begun)):
+            for text in node.notes():
+                self.report(Note(text))

@@ -1,0 +1,79 @@
+"""Pages in the browser while a command goes on."""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+import time
+import webbrowser
+from typing import TYPE_CHECKING
+
+import typer
+
+if TYPE_CHECKING:
+    from palpate.launch.load.launchfile import LaunchFile
+    from palpate.launch.run.launcher import Launcher
+    from palpate.views.page.source import FrameSource
+
+
+def show(source: FrameSource, verb: str, port: int, no_open: bool) -> None:
+    """Serve the page of a source until Ctrl-C."""
+    from palpate.launch.run.interrupts import interrupts
+    from palpate.views.page import serve
+
+    page, signals = serve(source, port), list[int]()
+    try:
+        with interrupts(signals.append):
+            typer.echo(f"{verb} it at {page.address}\nCtrl-C ends it")
+            if not no_open:
+                threading.Thread(target=webbrowser.open, args=(page.address,), daemon=True).start()
+            while not signals:
+                time.sleep(0.1)
+    finally:
+        page.close()
+
+
+class RunPage:
+    """The page that shows a run while it goes on. BadParameter, PalpateError: nothing can be opened.
+
+    launch, graph  the run, changed so that there is something to see, and its graph
+    silent         do not print the address
+    """
+
+    def __init__(self, launch: LaunchFile, silent: bool) -> None:
+        from palpate.launch.load.plan import plan
+        from palpate.views.page import check, serve
+
+        check()
+        from palpate.views.page.live import LiveView, watchable
+
+        self.launch = watchable(launch)
+        self.graph = self.launch.load()
+        planned = plan(self.graph)
+        if len(self.launch.placement(planned).groups) == 1 and self.launch.clock != "real":
+            raise typer.BadParameter("--view: a run in one process on the simulated clock has no sockets; leave "
+                                     "out --fused, or look at its recording: palpate view FILE")  # fmt: skip
+        self._watch = LiveView(planned)
+        self._server = serve(self._watch)
+        if not silent:
+            typer.echo(f"view it at {self._server.address}", err=True)
+        webbrowser.open(self._server.address)
+
+    def on_update(self, launcher: Launcher) -> None:
+        """Called by the launcher again and again."""
+        self._watch.on_update(launcher)
+
+    def over(self) -> None:
+        """The run has ended; the page stays."""
+        self._watch.over()
+
+    def stay(self) -> None:
+        """Until nobody looks at it any more, or Ctrl-C."""
+        with contextlib.suppress(KeyboardInterrupt):
+            typer.echo("the view stays until it is closed, or Ctrl-C", err=True)
+            while not self._server.deserted:
+                time.sleep(0.2)
+
+    def close(self) -> None:
+        """Take the page away."""
+        self._server.close()

@@ -1,0 +1,55 @@
+"""Errors of commands: in red on standard error, without traceback."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import typer
+from typer.core import TyperGroup
+
+from palpate.launch.terminal.output import say, tell
+from palpate.physics.errors import MISUSE, PalpateError
+
+
+class Verbs(TyperGroup):
+    """The command group: errors are printed in red on standard error, without traceback unless `--debug` is given."""
+
+    def invoke(self, ctx: Any) -> Any:
+        try:
+            return super().invoke(ctx)
+        except Exception as error:
+            # A palpate error says what a user needs; click's own errors, and an end that was asked for, go on.
+            known = isinstance(error, PalpateError)
+            own = hasattr(error, "exit_code") or isinstance(error, typer.Abort | BrokenPipeError | EOFError)
+            if ctx.params.get("debug") or (own and not known):
+                raise
+            reported = error if isinstance(error, PalpateError) else _Foreign(error)
+            if ctx.find_root().meta.get("palpate.json"):
+                tell({"ok": False, **reported.to_spec()})
+            else:
+                say(reported, "red", err=True)
+                if reported.hint:
+                    say(reported.hint, "dim", err=True)
+            raise typer.Exit(reported.exit_code) from None
+
+
+class _Foreign(PalpateError):
+    """An error that palpate has not raised itself. A file that cannot be used is misuse, and needs no traceback."""
+
+    def __init__(self, error: Exception) -> None:
+        self.name = type(error).__name__
+        self.of_file = isinstance(error, OSError) and bool(error.filename and error.strerror)
+        text = f"{error.filename}: {error.strerror}" if self.of_file else str(error)  # type: ignore[attr-defined]
+        super().__init__(text or "no details available")
+        if self.of_file or isinstance(error, FileNotFoundError | FileExistsError):
+            self.exit_code = MISUSE
+
+    def __str__(self) -> str:
+        return self.args[0] if self.of_file else f"{self.name}: {self.args[0]}"
+
+    @property
+    def hint(self) -> str:
+        return "" if self.of_file else "`palpate --debug ...` shows the traceback."
+
+    def to_spec(self) -> dict[str, Any]:
+        return {"error": self.name, "text": self.args[0]}

@@ -1,0 +1,182 @@
+"""Options that several commands have, and the run that they describe."""
+
+from __future__ import annotations
+
+import dataclasses
+import datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from palpate.launch.load.launchfile import LaunchFile
+
+INTERRUPTED = 130
+"""Exit code of a run that Ctrl-C ended."""
+
+
+def _names(incomplete: str) -> list[str]:
+    from palpate.launch.load.launchfile import names
+
+    return [name for name in names() if name.startswith(incomplete)]
+
+
+def _as_json(context: typer.Context, value: bool) -> bool:
+    context.find_root().meta["palpate.json"] = value
+    return value
+
+
+Graph = Annotated[
+    str,
+    typer.Argument(
+        help="Name of a shipped graph, or the path of a graph or launch file.", autocompletion=_names, metavar="GRAPH"
+    ),
+]
+Sets = Annotated[
+    list[str] | None,
+    typer.Option("--set", help="Set one value: tissue.stiffness=2e3, scene.finger.h0='3 mm', rate=500."),
+]
+SceneOption = Annotated[str | None, typer.Option("--scene", help="Scene to use instead of the graph's own.")]
+PlaceOption = Annotated[
+    str | None,
+    typer.Option(
+        "--place",
+        help="Which nodes share a process: a placement file; apart: one process per node; auto: force path and rest.",
+    ),
+]
+OrganOption = Annotated[
+    Path | None, typer.Option("--organ", help="Mesh file (.stl, .ply, .obj) in place of the scene's organ.")
+]
+UnitOption = Annotated[
+    str | None, typer.Option("--unit", help="Unit of the mesh file: m, cm or mm; required if several are plausible.")
+]
+RepairOption = Annotated[
+    bool, typer.Option("--repair", help="Repair the mesh first; a closed copy is written next to the file.")
+]
+File = Annotated[Path, typer.Argument(help="Recording (.mcap).", metavar="FILE")]
+Port = Annotated[int, typer.Option(help="Port of the page on 127.0.0.1; 0: any free port.", min=0, max=65535)]
+NoOpen = Annotated[bool, typer.Option("--no-open", help="Do not open the browser.")]
+ColourOption = Annotated[
+    str,
+    typer.Option("--colour", help="displacement, pressure, slip or strain (largest of the surface's triangles)."),
+]
+Fused = Annotated[bool, typer.Option("--fused", help="Run all nodes in one process.")]
+
+
+def _trust(packages: list[str] | None) -> list[str] | None:
+    from palpate.engine.imports import trust_only
+
+    trust_only(packages or ())
+    return packages
+
+
+Trust = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--trust",
+        help="Import this package where the recording names it; else only palpate's own code runs. May be repeated.",
+        metavar="PACKAGE",
+        callback=_trust,
+    ),
+]
+Json = Annotated[bool, typer.Option("--json", help="Print JSON for programs.", callback=_as_json, is_eager=True)]
+
+
+def instant(text: str) -> float:
+    """[s] of a time as in launch files: 2, '1200 ms', 0. BadParameter: it is none."""
+    from palpate.launch.load.values.units import UnitError, convert
+
+    try:
+        return convert(text, "s")
+    except UnitError as error:
+        raise typer.BadParameter(str(error)) from None
+
+
+def seconds(text: str) -> float:
+    """[s] of a duration. BadParameter: it is none."""
+    duration = instant(text)
+    if not 1e-9 <= duration <= 1e9:
+        raise typer.BadParameter(f"found {text!r}; expected a time from 1e-9 to 1e9 s")
+    return duration
+
+
+def chosen(
+    graph: str, sets: list[str] | None = None, scene: str | None = None, place: str | None = None, fused: bool = False
+) -> LaunchFile:
+    """The run that the options describe. GraphError: what is wrong with them."""
+    from palpate.launch.load.files import SCENES, find_file
+    from palpate.launch.load.launchfile import find
+    from palpate.launch.load.placement import FUSED, find_place
+
+    scene_file = None if scene is None else find_file(scene, SCENES, what="scene")
+    if fused and place not in (None, FUSED):
+        raise typer.BadParameter(
+            f"--fused puts everything in one process, --place {place} contradicts it: use one of them"
+        )
+    return find(graph).but(overrides=sets or (), scene=scene_file, place=FUSED if fused else find_place(place))
+
+
+def with_own_organ(
+    launch: LaunchFile, file: Path | None, unit: str | None, repair: bool, silent: bool = False
+) -> tuple[LaunchFile, list[str]]:
+    """The run with the organ of a mesh file, and what was done to it. MeshError, SettingError: it cannot be used."""
+    if file is None:
+        if unit is not None or repair:
+            raise typer.BadParameter(f"{'--repair' if repair else '--unit'} needs --organ FILE")
+        return launch, []
+    from palpate.launch.load.organ import OrganFile, with_organ  # numba and scipy, which few graphs need
+    from palpate.launch.load.repair import repaired
+
+    organ, done = OrganFile.of(file, unit), []
+    if repair:
+        if not silent:
+            typer.echo(f"repairing {file} ...", err=True)
+        organ, steps = repaired(organ)
+        done.append(f"{file}: {', '.join(steps)}; written to {organ.file}" if steps else f"{file} needs no repair")
+    launch, text = with_organ(launch, organ)
+    done.append(text)
+    if not silent:
+        for line in done:
+            typer.echo(line, err=True)
+    return launch, done
+
+
+def recorded_to(
+    launch: LaunchFile, name: str, record: Path | None, out: Path | None, no_record: bool, only: str | None
+) -> tuple[LaunchFile, Path]:
+    """The run with the file of its recording (None: it has none), and the folder of its pictures. BadParameter."""
+    from palpate.launch.load.launchfile import RECORDED
+
+    one_of("--record-only", only, *RECORDED)
+    folder = out or (record.parent if record else Path("runs") / f"{name}-{datetime.datetime.now():%Y%m%d-%H%M%S}")
+    keep = not no_record and (record is not None or out is not None or launch.record is not None)
+    file = (record or folder / (launch.record.name if launch.record else f"{name}.mcap")) if keep else None
+    return dataclasses.replace(launch.but(only=only), record=file), folder
+
+
+def reconnecting(launch: LaunchFile) -> LaunchFile:
+    """The run in which all nodes with a device wait for it. BadParameter: there are none."""
+    from palpate.nodes.base import settings
+
+    devices = [name for name, spec in launch.load().nodes.items() if "reconnect" in settings(spec.cls)]
+    if not devices:
+        raise typer.BadParameter("--reconnect: no node of this graph drives a device that can be reconnected")
+    return launch.but(overrides=[f"{name}.reconnect=true" for name in devices])
+
+
+def thin_factors(given: list[str]) -> dict[str, int]:
+    """Of texts STREAM=N. BadParameter: another text."""
+    factors = {}
+    for text in given:
+        stream, _, number = text.partition("=")
+        if not number.isdigit() or int(number) < 1:
+            raise typer.BadParameter(f"--thin: found {text!r}, expected STREAM=N with N from 1")
+        factors[stream] = int(number)
+    return factors
+
+
+def one_of(option: str, value: str | None, *words: str) -> None:
+    """BadParameter: the value of an option is none of these words."""
+    if value not in (None, *words):
+        raise typer.BadParameter(f"{option}: found {value!r}, expected {' or '.join(words)}")

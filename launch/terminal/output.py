@@ -1,0 +1,107 @@
+"""Printing: lines, tables, JSON."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Container, Iterable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ParamSpec
+
+import typer
+
+if TYPE_CHECKING:
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
+    from palpate.messages import Message
+
+
+P = ParamSpec("P")
+
+
+def console(**options: Any) -> Console:
+    """A rich console on standard output, made when it is needed."""
+    from rich.console import Console
+
+    return Console(highlight=False, **options)
+
+
+def tell(data: Any) -> None:
+    """Print JSON."""
+    typer.echo(json.dumps(data, indent=2, ensure_ascii=False, default=str))
+
+
+def say(text: object, style: str = "", *, err: bool = False, wrap: bool = False) -> None:
+    """Print text as it is, no markup; `wrap`: break lines between words where the terminal ends."""
+    from rich.text import Text
+
+    console(stderr=err, soft_wrap=not wrap).print(Text(str(text), style=style))
+
+
+def table(
+    heads: Sequence[str],
+    rows: Iterable[Sequence[str | Text]],
+    *,
+    title: str = "",
+    caption: str = "",
+    fixed: Container[str] = (),
+    bold: Container[int] = (),
+) -> Table:
+    """A table without lines; texts are no markup.
+
+    heads  of the columns, ">" before those that are flush right; all empty: no line of heads
+    fixed  heads of the columns that are never broken over lines
+    bold   numbers of the rows that stand out
+    """
+    from rich.markup import escape
+    from rich.table import Table
+    from rich.text import Text
+
+    shown = Table(
+        box=None, pad_edge=False, show_header=any(heads), title=escape(title) or None, title_justify="left",
+        caption=escape(caption) or None, caption_justify="left",
+    )  # fmt: skip
+    for head in heads:
+        side = "right" if head.startswith(">") else "left"
+        shown.add_column(Text(head.lstrip(">")), justify=side, overflow="fold", no_wrap=head in fixed)  # type: ignore[arg-type]
+    for number, row in enumerate(rows):
+        cells = (Text(cell) if isinstance(cell, str) else cell for cell in row)
+        shown.add_row(*cells, style="bold" if number in bold else None)
+    return shown
+
+
+def line(message: Message) -> Text:
+    """One message as a line of text, each value with its unit."""
+    import numpy as np
+    from rich.text import Text
+
+    from palpate.messages import fields
+
+    text = Text(f"{message.time * 1e-9:12.6f} s  {message.tick:>7} ", style="cyan")
+    for field in fields(type(message)):
+        value = getattr(message, field.name)
+        if isinstance(value, np.ndarray):
+            size = "x".join(map(str, value.shape))
+            peak = f", up to {np.abs(value).max():.4g}" if value.size and value.dtype.kind == "f" else ""
+            shown = f"({size}{peak})"
+        elif isinstance(value, tuple):
+            shown = f"({', '.join(f'{v:.5g}' for v in value)})"
+        else:
+            shown = f"{value:.5g}" if isinstance(value, float) else str(value)
+        text.append(f"  {field.name} ", style="dim")
+        text.append(shown, style="default")
+        if field.unit != "1":
+            text.append(f" {field.unit}", style="green")
+    return text
+
+
+def drawn(draw: Callable[P, list[Path]], *args: P.args, **options: P.kwargs) -> list[Path]:
+    """The pictures that a function draws; none where a package is missing, which is said on standard error."""
+    from palpate.launch.load.extras import install
+
+    try:
+        return draw(*args, **options)
+    except ModuleNotFoundError as error:
+        say(f"{error.name} is not installed, so no pictures. {install('view')}", err=True)
+        return []

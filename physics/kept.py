@@ -1,0 +1,43 @@
+"""What is computed from a mesh or a surface, and would be computed anew at every start."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from dataclasses import fields, is_dataclass
+from functools import wraps
+from typing import Any, TypeVar
+
+import numpy as np
+
+Result = TypeVar("Result")
+KEPT = 4
+"""Results that each function keeps."""
+
+
+def kept(function: Callable[..., Result]) -> Callable[..., Result]:
+    """The function, which gives the same result again where its arguments have the same content: arrays, numbers, and
+    dataclasses of these.
+
+    Nobody may write to what it gives.
+    """
+    results: dict[tuple, Result] = {}
+
+    @wraps(function)
+    def of(*given: Any) -> Result:
+        key = tuple(_content(one) for one in given)
+        if key not in results:
+            if len(results) == KEPT:
+                del results[next(iter(results))]
+            results[key] = function(*given)
+        return results[key]
+
+    return of
+
+
+def _content(given: Any) -> Any:
+    if isinstance(given, np.ndarray):
+        return given.shape, given.dtype.str, hashlib.sha256(np.ascontiguousarray(given).data).digest()
+    if is_dataclass(given):
+        return tuple(_content(getattr(given, field.name)) for field in fields(given))
+    return given

@@ -1,0 +1,50 @@
+"""What a recording holds, as plain data."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from palpate.records.stored import Stored
+
+
+def contents(recording: Stored) -> dict[str, Any]:
+    """Streams with counts, rates and losses, duration, origin, where it is cut off."""
+    counts = dict.fromkeys(recording.streams, 0)
+    sizes = dict.fromkeys(recording.streams, 0)
+    first: dict[str, int] = {}
+    last: dict[str, int] = {}
+    for name, _, time, payload in recording.raw():
+        counts[name] += 1
+        sizes[name] += len(payload)
+        first.setdefault(name, time)
+        last[name] = time
+    about = recording.about
+    begin, end = min(first.values(), default=0), max(last.values(), default=0)
+    streams = []
+    for name, stream in recording.streams.items():
+        span = (last.get(name, 0) - first.get(name, 0)) * 1e-9
+        streams.append({
+            "name": name, "type": stream.schema["title"], "node": stream.producer, "every": stream.every,
+            "thin": stream.thin, "count": counts[name], "lost": recording.counts.get(name, {}).get("lost"),
+            "rate": (counts[name] - 1) / span if span > 0 and counts[name] > 1 else None, "bytes": sizes[name],
+        })  # fmt: skip
+    plan = about.get("plan", {})
+    known = {s for node in plan.get("order", ()) for s in plan.get("wanted", {}) if s.partition(".")[0] == node}
+    return {
+        "file": str(recording.path),
+        "size": recording.path.stat().st_size,
+        "complete": recording.complete,
+        "ending": recording.ending,
+        "duration": (end - begin) * 1e-9,
+        "clock": about.get("clock"),
+        "date": about.get("date"),
+        "graph": plan.get("path"),
+        "rate": plan.get("rate"),
+        "commit": about.get("commit"),
+        "versions": about.get("versions"),
+        "machine": about.get("machine"),
+        "arithmetic": about.get("arithmetic"),
+        "restarted": recording.restarted,
+        "left_out": sorted(known - set(recording.streams)),
+        "streams": streams,
+    }

@@ -1,0 +1,29 @@
+"""Step times of the nodes of a graph, from a recording of it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from palpate.engine.plan import Plan
+from palpate.records.reader import Recording
+from palpate.records.stored import RecordingError
+
+NEWEST = 3
+"""Recordings that are looked through for the times of a graph."""
+
+
+def step_times(planned: Plan, given: Path | None) -> tuple[dict[str, float], Path | None]:
+    """Median duration [s] of a step of each node, and the recording that says so: each is read whole, so that only the
+    newest few with the graph's name are tried."""
+    named = Path("runs").glob(f"*/{planned.graph.path.stem}.mcap")
+    newest = sorted(named, key=lambda file: -file.stat().st_mtime)
+    for file in [given] if given else newest[:NEWEST]:
+        try:
+            recording = Recording(file)
+        except RecordingError:
+            if given:
+                raise
+            continue
+        if recording.times and (given or Path(recording.about["plan"]["path"]).name == planned.graph.path.name):
+            return {name: quantiles["median"] for name, quantiles in recording.times.items()}, file
+    return {}, None

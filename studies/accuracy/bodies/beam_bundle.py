@@ -1,0 +1,24 @@
+"""Beams in one layer as thick as the slab."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from palpate.models.fe.meshing.organ import SLAB
+from palpate.nodes.deformation import BeamBundle
+from palpate.studies.accuracy.continuum import POISSON, YOUNG
+from palpate.studies.accuracy.fidelities import NODULE, meshes, of_body, only_slab, reaches, steps
+from palpate.studies.accuracy.outcome import Method
+from palpate.studies.accuracy.touches import BenchCase
+
+
+def methods(patient: bool) -> list[Method]:
+    """The body."""
+    return [
+        Method("BeamBundle", "BeamBundle", of_body(BeamBundle, _slab), (*steps(), *meshes(), *reaches()), only_slab)
+    ]
+
+
+def _slab(touch: BenchCase) -> dict[str, Any]:
+    layer = {"layers": (SLAB,), "moduli": (YOUNG,), "relaxations": (touch.retardation,), "poisson": POISSON}
+    return layer | {"radius": 8e-3} | (NODULE if touch.nodule else {})

@@ -1,0 +1,55 @@
+"""The settings at which methods are tried, and a body in the chain of a touch."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+from palpate.nodes.base import Node
+from palpate.studies.accuracy import chain
+from palpate.studies.accuracy.outcome import Fidelity, MethodOutcome
+from palpate.studies.accuracy.touches import BenchCase
+
+RATES = (250.0, 500.0, 1000.0, 2000.0, 4000.0)
+MESHES = (400, 1000, 3000, 10000)
+NODULE = {"nodule_radius": 4e-3, "nodule_depth": 6e-3, "nodule_ratio": 10.0}
+
+
+def steps() -> list[Fidelity]:
+    """The usual steps."""
+    return [Fidelity(f"{rate:g} Hz", "step", rate, quick=rate in (500.0, 1000.0)) for rate in RATES]
+
+
+def meshes(counts: tuple[int, ...] = MESHES) -> list[Fidelity]:
+    """Surfaces of growing numbers of vertices."""
+    return [Fidelity(f"{n} vertices", "mesh", settings={"surface": {"vertices": n}}, quick=n == 1000) for n in counts]
+
+
+def spread(name: str, value: object, text: str) -> Fidelity:
+    """A load that spreads otherwise."""
+    return Fidelity(text, "reach" if name == "radius" else "form", settings={"spread": {name: value}})
+
+
+def of_body(
+    cls: type[Node], own: Callable[[BenchCase], dict[str, Any]]
+) -> Callable[[BenchCase, Fidelity, int], MethodOutcome]:
+    """`Method.compute` of a body; own: its settings for a touch."""
+
+    def compute(touch: BenchCase, fidelity: Fidelity, repeats: int) -> MethodOutcome:
+        given = dict(fidelity.settings)
+        given["body"] = own(touch) | given.get("body", {})
+        finger = chain.BALL if touch.finger == "ball" else {}
+        return chain.run(touch, cls, replace(fidelity, settings=given), finger, repeats)
+
+    return compute
+
+
+def reaches() -> list[Fidelity]:
+    """Kernels of growing radius."""
+    return [spread("radius", r, f"kernel of {1e3 * r:g} mm") for r in (4e-3, 6e-3, 10e-3)]
+
+
+def only_slab(touch: BenchCase) -> str:
+    """Why a body does not compute a touch; empty: it does."""
+    return "the plate is rigid: there is no body to compute" if touch.body == "plate" else ""

@@ -1,0 +1,1 @@
+"""The results of the accuracy bench: table, page, pictures, and what to take."""

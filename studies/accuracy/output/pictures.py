@@ -1,0 +1,187 @@
+"""The pictures: error over time of a step, for each touch and for all, and orders of convergence."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from palpate.studies.accuracy.cells import Cell
+from palpate.studies.accuracy.methods import standard
+from palpate.studies.accuracy.order import OrderStudy
+from palpate.studies.accuracy.output.labels import place
+from palpate.studies.accuracy.output.pareto import ParetoPoint, best, front, point
+from palpate.studies.accuracy.score import CHARGED, CHARGED_STEP
+from palpate.studies.accuracy.touches import TOUCHES
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+COLOURS = ("#1f5f8b", "#d97706", "#a4243b", "#4c8c4a", "#6d4c9f", "#8c564b", "#c2659b", "#5f6b73", "#9a8f1f", "#2aa1a8",
+           "#2b2b33", "#b0522a", "#7f9c3c", "#46629e")  # fmt: skip
+MARKS = "osD^vPX<>hdp8H"
+LOOPS = ((1e-3, "a loop at 1 kHz"), (1e-4, "at 10 kHz"))
+HARD = "\u00a0"
+"""A space at which no line is broken."""
+LEAST = 1e-4
+"""[1] Errors below which a mark stands at it."""
+INK, FAINT = "#2b2b33", "#b9b9c4"
+
+
+def touch_picture(cells: Sequence[Cell], path: Path) -> None:
+    """All methods on one touch."""
+    own = [c for c in cells if c.status != "refused"]
+    refused = [c for c in cells if c.status == "refused"]
+    figure, axes = _empty(f"{cells[0].touch}: {TOUCHES[cells[0].touch].title}")
+    look = _looks(cells)
+    points = [point(c) for c in own]
+    on_front = front(points)
+    for method in dict.fromkeys(c.method for c in own):
+        mine = [k for k, c in enumerate(own) if c.method == method]
+        colour, mark = look[method]
+        for k in mine:
+            cell, (x, y) = own[k], points[k]
+            axes.plot([cell.p50, cell.p99], [y, y], color=colour, alpha=0.35, linewidth=1)
+            failed = cell.status == "failed"
+            axes.plot(x, y, "x" if failed else mark, color=colour, markersize=7 if k in on_front else 5,
+                      markerfacecolor="white" if cell.at_reference() else colour)  # fmt: skip
+        axes.plot([], [], mark, color=colour, label=own[mine[0]].title)
+    if on_front:
+        _front(axes, [points[k] for k in on_front], "Pareto front")
+    bands = [c.errors["force"]["band"] for c in own if c.status == "ok"]
+    charged = [(CHARGED_STEP, CHARGED)] if refused else []
+    _finish(axes, "rms error of the force over its peak", points + charged)
+    if bands and max(bands) > axes.get_ylim()[0]:
+        axes.axhspan(axes.get_ylim()[0], max(bands), color=FAINT, alpha=0.35, linewidth=0, label="at the reference")
+    if refused:
+        told = "; ".join(dict.fromkeys(c.title.replace(" ", HARD) for c in refused))
+        axes.plot(CHARGED_STEP, CHARGED, "x", color=INK, label=f"cannot do it, drawn at 100 %:\n{_wrapped(told)}")
+    axes.legend(fontsize=8, loc="upper left", bbox_to_anchor=(1.01, 1.0), frameon=False)
+    lowest = [
+        min((k for k, c in enumerate(own) if c.method == m), key=lambda k: points[k][1])
+        for m in dict.fromkeys(c.method for c in own)
+    ]
+    beside = [k for k in lowest if own[k].method not in {own[b].method for b in on_front}]
+    texts = [(*points[k], f"{own[k].title}, {own[k].fidelity}", look[own[k].method][0]) for k in [*on_front, *beside]]
+    place(axes, texts, points + charged)
+    _save(figure, path)
+
+
+def overview(told: Sequence[ParetoPoint], cells: Sequence[Cell], path: Path) -> None:
+    """All touches: the median error of each method and setting over its median time. Open marks: of fewer
+    touches than others compute."""
+    figure, axes = _empty("what accuracy costs: force error over the time of a step, each over the touches it computes")
+    look = _looks(cells)
+    points = [(s.p99, max(s.error, LEAST)) for s in told]
+    most = max(s.computed for s in told)
+    on_front = best(told)
+    for method in dict.fromkeys(s.method for s in told):
+        colour, mark = look[method]
+        mine = [k for k, s in enumerate(told) if s.method == method]
+        for k in mine:
+            axes.plot([told[k].p50, told[k].p99], [points[k][1]] * 2, color=colour, alpha=0.35, linewidth=1)
+        first = told[mine[0]]
+        axes.plot(*np.array([points[k] for k in mine]).T, mark, color=colour, markersize=5, alpha=0.8,
+                  markerfacecolor=colour if first.computed == most else "white",
+                  label=f"{first.title}: {first.computed}, {first.charged}")  # fmt: skip
+    _front(axes, [points[k] for k in on_front], f"Pareto front of those with {most}")
+    _finish(axes, "rms error of the force over its peak, median of the touches computed", points)
+    axes.legend(fontsize=8, loc="upper left", bbox_to_anchor=(1.01, 1.0), frameon=False,
+                title="touches computed, unsupported")  # fmt: skip
+    lowest = {s.method: k for k, s in sorted(enumerate(told), key=lambda one: -one[1].error) if s.computed == most}
+    named = [*on_front, *(k for m, k in lowest.items() if m not in {told[b].method for b in on_front})]
+    texts = [(*points[k], f"{told[k].title}, {told[k].fidelity}", look[told[k].method][0]) for k in named]
+    place(axes, texts, points)
+    _save(figure, path)
+
+
+def convergence(studies: Sequence[OrderStudy], path: Path) -> None:
+    """How fast each method comes to its own limit: a line a touch, and the orders that were observed."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(11, 6.4), layout="constrained", facecolor="white")
+    FigureCanvasAgg(figure)
+    methods = list(dict.fromkeys(s.method for s in studies))
+    kinds = (
+        ("step", "length of the step [s]"),
+        ("mesh", "size of a cell over the radius, or of a triangle over the slab [1]"),
+    )
+    for axes, (axis, label) in zip(figure.subplots(1, 2), kinds, strict=True):
+        for k, method in enumerate(methods):
+            own = [s for s in studies if (s.axis == "step") == (axis == "step") and s.method == method]
+            colour, mark = COLOURS[k % len(COLOURS)], MARKS[k % len(MARKS)]
+            for study in own:
+                axes.loglog(
+                    study.sizes, study.differences, mark + "-", color=colour, markersize=4, linewidth=1, alpha=0.7
+                )
+            if own:
+                orders = sorted(s.observed for s in own)
+                span = f"{orders[0]:.2f} to {orders[-1]:.2f}" if len(orders) > 1 else f"{orders[0]:.2f}"
+                axes.plot([], [], mark + "-", color=colour, markersize=4,
+                          label=f"{own[0].title}: {span}, median {np.median(orders):.2f}")  # fmt: skip
+        axes.set_title(
+            f"order of convergence in {'time, by theory 1' if axis == 'step' else 'space, by theory 2 to 4'}",
+            loc="left",
+            fontsize=11,
+        )
+        axes.set_xlabel(label)
+        axes.set_ylabel(
+            "change of the force by halving the step, over its peak"
+            if axis == "step"
+            else "rms error of the force over its peak"
+        )
+        axes.grid(alpha=0.25)
+        if axes.lines:
+            axes.legend(fontsize=7.5, frameon=False, loc="upper left", bbox_to_anchor=(0.0, -0.12))
+    _save(figure, path)
+
+
+def _looks(cells: Sequence[Cell]) -> dict[str, tuple[str, str]]:
+    """Colour and mark of each method: the same in all pictures of a run."""
+    order = dict.fromkeys([*(known.name for known in standard()), *sorted(c.method for c in cells)])
+    return {m: (COLOURS[k % len(COLOURS)], MARKS[k % len(MARKS)]) for k, m in enumerate(order)}
+
+
+def _empty(title: str) -> tuple[Any, Any]:
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(10.5, 6.2), layout="constrained", facecolor="white")
+    FigureCanvasAgg(figure)
+    axes = figure.subplots()
+    axes.set_title(title, loc="left", fontsize=12, color=INK)
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    axes.grid(alpha=0.25, which="major")
+    axes.spines[["top", "right"]].set_visible(False)
+    return figure, axes
+
+
+def _finish(axes: Axes, label: str, points: Sequence[tuple[float, float]]) -> None:
+    times, errors = np.array(points).T
+    axes.set_xlim(min(times.min() / 3, 5e-6), max(times.max() * 3, 3e-3))
+    axes.set_ylim(errors.min() / 3, max(2.0, errors.max() * 1.6))
+    for period, name in LOOPS:
+        axes.axvline(period, color=FAINT, linewidth=1, zorder=0)
+        axes.annotate(name, (period, 0.01), xycoords=("data", "axes fraction"), xytext=(3, 0), color="#77777f",
+                      textcoords="offset points", fontsize=8)  # fmt: skip
+    axes.set_xlabel("time of a step [s]: the point is p99, its line begins at p50")
+    axes.set_ylabel(label)
+
+
+def _front(axes: Axes, points: Sequence[tuple[float, float]], label: str) -> None:
+    axes.step(*np.array(points).T, where="post", color=INK, linewidth=1.2, linestyle=":", label=label, zorder=1)
+
+
+def _wrapped(text: str) -> str:
+    import textwrap
+
+    return "\n".join(textwrap.wrap(text, 34))
+
+
+def _save(figure: Any, path: Path) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(path, dpi=120)

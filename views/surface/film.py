@@ -1,0 +1,182 @@
+"""The deformed surface at one instant, or through time: pictures and films of a recording."""
+
+from __future__ import annotations
+
+import importlib.util
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from palpate.launch.load.extras import install
+from palpate.messages import Surface
+from palpate.records.reader import Recording
+from palpate.views.pictures import PictureError
+from palpate.views.pictures.touch import TouchStreams
+from palpate.views.surface.colour import COLOURS, Colour, check, painted, top
+from palpate.views.surface.moments import Instant, instants_at, surface_mesh
+from palpate.views.surface.off_screen import Rendering
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from matplotlib.figure import Figure
+
+BATCH = 100  # instants that are drawn at a time: 140 MB of pixels
+ENDINGS = (".mp4", ".gif")
+
+
+class FilmFrame:
+    """The figure of one instant: surface, colour bar, time, force; `show` puts another instant into it."""
+
+    def __init__(self, of: Colour, most: float, pixels: np.ndarray, instant: Instant) -> None:
+        from matplotlib.cm import ScalarMappable
+        from matplotlib.colors import LinearSegmentedColormap, Normalize
+
+        from palpate.views.pictures.style import DEFORMATION, INK, figure
+
+        self.figure: Figure = figure(7.68, 4.32, "")
+        axes = self.figure.subplots()
+        axes.set_axis_off()
+        self._image = axes.imshow(pixels)
+        self._title = axes.set_title("", fontsize=12, color=INK)
+        colours = LinearSegmentedColormap.from_list("deformation", DEFORMATION)
+        bar = self.figure.colorbar(ScalarMappable(Normalize(0.0, most * of.scale), colours), ax=axes, shrink=0.7)
+        bar.set_label(of.label)
+        bar.outline.set_visible(False)  # type: ignore[operator]
+        self.show(pixels, instant)
+
+    def show(self, pixels: np.ndarray, instant: Instant) -> None:
+        """Another instant."""
+        self._image.set_data(pixels)
+        self._title.set_text(
+            f"{instant.time:.2f} s:  indentation {instant.depth * 1e3:.1f} mm,  normal force {instant.load:.2f} N"
+        )
+
+
+def picture(file: Path, at: float, target: Path, of: Colour = COLOURS["displacement"]) -> float:
+    """Draw the surface at the recorded instant nearest to a time [s]; that instant's time [s]. `of`: what colours it.
+
+    RecordingError, PictureError, ArgumentError: what is missing.
+    """
+    _check_libraries("view", "matplotlib", "pyvista")
+    touch = TouchStreams(Recording(file))
+    ticks, times = _recorded(touch)
+    if not times[0] - 1e-9 <= at <= times[-1] + 1e-3:  # the last instant stands for its millisecond
+        raise PictureError(f"{file}: --at {at:g} s, but it was recorded from {times[0]:.3f} s to {times[-1]:.3f} s")
+    tick = int(ticks[np.abs(times - at).argmin()])
+    mesh = surface_mesh(touch)
+    (instant,) = instants_at(touch, mesh.vertices, [tick])
+    check(of, [instant.surface], f"{file} at {instant.time:.3f} s")
+    for frame in _frames(mesh, [instant], of):
+        target.parent.mkdir(parents=True, exist_ok=True)
+        frame.figure.savefig(target)
+    return instant.time
+
+
+def film(file: Path, target: Path, rate: float = 25.0, speed: float = 1.0, of: Colour = COLOURS["displacement"]) -> int:
+    """Write a film of a recording; the number of its frames.
+
+    rate   [1/s] frames of the film
+    speed  [1] of the film's time: 0.5 is slow motion
+    of     what colours the surface
+
+    RecordingError, PictureError, ArgumentError: what is missing. OSError: the file cannot be written.
+    """
+    if target.suffix.lower() not in ENDINGS:
+        raise PictureError(f"{target}: found {target.suffix or 'no ending'!r}, expected {' or '.join(ENDINGS)}")
+    _check_libraries("film", "matplotlib", "pyvista", "imageio_ffmpeg", "PIL")
+    touch = TouchStreams(Recording(file))
+    ticks, times = _recorded(touch)
+    count = 1 + int((times[-1] - times[0]) * rate / speed)
+    moments = times[0] + np.arange(count) * speed / rate
+    chosen = ticks[np.minimum(np.searchsorted(times, moments - 1e-9), len(ticks) - 1)]
+    mesh = surface_mesh(touch)
+    by_time = instants_at(touch, mesh.vertices, np.unique(chosen).tolist())
+    check(of, [one.surface for one in by_time], str(file))
+    rows = np.searchsorted(np.unique(chosen), chosen)
+    target.parent.mkdir(parents=True, exist_ok=True)
+    write = _write_gif if target.suffix.lower() == ".gif" else _write_mp4
+    write(target, _pixels(_frames(mesh, [by_time[row] for row in rows], of)), rate)
+    return count
+
+
+def _frames(mesh: Any, instants: Sequence[Instant], of: Colour) -> Iterator[FilmFrame]:
+    """The figure with one instant after the other; it is the same figure each time."""
+    from matplotlib import rc_context
+
+    from palpate.views.pictures.style import LOOK
+
+    most = top(of, max(float(painted(of, mesh, one.surface).max()) for one in instants))
+    frame = None
+    for begin in range(0, len(instants), BATCH):
+        batch = instants[begin : begin + BATCH]
+        values = [painted(of, mesh, one.surface) for one in batch]
+        rendering = Rendering(mesh, batch, values, [], most, all_of=instants)
+        try:
+            wide = rendering.pixels()["wide"]
+        finally:
+            rendering.close()
+        for pixels, instant in zip(wide, batch, strict=True):
+            with rc_context(LOOK):
+                if frame is None:
+                    frame = FilmFrame(of, most, pixels, instant)
+                frame.show(pixels, instant)
+            yield frame
+
+
+def _pixels(frames: Iterator[FilmFrame]) -> Iterator[np.ndarray]:
+    """Red, green, blue bytes (h, w, 3) of each frame."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    for frame in frames:
+        canvas = FigureCanvasAgg(frame.figure)
+        canvas.draw()
+        yield np.asarray(canvas.buffer_rgba())[..., :3].copy()
+
+
+def _write_mp4(target: Path, frames: Iterator[np.ndarray], rate: float) -> None:
+    import imageio_ffmpeg
+
+    writer = None
+    try:
+        for frame in frames:
+            if writer is None:
+                height, width = frame.shape[:2]
+                writer = imageio_ffmpeg.write_frames(str(target), (width, height), fps=rate)
+                writer.send(None)
+            writer.send(np.ascontiguousarray(frame))
+    finally:
+        if writer is not None:
+            writer.close()
+
+
+def _write_gif(target: Path, frames: Iterator[np.ndarray], rate: float) -> None:
+    from PIL import Image
+
+    images = [Image.fromarray(frame).quantize(64) for frame in frames]
+    images[0].save(target, save_all=True, append_images=images[1:], duration=max(20, round(1000 / rate)), loop=0)
+
+
+def _recorded(touch: TouchStreams) -> tuple[np.ndarray, np.ndarray]:
+    """Ticks and times [s] at which both contact and surface were recorded. PictureError: there are none."""
+    path = touch.recording.path
+    stream = touch.recording.stream_of(Surface)
+    if stream is None:
+        raise PictureError(
+            f"{path}: no stream of surfaces in it, so there is no shape to draw; `palpate plot` draws numbers"
+        )
+    if touch.contact is None:
+        raise PictureError(f"{path}: no contact was recorded")
+    present = touch.recording.ticks()[stream]
+    there = np.isin(touch.contact["tick"], present)
+    if not there.any():
+        raise PictureError(f"{path}: no surface was recorded")
+    return touch.contact["tick"][there], touch.contact["time"][there]
+
+
+def _check_libraries(extra: str, *modules: str) -> None:
+    for module in modules:
+        if importlib.util.find_spec(module) is None:
+            raise PictureError(f"the package that is imported as {module} is not installed: {install(extra)}")

@@ -1,0 +1,102 @@
+"""Drawing by VTK in a process of its own, and why it may fail on a machine."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import subprocess
+import sys
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from palpate.views.pictures import PictureError
+from palpate.views.surface.moments import Instant
+from palpate.views.surface.render import ball_centres
+
+PATIENCE = 60.0  # [s]
+WINDOWS = ("", "vtkOSOpenGLRenderWindow")
+"""What VTK draws into: its own choice, which is EGL where there is no display; then OSMesa."""
+CURE = "install Mesa's off-screen drawing (Debian: apt install libosmesa6, or libegl1 libgl1-mesa-dri)"
+
+
+class Rendering:
+    """Instants of a touch on the way to pixels; the process begins when this is made.
+
+    values   (V) of each instant, which colour the vertices
+    near     which instants are drawn from near, too
+    most     end of the colour scale
+    all_of   the instants whose finger and force set camera and arrows; the drawn ones if left out
+    """
+
+    def __init__(
+        self, mesh: Any, instants: Sequence[Instant], values: Sequence[np.ndarray], near: Sequence[int], most: float,
+        all_of: Sequence[Instant] | None = None,
+    ) -> None:  # fmt: skip
+        self._folder = tempfile.TemporaryDirectory(prefix="palpate-")
+        self._source, self._target = (Path(self._folder.name) / name for name in ("views.npz", "pixels.npz"))
+        scene = instants if all_of is None else all_of
+        np.savez(
+            self._source,
+            vertices=mesh.vertices,
+            triangles=mesh.triangles,
+            displacement=np.array([one.displacement for one in instants], dtype=np.float32),
+            values=np.array(values, dtype=np.float32),
+            tips=_tips(instants),
+            normals=np.array([one.normal for one in instants]),
+            forces=np.array([one.force for one in instants]),
+            near=np.array(near, dtype=np.int64),
+            most=most,
+            balls=ball_centres(_tips(scene), np.array([one.normal for one in scene])),
+            greatest=max(float(np.linalg.norm(one.force)) for one in scene),
+        )
+        self._process = self._begin(WINDOWS[0])
+
+    def _begin(self, window: str) -> subprocess.Popen:
+        environment = {key: value for key, value in os.environ.items() if key != "DISPLAY"}
+        if window:
+            environment["VTK_DEFAULT_OPENGL_WINDOW"] = window
+        command = [sys.executable, "-m", f"{__package__}.render", str(self._source), str(self._target)]
+        return subprocess.Popen(
+            command, env=environment, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE
+        )
+
+    def pixels(self) -> dict[str, np.ndarray]:
+        """Wait for the pictures. PictureError: this machine cannot draw them."""
+        for following in (*WINDOWS[1:], None):
+            try:
+                _, errors = self._process.communicate(timeout=PATIENCE)
+            except subprocess.TimeoutExpired:
+                raise PictureError(f"no 3-D picture within {PATIENCE:.0f} s; {CURE}") from None
+            if self._process.returncode == 0 and self._target.is_file():
+                with np.load(self._target) as archive:
+                    return dict(archive)
+            if following is not None:
+                self._process = self._begin(following)
+        raise PictureError(
+            f"no 3-D picture: {_reason(self._process.returncode, errors.decode(errors='replace'))}; {CURE}"
+        )
+
+    def close(self) -> None:
+        """End the process, remove the files."""
+        if self._process.poll() is None:
+            self._process.kill()
+        with contextlib.suppress(ValueError):
+            self._process.communicate()
+        self._folder.cleanup()
+
+
+def _tips(instants: Sequence[Instant]) -> np.ndarray:
+    nowhere = np.full(3, np.nan)
+    return np.array([nowhere if one.tip is None else one.tip for one in instants])
+
+
+def _reason(code: int, errors: str) -> str:
+    """The last line that a process said, or how it ended."""
+    lines = [line.strip() for line in errors.splitlines() if line.strip()]
+    if code < 0:
+        return f"VTK's drawing process was ended by signal {-code}"
+    return lines[-1][:200] if lines else f"VTK's drawing process ended with exit code {code}"

@@ -1,0 +1,149 @@
+"""Views of the deformed surface by pyvista, in a process of its own: a fault of the graphics driver ends it alone.
+
+python -m palpate.views.surface.render views.npz pixels.npz
+"""
+
+from __future__ import annotations
+
+import sys
+from typing import Any
+
+import numpy as np
+
+from palpate.views.pictures.style import DEFORMATION
+
+SIZE = (900, 520)
+CLOSE_SIZE = (900, 640)
+FINGER_RADIUS = 6e-3  # [m] of the ball that stands for the fingertip
+ARROW = 26e-3  # [m] length of the arrow of the greatest force, on a surface large enough
+ARROW_SHARE = 0.4  # of the surface's longest side, at most
+MARGIN = 1.06  # room around the whole surface
+LEAST_FORCE = 0.05  # [N] smaller forces get no longer arrows
+NEAR = 0.46  # share of the height that is seen from near
+VIEW = (0.2, -0.8, 0.95)
+"""Direction from the surface to the camera, where the surface's normal is upwards (z)."""
+
+
+def render(views: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Pictures of all instants, wide (k, h, w, 3), and of some from near, close (n, h, w, 3): red, green, blue bytes.
+
+    vertices [m] (V,3), triangles (T,3), displacement [m] (k,V,3), values (k,V) that colour the vertices, most: end of
+    the colour scale, tips [m] (k,3; not finite: no finger), normals [1] (k,3), forces [N] (k,3), near (n): which
+    instants from near, balls [m] (m,3) all places of the finger that the camera shall see, greatest [N] force of the
+    longest arrow
+    """
+    import pyvista
+
+    pyvista.OFF_SCREEN = True
+    triangles = views["triangles"]
+    faces = np.column_stack([np.full(len(triangles), 3), triangles]).ravel()
+    most = float(views["most"])
+    wide: list[np.ndarray] = []
+    close: list[np.ndarray] = []
+    arrows = views["forces"] * (_longest(views["vertices"]) / max(float(views["greatest"]), LEAST_FORCE))
+    balls = views["balls"]
+    shots = list(zip(views["displacement"], views["values"], views["tips"], views["normals"], arrows, strict=True))
+    for shape, out, which in ((SIZE, wide, range(len(shots))), (CLOSE_SIZE, close, views["near"].tolist())):
+        plotter = pyvista.Plotter(off_screen=True, window_size=list(shape), lighting="none")
+        _lights(pyvista, plotter)
+        for shot in (shots[i] for i in which):
+            plotter.clear_actors()
+            _draw(pyvista, plotter, views["vertices"], faces, *shot, most, edges=out is close)
+            _camera(plotter, views["vertices"], balls, shot, near=out is close)
+            plotter.render()
+            out.append(np.asarray(plotter.screenshot(return_img=True))[..., :3])
+        plotter.close()
+    return {"wide": np.array(wide), "close": np.array(close)}
+
+
+def ball_centres(tips: np.ndarray, normals: np.ndarray) -> np.ndarray:
+    """Centres [m] (m,3) of the balls that stand for the fingertip, at all finite tips [m] (k,3)."""
+    balls = tips + FINGER_RADIUS * normals
+    return balls[np.isfinite(balls).all(axis=1)]
+
+
+def _longest(vertices: np.ndarray) -> float:
+    """[m] of the arrow of the greatest force."""
+    return min(ARROW, ARROW_SHARE * float(np.ptp(vertices, axis=0).max()))
+
+
+def _lights(pyvista: Any, plotter: Any) -> None:
+    for place, strength in (((-0.6, -0.5, 1.4), 0.62), ((0.9, -1.0, 0.5), 0.42), ((0.0, 1.0, 0.8), 0.2)):
+        light = pyvista.Light(position=place, intensity=strength, light_type="scene light")
+        light.positional = False
+        plotter.add_light(light)
+
+
+def _draw(
+    pyvista: Any,
+    plotter: Any,
+    vertices: np.ndarray,
+    faces: np.ndarray,
+    displacement: np.ndarray,
+    values: np.ndarray,
+    tip: np.ndarray,
+    normal: np.ndarray,
+    arrow: np.ndarray,
+    most: float,
+    edges: bool,
+) -> None:
+    from matplotlib.colors import LinearSegmentedColormap
+
+    colours = LinearSegmentedColormap.from_list("deformation", DEFORMATION)
+    mesh = pyvista.PolyData(vertices + displacement, faces)
+    mesh["value"] = values
+    plotter.set_background("white")
+    plotter.add_mesh(
+        mesh, scalars="value", cmap=colours, clim=(0.0, most), show_scalar_bar=False, smooth_shading=True,
+        split_sharp_edges=False, ambient=0.28, diffuse=0.85, specular=0.12, specular_power=20,
+        show_edges=edges, edge_color="#7a5a54", line_width=0.4, edge_opacity=0.35,
+    )  # fmt: skip
+    if np.isfinite(tip).all():
+        centre = tip + FINGER_RADIUS * normal
+        ball = pyvista.Sphere(radius=FINGER_RADIUS, center=centre, theta_resolution=48, phi_resolution=48)
+        plotter.add_mesh(
+            ball, color="#7fa8c9", opacity=0.3 if edges else 0.45, smooth_shading=True, ambient=0.3, specular=0.3
+        )
+        length = float(np.linalg.norm(arrow))
+        if length > 0.5e-3:
+            head = min(1.0, 5e-3 / length)
+            pointer = pyvista.Arrow(
+                start=centre, direction=arrow, scale=length, tip_length=head, tip_radius=min(0.25, 1.6e-3 / length),
+                shaft_radius=min(0.1, 0.55e-3 / length),
+            )  # fmt: skip
+            plotter.add_mesh(pointer, color="#1f3b57", ambient=0.3)
+
+
+def _camera(plotter: Any, vertices: np.ndarray, balls: np.ndarray, shot: tuple, near: bool) -> None:
+    """Look at the whole surface and the finger's places so that they fill the picture, or at the finger from near."""
+    direction = np.array(VIEW) / np.linalg.norm(VIEW)
+    right = np.cross((0.0, 0.0, 1.0), direction)
+    right /= np.linalg.norm(right)
+    axes = np.array([right, np.cross(direction, right), direction])
+    seen, round_it = vertices @ axes.T, balls @ axes.T
+    low = np.concatenate([seen, round_it - FINGER_RADIUS]).min(axis=0)
+    high = np.concatenate([seen, round_it + FINGER_RADIUS]).max(axis=0)
+    focus = (low + high) / 2 @ axes
+    width, height = plotter.window_size
+    reach = MARGIN * max(high[1] - low[1], (high[0] - low[0]) * height / width) / 2
+    tip, arrow = shot[2], shot[4]
+    if near and np.isfinite(tip).all():
+        focus, reach = tip + 0.4 * arrow, NEAR * reach
+    plotter.camera.focal_point = tuple(focus)
+    plotter.camera.position = tuple(focus + 4.0 * float(np.linalg.norm(high - low)) * direction)
+    plotter.camera.up = (0.0, 0.0, 1.0)
+    plotter.camera.parallel_projection = True
+    plotter.camera.parallel_scale = float(reach)
+    plotter.reset_camera_clipping_range()
+
+
+def main() -> None:
+    """Read the views, write the pixels."""
+    source, target = sys.argv[1:3]
+    with np.load(source) as views:
+        pixels = render(dict(views))
+    np.savez(target, wide=pixels["wide"], close=pixels["close"])
+
+
+if __name__ == "__main__":
+    main()
