@@ -4,6 +4,7 @@
 set -eu
 cd "$(dirname "$0")"
 export OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
+unset PYTHONDONTWRITEBYTECODE # where it is set, each of some hundred processes would compile all sources anew
 if [ "${1:-}" = "--fast" ]; then
     shift
     set -- tests/physics tests/messages tests/nodes tests/launch/load tests/test_imports.py "$@"

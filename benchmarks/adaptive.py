@@ -24,7 +24,7 @@ from tables import tell
 
 from palpate.models.fe.reduce.reduction import BEHIND, HARDEST, RADII, ROUND
 from palpate.nodes.deformation import Adaptive
-from palpate.physics.bodies.ladder import Ladder
+from palpate.physics.bodies.ladder import FidelityLevels
 from palpate.physics.bodies.rungs import Rungs
 from palpate.physics.bodies.sampled_body import SampledBasis, SampledBody, gamma
 from palpate.physics.bodies.sampled_energy import scratch
@@ -66,7 +66,7 @@ class Settled:
             )  # fmt: skip
             if done:
                 break
-        bent_by = basis.missed[:, loaded] @ held[loaded] / self.young
+        bent_by = basis.residual_compliance[:, loaded] @ held[loaded] / self.young
         gam = gamma(float(held @ bent_by) / self.young, *basis.bend)[0]
         return float(measure[told] @ (basis.modes[told] @ self.q + gam * bent_by[told]))
 
@@ -94,7 +94,7 @@ def proven(node: Adaptive, basis: SampledBasis, rungs: Rungs, ways: int, progres
     for x in qmc.Halton(8, seed=WAYS).random(ways):
         patch = RADII[0] + x[2] * (RADII[1] - RADII[0])
         spread, peak = Spreader(mesh, patch, "biweight"), (0.03 + 0.97 * x[3] ** 2) * HARDEST * patch**2 * node.young
-        ladders = [Ladder([SampledBody(b, *given) for b in bases], rungs, e, 1000) for e in ERRORS]
+        ladders = [FidelityLevels([SampledBody(b, *given) for b in bases], rungs, e, 1000) for e in ERRORS]
         plain, truth = [SampledBody(b, *given) for b in bases], [Settled(b, node.young) for b in bases]
         for k in range(TICKS):
             force, y, turn = gone(x, k, peak)

@@ -16,7 +16,7 @@ import numpy as np
 
 from palpate.messages import Pose
 from palpate.nodes.fingertip import BundleContact
-from palpate.physics.fingertip.beam_bundle import State, step
+from palpate.physics.fingertip.beam_bundle import BundleState, step
 
 DT, SPEED, DEPTH = 1e-3, 2e-3, 2e-3
 PITCHES = (2.4e-3, 1.2e-3, 0.6e-3, 0.3e-3)
@@ -32,7 +32,7 @@ def measure(pitch: float, steps: int) -> dict[str, float]:
     press = [pose(top - DEPTH * k / 20, 0.0) for k in range(1, 21)]
     slide = [pose(top - DEPTH, SPEED * DT * k) for k in range(1, steps + 1)]
 
-    bundle, state = node.bundle, State(node.bundle)
+    bundle, state = node.bundle, BundleState(node.bundle)
     for one in press:
         step(bundle, state, top - one.position[2], (0, 0), node.friction, 0.1)
     solver, rounds, residual = [], [], []

@@ -13,9 +13,9 @@ import json
 import sys
 from pathlib import Path
 
-from palpate.models.fe.meshing.fingertip import CALIBRATED, Fingertip
+from palpate.models.fe.meshing.fingertip import CALIBRATED, FingertipDimensions
 from palpate.models.fe.study.paper_claims import points, statements
-from palpate.models.fe.study.press_record import Record, Run, fit_divisor, record
+from palpate.models.fe.study.press_record import PressRun, Record, fit_divisor, record
 from palpate.models.fe.study.pressing import Pressing
 
 ENDS = {"printed": {"steel": 0.85e-3, "silicone": 1.3e-3}, "calibrated": {"steel": 2.4e-3, "silicone": 2.4e-3},
@@ -23,14 +23,14 @@ ENDS = {"printed": {"steel": 0.85e-3, "silicone": 1.3e-3}, "calibrated": {"steel
 """How far each plate rises for a set of constants [m]: past the paper's greater force, or as far as the paper's."""
 
 
-def press(name: str, plate: str, cells: int, folder: Path) -> tuple[Run, Record]:
+def press(name: str, plate: str, cells: int, folder: Path) -> tuple[PressRun, Record]:
     """One pressing, or what is left of it."""
-    run = Run(folder / f"{plate}-{name}-{cells}-0.2")
+    run = PressRun(folder / f"{plate}-{name}-{cells}-0.2")
 
     def tell(load: float) -> None:
         print(f"\r{run.folder.name}: {1e3 * load:.2f} mm", end="", file=sys.stderr, flush=True)
 
-    pressed = record(Pressing(Fingertip(cells=cells), plate, name), ENDS[name][plate], run, tell)
+    pressed = record(Pressing(FingertipDimensions(cells=cells), plate, name), ENDS[name][plate], run, tell)
     print(file=sys.stderr)
     return run, pressed
 

@@ -26,12 +26,12 @@ from tables import tell
 from palpate.messages import Load
 from palpate.models.fe.meshing.organ import Organ
 from palpate.models.fe.reduce.dents import press, sticking
-from palpate.models.fe.reduce.indentation import Curve
+from palpate.models.fe.reduce.indentation import PressCurve
 from palpate.models.fe.reduce.reducible import Reducible, of_organ
 from palpate.nodes.contact import Series
 from palpate.nodes.deformation import ReducedFE
 from palpate.physics.bodies.condensed_body import Basis, CondensedBody
-from palpate.physics.contact.series import Law, exponential
+from palpate.physics.contact.series import ElasticLaw, exponential
 from palpate.physics.contact.spread import Spreader
 
 DEPTHS = 0.5e-3 * np.arange(1, 22)
@@ -54,7 +54,7 @@ class Touch:
         np.add.at(self.load, body.corners[self.nodes], body.weights[self.nodes][:, :, None] * self.push[:, None])
         self.most = 0.0
 
-    def pressed(self, young: float, curve: Curve) -> None:
+    def pressed(self, young: float, curve: PressCurve) -> None:
         """Take what the full model of modulus 1 Pa answers at `DEPTHS`."""
         known = np.isfinite(curve.force)
         force, self.multipliers = young * curve.force, young * curve.multipliers[known]
@@ -101,7 +101,7 @@ def in_series(touches: list[Touch], bodies: dict[str, CondensedBody]) -> list[di
     return rows
 
 
-def _common(touch: Touch, body: CondensedBody, finger: Law, force: float) -> float:
+def _common(touch: Touch, body: CondensedBody, finger: ElasticLaw, force: float) -> float:
     """Force of finger and body in series at the approach at which the full model takes `force`."""
 
     def compressed(f: float) -> float:
@@ -188,7 +188,7 @@ def main() -> None:
     touches = [Touch(node, bodies["linear"], int(p), given.radius) for p in places]
     organ = of_organ(Organ(node.coarse_mesh(), node.poisson, node.bed))
     if given.keep is not None and given.keep.exists():
-        curves: list[Curve] = pickle.loads(given.keep.read_bytes())
+        curves: list[PressCurve] = pickle.loads(given.keep.read_bytes())
     else:
         curves = press(organ, np.stack([t.load for t in touches]), np.tile(DEPTHS, (len(touches), 1)))
         if given.keep is not None:

@@ -22,11 +22,11 @@ import numpy as np
 from tables import tell
 
 from palpate.messages import Load
-from palpate.models.fe.meshing.fingertip import Fingertip
+from palpate.models.fe.meshing.fingertip import FingertipDimensions
 from palpate.models.fe.reduce.holdout import settled
 from palpate.models.fe.reduce.reducible import SUBCUTIS_MODULUS, Reducible, of_finger
 from palpate.models.fe.reduce.reduction import CELLS, finger_touches
-from palpate.models.fe.reduce.snapshots import STIFFENING, Pressed, press
+from palpate.models.fe.reduce.snapshots import STIFFENING, PressSolution, press
 from palpate.nodes.contact import Series
 from palpate.nodes.deformation import ReducedFE
 from palpate.physics.bodies.sampled_body import SampledBasis, SampledBody
@@ -37,7 +37,7 @@ YOUNG = SUBCUTIS_MODULUS / 36.4
 Row = dict[str, object]
 
 
-def errors(full: Reducible, presses: list[Pressed], basis: SampledBasis) -> list[Row]:
+def errors(full: Reducible, presses: list[PressSolution], basis: SampledBasis) -> list[Row]:
     """Error of the indentation and, at the same approach, of the force with a finger in series."""
     finger = exponential(Series().finger_stiffness, Series().finger_hardening)
     missed: list[list[float]] = [[] for _ in STIFFENING]
@@ -142,7 +142,7 @@ def main() -> None:
     node = ReducedFE(surface="fingertip", model="sampled", modes=given.modes, young=160.0, radius=5e-3, reach=12e-3)
     basis = node.basis()
     assert isinstance(basis, SampledBasis)
-    full = of_finger(Fingertip(cells=CELLS))
+    full = of_finger(FingertipDimensions(cells=CELLS))
     begun = time.perf_counter()
     presses = press(full, finger_touches(full, given.touches, given.seed))
     seconds = (time.perf_counter() - begun) / max(sum(len(p.solutions) for p in presses), 1)

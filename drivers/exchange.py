@@ -12,7 +12,7 @@ import time
 from typing import Protocol
 
 from palpate.drivers.errors import DeviceError
-from palpate.drivers.guard import Guard, Sample, ahead
+from palpate.drivers.guard import DeviceSample, Guard, ahead
 from palpate.drivers.limits import Limits
 
 RETRY = 0.5  # [s] between two looks for a device that is gone
@@ -30,7 +30,7 @@ class Driver(Protocol):
     def open(self) -> None:
         """Find the device and make it ready. DeviceError: why not, and what to do."""
 
-    def cycle(self, command: tuple[float, ...]) -> Sample | None:
+    def cycle(self, command: tuple[float, ...]) -> DeviceSample | None:
         """Send a command and take one answer; None when none came within a few periods.
 
         DeviceError: the device is gone.
@@ -51,7 +51,7 @@ class Exchange:
     def __init__(self, driver: Driver, guard: Guard, *, reconnect: bool = False) -> None:
         self.driver, self.guard, self.reconnect = driver, guard, reconnect
         self._command: tuple[tuple[float, ...], int] = ((0.0,) * driver.size, 0)
-        self._newest: tuple[Sample | None, tuple[tuple[float, ...], tuple[float, ...]]] = None, ((), ())
+        self._newest: tuple[DeviceSample | None, tuple[tuple[float, ...], tuple[float, ...]]] = None, ((), ())
         self._fault: DeviceError | None = None
         self._notes: list[str] = []
         self._stop = threading.Event()
@@ -70,7 +70,7 @@ class Exchange:
         """Set what the device is to do from now on. Returns at once."""
         self._command = command, time.monotonic_ns()
 
-    def sample(self) -> Sample | None:
+    def sample(self) -> DeviceSample | None:
         """The newest answer, extrapolated to now; None before the first. Returns at once. DeviceError: it is gone."""
         if self._fault is not None:
             raise self._fault

@@ -22,7 +22,7 @@ HORIZON = 0.005  # [s] by which a sample is carried on at most
 HISTORY = 8  # [1] differences over which rates are taken
 
 
-class Sample(NamedTuple):
+class DeviceSample(NamedTuple):
     """One answer of a device.
 
     time      [ns]      of the machine's monotonic clock when it came
@@ -57,9 +57,9 @@ class Guard:
     def reset(self) -> None:
         """As after a start: no gain, no history."""
         self.gain, self.missed, self._then = 0.0, 0, 0
-        self._samples: deque[Sample] = deque(maxlen=HISTORY + 1)
+        self._samples: deque[DeviceSample] = deque(maxlen=HISTORY + 1)
 
-    def saw(self, sample: Sample | None) -> None:
+    def saw(self, sample: DeviceSample | None) -> None:
         """Take the answer to the last command; None: none came in time."""
         if sample is None:
             self.missed += 1
@@ -134,7 +134,7 @@ class Guard:
         return sum(c * r for c, r in zip(command, rate, strict=False))
 
 
-def ahead(sample: Sample, rates: tuple[tuple[float, ...], tuple[float, ...]], now: int) -> Sample:
+def ahead(sample: DeviceSample, rates: tuple[tuple[float, ...], tuple[float, ...]], now: int) -> DeviceSample:
     """A sample extrapolated with its rates to `now` [ns], by HORIZON at most.
 
     A graph that runs at another rate than its device gets samples of uneven age. Left as they are, they look like a

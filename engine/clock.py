@@ -9,7 +9,7 @@ import time
 from collections.abc import Iterator
 
 SPIN = 100_000  # [ns] wait actively for this long before a deadline: a plain sleep wakes up about 90 us late
-LOOK = 20  # [ms] after which those who wait look round: for orders, and what else has come
+POLL_INTERVAL = 20  # [ms] after which those who wait look round: for orders, and what else has come
 _PR_SET_TIMERSLACK = 29
 _MCL_CURRENT, _MCL_FUTURE, _MCL_ONFAULT = 1, 2, 4
 

@@ -14,7 +14,7 @@ T = TypeVar("T")
 
 
 @dataclass(frozen=True, order=True)
-class Place:
+class Location:
     """Where something is written: a file with line and column counted from 1, or a command line option. `before`: where
     the line of a node says it, into which another class was put at this place."""
 
@@ -27,7 +27,7 @@ class Place:
         return f"{short(self.file)}:{self.line}" if self.line else short(self.file)
 
 
-NOWHERE = Place()
+NOWHERE = Location()
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class Fault:
 
     text: str
     cure: str = ""
-    place: Place = NOWHERE
+    place: Location = NOWHERE
     node: str = ""
     port: str = ""
     setting: str = ""
@@ -88,7 +88,7 @@ class Faults:
 
     entries: list[Fault] = field(default_factory=list)
 
-    def add(self, text: str, cure: str = "", place: Place = NOWHERE, **about: str) -> None:
+    def add(self, text: str, cure: str = "", place: Location = NOWHERE, **about: str) -> None:
         """Note one fault; `about` names node, port or setting."""
         self.entries.append(Fault(text, cure, place, **about))
 

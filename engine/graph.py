@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from palpate.engine.faults import NOWHERE, Place
+from palpate.engine.faults import NOWHERE, Location
 from palpate.messages import Message
 from palpate.nodes.base import Node, Observer, outputs
 
@@ -28,11 +28,11 @@ class Edge:
 
 
 @dataclass(frozen=True)
-class Choice:
+class EffectChoice:
     """What was said of one effect, and where."""
 
     on: bool
-    place: Place
+    place: Location
 
     @property
     def word(self) -> str:
@@ -65,7 +65,7 @@ class NodeSpec:
     off: str | None = None
     edges: tuple[Edge, ...] = ()
     listen: tuple[str, ...] | None = ()
-    place: Place = NOWHERE
+    place: Location = NOWHERE
 
     @property
     def observer(self) -> bool:
@@ -90,7 +90,7 @@ class Graph:
     nodes: dict[str, NodeSpec]
     wanted: tuple[str, ...] | None = None
     source: dict[str, Any] = field(default_factory=dict)
-    effects: dict[str, Choice] = field(default_factory=dict)
+    effects: dict[str, EffectChoice] = field(default_factory=dict)
     notes: tuple[str, ...] = field(default=(), compare=False)
 
     @property

@@ -41,7 +41,7 @@ class Histogram:
         return durations
 
 
-class Health:
+class HealthCounters:
     """Counters of one node.
 
     step  durations of the step itself
@@ -81,7 +81,7 @@ class Health:
 
 
 class Counters(msgspec.Struct, frozen=True):
-    """What `Health` has counted; step and age with mean, quantiles and longest [s], forces [N] by `stream.field`."""
+    """What the counters hold; step and age with mean, quantiles and longest [s], forces [N] by `stream.field`."""
 
     tick: int
     steps: int

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from palpate.engine.faults import Fault, GraphError, Place, short
-from palpate.engine.graph import Choice, Edge, Graph, NodeSpec
+from palpate.engine.faults import Fault, GraphError, Location, short
+from palpate.engine.graph import Edge, EffectChoice, Graph, NodeSpec
 from palpate.engine.imports import full_name, load_class
 from palpate.nodes.base import Node
 
@@ -74,7 +74,7 @@ class Plan:
         if faults:
             raise GraphError(faults)
         wanted = None if spec["streams"] is None else tuple(spec["streams"])
-        said = {name: Choice(on, Place(*spot)) for name, (on, *spot) in spec.get("effects", {}).items()}
+        said = {name: EffectChoice(on, Location(*spot)) for name, (on, *spot) in spec.get("effects", {}).items()}
         graph = Graph(Path(spec["path"]), spec["rate"], spec["scene"], nodes, wanted, spec.get("source", {}), said)
         return cls(
             graph,
@@ -102,7 +102,7 @@ def _node_spec(node: NodeSpec) -> dict[str, Any]:
     }
 
 
-def _spot(place: Place) -> list[Any]:
+def _spot(place: Location) -> list[Any]:
     return [short(place.file), place.line, place.column]
 
 
@@ -118,7 +118,7 @@ def _node(spec: dict[str, Any], load: Callable[[str], Any]) -> NodeSpec:
         off=spec["off"],
         edges=_edges(spec["edges"]),
         listen=None if spec["listen"] is None else tuple(spec["listen"]),
-        place=Place(*spec["place"]),
+        place=Location(*spec["place"]),
     )
 
 

@@ -12,7 +12,7 @@ from typing import Protocol
 
 import msgspec
 
-from palpate.engine.health import Health
+from palpate.engine.health import HealthCounters
 from palpate.engine.imports import load_class
 from palpate.engine.job import InputJob, NodeJob, ObserverJob
 from palpate.engine.schedule import needed
@@ -69,7 +69,7 @@ class Inlet(Protocol):
     def wait_until(self, deadline: int) -> list[bytes]: ...
 
 
-class Feed:
+class RemoteStream:
     """One stream of another group: where it comes in, its type, and the ports that read it."""
 
     __slots__ = ("inlet", "kind", "ports", "producer", "stream")
@@ -111,7 +111,7 @@ class Input:
         self.loop = bool(job and job.loop)
         self.waits = bool(job and job.waits)
         self.dead = job is None
-        self.feed: Feed | None = None
+        self.feed: RemoteStream | None = None
         self.queue: deque[Message] = deque()
         self.message: Message | None = None
         self.arrived = 0
@@ -170,7 +170,7 @@ class Slot:
         self.inputs: list[Input] = []
         self.awaited: list[tuple[int, Input]] = []
         """The inputs by their place, those first that come last: while a step waits for them the others come."""
-        self.health = Health()
+        self.health = HealthCounters()
         self.due = 0
         self.period = 1
         """Where all observers are here, they take what it sends at the ticks that this divides; 0: nobody takes it."""
@@ -320,7 +320,7 @@ class ObserverSlot:
 
     def __init__(self, job: ObserverJob, node: Observer) -> None:
         self.name, self.node, self.streams = job.name, node, job.streams
-        self.health = Health()
+        self.health = HealthCounters()
         self.last: dict[str, int] = dict.fromkeys(job.streams, -1)
         self.pending: list[tuple[str, int, bytes]] = []
 

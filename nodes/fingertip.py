@@ -11,9 +11,9 @@ import numpy as np
 from palpate.messages import Contact, Friction, Pose, Slip, Surface, Vector3
 from palpate.nodes.base import Node, SettingError
 from palpate.physics.fingertip.anatomy import Anatomy
-from palpate.physics.fingertip.beam_bundle import FARTHEST, SHORTEST_STEP, Bundle, State, dome, step
-from palpate.physics.fingertip.surfaces import Fingertip, FingertipError, fill
-from palpate.physics.materials.viscoelastic import BONE, SKIN, TISSUE, Material
+from palpate.physics.fingertip.beam_bundle import FARTHEST, SHORTEST_STEP, Bundle, BundleState, dome, step
+from palpate.physics.fingertip.surfaces import FingertipError, FingertipSurfaces, fill
+from palpate.physics.materials.viscoelastic import BONE, SKIN, TISSUE, ViscoelasticMaterial
 
 UP = (0.0, 0.0, 1.0)
 CLEAR = 1e-3
@@ -104,21 +104,21 @@ class BundleContact(Node):
         except ValueError as error:
             where = f"shape {self.shape!r}, angle {math.degrees(self.angle):.1f}°, reach {self.reach * 1e3:g} mm"
             raise SettingError(f"{where}: {error}") from None
-        self.state = State(self.bundle)
+        self.state = BundleState(self.bundle)
         self.before: Vector3 | None = None
         self.depth = 0.0
         self.onset = -1.0
 
     def _bundle(self) -> Bundle:
-        tissue = Material(self.tissue_modulus, self.tissue_relaxation, self.poisson)
-        skin = Material(self.skin_modulus, self.skin_relaxation, self.poisson)
-        bone = Material(self.bone_modulus, 0.0, self.poisson)
+        tissue = ViscoelasticMaterial(self.tissue_modulus, self.tissue_relaxation, self.poisson)
+        skin = ViscoelasticMaterial(self.skin_modulus, self.skin_relaxation, self.poisson)
+        bone = ViscoelasticMaterial(self.bone_modulus, 0.0, self.poisson)
         if self.shape == "dome":
             if self.reach >= self.dome_length:
                 raise FingertipError(f"reach {self.reach} m: expected less than the dome's beams, {self.dome_length} m")
             return dome(self.dome_radius, self.dome_length, self.pitch, self.reach, tissue,
                         lateral=self.lateral, skin=self.sheet, skin_material=skin)  # fmt: skip
-        tip = Anatomy().fingertip() if self.shape == "anatomy" else Fingertip.load(self.shape)
+        tip = Anatomy().fingertip() if self.shape == "anatomy" else FingertipSurfaces.load(self.shape)
         return fill(
             tip, self.reach, self.pitch, self.angle, (skin, tissue, bone, tissue), self.lateral, self.sheet, skin
         )

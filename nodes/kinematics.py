@@ -21,12 +21,12 @@ class _Tracker(Node):
     """What both kinds of device share: settings, the filter's state, and the clock of the samples."""
 
     origin: Annotated[Vector3, "m"] = ZERO
-    differences: Annotated[int, "1", msgspec.Meta(ge=1, le=1000)] = 8
+    velocity_window: Annotated[int, "1", msgspec.Meta(ge=1, le=1000)] = 8
     speed_limit: Annotated[float, "m/s", msgspec.Meta(gt=0)] = 5.0
     resolution: Annotated[float, "m", msgspec.Meta(ge=0)] = 0.0
 
     def _reset(self, home: Vector3) -> None:
-        self.cursor, self.times, self.points = buffers(self.differences, *home)
+        self.cursor, self.times, self.points = buffers(self.velocity_window, *home)
         self.window, ring, self.line = window.buffers()
         self.filter = self.cursor, self.times, self.points, between.buffers(), self.window, ring, self.line
         self.clock = 0
@@ -49,14 +49,14 @@ class _Tracker(Node):
         return self._pose(*self.last, 0.0, 0.0, 0.0, 0.0)
 
 
-class Falcon(_Tracker):
+class FalconKinematics(_Tracker):
     """Pose of a Novint Falcon's grip from its three driven angles.
 
-    The velocity is the mean of `differences` backward differences over the stamps of the samples. A sample that would
-    need more than `speed_limit` is refused, unless four in a row agree. A stale or doubled sample leaves the pose as
-    it was, with dt = 0. `origin` is where the device's frame lies in the world. `resolution`: one encoder count at the
-    grip, about; angles that rest between two counts are told as their mean, and where the last samples lie within it of
-    a straight line, the pose is that of the line. 0: as measured.
+    The velocity is the mean of `velocity_window` backward differences over the stamps of the samples. A sample that
+    would need more than `speed_limit` is refused, unless four in a row agree. A stale or doubled sample leaves the
+    pose as it was, with dt = 0. `origin` is where the device's frame lies in the world. `resolution`: one encoder
+    count at the grip, about; angles that rest between two counts are told as their mean, and where the last samples
+    lie within it of a straight line, the pose is that of the line. 0: as measured.
     """
 
     resolution: Annotated[float, "m", msgspec.Meta(ge=0)] = 60e-6
@@ -92,7 +92,7 @@ class Cartesian(_Tracker):
         if len(state.position) != 3:
             raise MessageError(
                 f"DeviceState.position: found {len(state.position)} numbers, expected 3 [m]. "
-                "For a device that reports the angles of a Falcon use kinematics.Falcon."
+                "For a device that reports the angles of a Falcon use kinematics.FalconKinematics."
             )
         return self._pose(*pose(*self.filter, self.resolution, self.speed_limit, time, state.position))
 
@@ -101,7 +101,7 @@ class FalconStatics(Node):
     """Torques that make a Falcon push with the commanded force: G^-T F, scaled as a whole to the motors' limit.
 
     Zero without a force; without a pose it is silent, and the device lets go. `origin` is the same as in
-    kinematics.Falcon.
+    kinematics.FalconKinematics.
     """
 
     origin: Annotated[Vector3, "m"] = ZERO

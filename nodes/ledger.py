@@ -8,7 +8,7 @@ import msgspec
 
 from palpate.messages import Contact, Force, Friction, Ledger, Pose, Surface
 from palpate.nodes.base import Node, Wants
-from palpate.physics.contact.ledger import Books, Moment
+from palpate.physics.contact.ledger import EnergyAccount, Moment
 
 ZERO = (0.0, 0.0, 0.0)
 PRESS = Wants("normal", "force", "compression", "indentation", "lateral_force", "stored")
@@ -28,7 +28,7 @@ class Energy(Node):
     delay: Annotated[int, "1", msgspec.Meta(ge=0, le=1000)] = 0
 
     def start(self) -> None:
-        self._books = Books(self.delay)
+        self._books = EnergyAccount(self.delay)
         self._tripped = False
         self._news: list[str] = []
 

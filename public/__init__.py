@@ -22,17 +22,17 @@ if TYPE_CHECKING:
 
     from palpate.launch.stepping import Tick
     from palpate.physics.errors import PalpateError
-    from palpate.records.samples import Samples, Stream
+    from palpate.records.samples import RecordedStream, Samples
     from palpate.views.run import Comparison, Run
 
-__all__ = ["Comparison", "PalpateError", "Run", "Samples", "Stream", "Tick", "compare", "open", "run", "steps"]
+__all__ = ["Comparison", "PalpateError", "RecordedStream", "Run", "Samples", "Tick", "compare", "open", "run", "steps"]
 
 _HOMES = {
     "Comparison": "palpate.views.run",
     "PalpateError": "palpate.physics.errors",
     "Run": "palpate.views.run",
     "Samples": "palpate.records.samples",
-    "Stream": "palpate.records.samples",
+    "RecordedStream": "palpate.records.samples",
     "Tick": "palpate.launch.stepping",
 }
 

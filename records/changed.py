@@ -7,7 +7,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from palpate.engine.faults import Place
+from palpate.engine.faults import Location
 from palpate.engine.graph import Graph
 from palpate.engine.imports import UntrustedError, check_trusted, full_name
 from palpate.engine.plan import Plan
@@ -17,7 +17,7 @@ from palpate.launch.load.graph import load_source
 from palpate.launch.load.launchfile import find
 from palpate.launch.load.plan import plan
 from palpate.launch.load.recording import set_recording
-from palpate.launch.load.values.source import Source
+from palpate.launch.load.values.source import YamlSource
 from palpate.records.player import plan_of
 from palpate.records.reader import Recording
 from palpate.records.stored import RecordingError
@@ -86,7 +86,7 @@ def _recorded_graph(recording: Recording, overrides: Sequence[str]) -> Graph:
 
     def load(given: Sequence[str]) -> Graph:
         return load_source(
-            Source(copy.deepcopy(recorded["source"]), {(): Place(name)}),
+            YamlSource(copy.deepcopy(recorded["source"]), {(): Location(name)}),
             Path(recorded["path"]),
             overrides=given,
             scene=copy.deepcopy(recorded["scene"]),

@@ -87,13 +87,13 @@ def compare(
     *,
     reference: Sequence[str] | None = None,
     show: Callable[[int, int], None] = lambda tick, last: None,
-    look: Callable[[Sequence[Player]], None] = lambda players: None,
+    on_tick: Callable[[Sequence[Player]], None] = lambda players: None,
 ) -> list[Variant]:
     """Compute the recorded touch once for each variant; the differences are against the first of those returned.
 
     variants   overrides of each, as for `palpate run --set`; an empty one is the graph as it was recorded
     reference  overrides of the one that the others are held against; None: the first of the variants
-    look       told at each tick, with the nodes of all that are returned
+    on_tick       told at each tick, with the nodes of all that are returned
 
     RecordingError, GraphError: what does not fit. NodeError: a node raised.
     """
@@ -125,7 +125,7 @@ def compare(
                 own.take(tick)
             for variant, own in zip(computed, streams, strict=True):
                 _hold_against(variant, own, streams[0], tick % every == 0)
-            look(players)
+            on_tick(players)
             if not tick % 256:
                 show(tick, last)
     finally:

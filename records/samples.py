@@ -87,7 +87,7 @@ class Samples(np.ndarray):
         return ", ".join(parts)
 
 
-class Stream:
+class RecordedStream:
     """One stream of a recording; its fields are attributes.
 
     name     of the stream
@@ -175,7 +175,7 @@ class Run:
 
     def __init__(self, file: str | Path) -> None:
         self._recording = Recording(file)
-        self._streams: dict[str, Stream] = {}
+        self._streams: dict[str, RecordedStream] = {}
         self.path = self._recording.path
         self.about: dict[str, Any] = self._recording.about
 
@@ -202,7 +202,7 @@ class Run:
             )
         stream, field = self._split(name)
         if stream not in self._streams:
-            self._streams[stream] = Stream(self._recording, stream)
+            self._streams[stream] = RecordedStream(self._recording, stream)
         return self._streams[stream] if field is None else self._streams[stream][field]
 
     def _split(self, name: str) -> tuple[str, str | None]:
@@ -212,7 +212,7 @@ class Run:
         stream, dot, field = name.rpartition(".")
         return (stream, field) if dot else (name, None)
 
-    def __getattr__(self, name: str) -> Stream:
+    def __getattr__(self, name: str) -> RecordedStream:
         if name.startswith("_") or name in ("path", "about"):
             raise AttributeError(name)
         if name not in self._recording.streams:
@@ -248,7 +248,7 @@ class Run:
         import pandas
 
         source = self[name]
-        if not isinstance(source, Stream):
+        if not isinstance(source, RecordedStream):
             raise RecordingError(f"{name!r} is a field; expected a stream: {', '.join(self.streams)}")
         columns: dict[str, Any] = {"time [s]": source.time, "tick": source.tick}
         for field_name, field in source.columns.items():

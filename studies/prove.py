@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from palpate.launch.load.bill import Item
+from palpate.launch.load.bill import EffectCost
 from palpate.records.compare import Variant
 from palpate.records.reader import Recording
 from palpate.studies.search import Show, compared, off_by
@@ -15,7 +15,7 @@ RESOLUTION = 0.13  # of a duration: a bin of its histogram
 
 def prove(
     recording: Recording,
-    items: Sequence[Item],
+    items: Sequence[EffectCost],
     overrides: Sequence[str] = (),
     show: Show = lambda effect: None,
 ) -> None:
@@ -41,7 +41,7 @@ def prove(
             item.proof = _told(item, *both)
 
 
-def _told(item: Item, base: Variant, variant: Variant) -> str:
+def _told(item: EffectCost, base: Variant, variant: Variant) -> str:
     if not variant.force.count:
         return "no force is computed"
     now, then = base.whole.report()["p50"] * 1e6, variant.whole.report()["p50"] * 1e6

@@ -23,7 +23,7 @@ from palpate.engine.plan import Plan
 from palpate.launch.load.launchfile import LaunchFile
 from palpate.messages import Field, Message, fields
 from palpate.nodes.base import inputs
-from palpate.nodes.device.hand import Hand
+from palpate.nodes.device.hand import SimulatedOperator
 from palpate.physics.errors import ArgumentError
 from palpate.records.changed import changed
 from palpate.records.compare import apart, compare
@@ -122,7 +122,7 @@ def at_speeds(launch: LaunchFile, speeds: Sequence[float]) -> dict[float, Launch
     hands = {
         name: float(spec.settings.get("speed", 1.0))
         for name, spec in launch.load().nodes.items()
-        if issubclass(spec.cls, Hand) and not spec.cls.hardware and spec.settings.get("path")
+        if issubclass(spec.cls, SimulatedOperator) and not spec.cls.hardware and spec.settings.get("path")
     }
     if not hands:
         return {1.0: launch}
@@ -219,7 +219,7 @@ def _lowest(recording: Recording, plan: Plan, rate: Rate, full: list[str], error
     change = _Outputs(plan, rate, without=set())
     before = change.seen(None)
 
-    def look(players: Sequence[Player]) -> None:
+    def on_tick(players: Sequence[Player]) -> None:
         nonlocal before
         now = change.seen(players[0])
         change.add(now, before)
@@ -229,7 +229,7 @@ def _lowest(recording: Recording, plan: Plan, rate: Rate, full: list[str], error
             own.add(own.seen(player), base)
 
     sets = [[*(text for text in full if text != rate.override(1)), rate.override(every)] for every in slower]
-    _, *variants = compare(recording, sets, reference=full, look=look)
+    _, *variants = compare(recording, sets, reference=full, on_tick=on_tick)
     if not change.error > 0.0:
         return replace(rate, every=rate.before)
     rate = replace(rate, constant=1.0 / (plan.graph.rate * change.error))

@@ -7,6 +7,7 @@ import textwrap
 import hypothesis
 import pytest
 import typer.testing
+import warm_fork_server
 from whole_touch import WHOLE
 
 import palpate.launch  # noqa: F401  pins the arithmetic, before any test imports numpy
@@ -17,6 +18,8 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:
     signal.signal(signal.SIGHUP, signal.SIG_DFL)
+
+warm_fork_server.use()
 
 # Commands are called by the hundred, and typer builds the tree of all of them for each.
 typer.testing._get_command = functools.cache(typer.testing._get_command)

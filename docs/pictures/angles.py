@@ -17,8 +17,8 @@ from matplotlib import rc_context
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from palpate.physics.fingertip.anatomy import Anatomy
-from palpate.physics.fingertip.beam_bundle import State, step
-from palpate.physics.fingertip.surfaces import Fingertip, fill
+from palpate.physics.fingertip.beam_bundle import BundleState, step
+from palpate.physics.fingertip.surfaces import FingertipSurfaces, fill
 from palpate.views.pictures.style import FINGER, LOOK, NORMAL, SPEED, TISSUE, figure
 
 PULPS = {
@@ -40,10 +40,10 @@ class Slide(NamedTuple):
     expected: float
 
 
-def slide(tip: Fingertip, degrees: float, dt: float = 1e-2) -> Slide:
+def slide(tip: FingertipSurfaces, degrees: float, dt: float = 1e-2) -> Slide:
     """Press, wait for rest, draw back until every node slides."""
     body = fill(tip, DEPTH, pitch=PITCH, angle=np.radians(degrees))
-    state = State(body)
+    state = BundleState(body)
     for _ in range(40):
         force = step(body, state, DEPTH, (0.0, 0.0), MU, 1.0)
     touching = state.normal > 0

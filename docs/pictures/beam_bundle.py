@@ -33,14 +33,14 @@ from palpate.messages import Slip, Surface
 from palpate.records.reader import Recording
 from palpate.views.pictures import draw
 from palpate.views.pictures.slip import slides
-from palpate.views.pictures.touch import Touch
+from palpate.views.pictures.touch import TouchStreams
 
 NUMBER = count()
 SCRATCH = tempfile.TemporaryDirectory(prefix="palpate-")
 
 
 @cache
-def run(*sets: str, duration: float = 3.0) -> Touch:
+def run(*sets: str, duration: float = 3.0) -> TouchStreams:
     """The recording of one run; `sets` are as behind --set, of the scene's finger."""
     file = Path(SCRATCH.name) / f"{next(NUMBER)}.mcap"
     overrides = [one if one.startswith("finger.") else f"scene.finger.{one}" for one in sets]
@@ -48,7 +48,7 @@ def run(*sets: str, duration: float = 3.0) -> Touch:
     outcome = execute(launch)
     if not outcome.result.ok:
         raise SystemExit("\n".join(map(str, outcome.result.deaths)))
-    return Touch(Recording(file))
+    return TouchStreams(Recording(file))
 
 
 def sliding(angle: float, direction: float = 90):

@@ -18,10 +18,10 @@ import sys
 import tempfile
 from pathlib import Path
 
-from palpate.models.fe.meshing.fingertip import Fingertip
+from palpate.models.fe.meshing.fingertip import FingertipDimensions
 from palpate.models.fe.meshing.layers import Layers
 from palpate.models.fe.meshing.scanned import Scanned
-from palpate.models.fe.study.press_record import Run, record
+from palpate.models.fe.study.press_record import PressRun, record
 from palpate.models.fe.study.pressing import Pressing
 from palpate.models.scan import rebuild, segment
 from palpate.models.scan.phantom import scan
@@ -32,9 +32,9 @@ MEASURED = 3
 """Cells of the measured finger, of which both sides are meshed."""
 
 
-def press(finger: Layers, plate: str, depth: float, folder: Path) -> Run:
+def press(finger: Layers, plate: str, depth: float, folder: Path) -> PressRun:
     """The calibrated finger on a plate that rises by `depth` [m]."""
-    run = Run(folder)
+    run = PressRun(folder)
     record(Pressing(finger, plate, "calibrated"), depth, run)
     return run
 
@@ -43,7 +43,7 @@ def main(runs: Path, folder: Path) -> list[Path]:
     """Press, draw, copy."""
     folder.mkdir(parents=True, exist_ok=True)
     both = {
-        plate: press(Fingertip(cells=CELLS), plate, 2.4e-3, runs / f"{plate}-calibrated-{CELLS}-0.2")
+        plate: press(FingertipDimensions(cells=CELLS), plate, 2.4e-3, runs / f"{plate}-calibrated-{CELLS}-0.2")
         for plate in ("steel", "silicone")
     }
     tip = Scanned(rebuild(segment(scan())), cells=MEASURED)

@@ -12,7 +12,7 @@ Chance = Annotated[float, "1", msgspec.Meta(ge=0, le=1)]
 When = Annotated[float, "s"]
 
 
-class Faults(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class EmulatedFaults(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """What goes wrong with an emulated device; the same seed gives the same faults.
 
     latency   [s]  by which every answer comes later
@@ -42,7 +42,7 @@ class Faults(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class Days:
     """The faults of one device over time. `begun` [ns]: when it first answered; nothing happens before."""
 
-    faults: Faults
+    faults: EmulatedFaults
     begun: int | None = None
 
     def __post_init__(self) -> None:

@@ -35,7 +35,7 @@ class Script:
     damping: float = 10.0
 
 
-class Hand:
+class EmulatedOperator:
     """A held grip. The clock of its way begins with `begin`."""
 
     def __init__(self, script: Script) -> None:

@@ -11,12 +11,12 @@ import time
 import tty
 from typing import Protocol
 
-from palpate.drivers.emulate.faults import Days, Faults
+from palpate.drivers.emulate.faults import Days, EmulatedFaults
 from palpate.drivers.errors import DeviceError
 from palpate.drivers.transport.serial import SerialLine
 
 
-class Device(Protocol):
+class EmulatedDevice(Protocol):
     """What speaks."""
 
     @property
@@ -37,9 +37,9 @@ class EmulatedLine:
     name  of the device
     """
 
-    def __init__(self, device: Device, baud: int, name: str, faults: Faults | None = None) -> None:
+    def __init__(self, device: EmulatedDevice, baud: int, name: str, faults: EmulatedFaults | None = None) -> None:
         self.device, self.baud, self.name = device, baud, name
-        self.days = Days(faults or Faults())
+        self.days = Days(faults or EmulatedFaults())
         self._stop = threading.Event()
         self._thread: threading.Thread | None = None
         self._master = -1

@@ -10,7 +10,7 @@ from statistics import median_low
 
 from palpate.drivers.errors import DeviceError
 from palpate.drivers.falcon import firmware, frames
-from palpate.drivers.guard import Sample
+from palpate.drivers.guard import DeviceSample
 from palpate.drivers.limits import LIMITS
 from palpate.drivers.transport.ftdi import Ftdi, payload
 from palpate.physics.device.falcon import FALCON, HOME, forward_kernel
@@ -26,7 +26,7 @@ AGREE = 60  # [counts] between two of them: 2 m/s at 1 kHz
 Counts = tuple[int, int, int]
 
 
-class Falcon:
+class FalconDriver:
     """The device behind an FTDI chip.
 
     connect   opens the chip
@@ -45,7 +45,7 @@ class Falcon:
     ) -> None:
         self.connect, self.image, self.clock = connect, image, clock
         self.chip: Ftdi | None = None
-        self.reader = frames.Reader()
+        self.reader = frames.FalconFrameReader()
         self.attempts = 0
         self.glitches = 0
 
@@ -94,7 +94,7 @@ class Falcon:
                 return batch[-1]
         return None
 
-    def cycle(self, command: tuple[float, ...]) -> Sample | None:
+    def cycle(self, command: tuple[float, ...]) -> DeviceSample | None:
         if self.chip is None:
             raise DeviceError("the Falcon is not open", lost=True)
         self.chip.write(frames.command(frames.motors(command), self.state))
@@ -105,16 +105,16 @@ class Falcon:
         now = self.clock()
         if not all(reading.homed):
             self.state, self.last = frames.HOMING | frames.RED, None
-            return Sample(now, buttons=reading.buttons, homed=False)
+            return DeviceSample(now, buttons=reading.buttons, homed=False)
         self.state = frames.HOMING | frames.GREEN  # the homing bit stays on: the firmware wants it so
         counts = self._believed(reading.counts, now)
         if counts is None:
-            return Sample(now, buttons=reading.buttons, homed=False)
+            return DeviceSample(now, buttons=reading.buttons, homed=False)
         a, b, c = (FALCON.zero + n * FALCON.count for n in counts)
         ok, x, y, z = forward_kernel(self.geometry, a, b, c, *self.place)
         if ok and math.isfinite(x + y + z):
             self.place = x, y, z
-        return Sample(now, (a, b, c), self.place, reading.buttons)
+        return DeviceSample(now, (a, b, c), self.place, reading.buttons)
 
     def _believed(self, counts: Counts, now: int) -> Counts | None:
         """The counts, or the last ones where these are implausible, unless several in a row agree with one another.

@@ -13,8 +13,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from palpate.drivers.emulate.faults import Days, Faults
-from palpate.drivers.emulate.hand import Hand, Script
+from palpate.drivers.emulate.faults import Days, EmulatedFaults
+from palpate.drivers.emulate.hand import EmulatedOperator, Script
 from palpate.drivers.errors import DeviceError
 from palpate.drivers.falcon import NAME, firmware, frames
 from palpate.drivers.transport import ftdi
@@ -49,7 +49,7 @@ class EmulatedFalcon:
     def __init__(
         self,
         script: Script | None = None,
-        faults: Faults | None = None,
+        faults: EmulatedFaults | None = None,
         image: bytes = IMAGE,
         *,
         loaded: bool = False,
@@ -58,8 +58,8 @@ class EmulatedFalcon:
         now: Callable[[], int] = time.monotonic_ns,
         sleep: Callable[[float], None] = time.sleep,
     ) -> None:
-        self.hand = Hand(script or Script())
-        self.days = Days(faults or Faults())
+        self.hand = EmulatedOperator(script or Script())
+        self.days = Days(faults or EmulatedFaults())
         self.image, self.homing, self.waits = image, homing, waits
         self.now, self.sleep = now, sleep
         self.running = loaded

@@ -22,7 +22,7 @@ ATTEMPTS = 10
 REPLY = 0.5  # [s]
 
 
-class Refused(Exception):
+class RefusedError(Exception):
     """One attempt failed."""
 
 
@@ -64,7 +64,7 @@ def load(chip: Ftdi, data: bytes, now: Callable[[], int]) -> int:
             _send(chip, data, now)
             run_mode(chip)
             return attempt
-        except Refused as error:
+        except RefusedError as error:
             text = str(error)
     raise DeviceError(
         f"the firmware could not be loaded in {ATTEMPTS} attempts: {text}. Switch the Falcon off for a moment,"
@@ -89,12 +89,12 @@ def _greet(chip: Ftdi, now: Callable[[], int]) -> None:
         if _take(chip, len(READY) + 1, 0.05, now, READY).endswith(READY):
             break
     else:
-        raise Refused("it does not answer the greeting")
+        raise RefusedError("it does not answer the greeting")
     chip.control(ftdi.MODEM, ftdi.DTR_LOW)
     chip.control(ftdi.BAUD, LOADING)
     chip.write(LETTER)
     if _take(chip, 1, REPLY, now) != LETTER:
-        raise Refused("it does not answer at the loading speed")
+        raise RefusedError("it does not answer at the loading speed")
 
 
 def _send(chip: Ftdi, data: bytes, now: Callable[[], int]) -> None:
@@ -103,7 +103,9 @@ def _send(chip: Ftdi, data: bytes, now: Callable[[], int]) -> None:
         chip.write(block)
         echo = _take(chip, len(block), REPLY, now)
         if echo != block:
-            raise Refused(f"the echo of the block at byte {start} is {'short' if len(echo) < len(block) else 'wrong'}")
+            raise RefusedError(
+                f"the echo of the block at byte {start} is {'short' if len(echo) < len(block) else 'wrong'}"
+            )
 
 
 def _take(chip: Ftdi, count: int, patience: float, now: Callable[[], int], until: bytes = b"") -> bytes:

@@ -16,7 +16,7 @@ WORD_PER_TORQUE = -1.0e4  # [1/(N m)] empirical, of the open driver
 HOMING, GREEN, BLUE, RED = 0x1, 0x2, 0x4, 0x8  # bits of the host's state byte
 
 
-class Report(NamedTuple):
+class FalconReport(NamedTuple):
     """What the device says.
 
     counts   [1] (3)  encoders
@@ -54,11 +54,11 @@ def report(counts: tuple[int, int, int], buttons: int, homed: tuple[bool, bool, 
     return b"<" + words(counts) + bytes((BASE + state, BASE)) + b">"
 
 
-def read(frame: bytes) -> Report:
+def read(frame: bytes) -> FalconReport:
     """What a whole frame from the device says."""
     state = frame[13] - BASE
     homed = bool(state & 0x10), bool(state & 0x20), bool(state & 0x40)
-    return Report(numbers(frame[1:13]), state & 0xF, homed)
+    return FalconReport(numbers(frame[1:13]), state & 0xF, homed)
 
 
 def motors(torques: tuple[float, ...]) -> tuple[int, int, int]:
@@ -75,7 +75,7 @@ def torques(values: tuple[int, int, int]) -> tuple[float, float, float]:
     return a, b, c
 
 
-class Reader:
+class FalconFrameReader:
     """Finds frames in the received bytes, whatever comes between them.
 
     wrong  [1]  bytes that belonged to no frame

@@ -14,9 +14,9 @@ from collections.abc import Callable
 
 import numpy as np
 
-from palpate.drivers.emulate.hand import Hand, Script
+from palpate.drivers.emulate.hand import EmulatedOperator, Script
 from palpate.drivers.errors import DeviceError
-from palpate.drivers.guard import Sample
+from palpate.drivers.guard import DeviceSample
 from palpate.drivers.limits import LIMITS
 from palpate.drivers.transport.burst import burst
 from palpate.drivers.transport.serial import Line
@@ -84,7 +84,7 @@ class Haply2Diy:
                 return
         raise DeviceError(f"the {NAME} does not answer. Is this its port, and does it run the hAPI firmware?")
 
-    def cycle(self, command: tuple[float, ...]) -> Sample | None:
+    def cycle(self, command: tuple[float, ...]) -> DeviceSample | None:
         if self.line is None:
             raise DeviceError(f"the {NAME} is not open", lost=True)
         fx, fy = command
@@ -99,7 +99,7 @@ class Haply2Diy:
             data += self.line.read(left)
         return self._take(data)
 
-    def _take(self, data: bytes) -> Sample | None:
+    def _take(self, data: bytes) -> DeviceSample | None:
         if len(data) < ANSWER or len(data) % ANSWER or data[-ANSWER] != NUMBER:
             return None  # cut off, or two of which one is: the next answer begins anew
         angles = struct.unpack("<2f", data[-ANSWER + 1 :])
@@ -112,7 +112,7 @@ class Haply2Diy:
         if where is None:
             return None
         self.angles = q[0], q[1]
-        return Sample(time.monotonic_ns(), position=(*where, 0.0))
+        return DeviceSample(time.monotonic_ns(), position=(*where, 0.0))
 
     def close(self) -> None:
         if self.line is not None:
@@ -131,7 +131,7 @@ class Emulated2Diy:
     def __init__(self, script: Script, version: int = 3, *, waits: bool = False) -> None:
         self.mechanism, self.motors, self.encoders = BUILDS[version]
         self.version, self.waits = version, waits
-        self.hand = Hand(script)
+        self.hand = EmulatedOperator(script)
         self.torques = (0.0, 0.0)
         self.ready = False
         self.heard = b""

@@ -14,10 +14,10 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from palpate.drivers.emulate.faults import Days, Faults
-from palpate.drivers.emulate.hand import Hand, Script
+from palpate.drivers.emulate.faults import Days, EmulatedFaults
+from palpate.drivers.emulate.hand import EmulatedOperator, Script
 from palpate.drivers.errors import DeviceError, package
-from palpate.drivers.guard import Sample
+from palpate.drivers.guard import DeviceSample
 from palpate.drivers.limits import LIMITS
 from palpate.drivers.transport.burst import MOST, burst
 from palpate.drivers.transport.websocket import Messages
@@ -103,7 +103,7 @@ class Inverse3:
             raise DeviceError(f"the {NAME} knows {len(known)} of them. Say which with `device_id`: {', '.join(known)}.")
         self.chosen = self.device or known[0]
 
-    def cycle(self, command_: tuple[float, ...]) -> Sample | None:
+    def cycle(self, command_: tuple[float, ...]) -> DeviceSample | None:
         if self.link is None:
             raise DeviceError(f"the {NAME} is not connected", lost=True)
         self.link.write(command(self.chosen, command_))
@@ -115,7 +115,11 @@ class Inverse3:
         for device in entries(message, "inverse3"):
             if isinstance(device, dict) and str(device.get("device_id")) == self.chosen:
                 place = position(device)
-                return None if place is None else Sample(time.monotonic_ns(), position=place, buttons=buttons(message))
+                return (
+                    None
+                    if place is None
+                    else DeviceSample(time.monotonic_ns(), position=place, buttons=buttons(message))
+                )
         return None
 
     def close(self) -> None:
@@ -128,10 +132,15 @@ class EmulatedService:
     """The service itself on a port of this machine, with a device that a hand holds. `address`: where it listens."""
 
     def __init__(
-        self, script: Script | None = None, faults: Faults | None = None, *, ids: tuple[str, ...] = ("04EF",),
+        self, script: Script | None = None, faults: EmulatedFaults | None = None, *, ids: tuple[str, ...] = ("04EF",),
         waits: bool = False,
     ) -> None:  # fmt: skip
-        self.hand, self.days, self.waits, self.ids = Hand(script or Script()), Days(faults or Faults()), waits, ids
+        self.hand, self.days, self.waits, self.ids = (
+            EmulatedOperator(script or Script()),
+            Days(faults or EmulatedFaults()),
+            waits,
+            ids,
+        )
         self.force = (0.0, 0.0, 0.0)
         self.errors = package("websockets.exceptions")
         self.server = package("websockets.sync.server").serve(self._serve, "127.0.0.1", 0, compression=None)

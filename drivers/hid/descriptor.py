@@ -14,7 +14,7 @@ GAMEPADS = (0x04, 0x05)  # joystick, gamepad: usages of the Generic Desktop page
 
 
 @dataclass(frozen=True)
-class Field:
+class ReportField:
     """One number in a report.
 
     report  its number, 0 where the device has none    page, usage  what it is
@@ -45,9 +45,9 @@ class Field:
         return min(max(2.0 * (raw - self.low) / (self.high - self.low) - 1.0, -1.0), 1.0)
 
 
-def fields(descriptor: bytes) -> list[Field]:
+def fields(descriptor: bytes) -> list[ReportField]:
     """The axes and buttons of a descriptor, in their order; what is cut off or unknown ends or is skipped."""
-    entries: list[Field] = []
+    entries: list[ReportField] = []
     state: dict[str, int] = {"page": 0, "low": 0, "high": 0, "size": 0, "count": 0, "report": 0}
     stack: list[dict[str, int]] = []
     usages: list[int] = []
@@ -97,7 +97,7 @@ def fields(descriptor: bytes) -> list[Field]:
 
 def _input(
     state: dict[str, int], usages: list[int], offsets: dict[int, int], constant: bool, array: bool
-) -> list[Field]:
+) -> list[ReportField]:
     begin = offsets.get(state["report"], 0)
     count, size = min(state["count"], 512), state["size"]
     offsets[state["report"]] = begin + count * size
@@ -107,5 +107,5 @@ def _input(
     for i in range(count):
         page, usage = divmod(usages[min(i, len(usages) - 1)], 1 << 16)
         if page == BUTTON or (page == DESKTOP and usage in AXES):
-            made.append(Field(state["report"], page, usage, begin + i * size, size, state["low"], state["high"]))
+            made.append(ReportField(state["report"], page, usage, begin + i * size, size, state["low"], state["high"]))
     return made

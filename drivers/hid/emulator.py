@@ -8,8 +8,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from palpate.drivers.emulate.faults import Days, Faults
-from palpate.drivers.emulate.hand import Hand, Script
+from palpate.drivers.emulate.faults import Days, EmulatedFaults
+from palpate.drivers.emulate.hand import EmulatedOperator, Script
 from palpate.drivers.errors import DeviceError
 from palpate.drivers.hid import raw, spacemouse
 
@@ -19,10 +19,12 @@ SWING = 2.0  # [s] of the hand at a mouse, the thumb at a gamepad
 
 
 class EmulatedRawHid:
-    """A device with three axes that answers every command, and stops without commands: `transport.hid.Hid`."""
+    """A device with three axes that answers every command, and stops without commands: `transport.hid.HidPort`."""
 
-    def __init__(self, script: Script | None = None, faults: Faults | None = None, *, waits: bool = False) -> None:
-        self.hand, self.days, self.waits = Hand(script or Script()), Days(faults or Faults()), waits
+    def __init__(
+        self, script: Script | None = None, faults: EmulatedFaults | None = None, *, waits: bool = False
+    ) -> None:
+        self.hand, self.days, self.waits = EmulatedOperator(script or Script()), Days(faults or EmulatedFaults()), waits
         self.said: deque[tuple[int, bytes]] = deque()
         self.force = (0.0, 0.0, 0.0)
         self.until = 0
@@ -45,7 +47,7 @@ class EmulatedRawHid:
     def write(self, report: bytes) -> None:
         self._plugged()
         message = raw.unpack(report)
-        if not isinstance(message, raw.Command):
+        if not isinstance(message, raw.RawCommand):
             return
         now = time.monotonic_ns()
         if not self.waits:
@@ -62,11 +64,11 @@ class EmulatedRawHid:
         counts = [round(p / COUNT) for p in place]
         if self.days.chance("noise"):
             counts[0] += 1
-        answer: raw.State | raw.Info
+        answer: raw.RawState | raw.Info
         if message.flags & raw.ASK_INFO:
             answer = raw.Info(0, 3, (COUNT,) * 3 + (0.0,) * 3, (UNIT,) * 3 + (0.0,) * 3)
         else:
-            answer = raw.State(
+            answer = raw.RawState(
                 self.sequence, message.sequence, raw.HOMED, 3, now // 1000 & 0xFFFFFFFF, (*counts, 0, 0, 0),
                 self.hand.buttons,
             )  # fmt: skip
@@ -95,12 +97,14 @@ class EmulatedRawHid:
 
 
 class EmulatedReports:
-    """A device that only reports, every 8 ms, what `moved` says at a time [s]: `transport.hid.Hid`."""
+    """A device that only reports, every 8 ms, what `moved` says at a time [s]: `transport.hid.HidPort`."""
 
     PERIOD = 0.008
 
-    def __init__(self, moved: Callable[[float], list[bytes]], descriptor: bytes = b"", faults: Faults | None = None):
-        self.moved, self.description, self.days = moved, descriptor, Days(faults or Faults())
+    def __init__(
+        self, moved: Callable[[float], list[bytes]], descriptor: bytes = b"", faults: EmulatedFaults | None = None
+    ):
+        self.moved, self.description, self.days = moved, descriptor, Days(faults or EmulatedFaults())
         self.said: deque[bytes] = deque()
         self.due = self.begun = time.monotonic()
 

@@ -6,9 +6,9 @@ import time
 from typing import Any
 
 from palpate.drivers.errors import DeviceError
-from palpate.drivers.guard import Sample
-from palpate.drivers.hid.descriptor import AXES, BUTTON, DESKTOP, GAMEPADS, Field, fields
-from palpate.drivers.hid.sender import Sender
+from palpate.drivers.guard import DeviceSample
+from palpate.drivers.hid.descriptor import AXES, BUTTON, DESKTOP, GAMEPADS, ReportField, fields
+from palpate.drivers.hid.sender import HidSender
 from palpate.drivers.limits import LIMITS
 
 NAME = "gamepad"
@@ -19,7 +19,7 @@ def fits(entry: dict[str, Any]) -> bool:
     return entry.get("usage_page") == DESKTOP and entry.get("usage") in GAMEPADS
 
 
-class Gamepad(Sender):
+class Gamepad(HidSender):
     """A gamepad. `position` of its samples: the axes X, -Y, -Rz (or -Z) in -1 .. 1: left stick right and away, right
     stick up. `buttons`: the first 32."""
 
@@ -30,7 +30,7 @@ class Gamepad(Sender):
         self.device = self.connect()
         inputs = fields(self.device.descriptor())
         self.numbered = any(f.report for f in inputs)
-        self.axes: dict[int, Field] = {f.usage: f for f in reversed(inputs) if f.page == DESKTOP}
+        self.axes: dict[int, ReportField] = {f.usage: f for f in reversed(inputs) if f.page == DESKTOP}
         self.keys = [f for f in inputs if f.page == BUTTON][:32]
         if AXES[0] not in self.axes or AXES[1] not in self.axes:
             raise DeviceError(
@@ -49,8 +49,8 @@ class Gamepad(Sender):
             if field.report == number and (pressed := field.value(body)) is not None:
                 self.buttons = self.buttons | 1 << i if pressed else self.buttons & ~(1 << i)
 
-    def cycle(self, command: tuple[float, ...]) -> Sample | None:
+    def cycle(self, command: tuple[float, ...]) -> DeviceSample | None:
         self.listen()
         third = AXES[5] if AXES[5] in self.axes else AXES[2]
         x, y, z = (self.values.get(usage, 0.0) for usage in (AXES[0], AXES[1], third))
-        return Sample(time.monotonic_ns(), position=(x, -y, -z), buttons=self.buttons)
+        return DeviceSample(time.monotonic_ns(), position=(x, -y, -z), buttons=self.buttons)

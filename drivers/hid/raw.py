@@ -13,10 +13,10 @@ from typing import Any, NamedTuple
 
 from palpate.drivers.checksums import crc16_x25
 from palpate.drivers.errors import DeviceError
-from palpate.drivers.guard import Sample
+from palpate.drivers.guard import DeviceSample
 from palpate.drivers.limits import LIMITS
 from palpate.drivers.transport.burst import burst
-from palpate.drivers.transport.hid import Hid
+from palpate.drivers.transport.hid import HidPort
 
 NAME = "raw-HID device"
 USAGE_PAGE, USAGE = 0xFFAB, 0x0200  # vendor-defined, of Teensy's RawHID and its like
@@ -31,7 +31,7 @@ WATCHDOG = 20  # [ms] without a command after which the device lets go
 _COMMAND, _STATE, _INFO = struct.Struct("<BBHBBH6h"), struct.Struct("<BBHHBBI6iH"), struct.Struct("<BBHBB6f6f")
 
 
-class Command(NamedTuple):
+class RawCommand(NamedTuple):
     """What the host sends: sequence number, flags, watchdog [ms], values (6) in the device's units."""
 
     sequence: int
@@ -40,7 +40,7 @@ class Command(NamedTuple):
     values: tuple[int, ...]
 
 
-class State(NamedTuple):
+class RawState(NamedTuple):
     """What the device sends: its number, that of the last command, flags, axes, time [us], counts (6), buttons."""
 
     sequence: int
@@ -66,27 +66,27 @@ def _close(body: bytes) -> bytes:
     return body + struct.pack("<H", crc16_x25(body))
 
 
-def pack(message: Command | State | Info) -> bytes:
+def pack(message: RawCommand | RawState | Info) -> bytes:
     """The 64 bytes of a message."""
-    if isinstance(message, Command):
+    if isinstance(message, RawCommand):
         head = (MAGIC, COMMAND, message.sequence, message.flags, VERSION, message.watchdog)
         return _close(_COMMAND.pack(*head, *message.values))
-    if isinstance(message, State):
+    if isinstance(message, RawState):
         s = message
         return _close(_STATE.pack(MAGIC, STATE, s.sequence, s.heard, s.flags, s.axes, s.time, *s.counts, s.buttons))
     return _close(_INFO.pack(MAGIC, INFO, VERSION, message.flags, message.axes, *message.per_count, *message.per_unit))
 
 
-def unpack(report: bytes) -> Command | State | Info | None:
+def unpack(report: bytes) -> RawCommand | RawState | Info | None:
     """The message in a report; None where it is none, or spoilt."""
     if len(report) != LENGTH or report[0] != MAGIC or crc16_x25(report[:-2]) != int.from_bytes(report[-2:], "little"):
         return None
     if report[1] == COMMAND:
         _, _, sequence, flags, _, watchdog, *values = _COMMAND.unpack_from(report)
-        return Command(sequence, flags, watchdog, tuple(values))
+        return RawCommand(sequence, flags, watchdog, tuple(values))
     if report[1] == STATE:
         _, _, sequence, heard, flags, axes, stamp, *rest = _STATE.unpack_from(report)
-        return State(sequence, heard, flags, axes, stamp, tuple(rest[:AXES]), rest[AXES])
+        return RawState(sequence, heard, flags, axes, stamp, tuple(rest[:AXES]), rest[AXES])
     if report[1] == INFO:
         _, _, _, flags, axes, *rest = _INFO.unpack_from(report)
         return Info(flags, axes, tuple(rest[:AXES]), tuple(rest[AXES:]))
@@ -98,15 +98,15 @@ def fits(entry: dict[str, Any]) -> bool:
     return entry.get("usage_page") == USAGE_PAGE and entry.get("usage") == USAGE
 
 
-class RawHid:
+class RawHidDriver:
     """A device that speaks the protocol, with three axes."""
 
     limits = LIMITS["rawhid"]
     size = 3
 
-    def __init__(self, connect: Callable[[], Hid]) -> None:
+    def __init__(self, connect: Callable[[], HidPort]) -> None:
         self.connect = connect
-        self.device: Hid | None = None
+        self.device: HidPort | None = None
 
     def open(self) -> None:
         self.sequence, self.wrong, self.last = 0, 0, -1
@@ -132,7 +132,7 @@ class RawHid:
     def _send(self, flags: int, values: tuple[int, ...]) -> None:
         assert self.device is not None
         self.sequence = self.sequence + 1 & 0xFFFF
-        self.device.write(pack(Command(self.sequence, flags, WATCHDOG, values)))
+        self.device.write(pack(RawCommand(self.sequence, flags, WATCHDOG, values)))
 
     def units(self, command: tuple[float, ...]) -> tuple[int, ...]:
         """A command [N] or [N m] in the device's units: too large a one is scaled as a whole."""
@@ -140,7 +140,7 @@ class RawHid:
         scale = min(1.0, 32767.0 / max(max(map(abs, raw)), 1.0))
         return (*(round(scale * r) for r in raw), *(0,) * (AXES - len(raw)))
 
-    def cycle(self, command: tuple[float, ...]) -> Sample | None:
+    def cycle(self, command: tuple[float, ...]) -> DeviceSample | None:
         device = self.device
         if device is None:
             raise DeviceError(f"the {NAME} is not open", lost=True)
@@ -150,7 +150,7 @@ class RawHid:
         while state is None and (left := deadline - time.monotonic()) > 0.0:
             for report in reversed(burst(lambda timeout: device.read(LENGTH, timeout), left)):  # the newest counts
                 message = unpack(report)
-                if isinstance(message, State) and message.sequence != self.last:
+                if isinstance(message, RawState) and message.sequence != self.last:
                     state = message
                     break
                 self.wrong += message is None
@@ -161,13 +161,13 @@ class RawHid:
         if state.flags & FAULT:
             raise DeviceError(f"the {NAME} reports a fault. Switch it off and on; check its firmware.")
         if not state.flags & HOMED:
-            return Sample(now, buttons=state.buttons, homed=False)
+            return DeviceSample(now, buttons=state.buttons, homed=False)
         axes = self.info.axes
         where = tuple(n * s for n, s in zip(state.counts[:axes], self.info.per_count, strict=False))
         where += (0.0,) * (3 - axes)
         if self.info.flags & TORQUES:
-            return Sample(now, joints=where, buttons=state.buttons)
-        return Sample(now, position=where, buttons=state.buttons)
+            return DeviceSample(now, joints=where, buttons=state.buttons)
+        return DeviceSample(now, position=where, buttons=state.buttons)
 
     def close(self) -> None:
         if self.device is not None:

@@ -8,12 +8,12 @@ from typing import ClassVar
 
 from palpate.drivers.errors import DeviceError
 from palpate.drivers.transport.burst import burst
-from palpate.drivers.transport.hid import Hid
+from palpate.drivers.transport.hid import HidPort
 
 PATIENCE = 0.02  # [s] it may be silent while nobody touches it
 
 
-class Sender(ABC):
+class HidSender(ABC):
     """One of them.
 
     connect  opens it
@@ -22,9 +22,9 @@ class Sender(ABC):
     name: ClassVar[str]
     size = 0
 
-    def __init__(self, connect: Callable[[], Hid]) -> None:
+    def __init__(self, connect: Callable[[], HidPort]) -> None:
         self.connect = connect
-        self.device: Hid | None = None
+        self.device: HidPort | None = None
 
     @abstractmethod
     def take(self, report: bytes) -> None:

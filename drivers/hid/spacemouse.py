@@ -11,8 +11,8 @@ import struct
 import time
 from typing import Any
 
-from palpate.drivers.guard import Sample
-from palpate.drivers.hid.sender import Sender
+from palpate.drivers.guard import DeviceSample
+from palpate.drivers.hid.sender import HidSender
 from palpate.drivers.limits import LIMITS
 
 NAME = "SpaceMouse"
@@ -29,7 +29,7 @@ def fits(entry: dict[str, Any]) -> bool:
     return entry["vendor_id"] == 0x046D and entry["product_id"] in OLD
 
 
-class SpaceMouse(Sender):
+class SpaceMouse(HidSender):
     """The mouse. `position` of its samples: deflection [1] (3), about -1 to 1; `joints`: rotation [1] (3), likewise."""
 
     limits = LIMITS["spacemouse"]
@@ -50,9 +50,9 @@ class SpaceMouse(Sender):
         elif len(report) >= 2 and report[0] == 3:
             self.buttons = int.from_bytes(report[1:5], "little")
 
-    def cycle(self, command: tuple[float, ...]) -> Sample | None:
+    def cycle(self, command: tuple[float, ...]) -> DeviceSample | None:
         self.listen()
-        return Sample(time.monotonic_ns(), tuple(self.axes[3:]), tuple(self.axes[:3]), self.buttons)
+        return DeviceSample(time.monotonic_ns(), tuple(self.axes[3:]), tuple(self.axes[:3]), self.buttons)
 
 
 def reports(axes: tuple[int, ...], buttons: int, together: bool) -> list[bytes]:

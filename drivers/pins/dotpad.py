@@ -16,7 +16,7 @@ from operator import xor
 from typing import NamedTuple
 
 from palpate.drivers.errors import DeviceError
-from palpate.drivers.guard import Sample
+from palpate.drivers.guard import DeviceSample
 from palpate.drivers.limits import Limits
 from palpate.drivers.transport.serial import Line
 
@@ -50,7 +50,7 @@ def pack(packet: Packet) -> bytes:
     return SYNC + struct.pack(">H", len(body) + 1) + body + bytes((reduce(xor, body, SEED),))
 
 
-class Reader:
+class PacketReader:
     """Finds packets in what comes off the line."""
 
     def __init__(self) -> None:
@@ -115,7 +115,7 @@ class DotPad:
         self.line: Line | None = None
 
     def open(self) -> None:
-        self.reader = Reader()
+        self.reader = PacketReader()
         self.shown: dict[int, bytes] = {}
         self.waiting: dict[int, bytes] = {}
         self.line = self.connect()
@@ -143,7 +143,7 @@ class DotPad:
                     return packet.data
         raise DeviceError(f"the {NAME} does not answer. Is this its port, and is it switched on?")
 
-    def cycle(self, command: tuple[float, ...]) -> Sample | None:
+    def cycle(self, command: tuple[float, ...]) -> DeviceSample | None:
         """Send at most one changed line, and wait for its answer: a line takes milliseconds."""
         if self.line is None:
             raise DeviceError(f"the {NAME} is not open", lost=True)
@@ -151,7 +151,7 @@ class DotPad:
         changed = next((i for i, line in enumerate(lines) if self.shown.get(i) != line), None)
         if changed is None:
             self.reader.feed(self.line.read(0.01))
-            return Sample(time.monotonic_ns())
+            return DeviceSample(time.monotonic_ns())
         self.line.write(pack(Packet(self.first + changed, LINE_REQUEST, 0, b"\0" + lines[changed])))
         deadline = time.monotonic() + PATIENCE
         while (left := deadline - time.monotonic()) > 0.0:
@@ -159,7 +159,7 @@ class DotPad:
                 if packet.command == LINE_REPLY and packet.to == self.first + changed:
                     if packet.data[:1] == b"\0":
                         self.shown[changed] = lines[changed]
-                    return Sample(time.monotonic_ns())
+                    return DeviceSample(time.monotonic_ns())
         return None
 
     def close(self) -> None:
@@ -175,7 +175,7 @@ class EmulatedDotPad:
 
     def __init__(self, rows: int = 40, columns: int = 60) -> None:
         self.rows, self.columns = rows, columns
-        self.reader = Reader()
+        self.reader = PacketReader()
         self.dots: dict[int, bytes] = {}
 
     def hear(self, data: bytes, now: int) -> list[bytes]:

@@ -12,7 +12,7 @@ import time
 from collections.abc import Callable, Sequence
 
 from palpate.drivers.errors import DeviceError
-from palpate.drivers.guard import Sample
+from palpate.drivers.guard import DeviceSample
 from palpate.drivers.limits import Limits
 from palpate.drivers.transport.serial import Line
 
@@ -74,7 +74,7 @@ class InForm:
         if len(self.lines) != 3:
             raise DeviceError(f"{NAME} has three serial lines, found {len(self.lines)}: port: /dev/a,/dev/b,/dev/c")
 
-    def cycle(self, command: tuple[float, ...]) -> Sample | None:
+    def cycle(self, command: tuple[float, ...]) -> DeviceSample | None:
         if not self.lines:
             raise DeviceError(f"{NAME} is not open", lost=True)
         sent = False
@@ -90,7 +90,7 @@ class InForm:
                 sent = True
         for index, line in enumerate(self.lines):
             self._hear(index, line.read(0.0 if sent else 0.005))
-        return Sample(time.monotonic_ns(), joints=())
+        return DeviceSample(time.monotonic_ns(), joints=())
 
     def _hear(self, index: int, data: bytes) -> None:
         """Take the pins' own heights from the answers."""

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 from palpate.drivers.checksums import crc16_x25
 from palpate.drivers.errors import DeviceError
-from palpate.drivers.guard import Sample
+from palpate.drivers.guard import DeviceSample
 from palpate.drivers.limits import Limits
 from palpate.drivers.transport.serial import Line
 
@@ -43,7 +43,7 @@ def frame(reading: Reading) -> bytes:
     return HEADER + body + struct.pack("<H", crc16_x25(body))
 
 
-class Reader:
+class BotaFrameReader:
     """Finds frames in the received bytes. wrong [1]: bytes that belonged to none."""
 
     def __init__(self) -> None:
@@ -90,7 +90,7 @@ class Bota:
         self.line: Line | None = None
 
     def open(self) -> None:
-        self.reader = Reader()
+        self.reader = BotaFrameReader()
         self.line = self.connect()
         self._ask("C")
         self._ask("c,0,1,0,4")  # no temperature compensation, calibrated, binary, 460 800 baud
@@ -107,21 +107,23 @@ class Bota:
             pause = time.monotonic() + 0.25
             while time.monotonic() < pause:
                 heard = (heard + self.line.read(0.05))[-4096:]
-                if answer in heard or (command == "R" and Reader().feed(heard)):  # frames say that it runs, too
+                if answer in heard or (
+                    command == "R" and BotaFrameReader().feed(heard)
+                ):  # frames say that it runs, too
                     return
         what = "nothing" if not heard else f"{len(heard)} bytes without its answer"
         raise DeviceError(
             f"the {NAME} does not answer {command!r}: {what} came. Is this its port, and is the sensor under power?"
         )
 
-    def cycle(self, command: tuple[float, ...]) -> Sample | None:
+    def cycle(self, command: tuple[float, ...]) -> DeviceSample | None:
         if self.line is None:
             raise DeviceError(f"the {NAME} is not open", lost=True)
         deadline = time.monotonic() + PATIENCE
         while (left := deadline - time.monotonic()) > 0.0:
             readings = [r for r in self.reader.feed(self.line.read(left)) if not r.status & INVALID]
             if readings:
-                return Sample(time.monotonic_ns(), wrench=readings[-1].wrench)
+                return DeviceSample(time.monotonic_ns(), wrench=readings[-1].wrench)
         return None
 
     def close(self) -> None:

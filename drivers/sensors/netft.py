@@ -19,9 +19,9 @@ import xml.etree.ElementTree as xml
 from collections.abc import Callable
 from typing import NamedTuple
 
-from palpate.drivers.emulate.faults import Days, Faults
+from palpate.drivers.emulate.faults import Days, EmulatedFaults
 from palpate.drivers.errors import DeviceError
-from palpate.drivers.guard import Sample
+from palpate.drivers.guard import DeviceSample
 from palpate.drivers.limits import Limits
 from palpate.drivers.transport.burst import burst
 from palpate.drivers.transport.udp import Udp
@@ -108,7 +108,7 @@ class NetFT:
         self.link.write(REQUEST.pack(MAGIC, command, 0))
         self.asked = time.monotonic()
 
-    def cycle(self, command: tuple[float, ...]) -> Sample | None:
+    def cycle(self, command: tuple[float, ...]) -> DeviceSample | None:
         if self.link is None:
             raise DeviceError(f"the {NAME} is not open", lost=True)
         samples = [data for data in burst(self.link.read, PATIENCE) if len(data) == SAMPLE.size]
@@ -122,7 +122,9 @@ class NetFT:
             self.lost += number - self.number - 1
         self.number = number
         force, torque = self.scale
-        return Sample(time.monotonic_ns(), wrench=(*(c * force for c in counts[:3]), *(c * torque for c in counts[3:])))
+        return DeviceSample(
+            time.monotonic_ns(), wrench=(*(c * force for c in counts[:3]), *(c * torque for c in counts[3:]))
+        )
 
     def close(self) -> None:
         if self.link is not None:
@@ -141,8 +143,10 @@ class EmulatedNetFT:
 
     COUNTS = 1_000_000
 
-    def __init__(self, wrench: Callable[[int], tuple[float, ...]], faults: Faults | None = None, rate: float = 1000.0):
-        self.wrench, self.rate, self.days = wrench, rate, Days(faults or Faults())
+    def __init__(
+        self, wrench: Callable[[int], tuple[float, ...]], faults: EmulatedFaults | None = None, rate: float = 1000.0
+    ):
+        self.wrench, self.rate, self.days = wrench, rate, Days(faults or EmulatedFaults())
         self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self.socket.bind(("127.0.0.1", 0))
         self.page = http.server.ThreadingHTTPServer(("127.0.0.1", 0), self._handler())

@@ -9,7 +9,7 @@ from typing import Any, Protocol
 from palpate.drivers.errors import DeviceError, package
 
 
-class Hid(Protocol):
+class HidPort(Protocol):
     """What a driver needs of a HID device."""
 
     def write(self, report: bytes) -> None:

@@ -6,7 +6,7 @@ import copy
 from dataclasses import dataclass, field, replace
 
 from palpate.engine.faults import NOWHERE, GraphError
-from palpate.engine.graph import Choice
+from palpate.engine.graph import EffectChoice
 from palpate.engine.plan import Plan
 from palpate.launch.load.effects import state, trimmed
 from palpate.launch.load.plan import plan
@@ -14,7 +14,7 @@ from palpate.nodes.base import Effect, effects, inputs
 
 
 @dataclass
-class Item:
+class EffectCost:
     """One effect on the bill.
 
     on      whether it is computed
@@ -41,7 +41,7 @@ class Item:
     proof: str | None = None
 
 
-def bill(planned: Plan, times: dict[str, float] | None = None) -> list[Item]:
+def bill(planned: Plan, times: dict[str, float] | None = None) -> list[EffectCost]:
     """One item for each effect that a node of the graph can compute, those that are on first.
 
     times  [s] duration of a step of each node, as a run has measured it
@@ -54,7 +54,7 @@ def bill(planned: Plan, times: dict[str, float] | None = None) -> list[Item]:
     return sorted(items, key=lambda item: not item.on)
 
 
-def _item(planned: Plan, name: str, able: list[tuple[str, Effect]], times: dict[str, float]) -> Item:
+def _item(planned: Plan, name: str, able: list[tuple[str, Effect]], times: dict[str, float]) -> EffectCost:
     nodes = planned.graph.nodes
     running = [(node, e) for node, e in able if node in planned.edges or node in planned.observers]
     on = any(
@@ -65,7 +65,7 @@ def _item(planned: Plan, name: str, able: list[tuple[str, Effect]], times: dict[
     about = next((e.about for _, e in able if e.about), "")
     setting = all(e.how == "setting" for _, e in able)
     beside = all(nodes[node].observer for node, _ in able)
-    item = Item(name, about, on, _rule(planned, name, able, on), list(dict.fromkeys(where)), setting, beside)
+    item = EffectCost(name, about, on, _rule(planned, name, able, on), list(dict.fromkeys(where)), setting, beside)
     if on:
         without = _without(planned, name, able)
         if without is not None:
@@ -88,7 +88,7 @@ def _without(planned: Plan, name: str, able: list[tuple[str, Effect]]) -> Plan |
     graph = planned.graph
     off = {n for n, e in able if e.how == "node"}
     specs = {n: replace(spec, off="off") if n in off else copy.copy(spec) for n, spec in graph.nodes.items()}
-    said = graph.effects | {name: Choice(False, NOWHERE)}
+    said = graph.effects | {name: EffectChoice(False, NOWHERE)}
     try:
         other = plan(replace(graph, nodes=specs, effects=said))
     except GraphError:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 
-from palpate.engine.faults import Faults, Place
+from palpate.engine.faults import Faults, Location
 from palpate.launch.load.wiring import Wire
 from palpate.messages import Contact, Force, Load, Message, Proximity, Surface
 from palpate.nodes.base import Node, inputs, outputs
@@ -27,7 +27,7 @@ class Contacts:
         self.wires = [wire for wire in wires if wire.consumer in classes and wire.producer in classes]
         self.names = [name for name in classes if self._presses(name)]
 
-    def check(self, places: dict[str, Place], faults: Faults) -> None:
+    def check(self, places: dict[str, Location], faults: Faults) -> None:
         """A fault for each contact and body that do not hear each other, and each contact that no controller hears."""
         deaf = set()
         for name in self.names:

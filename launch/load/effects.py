@@ -11,9 +11,9 @@ from collections.abc import Iterable
 from typing import Any
 
 from palpate.engine.faults import Faults, choices
-from palpate.engine.graph import Choice, NodeSpec
+from palpate.engine.graph import EffectChoice, NodeSpec
 from palpate.launch.load.classes import catalogue
-from palpate.launch.load.values.source import Source
+from palpate.launch.load.values.source import YamlSource
 from palpate.nodes.base import Effect, Node, effects
 from palpate.nodes.base.effect import switch
 
@@ -29,9 +29,9 @@ def known() -> dict[str, list[tuple[str, Effect]]]:
     return dict(sorted(table.items()))
 
 
-def chosen(graph: Source, scene: Source, faults: Faults) -> dict[str, Choice]:
+def chosen(graph: YamlSource, scene: YamlSource, faults: Faults) -> dict[str, EffectChoice]:
     """What is said of effects; the scene goes before the graph."""
-    said: dict[str, Choice] = {}
+    said: dict[str, EffectChoice] = {}
     for source in (graph, scene):
         given = source.data.get(KEY)
         if given is not None and not isinstance(given, dict):
@@ -40,13 +40,13 @@ def chosen(graph: Source, scene: Source, faults: Faults) -> dict[str, Choice]:
         for name, value in (given or {}).items():
             place = source.place(KEY, str(name))
             if isinstance(value, bool):
-                said[str(name)] = Choice(value, place)
+                said[str(name)] = EffectChoice(value, place)
             else:
                 faults.add(f"effects, {name}: found {value!r}, expected on or off", "", place)
     return said
 
 
-def apply(said: dict[str, Choice], nodes: dict[str, NodeSpec], faults: Faults) -> None:
+def apply(said: dict[str, EffectChoice], nodes: dict[str, NodeSpec], faults: Faults) -> None:
     """Switch nodes and settings as was said. An effect that no node can compute is a fault with the classes that can; a
     class that names none of its parts is taken to fill all fields of its messages."""
     for name, choice in said.items():
@@ -79,7 +79,7 @@ def _filled(name: str, nodes: dict[str, NodeSpec]) -> bool:
     return any(not shown.isdisjoint(kind.__struct_fields__) for spec in plain for kind in spec.streams.values())
 
 
-def _unknown(name: str, choice: Choice, faults: Faults) -> None:
+def _unknown(name: str, choice: EffectChoice, faults: Faults) -> None:
     table = known()
     if name in table:
         able = dict.fromkeys(use for use, _ in table[name])
@@ -89,7 +89,7 @@ def _unknown(name: str, choice: Choice, faults: Faults) -> None:
 
 
 def trimmed(
-    wanted: dict[str, frozenset[str]], said: dict[str, Choice], specs: Iterable[NodeSpec]
+    wanted: dict[str, frozenset[str]], said: dict[str, EffectChoice], specs: Iterable[NodeSpec]
 ) -> dict[str, frozenset[str]]:
     """Fields that are wanted of each stream, by name: with those of the effects that are on, without those of the
     effects that are off."""

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import palpate.graphs
-from palpate.engine.faults import NOWHERE, Fault, Faults, GraphError, Place, choices, nearest, short
-from palpate.launch.load.values.source import Source, merge, parse, read
+from palpate.engine.faults import NOWHERE, Fault, Faults, GraphError, Location, choices, nearest, short
+from palpate.launch.load.values.source import YamlSource, merge, parse, read
 
 GRAPHS = Path(next(iter(palpate.graphs.__path__))).resolve()
 SCENES = GRAPHS / "scenes"
@@ -18,7 +18,7 @@ PLACES = GRAPHS / "place"
 
 
 def find_file(
-    name: str, folder: Path, beside: Path | None = None, place: Place = NOWHERE, what: str = "file",
+    name: str, folder: Path, beside: Path | None = None, place: Location = NOWHERE, what: str = "file",
     words: Sequence[str] = (),
 ) -> Path:  # fmt: skip
     """The file that a name means: a path, from `beside` or else the working directory; or one that ships in `folder`.
@@ -36,7 +36,7 @@ def find_file(
     raise GraphError([Fault(f"{what} {name!r} not found, looked in {short(str(beside or Path.cwd()))}", cure, place)])
 
 
-def read_extended(path: Path, folder: Path, inside: tuple[Path, ...] = ()) -> Source:
+def read_extended(path: Path, folder: Path, inside: tuple[Path, ...] = ()) -> YamlSource:
     """A file that overrides the one that it `extends:`, and so on; paths of scenes become absolute.
 
     GraphError: a file is missing or not YAML, not a mapping, or extends itself.
@@ -44,7 +44,7 @@ def read_extended(path: Path, folder: Path, inside: tuple[Path, ...] = ()) -> So
     source = read(path)
     if not isinstance(source.data, dict):
         kind = "nothing" if source.data is None else type(source.data).__name__
-        raise GraphError([Fault(f"found {kind}, expected a mapping of keys to values", place=Place(str(path), 1))])
+        raise GraphError([Fault(f"found {kind}, expected a mapping of keys to values", place=Location(str(path), 1))])
     base_name = source.data.pop("extends", None)
     place = source.place("extends")
     if folder == GRAPHS and isinstance(source.data.get("scene"), str):
@@ -61,7 +61,7 @@ def read_extended(path: Path, folder: Path, inside: tuple[Path, ...] = ()) -> So
     return _join(read_extended(base, folder, (*inside, path)), source)
 
 
-def _join(base: Source, top: Source) -> Source:
+def _join(base: YamlSource, top: YamlSource) -> YamlSource:
     """A scene written in the graph overrides the scene file of the graph that it extends; a node that names another
     class and its inputs has these inputs alone."""
     if isinstance(base.data.get("scene"), str) and isinstance(top.data.get("scene"), dict):
@@ -78,22 +78,22 @@ def _join(base: Source, top: Source) -> Source:
     return merge(base, top)
 
 
-def _put_class(source: Source, name: str, place: Place) -> None:
+def _put_class(source: YamlSource, name: str, place: Location) -> None:
     """The line of a node gets another class at this place: what the class does not have is told there."""
     for keys, old in source.places.items():
         if keys[:2] == ("nodes", name) and len(keys) > 2:
             source.places[keys] = replace(place, before=str(old))
 
 
-def _mapping(source: Source) -> dict[str, Any]:
+def _mapping(source: YamlSource) -> dict[str, Any]:
     return source.data if isinstance(source.data, dict) else {}
 
 
-def read_scene(scene: str | Path | Mapping[str, Any] | None, graph: Source, faults: Faults) -> Source:
+def read_scene(scene: str | Path | Mapping[str, Any] | None, graph: YamlSource, faults: Faults) -> YamlSource:
     """The scene of a graph: `scene` if given, else what the graph names, else an empty one."""
     try:
         if isinstance(scene, Mapping):
-            return Source(dict(scene), {(): Place("the scene given")})
+            return YamlSource(dict(scene), {(): Location("the scene given")})
         if scene is not None:
             return read_extended(find_file(str(scene), SCENES, what="scene"), SCENES)
         named = graph.data.get("scene")
@@ -103,10 +103,10 @@ def read_scene(scene: str | Path | Mapping[str, Any] | None, graph: Source, faul
             return graph.sub("scene")
     except GraphError as error:
         faults.entries.extend(error.faults)
-        return Source({}, {(): Place()})
+        return YamlSource({}, {(): Location()})
     if named is not None:
         faults.add(f"scene: found {named!r}, expected a file or a mapping", "", graph.place("scene"))
-    return Source({}, {(): graph.place("scene")})
+    return YamlSource({}, {(): graph.place("scene")})
 
 
 @dataclass(frozen=True)
@@ -114,10 +114,10 @@ class Override:
     """One value set from outside: `tissue.stiffness=2e3`, `scene.finger.h0=3 mm`, `rate=500`."""
 
     keys: tuple[str, ...]
-    value: Source
+    value: YamlSource
 
     @property
-    def place(self) -> Place:
+    def place(self) -> Location:
         """Where it was set."""
         return self.value.place()
 
@@ -125,15 +125,15 @@ class Override:
     def parse(text: str) -> Override:
         """From the form `target=value`, the value in YAML. GraphError: no target, no value, or not YAML."""
         target, sign, value = text.partition("=")
-        place = Place(f"--set {text}")
+        place = Location(f"--set {text}")
         keys = tuple(target.strip().split("."))
         if not sign or not all(keys):
             raise GraphError([Fault("expected target=value, such as tissue.stiffness=2e3", place=place)])
         source = parse(value, place.file)
-        return Override(keys, Source(source.data, {(): place}))
+        return Override(keys, YamlSource(source.data, {(): place}))
 
 
-def apply(overrides: list[Override], graph: Source, scene: Source, faults: Faults) -> None:
+def apply(overrides: list[Override], graph: YamlSource, scene: YamlSource, faults: Faults) -> None:
     """Set each value in the graph or the scene; an unknown target is a fault with the nearest name."""
     top = ("rate", "wanted")
     for override in overrides:
@@ -168,7 +168,7 @@ def apply(overrides: list[Override], graph: Source, scene: Source, faults: Fault
             faults.add(text, cure, override.place)
 
 
-def _set_scene(override: Override, rest: list[str], scene: Source, faults: Faults) -> None:
+def _set_scene(override: Override, rest: list[str], scene: YamlSource, faults: Faults) -> None:
     data = scene.data
     for depth, key in enumerate(rest):
         if not (isinstance(data, dict) and key in data):

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from palpate.engine.faults import Faults, Place, choices
+from palpate.engine.faults import Faults, Location, choices
 from palpate.engine.graph import Edge, Graph, NodeSpec, streams_of
 from palpate.launch.load.classes import ClassError, body, find_class
 from palpate.launch.load.contacts import Contacts
@@ -23,7 +23,7 @@ from palpate.launch.load.files import GRAPHS, Override, apply, find_file, read_e
 from palpate.launch.load.scene import Scene, condition
 from palpate.launch.load.values.settings import Offer, check_offers, check_taken, resolve
 from palpate.launch.load.values.shared_units import check_units, uses
-from palpate.launch.load.values.source import Source
+from palpate.launch.load.values.source import YamlSource
 from palpate.launch.load.values.units import UnitError, convert
 from palpate.launch.load.wiring import Kinds, Wire, close_loops, find_streams, wires
 from palpate.messages import Message
@@ -41,7 +41,7 @@ LINE = ("use", "in", "with", "when", "every", "restart")
 class _Draft:
     """What is known of a node while the graph is being read."""
 
-    line: Source
+    line: YamlSource
     cls: type[Node]
     own: list[str]
     wires: list[Wire] = field(default_factory=list)
@@ -68,7 +68,7 @@ def load(
 
 
 def load_source(
-    source: Source,
+    source: YamlSource,
     file: Path,
     *,
     overrides: Sequence[str | Override] = (),
@@ -115,7 +115,7 @@ def load_source(
     if any(change.keys == ("wanted",) for change in changes):
         holder = source
     elif wanted is not None:
-        holder = Source({"wanted": list(wanted)}, {(): Place("wanted")})
+        holder = YamlSource({"wanted": list(wanted)}, {(): Location("wanted")})
     else:
         holder = source if scene_source.data.get("wanted") is None else scene_source
     found_wanted = _wanted(holder, kinds, unclear, faults)
@@ -131,7 +131,7 @@ def _overrides(given: Sequence[str | Override], faults: Faults) -> list[Override
     return [item for item in overrides if item is not None]
 
 
-def _rate(source: Source, faults: Faults) -> float:
+def _rate(source: YamlSource, faults: Faults) -> float:
     given = source.data.get("rate", RATE)
     try:
         rate = convert(given, "Hz") if isinstance(given, str) else given
@@ -143,7 +143,7 @@ def _rate(source: Source, faults: Faults) -> float:
         return RATE
 
 
-def _drafts(source: Source, faults: Faults) -> tuple[dict[str, _Draft], set[str]]:
+def _drafts(source: YamlSource, faults: Faults) -> tuple[dict[str, _Draft], set[str]]:
     """The nodes whose classes are found, and the names of the others."""
     given = source.data.get("nodes")
     if not isinstance(given, dict) or not given:
@@ -177,7 +177,7 @@ def _drafts(source: Source, faults: Faults) -> tuple[dict[str, _Draft], set[str]
     return drafts, unclear
 
 
-def _tell_class(name: str, use: str, error: ClassError, source: Source, faults: Faults) -> None:
+def _tell_class(name: str, use: str, error: ClassError, source: YamlSource, faults: Faults) -> None:
     """A class that is not found: told again with the message types that the graph wants of the node."""
     cure = error.cure
     kinds = _asked(name, source.data["nodes"])
@@ -238,7 +238,7 @@ def _node(name: str, draft: _Draft, scene: Scene, offers: list[Offer], faults: F
     return NodeSpec(name, line.data["use"], draft.cls, values, every or 1, bool(restart), written, off, place=place)
 
 
-def _listen(name: str, line: Source, kinds: Kinds, unclear: set[str], faults: Faults) -> tuple[str, ...] | None:
+def _listen(name: str, line: YamlSource, kinds: Kinds, unclear: set[str], faults: Faults) -> tuple[str, ...] | None:
     """The streams that an observer asks for."""
     given = line.data.get("in")
     if given == "all":
@@ -249,7 +249,7 @@ def _listen(name: str, line: Source, kinds: Kinds, unclear: set[str], faults: Fa
     return _streams(given, "in", line, kinds, unclear, faults, name)
 
 
-def _check_fields(spec: NodeSpec, line: Source, kinds: Kinds, unclear: set[str], faults: Faults) -> None:
+def _check_fields(spec: NodeSpec, line: YamlSource, kinds: Kinds, unclear: set[str], faults: Faults) -> None:
     """A fault for each of the `fields` of a recording that no stream of the graph has."""
     asked = spec.settings.get("fields")
     if unclear or not isinstance(asked, list):
@@ -260,7 +260,7 @@ def _check_fields(spec: NodeSpec, line: Source, kinds: Kinds, unclear: set[str],
                    line.place("fields"), node=spec.name, setting="fields")  # fmt: skip
 
 
-def _wanted(holder: Source, kinds: Kinds, unclear: set[str], faults: Faults) -> tuple[str, ...] | None:
+def _wanted(holder: YamlSource, kinds: Kinds, unclear: set[str], faults: Faults) -> tuple[str, ...] | None:
     """The streams wanted; None where nothing is said, or all."""
     given = holder.data.get("wanted")
     if given is None or given == "all":
@@ -274,7 +274,7 @@ def _wanted(holder: Source, kinds: Kinds, unclear: set[str], faults: Faults) -> 
 
 
 def _streams(
-    given: list[Any], key: str, source: Source, kinds: Kinds, unclear: set[str],
+    given: list[Any], key: str, source: YamlSource, kinds: Kinds, unclear: set[str],
     faults: Faults, node: str,
 ) -> tuple[str, ...]:  # fmt: skip
     selected: dict[str, None] = {}

@@ -22,7 +22,7 @@ from palpate.launch.load.files import GRAPHS, PLACES, SCENES, Override, find_fil
 from palpate.launch.load.graph import load
 from palpate.launch.load.placement import BUILT_IN, Placement, load_place
 from palpate.launch.load.plan import plan
-from palpate.launch.load.values.source import Source, read
+from palpate.launch.load.values.source import YamlSource, read
 from palpate.launch.load.values.units import UnitError, convert
 
 CLOCKS = ("simulated", "real")
@@ -104,7 +104,7 @@ def _read(path: Path) -> LaunchFile:
     return _like_its_base(path, data)
 
 
-def _run(source: Source, path: Path, keys: tuple[str, ...]) -> LaunchFile:
+def _run(source: YamlSource, path: Path, keys: tuple[str, ...]) -> LaunchFile:
     """What a launch file says, or the `run:` of a graph. GraphError: what is wrong with it."""
     data = source.data
     faults = Faults()
@@ -162,7 +162,7 @@ def _like_its_base(path: Path, data: Any) -> LaunchFile:
     return LaunchFile(path)
 
 
-def _recorded(source: Source, path: Path, faults: Faults) -> tuple[Path | None, str | None]:
+def _recorded(source: YamlSource, path: Path, faults: Faults) -> tuple[Path | None, str | None]:
     """The file of `record:`, and what is recorded. A word of `RECORDED` means a file named like the launch file."""
     given = source.data.get("record")
     if given is None:
@@ -177,7 +177,7 @@ def _recorded(source: Source, path: Path, faults: Faults) -> tuple[Path | None, 
     return None, None
 
 
-def _file(key: str, source: Source, folder: Path, path: Path, faults: Faults) -> Path | None:
+def _file(key: str, source: YamlSource, folder: Path, path: Path, faults: Faults) -> Path | None:
     given = source.data.get(key)
     if given is None:
         return None
@@ -188,7 +188,7 @@ def _file(key: str, source: Source, folder: Path, path: Path, faults: Faults) ->
 
 
 def _positive(
-    key: str, unit: str, source: Source, faults: Faults, least: float = 1e-9, most: float = 1e9
+    key: str, unit: str, source: YamlSource, faults: Faults, least: float = 1e-9, most: float = 1e9
 ) -> float | None:
     given = source.data.get(key)
     if given is None:
@@ -203,7 +203,7 @@ def _positive(
         return None
 
 
-def _overrides(source: Source, faults: Faults) -> tuple[Override, ...]:
+def _overrides(source: YamlSource, faults: Faults) -> tuple[Override, ...]:
     """`set:` as a mapping of targets, dotted or nested, to values."""
     given = source.data.get("set")
     if given is None:
@@ -216,7 +216,7 @@ def _overrides(source: Source, faults: Faults) -> tuple[Override, ...]:
     return tuple(_flat(source.sub("set"), ()))
 
 
-def _flat(source: Source, head: tuple[str, ...]) -> list[Override]:
+def _flat(source: YamlSource, head: tuple[str, ...]) -> list[Override]:
     """Mappings lead on, except one that is the value of a node's setting."""
     overrides = []
     for key, value in source.data.items():

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from palpate.engine.faults import Place
+from palpate.engine.faults import Location
 from palpate.launch.load.files import Override
-from palpate.launch.load.values.source import Source
+from palpate.launch.load.values.source import YamlSource
 from palpate.messages import Vector3
 from palpate.nodes.base.surface import OnSurface, Placed, surface_mesh
 from palpate.physics.errors import MeshError
@@ -32,14 +32,14 @@ BETWEEN = 5
 
 
 @dataclass(frozen=True)
-class Organ:
+class OrganFile:
     """A mesh file and its unit: m, cm or mm."""
 
     file: Path
     unit: str
 
     @staticmethod
-    def of(file: Path, unit: str | None) -> Organ:
+    def of(file: Path, unit: str | None) -> OrganFile:
         """The file with the unit given, or else the only one in which its size is plausible.
 
         MeshError: the unit is none, the size does not fit it, or fits several. SettingError: the file cannot be read.
@@ -52,9 +52,9 @@ class Organ:
         fits = plausible_units(across)
         sizes = " or ".join(f"--unit {u} ({1e3 * across * UNITS[u]:.3g} mm across)" for u in fits)
         if unit is None and len(fits) == 1:
-            return Organ(file, fits[0])
+            return OrganFile(file, fits[0])
         if unit in fits:
-            return Organ(file, str(unit))
+            return OrganFile(file, str(unit))
         if not fits:
             raise MeshError(
                 f"--organ {file}: its numbers extend over {across:.3g}, which is an organ in no unit; expected "
@@ -68,7 +68,7 @@ class Organ:
         )
 
 
-def with_organ(launch: LaunchFile, organ: Organ) -> tuple[LaunchFile, str]:
+def with_organ(launch: LaunchFile, organ: OrganFile) -> tuple[LaunchFile, str]:
     """The run with this organ in place of the scene's, and a line that says how it lies.
 
     The organ's top comes to where the path first touches the scene's surface. Each point of the path is raised or
@@ -110,8 +110,8 @@ def with_organ(launch: LaunchFile, organ: Organ) -> tuple[LaunchFile, str]:
         values["scene", "hand"] = scene["hand"] | _hand(path, points)
         narrower = f", {100 * scale:.0f} % as wide as on {Path(given['surface']).name}" if scale < 1.0 else ""
         text += f", and the hand's path follows it{narrower}"
-    place = Place(f"--organ {organ.file}")
-    overrides = tuple(Override(keys, Source(value, {(): place})) for keys, value in values.items())
+    place = Location(f"--organ {organ.file}")
+    overrides = tuple(Override(keys, YamlSource(value, {(): place})) for keys, value in values.items())
     record = launch.record and launch.record.with_name(f"{organ.file.stem}.mcap")
     return replace(launch, overrides=overrides + launch.overrides, record=record), text
 

@@ -19,7 +19,7 @@ from palpate.engine.force_path import force_path
 from palpate.engine.plan import Plan
 from palpate.launch.load.files import PLACES, find_file
 from palpate.launch.load.values.lines import fill
-from palpate.launch.load.values.source import Source, read
+from palpate.launch.load.values.source import YamlSource, read
 
 FUSED = "fused"
 AUTO = "auto"
@@ -32,7 +32,7 @@ _HOST = r"^(tcp://)?[A-Za-z0-9.-]+(:[0-9]+)?$"
 
 
 class _Line(msgspec.Struct):
-    """What the file says of one group, see `Group`."""
+    """What the file says of one group, see `ProcessGroup`."""
 
     nodes: Annotated[list[str], msgspec.Meta(min_length=1, description="a list of node names")] = []
     core: Annotated[_Core | _Cores | None, msgspec.Meta(description="the number of a core from 0, or a list")] = None
@@ -48,7 +48,7 @@ class _Line(msgspec.Struct):
 
 
 @dataclass
-class Group:
+class ProcessGroup:
     """Nodes that share one process.
 
     nodes     names, in the plan's order, observers last
@@ -72,9 +72,9 @@ class Group:
 class Placement:
     """The groups of a plan; each running node is in exactly one."""
 
-    groups: list[Group] = field(default_factory=list)
+    groups: list[ProcessGroup] = field(default_factory=list)
 
-    def group_of(self, node: str) -> Group:
+    def group_of(self, node: str) -> ProcessGroup:
         """The group that runs a node. KeyError: the plan does not run it."""
         for group in self.groups:
             if node in group.nodes:
@@ -84,12 +84,12 @@ class Placement:
 
 def fused(plan: Plan) -> Placement:
     """Everything in one process."""
-    return Placement([Group(FUSED, _names(plan))])
+    return Placement([ProcessGroup(FUSED, _names(plan))])
 
 
 def apart(plan: Plan) -> Placement:
     """Each node in a process of its own."""
-    return Placement([Group(name, [name]) for name in _names(plan)])
+    return Placement([ProcessGroup(name, [name]) for name in _names(plan)])
 
 
 def auto(plan: Plan) -> Placement:
@@ -97,7 +97,7 @@ def auto(plan: Plan) -> Placement:
     a wake-up, and on two cores nine processes wait for one another."""
     path = force_path(plan)
     loop = [name for name in plan.order if name in path]
-    groups = [Group("loop", loop), Group("rest", [name for name in _names(plan) if name not in loop])]
+    groups = [ProcessGroup("loop", loop), ProcessGroup("rest", [name for name in _names(plan) if name not in loop])]
     return Placement([group for group in groups if group.nodes])
 
 
@@ -119,7 +119,7 @@ def load_place(path: str | Path | Placement | None, plan: Plan) -> Placement:
     """
     if isinstance(path, Placement):
         placed = [name for group in path.groups for name in group.nodes]
-        return Placement([*path.groups, *(Group(name, [name]) for name in _names(plan) if name not in placed)])
+        return Placement([*path.groups, *(ProcessGroup(name, [name]) for name in _names(plan) if name not in placed)])
     if path is None or str(path) in BUILT_IN:
         return {FUSED: fused, AUTO: auto}.get(str(path), apart)(plan)
     source = read(find_file(str(path), PLACES, what="placement", words=BUILT_IN))
@@ -140,7 +140,7 @@ def load_place(path: str | Path | Placement | None, plan: Plan) -> Placement:
             if name in source.data:
                 faults.add(f"group {name!r} has the name of a node that is not in it",
                            f"Rename the group, or put node {name!r} into a group.", source.place(name))  # fmt: skip
-            groups.append(Group(name, [name]))
+            groups.append(ProcessGroup(name, [name]))
     faults.done()
     return Placement([g for g in groups if g.nodes])
 
@@ -149,13 +149,13 @@ def _names(plan: Plan) -> list[str]:
     return [*plan.order, *plan.observers]
 
 
-def _group(name: str, line: Source, known: list[str], taken: dict[str, str], faults: Faults) -> Group:
+def _group(name: str, line: YamlSource, known: list[str], taken: dict[str, str], faults: Faults) -> ProcessGroup:
     about = f"group {name!r}"
     if isinstance(line.data, list):
-        line = Source({"nodes": line.data}, {("nodes", *keys): place for keys, place in line.places.items()})
+        line = YamlSource({"nodes": line.data}, {("nodes", *keys): place for keys, place in line.places.items()})
     if not isinstance(line.data, dict):
         faults.add(f"{about}: found {line.data!r}, expected {{nodes: [...], core: ...}}", "", line.place())
-        return Group(name, [])
+        return ProcessGroup(name, [])
     given = fill(_Line, line, about, faults)
     if line.data.get("nodes") is None:
         faults.add(f"{about}, nodes: found None, expected a list of node names", "", line.place("nodes"))
@@ -170,7 +170,7 @@ def _group(name: str, line: Source, known: list[str], taken: dict[str, str], fau
             taken[node] = name
             members.append(node)
     cores = given.core if isinstance(given.core, list) else [given.core] if given.core is not None else []
-    return Group(
+    return ProcessGroup(
         name,
         members,
         core=tuple(cores) or None,

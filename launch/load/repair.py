@@ -6,7 +6,7 @@ import numpy as np
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
-from palpate.launch.load.organ import Organ
+from palpate.launch.load.organ import OrganFile
 from palpate.nodes.base.mesh_file import UNITS, flaws, read_triangles
 from palpate.physics.errors import MeshError
 from palpate.physics.geometry.crossing import crossing
@@ -14,7 +14,7 @@ from palpate.physics.geometry.mesh import Mesh, write_ply
 from palpate.physics.geometry.orient import edge_counts, outward
 
 
-def repaired(organ: Organ) -> tuple[Organ, list[str]]:
+def repaired(organ: OrganFile) -> tuple[OrganFile, list[str]]:
     """A closed mesh next to the file, in metres, and what was done, a line each; the organ itself if it is
     sound.
 
@@ -49,7 +49,7 @@ def repaired(organ: Organ) -> tuple[Organ, list[str]]:
         write_ply(file, Mesh(vertices * UNITS[organ.unit], outward(vertices, triangles)))
     except OSError as error:
         raise MeshError(f"--repair: {file} cannot be written: {error.strerror}") from None
-    return Organ(file, "m"), done or ["triangles turned outwards"]
+    return OrganFile(file, "m"), done or ["triangles turned outwards"]
 
 
 def _closed(vertices: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray, int]:

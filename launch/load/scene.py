@@ -7,8 +7,8 @@ import re
 from collections.abc import Iterator
 from typing import Any
 
-from palpate.engine.faults import Faults, Place, choices
-from palpate.launch.load.values.source import Source, scalar
+from palpate.engine.faults import Faults, Location, choices
+from palpate.launch.load.values.source import YamlSource, scalar
 from palpate.launch.load.values.units import Dimension, is_quantity, parse, split
 
 _COMPARE = {
@@ -21,7 +21,7 @@ _CONDITION = re.compile(rf"\s*(not\s+)?{_PATH}\s*(?:(>=|<=|==|!=|>|<)\s*(.+?))?\
 class Scene:
     """A scene's data, and which of its paths were read."""
 
-    def __init__(self, source: Source) -> None:
+    def __init__(self, source: YamlSource) -> None:
         self.source = source
         self.data: dict[str, Any] = source.data
         self.used: set[str] = set()
@@ -39,7 +39,7 @@ class Scene:
         self.used.add(path)
         return self._find(path)[1]
 
-    def place(self, path: str) -> Place:
+    def place(self, path: str) -> Location:
         """Where the scene says it."""
         return self.source.place(*path.split("."))
 
@@ -48,7 +48,7 @@ class Scene:
         return choices("The scene has", path, self.paths())
 
     def fill(
-        self, value: Any, faults: Faults, place: Place, about: dict[str, str], inside: tuple[str, ...] = ()
+        self, value: Any, faults: Faults, place: Location, about: dict[str, str], inside: tuple[str, ...] = ()
     ) -> Any:
         """The value with each `$path` in it replaced by what the scene says; an unknown path is a fault and None."""
         if isinstance(value, dict):
@@ -82,7 +82,7 @@ def _paths(data: Any, head: str) -> Iterator[str]:
             yield from _paths(value, f"{head}{key}.")
 
 
-def condition(text: Any, scene: Scene, faults: Faults, place: Place, node: str) -> str | None:
+def condition(text: Any, scene: Scene, faults: Faults, place: Location, node: str) -> str | None:
     """Why a `when:` does not hold, None where it holds.
 
     Forms: `path`, `not path`, `path > 0` (also >= < <= == !=), where path leads into the scene; a truth value.

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
-from palpate.engine.faults import Faults, Place, choices
+from palpate.engine.faults import Faults, Location, choices
 from palpate.launch.load.classes import senders
-from palpate.launch.load.values.source import Source
+from palpate.launch.load.values.source import YamlSource
 from palpate.messages import Message
 from palpate.nodes.base import Node, Port, inputs
 
@@ -25,7 +25,7 @@ class Wire:
     port: Port
     producer: str
     stream: str
-    place: Place
+    place: Location
     driving: bool
     held: bool
     named: bool | None
@@ -41,7 +41,7 @@ def find_streams(given: str, kinds: Kinds) -> list[str]:
 def wires(
     name: str,
     cls: type[Node],
-    line: Source,
+    line: YamlSource,
     kinds: Kinds,
     unclear: set[str],
     faults: Faults,
@@ -98,14 +98,14 @@ def wires(
     return connections
 
 
-def unknown(place: Place, without: str) -> tuple[str, str]:
+def unknown(place: Location, without: str) -> tuple[str, str]:
     """What is said of a key that a class does not have, and what takes it out where it came with another class."""
     if not place.before:
         return "unknown", ""
     return f"unknown; it is from the line of the class before ({place.before})", f" Without it: `{without}`."
 
 
-def _sender(name: str, port: Port, given: Any, place: Place, faults: Faults) -> tuple[str | None, bool | None]:
+def _sender(name: str, port: Port, given: Any, place: Location, faults: Faults) -> tuple[str | None, bool | None]:
     """The sender's name and what the file says of `loop`."""
     loop = None
     sender = given
@@ -126,7 +126,7 @@ def _sender(name: str, port: Port, given: Any, place: Place, faults: Faults) -> 
 
 
 def _match(
-    name: str, port: Port, sender: str, kinds: Kinds, unclear: set[str], place: Place,
+    name: str, port: Port, sender: str, kinds: Kinds, unclear: set[str], place: Location,
     faults: Faults,
 ) -> str | None:  # fmt: skip
     """The sender's stream that fits the port."""

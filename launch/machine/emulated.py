@@ -8,7 +8,7 @@ from typing import Any
 
 import typer
 
-from palpate.drivers.guard import Sample
+from palpate.drivers.guard import DeviceSample
 from palpate.engine.faults import choices
 from palpate.launch.load.classes import catalogue
 from palpate.nodes.base.wired import Wired
@@ -37,7 +37,7 @@ def run(name: str, seconds: float, tell: Callable[[str], None]) -> dict[str, Any
         node.stop()
 
 
-def _told(sample: Sample | None) -> str:
+def _told(sample: DeviceSample | None) -> str:
     if sample is None:
         return "no answer yet"
     if sample.wrench:

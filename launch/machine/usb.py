@@ -14,7 +14,7 @@ def firmware_of(usb_device: Found) -> str:
 
     if usb_device.use != "device.Falcon" or next_step(usb_device):
         return ""
-    device = driver.Falcon(lambda: ftdi.UsbFtdi(falcon.VENDOR, falcon.PRODUCT, falcon.NAME, usb_device.port))
+    device = driver.FalconDriver(lambda: ftdi.UsbFtdi(falcon.VENDOR, falcon.PRODUCT, falcon.NAME, usb_device.port))
     try:
         device.open()
     except DeviceError as error:

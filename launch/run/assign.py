@@ -7,7 +7,7 @@ import os
 from palpate.engine.force_path import force_path
 from palpate.engine.job import Job, node_job, observer_job
 from palpate.engine.plan import Plan
-from palpate.launch.load.placement import Group, Placement
+from palpate.launch.load.placement import Placement, ProcessGroup
 from palpate.nodes.base import inputs
 
 PRIORITY = 60
@@ -86,7 +86,7 @@ def _links(plan: Plan, path: set[str]) -> int:
     return count
 
 
-def _external(plan: Plan, place: dict[str, str], group: Group) -> dict[str, tuple[str, ...]]:
+def _external(plan: Plan, place: dict[str, str], group: ProcessGroup) -> dict[str, tuple[str, ...]]:
     """Streams of a group that nodes of other groups read, and which groups read each."""
     readers: dict[str, dict[str, None]] = {}
     for name in plan.order:

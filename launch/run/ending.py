@@ -7,9 +7,9 @@ import time
 from collections.abc import Collection, Mapping
 
 from palpate.launch.run.forkserver import ForkServer
-from palpate.launch.run.member import Member
+from palpate.launch.run.member import WorkerHandle
 from palpate.launch.run.reports import Close, Kill, Quit, Stop
-from palpate.launch.run.wire.wires import Wires
+from palpate.launch.run.wire.wires import ControlChannel
 
 STOP_PATIENCE = 3.0  # [s] for the workers to end once they were told
 
@@ -20,8 +20,10 @@ class Ending:
     real  whether the run is on the real clock: nodes go on as long as one that leads them does
     """
 
-    def __init__(self, members: Mapping[str, Member], wires: Wires, forkserver: ForkServer, real: bool) -> None:
-        self._members, self._wires, self._forkserver, self._real = members, wires, forkserver, real
+    def __init__(
+        self, members: Mapping[str, WorkerHandle], wires: ControlChannel, forkserver: ForkServer, real: bool
+    ) -> None:
+        self._members, self._control, self._forkserver, self._real = members, wires, forkserver, real
         self._quit_at: float | None = None
         self._deadline: float | None = None
         self.closed = False
@@ -34,7 +36,7 @@ class Ending:
 
     def stop(self) -> None:
         """Tell all workers to end in order."""
-        self._wires.tell("*", Stop())
+        self._control.tell("*", Stop())
         self._deadline = time.monotonic() + STOP_PATIENCE
 
     def quit_after(self, seconds: float) -> None:
@@ -49,13 +51,15 @@ class Ending:
 
         A worker whose nodes have ended stays until the observers have what it holds for them.
         """
-        left = [m for m in self._members.values() if not (m.state == "gone" or (m.state == "done" and m.orderly))]
+        left = [m for m in self._members.values() if not (m.state == "gone" or (m.state == "done" and m.clean_exit))]
         if self._real and not any(member.job.leads for member in left):
-            self._wires.tell("*", Stop())
+            self._control.tell("*", Stop())
         if not any(member.job.nodes for member in left):
-            lost = [group for group, member in self._members.items() if not member.orderly and member.state == "gone"]
+            lost = [
+                group for group, member in self._members.items() if not member.clean_exit and member.state == "gone"
+            ]
             self.closed = True
-            self._wires.tell("*", Close(tuple(lost)))
+            self._control.tell("*", Close(tuple(lost)))
             self._deadline = None if left else time.monotonic() + STOP_PATIENCE
 
     def check(self, begun: bool) -> None:
@@ -63,7 +67,7 @@ class Ending:
         moment = time.monotonic()
         if self._quit_at is not None and moment >= self._quit_at:
             self._quit_at = None
-            self._wires.tell("*", Quit())
+            self._control.tell("*", Quit())
             if not begun:
                 self._deadline = moment + 0.5
         if self._deadline is not None and moment >= self._deadline:
@@ -72,11 +76,11 @@ class Ending:
     def _kill_silent(self, begun: bool) -> None:
         """Those that do not end although they were told, and who give no sign that they are about to, or still build
         what will not be needed. Nobody is left to hear those whose nodes have ended."""
-        last = all(member.delivers or member.state == "gone" for member in self._members.values())
+        last = all(member.flushed or member.state == "gone" for member in self._members.values())
         given_up = {
             group
             for group, it in self._members.items()
-            if not it.delivers and (it.silence() > STOP_PATIENCE or (it.state == "starting" and not begun))
+            if not it.flushed and (it.silence() > STOP_PATIENCE or (it.state == "starting" and not begun))
         }
         self.kill(None if last else given_up)
 

@@ -45,7 +45,7 @@ worker up to 60."""
 
 
 @dataclass
-class Outcome:
+class RunOutcome:
     """A run that has ended: its plan, its result, its recording (None: not recorded), whether it kept its rate (None:
     on the simulated clock, or nothing keeps the time), and the placement that it ran by, as `--place` names it."""
 
@@ -75,7 +75,7 @@ def execute(
     key_name: str = keys.NAME,
     fit_cores: bool = False,
     watch: Callable[[Launcher], None] = lambda _: None,
-) -> Outcome:
+) -> RunOutcome:
     """Run a launch file to its end.
 
     graph       that of the launch file, where it has been read already
@@ -161,7 +161,7 @@ def execute(
         )
     result.health = {name: result.health[name] for name in names if name in result.health}
     kept = verdict(result, planned, ticks) if clock == "real" else None
-    return Outcome(planned, result, launch.record, kept, AUTO if crowded else str(launch.place or APART))
+    return RunOutcome(planned, result, launch.record, kept, AUTO if crowded else str(launch.place or APART))
 
 
 def _crowded(planned: Plan) -> bool:

@@ -213,11 +213,8 @@ def _reap(end: socket.socket, keepers: dict[int, _Kept]) -> None:
         end.sendall(msgspec.json.encode(Exited(kept.group, code)) + b"\n")
 
 
-if __name__ == "__main__":
-    signal.signal(signal.SIGTERM, _end_all)
-    die_with_parent(signal.SIGTERM)
-    adopt_orphans()
-    # Here, while the launcher reads the graph, and once for all workers.
+def load() -> None:
+    """Import what workers need, once for all of them, while the launcher reads the graph."""
     import numba.core.registry
 
     import palpate.launch.run.work.process
@@ -226,4 +223,16 @@ if __name__ == "__main__":
 
     numba.core.registry.cpu_target.target_context.refresh()  # a quarter of a second, at the first kernel otherwise
     modules(palpate.nodes)
-    _serve(socket.socket(fileno=int(sys.argv[1])))
+
+
+def main(descriptor: int) -> NoReturn:
+    """Serve the launcher at the other end of this socket."""
+    signal.signal(signal.SIGTERM, _end_all)
+    die_with_parent(signal.SIGTERM)
+    adopt_orphans()
+    load()
+    _serve(socket.socket(fileno=descriptor))
+
+
+if __name__ == "__main__":
+    main(int(sys.argv[1]))

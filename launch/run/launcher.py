@@ -25,19 +25,19 @@ from palpate.launch.run.ending import Ending
 from palpate.launch.run.forkserver import ForkServer
 from palpate.launch.run.interrupts import STOPPING, interrupts
 from palpate.launch.run.lost import lost
-from palpate.launch.run.member import Member
+from palpate.launch.run.member import WorkerHandle
 from palpate.launch.run.reports import (
     Alive,
     Beat,
-    Done,
     End,
     Exited,
-    Fault,
     Go,
     Gone,
     Hello,
     Kill,
     Linked,
+    NodeFault,
+    NodesEnded,
     Note,
     Paused,
     Prepare,
@@ -51,7 +51,7 @@ from palpate.launch.run.reports import (
 )
 from palpate.launch.run.result import Death, Result
 from palpate.launch.run.wire.keys import Key
-from palpate.launch.run.wire.wires import Wires, muted
+from palpate.launch.run.wire.wires import ControlChannel, blocked_by
 from palpate.launch.run.work.watchdog import START_PATIENCE
 from palpate.launch.run.work.worker import REPORT
 
@@ -93,7 +93,7 @@ class Launcher:
     ) -> None:
         self.begun = time.monotonic()
         self.jobs = {job.group: job for job in jobs}
-        self.members = {job.group: Member(job, joined=job.group in joined) for job in jobs}
+        self.members = {job.group: WorkerHandle(job, joined=job.group in joined) for job in jobs}
         self.forkserver = forkserver or ForkServer()
         self.address, self.key, self.patience, self.restart, self.spared = address, key, patience, restart, spared
         self.show, self.printed, self.died = show, printed, died
@@ -112,17 +112,17 @@ class Launcher:
         self._abreast = False
         """Whether all reports that have come were taken."""
         try:
-            self._wires = Wires(self.run_id, self.jobs, address, key)
+            self._control = ControlChannel(self.run_id, self.jobs, address, key)
         except OSError:
             self.forkserver.close()
             raise
-        self._barrier = Barrier(self.members, self._wires)
-        self._ending = Ending(self.members, self._wires, self.forkserver, self._real)
+        self._barrier = Barrier(self.members, self._control)
+        self._ending = Ending(self.members, self._control, self.forkserver, self._real)
         for group in joined:
-            self._wires.expect(group)
+            self._control.expect(group)
             self.members[group].busy = f"{group} (palpate join {address} {group})"
         self._poller = zmq.Poller()
-        self._wires.register(self._poller)
+        self._control.register(self._poller)
         self._poller.register(self.forkserver.socket.fileno(), select.POLLIN)
         self._poller.register(self.forkserver.output.fileno(), select.POLLIN)
 
@@ -170,16 +170,16 @@ class Launcher:
         finally:
             self.phase = "ended"
             self.printed(self.forkserver.close())
-            foreign = self._wires.foreign + sum(member.foreign for member in self.members.values())
+            foreign = self._control.foreign + sum(member.foreign for member in self.members.values())
             if foreign:
                 self.result.notes.append(f"{foreign} frames that are none of this run's were dropped")
             self.result.foreign = foreign
-            self._wires.close(200)
+            self._control.close(200)
 
-    def _fork(self, member: Member) -> None:
-        self._wires.expect(member.job.group)
+    def _fork(self, member: WorkerHandle) -> None:
+        self._control.expect(member.job.group)
         member.forked()
-        wires = self._wires
+        wires = self._control
         self.forkserver.ask(Start(member.job, self.run_id, wires.control, wires.reports, self.key, wires.guarded))
 
     def _turn(self) -> None:
@@ -213,19 +213,19 @@ class Launcher:
 
     def _next_report(self, wait: int = 0) -> bool:
         """Take the next report, if one comes within so many milliseconds."""
-        addressed = self._wires.report(wait)
+        addressed = self._control.report(wait)
         if addressed is not None:
             self._take(self.members[addressed.group], addressed.report)
         return addressed is not None
 
-    def _take(self, member: Member, report: Report) -> None:
+    def _take(self, member: WorkerHandle, report: Report) -> None:
         if member.state == "gone" and not isinstance(report, Alive):
             return  # overtaken by the end of its process, which says the same
         if not self._ending.closed or not isinstance(report, Alive) or self._progress(report):
             member.heard()
         match report:
             case Hello():
-                self._wires.tell(f"join-{member.job.group}", Take(member.job, self.run_id))
+                self._control.tell(f"join-{member.job.group}", Take(member.job, self.run_id))
             case Starting(node, kernels):
                 member.busy, member.kernels = node, kernels
             case Ready():
@@ -240,14 +240,14 @@ class Launcher:
                 member.paused = tick
                 ticks = [lead.paused for lead in self._leads()]
                 if None not in ticks:
-                    self._wires.tell("*", End(max(tick for tick in ticks if tick is not None)))
-            case Fault():
+                    self._control.tell("*", End(max(tick for tick in ticks if tick is not None)))
+            case NodeFault():
                 self._died(member, report)
             case Note(text):
                 self.result.notes.append(text)
                 self.printed(text + "\n")
-            case Done(orderly):
-                member.delivers, member.orderly = True, orderly
+            case NodesEnded(clean_exit):
+                member.flushed, member.clean_exit = True, clean_exit
                 if member.alive:
                     member.state = "done"
                     self._ending.follow()
@@ -259,16 +259,16 @@ class Launcher:
             self.result.health.get(name, {}).get("steps") != counters.steps for name, counters in report.nodes.items()
         )
 
-    def _left(self, member: Member) -> None:
+    def _left(self, member: WorkerHandle) -> None:
         """A worker on another machine has no process here whose end could be seen: its last report is its end."""
         if member.joined:
             self._is_gone(member)
 
-    def _ready(self, member: Member, report: Ready) -> None:
+    def _ready(self, member: WorkerHandle, report: Ready) -> None:
         if not self._barrier.ready(member, report):
             return
         if self._real and not any(lead.alive for lead in self._leads()):
-            self._wires.tell(member.job.group, Stop())  # started again too late: the run has ended meanwhile
+            self._control.tell(member.job.group, Stop())  # started again too late: the run has ended meanwhile
         self.result.notes += [n for n in report.refused if n not in self.result.notes]
         if self.phase == "running":
             self._barrier.link(member)
@@ -276,7 +276,7 @@ class Launcher:
             self.phase = "linking"
             self._barrier.link_all()
 
-    def _linked(self, member: Member) -> None:
+    def _linked(self, member: WorkerHandle) -> None:
         member.state = "linked"
         if self.phase == "linking" and self._barrier.all("linked"):
             self._go()
@@ -289,28 +289,28 @@ class Launcher:
         self.result.start = self._started - self.begun
         self.result.origin = self._started
         self.origin = now() + (HEAD_START if self._real else 0)
-        self._wires.tell("*", Go(self.origin))
+        self._control.tell("*", Go(self.origin))
         for member in self.members.values():
             member.state = "running"
             member.heard()
 
-    def _back(self, member: Member) -> None:
+    def _back(self, member: WorkerHandle) -> None:
         """A worker that was started again joins the run."""
-        self._wires.tell(member.job.group, Go(self.origin))
+        self._control.tell(member.job.group, Go(self.origin))
         member.state = "running"
         self._tell_gone({node.name for node in member.job.nodes}, back=True)
 
     # -- trouble -------------------------------------------------------------------------------------------------
 
-    def _died(self, member: Member, fault: Fault) -> None:
+    def _died(self, member: WorkerHandle, fault: NodeFault) -> None:
         member.state = "failed"
         death = Death(fault.node or member.names, fault.where, fault.text, fault.trace)
         self.result.deaths.append(death)
-        self._bury(member)
+        self._handle_death(member)
         if self.phase == "running":
             self.died(death)
 
-    def _bury(self, member: Member) -> None:
+    def _handle_death(self, member: WorkerHandle) -> None:
         """Tell the others, so that their inputs from this group become None; then end the run, start it again, or go on
         without it."""
         dead = {node.name for node in member.job.nodes}
@@ -329,8 +329,8 @@ class Launcher:
         self._ending.quit_after(seconds)
 
     def _tell_gone(self, nodes: set[str], back: bool = False) -> None:
-        mute = muted(self.jobs.values(), nodes)
-        self._wires.tell("*", Gone(tuple(sorted(nodes)), tuple(sorted(mute)), back))
+        blocked = blocked_by(self.jobs.values(), nodes)
+        self._control.tell("*", Gone(tuple(sorted(nodes)), tuple(sorted(blocked)), back))
 
     def _answer(self, answer: Started | Exited) -> None:
         member = self.members[answer.group]
@@ -347,19 +347,19 @@ class Launcher:
             how = f"killed by {signal.Signals(-status).name}" if status < 0 else f"exit code {status}"
             self._listen()
             trace = "\n".join(self._tail) if status != -signal.SIGKILL else ""
-            self._died(member, Fault("", "process", f"its process ended: {how}", trace))
+            self._died(member, NodeFault("", "process", f"its process ended: {how}", trace))
         member.pid = member.keeper = None
         if member.state == "restarting":
             self._fork(member)
         else:
             self._is_gone(member)
 
-    def _is_gone(self, member: Member) -> None:
+    def _is_gone(self, member: WorkerHandle) -> None:
         member.state = "gone"
         self._ended = time.monotonic()
         self._ending.follow()
 
-    def _leads(self) -> list[Member]:
+    def _leads(self) -> list[WorkerHandle]:
         return [member for member in self.members.values() if member.job.leads]
 
     def _lost_forkserver(self) -> None:
@@ -386,7 +386,7 @@ class Launcher:
         if moment - self._beat > BEAT:
             self._beat = moment
             if self.address:
-                self._wires.tell("*", Beat())
+                self._control.tell("*", Beat())
             for pid in (self.forkserver.process.pid, *(m.keeper for m in self.members.values() if m.keeper)):
                 awake(pid)  # who would never tell of a worker's end
         self._ending.check(begun=self.phase not in ("starting", "linking"))
@@ -400,9 +400,9 @@ class Launcher:
             return
         gone = lost(self.members.values(), self.result.health, math.ceil(1e9 * self.patience / REPORT))
         if gone is not None:
-            self._died(gone[0], Fault("", "stream", gone[1]))
+            self._died(gone[0], NodeFault("", "stream", gone[1]))
 
-    def _limit(self, member: Member) -> float:
+    def _limit(self, member: WorkerHandle) -> float:
         """For how long [s] a worker that was not stopped may be silent."""
         if member.state in ("ready", "linked"):  # it waits for the others, and has nothing to say
             return math.inf
@@ -430,6 +430,6 @@ class Launcher:
             where = "step" if member.state == "running" else "start"
             nodes = member.busy or ", ".join(node.name for node in member.job.nodes) or member.names
             text = f"no sign of life for {limit:.3g} s: {how}"
-            self._died(member, Fault(nodes, where, text, "\n".join(self._tail[-20:])))
+            self._died(member, NodeFault(nodes, where, text, "\n".join(self._tail[-20:])))
             self.forkserver.ask(Kill(group, int(signal.SIGKILL)))
             self._left(member)

@@ -10,10 +10,12 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from palpate.launch.run.member import Member
+from palpate.launch.run.member import WorkerHandle
 
 
-def lost(members: Iterable[Member], health: Mapping[str, Mapping[str, Any]], signs: int) -> tuple[Member, str] | None:
+def lost(
+    members: Iterable[WorkerHandle], health: Mapping[str, Mapping[str, Any]], signs: int
+) -> tuple[WorkerHandle, str] | None:
     """The sender of a message that somebody still waits for so many signs of life after it was sent, and what is to be
     told. Call it whenever all reports that have come were taken.
 

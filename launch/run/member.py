@@ -19,7 +19,7 @@ QUIET = 0.3  # [s] of silence from which on the kernel is asked what a worker wa
 
 
 @dataclass
-class Member:
+class WorkerHandle:
     """A group of a run.
 
     job        what its worker runs
@@ -30,8 +30,8 @@ class Member:
     endpoints  of its outlets, once it is ready; secured: by the key of the run
     early      a report that it is ready, which has overtaken its subscription
     paused     the tick after which it waits to hear which one is the last
-    delivers   its nodes have ended, and others get what they sent
-    orderly    they have ended as they were told, and all that they sent was delivered
+    flushed    its nodes have ended, and others get what they sent
+    clean_exit they have ended as they were told, and all that they sent was delivered
     foreign    frames that it has dropped
     awaits     stream and tick of the message that it waits for; awaited: in so many signs of life since it was sent,
                None: it was not sent yet, as far as is known
@@ -48,8 +48,8 @@ class Member:
     secured: bool = False
     early: Ready | None = None
     paused: int | None = None
-    delivers: bool = False
-    orderly: bool = False
+    flushed: bool = False
+    clean_exit: bool = False
     foreign: int = 0
     awaits: tuple[str, int] | None = None
     awaited: int | None = None
@@ -98,7 +98,7 @@ class Member:
     def forked(self) -> None:
         """A new worker is on its way."""
         self.state, self.early, self.pid, self.paused = "starting", None, None, None
-        self.delivers = self.orderly = False
+        self.flushed = self.clean_exit = False
         self.heard()
 
 

@@ -20,7 +20,7 @@ class Take(msgspec.Struct, frozen=True, tag=True):
     run: str
 
 
-class Source(msgspec.Struct, frozen=True):
+class OutletAddress(msgspec.Struct, frozen=True):
     """An outlet to connect to: whose it is, its address, the streams to read there, for observers or for nodes."""
 
     group: str
@@ -33,7 +33,7 @@ class Source(msgspec.Struct, frozen=True):
 class Connect(msgspec.Struct, frozen=True, tag=True):
     """Read from these outlets. `observed`: how many of the other workers observe each stream of this one."""
 
-    sources: tuple[Source, ...]
+    sources: tuple[OutletAddress, ...]
     observed: dict[str, int]
 
 
@@ -44,10 +44,10 @@ class Go(msgspec.Struct, frozen=True, tag=True):
 
 
 class Gone(msgspec.Struct, frozen=True, tag=True):
-    """These nodes have died, or are back; `mute`: nodes that cannot go on without them."""
+    """These nodes have died, or are back; `blocked`: nodes that cannot go on without them."""
 
     nodes: tuple[str, ...]
-    mute: tuple[str, ...]
+    blocked: tuple[str, ...]
     back: bool = False
 
 
@@ -113,7 +113,7 @@ class Paused(msgspec.Struct, frozen=True, tag=True):
     tick: int
 
 
-class Fault(msgspec.Struct, frozen=True, tag=True):
+class NodeFault(msgspec.Struct, frozen=True, tag=True):
     """A node has failed; an empty name stands for the worker as a whole."""
 
     node: str
@@ -128,14 +128,14 @@ class Note(msgspec.Struct, frozen=True, tag=True):
     text: str
 
 
-class Done(msgspec.Struct, frozen=True, tag=True):
+class NodesEnded(msgspec.Struct, frozen=True, tag=True):
     """All nodes have ended; what they sent before is being delivered, and, after an orderly end, that it was all."""
 
-    orderly: bool
+    clean_exit: bool
 
 
 Order = Take | Connect | Go | Gone | End | Stop | Close | Quit | Beat
-Report = Hello | Starting | Ready | Linked | Alive | Paused | Fault | Note | Done
+Report = Hello | Starting | Ready | Linked | Alive | Paused | NodeFault | Note | NodesEnded
 
 
 class Addressed(msgspec.Struct, frozen=True):

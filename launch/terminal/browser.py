@@ -13,10 +13,10 @@ import typer
 if TYPE_CHECKING:
     from palpate.launch.load.launchfile import LaunchFile
     from palpate.launch.run.launcher import Launcher
-    from palpate.views.page.source import Source
+    from palpate.views.page.source import FrameSource
 
 
-def show(source: Source, verb: str, port: int, no_open: bool) -> None:
+def show(source: FrameSource, verb: str, port: int, no_open: bool) -> None:
     """Serve the page of a source until Ctrl-C."""
     from palpate.launch.run.interrupts import interrupts
     from palpate.views.page import serve
@@ -45,7 +45,7 @@ class RunPage:
         from palpate.views.page import check, serve
 
         check()
-        from palpate.views.page.live import Watch, watchable
+        from palpate.views.page.live import LiveView, watchable
 
         self.launch = watchable(launch)
         self.graph = self.launch.load()
@@ -53,15 +53,15 @@ class RunPage:
         if len(self.launch.placement(planned).groups) == 1 and self.launch.clock != "real":
             raise typer.BadParameter("--view: a run in one process on the simulated clock has no sockets; leave "
                                      "out --fused, or look at its recording: palpate view FILE")  # fmt: skip
-        self._watch = Watch(planned)
+        self._watch = LiveView(planned)
         self._server = serve(self._watch)
         if not silent:
             typer.echo(f"view it at {self._server.address}", err=True)
         webbrowser.open(self._server.address)
 
-    def look(self, launcher: Launcher) -> None:
+    def on_update(self, launcher: Launcher) -> None:
         """Called by the launcher again and again."""
-        self._watch.look(launcher)
+        self._watch.on_update(launcher)
 
     def over(self) -> None:
         """The run has ended; the page stays."""

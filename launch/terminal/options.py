@@ -125,10 +125,10 @@ def with_own_organ(
         if unit is not None or repair:
             raise typer.BadParameter(f"{'--repair' if repair else '--unit'} needs --organ FILE")
         return launch, []
-    from palpate.launch.load.organ import Organ, with_organ  # numba and scipy, which few graphs need
+    from palpate.launch.load.organ import OrganFile, with_organ  # numba and scipy, which few graphs need
     from palpate.launch.load.repair import repaired
 
-    organ, done = Organ.of(file, unit), []
+    organ, done = OrganFile.of(file, unit), []
     if repair:
         if not silent:
             typer.echo(f"repairing {file} ...", err=True)

@@ -8,7 +8,7 @@ from rich.table import Table
 from rich.text import Text
 
 from palpate.engine.plan import Plan
-from palpate.launch.load.bill import Item
+from palpate.launch.load.bill import EffectCost
 from palpate.launch.load.placement import Placement
 from palpate.launch.terminal.output import table
 
@@ -42,7 +42,7 @@ def skipped(planned: Plan) -> Table:
     return table(("", "", ""), ((word, name, reason) for name, reason in planned.skipped.items()))
 
 
-def bill(items: list[Item], source: Path | None) -> Table:
+def bill(items: list[EffectCost], source: Path | None) -> Table:
     """What each effect costs; source: the recording that the times are from."""
     timed = f"times of {source}" if source else "no times yet: run the graph first"
     proved = PROVED if any(item.proof for item in items) else ""
@@ -52,7 +52,7 @@ def bill(items: list[Item], source: Path | None) -> Table:
     )  # fmt: skip
 
 
-def _priced(item: Item) -> tuple[Text | str, ...]:
+def _priced(item: EffectCost) -> tuple[Text | str, ...]:
     word = Text("on", style="green") if item.on else Text("off", style="yellow")
     price = "" if not item.nodes else "?" if item.price is None else f"{item.price * 1e6:.1f}"
     why = Text(item.rule)

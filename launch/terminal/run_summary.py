@@ -10,10 +10,12 @@ from typing import TYPE_CHECKING, Any
 from palpate.launch.terminal.output import console, say, tell
 
 if TYPE_CHECKING:
-    from palpate.launch.run.execute import Outcome
+    from palpate.launch.run.execute import RunOutcome
 
 
-def ended(outcome: Outcome, name: str, folder: Path | None, organ_notes: list[str], as_json: bool, quiet: bool) -> None:
+def ended(
+    outcome: RunOutcome, name: str, folder: Path | None, organ_notes: list[str], as_json: bool, quiet: bool
+) -> None:
     """Say it, and draw the pictures into a folder, unless it is None. organ_notes: what was done to the organ."""
     from palpate.launch.run.screen import tell as fault
 
@@ -30,7 +32,7 @@ def ended(outcome: Outcome, name: str, folder: Path | None, organ_notes: list[st
         fault(death, console(stderr=True, soft_wrap=True))
 
 
-def _summary(outcome: Outcome, name: str, drawn: list[Path]) -> None:
+def _summary(outcome: RunOutcome, name: str, drawn: list[Path]) -> None:
     from rich.markup import escape
 
     from palpate.launch.run.screen import table
@@ -56,7 +58,7 @@ def _summary(outcome: Outcome, name: str, drawn: list[Path]) -> None:
         say(f"picture   {picture}", wrap=True)
 
 
-def _judge(outcome: Outcome) -> None:
+def _judge(outcome: RunOutcome) -> None:
     """Whether the run kept its rate, what its counters mean, and what would help."""
     from palpate.launch.load.placement import AUTO
     from palpate.launch.run.verdict import TROUBLES
@@ -72,7 +74,7 @@ def _judge(outcome: Outcome) -> None:
         say(f"{place}`palpate doctor` shows what slows this machine", wrap=True)
 
 
-def _data(outcome: Outcome, drawn: list[Path]) -> dict[str, Any]:
+def _data(outcome: RunOutcome, drawn: list[Path]) -> dict[str, Any]:
     result = outcome.result
     return {
         "ok": outcome.ok,
@@ -94,7 +96,7 @@ def _data(outcome: Outcome, drawn: list[Path]) -> dict[str, Any]:
     }
 
 
-def _pictures(outcome: Outcome, folder: Path, silent: bool) -> list[Path]:
+def _pictures(outcome: RunOutcome, folder: Path, silent: bool) -> list[Path]:
     """Draw the pictures of a run; why there are none becomes a note of it."""
     from palpate.records.stored import RecordingError
     from palpate.views.pictures import draw

@@ -12,7 +12,7 @@ from typing import Protocol
 import numpy as np
 
 from palpate.models.fe.element.mesh import MeshError
-from palpate.models.fe.meshing.fingertip import Fingertip
+from palpate.models.fe.meshing.fingertip import FingertipDimensions
 from palpate.models.fe.meshing.organ import Capsule, Nodule, Organ
 from palpate.models.fe.reduce.dents import LEVELS, PLACES, UNSEEN, dent_table, unseen
 from palpate.models.fe.reduce.holdout import errors
@@ -156,7 +156,7 @@ def _check_size(node: ReducedFE, surface: Mesh) -> None:
 def _sampled(node: ReducedFE, stages: Stages, check: bool) -> tuple[SampledBasis, dict[str, float]]:
     """Press the full model, reduce it to modes, and press it at other places: the basis and its error there."""
     finger = node.surface == "fingertip"
-    body = of_finger(Fingertip(cells=CELLS)) if finger else of_organ(_organ(node, stages))
+    body = of_finger(FingertipDimensions(cells=CELLS)) if finger else of_organ(_organ(node, stages))
     if len(body.mesh.elements) > MOST_ELEMENTS:
         raise SettingError(
             f"surface {node.surface!r}: {len(body.mesh.elements)} elements, expected at most {MOST_ELEMENTS} for model "

@@ -15,7 +15,7 @@ from palpate.models.fe.reduce.holdout import YOUNG, settled
 from palpate.models.fe.reduce.reducible import Reducible
 from palpate.models.fe.reduce.reduction import finger_touches, organ_touches
 from palpate.models.fe.reduce.sampling import bent
-from palpate.models.fe.reduce.snapshots import Pressed, Touch, mirror
+from palpate.models.fe.reduce.snapshots import LoadPath, PressSolution, mirror
 from palpate.nodes.deformation import Adaptive
 from palpate.nodes.deformation.adaptive import beside
 from palpate.nodes.deformation.basis_store import SHIPPED, cache
@@ -53,7 +53,7 @@ def make(node: Adaptive, stages: Stages | None = None, commit: str | None = None
     return path, seen
 
 
-def training(basis: SampledBasis, finger: bool) -> list[Touch]:
+def training(basis: SampledBasis, finger: bool) -> list[LoadPath]:
     """Touches of both sides of the pulp, or all over an organ."""
     surface = Mesh(basis.vertices, basis.triangles)
     body = cast(Reducible, SimpleNamespace(surface=surface))  # touches read the surface alone
@@ -62,11 +62,11 @@ def training(basis: SampledBasis, finger: bool) -> list[Touch]:
     touches = finger_touches(body, 2 * TOUCHES // 3, SEEDS[0])
     touches += finger_touches(body, TOUCHES // 3, SEEDS[1], pulled=True)
     other, flip = mirror(surface.vertices), np.array([-1.0, 1.0, 1.0])
-    touches[1::2] = [Touch(t.foot * flip, t.normal * flip, t.load[other] * flip, t.levels) for t in touches[1::2]]
+    touches[1::2] = [LoadPath(t.foot * flip, t.normal * flip, t.load[other] * flip, t.levels) for t in touches[1::2]]
     return touches
 
 
-def fitted(basis: SampledBasis, touches: list[Touch], stages: Stages) -> tuple[Rungs, dict[str, int]]:
+def fitted(basis: SampledBasis, touches: list[LoadPath], stages: Stages) -> tuple[Rungs, dict[str, int]]:
     """The rungs of a basis, from states under the loads of these touches; and what was seen."""
     mesh = Mesh(basis.vertices, basis.triangles)
     sizes = [n for n in SIZES if n < basis.modes.shape[1]]
@@ -76,7 +76,7 @@ def fitted(basis: SampledBasis, touches: list[Touch], stages: Stages) -> tuple[R
     for done, touch in enumerate(touches, 1):
         bodies = [SampledBody(own, mesh, YOUNG, 0.0, 5e-3, 1.0) for own in bases]
         nodes = np.flatnonzero(np.abs(touch.load).max(axis=1) > 0.0).astype(np.int32)
-        pressed = Pressed(touch, np.zeros(0))
+        pressed = PressSolution(touch, np.zeros(0))
         for level in LEVELS * touch.levels.max() * YOUNG:
             row = []
             for body in bodies:
@@ -85,7 +85,7 @@ def fitted(basis: SampledBasis, touches: list[Touch], stages: Stages) -> tuple[R
                     if body.settled:
                         break
                 held, measure = body.held.ravel(), body.measure.ravel()
-                bent_by = body.basis.missed @ held / YOUNG
+                bent_by = body.basis.residual_compliance @ held / YOUNG
                 along, strain = float(measure @ bent_by), float(np.sqrt(max(held @ bent_by / YOUNG, 0.0)))
                 in_modes = now - float(body._numbers[GAMMA]) * along
                 row.append((now, in_modes, along, strain, body.linear))

@@ -45,7 +45,7 @@ class Fold(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Choice:
+class ModelChoice:
     """What the protocol finds for one subject.
 
     protocol         "whole" or "published"
@@ -117,7 +117,7 @@ def choose(
     mean: str | None = None,
     deviation: str | None = None,
     protocol: Protocol = "whole",
-) -> Choice:
+) -> ModelChoice:
     """Run a protocol on one subject.
 
     depths  [m]  (D)    growing        forces  [N]  (S,D)
@@ -152,7 +152,7 @@ def choose(
         around = _fit_deviation(deviation, depths, scatter)
         if protocol == "whole":
             curve, around, band = fit_band(depths, used, mean, deviation)
-    return Choice(protocol, dropped, folds, force, spread, curve, around, band, used.mean(axis=0), scatter,
+    return ModelChoice(protocol, dropped, folds, force, spread, curve, around, band, used.mean(axis=0), scatter,
                   force[mean][2] / float(used.mean()))  # fmt: skip
 
 

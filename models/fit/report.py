@@ -12,7 +12,7 @@ import yaml
 from rich.markup import escape
 from rich.table import Table
 
-from palpate.models.fit.crossvalidation import Choice
+from palpate.models.fit.crossvalidation import ModelChoice
 from palpate.models.fit.curve_fit import Fit
 from palpate.models.fit.sessions import Subject
 from palpate.nodes.contact.probabilistic import LAW_SETTINGS
@@ -25,7 +25,7 @@ class Chosen(NamedTuple):
     subject: Subject
     depths: np.ndarray
     forces: np.ndarray
-    choice: Choice
+    choice: ModelChoice
 
 
 class Fitted(NamedTuple):
@@ -56,7 +56,7 @@ def law_tables(fits: list[Fitted]) -> Iterator[Table]:
         yield _parameters(f"Subject {subject.name}: ", fit)
 
 
-def _rmse(title: str, choices: list[Chosen], value: Callable[[Choice, str], float]) -> Table:
+def _rmse(title: str, choices: list[Chosen], value: Callable[[ModelChoice, str], float]) -> Table:
     table = Table(title=escape(title), title_justify="left")
     table.add_column("subject")
     for model in MODELS:
@@ -125,7 +125,7 @@ def choice_notes(choices: list[Chosen]) -> list[str]:
     return notes
 
 
-def _dropped(subject: Subject, choice: Choice) -> dict[str, str]:
+def _dropped(subject: Subject, choice: ModelChoice) -> dict[str, str]:
     """Labels of the dropped sessions; nothing where none was dropped."""
     return dict(zip(("smallest", "largest"), (subject.sessions[i] for i in choice.dropped), strict=False))
 
@@ -221,7 +221,7 @@ def _scalar(text: str) -> str:
     return yaml.safe_dump(text, default_style='"', allow_unicode=True).strip()
 
 
-def law_settings(choice: Choice, deepest: float) -> dict[str, Any]:
+def law_settings(choice: ModelChoice, deepest: float) -> dict[str, Any]:
     """The settings of `contact.Probabilistic` for a fitted subject; `deepest` [m] is its deepest indentation.
 
     Sessions that do not scatter have the deviation 0; the others one that is widened by the error of the curve.

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.ndimage import map_coordinates
 
 from palpate.models.scan.stack import ScanError
-from palpate.physics.fingertip.surfaces import Fingertip
+from palpate.physics.fingertip.surfaces import FingertipSurfaces
 
 LEAST_OFFSET = 1e-4
 """[m] Of the bone from the middle of the finger, from which it tells the side of the nail."""
@@ -23,7 +23,7 @@ TURNS = 6
 """Repetitions of the axis and the cut square to it; each leaves a hundredth of the error."""
 
 
-class Frame(NamedTuple):
+class FingerFrame(NamedTuple):
     """The finger's frame in another.
 
     origin  [m]  (3)    the tip of the skin, on the axis of the bone
@@ -59,7 +59,7 @@ class Cloud(NamedTuple):
         return np.cov(self.points.T, aweights=self.weights)
 
 
-def find_frame(lying: Fingertip, nail: np.ndarray | None) -> Frame:
+def find_frame(lying: FingertipSurfaces, nail: np.ndarray | None) -> FingerFrame:
     """The finger's frame in that of its surfaces, whose y runs about from the tip to the hand.
 
     nail  [1] (3)  about where the nail is; None: where the bone tells
@@ -88,10 +88,10 @@ def find_frame(lying: Fingertip, nail: np.ndarray | None) -> Frame:
         raise ScanError("the bone is midway between nail and pulp; say where the nail is (--dorsal or --axes)")
     z = z / np.linalg.norm(z) * np.sign(offset)
     axes = np.stack([np.cross(y, z), y, z])
-    return Frame(middle + (_tip(lying, skin, y) - middle @ y) * y, axes)
+    return FingerFrame(middle + (_tip(lying, skin, y) - middle @ y) * y, axes)
 
 
-def turned(lying: Fingertip, frame: Frame, margin: float) -> Fingertip:
+def turned(lying: FingertipSurfaces, frame: FingerFrame, margin: float) -> FingertipSurfaces:
     """The surfaces in the finger's frame, with a margin [m] of air. The last slice is taken on where it slants."""
     step = lying.spacing
     inside = (_inside(lying, "skin").points - frame.origin) @ frame.axes.T
@@ -102,16 +102,16 @@ def turned(lying: Fingertip, frame: Frame, margin: float) -> Fingertip:
     grid = low + step * np.moveaxis(np.indices(count), 0, -1)
     place = np.moveaxis((grid @ frame.axes + frame.origin - lying.origin) / step, -1, 0)
     levels = (map_coordinates(getattr(lying, k), place, order=3, mode="nearest") for k in ("skin", "tissue", "bone"))
-    return Fingertip(low, step, *levels)
+    return FingertipSurfaces(low, step, *levels)
 
 
-def _inside(lying: Fingertip, name: str) -> Cloud:
+def _inside(lying: FingertipSurfaces, name: str) -> Cloud:
     """What is inside a surface, the cells at the border by the part of them that is."""
     part = np.clip(0.5 - getattr(lying, name) / lying.spacing.min(), 0, 1)
     return Cloud(lying.origin + lying.spacing * np.argwhere(part > 0), part[part > 0])
 
 
-def _tip(lying: Fingertip, skin: Cloud, y: np.ndarray) -> float:
+def _tip(lying: FingertipSurfaces, skin: Cloud, y: np.ndarray) -> float:
     """Where the skin begins along y [m]: at its foremost grid point, then by the distance on the way out of it."""
     inside = skin.points[skin.weights > 0.5]
     foremost = inside[np.argmin(inside @ y)]
@@ -120,7 +120,7 @@ def _tip(lying: Fingertip, skin: Cloud, y: np.ndarray) -> float:
     return float(foremost @ y - np.interp(0.0, np.maximum.accumulate(level), way))
 
 
-def _cut(lying: Fingertip, cloud: Cloud, y: np.ndarray) -> Cloud:
+def _cut(lying: FingertipSurfaces, cloud: Cloud, y: np.ndarray) -> Cloud:
     """What lies before a plane square to y, all before the last slice."""
     points = cloud.points
     ends = points[points[:, 1] > lying.origin[1] + (lying.skin.shape[1] - 1.5) * lying.spacing[1]]

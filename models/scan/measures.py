@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from palpate.models.scan.align import Frame
+from palpate.models.scan.align import FingerFrame
 from palpate.models.scan.stack import Stack
-from palpate.physics.fingertip.surfaces import Fingertip, cast, fill
+from palpate.physics.fingertip.surfaces import FingertipSurfaces, cast, fill
 
 
-def measures(tip: Fingertip, depth: float = 2e-3, pitch: float = 1.2e-3) -> dict[str, float]:
+def measures(tip: FingertipSurfaces, depth: float = 2e-3, pitch: float = 1.2e-3) -> dict[str, float]:
     """Sizes [mm], volumes [mm³], and the number of beams that touch a plate at a depth [m], with their units in the
     names."""
     inside = np.argwhere(tip.skin < 0)
@@ -30,7 +30,7 @@ def measures(tip: Fingertip, depth: float = 2e-3, pitch: float = 1.2e-3) -> dict
     }
 
 
-def of_images(stack: Stack, frame: Frame) -> dict[str, Any]:
+def of_images(stack: Stack, frame: FingerFrame) -> dict[str, Any]:
     """How many slices, how far apart, how the finger lies in them, and how left and right are known."""
     return {
         "slices": len(stack.volume),

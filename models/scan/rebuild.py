@@ -14,10 +14,10 @@ from typing import Literal, NamedTuple
 import numpy as np
 from scipy.interpolate import PchipInterpolator
 
-from palpate.models.scan.align import Frame, find_frame, turned
+from palpate.models.scan.align import FingerFrame, find_frame, turned
 from palpate.models.scan.outline import Outlines, distance, enclosed
 from palpate.models.scan.stack import ScanError
-from palpate.physics.fingertip.surfaces import Fingertip
+from palpate.physics.fingertip.surfaces import FingertipSurfaces
 
 MARGIN = 1.5e-3
 """[m] Of air round the finger."""
@@ -30,11 +30,11 @@ class Rebuilt(NamedTuple):
     """A fingertip, and where it lay: its frame in that of the images (column, slice from the tip on, upwards; right-
     handed, so that columns are counted from the other side where the tip is in the last slice)."""
 
-    tip: Fingertip
-    frame: Frame
+    tip: FingertipSurfaces
+    frame: FingerFrame
 
 
-def rebuild(outlines: Outlines, grid: float = 4e-4, dorsal: Side = "auto") -> Fingertip:
+def rebuild(outlines: Outlines, grid: float = 4e-4, dorsal: Side = "auto") -> FingertipSurfaces:
     """The surfaces of a finger from its outlines; as `reconstruct`."""
     return reconstruct(outlines, grid, dorsal).tip
 
@@ -66,7 +66,7 @@ def reconstruct(outlines: Outlines, grid: float = 4e-4, dorsal: Side = "auto") -
     ]
     levels[1] = np.maximum(levels[1], levels[0])
     levels[2] = np.maximum(levels[2], levels[0])
-    lying = Fingertip(np.array([x[0], y[0], z[0]]), np.full(3, grid), *map(np.ascontiguousarray, levels))
+    lying = FingertipSurfaces(np.array([x[0], y[0], z[0]]), np.full(3, grid), *map(np.ascontiguousarray, levels))
     frame = find_frame(lying, _nail(outlines.axes, dorsal, side))
     return Rebuilt(turned(lying, frame, MARGIN), frame)
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Annotated, ClassVar
 
-from palpate.drivers.emulate.faults import Faults
+from palpate.drivers.emulate.faults import EmulatedFaults
 from palpate.drivers.exchange import Driver, Exchange
-from palpate.drivers.guard import Guard, Sample
+from palpate.drivers.guard import DeviceSample, Guard
 from palpate.nodes.base.node import Node
 
 EMULATOR = "emulator"
@@ -28,7 +28,7 @@ class Wired(Node):
 
     port: Annotated[str, "1"] = ""
     reconnect: Annotated[bool, "1"] = False
-    faults: Annotated[Faults, "1"] = Faults()
+    faults: Annotated[EmulatedFaults, "1"] = EmulatedFaults()
 
     def driver(self) -> Driver:
         """Makes the device's driver, or that of its emulator."""
@@ -49,7 +49,7 @@ class Wired(Node):
         if hasattr(self, "exchange"):
             self.exchange.stop()
 
-    def talk(self, command: tuple[float, ...], dt: float) -> Sample | None:
+    def talk(self, command: tuple[float, ...], dt: float) -> DeviceSample | None:
         """Give the newest command, get the newest sample. Neither waits for the device."""
         if not self.steps and self.go is not None:  # an emulated hand goes its way from the graph's first tick
             self.go()

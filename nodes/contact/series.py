@@ -11,7 +11,15 @@ from palpate.messages import Contact, Proximity, Surface, Vector, Vector3
 from palpate.nodes.base import InputError, Node, Wants, part
 from palpate.nodes.base.absence import FALL, Gain
 from palpate.physics.bodies.place_energy import on_hand
-from palpate.physics.contact.series import Law, energy, exponential, hertz_exponential, kernel_form, power, series_step
+from palpate.physics.contact.series import (
+    ElasticLaw,
+    energy,
+    exponential,
+    hertz_exponential,
+    kernel_form,
+    power,
+    series_step,
+)
 from palpate.physics.contact.terminal import LEAST_FREE, Terminal, check_law, free_recovery, law_at
 
 FAR = 2e-3
@@ -76,7 +84,7 @@ class Series(Node):
         self._law = kernel_form(self._finger_law, self.finger_damping)
         free_recovery(0.0, 0.0, self.finger_damping, 1e-3)  # compiled by the time that a body is missing
 
-    def _finger(self) -> Law:
+    def _finger(self) -> ElasticLaw:
         if self.finger_law == "power":
             return power(self.finger_power_stiffness, self.finger_power_exponent)
         if self.finger_law == "hertz":

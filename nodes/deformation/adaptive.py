@@ -13,7 +13,7 @@ from palpate.nodes.base import SettingError
 from palpate.nodes.deformation.basis_store import SHIPPED, cache
 from palpate.nodes.deformation.reduced_fe import ReducedFE
 from palpate.physics.archive import ArchiveError
-from palpate.physics.bodies.ladder import Ladder
+from palpate.physics.bodies.ladder import FidelityLevels
 from palpate.physics.bodies.rungs import Rungs
 from palpate.physics.bodies.sampled_body import SampledBasis, SampledBody
 
@@ -37,18 +37,18 @@ class Adaptive(ReducedFE):
     """Longest time between two steps; one that comes later, as it may on the real clock, leaves the finest body in use
     out for a second at least. 0: none."""
 
-    def _made(self) -> Ladder:
+    def _made(self) -> FidelityLevels:
         basis, given = self._placed()
         assert isinstance(basis, SampledBasis)  # its model is sampled
         rungs = self.rungs()
         if self.most < rungs.modes[0]:
             raise SettingError(f"setting 'most' [1]: found {self.most}, expected at least {rungs.modes[0]}")
         bodies = [SampledBody(own, *given) for own in rungs.cut(basis)]
-        return Ladder(bodies, rungs, self.error, self.most, self.deadline or math.inf)
+        return FidelityLevels(bodies, rungs, self.error, self.most, self.deadline or math.inf)
 
     def step(self, load: Load, *, dt: float) -> Surface:
         surface, ladder = super().step(load, dt=dt), self._body
-        assert isinstance(ladder, Ladder)
+        assert isinstance(ladder, FidelityLevels)
         return msgspec.structs.replace(surface, estimated_error=ladder.estimated_error, fidelity=ladder.fidelity)
 
     def rungs(self) -> Rungs:

@@ -10,8 +10,8 @@ import numpy as np
 from palpate.messages import Load, Surface, Vector, Vector3
 from palpate.nodes.base import SettingError, Switch, part
 from palpate.nodes.base.nodule import WithNodule
-from palpate.physics.bodies.beam_bed import LARGEST_FORCE, Bed
-from palpate.physics.materials.viscoelastic import SKIN, TISSUE, Material
+from palpate.physics.bodies.beam_bed import LARGEST_FORCE, BeamFoundation
+from palpate.physics.materials.viscoelastic import SKIN, TISSUE, ViscoelasticMaterial
 
 NO_PRESSURE = np.zeros(0)
 NO_NODES = np.zeros(0, dtype=np.int32)
@@ -58,10 +58,10 @@ class BeamBundle(WithNodule):
                 f"beams would end beyond the other side"
             )
         materials = tuple(
-            Material(modulus, relaxation, self.poisson)
+            ViscoelasticMaterial(modulus, relaxation, self.poisson)
             for modulus, relaxation in zip(self.moduli, self.relaxations, strict=True)
         )
-        self.bed = Bed(mesh, self.hardness(), self.layers, materials, self.radius)
+        self.bed = BeamFoundation(mesh, self.hardness(), self.layers, materials, self.radius)
         self.facing = mesh.normals
         self.areas = mesh.areas
         self.push = np.zeros(len(mesh.areas))

@@ -25,7 +25,7 @@ from palpate.nodes.deformation.basis_store import (
 )
 from palpate.physics.archive import ArchiveError
 from palpate.physics.bodies.condensed_body import Basis, CondensedBody
-from palpate.physics.bodies.ladder import Ladder
+from palpate.physics.bodies.ladder import FidelityLevels
 from palpate.physics.bodies.sampled_body import SampledBasis, SampledBody
 from palpate.physics.geometry.mesh import Mesh
 
@@ -94,7 +94,7 @@ class ReducedFE(OnSurface):
         still = isinstance(self._body, CondensedBody) and self._body.still
         return still and not len(load.nodes) and self._place == (load.foot, load.normal)
 
-    def _made(self) -> CondensedBody | SampledBody | Ladder:
+    def _made(self) -> CondensedBody | SampledBody | FidelityLevels:
         """The body at its place, at rest."""
         basis, given = self._placed()
         if isinstance(basis, SampledBasis):
@@ -130,8 +130,8 @@ class ReducedFE(OnSurface):
         given = (placed, self.young, self.retardation, self.radius, max(self.reach, 1.25 * self.radius))
         if isinstance(basis, SampledBasis):
             modes = np.einsum("ij,ajk->aik", turn, basis.modes.reshape(count, 3, -1)).reshape(3 * count, -1)
-            missed = turned(basis.missed)
-            return SampledBasis(vertices, basis.triangles, missed, modes, basis.points, basis.bend), given
+            residual = turned(basis.residual_compliance)
+            return SampledBasis(vertices, basis.triangles, residual, modes, basis.points, basis.bend), given
         dents = basis.dents if self.model == "nonlinear" else np.zeros((count, 0))
         return Basis(vertices, basis.triangles, turned(basis.compliance), dents), given
 

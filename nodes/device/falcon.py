@@ -31,9 +31,9 @@ class Falcon(Hardware):
 
             device = EmulatedFalcon(self.script(), self.faults, waits=True)
             self.go = device.go
-            return falcon.Falcon(device.connect, lambda: IMAGE)
+            return falcon.FalconDriver(device.connect, lambda: IMAGE)
         image = (lambda: firmware.image(self.firmware)) if self.firmware else None
-        return falcon.Falcon(lambda: UsbFtdi(VENDOR, PRODUCT, NAME, self.port), image)
+        return falcon.FalconDriver(lambda: UsbFtdi(VENDOR, PRODUCT, NAME, self.port), image)
 
     def step(self, torque: Torque | None, *, dt: float) -> DeviceState:
         return state(self.talk(torque.torques if torque is not None else ZERO, dt))

@@ -48,7 +48,7 @@ class Segment(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         return self.hold if self.hold is not None else self.time or 0.0
 
 
-class Hand(Node):
+class SimulatedOperator(Node):
     """Settings of a hand that follows a scripted path, with a compliant arm:
 
     begin     first point of the path, world frame; `path` goes on from there (see Segment) and ends at rest

@@ -8,13 +8,13 @@ import msgspec
 
 from palpate.drivers.emulate.hand import Script
 from palpate.drivers.exchange import Driver
-from palpate.drivers.guard import Guard, Sample
+from palpate.drivers.guard import DeviceSample, Guard
 from palpate.messages import DeviceState
 from palpate.nodes.base.wired import Wired
-from palpate.nodes.device.hand import Hand
+from palpate.nodes.device.hand import SimulatedOperator
 
 
-class Hardware(Hand, Wired):
+class Hardware(SimulatedOperator, Wired):
     """A device at the machine. Its commands pass the limits of `drivers/limits.py` last of all. Settings of all:
 
     deadman  mask of buttons of which one has to be held for any force; 0: none
@@ -45,7 +45,7 @@ class Hardware(Hand, Wired):
         )
 
 
-def state(sample: Sample | None) -> DeviceState:
+def state(sample: DeviceSample | None) -> DeviceState:
     """A sample as the graph knows it; neither angles nor place while they cannot be trusted."""
     if sample is None or not sample.homed:
         return DeviceState(buttons=0 if sample is None else sample.buttons, homed=False)

@@ -26,8 +26,8 @@ class RawHid(Hardware):
 
             device = EmulatedRawHid(self.script(), self.faults, waits=True)
             self.go = device.go
-            return raw.RawHid(device.connect)
-        return raw.RawHid(lambda: UsbHid(raw.fits, raw.NAME, self.port))
+            return raw.RawHidDriver(device.connect)
+        return raw.RawHidDriver(lambda: UsbHid(raw.fits, raw.NAME, self.port))
 
     def step(self, force: Force | None, torque: Torque | None, *, dt: float) -> DeviceState:
         if torque is not None:

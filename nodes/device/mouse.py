@@ -23,7 +23,7 @@ MOST = 64  # samples taken in one step: a flood does not hold the loop
 FARTHEST = 1e3  # [m] from the world's origin that a sample may be
 
 
-class Sample(msgspec.Struct, array_like=True, frozen=True, forbid_unknown_fields=True):
+class PointerSample(msgspec.Struct, array_like=True, frozen=True, forbid_unknown_fields=True):
     """What a program sends to a `device.Pointer`, as a msgpack array: number, place [m, world], buttons."""
 
     number: int
@@ -50,7 +50,7 @@ class Pointer(Node):
 
     def start(self) -> None:
         self.stop()
-        self.last = Sample(0, self.begin)
+        self.last = PointerSample(0, self.begin)
         self.foreign = self.told = 0
         try:
             with contextlib.suppress(FileNotFoundError):
@@ -74,7 +74,7 @@ class Pointer(Node):
             except BlockingIOError:
                 break
             try:
-                sample = msgspec.msgpack.decode(data, type=Sample)
+                sample = msgspec.msgpack.decode(data, type=PointerSample)
             except msgspec.MsgspecError:
                 self.foreign += 1
                 continue

@@ -11,14 +11,14 @@ import numpy as np
 from palpate.messages import DeviceState, Torque, Vector3
 from palpate.nodes.base import SettingError
 from palpate.nodes.base.absence import FALL, Faded, Pace
-from palpate.nodes.device.hand import Hand
+from palpate.nodes.device.hand import SimulatedOperator
 from palpate.physics.device.falcon import FALCON, HOME, leg
 from palpate.physics.device.grip import CLOCK, POSITION, grip_kernel
 
 GLITCH = 1000 * FALCON.count  # [rad]
 
 
-class Simulated(Hand):
+class Simulated(SimulatedOperator):
     """A Falcon held by a hand that follows a scripted path, with a compliant arm (docs/equations/controller.md).
 
     It reports what a real one would: driven angles in whole encoder counts. Torques work on the grip through the same

@@ -8,7 +8,7 @@ import msgspec
 import numpy as np
 
 from palpate.drivers.exchange import Driver
-from palpate.drivers.guard import Guard, Sample
+from palpate.drivers.guard import DeviceSample, Guard
 from palpate.messages import Pins
 from palpate.nodes.base.wired import EMULATOR, Wired
 
@@ -19,7 +19,7 @@ class Still(Guard):
     def apply(self, command: tuple[float, ...], now: int, given: int) -> tuple[float, ...]:
         return command
 
-    def saw(self, sample: Sample | None) -> None:
+    def saw(self, sample: DeviceSample | None) -> None:
         pass
 
 

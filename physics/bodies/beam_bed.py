@@ -24,11 +24,11 @@ from typing import NamedTuple
 import numba
 import numpy as np
 
-from palpate.physics.bodies.stretch import Neighbours, Room, hold_together, neighbours
+from palpate.physics.bodies.stretch import Neighbours, StretchWorkspace, hold_together, neighbours
 from palpate.physics.contact.spread import Spreader
 from palpate.physics.contact.terminal import LEAST_FORCE, fit_terminal
 from palpate.physics.geometry.mesh import Mesh
-from palpate.physics.materials.viscoelastic import Material
+from palpate.physics.materials.viscoelastic import ViscoelasticMaterial
 from palpate.physics.materials.voigt import STRAIN_LIMIT, chain_compliance, chain_stress_step
 
 NO_FORCE = 1e-9
@@ -48,7 +48,7 @@ LEAST_COMPLIANCE = 1e-9
 """[m/N] of a patch whose layers all stand at their limit; it keeps the law finite."""
 
 
-class Beams(NamedTuple):
+class FoundationBeams(NamedTuple):
     """What does not change of a bed.
 
     vertices [m] (V,3)   normals [1] (V,3) outward   areas [m²] (V)
@@ -72,10 +72,10 @@ class Skin(NamedTuple):
 
     edges: Neighbours
     sideways: np.ndarray
-    room: Room
+    room: StretchWorkspace
 
 
-class Moving(NamedTuple):
+class FoundationState(NamedTuple):
     """What a step changes.
 
     strains [1] (V,h)   displacement [m] (V,3)
@@ -102,7 +102,7 @@ class Patch(NamedTuple):
     shares: np.ndarray
 
 
-class Bed:
+class BeamFoundation:
     """Beams under a surface, at rest.
 
     mesh       the surface
@@ -119,7 +119,7 @@ class Bed:
         mesh: Mesh,
         hardness: np.ndarray | None,
         layers: tuple[float, ...],
-        materials: tuple[Material, ...],
+        materials: tuple[ViscoelasticMaterial, ...],
         radius: float,
     ) -> None:
         if len(layers) != len(materials) or not layers:
@@ -131,7 +131,7 @@ class Bed:
         count, h = len(mesh.vertices), len(layers)
         thickness = np.array(layers, float)
         self.radius = radius
-        self.beams = Beams(
+        self.beams = FoundationBeams(
             np.ascontiguousarray(mesh.vertices, float),
             np.ascontiguousarray(mesh.normals, float),
             np.ascontiguousarray(mesh.areas if hardness is None else mesh.areas * hardness, float),
@@ -141,11 +141,11 @@ class Bed:
             np.array([m.viscosity for m in materials]),
             float((thickness / [m.shear_modulus for m in materials]).sum()),
         )
-        self._moving = Moving(
+        self._moving = FoundationState(
             np.zeros((count, h)), np.zeros((count, 3)), np.zeros((count, 3)), np.zeros(count),
             np.zeros(count, np.int32), np.zeros((count, 3)), np.full(count, -1, np.int64), np.zeros(h), np.zeros(6),
         )  # fmt: skip
-        self._skin = Skin(neighbours(mesh), np.zeros((count, 3)), Room.of(count))
+        self._skin = Skin(neighbours(mesh), np.zeros((count, 3)), StretchWorkspace.of(count))
         self.nodes, self.moved, self.count = self._moving.nodes, self._moving.moved, 0
         self._spreader = Spreader(mesh, radius)
         self._patch = Patch(np.zeros(count, np.int32), np.zeros(count))

@@ -104,7 +104,7 @@ class Basis:
         return cls(vertices, triangles, full, dents)
 
 
-class Model(NamedTuple):
+class CondensedModel(NamedTuple):
     """What a condensed body is made of.
 
     compliance, vertices, dents  as in `Basis`
@@ -175,7 +175,7 @@ class CondensedBody:
         dents = basis.dents if basis.dents.size else np.zeros((count, 0))
         moments = hat_moments(coarse)
         true = uncorrected(mesh) if poisson is None else true_patch(coarse, mesh, poisson, sticks, apart)
-        self._model = Model(
+        self._model = CondensedModel(
             basis.compliance, basis.vertices, dents, moments, self.corners, self.weights, young, retardation,
             mesh.vertices, true,
         )  # fmt: skip
@@ -274,6 +274,7 @@ def _step(model, patch, pull, share, normal, dt, fields, marked, curve, numbers,
     dents, young = model.dents, model.young
     held, load, measure, order = fields[0], fields[1], fields[2], fields[3, :, 0]
     active, marks = marked[0], marked[1]
+    # the load, and the patch weights m, on the vertices of the coarse mesh
     touched = 0
     total = normal_force(pull, normal)
     for k in range(len(patch)):
@@ -291,6 +292,7 @@ def _step(model, patch, pull, share, normal, dt, fields, marked, curve, numbers,
             measure[v, 0] += w * part
             for i in range(3):
                 load[v, i] += share * w * pull[k, i]
+    # history h of the load: Kelvin-Voigt retardation over dt
     keep, take = model.retardation / (dt + model.retardation), dt / (dt + model.retardation)
     for k in range(count):
         for i in range(3):
@@ -316,6 +318,7 @@ def _step(model, patch, pull, share, normal, dt, fields, marked, curve, numbers,
             active[kept] = v
             kept += 1
     count = kept
+    # indentation of the linear body: m.C h of the history, m.C f of the load
     now, static, pressed = 0.0, 0.0, 0.0
     for k in range(touched):
         v = int(order[k])
@@ -336,22 +339,26 @@ def _step(model, patch, pull, share, normal, dt, fields, marked, curve, numbers,
                     static += side * (
                         row[3 * b] * load[b, 0] + row[3 * b + 1] * load[b, 1] + row[3 * b + 2] * load[b, 2]
                     )
+    # the patch as small as the load is: a half-space's correction to the compliance
     radius, narrow = load_radius(model.fine, patch, pull, normal, total, model.true.least)
     narrowed = draw_together(model, patch, pull, normal, total, order, touched, measure, radius)
     body, more = patch_compliance(
         compliance, model.true, order, touched, measure, narrowed, normal, radius, numbers[SIDE]
     )
     numbers[NARROWED] = narrowed
-    own = (body + more) / young
+    self_compliance = (body + more) / young
     press = pressed / body if body > 0.0 else 0.0  # the normal force on the patch that h stands for
-    aside = (static - body * total) / young if share > 0.0 and total > 0.0 else 0.0  # what the tangential load adds
+    tangential = (
+        (static - body * total) / young if share > 0.0 and total > 0.0 else 0.0
+    )  # what the tangential load adds
     now = (now + more * press) / young
-    free = keep * now + take * aside
-    numbers[COMPLIANCE], numbers[FREE], numbers[NOW] = take * own, free, now
-    numbers[MORE], numbers[OWN], numbers[BEYOND] = 0.0, own, 0.0
+    free = keep * now + take * tangential
+    numbers[COMPLIANCE], numbers[FREE], numbers[NOW] = take * self_compliance, free, now
+    numbers[MORE], numbers[OWN], numbers[BEYOND] = 0.0, self_compliance, 0.0
     numbers[PRESS], numbers[RADIUS], numbers[NARROW] = press, radius, narrow
-    if dents.shape[1] == 0 or not own > 0.0:
+    if dents.shape[1] == 0 or not self_compliance > 0.0:
         return count, touched
+    # large displacement: nonlinear indentation table, s/R over that of the linear body
     radius = patch_radius(model.vertices, model.moments, order, touched, measure)
     numbers[WIDE] = radius
     knots, slopes = curve[0], curve[1]
@@ -361,13 +368,13 @@ def _step(model, patch, pull, share, normal, dt, fields, marked, curve, numbers,
     numbers[FREE] = radius * risen(free / radius, knots, slopes)[0]
     end = SPACING * dents.shape[1]
     numbers[BEYOND] = max(numbers[NOW] / (radius * end) - 1.0, 0.0)
-    then, slope = risen((free + take * own * force) / radius, knots, slopes)
+    then, slope = risen((free + take * self_compliance * force) / radius, knots, slopes)
     numbers[COMPLIANCE] = (radius * then - numbers[FREE]) / force
     # of a convex s(f): so contact comes to its force from above, and does not swing
-    if slope * take * own > numbers[COMPLIANCE]:
-        numbers[COMPLIANCE] = slope * take * own
+    if slope * take * self_compliance > numbers[COMPLIANCE]:
+        numbers[COMPLIANCE] = slope * take * self_compliance
         numbers[FREE] = radius * then - numbers[COMPLIANCE] * force
-    numbers[MORE] = (numbers[NOW] - now) / own
+    numbers[MORE] = (numbers[NOW] - now) / self_compliance
     numbers[PRESS] += numbers[MORE]
     return count, touched
 

@@ -42,7 +42,7 @@ LEFT = 2.0
 Law = tuple[float, float, float, float]
 
 
-class Ladder:
+class FidelityLevels:
     """Bodies of one basis, the cheapest first, that stand in for one another.
 
     bodies  of the rungs, and of the whole basis

@@ -40,7 +40,7 @@ def cut(basis: SampledBasis, count: int, bend: tuple[float, float, float]) -> Sa
         modes=np.ascontiguousarray(points.modes[:, :count]),
         springs=np.ascontiguousarray(points.springs[:count, :count]),
     )
-    missed = (basis.missed + dropped @ dropped.T).astype(np.float32)
+    missed = (basis.residual_compliance + dropped @ dropped.T).astype(np.float32)
     modes = np.ascontiguousarray(basis.modes[:, :count])
     return SampledBasis(basis.vertices, basis.triangles, missed, modes, fewer, bend)
 

@@ -47,7 +47,7 @@ class SampledBasis:
 
     vertices   [m]   (V,3) of the coarse surface, in the body's frame
     triangles  [1]   (T,3)
-    missed     [m/N] (3V,3V) float32, R for a modulus of 1 Pa
+    residual_compliance  [m/N] (3V,3V) float32, R for a modulus of 1 Pa
     modes      [m]   (3V,r), Phi
     points     see `physics.sampled_energy`
     bend       [1]   (w0, m) of gamma, and w from which on gamma w is constant
@@ -55,15 +55,15 @@ class SampledBasis:
 
     vertices: np.ndarray
     triangles: np.ndarray
-    missed: np.ndarray
+    residual_compliance: np.ndarray
     modes: np.ndarray
     points: Points
     bend: tuple[float, float, float]
 
     def save(self, path: Path, about: str = "") -> None:
         """Write it, R's lower half and all modes in half precision, and a text that says what it was made from."""
-        kept = np.flatnonzero(np.abs(self.missed).sum(axis=1) > 0.0)  # held vertices have none
-        block = self.missed[np.ix_(kept, kept)]
+        kept = np.flatnonzero(np.abs(self.residual_compliance).sum(axis=1) > 0.0)  # held vertices have none
+        block = self.residual_compliance[np.ix_(kept, kept)]
         halves = {"lower": block[np.tril_indices(len(kept))], "surface_modes": self.modes, "modes": self.points.modes}
         arrays: dict[str, Any] = {}
         for name, value in halves.items():
@@ -101,8 +101,8 @@ class SampledBasis:
                 raise ValueError(f"{lower.size} compliances of {len(kept)}, {size // 3} vertices")
             half = np.zeros((len(kept), len(kept)), dtype=np.float32)
             half[np.tril_indices(len(kept))] = lower
-            missed = np.zeros((size, size), dtype=np.float32)
-            missed[np.ix_(kept, kept)] = half + np.tril(half, -1).T
+            residual_compliance = np.zeros((size, size), dtype=np.float32)
+            residual_compliance[np.ix_(kept, kept)] = half + np.tril(half, -1).T
             names = archive["laws"].tolist() if "laws" in archive else UNNAMED
             points = Points(
                 modes, archive["weights"], archive["kinds"], archive["constants"], archive["springs"],
@@ -110,22 +110,22 @@ class SampledBasis:
             )  # fmt: skip
             scale, power, most = archive["bend"].tolist()
             return cls(
-                archive["vertices"], archive["triangles"], missed, surface_modes.astype(np.float64), points,
-                (scale, power, most),
+                archive["vertices"], archive["triangles"], residual_compliance,
+                surface_modes.astype(np.float64), points, (scale, power, most),
             )  # fmt: skip
         except (KeyError, ValueError, TypeError, AttributeError, IndexError, MemoryError) as error:
             raise ArchiveError(f"{path}: not a sampled basis: {error}. Rebuild it with `palpate reduce`") from None
 
 
-class Model(NamedTuple):
+class SampledModel(NamedTuple):
     """What a sampled body is made of: its basis, where the fine mesh lies on its surface, its material.
 
-    missed, modes, points, bend, vertices  as in `SampledBasis`
+    residual_compliance, modes, points, bend, vertices  as in `SampledBasis`
     corners, weights  [1] (W,3)  vertices of the triangle that a vertex of the fine mesh lies on, and its share of each
     young [Pa], retardation [s]  E, tau
     """
 
-    missed: np.ndarray
+    residual_compliance: np.ndarray
     modes: np.ndarray
     points: Points
     bend: tuple[float, float, float]
@@ -167,9 +167,9 @@ class SampledBody:
         count, r = len(basis.vertices), basis.modes.shape[1]
         size = len(self._spreader.nodes)
         self._patch, self._pull = np.zeros(size, dtype=np.int32), np.zeros((size, 3))
-        self._model = Model(
-            basis.missed, basis.modes, basis.points, basis.bend, basis.vertices, self.corners, self.weights, young,
-            retardation,
+        self._model = SampledModel(
+            basis.residual_compliance, basis.modes, basis.points, basis.bend, basis.vertices, self.corners,
+            self.weights, young, retardation,
         )  # fmt: skip
         self._fields, self._active = np.zeros((4, count, 3)), np.zeros(count, dtype=np.int64)
         self._vectors, self._matrices = np.zeros((9, r)), np.stack([np.eye(r), np.zeros((r, r)), np.zeros((r, r))])
@@ -285,9 +285,9 @@ def _gather(corners, weights, patch, pull, share, normal, load, measure):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _missing_at(missed, x, active, count, v):
+def _residual_displacement(residual_compliance, x, active, count, v):
     """R x at one vertex, x (V,3) zero but where it is active."""
-    row0, row1, row2 = missed[3 * v], missed[3 * v + 1], missed[3 * v + 2]
+    row0, row1, row2 = residual_compliance[3 * v], residual_compliance[3 * v + 1], residual_compliance[3 * v + 2]
     out0 = out1 = out2 = 0.0
     for k in range(count):
         b = 3 * active[k]
@@ -299,11 +299,11 @@ def _missing_at(missed, x, active, count, v):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _missing(missed, x, active, count, out):
+def _apply_residual_compliance(residual_compliance, x, active, count, out):
     """R x (V,3) at the vertices where the measure or the load is."""
     for k in range(count):
         v = active[k]
-        out[v, 0], out[v, 1], out[v, 2] = _missing_at(missed, x, active, count, v)
+        out[v, 0], out[v, 1], out[v, 2] = _residual_displacement(residual_compliance, x, active, count, v)
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -338,7 +338,10 @@ def _step(model, patch, pull, share, normal, dt, fields, active, vectors, matric
     matrices (3,r,r)        inverse of the tangent d2W/dq2, and room
     room, numbers           of the energy's evaluation; by their names
     """
-    missed, modes, bend, young, retardation = model.missed, model.modes, model.bend, model.young, model.retardation
+    residual, modes, bend, young, retardation = (
+        model.residual_compliance, model.modes, model.bend, model.young, model.retardation,
+    )  # fmt: skip
+    # history h of the load (Kelvin-Voigt retardation), and the vertices where anything acts
     held, load, measure, bent = fields[0], fields[1], fields[2], fields[3]
     p, q, g, inverse = vectors[0], vectors[1], vectors[2], matrices[0]
     force = _gather(model.corners, model.weights, patch, pull, share, normal, load, measure)
@@ -359,6 +362,7 @@ def _step(model, patch, pull, share, normal, dt, fields, active, vectors, matric
             count += 1
     r = len(q)
     used, settled = 0, True
+    # equilibrium of the modes, dW/dq = Phi'h/E
     budget = numbers[ALLOWED:]
     budget[0] = EACH
     if holds:
@@ -373,45 +377,46 @@ def _step(model, patch, pull, share, normal, dt, fields, active, vectors, matric
             p[k] = q[k] = g[k] = 0.0
         at_rest(inverse)
         numbers[ENERGY] = 0.0
-    # what the modes miss
-    _missing(missed, held, active, count, bent)
+    # static correction: compliance R outside the reduced basis, scaled by gamma of its own energy h.R h
+    _apply_residual_compliance(residual, held, active, count, bent)
     strain = max(_dot(held, bent, active, count), 0.0) / (young * young)
-    gam, turn = gamma(strain, bend[0], bend[1], bend[2])
-    along = _dot(measure, bent, active, count) / young  # measure.R h/E
-    across = _dot(load, bent, active, count) / young
-    mine = vectors[7]
-    _project(modes, measure, active, count, mine)
-    reached = own = rest = 0.0
-    lean = vectors[8]
-    np.dot(inverse, mine, lean)
+    gam, dgam = gamma(strain, bend[0], bend[1], bend[2])
+    m_R_h = _dot(measure, bent, active, count) / young  # measure.R h/E
+    f_R_h = _dot(load, bent, active, count) / young
+    c = vectors[7]  # Phi'm, the patch weights m in the modes
+    _project(modes, measure, active, count, c)
+    # indentation s, its compliance on the patch, and s of the linear body
+    modal = compliance = modal_linear = 0.0
+    K_inv_c = vectors[8]  # K^-1 c, K the tangent
+    np.dot(inverse, c, K_inv_c)
     for k in range(r):
-        own += mine[k] * lean[k]
-        reached += mine[k] * q[k]
-        rest += mine[k] * p[k]
-    now = reached + gam * along
-    by_held = 0.0  # measure.D h, D = d²V*
+        compliance += c[k] * K_inv_c[k]
+        modal += c[k] * q[k]
+        modal_linear += c[k] * p[k]
+    s = modal + gam * m_R_h
+    m_D_h = 0.0  # measure.D h, D = d²V*
     for k in range(r):
-        by_held += lean[k] * p[k]
-    by_held += gam * along + turn * along * strain
-    numbers[GAMMA], numbers[LINEAR] = gam, rest + along
+        m_D_h += K_inv_c[k] * p[k]
+    m_D_h += gam * m_R_h + dgam * m_R_h * strain
+    numbers[GAMMA], numbers[LINEAR] = gam, modal_linear + m_R_h
     # the same for the unit normal force and for the rest of the load
-    _missing(missed, measure, active, count, bent)
-    own = own / young + gam * _dot(measure, bent, active, count) / young + turn * along * along / young
-    aside = 0.0
+    _apply_residual_compliance(residual, measure, active, count, bent)
+    compliance = compliance / young + gam * _dot(measure, bent, active, count) / young + dgam * m_R_h * m_R_h / young
+    tangential = 0.0
     if force > 0.0:
-        by_load = gam * _dot(load, bent, active, count) / young
-        by_load += turn * along * across / young
-        _project(modes, load, active, count, mine)
+        m_D_f = gam * _dot(load, bent, active, count) / young
+        m_D_f += dgam * m_R_h * f_R_h / young
+        _project(modes, load, active, count, c)
         for k in range(r):
-            by_load += lean[k] * mine[k] / young
-        aside = by_load - own * force
+            m_D_f += K_inv_c[k] * c[k] / young
+        tangential = m_D_f - compliance * force
     # along the ray t h from rest: its slope at rest is that of the body at rest
-    free = _ray(keep, now, rest + along, by_held) + take * aside
-    press = max(force, LEAST_FORCE)
-    ahead = now + take * (press * own + aside - by_held)
-    slope = 1.0 / max(take * own, 1e-12)
-    numbers[STIFFNESS], numbers[EXPONENT] = fit_terminal(free, max(ahead, free + LEAST_DEPTH), slope, press)
-    numbers[FREE], numbers[NOW] = free, now
+    free = _ray(keep, s, modal_linear + m_R_h, m_D_h) + take * tangential
+    f_n = max(force, LEAST_FORCE)
+    s_next = s + take * (f_n * compliance + tangential - m_D_h)
+    slope = 1.0 / max(take * compliance, 1e-12)
+    numbers[STIFFNESS], numbers[EXPONENT] = fit_terminal(free, max(s_next, free + LEAST_DEPTH), slope, f_n)
+    numbers[FREE], numbers[NOW] = free, s
     return used, settled
 
 
@@ -427,7 +432,7 @@ def _ray(t, end, start_slope, end_slope):
 
 @numba.njit(cache=True, error_model="numpy")
 def _displaced(model, vertices, foot, within, reach, margin, fields, active, q, more, nodes, moved):
-    missed, points, held, u = model.missed, model.vertices, fields[0], fields[3]
+    residual_compliance, points, held, u = model.residual_compliance, model.vertices, fields[0], fields[3]
     scale = more / model.young
     count = 0
     for v in range(len(held)):
@@ -440,7 +445,7 @@ def _displaced(model, vertices, foot, within, reach, margin, fields, active, q, 
         d0, d1, d2 = points[v, 0] - foot[0], points[v, 1] - foot[1], points[v, 2] - foot[2]
         if d0 * d0 + d1 * d1 + d2 * d2 > far:
             continue
-        out0, out1, out2 = _missing_at(missed, held, active, count, v)
+        out0, out1, out2 = _residual_displacement(residual_compliance, held, active, count, v)
         u[v, 0] += scale * out0
         u[v, 1] += scale * out1
         u[v, 2] += scale * out2

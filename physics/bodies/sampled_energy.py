@@ -48,7 +48,7 @@ class Points(NamedTuple):
     laws: np.ndarray
 
 
-class Scratch(NamedTuple):
+class SampledWorkspace(NamedTuple):
     """Memory that the kernels work in; x, D, f, g in the precision of the modes."""
 
     x: np.ndarray
@@ -64,11 +64,11 @@ class Scratch(NamedTuple):
     K: np.ndarray
 
 
-def scratch(points: Points) -> Scratch:
+def scratch(points: Points) -> SampledWorkspace:
     """Memory for these points."""
     rows, r = points.modes.shape
     x, D, f, g = (np.zeros(size, dtype=points.modes.dtype) for size in (r, rows, rows, r))
-    return Scratch(
+    return SampledWorkspace(
         x, D, f, g, np.zeros((3, 3)), np.zeros((3, 3)), np.zeros((3, 3)), np.zeros((9, 9)), np.zeros((9 * NEAR, r)),
         np.zeros((9 * NEAR, r)), np.zeros((r, r)),
     )  # fmt: skip

@@ -27,7 +27,7 @@ from palpate.physics.contact.terminal import indentation, terminal_force
 from palpate.physics.geometry.mesh import Mesh
 
 
-class Law(NamedTuple):
+class NodeLaw(NamedTuple):
     """Of a node at the centre of the contact: K [N/m^n], n, c [s/m], k_t [N/m], d_t [N s/m]; of a spring between
     neighbours [N/m] and of the damper beside it [N s/m]."""
 
@@ -58,7 +58,7 @@ class Listed(NamedTuple):
     state: np.ndarray
 
 
-class Room(NamedTuple):
+class NetWorkspace(NamedTuple):
     """Memory of a step.
 
     edges   (E,5)   direction of each edge [1] (3), its stiffness [N/m] along it, less that across, and across
@@ -300,7 +300,7 @@ class NetBody:
     ) -> None:
         self.net = net = Net(mesh, hardness)
         normal_law = (stiffness, exponent, damping, tangential_stiffness, tangential_damping)
-        law = Law(*map(float, (*normal_law, coupling, coupling_damping)))
+        law = NodeLaw(*map(float, (*normal_law, coupling, coupling_damping)))
         size, count = len(mesh.vertices), len(net.edges.spans)
         self._fixed = (
             *(
@@ -309,7 +309,7 @@ class NetBody:
                 Tables(net.vertices, net.normals, net.nodal, net.edges),
                 Listed(net.slots[0], net.slots[1], net.state),
             ),
-            *(Room(np.zeros((count, 5)), np.zeros((size, 17)), np.zeros(size), np.zeros(1)), net.displacement),
+            *(NetWorkspace(np.zeros((count, 5)), np.zeros((size, 17)), np.zeros(size), np.zeros(1)), net.displacement),
         )
 
     def step(self, nodes: np.ndarray, forces: np.ndarray, normal: tuple[float, float, float], dt: float):

@@ -49,7 +49,7 @@ def neighbours(mesh: Mesh) -> Neighbours:
     return Neighbours(first, others.astype(np.int32), np.maximum(spans, 1e-9))
 
 
-class Room(NamedTuple):
+class StretchWorkspace(NamedTuple):
     """Work space of `hold_together`: lengths [m] (V), a queue of slots (V) and which are in it (V)."""
 
     lengths: np.ndarray
@@ -57,7 +57,7 @@ class Room(NamedTuple):
     queued: np.ndarray
 
     @classmethod
-    def of(cls, size: int) -> Room:
+    def of(cls, size: int) -> StretchWorkspace:
         return cls(np.zeros(size), np.zeros(max(size, 1), np.int64), np.zeros(size, np.bool_))
 
 

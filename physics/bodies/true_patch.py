@@ -47,6 +47,7 @@ import scipy  # its parts are slow to import, and are when they are used
 from palpate.physics.bodies.dents import patch_radius
 from palpate.physics.bodies.patch import share_of
 from palpate.physics.geometry.mesh import Mesh
+from palpate.physics.kept import kept
 
 MEAN = 2.40816816
 """I: mean of W over the patch, weighted as the pressure."""
@@ -102,11 +103,17 @@ def true_patch(
 ) -> TruePatch:
     """Of a body that is condensed to `coarse` and touched on `fine`."""
     held = HELD * ((1.0 - 2.0 * poisson) / (1.0 - poisson)) ** 2 if sticks else 0.0
-    table = mean_inverse_distance(coarse).astype(np.float32)
+    table = _table(coarse.vertices, coarse.triangles)
     ratio = (1.0 - 0.5 * poisson) / (1.0 - poisson)
     least = LEAST_MOMENT * fine.areas
     near = np.zeros(0) if apart is None else apart
     return TruePatch(table, dent_profile(), (1.0 - poisson**2) / np.pi, ratio, held, sticks, least, near)
+
+
+@kept
+def _table(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+    """`mean_inverse_distance` of a mesh: most of the time that a body's start takes."""
+    return mean_inverse_distance(Mesh(vertices, triangles)).astype(np.float32)
 
 
 def uncorrected(fine: Mesh) -> TruePatch:

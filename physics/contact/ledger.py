@@ -87,7 +87,7 @@ class Moment(NamedTuple):
 NAMES = "fingertip", "tissue", "friction", "display"
 
 
-class Books:
+class EnergyAccount:
     """The accounts of a run.
 
     delay  samples d between the place that a force was computed from and the way that it does its work on

@@ -22,7 +22,7 @@ MOST_FORCE = 1e300
 """[N] What a force beyond the range of numbers counts as."""
 
 
-class Law(NamedTuple):
+class ElasticLaw(NamedTuple):
     """An elastic law g(s), made by `power`, `exponential` or `hertz_exponential`."""
 
     kind: int
@@ -31,30 +31,30 @@ class Law(NamedTuple):
     radius: float
 
 
-def kernel_form(law: Law, damping: float) -> np.ndarray:
+def kernel_form(law: ElasticLaw, damping: float) -> np.ndarray:
     """A fingertip's law and its damping [s/m] as kernels take them (5): an array costs them less than five numbers."""
     return np.array([*law, damping], dtype=float)
 
 
-def power(stiffness: float, exponent: float) -> Law:
+def power(stiffness: float, exponent: float) -> ElasticLaw:
     """g = K s^n; K [N/m^n] > 0, n [1] >= 1 (1.5 for a sphere: Hertz)."""
-    return Law(POWER, float(stiffness), float(exponent), 0.0)
+    return ElasticLaw(POWER, float(stiffness), float(exponent), 0.0)
 
 
-def exponential(stiffness: float, hardening: float) -> Law:
+def exponential(stiffness: float, hardening: float) -> ElasticLaw:
     """g = (b/m)(e^{ms} - 1); b [N/m] > 0, m [1/m] > 0.
 
     Quasi-static law of the human fingerpad: D. T. V. Pawluk, R. D. Howe, J. Biomech. Eng. 121 (1999) 178-183.
     """
-    return Law(EXPONENTIAL, float(stiffness), float(hardening), 0.0)
+    return ElasticLaw(EXPONENTIAL, float(stiffness), float(hardening), 0.0)
 
 
-def hertz_exponential(modulus_slope: float, hardening: float, radius: float) -> Law:
+def hertz_exponential(modulus_slope: float, hardening: float, radius: float) -> ElasticLaw:
     """g = (8b/3m)(e^{ms} - 1) sqrt(R) s^{3/2}: a Hertz sphere with E* = (2b/m)(e^{ms} - 1).
 
     b [Pa/m] > 0, m [1/m] > 0, R [m] > 0.
     """
-    return Law(HERTZ, float(modulus_slope), float(hardening), float(radius))
+    return ElasticLaw(HERTZ, float(modulus_slope), float(hardening), float(radius))
 
 
 @njit(cache=True, error_model="numpy")
@@ -78,7 +78,7 @@ def _map_force(s, rate, c, kind, first, second, radius, out):
         out[i] = elastic(s[i], kind, first, second, radius)[0] * max(0.0, 1.0 + c * rate[i])
 
 
-def force(law: Law, s: ArrayLike, rate: ArrayLike = 0.0, damping: float = 0.0) -> np.ndarray:
+def force(law: ElasticLaw, s: ArrayLike, rate: ArrayLike = 0.0, damping: float = 0.0) -> np.ndarray:
     """Force g(s) <1 + c s'> [N], never negative.
 
     s        [m]    (...)  compression; zero force where s <= 0
@@ -91,7 +91,7 @@ def force(law: Law, s: ArrayLike, rate: ArrayLike = 0.0, damping: float = 0.0) -
     return out.reshape(depth.shape)
 
 
-def energy(law: Law, s: ArrayLike) -> np.ndarray:
+def energy(law: ElasticLaw, s: ArrayLike) -> np.ndarray:
     """Stored energy V(s) [J], the integral of g from 0 to s [m] (...); zero where s <= 0."""
     depth = np.maximum(np.asarray(s, float), 0.0)
     if law.kind == POWER:
@@ -160,7 +160,7 @@ def series_step(approach, dt, s1, finger, stiffness, exponent, c2, free, previou
     return min(f2 if slope2 < slope1 or not f1 < math.inf else f1, MOST_FORCE), approach - s, s
 
 
-def series(approach: float, dt: float, compression: float, finger: Law, finger_damping: float, body: Terminal):
+def series(approach: float, dt: float, compression: float, finger: ElasticLaw, finger_damping: float, body: Terminal):
     """One step of fingertip and body in series, see `series_step`. Returns (f, s1, s2) [N, m, m].
 
     ValueError: dt not positive.

@@ -28,7 +28,7 @@ ITERATIONS = 40
 
 
 @dataclass(frozen=True)
-class Falcon:
+class FalconGeometry:
     """Lengths [m], leg angles [rad], encoder and motor limit of the device; equations at the top of this file.
 
     zero   [rad]  driven angle at zero encoder counts
@@ -57,7 +57,7 @@ class Falcon:
         return np.array([a, b, c, d + e, f - s, r, *turned, zero, count, limit])
 
 
-FALCON = Falcon()
+FALCON = FalconGeometry()
 ZERO, COUNT, LIMIT = 12, 13, 14  # places in the geometry array
 
 
@@ -181,7 +181,7 @@ def forward_kernel(geometry, t0, t1, t2, x, y, z):
     return newton(geometry, t0, t1, t2, HOME[0], HOME[1], HOME[2])
 
 
-def inverse(position, falcon: Falcon = FALCON) -> tuple[np.ndarray, np.ndarray]:
+def inverse(position, falcon: FalconGeometry = FALCON) -> tuple[np.ndarray, np.ndarray]:
     """Inverse kinematics in closed form: the angles t1, t2, t3 of each leg.
 
         t3 = acos(v/b)    t1 = atan2(w, X) - acos((rho^2 + a^2 - L^2) / (2 a rho))    X = u + c, rho^2 = X^2 + w^2
@@ -203,7 +203,7 @@ def inverse(position, falcon: Falcon = FALCON) -> tuple[np.ndarray, np.ndarray]:
     return angles, reach
 
 
-def rates(position, falcon: Falcon = FALCON) -> np.ndarray:
+def rates(position, falcon: FalconGeometry = FALCON) -> np.ndarray:
     """The matrix G of the driven angles' rates, rates of t1 = G velocity of the grip.
 
         a sin(t2 - t1) sin(t3) dt1 = cos(t2) sin(t3) du + cos(t3) dv + sin(t2) sin(t3) dw    for each leg
@@ -221,7 +221,7 @@ def rates(position, falcon: Falcon = FALCON) -> np.ndarray:
     return np.array([n0, n1, n2]) / np.array(levers)[:, None]
 
 
-def forward(angles, start=HOME, falcon: Falcon = FALCON) -> tuple[np.ndarray, bool]:
+def forward(angles, start=HOME, falcon: FalconGeometry = FALCON) -> tuple[np.ndarray, bool]:
     """Forward kinematics by Newton's method on t1(P) = angles, with G as the derivative.
 
     Steps of at most 20 mm, halved while they lead out of reach; ends when each angle fits to 1e-9 rad.
@@ -235,6 +235,6 @@ def forward(angles, start=HOME, falcon: Falcon = FALCON) -> tuple[np.ndarray, bo
     return np.array(point), bool(ok)
 
 
-def counts(angles, falcon: Falcon = FALCON) -> np.ndarray:
+def counts(angles, falcon: FalconGeometry = FALCON) -> np.ndarray:
     """Encoder counts [1] (...) of driven angles [rad] (...): rounded (t1 - zero) / count."""
     return np.rint((np.asarray(angles, dtype=float) - falcon.zero) / falcon.count).astype(np.int64)

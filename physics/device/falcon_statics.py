@@ -14,7 +14,7 @@ import math
 import numba
 import numpy as np
 
-from palpate.physics.device.falcon import FALCON, LIMIT, Falcon, cross, dot, links
+from palpate.physics.device.falcon import FALCON, LIMIT, FalconGeometry, cross, dot, links
 
 FLAT = 0.02  # [1] volume spanned by the link vectors below which the inverse is damped
 DAMPING = 0.05  # [1] largest damping of that inverse
@@ -88,7 +88,7 @@ def inverted(lever):
     return 1.0 / lever if abs(lever) >= SHORT else lever / (SHORT * SHORT)
 
 
-def torque(force, position, falcon: Falcon = FALCON) -> tuple[np.ndarray, bool]:
+def torque(force, position, falcon: FalconGeometry = FALCON) -> tuple[np.ndarray, bool]:
     """Torques that make the grip push with a force, torque = G^-T force.
 
     Near a singular pose the inverse is damped (least squares), so the torque stays bounded. A torque beyond the
@@ -105,7 +105,7 @@ def torque(force, position, falcon: Falcon = FALCON) -> tuple[np.ndarray, bool]:
     return np.array(torques), bool(ok)
 
 
-def force(torques, position, falcon: Falcon = FALCON) -> tuple[np.ndarray, bool]:
+def force(torques, position, falcon: FalconGeometry = FALCON) -> tuple[np.ndarray, bool]:
     """Force of the grip on the hand for given torques, force = G^T torques.
 
     Bounded where a leg is stretched or folded: its lever's inverse grows no further below 1 mm.

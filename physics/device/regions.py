@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from palpate.physics.device.wall_loop import Device, run
+from palpate.physics.device.wall_loop import WallDevice, run
 
 REST, NEAR, CYCLE, GROWS = "rests", "rests from near by", "swings on", "grows"
 KINDS = (REST, NEAR, CYCLE, GROWS)
@@ -22,7 +22,7 @@ NEARBY, FARAWAY = 2.5, 200.0
 """[1] Steps of the position from which the device is let go."""
 
 
-def fate(device: Device, stiffness: float, period: float, begin: float) -> str:
+def fate(device: WallDevice, stiffness: float, period: float, begin: float) -> str:
     """`REST`, `CYCLE` or `GROWS`: what becomes of a device that is let go `begin` [m] away on a spring [N/m] that never
     lets go, sampled at each period [s]."""
     steps = np.full(round(SECONDS / period), period)
@@ -39,7 +39,7 @@ def fate(device: Device, stiffness: float, period: float, begin: float) -> str:
     return CYCLE
 
 
-def region(device: Device, stiffness: float, period: float) -> str:
+def region(device: WallDevice, stiffness: float, period: float) -> str:
     """One of `KINDS`: what becomes of it from near by and from far away."""
     near, far = (fate(device, stiffness, period, n * device.resolution) for n in (NEARBY, FARAWAY))
     if near == far:
@@ -47,7 +47,7 @@ def region(device: Device, stiffness: float, period: float) -> str:
     return NEAR if near == REST and far == GROWS else CYCLE if GROWS not in (near, far) else GROWS
 
 
-def plane(device: Device, stiffness: float, period: float, beta: np.ndarray, sigma: np.ndarray) -> list[list[str]]:
+def plane(device: WallDevice, stiffness: float, period: float, beta: np.ndarray, sigma: np.ndarray) -> list[list[str]]:
     """The region at each sigma (rows) and beta (columns), of a device with this mass and resolution."""
     return [
         [

@@ -15,7 +15,7 @@ import numpy as np
 from palpate.physics.device.controller import buffers, haptic
 
 
-class Device(NamedTuple):
+class WallDevice(NamedTuple):
     """What a user knows of a device.
 
     mass [kg] and drag [N s/m] > 0 of the moving grip; coulomb [N] dry friction; resolution [m] step of the position, 0:
@@ -84,7 +84,7 @@ def _run(device, wall, gains, state, past, controlled, steps, lost, out):
 
 
 def run(
-    device: Device,
+    device: WallDevice,
     stiffness: float,
     damping: float,
     *,

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.physics.fingertip.surfaces import Fingertip
+from palpate.physics.fingertip.surfaces import FingertipSurfaces
 
 
 @dataclass(frozen=True)
@@ -85,7 +85,7 @@ class Anatomy:
         y = np.linspace(0, self.length, 20001)
         return float(np.trapezoid(self.area(name, y), y))
 
-    def fingertip(self, spacing: float = 4e-4) -> Fingertip:
+    def fingertip(self, spacing: float = 4e-4) -> FingertipSurfaces:
         """The surfaces sampled on a grid of a spacing [m], with a margin of 2 mm round the finger."""
         margin = 2e-3
         low = np.array([-self.width / 2 - margin, -margin, -self.palmar - self.bulge - margin])
@@ -94,4 +94,4 @@ class Anatomy:
         grid = np.stack(
             np.meshgrid(*(a + spacing * np.arange(n) for a, n in zip(low, count, strict=True)), indexing="ij"), -1
         )
-        return Fingertip(low, np.full(3, spacing), *(self.level(k, grid) for k in ("skin", "tissue", "bone")))
+        return FingertipSurfaces(low, np.full(3, spacing), *(self.level(k, grid) for k in ("skin", "tissue", "bone")))

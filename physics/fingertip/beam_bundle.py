@@ -14,10 +14,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.physics.fingertip.bundle_step import Beams, Motion, Nodes, Scratch, Summary, bundle_step
+from palpate.physics.fingertip.bundle_step import (
+    BundleBeams,
+    BundleMotion,
+    BundleWorkspace,
+    Nodes,
+    StepSummary,
+    bundle_step,
+)
 from palpate.physics.fingertip.skin import Sheet, grid_triangles, sheet
 from palpate.physics.fingertip.stick_slip import workspace
-from palpate.physics.materials.viscoelastic import SKIN, TISSUE, Material
+from palpate.physics.materials.viscoelastic import SKIN, TISSUE, ViscoelasticMaterial
 from palpate.physics.materials.voigt import STRAIN_LIMIT
 
 LATERAL = ("shear", "cantilever")
@@ -68,11 +75,11 @@ def bundle(
     pitch: float,
     heights,
     lengths,
-    materials: tuple[Material, ...] = (TISSUE,),
+    materials: tuple[ViscoelasticMaterial, ...] = (TISSUE,),
     lateral: str = "shear",
     lateral_elements: int | None = None,
     skin: float = 0.0,
-    skin_material: Material = SKIN,
+    skin_material: ViscoelasticMaterial = SKIN,
 ) -> Bundle:
     """The bundle of beams at grid places `index` (N,2) int, at a pitch [m].
 
@@ -133,7 +140,9 @@ def check_count(expected: float) -> None:
         )
 
 
-def dome(radius: float, length: float, pitch: float, depth: float, material: Material = TISSUE, **more) -> Bundle:
+def dome(
+    radius: float, length: float, pitch: float, depth: float, material: ViscoelasticMaterial = TISSUE, **more
+) -> Bundle:
     """A paraboloid of the given radius [m] on beams of one length [m] and one material, meshed to a depth [m].
 
     Without relaxation and sheet it has closed forms: F_n = (E / L) pi R d^2, and F_t / (mu F_n) = 1 - (1 - s/s_g)^2
@@ -148,7 +157,7 @@ def dome(radius: float, length: float, pitch: float, depth: float, material: Mat
     return bundle(index, pitch, heights, np.full((len(index), 1), length), (material,), **more)
 
 
-class State:
+class BundleState:
     """What a bundle remembers, and its last answers; made at rest, out of contact.
 
     strains    [1]  (N,h)  of the elements
@@ -180,15 +189,15 @@ class State:
         (self.strains, self.deflection, self.normal, self.tangent, self.slip, self.path, self.slipping, self.first,
          self.force) = self.nodes  # fmt: skip
         self.reach = body.reach
-        self.summary = Summary()
+        self.summary = StepSummary()
         self.time = 0.0
         length = body.lengths.sum(axis=1)
         fade = FADE * float(np.min(body.moduli))
-        self.beams = Beams(
+        self.beams = BundleBeams(
             body.heights, length, body.lengths / length[:, None], self.reach, body.moduli, body.viscosities,
             body.lateral, body.cell, fade, body.retardation,
         )  # fmt: skip
-        self.scratch = Scratch(
+        self.scratch = BundleWorkspace(
             np.zeros((len(body.sheet.columns), 2, 2)),
             np.zeros((count, 2)),
             np.zeros((count, 2)),
@@ -200,7 +209,7 @@ class State:
 
 def step(
     body: Bundle,
-    state: State,
+    state: BundleState,
     depth: float,
     shift: tuple[float, float],
     friction: float,
@@ -220,7 +229,7 @@ def step(
     if dt > 0:
         length = max(float(dt), SHORTEST_STEP)
         state.time += length
-        motion = Motion(
+        motion = BundleMotion(
             float(depth), float(shift[0]), float(shift[1]), float(friction), length, state.time, state.summary.last_step
         )
         state.summary = bundle_step(state.beams, body.sheet, state.nodes, state.scratch, motion, tolerance, most)

@@ -13,7 +13,7 @@ from palpate.physics.fingertip.stick_slip import Blocks, Workspace, stick_slip
 from palpate.physics.materials.voigt import chain_compliance, chain_strain_step
 
 
-class Beams(NamedTuple):
+class BundleBeams(NamedTuple):
     """What of a bundle does not change.
 
     heights    [m]    (N)    of the skin ends over the plate at first touch
@@ -55,7 +55,7 @@ class Nodes(NamedTuple):
     force: np.ndarray
 
 
-class Scratch(NamedTuple):
+class BundleWorkspace(NamedTuple):
     """Work space.
 
     matrix  [N/m] (Z,2,2)  of the sheet and the beams in the step      trial [N] (N,2)  on the plate if all stuck
@@ -70,7 +70,7 @@ class Scratch(NamedTuple):
     solver: Workspace
 
 
-class Motion(NamedTuple):
+class BundleMotion(NamedTuple):
     """Of a step: depth [m], shift along the plate [m], coefficient of friction [1], length dt [s] > 0, time at its
     end [s], and the length of the step before, 0 where there was none [s]."""
 
@@ -83,10 +83,10 @@ class Motion(NamedTuple):
     before: float
 
 
-class Summary(NamedTuple):
+class StepSummary(NamedTuple):
     """Of the last step: nodes in contact and sliding, beams at their strain limit, iterations and residual of the
-    solver, its length [s]; of a next step of that length at that depth its stiffness [N/m], its depth of first
-    touch [m] and its force [N]."""
+    solver, and its length [s]; and of a next step of the same length at the same depth its stiffness [N/m], its depth
+    of first touch [m] and its force [N]."""
 
     contacts: int = 0
     slips: int = 0
@@ -115,7 +115,7 @@ def bundle_step(beams, sheet, nodes, scratch, motion, tolerance, most):
         force[0] += nodes.tangent[i, 0]
         force[1] += nodes.tangent[i, 1]
         force[2] += nodes.normal[i]
-    return Summary(contacts, slips, limited, stiffness, touch, iterations, residual, motion.dt, following)
+    return StepSummary(contacts, slips, limited, stiffness, touch, iterations, residual, motion.dt, following)
 
 
 @numba.njit(cache=True)

@@ -17,7 +17,7 @@ import scipy  # its parts are slow to import, and are when they are used
 from palpate.physics.archive import read_arrays
 from palpate.physics.errors import MISUSE, PalpateError
 from palpate.physics.fingertip.beam_bundle import Bundle, bundle, check_count
-from palpate.physics.materials.viscoelastic import BONE, SKIN, TISSUE, Material
+from palpate.physics.materials.viscoelastic import BONE, SKIN, TISSUE, ViscoelasticMaterial
 
 MATERIALS = (SKIN, TISSUE, BONE, TISSUE)
 """From the plate upwards: skin, pulp, bone, tissue between bone and nail."""
@@ -30,7 +30,7 @@ class FingertipError(PalpateError, ValueError):
 
 
 @dataclass(frozen=True)
-class Fingertip:
+class FingertipSurfaces:
     """Signed distances [m] (nx, ny, nz) to the three surfaces, at origin + index * spacing [m] (3)."""
 
     origin: np.ndarray
@@ -54,14 +54,14 @@ class Fingertip:
         np.savez_compressed(path, **{k: getattr(self, k) for k in FIELDS})
 
     @staticmethod
-    def load(path: str | Path) -> Fingertip:
+    def load(path: str | Path) -> FingertipSurfaces:
         """Read what `save` wrote. FingertipError: no such file, or not a fingertip."""
         try:
             archive = read_arrays(path)
             missing = [k for k in FIELDS if k not in archive]
             if missing:
                 raise FingertipError(f"{path}: no {', '.join(missing)} in it; `palpate fingertip` writes such files")
-            tip = Fingertip(*(np.asarray(archive[k], float) for k in FIELDS))
+            tip = FingertipSurfaces(*(np.asarray(archive[k], float) for k in FIELDS))
         except FingertipError:
             raise
         except (ValueError, TypeError) as error:
@@ -102,7 +102,7 @@ def plate_axes(angle: float) -> np.ndarray:
     return np.array([[1.0, 0, 0], [0, c, -s], [0, s, c]])
 
 
-def cast(tip: Fingertip, x, y, angle: float = 0.0) -> Rays:
+def cast(tip: FingertipSurfaces, x, y, angle: float = 0.0) -> Rays:
     """Cross the fingertip with lines along the plate's normal through (x, y) [m] (...) of the plate's frame.
 
     A line is sampled at half the grid's spacing, and each crossing taken where the distance, linear between samples,
@@ -140,14 +140,16 @@ def cast(tip: Fingertip, x, y, angle: float = 0.0) -> Rays:
 
 
 def fill(
-    tip: Fingertip,
+    tip: FingertipSurfaces,
     depth: float,
     pitch: float = 1.2e-3,
     angle: float = 0.0,
-    materials: tuple[Material, Material, Material, Material] = MATERIALS,
+    materials: tuple[
+        ViscoelasticMaterial, ViscoelasticMaterial, ViscoelasticMaterial, ViscoelasticMaterial
+    ] = MATERIALS,
     lateral: str = "shear",
     skin: float = 1e-3,
-    skin_material: Material = SKIN,
+    skin_material: ViscoelasticMaterial = SKIN,
 ) -> Bundle:
     """Fill a fingertip with beams between plate and nail, wherever it touches at the largest depth.
 
@@ -189,7 +191,7 @@ def fill(
     return bundle(index, pitch, height[touches], lengths, materials, lateral, 2, skin, skin_material)
 
 
-def lowest(tip: Fingertip, angle: float, depth: float) -> tuple[np.ndarray, np.ndarray]:
+def lowest(tip: FingertipSurfaces, angle: float, depth: float) -> tuple[np.ndarray, np.ndarray]:
     """The lowest point (3) of the skin over the plate, to a tenth of the grid, and a box (2,2) in the plate's plane
     that holds all that lies less than `depth` above it; metres."""
     size = (np.array(tip.skin.shape) - 1) * tip.spacing

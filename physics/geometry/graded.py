@@ -13,6 +13,8 @@ from __future__ import annotations
 import numpy as np
 import scipy  # its parts are slow to import, and are when they are used
 
+from palpate.physics.kept import kept
+
 GRADE = 0.35
 """[1] Distance between the vertices that are sent, over that from the region where all are."""
 RANKED = 600
@@ -43,6 +45,7 @@ def ranked(points: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
     return chosen[order], apart
 
 
+@kept
 def ranges(points: np.ndarray, near: float) -> np.ndarray:
     """Distance [m] (N,) from the contact up to which each vertex is sent.
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
-class Material:
+class ViscoelasticMaterial:
     """A linear viscoelastic material.
 
     modulus     [Pa]  E
@@ -38,7 +38,7 @@ class Material:
         return self.modulus / (2 * (1 + self.poisson))
 
 
-TISSUE = Material(3.4e4, 1.4, status="modulus stated, relaxation assumed (slow part of Pawluk & Howe)")
-SKIN = Material(1.36e5, 0.07, status="modulus stated, relaxation assumed (middle part of Pawluk & Howe)")
-BONE = Material(1.5e10, 0.0, status="modulus inferred, no relaxation")
-NAIL = Material(4.3e9, 0.0, status="modulus inferred, no relaxation; rigid in the bundle")
+TISSUE = ViscoelasticMaterial(3.4e4, 1.4, status="modulus stated, relaxation assumed (slow part of Pawluk & Howe)")
+SKIN = ViscoelasticMaterial(1.36e5, 0.07, status="modulus stated, relaxation assumed (middle part of Pawluk & Howe)")
+BONE = ViscoelasticMaterial(1.5e10, 0.0, status="modulus inferred, no relaxation")
+NAIL = ViscoelasticMaterial(4.3e9, 0.0, status="modulus inferred, no relaxation; rigid in the bundle")

@@ -18,7 +18,7 @@ from palpate.studies.accuracy.errors import UnsupportedError
 from palpate.studies.accuracy.outcome import Fidelity, Method
 from palpate.studies.accuracy.places import SHIPPED, cache
 from palpate.studies.accuracy.score import CHARGED_STEP, charged, score
-from palpate.studies.accuracy.touches import Touch
+from palpate.studies.accuracy.touches import BenchCase
 from palpate.studies.accuracy.truth import truth
 
 POINTS = 200
@@ -71,8 +71,8 @@ class Cell:
 
 
 def matrix(
-    touches: Iterable[Touch], methods: Iterable[Method], quick: bool = False
-) -> list[tuple[Touch, Method, Fidelity]]:
+    touches: Iterable[BenchCase], methods: Iterable[Method], quick: bool = False
+) -> list[tuple[BenchCase, Method, Fidelity]]:
     """All cells to compute; a method that refuses a touch has one there."""
     rows = []
     for touch in touches:
@@ -83,7 +83,7 @@ def matrix(
 
 
 def compute(
-    cells: list[tuple[Touch, Method, Fidelity]],
+    cells: list[tuple[BenchCase, Method, Fidelity]],
     repeats: int = 3,
     fresh: bool = False,
     machine: str = "",
@@ -105,7 +105,7 @@ def compute(
     return computed
 
 
-def one(touch: Touch, method: Method, fidelity: Fidelity, repeats: int = 1) -> Cell:
+def one(touch: BenchCase, method: Method, fidelity: Fidelity, repeats: int = 1) -> Cell:
     """One cell. Whatever a method raises is its failure, and is charged."""
     cell = Cell(touch.name, method.name, method.title, fidelity.name, fidelity.axis, fidelity.rate)
     why = method.refuses(touch)
@@ -134,7 +134,7 @@ def one(touch: Touch, method: Method, fidelity: Fidelity, repeats: int = 1) -> C
     return cell
 
 
-def _key(touch: Touch, method: Method, fidelity: Fidelity, repeats: int, machine: str) -> str:
+def _key(touch: BenchCase, method: Method, fidelity: Fidelity, repeats: int, machine: str) -> str:
     told = (repr(touch), method.name, method.source, repr(fidelity), repeats, _sources(), machine, np.__version__)
     return hashlib.sha256(repr(told).encode()).hexdigest()[:24]
 

@@ -21,8 +21,8 @@ from palpate.nodes.friction import LuGre  # type: ignore[attr-defined]
 from palpate.nodes.spread import Kernel
 from palpate.studies.accuracy.errors import UnsupportedError
 from palpate.studies.accuracy.kidney import along
-from palpate.studies.accuracy.outcome import LOOKS, NEAR, Fidelity, Outcome
-from palpate.studies.accuracy.touches import Touch
+from palpate.studies.accuracy.outcome import LOOKS, NEAR, Fidelity, MethodOutcome
+from palpate.studies.accuracy.touches import BenchCase
 from palpate.studies.accuracy.truth import SLIDING, worked
 
 VERTICES = 10000
@@ -37,12 +37,12 @@ NO_NODES = np.zeros(0, dtype=np.int32)
 NO_FORCES = np.zeros((0, 3))
 
 
-def surface_of(touch: Touch) -> dict[str, Any]:
+def surface_of(touch: BenchCase) -> dict[str, Any]:
     """Settings of all nodes that work on the touched surface."""
     return {"surface": "kidney" if touch.body == "kidney" else "plane", "position": (0.0, 0.0, 0.0)}
 
 
-def run(touch: Touch, body: type[Node], fidelity: Fidelity, contact: dict[str, Any], repeats: int) -> Outcome:
+def run(touch: BenchCase, body: type[Node], fidelity: Fidelity, contact: dict[str, Any], repeats: int) -> MethodOutcome:
     """The touch with this class of body; it is repeated for the times only.
 
     contact  settings of contact.Series
@@ -85,16 +85,16 @@ def run(touch: Touch, body: type[Node], fidelity: Fidelity, contact: dict[str, A
             moved[surface.nodes] = -surface.displacement[:, 2]
             near = np.hypot(flat[:, 0] - place[k], flat[:, 1]) < NEAR
             shapes.append((float(times[k]), flat[near], moved[near]))
-    return Outcome(times, values, shapes, np.concatenate(seconds), held_bytes(chain.nodes), offline)
+    return MethodOutcome(times, values, shapes, np.concatenate(seconds), held_bytes(chain.nodes), offline)
 
 
-def _path(touch: Touch, rate: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def _path(touch: BenchCase, rate: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     times = np.arange(round(touch.duration * rate) + 1) / rate
     approach, _, place, slip = touch.at(times)
     return approach, slip, place, times
 
 
-def _proximities(touch: Touch, approach: np.ndarray, place: np.ndarray, slip: np.ndarray) -> Iterator[Proximity]:
+def _proximities(touch: BenchCase, approach: np.ndarray, place: np.ndarray, slip: np.ndarray) -> Iterator[Proximity]:
     """On the plane, or along the top of the kidney."""
     if touch.body == "kidney":
         feet, normals, ahead = along(place)
@@ -120,7 +120,7 @@ def _pressed(load: Load | None, areas: np.ndarray) -> tuple[float, float]:
 class _Chain:
     """Contact, friction, spread and body."""
 
-    def __init__(self, body: type[Node], fidelity: Fidelity, contact: dict[str, Any], touch: Touch) -> None:
+    def __init__(self, body: type[Node], fidelity: Fidelity, contact: dict[str, Any], touch: BenchCase) -> None:
         given = fidelity.settings
         surface = surface_of(touch) | {"vertices": VERTICES} | given.get("surface", {})
         own = given.get("body", {})

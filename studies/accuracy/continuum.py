@@ -20,7 +20,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.models.fe.contact.bed import Bed
+from palpate.models.fe.contact.bed import ElasticFoundation
 from palpate.models.fe.element import faces as face_rule
 from palpate.models.fe.element.mesh import TetMesh, bricks, grid, quadratic
 from palpate.models.fe.meshing.organ import SLAB
@@ -43,7 +43,7 @@ STEPS = Settings(tolerance=1e-7, step=1.0, largest=1.0, least=1e-3)
 
 
 @dataclass(frozen=True)
-class Nodule:
+class Inclusion:
     """A harder ball below (0, 0): depth of its centre and radius [m], modulus over that of the tissue."""
 
     depth: float = 6e-3
@@ -63,7 +63,7 @@ class Block:
 
     place: float = 0.0
     cells: int = 4
-    nodule: Nodule | None = None
+    nodule: Inclusion | None = None
     radius: float = RADIUS
     poisson: float = POISSON
 
@@ -95,7 +95,7 @@ class Block:
 
 
 @dataclass(frozen=True)
-class Curve:
+class ContinuumCurve:
     """What a solver found.
 
     force, indentation  [N], [m] (L,)   work [J] (L,) done on the block
@@ -160,11 +160,11 @@ def tetrahedra(block: Block) -> Tetrahedra:
 
 def press(
     block: Block, levels: np.ndarray = LEVELS, young: float = YOUNG, report: Callable[[float], None] = lambda done: None
-) -> Curve:
+) -> ContinuumCurve:
     """Press the block with `fe.Solver`."""
     cut = tetrahedra(block)
     materials = {k: neo_hooke(young * float(h), block.poisson) for k, h in enumerate(cut.ratios)}
-    bed = Bed(cut.under, BED * young)
+    bed = ElasticFoundation(cut.under, BED * young)
     body = Solver(cut.mesh, materials, cut.fixed, loads=lambda f: 0.5 * f * cut.unit, contacts=[bed], settings=STEPS)
     depth, shape, seconds = [], [], []
     for k, level in enumerate(levels):
@@ -185,14 +185,14 @@ def curve(
     y: np.ndarray,
     unknowns: int,
     seconds: list[float],
-) -> Curve:
+) -> ContinuumCurve:
     """With the work done, by the spline through the levels and rest."""
     from scipy.interpolate import CubicSpline
 
     s = np.append(0.0, depth)
     f = np.append(0.0, levels)
     work = CubicSpline(s, f).antiderivative()(s)[1:]
-    return Curve(levels, s[1:], work, x, y, np.array(shape), unknowns, np.array(seconds))
+    return ContinuumCurve(levels, s[1:], work, x, y, np.array(shape), unknowns, np.array(seconds))
 
 
 def stuck(points: np.ndarray, place: float, radius: float = RADIUS) -> np.ndarray:

@@ -8,8 +8,8 @@ from typing import Any
 
 from palpate.nodes.base import Node
 from palpate.studies.accuracy import chain
-from palpate.studies.accuracy.outcome import Fidelity, Outcome
-from palpate.studies.accuracy.touches import Touch
+from palpate.studies.accuracy.outcome import Fidelity, MethodOutcome
+from palpate.studies.accuracy.touches import BenchCase
 
 RATES = (250.0, 500.0, 1000.0, 2000.0, 4000.0)
 MESHES = (400, 1000, 3000, 10000)
@@ -31,10 +31,12 @@ def spread(name: str, value: object, text: str) -> Fidelity:
     return Fidelity(text, "reach" if name == "radius" else "form", settings={"spread": {name: value}})
 
 
-def of_body(cls: type[Node], own: Callable[[Touch], dict[str, Any]]) -> Callable[[Touch, Fidelity, int], Outcome]:
+def of_body(
+    cls: type[Node], own: Callable[[BenchCase], dict[str, Any]]
+) -> Callable[[BenchCase, Fidelity, int], MethodOutcome]:
     """`Method.compute` of a body; own: its settings for a touch."""
 
-    def compute(touch: Touch, fidelity: Fidelity, repeats: int) -> Outcome:
+    def compute(touch: BenchCase, fidelity: Fidelity, repeats: int) -> MethodOutcome:
         given = dict(fidelity.settings)
         given["body"] = own(touch) | given.get("body", {})
         finger = chain.BALL if touch.finger == "ball" else {}
@@ -48,6 +50,6 @@ def reaches() -> list[Fidelity]:
     return [spread("radius", r, f"kernel of {1e3 * r:g} mm") for r in (4e-3, 6e-3, 10e-3)]
 
 
-def only_slab(touch: Touch) -> str:
+def only_slab(touch: BenchCase) -> str:
     """Why a body does not compute a touch; empty: it does."""
     return "the plate is rigid: there is no body to compute" if touch.body == "plate" else ""

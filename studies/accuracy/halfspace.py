@@ -25,7 +25,7 @@ DEPTHS = 5e-4 * np.array([0.25, 0.5, 0.75, 1.0])
 
 
 @dataclass(frozen=True)
-class Pressed:
+class HalfSpaceResult:
     """Force [N], area of contact [m²] at `DEPTHS`; seconds of each load step."""
 
     force: np.ndarray
@@ -34,7 +34,7 @@ class Pressed:
     seconds: np.ndarray
 
 
-def press(faces: int) -> Pressed:
+def press(faces: int) -> HalfSpaceResult:
     """With so many faces over the greatest radius of contact."""
     a = math.sqrt(RADIUS * float(DEPTHS[-1]))
     size = a / faces
@@ -67,7 +67,7 @@ def press(faces: int) -> Pressed:
         seconds.append(time.perf_counter() - begun)
         force.append(4.0 * abs(float(ball.force[2])))
         area.append(4.0 * ball.contact_area(body.displacement))
-    return Pressed(np.array(force), np.array(area), p.size, np.array(seconds))
+    return HalfSpaceResult(np.array(force), np.array(area), p.size, np.array(seconds))
 
 
 def _point_force(points: np.ndarray) -> np.ndarray:

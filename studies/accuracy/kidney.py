@@ -17,7 +17,7 @@ from functools import lru_cache
 import numpy as np
 from scipy.sparse import coo_matrix, csr_matrix
 
-from palpate.models.fe.contact.bed import Bed
+from palpate.models.fe.contact.bed import ElasticFoundation
 from palpate.models.fe.element import faces as face_rule
 from palpate.models.fe.element.jacobian import inverted
 from palpate.models.fe.element.mesh import FOLDED, TetMesh, bricks, edge_nodes, grid
@@ -25,7 +25,7 @@ from palpate.models.fe.solve.solver import Solver
 from palpate.models.fe.sparse.pattern import Pattern
 from palpate.physics.geometry.kidney import LENGTH, THICKNESS, WIDTH, shape
 from palpate.physics.materials.neo_hooke import neo_hooke
-from palpate.studies.accuracy.continuum import BED, POISSON, RADIUS, STEPS, YOUNG, Curve, curve, graded
+from palpate.studies.accuracy.continuum import BED, POISSON, RADIUS, STEPS, YOUNG, ContinuumCurve, curve, graded
 from palpate.studies.peers import felupe
 
 LEVELS = np.array([0.1, 0.3, 0.6, 1.0])
@@ -127,7 +127,7 @@ def _cut(block: Kidney) -> tuple[_Frame, list[np.ndarray]]:
     return frame, axes
 
 
-def press(block: Kidney, levels: np.ndarray = LEVELS) -> Curve:
+def press(block: Kidney, levels: np.ndarray = LEVELS) -> ContinuumCurve:
     """Press the kidney with `fe.Solver`. The curve has no shape.
 
     Two sides of the cube are one smooth side where they meet, so that curved tetrahedra there would cross: those keep
@@ -162,11 +162,11 @@ def press(block: Kidney, levels: np.ndarray = LEVELS) -> Curve:
     return _shapeless(levels, depth, p.size, seconds)
 
 
-def _shapeless(levels: np.ndarray, depth: list[float], unknowns: int, seconds: list[float]) -> Curve:
+def _shapeless(levels: np.ndarray, depth: list[float], unknowns: int, seconds: list[float]) -> ContinuumCurve:
     return curve(levels, depth, [np.zeros((0, 0))] * len(levels), np.zeros(0), np.zeros(0), unknowns, seconds)
 
 
-class _PartBed(Bed):
+class _PartBed(ElasticFoundation):
     """A bed under those points of integration (F,6) of its faces that lie on it."""
 
     def __init__(self, faces: np.ndarray, stiffness: float, share: np.ndarray) -> None:
@@ -207,7 +207,7 @@ def _downwards(points: np.ndarray, faces: np.ndarray, nodal: np.ndarray) -> np.n
     return pull / -pull.sum()
 
 
-def press_felupe(block: Kidney, levels: np.ndarray = LEVELS) -> Curve:
+def press_felupe(block: Kidney, levels: np.ndarray = LEVELS) -> ContinuumCurve:
     """Press the kidney with FElupe. The curve has no shape.
 
     MissingError: it is not installed.

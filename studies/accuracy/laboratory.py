@@ -14,9 +14,9 @@ import numpy as np
 
 from palpate.studies.accuracy import halfspace, places, truth
 from palpate.studies.accuracy.errors import UnsupportedError
-from palpate.studies.accuracy.outcome import LOOKS, NEAR, Fidelity, Method, Outcome
+from palpate.studies.accuracy.outcome import LOOKS, NEAR, Fidelity, Method, MethodOutcome
 from palpate.studies.accuracy.places import ON_KIDNEY, PLACES, cells_text, on_path
-from palpate.studies.accuracy.touches import Touch
+from palpate.studies.accuracy.touches import BenchCase
 from palpate.studies.peers import calculix, felupe, mujoco
 
 TICKS = 1000.0
@@ -76,15 +76,15 @@ def _cut(solver: str, cells: int, apart: str = "") -> Fidelity:
     return Fidelity(text, "form" if apart else "mesh", settings=settings, quick=cells == 1 and not apart)
 
 
-def _of_body(touch: Touch) -> str:
+def _of_body(touch: BenchCase) -> str:
     return "the layered fingertip takes minutes: palpate fe fingertip" if touch.body == "plate" else ""
 
 
-def _only(one: Outside) -> Callable[[Touch], str]:
+def _only(one: Outside) -> Callable[[BenchCase], str]:
     """What it is given: loads on the slab, and where it has curves of it on the kidney."""
     kidney = set(one.cells) & set(ON_KIDNEY)
 
-    def refuses(touch: Touch) -> str:
+    def refuses(touch: BenchCase) -> str:
         if touch.body == "kidney":
             return "" if kidney else f"{one.name} is given no kidney here"
         return "" if touch.body == "slab" else f"{one.name} is given loads here, and no contact"
@@ -92,13 +92,13 @@ def _only(one: Outside) -> Callable[[Touch], str]:
     return refuses
 
 
-def _full(touch: Touch, fidelity: Fidelity, repeats: int) -> Outcome:
+def _full(touch: BenchCase, fidelity: Fidelity, repeats: int) -> MethodOutcome:
     if touch.body == "half-space":
         return _ball(touch, int(str(fidelity.settings["fe"]["cells"])))
     return _of_solver(touch, fidelity, repeats)
 
 
-def _of_solver(touch: Touch, fidelity: Fidelity, repeats: int) -> Outcome:
+def _of_solver(touch: BenchCase, fidelity: Fidelity, repeats: int) -> MethodOutcome:
     solver, cells = str(fidelity.settings["fe"]["solver"]), int(str(fidelity.settings["fe"]["cells"]))
     if not set(on_path(touch.place)) <= set(PLACES):
         raise UnsupportedError(f"place {touch.place!r} is not known")
@@ -120,17 +120,17 @@ def _of_solver(touch: Touch, fidelity: Fidelity, repeats: int) -> Outcome:
         for k in np.linspace(0, len(fine) - 1, LOOKS + 2).astype(int)[1:-1]:
             shapes.append((float(fine[k]), own + (place[k], 0.0), dent(own + (base.place, 0.0), float(elastic[k]))))
     seconds = np.concatenate([c.seconds for c in curves])
-    return Outcome(fine[::every], {name: v[::every] for name, v in values.items()}, shapes, seconds, None, 0.0)
+    return MethodOutcome(fine[::every], {name: v[::every] for name, v in values.items()}, shapes, seconds, None, 0.0)
 
 
 @lru_cache(maxsize=8)
-def _pressed(faces: int) -> tuple[halfspace.Pressed, float]:
+def _pressed(faces: int) -> tuple[halfspace.HalfSpaceResult, float]:
     begun = time.perf_counter()
     pressed = halfspace.press(faces)
     return pressed, time.perf_counter() - begun - float(pressed.seconds.sum())
 
 
-def _ball(touch: Touch, faces: int) -> Outcome:
+def _ball(touch: BenchCase, faces: int) -> MethodOutcome:
     """Between the depths force and area follow Hertz's powers, which linear elasticity without friction has exactly."""
     pressed, offline = _pressed(faces)
     times = np.arange(round(touch.duration * TICKS) + 1) / TICKS
@@ -140,4 +140,4 @@ def _ball(touch: Touch, faces: int) -> Outcome:
     force = depth**1.5 * np.interp(depth, halfspace.DEPTHS, ratio)
     area = depth * np.interp(depth, halfspace.DEPTHS, pressed.area / halfspace.DEPTHS)
     values = {"force": force, "indentation": depth, "area": area, "energy": truth.worked(force, depth)}
-    return Outcome(times, values, [], pressed.seconds, None, offline)
+    return MethodOutcome(times, values, [], pressed.seconds, None, offline)

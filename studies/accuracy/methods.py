@@ -18,8 +18,8 @@ from palpate.studies.accuracy import bodies as slab_bodies
 from palpate.studies.accuracy import chain, laboratory
 from palpate.studies.accuracy.continuum import POISSON, YOUNG
 from palpate.studies.accuracy.fidelities import meshes, of_body, only_slab, steps
-from palpate.studies.accuracy.outcome import Fidelity, Method, Outcome
-from palpate.studies.accuracy.touches import Touch
+from palpate.studies.accuracy.outcome import Fidelity, Method, MethodOutcome
+from palpate.studies.accuracy.touches import BenchCase
 from palpate.studies.accuracy.truth import HERTZ
 
 
@@ -29,29 +29,29 @@ class _Hard(Rigid):
     wanted = chain.LAW
 
 
-def _law(finger: Callable[[Touch], dict[str, Any]]) -> Callable[[Touch, Fidelity, int], Outcome]:
+def _law(finger: Callable[[BenchCase], dict[str, Any]]) -> Callable[[BenchCase, Fidelity, int], MethodOutcome]:
     """contact.Series with one law against a rigid body: the law alone."""
 
-    def compute(touch: Touch, fidelity: Fidelity, repeats: int) -> Outcome:
+    def compute(touch: BenchCase, fidelity: Fidelity, repeats: int) -> MethodOutcome:
         hard = replace(fidelity, settings={"body": {"plate_stiffness": 1e12}})
         return chain.run(touch, _Hard, hard, finger(touch), repeats)
 
     return compute
 
 
-def _hertz(touch: Touch) -> dict[str, Any]:
+def _hertz(touch: BenchCase) -> dict[str, Any]:
     return {"finger_law": "power", "finger_power_stiffness": HERTZ, "finger_power_exponent": 1.5, "finger_damping": 0.0}
 
 
-def _finger(law: str) -> Callable[[Touch], dict[str, Any]]:
+def _finger(law: str) -> Callable[[BenchCase], dict[str, Any]]:
     return lambda touch: {"finger_law": law}
 
 
-def _only_ball(touch: Touch) -> str:
+def _only_ball(touch: BenchCase) -> str:
     return "" if touch.body == "half-space" else "it holds for a ball on a half-space, with nothing in series"
 
 
-def _only_fingertip(touch: Touch) -> str:
+def _only_fingertip(touch: BenchCase) -> str:
     return "" if touch.body == "plate" else "it is a fingertip's law, and knows no tissue under it"
 
 
@@ -102,7 +102,7 @@ def of_user(name: str, cls: type[Node]) -> Method:
         )
     known = settings(cls)
 
-    def own(touch: Touch) -> dict[str, Any]:
+    def own(touch: BenchCase) -> dict[str, Any]:
         material = {"young": YOUNG, "poisson": POISSON, "retardation": touch.retardation}
         return {k: v for k, v in material.items() if k in known}
 

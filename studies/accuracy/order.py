@@ -28,7 +28,7 @@ LEAST = 1e-7
 
 
 @dataclass(frozen=True)
-class Study:
+class OrderStudy:
     """A method on one axis of one touch.
 
     sizes        [s] of the steps, or [1] of cells, see `in_space`; differences [1] of the force over its peak
@@ -54,7 +54,7 @@ class Study:
         return float(np.log(a / b) / np.log(h / k))
 
 
-def studies(cells: Sequence[Cell]) -> list[Study]:
+def studies(cells: Sequence[Cell]) -> list[OrderStudy]:
     """Of every method that was refined in its step, and of the full models on their meshes."""
     groups: dict[tuple[str, str, str], list[Cell]] = {}
     for cell in cells:
@@ -69,7 +69,7 @@ def studies(cells: Sequence[Cell]) -> list[Study]:
         else:
             continue
         if len(sizes) > 1 and min(differences) > LEAST:
-            result.append(Study(method, own[0].title, touch, axis, tuple(sizes), tuple(differences)))
+            result.append(OrderStudy(method, own[0].title, touch, axis, tuple(sizes), tuple(differences)))
     return result
 
 

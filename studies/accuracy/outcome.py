@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from palpate.studies.accuracy.touches import Touch
+from palpate.studies.accuracy.touches import BenchCase
 
 NEAR = 16e-3
 """[m] From the foot point within which the shape of the surface is compared."""
@@ -33,7 +33,7 @@ class Fidelity:
 
 
 @dataclass
-class Outcome:
+class MethodOutcome:
     """Of one method at one fidelity.
 
     times    [s] (T,)
@@ -64,8 +64,8 @@ class Method:
 
     name: str
     title: str
-    compute: Callable[[Touch, Fidelity, int], Outcome]
+    compute: Callable[[BenchCase, Fidelity, int], MethodOutcome]
     fidelities: tuple[Fidelity, ...]
-    refuses: Callable[[Touch], str] = lambda touch: ""
+    refuses: Callable[[BenchCase], str] = lambda touch: ""
     source: tuple[str, ...] = field(default_factory=tuple)
     """What else its answers depend on, for the key of a kept result."""

@@ -22,7 +22,7 @@ from scipy.interpolate import RegularGridInterpolator
 
 from palpate.physics.errors import ArgumentError
 from palpate.studies.accuracy import continuum, kidney
-from palpate.studies.accuracy.continuum import LEVELS, RADIUS, Block, Curve, Nodule
+from palpate.studies.accuracy.continuum import LEVELS, RADIUS, Block, ContinuumCurve, Inclusion
 from palpate.studies.accuracy.errors import MissingError
 from palpate.studies.accuracy.kidney import Kidney
 from palpate.studies.peers import calculix, felupe, mujoco
@@ -30,7 +30,7 @@ from palpate.studies.peers import calculix, felupe, mujoco
 SHIPPED = Path(__file__).parent / "references"
 MESHES = {"fe": (3, 5), "felupe": (2, 3)}
 """Cells across the patch's radius, coarser and finer, of each solver."""
-SOLVERS: dict[str, Callable[..., Curve]] = {
+SOLVERS: dict[str, Callable[..., ContinuumCurve]] = {
     "fe": continuum.press,
     "felupe": felupe.press,
     "calculix": calculix.press,
@@ -38,7 +38,7 @@ SOLVERS: dict[str, Callable[..., Curve]] = {
     "mujoco-own": partial(mujoco.press, material="Saint Venant-Kirchhoff"),
 }
 """Those of `MESHES` make the references; the others are held against them."""
-ON_KIDNEY: dict[str, Callable[..., Curve]] = {"fe": kidney.press, "felupe": kidney.press_felupe}
+ON_KIDNEY: dict[str, Callable[..., ContinuumCurve]] = {"fe": kidney.press, "felupe": kidney.press_felupe}
 """Those that press the kidney."""
 PRESSING = (continuum, felupe, calculix, mujoco, kidney)
 """Modules that make curves."""
@@ -47,7 +47,7 @@ NEAR = 2.0 * RADIUS
 PLACES: dict[str, Block | Kidney] = {
     "middle": Block(0.0),
     "edge": Block(0.04),
-    **{f"nodule-{mm:02d}": Block(1e-3 * mm, nodule=Nodule()) for mm in (0, 10)},
+    **{f"nodule-{mm:02d}": Block(1e-3 * mm, nodule=Inclusion()) for mm in (0, 10)},
     **{f"kidney{mm:+03d}": Kidney(1e-3 * mm) for mm in (-12, 0, 12)},
 }
 """[m] `edge` is 10 mm from the border of the block; `nodule-NN` is NN mm beside a nodule; `kidney+NN` is NN mm from the
@@ -73,7 +73,7 @@ def cache() -> Path:
 
 
 @dataclass(frozen=True)
-class Place:
+class ReferenceSite:
     """A stored reference.
 
     force, indentation, work  [N], [m], [J] (L,);  band [m] (L,) of the indentation
@@ -93,7 +93,7 @@ class Place:
 
 
 @lru_cache(maxsize=32)
-def stored(name: str) -> Place:
+def stored(name: str) -> ReferenceSite:
     """The reference of this name. MissingError: it is not stored; ArgumentError: its file is damaged."""
     path = SHIPPED / f"{name}.npz"
     if not path.is_file():
@@ -103,8 +103,8 @@ def stored(name: str) -> Place:
         )
     try:
         with np.load(path) as file:
-            own = {f.name: file[f.name] for f in fields(Place) if f.name != "about"}
-            return Place(**own, about=json.loads(str(file["about"])))
+            own = {f.name: file[f.name] for f in fields(ReferenceSite) if f.name != "about"}
+            return ReferenceSite(**own, about=json.loads(str(file["about"])))
     except (OSError, KeyError, ValueError, EOFError) as error:
         raise ArgumentError(
             f"{path}: damaged ({error}). Build it anew: palpate bench accuracy --rebuild-references"
@@ -119,7 +119,7 @@ def rebuild(
     What was computed on this machine with the same sources before is taken up, so that a run that was ended goes on.
     """
     todo = [(name, solver, cells) for name in names for solver in meshes for cells in meshes[solver]]
-    curves_of: dict[tuple[str, str, int], Curve] = {}
+    curves_of: dict[tuple[str, str, int], ContinuumCurve] = {}
     for done, (name, solver, cells) in enumerate(todo):
         yield f"{name}: {solver}, {cells_text(cells)}", done / len(todo)
         curves_of[name, solver, cells] = computed(replace(PLACES[name], cells=cells), solver)
@@ -138,30 +138,32 @@ def rebuild(
             "young": continuum.YOUNG, "poisson": continuum.POISSON, "bed": continuum.BED, "radius": RADIUS,
             "felupe": felupe.version(),
         }  # fmt: skip
-        numbers = {f.name: getattr(place, f.name) for f in fields(Place) if f.name != "about"}
+        numbers = {f.name: getattr(place, f.name) for f in fields(ReferenceSite) if f.name != "about"}
         numbers["shape"] = place.shape.astype(np.float32)
         np.savez_compressed(folder / f"{name}.npz", **numbers, about=np.array(json.dumps(about)))
     stored.cache_clear()
     yield "stored", 1.0
 
 
-def computed(block: Block | Kidney, solver: str) -> Curve:
+def computed(block: Block | Kidney, solver: str) -> ContinuumCurve:
     """The curve of a solver, computed or taken from what was computed before with the same sources."""
     told = f"{solver} {block} {LEVELS.tolist()} {_sources()}"
     path = cache() / "curves" / f"{hashlib.sha256(told.encode()).hexdigest()[:20]}.npz"
     if path.is_file():
         with np.load(path) as file:
-            own = {f.name: file[f.name] for f in fields(Curve)}
-        return Curve(**{**own, "unknowns": int(own["unknowns"])})
+            own = {f.name: file[f.name] for f in fields(ContinuumCurve)}
+        return ContinuumCurve(**{**own, "unknowns": int(own["unknowns"])})
     curve = (ON_KIDNEY if isinstance(block, Kidney) else SOLVERS)[solver](block)
     path.parent.mkdir(parents=True, exist_ok=True)
     part = path.with_suffix(f".{os.getpid()}.npz")
-    np.savez(part, **{f.name: getattr(curve, f.name) for f in fields(Curve)})
+    np.savez(part, **{f.name: getattr(curve, f.name) for f in fields(ContinuumCurve)})
     part.replace(path)
     return curve
 
 
-def combined(block: Block | Kidney, curves: dict[str, list[Curve]], meshes: dict[str, tuple[int, int]]) -> Place:
+def combined(
+    block: Block | Kidney, curves: dict[str, list[ContinuumCurve]], meshes: dict[str, tuple[int, int]]
+) -> ReferenceSite:
     """The reference from each solver's curves on its coarser and finer mesh."""
     fine = {solver: own[-1] for solver, own in curves.items()}
     base = fine["fe"]
@@ -174,7 +176,9 @@ def combined(block: Block | Kidney, curves: dict[str, list[Curve]], meshes: dict
     left = np.max([rest[s] * np.abs(own[-1].indentation - own[0].indentation) for s, own in curves.items()], axis=0)
     work = np.mean([c.work for c in fine.values()], axis=0)
     if not len(base.x):
-        return Place(base.force, depth, work, apart + left, base.x, base.y, base.shape, np.zeros_like(depth), {})
+        return ReferenceSite(
+            base.force, depth, work, apart + left, base.x, base.y, base.shape, np.zeros_like(depth), {}
+        )
     shapes = {s: [_carried(c, base) for c in own] for s, own in curves.items()}
     shape = np.mean([own[-1] for own in shapes.values()], axis=0)
     x, y = np.meshgrid(base.x, base.y, indexing="ij")
@@ -186,10 +190,10 @@ def combined(block: Block | Kidney, curves: dict[str, list[Curve]], meshes: dict
     last = [own[-1] for own in shapes.values()]
     own_left = np.max([rest[s] * rms(own[-1] - own[0]) for s, own in shapes.items()], axis=0)
     shape_band = rms(last[0] - last[-1]) + own_left
-    return Place(base.force, depth, work, apart + left, base.x, base.y, shape, shape_band, {})
+    return ReferenceSite(base.force, depth, work, apart + left, base.x, base.y, shape, shape_band, {})
 
 
-def _carried(curve: Curve, base: Curve) -> np.ndarray:
+def _carried(curve: ContinuumCurve, base: ContinuumCurve) -> np.ndarray:
     """The shape of a curve at the lines of another (L,x,y)."""
     if len(curve.x) == len(base.x) and np.allclose(curve.x, base.x) and len(curve.y) == len(base.y):
         return curve.shape

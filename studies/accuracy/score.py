@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from palpate.studies.accuracy.outcome import Outcome
+from palpate.studies.accuracy.outcome import MethodOutcome
 from palpate.studies.accuracy.truth import QUANTITIES, Truth
 
 CHARGED = 1.0
@@ -17,7 +17,7 @@ class Score(dict[str, dict[str, float]]):
     """By quantity: rms and worst error, and the rms that the reference may be off by, over the peak of the truth."""
 
 
-def score(outcome: Outcome, truth: Truth) -> Score:
+def score(outcome: MethodOutcome, truth: Truth) -> Score:
     """Of everything that both tell."""
     errors = Score()
     for name in QUANTITIES:

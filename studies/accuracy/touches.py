@@ -14,7 +14,7 @@ RETARDATION = 0.02
 
 
 @dataclass(frozen=True)
-class Touch:
+class BenchCase:
     """One touch.
 
     body         "half-space", "plate", "slab" or "kidney"
@@ -24,7 +24,7 @@ class Touch:
     place        of the stored reference, or of a path of them (`accuracy.places`); empty where there is a closed form
     retardation  [s] Kelvin-Voigt, of the slab
     friction     whether the finger slides with friction
-    nodule       whether the slab has the nodule of `continuum.Nodule` below (0, 0)
+    nodule       whether the slab has the nodule of `continuum.Inclusion` below (0, 0)
     """
 
     name: str
@@ -65,53 +65,54 @@ def _placed(knots: tuple[tuple[float, float, float], ...], place: float) -> tupl
 
 _PRESSED = (*_PRESS, (0.4, 5.5e-3, 0.0), (0.7, APART, 0.0))
 
-TOUCHES: dict[str, Touch] = {
+TOUCHES: dict[str, BenchCase] = {
     touch.name: touch
     for touch in (
-        Touch(
+        BenchCase(
             "ball", f"a rigid ball of {1e3 * RADIUS:g} mm on a half-space", "half-space", "ball",
             ((0.0, APART, 0.0), (0.25, 5e-4, 0.0), (0.35, 5e-4, 0.0), (0.6, APART, 0.0)),
         ),
-        Touch(
+        BenchCase(
             "plate", "a fingertip on a rigid plate", "plate", "soft",
             ((0.0, APART, 0.0), (0.3, 2.4e-3, 0.0), (0.4, 2.4e-3, 0.0), (0.6, APART, 0.0)),
         ),
-        Touch("indent", "a fingertip pressed into a slab", "slab", "soft", (*_PRESS, (0.4, 5.5e-3, 0.0)), "middle"),
-        Touch(
+        BenchCase("indent", "a fingertip pressed into a slab", "slab", "soft", (*_PRESS, (0.4, 5.5e-3, 0.0)), "middle"),
+        BenchCase(
             "hold", "pressed, held and let go, viscous", "slab", "soft",
             ((0.0, APART, 0.0), (0.1, 5.5e-3, 0.0), (0.4, 5.5e-3, 0.0), (0.5, APART, 0.0), (0.6, APART, 0.0)),
             "middle", RETARDATION,
         ),
-        Touch(
+        BenchCase(
             "tap", "a tap of 30 ms, viscous", "slab", "soft",
             ((0.0, APART, 0.0), (0.015, 4e-3, 0.0), (0.03, APART, 0.0), (0.1, APART, 0.0)), "middle", RETARDATION,
         ),
-        Touch(
+        BenchCase(
             "two-step", "a path of two steps, viscous", "slab", "soft",
             ((0.0, APART, 0.0), (0.08, 3e-3, 0.0), (0.25, 3e-3, 0.0), (0.33, 5.5e-3, 0.0), (0.5, 5.5e-3, 0.0)),
             "middle", RETARDATION,
         ),
-        Touch(
+        BenchCase(
             "slide", "pressed, then slid 10 mm with friction", "slab", "soft",
             ((0.0, APART, -5e-3), (0.2, 5e-3, -5e-3), (0.3, 5e-3, -5e-3), (0.6, 5e-3, 5e-3), (0.7, 5e-3, 5e-3)),
             "middle", friction=True,
         ),
-        Touch("nodule-over", "pressed over a nodule", "slab", "soft", _PRESSED, "nodule-00", nodule=True),
-        Touch(
+        BenchCase("nodule-over", "pressed over a nodule", "slab", "soft", _PRESSED, "nodule-00", nodule=True),
+        BenchCase(
             "nodule-beside", "pressed 10 mm beside a nodule", "slab", "soft", _placed(_PRESSED, 10e-3), "nodule-10",
             nodule=True,
         ),
-        Touch(
+        BenchCase(
             "stroke", "a stroke of 24 mm along the top of a kidney", "kidney", "soft",
             ((0.0, APART, -12e-3), (0.2, 5e-3, -12e-3), (0.3, 5e-3, -12e-3), (0.8, 5e-3, 12e-3), (0.9, 5e-3, 12e-3)),
             "kidney", friction=True,
         ),
-        Touch("edge", "pressed 10 mm from the border of the slab", "slab", "soft", _placed(_PRESSED, 40e-3), "edge"),
+        BenchCase(
+            "edge", "pressed 10 mm from the border of the slab", "slab", "soft", _placed(_PRESSED, 40e-3), "edge"),
     )
 }  # fmt: skip
 
 
-def chosen(names: list[str] | None) -> list[Touch]:
+def chosen(names: list[str] | None) -> list[BenchCase]:
     """The touches of these names, all where none is given. ArgumentError: one that there is not."""
     for name in names or ():
         if name not in TOUCHES:

@@ -29,8 +29,8 @@ from scipy.interpolate import CubicSpline, RectBivariateSpline
 from palpate.nodes.contact import Series
 from palpate.physics.friction.lugre import LuGre
 from palpate.studies.accuracy.continuum import POISSON, RADIUS, YOUNG
-from palpate.studies.accuracy.places import PLACES, Place, on_path, stored
-from palpate.studies.accuracy.touches import Touch
+from palpate.studies.accuracy.places import PLACES, ReferenceSite, on_path, stored
+from palpate.studies.accuracy.touches import BenchCase
 
 RATE = 32000
 """[Hz]"""
@@ -57,8 +57,8 @@ class Truth:
     values: dict[str, np.ndarray]
     bands: dict[str, np.ndarray]
     elastic: np.ndarray
-    touch: Touch
-    place: Place | None
+    touch: BenchCase
+    place: ReferenceSite | None
 
     def value(self, name: str, times: np.ndarray) -> np.ndarray:
         """A quantity at these times."""
@@ -88,7 +88,7 @@ class Truth:
 
 
 @lru_cache(maxsize=16)
-def truth(touch: Touch) -> Truth:
+def truth(touch: BenchCase) -> Truth:
     """The truth of a touch. MissingError: its reference is not stored."""
     times = np.arange(round(touch.duration * RATE) + 1) / RATE
     approach, rate, _, slip = touch.at(times)
@@ -122,13 +122,13 @@ def truth(touch: Touch) -> Truth:
     return Truth(times, values, bands, refined[2], touch, places[0] if touch.body == "slab" else None)
 
 
-def path_of(touch: Touch) -> np.ndarray:
+def path_of(touch: BenchCase) -> np.ndarray:
     """Places [m] (K,) of a touch's references along its path."""
     return np.array([PLACES[name].place for name in on_path(touch.place)])
 
 
 def derived(
-    touch: Touch, times: np.ndarray, slip: np.ndarray, force: np.ndarray, depth: np.ndarray, elastic: np.ndarray
+    touch: BenchCase, times: np.ndarray, slip: np.ndarray, force: np.ndarray, depth: np.ndarray, elastic: np.ndarray
 ) -> dict[str, np.ndarray]:
     """What is compared, from force [N], indentation [m] and elastic force [N] (T,) of a body under the patch; area and
     traction on what is flat."""
@@ -147,7 +147,7 @@ def worked(force: np.ndarray, depth: np.ndarray) -> np.ndarray:
 
 
 def in_time(
-    touch: Touch,
+    touch: BenchCase,
     levels: np.ndarray,
     indentation: np.ndarray,
     every: int = 1,

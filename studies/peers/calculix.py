@@ -22,7 +22,17 @@ import numpy as np
 
 from palpate.models.fe.element.mesh import TetMesh
 from palpate.physics.materials.hyperelastic import moduli
-from palpate.studies.accuracy.continuum import BED, LEVELS, POISSON, YOUNG, Block, Curve, Tetrahedra, curve, tetrahedra
+from palpate.studies.accuracy.continuum import (
+    BED,
+    LEVELS,
+    POISSON,
+    YOUNG,
+    Block,
+    ContinuumCurve,
+    Tetrahedra,
+    curve,
+    tetrahedra,
+)
 from palpate.studies.accuracy.errors import MissingError
 
 INSTALL = "apt-get install calculix-ccx"
@@ -47,7 +57,7 @@ def version() -> str | None:
 
 def press(
     block: Block, levels: np.ndarray = LEVELS, young: float = YOUNG, report: Callable[[float], None] = lambda done: None
-) -> Curve:
+) -> ContinuumCurve:
     """Press the block with CalculiX. The time of a load step is that of the whole run over its load steps.
 
     MissingError: it is not installed. ArithmeticError: it gave up; says what it printed last.

@@ -23,7 +23,7 @@ from palpate.studies.accuracy.continuum import (
     SIDE,
     YOUNG,
     Block,
-    Curve,
+    ContinuumCurve,
     curve,
     halved,
     patch_pressure,
@@ -54,7 +54,7 @@ def library() -> Any:
 
 def press(
     block: Block, levels: np.ndarray = LEVELS, young: float = YOUNG, report: Callable[[float], None] = lambda done: None
-) -> Curve:
+) -> ContinuumCurve:
     """Press the block with FElupe.
 
     MissingError: it is not installed.

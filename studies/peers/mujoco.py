@@ -20,7 +20,17 @@ import numpy as np
 
 from palpate.models.fe.element.mesh import edge_nodes
 from palpate.models.fe.meshing.organ import SLAB
-from palpate.studies.accuracy.continuum import BED, LEVELS, POISSON, YOUNG, Block, Curve, Tetrahedra, curve, tetrahedra
+from palpate.studies.accuracy.continuum import (
+    BED,
+    LEVELS,
+    POISSON,
+    YOUNG,
+    Block,
+    ContinuumCurve,
+    Tetrahedra,
+    curve,
+    tetrahedra,
+)
 from palpate.studies.accuracy.errors import MissingError
 
 INSTALL = 'pip install "palpate[bench]"'
@@ -59,7 +69,7 @@ def press(
     young: float = YOUNG,
     report: Callable[[float], None] = lambda done: None,
     material: str = "neo-Hookean",
-) -> Curve:
+) -> ContinuumCurve:
     """Press the block with MuJoCo.
 
     MissingError: it is not installed. ArithmeticError: it does not come to rest, or elements are inside out.

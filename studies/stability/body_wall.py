@@ -21,7 +21,7 @@ from palpate.nodes.contact import Series
 from palpate.nodes.controller import Haptic
 from palpate.nodes.spread import Kernel
 from palpate.physics.device.stability import poles
-from palpate.physics.device.wall_loop import Device, advance, settles
+from palpate.physics.device.wall_loop import WallDevice, advance, settles
 from palpate.physics.errors import ArgumentError
 from palpate.studies.accuracy.chain import BALL, LAW, NO_FORCES, NO_NODES, UP
 
@@ -117,7 +117,7 @@ class Wall:
         return contact.force
 
 
-def held(device: Device, body: Node, *, controlled: bool, period: float, delay: int) -> tuple[bool, float]:
+def held(device: WallDevice, body: Node, *, controlled: bool, period: float, delay: int) -> tuple[bool, float]:
     """Whether the device comes to rest on the body, and the most energy [J] that it gave to the hand."""
     wall = Wall(body, period)
     controller = Haptic(
@@ -150,13 +150,13 @@ def held(device: Device, body: Node, *, controlled: bool, period: float, delay: 
     return not lifted and settles(path, device.resolution), most
 
 
-def stable(device: Device, cls: type[Node], factor: float, period: float, delay: int) -> bool:
+def stable(device: WallDevice, cls: type[Node], factor: float, period: float, delay: int) -> bool:
     """Whether the poles of the loop with the body's linear wall at the hand's push lie within the unit circle."""
     stiffness, damping = Wall(stiffened(cls, factor), period).linear(PUSH)
     return bool(np.abs(poles(stiffness, damping, device.mass, device.drag, period, delay)).max() <= 1.0)
 
 
-def row(device: Device, cls: type[Node], rate: float, delay: int) -> dict[str, float]:
+def row(device: WallDevice, cls: type[Node], rate: float, delay: int) -> dict[str, float]:
     """K [N/m] at the hand's push up to which the loop comes to rest, by the poles (`stable`), simulated (`bare`) and
     with the controller (`controlled`); `inf` where all do, 0 where the softest does not; and the most energy [J] that
     the controlled loop gave to the hand (`given_out`)."""

@@ -9,7 +9,7 @@ from typing import Any
 from matplotlib.colors import ListedColormap
 
 from palpate.physics.device.regions import KINDS
-from palpate.physics.device.wall_loop import Device
+from palpate.physics.device.wall_loop import WallDevice
 from palpate.views.pictures.style import ENERGY, FINGER, INK, NORMAL, SPEED, figure
 
 
@@ -66,7 +66,7 @@ def draw_bodies(rows: list[dict[str, Any]], path: Path) -> None:
     drawn.savefig(path)
 
 
-def draw_regions(told: dict[str, Any], device: Device, period: float, path: Path) -> None:
+def draw_regions(told: dict[str, Any], device: WallDevice, period: float, path: Path) -> None:
     """The plane, the lines at 1/2, and where the user's own device lies at some stiffnesses."""
     drawn = figure(7.4, 6.0, "Stability of a sampled spring: viscous damping, dry friction, encoder")
     ax = drawn.subplots()

@@ -9,17 +9,17 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
-from palpate.physics.device.wall_loop import Device
+from palpate.physics.device.wall_loop import WallDevice
 from palpate.physics.errors import ArgumentError
 from palpate.studies.stability import body_wall, walls
 
 
 @dataclass(frozen=True)
-class Study:
+class StabilityStudy:
     """What is asked for: rates [Hz], delays [1] and dampings [N s/m] of the wall, how the velocity is taken and what
     goes wrong (see `walls.row`), bodies by name, and whether the plane is."""
 
-    device: Device
+    device: WallDevice
     rates: Sequence[float]
     delays: Sequence[int]
     dampings: Sequence[float]

@@ -9,7 +9,7 @@ import numpy as np
 
 from palpate.physics.device import stability as theory
 from palpate.physics.device.regions import plane
-from palpate.physics.device.wall_loop import Device, felt_stiffness, run, settles
+from palpate.physics.device.wall_loop import WallDevice, felt_stiffness, run, settles
 from palpate.physics.errors import ArgumentError
 
 COLUMNS = {
@@ -26,8 +26,8 @@ SHOWN = ("passive", "stable", "quantised", "bare", "controlled")
 
 
 def check(
-    device: Device, rates: Sequence[float], delays: Sequence[int], dampings: Sequence[float], order: int, lost: float,
-    jitter: float,
+    device: WallDevice, rates: Sequence[float], delays: Sequence[int], dampings: Sequence[float], order: int,
+    lost: float, jitter: float,
 ) -> None:  # fmt: skip
     """ArgumentError: a value outside of what describes a device and its loop."""
     for name, value, low, high, expected in (
@@ -47,7 +47,7 @@ def check(
             raise ArgumentError(f"{name}: found {value:g}, expected {expected}")
 
 
-def row(device: Device, rate: float, delay: int, damping: float, order: int, lost: float, jitter: float, seed: int
+def row(device: WallDevice, rate: float, delay: int, damping: float, order: int, lost: float, jitter: float, seed: int
         ) -> dict[str, float]:  # fmt: skip
     """One row of the table: bounds on the stiffness [N/m] by theory; up to where the simulated loop comes to rest
     without the controller (`bare`); with it, the stiffest wall at which it does (`commanded`), the stiffness that is
@@ -83,7 +83,7 @@ def row(device: Device, rate: float, delay: int, damping: float, order: int, los
     }
 
 
-def _long(device: Device) -> float:
+def _long(device: WallDevice) -> float:
     """[s] after which a swing near the border of stability has decayed or grown: ten time constants 2 m/b of the free
     device, within 3 to 60 s."""
     return float(min(max(20.0 * device.mass / device.drag, SECONDS), 60.0))
@@ -121,7 +121,7 @@ def answer(rows: list[dict[str, float]]) -> str:
     )
 
 
-def regions(device: Device, stiffness: float, period: float) -> dict[str, Any]:
+def regions(device: WallDevice, stiffness: float, period: float) -> dict[str, Any]:
     """The plane of the device's mass and encoder at a stiffness [N/m]: the kind at each sigma and beta."""
     at = np.geomspace(0.02, 4.0, POINTS)
     return {

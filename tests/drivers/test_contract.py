@@ -5,7 +5,7 @@ import time
 
 import pytest
 
-from palpate.drivers.emulate.faults import Faults
+from palpate.drivers.emulate.faults import EmulatedFaults
 from palpate.drivers.errors import DeviceError
 from palpate.drivers.limits import LIMITS
 from palpate.launch.load.launchfile import find
@@ -80,7 +80,7 @@ def test_the_force_comes_in_slowly_and_not_before_homing(name, made):
 
 @pytest.mark.parametrize("name", HAPTIC)
 def test_a_silent_device_gets_no_force(name, made):
-    node, bus = made(name, ramp=0.0, faults=Faults(silent=2.0))
+    node, bus = made(name, ramp=0.0, faults=EmulatedFaults(silent=2.0))
     run(bus, 6.0, lambda m: node.exchange.guard.gain == 1.0)
     assert node.exchange.guard.gain == 1.0
     run(bus, 10.0, lambda m: node.exchange.guard.missed > 10 and node.exchange.guard.gain == 0.0)
@@ -96,7 +96,7 @@ def test_a_released_dead_man_button_gives_no_force(name, made):
 
 @pytest.mark.parametrize("name", [n for n in KINDS if n != "netft"])  # a datagram knows of no plug
 def test_a_pulled_plug_is_one_clear_line(name, made):
-    _, bus = made(name, faults=Faults(unplug=0.3))
+    _, bus = made(name, faults=EmulatedFaults(unplug=0.3))
     with pytest.raises(DeviceError, match=r"gone.*(Plug it in|Start it) again") as told:
         run(bus, 8.0)
     assert told.value.lost and "\n" not in str(told.value)
@@ -104,7 +104,7 @@ def test_a_pulled_plug_is_one_clear_line(name, made):
 
 @pytest.mark.parametrize("name", ["falcon", "rawhid", "haply2diy", "spacemouse", "bota"])
 def test_a_device_that_is_back_is_taken_up_again(name, made):
-    node, bus = made(name, reconnect=True, faults=Faults(unplug=0.3, back=0.9))
+    node, bus = made(name, reconnect=True, faults=EmulatedFaults(unplug=0.3, back=0.9))
     notes: list[str] = []
 
     def back(_):
@@ -130,7 +130,7 @@ def test_stopping_is_safe_at_any_time(name):
 
 
 def test_a_device_slower_than_the_graph_is_told_once(made):
-    node, bus = made("rawhid", faults=Faults(latency=0.0015))
+    node, bus = made("rawhid", faults=EmulatedFaults(latency=0.0015))
     run(bus, 30.0, lambda m: node.steps > 2000 and node.exchange.rate > 0.0)
     (note,) = node.notes()
     assert re.match(r"the device answers \d+ times a second, the graph asks 1000 times: .*`rate: \d+`", note)

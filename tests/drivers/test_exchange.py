@@ -6,7 +6,7 @@ import pytest
 
 from palpate.drivers.errors import DeviceError
 from palpate.drivers.exchange import Exchange
-from palpate.drivers.guard import HORIZON, Guard, Sample
+from palpate.drivers.guard import HORIZON, DeviceSample, Guard
 from palpate.drivers.limits import Limits
 
 
@@ -34,7 +34,7 @@ class Slow:
             raise error
         self.sent.append((time.monotonic(), command[0]))
         time.sleep(self.pause)
-        return Sample(time.monotonic_ns(), position=(0.0, 0.0, 0.0)) if self.answers else None
+        return DeviceSample(time.monotonic_ns(), position=(0.0, 0.0, 0.0)) if self.answers else None
 
     def close(self):
         self.closed += 1

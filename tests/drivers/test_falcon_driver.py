@@ -6,11 +6,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pytest import approx
 
-from palpate.drivers.emulate.faults import Faults
+from palpate.drivers.emulate.faults import EmulatedFaults
 from palpate.drivers.emulate.hand import Script
 from palpate.drivers.errors import DeviceError
 from palpate.drivers.falcon import firmware, frames
-from palpate.drivers.falcon.driver import Falcon
+from palpate.drivers.falcon.driver import FalconDriver
 from palpate.drivers.falcon.emulator import IMAGE, EmulatedFalcon, baud
 from palpate.drivers.transport.ftdi import payload
 from palpate.physics.device.falcon import HOME, forward, inverse
@@ -35,7 +35,7 @@ class Time:
 def pair(faults=None, script=None, image=IMAGE, **more):
     time = Time()
     device = EmulatedFalcon(script, faults, now=time.now, sleep=time.sleep, **more)
-    return Falcon(device.connect, None if image is None else lambda: image, time.now), device, time
+    return FalconDriver(device.connect, None if image is None else lambda: image, time.now), device, time
 
 
 def homed(driver, time):
@@ -76,7 +76,7 @@ def test_the_reader_finds_its_frames_in_any_rubbish(parts, piece):
         else:
             frame = frames.report(part, 0, (True, True, True))
             stream, whole = stream + frame, [*whole, frame]
-    reader, received = frames.Reader(), []
+    reader, received = frames.FalconFrameReader(), []
     for i in range(0, len(stream), piece):
         received += reader.feed(stream[i : i + piece])
     assert received == whole
@@ -86,7 +86,7 @@ def test_the_reader_finds_its_frames_in_any_rubbish(parts, piece):
 def test_one_wrong_byte_costs_one_frame(at, byte):
     good = [frames.report((i, -i, 7 * i), 0, (True, True, True)) for i in range(4)]
     spoilt = good[1][:at] + bytes((byte,)) + good[1][at + 1 :]
-    received = frames.Reader().feed(good[0] + spoilt + good[2] + good[3])
+    received = frames.FalconFrameReader().feed(good[0] + spoilt + good[2] + good[3])
     assert received[0] == good[0] and received[-2:] == good[2:]
 
 
@@ -107,7 +107,7 @@ def test_the_divisors_are_the_known_rates():
 
 @pytest.mark.parametrize("flaky", [0, 1, 2, 5])
 def test_the_firmware_is_loaded_however_often_it_takes(flaky):
-    driver, device, time = pair(Faults(flaky=flaky))
+    driver, device, time = pair(EmulatedFaults(flaky=flaky))
     driver.open()
     assert device.running and driver.attempts == flaky + 1
     # The image goes out and comes back at 142 857 baud, a block at a time: not below two ways of ten bits a byte.
@@ -115,7 +115,7 @@ def test_the_firmware_is_loaded_however_often_it_takes(flaky):
 
 
 def test_a_load_that_never_succeeds_says_what_to_do():
-    driver, device, _ = pair(Faults(flaky=99))
+    driver, device, _ = pair(EmulatedFaults(flaky=99))
     with pytest.raises(DeviceError, match=r"10 attempts: the echo .* is wrong\. Switch the Falcon off"):
         driver.open()
     assert not device.running
@@ -186,7 +186,7 @@ def test_an_answer_takes_about_the_latency_timer():
 
 
 def test_dropouts_and_wrong_bytes_cost_no_more_than_they_hit():
-    driver, _, time = pair(Faults(dropouts=0.05, garbled=0.05, seed=3), loaded=True)
+    driver, _, time = pair(EmulatedFaults(dropouts=0.05, garbled=0.05, seed=3), loaded=True)
     driver.open()
     homed(driver, time)
     samples = [driver.cycle(ZERO) for _ in range(2000)]
@@ -196,7 +196,7 @@ def test_dropouts_and_wrong_bytes_cost_no_more_than_they_hit():
 
 
 def test_glitches_are_refused_and_a_real_jump_is_believed():
-    driver, device, time = pair(Faults(glitches=0.05, noise=0.2, seed=5), loaded=True)
+    driver, device, time = pair(EmulatedFaults(glitches=0.05, noise=0.2, seed=5), loaded=True)
     driver.open()
     homed(driver, time)
     for _ in range(500):
@@ -211,7 +211,7 @@ def test_glitches_are_refused_and_a_real_jump_is_believed():
 
 
 def test_a_silent_falcon_gives_no_answer_and_does_not_hang():
-    driver, _, time = pair(Faults(silent=0.5), loaded=True)
+    driver, _, time = pair(EmulatedFaults(silent=0.5), loaded=True)
     driver.open()
     time.ns += 10**9
     begun = time.ns
@@ -220,7 +220,7 @@ def test_a_silent_falcon_gives_no_answer_and_does_not_hang():
 
 
 def test_an_unplugged_falcon_is_gone_until_it_is_back():
-    driver, _, time = pair(Faults(unplug=1.0, back=3.0), loaded=True)
+    driver, _, time = pair(EmulatedFaults(unplug=1.0, back=3.0), loaded=True)
     driver.open()
     time.ns += 1_100_000_000
     with pytest.raises(DeviceError, match="gone") as told:

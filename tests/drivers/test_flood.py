@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from palpate.drivers.guard import Guard, Sample
+from palpate.drivers.guard import DeviceSample, Guard
 from palpate.drivers.haply import diy, inverse3
 from palpate.drivers.hid import emulator, gamepad, raw, spacemouse
 from palpate.drivers.sensors import netft
@@ -26,7 +26,7 @@ def sampled(number: int) -> bytes:
 
 def at(number: int) -> bytes:
     """A state of a raw-HID device: `number` counts along x."""
-    return raw.pack(raw.State(number, 0, raw.HOMED, 3, 0, (number, 0, 0, 0, 0, 0), 0))
+    return raw.pack(raw.RawState(number, 0, raw.HOMED, 3, 0, (number, 0, 0, 0, 0, 0), 0))
 
 
 class Far:
@@ -74,7 +74,7 @@ def mouse(far, kind=spacemouse.SpaceMouse):
 
 
 def board(far):
-    driver = raw.RawHid(lambda: far)
+    driver = raw.RawHidDriver(lambda: far)
     driver.device, driver.sequence, driver.wrong, driver.last = far, 0, 0, -1
     driver.info = raw.Info(0, 3, (1.0,) * 6, (1.0,) * 6)
     return driver
@@ -101,7 +101,7 @@ def test_a_flood_does_not_hold_a_cycle(name):
 def test_a_2diy_that_sends_without_end_is_opened_or_refused():
     class Answering(diy.Haply2Diy):
         def cycle(self, command):
-            return Sample(0)
+            return DeviceSample(0)
 
     far = Far(flood=lambda i: b"x" * 100)
     Answering(lambda: far).open()

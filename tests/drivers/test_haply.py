@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pytest import approx
 
-from palpate.drivers.emulate.faults import Faults
+from palpate.drivers.emulate.faults import EmulatedFaults
 from palpate.drivers.emulate.hand import Script
 from palpate.drivers.emulate.line import EmulatedLine
 from palpate.drivers.errors import DeviceError
@@ -76,7 +76,9 @@ def test_a_2diy_gives_way_to_a_force_over_a_real_line():
 
 def test_a_2diy_on_bad_days():
     script = Script(points=((0.019, 0.11, 0.0),))
-    line = EmulatedLine(diy.Emulated2Diy(script), diy.BAUD, diy.NAME, Faults(dropouts=0.1, garbled=0.05, seed=3))
+    line = EmulatedLine(
+        diy.Emulated2Diy(script), diy.BAUD, diy.NAME, EmulatedFaults(dropouts=0.1, garbled=0.05, seed=3)
+    )
     driver = diy.Haply2Diy(line.connect)
     driver.open()
     try:
@@ -146,7 +148,7 @@ def test_no_service_no_device_and_two_devices_are_told():
 
 
 def test_a_service_that_ends_is_gone():
-    emulated, driver = service(faults=Faults(unplug=0.2))
+    emulated, driver = service(faults=EmulatedFaults(unplug=0.2))
     try:
         driver.open()
         with pytest.raises(DeviceError, match=r"is gone\. Start it again") as told:

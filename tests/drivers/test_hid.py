@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pytest import approx
 
-from palpate.drivers.emulate.faults import Faults
+from palpate.drivers.emulate.faults import EmulatedFaults
 from palpate.drivers.emulate.hand import Script
 from palpate.drivers.errors import DeviceError
 from palpate.drivers.hid import emulator, gamepad, raw, spacemouse
@@ -130,25 +130,25 @@ def test_no_hid_device_is_told_by_the_real_library(monkeypatch):
 
 @given(U16, st.integers(0, 7), U16, st.tuples(*[I16] * 6))
 def test_a_command_says_what_was_put_in(sequence, flags, watchdog, values):
-    message = raw.Command(sequence, flags, watchdog, values)
+    message = raw.RawCommand(sequence, flags, watchdog, values)
     assert len(raw.pack(message)) == 64 and raw.unpack(raw.pack(message)) == message
 
 
 @given(U16, U16, st.integers(0, 7), st.integers(0, 2**32 - 1), st.tuples(*[I32] * 6), U16)
 def test_a_state_says_what_was_put_in(sequence, heard, flags, stamp, counts, buttons):
-    message = raw.State(sequence, heard, flags, 3, stamp, counts, buttons)
+    message = raw.RawState(sequence, heard, flags, 3, stamp, counts, buttons)
     assert len(raw.pack(message)) == 64 and raw.unpack(raw.pack(message)) == message
 
 
 @given(st.integers(0, 63), st.integers(1, 255))
 def test_a_spoilt_report_is_none(at, change):
-    data = bytearray(raw.pack(raw.Command(1, 1, 20, (1, 2, 3, 4, 5, 6))))
+    data = bytearray(raw.pack(raw.RawCommand(1, 1, 20, (1, 2, 3, 4, 5, 6))))
     data[at] ^= change
     assert raw.unpack(bytes(data)) is None
 
 
 class Process:
-    """The reference firmware as a process of this machine: `transport.hid.Hid` over its standard streams."""
+    """The reference firmware as a process of this machine: `transport.hid.HidPort` over its standard streams."""
 
     def __init__(self, program):
         self.run = subprocess.Popen([program], stdin=subprocess.PIPE, stdout=subprocess.PIPE, bufsize=0)
@@ -198,7 +198,7 @@ def homed(driver):
 
 
 def test_the_reference_firmware_speaks_with_the_driver(firmware):
-    driver = raw.RawHid(lambda: Process(firmware))
+    driver = raw.RawHidDriver(lambda: Process(firmware))
     driver.open()
     try:
         assert driver.info.axes == 3 and driver.info.per_count[:3] == approx([20e-6] * 3)
@@ -214,7 +214,7 @@ def test_the_reference_firmware_speaks_with_the_driver(firmware):
 
 
 def test_the_reference_firmware_lets_go_when_the_host_is_silent(firmware):
-    driver = raw.RawHid(lambda: Process(firmware))
+    driver = raw.RawHidDriver(lambda: Process(firmware))
     driver.open()
     try:
         homed(driver)
@@ -234,7 +234,7 @@ def test_the_reference_firmware_lets_go_when_the_host_is_silent(firmware):
 
 def test_the_emulator_gives_way_to_a_force():
     device = emulator.EmulatedRawHid(Script(stiffness=300.0, damping=15.0))
-    driver = raw.RawHid(device.connect)
+    driver = raw.RawHidDriver(device.connect)
     driver.open()
     sample = None
     for _ in range(800):
@@ -243,14 +243,14 @@ def test_the_emulator_gives_way_to_a_force():
 
 
 def test_too_large_a_command_is_scaled_as_a_whole():
-    driver = raw.RawHid(emulator.EmulatedRawHid().connect)
+    driver = raw.RawHidDriver(emulator.EmulatedRawHid().connect)
     driver.open()
     assert driver.units((100.0, -50.0, 0.0))[:3] == (32767, -16384, 0)
 
 
 def test_bad_days_of_a_raw_hid_device():
-    device = emulator.EmulatedRawHid(faults=Faults(dropouts=0.1, garbled=0.1, seed=9))
-    driver = raw.RawHid(device.connect)
+    device = emulator.EmulatedRawHid(faults=EmulatedFaults(dropouts=0.1, garbled=0.1, seed=9))
+    driver = raw.RawHidDriver(device.connect)
     driver.open()
     samples = [driver.cycle((0.0, 0.0, 0.0)) for _ in range(300)]
     lost = sum(s is None for s in samples)
@@ -259,6 +259,6 @@ def test_bad_days_of_a_raw_hid_device():
 
 
 def test_something_else_that_is_raw_hid_is_told():
-    driver = raw.RawHid(emulator.EmulatedReports(lambda at: [bytes(64)]).connect)
+    driver = raw.RawHidDriver(emulator.EmulatedReports(lambda at: [bytes(64)]).connect)
     with pytest.raises(DeviceError, match=r"does not answer as docs/raw_hid\.md says"):
         driver.open()

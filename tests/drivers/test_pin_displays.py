@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pytest import approx
 
-from palpate.drivers.emulate.faults import Faults
+from palpate.drivers.emulate.faults import EmulatedFaults
 from palpate.drivers.emulate.line import EmulatedLine
 from palpate.drivers.errors import DeviceError
 from palpate.drivers.pins import dotpad, inform
@@ -70,7 +70,7 @@ def test_inform_shows_each_pin_where_it_belongs_and_reads_it_back():
 def test_a_dot_pad_packet_byte_for_byte():
     asked = dotpad.pack(dotpad.Packet(0, dotpad.NAME_REQUEST, 0, b""))
     assert asked == bytes.fromhex("aa55 0005 00 0100 00 a4")
-    assert dotpad.Reader().feed(asked) == [dotpad.Packet(0, 0x0100, 0, b"")]
+    assert dotpad.PacketReader().feed(asked) == [dotpad.Packet(0, 0x0100, 0, b"")]
 
 
 @given(
@@ -81,7 +81,7 @@ def test_a_dot_pad_packet_byte_for_byte():
 def test_the_reader_finds_dot_pad_packets(given_packets, rubbish, piece):
     packets = [dotpad.Packet(*p) for p in given_packets]
     stream = b"".join(rubbish + dotpad.pack(p) for p in packets)
-    reader, received = dotpad.Reader(), []
+    reader, received = dotpad.PacketReader(), []
     for i in range(0, len(stream), piece):
         received += reader.feed(stream[i : i + piece])
     assert received == packets and reader.wrong == len(rubbish) * len(packets)
@@ -95,7 +95,7 @@ def test_cells_hold_two_columns_of_four_dots():
 
 def test_a_dot_pad_shows_a_picture_through_dropouts():
     device = dotpad.EmulatedDotPad()
-    line = EmulatedLine(device, dotpad.BAUD, dotpad.NAME, Faults(dropouts=0.1, garbled=0.1, seed=6))
+    line = EmulatedLine(device, dotpad.BAUD, dotpad.NAME, EmulatedFaults(dropouts=0.1, garbled=0.1, seed=6))
     driver = dotpad.DotPad(line.connect)
     for _ in range(10):
         try:

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from pytest import approx
 
 from palpate.drivers.checksums import crc16_x25
-from palpate.drivers.emulate.faults import Faults
+from palpate.drivers.emulate.faults import EmulatedFaults
 from palpate.drivers.emulate.line import EmulatedLine
 from palpate.drivers.errors import DeviceError
 from palpate.drivers.sensors import bota, netft
@@ -42,7 +42,7 @@ def test_the_reader_finds_bota_frames_in_any_rubbish(parts, piece):
         else:
             sent.append(bota.Reading(0, part, 5, 20.0))
             stream += bota.frame(sent[-1])
-    reader, received = bota.Reader(), []
+    reader, received = bota.BotaFrameReader(), []
     for i in range(0, len(stream), piece):
         received += reader.feed(stream[i : i + piece])
     assert received == sent
@@ -52,7 +52,7 @@ def test_a_wrong_byte_costs_one_bota_frame():
     good = [bota.frame(bota.Reading(0, (float(i),) * 6, i, 20.0)) for i in range(4)]
     spoilt = bytearray(good[1])
     spoilt[20] ^= 4
-    readings = bota.Reader().feed(good[0] + bytes(spoilt) + good[2] + good[3])
+    readings = bota.BotaFrameReader().feed(good[0] + bytes(spoilt) + good[2] + good[3])
     assert [r.time for r in readings] == [0, 2, 3]
 
 
@@ -89,7 +89,9 @@ def test_a_bota_that_runs_already_is_set_up_again():
 
 
 def test_a_bota_survives_wrong_bytes_and_dropouts():
-    line = EmulatedLine(bota.EmulatedBota(pressing), bota.BAUD, bota.NAME, Faults(garbled=0.2, dropouts=0.1, seed=2))
+    line = EmulatedLine(
+        bota.EmulatedBota(pressing), bota.BAUD, bota.NAME, EmulatedFaults(garbled=0.2, dropouts=0.1, seed=2)
+    )
     driver = bota.Bota(line.connect)
     driver.open()
     try:
@@ -160,7 +162,7 @@ def test_a_page_of_something_else_is_told(text):
 
 
 def test_a_net_ft_streams_and_counts_what_was_lost():
-    sensor = netft.EmulatedNetFT(pressing, Faults(dropouts=0.3, seed=1))
+    sensor = netft.EmulatedNetFT(pressing, EmulatedFaults(dropouts=0.3, seed=1))
     driver = sensor.driver()
     try:
         driver.open()

@@ -8,7 +8,7 @@ import usb.core
 
 from palpate.drivers.errors import DeviceError
 from palpate.drivers.falcon import NAME, PRODUCT, VENDOR
-from palpate.drivers.falcon.driver import Falcon
+from palpate.drivers.falcon.driver import FalconDriver
 from palpate.drivers.falcon.emulator import IMAGE, EmulatedFalcon
 from palpate.drivers.transport.ftdi import UsbFtdi
 
@@ -113,7 +113,7 @@ def connect(bus, port=""):
 def test_a_falcon_on_usb_is_loaded_and_answers():
     falcon = EmulatedFalcon(image=IMAGE[:700], homing=0.0)
     bus = Bus(falcon)
-    driver = Falcon(lambda: connect(bus), lambda: IMAGE[:700])
+    driver = FalconDriver(lambda: connect(bus), lambda: IMAGE[:700])
     driver.open()
     assert falcon.running
     samples = [driver.cycle((0.0, 0.0, 0.0)) for _ in range(30)]

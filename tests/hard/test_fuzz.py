@@ -39,7 +39,7 @@ from palpate.nodes.tactile import TABLE, Flow
 from palpate.physics.bodies.condensed_body import Basis
 from palpate.physics.bodies.sampled_body import SampledBasis
 from palpate.physics.errors import PalpateError
-from palpate.physics.fingertip.surfaces import Fingertip
+from palpate.physics.fingertip.surfaces import FingertipSurfaces
 from palpate.records.contents import contents
 from palpate.records.format.mcap_file import MAGIC, Broken, opened
 from palpate.records.reader import Recording
@@ -202,7 +202,7 @@ def test_a_damaged_fingertip_is_told(tmp_path):
     arrays = dict(zip(FIELDS, (np.zeros(3), np.full(3, 1e-3), grid, grid, grid), strict=True))
     np.savez_compressed(tmp_path / "whole.npz", **arrays)
     data = (tmp_path / "whole.npz").read_bytes()
-    assert survives(Fingertip.load, tmp_path / "spoilt.npz", data, range(200))
+    assert survives(FingertipSurfaces.load, tmp_path / "spoilt.npz", data, range(200))
 
 
 def cube(kind: str) -> bytes:
@@ -291,7 +291,7 @@ def test_yaml_that_grows_nests_or_runs_is_refused(tmp_path, text, monkeypatch):
     assert not (tmp_path / "was-run").exists()
 
 
-READERS = {"falcon": frames.Reader, "bota": bota.Reader, "dotpad": dotpad.Reader}
+READERS = {"falcon": frames.FalconFrameReader, "bota": bota.BotaFrameReader, "dotpad": dotpad.PacketReader}
 TRUE = {
     "falcon": frames.report((1, 2, 3), 0, (True, True, True)),
     "bota": bota.frame(bota.Reading(0, (0.0,) * 6, 1, 20.0)),
@@ -397,7 +397,7 @@ def test_archives_run_no_code(tmp_path):
     np.savez(tmp_path / "bad.npz", vertices=np.array([Touch()], dtype=object), about=np.array("{}"))
     (tmp_path / "pickle.npz").write_bytes(pickle.dumps(Touch()))
     for name in ("bad.npz", "pickle.npz"):
-        for load in (Basis.load, SampledBasis.load, Fingertip.load):
+        for load in (Basis.load, SampledBasis.load, FingertipSurfaces.load):
             with pytest.raises(PalpateError):
                 load(tmp_path / name)
     assert not (tmp_path / "mark").exists()

@@ -396,7 +396,7 @@ def test_the_device_of_a_recording_is_a_node_like_any_other(kidney, tmp_path):
     graph = tmp_path / "mine.yaml"
     graph.write_text(
         f"nodes:\n  device: {{use: device.Replayed, path: {kidney}}}\n"
-        "  finger: {use: kinematics.Falcon, in: {state: device}}\n"
+        "  finger: {use: kinematics.FalconKinematics, in: {state: device}}\n"
     )
     runs = []
     for place in ("fused", None):

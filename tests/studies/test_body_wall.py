@@ -8,11 +8,11 @@ from pytest import approx
 from palpate.nodes.collision import Mesh
 from palpate.nodes.deformation import BeamBundle, MassSpring, ReducedFE
 from palpate.physics.device.regions import CYCLE, GROWS, NEAR, REST, fate, region
-from palpate.physics.device.wall_loop import Device
+from palpate.physics.device.wall_loop import WallDevice
 from palpate.physics.errors import ArgumentError
 from palpate.studies.stability.body_wall import PUSH, Wall, held, row, stiffened, stiffest
 
-EXACT = Device(resolution=0.0)
+EXACT = WallDevice(resolution=0.0)
 
 
 @pytest.mark.parametrize("factor", [0.25, 1.0, 16.0])
@@ -40,9 +40,9 @@ def test_the_loop_ends_where_the_poles_leave_the_circle(body, delay):
 
 def test_a_viscous_body_is_told_as_one_that_cannot_be_held():
     """The beams' skin takes hundreds of N s/m: more than a grip of 0.1 kg can be held by, late by five samples."""
-    told = row(Device(), BeamBundle, 1000.0, 5)
+    told = row(WallDevice(), BeamBundle, 1000.0, 5)
     assert told["stable"] == 0.0
-    assert not held(Device(), stiffened(BeamBundle, 64.0), controlled=False, period=1e-3, delay=5)[0]
+    assert not held(WallDevice(), stiffened(BeamBundle, 64.0), controlled=False, period=1e-3, delay=5)[0]
 
 
 def test_the_search_finds_the_end_and_says_where_there_is_none():
@@ -62,7 +62,7 @@ def test_the_plane_has_its_regions(mass):
     stiffness, period, step = 4000.0 * mass, 1e-3, 60e-6
 
     def at(beta, sigma):
-        return region(Device(mass, beta * stiffness * period, sigma * stiffness * step, step), stiffness, period)
+        return region(WallDevice(mass, beta * stiffness * period, sigma * stiffness * step, step), stiffness, period)
 
     assert at(0.7, 0.7) == at(2.0, 2.0) == at(3.0, 0.6) == REST
     assert at(0.1, 1.0) == at(0.2, 0.6) == NEAR
@@ -72,7 +72,7 @@ def test_the_plane_has_its_regions(mass):
 
 def test_a_kept_swing_is_of_a_few_steps_and_a_grown_one_is_not_bounded():
     stiffness, period, step = 4000.0, 1e-3, 60e-6
-    device = Device(0.1, 0.55 * stiffness * period, 0.02 * stiffness * step, step)
+    device = WallDevice(0.1, 0.55 * stiffness * period, 0.02 * stiffness * step, step)
     assert fate(device, stiffness, period, 20 * step) == CYCLE
     slow = device._replace(drag=0.05 * stiffness * period)
     assert fate(slow, stiffness, period, 20 * step) == GROWS

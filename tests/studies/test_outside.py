@@ -8,7 +8,7 @@ from scipy.sparse.linalg import spsolve
 from palpate.physics.materials.hyperelastic import moduli
 from palpate.studies.accuracy import laboratory, methods
 from palpate.studies.accuracy.cells import Cell, one
-from palpate.studies.accuracy.continuum import BED, POISSON, YOUNG, Block, Nodule, press, tetrahedra
+from palpate.studies.accuracy.continuum import BED, POISSON, YOUNG, Block, Inclusion, press, tetrahedra
 from palpate.studies.accuracy.errors import MissingError
 from palpate.studies.accuracy.output import page
 from palpate.studies.accuracy.score import CHARGED
@@ -53,7 +53,7 @@ def linear_tetrahedra(block, force):
 
 @with_calculix
 @pytest.mark.parametrize(
-    "block", [Block(0.0, 1), Block(0.04, 1), Block(0.0, 1, Nodule())], ids=["middle", "edge", "nodule"]
+    "block", [Block(0.0, 1), Block(0.04, 1), Block(0.0, 1, Inclusion())], ids=["middle", "edge", "nodule"]
 )
 def test_calculix_on_the_same_tetrahedra_meets_ours(block):
     own, theirs = press(block, FIRST), calculix.press(block, FIRST)
@@ -93,7 +93,9 @@ def test_linear_tetrahedra_are_stiffer_than_quadratic_ones_and_come_nearer_on_a_
 
 @with_mujoco
 def test_a_harder_nodule_is_felt_by_mujoco():
-    with_nodule, without = (mujoco.press(Block(0.0, 1, nodule), FIRST[:1]).indentation for nodule in (Nodule(), None))
+    with_nodule, without = (
+        mujoco.press(Block(0.0, 1, nodule), FIRST[:1]).indentation for nodule in (Inclusion(), None)
+    )
     assert with_nodule < 0.9 * without
 
 

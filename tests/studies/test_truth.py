@@ -9,7 +9,7 @@ from palpate.physics.errors import ArgumentError
 from palpate.studies.accuracy import truth
 from palpate.studies.accuracy.continuum import POISSON, RADIUS, YOUNG
 from palpate.studies.accuracy.places import stored
-from palpate.studies.accuracy.touches import TOUCHES, Touch, chosen
+from palpate.studies.accuracy.touches import TOUCHES, BenchCase, chosen
 
 B, M = 26.2641, 1681.06
 """[N/m], [1/m] of the exponential fingertip."""
@@ -17,7 +17,7 @@ LEVELS = np.array([0.1, 0.3, 0.6, 1.0, 1.5])
 
 
 def relaxing(tau, hold=1.0):
-    return Touch("t", "", "slab", "soft", ((0, 0, 0), (0.2, 4e-3, 0), (0.2 + hold, 4e-3, 0)), "middle", tau)
+    return BenchCase("t", "", "slab", "soft", ((0, 0, 0), (0.2, 4e-3, 0), (0.2 + hold, 4e-3, 0)), "middle", tau)
 
 
 @pytest.mark.parametrize("touch", TOUCHES.values(), ids=lambda touch: touch.name)

@@ -81,20 +81,20 @@ def file(tmp_path_factory):
 def test_a_picture_has_the_colour_and_its_bar(file, tmp_path, name, monkeypatch):
     needs_drawing()
     labels = []
-    monkeypatch.setattr(films.Frame, "show", lambda *_: None)
-    first = films.Frame.__init__
+    monkeypatch.setattr(films.FilmFrame, "show", lambda *_: None)
+    first = films.FilmFrame.__init__
 
     def noted(frame, of, most, *rest):
         labels.append((of.label, most))
         first(frame, of, most, *rest)
 
-    monkeypatch.setattr(films.Frame, "__init__", noted)
+    monkeypatch.setattr(films.FilmFrame, "__init__", noted)
     target = tmp_path / "a.png"
     result = CliRunner().invoke(app, ["picture", str(file), "--at", "0.3", "-o", str(target), "--colour", name])
     assert result.exit_code == 0, result.output
     assert target.read_bytes()[:4] == b"\x89PNG"
     ((label, most),) = labels
-    touch = films.Touch(Recording(file))
+    touch = films.TouchStreams(Recording(file))
     mesh = films.surface_mesh(touch)
     (instant,) = films.instants_at(touch, mesh.vertices, [300])
     most_of_it = painted(COLOURS[name], mesh, instant.surface).max()

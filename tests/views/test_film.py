@@ -79,7 +79,7 @@ def test_the_arrow_and_the_camera_are_those_of_the_whole_film(file, monkeypatch)
 
     monkeypatch.setattr(films, "Rendering", Noted)
     monkeypatch.setattr(films, "BATCH", 2)
-    touch = films.Touch(Recording(file))
+    touch = films.TouchStreams(Recording(file))
     mesh = films.surface_mesh(touch)
     instants = films.instants_at(touch, mesh.vertices, [100, 200, 300])
     titles = [frame._title.get_text() for frame in films._frames(mesh, instants, COLOURS["displacement"])]

@@ -24,7 +24,7 @@ from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
 from palpate.views.page.server import PageServer
-from palpate.views.page.source import Source
+from palpate.views.page.source import FrameSource
 
 WAIT = 90.0  # [s] that a busy machine may take
 PRESSED = (0.0, 0.0, 0.101)
@@ -131,7 +131,7 @@ def test_an_order_that_is_none_is_refused_and_the_page_goes_on(server, order):
 
 def test_a_port_in_use_is_told(server):
     with pytest.raises(PageError, match=str(server.page.port)):
-        PageServer(Source(), server.page.port)
+        PageServer(FrameSource(), server.page.port)
 
 
 def test_a_graph_without_a_hand_is_refused(tmp_path):

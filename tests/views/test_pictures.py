@@ -24,7 +24,7 @@ from palpate.records.stored import RecordingError
 from palpate.views.pictures import PictureError, deformation, draw
 from palpate.views.pictures.regions import _stretches, regions
 from palpate.views.pictures.style import mean
-from palpate.views.pictures.touch import Touch, together, touches, work
+from palpate.views.pictures.touch import TouchStreams, together, touches, work
 from palpate.views.surface import off_screen, render
 from palpate.views.surface.moments import choose, displaced, instants, surface_mesh
 
@@ -220,7 +220,7 @@ def test_the_deformation_lands_on_its_vertices(tmp_path):
             ]
         },
     )
-    touch = Touch(Recording(file))
+    touch = TouchStreams(Recording(file))
     mesh = surface_mesh(touch)
     assert abs(len(mesh.vertices) - 200) < 40
     assert (mesh.vertices.min(axis=0) + mesh.vertices.max(axis=0))[0] / 2 == pytest.approx(0.01, abs=1e-3)
@@ -238,7 +238,7 @@ def test_the_deformation_lands_on_its_vertices(tmp_path):
 def test_a_surface_that_never_moved_is_not_drawn(tmp_path):
     streams = {"contact": [press(1e-3)] * 5, "body": [surface()] * 5}
     with pytest.raises(PictureError, match="no displacement was recorded"):
-        instants(Touch(Recording(record(tmp_path / "r.mcap", streams))), np.zeros((100, 3)))
+        instants(TouchStreams(Recording(record(tmp_path / "r.mcap", streams))), np.zeros((100, 3)))
 
 
 def test_a_vertex_that_the_mesh_does_not_have_is_told():

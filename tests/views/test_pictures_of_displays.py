@@ -14,7 +14,7 @@ from palpate.messages import Contact, ForceBand, Friction, Pins, Slip, Surface
 from palpate.physics.display.pins import pin_grid
 from palpate.records.reader import Recording
 from palpate.views.pictures import draw, force, pad, pins, slip, softness
-from palpate.views.pictures.touch import Touch
+from palpate.views.pictures.touch import TouchStreams
 
 
 def run(graph, folder, *sets, duration):
@@ -61,15 +61,18 @@ def test_a_press_on_the_display_ends_with_its_pins_and_the_three_figures(tmp_pat
 def test_a_nodule_ends_with_force_band_and_pins(nodule, tmp_path, without_3d):
     made, _ = drawn(nodule, tmp_path)
     assert made == {"force", "compression", "friction", "device", "pins"}
-    assert len(force.draw(Touch(Recording(nodule))).axes) == 3
+    assert len(force.draw(TouchStreams(Recording(nodule))).axes) == 3
 
 
 def test_a_force_picture_without_a_band_has_two_panels(tmp_path):
-    assert len(force.draw(Touch(Recording(record(tmp_path / "r.mcap", {"c": [press(1e-3), press(2e-3)]})))).axes) == 2
+    assert (
+        len(force.draw(TouchStreams(Recording(record(tmp_path / "r.mcap", {"c": [press(1e-3), press(2e-3)]})))).axes)
+        == 2
+    )
 
 
 def test_the_phases_of_a_slide_are_those_that_the_fingertip_tells(slide):
-    contact, friction, told, at = slip.slides(Touch(Recording(slide)))
+    contact, friction, told, at = slip.slides(TouchStreams(Recording(slide)))
     assert contact["time"][at.begin] == approx(0.8, abs=2e-3)
     assert told["incipient"][at.warned] and not told["incipient"][at.begin : at.warned].any()
     assert told["gross"][at.gross] and not told["gross"][at.begin : at.gross].any()
@@ -153,11 +156,11 @@ def test_a_node_that_cannot_be_made_again_costs_its_picture_only(tmp_path):
     nodes = {"pins": "nowhere.PinArray", "c": "nowhere.Contact"}
     plan = {"nodes": [{"name": name, "class": kind, "settings": {}} for name, kind in nodes.items()]}
     recording = Recording(record(tmp_path / "r.mcap", {"pins": [sent] * 3, "c": [press(1e-3)] * 3}, plan))
-    assert softness.draw(Touch(recording)) is None and pins.draw(Touch(recording)) is not None
+    assert softness.draw(TouchStreams(recording)) is None and pins.draw(TouchStreams(recording)) is not None
 
 
 def test_every_message_of_a_touch_is_found_by_its_tick(slide):
-    touch = Touch(Recording(slide))
+    touch = TouchStreams(Recording(slide))
     messages = touch.at(Contact, [3, 700, 99999])
     assert sorted(messages) == [3, 700] and messages[700].tick == 700
     assert touch.at(Pins, [3]) == {}
@@ -205,18 +208,18 @@ def test_a_press_without_a_slide_has_no_empty_panels_and_a_title_of_its_own(tmp_
     file = run(
         "fingertip-slide", tmp_path, "scene.finger.hold='0.3 s'", "finger.pitch='2.4 mm'", *sets, duration=duration
     )
-    figure = slip.draw(Touch(Recording(file)))
+    figure = slip.draw(TouchStreams(Recording(file)))
     assert figure.get_suptitle() == title and len(figure.axes) == panels
     if panels == 2:  # relaxed at the end of the hold, not after unloading
         told = [float(word) for word in _title(figure.axes[0]).split() if word.replace(".", "").isdigit()]
-        contact = Touch(Recording(file)).contact
+        contact = TouchStreams(Recording(file)).contact
         held = contact["force"][np.flatnonzero(contact["compression"] >= contact["compression"].max() * (1 - 1e-9))]
         assert told == approx([held[0], contact["compression"].max() * 1e3, held[-1]], abs=0.06)
 
 
 def test_the_pad_is_seen_from_below(slide):
     """Looking up, with y upwards, x grows to the left."""
-    figure = pad.draw(Touch(Recording(slide)))
+    figure = pad.draw(TouchStreams(Recording(slide)))
     left, right = figure.axes[0].get_xlim()
     low, high = figure.axes[0].get_ylim()
     assert left > right and low < high
@@ -225,6 +228,6 @@ def test_the_pad_is_seen_from_below(slide):
 def test_every_axis_has_a_name_and_a_unit(slide, nodule):
     drawings = [(picture, slide) for picture in (force, slip, pad)] + [(picture, nodule) for picture in (force, pins)]
     for picture, file in drawings:
-        for axes in picture.draw(Touch(Recording(file))).axes:
+        for axes in picture.draw(TouchStreams(Recording(file))).axes:
             for label in (axes.get_xlabel(), axes.get_ylabel()):
                 assert not label.strip().startswith("["), (picture.NAME, label)

@@ -26,7 +26,7 @@ from websockets.sync.client import connect
 from palpate.messages import Surface
 from palpate.views.page import PageError
 from palpate.views.page.feed import frame
-from palpate.views.page.reel import POINTS, Reel, Reels
+from palpate.views.page.reel import POINTS, RecordingSource, Reels
 from palpate.views.page.server import PageServer
 
 SETS = ("scene.surface.vertices=1000", "scene.hand.begin=[0, 0, 0.111]",
@@ -48,7 +48,7 @@ def shown(file):
 
 
 def test_any_time_shows_the_last_messages_before_it(file):
-    reel, contact = Reel(file), Recording(file).columns("contact")
+    reel, contact = RecordingSource(file), Recording(file).columns("contact")
     surfaces = {m.tick: m for m in Recording(file).messages("tissue")}
     for time in np.random.default_rng(1).uniform(0.0, 0.7, 40).tolist() + [0.0, 0.25, 5.0, -1.0]:
         head, nodes, moved, _ = read(reel.frame(time, 1))
@@ -69,7 +69,7 @@ def test_what_slides_is_told_where_the_body_knows():
 
 
 def test_the_beginning_tells_the_mesh_and_all_of_the_touch(file):
-    reel = Reel(file)
+    reel = RecordingSource(file)
     head, triangles, places, normals = read(reel.begin(0, "touch.mcap"))
     force = Recording(file).columns("contact")["force"]
     assert head["name"] == "touch.mcap" and head["body"] == "deformation.MassSpring"
@@ -80,7 +80,7 @@ def test_the_beginning_tells_the_mesh_and_all_of_the_touch(file):
 
 def test_a_long_recording_keeps_its_peaks(file, monkeypatch):
     monkeypatch.setattr("palpate.views.page.reel.POINTS", 50)
-    reel = Reel(file)
+    reel = RecordingSource(file)
     assert len(reel.times) == 50 and max(reel.forces) == Recording(file).columns("contact")["force"].max()
     assert reel.times == sorted(reel.times) and reel.times[-1] == pytest.approx(0.699)
 
@@ -88,7 +88,7 @@ def test_a_long_recording_keeps_its_peaks(file, monkeypatch):
 def test_what_was_cut_off_is_shown_as_far_as_it_goes(file, tmp_path):
     cut = tmp_path / "cut.mcap"
     cut.write_bytes(file.read_bytes()[: int(0.7 * file.stat().st_size)])
-    reel = Reel(cut)
+    reel = RecordingSource(cut)
     assert 0.1 < reel.times[-1] < 0.65 and "recover" in reel.recording.ending
     assert read(reel.frame(reel.times[-1], 0))[0]["time"] == pytest.approx(reel.times[-1])
 
@@ -166,4 +166,4 @@ def test_what_cannot_be_shown_is_told_in_a_line(file, tmp_path, shown):
     with pytest.raises(PageError, match="port"):
         PageServer(Reels([file]), port=int(shown.address.partition("1:")[2].partition("/")[0]))
     with pytest.raises(RecordingError, match="no body"):
-        Reel(bare)
+        RecordingSource(bare)

@@ -73,6 +73,6 @@ def test_one_line_makes_the_kidney_of_beams(tmp_path):
         assert np.isfinite(force).all() and 0.05 < force.max() < 9
         assert max(len(s.nodes) for s in surface) > 5
         if body == "MassSpring":  # beams shear alone: their surface is held together, and says so
-            assert all(s.clamped == 0 for s in surface)
+            assert all(s.limited == 0 for s in surface)
         forces[body] = force
     assert np.abs(forces["MassSpring"] - forces["BeamBundle"]).max() > 0.01

@@ -15,7 +15,7 @@ from palpate.launch.run.execute import execute
 from palpate.records.reader import Recording
 from palpate.views.pictures.friction import beyond_dip, sliding
 from palpate.views.pictures.regions import regions
-from palpate.views.pictures.touch import Touch, touches, work
+from palpate.views.pictures.touch import TouchStreams, touches, work
 
 T = 1e-3  # [s]
 NODES = ("device", "finger", "collision", "contact", "friction", "spread", "tissue", "controller", "statics")
@@ -151,7 +151,7 @@ def test_each_touch_costs_work(columns):
 
 
 def test_at_constant_speed_friction_follows_the_normal_force(whole):
-    time, normal, friction, speed = sliding(Touch(whole))
+    time, normal, friction, speed = sliding(TouchStreams(whole))
     region, _ = regions(time, normal, speed)
     assert region is not None and time[region.stop - 1] - time[region.start] > 1.0
     settled = slice(region.start + 150, region.stop)  # the bristles have bent
@@ -163,7 +163,7 @@ def test_at_constant_speed_friction_follows_the_normal_force(whole):
 
 
 def test_at_constant_normal_force_friction_rises_with_speed(whole):
-    touch = Touch(whole)
+    touch = TouchStreams(whole)
     time, normal, friction, speed = sliding(touch)
     assert beyond_dip(touch) == pytest.approx(0.05)
     _, region = regions(time, normal, speed, beyond_dip(touch))

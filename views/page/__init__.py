@@ -9,7 +9,7 @@ from palpate.physics.errors import MISUSE, PalpateError
 
 if TYPE_CHECKING:
     from palpate.views.page.server import PageServer
-    from palpate.views.page.source import Source
+    from palpate.views.page.source import FrameSource
 
 
 class PageError(PalpateError, RuntimeError):
@@ -26,7 +26,7 @@ def check() -> None:
         raise PageError(f"the page needs the package websockets: {install('page')}") from None
 
 
-def serve(source: Source, port: int = 0) -> PageServer:
+def serve(source: FrameSource, port: int = 0) -> PageServer:
     """Show a source to whoever opens the address. PageError."""
     check()
     from palpate.views.page.server import PageServer

@@ -41,7 +41,7 @@ KEPT = 400
 """Messages of small streams that wait for the next frame; older ones are dropped."""
 
 
-class Feed:
+class StreamReader:
     """Listens to one run; `frame` makes what the page draws next."""
 
     def __init__(self, run: Running, touched: Touched) -> None:

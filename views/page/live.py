@@ -11,8 +11,8 @@ from palpate.launch.load.launchfile import LaunchFile
 from palpate.launch.run.launcher import Launcher
 from palpate.launch.run.wire.discover import Running
 from palpate.nodes.base.effect import effects
-from palpate.views.page.feed import Feed, mesh_frame
-from palpate.views.page.source import Source
+from palpate.views.page.feed import StreamReader, mesh_frame
+from palpate.views.page.source import FrameSource
 from palpate.views.page.steered import Touched, watched
 
 FRAMES = 30.0
@@ -21,7 +21,7 @@ BEHIND = 10
 """By which what makes the frames stands behind the nodes of a run for a processor."""
 
 
-class Live(Source):
+class Live(FrameSource):
     """The newest frame of a run; a thread of its own makes the frames.
 
     touched  what is shown of it
@@ -35,7 +35,7 @@ class Live(Source):
         self._over = threading.Event()
         self._thread: threading.Thread | None = None
 
-    def look(self, launcher: Launcher) -> None:
+    def on_update(self, launcher: Launcher) -> None:
         """Called by the launcher again and again: follow its run from its beginning."""
         if self._thread is None and launcher.phase == "running":
             self.begun()
@@ -62,7 +62,7 @@ class Live(Source):
 
     def _follow(self, run: Running) -> None:
         os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), BEHIND)
-        feed, due, last = Feed(run, self.touched), time.monotonic(), False
+        feed, due, last = StreamReader(run, self.touched), time.monotonic(), False
         try:
             while not last:
                 last = self._over.is_set()
@@ -76,7 +76,7 @@ class Live(Source):
             feed.close()
 
 
-class Watch(Live):
+class LiveView(Live):
     """A run for those who look and do not touch. PageError: what the graph lacks to be shown."""
 
     def __init__(self, planned: Plan) -> None:

@@ -18,7 +18,7 @@ from palpate.records.reader import Recording
 from palpate.records.stored import RecordingError
 from palpate.views.page import PageError
 from palpate.views.page.feed import frame, now, surface_frame
-from palpate.views.page.source import Source
+from palpate.views.page.source import FrameSource
 from palpate.views.page.steered import SHOWN, shape
 
 POINTS = 4000
@@ -29,7 +29,7 @@ BACK = 8
 """Chunks that are looked through for a stream of which few messages were kept."""
 
 
-class Reel:
+class RecordingSource:
     """One recording.
 
     times, forces, depths  [s], [N], [m] of the contact over all of it, thinned to `POINTS` by their greatest forces
@@ -142,7 +142,7 @@ class Ask(msgspec.Struct, forbid_unknown_fields=True):
     at: float
 
 
-class Reels(Source):
+class Reels(FrameSource):
     """One recording or two beside each other; each page asks for the times that it wants to see. RecordingError."""
 
     files = ("view.html", "view.js")
@@ -152,7 +152,7 @@ class Reels(Source):
         super().__init__()
         if len(files) > MOST:
             raise RecordingError(f"{len(files)} recordings: expected one, or two to see them side by side")
-        self.reels = [Reel(file) for file in files]
+        self.reels = [RecordingSource(file) for file in files]
 
     def begin(self) -> list[bytes]:
         names = titles([reel.recording.path for reel in self.reels])

@@ -22,7 +22,7 @@ from websockets.http11 import Request, Response
 
 from palpate.physics.errors import PalpateError
 from palpate.views.page import PageError
-from palpate.views.page.source import Source
+from palpate.views.page.source import FrameSource
 
 HOST = "127.0.0.1"
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
@@ -38,7 +38,7 @@ class PageServer:
     PageError: the port is taken.
     """
 
-    def __init__(self, source: Source, port: int = 0) -> None:
+    def __init__(self, source: FrameSource, port: int = 0) -> None:
         self.source, self.port = source, port
         self.token = secrets.token_urlsafe(24)
         page, script = source.files

@@ -148,7 +148,9 @@ class Session(Live):
         self.number += 1
         self.record = self.folder / f"{self.launch.graph.stem}-{self.number}.mcap"
         try:
-            outcome = execute(self.launch.but(record=self.record, place=self.touched.place), graph, watch=self.look)
+            outcome = execute(
+                self.launch.but(record=self.record, place=self.touched.place), graph, watch=self.on_update
+            )
         finally:
             self.over()
         if self.keep and self.record.exists():
@@ -159,11 +161,11 @@ class Session(Live):
             self.say(f"stopped: the run has ended. {'; '.join(map(str, outcome.result.deaths))}"[:600])
             self._change.wait()
 
-    def look(self, launcher: Launcher) -> None:
+    def on_update(self, launcher: Launcher) -> None:
         if self._change.is_set():
             launcher.stop()
         else:
-            super().look(launcher)
+            super().on_update(launcher)
 
     def begun(self) -> None:
         about = {"recording": str(self.record), "bodies": self.bodies, "effects": self.effects}

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 
-class Source:
+class FrameSource:
     """Where a page's pictures come from.
 
     files         HTML and script of the page; command: the one that prints its address

@@ -11,7 +11,7 @@ import yaml
 
 from palpate.engine.plan import Plan
 from palpate.launch.load.launchfile import LaunchFile
-from palpate.launch.load.placement import Group, Placement
+from palpate.launch.load.placement import Placement, ProcessGroup
 from palpate.messages import (
     Contact,
     DeviceState,
@@ -102,7 +102,7 @@ def touched(planned: Plan) -> Touched:
 
 def watched(planned: Plan) -> Touched:
     """What a page shows of a plan that it does not steer. PageError: no body with a mesh, or no contact."""
-    return _shown(planned, (Surface, Contact), Placement([Group("loop", planned.order)]), (0.0, 0.0, 0.0))
+    return _shown(planned, (Surface, Contact), Placement([ProcessGroup("loop", planned.order)]), (0.0, 0.0, 0.0))
 
 
 def _shown(planned: Plan, needed: tuple[type[Message], ...], place: Placement, begin: tuple[float, ...]) -> Touched:
@@ -144,5 +144,5 @@ def _place(planned: Plan) -> Placement:
     and nothing that draws can take their time. The rest is left to the other cores."""
     cores = sorted(os.sched_getaffinity(0))
     slow = [name for name in planned.order if planned.graph.nodes[name].every > 1]
-    loop = Group("loop", [name for name in planned.order if name not in slow], core=(cores[-1],), priority=80)
-    return Placement([loop, *([Group("rest", slow, core=tuple(cores[:-1] or cores))] if slow else [])])
+    loop = ProcessGroup("loop", [name for name in planned.order if name not in slow], core=(cores[-1],), priority=80)
+    return Placement([loop, *([ProcessGroup("rest", slow, core=tuple(cores[:-1] or cores))] if slow else [])])

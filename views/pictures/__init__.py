@@ -58,9 +58,9 @@ def _draw(recording: Recording, folder: Path, console: Console | None, step: Cal
         slip,
         softness,
     )
-    from palpate.views.pictures.touch import Touch
+    from palpate.views.pictures.touch import TouchStreams
 
-    touch = Touch(recording)
+    touch = TouchStreams(recording)
     folder.mkdir(parents=True, exist_ok=True)
     made = []
     views = None

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from palpate.views.pictures.style import ENERGY, FINGER, TISSUE, figure
-from palpate.views.pictures.touch import Touch, touches
+from palpate.views.pictures.touch import TouchStreams, touches
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 NAME = "compression"
 
 
-def draw(touch: Touch) -> Figure | None:
+def draw(touch: TouchStreams) -> Figure | None:
     """None where the recording holds no contact, or where only one of the two gives way."""
     contact = touch.contact
     if contact is None or not touches(contact["time"], contact["force"]):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from palpate.views.pictures.style import DEFORMATION, figure
-from palpate.views.pictures.touch import Touch
+from palpate.views.pictures.touch import TouchStreams
 from palpate.views.surface.colour import COLOURS, painted, round_up
 from palpate.views.surface.moments import Instant, instants, surface_mesh
 from palpate.views.surface.off_screen import Rendering
@@ -21,7 +21,7 @@ COUNT, COLUMNS = 6, 3
 class Views:
     """Drawing of the surface in a process of its own, begun when this is made."""
 
-    def __init__(self, touch: Touch) -> None:
+    def __init__(self, touch: TouchStreams) -> None:
         mesh = surface_mesh(touch)
         self.instants: list[Instant] = instants(touch, mesh.vertices, COUNT)
         count = len(self.instants)

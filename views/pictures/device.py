@@ -8,7 +8,7 @@ import numpy as np
 
 from palpate.messages import Force
 from palpate.views.pictures.style import ENERGY, FINGER, INK, NORMAL, REGION_A, SPEED, figure, mean
-from palpate.views.pictures.touch import Columns, Touch
+from palpate.views.pictures.touch import Columns, TouchStreams
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 NAME = "device"
 
 
-def draw(touch: Touch) -> Figure | None:
+def draw(touch: TouchStreams) -> Figure | None:
     """None where no force was recorded."""
     force = touch.force
     if force is None:
@@ -50,7 +50,7 @@ def draw(touch: Touch) -> Figure | None:
     return out
 
 
-def _contact(axes: Axes, touch: Touch, force: Columns) -> None:
+def _contact(axes: Axes, touch: TouchStreams, force: Columns) -> None:
     """Shade where the controller was in its contact state."""
     state = touch.touching
     if state is not None and len(state) == len(force["time"]):

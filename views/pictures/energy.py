@@ -8,7 +8,7 @@ import numpy as np
 
 from palpate.messages import Ledger
 from palpate.views.pictures.style import ENERGY, FAINT, FINGER, FRICTION, INK, NORMAL, SPEED, TISSUE, figure
-from palpate.views.pictures.touch import Touch
+from palpate.views.pictures.touch import TouchStreams
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -17,7 +17,7 @@ NAME = "energy"
 PARTS = ("fingertip", FINGER), ("tissue", TISSUE), ("friction", FRICTION)
 
 
-def draw(touch: Touch) -> Figure | None:
+def draw(touch: TouchStreams) -> Figure | None:
     """None where no ledger was kept."""
     ledger = touch.ledger
     if ledger is None:

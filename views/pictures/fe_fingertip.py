@@ -13,7 +13,7 @@ import numpy as np
 from palpate.models.fe.meshing.fingertip import PAPER
 from palpate.models.fe.study.isostrain import cross, smooth, strain, volumes_above
 from palpate.models.fe.study.paper_claims import HIGH, LOW
-from palpate.models.fe.study.press_record import Run
+from palpate.models.fe.study.press_record import PressRun
 from palpate.models.fe.study.section import finger, flow, section
 from palpate.physics.contact.tactile import growth
 from palpate.views.pictures.style import DEFORMATION, FAINT, FRICTION, INK, LOOK, NORMAL, figure
@@ -33,7 +33,7 @@ TOP = 0.7
 """[N] End of the force axes where the runs go far beyond the paper's forces."""
 
 
-def draw(runs: dict[str, Run], folder: Path) -> list[Path]:
+def draw(runs: dict[str, PressRun], folder: Path) -> list[Path]:
     """Draw runs, one per plate ("steel", "silicone"), into a folder: force.png, strain.png, and where the runs reach
     the paper's forces isostrain.png and flow.png.
 
@@ -55,7 +55,7 @@ def draw(runs: dict[str, Run], folder: Path) -> list[Path]:
     return made
 
 
-def force(runs: dict[str, Run]) -> Figure:
+def force(runs: dict[str, PressRun]) -> Figure:
     """Force against indentation, with the paper's points where it is the paper's finger, and contact area against
     force."""
     fig, (left, right) = _axes(2, 11.0, 4.6, "Force and contact area")
@@ -78,7 +78,7 @@ def force(runs: dict[str, Run]) -> Figure:
     return fig
 
 
-def strains(runs: dict[str, Run]) -> Figure:
+def strains(runs: dict[str, PressRun]) -> Figure:
     """Strain in the plane of symmetry, deformed, at the same indentation of all runs and on one scale."""
     depth = min(float(run.record().indentation[-1]) for run in runs.values())
     cuts = {}
@@ -100,7 +100,7 @@ def strains(runs: dict[str, Run]) -> Figure:
     return fig
 
 
-def isostrain(runs: dict[str, Run]) -> Figure:
+def isostrain(runs: dict[str, PressRun]) -> Figure:
     """Growth of the isostrain volumes between the paper's two forces, and the volumes over strain and force."""
     fig = figure(11.0, 4.8, "Isostrain volumes: tissue strained at least that much")
     left = fig.add_subplot(1, 2, 1)
@@ -125,7 +125,7 @@ def isostrain(runs: dict[str, Run]) -> Figure:
     return fig
 
 
-def flows(runs: dict[str, Run]) -> Figure:
+def flows(runs: dict[str, PressRun]) -> Figure:
     """Isostrain lines in the plane of symmetry midway between the paper's two forces, and how fast they move."""
     from matplotlib.collections import LineCollection
 
@@ -156,7 +156,7 @@ def flows(runs: dict[str, Run]) -> Figure:
     return fig
 
 
-def _volumes(run: Run) -> tuple[np.ndarray, np.ndarray]:
+def _volumes(run: PressRun) -> tuple[np.ndarray, np.ndarray]:
     """Forces [N] (k,) of the rows up to past the higher one, and volumes [m³] (k,l) at `LEVELS`."""
     forces = run.record().force
     last = min(len(forces), int(np.searchsorted(forces, HIGH)) + 1)

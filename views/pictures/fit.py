@@ -29,13 +29,13 @@ def draw_choice(result: Chosen, stem: Path) -> list[Path]:
         _models(result, name, stem.with_name(stem.name + "-models.png")),
     ]
     if choice.deviation is not None:
-        law = Law(choice.mean, choice.deviation, choice.band.widening, choice.band.freedom)
+        law = FittedLaw(choice.mean, choice.deviation, choice.band.widening, choice.band.freedom)
         paths.append(_density(name, depths, law, stem.with_name(stem.name + "-density.png")))
         paths.append(_surface(name, depths, law, stem.with_name(stem.name + "-surface.png")))
     return paths
 
 
-class Law(NamedTuple):
+class FittedLaw(NamedTuple):
     """Mean and scatter with the spread of a new session's forces."""
 
     mean: Fit
@@ -119,7 +119,7 @@ def _models(result: Chosen, name: str, path: Path) -> Path:
     return _save(figure, path)
 
 
-def _surface(name: str, depths: np.ndarray, law: Law, path: Path) -> Path:
+def _surface(name: str, depths: np.ndarray, law: FittedLaw, path: Path) -> Path:
     """The density over depth and force as a surface."""
     figure = Figure(figsize=(8.4, 6.0))
     figure.subplots_adjust(left=0.0, right=0.96, bottom=0.03, top=0.92)
@@ -140,7 +140,7 @@ def _surface(name: str, depths: np.ndarray, law: Law, path: Path) -> Path:
     return _save(figure, path)
 
 
-def _density(name: str, depths: np.ndarray, law: Law, path: Path) -> Path:
+def _density(name: str, depths: np.ndarray, law: FittedLaw, path: Path) -> Path:
     """The density at each depth."""
     figure = Figure(figsize=(6.4, 4.4), layout="constrained")
     axes = figure.subplots()

@@ -8,7 +8,7 @@ import numpy as np
 
 from palpate.messages import ForceBand
 from palpate.views.pictures.style import FAINT, FINGER, INK, NORMAL, REGION_A, TISSUE, figure, mean, noise
-from palpate.views.pictures.touch import Columns, Touch, together, touches, work
+from palpate.views.pictures.touch import Columns, TouchStreams, together, touches, work
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -22,7 +22,7 @@ STILL = 4e-3  # [m/s] slower changes of a noisy approach are a rest, in a touch 
 SLOW = 0.2  # those slower than this part of its fastest; and what would take a quiet touch this part of its range
 
 
-def draw(touch: Touch) -> Figure | None:
+def draw(touch: TouchStreams) -> Figure | None:
     """None where the recording holds no contact, or a force alone."""
     contact = touch.contact
     if contact is None or not (slices := touches(contact["time"], contact["force"])):
@@ -60,7 +60,7 @@ def draw(touch: Touch) -> Figure | None:
     return out
 
 
-def beside(touch: Touch) -> tuple[Columns, Columns] | None:
+def beside(touch: TouchStreams) -> tuple[Columns, Columns] | None:
     """The band of force and the contact at its ticks; None without a band or a touch in it."""
     if touch.band is None or touch.contact is None:
         return None

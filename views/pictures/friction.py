@@ -21,7 +21,7 @@ from palpate.views.pictures.style import (
     shade,
     trace,
 )
-from palpate.views.pictures.touch import Columns, Touch, together, touches
+from palpate.views.pictures.touch import Columns, TouchStreams, together, touches
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -34,7 +34,7 @@ DIPS_FOR = 2.5
 """Friction has stopped falling at this many times the Stribeck speed: e^(-2.5^2) is 0.002."""
 
 
-def sliding(touch: Touch) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray] | None:
+def sliding(touch: TouchStreams) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray] | None:
     """Time [s], normal force [N], friction force [N] and sliding speed [m/s]; None where one was not recorded."""
     contact, friction, near = touch.contact, touch.friction, touch.proximity
     if contact is None or friction is None or near is None:
@@ -46,13 +46,13 @@ def sliding(touch: Touch) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarra
     return tables[0]["time"], tables[0]["force"], *length
 
 
-def beyond_dip(touch: Touch) -> float:
+def beyond_dip(touch: TouchStreams) -> float:
     """The speed [m/s] above which friction no longer falls, by the settings of the law that was run."""
     speed = touch.settings(touch.recording.stream_of(Friction)).get("stribeck")
     return DIPS_FOR * speed if isinstance(speed, float | int) else BEYOND_DIP
 
 
-def draw(touch: Touch) -> Figure | None:
+def draw(touch: TouchStreams) -> Figure | None:
     """None where normal force, friction or slip were not recorded, or nothing was touched."""
     data = sliding(touch)
     if data is None or not touches(data[0], data[1]):

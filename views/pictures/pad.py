@@ -9,7 +9,7 @@ import numpy as np
 from palpate.messages import Slip, Surface
 from palpate.views.pictures.slip import Phases, slides
 from palpate.views.pictures.style import figure
-from palpate.views.pictures.touch import Touch
+from palpate.views.pictures.touch import TouchStreams
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -20,7 +20,7 @@ COLUMNS = 5
 APART, STUCK = "#f2f2f5", "#8d8d99"
 
 
-def draw(touch: Touch) -> Figure | None:
+def draw(touch: TouchStreams) -> Figure | None:
     """None where no fingertip told of its slip."""
     slide = slides(touch)
     if slide is None:

@@ -9,7 +9,7 @@ import numpy as np
 from palpate.messages import Pins, Surface
 from palpate.nodes.display import tangent_frame
 from palpate.views.pictures.style import FAINT, FINGER, NORMAL, REGION_B, TISSUE, figure
-from palpate.views.pictures.touch import Columns, Touch, together
+from palpate.views.pictures.touch import Columns, TouchStreams, together
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -19,7 +19,7 @@ NAME = "pins"
 COLUMNS = 5
 
 
-def draw(touch: Touch) -> Figure | None:
+def draw(touch: TouchStreams) -> Figure | None:
     """None where no pins were recorded, or nothing was touched."""
     if touch.pins is None or touch.contact is None:
         return None
@@ -108,7 +108,7 @@ def _circle(
 
 
 def _over_time(
-    panel: Any, touch: Touch, pins: Columns, contact: Columns, heights: np.ndarray, nodule: dict[str, Any]
+    panel: Any, touch: TouchStreams, pins: Columns, contact: Columns, heights: np.ndarray, nodule: dict[str, Any]
 ) -> None:
     time = pins["time"]
     upper, lower = panel.subplots(2, 1, sharex=True)

@@ -74,10 +74,10 @@ class _Drawable:
 
 
 def _drawable(run: Run, name: str) -> _Drawable:
-    from palpate.records.samples import Stream
+    from palpate.records.samples import RecordedStream
 
     values = run[name]
-    if isinstance(values, Stream):
+    if isinstance(values, RecordedStream):
         raise PictureError(f"{name!r} is a stream; name one of its fields: "
                         f"{', '.join(f'{name}.{field}' for field in values.columns)}")  # fmt: skip
     if isinstance(values, list):

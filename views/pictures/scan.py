@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from palpate.physics.fingertip.surfaces import Fingertip, cast, fill, lowest
+from palpate.physics.fingertip.surfaces import FingertipSurfaces, cast, fill, lowest
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -18,7 +18,12 @@ COLOURS = {"skin": "#e07a1f", "tissue": "#f2c14e", "bone": "#4aa3df"}
 
 
 def draw(
-    tip: Fingertip, path: str | Path, stack: Stack, outlines: Outlines, depth: float = 2e-3, pitch: float = 1.2e-3
+    tip: FingertipSurfaces,
+    path: str | Path,
+    stack: Stack,
+    outlines: Outlines,
+    depth: float = 2e-3,
+    pitch: float = 1.2e-3,
 ) -> None:
     """Three images with the outlines found in them, the section along the finger, and the beams at a depth [m]."""
     import matplotlib
@@ -71,7 +76,7 @@ def _image(axes: Axes, stack: Stack, outlines: Outlines, number: int) -> None:
     axes.set(title=f"slice {number + 1} of {len(stack.volume)}", xlabel="columns [mm]", ylabel="rows [mm]")
 
 
-def _beams(axes: Axes, tip: Fingertip, depth: float, pitch: float) -> None:
+def _beams(axes: Axes, tip: FingertipSurfaces, depth: float, pitch: float) -> None:
     """The beams that touch at a depth [m], from below, where they stand in the finger."""
     body = fill(tip, depth, pitch)
     at = 1e3 * (body.points[:, :2] + lowest(tip, 0.0, depth)[0][:2])  # a bundle counts from the lowest point

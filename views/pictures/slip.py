@@ -8,7 +8,7 @@ import numpy as np
 
 from palpate.messages import Slip
 from palpate.views.pictures.style import ENERGY, FINGER, FRICTION, INK, NORMAL, REGION_A, REGION_B, figure
-from palpate.views.pictures.touch import Columns, Touch, together
+from palpate.views.pictures.touch import Columns, TouchStreams, together
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -44,7 +44,7 @@ def phases(normal: np.ndarray, friction: np.ndarray, incipient: np.ndarray, gros
     return Phases(begin, first(incipient), first(gross), end)
 
 
-def slides(touch: Touch) -> tuple[Columns, Columns, Columns, Phases] | None:
+def slides(touch: TouchStreams) -> tuple[Columns, Columns, Columns, Phases] | None:
     """Contact, friction and slip at common ticks, and the phases; None where one is missing or nothing touched."""
     if touch.slip is None or touch.contact is None or touch.friction is None:
         return None
@@ -55,7 +55,7 @@ def slides(touch: Touch) -> tuple[Columns, Columns, Columns, Phases] | None:
     return contact, friction, slip, phases(contact["force"], size, slip["incipient"], slip["gross"])
 
 
-def draw(touch: Touch) -> Figure | None:
+def draw(touch: TouchStreams) -> Figure | None:
     """None where no fingertip told of its slip."""
     slide = slides(touch)
     if slide is None:

@@ -9,7 +9,7 @@ import numpy as np
 from palpate.messages import Pins
 from palpate.nodes.display import PinArray
 from palpate.views.pictures.style import FAINT, FINGER, INK, NORMAL, figure
-from palpate.views.pictures.touch import Columns, Touch, together
+from palpate.views.pictures.touch import Columns, TouchStreams, together
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -22,7 +22,7 @@ SHOWN = 3.0  # [N] of the profile, as in the source's figure; the largest force 
 OUTSIDE = "outside Hertz theory"
 
 
-def draw(touch: Touch) -> Figure | None:
+def draw(touch: TouchStreams) -> Figure | None:
     """None where no pins follow a force, or their node cannot be made again."""
     if touch.pins is None or touch.contact is None:
         return None
@@ -65,7 +65,7 @@ def draw(touch: Touch) -> Figure | None:
     return out
 
 
-def _profile(axes: Axes, touch: Touch, node: PinArray, pins: Columns, contact: Columns, row: int) -> None:
+def _profile(axes: Axes, touch: TouchStreams, node: PinArray, pins: Columns, contact: Columns, row: int) -> None:
     """Theory along a line through the axis, and the pins and the actuator of this run."""
     tick, force = int(pins["tick"][row]), float(contact["force"][row])
     heights = touch.at(Pins, [tick])[tick].heights

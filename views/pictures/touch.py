@@ -41,7 +41,7 @@ _TICK = msgspec.msgpack.Decoder(_Tick)
 def _columns(kind: type[Message]) -> cached_property[Columns | None]:
     """The columns of the first stream of a message type."""
 
-    def read(touch: Touch) -> Columns | None:
+    def read(touch: TouchStreams) -> Columns | None:
         name = touch.recording.stream_of(kind)
         columns = touch.recording.columns(name) if name is not None else None
         return columns if columns is not None and len(columns["tick"]) else None
@@ -49,7 +49,7 @@ def _columns(kind: type[Message]) -> cached_property[Columns | None]:
     return cached_property(read)
 
 
-class Touch:
+class TouchStreams:
     """The streams of a recording that pictures are drawn from; None where it has no such stream or no message in it."""
 
     def __init__(self, recording: Recording) -> None:

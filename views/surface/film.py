@@ -13,7 +13,7 @@ from palpate.launch.load.extras import install
 from palpate.messages import Surface
 from palpate.records.reader import Recording
 from palpate.views.pictures import PictureError
-from palpate.views.pictures.touch import Touch
+from palpate.views.pictures.touch import TouchStreams
 from palpate.views.surface.colour import COLOURS, Colour, check, painted, top
 from palpate.views.surface.moments import Instant, instants_at, surface_mesh
 from palpate.views.surface.off_screen import Rendering
@@ -27,7 +27,7 @@ BATCH = 100  # instants that are drawn at a time: 140 MB of pixels
 ENDINGS = (".mp4", ".gif")
 
 
-class Frame:
+class FilmFrame:
     """The figure of one instant: surface, colour bar, time, force; `show` puts another instant into it."""
 
     def __init__(self, of: Colour, most: float, pixels: np.ndarray, instant: Instant) -> None:
@@ -61,7 +61,7 @@ def picture(file: Path, at: float, target: Path, of: Colour = COLOURS["displacem
     RecordingError, PictureError, ArgumentError: what is missing.
     """
     _check_libraries("view", "matplotlib", "pyvista")
-    touch = Touch(Recording(file))
+    touch = TouchStreams(Recording(file))
     ticks, times = _recorded(touch)
     if not times[0] - 1e-9 <= at <= times[-1] + 1e-3:  # the last instant stands for its millisecond
         raise PictureError(f"{file}: --at {at:g} s, but it was recorded from {times[0]:.3f} s to {times[-1]:.3f} s")
@@ -87,7 +87,7 @@ def film(file: Path, target: Path, rate: float = 25.0, speed: float = 1.0, of: C
     if target.suffix.lower() not in ENDINGS:
         raise PictureError(f"{target}: found {target.suffix or 'no ending'!r}, expected {' or '.join(ENDINGS)}")
     _check_libraries("film", "matplotlib", "pyvista", "imageio_ffmpeg", "PIL")
-    touch = Touch(Recording(file))
+    touch = TouchStreams(Recording(file))
     ticks, times = _recorded(touch)
     count = 1 + int((times[-1] - times[0]) * rate / speed)
     moments = times[0] + np.arange(count) * speed / rate
@@ -102,7 +102,7 @@ def film(file: Path, target: Path, rate: float = 25.0, speed: float = 1.0, of: C
     return count
 
 
-def _frames(mesh: Any, instants: Sequence[Instant], of: Colour) -> Iterator[Frame]:
+def _frames(mesh: Any, instants: Sequence[Instant], of: Colour) -> Iterator[FilmFrame]:
     """The figure with one instant after the other; it is the same figure each time."""
     from matplotlib import rc_context
 
@@ -121,12 +121,12 @@ def _frames(mesh: Any, instants: Sequence[Instant], of: Colour) -> Iterator[Fram
         for pixels, instant in zip(wide, batch, strict=True):
             with rc_context(LOOK):
                 if frame is None:
-                    frame = Frame(of, most, pixels, instant)
+                    frame = FilmFrame(of, most, pixels, instant)
                 frame.show(pixels, instant)
             yield frame
 
 
-def _pixels(frames: Iterator[Frame]) -> Iterator[np.ndarray]:
+def _pixels(frames: Iterator[FilmFrame]) -> Iterator[np.ndarray]:
     """Red, green, blue bytes (h, w, 3) of each frame."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
@@ -159,7 +159,7 @@ def _write_gif(target: Path, frames: Iterator[np.ndarray], rate: float) -> None:
     images[0].save(target, save_all=True, append_images=images[1:], duration=max(20, round(1000 / rate)), loop=0)
 
 
-def _recorded(touch: Touch) -> tuple[np.ndarray, np.ndarray]:
+def _recorded(touch: TouchStreams) -> tuple[np.ndarray, np.ndarray]:
     """Ticks and times [s] at which both contact and surface were recorded. PictureError: there are none."""
     path = touch.recording.path
     stream = touch.recording.stream_of(Surface)

@@ -12,7 +12,7 @@ from palpate.messages import Surface
 from palpate.nodes.base import Node, SettingError
 from palpate.nodes.base.surface import complete
 from palpate.views.pictures import PictureError
-from palpate.views.pictures.touch import Columns, Touch, together, touches
+from palpate.views.pictures.touch import Columns, TouchStreams, together, touches
 
 SHALLOWEST = 0.35
 """Instants with less than this share of the deepest indentation show hardly anything."""
@@ -42,7 +42,7 @@ class Instant:
     depth: float
 
 
-def surface_mesh(touch: Touch) -> Any:
+def surface_mesh(touch: TouchStreams) -> Any:
     """The undeformed mesh on which the body that sent the surface was built: its node makes it again.
 
     PictureError: no surface stream, a body without a mesh, or one that cannot be made here.
@@ -99,7 +99,7 @@ def choose(contact: Columns, count: int) -> list[int]:
     return [int(contact["tick"][row]) for row in sorted(set(chosen))]
 
 
-def instants(touch: Touch, points: np.ndarray, count: int = 6) -> list[Instant]:
+def instants(touch: TouchStreams, points: np.ndarray, count: int = 6) -> list[Instant]:
     """Up to `count` instants of a mesh with these vertices [m] (V,3).
 
     PictureError: no contact, surface or displacement was recorded, or it does not fit the mesh.
@@ -114,7 +114,7 @@ def instants(touch: Touch, points: np.ndarray, count: int = 6) -> list[Instant]:
     return chosen
 
 
-def instants_at(touch: Touch, points: np.ndarray, ticks: list[int]) -> list[Instant]:
+def instants_at(touch: TouchStreams, points: np.ndarray, ticks: list[int]) -> list[Instant]:
     """The instants at these ticks, as far as both contact and surface were recorded there.
 
     PictureError: no contact or surface was recorded, or it does not fit the mesh.
@@ -146,7 +146,7 @@ def instants_at(touch: Touch, points: np.ndarray, ticks: list[int]) -> list[Inst
     return moments
 
 
-def _tips(touch: Touch) -> dict[int, np.ndarray]:
+def _tips(touch: TouchStreams) -> dict[int, np.ndarray]:
     """By tick, where the compressed fingertip ends: gap - h0 + s1 above the foot point, which is -s2 in contact."""
     if touch.contact is None or touch.proximity is None:
         return {}

@@ -15,7 +15,7 @@ from palpate.launch.terminal.progress import steps
 
 if TYPE_CHECKING:
     from palpate.engine.plan import Plan
-    from palpate.launch.load.bill import Item
+    from palpate.launch.load.bill import EffectCost
 
 MERMAID = "mermaid"
 _PICTURE = ".mmd"
@@ -86,7 +86,7 @@ def plan(
             out.print(plan_tables.bill(items, source))
 
 
-def _prove(file: Path, items: list[Item], sets: list[str], silent: bool) -> None:
+def _prove(file: Path, items: list[EffectCost], sets: list[str], silent: bool) -> None:
     from palpate.records.reader import Recording
     from palpate.studies.prove import prove
 

@@ -105,7 +105,7 @@ def run(
             outcome = execute(
                 launch, loaded, console=None if quiet or as_json else console(), forkserver=forkserver,
                 patience=timeout, address=address, leave_out=leave_out or (), thin=thin_factors(thin or []),
-                unencrypted=unencrypted, key_name=key, fit_cores=True, watch=page.look if page else lambda _: None,
+                unencrypted=unencrypted, key_name=key, fit_cores=True, watch=page.on_update if page else lambda _: None,
             )  # fmt: skip
         if forkserver is not None:
             forkserver.close()

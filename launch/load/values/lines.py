@@ -8,12 +8,12 @@ from typing import TypeVar
 import msgspec
 
 from palpate.engine.faults import Faults, choices
-from palpate.launch.load.values.source import Source
+from palpate.launch.load.values.source import YamlSource
 
 Line = TypeVar("Line", bound=msgspec.Struct)
 
 
-def fill(kind: type[Line], line: Source, about: str, faults: Faults) -> Line:
+def fill(kind: type[Line], line: YamlSource, about: str, faults: Faults) -> Line:
     """The struct that a mapping says. Each key that it does not have, and each value that does not fit, is a fault with
     its place; the field keeps its default then."""
     hints = typing.get_type_hints(kind, include_extras=True)

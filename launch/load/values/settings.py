@@ -13,10 +13,10 @@ from typing import Annotated, Any
 
 import msgspec
 
-from palpate.engine.faults import Faults, Place, choices, nearest
+from palpate.engine.faults import Faults, Location, choices, nearest
 from palpate.launch.load.classes import SHIPPED, catalogue, classes
 from palpate.launch.load.scene import Scene
-from palpate.launch.load.values.source import Source
+from palpate.launch.load.values.source import YamlSource
 from palpate.launch.load.values.units import UnitError, convert, is_quantity
 from palpate.launch.load.wiring import unknown
 from palpate.nodes.base import Node, Setting, SettingError, settings
@@ -35,12 +35,12 @@ class Offer:
     value: Any
     node: str
     cls: type[Node]
-    place: Place
+    place: Location
     taken: bool
 
 
 def resolve(
-    name: str, cls: type[Node], line: Source, own: list[str], scene: Scene, offers: list[Offer], faults: Faults
+    name: str, cls: type[Node], line: YamlSource, own: list[str], scene: Scene, offers: list[Offer], faults: Faults
 ) -> dict[str, Any]:
     """All settings of a node as plain data in SI units, checked; what is wrong becomes faults.
 
@@ -49,7 +49,7 @@ def resolve(
     offers  gets what `with:` offers, for `check_offers`
     """
     known = settings(cls)
-    given: dict[str, tuple[Any, Place]] = {}
+    given: dict[str, tuple[Any, Location]] = {}
     for mapping, path in _offered(name, line, scene, faults):
         for key, value in mapping.items():
             place = scene.source.place(*path.split("."), key) if path else line.place("with", key)
@@ -85,7 +85,7 @@ def resolve(
     return values
 
 
-def _checked(setting: Setting, value: Any, place: Place, about: dict[str, str], faults: Faults) -> Any:
+def _checked(setting: Setting, value: Any, place: Location, about: dict[str, str], faults: Faults) -> Any:
     """The value of one setting in its unit, as plain data; what is wrong becomes a fault."""
     try:
         value = in_si(setting, value)
@@ -102,7 +102,7 @@ def _cure(key: str, cls: type[Node], known: dict[str, Setting]) -> str:
     return choices(f"Settings of {cls.__name__}", key, known)
 
 
-def _offered(name: str, line: Source, scene: Scene, faults: Faults) -> list[tuple[dict[str, Any], str]]:
+def _offered(name: str, line: YamlSource, scene: Scene, faults: Faults) -> list[tuple[dict[str, Any], str]]:
     """The mappings that `with:` names: value, path in the scene ("" for one written in place)."""
     given = line.data.get("with")
     mappings = []
@@ -152,7 +152,7 @@ def check_offers(offers: list[Offer], scene: Scene, faults: Faults) -> None:
 
 
 def check_taken(
-    offers: list[Offer], changes: Iterable[tuple[str, Source]], scene: Scene, faults: Faults
+    offers: list[Offer], changes: Iterable[tuple[str, YamlSource]], scene: Scene, faults: Faults
 ) -> tuple[str, ...]:
     """A fault for each value of the scene that was set from outside and reaches no node; lines that say which other
     values of the scene the classes in use leave out.
@@ -185,7 +185,7 @@ def check_taken(
     return tuple(f"{about}{', '.join(keys)}" for (_, about), keys in left.items())
 
 
-def _leaves(path: str, value: Source) -> Iterator[tuple[str, Source]]:
+def _leaves(path: str, value: YamlSource) -> Iterator[tuple[str, YamlSource]]:
     if not isinstance(value.data, dict):
         yield path, value
         return

@@ -12,12 +12,12 @@ from palpate.engine.graph import sent_by
 from palpate.launch.load.classes import SHIPPED, ClassError, catalogue, classes, find_class
 from palpate.launch.load.files import GRAPHS
 from palpate.launch.load.values.settings import Offer
-from palpate.launch.load.values.source import Source
+from palpate.launch.load.values.source import YamlSource
 from palpate.launch.load.values.units import Unit, UnitError, parse
 from palpate.nodes.base import Node, settings
 
 
-def uses(source: Source) -> dict[str, str]:
+def uses(source: YamlSource) -> dict[str, str]:
     """The class that each node of a graph names."""
     nodes = source.data.get("nodes")
     lines = nodes.items() if isinstance(nodes, dict) else ()

@@ -15,7 +15,7 @@ from typing import Any
 import yaml
 from yaml.scanner import ScannerError
 
-from palpate.engine.faults import Fault, GraphError, Place
+from palpate.engine.faults import Fault, GraphError, Location
 
 Keys = tuple[Any, ...]
 
@@ -30,20 +30,20 @@ _DEEPEST = 100  # brackets inside one another: the scanner looks at all of them 
 
 
 @dataclass
-class Source:
+class YamlSource:
     """Plain data and the place of each key; a place is found by the keys that lead to it."""
 
     data: Any = None
-    places: dict[Keys, Place] = field(default_factory=dict)
+    places: dict[Keys, Location] = field(default_factory=dict)
 
-    def place(self, *keys: Any) -> Place:
+    def place(self, *keys: Any) -> Location:
         """Where the value under these keys was written, or the nearest thing around it."""
         for end in range(len(keys), -1, -1):
             if keys[:end] in self.places:
                 return self.places[keys[:end]]
-        return Place()
+        return Location()
 
-    def sub(self, *keys: Any) -> Source:
+    def sub(self, *keys: Any) -> YamlSource:
         """The part under these keys; empty data where there is none."""
         data = self.data
         for key in keys:
@@ -51,9 +51,9 @@ class Source:
         n = len(keys)
         places = {k[n:]: p for k, p in self.places.items() if k[:n] == keys}
         places.setdefault((), self.place(*keys))
-        return Source(data, places)
+        return YamlSource(data, places)
 
-    def put(self, keys: Keys, value: Source) -> None:
+    def put(self, keys: Keys, value: YamlSource) -> None:
         """Set the value under these keys, making mappings on the way."""
         data = self.data
         for depth, key in enumerate(keys[:-1]):
@@ -71,39 +71,39 @@ class Source:
         self.places = {k: p for k, p in self.places.items() if k[:n] != keys}
 
 
-def read(path: Path) -> Source:
+def read(path: Path) -> YamlSource:
     """The file's data with places. GraphError: it cannot be read or is not YAML; names file, line and column."""
     try:
         raw = path.read_bytes()
     except OSError as error:
-        raise GraphError([Fault(f"cannot be read: {error.strerror}", place=Place(str(path)))]) from None
+        raise GraphError([Fault(f"cannot be read: {error.strerror}", place=Location(str(path)))]) from None
     return parse(raw, str(path))
 
 
-def parse(text: str | bytes, file: str) -> Source:
+def parse(text: str | bytes, file: str) -> YamlSource:
     """The data of a YAML text with places; `file` is what the places call it."""
     try:
         root = yaml.compose(text, Loader=_Loader)
-        source = Source(None, {(): Place(file, 1, 1)})
+        source = YamlSource(None, {(): Location(file, 1, 1)})
         if root is not None:
             source.data = _Builder(file, source.places).build(root, (), ())
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
-        place = Place(file, mark.line + 1, mark.column + 1) if mark else Place(file)
+        place = Location(file, mark.line + 1, mark.column + 1) if mark else Location(file)
         what = ", ".join(part for part in (error.context, error.problem) if part)
         raise GraphError([Fault(f"not YAML: column {place.column}: {what}", place=place)]) from None
     except yaml.YAMLError as error:
-        raise GraphError([Fault(f"not YAML: {' '.join(str(error).split())}", place=Place(file))]) from None
+        raise GraphError([Fault(f"not YAML: {' '.join(str(error).split())}", place=Location(file))]) from None
     except RecursionError:
-        raise GraphError([Fault("nested too deeply", place=Place(file))]) from None
+        raise GraphError([Fault("nested too deeply", place=Location(file))]) from None
     return source
 
 
-def merge(base: Source, top: Source) -> Source:
+def merge(base: YamlSource, top: YamlSource) -> YamlSource:
     """`top` laid over `base`, mapping by mapping; null in `top` takes away what stands in `base`."""
     if not (isinstance(base.data, dict) and isinstance(top.data, dict)):
         return top
-    merged = Source(dict(base.data), dict(base.places))
+    merged = YamlSource(dict(base.data), dict(base.places))
     for key, value in top.data.items():
         if value is None and key in merged.data:
             del merged.data[key]
@@ -130,11 +130,11 @@ class _Loader(yaml.SafeLoader):
 class _Builder:
     """Turns composed nodes into data, collecting places."""
 
-    def __init__(self, file: str, places: dict[Keys, Place]) -> None:
+    def __init__(self, file: str, places: dict[Keys, Location]) -> None:
         self.file, self.places = file, places
 
     def build(self, node: yaml.Node, keys: Keys, parents: tuple[int, ...]) -> Any:
-        place = Place(self.file, node.start_mark.line + 1, node.start_mark.column + 1)
+        place = Location(self.file, node.start_mark.line + 1, node.start_mark.column + 1)
         self.places.setdefault(keys, place)
         if id(node) in parents:
             raise GraphError([Fault("an alias that contains itself", place=place)])
@@ -152,7 +152,7 @@ class _Builder:
     def _mapping(self, node: yaml.MappingNode, keys: Keys, inside: tuple[int, ...]) -> dict[str, Any]:
         mapping: dict[str, Any] = {}
         for key, value in node.value:
-            place = Place(self.file, key.start_mark.line + 1, key.start_mark.column + 1)
+            place = Location(self.file, key.start_mark.line + 1, key.start_mark.column + 1)
             if not isinstance(key, yaml.ScalarNode):
                 raise GraphError([Fault("a key must be a word", place=place)])
             name = key.value

@@ -19,13 +19,13 @@ from collections.abc import Callable, Collection, Iterable, Mapping
 import msgspec
 import zmq
 
-from palpate.engine.clock import LOOK, now
-from palpate.launch.run.reports import ORDERS, Addressed, Done, Note, Order, Report
+from palpate.engine.clock import POLL_INTERVAL, now
+from palpate.launch.run.reports import ORDERS, Addressed, NodesEnded, Note, Order, Report
 from palpate.launch.run.wire.addresses import endpoint
 from palpate.launch.run.wire.inlet import HIGH_WATER, Inlet, TcpInlet
-from palpate.launch.run.wire.keys import Keeper, Key, connect
+from palpate.launch.run.wire.keys import Authenticator, Key, connect
 from palpate.launch.run.wire.outlet import Outlet, Sender
-from palpate.launch.run.wire.watch import Watch
+from palpate.launch.run.wire.watch import SocketPoller
 from palpate.physics.errors import RunError
 
 HEALTH = "!health"
@@ -76,8 +76,8 @@ class Bus:
         self.run, self.group, self.real, self.key = run, group, real, key
         self._foreign = 0
         self._external = external or {}
-        self._watch = Watch()
-        self._keeper: Keeper | None = None
+        self._watch = SocketPoller()
+        self._keeper: Authenticator | None = None
         self._control = self._socket(zmq.SUB, 0)
         self._control.set(zmq.MAXMSGSIZE, LONGEST_ORDER)
         self._reports = self._socket(zmq.PUSH, 2000)
@@ -96,7 +96,7 @@ class Bus:
         self._observers = self._publisher()
         self._observed = self._socket(zmq.SUB, 0)
         self._observed.set(zmq.RCVHWM, HIGH_WATER)
-        self._observed.set(zmq.RCVTIMEO, LOOK)
+        self._observed.set(zmq.RCVTIMEO, POLL_INTERVAL)
         self._inlets: dict[str, Inlet | TcpInlet] = {}
         self._tcp: list[Inlet | TcpInlet] = []
         self._apart: set[Inlet] = set()
@@ -120,7 +120,7 @@ class Bus:
         socket.set(zmq.MAXMSGSIZE, 1024)  # subscriptions only
         if not self.real:
             socket.set(zmq.XPUB_NODROP, 1)
-            socket.set(zmq.SNDTIMEO, LOOK)
+            socket.set(zmq.SNDTIMEO, POLL_INTERVAL)
         return socket
 
     def bind(self, host: str | None) -> dict[str, list[str]]:
@@ -129,7 +129,7 @@ class Bus:
         Returns the endpoints by outlet. RunError: somebody else has that port.
         """
         if host and self.key is not None:
-            self._keeper = Keeper(self.context, self.key)
+            self._keeper = Authenticator(self.context, self.key)
             self.key.secure(self._observers, server=True)
         endpoints = {name: [endpoint(self.run, self.group, name)] for name in ("force", "observers")}
         local = endpoints["force"][0]
@@ -185,7 +185,7 @@ class Bus:
         """Look at all sockets at once, for so many milliseconds: readers are served, and orders are there to be taken.
         Returns the inlets that may have something, valid until the next sweep."""
         self._ready.clear()
-        self._watch.look(wait)
+        self._watch.poll(wait)
         self._outlet.tend()
         if self._apart:
             for inlet in tuple(self._apart):
@@ -242,11 +242,11 @@ class Bus:
         """
         return self._outlet.sender(stream, self._far, holds)
 
-    def wait_linked(self, observers: dict[str, int], look: Callable[[], object]) -> None:
+    def wait_linked(self, observers: dict[str, int], poll: Callable[[], object]) -> None:
         """Wait until each stream has its readers, at the outlet for nodes and at that for observers, and until the
         nodes here have their writers.
 
-        look  called again and again meanwhile (it may raise)
+        poll  called again and again meanwhile (it may raise)
         """
         missing = {stream.encode() + b"\0": count for stream, count in observers.items() if count}
         until = now() + LINK_TIME
@@ -263,9 +263,9 @@ class Bus:
                 if note[:1] == b"\x01" and note[1:] in missing:
                     missing[note[1:]] -= 1
             self._count_far()
-            for inlet in self.sweep(LOOK):
+            for inlet in self.sweep(POLL_INTERVAL):
                 inlet.take()  # what was sent to a predecessor is nothing for this one
-            look()
+            poll()
         for number in wakes:
             self._watch.remove(number)
 
@@ -335,30 +335,30 @@ class Bus:
         """Wait until all have taken what libzmq holds: nodes far away close their inlets, observers leave at the end.
         What was sent to nodes on this machine is the system's, and is theirs when this worker is gone."""
         while self.heard(END):
-            if self._observers.poll(LOOK):
+            if self._observers.poll(POLL_INTERVAL):
                 self._listener(self._observers.recv())
         if self._far is not None and not self.real:
             while any(self._far_readers[stream.encode() + b"\0"] > 0 for stream in self._external):
-                self._far.poll(LOOK)
+                self._far.poll(POLL_INTERVAL)
                 self._count_far()
 
-    def end(self, orderly: bool) -> None:
+    def end(self, clean_exit: bool) -> None:
         """The last reports: what there is to say of the readers, and that all is sent. What comes later may be missed,
         as the launcher does not wait for a worker that is done."""
         for text in self._outlet.notes():
             self.report(Note(text))
-        self.report(Done(orderly))
+        self.report(NodesEnded(clean_exit))
 
-    def close(self, orderly: bool) -> None:
-        """Deliver what is under way and close; after an orderly end say that this was all."""
+    def close(self, clean_exit: bool) -> None:
+        """Deliver what is under way and close; after an clean_exit end say that this was all."""
         for inlet in self._inlets.values():
             inlet.close()
         self._observed.close(linger=0)
         with contextlib.suppress(zmq.ZMQError):
             self.flush(_wait)
-            if orderly:
+            if clean_exit:
                 self._observers.set(zmq.XPUB_NODROP, 1)
-                self._observers.set(zmq.SNDTIMEO, LOOK)
+                self._observers.set(zmq.SNDTIMEO, POLL_INTERVAL)
                 self._kept.append(frame(END, self.group.encode()))
                 self.flush(_wait)
                 self._wait_taken()

@@ -18,8 +18,8 @@ from collections.abc import Callable
 
 import zmq
 
-from palpate.engine.clock import LOOK, now
-from palpate.launch.run.wire.watch import Watch
+from palpate.engine.clock import POLL_INTERVAL, now
+from palpate.launch.run.wire.watch import SocketPoller
 from palpate.launch.run.wire.zmtp import (
     COMMAND,
     GREETING,
@@ -49,7 +49,7 @@ class Inlet:
     """
 
     def __init__(
-        self, stream: str, group: str, watch: Watch, ready: Callable[[Inlet], None], apart: set[Inlet]
+        self, stream: str, group: str, watch: SocketPoller, ready: Callable[[Inlet], None], apart: set[Inlet]
     ) -> None:
         self.stream = stream
         self.linked = False
@@ -89,7 +89,7 @@ class Inlet:
             end.close()
             return
         end.setblocking(True)
-        end.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, struct.pack("@ll", 0, LOOK * 1000))
+        end.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, struct.pack("@ll", 0, POLL_INTERVAL * 1000))
         self._socket, self._receive = end, end.recv
         self._connection = connection
         self._many = self._between = False
@@ -97,9 +97,9 @@ class Inlet:
         self._watch.add(end.fileno(), lambda: self._ready(self))
 
     def wait(self) -> list[bytes]:
-        """The payloads that come next; none where none comes in about `LOOK`."""
+        """The payloads that come next; none where none comes in about `POLL_INTERVAL`."""
         if self._socket is None:
-            time.sleep(LOOK * 1e-3)
+            time.sleep(POLL_INTERVAL * 1e-3)
             return []
         return self._read(0)
 
@@ -195,12 +195,12 @@ class TcpInlet:
         topic = stream.encode() + b"\0"
         self.stream, self.socket, self._skip = stream, socket, len(topic)
         socket.set(zmq.RCVHWM, HIGH_WATER)
-        socket.set(zmq.RCVTIMEO, LOOK)
+        socket.set(zmq.RCVTIMEO, POLL_INTERVAL)
         socket.set(zmq.RECONNECT_IVL, 5)
         socket.subscribe(topic)
 
     def wait(self) -> list[bytes]:
-        """The payload that comes next; none where none comes in `LOOK`."""
+        """The payload that comes next; none where none comes in `POLL_INTERVAL`."""
         try:
             return [self.socket.recv()[self._skip :]]
         except zmq.Again:

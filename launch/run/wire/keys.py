@@ -61,7 +61,7 @@ def connect(socket: zmq.Socket, address: str, key: Key | None) -> None:
     socket.connect(address)
 
 
-class Keeper:
+class Authenticator:
     """Lets nobody in at the sockets of a context who does not hold the key."""
 
     def __init__(self, context: zmq.Context, key: Key) -> None:

@@ -18,9 +18,9 @@ from collections.abc import Callable, Collection, Mapping
 
 import zmq
 
-from palpate.engine.clock import LOOK, now
+from palpate.engine.clock import POLL_INTERVAL, now
 from palpate.launch.run.wire.inlet import credentials, trusted
-from palpate.launch.run.wire.watch import Watch
+from palpate.launch.run.wire.watch import SocketPoller
 from palpate.launch.run.wire.zmtp import GREETING, GROUP, SUBSCRIBERS, Connection, ZmtpError, pong, subscription
 
 ROOM = 1 << 20  # [bytes] that wait for a reader, with the kernel's own for each frame; the system may permit less
@@ -32,7 +32,7 @@ MOST_NOTES = 10
 _NOW = socket.MSG_DONTWAIT
 
 
-class Reader:
+class ReaderConnection:
     """A connection to a reader. `rest` is what is left of a frame that was sent in part."""
 
     def __init__(self, end: socket.socket, group: str) -> None:
@@ -81,7 +81,7 @@ class Sender:
 
     def __init__(self, outlet: Outlet, stream: str, far: zmq.Socket | None, holds: Callable[[], None]) -> None:
         self.topic = stream.encode() + b"\0"
-        self.readers: tuple[Reader, ...] = ()
+        self.readers: tuple[ReaderConnection, ...] = ()
         self._outlet, self._holds = outlet, holds
         # The plain send of the binding, without the layer that looks for multipart and tracking options.
         self._far = None if far is None else zmq.backend.Socket.send.__get__(far)
@@ -121,16 +121,16 @@ class Outlet:
     watch     where the sockets are watched
     """
 
-    def __init__(self, group: str, external: Mapping[str, Collection[str]], real: bool, watch: Watch) -> None:
+    def __init__(self, group: str, external: Mapping[str, Collection[str]], real: bool, watch: SocketPoller) -> None:
         self.foreign = 0
         """Readers that were refused."""
         self._group, self._external, self._real, self._watch = group, external, real, watch
         self._workers = {name for groups in external.values() for name in groups}
         self._senders: list[Sender] = []
         self._listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-        self._readers: dict[Reader, None] = {}
-        self._greeting: set[Reader] = set()
-        self._unfinished: set[Reader] = set()
+        self._readers: dict[ReaderConnection, None] = {}
+        self._greeting: set[ReaderConnection] = set()
+        self._unfinished: set[ReaderConnection] = set()
         self._notes: Counter[str] = Counter()
 
     def bind(self, path: str) -> None:
@@ -165,14 +165,14 @@ class Outlet:
             end.close()
             return
         end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, ROOM)
-        reader = Reader(end, self._group)
+        reader = ReaderConnection(end, self._group)
         self._readers[reader] = None
         self._greeting.add(reader)
         self._watch.add(end.fileno(), lambda: self._serve(reader))
         with contextlib.suppress(OSError):
             reader.write(GREETING)
 
-    def _serve(self, reader: Reader) -> None:
+    def _serve(self, reader: ReaderConnection) -> None:
         """Take what a reader has sent: who it is, and what it wants to read."""
         try:
             data = reader.end.recv(4096, _NOW)
@@ -191,13 +191,13 @@ class Outlet:
                 reader.group = group if group in self._workers else ""
                 reader.write(reader.connection.ready)
             for flags, body in frames:
-                self._heed(reader, flags, body)
+                self._handle_frame(reader, flags, body)
         except ZmtpError as error:
             self._refuse(reader, str(error))
         except OSError:
             self.drop(reader)
 
-    def _heed(self, reader: Reader, flags: int, body: bytes) -> None:
+    def _handle_frame(self, reader: ReaderConnection, flags: int, body: bytes) -> None:
         wanted = subscription(flags, body)
         if wanted is not None:
             comes, topic = wanted
@@ -219,12 +219,12 @@ class Outlet:
                 reader for reader in self._readers if any(sender.topic.startswith(topic) for topic in reader.topics)
             )
 
-    def _refuse(self, reader: Reader, why: str) -> None:
+    def _refuse(self, reader: ReaderConnection, why: str) -> None:
         self.foreign += 1
         self._note(f"a reader of group {self._group!r} was refused, {reader.name}: {why}")
         self.drop(reader)
 
-    def drop(self, reader: Reader) -> None:
+    def drop(self, reader: ReaderConnection) -> None:
         """A reader is gone, or has to go."""
         if reader not in self._readers:
             return
@@ -238,7 +238,7 @@ class Outlet:
 
     # -- time and room -------------------------------------------------------------------------------------------
 
-    def crowded(self, reader: Reader, data: bytes, sent: int, holds: Callable[[], None]) -> None:
+    def crowded(self, reader: ReaderConnection, data: bytes, sent: int, holds: Callable[[], None]) -> None:
         """A reader has taken so many bytes of a frame and has no room for the rest."""
         if sent:
             reader.rest = memoryview(data)[sent:]
@@ -258,7 +258,7 @@ class Outlet:
                 else:
                     reader.dropped += 1
                 return
-            room.poll(LOOK)
+            room.poll(POLL_INTERVAL)
             holds()
 
     def tend(self) -> None:
@@ -274,7 +274,7 @@ class Outlet:
                 if now() - reader.begun > GREETING_TIME:
                     self._refuse(reader, "it did not finish its greeting")
 
-    def _count(self, reader: Reader) -> None:
+    def _count(self, reader: ReaderConnection) -> None:
         if reader.dropped:
             self._note(f"{reader.dropped} messages of group {self._group!r} were dropped: {reader.name} had no room")
             reader.dropped = 0

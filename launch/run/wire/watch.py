@@ -6,7 +6,7 @@ import select
 from collections.abc import Callable
 
 
-class Watch:
+class SocketPoller:
     """Calls the owner of each socket that has something to read, or whose other end is gone."""
 
     def __init__(self) -> None:
@@ -23,7 +23,7 @@ class Watch:
         if self._calls.pop(number, None) is not None:
             self._epoll.unregister(number)
 
-    def look(self, wait: int = 0) -> None:
+    def poll(self, wait: int = 0) -> None:
         """Call those who have something now, or within so many milliseconds."""
         for number, _ in self._epoll.poll(wait * 1e-3, 64):
             call = self._calls.get(number)

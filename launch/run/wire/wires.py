@@ -15,12 +15,12 @@ from palpate.engine.job import Job
 from palpate.launch.run.reports import REPORTS, Addressed, Order
 from palpate.launch.run.wire.addresses import RunFolder, endpoint
 from palpate.launch.run.wire.bus import END, HEALTH, frame
-from palpate.launch.run.wire.keys import Keeper, Key
+from palpate.launch.run.wire.keys import Authenticator, Key
 
 LONGEST_REPORT = 1 << 26  # [bytes]
 
 
-class Wires:
+class ControlChannel:
     """Sockets of the launcher of a run, and the folder that holds those of the run.
 
     control, reports  local addresses that workers connect to
@@ -42,7 +42,7 @@ class Wires:
         self._context = zmq.Context()
         self._keeper = None
         if self.guarded and key is not None:
-            self._keeper = Keeper(self._context, key)
+            self._keeper = Authenticator(self._context, key)
         self._orders, self._told = self._context.socket(zmq.XPUB), self._context.socket(zmq.PULL)
         self._orders.set(zmq.XPUB_VERBOSE, 1)
         self._orders.set(zmq.MAXMSGSIZE, 1024)  # subscriptions only
@@ -140,11 +140,11 @@ def listeners(job: Job, others: Mapping[str, Job]) -> dict[str, int]:
     return own
 
 
-def muted(jobs: Collection[Job], dead: set[str]) -> set[str]:
+def blocked_by(jobs: Collection[Job], dead: set[str]) -> set[str]:
     """Nodes that cannot go on without the dead ones, directly or through others."""
-    mute: set[str] = set()
+    blocked: set[str] = set()
     while True:
-        gone = dead | mute
+        gone = dead | blocked
         more = {
             node.name
             for job in jobs
@@ -152,5 +152,5 @@ def muted(jobs: Collection[Job], dead: set[str]) -> set[str]:
             if node.name not in gone and any(g.producer in gone and not g.optional for g in node.inputs)
         }
         if not more:
-            return mute
-        mute |= more
+            return blocked
+        blocked |= more

@@ -7,7 +7,7 @@ import gc
 from palpate.launch.run.work.observe import observe
 from palpate.launch.run.work.real import run_real
 from palpate.launch.run.work.simulated import run_simulated
-from palpate.launch.run.work.worker import Ended, Worker
+from palpate.launch.run.work.worker import EndedError, Worker
 
 
 def run(worker: Worker, origin: int, senders: set[str] = frozenset()) -> None:  # type: ignore[assignment]
@@ -30,7 +30,7 @@ def run(worker: Worker, origin: int, senders: set[str] = frozenset()) -> None:  
             run_simulated(worker, origin)
         if worker.audience.slots and worker.bus is not None and (not worker.slots or worker.job.clock != "real"):
             observe(worker, senders)
-    except Ended:
+    except EndedError:
         pass
     finally:
         gc.enable()

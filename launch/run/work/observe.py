@@ -24,5 +24,5 @@ def observe(worker: Worker, senders: set[str]) -> None:
             if left <= audience.lost and (not left or now() - heard > QUIET):
                 return
         worker.drain()
-        worker.heed()
+        worker.check_orders()
         worker.housekeep()

@@ -20,10 +20,10 @@ from palpate.launch.run.reports import (
     Addressed,
     Close,
     Connect,
-    Fault,
     Go,
     Hello,
     Linked,
+    NodeFault,
     Order,
     Quit,
     Ready,
@@ -35,7 +35,7 @@ from palpate.launch.run.wire.bus import Bus, split
 from palpate.launch.run.wire.keys import Key
 from palpate.launch.run.work.fused import death
 from palpate.launch.run.work.loops import run
-from palpate.launch.run.work.worker import Ended, Worker
+from palpate.launch.run.work.worker import EndedError, Worker
 from palpate.physics.errors import RunError
 
 
@@ -53,32 +53,32 @@ def serve(start: Start, alone: bool = False) -> int:
     job = start.job
     real = job.clock == "real"
     bus = Bus(start.run, job.group, start.control, start.reports, real, job.external, start.key, start.guarded)
-    worker, begun, orderly = None, None, False
+    worker, begun, clean_exit = None, None, False
     try:
         worker = Worker(job, bus, bus.report, alone)
         worker.start()
         refused = real_time(job.core, job.priority if real else None)
         endpoints = bus.bind(job.host)
         bus.report(Ready(endpoints, refused, bool(job.host and start.key)))
-        with contextlib.suppress(Ended):
+        with contextlib.suppress(EndedError):
             begun = _link(bus)
             run(worker, *begun)
         worker.stop()
-        orderly = begun is not None
+        clean_exit = begun is not None
         return 0
     except (NodeError, RunError) as error:
-        bus.report(Fault("", "process", str(error)) if isinstance(error, RunError) else _fault(error))
+        bus.report(NodeFault("", "process", str(error)) if isinstance(error, RunError) else _fault(error))
         _stop_rest(worker)
         return 1
     except Exception as error:
         trace = (
             "" if isinstance(error, OSError) else traceback.format_exc()
         )  # what the system refuses is told in a line
-        bus.report(Fault("", "process", f"{type(error).__name__}: {error}", trace))
+        bus.report(NodeFault("", "process", f"{type(error).__name__}: {error}", trace))
         return 1
     finally:
-        bus.end(orderly)
-        bus.close(orderly)
+        bus.end(clean_exit)
+        bus.close(clean_exit)
 
 
 def _link(bus: Bus) -> tuple[int, set[str]]:
@@ -86,27 +86,27 @@ def _link(bus: Bus) -> tuple[int, set[str]]:
     hear. Ended: it was told to stop before."""
     senders: set[str] = set()
 
-    def look(wait: int = 0) -> Order | None:
+    def poll(wait: int = 0) -> Order | None:
         order = bus.order(wait)
         if isinstance(order, Stop | Quit | Close):
-            raise Ended
+            raise EndedError
         return order
 
     while True:
-        match look(1000):
+        match poll(1000):
             case Connect(sources, observed):
                 for source in sources:
                     bus.connect(source.address, source.streams, source.observed, source.secured, source.group)
                 senders = {source.group for source in sources if source.observed}
-                bus.wait_linked(observed, look)
+                bus.wait_linked(observed, poll)
                 bus.report(Linked())
             case Go(origin):
                 return origin, senders
 
 
-def _fault(error: NodeError) -> Fault:
+def _fault(error: NodeError) -> NodeFault:
     cause = death(error)
-    return Fault(cause.node, cause.where, cause.text, cause.trace)
+    return NodeFault(cause.node, cause.where, cause.text, cause.trace)
 
 
 def _stop_rest(worker: Worker | None) -> None:

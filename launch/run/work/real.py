@@ -25,7 +25,7 @@ from __future__ import annotations
 from palpate.engine.clock import now, sleep_until
 from palpate.engine.schedule import needed, next_run
 from palpate.engine.slot import Input, Slot
-from palpate.launch.run.work.worker import Ended, Worker
+from palpate.launch.run.work.worker import EndedError, Worker
 from palpate.messages import Message
 
 HELD = 0.007  # [s] age at which an input of a node counts as absent
@@ -46,7 +46,7 @@ def run_real(worker: Worker, origin: int) -> None:
         worker.tick = tick
         deadline = now() + period
         for slot in worker.slots:
-            if tick < slot.due or slot.name in worker.mute:
+            if tick < slot.due or slot.name in worker.blocked:
                 continue
             messages = _gather(worker, slot, tick, deadline, slot is lead)
             if messages is None:
@@ -59,7 +59,7 @@ def run_real(worker: Worker, origin: int) -> None:
             age = max(0, now() - origin - at)
             slot.health.age.add(age)
             slot.health.overdue += age > period
-        worker.heed()
+        worker.check_orders()
         worker.housekeep()
 
 
@@ -73,7 +73,7 @@ def _pace(worker: Worker, lead: Slot, origin: int, period: float) -> tuple[int, 
             lead.health.late += skipped
         tick += skipped
     if worker.stopping:
-        raise Ended
+        raise EndedError
     worker.drain()
     return tick, now() - origin
 
@@ -81,16 +81,16 @@ def _pace(worker: Worker, lead: Slot, origin: int, period: float) -> tuple[int, 
 def _follow(worker: Worker, lead: Slot) -> tuple[int, int] | None:
     """Wait for the next driving message; of several that wait, the newest counts and the others are lost."""
     port = lead.inputs[0]
-    while port.dead or lead.name in worker.mute or not port.queue:
+    while port.dead or lead.name in worker.blocked or not port.queue:
         if port.feed is None or port.dead:
             worker.pause()
         else:
             worker.wait(port.feed)
-            if lead.name in worker.mute:  # its input comes on, and so nobody else looks whether it is wanted again
+            if lead.name in worker.blocked:  # its input comes on, and so nobody else looks whether it is wanted again
                 worker.drain()
-            worker.heed()
+            worker.check_orders()
         if worker.stopping:
-            raise Ended
+            raise EndedError
     worker.drain()
     newest = port.queue[-1]
     if newest.tick <= worker.tick:  # a duplicate, or out of order

@@ -10,7 +10,7 @@ from palpate.engine.clock import now, sleep_until
 from palpate.engine.schedule import nanoseconds, needed
 from palpate.engine.slot import Input, NodeError, Slot
 from palpate.launch.run.reports import Paused
-from palpate.launch.run.work.worker import Ended, Worker
+from palpate.launch.run.work.worker import EndedError, Worker
 from palpate.messages import Message
 
 
@@ -38,7 +38,7 @@ def run_tick(worker: Worker, tick: int) -> None:
     rate = worker.job.rate
     at = nanoseconds(tick, rate)
     for slot in worker.slots:
-        if tick % slot.every or slot.name in worker.mute:
+        if tick % slot.every or slot.name in worker.blocked:
             continue
         messages: list[Message | None] = [None] * len(slot.inputs)
         for place, port in slot.awaited:
@@ -46,7 +46,7 @@ def run_tick(worker: Worker, tick: int) -> None:
             if message is None and not port.absent(tick):
                 message = _await(worker, slot, port, tick)
             messages[place] = message
-        if slot.name not in worker.mute:
+        if slot.name not in worker.blocked:
             slot.step(tick, at, messages, slot.every / rate)
             if tick >= slot.sends:
                 worker.send(slot)
@@ -64,12 +64,12 @@ def _await(worker: Worker, slot: Slot, port: Input, tick: int) -> Message | None
                 raise NodeError(port.producer, f"stream {port.stream!r}", f"its message of tick {need} was lost")
             if came:
                 continue
-            if port.dead or slot.name in worker.mute:
+            if port.dead or slot.name in worker.blocked:
                 return None
             if (message := port.at(tick)) is not None:
                 return message
             if worker.last is not None and worker.tick > worker.last:
-                raise Ended
+                raise EndedError
             worker.awaits = port.stream, needed(tick, port.every, port.loop)
     finally:
         worker.awaits = None

@@ -16,13 +16,13 @@ START_PATIENCE = 120.0  # [s] for a node's `start`: it may compile kernels or bu
 GLANCES = 8  # looks in the time that a node is given
 
 
-class Hangs(Exception):
+class HangError(Exception):
     """A node has been in one call for too long."""
 
 
 @contextlib.contextmanager
 def watched(patience: float | None, last: float | None = None) -> Iterator[None]:
-    """A node's call that takes longer than `patience` [s] while the block runs gets `Hangs` raised inside it.
+    """A node's call that takes longer than `patience` [s] while the block runs gets `HangError` raised inside it.
     None: nothing is watched.
 
     A timer's signal looks at the call that runs, so that the loop itself pays nothing. Time for which the process
@@ -34,7 +34,7 @@ def watched(patience: float | None, last: float | None = None) -> Iterator[None]
     spent, looked, queued = 0.0, time.monotonic(), _queued()
     end = 2.0 * (patience or 0.0) if last is None else last
 
-    def glance(_: int, frame: FrameType | None) -> None:
+    def check(_: int, frame: FrameType | None) -> None:
         nonlocal before, spent, looked, queued
         with contextlib.suppress(OSError, ValueError):  # a standard error that is no file
             faulthandler.dump_traceback_later(end, exit=True)
@@ -44,10 +44,10 @@ def watched(patience: float | None, last: float | None = None) -> Iterator[None]
         if here is None or here != before:
             before, spent = here, 0.0
         elif patience is not None and spent >= patience:
-            raise Hangs(f"no sign of life for {patience:.3g} s")
+            raise HangError(f"no sign of life for {patience:.3g} s")
 
     try:
-        known = None if patience is None else signal.signal(signal.SIGALRM, glance)
+        known = None if patience is None else signal.signal(signal.SIGALRM, check)
     except ValueError:
         known = None
     if known is None or patience is None:

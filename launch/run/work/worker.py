@@ -11,10 +11,10 @@ import sys
 from collections.abc import Callable
 from functools import partial
 
-from palpate.engine.clock import LOOK, now
+from palpate.engine.clock import POLL_INTERVAL, now
 from palpate.engine.health import Counters, message
 from palpate.engine.job import Job
-from palpate.engine.slot import Feed, NodeError, Slot, make
+from palpate.engine.slot import NodeError, RemoteStream, Slot, make
 from palpate.launch.run.reports import Alive, Beat, Close, End, Gone, Note, Quit, Report, Starting, Stop
 from palpate.launch.run.wire.audience import Audience
 from palpate.launch.run.wire.bus import HEALTH, Bus, frame
@@ -30,7 +30,7 @@ GLANCE = 200_000_000  # [ns] by which that time grows at most between two looks:
 REPORT = 200_000_000  # [ns] between two signs of life
 
 
-class Ended(Exception):
+class EndedError(Exception):
     """The last tick has been run, or the launcher has told the worker to stop."""
 
 
@@ -47,13 +47,13 @@ class Worker:
         self.job, self.bus, self.report, self._alone = job, bus, report, alone
         self.slots = [Slot(given, make(given), job.external) for given in job.nodes]
         self.outputs = {output.stream: output for slot in self.slots for output in slot.outputs}
-        self.feeds: dict[str, Feed] = {}
+        self.feeds: dict[str, RemoteStream] = {}
         for slot in self.slots:
             slot.wire(self.outputs)
             self._feed(slot)
         self.audience = Audience(job, bus.ended if bus is not None else None)
         self._real = job.clock == "real"
-        self.mute: set[str] = set()
+        self.blocked: set[str] = set()
         self.stopping = False
         self.last = job.ticks - 1 if job.ticks is not None else None
         self.tick = -1
@@ -74,7 +74,9 @@ class Worker:
             if port.dead or port.output is not None or self.bus is None:
                 continue
             if port.stream not in self.feeds:
-                self.feeds[port.stream] = Feed(port.stream, port.kind, port.producer, self.bus.inlet(port.stream))
+                self.feeds[port.stream] = RemoteStream(
+                    port.stream, port.kind, port.producer, self.bus.inlet(port.stream)
+                )
             port.feed = self.feeds[port.stream]
             port.feed.ports.append(port)
 
@@ -140,7 +142,7 @@ class Worker:
             for feed in self.feeds.values():
                 feed.inlet = self.bus.inlet(feed.stream)
             for stream in self.job.external:
-                self.outputs[stream].send = self.bus.sender(stream, self.look).send
+                self.outputs[stream].send = self.bus.sender(stream, self.poll).send
         self._mark_heard()
         for observer in self.audience.begun:
             observer.node.begun(origin)
@@ -185,12 +187,12 @@ class Worker:
             if output.observed:
                 self.bus.keep(output.topic + payload)
 
-    def wait(self, feed: Feed, deadline: int | None = None) -> bool:
-        """Wait for a message of a stream, for about `LOOK` or until a deadline [ns]; returns whether one came. Where
-        none comes the worker looks round."""
+    def wait(self, feed: RemoteStream, deadline: int | None = None) -> bool:
+        """Wait for a message of a stream, for about `POLL_INTERVAL` or until a deadline [ns]; returns whether one came.
+        Where none comes the worker polls its sockets."""
         payloads = feed.inlet.wait() if deadline is None else feed.inlet.wait_until(deadline)
         if not payloads:
-            self.look()
+            self.poll()
             return False
         for payload in payloads:
             self._deliver(feed, payload)
@@ -204,7 +206,7 @@ class Worker:
                 for payload in inlet.take():
                     self._deliver(feed, payload)
 
-    def _deliver(self, feed: Feed, payload: bytes) -> None:
+    def _deliver(self, feed: RemoteStream, payload: bytes) -> None:
         try:
             message = unpack(payload, feed.kind)
         except MessageError as error:
@@ -229,11 +231,11 @@ class Worker:
 
     # -- looking round -------------------------------------------------------------------------------------------
 
-    def look(self) -> None:
+    def poll(self) -> None:
         """While nothing can go on: what has come meanwhile, orders, and a sign of life. Ended: it was told to quit."""
         # A sender that is held back here may be what the awaited message depends on.
         self.drain()
-        self.heed()
+        self.check_orders()
         self._overhear_some()
         if now() - self._reported > REPORT:
             self._flush()
@@ -241,10 +243,10 @@ class Worker:
 
     def pause(self) -> None:
         """Wait for an order, for a while."""
-        self.heed(LOOK)
-        self.look()
+        self.check_orders(POLL_INTERVAL)
+        self.poll()
 
-    def heed(self, wait: int = 0) -> None:
+    def check_orders(self, wait: int = 0) -> None:
         """Do what the launcher has ordered, or orders within so many milliseconds. Ended: to quit."""
         if self.bus is None:
             return
@@ -262,21 +264,21 @@ class Worker:
                     self.audience.lost |= set(lost)
                 case End(tick):
                     self.last = tick
-                case Gone(nodes, mute, back):
-                    self._bury(set(nodes), set(mute), back)
+                case Gone(nodes, blocked, back):
+                    self._handle_deaths(set(nodes), set(blocked), back)
                 case Quit() if self.slots:
-                    raise Ended
+                    raise EndedError
                 case Beat():
                     pass
         if self._alone and self._silence > ORPHANED:
             raise NodeError("", "launcher", "nothing was heard of it for 5 s")
 
-    def _bury(self, nodes: set[str], mute: set[str], back: bool) -> None:
+    def _handle_deaths(self, nodes: set[str], blocked: set[str], back: bool) -> None:
         """These nodes are gone, or back again: their streams end. Nodes that cannot do without them fall silent."""
-        self.mute = self.mute - mute if back else self.mute | mute
+        self.blocked = self.blocked - blocked if back else self.blocked | blocked
         for slot in self.slots:
             for port in slot.inputs:
-                if port.producer in nodes | mute:
+                if port.producer in nodes | blocked:
                     port.dead = not back
                     port.queue.clear()
                     port.message = None
@@ -299,7 +301,7 @@ class Worker:
         if self.slots:
             if self.bus is not None:
                 self.bus.sweep()
-            self.heed()
+            self.check_orders()
             self._overhear_some()
         self._flush()
         if due:
@@ -315,7 +317,7 @@ class Worker:
         """While observers have no room: orders and signs of life."""
         if self.bus is not None:
             self.bus.sweep()
-        self.heed()
+        self.check_orders()
         if now() - self._reported > REPORT:
             self.sign_of_life()
 

@@ -11,7 +11,7 @@ from palpate.models.fe.element import faces as face_rule
 from palpate.models.fe.sparse.pattern import Pattern
 
 
-class Bed:
+class ElasticFoundation:
     """Springs between faces and their undeformed position, for `fe.Solver` among its contacts.
 
     faces      (F,6) boundary faces that lie on the bed

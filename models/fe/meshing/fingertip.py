@@ -37,7 +37,7 @@ PAPER = {"steel": ((0.11, 1.24e-3), (0.50, 2.08e-3)), "silicone": ((0.11, 1.28e-
 
 
 @dataclass(frozen=True)
-class Fingertip(Layers):
+class FingertipDimensions(Layers):
     """Dimensions [m] and fineness of the mesh. The paper leaves open: phalanx length, nail thickness, plate size, how
     far round the upper epidermis is held.
 

@@ -44,7 +44,7 @@ class Scanned(Layers):
     bone's axis, a bone too short to mesh.
     """
 
-    tip: measured.Fingertip
+    tip: measured.FingertipSurfaces
     dermis: float = 0.93e-3
     epidermis: float = 0.41e-3
     nail: float = 0.5e-3
@@ -162,7 +162,7 @@ class Axis:
         return self.start + y[:, None] * self.slope
 
 
-def bone_axis(tip: measured.Fingertip, phalanx: float) -> Axis:
+def bone_axis(tip: measured.FingertipSurfaces, phalanx: float) -> Axis:
     """The line through the centres of the bone's sections. The tip's centre lies as far behind the bone's end as the
     section there is wide, as in a half ball; `phalanx` [m] behind it is taken, or what there is up to the bone's other
     end or the last image.
@@ -200,7 +200,7 @@ def bone_axis(tip: measured.Fingertip, phalanx: float) -> Axis:
     return Axis(np.array([bx, 0.0, bz]), np.array([ax, 1.0, az]), centre, last - centre)
 
 
-def crossing(tip: measured.Fingertip, name: str, origin: np.ndarray, direction: np.ndarray) -> np.ndarray:
+def crossing(tip: measured.FingertipSurfaces, name: str, origin: np.ndarray, direction: np.ndarray) -> np.ndarray:
     """Where rays [m] (N,3), (N,3) leave a surface: the way along them [m] (N,).
 
     MeshError: a ray that begins outside, does not leave, or comes back.

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.sparse import csr_array, kron
 
 from palpate.models.fe.element import faces as face_rule
-from palpate.models.fe.reduce.indentation import Curve, Press
+from palpate.models.fe.reduce.indentation import OrganPress, PressCurve
 from palpate.models.fe.reduce.reducible import Reducible
 from palpate.physics.bodies.dents import SOFTEST, SPACING, hat_moments, patch_radius, rise
 from palpate.physics.geometry.mesh import Mesh
@@ -34,14 +34,14 @@ def press(
     patches: np.ndarray,
     depths: np.ndarray,
     report: Callable[[float], None] | None = None,
-) -> list[Curve]:
+) -> list[PressCurve]:
     """Force curves of the organ of modulus 1 Pa at places (P,) whose surface sticks to the finger.
 
     patches  (P,V,3)  unit loads at each place, by the vertices of the surface
     depths   [m] (P,L) growing indentations, each the mean displacement along the load, weighted as it is
     report   hears the share done
     """
-    model, hats = Press(organ), organ.hats
+    model, hats = OrganPress(organ), organ.hats
     done = 0
 
     def count(levels: int) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from palpate.models.fe.reduce.reducible import Reducible
-from palpate.models.fe.reduce.snapshots import Pressed
+from palpate.models.fe.reduce.snapshots import PressSolution
 from palpate.physics.bodies.sampled_body import SampledBasis, SampledBody
 
 YOUNG = 1e4
@@ -16,7 +16,9 @@ CALLS = 6
 """Steps in which a held load is settled."""
 
 
-def settled(body: SampledBody, own: Pressed, nodes: np.ndarray, force: float) -> tuple[float, float, float, float]:
+def settled(
+    body: SampledBody, own: PressSolution, nodes: np.ndarray, force: float
+) -> tuple[float, float, float, float]:
     """K, n, s_free and indentation [m], see `SampledBody.step`, of a body without memory under a held force [N]; nodes
     (k,) are those that the touch loads."""
     push, foot, normal = own.touch.load[nodes], tuple(own.touch.foot), tuple(own.touch.normal)
@@ -27,7 +29,7 @@ def settled(body: SampledBody, own: Pressed, nodes: np.ndarray, force: float) ->
     return law
 
 
-def errors(body: Reducible, basis: SampledBasis, pressed: list[Pressed]) -> tuple[np.ndarray, np.ndarray]:
+def errors(body: Reducible, basis: SampledBasis, pressed: list[PressSolution]) -> tuple[np.ndarray, np.ndarray]:
     """Relative errors (S,) of the indentation at every load of these touches: of the sampled body, and of the linear
     one, whose compliance it has at rest."""
     sampled, linear = [], []
@@ -36,7 +38,7 @@ def errors(body: Reducible, basis: SampledBasis, pressed: list[Pressed]) -> tupl
         nodes = np.flatnonzero(np.abs(own.touch.load).max(axis=1) > 0.0).astype(np.int32)
         along = own.touch.normal * (own.touch.load @ own.touch.normal)[:, None]
         measure, unit = along.ravel(), own.touch.load.ravel()
-        answer = measure @ (basis.missed @ unit) + (measure @ basis.modes) @ (basis.modes.T @ unit)
+        answer = measure @ (basis.residual_compliance @ unit) + (measure @ basis.modes) @ (basis.modes.T @ unit)
         for level, u in zip(own.touch.levels, own.solutions, strict=False):
             deep = float(np.sum((body.hats @ along) * u))
             sampled.append(settled(it, own, nodes, float(level) * YOUNG)[3] / deep - 1.0)

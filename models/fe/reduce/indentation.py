@@ -51,7 +51,7 @@ TOGETHER = 40
 
 
 @dataclass(frozen=True)
-class Curve:
+class PressCurve:
     """What a place does while it is pressed; NaN from where no equilibrium was found.
 
     stiffness    [N/m]      of the linear organ
@@ -70,7 +70,7 @@ Asking = Generator[np.ndarray, np.ndarray, Any]
 """Yields right sides (3N,), is sent K0⁻¹ of them."""
 
 
-class Press:
+class OrganPress:
     """The nonlinear organ of modulus 1 Pa, and its factor at rest."""
 
     def __init__(self, model: Reducible) -> None:
@@ -112,7 +112,7 @@ class Press:
         held: csr_array | None = None,
         count: Callable[[int], None] = lambda done: None,
     ) -> Asking:
-        """Work that presses a place to growing indentations [m] (L,) and returns its `Curve`.
+        """Work that presses a place to growing indentations [m] (L,) and returns its `PressCurve`.
 
         load   (N,3) unit load
         held   (M,3N) means of displacement that are held; none by default, the surface is free to slide then
@@ -129,13 +129,13 @@ class Press:
                 break
             force[k], energy[k], multipliers[k] = place.force, place.energy, place.multipliers
             count(1)
-        return Curve(1.0 / place.compliance, force, energy, multipliers)
+        return PressCurve(1.0 / place.compliance, force, energy, multipliers)
 
 
 class _Place:
     """State of one place while its indentation grows."""
 
-    def __init__(self, press: Press, load: np.ndarray, held: csr_array | None) -> None:
+    def __init__(self, press: OrganPress, load: np.ndarray, held: csr_array | None) -> None:
         self._press = press
         own = csr_array(load.reshape(1, -1))
         self._means = own if held is None else vstack([own, held], format="csr")

@@ -9,9 +9,9 @@ from functools import cached_property
 
 import numpy as np
 
-from palpate.models.fe.contact.bed import Bed
+from palpate.models.fe.contact.bed import ElasticFoundation
 from palpate.models.fe.element.mesh import TetMesh
-from palpate.models.fe.meshing.fingertip import BONE, DERMIS, EPIDERMIS, NAIL, SUBCUTIS, Fingertip, materials
+from palpate.models.fe.meshing.fingertip import BONE, DERMIS, EPIDERMIS, NAIL, SUBCUTIS, FingertipDimensions, materials
 from palpate.models.fe.meshing.organ import Organ
 from palpate.models.fe.solve.body import ElasticBody, hats
 from palpate.models.fe.solve.solver import DEFAULT, Settings, Solver
@@ -40,7 +40,7 @@ class Reducible:
     fixed: np.ndarray
     surface: Mesh
     hats: np.ndarray
-    beds: Callable[[float], list[Bed]] = lambda young: []
+    beds: Callable[[float], list[ElasticFoundation]] = lambda young: []
 
     @cached_property
     def elastic(self) -> ElasticBody:
@@ -73,8 +73,8 @@ class Reducible:
 def of_organ(organ: Organ) -> Reducible:
     """An organ on its bed."""
 
-    def beds(young: float) -> list[Bed]:
-        return [Bed(organ.faces[organ.under()], organ.bed * young)]
+    def beds(young: float) -> list[ElasticFoundation]:
+        return [ElasticFoundation(organ.faces[organ.under()], organ.bed * young)]
 
     free = np.zeros(organ.mesh.points.shape, dtype=bool)
     corners = np.arange(len(organ.surface.vertices))
@@ -83,7 +83,7 @@ def of_organ(organ: Organ) -> Reducible:
     return Reducible(organ.mesh, organ.materials, free, organ.surface, own, beds)
 
 
-def of_finger(finger: Fingertip) -> Reducible:
+def of_finger(finger: FingertipDimensions) -> Reducible:
     """The soft layers of the fingertip, pulp up, tip towards +y, origin on its axis where the rounded tip begins.
 
     Both halves; held at the bone, at the rear and under the nail. The bone is far stiffer than the pulp: held or
@@ -118,7 +118,7 @@ def of_finger(finger: Fingertip) -> Reducible:
     return Reducible(mesh, laws, fixed, surface, hats(mesh, skin, corners))
 
 
-def _own_frame(finger: Fingertip, points: np.ndarray) -> np.ndarray:
+def _own_frame(finger: FingertipDimensions, points: np.ndarray) -> np.ndarray:
     """From the frame of `Fingertip`, plate below and tilted, to the finger's own."""
     s, c = np.sin(finger.tilt), np.cos(finger.tilt)
     up, forward = np.array([0.0, c, -s]), np.array([0.0, s, c])

@@ -14,8 +14,8 @@ from palpate.models.fe.reduce.sampling import SAMPLING, at_rest, bent, chosen, m
 from palpate.models.fe.reduce.snapshots import (
     MILD,
     STIFFENING,
-    Pressed,
-    Touch,
+    LoadPath,
+    PressSolution,
     aside,
     mirror,
     mirrored,
@@ -55,7 +55,7 @@ BEYOND = 4.0
 """Squared size of q at which the barrier begins, over the greatest in the snapshots."""
 
 
-def finger_touches(body: Reducible, count: int, seed: int, pulled: bool = False) -> list[Touch]:
+def finger_touches(body: Reducible, count: int, seed: int, pulled: bool = False) -> list[LoadPath]:
     """Touches of one side of the pulp, up to `ROUND` round it and over the tip and `BEHIND` behind it, by Halton's
     sequence; half of them with a tangential force, or all with the greatest."""
     radius = float(body.surface.vertices[:, 2].max())
@@ -74,7 +74,7 @@ def finger_touches(body: Reducible, count: int, seed: int, pulled: bool = False)
 
 def finger_pressed(
     body: Reducible, report: Callable[[float], None] | None = None, folder: Path | None = None
-) -> tuple[list[Pressed], list[Pressed]]:
+) -> tuple[list[PressSolution], list[PressSolution]]:
     """Full solutions of the fingertip's touches and of their mirror images; and of those that are held out."""
     touches = finger_touches(body, TOUCHES, SEED) + finger_touches(body, PULLED, PULLED_SEED, pulled=True)
     presses = press(body, touches + finger_touches(body, HELD, HELD_SEED), report, folder)
@@ -82,7 +82,7 @@ def finger_pressed(
     return seen + mirrored(seen, mirror(body.mesh.points), mirror(body.surface.vertices)), held
 
 
-def organ_touches(body: Reducible, count: int, seed: int = SEED) -> list[Touch]:
+def organ_touches(body: Reducible, count: int, seed: int = SEED) -> list[LoadPath]:
     """Touches of the part of an organ that does not look down on its bed."""
     surface = body.surface
     region = surface.face_vectors[:, 2] > -0.5 * np.linalg.norm(surface.face_vectors, axis=1)
@@ -91,7 +91,7 @@ def organ_touches(body: Reducible, count: int, seed: int = SEED) -> list[Touch]:
 
 def organ_pressed(
     body: Reducible, report: Callable[[float], None] | None = None
-) -> tuple[list[Pressed], list[Pressed]]:
+) -> tuple[list[PressSolution], list[PressSolution]]:
     """Full solutions of an organ's touches; and of those that are held out."""
     presses = press_from_rest(body, organ_touches(body, ORGAN_TOUCHES + ORGAN_HELD, SEED), report)
     return (
@@ -105,51 +105,51 @@ class InModes:
     """A body in its modes, all points counted.
 
     surface_modes  [m]   (3V,r) of the vertices of the surface
-    missed         [m/N] (3V,3V), what of the compliance at rest the modes miss
+    residual_compliance  [m/N] (3V,3V), compliance at rest outside the span of the modes
     whole          every integration point
     states         q (S,r) of the full solutions: what the points are sampled at
     """
 
     surface_modes: np.ndarray
-    missed: np.ndarray
+    residual_compliance: np.ndarray
     whole: Points
     states: np.ndarray
 
 
-def in_modes(body: Reducible, pressed: list[Pressed], count: int) -> InModes:
+def in_modes(body: Reducible, pressed: list[PressSolution], count: int) -> InModes:
     """A body in `count` modes of its full solutions."""
     phi, states = modes(body, pressed, count)
     surface_modes = np.einsum("nv,nia->via", body.hats, phi, optimize=True).reshape(-1, phi.shape[2])
-    missed = body.compliance() - surface_modes @ surface_modes.T
+    residual_compliance = body.compliance() - surface_modes @ surface_modes.T
     limit = BEYOND * float(np.einsum("sa,sa->s", states, states).max())
-    return InModes(surface_modes, missed, points_of(body, phi, limit), states)
+    return InModes(surface_modes, residual_compliance, points_of(body, phi, limit), states)
 
 
 def sampled(
     body: Reducible,
-    held: list[Pressed],
+    held: list[PressSolution],
     full: InModes,
     tolerance: float = SAMPLING,
     report: Callable[[float], None] | None = None,
 ) -> SampledBasis:
     """The basis of a body whose points are sampled to a tolerance; `report` hears the share done.
 
-    held  touches that the modes were not made from: what is missed there tells how it stiffens. Of their own touches
+    held  touches that the modes were not made from: the error there tells how it stiffens. Of their own touches
           they miss next to nothing, which tells nothing
     """
     which, weights = sample(full.whole, full.states, tolerance, report=report)
     points = at_rest(chosen(full.whole, which, weights))
     points = points._replace(modes=points.modes.astype(np.float32))
-    w, pull, weight = answers(points, full.surface_modes, full.missed, body, held)
+    w, pull, weight = answers(points, full.surface_modes, full.residual_compliance, body, held)
     bend = (*bent(w, pull, weight), np.sqrt(BEYOND) * float(w.max()))
-    surface, missed = body.surface, full.missed.astype(np.float32)
-    return SampledBasis(surface.vertices, surface.triangles, missed, full.surface_modes, points, bend)
+    surface, residual_compliance = body.surface, full.residual_compliance.astype(np.float32)
+    return SampledBasis(surface.vertices, surface.triangles, residual_compliance, full.surface_modes, points, bend)
 
 
 def build(
     body: Reducible,
-    pressed: list[Pressed],
-    held: list[Pressed],
+    pressed: list[PressSolution],
+    held: list[PressSolution],
     count: int,
     report: Callable[[float], None] | None = None,
     tolerance: float = SAMPLING,
@@ -160,7 +160,11 @@ def build(
 
 
 def answers(
-    points: Points, surface_modes: np.ndarray, missed: np.ndarray, body: Reducible, pressed: list[Pressed]
+    points: Points,
+    surface_modes: np.ndarray,
+    residual_compliance: np.ndarray,
+    body: Reducible,
+    pressed: list[PressSolution],
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """What the modes alone miss of the touches, level by level: the size w of the load on it, how far it moves there in
     the full solutions, and what of the indentation that is for each unit."""
@@ -168,7 +172,7 @@ def answers(
     sizes, pulls, shares = [], [], []
     for own in pressed:
         unit = own.touch.load.ravel()
-        across = float(np.sqrt(max(unit @ (missed @ unit), 0.0)))
+        across = float(np.sqrt(max(unit @ (residual_compliance @ unit), 0.0)))
         q, g, H = np.zeros(r), np.zeros(r), np.eye(r)
         K, L, vectors, energy = np.zeros((r, r)), np.zeros((r, r)), np.zeros((4, r)), 0.0
         for level, u in zip(own.touch.levels, own.solutions, strict=False):

@@ -28,7 +28,7 @@ from scipy.linalg import cho_factor, cho_solve, solve_triangular
 
 from palpate.models.fe.element.elements import gradients
 from palpate.models.fe.reduce.reducible import Reducible
-from palpate.models.fe.reduce.snapshots import Pressed
+from palpate.models.fe.reduce.snapshots import PressSolution
 from palpate.physics.bodies.sampled_body import gamma
 from palpate.physics.bodies.sampled_energy import Points, forces, scratch, tangent
 from palpate.physics.materials.hyperelastic import Material, place_of
@@ -47,7 +47,7 @@ ROWS, SIGNS, SEED = 4096, 8, 1
 """Rows that the forces of all snapshots are mixed down to, how many of them each one goes to, and which."""
 
 
-def modes(body: Reducible, pressed: list[Pressed], count: int) -> tuple[np.ndarray, np.ndarray]:
+def modes(body: Reducible, pressed: list[PressSolution], count: int) -> tuple[np.ndarray, np.ndarray]:
     """Modes (N,3,r) of all snapshots, each counted alike, orthonormal in the stiffness at rest; and the snapshots in
     them, q (S,r), nearest in the mean tangent."""
     mean = None

@@ -31,7 +31,7 @@ STEPS = Settings(tolerance=1e-4, step=1.0, largest=1.0, least=0.1, iterations=12
 
 
 @dataclass(frozen=True)
-class Touch:
+class LoadPath:
     """A growing load on the surface.
 
     foot, normal [m], [1] (3)   where, and out of the body
@@ -46,19 +46,19 @@ class Touch:
 
 
 @dataclass
-class Pressed:
+class PressSolution:
     """A touch and the full solutions (L',N,3) [m] at its first L' levels, as far as the body held."""
 
-    touch: Touch
+    touch: LoadPath
     solutions: np.ndarray
 
 
 def touch(
     surface: Mesh, foot: np.ndarray, normal: np.ndarray, radius: float, levels: np.ndarray, pull: np.ndarray
-) -> Touch:
+) -> LoadPath:
     """A patch load round a foot point, with this tangential force [1] (3) for each unit of the normal one."""
     share = -patch(surface, foot, normal, radius) @ normal
-    return Touch(foot, normal, np.outer(share, pull - normal), levels)
+    return LoadPath(foot, normal, np.outer(share, pull - normal), levels)
 
 
 def aside(normal: np.ndarray, along: np.ndarray, turn: float) -> np.ndarray:
@@ -76,7 +76,7 @@ def scatter(
     radius: float,
     levels: np.ndarray,
     seed: int,
-) -> list[Touch]:
+) -> list[LoadPath]:
     """Normal touches spread evenly over a part of the surface (Halton's sequence, scrambled by `seed`).
 
     region  (T,) bool, triangles that may be touched
@@ -97,8 +97,8 @@ def scatter(
 
 
 def press(
-    body: Reducible, touches: list[Touch], report: Callable[[float], None] | None = None, folder: Path | None = None
-) -> list[Pressed]:
+    body: Reducible, touches: list[LoadPath], report: Callable[[float], None] | None = None, folder: Path | None = None
+) -> list[PressSolution]:
     """The full model's answers; `report` hears the share done. A folder keeps each as soon as it is found: what it
     holds is not computed again."""
     presses = []
@@ -109,14 +109,14 @@ def press(
     return presses
 
 
-def _kept(body: Reducible, own: Touch, folder: Path) -> Pressed:
+def _kept(body: Reducible, own: LoadPath, folder: Path) -> PressSolution:
     """`pressed`, or what the folder holds of it: its file is named by all that it follows from."""
     name = hashlib.sha256(body.digest + repr(STEPS).encode())
     for part in (own.load, own.levels):
         name.update(np.ascontiguousarray(part).tobytes())
     path = folder / f"{name.hexdigest()[:24]}.npy"
     with suppress(OSError, ValueError, EOFError):  # none yet, or one that was damaged
-        return Pressed(own, np.load(path))
+        return PressSolution(own, np.load(path))
     answer = pressed(body, own)
     folder.mkdir(parents=True, exist_ok=True)
     half = path.with_suffix(f".{os.getpid()}.part")
@@ -129,7 +129,7 @@ def _kept(body: Reducible, own: Touch, folder: Path) -> Pressed:
     return answer
 
 
-def pressed(body: Reducible, own: Touch) -> Pressed:
+def pressed(body: Reducible, own: LoadPath) -> PressSolution:
     """The full model's answer to one touch.
 
     The load is stepped by the number of its level, geometrically between levels: the displacement of a body that
@@ -149,12 +149,12 @@ def pressed(body: Reducible, own: Touch) -> Pressed:
         except ConvergenceError:
             break
         kept.append(solver.displacement.copy())
-    return Pressed(own, np.array(kept).reshape(-1, *body.mesh.points.shape))
+    return PressSolution(own, np.array(kept).reshape(-1, *body.mesh.points.shape))
 
 
 def press_from_rest(
-    body: Reducible, touches: list[Touch], report: Callable[[float], None] | None = None
-) -> list[Pressed]:
+    body: Reducible, touches: list[LoadPath], report: Callable[[float], None] | None = None
+) -> list[PressSolution]:
     """`press` for a body that stays near its stiffness at rest: one factor, u <- u + K0^-1 (f - r(u)), earlier iterates
     mixed in (Anderson, as in `fe.curves`). A touch ends where the iteration does not settle."""
     solver = body.rest()
@@ -177,7 +177,7 @@ def press_from_rest(
             u = after
             slope, last = (u - start) / (level - last), level
             kept.append(u)
-        presses.append(Pressed(own, np.array(kept).reshape(-1, *body.mesh.points.shape)))
+        presses.append(PressSolution(own, np.array(kept).reshape(-1, *body.mesh.points.shape)))
         if report is not None:
             report((k + 1) / len(touches))
     return presses
@@ -209,15 +209,15 @@ def _settled(
     return None
 
 
-def mirrored(pressed: list[Pressed], nodes: np.ndarray, vertices: np.ndarray) -> list[Pressed]:
+def mirrored(pressed: list[PressSolution], nodes: np.ndarray, vertices: np.ndarray) -> list[PressSolution]:
     """What the full model answers to the same touches mirrored in x, where the body has that symmetry.
 
     nodes, vertices  (N,), (V,) the node and the vertex at each one's mirrored place
     """
     turn = np.array([-1.0, 1.0, 1.0])
     return [
-        Pressed(
-            Touch(turn * p.touch.foot, turn * p.touch.normal, turn * p.touch.load[vertices], p.touch.levels),
+        PressSolution(
+            LoadPath(turn * p.touch.foot, turn * p.touch.normal, turn * p.touch.load[vertices], p.touch.levels),
             turn * p.solutions[:, nodes],
         )
         for p in pressed

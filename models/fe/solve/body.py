@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from palpate.models.fe.contact.bed import Bed
+from palpate.models.fe.contact.bed import ElasticFoundation
 from palpate.models.fe.element import faces as face_rule
 from palpate.models.fe.element.compiled import LAW, compiled
 from palpate.models.fe.element.elements import gradients, integrate
@@ -23,7 +23,7 @@ COLUMNS = 16
 """Surface vertices whose compliance is solved for at a time."""
 
 
-class Group(NamedTuple):
+class ElementGroup(NamedTuple):
     """Elements of one material.
 
     own     (G,) their numbers
@@ -45,9 +45,11 @@ class ElasticBody:
     MeshError: an element that is inside out before it is deformed.
     """
 
-    def __init__(self, mesh: TetMesh, materials: Mapping[int, Material], beds: Sequence[Bed] = ()) -> None:
+    def __init__(
+        self, mesh: TetMesh, materials: Mapping[int, Material], beds: Sequence[ElasticFoundation] = ()
+    ) -> None:
         self.mesh, self.beds = mesh, list(beds)
-        self.groups: list[Group] = []
+        self.groups: list[ElementGroup] = []
         for region in np.unique(mesh.region).tolist():
             own = np.flatnonzero(mesh.region == region)
             slope, det = gradients(mesh.points, mesh.elements[own])
@@ -56,7 +58,7 @@ class ElasticBody:
                 raise MeshError(
                     f"element {bad} at {mesh.place(bad)}: its edges are so curved that its Jacobian is negative"
                 )
-            self.groups.append(Group(materials[region], own, slope, det / 24.0))
+            self.groups.append(ElementGroup(materials[region], own, slope, det / 24.0))
         self._where: list[np.ndarray] = []
         for bed in self.beds:
             bed.bind(mesh.points, self.pattern, np.zeros(0))

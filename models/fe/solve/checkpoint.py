@@ -13,7 +13,7 @@ import numpy as np
 from palpate.models.fe.contact.protocol import ContactPair
 
 
-class State(NamedTuple):
+class SolverState(NamedTuple):
     """Where a run is.
 
     load          reached
@@ -30,7 +30,7 @@ class State(NamedTuple):
     change: np.ndarray
 
 
-def write_state(path: str | Path, state: State, contacts: Sequence[ContactPair]) -> None:
+def write_state(path: str | Path, state: SolverState, contacts: Sequence[ContactPair]) -> None:
     """Write a converged state; a run that is killed meanwhile leaves the file as it was."""
     arrays = {name: np.asarray(value) for name, value in state._asdict().items()}
     for k, contact in enumerate(contacts):
@@ -42,7 +42,7 @@ def write_state(path: str | Path, state: State, contacts: Sequence[ContactPair])
     part.replace(path)
 
 
-def read_state(path: str | Path, like: np.ndarray, contacts: Sequence[ContactPair]) -> State:
+def read_state(path: str | Path, like: np.ndarray, contacts: Sequence[ContactPair]) -> SolverState:
     """The state in a file, and the multipliers into the contacts.
 
     ValueError: the file is not of `write_state`, or of another model than that of a displacement like this (N,3).
@@ -51,7 +51,7 @@ def read_state(path: str | Path, like: np.ndarray, contacts: Sequence[ContactPai
         with np.load(path) as file:
             arrays = {name: file[name] for name in file.files}
         load, step, moved = (float(arrays[name]) for name in ("load", "step", "moved"))
-        state = State(load, arrays["displacement"], step, moved, arrays["change"])
+        state = SolverState(load, arrays["displacement"], step, moved, arrays["change"])
     except (ValueError, KeyError, EOFError, BadZipFile) as error:
         raise ValueError(f"{path}: not a saved state ({error}); remove it to begin again") from None
     if state.displacement.shape != like.shape:

@@ -12,7 +12,7 @@ import numpy as np
 from palpate.models.fe.contact.protocol import ContactPair
 from palpate.models.fe.element.mesh import MeshError, TetMesh, point_text
 from palpate.models.fe.solve.assembly import Assembly, Balance, Inverted
-from palpate.models.fe.solve.checkpoint import State, read_state, write_state
+from palpate.models.fe.solve.checkpoint import SolverState, read_state, write_state
 from palpate.models.fe.solve.checks import check_held, check_locking, check_units, checked
 from palpate.models.fe.solve.support import Support
 from palpate.models.fe.sparse.tangent import UnheldError
@@ -270,7 +270,7 @@ class Solver:
     def save(self, path: str | Path) -> None:
         """Write what `resume` needs: a run that is resumed takes the steps that it would have taken."""
         last = (0.0, np.zeros_like(self.displacement)) if self._last is None else self._last
-        write_state(path, State(self.load, self.displacement, self._step, *last), self.contacts)
+        write_state(path, SolverState(self.load, self.displacement, self._step, *last), self.contacts)
 
     def resume(self, path: str | Path) -> None:
         """Go on from a saved state of the same model.

@@ -62,7 +62,7 @@ class Record:
         return replace(self, force=self.force / divisor)
 
 
-class Run:
+class PressRun:
     """The folder of a run: settings, mesh, a table with a row a step, the displacements of each step, and the solver's
     last state. A step is written whole or not at all."""
 
@@ -222,7 +222,7 @@ DAMAGED = (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile)
 def record(
     pressing: Pressing,
     end: float,
-    run: Run | None = None,
+    run: PressRun | None = None,
     report: Callable[[float], None] | None = None,
 ) -> Record:
     """Press until the plate has risen by `end` [m]. With a run, each step is kept in its folder, and a run that was
@@ -275,7 +275,7 @@ def run_name(plate: str, material: str, cells: int, friction: float, finger: Pat
     )
 
 
-def check_pair(runs: dict[str, Run], scaled: bool = False) -> float:
+def check_pair(runs: dict[str, PressRun], scaled: bool = False) -> float:
     """Whether the runs, by plate, are of one finger on these plates; the ratio of the divisors, which is 1 unless it
     may be scaled. ArgumentError: they are not."""
     run_settings = {plate: run.settings() for plate, run in runs.items()}

@@ -9,7 +9,7 @@ from palpate.nodes.deformation import BeamBundle
 from palpate.studies.accuracy.continuum import POISSON, YOUNG
 from palpate.studies.accuracy.fidelities import NODULE, meshes, of_body, only_slab, reaches, steps
 from palpate.studies.accuracy.outcome import Method
-from palpate.studies.accuracy.touches import Touch
+from palpate.studies.accuracy.touches import BenchCase
 
 
 def methods(patient: bool) -> list[Method]:
@@ -19,6 +19,6 @@ def methods(patient: bool) -> list[Method]:
     ]
 
 
-def _slab(touch: Touch) -> dict[str, Any]:
+def _slab(touch: BenchCase) -> dict[str, Any]:
     layer = {"layers": (SLAB,), "moduli": (YOUNG,), "relaxations": (touch.retardation,), "poisson": POISSON}
     return layer | {"radius": 8e-3} | (NODULE if touch.nodule else {})

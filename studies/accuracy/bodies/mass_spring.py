@@ -8,7 +8,7 @@ from palpate.nodes.deformation import MassSpring
 from palpate.studies.accuracy import chain
 from palpate.studies.accuracy.fidelities import NODULE, meshes, of_body, only_slab, reaches, spread, steps
 from palpate.studies.accuracy.outcome import Fidelity, Method
-from palpate.studies.accuracy.touches import Touch
+from palpate.studies.accuracy.touches import BenchCase
 from palpate.studies.accuracy.truth import HERTZ
 
 
@@ -32,7 +32,7 @@ def methods(patient: bool) -> list[Method]:
     ]
 
 
-def _slab(touch: Touch) -> dict[str, Any]:
+def _slab(touch: BenchCase) -> dict[str, Any]:
     """Hertz's law for the ball; its own default damping where the slab is viscous."""
     law: dict[str, Any] = {"stiffness": HERTZ, "exponent": 1.5}
     if touch.retardation == 0.0:
@@ -40,5 +40,5 @@ def _slab(touch: Touch) -> dict[str, Any]:
     return law | (NODULE if touch.nodule else {})
 
 
-def _no_nodule(touch: Touch) -> str:
+def _no_nodule(touch: BenchCase) -> str:
     return only_slab(touch) or ("a law knows of no nodule" if touch.nodule else "")

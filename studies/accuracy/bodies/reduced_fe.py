@@ -10,8 +10,8 @@ from palpate.nodes.deformation.basis_store import shipped
 from palpate.studies.accuracy import bases, chain
 from palpate.studies.accuracy.continuum import BED, POISSON, YOUNG
 from palpate.studies.accuracy.fidelities import meshes, of_body, only_slab, reaches, steps
-from palpate.studies.accuracy.outcome import Fidelity, Method, Outcome
-from palpate.studies.accuracy.touches import Touch
+from palpate.studies.accuracy.outcome import Fidelity, Method, MethodOutcome
+from palpate.studies.accuracy.touches import BenchCase
 
 
 def methods(patient: bool) -> list[Method]:
@@ -28,8 +28,8 @@ def methods(patient: bool) -> list[Method]:
     ]
 
 
-def _reduced(model: str) -> Callable[[Touch], dict[str, Any]]:
-    def own(touch: Touch) -> dict[str, Any]:
+def _reduced(model: str) -> Callable[[BenchCase], dict[str, Any]]:
+    def own(touch: BenchCase) -> dict[str, Any]:
         outcome: dict[str, Any] = {"model": model, "young": YOUNG, "poisson": POISSON, "bed": BED,
                                  "retardation": touch.retardation}  # fmt: skip
         if touch.nodule:
@@ -39,10 +39,12 @@ def _reduced(model: str) -> Callable[[Touch], dict[str, Any]]:
     return own
 
 
-def _reducing(model: str, patient: bool = False, **fixed: object) -> Callable[[Touch, Fidelity, int], Outcome]:
+def _reducing(
+    model: str, patient: bool = False, **fixed: object
+) -> Callable[[BenchCase, Fidelity, int], MethodOutcome]:
     """With its basis built where none is stored, and with what a stored one says of its error."""
 
-    def compute(touch: Touch, fidelity: Fidelity, repeats: int) -> Outcome:
+    def compute(touch: BenchCase, fidelity: Fidelity, repeats: int) -> MethodOutcome:
         own = _reduced(model)(touch) | fixed | fidelity.settings.get("body", {})
         node = ReducedFE(**chain.surface_of(touch), **own)
         offline = bases.ready(node, patient)

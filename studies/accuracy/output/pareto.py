@@ -36,7 +36,7 @@ def point(cell: Cell, quantity: str = "force") -> tuple[float, float]:
 
 
 @dataclass(frozen=True)
-class Summary:
+class ParetoPoint:
     """A method at one setting over the touches that it computed.
 
     error     [1] median of the rms errors of the force;  worst [1] the greatest of them, on the touch `hardest`
@@ -64,7 +64,7 @@ def duration(seconds: float) -> str:
     return f"{seconds:.3g} s"
 
 
-def summaries(cells: Sequence[Cell]) -> list[Summary]:
+def summaries(cells: Sequence[Cell]) -> list[ParetoPoint]:
     """One for each method and setting that computed a touch, those of a method together, in the order in which they
     come."""
     touches = {c.touch for c in cells}
@@ -79,7 +79,7 @@ def summaries(cells: Sequence[Cell]) -> list[Summary]:
             worst = int(np.argmax(errors))
             p50, p99 = np.median([(c.p50, c.p99) for c in good], axis=0)
             told.append(
-                Summary(
+                ParetoPoint(
                     method, good[0].title, fidelity, float(np.median(errors)), errors[worst], good[worst].touch,
                     float(p50), float(p99), len(good), len(touches) - len(good),
                 )
@@ -87,7 +87,7 @@ def summaries(cells: Sequence[Cell]) -> list[Summary]:
     return told
 
 
-def best(told: Sequence[Summary]) -> list[int]:
+def best(told: Sequence[ParetoPoint]) -> list[int]:
     """The Pareto front of those that compute as many touches as any does: the median of few is not held against one of
     many."""
     most = max((s.computed for s in told), default=0)
@@ -95,7 +95,7 @@ def best(told: Sequence[Summary]) -> list[int]:
     return [able[k] for k in front([(told[k].p99, told[k].error) for k in able])]
 
 
-def advice(told: Sequence[Summary]) -> str:
+def advice(told: Sequence[ParetoPoint]) -> str:
     """One sentence: what to take for these touches.
 
     The most accurate of those that compute as many touches as any does, among the ones whose step keeps a loop at

@@ -10,9 +10,9 @@ import numpy as np
 
 from palpate.studies.accuracy.cells import Cell
 from palpate.studies.accuracy.methods import standard
-from palpate.studies.accuracy.order import Study
+from palpate.studies.accuracy.order import OrderStudy
 from palpate.studies.accuracy.output.labels import place
-from palpate.studies.accuracy.output.pareto import Summary, best, front, point
+from palpate.studies.accuracy.output.pareto import ParetoPoint, best, front, point
 from palpate.studies.accuracy.score import CHARGED, CHARGED_STEP
 from palpate.studies.accuracy.touches import TOUCHES
 
@@ -69,7 +69,7 @@ def touch_picture(cells: Sequence[Cell], path: Path) -> None:
     _save(figure, path)
 
 
-def overview(told: Sequence[Summary], cells: Sequence[Cell], path: Path) -> None:
+def overview(told: Sequence[ParetoPoint], cells: Sequence[Cell], path: Path) -> None:
     """All touches: the median error of each method and setting over its median time. Open marks: of fewer
     touches than others compute."""
     figure, axes = _empty("what accuracy costs: force error over the time of a step, each over the touches it computes")
@@ -97,7 +97,7 @@ def overview(told: Sequence[Summary], cells: Sequence[Cell], path: Path) -> None
     _save(figure, path)
 
 
-def convergence(studies: Sequence[Study], path: Path) -> None:
+def convergence(studies: Sequence[OrderStudy], path: Path) -> None:
     """How fast each method comes to its own limit: a line a touch, and the orders that were observed."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure

@@ -8,7 +8,7 @@ from pytest import approx
 from typer.testing import CliRunner
 
 from palpate.launch.__main__ import app
-from palpate.physics.device.wall_loop import Device
+from palpate.physics.device.wall_loop import WallDevice
 from palpate.studies.stability import walls
 
 SHORT = ["bench", "stability", "--rate", "1000", "--delay", "1", "--damping", "0", "--json"]
@@ -31,16 +31,16 @@ def test_the_table_holds_theory_and_the_loop_of_the_users_own_device(tmp_path):
 
 
 def test_a_wall_that_swings_on_slowly_does_not_count_as_held():
-    row = walls.row(Device(), 4000.0, 0, 0.0, 1, 0.0, 0.0, 0)
+    row = walls.row(WallDevice(), 4000.0, 0, 0.0, 1, 0.0, 0.0, 0)
     assert 0.8 * row["stable"] < row["bare"] <= row["stable"]
 
 
 def test_what_is_felt_with_the_controller_is_the_wall_until_that_is_too_stiff(monkeypatch):
     monkeypatch.setattr(walls, "HIGH", 300.0)
-    soft = walls.row(Device(), 4000.0, 0, 0.0, 1, 0.0, 0.0, 0)
+    soft = walls.row(WallDevice(), 4000.0, 0, 0.0, 1, 0.0, 0.0, 0)
     assert soft["controlled"] == approx(soft["commanded"], rel=0.02) and 200.0 < soft["commanded"] <= 300.0
     monkeypatch.undo()
-    late = walls.row(Device(), 1000.0, 5, 0.0, 1, 0.0, 0.0, 0)
+    late = walls.row(WallDevice(), 1000.0, 5, 0.0, 1, 0.0, 0.0, 0)
     assert late["commanded"] >= 1e7 and 0.5 * late["stable"] < late["controlled"] < 5.0 * late["stable"]
 
 

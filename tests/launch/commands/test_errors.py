@@ -18,9 +18,8 @@ FOLDERS = (
     "registry", "physics", "models", "messages", "drivers", "nodes", "engine", "launch", "records", "views", "studies",
 )  # fmt: skip
 INSIDE = {
-    "Broken", "Ended", "Hangs", "Inverted", "MissingInput", "NotPositive", "Refused", "UnheldError", "ZmtpError",
-    "_Fault",
-    "UntrustedError",
+    "Broken", "EndedError", "HangError", "Inverted", "MissingInput", "NotPositive", "RefusedError", "UnheldError",
+    "UntrustedError", "ZmtpError", "_Fault",
 }  # fmt: skip
 """Caught by their callers, always; no user meets them."""
 APART = {"MessageError"}

@@ -8,7 +8,7 @@ from typer.testing import CliRunner
 
 from palpate.launch.__main__ import app
 from palpate.launch.load.launchfile import find
-from palpate.launch.load.organ import MeshError, Organ, with_organ
+from palpate.launch.load.organ import MeshError, OrganFile, with_organ
 from palpate.launch.load.repair import repaired
 from palpate.nodes.base.mesh_file import flaws
 from palpate.nodes.base.surface import surface_mesh
@@ -104,7 +104,7 @@ def test_a_flaw_is_told_in_one_line_and_repair_removes_it(tmp_path, make, text):
     file = saved(tmp_path, make())
     (line,) = flaws(str(file))
     assert text in line and str(file) in line and "\n" not in line
-    mended, done = repaired(Organ(file, "mm"))
+    mended, done = repaired(OrganFile(file, "mm"))
     assert done and mended.file != file and mended.unit == "m"
     assert flaws(str(mended.file)) == []
     volume = 1e9 * trimesh.load(mended.file).volume
@@ -113,7 +113,7 @@ def test_a_flaw_is_told_in_one_line_and_repair_removes_it(tmp_path, make, text):
 
 
 def test_a_sound_mesh_is_told_nothing_and_left_alone(tmp_path):
-    organ = Organ(saved(tmp_path, liver()), "mm")
+    organ = OrganFile(saved(tmp_path, liver()), "mm")
     assert flaws(str(organ.file)) == []
     assert repaired(organ) == (organ, [])
 
@@ -126,7 +126,7 @@ def test_edges_of_three_triangles_are_mended(tmp_path):
     file = saved(
         tmp_path, trimesh.Trimesh(vertices, np.concatenate([mesh.faces, [[a, b, len(vertices) - 1]]]), process=False)
     )
-    mended, _ = repaired(Organ(file, "mm"))
+    mended, _ = repaired(OrganFile(file, "mm"))
     assert flaws(str(mended.file)) == []
 
 
@@ -134,7 +134,7 @@ def test_edges_of_three_triangles_are_mended(tmp_path):
 def test_the_only_plausible_unit_is_taken(tmp_path, scale, unit):
     mesh = liver()
     mesh.apply_scale(scale)
-    assert Organ.of(saved(tmp_path, mesh), None).unit == unit
+    assert OrganFile.of(saved(tmp_path, mesh), None).unit == unit
 
 
 @pytest.mark.parametrize(
@@ -150,7 +150,7 @@ def test_the_only_plausible_unit_is_taken(tmp_path, scale, unit):
 def test_a_wrong_or_missing_unit_names_those_that_fit(tmp_path, across, unit, text):
     file = saved(tmp_path, ball(across / 2, 1))
     with pytest.raises(MeshError, match=text) as caught:
-        Organ.of(file, unit)
+        OrganFile.of(file, unit)
     assert "\n" not in str(caught.value)
 
 
@@ -158,7 +158,7 @@ def test_the_kidney_itself_as_a_file_is_touched_as_before(tmp_path):
     mesh = surface_mesh("kidney", 3000)
     far = trimesh.Trimesh(mesh.vertices * 1e3 + SCANNER, mesh.triangles, process=False)
     launch = find("kidney")
-    changed, _ = with_organ(launch, Organ(saved(tmp_path, far, "kidney.stl"), "mm"))
+    changed, _ = with_organ(launch, OrganFile(saved(tmp_path, far, "kidney.stl"), "mm"))
     before, after = (one.load().nodes["device"].settings for one in (launch, changed))
     for old, new in zip(before["path"], after["path"], strict=True):
         if old["to"] is not None:
@@ -167,7 +167,7 @@ def test_the_kidney_itself_as_a_file_is_touched_as_before(tmp_path):
 
 
 def test_a_small_ball_gets_a_narrower_path_that_stays_on_it(tmp_path):
-    launch, text = with_organ(find("kidney"), Organ(saved(tmp_path, ball(20.0)), "mm"))
+    launch, text = with_organ(find("kidney"), OrganFile(saved(tmp_path, ball(20.0)), "mm"))
     graph = launch.load()
     surface, hand = graph.scene["surface"], graph.scene["hand"]
     points = np.array([hand["begin"], *(s["to"] for s in hand["path"] if "to" in s)])
@@ -179,7 +179,7 @@ def test_a_small_ball_gets_a_narrower_path_that_stays_on_it(tmp_path):
 
 def test_the_rotation_of_the_scene_is_kept(tmp_path):
     launch = find("kidney").but(overrides=("scene.surface.rotation=[0, 1.5707963, 0]",))
-    changed, text = with_organ(launch, Organ(saved(tmp_path, liver()), "mm"))
+    changed, text = with_organ(launch, OrganFile(saved(tmp_path, liver()), "mm"))
     surface = changed.load().scene["surface"]
     placed = surface_mesh(surface["surface"], 0, tuple(surface["position"]), tuple(surface["rotation"]), "mm")
     # the thin lobe, at +x, lies below; what was the left end is the top now
@@ -190,7 +190,7 @@ def test_the_rotation_of_the_scene_is_kept(tmp_path):
 
 def test_a_graph_without_a_surface_is_refused(tmp_path):
     with pytest.raises(MeshError, match=r"softness has no scene\.surface"):
-        with_organ(find("softness"), Organ(saved(tmp_path, liver()), "mm"))
+        with_organ(find("softness"), OrganFile(saved(tmp_path, liver()), "mm"))
 
 
 def run(*words):

@@ -12,7 +12,7 @@ from palpate.engine.plan import Plan
 from palpate.launch.load.draw import mermaid
 from palpate.launch.load.graph import load
 from palpate.launch.load.launchfile import LaunchFile, find, names
-from palpate.launch.load.placement import Group, apart, fused, load_place
+from palpate.launch.load.placement import ProcessGroup, apart, fused, load_place
 from palpate.launch.load.plan import plan
 
 TWO_DISPLAYS = """
@@ -160,9 +160,9 @@ def test_a_placement_groups_nodes(whole, write):
     run = planned(whole, "scene.tissue.friction=off")
     groups = load_place(place, run).groups
     assert groups[:3] == [
-        Group("loop", ["near", "contact"], (1,), 80),
-        Group("far", ["tissue"], (0, 1), None, "10.0.0.2"),
-        Group("rest", ["spread", "log"]),
+        ProcessGroup("loop", ["near", "contact"], (1,), 80),
+        ProcessGroup("far", ["tissue"], (0, 1), None, "10.0.0.2"),
+        ProcessGroup("rest", ["spread", "log"]),
     ]
     assert {g.name for g in groups[3:]} == {"device", "finger", "control", "motor"}
     assert load_place(place, run).group_of("log").name == "rest"
@@ -219,7 +219,7 @@ def test_a_launch_file_is_one_run(whole, write):
     assert what_runs.graph.rate == 500.0 and set(what_runs.skipped) == {"friction"}
     assert what_runs.graph.nodes["tissue"].settings["stiffness"] == 5.0
     assert what_runs.graph.nodes["finger"].settings["radius"] == 0.001
-    assert run.placement(what_runs).groups[0] == Group("loop", ["near", "contact"])
+    assert run.placement(what_runs).groups[0] == ProcessGroup("loop", ["near", "contact"])
     assert run.but(overrides=["tissue.stiffness=6"]).load().nodes["tissue"].settings["stiffness"] == 6.0
     assert run.but(clock="simulated", duration=None).clock == "simulated" and run.but(duration=None).duration == 1.5
 

@@ -15,7 +15,7 @@ from graphs_for_runs import GRAPH, NODES, write_graph
 from palpate.engine.job import Job, NodeJob
 from palpate.launch.load.launchfile import LaunchFile
 from palpate.launch.run.execute import execute
-from palpate.launch.run.member import QUIET, Member, threads
+from palpate.launch.run.member import QUIET, WorkerHandle, threads
 from palpate.records.reader import Recording
 
 RUN = """
@@ -49,7 +49,7 @@ def test_time_without_a_processor_is_no_silence(crowd):
     core = max(os.sched_getaffinity(0))
     starved = crowd(19, core)
     others = [crowd(0, core) for _ in range(3)]
-    member = Member(Job("a", (NodeJob("a", "", {}, 1, (), ()),)), pid=starved.pid)
+    member = WorkerHandle(Job("a", (NodeJob("a", "", {}, 1, (), ()),)), pid=starved.pid)
     begun, silence = time.monotonic(), 0.0
     while time.monotonic() < begun + 2.0:
         silence = member.silence()
@@ -70,7 +70,7 @@ def test_time_without_a_processor_is_no_silence(crowd):
 
 
 def test_what_the_launcher_was_kept_from_looking_at_is_no_silence():
-    member = Member(Job("a", (NodeJob("a", "", {}, 1, (), ()),)))
+    member = WorkerHandle(Job("a", (NodeJob("a", "", {}, 1, (), ()),)))
     time.sleep(0.5)
     assert member.silence() < 0.25
 
@@ -95,13 +95,13 @@ def test_several_runs_at_once_end_well_and_their_recordings_lack_nothing(tmp_pat
     for number in range(4):
         folder = tmp_path / str(number)
         folder.mkdir()
-        command = [sys.executable, "-c", RUN, str(write_graph(folder, text)), "1.5", str(folder / "run.mcap")]
+        command = [sys.executable, "-c", RUN, str(write_graph(folder, text)), "0.5", str(folder / "run.mcap")]
         started.append(subprocess.Popen(command, env={**os.environ, "PYTHONPATH": path}, stderr=subprocess.PIPE))
     for number, process in enumerate(started):
         _, errors = process.communicate(timeout=200)
         assert process.returncode == 0, errors.decode()
         recording = Recording(tmp_path / str(number) / "run.mcap")
-        assert recording.counts == {name: {"count": 1500, "lost": 0} for name in NODES}
+        assert recording.counts == {name: {"count": 500, "lost": 0} for name in NODES}
 
 
 def test_a_logger_that_is_slower_than_its_senders_gets_all(tmp_path):

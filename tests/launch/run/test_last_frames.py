@@ -110,7 +110,7 @@ def test_a_node_on_another_machine_gets_what_was_sent_to_it(ends):
         out = sender.sender("a", lambda: None)
         for k in range(FRAMES):
             out.send(payload(k)[2:])
-        sender.close(orderly=True)
+        sender.close(clean_exit=True)
 
     sending = ends.start(send)
     seen: list[int] = []

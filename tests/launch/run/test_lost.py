@@ -6,17 +6,17 @@ from random_faults import Fault
 
 from palpate.engine.job import Job, NodeJob
 from palpate.launch.run.lost import lost
-from palpate.launch.run.member import Member
+from palpate.launch.run.member import WorkerHandle
 
 SIGNS = 5
 
 
-def member(name: str, awaits: tuple[str, int] | None) -> Member:
+def member(name: str, awaits: tuple[str, int] | None) -> WorkerHandle:
     node = NodeJob(name=name, cls="x.Y", settings={}, every=1, inputs=(), streams=(name,))
-    return Member(Job(group=name, nodes=(node,)), state="running", awaits=awaits)
+    return WorkerHandle(Job(group=name, nodes=(node,)), state="running", awaits=awaits)
 
 
-def told(*members: Member, signs: int = SIGNS, **ticks: int) -> str | None:
+def told(*members: WorkerHandle, signs: int = SIGNS, **ticks: int) -> str | None:
     """Who has lost a message after so many signs of life that change nothing."""
     gone = None
     for _ in range(signs + 1):
@@ -27,7 +27,7 @@ def told(*members: Member, signs: int = SIGNS, **ticks: int) -> str | None:
 
 
 def test_the_sender_is_beyond_what_is_awaited():
-    def pair() -> tuple[Member, Member]:
+    def pair() -> tuple[WorkerHandle, WorkerHandle]:
         return member("a", ("b", 8)), member("b", ("a", 7))
 
     assert told(*pair(), a=7, b=7) == "a"  # a has sent its message of tick 7, and b has not got it

@@ -10,7 +10,7 @@ import pytest
 from palpate.engine.job import InputJob, NodeJob
 from palpate.engine.slot import Slot, make
 from palpate.launch.run.work import real
-from palpate.launch.run.work.worker import Ended
+from palpate.launch.run.work.worker import EndedError
 from palpate.messages import Force, Message, Pose, Torque
 
 FORCE = Force(force=(1.0, 0.0, 0.0), state="free", energy=0.0)
@@ -36,7 +36,12 @@ def put(made: Slot, port: int, message: Message, tick: int) -> None:
 
 def worker(rate: float = 1000.0, links: int = 0, wait=lambda feed, deadline=0: None) -> SimpleNamespace:
     return SimpleNamespace(
-        job=SimpleNamespace(rate=rate, links=links), wait=wait, stopping=False, tick=-1, mute=set(), drain=lambda: None
+        job=SimpleNamespace(rate=rate, links=links),
+        wait=wait,
+        stopping=False,
+        tick=-1,
+        blocked=set(),
+        drain=lambda: None,
     )
 
 
@@ -140,11 +145,11 @@ def test_of_several_driving_messages_the_newest_counts_and_the_others_are_lost()
 def test_a_node_that_waits_ends_when_it_is_told():
     made, here = slot("Drag", ("pose", {}), ("force", {})), worker()
 
-    def heed() -> None:
+    def check_orders() -> None:
         here.stopping = True
 
-    here.heed = heed
-    with pytest.raises(Ended):
+    here.check_orders = check_orders
+    with pytest.raises(EndedError):
         real._follow(here, made)
 
 
@@ -165,7 +170,7 @@ def test_a_run_that_is_told_to_stop_ends_at_its_next_tick(monkeypatch):
     monkeypatch.setattr(real, "sleep_until", lambda deadline: 0)
     here = worker()
     here.stopping = True
-    with pytest.raises(Ended):
+    with pytest.raises(EndedError):
         real._pace(here, slot("Source", ("torque", {"loop": True})), 0, MS)
 
 
@@ -183,10 +188,12 @@ def test_the_input_of_a_loop_is_of_the_tick_before():
 
 
 class Here(SimpleNamespace):
-    """A worker with a paced node at each tick, one at every second, and one that is mute."""
+    """A worker with a paced node at each tick, one at every second, and one that is blocked."""
 
     def __init__(self, last: int) -> None:
-        super().__init__(job=SimpleNamespace(rate=1000.0, links=0), tick=-1, last=last, mute={"silent"}, stopping=False)
+        super().__init__(
+            job=SimpleNamespace(rate=1000.0, links=0), tick=-1, last=last, blocked={"silent"}, stopping=False
+        )
         self.clock = [0]
         self.slots = [slot("Source", ("torque", {"loop": True, "optional": True})) for _ in range(3)]
         for made in self.slots:
@@ -202,7 +209,7 @@ class Here(SimpleNamespace):
     def drain(self) -> None:
         """Nothing comes."""
 
-    heed = housekeep = drain
+    check_orders = housekeep = drain
 
 
 def test_each_node_runs_at_its_ticks_up_to_the_last(monkeypatch):

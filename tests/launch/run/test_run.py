@@ -18,7 +18,7 @@ from graphs_for_runs import GRAPH, NODES, write_graph, write_place
 
 from palpate.launch.load.launchfile import LaunchFile
 from palpate.launch.run import launcher
-from palpate.launch.run.execute import Outcome, execute
+from palpate.launch.run.execute import RunOutcome, execute
 from palpate.launch.run.wire import keys
 from palpate.launch.run.wire.addresses import runs
 from palpate.launch.run.work.exits import exits_told
@@ -28,7 +28,7 @@ from palpate.records.reader import Recording
 TICKS = 300
 
 
-def go(tmp_path: Path, text: str = GRAPH, ticks: int = TICKS, record: bool = True, **more) -> Outcome:
+def go(tmp_path: Path, text: str = GRAPH, ticks: int = TICKS, record: bool = True, **more) -> RunOutcome:
     patience = more.pop("patience", 5.0)
     launch = LaunchFile(
         graph=write_graph(tmp_path, text),

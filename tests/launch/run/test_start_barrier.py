@@ -11,7 +11,7 @@ import zmq
 
 from palpate.engine.job import Job, NodeJob
 from palpate.launch.run.launcher import Launcher
-from palpate.launch.run.reports import ORDERS, Addressed, Connect, Done, Order, Ready
+from palpate.launch.run.reports import ORDERS, Addressed, Connect, NodesEnded, Order, Ready
 from palpate.launch.run.wire.bus import split
 
 
@@ -38,7 +38,7 @@ def late(port: int, told: list[Order]) -> None:
         heard.subscribe(b"~b\0")
         if heard.poll(3000):
             told.append(ORDERS.decode(split(heard.recv())[1]))
-        said.send(msgspec.msgpack.encode(Addressed("b", Done(True))))
+        said.send(msgspec.msgpack.encode(Addressed("b", NodesEnded(True))))
 
 
 def test_a_worker_is_told_whom_to_read_when_it_can_hear_it():

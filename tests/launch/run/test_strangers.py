@@ -21,10 +21,10 @@ from palpate.launch.load.launchfile import LaunchFile
 from palpate.launch.run.assign import jobs
 from palpate.launch.run.execute import execute
 from palpate.launch.run.launcher import Launcher
-from palpate.launch.run.reports import Addressed, Done, Note
+from palpate.launch.run.reports import Addressed, NodesEnded, Note
 from palpate.launch.run.result import Result
 from palpate.launch.run.wire import addresses, keys
-from palpate.launch.run.wire.wires import Wires
+from palpate.launch.run.wire.wires import ControlChannel
 
 
 def run(folder: Path, during) -> Result:
@@ -48,7 +48,7 @@ def garbage(seed: int, count: int) -> list[bytes]:
     rng = random.Random(seed)
     known = msgspec.msgpack.encode(Addressed("source", Note("x")))
     frames = [rng.randbytes(rng.randint(0, 300)) for _ in range(count)]
-    frames += [b"\x00", b"", known[:-1], known + b"x", msgspec.msgpack.encode(Addressed("nobody", Done(True)))]
+    frames += [b"\x00", b"", known[:-1], known + b"x", msgspec.msgpack.encode(Addressed("nobody", NodesEnded(True)))]
     return frames
 
 
@@ -88,7 +88,7 @@ def test_frames_that_are_no_subscriptions_or_orders_are_dropped_and_counted(tmp_
 
 
 def test_who_sends_more_than_any_subscription_to_where_orders_come_from_is_cut_off():
-    control = Wires(f"{os.getpid()}-large", {}, None, None)
+    control = ControlChannel(f"{os.getpid()}-large", {}, None, None)
     try:
         with zmq.Context() as context, context.socket(zmq.XSUB) as stranger:
             monitor = stranger.get_monitor_socket(zmq.EVENT_DISCONNECTED)

@@ -11,7 +11,7 @@ import pytest
 from graphs_for_runs import GRAPH, write_graph
 
 from palpate.launch.load.launchfile import LaunchFile
-from palpate.launch.run.execute import Outcome, execute
+from palpate.launch.run.execute import RunOutcome, execute
 from palpate.launch.run.work.watchdog import START_PATIENCE
 from palpate.records.player import plan_of
 from palpate.records.reader import Recording
@@ -28,7 +28,7 @@ KILLED = {
 }
 
 
-def go(folder: Path, how: str, clock: str, patience: float = 1.0, **more) -> Outcome:
+def go(folder: Path, how: str, clock: str, patience: float = 1.0, **more) -> RunOutcome:
     text = GRAPH.replace(
         "nodes_for_runs.Spring,", f'nodes_for_runs.Faulty, how: "{how}", at: 300, note: {folder}/fault,'
     )

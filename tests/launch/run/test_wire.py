@@ -28,7 +28,7 @@ from palpate.launch.run.wire import outlet as outlet_module
 from palpate.launch.run.wire.addresses import endpoint
 from palpate.launch.run.wire.inlet import CHUNK, Inlet
 from palpate.launch.run.wire.outlet import Outlet
-from palpate.launch.run.wire.watch import Watch
+from palpate.launch.run.wire.watch import SocketPoller
 from palpate.launch.run.wire.zmtp import GREETING, command, frame, ready
 from palpate.messages import Force, Message, Pose, pack, unpack
 from palpate.nodes.base import inputs
@@ -57,11 +57,11 @@ class End:
 
     def __init__(self, path: Path, real: bool = False) -> None:
         self.path, self.real, self.held = str(path), real, 0
-        self.watch, self.apart = Watch(), set()
+        self.watch, self.apart = SocketPoller(), set()
 
     def hold(self) -> None:
         self.held += 1
-        self.watch.look()
+        self.watch.poll()
         if self.held > 250:
             raise TimeoutError
 
@@ -82,7 +82,7 @@ class End:
         end = time.monotonic() + 5.0
         while not until():
             assert time.monotonic() < end
-            self.watch.look(5)
+            self.watch.poll(5)
             self.outlet.tend()
 
     def next(self) -> bytes:
@@ -103,7 +103,7 @@ def link(writer: End, reader: End) -> None:
     end = time.monotonic() + 5.0
     while not (reader.inlet.linked and writer.outlet.linked("pose")):
         assert time.monotonic() < end
-        writer.watch.look()
+        writer.watch.poll()
         reader.inlet.take()
         for inlet in tuple(reader.apart):
             inlet.reach()
@@ -294,7 +294,7 @@ def test_a_stock_subscriber_may_cancel_and_ping(tmp_path):
         writer.serve(lambda: bool(writer.sender.readers))
         until = time.monotonic() + 0.5
         while time.monotonic() < until:
-            writer.watch.look(5)
+            writer.watch.poll(5)
         assert not events.poll(0), "its pings were not answered"
         heard.send(b"\0po")
         writer.serve(lambda: not writer.sender.readers)
@@ -430,17 +430,17 @@ PASS_ON = """
 import os, sys
 from palpate.launch.run.wire.inlet import Inlet
 from palpate.launch.run.wire.outlet import Outlet
-from palpate.launch.run.wire.watch import Watch
+from palpate.launch.run.wire.watch import SocketPoller
 
 here, there, first = sys.argv[1], sys.argv[2], sys.argv[3] == "first"
-watch, apart = Watch(), set()
+watch, apart = SocketPoller(), set()
 outlet = Outlet("a", {"pose": ("a",)}, False, watch)
 outlet.bind(here)
 out = outlet.sender("pose", None, lambda: None)
 inlet = Inlet("pose", "a", watch, lambda it: it.linked or it.take(), apart)
 inlet.connect(there)
 while not (inlet.linked and out.readers):
-    watch.look(1)
+    watch.poll(1)
     for it in tuple(apart):
         it.reach()
 if first:

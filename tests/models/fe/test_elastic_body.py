@@ -6,7 +6,7 @@ from pytest import approx
 from scipy.sparse.linalg import spsolve
 
 from palpate.models.fe import MeshError, Solver, box, hencky, neo_hooke
-from palpate.models.fe.contact.bed import Bed
+from palpate.models.fe.contact.bed import ElasticFoundation
 from palpate.models.fe.solve.body import ElasticBody, hats
 
 SIZE = (0.03, 0.02, 0.01)
@@ -19,7 +19,7 @@ def made(mixed=False):
     laws = {0: neo_hooke(1e4, 0.48 if mixed else 0.3), 7: hencky(3e4, 0.3)}
     under = mesh.faces[(mesh.points[mesh.faces][:, :, 2] < 1e-9).all(axis=1)]
     u = 2e-4 * np.random.default_rng(3).standard_normal(mesh.points.shape)
-    return mesh, laws, Bed(under, 4e5), u
+    return mesh, laws, ElasticFoundation(under, 4e5), u
 
 
 @pytest.mark.parametrize("mixed", [False, True])
@@ -41,7 +41,7 @@ def test_the_load_steps_and_the_reduction_see_the_same_body():
     push[np.argmax(mesh.points.sum(axis=1))] = (0.01, -0.02, -0.05)
     solver = Solver(mesh, laws, fixed, loads=lambda load: load * push, contacts=[bed])
     solver.advance(1.0)
-    rest = ElasticBody(mesh, laws, [Bed(bed.faces, 4e5)]).forces(solver.displacement)
+    rest = ElasticBody(mesh, laws, [ElasticFoundation(bed.faces, 4e5)]).forces(solver.displacement)
     assert rest == approx(push, abs=1e-6 * np.abs(push).max())
 
 
@@ -70,8 +70,8 @@ def test_an_inverted_displacement_has_no_forces_and_an_inverted_mesh_is_refused(
 def test_the_digest_knows_every_part():
     mesh, laws, bed, _ = made()
     usual = ElasticBody(mesh, laws, [bed]).digest()
-    assert ElasticBody(mesh, laws, [Bed(bed.faces, 4e5)]).digest() == usual
-    assert ElasticBody(mesh, laws, [Bed(bed.faces, 4.1e5)]).digest() != usual
+    assert ElasticBody(mesh, laws, [ElasticFoundation(bed.faces, 4e5)]).digest() == usual
+    assert ElasticBody(mesh, laws, [ElasticFoundation(bed.faces, 4.1e5)]).digest() != usual
     assert ElasticBody(mesh, laws | {7: hencky(3.1e4, 0.3)}, [bed]).digest() != usual
     other = box((0.03, 0.02, 0.0101), (2, 2, 1))
     other.region[:] = mesh.region

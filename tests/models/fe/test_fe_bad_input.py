@@ -23,7 +23,7 @@ from palpate.models.fe import (
     plane,
     sphere,
 )
-from palpate.models.fe.contact.bed import Bed
+from palpate.models.fe.contact.bed import ElasticFoundation
 from palpate.physics.materials.hyperelastic import Material
 
 SOFT = neo_hooke(1e4, 0.3)
@@ -196,7 +196,7 @@ def test_a_second_body_that_nothing_touches_is_refused():
 def test_a_bed_holds_a_body_and_plates_do_against_all_but_sliding():
     below = CUBE.faces[(CUBE.points[CUBE.faces][:, :, 2] < 1e-9).all(axis=1)]
     free = np.zeros((27, 3), dtype=bool)
-    laid = pressed_from_above(CUBE, free, Bed(below, 1e5))
+    laid = pressed_from_above(CUBE, free, ElasticFoundation(below, 1e5))
     laid.advance(1.0)
     assert laid.contacts[0].force[2] < -1.0
     floor = Rigid(below, plane, (0.0, 0.0, 1.0), lambda load: np.zeros(3))

@@ -8,7 +8,7 @@ from pytest import approx
 
 from palpate.models.fe.element.elements import POINTS, gradients
 from palpate.models.fe.element.mesh import MeshError
-from palpate.models.fe.meshing.fingertip import Fingertip
+from palpate.models.fe.meshing.fingertip import FingertipDimensions
 from palpate.models.fe.meshing.layers import BONE, DERMIS, EPIDERMIS, NAIL, SUBCUTIS
 from palpate.models.fe.meshing.scanned import Scanned, bone_axis
 from palpate.models.fe.study.press_record import record
@@ -107,7 +107,7 @@ def test_surfaces_sampled_from_the_capsules_give_the_capsules_volumes(sampled, c
     """Of the closed form, one layer after another; the grid's share of the error is what finer elements leave."""
     meshed = Scanned(sampled, cells=cells)
     length = meshed._axis.length + meshed._axis.centre - RADII["skin"]
-    right = volumes(Fingertip(phalanx=length, cells=cells))
+    right = volumes(FingertipDimensions(phalanx=length, cells=cells))
     assert volumes(meshed) == approx(right, rel=5e-3)
     assert (meshed.mesh.corner_volumes > 0).all()
     assert meshed.mesh.points[:, 2].min() == approx(0.0, abs=3e-5)
@@ -118,7 +118,7 @@ def test_volumes_converge_with_the_grid():
     errors = []
     for meshed in (coarse, fine):
         length = meshed._axis.length + meshed._axis.centre - RADII["skin"]
-        errors.append(np.abs(volumes(meshed) / volumes(Fingertip(phalanx=length, cells=4)) - 1).max())
+        errors.append(np.abs(volumes(meshed) / volumes(FingertipDimensions(phalanx=length, cells=4)) - 1).max())
     assert errors[1] < 2e-3 and errors[1] < 0.5 * errors[0]
 
 
@@ -132,7 +132,7 @@ def test_surfaces_read_from_images_lie_within_a_tenth_of_a_millimetre(imaged):
 def test_the_imaged_capsules_are_as_stiff_as_the_parametric_finger(imaged):
     scanned = Scanned(imaged.tip, cells=3)
     length = scanned._axis.length + scanned._axis.centre - before(imaged) - RADII["skin"]
-    right = record(Pressing(Fingertip(cells=3, phalanx=length), "steel", "cortical/36.4"), 6e-4)
+    right = record(Pressing(FingertipDimensions(cells=3, phalanx=length), "steel", "cortical/36.4"), 6e-4)
     curve = record(Pressing(scanned, "steel", "cortical/36.4"), 6e-4)
     assert curve.force[-1] == approx(right.force[-1], rel=0.05)
     assert np.interp(right.force[-1], curve.force, curve.indentation) == approx(6e-4, abs=3e-5)
@@ -184,4 +184,4 @@ def test_another_finger_has_another_digest(tmp_path):
     first, other = Anatomy().fingertip(), Anatomy(width=17e-3).fingertip()
     assert Scanned(first).describe() != Scanned(other).describe()
     first.save(tmp_path / "finger.npz")
-    assert Scanned(measured.Fingertip.load(tmp_path / "finger.npz")).describe() == Scanned(first).describe()
+    assert Scanned(measured.FingertipSurfaces.load(tmp_path / "finger.npz")).describe() == Scanned(first).describe()

@@ -124,9 +124,9 @@ def test_a_scatter_that_is_the_same_at_all_depths_is_a_result():
     assert choice.deviation(DEPTHS) == approx(np.full(11, choice.deviations[0]), rel=1e-6)
 
 
-# --- the band and the errors for a new session: 200 data sets of 20 sessions each -------------------------------------
+# --- the band and the errors for a new session: data sets of 20 sessions each ----------------------------------------
 
-SETS = 200
+SETS = 80
 
 
 def new_sessions(seed, together):
@@ -156,7 +156,7 @@ def test_the_band_holds_what_a_curve_misses():
 
 def test_the_published_band_holds_fewer_than_it_says():
     held = []
-    for seed in range(30):
+    for seed in range(12):
         choice = choose(DEPTHS, synthetic_sessions(seed, together=0.9), 3, "fourier", "exponential", "published")
         assert choice.band.reach() == approx(1.96, abs=1e-3) and len(choice.dropped) == 2
         error = np.abs(new_sessions(seed, 0.9)[:, 1:] - choice.mean(DEPTHS[1:]))
@@ -168,7 +168,7 @@ def test_the_published_band_holds_fewer_than_it_says():
 def test_the_test_error_is_that_on_new_sessions(together):
     """Root of the mean squares over the data sets; the published protocol's is too small."""
     told, true, published = [], [], []
-    for seed in range(SETS):
+    for seed in range(200):
         forces = synthetic_sessions(seed, together=together)
         told.append(score("quadratic", DEPTHS, forces, make_folds(np.arange(20)))[2] ** 2)
         published.append(score("quadratic", DEPTHS, forces, make_folds(drop_outliers(forces)[0]), "published")[2] ** 2)

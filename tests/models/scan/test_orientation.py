@@ -23,7 +23,7 @@ from palpate.launch.commands.models.fingertip import fingertip
 from palpate.models.scan import ScanError, phantom, read, rebuild, segment
 from palpate.models.scan.rebuild import reconstruct
 from palpate.physics.fingertip.anatomy import Anatomy
-from palpate.physics.fingertip.beam_bundle import State, step
+from palpate.physics.fingertip.beam_bundle import BundleState, step
 from palpate.physics.fingertip.surfaces import fill
 
 LARGEST = 1.2 / phantom.FULL
@@ -45,7 +45,7 @@ def forces(tip, angles=(0, 20, 45)):
     normal_forces = []
     for degrees in angles:
         body = fill(tip, 2e-3, pitch=0.6e-3, angle=np.radians(degrees))
-        state = State(body)
+        state = BundleState(body)
         for _ in range(30):
             force = step(body, state, 2e-3, (0, 0), 0.7, 1.0)
         normal_forces.append(force[2])

@@ -19,8 +19,8 @@ from palpate.models.scan import ScanError, phantom, read, rebuild, segment
 from palpate.models.scan.outline import smooth
 from palpate.models.scan.rebuild import reconstruct
 from palpate.physics.fingertip.anatomy import Anatomy
-from palpate.physics.fingertip.beam_bundle import State, step
-from palpate.physics.fingertip.surfaces import Fingertip, cast, fill
+from palpate.physics.fingertip.beam_bundle import BundleState, step
+from palpate.physics.fingertip.surfaces import FingertipSurfaces, cast, fill
 
 SHAPE = Anatomy()
 START = -0.5e-3
@@ -85,7 +85,9 @@ def test_the_pulp_lies_where_it_should_also_between_slices(rebuilt, degrees):
     tip, frame = rebuilt
     grid = tip.origin + tip.spacing * np.moveaxis(np.indices(tip.skin.shape), 0, -1)
     there = grid @ frame.axes + frame.origin + [0, START, image_centre(SHAPE)]
-    known = Fingertip(tip.origin, tip.spacing, *(SHAPE.level(name, there) for name in ("skin", "tissue", "bone")))
+    known = FingertipSurfaces(
+        tip.origin, tip.spacing, *(SHAPE.level(name, there) for name in ("skin", "tissue", "bone"))
+    )
     angle = np.radians(degrees)
     x, y = np.meshgrid(np.arange(-7e-3, 7e-3, 5e-4), np.arange(-8e-3, 26e-3, 5e-4))
     right, rays = cast(known, x, y, angle), cast(tip, x, y, angle)
@@ -98,7 +100,7 @@ def test_the_force_is_that_of_the_known_shape(tip):
     forces = []
     for finger in (SHAPE.fingertip(), tip):
         body = fill(finger, 2e-3, pitch=0.6e-3, angle=np.radians(20))
-        state = State(body)
+        state = BundleState(body)
         for _ in range(30):
             force = step(body, state, 2e-3, (0, 0), 0.7, 1.0)
         forces.append(force[2])
@@ -265,7 +267,7 @@ def test_the_command_writes_the_fingertip_and_its_picture(stack, tmp_path):
     report = json.loads(result.output)
     assert report["slices"] == 23 and report["breadth_mm"] == approx(16, abs=0.6)
     assert report["skin_mm"] == approx(1.2, abs=0.3)
-    assert Fingertip.load(tmp_path / "finger.npz").skin.min() < -4e-3
+    assert FingertipSurfaces.load(tmp_path / "finger.npz").skin.min() < -4e-3
     assert (tmp_path / "finger.png").stat().st_size > 20_000
 
 

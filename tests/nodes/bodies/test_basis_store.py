@@ -15,7 +15,7 @@ from palpate.launch.testing import FakeBus
 from palpate.models.fe.meshing import fingertip, layers, organ
 from palpate.models.fe.meshing.organ import Organ
 from palpate.models.fe.reduce import dents, indentation, reducible, reduction, sampling, snapshots
-from palpate.models.fe.reduce.indentation import Press
+from palpate.models.fe.reduce.indentation import OrganPress
 from palpate.models.fe.reduce.reducible import of_organ
 from palpate.nodes.base import SettingError
 from palpate.nodes.base.surface import surface_mesh
@@ -157,10 +157,10 @@ def test_other_numbers_of_a_sampled_basis_ask_for_another_version():
     presses = snapshots.press_from_rest(body, reduction.organ_touches(body, 4))
     basis = reduction.build(body, presses[:3], presses[3:], 6, tolerance=3e-2)
     assert basis_store.BUILDERS["sampled"] == 4
-    assert np.trace(basis.missed) == approx(27539.11, rel=1e-4), RAISE
+    assert np.trace(basis.residual_compliance) == approx(27539.11, rel=1e-4), RAISE
     assert basis.points.weights.sum() == approx(0.016985051, rel=1e-3), RAISE
     assert np.linalg.norm(basis.modes) == approx(24.860345, rel=1e-4), RAISE
-    finger = reducible.of_finger(fingertip.Fingertip(cells=reduction.CELLS))
+    finger = reducible.of_finger(fingertip.FingertipDimensions(cells=reduction.CELLS))
     touches = reduction.finger_touches(finger, 3, reduction.SEED)
     assert finger.mesh.points.sum() == approx(-0.80674444, rel=1e-6), RAISE
     assert finger.surface.areas.sum() == approx(0.001334452632, rel=1e-6), RAISE
@@ -184,7 +184,7 @@ def test_a_shipped_basis_is_the_one_that_would_be_built_now():
         assert basis.compliance[3 * v + 2] == approx(own, abs=half)
     feet, normals = dents.pressed_places(organ.surface, dents.PLACES, radius)
     moments, every = hat_moments(organ.surface), np.arange(len(organ.surface.vertices))
-    model = Press(organ)
+    model = OrganPress(organ)
     for k in (0, len(feet) // 2, len(feet) - 1):
         one = dents.patch(organ.surface, feet[k], normals[k], radius)
         share = -one @ normals[k]

@@ -11,7 +11,7 @@ from palpate.messages import Contact, Torque
 from palpate.nodes.base import SettingError
 from palpate.nodes.controller import Haptic
 from palpate.nodes.device import Segment, Simulated
-from palpate.nodes.kinematics import Falcon, FalconStatics
+from palpate.nodes.kinematics import FalconKinematics, FalconStatics
 from palpate.physics.device.falcon import FALCON, HOME, forward, inverse
 from palpate.physics.device.falcon_statics import torque
 from palpate.physics.device.grip import grip_step, wanted
@@ -231,7 +231,7 @@ class Loop:
 
     def __init__(self, stiffness: float, device: Simulated, controller: Haptic) -> None:
         self.stiffness = stiffness
-        self.nodes = (device, Falcon(), controller, FalconStatics())
+        self.nodes = (device, FalconKinematics(), controller, FalconStatics())
         for node in self.nodes:
             node.start()
         self.torque: Torque | None = None

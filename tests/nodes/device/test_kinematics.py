@@ -6,7 +6,7 @@ from pytest import approx
 
 from palpate.launch.testing import FakeBus
 from palpate.messages import DeviceState, Force, MessageError, Pose
-from palpate.nodes.kinematics import Cartesian, Falcon, FalconStatics
+from palpate.nodes.kinematics import Cartesian, FalconKinematics, FalconStatics
 from palpate.physics.device.falcon import FALCON, HOME, inverse
 from palpate.physics.device.falcon_statics import force as force_of
 
@@ -18,7 +18,7 @@ def device(point, **given) -> DeviceState:
 
 
 def poses(points, bus=None) -> list[Pose]:
-    return (bus or FakeBus(Falcon())).publish(*[device(p) for p in points])
+    return (bus or FakeBus(FalconKinematics())).publish(*[device(p) for p in points])
 
 
 def glide(count: int, speed: float = 0.1) -> np.ndarray:
@@ -38,7 +38,7 @@ def test_position_and_velocity_follow_the_grip():
 
 
 def test_the_origin_places_the_device_in_the_world():
-    (pose,) = poses([HOME], FakeBus(Falcon(origin=(0.1, -0.2, 0.3))))
+    (pose,) = poses([HOME], FakeBus(FalconKinematics(origin=(0.1, -0.2, 0.3))))
     assert pose.position == approx((0.1, -0.2, 0.41))
 
 
@@ -49,7 +49,7 @@ def test_an_encoder_glitch_is_refused(leg, sign):
     states = [device(p) for p in points]
     bad = list(states[20].joints)
     bad[leg] += sign * 1000 * FALCON.count
-    motion = FakeBus(Falcon()).publish(*states[:20], DeviceState(joints=bad), *states[21:])
+    motion = FakeBus(FalconKinematics()).publish(*states[:20], DeviceState(joints=bad), *states[21:])
     assert motion[20].position == motion[19].position and motion[20].dt == 0.0
     assert motion[20].velocity == approx((0.1, 0.0, 0.0), abs=1e-6)
     assert motion[21].position == approx(points[21], abs=1e-9) and motion[21].dt == approx(2e-3)
@@ -83,7 +83,7 @@ def test_a_fast_hand_is_no_glitch():
 
 def test_angles_that_no_position_has_leave_the_pose_standing():
     impossible = DeviceState(joints=(-1.5, 1.5, 3.0))
-    bus = FakeBus(Falcon())
+    bus = FakeBus(FalconKinematics())
     (first,) = bus.publish(impossible)
     assert first.position == approx(HOME)
     before = poses(glide(20), bus)[-1]
@@ -92,7 +92,7 @@ def test_angles_that_no_position_has_leave_the_pose_standing():
 
 
 def test_doubled_reordered_and_late_samples_are_not_differentiated():
-    bus = FakeBus(Falcon())
+    bus = FakeBus(FalconKinematics())
     poses(glide(20), bus)
     points = glide(60)
     bus.twice()
@@ -109,7 +109,7 @@ def test_doubled_reordered_and_late_samples_are_not_differentiated():
 
 
 def test_lost_samples_are_bridged_by_their_stamps():
-    bus = FakeBus(Falcon())
+    bus = FakeBus(FalconKinematics())
     points = glide(40)
     poses(points[:20], bus)
     bus.drop(3)
@@ -119,7 +119,7 @@ def test_lost_samples_are_bridged_by_their_stamps():
 
 
 def test_a_device_that_is_not_homed_holds_the_last_pose_and_begins_anew():
-    bus = FakeBus(Falcon())
+    bus = FakeBus(FalconKinematics())
     before = poses(glide(20), bus)[-1]
     (lost,) = bus.publish(device((0.03, 0.02, 0.12), homed=False))
     assert lost.position == before.position and lost.velocity == (0.0, 0.0, 0.0) and lost.dt == 0.0
@@ -129,7 +129,7 @@ def test_a_device_that_is_not_homed_holds_the_last_pose_and_begins_anew():
 
 def test_the_wrong_device_is_named_with_the_right_node():
     with pytest.raises(MessageError, match=r"found 0 angles, expected 3 .*kinematics\.Cartesian"):
-        FakeBus(Falcon()).publish(DeviceState(position=(0, 0, 0)))
+        FakeBus(FalconKinematics()).publish(DeviceState(position=(0, 0, 0)))
     with pytest.raises(MessageError, match=r"found 0 numbers, expected 3 .*kinematics\.Falcon"):
         FakeBus(Cartesian()).publish(DeviceState(joints=(0, 0, 0)))
 

@@ -12,7 +12,7 @@ from palpate.messages import Load, pack
 from palpate.nodes.base import SettingError
 from palpate.nodes.deformation import Adaptive
 from palpate.physics.bodies.deadline import PROBATION
-from palpate.physics.bodies.ladder import BLEND, WARM, Ladder, blended
+from palpate.physics.bodies.ladder import BLEND, WARM, FidelityLevels, blended
 from palpate.physics.bodies.rungs import Rungs
 from palpate.physics.bodies.sampled_body import SampledBody
 from palpate.physics.bodies.sampled_solve import TOLERANCE
@@ -35,7 +35,9 @@ def parts():
 
 def ladder(error, most=200, retardation=0.0, late=math.inf):
     bases, rungs, mesh = parts()
-    return Ladder([SampledBody(b, mesh, YOUNG, retardation, 5e-3, 1.0) for b in bases], rungs, error, most, late)
+    return FidelityLevels(
+        [SampledBody(b, mesh, YOUNG, retardation, 5e-3, 1.0) for b in bases], rungs, error, most, late
+    )
 
 
 @lru_cache

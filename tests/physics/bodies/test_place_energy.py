@@ -192,8 +192,8 @@ def test_the_contact_passes_it_to_the_hand_and_no_contact_does_not():
     }
     bus = FakeBus(Series())
     touching = bus.publish(Surface(**body), Proximity(gap=0.0, approach=2e-3, **near))[-1]
-    assert touching.along == approx((0.2, -0.1, 0.0)) and touching.force > 0
-    assert bus.publish(Proximity(gap=0.01, approach=0.0, **near))[-1].along == (0.0, 0.0, 0.0)
+    assert touching.lateral_force == approx((0.2, -0.1, 0.0)) and touching.force > 0
+    assert bus.publish(Proximity(gap=0.01, approach=0.0, **near))[-1].lateral_force == (0.0, 0.0, 0.0)
 
 
 def test_the_node_sends_it():

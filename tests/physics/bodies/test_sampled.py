@@ -12,7 +12,7 @@ from palpate.launch.run.execute import execute
 from palpate.launch.testing import FakeBus
 from palpate.messages import Load
 from palpate.models.fe import hencky, mooney_rivlin, neo_hooke
-from palpate.models.fe.meshing.fingertip import Fingertip
+from palpate.models.fe.meshing.fingertip import FingertipDimensions
 from palpate.models.fe.meshing.organ import Organ
 from palpate.models.fe.reduce import snapshots
 from palpate.models.fe.reduce.reducible import of_finger, of_organ
@@ -241,7 +241,7 @@ def test_the_shipped_sample_is_passive_by_its_weights_and_exact_at_rest():
     assert np.abs(g).max() == approx(0.0, abs=1e-12)
     tangent(points, np.zeros(r), scratch(points), hessian)
     assert hessian == approx(np.eye(r), abs=1e-5)  # of single precision
-    missed = basis().missed.astype(float)
+    missed = basis().residual_compliance.astype(float)
     assert np.linalg.eigvalsh(0.5 * (missed + missed.T)).min() > -1e-6 * np.abs(missed).max()
 
 
@@ -491,7 +491,7 @@ def test_a_basis_that_is_not_stored_is_asked_for(monkeypatch, tmp_path):
 
 
 def test_the_fingertip_is_the_capsule_of_its_surface_and_light_touches_of_it_are_linear():
-    finger = Fingertip(cells=CELLS)
+    finger = FingertipDimensions(cells=CELLS)
     assert finger.radii[-1] == approx(FINGER_RADIUS) and finger.phalanx == approx(FINGER_LENGTH)
     full = of_finger(finger)
     smooth = surface_patch("fingertip")

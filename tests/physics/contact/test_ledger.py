@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pytest import approx
 
-from palpate.physics.contact.ledger import Books, Moment
+from palpate.physics.contact.ledger import EnergyAccount, Moment
 from palpate.physics.contact.series import energy, exponential
 from palpate.physics.friction.bristle import path
 from palpate.physics.friction.coulomb import Coulomb
@@ -22,7 +22,7 @@ NONE = (0.0, 0.0, 0.0)
 def spring(depths, stiffness=500.0, gain=0.0):
     """Books of a hand that moves along these depths [m] in a plain spring that is the tissue alone, of `gain` more
     force on the way out."""
-    books, last = Books(), 0.0
+    books, last = EnergyAccount(), 0.0
     for s in depths:
         f = stiffness * s * (1.0 + gain * (s < last))
         held = 0.5 * stiffness * s * s
@@ -58,7 +58,7 @@ def test_a_body_that_gives_out_more_than_it_took_is_told_by_name():
 def test_a_debt_is_not_hidden_by_what_was_dissipated_before():
     """Ten presses that lose a tenth each, then one that gives out a fifth."""
     lossy = [s for _ in range(10) for s in there_and_back(10000)]
-    books, last = Books(), 0.0
+    books, last = EnergyAccount(), 0.0
     for k, s in enumerate([*lossy, *there_and_back(10000)]):
         gain = -0.1 if k < len(lossy) else 0.2
         f = 500.0 * s * (1.0 + gain * (s < last))
@@ -68,7 +68,7 @@ def test_a_debt_is_not_hidden_by_what_was_dissipated_before():
 
 
 def test_a_part_that_does_not_tell_is_held_to_what_it_was_given():
-    books = Books()
+    books = EnergyAccount()
     for s in there_and_back(1000):
         f = 500.0 * s
         books.book(Moment((0, 0, -s), (0, 0, f), UP, f, 0.0, s, NONE, NONE, (0.0, None, 0.0)))
@@ -80,7 +80,7 @@ def test_a_part_that_does_not_tell_is_held_to_what_it_was_given():
 def test_friction_takes_the_force_times_the_way_less_what_its_bristles_hold(law):
     speed, dt, load = 0.05, 1e-3, 2.0
     force, z, _ = path(law, np.tile((speed, 0.0, 0.0), (400, 1)), load, dt)
-    books = Books()
+    books = EnergyAccount()
     for k, (f, bristle) in enumerate(zip(force, z, strict=True)):
         place, held = (speed * dt * k, 0.0, 0.0), law.stored(tuple(bristle), load)
         books.book(Moment(place, tuple(-f), UP, load, 0, 0, NONE, tuple(f), (0.0, 0.0, held)))
@@ -96,7 +96,7 @@ def test_fingertip_and_tissue_never_make_energy_whatever_the_path(approaches, dt
     """Implicit steps: the dissipation of each grows, jumps of 12 mm included."""
     law = exponential(26.2641, 1681.06)
     f, s1, s2 = series_path([0.0, *approaches], dt, law, 8.0, 3e3, 1.5, 5.0)
-    books = Books()
+    books = EnergyAccount()
     for force, a, b in zip(f, s1, s2, strict=True):
         held = float(energy(law, a)), 3e3 * max(b, 0.0) ** 2.5 / 2.5, 0.0
         books.book(Moment((0, 0, -a - b), (0, 0, force), UP, force, a, b, NONE, NONE, held))
@@ -106,7 +106,7 @@ def test_fingertip_and_tissue_never_make_energy_whatever_the_path(approaches, dt
 
 def test_books_do_not_depend_on_the_frame():
     turn = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))[0]
-    here, there = Books(), Books()
+    here, there = EnergyAccount(), EnergyAccount()
     rng = np.random.default_rng(4)
     for _ in range(50):
         x, f, a, t = rng.normal(size=(4, 3))

@@ -6,9 +6,9 @@ from formulas import delayed_damping, jury_stiffness
 from pytest import approx
 
 from palpate.physics.device.stability import held, passive_stiffness, poles, quantised_stiffness, stable_stiffness
-from palpate.physics.device.wall_loop import Device, decays, run, settles
+from palpate.physics.device.wall_loop import WallDevice, decays, run, settles
 
-EXACT = Device(resolution=0.0)
+EXACT = WallDevice(resolution=0.0)
 
 
 def largest(stable, low, high):
@@ -71,7 +71,7 @@ def test_dry_friction_and_the_step_of_the_position_bound_the_passive_wall():
 
 def test_dry_friction_stops_a_sliding_mass_after_the_exact_way():
     """v²/(2 f_c/m) without drag."""
-    device = Device(drag=1e-6, coulomb=0.1, resolution=0.0)
+    device = WallDevice(drag=1e-6, coulomb=0.1, resolution=0.0)
     path = run(device, 0.0, 0.0, controlled=False, steps=np.full(2000, 1e-4), push=0.0)
     assert path[0, 0] - path[-1, 0] == approx(0.05**2 / 2 / (0.1 / 0.1), rel=0.02)
 
@@ -80,6 +80,6 @@ def test_dry_friction_stops_a_sliding_mass_after_the_exact_way():
 def test_with_the_controller_every_wall_settles_and_without_it_the_stiff_one_does_not(delay):
     steps = np.full(4000, 1e-3)
     for stiffness in (300.0, 1e4, 1e6):
-        assert settles(run(Device(), stiffness, 0.0, controlled=True, steps=steps, delay=delay)[:, 0], 60e-6)
-    wild = run(Device(), 1e4, 0.0, controlled=False, steps=steps, delay=delay)
+        assert settles(run(WallDevice(), stiffness, 0.0, controlled=True, steps=steps, delay=delay)[:, 0], 60e-6)
+    wild = run(WallDevice(), 1e4, 0.0, controlled=False, steps=steps, delay=delay)
     assert not settles(wild[:, 0], 60e-6) and wild[:, 2].max() > 1e-3

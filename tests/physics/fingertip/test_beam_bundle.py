@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from pytest import approx
 
-from palpate.physics.fingertip.beam_bundle import State, bundle, dome, step
-from palpate.physics.materials.viscoelastic import BONE, SKIN, TISSUE, Material
+from palpate.physics.fingertip.beam_bundle import BundleState, bundle, dome, step
+from palpate.physics.materials.viscoelastic import BONE, SKIN, TISSUE, ViscoelasticMaterial
 from palpate.physics.materials.voigt import STRAIN_LIMIT, stress_history
 
-ELASTIC = Material(3.4e4, 0.0)
-ELASTIC_SKIN = Material(1.36e5, 0.0)
+ELASTIC = ViscoelasticMaterial(3.4e4, 0.0)
+ELASTIC_SKIN = ViscoelasticMaterial(1.36e5, 0.0)
 MU, SPEED, DT = 0.7, 2e-3, 1e-3
 RADIUS, LENGTH, PITCH, DEPTH = 8e-3, 4e-3, 1.2e-3, 2e-3
 WITH_SKIN = dict(skin=1e-3, skin_material=ELASTIC_SKIN)
@@ -27,7 +27,7 @@ def entry(state, name):
 def slide(depth=DEPTH, skin=True, pitch=PITCH, seconds=2.8, angle=0.0, dt=DT, friction=MU):
     """(time, forces, share of nodes that slip, bundle, state) of a dome pressed and slid at 2 mm/s."""
     body = dome(RADIUS, LENGTH, pitch, depth, ELASTIC, **(WITH_SKIN if skin else {}))
-    state = State(body)
+    state = BundleState(body)
     step(body, state, depth, (0, 0), friction, dt)
     start = state.time
     way = (SPEED * dt * np.cos(angle), SPEED * dt * np.sin(angle))
@@ -54,11 +54,11 @@ def test_the_dome_has_the_force_of_the_closed_form():
     closed = 3.4e4 / LENGTH * np.pi * RADIUS * DEPTH**2
     assert closed == approx(0.855, abs=5e-4)
     body = dome(RADIUS, LENGTH, PITCH, DEPTH, ELASTIC)
-    assert step(body, State(body), DEPTH, (0, 0), MU, DT)[2] == approx(0.861, abs=5e-4)
+    assert step(body, BundleState(body), DEPTH, (0, 0), MU, DT)[2] == approx(0.861, abs=5e-4)
     errors = []
     for pitch in (0.6e-3, 0.3e-3, 0.15e-3):
         fine = dome(RADIUS, LENGTH, pitch, DEPTH, ELASTIC)
-        errors.append(abs(step(fine, State(fine), DEPTH, (0, 0), 0.0, DT)[2] - closed) / closed)
+        errors.append(abs(step(fine, BundleState(fine), DEPTH, (0, 0), 0.0, DT)[2] - closed) / closed)
     assert max(errors) < 5e-3 and errors[-1] < 5e-4
 
 
@@ -66,7 +66,7 @@ def test_the_dome_has_the_force_of_the_closed_form():
 def test_independent_beams_follow_the_closed_slide_curve(friction):
     pitch = 0.2e-3
     body = dome(RADIUS, LENGTH, pitch, DEPTH, ELASTIC)
-    state = State(body)
+    state = BundleState(body)
     normal = step(body, state, DEPTH, (0, 0), friction, DT)[2]
     whole = friction * 2 * (1 + 0.48) * DEPTH
     assert whole == approx(4.144e-3 * friction / 0.7)
@@ -159,7 +159,7 @@ def test_a_finer_grid_and_a_finer_step_change_little():
 
 def test_when_all_nodes_slip_the_friction_is_exactly_mu_times_the_normal_force():
     body = dome(RADIUS, LENGTH, PITCH, DEPTH, ELASTIC, **WITH_SKIN)
-    state = State(body)
+    state = BundleState(body)
     step(body, state, DEPTH, (0, 0), MU, DT)
     force = step(body, state, DEPTH, (1.0, 0), MU, DT)
     assert entry(state, "slips") == entry(state, "contacts") == len(body.heights)
@@ -170,7 +170,7 @@ def test_when_all_nodes_slip_the_friction_is_exactly_mu_times_the_normal_force()
 
 def test_without_friction_there_is_no_tangential_force_and_every_node_slips():
     body = dome(RADIUS, LENGTH, PITCH, DEPTH, ELASTIC, **WITH_SKIN)
-    state = State(body)
+    state = BundleState(body)
     step(body, state, DEPTH, (0, 0), 0.0, DT)
     force = step(body, state, DEPTH, (1e-3, 2e-3), 0.0, DT)
     assert force[:2] == approx(0) and entry(state, "slips") == len(body.heights)
@@ -184,7 +184,7 @@ def two_layers(skin=1e-3, tissue=3e-3, materials=(SKIN, TISSUE), depth=DEPTH, **
 
 
 def press(body, path, dt=DT, friction=MU):
-    state = State(body)
+    state = BundleState(body)
     return np.array([step(body, state, d, (0, 0), friction, dt)[2] for d in path]), state
 
 
@@ -225,9 +225,9 @@ def test_the_modulus_of_the_bone_does_not_matter(skin, tissue):
         plain = two_layers()
         lengths = np.tile([1e-3, 2e-3, 4e-3, 1e-3], (len(plain.heights), 1))
         index = np.round(plain.points / PITCH).astype(int)
-        bone = Material(BONE.modulus * factor, 0.0)
+        bone = ViscoelasticMaterial(BONE.modulus * factor, 0.0)
         body = bundle(index, PITCH, plain.heights, lengths, (skin, tissue, bone, tissue), lateral_elements=2, skin=1e-3)
-        state = State(body)
+        state = BundleState(body)
         seen = [step(body, state, d, (0, 0), MU, 1e-2) for d in np.linspace(0, DEPTH, 101)[1:]]
         seen += [step(body, state, DEPTH, (2e-5, 0), MU, 1e-2) for _ in range(100)]
         forces.append(np.array(seen))
@@ -239,11 +239,11 @@ def test_the_modulus_of_the_bone_does_not_matter(skin, tissue):
 def test_one_mesh_serves_every_depth_and_no_force_jumps():
     """A mesh for 2.5 mm gives at 1 mm what a mesh for 1 mm gives, and no jump while the depth sweeps."""
     large, small = (dome(RADIUS, LENGTH, PITCH, d, ELASTIC, **WITH_SKIN) for d in (2.5e-3, 1e-3))
-    a, b = State(large), State(small)
+    a, b = BundleState(large), BundleState(small)
     for _ in range(300):
         fa, fb = (step(body, s, 1e-3, (1e-5, 0), MU, DT, 1e-11, 200) for body, s in ((large, a), (small, b)))
         assert fa == approx(fb, abs=1e-9)
-    body, state = large, State(large)
+    body, state = large, BundleState(large)
     mesh = body.sheet
     seen = []
     for depth in np.concatenate([np.linspace(0.5e-3, 2.5e-3, 2000), np.linspace(2.5e-3, 0.5e-3, 2000)]):
@@ -259,7 +259,7 @@ def test_asymmetric_bone_shifts_the_centre_of_pressure_under_a_symmetric_outline
     index = np.round(plain.points / PITCH).astype(int)
     tissue = np.where(plain.points[:, 0] > 0, 3e-3, 6e-3)
     body = bundle(index, PITCH, plain.heights, np.stack([np.full(len(index), 1e-3), tissue], 1), (SKIN, TISSUE))
-    state = State(body)
+    state = BundleState(body)
     step(body, state, DEPTH, (0, 0), MU, 1.0)
     centre = (body.points * state.normal[:, None]).sum(axis=0) / state.normal.sum()
     assert centre[0] > 0.5e-3 and centre[1] == approx(0, abs=1e-9)
@@ -280,7 +280,7 @@ def test_beams_pressed_beyond_their_length_are_held_at_the_limit_and_counted():
 @pytest.mark.parametrize("dt", [1e-9, 1e-6, 1e-3, 0.1, 10.0, 1e6])
 def test_any_step_length_gives_finite_bounded_forces(dt):
     body = two_layers(skin=1e-3)
-    state = State(body)
+    state = BundleState(body)
     random = np.random.default_rng(1)
     for _ in range(60):
         force = step(body, state, random.uniform(-0.01, 0.01), tuple(random.uniform(-0.02, 0.02, 2)), MU, dt)
@@ -291,7 +291,7 @@ def test_any_step_length_gives_finite_bounded_forces(dt):
 @pytest.mark.parametrize("dt", [0.0, -1e-3])
 def test_when_no_time_passes_nothing_changes(dt):
     body = two_layers()
-    state = State(body)
+    state = BundleState(body)
     first = step(body, state, DEPTH, (0, 0), MU, DT)
     kept = state.strains.copy()
     assert step(body, state, 0.5 * DEPTH, (1e-3, 0), MU, dt) == approx(first, rel=0)
@@ -300,7 +300,7 @@ def test_when_no_time_passes_nothing_changes(dt):
 
 def test_long_steps_give_the_quasi_static_answer():
     body = two_layers(skin=1e-3)
-    state = State(body)
+    state = BundleState(body)
     force = step(body, state, DEPTH, (0, 0), MU, 1e4)
     assert force[2] == approx(
         (np.maximum(DEPTH - body.heights, 0) / (1e-3 / 1.36e5 + 3e-3 / 3.4e4)).sum() * PITCH**2, rel=1e-3
@@ -309,7 +309,7 @@ def test_long_steps_give_the_quasi_static_answer():
 
 def test_out_of_contact_there_is_no_force_and_memory_of_slip_is_gone():
     body = dome(RADIUS, LENGTH, PITCH, DEPTH, TISSUE, **WITH_SKIN)
-    state = State(body)
+    state = BundleState(body)
     for _ in range(100):
         step(body, state, DEPTH, (1e-4, 0), MU, DT)
     force = step(body, state, -1e-3, (1e-4, 0), MU, DT)
@@ -319,7 +319,7 @@ def test_out_of_contact_there_is_no_force_and_memory_of_slip_is_gone():
 
 def test_a_slide_there_and_back_dissipates():
     body = dome(RADIUS, LENGTH, PITCH, DEPTH, ELASTIC, **WITH_SKIN)
-    state = State(body)
+    state = BundleState(body)
     step(body, state, DEPTH, (0, 0), MU, DT)
     work = 0.0
     for k in range(400):
@@ -332,7 +332,7 @@ def test_the_same_inputs_give_the_same_bytes():
     runs = []
     for _ in range(2):
         body = two_layers(skin=1e-3)
-        state = State(body)
+        state = BundleState(body)
         runs.append(b"".join(step(body, state, DEPTH, (1e-5, 3e-6), MU, DT).tobytes() for _ in range(200)))
     assert runs[0] == runs[1]
 

@@ -5,8 +5,8 @@ import pytest
 from pytest import approx
 
 from palpate.physics.fingertip.anatomy import Anatomy
-from palpate.physics.fingertip.beam_bundle import State, step
-from palpate.physics.fingertip.surfaces import Fingertip, FingertipError, cast, fill, plate_axes
+from palpate.physics.fingertip.beam_bundle import BundleState, step
+from palpate.physics.fingertip.surfaces import FingertipError, FingertipSurfaces, cast, fill, plate_axes
 
 SHAPE = Anatomy()
 TIP = SHAPE.fingertip()
@@ -18,7 +18,7 @@ def dome_tip(radius, bone=3e-3):
     n = 61
     grid = low + spacing * np.stack(np.meshgrid(*[np.arange(n)] * 3, indexing="ij"), -1)
     r = np.linalg.norm(grid, axis=-1)
-    return Fingertip(low, np.full(3, spacing), r - radius, r - radius + 1e-3, r - bone)
+    return FingertipSurfaces(low, np.full(3, spacing), r - radius, r - radius + 1e-3, r - bone)
 
 
 def test_lines_through_a_sphere_cross_it_where_they_should_at_any_angle():
@@ -88,7 +88,7 @@ STRAIGHT = Anatomy(bulge=0.0, palmar=7.4e-3)
 def drawn_back(anatomy, degrees, dt=1e-2):
     """Contact [m²], friction when all slides [N], time to it [s], and mu F_n / (k v) [s]: 2 mm deep, 2 mm/s."""
     body = fill(anatomy.fingertip(), 2e-3, pitch=0.8e-3, angle=np.radians(degrees))
-    state = State(body)
+    state = BundleState(body)
     for _ in range(40):
         force = step(body, state, 2e-3, (0, 0), 0.7, 1.0)
     touching = state.normal > 0
@@ -124,7 +124,7 @@ def test_asymmetric_bone_shifts_the_pressure_under_a_symmetric_outline():
     centres = []
     for shift in (-1.5e-3, 0.0, 1.5e-3):
         body = fill(Anatomy(bone_shift=shift).fingertip(), 2e-3, angle=0.0)
-        state = State(body)
+        state = BundleState(body)
         for _ in range(50):
             step(body, state, 2e-3, (0, 0), 0.7, 1.0)
         centres.append((body.points[:, 0] * state.normal).sum() / state.normal.sum())
@@ -132,13 +132,13 @@ def test_asymmetric_bone_shifts_the_pressure_under_a_symmetric_outline():
 
 
 def test_the_modulus_of_the_bone_does_not_matter_in_the_anatomy():
-    from palpate.physics.materials.viscoelastic import BONE, SKIN, TISSUE, Material
+    from palpate.physics.materials.viscoelastic import BONE, SKIN, TISSUE, ViscoelasticMaterial
 
     forces = []
     for factor in (0.1, 1.0, 10.0):
-        bone = Material(BONE.modulus * factor, 0.0)
+        bone = ViscoelasticMaterial(BONE.modulus * factor, 0.0)
         body = fill(TIP, 2e-3, angle=0.3, materials=(SKIN, TISSUE, bone, TISSUE))
-        state = State(body)
+        state = BundleState(body)
         seen = [step(body, state, d, (0, 0), 0.7, 1e-2) for d in np.linspace(0, 2e-3, 101)[1:]]
         seen += [step(body, state, 2e-3, (0, 2e-5), 0.7, 1e-2) for _ in range(50)]
         forces.append(np.array(seen))
@@ -148,24 +148,24 @@ def test_the_modulus_of_the_bone_does_not_matter_in_the_anatomy():
 
 def test_saving_and_loading_keeps_every_number(tmp_path):
     TIP.save(tmp_path / "tip.npz")
-    again = Fingertip.load(tmp_path / "tip.npz")
+    again = FingertipSurfaces.load(tmp_path / "tip.npz")
     for name in ("origin", "spacing", "skin", "tissue", "bone"):
         assert np.array_equal(getattr(again, name), getattr(TIP, name))
 
 
 def test_a_file_that_is_no_fingertip_is_refused(tmp_path):
     with pytest.raises(FingertipError, match="cannot be read"):
-        Fingertip.load(tmp_path / "none.npz")
+        FingertipSurfaces.load(tmp_path / "none.npz")
     (tmp_path / "text.npz").write_text("hello")
     with pytest.raises(FingertipError, match="cannot be read"):
-        Fingertip.load(tmp_path / "text.npz")
+        FingertipSurfaces.load(tmp_path / "text.npz")
     np.savez(tmp_path / "other.npz", skin=np.zeros(3))
     with pytest.raises(FingertipError, match="no origin"):
-        Fingertip.load(tmp_path / "other.npz")
+        FingertipSurfaces.load(tmp_path / "other.npz")
     np.savez(tmp_path / "shape.npz", origin=np.zeros(3), spacing=np.ones(3), skin=np.zeros(3), tissue=np.zeros(3),
              bone=np.zeros(3))  # fmt: skip
     with pytest.raises(FingertipError, match="three axes"):
-        Fingertip.load(tmp_path / "shape.npz")
+        FingertipSurfaces.load(tmp_path / "shape.npz")
 
 
 @pytest.mark.parametrize(("depth", "pitch"), [(0.0, 1e-3), (1e-3, 0.0), (-1e-3, 1e-3), (np.inf, 1e-3)])

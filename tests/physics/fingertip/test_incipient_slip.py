@@ -6,7 +6,7 @@ from palpate.launch.load.launchfile import find
 from palpate.launch.run.execute import execute
 from palpate.records.reader import Recording
 from palpate.views.pictures.slip import slides
-from palpate.views.pictures.touch import Touch
+from palpate.views.pictures.touch import TouchStreams
 
 LEAD = 0.45
 """[1] Stated in the documents: the finger travels at least this part of its depth between warning and gross slip."""
@@ -18,7 +18,7 @@ def slide(folder, *sets, duration=3.0):
     )
     outcome = execute(launch)
     assert outcome.result.ok, outcome.result.deaths
-    return Touch(Recording(folder / "run.mcap"))
+    return TouchStreams(Recording(folder / "run.mcap"))
 
 
 @pytest.mark.parametrize(

@@ -19,10 +19,10 @@ def compare(
 ) -> None:
     """Compare both plates: which of the paper's statements hold, and pictures like its Figures 3 to 5."""
     from palpate.models.fe.study.paper_claims import statements
-    from palpate.models.fe.study.press_record import Run, check_pair
+    from palpate.models.fe.study.press_record import PressRun, check_pair
     from palpate.views.pictures.fe_fingertip import draw
 
-    runs = {"steel": Run(steel), "silicone": Run(silicone)}
+    runs = {"steel": PressRun(steel), "silicone": PressRun(silicone)}
     check_pair(runs)
     rows = statements(*(run.record() for run in runs.values()))
     to.mkdir(parents=True, exist_ok=True)

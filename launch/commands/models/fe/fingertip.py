@@ -12,7 +12,7 @@ from palpate.launch.terminal.options import INTERRUPTED, Json
 from palpate.launch.terminal.output import console, drawn, say, table, tell
 
 if TYPE_CHECKING:
-    from palpate.models.fe.study.press_record import Record, Run
+    from palpate.models.fe.study.press_record import PressRun, Record
     from palpate.models.fe.study.pressing import Pressing
 
 RUNS = Path("runs/fingertip")
@@ -38,7 +38,7 @@ def fingertip(
 ) -> None:
     """Press the layered fingertip on a plate: force, contact area, isostrain volumes; fields as VTK; pictures."""
     from palpate.models.fe.study.paper_claims import numbers
-    from palpate.models.fe.study.press_record import Run, run_name
+    from palpate.models.fe.study.press_record import PressRun, run_name
     from palpate.views.pictures.fe_fingertip import draw
 
     pressing = _pressing(plate, material, depth, cells, friction, finger)
@@ -46,9 +46,9 @@ def fingertip(
     place.mkdir(parents=True, exist_ok=True)
     (place / "next").write_bytes(b"")
     (place / "next").unlink()  # so it can be written: better known now than in an hour
-    record = _press(pressing, 1e-3 * depth, Run(place), as_json)
+    record = _press(pressing, 1e-3 * depth, PressRun(place), as_json)
     pressing.write(place / "finger.vtu")
-    made = drawn(draw, {plate: Run(place)}, place)
+    made = drawn(draw, {plate: PressRun(place)}, place)
     if as_json:
         files = {"folder": str(place), "pictures": [str(path) for path in made]}
         tell({"ok": True} | numbers(plate, material, record, finger is None) | files)
@@ -61,10 +61,10 @@ def fingertip(
 def _pressing(plate: str, material: str, depth: float, cells: int, friction: float, finger: Path | None) -> Pressing:
     """The pressing that the options describe. MeshError: what is wrong with them."""
     from palpate.models.fe.element.mesh import MeshError
-    from palpate.models.fe.meshing.fingertip import Fingertip, divisor_and_bone
+    from palpate.models.fe.meshing.fingertip import FingertipDimensions, divisor_and_bone
     from palpate.models.fe.meshing.scanned import Scanned
     from palpate.models.fe.study.pressing import Pressing
-    from palpate.physics.fingertip.surfaces import Fingertip as Measured
+    from palpate.physics.fingertip.surfaces import FingertipSurfaces as Measured
 
     try:
         divisor_and_bone(material)
@@ -72,7 +72,7 @@ def _pressing(plate: str, material: str, depth: float, cells: int, friction: flo
         raise MeshError(f"--{error}") from None
     if not 3 <= cells <= 20:
         raise MeshError(f"--cells {cells}: expected 3 ... 20")
-    tip = Fingertip(cells=cells) if finger is None else Scanned(Measured.load(finger), cells=cells)
+    tip = FingertipDimensions(cells=cells) if finger is None else Scanned(Measured.load(finger), cells=cells)
     most = 1e3 * float(tip.radii[-1] - tip.radii[0])
     if not 0.0 < depth < most:
         raise MeshError(f"--depth {depth:g}: expected more than 0 and less than {most:.2f} mm, from skin to bone")
@@ -82,7 +82,7 @@ def _pressing(plate: str, material: str, depth: float, cells: int, friction: flo
         raise error if isinstance(error, MeshError) else MeshError(f"--{error}") from None
 
 
-def _press(pressing: Pressing, end: float, run: Run, quiet: bool) -> Record:
+def _press(pressing: Pressing, end: float, run: PressRun, quiet: bool) -> Record:
     from palpate.launch.terminal.progress import Stages
     from palpate.models.fe.study.press_record import record
 

@@ -23,10 +23,10 @@ def table(
     """
     import numpy as np
 
-    from palpate.models.fe.study.press_record import LEVELS, Run, check_pair
+    from palpate.models.fe.study.press_record import LEVELS, PressRun, check_pair
     from palpate.physics.errors import ArgumentError
 
-    runs = {"steel": Run(steel), "silicone": Run(silicone)}
+    runs = {"steel": PressRun(steel), "silicone": PressRun(silicone)}
     ratio = check_pair(runs, scaled=True)
     if to.suffix != ".npz":
         raise ArgumentError(f"--to {to}: expected a name that ends in .npz")

@@ -13,7 +13,7 @@ from palpate.launch.terminal.progress import steps
 
 if TYPE_CHECKING:
     from palpate.studies.accuracy.cells import Cell
-    from palpate.studies.accuracy.touches import Touch
+    from palpate.studies.accuracy.touches import BenchCase
 
 
 def accuracy(
@@ -67,7 +67,7 @@ def accuracy(
         _print(cells, files)
 
 
-def _rebuild(about: dict[str, Any], wanted: list[Touch], silent: bool) -> None:
+def _rebuild(about: dict[str, Any], wanted: list[BenchCase], silent: bool) -> None:
     from palpate.studies.accuracy.places import SHIPPED, on_path
     from palpate.studies.accuracy.places import rebuild as work
 

@@ -47,11 +47,11 @@ def stability(
     the stiffness that the hand feels at it. For a tissue model all moduli are scaled; its stiffness is measured at a
     push of 0.1 N, and `stable` uses its own damping.
     """
-    from palpate.physics.device.wall_loop import Device
-    from palpate.studies.stability.study import Study
+    from palpate.physics.device.wall_loop import WallDevice
+    from palpate.studies.stability.study import StabilityStudy
 
-    device = Device(mass, drag, coulomb, resolution, limit)
-    study = Study(
+    device = WallDevice(mass, drag, coulomb, resolution, limit)
+    study = StabilityStudy(
         device, rate or [500.0, 1000.0, 4000.0], delay or [0, 1, 2, 5], damping or [0.0, 0.05, 0.1, 0.2], order, lost,
         jitter, seed, body or [], plane,
     )  # fmt: skip

@@ -19,7 +19,7 @@ from palpate.models.fe.reduce.dents import (
     spread_out,
     sticking,
 )
-from palpate.models.fe.reduce.indentation import Press
+from palpate.models.fe.reduce.indentation import OrganPress
 from palpate.models.fe.reduce.reducible import of_organ
 from palpate.nodes.base.surface import surface_mesh
 from palpate.physics.bodies.condensed_body import Basis, CondensedBody
@@ -93,7 +93,7 @@ def one_place(sticks):
     held, depths = sticking(hats, load), 0.75e-3 * np.arange(1, 12)
     every = np.arange(len(load))
     across = patch_radius(mesh.vertices, hat_moments(mesh), every, len(every), -load[:, 2:])
-    model = Press(slab())
+    model = OrganPress(slab())
     (curve,) = model.run([model.curve(hats @ load, depths, held if sticks else None)])
     return hats @ load, held, depths, curve, across
 

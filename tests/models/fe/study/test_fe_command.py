@@ -19,7 +19,7 @@ from palpate.launch.terminal.tree import group
 from palpate.launch.testing import FakeBus
 from palpate.messages import Contact
 from palpate.models.build import basis as builder
-from palpate.models.fe.study.press_record import Run, run_name
+from palpate.models.fe.study.press_record import PressRun, run_name
 from palpate.nodes.deformation import ReducedFE
 from palpate.nodes.tactile import Flow
 from palpate.physics.bodies.condensed_body import Basis
@@ -125,7 +125,7 @@ def test_fe_fingertip_reports_the_run_beside_the_paper(steel):
 
 def test_the_record_and_the_file_for_paraview_hold_the_pressure(steel):
     folder, report = steel
-    run = Run(folder / "steel-20-3-0.2")
+    run = PressRun(folder / "steel-20-3-0.2")
     nodes, pressure = run.pressure(len(report["force"]) - 1)
     mean = report["force"][-1] / report["area"][-1]
     assert 0.2 * mean < pressure.max() < 4.0 * mean  # so light a contact is narrower than a face
@@ -145,7 +145,7 @@ def test_the_area_of_a_light_run_fills_its_picture_beside_the_papers_greater_for
     from palpate.views.pictures.fe_fingertip import force
 
     folder, report = steel
-    left, right = force({"steel": Run(folder / "steel-20-3-0.2")}).axes
+    left, right = force({"steel": PressRun(folder / "steel-20-3-0.2")}).axes
     assert left.get_ylim()[1] > 0.5
     assert right.get_xlim()[1] == pytest.approx(1.05 * report["force"][-1])
 

@@ -12,9 +12,9 @@ from palpate.models.fe import hencky
 from palpate.models.fe.element.elements import POINTS, gradients
 from palpate.models.fe.element.mesh import MeshError
 from palpate.models.fe.element.vtk import write_vtu
-from palpate.models.fe.meshing.fingertip import Fingertip, materials
+from palpate.models.fe.meshing.fingertip import FingertipDimensions, materials
 from palpate.models.fe.meshing.layers import BONE, DERMIS, EPIDERMIS, NAIL, PLATE, SUBCUTIS
-from palpate.models.fe.study.press_record import LEVELS, Run, record
+from palpate.models.fe.study.press_record import LEVELS, PressRun, record
 from palpate.models.fe.study.pressing import Pressing
 from palpate.nodes.base import SettingError
 from palpate.nodes.tactile import Flow
@@ -23,13 +23,13 @@ from palpate.physics.materials.hyperelastic import rest_moduli
 
 @lru_cache
 def pressed():
-    press = Pressing(Fingertip(cells=3), "steel", "cortical")
+    press = Pressing(FingertipDimensions(cells=3), "steel", "cortical")
     curve = record(press, 2.5e-4)
     return press, curve
 
 
 def test_the_layers_have_their_volumes():
-    tip = Fingertip(cells=5)
+    tip = FingertipDimensions(cells=5)
     _, det = gradients(tip.mesh.points, tip.mesh.elements, POINTS)
     volume = det.sum(axis=1) / 24
     volumes = [volume[tip.mesh.region == k].sum() for k in (BONE, SUBCUTIS, DERMIS, EPIDERMIS)]
@@ -38,7 +38,7 @@ def test_the_layers_have_their_volumes():
 
 
 def test_the_finger_first_touches_at_the_origin_with_its_tip_lower():
-    tip = Fingertip(cells=4)
+    tip = FingertipDimensions(cells=4)
     points = tip.mesh.points
     assert points[:, 2].min() == approx(0.0, abs=3e-5)
     assert np.linalg.norm(points[np.argmin(points[:, 2])]) < 2e-3
@@ -48,17 +48,17 @@ def test_the_finger_first_touches_at_the_origin_with_its_tip_lower():
 
 
 def test_other_dimensions_are_one_argument_and_bad_ones_are_refused():
-    thick = Fingertip(dermis=2e-3, bone=5e-3, cells=3)
+    thick = FingertipDimensions(dermis=2e-3, bone=5e-3, cells=3)
     assert thick.radii[-1] == approx(5e-3 + 2.5e-3 + 2e-3 + 0.41e-3)
     assert (thick.mesh.corner_volumes > 0).all()
     for wrong in ({"bone": 0.0}, {"cells": 2}, {"tilt": 1.0}, {"dermis": np.nan}):
         with pytest.raises(MeshError):
-            Fingertip(**wrong)
+            FingertipDimensions(**wrong)
     for wrong in (0.0, -1.0, np.nan, "stone", "literal", "stone/2", "cortical/0", "printed/", "/2"):
         with pytest.raises(MeshError, match="expected printed, calibrated, cortical"):
             materials(wrong)
     with pytest.raises(ValueError, match="steel, silicone"):
-        Pressing(Fingertip(cells=3), "rubber")
+        Pressing(FingertipDimensions(cells=3), "rubber")
 
 
 def test_the_sets_differ_by_one_divisor_and_by_the_bone():
@@ -91,7 +91,7 @@ def test_pressing_makes_force_area_and_strain_and_the_bone_stays_rigid():
 @pytest.mark.long
 def test_dividing_all_moduli_divides_the_force_on_a_rigid_plate():
     _, whole = pressed()
-    soft = record(Pressing(Fingertip(cells=3), "steel", "cortical/16"), 2.5e-4)
+    soft = record(Pressing(FingertipDimensions(cells=3), "steel", "cortical/16"), 2.5e-4)
     assert soft.force[-1] == approx(whole.softened(16.0).force[-1], rel=5e-3)
     depth, area, volumes = soft.at(0.5 * soft.force[-1])
     assert 0 < depth < 2.5e-4 and area > 0 and volumes.shape == LEVELS.shape
@@ -101,8 +101,8 @@ def test_dividing_all_moduli_divides_the_force_on_a_rigid_plate():
 
 @pytest.mark.long
 def test_a_broken_run_goes_on_from_its_last_step(tmp_path):
-    record(Pressing(Fingertip(cells=3), "steel", "cortical"), 1.25e-4, Run(tmp_path))
-    again = record(Pressing(Fingertip(cells=3), "steel", "cortical"), 2.5e-4, Run(tmp_path))
+    record(Pressing(FingertipDimensions(cells=3), "steel", "cortical"), 1.25e-4, PressRun(tmp_path))
+    again = record(Pressing(FingertipDimensions(cells=3), "steel", "cortical"), 2.5e-4, PressRun(tmp_path))
     _, whole = pressed()
     assert again.indentation[-1] == approx(2.5e-4)
     assert again.force[-1] == approx(whole.force[-1], rel=5e-3)
@@ -111,7 +111,7 @@ def test_a_broken_run_goes_on_from_its_last_step(tmp_path):
 @pytest.mark.long
 def test_a_soft_plate_gives_way():
     _, hard = pressed()
-    soft = record(Pressing(Fingertip(cells=3, plate=(15e-3, 10e-3)), "silicone", "cortical"), 2e-4)
+    soft = record(Pressing(FingertipDimensions(cells=3, plate=(15e-3, 10e-3)), "silicone", "cortical"), 2e-4)
     assert 0 < soft.force[-1] < 0.95 * np.interp(2e-4, hard.indentation, hard.force)
 
 
@@ -119,7 +119,7 @@ def test_a_soft_plate_gives_way():
 @pytest.mark.parametrize(("phalanx", "depths"), [(12e-3, (1.191e-3, 1.943e-3)), (15.5e-3, (1.233e-3, 2.085e-3))])
 def test_the_length_of_the_phalanx_is_what_tells_the_calibrated_finger_from_the_other_solvers(phalanx, depths):
     """On steel at 0.11 and 0.50 N; the second pair of indentations is the other solver's (finite-elements.md)."""
-    pressed = record(Pressing(Fingertip(cells=3, phalanx=phalanx), "steel", "calibrated"), 2.2e-3)
+    pressed = record(Pressing(FingertipDimensions(cells=3, phalanx=phalanx), "steel", "calibrated"), 2.2e-3)
     assert [pressed.at(force)[0] for force in (0.11, 0.50)] == approx(depths, abs=0.01e-3)
 
 

@@ -6,7 +6,7 @@ from pytest import approx
 
 from palpate.models.fe.element.elements import gradients
 from palpate.models.fe.element.mesh import TetMesh, box
-from palpate.models.fe.meshing.fingertip import Fingertip
+from palpate.models.fe.meshing.fingertip import FingertipDimensions
 from palpate.models.fe.meshing.layers import NAIL, SUBCUTIS
 from palpate.models.fe.meshing.scanned import Scanned
 from palpate.models.fe.study.isostrain import cross, parts, smooth, strain, subdivided, volumes_above
@@ -137,7 +137,7 @@ def test_a_front_of_strain_that_moves_is_followed():
 
 
 def test_the_section_of_the_finger_has_its_area():
-    tip = Fingertip(cells=5)
+    tip = FingertipDimensions(cells=5)
     zero = np.zeros_like(tip.mesh.points)
     cut = section(tip.mesh, zero, np.zeros((len(tip.mesh.elements), 4)))
     r, length = tip.radii[-1], tip.phalanx

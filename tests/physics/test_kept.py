@@ -1,0 +1,45 @@
+"""Results that are kept for the next call with the same arrays."""
+
+import numpy as np
+
+from palpate.physics import kept
+from palpate.physics.geometry.graded import ranges
+from palpate.physics.kept import KEPT
+
+
+def test_the_same_content_gives_the_result_that_is_there_and_any_other_a_new_one():
+    calls = []
+
+    @kept.kept
+    def summed(points, more):
+        calls.append(more)
+        return points.sum(axis=0) + more
+
+    points = np.arange(6.0).reshape(2, 3)
+    first = summed(points, 1.0)
+    assert summed(points.copy(), 1.0) is first and calls == [1.0]
+    assert (first == points.sum(axis=0) + 1.0).all()
+    points[0, 0] = 7.0  # the same array, another content
+    assert summed(points, 1.0)[0] == 11.0
+    for other in (points.reshape(3, 2), points.view(np.int64), points.astype(np.float32)):
+        assert (summed(other, 1.0) == other.sum(axis=0) + 1.0).all()
+    assert len(calls) == 5
+
+
+def test_the_oldest_goes_when_there_is_no_room():
+    calls = []
+
+    @kept.kept
+    def same(points):
+        calls.append(len(points))
+        return points
+
+    for size in (*range(KEPT + 1), *range(1, KEPT + 1), 0):
+        same(np.zeros(size))
+    assert calls == [*range(KEPT + 1), 0]
+
+
+def test_a_mesh_is_ranked_once():
+    points = np.random.default_rng(1).uniform(size=(500, 3))
+    assert ranges(points, 0.1) is ranges(points.copy(), 0.1)
+    assert ranges(points, 0.2) is not ranges(points, 0.1)
