@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from palpate.launch.load.launchfile import LAUNCHES, find, names
+from palpate.launch.load.launchfile import find, names
 from palpate.launch.load.plan import plan
 
 TARGET = Path(__file__).with_name("gallery.md")
@@ -23,11 +23,10 @@ GRAPH` lists what runs and why.
 
 
 def entry(name: str) -> str:
-    """One launch file, or graph without one: its first comment, command, picture, length, clock, rate and nodes."""
+    """One graph: what its run is for, its command, picture, length, clock, rate and nodes."""
     launch = find(name)
     graph = launch.load()
-    file = LAUNCHES / f"{name}.yaml"
-    what = (file if file.exists() else launch.graph).read_text(encoding="utf-8").partition("\n")[0]
+    what = launch.graph.read_text(encoding="utf-8").partition("\nrun:")[0].splitlines()[-1]  # the line above it
     hardware = [node for node in plan(graph).order if graph.nodes[node].cls.hardware]
     command = f"palpate run {name}"
     if hardware:

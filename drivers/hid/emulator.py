@@ -15,6 +15,7 @@ from palpate.drivers.hid import raw, spacemouse
 
 COUNT = 20e-6  # [m] of the emulated device
 UNIT = 1e-3  # [N]
+SWING = 2.0  # [s] of the hand at a mouse, the thumb at a gamepad
 
 
 class EmulatedRawHid:
@@ -136,11 +137,11 @@ class EmulatedReports:
         self.said.clear()
 
 
-def moving_mouse(seconds: float = 2.0) -> Callable[[float], list[bytes]]:
-    """A hand that presses a SpaceMouse down and lets it up again, once in `seconds`."""
+def moving_mouse() -> Callable[[float], list[bytes]]:
+    """A hand that presses a SpaceMouse down and lets it up again, once in `SWING`."""
 
     def moved(at: float) -> list[bytes]:
-        down = round(175 * np.sin(2 * np.pi * at / seconds))
+        down = round(175 * np.sin(2 * np.pi * at / SWING))
         return spacemouse.reports((0, 0, down, 0, 0, 0), 0, together=True)
 
     return moved
@@ -157,11 +158,11 @@ GAMEPAD = bytes.fromhex(
 """Report descriptor of an ordinary gamepad: number, four bytes of sticks, twelve buttons."""
 
 
-def moving_gamepad(seconds: float = 2.0) -> Callable[[float], list[bytes]]:
-    """A thumb that moves the left stick from side to side, once in `seconds`."""
+def moving_gamepad() -> Callable[[float], list[bytes]]:
+    """A thumb that moves the left stick from side to side, once in `SWING`."""
 
     def moved(at: float) -> list[bytes]:
-        x = round(127.5 + 100 * np.sin(2 * np.pi * at / seconds))
+        x = round(127.5 + 100 * np.sin(2 * np.pi * at / SWING))
         return [bytes((1, x, 128, 128, 128, 0, 0))]
 
     return moved

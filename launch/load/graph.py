@@ -32,7 +32,7 @@ from palpate.nodes.base import Node, Observer, inputs, settings
 RATE = 1000.0
 SLOWEST, FASTEST = 1e-3, 1e6  # [Hz] of the base rate
 MOST = 1_000_000  # ticks of one step of a node
-KEYS = ("scene", "rate", "nodes", "wanted", EFFECTS, "extends")
+KEYS = ("scene", "rate", "nodes", "wanted", EFFECTS, "extends", "run")
 RESERVED = ("scene", "rate", "wanted", EFFECTS, "all")
 LINE = ("use", "in", "with", "when", "every", "restart")
 
@@ -119,7 +119,7 @@ def load_source(
     else:
         holder = source if scene_source.data.get("wanted") is None else scene_source
     found_wanted = _wanted(holder, kinds, unclear, faults)
-    written_down = {key: value for key, value in source.data.items() if key != "scene"}
+    written_down = {key: value for key, value in source.data.items() if key not in ("scene", "run")}
     graph = Graph(file, rate, world.data, nodes, found_wanted, written_down, said, notes)
     faults.entries.extend(missing_senders(graph))
     faults.done()

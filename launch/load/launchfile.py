@@ -1,4 +1,5 @@
-"""Launch files: one run with its graph, scene, placement, clock, duration, recording and overrides.
+"""Launch files: one run with its graph, scene, placement, clock, duration, recording and overrides. The `run:` of a
+graph says the same of its usual run, without `graph`.
 
 graph: kidney.yaml
 place: two
@@ -24,7 +25,6 @@ from palpate.launch.load.plan import plan
 from palpate.launch.load.values.source import YamlSource, read
 from palpate.launch.load.values.units import UnitError, convert
 
-LAUNCHES = Path(__file__).resolve().parent.parent
 CLOCKS = ("simulated", "real")
 ALL, SOURCES = RECORDED = ("all", "sources")
 """What a run records: all messages, or those of its sources, from which a reader computes the others."""
@@ -35,7 +35,7 @@ KEYS = ("graph", "scene", "place", "clock", "duration", "record", "set", "wanted
 class LaunchFile:
     """One run.
 
-    path       the file, None where a graph alone was named
+    path       the file, None where a graph was named
     graph      file of the graph
     scene      file or mapping in place of the graph's own scene
     place      placement, its file, "fused", "auto" (see `placement.auto`), or None: a process per node
@@ -80,31 +80,40 @@ class LaunchFile:
 
 
 def find(name: str) -> LaunchFile:
-    """The run that a name means: a launch file that ships, a graph that ships, or the path of either.
+    """The run that a name means: that of a graph that ships, or of the path of a launch file or graph.
 
-    GraphError: there is none, or what is wrong with the launch file.
+    GraphError: there is none, or what is wrong with it.
     """
-    for folder in (LAUNCHES, GRAPHS):
-        shipped = folder / f"{name}.yaml"
-        if "/" not in name and shipped.is_file():
-            return _read(shipped)
-    return _read(find_file(name, GRAPHS, what="launch file or graph"))
+    shipped = GRAPHS / f"{name}.yaml"
+    ships = "/" not in name and shipped.is_file()
+    return _read(shipped if ships else find_file(name, GRAPHS, what="launch file or graph"))
 
 
 def names() -> list[str]:
-    """Names of the launch files and graphs that ship."""
-    return sorted({p.stem for folder in (LAUNCHES, GRAPHS) for p in folder.glob("*.yaml")})
+    """Names of the graphs that ship."""
+    return sorted(path.stem for path in GRAPHS.glob("*.yaml"))
 
 
 def _read(path: Path) -> LaunchFile:
     source = read(path)
     data = source.data
-    if not isinstance(data, dict) or "graph" not in data or "nodes" in data:
-        return _of_graph(path, data)
+    if isinstance(data, dict) and "graph" in data and "nodes" not in data:
+        return _run(source, path, KEYS)
+    if isinstance(data, dict) and data.get("run") is not None:
+        return replace(_run(source.sub("run"), path, KEYS[1:]), path=None)
+    return _like_its_base(path, data)
+
+
+def _run(source: YamlSource, path: Path, keys: tuple[str, ...]) -> LaunchFile:
+    """What a launch file says, or the `run:` of a graph. GraphError: what is wrong with it."""
+    data = source.data
     faults = Faults()
+    if not isinstance(data, dict):
+        faults.add(f"run: found {data!r}, expected a mapping such as {{duration: 2 s}}", "", source.place())
+        faults.done()
     for key in data:
-        if key not in KEYS:
-            faults.add(f"unknown key {key!r}", choices("Keys", key, KEYS), source.place(key))
+        if key not in keys:
+            faults.add(f"unknown key {key!r}", choices("Keys", str(key), keys), source.place(key))
     clock = data.get("clock")
     if clock is not None and clock not in CLOCKS:
         faults.add(f"clock: found {clock!r}", choices("Clocks", str(clock), CLOCKS), source.place("clock"))
@@ -132,21 +141,21 @@ def _read(path: Path) -> LaunchFile:
     return launch
 
 
-def _of_graph(path: Path, data: Any) -> LaunchFile:
-    """The run of a graph: as long as that of the graph that it extends and that ships with a launch file, and recorded
-    like it."""
+def _like_its_base(path: Path, data: Any) -> LaunchFile:
+    """The run of a graph without `run:`: as long as that of the graph that it extends, and recorded like it."""
     file, seen = path, {path}
     while isinstance(data, dict) and isinstance(data.get("extends"), str):
         try:
             file = find_file(data["extends"], GRAPHS, file.parent)
-            data = read(file).data
+            source = read(file)
+            data = source.data
         except GraphError:  # the loader tells it
             break
-        shipped = LAUNCHES / file.name
-        if file.parent == GRAPHS.resolve() and shipped.is_file():
-            run = _read(shipped)
-            record = run.record and Path(f"{path.stem}.mcap")
-            return LaunchFile(path, duration=run.duration, record=record, only=run.only)
+        if isinstance(data, dict) and data.get("run") is not None:
+            run = _run(source.sub("run"), file, KEYS[1:])
+            return LaunchFile(
+                path, duration=run.duration, record=run.record and Path(f"{path.stem}.mcap"), only=run.only
+            )
         if file in seen:
             break
         seen.add(file)

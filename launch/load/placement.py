@@ -108,12 +108,11 @@ def find_place(given: str | Path | None) -> str | Path | None:
     return find_file(str(given), PLACES, what="placement", words=BUILT_IN)
 
 
-def load_place(path: str | Path | Placement | None, plan: Plan, *, beside: Path | None = None) -> Placement:
+def load_place(path: str | Path | Placement | None, plan: Plan) -> Placement:
     """The placement of a plan.
 
     path    a placement, a file or the name of one that ships; "fused" for one process, "auto" for two, "apart" or None
             for a process per node
-    beside  folder from which a relative path counts; the working directory where None
 
     Nodes that the plan skips are left out; running nodes that the file does not name get a process each.
     GraphError: all that is wrong with the file.
@@ -123,7 +122,7 @@ def load_place(path: str | Path | Placement | None, plan: Plan, *, beside: Path 
         return Placement([*path.groups, *(ProcessGroup(name, [name]) for name in _names(plan) if name not in placed)])
     if path is None or str(path) in BUILT_IN:
         return {FUSED: fused, AUTO: auto}.get(str(path), apart)(plan)
-    source = read(find_file(str(path), PLACES, beside, what="placement", words=BUILT_IN))
+    source = read(find_file(str(path), PLACES, what="placement", words=BUILT_IN))
     faults = Faults()
     if not isinstance(source.data, dict):
         faults.add("expected a mapping of group names to {nodes: [...], core: ...}", "", source.place())

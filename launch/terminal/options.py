@@ -30,7 +30,7 @@ def _as_json(context: typer.Context, value: bool) -> bool:
 Graph = Annotated[
     str,
     typer.Argument(
-        help="Name of a shipped launch file or graph, or the path of one.", autocompletion=_names, metavar="GRAPH"
+        help="Name of a shipped graph, or the path of a graph or launch file.", autocompletion=_names, metavar="GRAPH"
     ),
 ]
 Sets = Annotated[

@@ -10,7 +10,7 @@ import numpy as np
 from palpate.messages import Vector3
 from palpate.nodes.base.effect import Switch
 from palpate.nodes.base.surface import OnSurface
-from palpate.physics.bodies.nodule import modulus_map, nodule_centre, stiffness_map
+from palpate.physics.bodies.nodule import nodule_centre, stiffness_map
 
 
 class WithNodule(OnSurface):
@@ -35,12 +35,6 @@ class WithNodule(OnSurface):
         return stiffness_map(
             mesh.vertices, mesh.normals, self._centre(), self.nodule_radius, self.nodule_ratio, self.nodule_reach
         )
-
-    def modulus_factor(self, points: np.ndarray) -> np.ndarray:
-        """Factor [1] (...) on the modulus of the material at `points` [m] (...,3); 1 everywhere without a nodule."""
-        if self.nodule_radius == 0.0:
-            return np.ones(np.shape(points)[:-1])
-        return modulus_map(points, self._centre(), self.nodule_radius, self.nodule_ratio)
 
     def _centre(self) -> np.ndarray:
         mesh = self.mesh()

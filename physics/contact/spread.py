@@ -21,8 +21,6 @@ from palpate.physics.geometry.mesh import Mesh
 
 Triple = tuple[float, float, float]
 KERNELS = ("biweight", "wendland", "cosine")
-PLANE_INTEGRALS = (math.pi / 3, math.pi / 7, math.pi * (0.5 - 2 / math.pi**2))
-"""Integral of each kernel over the plane, in units of R²."""
 
 
 @njit(cache=True, error_model="numpy")

@@ -238,8 +238,3 @@ def forward(angles, start=HOME, falcon: FalconGeometry = FALCON) -> tuple[np.nda
 def counts(angles, falcon: FalconGeometry = FALCON) -> np.ndarray:
     """Encoder counts [1] (...) of driven angles [rad] (...): rounded (t1 - zero) / count."""
     return np.rint((np.asarray(angles, dtype=float) - falcon.zero) / falcon.count).astype(np.int64)
-
-
-def angles_of(encoder, falcon: FalconGeometry = FALCON) -> np.ndarray:
-    """Driven angles [rad] (...) of encoder counts [1] (...): zero + counts * count."""
-    return falcon.zero + np.asarray(encoder) * falcon.count

@@ -11,21 +11,6 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 
-def wall_damping(stiffness: float, damping: float, period: float) -> float:
-    """Device damping above which a sampled wall without delay or filter is passive, b > K T/2 + |B| [N s/m].
-
-    stiffness  [N/m]    K of the wall
-    damping    [N s/m]  B of the wall, from the backward difference; its sign does not matter
-    period     [s]      T of the samples
-    """
-    return stiffness * period / 2.0 + abs(damping)
-
-
-def delayed_damping(stiffness: float, period: float, delay: int) -> float:
-    """The same for a pure spring behind `delay` whole samples, b > K T (1/2 + d) [N s/m]."""
-    return stiffness * period * (0.5 + delay)
-
-
 def wall_response(
     stiffness: float, damping: float, period: float, delay: int = 0, order: int = 1
 ) -> Callable[[np.ndarray], np.ndarray]:

@@ -83,19 +83,6 @@ def stable_stiffness(damping: float, mass: float, drag: float, period: float, de
     return low
 
 
-def jury_stiffness(mass: float, drag: float, period: float) -> float:
-    """The same in closed form for a spring alone without delay, from Jury's conditions on z² - tr z + det:
-
-    det < 1:           K < (1 - p)/(a q - p c)
-    1 + tr + det > 0:  K < 2 (1 + p)/(c (1 + p) - a q)   where that is positive
-    """
-    a, p, c, q = held(mass, drag, period)
-    bounds = [(1.0 - p) / (a * q - p * c)]
-    if (below := c * (1.0 + p) - a * q) > 0.0:
-        bounds.append(2.0 * (1.0 + p) / below)
-    return min(bounds)
-
-
 def passive_stiffness(damping: float, drag: float, period: float, delay: int = 0, order: int = 1) -> float:
     """The greatest K [N/m] of a passive wall: b > max over w of (T/2) Re[(1 - e^{-jwT}) H]/(1 - cos wT), Colgate &
     Schenkel 1997; 0 where the damping [N s/m] of the wall alone is too much for the drag [N s/m] of the device."""

@@ -219,8 +219,3 @@ def pressure(r, contact: PadContact):
 def pad_displacement(r, contact: PadContact):
     """u_f(r) [m], by which the fingerpad's surface is pressed in; r [m] (...) broadcasts with the state."""
     return hertz.displacement(r, contact.radius, contact.curvature, contact.share)
-
-
-def tissue_displacement(r, contact: PadContact):
-    """u_t(r) [m], by which the tissue's surface is pressed in; inside the contact u_f + u_t = delta - r²/(2R)."""
-    return hertz.displacement(r, contact.radius, contact.curvature, 1.0 - contact.share)

@@ -12,9 +12,7 @@ from __future__ import annotations
 import math
 from typing import Annotated, Literal, NamedTuple
 
-import numpy as np
 from numba import njit
-from numpy.typing import ArrayLike
 
 
 @njit(cache=True, error_model="numpy")
@@ -101,10 +99,3 @@ def active(law) -> str:
         f"friction: viscous {law.viscous:g} s/m lets the law generate energy; it is passive from {least:.3g} s/m on "
         "(bristle_damping (mu_static - mu_slide)/mu_slide)"
     )
-
-
-def steady_friction(speed: ArrayLike, law: LuGre) -> np.ndarray:
-    """Coefficient of friction [1] (...) in steady sliding at `speed` [m/s] (...): g(v) + sigma2 v."""
-    v = np.abs(np.asarray(speed, float))
-    g = [stribeck(s, law.mu_slide, law.mu_static, law.stribeck) for s in v.ravel()]
-    return np.reshape(g, v.shape) + law.viscous * v

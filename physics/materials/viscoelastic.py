@@ -42,5 +42,3 @@ TISSUE = ViscoelasticMaterial(3.4e4, 1.4, status="modulus stated, relaxation ass
 SKIN = ViscoelasticMaterial(1.36e5, 0.07, status="modulus stated, relaxation assumed (middle part of Pawluk & Howe)")
 BONE = ViscoelasticMaterial(1.5e10, 0.0, status="modulus inferred, no relaxation")
 NAIL = ViscoelasticMaterial(4.3e9, 0.0, status="modulus inferred, no relaxation; rigid in the bundle")
-PRINTED_VISCOSITY = {"tissue": 0.1, "skin": 10.0, "bone": 1.0}
-"""Table I as printed [Pa s]; not used, see above."""

@@ -28,7 +28,7 @@ from palpate.drivers.hid import descriptor, raw
 from palpate.drivers.pins import dotpad
 from palpate.drivers.sensors import bota, netft
 from palpate.launch.load.files import GRAPHS, SCENES
-from palpate.launch.load.launchfile import LAUNCHES, find
+from palpate.launch.load.launchfile import find
 from palpate.messages import Contact, DeviceState, Load, MessageError, Surface, pack, unpack
 from palpate.models.fit.sessions import read_sessions
 from palpate.nodes.base.mesh_file import read_mesh
@@ -254,6 +254,14 @@ def test_damaged_sessions_are_told(tmp_path, seeds):
     assert survives(read_sessions, tmp_path / "spoilt.csv", data, seeds)
 
 
+LAUNCH = b"""# One run.
+graph: kidney
+clock: simulated
+duration: 6.3 s
+record: kidney.mcap
+"""
+
+
 def find_and_plan(path: Path) -> None:
     find(str(path)).plan()
 
@@ -265,8 +273,9 @@ def test_the_text_of_a_damaged_graph_launch_file_or_scene_is_told(tmp_path, kind
         source = SCENES / "kidney.yaml"
         read: Callable[[Path], object] = lambda path: find("kidney").but(scene=path).plan()  # noqa: E731
     else:
-        source, read = (GRAPHS if kind == "graph" else LAUNCHES) / "kidney.yaml", find_and_plan
-    survives(read, tmp_path / "spoilt.yaml", source.read_bytes(), seeds, named="kidney.yaml")
+        source, read = GRAPHS / "kidney.yaml", find_and_plan
+    text = LAUNCH if kind == "launch" else source.read_bytes()
+    survives(read, tmp_path / "spoilt.yaml", text, seeds, named="kidney.yaml")
 
 
 GROWS = "a: &a [" + "x," * 50 + "]\nb: [" + "*a," * 9000 + "]"

@@ -38,47 +38,32 @@ class _Tick(msgspec.Struct):
 _TICK = msgspec.msgpack.Decoder(_Tick)
 
 
+def _columns(kind: type[Message]) -> cached_property[Columns | None]:
+    """The columns of the first stream of a message type."""
+
+    def read(touch: TouchStreams) -> Columns | None:
+        name = touch.recording.stream_of(kind)
+        columns = touch.recording.columns(name) if name is not None else None
+        return columns if columns is not None and len(columns["tick"]) else None
+
+    return cached_property(read)
+
+
 class TouchStreams:
     """The streams of a recording that pictures are drawn from; None where it has no such stream or no message in it."""
 
     def __init__(self, recording: Recording) -> None:
         self.recording = recording
 
-    @cached_property
-    def contact(self) -> Columns | None:
-        return self._columns(Contact)
-
-    @cached_property
-    def friction(self) -> Columns | None:
-        return self._columns(Friction)
-
-    @cached_property
-    def proximity(self) -> Columns | None:
-        return self._columns(Proximity)
-
-    @cached_property
-    def pose(self) -> Columns | None:
-        return self._columns(Pose)
-
-    @cached_property
-    def force(self) -> Columns | None:
-        return self._columns(Force)
-
-    @cached_property
-    def ledger(self) -> Columns | None:
-        return self._columns(Ledger)
-
-    @cached_property
-    def slip(self) -> Columns | None:
-        return self._columns(Slip)
-
-    @cached_property
-    def pins(self) -> Columns | None:
-        return self._columns(Pins)
-
-    @cached_property
-    def band(self) -> Columns | None:
-        return self._columns(ForceBand)
+    contact = _columns(Contact)
+    friction = _columns(Friction)
+    proximity = _columns(Proximity)
+    pose = _columns(Pose)
+    force = _columns(Force)
+    ledger = _columns(Ledger)
+    slip = _columns(Slip)
+    pins = _columns(Pins)
+    band = _columns(ForceBand)
 
     @cached_property
     def touching(self) -> np.ndarray | None:
@@ -123,11 +108,6 @@ class TouchStreams:
         producer = self.recording.streams[stream].producer
         nodes = self.recording.about.get("plan", {}).get("nodes", [])
         return next((node for node in nodes if node.get("name") == producer), {})
-
-    def _columns(self, kind: type[Message]) -> Columns | None:
-        name = self.recording.stream_of(kind)
-        columns = self.recording.columns(name) if name is not None else None
-        return columns if columns is not None and len(columns["tick"]) else None
 
 
 def together(*columns: Columns) -> list[Columns]:

@@ -35,7 +35,7 @@ def reduce(
     """Build the basis of deformation.ReducedFE for a surface and a material, and store it in the cache."""
     from palpate.engine.provenance import commit
     from palpate.launch.load.values.overrides import settings_of
-    from palpate.launch.terminal.stages import Stages
+    from palpate.launch.terminal.progress import Stages
     from palpate.models.build import basis
     from palpate.nodes.deformation.basis_store import SHIPPED, cache
     from palpate.nodes.deformation.reduced_fe import ReducedFE
@@ -69,7 +69,7 @@ def reduce(
 
 def _rungs(settings: dict[str, Any], force: bool, as_json: bool) -> None:
     from palpate.engine.provenance import commit
-    from palpate.launch.terminal.stages import Stages
+    from palpate.launch.terminal.progress import Stages
     from palpate.models.build.rungs import make
     from palpate.nodes.base import SettingError
     from palpate.nodes.deformation import Adaptive

@@ -16,7 +16,6 @@ import numpy as np
 from palpate.models.fe.element.mesh import MeshError, TetMesh, bricks, edge_nodes, grid
 
 BONE, SUBCUTIS, DERMIS, EPIDERMIS, NAIL, PLATE = range(6)
-REGIONS = ("bone", "subcutis", "dermis", "epidermis", "nail", "plate")
 
 CORE = 0.45
 """Half width of the lattice's core, as a share of the bone's radius."""

@@ -7,7 +7,7 @@ from rich.console import Console
 from typer.testing import CliRunner
 
 from palpate.launch.__main__ import app
-from palpate.launch.terminal.stages import Stages
+from palpate.launch.terminal.progress import Stages
 
 
 def told(quiet=False, terminal=False):

@@ -239,6 +239,32 @@ def test_a_graph_that_extends_one_that_ships_runs_as_long_and_is_recorded_like_i
     assert find(str(write("lost.yaml", "extends: nowhere\n"))).record is None
 
 
+def test_the_run_of_a_graph_is_its_own_and_no_part_of_what_is_recorded_of_it(write):
+    text = "extends: kidney\nrun: {clock: real, duration: 700 ms, record: sources, pace: 2}\n"
+    file = write("mine.yaml", text)
+    run = find(str(file))
+    assert run == LaunchFile(graph=file, clock="real", duration=0.7, record=Path("mine.mcap"), only="sources", pace=2.0)
+    longer = find(str(write("longer.yaml", "extends: mine.yaml\n")))
+    assert (longer.duration, longer.record, longer.only) == (0.7, Path("longer.mcap"), "sources")
+    assert "run" not in run.load().source
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("run: {duraton: 3 s}", ["'duraton'", "Did you mean 'duration'"]),
+        ("run: {graph: kidney}", ["unknown key 'graph'"]),
+        ("run: 3", ["run: found 3", "expected a mapping"]),
+        ("run: {clock: [real]}", ["clock: found ['real']"]),
+    ],
+)
+def test_a_bad_run_of_a_graph_is_told(write, text, words):
+    with pytest.raises(GraphError) as error:
+        find(str(write("mine.yaml", f"extends: kidney\n{text}\n")))
+    for word in ["mine.yaml:2", *words]:
+        assert word in str(error.value)
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [
@@ -272,7 +298,8 @@ def test_a_wrong_override_in_a_launch_file_is_told_with_its_line(whole, write):
 def test_what_ships_is_found_by_name():
     assert "kidney" in names()
     run = find("kidney")
-    assert run.path is not None and run.path.name == "kidney.yaml" and run.graph.parent.name == "graphs"
+    assert run.path is None and run.graph.name == "kidney.yaml" and run.graph.parent.name == "graphs"
+    assert run.duration == 6.3 and run.clock == "simulated"
     with pytest.raises(GraphError, match="Did you mean 'kidney'"):
         find("kidny")
 

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from formulas import series_path
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pytest import approx
@@ -16,7 +17,7 @@ from palpate.nodes.deformation import MassSpring
 from palpate.nodes.spread import Kernel
 from palpate.physics.bodies.mass_spring import MOST_STRAIN, NodalBody
 from palpate.physics.bodies.spring_net import NetBody
-from palpate.physics.contact.series import exponential, series_path
+from palpate.physics.contact.series import exponential
 from palpate.physics.contact.spread import Spreader, kernel
 from palpate.physics.contact.terminal import terminal_force
 from palpate.physics.geometry.mesh import plane

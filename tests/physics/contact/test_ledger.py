@@ -4,12 +4,13 @@ import math
 
 import numpy as np
 import pytest
+from formulas import series_path
 from hypothesis import given
 from hypothesis import strategies as st
 from pytest import approx
 
 from palpate.physics.contact.ledger import EnergyAccount, Moment
-from palpate.physics.contact.series import energy, exponential, series_path
+from palpate.physics.contact.series import energy, exponential
 from palpate.physics.friction.bristle import path
 from palpate.physics.friction.coulomb import Coulomb
 from palpate.physics.friction.lugre import LuGre

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from formulas import PLANE_INTEGRALS
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pytest import approx
@@ -12,7 +13,7 @@ from scipy.integrate import quad
 from palpate.launch.testing import FakeBus
 from palpate.messages import Contact, Friction
 from palpate.nodes.spread import Kernel
-from palpate.physics.contact.spread import KERNELS, PLANE_INTEGRALS, Spreader, kernel
+from palpate.physics.contact.spread import KERNELS, Spreader, kernel
 from palpate.physics.geometry.grid import Grid, barycentric
 from palpate.physics.geometry.mesh import Mesh, plane
 

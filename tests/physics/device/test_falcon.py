@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
+from formulas import angles_of
 from pytest import approx
 
-from palpate.physics.device.falcon import FALCON, HOME, angles_of, counts, forward, inverse, links, rates
+from palpate.physics.device.falcon import FALCON, HOME, counts, forward, inverse, links, rates
 from palpate.physics.device.falcon_statics import force, torque
 
 CENTRE = (0.0, 0.0, 0.11)

@@ -2,11 +2,12 @@
 
 import numpy as np
 import pytest
+from formulas import delayed_damping, wall_damping
 from pytest import approx
 from scipy.linalg import expm
 
 from palpate.physics.device.passivity import absorbed, clamp, dissipation, slew
-from palpate.physics.device.sampled_wall import delayed_damping, required_damping, wall_damping, wall_response
+from palpate.physics.device.sampled_wall import required_damping, wall_response
 
 T = 1e-3
 

@@ -2,17 +2,10 @@
 
 import numpy as np
 import pytest
+from formulas import delayed_damping, jury_stiffness
 from pytest import approx
 
-from palpate.physics.device.sampled_wall import delayed_damping
-from palpate.physics.device.stability import (
-    held,
-    jury_stiffness,
-    passive_stiffness,
-    poles,
-    quantised_stiffness,
-    stable_stiffness,
-)
+from palpate.physics.device.stability import held, passive_stiffness, poles, quantised_stiffness, stable_stiffness
 from palpate.physics.device.wall_loop import WallDevice, decays, run, settles
 
 EXACT = WallDevice(resolution=0.0)

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from formulas import tissue_displacement
 from pytest import approx
 
 from palpate.physics.display.pin_heights import (
@@ -11,13 +12,7 @@ from palpate.physics.display.pin_heights import (
     local_plane,
 )
 from palpate.physics.display.pins import pin_grid
-from palpate.physics.display.shape_display import (
-    FINGERPADS,
-    pad_contact,
-    pad_displacement,
-    pressure,
-    tissue_displacement,
-)
+from palpate.physics.display.shape_display import FINGERPADS, pad_contact, pad_displacement, pressure
 
 PAD = FINGERPADS["canonical"]
 GRID = pin_grid(6, 5, 2e-3).reshape(-1, 2)

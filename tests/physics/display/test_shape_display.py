@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from formulas import tissue_displacement
 from hypothesis import given
 from hypothesis import strategies as st
 from pytest import approx
@@ -17,7 +18,6 @@ from palpate.physics.display.shape_display import (
     pad_displacement,
     pad_modulus,
     pressure,
-    tissue_displacement,
 )
 
 PAD = FINGERPADS["canonical"]

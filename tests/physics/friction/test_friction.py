@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from formulas import steady_friction
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pytest import approx
@@ -18,7 +19,7 @@ from palpate.physics.friction.bristle import Bristles, turn
 from palpate.physics.friction.coulomb import Coulomb as CoulombLaw
 from palpate.physics.friction.elastoplastic import ElastoPlastic as Elastic
 from palpate.physics.friction.lugre import LuGre as Law
-from palpate.physics.friction.lugre import passive_viscous, steady_friction
+from palpate.physics.friction.lugre import passive_viscous
 
 LAW = Law(0.5, 0.7, 0.02, 3000.0, 1.0, 0.4)
 ELASTIC = Elastic(0.5, 0.7, 0.02, 3000.0, 1.0, 0.4)

@@ -83,7 +83,7 @@ def _pressing(plate: str, material: str, depth: float, cells: int, friction: flo
 
 
 def _press(pressing: Pressing, end: float, run: PressRun, quiet: bool) -> Record:
-    from palpate.launch.terminal.stages import Stages
+    from palpate.launch.terminal.progress import Stages
     from palpate.models.fe.study.press_record import record
 
     done: Callable[..., None] | None = None
