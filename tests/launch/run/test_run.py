@@ -118,7 +118,7 @@ def test_a_group_that_joins_by_hand_sends_the_same_bytes(tmp_path, reference, mo
     command = [
         sys.executable,
         "-c",
-        "from palpate.launch.run import keys; from palpate.launch.run.work.process import join; "
+        "from palpate.launch.run.wire import keys; from palpate.launch.run.work.process import join; "
         f"raise SystemExit(join({address!r}, 'far', 30, keys.load()))",
     ]
     path = os.pathsep.join([str(Path(__file__).parents[2] / "support"), os.environ.get("PYTHONPATH", "")])
