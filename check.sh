@@ -15,7 +15,7 @@ types=$(mktemp)
 .venv/bin/mypy >"$types" 2>&1 &
 mypy=$!
 failed=0
-.venv/bin/python -m pytest -n 2 --dist worksteal "$@" || failed=$?
+.venv/bin/python -m pytest -n 3 --dist worksteal "$@" || failed=$?
 wait "$mypy" || failed=1
 cat "$types"
 rm -f "$types"

@@ -1,27 +1,30 @@
-"""What a body computes from its mesh and every start would compute anew."""
+"""What is computed from a mesh or a surface, and would be computed anew at every start."""
 
 from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable
+from dataclasses import fields, is_dataclass
 from functools import wraps
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
+Result = TypeVar("Result")
 KEPT = 4
 """Results that each function keeps."""
 
 
-def kept(function: Callable[..., np.ndarray]) -> Callable[..., np.ndarray]:
-    """The function, which gives the same array again where its arguments, arrays and numbers, have the same content.
+def kept(function: Callable[..., Result]) -> Callable[..., Result]:
+    """The function, which gives the same result again where its arguments have the same content: arrays, numbers, and
+    dataclasses of these.
 
     Nobody may write to what it gives.
     """
-    results: dict[tuple, np.ndarray] = {}
+    results: dict[tuple, Result] = {}
 
     @wraps(function)
-    def of(*given: Any) -> np.ndarray:
+    def of(*given: Any) -> Result:
         key = tuple(_content(one) for one in given)
         if key not in results:
             if len(results) == KEPT:
@@ -33,6 +36,8 @@ def kept(function: Callable[..., np.ndarray]) -> Callable[..., np.ndarray]:
 
 
 def _content(given: Any) -> Any:
-    if not isinstance(given, np.ndarray):
-        return given
-    return given.shape, given.dtype.str, hashlib.sha256(np.ascontiguousarray(given).data).digest()
+    if isinstance(given, np.ndarray):
+        return given.shape, given.dtype.str, hashlib.sha256(np.ascontiguousarray(given).data).digest()
+    if is_dataclass(given):
+        return tuple(_content(getattr(given, field.name)) for field in fields(given))
+    return given

@@ -75,7 +75,8 @@ class ReducedFE(OnSurface):
     capsule_ratio: Annotated[float, "1", msgspec.Meta(gt=0)] = 10.0
     """Modulus of the skin over that of the organ."""
     sticks: Annotated[bool, "1"] = True
-    """Whether the surface under the patch sticks to the finger or is free to slide on it; not of the sampled model."""
+    """Whether the surface under the patch sticks to the finger, or is free to slide on it (under light loads: heavier
+    ones are reported); not of the sampled model."""
     coarse: Annotated[int, "1", msgspec.Meta(ge=50, le=2000)] = 600
     """About how many vertices the condensed surface has."""
     radius: Annotated[float, "m", msgspec.Meta(gt=0)] = 8e-3
@@ -88,6 +89,15 @@ class ReducedFE(OnSurface):
         mesh = self.mesh()
         self._areas, self._push = mesh.areas, np.zeros(len(mesh.vertices))
         self._place: tuple[Vector3, Vector3] | None = None
+        self._cautions: dict[str, str] = {}
+        self._notes: list[str] = []
+
+    def notes(self) -> list[str]:
+        notes, self._notes = self._notes, []
+        return notes
+
+    def condition(self) -> str:
+        return "outside its range" if self._body.extrapolation > 0.0 else ""
 
     def rests(self, load: Load) -> bool:
         """The sampled body never rests quite: its modes fade for ever."""
@@ -145,6 +155,8 @@ class ReducedFE(OnSurface):
     def step(self, load: Load, *, dt: float) -> Surface:
         stiffness, exponent, free, now = self._answer(load, dt)
         self._place = (load.foot, load.normal)
+        if self._body.extrapolation > 0.0:
+            self._warn()
         nodes, moved = self._displaced(load.foot)
         gradient, shape = self._along(len(load.nodes))
         return Surface(
@@ -163,6 +175,14 @@ class ReducedFE(OnSurface):
             shape_operator=shape,
             stored=self._stored(),
         )
+
+    def _warn(self) -> None:
+        """A note for each cause that was not there before."""
+        if not isinstance(self._body, CondensedBody):
+            return
+        news = {cause: text for cause, text in self._body.cautions().items() if cause not in self._cautions}
+        self._cautions |= news
+        self._notes += [f"{type(self).__name__}: {text}" for text in news.values()]
 
     @part("energy", "stored", otherwise=())
     def _stored(self) -> Vector:

@@ -29,6 +29,16 @@ import numpy as np
 
 from palpate.physics.archive import ArchiveError, read_arrays
 from palpate.physics.bodies.dents import SPACING, hat_moments, patch_radius, rise, risen
+from palpate.physics.bodies.half_space_range import (
+    FLAT,
+    LIGHT,
+    NEAR_WIDTH,
+    curved_error,
+    ground_under,
+    narrow_error,
+    sliding_error,
+    thin_error,
+)
 from palpate.physics.bodies.patch import barycentric, carried, normal_force, share_of
 from palpate.physics.bodies.place_energy import Ground, along, held, softness, weight_slopes
 from palpate.physics.bodies.true_patch import (
@@ -127,12 +137,14 @@ class CondensedModel(NamedTuple):
     true: TruePatch
 
 
-COMPLIANCE, FREE, NOW, MORE, OWN, BEYOND, PRESS, RADIUS, NARROW, WIDE, NARROWED = range(11)
+COMPLIANCE, FREE, NOW, MORE, OWN, PRESS, RADIUS, WIDE, NARROWED, DEEP, NARROW, THIN, CURVED, NEAR, SLIDES = range(15)
 """Numbers that a body keeps: compliance [m/N], s_free and s [m] of the law that was told, the load [N] on the patch
-that large displacement adds, compliance [m/N] of the linear body at rest, how far beyond the deepest press it is, the
-normal force [N] on the patch with what was added, the patch's radius [m], how much narrower than the mesh it is, its
-radius [m] on the coarse surface, which the dents were found under, whether it is drawn together near a nodule."""
-SIDE = slice(11, 14)
+that large displacement adds, compliance [m/N] of the linear body at rest, the normal force [N] on the patch with what
+was added, the patch's radius [m], that on the coarse surface, which the dents were found under, whether it is drawn
+together near a nodule; then how far [1] it is outside of what the body can tell, 0 within, 1 at twice the limit: deeper
+than the organ was pressed, narrower than the touched mesh, on thin or curved ground, too narrow near a nodule, too
+heavy for a surface that is free to slide."""
+SIDE = slice(15, 18)
 """What holds the patch along the surface [1] (3), see `true_patch.patch_compliance`."""
 
 
@@ -180,7 +192,7 @@ class CondensedBody:
             mesh.vertices, true,
         )  # fmt: skip
         self._fields, self._marks = np.zeros((5, count, 3)), np.zeros((2, count), dtype=np.int64)
-        self._curve, self._numbers = np.zeros((2, dents.shape[1] + 1)), np.zeros(14)
+        self._curve, self._numbers = np.zeros((2, dents.shape[1] + 1)), np.zeros(18)
         self.held = self._fields[0]
         """[N] (V,3) loads that the displacement follows, h."""
         self._normal = (0.0, 0.0, 0.0)
@@ -219,11 +231,47 @@ class CondensedBody:
 
     @property
     def extrapolation(self) -> float:
-        """How far the last step is beyond what the body can tell, 0 within: its indentation beyond the deepest that the
-        organ was pressed to (1 at twice that; 0 where only the linear organ is known), or its load narrower than the
-        touched mesh can tell (1: half as wide)."""
-        narrow = self._numbers[NARROW] if len(self._model.true.table) else 0.0
-        return float(max(self._numbers[BEYOND], narrow))
+        """How far the last step is outside of what the body can tell, 0 within, 1 at twice the limit; `cautions` says
+        why."""
+        return max(self._numbers[DEEP : SLIDES + 1].tolist())
+
+    def cautions(self) -> dict[str, str]:
+        """What the last step was outside of, by cause, and the error to expect."""
+        numbers = self._numbers.tolist()
+        radius, wide, ground = numbers[RADIUS], numbers[WIDE], FLAT * numbers[RADIUS]
+        patch = f"a patch of {1e3 * radius:.2g} mm"
+        told = {
+            DEEP: ("depth", "it is pressed deeper than its nonlinear table; the error there is unknown"),
+            NARROW: (
+                "narrow",
+                f"the load is narrower than its mesh resolves and acts like {patch}; the indentation may be off by "
+                f"{narrow_error(numbers[NARROW]):.0%}. More vertices resolve it",
+            ),
+            THIN: (
+                "thin",
+                f"under {patch} it is {1e3 * ground / (1.0 + numbers[THIN]):.2g} mm thick, expected at least "
+                f"{1e3 * ground:.2g} mm; the indentation may be off by "
+                f"{thin_error(radius, wide, ground / (1.0 + numbers[THIN])):.1%}",
+            ),
+            CURVED: (
+                "curved",
+                f"under {patch} its radius of curvature is {1e3 * ground / (1.0 + numbers[CURVED]):.2g} mm, expected "
+                f"at least {1e3 * ground:.2g} mm; the indentation may be off by {curved_error(numbers[CURVED])}",
+            ),
+            NEAR: (
+                "near",
+                f"{patch} near another modulus, expected at least {1e3 * NEAR_WIDTH * wide:.2g} mm; the indentation "
+                "may be off by 20 %. A basis with more coarse vertices resolves it",
+            ),
+        }
+        heavy = LIGHT * (1.0 + numbers[SLIDES])
+        told[SLIDES] = (
+            "slides",
+            f"its surface is free to slide (sticks: off) under {patch} with {heavy:.2g} E R², expected at most "
+            f"{LIGHT:g} E R²; such a surface gives way sideways, which the body does not: it is too stiff by "
+            f"{sliding_error(heavy):.0%}",
+        )
+        return {cause: text for at, (cause, text) in told.items() if numbers[at] > 0.0}
 
     @property
     def still(self) -> bool:
@@ -341,33 +389,41 @@ def _step(model, patch, pull, share, normal, dt, fields, marked, curve, numbers,
                     )
     # the patch as small as the load is: a half-space's correction to the compliance
     radius, narrow = load_radius(model.fine, patch, pull, normal, total, model.true.least)
+    wide = patch_radius(model.vertices, model.moments, order, touched, measure)
+    numbers[DEEP : SLIDES + 1] = 0.0
     narrowed = draw_together(model, patch, pull, normal, total, order, touched, measure, radius)
     body, more = patch_compliance(
         compliance, model.true, order, touched, measure, narrowed, normal, radius, numbers[SIDE]
     )
     numbers[NARROWED] = narrowed
+    if len(model.true.table) > 0 and share > 0.0:
+        numbers[NARROW] = narrow
+        thin, curved = ground_under(model.true.ground, order, touched, measure)
+        numbers[THIN] = max(FLAT * radius * thin - 1.0, 0.0)
+        numbers[CURVED] = max(FLAT * radius * curved - 1.0, 0.0)
+        if not model.true.sticks:
+            numbers[SLIDES] = max(total / (young * radius * radius * LIGHT) - 1.0, 0.0)
+        numbers[NEAR] = max(NEAR_WIDTH * wide / radius - 1.0, 0.0) if narrowed else 0.0
     self_compliance = (body + more) / young
     press = pressed / body if body > 0.0 else 0.0  # the normal force on the patch that h stands for
-    tangential = (
-        (static - body * total) / young if share > 0.0 and total > 0.0 else 0.0
-    )  # what the tangential load adds
+    # what the tangential load adds
+    tangential = (static - body * total) / young if share > 0.0 and total > 0.0 else 0.0
     now = (now + more * press) / young
     free = keep * now + take * tangential
     numbers[COMPLIANCE], numbers[FREE], numbers[NOW] = take * self_compliance, free, now
-    numbers[MORE], numbers[OWN], numbers[BEYOND] = 0.0, self_compliance, 0.0
-    numbers[PRESS], numbers[RADIUS], numbers[NARROW] = press, radius, narrow
+    numbers[MORE], numbers[OWN], numbers[PRESS] = 0.0, self_compliance, press
+    numbers[RADIUS], numbers[WIDE] = radius, wide
     if dents.shape[1] == 0 or not self_compliance > 0.0:
         return count, touched
     # large displacement: nonlinear indentation table, s/R over that of the linear body
-    radius = patch_radius(model.vertices, model.moments, order, touched, measure)
-    numbers[WIDE] = radius
+    radius = wide
     knots, slopes = curve[0], curve[1]
     rise(dents, order, touched, measure, knots, slopes)
     force = max(total * share, LEAST_FORCE)
     numbers[NOW] = radius * risen(now / radius, knots, slopes)[0]
     numbers[FREE] = radius * risen(free / radius, knots, slopes)[0]
     end = SPACING * dents.shape[1]
-    numbers[BEYOND] = max(numbers[NOW] / (radius * end) - 1.0, 0.0)
+    numbers[DEEP] = max(numbers[NOW] / (radius * end) - 1.0, 0.0)
     then, slope = risen((free + take * self_compliance * force) / radius, knots, slopes)
     numbers[COMPLIANCE] = (radius * then - numbers[FREE]) / force
     # of a convex s(f): so contact comes to its force from above, and does not swing

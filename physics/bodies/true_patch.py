@@ -45,6 +45,7 @@ import numpy as np
 import scipy  # its parts are slow to import, and are when they are used
 
 from palpate.physics.bodies.dents import patch_radius
+from palpate.physics.bodies.half_space_range import curvature, inverse_thickness
 from palpate.physics.bodies.patch import share_of
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.kept import kept
@@ -86,6 +87,7 @@ class TruePatch(NamedTuple):
     sticks   [1]   whether the patch sticks to the finger
     least    [m²]  (N,) least mean square radius of a load on each vertex of the touched mesh
     apart    [m]   (V,) distance of each coarse vertex from another modulus; none where there is but one
+    ground   [1/m] (V,2) one over the thickness, and the curvature, at each coarse vertex, see `half_space_range`
     """
 
     table: np.ndarray
@@ -96,6 +98,7 @@ class TruePatch(NamedTuple):
     sticks: bool
     least: np.ndarray
     apart: np.ndarray
+    ground: np.ndarray
 
 
 def true_patch(
@@ -107,7 +110,8 @@ def true_patch(
     ratio = (1.0 - 0.5 * poisson) / (1.0 - poisson)
     least = LEAST_MOMENT * fine.areas
     near = np.zeros(0) if apart is None else apart
-    return TruePatch(table, dent_profile(), (1.0 - poisson**2) / np.pi, ratio, held, sticks, least, near)
+    ground = np.stack([inverse_thickness(coarse), curvature(coarse)], axis=1)
+    return TruePatch(table, dent_profile(), (1.0 - poisson**2) / np.pi, ratio, held, sticks, least, near, ground)
 
 
 @kept
@@ -119,7 +123,9 @@ def _table(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
 def uncorrected(fine: Mesh) -> TruePatch:
     """Nothing is corrected: the body as its full model is under the widened load."""
     least = LEAST_MOMENT * fine.areas
-    return TruePatch(np.zeros((0, 0), np.float32), np.zeros(0), 0.0, 1.0, 0.0, False, least, np.zeros(0))
+    return TruePatch(
+        np.zeros((0, 0), np.float32), np.zeros(0), 0.0, 1.0, 0.0, False, least, np.zeros(0), np.zeros((0, 2))
+    )
 
 
 def dent_profile() -> np.ndarray:

@@ -20,6 +20,7 @@ import numpy as np
 
 from palpate.physics.geometry.newton import beside, flattest, newton
 from palpate.physics.geometry.nurbs import Nurbs, evaluate, normal_of
+from palpate.physics.kept import kept
 
 HYSTERESIS = 1e-4
 FAR = 1e9
@@ -209,6 +210,7 @@ def _starts(seeds, index, p0, p1, p2, distance, here, work, at):
     return count
 
 
+@kept
 def samples(surface: Nurbs, count: int) -> tuple[np.ndarray, np.ndarray]:
     """About `count` samples of the surface with their neighbours, in clusters, packed for the kernels.
 

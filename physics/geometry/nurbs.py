@@ -13,6 +13,8 @@ from functools import cached_property
 import numba
 import numpy as np
 
+from palpate.physics.kept import kept
+
 # Places in the header of the packed form; the rest of `layout` is the first control point of each span.
 PU, PV, NU, NV, SPANS_U, SPANS_V, CLOSED_U, CLOSED_V, POLE_LOW, POLE_HIGH, AT_BV, AT_MU, AT_MV, AT_H, HEADER = range(15)
 POLE_LIMIT = 2e-8
@@ -117,6 +119,7 @@ class Nurbs:
         return Nurbs(points, *rest)
 
 
+@kept
 def basis_matrices(knots: np.ndarray, degree: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The basis functions as polynomials on each span of the domain.
 

@@ -18,7 +18,8 @@ from palpate.launch.testing import FakeBus
 from palpate.messages import Contact, DeviceState, Force, Friction, Ledger, Load, Pose, Proximity, Surface, Torque, pack
 from palpate.nodes.base import inputs
 
-EXAMPLES = int(os.environ.get("PALPATE_EXAMPLES", 25))
+MANY = int(os.environ.get("PALPATE_EXAMPLES", 200))
+EXAMPLES = pytest.mark.parametrize("examples", [10, pytest.param(MANY, marks=pytest.mark.long)])
 STEPS = st.sampled_from([0, 1, -1, 1_000_000, 1_000_000, 1_300_000, -5_000_000, 10**9, 10**11, 10**15])  # [ns]
 
 
@@ -167,9 +168,10 @@ def live(name: str, days: list[tuple[int, dict]]) -> list[bytes]:
     return said
 
 
+@EXAMPLES
 @pytest.mark.parametrize("name", NAMES)
-def test_nothing_but_finite_answers_and_the_same_again(name):
-    @settings(max_examples=EXAMPLES, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
+def test_nothing_but_finite_answers_and_the_same_again(name, examples):
+    @settings(max_examples=examples, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
     @given(bad_days(name))
     def check(days):
         first = live(name, days)
@@ -178,8 +180,9 @@ def test_nothing_but_finite_answers_and_the_same_again(name):
     check()
 
 
-def test_the_force_on_the_hand_is_never_more_than_the_limit():
-    @settings(max_examples=EXAMPLES, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
+@EXAMPLES
+def test_the_force_on_the_hand_is_never_more_than_the_limit(examples):
+    @settings(max_examples=examples, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
     @given(bad_days("held free"))
     def check(days):
         for data in live("held free", days):

@@ -2,7 +2,9 @@
 
 import numpy as np
 
+from palpate.nodes.base.surface import surface_patch
 from palpate.physics import kept
+from palpate.physics.geometry.closest import samples
 from palpate.physics.geometry.graded import ranges
 from palpate.physics.kept import KEPT
 
@@ -43,3 +45,10 @@ def test_a_mesh_is_ranked_once():
     points = np.random.default_rng(1).uniform(size=(500, 3))
     assert ranges(points, 0.1) is ranges(points.copy(), 0.1)
     assert ranges(points, 0.2) is not ranges(points, 0.1)
+
+
+def test_a_smooth_surface_is_sampled_once_wherever_it_comes_from():
+    first, again, away = (surface_patch("kidney", (0.0, 0.0, z), (0.0, 0.0, 0.0)) for z in (0.0, 0.0, 0.01))
+    assert first is not again and samples(first, 500) is samples(again, 500)
+    assert (samples(away, 500)[0] != samples(first, 500)[0]).any()
+    assert len(samples(first, 2000)[0]) > len(samples(first, 500)[0])

@@ -84,7 +84,7 @@ def top(x, y):
 
 
 ARCS = {
-    "lateral_force": (top(-0.025, 0.0), top(0.025, 0.0)),
+    "along": (top(-0.025, 0.0), top(0.025, 0.0)),
     "back": (top(0.025, 0.0), top(-0.025, 0.0)),
     "across": (top(0.0, -0.01), top(0.02, 0.012)),
     "to the end": (top(0.0, 0.0), top(0.04, 0.0)),
@@ -113,7 +113,7 @@ def test_pressing_here_sliding_and_lifting_there_gives_out_nothing(model, retard
 def test_a_hand_that_feels_the_normal_force_alone_gains_more(monkeypatch):
     """So the tests above see what they are meant to see."""
     hand = Hand()
-    monkeypatch.setattr(hand.body, "lateral_force", lambda: ((0.0, 0.0, 0.0), (0.0,) * 9))
+    monkeypatch.setattr(hand.body, "along", lambda: ((0.0, 0.0, 0.0), (0.0,) * 9))
     assert gained(hand, np.linspace(*ARCS["softest to stiffest"], 500), 10e-3) > 1.3 * GAIN
 
 

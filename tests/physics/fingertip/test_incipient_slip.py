@@ -23,7 +23,10 @@ def slide(folder, *sets, duration=3.0):
 
 @pytest.mark.parametrize(
     ("speed", "depth"),
-    [(1.0, 2.0), (2.0, 0.5), (2.0, 1.0), (2.0, 1.5), (2.0, 2.0), (2.0, 2.5), (10.0, 2.0), (20.0, 1.0)],
+    [
+        *((1.0, 2.0), (2.0, 0.5), (2.0, 2.5), (20.0, 1.0)),
+        *(pytest.param(*case, marks=pytest.mark.long) for case in ((2.0, 1.0), (2.0, 1.5), (2.0, 2.0), (10.0, 2.0))),
+    ],
 )
 def test_the_warning_leads_gross_slip_by_the_stated_travel_at_any_speed_and_force(tmp_path, speed, depth):
     sets = f"speed='{speed} mm/s'", f"depth='{depth} mm'", "lift=0", "hold='0.5 s'"
@@ -43,7 +46,7 @@ def test_no_slide_no_warning(tmp_path):
     assert at.begin is None and at.warned is None and at.gross is None
 
 
-@pytest.mark.parametrize("angle", [0, 40, 75])
+@pytest.mark.parametrize("angle", [0, pytest.param(40, marks=pytest.mark.long), 75])
 def test_the_warning_comes_first_at_other_angles_of_the_finger(tmp_path, angle):
     *_, at = slides(slide(tmp_path, f"angle='{angle} deg'", "hold='0.5 s'"))
     assert at.begin < at.warned < at.gross - 200

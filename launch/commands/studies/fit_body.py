@@ -1,0 +1,56 @@
+"""`palpate fit-body`: calibrate MassSpring or BeamBundle to a reference body under the scene's patch."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from palpate.launch.terminal.options import Graph, Json, SceneOption, Sets, chosen, seconds
+from palpate.launch.terminal.output import console, tell
+from palpate.launch.terminal.progress import steps
+
+PER_TICK = 1e-3
+"""[s] that a body and its reference take for a tick of the touch."""
+
+
+def fit_body(
+    graph: Graph,
+    reference: Annotated[
+        list[str] | None,
+        typer.Option(help="What makes the reference, as --set takes it; default: ReducedFE in the body's place."),
+    ] = None,
+    sets: Sets = None,
+    scene: SceneOption = None,
+    duration: Annotated[
+        float | None, typer.Option(help="Duration of the touch that is used.", parser=seconds, metavar="TIME")
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option("-o", "--out", help="Launch file to write; default runs/GRAPH-fitted.yaml.")
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Calibrate MassSpring or BeamBundle to a reference body under the scene's patch.
+
+    Fits the model's constants to the force and indentation of the reference on the graph's own touch, writes a launch
+    file, and prints what the model differs by in force, indentation and shape before and after.
+    """
+    from palpate.studies import fit_body as study
+
+    launch = chosen(graph, sets, scene).but(duration=duration)
+    file = out or Path("runs", f"{(launch.path or launch.graph).stem}-fitted.yaml")
+    length = launch.duration or 0.0
+    with steps(f"fit-body: a touch of {length:g} s", 3, silent=as_json, seconds=5e3 * PER_TICK * length) as done:
+        fitted = study.fit_body(launch, file, reference or [], done)
+    if as_json:
+        tell({"ok": True, "file": str(file), "set": fitted.overrides, "before": fitted.before, "after": fitted.after})
+        return
+    print_ = console().print
+    for key, value in fitted.overrides.items():
+        print_(f"{key} = {value}", markup=False)
+    print_("Differences from the reference, RMS of its peak:")
+    for word, off in (("before", fitted.before), ("after", fitted.after)):
+        print_(f"{word:7} {study.words(off)}", markup=False)
+    print_(fitted.reference, markup=False)
+    print_(f"written {file}: palpate run {file}", markup=False)

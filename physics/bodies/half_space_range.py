@@ -1,0 +1,110 @@
+"""Where the ground under a patch is a half-space, and what the corrected compliance is off by where it is not.
+
+`true_patch` takes what the coarse surface's wider load loses (radius R_w instead of R) from a half-space. Where the
+organ is thin or curved the difference C - H changes over the patch, and the indentation is off by
+
+    thickness t   <= 0.2 (R_w²/R² - 1) (R/t)³   an elastic layer on a rigid base, bonded (nu = 0.45) or free to slide,
+                                                by Hankel transforms (K. L. Johnson, Contact Mechanics, 1985, ch. 5.8)
+    radius rho    <= 1.3 %                      an elastic ball, rho >= 1.5 R, nu 0.3 to 0.45, by Legendre series (A. I.
+                                                Lurie, Three-Dimensional Problems of the Theory of Elasticity, 1964)
+
+for R_w up to 2 R. tests/physics/bodies/test_half_space_range.py has both.
+"""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+
+from palpate.physics.geometry.mesh import Mesh
+
+FLAT = 2.0
+"""[1] Thickness and radius of curvature over R from which on the ground counts as a half-space."""
+NEAR_WIDTH = 0.7
+"""[1] Least R/R_w at which the load can be drawn together near another modulus."""
+LAYER, BALL, INNERMOST = 0.2, 0.013, 1.5
+"""[1] Of the errors above; the least rho/R that is known."""
+LIGHT = 0.12
+"""[1] Force over E R² up to which a surface that is free to slide answers like the linear law, to 2 %."""
+SLIDING = np.array([[0.0, 0.25, 0.49, 0.74, 0.99], [0.0, 0.04, 0.14, 0.25, 0.30]])
+"""[1] By f/(E R²) what the linear law is too stiff by, found by `fe.Solver` on the slab (R = 8 mm, nu = 0.45)."""
+EDGE = 1e-9
+"""[1] By which a ray may miss a triangle, so that it does not pass between two."""
+ROWS = 64
+"""Rays that are cast at once: what they take is ROWS x T numbers."""
+
+
+def inverse_thickness(mesh: Mesh) -> np.ndarray:
+    """[1/m] (V,) one over the way from each vertex along its inward normal to the other side; 0 where there is none."""
+    a = mesh.vertices[mesh.triangles[:, 0]]
+    e1, e2 = mesh.vertices[mesh.triangles[:, 1]] - a, mesh.vertices[mesh.triangles[:, 2]] - a
+    out = np.zeros(len(mesh.vertices))
+    least = 1e-3 * float(np.ptp(mesh.vertices, axis=0).max())
+    for begin in range(0, len(out), ROWS):
+        origin, ray = mesh.vertices[begin : begin + ROWS, None], -mesh.normals[begin : begin + ROWS, None]
+        # T. Moeller, B. Trumbore, J. Graphics Tools 2 (1997) 21-28
+        p = np.cross(ray, e2)
+        det = np.einsum("tj,rtj->rt", e1, p)
+        to = origin - a
+        q = np.cross(to, e1)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            u, v = np.einsum("rtj,rtj->rt", to, p) / det, np.einsum("rxj,rtj->rt", ray, q) / det
+            away = np.einsum("tj,rtj->rt", e2, q) / det
+            hit = (u > -EDGE) & (v > -EDGE) & (u + v < 1.0 + EDGE) & (away > least)
+        out[begin : begin + ROWS] = 1.0 / np.where(hit, away, np.inf).min(axis=1)
+    return out
+
+
+def curvature(mesh: Mesh) -> np.ndarray:
+    """[1/m] (V,) greatest normal curvature at each vertex, of the shape operator dn/dx fitted to the edges round it."""
+    edges = np.unique(np.sort(mesh.triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1), axis=0)
+    edges = np.concatenate([edges, edges[:, ::-1]])
+    own, other = edges.T
+    n = mesh.normals
+    x = mesh.vertices[other] - mesh.vertices[own]
+    turn = n[other] - n[own]
+    first = np.cross(n, np.eye(3)[np.abs(n).argmin(axis=1)])
+    first /= np.linalg.norm(first, axis=1)[:, None]
+    second = np.cross(n, first)
+    (x1, x2), (t1, t2) = ([np.einsum("ej,ej->e", along, axis[own]) for axis in (first, second)] for along in (x, turn))
+    # Least squares for the symmetric (p, q, r): t1 = p x1 + q x2, t2 = q x1 + r x2.
+    zero = np.zeros_like(x1)
+    rows = np.stack([np.stack([x1, x2, zero], 1), np.stack([zero, x1, x2], 1)], 1)
+    normal, right = np.zeros((len(n), 3, 3)), np.zeros((len(n), 3))
+    np.add.at(normal, own, np.einsum("eki,ekj->eij", rows, rows))
+    np.add.at(right, own, np.einsum("eki,ek->ei", rows, np.stack([t1, t2], 1)))
+    normal += 1e-12 * np.trace(normal, axis1=1, axis2=2)[:, None, None] * np.eye(3) + 1e-300 * np.eye(3)
+    p, q, r = np.linalg.solve(normal, right[..., None])[..., 0].T
+    return np.abs(0.5 * (p + r)) + np.sqrt(0.25 * (p - r) ** 2 + q * q)
+
+
+def thin_error(radius: float, wide: float, thick: float) -> float:
+    """[1] Most that the indentation is off by over ground of this thickness, all in m."""
+    return LAYER * max((wide / radius) ** 2 - 1.0, 0.0) * (radius / thick) ** 3
+
+
+def curved_error(excess: float) -> str:
+    """The same on curved ground, in words; `excess` is 2R/rho - 1."""
+    return f"{BALL:.1%}" if FLAT / (1.0 + excess) >= INNERMOST else "more than 2 %; it is unknown below 1.5 radii"
+
+
+def sliding_error(load: float) -> float:
+    """[1] What the linear law is too stiff by on a surface that is free to slide; `load` is f/(E R²)."""
+    return float(np.interp(load, *SLIDING))
+
+
+@numba.njit(cache=True)
+def ground_under(ground, order, touched, measure):
+    """Mean inverse thickness and curvature [1/m] under a patch, whose shares are the first column of `measure`."""
+    thin = curved = 0.0
+    for k in range(touched):
+        v = int(order[k])
+        thin += measure[v, 0] * ground[v, 0]
+        curved += measure[v, 0] * ground[v, 1]
+    return thin, curved
+
+
+def narrow_error(narrower: float) -> float:
+    """[1] Most that the indentation is off by under a load narrower than the touched mesh can tell (`load_radius`), as
+    found for the biweight kernel at random places of a triangulated plane: 1.4, 1 and fewer spacings wide."""
+    return 0.1 if narrower < 0.05 else 0.25 if narrower < 0.6 else 1.0

@@ -1,0 +1,64 @@
+"""Constants of a body fitted to a reference: known ones are found again, and what is left is said."""
+
+import json
+
+import numpy as np
+import pytest
+from pytest import approx
+from typer.testing import CliRunner
+
+from palpate.launch.__main__ import app
+from palpate.launch.load.launchfile import find
+from palpate.physics.errors import ArgumentError
+from palpate.studies.fit_body import fit_body, power_law
+
+TAP = (
+    "scene.surface.vertices=400",
+    "scene.hand.begin=[0, 0, 0.110]",
+    "scene.hand.path=[{to: [0, 0, 0.096], time: 0.1}, {hold: 0.05}, {to: [0, 0, 0.112], time: 0.1}]",
+)
+
+
+@pytest.mark.parametrize(("n", "c"), [(1.0, 0.0), (1.5, 5.0), (2.2, 1.0)])
+def test_a_power_law_is_found_again_from_its_own_force(n, c):
+    t = np.linspace(0.01, 1.0, 300)
+    depth, rate = 5e-3 * np.sin(3.0 * t) ** 2 + 1e-5, 5e-3 * 3.0 * np.sin(6.0 * t)
+    found = power_law(depth, rate, 900.0 * depth**n * (1.0 + c * rate))
+    assert found["exponent"] == approx(n, abs=2e-3) and found["damping"] == approx(c, abs=0.02)
+    assert found["stiffness"] * 5e-3 ** found["exponent"] == approx(900.0 * 5e-3**n, rel=1e-3)
+
+
+def test_a_spring_fitted_to_another_gets_its_constants(tmp_path):
+    launch = find("kidney").but(duration=0.27, overrides=TAP)
+    file = tmp_path / "fitted.yaml"
+    fitted = fit_body(launch, file, ["tissue.stiffness=900", "tissue.exponent=1.3", "tissue.damping=2"])
+    assert fitted.overrides["tissue.stiffness"] == approx(900.0, rel=0.05)
+    assert fitted.overrides["tissue.exponent"] == approx(1.3, abs=0.01)
+    assert fitted.after["force"] < 0.01 < 0.05 < fitted.before["force"]
+    settings = find(str(file)).load().nodes["tissue"].settings
+    assert settings["exponent"] == fitted.overrides["tissue.exponent"] and "after:  force" in file.read_text()
+
+
+def test_a_bundle_fitted_to_one_of_twice_the_moduli_gets_them(tmp_path):
+    beams = ("tissue.use=deformation.BeamBundle",)
+    launch = find("kidney").but(duration=0.27, overrides=TAP + beams)
+    fitted = fit_body(launch, tmp_path / "fitted.yaml", ["tissue.moduli=[272e3, 68e3]"])
+    assert fitted.overrides["tissue.moduli"] == approx([272e3, 68e3], rel=0.15)
+    assert fitted.after["force"] < 0.3 * fitted.before["force"]
+
+
+def test_the_command_says_what_is_left_of_a_spring_beside_the_elements(tmp_path):
+    given = ["fit-body", "kidney", "--duration", "0.27 s", "-o", str(tmp_path / "f.yaml"), "--json"]
+    ran = CliRunner().invoke(app, [*given, *(word for text in TAP for word in ("--set", text))])
+    assert ran.exit_code == 0, ran.output
+    told = json.loads(ran.stdout)
+    assert told["set"]["tissue.exponent"] < 1.3  # under a patch of fixed width the force is nearly linear
+    assert told["after"]["force"] < 0.7 * told["before"]["force"] and told["after"]["shape"] > 0.02
+
+
+def test_a_body_without_a_constant_and_a_touch_in_the_air_are_refused(tmp_path):
+    with pytest.raises(ArgumentError, match="expected one with a constant to calibrate"):
+        fit_body(find("kidney").but(duration=0.1, overrides=["tissue.use=deformation.Rigid"]), tmp_path / "x.yaml")
+    with pytest.raises(ArgumentError, match="hardly presses"):
+        fit_body(find("kidney").but(duration=0.1, overrides=TAP[:1]), tmp_path / "x.yaml", ["tissue.stiffness=900"])
+    assert not list(tmp_path.iterdir())
