@@ -70,12 +70,12 @@ def fit_body(
         show("the touch")
         pairs: tuple[list[tuple[float, ...]], ...] = ([], [])
 
-        def look(players: Sequence[Player]) -> None:
+        def on_tick(players: Sequence[Player]) -> None:
             for pair, player in zip(pairs, players, strict=True):
                 if (contact := _contact(player)) is not None and contact.force > 0.0 and contact.indentation > 0.0:
                     pair.append((contact.indentation, contact.indentation_rate, contact.force))
 
-        _, first = compare(recording, [[]], reference=base, on_tick=look)
+        _, first = compare(recording, [[]], reference=base, on_tick=on_tick)
         show("the reference and the model as it is")
         if min(map(len, pairs)) < LEAST:
             raise ArgumentError(f"{graph.path}: the touch hardly presses the body; a longer one may: --duration '3 s'")

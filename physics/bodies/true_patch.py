@@ -110,7 +110,7 @@ def true_patch(
     ratio = (1.0 - 0.5 * poisson) / (1.0 - poisson)
     least = LEAST_MOMENT * fine.areas
     near = np.zeros(0) if apart is None else apart
-    ground = np.stack([inverse_thickness(coarse), curvature(coarse)], axis=1)
+    ground = _ground(coarse.vertices, coarse.triangles)
     return TruePatch(table, dent_profile(), (1.0 - poisson**2) / np.pi, ratio, held, sticks, least, near, ground)
 
 
@@ -118,6 +118,13 @@ def true_patch(
 def _table(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
     """`mean_inverse_distance` of a mesh: most of the time that a body's start takes."""
     return mean_inverse_distance(Mesh(vertices, triangles)).astype(np.float32)
+
+
+@kept
+def _ground(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+    """One over the thickness, and the curvature [1/m] (V,2) of a mesh."""
+    coarse = Mesh(vertices, triangles)
+    return np.stack([inverse_thickness(coarse), curvature(coarse)], axis=1)
 
 
 def uncorrected(fine: Mesh) -> TruePatch:

@@ -110,7 +110,9 @@ def layer_basis(thick=12e-3, poisson=0.45):
 def test_a_thin_organ_is_flagged_with_an_error_that_covers_the_one_it_has():
     basis, both_sides = layer_basis()
     body = CondensedBody(basis, plane(0.1, 10000), YOUNG, 0.0, RADIUS, 1.0, 0.45, False)
-    body._model.true.ground[:, 0] = hr.inverse_thickness(both_sides)[: len(basis.vertices)]
+    thin = hr.inverse_thickness(both_sides)[: len(basis.vertices)]
+    true = body._model.true._replace(ground=np.stack([thin, 0.0 * thin], axis=1))
+    body._model = body._model._replace(true=true)
     spreader = Spreader(body.mesh, RADIUS)
     count = spreader.spread((0.0, 0.0, 0.0), UP, (0.0, 0.0, -0.1))
     compliance, _, _ = body.step(spreader.nodes[:count], spreader.forces[:count], (0.0, 0.0, 0.0), UP, 1.0)
