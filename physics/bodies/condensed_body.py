@@ -406,9 +406,8 @@ def _step(model, patch, pull, share, normal, dt, fields, marked, curve, numbers,
         numbers[NEAR] = max(NEAR_WIDTH * wide / radius - 1.0, 0.0) if narrowed else 0.0
     self_compliance = (body + more) / young
     press = pressed / body if body > 0.0 else 0.0  # the normal force on the patch that h stands for
-    tangential = (
-        (static - body * total) / young if share > 0.0 and total > 0.0 else 0.0
-    )  # what the tangential load adds
+    # what the tangential load adds
+    tangential = (static - body * total) / young if share > 0.0 and total > 0.0 else 0.0
     now = (now + more * press) / young
     free = keep * now + take * tangential
     numbers[COMPLIANCE], numbers[FREE], numbers[NOW] = take * self_compliance, free, now

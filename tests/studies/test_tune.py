@@ -79,7 +79,7 @@ def test_what_is_written_is_a_launch_file_with_the_choice(tmp_path):
 
 
 def test_a_budget_is_promised_run_and_compared_with_what_came(tmp_path, monkeypatch):
-    monkeypatch.setattr(tune, "models", lambda: ["deformation.ReducedFE", "deformation.MassSpring"])
+    monkeypatch.setattr(tune, "bodies", lambda: ["deformation.ReducedFE", "deformation.MassSpring"])
     monkeypatch.setattr(tune, "COARSER", (10,))
     monkeypatch.setattr(tune, "EVERY", (1, 5))
     given = ["tune", "kidney", "--duration", "0.6 s", "--budget", "2 s", "-o", str(tmp_path / "t.yaml"), "--json"]
@@ -95,7 +95,7 @@ def test_a_budget_is_promised_run_and_compared_with_what_came(tmp_path, monkeypa
 
 
 def test_what_nothing_keeps_is_said(tmp_path, monkeypatch):
-    monkeypatch.setattr(tune, "models", lambda: ["deformation.MassSpring"])
+    monkeypatch.setattr(tune, "bodies", lambda: ["deformation.MassSpring"])
     monkeypatch.setattr(tune, "COARSER", (10,))
     monkeypatch.setattr(tune, "EVERY", (1,))
     given = ["tune", "kidney", "--duration", "0.6 s", "--budget", "1 us", "-o", str(tmp_path / "t.yaml")]
@@ -141,7 +141,7 @@ def test_a_touch_that_touches_nothing_is_told_instead_of_an_error_of_zero(tmp_pa
 
 def test_a_reason_that_settings_share_is_told_once(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    monkeypatch.setattr(tune, "models", lambda: ["deformation.ReducedFE", "deformation.MassSpring"])
+    monkeypatch.setattr(tune, "bodies", lambda: ["deformation.ReducedFE", "deformation.MassSpring"])
     monkeypatch.setattr(tune, "COARSER", (10,))
     monkeypatch.setattr(tune, "EVERY", (1, 5))
     given = ["tune", "nodule", "--duration", "1 s", "--budget", "2 s", "-o", str(tmp_path / "t.yaml")]

@@ -53,7 +53,7 @@ ADDED = {
 
         import time
 
-        from palpate.drivers.guard import Sample
+        from palpate.drivers.guard import DeviceSample
         from palpate.drivers.limits import Limits
         from palpate.messages import DeviceState, Force
         from palpate.nodes.device.hardware import Hardware, state
@@ -71,7 +71,7 @@ ADDED = {
             def cycle(self, command):
                 time.sleep(1e-3)
                 way = abs(0.1 - (time.monotonic() - self.begun) % 0.2) / 0.1
-                return Sample(time.monotonic_ns(), position=(0.0, 0.0, 0.107 + 0.003 * way))
+                return DeviceSample(time.monotonic_ns(), position=(0.0, 0.0, 0.107 + 0.003 * way))
 
             def close(self):
                 pass

@@ -1,4 +1,4 @@
-"""All that ships in graphs/ and launch/ loads and can be planned, with every scene and placement that fits it."""
+"""All that ships in graphs/ loads and can be planned, with every scene and placement that fits it."""
 
 from pathlib import Path
 
@@ -6,14 +6,12 @@ import pytest
 import yaml
 from typer.testing import CliRunner
 
-import palpate.launch
 from palpate.launch.__main__ import app
 from palpate.launch.load.files import GRAPHS, PLACES, SCENES
-from palpate.launch.load.launchfile import LaunchFile, find
+from palpate.launch.load.launchfile import find
 from palpate.launch.run.execute import execute
 from palpate.records.reader import Recording
 
-LAUNCH = Path(next(iter(palpate.launch.__path__)))
 NAMES = sorted(p.stem for p in GRAPHS.glob("*.yaml"))
 SCENE_NAMES = sorted(p.stem for p in SCENES.glob("*.yaml"))
 
@@ -49,15 +47,11 @@ def test_every_graph_can_be_planned_with_every_scene_that_extends_its_own(graph,
         plan.make(name)
 
 
-@pytest.mark.parametrize("name", sorted(p.stem for p in LAUNCH.glob("*.yaml")))
-def test_every_launch_file_can_be_planned_and_records(name):
+@pytest.mark.parametrize("name", NAMES)
+def test_every_graph_has_a_run_that_can_be_planned_and_records(name):
     launch = find(name)
-    assert isinstance(launch, LaunchFile) and launch.path is not None
-    assert launch.plan().order and launch.duration and launch.record
-
-
-def test_every_graph_has_a_launch_file():
-    assert {p.stem for p in LAUNCH.glob("*.yaml")} >= set(NAMES)
+    assert "run" in read(GRAPHS, name) and launch.record == Path(f"{name}.mcap")
+    assert launch.plan().order and launch.duration and launch.clock
 
 
 @pytest.mark.parametrize("place", sorted(p.stem for p in PLACES.glob("*.yaml")))
