@@ -120,7 +120,7 @@ def at_speeds(launch: LaunchFile, speeds: Sequence[float]) -> dict[float, Launch
     """The run with its hand at each of these speeds, as long as its path then takes; as it is where no hand follows a
     path."""
     hands = {
-        name: float(spec.settings.get("speed", 1.0))
+        name: float(spec.settings.get("speed_factor", 1.0))
         for name, spec in launch.load().nodes.items()
         if issubclass(spec.cls, SimulatedOperator) and not spec.cls.hardware and spec.settings.get("path")
     }
@@ -128,7 +128,7 @@ def at_speeds(launch: LaunchFile, speeds: Sequence[float]) -> dict[float, Launch
         return {1.0: launch}
     return {
         speed: launch.but(
-            overrides=[f"{name}.speed={own * speed}" for name, own in hands.items()],
+            overrides=[f"{name}.speed_factor={own * speed}" for name, own in hands.items()],
             duration=launch.duration and launch.duration / speed,
         )
         for speed in speeds

@@ -52,7 +52,7 @@ class SimulatedOperator(Node):
     """Settings of a hand that follows a scripted path, with a compliant arm:
 
     begin     first point of the path, world frame; `path` goes on from there (see Segment) and ends at rest
-    speed     at which it follows the path, over that which the path says
+    speed_factor  of the speed that the path says: 2 follows it in half of the time
     origin    where the device's own frame lies in the world
     mass      of grip and hand together; damping: of the device alone; hand_stiffness and hand_damping: of the arm,
               both 0 when nobody holds the grip
@@ -60,7 +60,7 @@ class SimulatedOperator(Node):
 
     begin: Annotated[Vector3, "m"] = HOME
     path: Annotated[tuple[Segment, ...], "1"] = ()
-    speed: Annotated[float, "1", msgspec.Meta(gt=0, le=1000)] = 1.0
+    speed_factor: Annotated[float, "1", msgspec.Meta(gt=0, le=1000)] = 1.0
     origin: Annotated[Vector3, "m"] = (0.0, 0.0, 0.0)
     mass: Annotated[float, "kg", msgspec.Meta(gt=0)] = 0.2
     damping: Annotated[float, "N s/m", msgspec.Meta(ge=0)] = 0.2
@@ -77,7 +77,7 @@ class SimulatedOperator(Node):
 
     def ends(self) -> np.ndarray:
         """When the segments end [s] (n)."""
-        return np.cumsum([segment.duration for segment in self.path], dtype=float) / self.speed
+        return np.cumsum([segment.duration for segment in self.path], dtype=float) / self.speed_factor
 
     def shapes(self) -> np.ndarray:
         """How the hand goes through each segment (n)."""

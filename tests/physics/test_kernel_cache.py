@@ -36,7 +36,8 @@ def tree(tmp_path):
 
 
 def run(tree, *arguments, cache=None):
-    environment = {**os.environ, "PYTHONPATH": str(tree)}
+    # Python goes by time and size of a source, and here both stay.
+    environment = {**os.environ, "PYTHONPATH": str(tree), "PYTHONDONTWRITEBYTECODE": "1"}
     environment.pop("NUMBA_CACHE_DIR", None)
     if cache is not None:
         environment["NUMBA_CACHE_DIR"] = str(cache)

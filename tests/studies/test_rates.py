@@ -111,7 +111,7 @@ def test_rates_hold_at_each_speed_of_the_hand_and_say_at_which(tmp_path):
     said = file.read_text()
     assert "at 1, 4 times its speed" in said and "4 times its speed: force error" in said
     motions = rates.at_speeds(launch, (1.0, 4.0))
-    assert motions[4.0].duration == 0.08 and motions[4.0].load().nodes["device"].settings["speed"] == 4.0
+    assert motions[4.0].duration == 0.08 and motions[4.0].load().nodes["device"].settings["speed_factor"] == 4.0
     calm = touched(motions[1.0], tmp_path / "calm.mcap")
     alone, _ = rates.together([calm], list(rates.chosen(calm, error)), error)
     fast = touched(motions[4.0].but(overrides=[rate.override() for rate in alone]), tmp_path / "fast.mcap")

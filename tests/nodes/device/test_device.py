@@ -99,11 +99,11 @@ def test_the_path_lies_in_the_world():
 
 
 def test_a_hand_at_twice_the_speed_goes_the_same_path_in_half_the_time():
-    slow, fast = (FakeBus(Simulated(path=DOWN, speed=speed, **STIFF)).run(240) for speed in (1.0, 2.0))
+    slow, fast = (FakeBus(Simulated(path=DOWN, speed_factor=speed, **STIFF)).run(240) for speed in (1.0, 2.0))
     for k in (40, 80, 119):
         assert place(fast[k]) == approx(place(slow[2 * k + 1]), abs=2e-5)
-    with pytest.raises(SettingError, match="speed"):
-        Simulated(speed=0.0)
+    with pytest.raises(SettingError, match="speed_factor"):
+        Simulated(speed_factor=0.0)
 
 
 def test_angles_come_in_whole_counts():
