@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from pytest import approx
 
-from palpate.messages import Contact, DeviceState, Pose
+from palpate.messages import Contact, DeviceState, Friction, Pose
 from palpate.nodes.controller import Haptic
 from palpate.physics.device.grip import grip_step
 
@@ -174,3 +174,47 @@ def test_after_several_outages_most_of_the_force_comes_back(hand, late):
     forces, given = held((0.0, 0.0, 1.0), 0.1, *hand, outages=[1000, 1060, 1400], late=late, steps=3000)
     assert forces[2500:].min() > 0.5 * held((0.0, 0.0, 1.0), 0.1, *hand, outages=[], steps=3000)[0][-1]
     assert given.cumsum().max() < 1e-3
+
+
+def test_the_force_yields_while_it_gives_out_more_than_is_lent():
+    """The hand is pushed away under a force that stays: none that it has not paid for is left after the outage."""
+    node = Haptic(resolution=0.0)
+    node.start()
+
+    def step(whole: bool, z: float) -> float:
+        pose = Pose(position=(0.0, 0.0, z), velocity=(0.0, 0.0, 0.0), dt=T)
+        return node.step(contact(8.0, 2e-3) if whole else None, None, pose, dt=T).force[2]
+
+    for whole, count in ((True, 300), (False, 20), (True, 5)):
+        for _ in range(count):
+            step(whole, 0.0)
+    forces = np.array([step(True, 20e-6 * k) for k in range(1000)])
+    assert (20e-6 * forces.cumsum()).max() < 1e-3
+
+
+def test_a_slow_slew_does_not_keep_a_force_that_the_device_has_let_go():
+    node = Haptic(passivity=False, slew=500.0)
+    node.start()
+    for _ in range(300):
+        node.step(contact(8.0, 2e-3), None, POSE, dt=T)
+    assert node.step(contact(8.0, 2e-3), None, POSE, dt=0.012).force == (0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize("force", [8.0, 0.5])
+def test_under_a_hand_at_rest_any_force_comes_back_over_a_second(force):
+    node = Haptic(resolution=0.0)
+    node.start()
+    for given in [contact(force, 2e-3)] * 300 + [None] * 20:
+        node.step(given, None, POSE, dt=T)
+    sizes = [node.step(contact(force, 2e-3), None, POSE, dt=T).force[2] for _ in range(1100)]
+    assert sizes[99] == approx(0.1 * force, rel=0.02) and sizes[-1] == approx(force)
+
+
+def test_the_lateral_force_of_the_body_is_shown_along_each_axis():
+    node = Haptic(passivity=False)
+    node.start()
+    lateral, friction = (0.1, -0.2, 0.3), (0.4, 0.5, -0.6)
+    touch = msgspec.structs.replace(contact(2.0, 2e-3), lateral_force=lateral)
+    for _ in range(50):
+        force = node.step(touch, Friction(force=friction, bristle=(0.0, 0.0, 0.0), stick=False), POSE, dt=T).force
+    assert force == approx((0.1 - 0.4, -0.2 - 0.5, 2.0 + 0.3 + 0.6))
