@@ -113,6 +113,8 @@ def test_the_controller_ramps_down_and_stays_down():
     assert down[24] == approx(0.5, abs=0.03) and not any(down[50:])
     back = [bus.publish(good, contact)[-1].force[2] for _ in range(3)]
     assert not any(back)  # a ledger that was started again does not give the force back
+    bus = FakeBus(Haptic(passivity=False, ramp=0.0, slew=1e6), pose=pose)
+    assert [bus.publish(ledger, contact)[-1].force[2] for ledger in (good, bad, good)] == [1.0, 0.0, 0.0]
 
 
 def test_an_outage_is_no_way_of_the_hand():

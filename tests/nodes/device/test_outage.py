@@ -7,6 +7,7 @@ from pytest import approx
 
 from palpate.messages import Contact, DeviceState, Friction, Pose
 from palpate.nodes.controller import Haptic
+from palpate.physics.device.controller import ENERGY
 from palpate.physics.device.grip import grip_step
 
 T = 1e-3
@@ -218,3 +219,15 @@ def test_the_lateral_force_of_the_body_is_shown_along_each_axis():
     for _ in range(50):
         force = node.step(touch, Friction(force=friction, bristle=(0.0, 0.0, 0.0), stick=False), POSE, dt=T).force
     assert force == approx((0.1 - 0.4, -0.2 - 0.5, 2.0 + 0.3 + 0.6))
+
+
+def test_a_debt_of_before_the_outage_does_not_keep_the_force_away():
+    node = Haptic(resolution=0.0)
+    node.start()
+    for _ in range(300):
+        node.step(contact(8.0, 2e-3), None, POSE, dt=T)
+    node.state[ENERGY, 0] = -5e-3
+    for _ in range(20):
+        node.step(None, None, POSE, dt=T)
+    sizes = [node.step(contact(8.0, 2e-3), None, POSE, dt=T).force[2] for _ in range(1100)]
+    assert sizes[99] == approx(0.8, rel=0.02) and sizes[-1] == approx(8.0)
