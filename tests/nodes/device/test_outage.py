@@ -231,3 +231,11 @@ def test_a_debt_of_before_the_outage_does_not_keep_the_force_away():
         node.step(None, None, POSE, dt=T)
     sizes = [node.step(contact(8.0, 2e-3), None, POSE, dt=T).force[2] for _ in range(1100)]
     assert sizes[99] == approx(0.8, rel=0.02) and sizes[-1] == approx(8.0)
+
+
+def test_without_a_ramp_the_force_is_back_at_once():
+    node = Haptic(resolution=0.0, ramp=0.0, slew=1e6)
+    node.start()
+    forces = [node.step(given, None, POSE, dt=T).force[2] for given in [contact(8.0, 2e-3)] * 300 + [None] * 20]
+    assert forces[299] == approx(8.0) and forces[-1] == 0.0
+    assert [node.step(contact(8.0, 2e-3), None, POSE, dt=T).force[2] for _ in range(2)] == approx([8.0, 8.0])

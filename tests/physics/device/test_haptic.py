@@ -8,7 +8,7 @@ from pytest import approx
 from scipy.spatial.transform import Rotation
 
 from palpate.physics.device.controller import ENERGY, SLEW, buffers, haptic, observe
-from palpate.physics.device.rendered import LEAP, SHARE, compensation, stiffest
+from palpate.physics.device.rendered import LEAP, SHARE, compensation, soften, stiffest
 
 T, MASS, DRAG, COUNT = 1e-3, 0.1, 0.2, 60e-6
 STILL, UP = (0.0, 0.0, 0.0), (0.0, 0.0, 1.0)
@@ -195,3 +195,21 @@ def test_friction_is_softened_as_much_as_the_normal_force():
     forces, _ = run(np.stack([0 * depth, 0 * depth, -depth], axis=1), 20_000.0, delay=2, friction=0.3)
     assert 0.4 < forces[-1, 2] < 4.0  # of 40 N that the law alone would give
     assert forces[:, 0] == approx(-0.3 * forces[:, 2])
+
+
+def test_a_fall_is_as_steep_as_a_rise_less_the_way_sideways():
+    """From 2 N, out by half a count and sideways by a third: 1000 N/m times both together."""
+    wall = np.array([0.0, 2.0, 0.0, 0.0])
+    assert soften(wall, 0.1, 1.0, -30e-6, 20e-6, 1000.0, 60e-6, 1e-3) == approx(2.0 - 1000.0 * 50e-6)
+
+
+def test_a_line_holds_on_for_some_time_after_the_force_fell_below_it():
+    wall = np.array([0.0, 1.0, 0.0, 0.0])
+    assert soften(wall, 5.0, 1.0, 1e-3, 0.0, 1000.0, 60e-6, 1e-3) == approx(2.0)
+    soften(wall, 0.5, 1.0, 0.0, 0.0, 1000.0, 60e-6, 1e-3)
+    assert soften(wall, 5.0, 1.0, 0.0, 0.0, 1000.0, 60e-6, 1e-3) == approx(2.0)
+
+
+def test_a_force_that_rises_on_the_way_out_is_held_at_what_it_was():
+    wall = np.array([0.0, 2.0, 0.0, 0.0])
+    assert soften(wall, 5.0, 1.0, -10e-6, 0.0, 1000.0, 60e-6, 1e-3) == approx(2.0)
