@@ -25,12 +25,8 @@ class _Sliding(Node):
     def start(self) -> None:
         self._law = bristle.kernel_form(self.law(**{name: getattr(self, name) for name in self.law._fields}))
         self._bristles = bristle.Bristles()
-        caution = getattr(self._law, "caution", str)()
+        caution = self._law.caution() if hasattr(self._law, "caution") else ""
         self._notes = [caution] if caution else []
-
-    def notes(self) -> list[str]:
-        notes, self._notes = self._notes, []
-        return notes
 
     def rests(self, contact: Contact, proximity: Proximity) -> bool:
         return not contact.force > 0.0 and not self._bristles.load > 0.0

@@ -102,6 +102,7 @@ class Node:
     """Names of the output fields that somebody reads, set by the runner before `start`; None means all."""
 
     def __init__(self, **given: Any) -> None:
+        self._notes: list[str] = []
         known = settings(type(self))
         for name in given:
             if name not in known:
@@ -134,8 +135,9 @@ class Node:
         return ""
 
     def notes(self) -> list[str]:
-        """Lines that the user should see; asked a few times a second, and each line is given once."""
-        return []
+        """Lines that the user should see, those of `_notes`; asked a few times a second, and each is given once."""
+        notes, self._notes = self._notes, []
+        return notes
 
 
 class Observer(Node):

@@ -89,12 +89,8 @@ class ReducedFE(OnSurface):
         mesh = self.mesh()
         self._areas, self._push = mesh.areas, np.zeros(len(mesh.vertices))
         self._place: tuple[Vector3, Vector3] | None = None
-        self._cautions: dict[str, str] = {}
-        self._notes: list[str] = []
-
-    def notes(self) -> list[str]:
-        notes, self._notes = self._notes, []
-        return notes
+        self._cautioned: set[str] = set()
+        self._notes = []
 
     def condition(self) -> str:
         return "outside its range" if self._body.extrapolation > 0.0 else ""
@@ -180,9 +176,10 @@ class ReducedFE(OnSurface):
         """A note for each cause that was not there before."""
         if not isinstance(self._body, CondensedBody):
             return
-        news = {cause: text for cause, text in self._body.cautions().items() if cause not in self._cautions}
-        self._cautions |= news
-        self._notes += [f"{type(self).__name__}: {text}" for text in news.values()]
+        for cause in self._body.causes():
+            if cause not in self._cautioned:
+                self._cautioned.add(cause)
+                self._notes.append(f"{type(self).__name__}: {self._body.caution(cause)}")
 
     @part("energy", "stored", otherwise=())
     def _stored(self) -> Vector:

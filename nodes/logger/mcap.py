@@ -96,7 +96,7 @@ class Mcap(Observer):
         self._times: dict[str, dict[str, float]] = {}
         self._since: dict[str, int] = {}
         self._before: dict[str, int] = {}
-        self._notes: list[str] = []
+        self._notes = []
         self._file: IO[bytes] | None = None
         Path(self.path).parent.mkdir(parents=True, exist_ok=True)
         self._file = open(self.path, "wb", buffering=CHUNK_SIZE)  # noqa: SIM115 - lives until stop
@@ -185,10 +185,6 @@ class Mcap(Observer):
             self._writer.add_metadata("palpate.restarted", {"node": node, "tick": str(since)})
         except OSError as error:
             self._give_up(error)
-
-    def notes(self) -> list[str]:
-        notes, self._notes = self._notes, []
-        return notes
 
     def lost(self, stream: Stream) -> int:
         """How many messages of a stream were sent and did not come. Where the sender did not tell how many it sent,

@@ -29,16 +29,7 @@ import numpy as np
 
 from palpate.physics.archive import ArchiveError, read_arrays
 from palpate.physics.bodies.dents import SPACING, hat_moments, patch_radius, rise, risen
-from palpate.physics.bodies.half_space_range import (
-    FLAT,
-    LIGHT,
-    NEAR_WIDTH,
-    curved_error,
-    ground_under,
-    narrow_error,
-    sliding_error,
-    thin_error,
-)
+from palpate.physics.bodies.half_space_range import CAUSES, FLAT, LIGHT, NEAR_WIDTH, caution, ground_under
 from palpate.physics.bodies.patch import barycentric, carried, normal_force, share_of
 from palpate.physics.bodies.place_energy import Ground, along, held, softness, weight_slopes
 from palpate.physics.bodies.true_patch import (
@@ -231,47 +222,19 @@ class CondensedBody:
 
     @property
     def extrapolation(self) -> float:
-        """How far the last step is outside of what the body can tell, 0 within, 1 at twice the limit; `cautions` says
+        """How far the last step is outside of what the body can tell, 0 within, 1 at twice the limit; `causes` says
         why."""
         return max(self._numbers[DEEP : SLIDES + 1].tolist())
 
-    def cautions(self) -> dict[str, str]:
-        """What the last step was outside of, by cause, and the error to expect."""
-        numbers = self._numbers.tolist()
-        radius, wide, ground = numbers[RADIUS], numbers[WIDE], FLAT * numbers[RADIUS]
-        patch = f"a patch of {1e3 * radius:.2g} mm"
-        told = {
-            DEEP: ("depth", "it is pressed deeper than its nonlinear table; the error there is unknown"),
-            NARROW: (
-                "narrow",
-                f"the load is narrower than its mesh resolves and acts like {patch}; the indentation may be off by "
-                f"{narrow_error(numbers[NARROW]):.0%}. More vertices resolve it",
-            ),
-            THIN: (
-                "thin",
-                f"under {patch} it is {1e3 * ground / (1.0 + numbers[THIN]):.2g} mm thick, expected at least "
-                f"{1e3 * ground:.2g} mm; the indentation may be off by "
-                f"{thin_error(radius, wide, ground / (1.0 + numbers[THIN])):.1%}",
-            ),
-            CURVED: (
-                "curved",
-                f"under {patch} its radius of curvature is {1e3 * ground / (1.0 + numbers[CURVED]):.2g} mm, expected "
-                f"at least {1e3 * ground:.2g} mm; the indentation may be off by {curved_error(numbers[CURVED])}",
-            ),
-            NEAR: (
-                "near",
-                f"{patch} near another modulus, expected at least {1e3 * NEAR_WIDTH * wide:.2g} mm; the indentation "
-                "may be off by 20 %. A basis with more coarse vertices resolves it",
-            ),
-        }
-        heavy = LIGHT * (1.0 + numbers[SLIDES])
-        told[SLIDES] = (
-            "slides",
-            f"its surface is free to slide (sticks: off) under {patch} with {heavy:.2g} E R², expected at most "
-            f"{LIGHT:g} E R²; such a surface gives way sideways, which the body does not: it is too stiff by "
-            f"{sliding_error(heavy):.0%}",
-        )
-        return {cause: text for at, (cause, text) in told.items() if numbers[at] > 0.0}
+    def causes(self) -> list[str]:
+        """Which limits the last step was outside of, see `CAUSES`."""
+        excess = self._numbers[DEEP : SLIDES + 1].tolist()
+        return [cause for cause, over in zip(CAUSES, excess, strict=True) if over > 0.0]
+
+    def caution(self, cause: str) -> str:
+        """What a cause of the last step means, and the error to expect."""
+        numbers = self._numbers
+        return caution(cause, float(numbers[DEEP + CAUSES.index(cause)]), float(numbers[RADIUS]), float(numbers[WIDE]))
 
     @property
     def still(self) -> bool:

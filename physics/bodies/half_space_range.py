@@ -28,6 +28,8 @@ LIGHT = 0.12
 """[1] Force over E R² up to which a surface that is free to slide answers like the linear law, to 2 %."""
 SLIDING = np.array([[0.0, 0.25, 0.49, 0.74, 0.99], [0.0, 0.04, 0.14, 0.25, 0.30]])
 """[1] By f/(E R²) what the linear law is too stiff by, found by `fe.Solver` on the slab (R = 8 mm, nu = 0.45)."""
+CAUSES = ("depth", "narrow", "thin", "curved", "near", "slides")
+"""Limits of a condensed body; `caution` says what each means."""
 EDGE = 1e-9
 """[1] By which a ray may miss a triangle, so that it does not pass between two."""
 ROWS = 64
@@ -108,3 +110,41 @@ def narrow_error(narrower: float) -> float:
     """[1] Most that the indentation is off by under a load narrower than the touched mesh can tell (`load_radius`), as
     found for the biweight kernel at random places of a triangulated plane: 1.4, 1 and fewer spacings wide."""
     return 0.1 if narrower < 0.05 else 0.25 if narrower < 0.6 else 1.0
+
+
+def caution(cause: str, excess: float, radius: float, wide: float) -> str:
+    """What it means that a step is outside one of `CAUSES`, and the error to expect.
+
+    excess  [1]  by how much: 0 at the limit, 1 at twice or half of it
+    radius  [m]  of the load; wide: of what the coarse surface makes of it
+    """
+    patch, ground = f"a patch of {1e3 * radius:.2g} mm", FLAT * radius
+    there = ground / (1.0 + excess)
+    if cause == "depth":
+        return "it is pressed deeper than its nonlinear table; the error there is unknown"
+    if cause == "narrow":
+        return (
+            f"the load is narrower than its mesh resolves and acts like {patch}; the indentation may be off by "
+            f"{narrow_error(excess):.0%}. More vertices resolve it"
+        )
+    if cause == "thin":
+        return (
+            f"under {patch} it is {1e3 * there:.2g} mm thick, expected at least {1e3 * ground:.2g} mm; the indentation "
+            f"may be off by {thin_error(radius, wide, there):.1%}"
+        )
+    if cause == "curved":
+        return (
+            f"under {patch} its radius of curvature is {1e3 * there:.2g} mm, expected at least {1e3 * ground:.2g} mm; "
+            f"the indentation may be off by {curved_error(excess)}"
+        )
+    if cause == "near":
+        return (
+            f"{patch} near another modulus, expected at least {1e3 * NEAR_WIDTH * wide:.2g} mm; the indentation may be "
+            "off by 20 %. A basis with more coarse vertices resolves it"
+        )
+    heavy = LIGHT * (1.0 + excess)
+    return (
+        f"its surface is free to slide (sticks: off) under {patch} with {heavy:.2g} E R², expected at most "
+        f"{LIGHT:g} E R²; such a surface gives way sideways, which the body does not: it is too stiff by "
+        f"{sliding_error(heavy):.0%}"
+    )
