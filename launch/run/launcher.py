@@ -179,8 +179,8 @@ class Launcher:
     def _fork(self, member: WorkerHandle) -> None:
         self._control.expect(member.job.group)
         member.forked()
-        wires = self._control
-        self.forkserver.ask(Start(member.job, self.run_id, wires.control, wires.reports, self.key, wires.guarded))
+        control = self._control
+        self.forkserver.ask(Start(member.job, self.run_id, control.control, control.reports, self.key, control.guarded))
 
     def _turn(self) -> None:
         ready = dict(self._poller.poll(100))

@@ -101,8 +101,7 @@ def test_the_pressures_of_the_pad_land_on_its_nodes():
     told = Slip(contacts=2, fraction=0, front=0, incipient=False, gross=False, state=[1, 0, 1], first=[-1.0] * 3,
                 path=[0.0] * 3, points=[[0, 0], [1e-3, 0], [2e-3, 0]])  # fmt: skip
     sent = Surface(nodes=[0, 2], displacement=np.zeros((2, 3)), stiffness=1, exponent=1, damping=0,
-    rest_indentation=0, previous_indentation=0,
-                   pressure=[5.0, 7.0])  # fmt: skip
+                   rest_indentation=0, previous_indentation=0, pressure=[5.0, 7.0])  # fmt: skip
     assert pad._pressure(told, sent).tolist() == [5.0, 0.0, 7.0]
     assert pad._pressure(told, surface()).tolist() == [0.0] * 3 == pad._pressure(told, None).tolist()
 

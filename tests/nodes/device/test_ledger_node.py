@@ -119,8 +119,7 @@ def test_the_controller_ramps_down_and_stays_down():
 
 def test_an_outage_is_no_way_of_the_hand():
     body = Surface(nodes=[], displacement=np.zeros((0, 3)), stiffness=1e3, exponent=1.0, damping=0.0,
-    rest_indentation=0.0,
-                   previous_indentation=0.0, stored=(0.0,))  # fmt: skip
+                   rest_indentation=0.0, previous_indentation=0.0, stored=(0.0,))  # fmt: skip
     contact = Contact(foot=(0, 0, 0), normal=UP, force=0.0, compression=0.0, indentation=0.0, compression_rate=0.0,
                       indentation_rate=0.0, stored=(0.0,))  # fmt: skip
     bus = FakeBus(Energy())
