@@ -199,7 +199,7 @@ def serve(descriptors: list[int], env: dict[str, str], folder: str) -> NoReturn:
     launcher, output = descriptors
     os.setsid()
     become(env, folder, output, output)
-    sys.path[:] = [folder, *env["PYTHONPATH"].split(os.pathsep)]
+    sys.path[:] = [folder, *env.get("PYTHONPATH", "").split(os.pathsep)]
     sys.argv = ["palpate.launch.run.forkserver", str(launcher)]
     os.sched_setaffinity(0, os.sched_getaffinity(os.getppid()))
     for limit in LIMITS:
@@ -218,7 +218,7 @@ def command(descriptors: list[int], env: dict[str, str], folder: str, arguments:
         for number in descriptors:
             os.close(number)
         sys.stdout, sys.stderr = (io.TextIOWrapper(io.FileIO(number, "w", closefd=False)) for number in (1, 2))
-        sys.path[:0] = [folder, *env["PYTHONPATH"].split(os.pathsep)]
+        sys.path[:0] = [folder, *env.get("PYTHONPATH", "").split(os.pathsep)]
         sys.argv = ["palpate", *arguments]
         tempfile.tempdir = None
         forkserver.subprocess = SimpleNamespace(**{**vars(subprocess), "Popen": below})
