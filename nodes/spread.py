@@ -6,18 +6,16 @@ import math
 from typing import Annotated, Literal
 
 import msgspec
-import numpy as np
 
 from palpate.messages import Contact, Friction, Load, Vector3
 from palpate.nodes.base import Wants
 from palpate.nodes.base.absence import FADE, Faded
 from palpate.nodes.base.surface import OnSurface
 from palpate.physics.contact.spread import Spreader
+from palpate.physics.entry_point import NO_NODES, NO_VECTORS
 
 RIGID = 0.02
 """[1] Compression of the finger over the body's indentation below which the finger counts as rigid."""
-NO_NODES = np.zeros(0, dtype=np.int32)
-NO_VECTORS = np.zeros((0, 3))
 
 
 class Kernel(OnSurface):
