@@ -259,8 +259,7 @@ class _Outputs:
 
     def seen(self, player: Player | None) -> list[Any]:
         """What others read of it now; None for each where there is nothing yet."""
-        part = next((p for p in player.parts if p.name == self.node), None) if player else None
-        last = [output.last for output in part.slot.outputs] if part else []
+        last = player.last(self.node) if player else []
         return [_values(last[index], f) if last else None for index, f in self.shown]
 
     def add(self, now: list[Any], base: list[Any]) -> None:
