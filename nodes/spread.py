@@ -16,6 +16,8 @@ from palpate.physics.contact.spread import Spreader
 
 RIGID = 0.02
 """[1] Compression of the finger over the body's indentation below which the finger counts as rigid."""
+PRESSES = 0.01
+"""[N] Force from which on that is judged: a soft finger that leaves a dent is hardly compressed either."""
 NO_NODES = np.zeros(0, dtype=np.int32)
 NO_VECTORS = np.zeros((0, 3))
 
@@ -56,7 +58,7 @@ class Kernel(OnSurface):
         self._idle_at = (contact.foot, contact.normal)
         if contact.force > 0.0:
             self._idle_at = None
-            self._rigid = contact.compression < RIGID * contact.indentation
+            self._rigid = contact.compression < RIGID * contact.indentation and contact.force > PRESSES
             if self._rigid and not self._cautioned:
                 self._caution(contact)
             f, n = contact.force, contact.normal

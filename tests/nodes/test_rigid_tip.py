@@ -51,6 +51,8 @@ def test_a_finger_that_does_not_give_is_reported_once_and_as_long_as_it_presses(
     spread.step(msgspec.structs.replace(pressed(1e-6), force=0.0), None, dt=1e-3)
     assert spread.condition() == ""
     spread.start()
+    spread.step(msgspec.structs.replace(pressed(5e-5, 5e-3), force=2e-3), None, dt=1e-3)
+    assert spread.condition() == "" and spread.notes() == []  # a soft finger on its way out of a dent
     spread.step(pressed(1e-6), None, dt=1e-3)
     assert len(spread.notes()) == 1
 
