@@ -39,6 +39,7 @@ class Rendering:
         self._folder = tempfile.TemporaryDirectory(prefix="palpate-")
         self._source, self._target = (Path(self._folder.name) / name for name in ("views.npz", "pixels.npz"))
         scene = instants if all_of is None else all_of
+        tips, normals = _tips(scene), np.array([one.normal for one in scene])
         np.savez(
             self._source,
             vertices=mesh.vertices,
@@ -50,7 +51,8 @@ class Rendering:
             forces=np.array([one.force for one in instants]),
             near=np.array(near, dtype=np.int64),
             most=most,
-            balls=ball_centres(_tips(scene), np.array([one.normal for one in scene])),
+            balls=ball_centres(tips, normals),
+            pulls=np.array([one.force for one in scene])[np.isfinite(tips + normals).all(axis=1)],
             greatest=max(float(np.linalg.norm(one.force)) for one in scene),
         )
         self._process = self._begin(WINDOWS[0])

@@ -18,6 +18,7 @@ FINGER_RADIUS = 6e-3  # [m] of the ball that stands for the fingertip
 ARROW = 26e-3  # [m] length of the arrow of the greatest force, on a surface large enough
 ARROW_SHARE = 0.4  # of the surface's longest side, at most
 MARGIN = 1.06  # room around the whole surface
+HEAD = 1.6e-3  # [m] radius of an arrow's head
 LEAST_FORCE = 0.05  # [N] smaller forces get no longer arrows
 NEAR = 0.46  # share of the height that is seen from near
 VIEW = (0.2, -0.8, 0.95)
@@ -29,8 +30,8 @@ def render(views: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
 
     vertices [m] (V,3), triangles (T,3), displacement [m] (k,V,3), values (k,V) that colour the vertices, most: end of
     the colour scale, tips [m] (k,3; not finite: no finger), normals [1] (k,3), forces [N] (k,3), near (n): which
-    instants from near, balls [m] (m,3) all places of the finger that the camera shall see, greatest [N] force of the
-    longest arrow
+    instants from near, balls [m] (m,3) and pulls [N] (m,3) all places of the finger and forces there that the camera
+    shall see, greatest [N] force of the longest arrow
     """
     import pyvista
 
@@ -40,8 +41,9 @@ def render(views: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     most = float(views["most"])
     wide: list[np.ndarray] = []
     close: list[np.ndarray] = []
-    arrows = views["forces"] * (_longest(views["vertices"]) / max(float(views["greatest"]), LEAST_FORCE))
-    balls = views["balls"]
+    scale = _longest(views["vertices"]) / max(float(views["greatest"]), LEAST_FORCE)
+    arrows, balls = views["forces"] * scale, views["balls"]
+    heads = balls + views["pulls"] * scale
     shots = list(zip(views["displacement"], views["values"], views["tips"], views["normals"], arrows, strict=True))
     for shape, out, which in ((SIZE, wide, range(len(shots))), (CLOSE_SIZE, close, views["near"].tolist())):
         plotter = pyvista.Plotter(off_screen=True, window_size=list(shape), lighting="none")
@@ -49,7 +51,7 @@ def render(views: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
         for shot in (shots[i] for i in which):
             plotter.clear_actors()
             _draw(pyvista, plotter, views["vertices"], faces, *shot, most, edges=out is close)
-            _camera(plotter, views["vertices"], balls, shot, near=out is close)
+            _camera(plotter, views["vertices"], balls, heads, shot, near=out is close)
             plotter.render()
             out.append(np.asarray(plotter.screenshot(return_img=True))[..., :3])
         plotter.close()
@@ -108,21 +110,22 @@ def _draw(
         if length > 0.5e-3:
             head = min(1.0, 5e-3 / length)
             pointer = pyvista.Arrow(
-                start=centre, direction=arrow, scale=length, tip_length=head, tip_radius=min(0.25, 1.6e-3 / length),
+                start=centre, direction=arrow, scale=length, tip_length=head, tip_radius=min(0.25, HEAD / length),
                 shaft_radius=min(0.1, 0.55e-3 / length),
             )  # fmt: skip
             plotter.add_mesh(pointer, color="#1f3b57", ambient=0.3)
 
 
-def _camera(plotter: Any, vertices: np.ndarray, balls: np.ndarray, shot: tuple, near: bool) -> None:
-    """Look at the whole surface and the finger's places so that they fill the picture, or at the finger from near."""
+def _camera(plotter: Any, vertices: np.ndarray, balls: np.ndarray, heads: np.ndarray, shot: tuple, near: bool) -> None:
+    """Look at the whole surface, the finger's places and the heads of its arrows so that they fill the picture, or at
+    the finger from near."""
     direction = np.array(VIEW) / np.linalg.norm(VIEW)
     right = np.cross((0.0, 0.0, 1.0), direction)
     right /= np.linalg.norm(right)
     axes = np.array([right, np.cross(direction, right), direction])
-    seen, round_it = vertices @ axes.T, balls @ axes.T
-    low = np.concatenate([seen, round_it - FINGER_RADIUS]).min(axis=0)
-    high = np.concatenate([seen, round_it + FINGER_RADIUS]).max(axis=0)
+    seen, round_it, ahead = vertices @ axes.T, balls @ axes.T, heads @ axes.T
+    low = np.concatenate([seen, round_it - FINGER_RADIUS, ahead - HEAD]).min(axis=0)
+    high = np.concatenate([seen, round_it + FINGER_RADIUS, ahead + HEAD]).max(axis=0)
     focus = (low + high) / 2 @ axes
     width, height = plotter.window_size
     reach = MARGIN * max(high[1] - low[1], (high[0] - low[0]) * height / width) / 2
