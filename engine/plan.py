@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import msgspec
+
 from palpate.engine.faults import Fault, GraphError, Location, short
 from palpate.engine.graph import Edge, EffectChoice, Graph, NodeSpec
 from palpate.engine.imports import full_name, load_class
@@ -53,10 +55,10 @@ class Plan:
             "source": graph.source,
             "streams": None if graph.wanted is None else list(graph.wanted),
             "effects": {name: [choice.on, *_spot(choice.place)] for name, choice in graph.effects.items()},
-            "nodes": [_node_spec(node) for node in graph.nodes.values()],
+            "nodes": [_node_form(node) for node in graph.nodes.values()],
             "order": self.order,
             "skipped": self.skipped,
-            "edges": {name: _edge_specs(edges) for name, edges in self.edges.items()},
+            "edges": msgspec.to_builtins(self.edges),
             "wanted": {stream: sorted(names) for stream, names in self.wanted.items()},
             "observers": {name: list(streams) for name, streams in self.observers.items()},
         }
@@ -66,11 +68,11 @@ class Plan:
         """The plan that `to_spec` wrote; `load` gives a class by its full name. GraphError: one cannot be imported."""
         nodes = {}
         faults = []
-        for item in spec["nodes"]:
+        for form in msgspec.convert(spec["nodes"], list[_NodeForm]):
             try:
-                nodes[item["name"]] = _node(item, load)
+                nodes[form.name] = _node(form, load)
             except (ImportError, AttributeError) as error:
-                faults.append(Fault(f"class {item['class']!r} cannot be imported: {error}", node=item["name"]))
+                faults.append(Fault(f"class {form.cls!r} cannot be imported: {error}", node=form.name))
         if faults:
             raise GraphError(faults)
         wanted = None if spec["streams"] is None else tuple(spec["streams"])
@@ -80,51 +82,37 @@ class Plan:
             graph,
             list(spec["order"]),
             dict(spec["skipped"]),
-            {name: _edges(edges) for name, edges in spec["edges"].items()},
+            msgspec.convert(spec["edges"], dict[str, tuple[Edge, ...]]),
             {stream: frozenset(names) for stream, names in spec["wanted"].items()},
             {name: tuple(streams) for name, streams in spec["observers"].items()},
         )
 
 
-def _node_spec(node: NodeSpec) -> dict[str, Any]:
-    return {
-        "name": node.name,
-        "use": node.use,
-        "class": full_name(node.cls),
-        "settings": node.settings,
-        "every": node.every,
-        "restart": node.restart,
-        "when": node.when,
-        "off": node.off,
-        "edges": _edge_specs(node.edges),
-        "listen": None if node.listen is None else list(node.listen),
-        "place": _spot(node.place),
-    }
+class _NodeForm(msgspec.Struct, rename={"cls": "class"}):
+    """A `NodeSpec` as JSON holds it: the full name of its class, and file, line and column."""
+
+    name: str
+    use: str
+    cls: str
+    settings: dict[str, Any]
+    every: int
+    restart: bool
+    when: str | None
+    off: str | None
+    edges: tuple[Edge, ...]
+    listen: tuple[str, ...] | None
+    place: tuple[str, int, int]
 
 
-def _spot(place: Location) -> list[Any]:
-    return [short(place.file), place.line, place.column]
+def _node_form(node: NodeSpec) -> dict[str, Any]:
+    form = {key: getattr(node, key) for key in _NodeForm.__struct_fields__}
+    return msgspec.to_builtins(_NodeForm(**form | {"cls": full_name(node.cls), "place": _spot(node.place)}))
 
 
-def _node(spec: dict[str, Any], load: Callable[[str], Any]) -> NodeSpec:
-    return NodeSpec(
-        name=spec["name"],
-        use=spec["use"],
-        cls=load(spec["class"]),
-        settings=dict(spec["settings"]),
-        every=spec["every"],
-        restart=spec["restart"],
-        when=spec["when"],
-        off=spec["off"],
-        edges=_edges(spec["edges"]),
-        listen=None if spec["listen"] is None else tuple(spec["listen"]),
-        place=Location(*spec["place"]),
-    )
+def _node(form: _NodeForm, load: Callable[[str], Any]) -> NodeSpec:
+    given = msgspec.structs.asdict(form)
+    return NodeSpec(**given | {"cls": load(form.cls), "place": Location(*form.place)})
 
 
-def _edge_specs(edges: tuple[Edge, ...]) -> list[dict[str, Any]]:
-    return [{"port": e.port, "producer": e.producer, "stream": e.stream, "loop": e.loop} for e in edges]
-
-
-def _edges(specs: list[dict[str, Any]]) -> tuple[Edge, ...]:
-    return tuple(Edge(s["port"], s["producer"], s["stream"], s["loop"]) for s in specs)
+def _spot(place: Location) -> tuple[str, int, int]:
+    return short(place.file), place.line, place.column

@@ -129,6 +129,10 @@ class Player:
         for part in self.parts:
             part.slot.start()
 
+    def last(self, node: str) -> list[Message | None]:
+        """The newest message of each output of a node, None before its first; nothing of a node that does not run."""
+        return next(([output.last for output in part.slot.outputs] for part in self.parts if part.name == node), [])
+
     def stop(self) -> None:
         """Stop all nodes."""
         for part in self.parts:

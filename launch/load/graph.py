@@ -9,7 +9,9 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
+
+import msgspec
 
 from palpate.engine.faults import Faults, Location, choices
 from palpate.engine.graph import Edge, Graph, NodeSpec, streams_of
@@ -21,20 +23,45 @@ from palpate.launch.load.effects import apply as switch
 from palpate.launch.load.effects import chosen as chosen_effects
 from palpate.launch.load.files import GRAPHS, Override, apply, find_file, read_extended, read_scene
 from palpate.launch.load.scene import Scene, condition
+from palpate.launch.load.values.lines import fill, quantity
 from palpate.launch.load.values.settings import Offer, check_offers, check_taken, resolve
 from palpate.launch.load.values.shared_units import check_units, uses
 from palpate.launch.load.values.source import YamlSource
-from palpate.launch.load.values.units import UnitError, convert
 from palpate.launch.load.wiring import Kinds, Wire, close_loops, find_streams, wires
 from palpate.messages import Message
 from palpate.nodes.base import Node, Observer, inputs, settings
 
-RATE = 1000.0
-SLOWEST, FASTEST = 1e-3, 1e6  # [Hz] of the base rate
-MOST = 1_000_000  # ticks of one step of a node
-KEYS = ("scene", "rate", "nodes", "wanted", EFFECTS, "extends", "run")
 RESERVED = ("scene", "rate", "wanted", EFFECTS, "all")
-LINE = ("use", "in", "with", "when", "every", "restart")
+MOST = 1_000_000  # ticks of one step of a node
+
+
+class _File(msgspec.Struct, kw_only=True):
+    """What a graph's file says; what is of any type is checked where it is read."""
+
+    scene: Any = None
+    rate: Annotated[float, quantity("Hz", 1e-3, 1e6)] = 1000.0
+    nodes: Annotated[dict[str, Any], msgspec.Meta(min_length=1, description="a mapping of names to nodes")]
+    wanted: Any = None
+    effects: Any = None
+    extends: Any = None
+    run: Any = None
+
+
+class _Line(msgspec.Struct, rename={"inputs": "in", "offered": "with"}):
+    """What the line of a node says beside the settings of its class."""
+
+    use: Annotated[str, msgspec.Meta(description="module.Class such as contact.Series")]
+    inputs: Any = None
+    offered: Any = None
+    when: Any = None
+    every: Annotated[
+        Annotated[int, msgspec.Meta(ge=1, le=MOST)] | None,
+        msgspec.Meta(description=f"a whole number from 1 to {MOST}"),
+    ] = None
+    restart: Annotated[bool | None, msgspec.Meta(description="true or false")] = None
+
+
+LINE = tuple(field.encode_name for field in msgspec.structs.fields(_Line))
 
 
 @dataclass
@@ -42,6 +69,7 @@ class _Draft:
     """What is known of a node while the graph is being read."""
 
     line: YamlSource
+    says: _Line
     cls: type[Node]
     own: list[str]
     wires: list[Wire] = field(default_factory=list)
@@ -83,11 +111,8 @@ def load_source(
     apply(changes, source, scene_source, faults)
     said = chosen_effects(source, scene_source, faults)
     world = Scene(scene_source)
-    for key in source.data:
-        if key not in KEYS:
-            faults.add(f"unknown key {key!r}", choices("Keys", key, KEYS), source.place(key))
-    rate = _rate(source, faults)
-    drafts, unclear = _drafts(source, faults)
+    says = fill(_File, source, faults) or _File(nodes={})
+    drafts, unclear = _drafts(says.nodes, source, faults)
     kinds = {name: streams_of(name, draft.cls) for name, draft in drafts.items()}
     nodes: dict[str, NodeSpec] = {}
     offers: list[Offer] = []
@@ -120,7 +145,7 @@ def load_source(
         holder = source if scene_source.data.get("wanted") is None else scene_source
     found_wanted = _wanted(holder, kinds, unclear, faults)
     written_down = {key: value for key, value in source.data.items() if key not in ("scene", "run")}
-    graph = Graph(file, rate, world.data, nodes, found_wanted, written_down, said, notes)
+    graph = Graph(file, says.rate, world.data, nodes, found_wanted, written_down, said, notes)
     faults.entries.extend(missing_senders(graph))
     faults.done()
     return graph
@@ -131,24 +156,8 @@ def _overrides(given: Sequence[str | Override], faults: Faults) -> list[Override
     return [item for item in overrides if item is not None]
 
 
-def _rate(source: YamlSource, faults: Faults) -> float:
-    given = source.data.get("rate", RATE)
-    try:
-        rate = convert(given, "Hz") if isinstance(given, str) else given
-        if isinstance(rate, bool) or not isinstance(rate, int | float) or not (SLOWEST <= rate <= FASTEST):
-            raise UnitError(f"found {given!r}; expected a number above 0, from {SLOWEST:g} to {FASTEST:g}")
-        return float(rate)
-    except UnitError as error:
-        faults.add(f"rate [Hz]: {error}", "", source.place("rate"))
-        return RATE
-
-
-def _drafts(source: YamlSource, faults: Faults) -> tuple[dict[str, _Draft], set[str]]:
+def _drafts(given: dict[str, Any], source: YamlSource, faults: Faults) -> tuple[dict[str, _Draft], set[str]]:
     """The nodes whose classes are found, and the names of the others."""
-    given = source.data.get("nodes")
-    if not isinstance(given, dict) or not given:
-        faults.add("nodes: found none, expected a mapping of names to nodes", "", source.place("nodes"))
-        return {}, set()
     drafts: dict[str, _Draft] = {}
     unclear = set()
     for name in given:
@@ -160,20 +169,19 @@ def _drafts(source: YamlSource, faults: Faults) -> tuple[dict[str, _Draft], set[
             faults.add(f"found {line.data!r}, expected {{use: module.Class, in: ...}}", "", place, node=name)
             unclear.add(name)
             continue
-        use = line.data.get("use")
-        if not isinstance(use, str):
-            faults.add(f"use: found {use!r}, expected module.Class such as contact.Series", "",
-                       line.place("use"), node=name)  # fmt: skip
+        keys = {key: value for key, value in line.data.items() if key in LINE}
+        says = fill(_Line, YamlSource(keys, line.places), faults, node=name)
+        if says is None:
             unclear.add(name)
             continue
         try:
-            cls = find_class(use)
+            cls = find_class(says.use)
         except ClassError as error:
             drafts.pop(name, None)
             unclear.add(name)
-            _tell_class(name, use, error, source, faults)
+            _tell_class(name, says.use, error, source, faults)
             continue
-        drafts[name] = _Draft(line, cls, [key for key in line.data if key not in LINE])
+        drafts[name] = _Draft(line, says, cls, [key for key in line.data if key not in LINE])
     return drafts, unclear
 
 
@@ -211,18 +219,7 @@ def _asked(name: str, nodes: dict[str, Any]) -> list[type[Message]]:
 
 def _node(name: str, draft: _Draft, scene: Scene, offers: list[Offer], faults: Faults) -> NodeSpec:
     line = draft.line
-    place = line.place()
-    every = line.data.get("every")
-    if every is not None and (isinstance(every, bool) or not isinstance(every, int) or not 1 <= every <= MOST):
-        faults.add(
-            f"every: found {every!r}, expected a whole number from 1 to {MOST}", "", line.place("every"), node=name
-        )
-        every = None
-    restart = line.data.get("restart")
-    if restart is not None and not isinstance(restart, bool):
-        faults.add(f"restart: found {restart!r}, expected true or false", "", line.place("restart"), node=name)
-        restart = None
-    when = line.data.get("when")
+    when = draft.says.when
     off = None if when is None else condition(when, scene, faults, line.place("when"), name)
     known = settings(draft.cls)
     own = []
@@ -234,8 +231,17 @@ def _node(name: str, draft: _Draft, scene: Scene, offers: list[Offer], faults: F
         else:
             own.append(key)
     values = resolve(name, draft.cls, line, own, scene, offers, faults)
-    written = None if when is None else str(when)
-    return NodeSpec(name, line.data["use"], draft.cls, values, every or 1, bool(restart), written, off, place=place)
+    return NodeSpec(
+        name,
+        draft.says.use,
+        draft.cls,
+        values,
+        every=draft.says.every or 1,
+        restart=bool(draft.says.restart),
+        when=None if when is None else str(when),
+        off=off,
+        place=line.place(),
+    )
 
 
 def _listen(name: str, line: YamlSource, kinds: Kinds, unclear: set[str], faults: Faults) -> tuple[str, ...] | None:

@@ -14,7 +14,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
+
+import msgspec
 
 from palpate.engine.faults import Faults, GraphError, choices
 from palpate.engine.graph import Graph
@@ -23,13 +25,33 @@ from palpate.launch.load.files import GRAPHS, PLACES, SCENES, Override, find_fil
 from palpate.launch.load.graph import load
 from palpate.launch.load.placement import BUILT_IN, Placement, load_place
 from palpate.launch.load.plan import plan
+from palpate.launch.load.values.lines import fill, quantity
 from palpate.launch.load.values.source import YamlSource, read
-from palpate.launch.load.values.units import UnitError, convert
 
-CLOCKS = ("simulated", "real")
 ALL, SOURCES = RECORDED = ("all", "sources")
 """What a run records: all messages, or those of its sources, from which a reader computes the others."""
-KEYS = ("graph", "scene", "place", "clock", "duration", "record", "set", "wanted", "pace")
+_FileName = Annotated[str, msgspec.Meta(description="the name of a file")]
+
+
+class _Run(msgspec.Struct):
+    """What the `run:` of a graph says, see `LaunchFile`."""
+
+    scene: _FileName | dict[str, Any] | None = None
+    place: _FileName | None = None
+    clock: Literal["simulated", "real"] | None = None
+    duration: Annotated[float, quantity("s", 1e-9, 1e9)] | None = None
+    record: Annotated[
+        str | None, msgspec.Meta(description=f"the name of a file, as NAME.mcap, or {' or '.join(RECORDED)}")
+    ] = None
+    set: Annotated[dict[str, Any] | None, msgspec.Meta(description="a mapping such as {tissue.stiffness: 2e3}")] = None
+    wanted: Annotated[list[str] | str | None, msgspec.Meta(description="a list of streams")] = None
+    pace: Annotated[float, quantity("1", 1e-3, 1e6)] | None = None
+
+
+class _Launch(_Run, kw_only=True):
+    """What a launch file says."""
+
+    graph: _FileName
 
 
 @dataclass(frozen=True)
@@ -100,44 +122,38 @@ def _read(path: Path) -> LaunchFile:
     source = read(path)
     data = source.data
     if isinstance(data, dict) and "graph" in data and "nodes" not in data:
-        return _run(source, path, KEYS)
+        return _run(source, path, _Launch)
     if isinstance(data, dict) and data.get("run") is not None:
-        return replace(_run(source.sub("run"), path, KEYS[1:]), path=None)
+        return replace(_run(source.sub("run"), path, _Run), path=None)
     return _like_its_base(path, data)
 
 
-def _run(source: YamlSource, path: Path, keys: tuple[str, ...]) -> LaunchFile:
+def _run(source: YamlSource, path: Path, kind: type[_Run]) -> LaunchFile:
     """What a launch file says, or the `run:` of a graph. GraphError: what is wrong with it."""
     data = source.data
     faults = Faults()
     if not isinstance(data, dict):
         faults.add(f"run: found {data!r}, expected a mapping such as {{duration: 2 s}}", "", source.place())
         faults.done()
-    for key in data:
-        if key not in keys:
-            faults.add(f"unknown key {key!r}", choices("Keys", str(key), keys), source.place(key))
-    clock = data.get("clock")
-    if clock is not None and clock not in CLOCKS:
-        faults.add(f"clock: found {clock!r}", choices("Clocks", str(clock), CLOCKS), source.place("clock"))
-    wanted = data.get("wanted")
-    wanted = [wanted] if isinstance(wanted, str) and wanted != "all" else None if wanted == "all" else wanted
-    if wanted is not None and not (isinstance(wanted, list) and all(isinstance(w, str) for w in wanted)):
-        faults.add(f"wanted: found {wanted!r}, expected a list of streams", "", source.place("wanted"))
-        wanted = None
-    record, only = _recorded(source, path, faults)
-    scene = data.get("scene")
+    given = fill(kind, source, faults) or _Run()
+    wanted = (given.wanted,) if isinstance(given.wanted, str) else given.wanted
+    record, only = _recorded(given.record, source, path, faults)
+
+    def file(key: str, name: str, folder: Path) -> Path | None:
+        return faults.keep(find_file, name, folder, path.parent, source.place(key), key)
+
     launch = LaunchFile(
-        graph=_file("graph", source, GRAPHS, path, faults) or path,
+        graph=(file("graph", given.graph, GRAPHS) if isinstance(given, _Launch) else None) or path,
         path=path,
-        scene=scene if isinstance(scene, dict) else _file("scene", source, SCENES, path, faults),
-        place=place if (place := data.get("place")) in BUILT_IN else _file("place", source, PLACES, path, faults),
-        clock=clock,
-        duration=_positive("duration", "s", source, faults),
+        scene=file("scene", given.scene, SCENES) if isinstance(given.scene, str) else given.scene,
+        place=given.place if given.place in (None, *BUILT_IN) else file("place", given.place, PLACES),
+        clock=given.clock,
+        duration=given.duration,
         record=record,
         only=only,
-        pace=_positive("pace", "1", source, faults, least=1e-3, most=1e6),
-        wanted=None if wanted is None else tuple(wanted),
-        overrides=_overrides(source, faults),
+        pace=given.pace,
+        wanted=None if wanted is None or given.wanted == "all" else tuple(wanted),
+        overrides=tuple(_flat(source.sub("set"), ())) if given.set else (),
     )
     faults.done()
     return launch
@@ -154,7 +170,7 @@ def _like_its_base(path: Path, data: Any) -> LaunchFile:
         except GraphError:  # the loader tells it
             break
         if isinstance(data, dict) and data.get("run") is not None:
-            run = _run(source.sub("run"), file, KEYS[1:])
+            run = _run(source.sub("run"), file, _Run)
             return LaunchFile(
                 path, duration=run.duration, record=run.record and Path(f"{path.stem}.mcap"), only=run.only
             )
@@ -164,58 +180,17 @@ def _like_its_base(path: Path, data: Any) -> LaunchFile:
     return LaunchFile(path)
 
 
-def _recorded(source: YamlSource, path: Path, faults: Faults) -> tuple[Path | None, str | None]:
+def _recorded(given: str | None, source: YamlSource, path: Path, faults: Faults) -> tuple[Path | None, str | None]:
     """The file of `record:`, and what is recorded. A word of `RECORDED` means a file named like the launch file."""
-    given = source.data.get("record")
-    if given is None:
-        return None, None
     if given in RECORDED:
         return Path(f"{path.stem}.mcap"), given
-    if isinstance(given, str) and (Path(given).suffix or "/" in given):
+    if given is None:
+        return None, None
+    if Path(given).suffix or "/" in given:
         return Path(given), None
-    cure = "" if not isinstance(given, str) else choices("Words", given, RECORDED)
-    faults.add(f"record: found {given!r}, expected the name of a file, as NAME.mcap, or {' or '.join(RECORDED)}", cure,
-               source.place("record"))  # fmt: skip
+    faults.add(f"record: found {given!r}, expected the name of a file, as NAME.mcap, or {' or '.join(RECORDED)}",
+               choices("Words", given, RECORDED), source.place("record"))  # fmt: skip
     return None, None
-
-
-def _file(key: str, source: YamlSource, folder: Path, path: Path, faults: Faults) -> Path | None:
-    given = source.data.get(key)
-    if given is None:
-        return None
-    if not isinstance(given, str):
-        faults.add(f"{key}: found {given!r}, expected the name of a file", "", source.place(key))
-        return None
-    return faults.keep(find_file, given, folder, path.parent, source.place(key), key)
-
-
-def _positive(
-    key: str, unit: str, source: YamlSource, faults: Faults, least: float = 1e-9, most: float = 1e9
-) -> float | None:
-    given = source.data.get(key)
-    if given is None:
-        return None
-    try:
-        value = convert(given, unit) if isinstance(given, str) else given
-        if isinstance(value, bool) or not isinstance(value, int | float) or not (least <= value <= most):
-            raise UnitError(f"found {given!r}; expected a number above 0, from {least:g} to {most:g}")
-        return float(value)
-    except UnitError as error:
-        faults.add(f"{key} [{unit}]: {error}", "", source.place(key))
-        return None
-
-
-def _overrides(source: YamlSource, faults: Faults) -> tuple[Override, ...]:
-    """`set:` as a mapping of targets, dotted or nested, to values."""
-    given = source.data.get("set")
-    if given is None:
-        return ()
-    if not isinstance(given, dict):
-        faults.add(
-            f"set: found {given!r}, expected a mapping such as {{tissue.stiffness: 2e3}}", "", source.place("set")
-        )
-        return ()
-    return tuple(_flat(source.sub("set"), ()))
 
 
 def _flat(source: YamlSource, head: tuple[str, ...]) -> list[Override]:

@@ -38,7 +38,7 @@ _HOST = r"^(tcp://)?[A-Za-z0-9.-]+(:[0-9]+)?$"
 class _Line(msgspec.Struct):
     """What the file says of one group, see `ProcessGroup`."""
 
-    nodes: Annotated[list[str], msgspec.Meta(min_length=1, description="a list of node names")] = []
+    nodes: Annotated[list[str], msgspec.Meta(min_length=1, description="a list of node names")]
     core: Annotated[_Core | _Cores | None, msgspec.Meta(description="the number of a core from 0, or a list")] = None
     priority: Annotated[
         Annotated[int, msgspec.Meta(ge=1, le=99)] | None, msgspec.Meta(description="a whole number from 1 to 99")
@@ -178,9 +178,9 @@ def _group(name: str, line: YamlSource, known: list[str], taken: dict[str, str],
     if not isinstance(line.data, dict):
         faults.add(f"{about}: found {line.data!r}, expected {{nodes: [...], core: ...}}", "", line.place())
         return ProcessGroup(name, [])
-    given = fill(_Line, line, about, faults)
-    if line.data.get("nodes") is None:
-        faults.add(f"{about}, nodes: found None, expected a list of node names", "", line.place("nodes"))
+    given = fill(_Line, line, faults, about)
+    if given is None:
+        return ProcessGroup(name, [])
     members = []
     for index, node in enumerate(given.nodes):
         place = line.place("nodes", index)

@@ -5,10 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
+from typing import Annotated, Any
+
+import msgspec
 
 from palpate.engine.faults import Faults, Location, choices
 from palpate.launch.load.classes import senders
+from palpate.launch.load.values.lines import fill
 from palpate.launch.load.values.source import YamlSource
 from palpate.messages import Message
 from palpate.nodes.base import Node, Port, inputs
@@ -29,6 +32,13 @@ class Wire:
     driving: bool
     held: bool
     named: bool | None
+
+
+class _Input(msgspec.Struct, rename={"sender": "from"}):
+    """What the file says of one input."""
+
+    sender: Annotated[str, msgspec.Meta(description="the name of a node")]
+    loop: Annotated[bool | None, msgspec.Meta(description="true or false")] = None
 
 
 def find_streams(given: str, kinds: Kinds) -> list[str]:
@@ -107,22 +117,9 @@ def unknown(place: Location, without: str) -> tuple[str, str]:
 
 def _sender(name: str, port: Port, given: Any, place: Location, faults: Faults) -> tuple[str | None, bool | None]:
     """The sender's name and what the file says of `loop`."""
-    loop = None
-    sender = given
-    if isinstance(given, dict):
-        for key in given:
-            if key not in ("from", "loop"):
-                faults.add(
-                    f"unknown key {key!r}", choices("Keys", key, ("from", "loop")), place, node=name, port=port.name
-                )
-        sender, loop = given.get("from"), given.get("loop")
-    if not isinstance(sender, str):
-        faults.add(f"found {sender!r}, expected the name of a node", "", place, node=name, port=port.name)
-        return None, None
-    if loop is not None and not isinstance(loop, bool):
-        faults.add(f"loop: found {loop!r}, expected true or false", "", place, node=name, port=port.name)
-        loop = None
-    return sender, loop
+    line = YamlSource(given if isinstance(given, dict) else {"from": given}, {(): place})
+    read = fill(_Input, line, faults, node=name, port=port.name)
+    return (None, None) if read is None else (read.sender, read.loop)
 
 
 def _match(

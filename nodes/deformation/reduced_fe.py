@@ -25,7 +25,7 @@ from palpate.nodes.deformation.basis_store import (
 )
 from palpate.physics.archive import ArchiveError
 from palpate.physics.bodies.condensed_body import Basis, CondensedBody
-from palpate.physics.bodies.ladder import FidelityLevels
+from palpate.physics.bodies.fidelity_levels import FidelityLevels
 from palpate.physics.bodies.sampled_body import SampledBasis, SampledBody
 from palpate.physics.entry_point import NO_FLOATS, NO_NODES, NO_VECTORS
 from palpate.physics.geometry.mesh import Mesh

@@ -14,8 +14,8 @@ step costs what the contact covers, not what the mesh holds.
 The patch itself has the compliance of the true load in place of that of the coarse vertices' wider one
 (`physics.bodies.true_patch`): V* = h.C h/2E + (c - g.C g/E) y²/2, y the normal force on the patch that h stands for.
 
-With dents (`physics.dents`) the organ is nonlinear under the patch: u = dV*/dh instead of C h/E. Its V* is convex, so
-the same step stays passive at a place: the load's work is at least the growth of h.u - V*.
+With dents (`indentation_table`) the organ is nonlinear under the patch: u = dV*/dh instead of C h/E. Its V* is convex,
+so the same step stays passive at a place: the load's work is at least the growth of h.u - V*.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ import numba
 import numpy as np
 
 from palpate.physics.archive import ArchiveError, read_arrays
-from palpate.physics.bodies.dents import SPACING, hat_moments, patch_radius, rise, risen
 from palpate.physics.bodies.half_space_range import CAUSES, FLAT, LIGHT, NEAR_WIDTH, caution, ground_under
+from palpate.physics.bodies.indentation_table import SPACING, hat_moments, patch_radius, rise, risen
 from palpate.physics.bodies.patch import barycentric, carried, normal_force, share_of
 from palpate.physics.bodies.place_energy import Ground, along, held, softness, weight_slopes
 from palpate.physics.bodies.true_patch import (
@@ -60,7 +60,7 @@ class Basis:
     vertices    [m]   (V,3) of the coarse surface, in the organ's frame
     triangles   [1]   (T,3)
     compliance  [m/N] (3V,3V) float32, for a modulus of 1 Pa
-    dents       [1]   (V,L) see `physics.dents`; L = 0 where only the linear organ is known
+    dents       [1]   (V,L) see `indentation_table`; L = 0 where only the linear organ is known
     """
 
     vertices: np.ndarray

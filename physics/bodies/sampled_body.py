@@ -259,7 +259,10 @@ class SampledBody:
 
 @numba.njit(cache=True, error_model="numpy")
 def gamma(square, scale, power, most):
-    """gamma at w², and its derivative by w over w; gamma w stays as it is from w = most on."""
+    """gamma [1] at `square` = w² [1], and its derivative by w over w; gamma w is constant from w = most on.
+
+    gamma = (1 + (w/scale)²)^((power - 1)/2)
+    """
     if square > most * most:
         x = 1.0 + (most / scale) ** 2
         value = x ** (0.5 * (power - 1.0)) * most / np.sqrt(square)

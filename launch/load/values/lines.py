@@ -1,38 +1,72 @@
-"""A line of YAML checked against a struct: types and limits by msgspec, told with the field's description."""
+"""A mapping of YAML checked against a struct: types, units and limits by msgspec, told with the field's description."""
 
 from __future__ import annotations
 
 import typing
-from typing import TypeVar
+from collections.abc import Iterator
+from typing import Any, TypeVar
 
 import msgspec
 
 from palpate.engine.faults import Faults, choices
 from palpate.launch.load.values.source import YamlSource
+from palpate.launch.load.values.units import UnitError, convert
 
 Line = TypeVar("Line", bound=msgspec.Struct)
 
 
-def fill(kind: type[Line], line: YamlSource, about: str, faults: Faults) -> Line:
-    """The struct that a mapping says. Each key that it does not have, and each value that does not fit, is a fault with
-    its place; the field keeps its default then."""
-    hints = typing.get_type_hints(kind, include_extras=True)
-    given = {}
-    for key, value in line.data.items():
-        if key not in hints:
-            faults.add(f"{about}: unknown key {key!r}", choices("Keys", key, hints), line.place(key))
-        elif value is not None:
-            try:
-                given[key] = msgspec.convert(value, hints[key])
-            except msgspec.ValidationError:
-                expected, cure = _expected(hints[key], key, value)
-                faults.add(f"{about}, {key}: found {value!r}{expected}", cure, line.place(key))
-    return kind(**given)
+def quantity(unit: str, least: float, most: float) -> msgspec.Meta:
+    """The mark of a field that is a number of this unit, or a text with another unit of the same dimension."""
+    return msgspec.Meta(
+        ge=least, le=most, description=f"a number above 0, from {least:g} to {most:g}", extra={"unit": unit}
+    )
 
 
-def _expected(hint: object, key: str, value: object) -> tuple[str, str]:
-    """What a field takes, by its description; of a word, those that it may be."""
+def fill(kind: type[Line], line: YamlSource, faults: Faults, within: str = "", **about: str) -> Line | None:
+    """The struct that a mapping says. Each key that it does not have, each value that does not fit and each missing
+    value is a fault with its place; the field keeps its default then. None: a field without default has no value.
+
+    within  what the mapping is, "group 'loop'", where the place does not say it
+    about   node or port that the faults are about
+    """
+    known = {field.encode_name: field for field in msgspec.structs.fields(kind)}
+    missing = {key: None for key, field in known.items() if field.required and key not in line.data}
+    given, refused = {}, False
+    for key, value in (line.data | missing).items():
+        place = line.place(key)
+        if key not in known:
+            text = f"{within}: unknown key {key!r}" if within else f"unknown key {key!r}"
+            faults.add(text, choices("Keys", key, known), place, **about)
+            continue
+        field = known[key]
+        meta = next(_marks(field.type), msgspec.Meta())
+        unit = (meta.extra or {}).get("unit")
+        name = f"{within}, {key}" if within else key
+        try:
+            number = convert(value, unit) if unit and isinstance(value, str) else value
+            given[field.name] = msgspec.convert(number, field.type)
+        except UnitError as error:
+            faults.add(f"{name} [{unit}]: {error}", "", place, **about)
+        except msgspec.ValidationError:
+            expected = f", expected {meta.description}" if meta.description else ""
+            words = _words(field.type)
+            cure = choices(f"{key.capitalize()}s", str(value), words) if words else ""
+            faults.add(f"{name}{f' [{unit}]' if unit else ''}: found {value!r}{expected}", cure, place, **about)
+        refused |= field.required and field.name not in given
+    return None if refused else kind(**given)
+
+
+def _marks(hint: Any) -> Iterator[msgspec.Meta]:
+    """The marks of a type that have a description, the outermost first."""
+    parts = typing.get_args(hint)
+    yield from (part for part in parts if isinstance(part, msgspec.Meta) and part.description)
+    for part in parts:
+        yield from _marks(part)
+
+
+def _words(hint: Any) -> tuple[str, ...]:
+    """The words that a type may be; none where it is no Literal."""
+    parts = typing.get_args(hint)
     if typing.get_origin(hint) is typing.Literal:
-        return "", choices(f"{key.capitalize()}s", str(value), typing.get_args(hint))
-    (meta,) = (mark for mark in typing.get_args(hint) if isinstance(mark, msgspec.Meta))
-    return f", expected {meta.description}", ""
+        return parts
+    return next((words for part in parts if (words := _words(part))), ())

@@ -105,6 +105,17 @@ BAD = {
     "input is no name": ("body: tissue", "body: 3", ["input 'body'", "found 3", "name of a node"]),
     "inputs are no mapping": ("in: {pose: finger}", "in: all", ["in: found 'all'", "{pose: ...}", "observers"]),
     "unknown key of an input": ("body: tissue", "body: {from: tissue, lop: true}", ["'lop'", "Did you mean 'loop'"]),
+    "an input from nobody": (
+        "body: tissue",
+        "body: {loop: true}",
+        ["input 'body'", "found None", "the name of a node"],
+    ),
+    "an input from a name of no letters": (
+        "body: tissue",
+        "body: {from: ''}",
+        ["no node ''", "Nodes that send Surface"],
+    ),
+    "a rate of nothing": ("nodes:", "rate: null\nnodes:", ["rate [Hz]: found None", "above 0"]),
     "loop is no truth value": ("body: tissue", "body: {from: tissue, loop: 3}", ["loop: found 3", "true or false"]),
     "driving input named as loop": (
         "force: control",

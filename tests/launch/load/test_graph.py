@@ -273,6 +273,7 @@ def test_all_faults_are_told_at_once(whole, write):
         "stifness",
         "'body'",
         "Sprung",
+        "every: found 0",
         "frictn",
         "contrl",
         "'foo'",
@@ -281,8 +282,8 @@ def test_all_faults_are_told_at_once(whole, write):
         "--set foo",
     ):
         assert word in told
-    assert len(error.value.faults) == 11
-    assert len(re.findall(r"bad.yaml:\d+", told)) == 8
+    assert len(error.value.faults) == 12
+    assert len(re.findall(r"bad.yaml:\d+", told)) == 9
 
 
 def test_a_required_input_whose_sender_is_off_is_a_fault(whole):

@@ -123,6 +123,16 @@ def test_a_plan_of_a_class_that_is_gone_is_refused(whole):
         Plan.from_spec(spec)
 
 
+@pytest.mark.parametrize(
+    ("key", "value"), [("every", "2"), ("settings", 3), ("edges", [{"port": 1}]), ("place", "here")]
+)
+def test_a_plan_of_a_file_with_a_value_of_another_type_is_refused(whole, key, value):
+    spec = json.loads(json.dumps(planned(whole).to_spec()))
+    spec["nodes"][1][key] = value
+    with pytest.raises(ValueError, match=rf"at `\$\[1\]\.{key}"):
+        Plan.from_spec(spec)
+
+
 def test_plans_do_not_depend_on_the_order_of_hashes(whole):
     code = (
         "import json; from palpate.launch.load.graph import load; from palpate.launch.load.plan import plan;"
@@ -255,6 +265,7 @@ def test_the_run_of_a_graph_is_its_own_and_no_part_of_what_is_recorded_of_it(wri
     [
         ("run: {duraton: 3 s}", ["'duraton'", "Did you mean 'duration'"]),
         ("run: {graph: kidney}", ["unknown key 'graph'"]),
+        ("run: {scene: [kidney]}", ["scene: found ['kidney']", "expected the name of a file"]),
         ("run: 3", ["run: found 3", "expected a mapping"]),
         ("run: {clock: [real]}", ["clock: found ['real']"]),
     ],
@@ -277,7 +288,10 @@ def test_a_bad_run_of_a_graph_is_told(write, text, words):
         ("pace: fast", ["pace [1]", "'fast'"]),
         ("scene: nowhere", ["scene 'nowhere' not found"]),
         ("place: nowhere", ["place 'nowhere' not found", "two"]),
-        ("place: 3", ["place: found 3"]),
+        ("place: 3", ["place: found 3", "expected the name of a file"]),
+        ("place: ''", ["place '' not found", "two"]),
+        ("pace: .nan", ["pace [1]: found nan", "from 0.001 to 1e+06"]),
+        ("duration: 99999999999999999999999", ["duration [s]", "to 1e+09"]),
         ("record: 3", ["record: found 3"]),
         ("set: 3", ["set: found 3"]),
         ("wanted: 3", ["wanted: found 3"]),
