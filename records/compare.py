@@ -222,7 +222,6 @@ def _collect(variant: Variant, player: Player) -> None:
     for part in chosen:
         own = part.slot.health.step
         variant.step.bins = [a + b for a, b in zip(variant.step.bins, own.bins, strict=True)]
-        variant.step.count += own.count
         variant.step.total += own.total
         variant.step.longest = max(variant.step.longest, own.longest)
 
