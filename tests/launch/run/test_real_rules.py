@@ -154,7 +154,7 @@ def test_a_node_that_waits_ends_when_it_is_told():
 
 
 @pytest.mark.parametrize(("late", "skipped"), [(0.0, 0), (0.9, 0), (1.1, 1), (2.6, 2)])
-@pytest.mark.parametrize("before", [-1, 4])
+@pytest.mark.parametrize("before", [-1, 0, 4])
 def test_ticks_whose_whole_period_has_passed_are_left_out_and_counted(monkeypatch, late, skipped, before):
     origin, deadlines = 1000, []
     monkeypatch.setattr(real, "sleep_until", lambda deadline: deadlines.append(deadline) or round(late * MS))
@@ -263,3 +263,73 @@ def test_a_sender_that_has_stopped_is_not_waited_for_where_the_node_can_do_witho
     assert gather("optional", 1) == 1 and gather("optional", 7) == 1
     assert gather("optional", 8) == 0
     assert gather("", 8) == 1
+
+
+@pytest.mark.parametrize(("hardware", "absent"), [(False, False), (True, True)])
+def test_what_a_node_stood_still_for_makes_its_inputs_no_older_but_for_hardware(hardware, absent):
+    """Stopped from tick 70 to 100 with the whole loop, its newest input of tick 68: two ticks old, or 32."""
+    made = slot("Spread", ("force", {}), ("friction", {"optional": True, "waits": False}))
+    made.due = 70
+    made.node.hardware = hardware
+    put(made, 0, FORCE, 100)
+    put(made, 1, FORCE, 68)
+    gathered = real._gather(worker(), made, 100, 0, leading=True)
+    assert gathered is not None and (gathered[1] is None) == absent
+
+
+def test_a_step_that_answers_after_a_period_is_overdue(monkeypatch):
+    here = Here(last=0)
+    monkeypatch.setattr(real, "sleep_until", lambda deadline: 0)
+    monkeypatch.setattr(real, "now", lambda: here.clock[0])
+    monkeypatch.setattr(real, "_gather", lambda *given: [None])
+    here.slots[0].node.step = lambda torque, **given: here.clock.__setitem__(0, MS - 30_000) or POSE
+    here.slots[0].takes(1)
+    real.run_real(here, 0)
+    assert [made.health.overdue for made in here.slots] == [0, 1, 0]
+
+
+def test_a_step_has_the_time_of_the_message_that_drives_it_and_a_nominal_length_at_first(monkeypatch):
+    here, seen = Here(last=100), []
+    made = slot("Drag", ("pose", {}), ("force", {"waits": False}))
+    made.every = made.inputs[0].every = 2
+    made.begin()
+    here.slots = [made]
+    here.tick = 99
+    put(made, 0, POSE, 100)
+    put(made, 1, FORCE, 100)
+    monkeypatch.setattr(real, "now", lambda: 0)
+    monkeypatch.setattr(made, "step", lambda *given: seen.append(given))
+    here.send = lambda sent: None
+    real.run_real(here, 0)
+    ((tick, at, messages, nominal),) = seen
+    assert (tick, at, nominal) == (100, 100 * MS, 2e-3) and [m.tick for m in messages] == [100, 100]
+
+
+def test_a_wait_ends_when_its_sender_dies_or_the_run_stops():
+    for ends in ("dead", "stopping"):
+        made, here, waits = slot("Drag", ("pose", {}), ("force", {"waits": True})), worker(), []
+        put(made, 0, POSE, 100)
+        put(made, 1, FORCE, 99)
+
+        def wait(feed, deadline, made=made, here=here, waits=waits, ends=ends):
+            waits.append(feed)
+            setattr(made.inputs[1] if ends == "dead" else here, ends, True)
+
+        here.wait = wait
+        assert real._gather(here, made, 100, 1 << 62, leading=True) is None
+        assert len(waits) == 1
+
+
+def test_a_node_that_is_not_wanted_looks_at_what_comes_while_its_input_comes_on():
+    made, here, drained = slot("Drag", ("pose", {}), ("force", {})), worker(), []
+    here.blocked, here.check_orders = {"node"}, lambda: None
+    put(made, 0, POSE, 3)
+
+    def drain():
+        drained.append(None)
+        if len(drained) == 3:
+            here.blocked.clear()
+
+    here.drain = drain
+    assert real._follow(here, made) == (3, 3 * MS)
+    assert len(drained) == 4
