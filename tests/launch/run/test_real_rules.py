@@ -333,3 +333,19 @@ def test_a_node_that_is_not_wanted_looks_at_what_comes_while_its_input_comes_on(
     here.drain = drain
     assert real._follow(here, made) == (3, 3 * MS)
     assert len(drained) == 4
+
+
+@pytest.mark.parametrize("lacks", ["dead", "feed"])
+def test_a_node_whose_driving_sender_is_gone_pauses_until_it_is_back(lacks):
+    made, here = slot("Drag", ("pose", {}), ("force", {})), worker(wait=None)
+    port, pauses = made.inputs[0], []
+    setattr(port, lacks, True if lacks == "dead" else None)
+
+    def pause():
+        pauses.append(None)
+        port.dead = False
+        put(made, 0, POSE, 5)
+
+    here.pause = pause
+    assert real._follow(here, made) == (5, 5 * MS)
+    assert len(pauses) == 1
