@@ -11,6 +11,8 @@ from palpate.messages.base import Floats, Ints, Message, Vector, Vector3
 
 NO_FLOATS = np.zeros(0)
 NO_INTS = np.zeros(0, dtype="<i4")
+for _empty in (NO_FLOATS, NO_INTS):
+    _empty.setflags(write=False)  # so that no message takes a copy
 
 
 class Surface(Message):

@@ -6,20 +6,16 @@ import math
 from typing import Annotated, Literal
 
 import msgspec
-import numpy as np
 
 from palpate.messages import Contact, Friction, Load, Vector3
 from palpate.nodes.base import Wants
 from palpate.nodes.base.absence import FADE, Faded
 from palpate.nodes.base.surface import OnSurface
 from palpate.physics.contact.spread import Spreader
+from palpate.physics.entry_point import NO_NODES, NO_VECTORS
 
-RIGID = 0.02
-"""[1] Compression of the finger over the body's indentation below which the finger counts as rigid."""
-PRESSES = 0.01
-"""[N] Force from which on that is judged: a soft finger that leaves a dent is hardly compressed either."""
-NO_NODES = np.zeros(0, dtype=np.int32)
-NO_VECTORS = np.zeros((0, 3))
+RIGID = 5e4
+"""[N/m] Force over compression from which on a finger counts as rigid; a fingertip that bears 10 N has some 3e3."""
 
 
 class Kernel(OnSurface):
@@ -58,7 +54,7 @@ class Kernel(OnSurface):
         self._idle_at = (contact.foot, contact.normal)
         if contact.force > 0.0:
             self._idle_at = None
-            self._rigid = contact.compression < RIGID * contact.indentation and contact.force > PRESSES
+            self._rigid = contact.force > RIGID * contact.compression
             if self._rigid and not self._cautioned:
                 self._caution(contact)
             f, n = contact.force, contact.normal

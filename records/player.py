@@ -76,6 +76,7 @@ class Part:
             if parameters[ports[-1].port.name].default is inspect.Parameter.empty:
                 break
             ports.pop()
+        self.slot.takes(len(ports))
 
 
 class Player:

@@ -21,6 +21,7 @@ from palpate.physics.contact.series import (
     series_step,
 )
 from palpate.physics.contact.terminal import LEAST_FREE, Terminal, check_law, free_recovery, law_at
+from palpate.physics.entry_point import entry_point
 
 FAR = 2e-3
 """[m] From touching, beyond which an idle contact sleeps; at 1 kHz a finger of 2 m/s wakes it a step before."""
@@ -82,6 +83,7 @@ class Series(Node):
         self._back_for = 0.0
         self._finger_law = self._finger()
         self._law = kernel_form(self._finger_law, self.finger_damping)
+        self._series = entry_point(series_step, 0.0, 0.0, 0.0, self._law, 0.0, 0.0, 0.0, 0.0, 0.0)
         free_recovery(0.0, 0.0, self.finger_damping, 1e-3)  # compiled by the time that a body is missing
 
     def _finger(self) -> ElasticLaw:
@@ -92,7 +94,7 @@ class Series(Node):
         return exponential(self.finger_stiffness, self.finger_hardening)
 
     def _solve(self, approach: float, dt: float, *body: float) -> tuple[float, float, float]:
-        return series_step(approach, dt, self.compression, self._law, *body)
+        return self._series(approach, dt, self.compression, self._law, *body)
 
     def _law_now(self, body: Surface, time: int, dt: float) -> tuple[float, float, float, float, float]:
         """K, n, c, s_free, s_prev of the body's law for a step of `dt` [s] that ends at `time` [ns].
@@ -168,7 +170,8 @@ class Series(Node):
         lateral: Vector3 = (0.0, 0.0, 0.0)
         force = indentation = indentation_rate = 0.0
         back = self._there.value < 1.0 or (self._law_then is None and proximity.tick > 0)
-        there = self._there.update(body is not None or self._law_then is None, dt)
+        if body is None or self._there.value < 1.0:
+            self._there.update(body is not None or self._law_then is None, dt)
         if body is not None:
             law = self._law_then = self._law_now(body, proximity.time, dt)
             if back:
@@ -178,9 +181,9 @@ class Series(Node):
             self.indentation = indentation
             if force > 0.0 and len(body.shape_operator) == 9:
                 lateral = on_hand(body.tangential_gradient, body.shape_operator, proximity.approach, proximity.normal)
-        elif self._law_then is not None and there > 0.0:
+        elif self._law_then is not None and self._there.value > 0.0:
             free = max(self._law_then[3], 0.0)
-            approach = free + there * (proximity.approach - free)
+            approach = free + self._there.value * (proximity.approach - free)
             force, self.compression, indentation = self._solve(approach, math.inf, *self._law_then)
             self.indentation = indentation
         else:

@@ -10,12 +10,12 @@ import numpy as np
 from palpate.messages import Load, Surface, Vector
 from palpate.nodes.base import Switch, part
 from palpate.nodes.base.nodule import WithNodule
+from palpate.nodes.base.surface import LEVEL
 from palpate.physics.bodies.mass_spring import NodalBody, mean_hardness, normal_force
 from palpate.physics.bodies.spring_net import NetBody
 from palpate.physics.contact.terminal import indentation
+from palpate.physics.entry_point import NO_NODES, NO_VECTORS, entry_point
 
-NO_NODES = np.zeros(0, dtype=np.int32)
-NO_VECTORS = np.zeros((0, 3))
 NotNegative = msgspec.Meta(ge=0)
 
 
@@ -44,6 +44,8 @@ class MassSpring(WithNodule):
     def start(self) -> None:
         self.indentation = 0.0
         self._law = (self.stiffness, self.exponent, self.damping, 0.0)
+        self._normal_force = entry_point(normal_force, NO_VECTORS, LEVEL)
+        self._indentation = entry_point(indentation, 0.0, 0.0, *self._law, 0.0)
         self._hardness = self.hardness() if self.nodule_radius > 0.0 else None
         self._body = self._nodes()
 
@@ -51,11 +53,11 @@ class MassSpring(WithNodule):
         return not len(load.nodes) and self.indentation == 0.0 and (self._body is None or not self._body.net.count)
 
     def step(self, load: Load, *, dt: float) -> Surface:
-        force = normal_force(load.forces, load.normal)
+        force = self._normal_force(load.forces, load.normal)
         if self._hardness is not None and len(load.nodes):
             harder = self.stiffness * mean_hardness(load.nodes, load.forces, load.normal, self._hardness)
             self._law = (harder, self.exponent, self.damping, 0.0)
-        self.indentation = indentation(force, dt, *self._law, self.indentation)
+        self.indentation = self._indentation(force, dt, *self._law, self.indentation)
         nodes, displacement = self._moved(load, dt)
         return Surface(
             nodes=nodes,

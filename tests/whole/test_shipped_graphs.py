@@ -1,5 +1,6 @@
 """All that ships in graphs/ loads and can be planned, with every scene and placement that fits it."""
 
+import functools
 from pathlib import Path
 
 import pytest
@@ -16,6 +17,7 @@ NAMES = sorted(p.stem for p in GRAPHS.glob("*.yaml"))
 SCENE_NAMES = sorted(p.stem for p in SCENES.glob("*.yaml"))
 
 
+@functools.cache
 def read(folder, name):
     return yaml.safe_load((folder / f"{Path(name).stem}.yaml").read_text(encoding="utf-8"))
 

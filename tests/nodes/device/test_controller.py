@@ -346,13 +346,14 @@ def test_by_default_it_shows_the_stiffest_wall_of_a_falcon_and_no_more_than_its_
     assert forces == [5.0, 9.0, 9.0, 9.0]
 
 
-def test_after_a_trip_of_the_ledger_the_force_falls_evenly_within_the_ramp_and_stays_away():
-    node = Haptic(ramp=0.05, passivity=False)
+@pytest.mark.parametrize("ramp", [0.0, 0.05])
+def test_after_a_trip_of_the_ledger_the_force_falls_evenly_within_the_ramp_and_stays_away(ramp):
+    node = Haptic(ramp=ramp, passivity=False)
     node.start()
     node.step(contact(2.0, 1e-3), None, pose(), dt=T)
     trip = Ledger(**{f.name: 0.0 for f in fields(Ledger)} | {"tripped": True, "generated_by": ""})
     forces = [node.step(contact(2.0, 1e-3), None, pose(), trip if k == 0 else None, dt=T).force[2] for k in range(60)]
-    assert forces == approx(np.maximum(2.0 * (1.0 - np.arange(1, 61) * T / 0.05), 0.0), abs=1e-12)
+    assert forces == approx(np.maximum(2.0 * (1.0 - np.arange(1, 61) * T / max(ramp, T)), 0.0), abs=1e-12)
 
 
 def test_a_debt_takes_from_the_force_only_after_an_outage():
