@@ -26,6 +26,7 @@ from palpate.nodes.deformation.basis_store import (
 from palpate.physics.archive import ArchiveError
 from palpate.physics.bodies.condensed_body import Basis, CondensedBody
 from palpate.physics.bodies.fidelity_levels import FidelityLevels
+from palpate.physics.bodies.patch import pressures
 from palpate.physics.bodies.sampled_body import SampledBasis, SampledBody
 from palpate.physics.entry_point import NO_FLOATS, NO_NODES, NO_VECTORS
 from palpate.physics.geometry.mesh import Mesh
@@ -194,9 +195,8 @@ class ReducedFE(OnSurface):
     @part("pressure", "pressure", otherwise=NO_FLOATS)
     def _pressure(self, load: Load, nodes: np.ndarray) -> np.ndarray:
         """Of the load on the vertices that are sent [Pa]: its part against the normal over the area of each."""
-        self._push[load.nodes] = -(load.forces @ np.array(load.normal)) / self._areas[load.nodes]
-        pressure = np.maximum(self._push[nodes], 0.0)
-        self._push[load.nodes] = 0.0
+        pressure = np.empty(len(nodes))
+        pressures(load.forces, load.nodes, load.normal, self._areas, nodes, self._push, pressure)
         return pressure
 
     @part("slope", "tangential_gradient", "shape_operator", otherwise=((0.0, 0.0, 0.0), ()))

@@ -30,7 +30,7 @@ import numpy as np
 from palpate.physics.archive import ArchiveError, read_arrays
 from palpate.physics.bodies.half_space_range import CAUSES, FLAT, LIGHT, NEAR_WIDTH, caution, ground_under
 from palpate.physics.bodies.indentation_table import SPACING, hat_moments, patch_radius, rise, risen
-from palpate.physics.bodies.patch import barycentric, carried, normal_force, share_of
+from palpate.physics.bodies.patch import barycentric, carried, normal_force, reaches, share_of
 from palpate.physics.bodies.place_energy import Ground, along, held, softness, weight_slopes
 from palpate.physics.bodies.true_patch import (
     TruePatch,
@@ -173,7 +173,7 @@ class CondensedBody:
         self.basis, self.mesh = basis, mesh
         self._spreader = Spreader(mesh, radius, "biweight")
         self.young, self.retardation = young, retardation
-        self._within = ranges(mesh.vertices, reach)
+        self._reach, self._told = reaches(mesh.vertices, ranges(mesh.vertices, reach))
         count = len(basis.vertices)
         self._count = self._touched = 0
         dents = basis.dents if basis.dents.size else np.zeros((count, 0))
@@ -208,8 +208,9 @@ class CondensedBody:
             self._turning,
         )  # fmt: skip
         self._displaced = entry_point(
-            _displaced, model, zero, self._within, fields, self._marks[0], 0, 0, zero, numbers, self._nodes, self._moved
-        )
+            _displaced, model, zero, self._reach, self._told, fields, self._marks[0], 0, 0, zero, numbers, self._nodes,
+            self._moved,
+        )  # fmt: skip
 
     def step(
         self, nodes: np.ndarray, forces: np.ndarray, foot: tuple, normal: tuple, dt: float
@@ -282,8 +283,8 @@ class CondensedBody:
     def displaced(self, foot: tuple) -> tuple[np.ndarray, np.ndarray]:
         """Vertices of the mesh, all near the foot point and fewer farther off, and their displacements [m] (k,3)."""
         count = self._displaced(
-            self._model, foot, self._within, self._fields, self._marks[0], self._count, self._touched, self._normal,
-            self._numbers, self._nodes, self._moved,
+            self._model, foot, self._reach, self._told, self._fields, self._marks[0], self._count, self._touched,
+            self._normal, self._numbers, self._nodes, self._moved,
         )  # fmt: skip
         return self._nodes[:count], self._moved[:count]
 
@@ -415,7 +416,7 @@ def _step(model, patch, pull, share, normal, dt, fields, marked, curve, numbers,
 
 
 @numba.njit(cache=True)
-def _displaced(model, foot, within, fields, active, count, touched, normal, numbers, nodes, moved):
+def _displaced(model, foot, reach, room, fields, active, count, touched, normal, numbers, nodes, moved):
     """Displacements of the fine mesh: of the body under what it holds, what large displacement adds and what holds the
     patch along the surface, with the half-space's own under the true load in place of that under the hats."""
     compliance, held, u, share, order = model.compliance, fields[0], fields[1], fields[2], fields[3, :, 0]
@@ -432,13 +433,11 @@ def _displaced(model, foot, within, fields, active, count, touched, normal, numb
     for k in range(count):
         b = active[k]
         for i in range(3):
-            _add(field, compliance[3 * b + i], (held[b, i] + patch[b, i]) / model.young)
-            patch[b, i] = 0.0
+            patch[b, i] += held[b, i]
+        _add_three(field, compliance, b, patch[b], model.young)
     for k in range(touched):
         v = int(order[k])
-        for i in range(3):
-            _add(field, compliance[3 * v + i], patch[v, i] / model.young)
-            patch[v, i] = 0.0
+        _add_three(field, compliance, v, patch[v], model.young)
     if len(true.table) > 0:
         hats = patch.reshape(-1)[: len(u)]
         for k in range(touched):
@@ -449,7 +448,7 @@ def _displaced(model, foot, within, fields, active, count, touched, normal, numb
             for i in range(3):
                 u[v, i] += hats[v] * normal[i]
         hats[:] = 0.0
-    told = carried(model.corners, model.weights, u, model.fine, foot, within, nodes, moved)
+    told = carried(model.corners, model.weights, u, reach, foot, room, nodes, moved)
     if len(true.table) > 0:
         deep = (1.0 - true.held) * true.normal * press / (model.young * radius)
         for k in range(told):
@@ -459,6 +458,21 @@ def _displaced(model, foot, within, fields, active, count, touched, normal, numb
             for i in range(3):
                 moved[k, i] -= dent * normal[i]
     return told
+
+
+@numba.njit(cache=True)
+def _add_three(field, rows, v, force, young):
+    """Add rows 3v, 3v + 1, 3v + 2 times a force (3) over `young` to a field; sets the force to 0."""
+    f0, f1, f2 = force[0] / young, force[1] / young, force[2] / young
+    first, second, third = rows[3 * v], rows[3 * v + 1], rows[3 * v + 2]
+    if f0 != 0.0 and f1 != 0.0 and f2 != 0.0:  # the field is read and written once
+        for k in range(len(field)):
+            field[k] = field[k] + f0 * first[k] + f1 * second[k] + f2 * third[k]
+    else:
+        _add(field, first, f0)
+        _add(field, second, f1)
+        _add(field, third, f2)
+    force[:] = 0.0
 
 
 @numba.njit(cache=True)

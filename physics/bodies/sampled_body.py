@@ -25,7 +25,7 @@ import numpy as np
 
 from palpate.physics.archive import ArchiveError, read_arrays
 from palpate.physics.bodies.condensed_body import FORGOTTEN, LEAST_FORCE
-from palpate.physics.bodies.patch import barycentric, carried, normal_force, share_of
+from palpate.physics.bodies.patch import barycentric, carried, normal_force, reaches, share_of
 from palpate.physics.bodies.sampled_energy import Points, forces, scratch
 from palpate.physics.bodies.sampled_solve import EACH, at_rest, settle
 from palpate.physics.contact.spread import Spreader
@@ -162,7 +162,7 @@ class SampledBody:
         self.basis, self.mesh = basis, mesh
         self._spreader = Spreader(mesh, radius, "biweight")
         self.young, self.retardation, self.reach = young, retardation, reach
-        self._within = ranges(mesh.vertices, reach)
+        self._reaches, self._told = reaches(mesh.vertices, ranges(mesh.vertices, reach))
         edges = coarse.vertices[coarse.triangles]
         self._margin = float(np.linalg.norm(edges - np.roll(edges, 1, axis=1), axis=2).max())
         count, r = len(basis.vertices), basis.modes.shape[1]
@@ -251,7 +251,7 @@ class SampledBody:
     def displaced(self, foot: tuple) -> tuple[np.ndarray, np.ndarray]:
         """Vertices of the mesh, all near the foot point and fewer farther off, and their displacements [m] (k,3)."""
         count = _displaced(
-            self._model, self.mesh.vertices, foot, self._within, self.reach, self._margin, self._fields, self._active,
+            self._model, self._reaches, self._told, foot, self.reach, self._margin, self._fields, self._active,
             self.q, float(self._numbers[GAMMA]), self._nodes, self._moved,
         )  # fmt: skip
         return self._nodes[:count], self._moved[:count]
@@ -435,7 +435,7 @@ def _ray(t, end, start_slope, end_slope):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _displaced(model, vertices, foot, within, reach, margin, fields, active, q, more, nodes, moved):
+def _displaced(model, reaches, room, foot, reach, margin, fields, active, q, more, nodes, moved):
     residual_compliance, points, held, u = model.residual_compliance, model.vertices, fields[0], fields[3]
     scale = more / model.young
     count = 0
@@ -453,4 +453,4 @@ def _displaced(model, vertices, foot, within, reach, margin, fields, active, q, 
         u[v, 0] += scale * out0
         u[v, 1] += scale * out1
         u[v, 2] += scale * out2
-    return carried(model.corners, model.weights, u, vertices, foot, within, nodes, moved)
+    return carried(model.corners, model.weights, u, reaches, foot, room, nodes, moved)

@@ -1,0 +1,33 @@
+"""What is told of a finer mesh: which vertices, their displacement and pressure, against whole arrays."""
+
+import numpy as np
+import pytest
+from pytest import approx
+
+from palpate.physics.bodies.patch import carried, pressures, reaches
+
+
+@pytest.mark.parametrize("count", [1, 7, 8, 9, 250])
+def test_vertices_within_their_own_reach_are_told_in_order_with_the_mean_of_their_corners(count):
+    rng = np.random.default_rng(count)
+    vertices, within = rng.random((count, 3)), rng.choice([0.2, 0.5, np.inf], count)
+    corners, weights = rng.integers(0, 40, (count, 3)), rng.dirichlet(np.ones(3), count)
+    u, foot = rng.normal(size=(40, 3)), (0.4, 0.5, 0.6)
+    rows, room = reaches(vertices, within)
+    nodes, moved = np.zeros(count, dtype=np.int32), np.zeros((count, 3))
+    for _ in range(2):
+        told = carried(corners, weights, u, rows, foot, room, nodes, moved)
+    right = np.flatnonzero(np.linalg.norm(vertices - foot, axis=1) <= within)
+    assert nodes[:told].tolist() == right.tolist()
+    assert moved[:told] == approx(np.einsum("ka,kai->ki", weights[right], u[corners[right]]))
+
+
+def test_the_pressure_is_the_force_against_the_normal_over_the_area_and_never_pulls():
+    rng = np.random.default_rng(2)
+    pull, patch, areas = rng.normal(size=(12, 3)), rng.choice(60, 12, replace=False).astype(np.int32), rng.random(60)
+    normal, told, push = (0.6, 0.0, 0.8), np.arange(0, 60, 2, dtype=np.int32), np.zeros(60)
+    out = np.empty(len(told))
+    pressures(pull, patch, normal, areas, told, push, out)
+    right = np.zeros(60)
+    right[patch] = np.maximum(-(pull @ normal) / areas[patch], 0.0)
+    assert out == approx(right[told]) and (out > 0.0).any() and not push.any()
