@@ -6,12 +6,13 @@ import copy
 import inspect
 import math
 from collections import deque
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Sequence
 from time import perf_counter_ns
-from typing import Protocol
+from typing import Any, Protocol
 
 import msgspec
 
+from palpate.engine.graph import places
 from palpate.engine.health import HealthCounters
 from palpate.engine.imports import load_class
 from palpate.engine.job import InputJob, NodeJob, ObserverJob
@@ -181,14 +182,15 @@ class Slot:
         self._step = node.step
         self._takes_dt = "dt" in inspect.signature(type(node).step).parameters
         self._single = len(self.outputs) == 1
+        self.counts: tuple[int, ...] | None = None
+        """Of a node with a port that takes many: how many messages each port gets, -1 where it takes one."""
         self._rests = node.rests if type(node).rests is not Node.rests and self.sleeps else None
 
     def wire(self, known: dict[str, Output]) -> None:
         """Connect the inputs; `known` holds the outputs of this worker by stream."""
-        jobs = {given.port: given for given in self.job.inputs}
-        for port in inputs(type(self.node)):
-            job = jobs.get(port.name)
+        for port, job in places(type(self.node), self.job.inputs):
             self.inputs.append(Input(job, port, known.get(job.stream) if job else None))
+        self.counts = counts(type(self.node), [given.port for given in self.job.inputs])
         latest = sorted(range(len(self.inputs)), key=lambda place: -self.inputs[place].rank)
         self.awaited = [(place, self.inputs[place]) for place in latest]
 
@@ -210,7 +212,7 @@ class Slot:
         stepped before its time. NodeError: it raised."""
         self.begin()
         if not (self.node.hardware or self.node.sink):
-            warm(self.node)
+            warm(self.node, self.counts)
             self.restart()
 
     def restart(self) -> None:
@@ -242,6 +244,7 @@ class Slot:
         """
         before = self.time
         outputs = self.outputs
+        given = messages if self.counts is None else gathered(messages, self.counts)
         if before is not None and at <= before:
             answers: tuple = (None,) * len(outputs)
         else:
@@ -249,11 +252,11 @@ class Slot:
             self.time = at
             begun = perf_counter_ns()
             try:
-                if self._rests is not None and before is not None and self._rests(*messages):
+                if self._rests is not None and before is not None and self._rests(*given):
                     self.health.asleep += 1
                     answers = (None,) * len(outputs)
                 else:
-                    answer = self._step(*messages, dt=dt) if self._takes_dt else self._step(*messages)
+                    answer = self._step(*given, dt=dt) if self._takes_dt else self._step(*given)
                     self.health.step.add(perf_counter_ns() - begun)
                     answers = (answer,) if self._single else self._several(answer, tick)
             except NodeError:
@@ -303,6 +306,22 @@ class Slot:
             check_finite(message)
         except MessageError as error:
             raise NodeError(self.name, f"step at tick {tick}", error) from None
+
+
+def counts(cls: type[Node], connected: Sequence[str]) -> tuple[int, ...] | None:
+    """See `Slot.counts`; `connected` names the port of each connected input."""
+    ports = inputs(cls)
+    return tuple([connected.count(p.name) if p.many else -1 for p in ports]) if any(p.many for p in ports) else None
+
+
+def gathered(messages: Sequence[Message | None], counts: tuple[int, ...]) -> list[Any]:
+    """The arguments of a step from the messages of its inputs, one after the other."""
+    given: list[Any] = []
+    at = 0
+    for count in counts:
+        given.append(messages[at] if count < 0 else list(messages[at : at + count]))
+        at += abs(count)
+    return given
 
 
 def _forces(message: Message) -> dict[str, float]:

@@ -198,6 +198,12 @@ def senders(kind: type[Message]) -> list[str]:
     return [e.use for e in catalogue()[0] if any(issubclass(m, kind) for m in sent_by(e.cls))]
 
 
+def takers(kind: type[Message]) -> list[str]:
+    """Names of the shipped classes with an input that takes several messages of a type."""
+    ports = {e.use: inputs(e.cls) for e in catalogue()[0] if not issubclass(e.cls, Observer)}
+    return [use for use, own in ports.items() if any(p.many and p.type is kind for p in own)]
+
+
 def _fitting(use: str, sends: Iterable[type[Message]]) -> str:
     """The shipped classes that send the wanted types; the most alike where nothing is wanted."""
     kinds = list(sends)

@@ -46,7 +46,7 @@ class Adaptive(ReducedFE):
         bodies = [SampledBody(own, *given) for own in rungs.cut(basis)]
         return FidelityLevels(bodies, rungs, self.error, self.most, self.deadline or math.inf)
 
-    def step(self, load: Load, *, dt: float) -> Surface:
+    def step(self, load: list[Load], *, dt: float) -> Surface:
         surface, ladder = super().step(load, dt=dt), self._body
         assert isinstance(ladder, FidelityLevels)
         return msgspec.structs.replace(surface, estimated_error=ladder.estimated_error, fidelity=ladder.fidelity)

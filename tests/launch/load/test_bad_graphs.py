@@ -165,7 +165,7 @@ BAD = {
         [
             "whole.yaml:14: node 'second', input 'body'",
             "reads the body 'tissue', which the load of 'contact' presses, not its own",
-            "`spread-2: {in: {contact: second}}`, `tissue-2: {in: {load: spread-2}}`",
+            "`tissue: {in: {load: [spread, spread-2]}}` with `spread-2: {in: {contact: second}}`, a contact.Joint",
         ],
     ),
     "a contact that reads a body which its load does not reach": (
