@@ -52,7 +52,7 @@ def soften(wall, force, approach, way, sideways, most, step, dt):
     least = max(wall[LAW] + most * (way - sideways), 0.0) if -1.5 * step < way < 0.0 < force else 0.0
     if wall[CUT] != 0.0:
         # Out again as it came, but no faster than the law itself falls.
-        change = most * way if way >= 0.0 else max(most * way, min(force - wall[LAW], 0.0))
+        change = max(most * way, min(force - wall[LAW], 0.0))
         wall[LINE] = max(wall[LINE] + change + most * sideways, 0.0)
     elif way == 0.0:
         wall[LINE] = force

@@ -7,8 +7,8 @@ import pytest
 from pytest import approx
 from scipy.spatial.transform import Rotation
 
-from palpate.physics.device.controller import ENERGY, SLEW, buffers, haptic, observe
-from palpate.physics.device.rendered import LEAP, SHARE, compensation, soften, stiffest
+from palpate.physics.device.controller import ENERGY, RISE, SLEW, SPEED, WAY, buffers, haptic, observe
+from palpate.physics.device.rendered import LEAP, SHARE, compensation, stiffest
 
 T, MASS, DRAG, COUNT = 1e-3, 0.1, 0.2, 60e-6
 STILL, UP = (0.0, 0.0, 0.0), (0.0, 0.0, 1.0)
@@ -197,19 +197,65 @@ def test_friction_is_softened_as_much_as_the_normal_force():
     assert forces[:, 0] == approx(-0.3 * forces[:, 2])
 
 
-def test_a_fall_is_as_steep_as_a_rise_less_the_way_sideways():
-    """From 2 N, out by half a count and sideways by a third: 1000 N/m times both together."""
-    wall = np.array([0.0, 2.0, 0.0, 0.0])
-    assert soften(wall, 0.1, 1.0, -30e-6, 20e-6, 1000.0, 60e-6, 1e-3) == approx(2.0 - 1000.0 * 50e-6)
+def test_a_credit_lasts_while_contact_does_and_is_dropped_at_the_switch_where_a_debt_stays_up_to_its_bound():
+    law = gains(passive=False)
+    for energy in (0.3, -0.004, -0.05):
+        for push, paid in ((0.5, 0.0), (0.0, 0.25 * 2e-3)):  # into contact, and out of it
+            state, past = buffers(0)
+            step(law, state, past, 0.5 - push)
+            state[ENERGY, 0], state[ENERGY, RISE] = energy, 7.0
+            step(law, state, past, push, (0.0, 0.0, 0.0 if push else 2e-3))
+            assert state[ENERGY, 0] == approx(min(max(energy - paid, -0.01), 0.0))
+            assert state[ENERGY, RISE] == (7.0 if push else 0.0)
+    state, past = buffers(0)
+    energies = [step(law, state, past, 0.5, (0.0, 0.0, -1e-3 * k))[4] for k in range(5)]
+    assert energies == approx([0.0, 0.25e-3, 0.75e-3, 1.25e-3, 1.75e-3])  # the first step was without a force
 
 
-def test_a_line_holds_on_for_some_time_after_the_force_fell_below_it():
-    wall = np.array([0.0, 1.0, 0.0, 0.0])
-    assert soften(wall, 5.0, 1.0, 1e-3, 0.0, 1000.0, 60e-6, 1e-3) == approx(2.0)
-    soften(wall, 0.5, 1.0, 0.0, 0.0, 1000.0, 60e-6, 1e-3)
-    assert soften(wall, 5.0, 1.0, 0.0, 0.0, 1000.0, 60e-6, 1e-3) == approx(2.0)
+def test_the_spring_of_free_motion_pulls_to_where_it_began():
+    law, (state, past), begin = gains(passive=False), buffers(0), np.array([0.02, -0.03, 0.05])
+    law[0] = 50.0
+    for way in ((0.0, 0.0, 0.0), (1e-3, 2e-3, -3e-3), (4e-3, 0.0, 1e-3)):
+        assert step(law, state, past, 0.0, begin + way)[:3] == approx(-50.0 * np.array(way), abs=1e-12)
 
 
-def test_a_force_that_rises_on_the_way_out_is_held_at_what_it_was():
-    wall = np.array([0.0, 2.0, 0.0, 0.0])
-    assert soften(wall, 5.0, 1.0, -10e-6, 0.0, 1000.0, 60e-6, 1e-3) == approx(2.0)
+@pytest.mark.parametrize("axis", range(3))
+def test_a_steep_law_may_rise_with_the_way_sideways_too(axis):
+    """From 0.2 N by the stiffest slope, 4400 N/m behind half a step, times the way in the plane of the surface."""
+    n, (state, past) = np.eye(3)[axis], buffers(0)
+    step(gains(), state, past, 0.2, STILL, n=tuple(n))
+    sideways = np.roll((0.0, 3e-5, 4e-5), axis)
+    force = step(gains(), state, past, 5.0, sideways - 2e-5 * n, n=tuple(n))[:3]
+    assert force == approx((0.2 + 4400.0 * (5e-5 + 2e-5)) * n)
+
+
+def test_what_the_finger_does_in_the_air_is_no_speed_out_of_the_surface():
+    state, past = buffers(0)
+    for k in range(5):
+        step(gains(), state, past, 0.0, (0.0, 0.0, 1e-3 * k))
+    assert state[WAY, SPEED] == 0.0
+
+
+@pytest.mark.parametrize("dt", [1e-18, 1e-9])
+def test_a_step_too_short_for_the_clock_gives_a_finite_force(dt):
+    state, past = buffers(0)
+    for k in range(5):
+        step(gains(), state, past, 0.5, (0.0, 0.0, -1e-4 * k))
+    assert np.isfinite(step(gains(), state, past, 0.5, (0.0, 0.0, -3e-4), dt=dt)).all() and np.isfinite(state).all()
+
+
+def test_first_seen_far_from_the_origin_and_pressing_in_the_finger_is_not_damped():
+    state, past = buffers(3)
+    for k in range(1, 7):
+        place = (0.05, -0.02, 0.3 - 1e-5 * k)
+        force = step(gains(), state, past, 100.0 * 1e-5 * k, place)[:3]
+        assert force == approx((0.0, 0.0, 1e-3 * k))
+
+
+@pytest.mark.parametrize("push", [0.0, 0.5])
+def test_an_input_that_is_not_finite_leaves_mode_and_energy_as_they_were(push):
+    state, past = buffers(0)
+    step(gains(), state, past, push)
+    step(gains(), state, past, push, (0.0, 0.0, 1e-4))
+    assert step(gains(), state, past, math.nan) == (0.0, 0.0, 0.0, push > 0.0, state[ENERGY, 0])
+    assert bool(state[ENERGY, 0]) == (push > 0.0)

@@ -18,7 +18,7 @@ def damper(delay, way, velocity, debt=-1.0, axis=0):
     state, past = buffers(delay)
     rest, up, along = np.zeros(3), np.array([0.0, 0.0, 1.0]), np.eye(3)[axis]
     haptic(gains, state, past, 0.0, up, rest, 0.0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), T)
-    state[controller.ENERGY, :2] = debt
+    state[controller.ENERGY, 0] = debt
     # Twice the way, as the time of the first step, without movement, counts as well.
     force = haptic(gains, state, past, 0.0, up, rest, 0.0, tuple(2 * way * along), tuple(velocity * along), T)[:3]
     assert force[axis - 1] == force[axis - 2] == 0.0
@@ -50,3 +50,27 @@ def test_a_small_debt_is_taken_back_within_a_step_and_no_debt_is_not_damped():
     force = damper(0, way, 7.0, debt=-1e-6)
     assert -force * way == approx(1e-6)
     assert damper(0, way, 7.0, debt=0.0) == 0.0
+
+
+def test_while_a_rise_is_set_the_force_of_the_damper_grows_by_no_more():
+    """Along a way in space, 2 N/ms; without a debt it falls to zero at once and rises from there again."""
+    gains = np.zeros(11)
+    gains[[controller.MASS, controller.LIMIT, controller.SLEW]] = MASS, 1e9, 1e9
+    gains[[controller.OBSERVE, controller.PASSIVE]] = 1.0, 1.0
+    (state, past), way, up = buffers(0), np.array([2.0, -3.0, 6.0]) * 1e-4, np.array([0.0, 0.0, 1.0])
+    state[controller.ENERGY, controller.RISE] = 2000.0
+    forces = []
+    for k, debt in enumerate((0.0, -1.0, -1.0, -1.0, 1.0, -1.0, -1.0)):
+        state[controller.ENERGY, 0] = debt
+        forces.append(haptic(gains, state, past, 0.0, up, np.zeros(3), 0.0, tuple(k * way), (0.0, 0.0, 0.0), T)[:3])
+    assert -np.array(forces) @ way / np.linalg.norm(way) == approx([0.0, 2.0, 4.0, 6.0, 0.0, 2.0, 4.0])
+    assert np.cross(forces, way) == approx(0.0, abs=1e-12)
+
+
+def test_at_rest_a_rise_that_is_set_gives_no_force():
+    gains = np.zeros(11)
+    gains[[controller.MASS, controller.LIMIT, controller.SLEW, controller.PASSIVE]] = MASS, 1e9, 1e9, 1.0
+    state, past = buffers(0)
+    state[controller.ENERGY, controller.RISE] = 2000.0
+    still = (0.0, 0.0, 0.0)
+    assert haptic(gains, state, past, 0.0, np.eye(3)[2], np.zeros(3), 0.0, still, still, T)[:3] == still
