@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, NamedTuple, Self
 
 import msgspec
 import numpy as np
@@ -19,6 +19,23 @@ for _empty in (NO_LAWS, NO_SLOPES, NO_COUPLING):
 def sent(value: Any) -> Any:
     """A default that is sent all the same."""
     return msgspec.field(default_factory=lambda: value)
+
+
+class SeenSurface(NamedTuple):
+    """A surface as one of several contacts hears it; fields as in `Surface`."""
+
+    stiffness: float
+    exponent: float
+    damping: float
+    rest_indentation: float
+    previous_indentation: float
+    tangential_gradient: Vector3
+    shape_operator: Vector
+    step: float
+    relaxation: float
+    time: int
+    tick: int
+    source: str
 
 
 class _Sparse(Message, frozen=True, kw_only=True, omit_defaults=True):
@@ -93,14 +110,11 @@ class Surface(_Sparse):
     slopes: Annotated[Floats, "SI", ("c", 12)] = NO_SLOPES
     coupling: Annotated[Floats, "1", ("c", "c")] = NO_COUPLING
 
-    def seen_by(self, contact: int) -> Surface:
-        """The surface with the law of one of several contacts in the place of the first's."""
-        k, n, c, free, previous = self.laws[contact].tolist()
-        slope = self.slopes[contact].tolist()
-        return msgspec.structs.replace(
-            self, stiffness=k, exponent=n, damping=c, rest_indentation=free, previous_indentation=previous,
-            tangential_gradient=tuple(slope[:3]), shape_operator=tuple(slope[3:]),
-        )  # fmt: skip
+    def seen(self) -> list[SeenSurface]:
+        """What each of several contacts hears of it."""
+        of_all = self.step, self.relaxation, self.time, self.tick, self.source
+        rows = zip(self.laws.tolist(), self.slopes.tolist(), strict=True)
+        return [SeenSurface._make((*law, tuple(slope[:3]), tuple(slope[3:]), *of_all)) for law, slope in rows]
 
     @classmethod
     def example(cls, loaded: bool) -> Self:

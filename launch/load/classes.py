@@ -200,8 +200,13 @@ def senders(kind: type[Message]) -> list[str]:
 
 def takers(kind: type[Message]) -> list[str]:
     """Names of the shipped classes with an input that takes several messages of a type."""
-    ports = {e.use: inputs(e.cls) for e in catalogue()[0] if not issubclass(e.cls, Observer)}
-    return [use for use, own in ports.items() if any(p.many and p.type is kind for p in own)]
+    found = {e.use: e.cls for e in catalogue()[0] if not issubclass(e.cls, Observer)}
+    ports = {use: inputs(cls) for use, cls in found.items()}
+    return [
+        use
+        for use, own in ports.items()
+        if any(p.many and p.type is kind and found[use].takes(p.name, {}) != 1 for p in own)
+    ]
 
 
 def _fitting(use: str, sends: Iterable[type[Message]]) -> str:

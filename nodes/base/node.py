@@ -28,7 +28,7 @@ class SettingError(PalpateError, ValueError):
 class InputError(PalpateError, ValueError):
     """An input that cannot be used, by the fault of the node that sent it: raised in `step`, told as that node's."""
 
-    def __init__(self, message: Message, text: str) -> None:
+    def __init__(self, message: Any, text: str) -> None:
         who = f" of {message.source!r} at tick {message.tick}" if message.source else ""
         super().__init__(f"{type(message).__name__}{who}: {text}")
         self.source = message.source

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Annotated
 
 import numpy as np
 
 from palpate.messages import Contact, Contacts, Proximity, Surface
 from palpate.nodes.base import InputError, Node, Wants, settings
-from palpate.nodes.contact.series import BODY, Series
+from palpate.nodes.contact.series import BODY, Heard, Series
 from palpate.physics.contact.joint import joint_step
 
 
@@ -52,11 +53,11 @@ class Joint(Series):
         count = len(proximity)
         if count != len(self._fingers):
             self._resize(count)
-        seen: list[Surface | None] = [body] * count
+        seen: Sequence[Heard | None] = [body] * count
         if body is not None and count > 1:
             if len(body.laws) != count:
                 raise InputError(body, f"found laws of {len(body.laws)} contacts, expected {count}: one a finger")
-            seen = [body.seen_by(i) for i in range(count)]
+            seen = body.seen()
             self._coupling = body.coupling
         length: float | None = None
         for i, finger in enumerate(self._fingers):
@@ -89,7 +90,7 @@ class Joint(Series):
             return False
         if len(proximity) > 1 and len(body.laws) != len(proximity):
             return False
-        seen = [body.seen_by(i) for i in range(len(proximity))] if len(proximity) > 1 else [body]
+        seen: Sequence[Heard] = body.seen() if len(proximity) > 1 else [body]
         return all(f.rests(p, b) for f, p, b in zip(self._fingers, proximity, seen, strict=True))
 
 

@@ -8,6 +8,7 @@ from typing import Annotated, Literal
 import msgspec
 
 from palpate.messages import Contact, Proximity, Surface, Vector, Vector3
+from palpate.messages.tissue import SeenSurface
 from palpate.nodes.base import InputError, Node, Wants, part
 from palpate.nodes.base.absence import FALL, Gain
 from palpate.physics.bodies.place_energy import on_hand
@@ -32,6 +33,7 @@ RETURN = 0.1
 """[s] in which the contact comes back to the whole approach when its body is back."""
 Positive = msgspec.Meta(gt=0)
 Law = tuple[float, float, float, float, float]
+Heard = Surface | SeenSurface
 LAW = ("stiffness", "exponent", "damping", "rest_indentation", "previous_indentation")
 BODY = Wants(*LAW, "step", "relaxation", "tangential_gradient", "shape_operator")
 
@@ -85,7 +87,7 @@ class Series(Node):
             return hertz_exponential(self.finger_hertz_slope, self.finger_hertz_hardening, self.finger_hertz_radius)
         return exponential(self.finger_stiffness, self.finger_hardening)
 
-    def _law_now(self, body: Surface, time: int, dt: float) -> Law:
+    def _law_now(self, body: Heard, time: int, dt: float) -> Law:
         """K, n, c, s_free, s_prev of the body's law for a step of `dt` [s] that ends at `time` [ns].
 
         InputError: a law out of its range.
@@ -130,7 +132,7 @@ class Series(Node):
             return approach
         return approach - left * left * (approach - begin)
 
-    def rests(self, proximity: Proximity, body: Surface | None) -> bool:
+    def rests(self, proximity: Proximity, body: Heard | None) -> bool:
         if not self._idle or body is None or not proximity.separation > FAR:
             return False
         return abs(body.rest_indentation) < STILL and abs(body.previous_indentation) < STILL and _in_range(body)
@@ -143,7 +145,7 @@ class Series(Node):
             solved = series_step(approach, length, self.compression, self._law, *law)
         return self.contact(proximity, body, solved, dt)
 
-    def pressing(self, proximity: Proximity, body: Surface | None, dt: float) -> tuple[float, float, Law] | None:
+    def pressing(self, proximity: Proximity, body: Heard | None, dt: float) -> tuple[float, float, Law] | None:
         """Approach [m], length of the step [s] and the body's law, which determine the force of this step; None where
         there is nothing to press on."""
         back = self._there.value < 1.0 or (self._law_then is None and proximity.tick > 0)
@@ -159,7 +161,7 @@ class Series(Node):
         return None
 
     def contact(
-        self, proximity: Proximity, body: Surface | None, solved: tuple[float, float, float] | None, dt: float
+        self, proximity: Proximity, body: Heard | None, solved: tuple[float, float, float] | None, dt: float
     ) -> Contact:
         """The contact of this step, of which force, compression and indentation are solved."""
         before = self.compression
@@ -195,7 +197,7 @@ class Series(Node):
         return (float(energy(self._finger_law, self.compression)),)
 
 
-def _in_range(body: Surface) -> bool:
+def _in_range(body: Heard) -> bool:
     """Whether a body's law passes `check_law`, which tells why it does not: asked every tick."""
     k, c, free, step, relaxation = body.stiffness, body.damping, body.rest_indentation, body.step, body.relaxation
     return (

@@ -67,14 +67,18 @@ class MassSpring(WithNodule):
         if len(load) != len(self._laws):
             self._contacts(len(load))
         forces = [normal_force(each.forces, each.normal) for each in load]
-        overlap = shared([each.foot for each in load], [each.normal for each in load], self.radius)
-        acting = (overlap @ forces).tolist() if len(load) > 1 else forces
+        acting, coupled = forces, {}
+        if len(load) > 1:
+            overlap = shared([each.foot for each in load], [each.normal for each in load], self.radius)
+            acting = (overlap @ forces).tolist()
         for i, (each, law) in enumerate(zip(load, self._laws, strict=True)):
             stiffness = law.stiffness
             if self._hardness is not None and len(each.nodes):
                 stiffness = self.stiffness * mean_hardness(each.nodes, each.forces, each.normal, self._hardness)
             s = indentation(acting[i], dt, stiffness, self.exponent, self.damping, 0.0, law.previous_indentation)
             self._laws[i] = Terminal(stiffness, self.exponent, self.damping, 0.0, s)
+        if len(load) > 1:
+            coupled = several(self._laws, overlap)
         shares = [f / a if a > 0.0 else 1.0 for f, a in zip(forces, acting, strict=True)]
         nodes, displacement = self._moved(load, shares, dt)
         first = self._laws[0]
@@ -88,7 +92,7 @@ class MassSpring(WithNodule):
             previous_indentation=first.previous_indentation,
             step=dt,
             stored=self._stored(shares),
-            **several(self._laws, overlap),
+            **coupled,
         )
 
     @part("energy", "stored", otherwise=())

@@ -65,6 +65,7 @@ class CondensedContacts:
         self._marks, self._numbers = np.zeros((count, 2, vertices), dtype=np.int64), np.zeros((count, NUMBERS))
         self.contacts = [body.another(*own) for own in zip(self._fields, self._marks, self._numbers, strict=True)]
         self._tilt = np.zeros((count, vertices, 3))
+        self._room = np.zeros((count, 4, vertices))
         self._cross, self._aside, self._slope = np.zeros((count, count)), np.zeros(count), np.zeros((count, 3))
         self._held = np.zeros(count)
 
@@ -77,8 +78,8 @@ class CondensedContacts:
             _tilt(model.corners, slopes, load[0], load[1], load[3], tilt)
         _pairs(
             model, self._profile, self._fields, self._marks, self._numbers,
-            np.array([(c._count, c._touched) for c in contacts]), np.array([load[3] for load in loads]),
-            np.array([load[2] for load in loads]), self._tilt, self._cross, self._aside, self._slope,
+            np.array([(c._count, c._touched, 0) for c in contacts]), np.array([load[3] for load in loads]),
+            np.array([load[2] for load in loads]), self._tilt, self._room, self._cross, self._aside, self._slope,
         )  # fmt: skip
         own, force = np.maximum(self._numbers[:, OWN], 1e-300), self._numbers[:, TOTAL]
         others = self._cross @ force / own
@@ -151,83 +152,106 @@ def _tilt(corners, slopes, patch, pull, normal, tilt):
 
 
 @numba.njit(cache=True)
-def _pairs(model, profile, fields, marks, numbers, counts, normals, feet, tilt, cross, aside, slope):
+def _pairs(model, profile, fields, marks, numbers, counts, normals, feet, tilt, room, cross, aside, slope):
     """Fill the compliances between patches [m/N] (c,c), the indentation [m] (c) of each by what the others have done,
     and its slope along the surface [1] (c,3); the diagonal of `cross` is 0.
 
-    fields (c,5,V,3), marks (c,2,V), numbers (c,N), counts (c,2): of each contact, see `condensed_body`
+    fields (c,5,V,3), marks (c,2,V), numbers (c,N), counts (c,3): of each contact, see `condensed_body`; the third
+                                                        count is filled
     tilt   (c,V,3) [1/m] derivative of a patch's shares g as it moves
+    room   (c,4,V) of each contact: vertices that it holds load at or touches, its share there, and room for two more
     """
-    true, compliance, young = model.true, model.compliance, model.young
-    number = len(counts)
     aside[:] = 0.0
     slope[:] = 0.0
-    along, toward = np.zeros(3), np.zeros(3)
-    for i in range(number):
-        n, order, share = normals[i], fields[i, 3, :, 0], fields[i, 2, :, 0]
-        for j in range(number):
-            if i == j:
-                continue
-            held, active = fields[j, 0], marks[j, 0]
-            other, others = fields[j, 3, :, 0], fields[j, 2, :, 0]
-            both, hats, done = 0.0, 0.0, 0.0
-            along[:] = 0.0
-            corrects = len(true.table) > 0
-            facing = max(n[0] * normals[j, 0] + n[1] * normals[j, 1] + n[2] * normals[j, 2], 0.0) * true.normal
-            press = numbers[j, PRESS]
-            for k in range(counts[i, 1]):
-                v = int(order[k])
-                here = there = near = 0.0
-                for x in range(3):
-                    row = compliance[3 * v + x]
-                    for m in range(counts[j, 0]):
-                        b = active[m]
-                        here -= n[x] * (
-                            row[3 * b] * held[b, 0] + row[3 * b + 1] * held[b, 1] + row[3 * b + 2] * held[b, 2]
-                        )
-                    for m in range(counts[j, 1]):
-                        b = int(other[m])
-                        there += (
-                            n[x]
-                            * others[b]
-                            * (
-                                row[3 * b] * normals[j, 0]
-                                + row[3 * b + 1] * normals[j, 1]
-                                + row[3 * b + 2] * normals[j, 2]
-                            )
-                        )
-                if corrects:
-                    for m in range(counts[j, 1]):
-                        b = int(other[m])
-                        near += true.table[v, b] * others[b]
-                done += share[v] * here
-                both += share[v] * there
-                hats += share[v] * near
-                for x in range(3):
-                    along[x] += tilt[i, v, x] * (here - facing * near * press)
-            if corrects:
-                square = 0.0
-                for x in range(3):
-                    toward[x] = feet[i, x] - feet[j, x]
-                    square += toward[x] * toward[x]
-                radius = np.sqrt(0.5 * (numbers[i, RADIUS] ** 2 + numbers[j, RADIUS] ** 2))
-                away = np.sqrt(square)
-                mean, change = _mean_inverse(profile, away / radius)
-                both += facing * (mean / radius - hats)
-                done += facing * (mean / radius - hats) * press
-                for x in range(3):
-                    along[x] += facing * change * press * toward[x] / (radius * radius * max(away, 1e-12))
-            most = np.sqrt(max(numbers[i, OWN] * numbers[j, OWN], 0.0)) * young
-            held_to = most / abs(both) if abs(both) > most else 1.0
-            cross[i, j] = held_to * both / young
-            aside[i] += held_to * done / young
-            out = along[0] * n[0] + along[1] * n[1] + along[2] * n[2]
-            for x in range(3):
-                slope[i, x] += held_to * (along[x] - out * n[x]) / young
-    for i in range(number):
+    for i in range(len(counts)):
         cross[i, i] = 0.0
+        for k in range(counts[i, 0]):
+            v = marks[i, 0, k]
+            room[i, 0, k], room[i, 1, v] = v, 0.0
+        many = counts[i, 0]
+        for k in range(counts[i, 1]):
+            v = int(fields[i, 3, k, 0])
+            room[i, 1, v] = fields[i, 2, v, 0]
+            if marks[i, 1, v] == 0:
+                room[i, 0, many] = v
+                many += 1
+        counts[i, 2] = many
+    for i in range(len(counts)):
         for j in range(i):
-            cross[i, j] = cross[j, i] = 0.5 * (cross[i, j] + cross[j, i])
+            _pair(i, j, model, profile, fields, numbers, counts, normals, feet, tilt, room, cross, aside, slope)
+
+
+@numba.njit(cache=True)
+def _pair(i, j, model, profile, fields, numbers, counts, normals, feet, tilt, room, cross, aside, slope):
+    """What two contacts are to each other, see `_pairs`. The compliance is read once, for both ways."""
+    true, compliance, young = model.true, model.compliance, model.young
+    n, m, f, g = normals[i], normals[j], fields[i, 0], fields[j, 0]
+    mine, yours = room[i, 2], room[j, 2]
+    for k in range(counts[j, 2]):
+        yours[int(room[j, 0, k])] = 0.0
+    both = 0.0
+    for k in range(counts[i, 2]):
+        v = int(room[i, 0, k])
+        total = 0.0
+        for q in range(counts[j, 2]):
+            b = int(room[j, 0, q])
+            for x in range(3):
+                row = compliance[3 * v + x]
+                c0, c1, c2 = row[3 * b], row[3 * b + 1], row[3 * b + 2]
+                along = c0 * m[0] + c1 * m[1] + c2 * m[2]
+                both += room[i, 1, v] * room[j, 1, b] * n[x] * along
+                yours[b] -= f[v, x] * along
+                total -= n[x] * (c0 * g[b, 0] + c1 * g[b, 1] + c2 * g[b, 2])
+        mine[v] = total
+    facing = max(n[0] * m[0] + n[1] * m[1] + n[2] * m[2], 0.0) * true.normal
+    mean = change = hats = 0.0
+    if len(true.table) > 0:
+        hats = _hats(i, j, true.table, fields, counts, room)
+        _hats(j, i, true.table, fields, counts, room)
+        radius = np.sqrt(0.5 * (numbers[i, RADIUS] ** 2 + numbers[j, RADIUS] ** 2))
+        away = 0.0
+        for x in range(3):
+            away += (feet[i, x] - feet[j, x]) ** 2
+        away = np.sqrt(away)
+        mean, change = _mean_inverse(profile, away / radius)
+        mean, change = mean / radius, change / (radius * radius * max(away, 1e-12))
+    both += facing * (mean - hats)
+    most = np.sqrt(max(numbers[i, OWN] * numbers[j, OWN], 0.0)) * young
+    share = (most / abs(both) if abs(both) > most else 1.0) / young
+    cross[i, j] = cross[j, i] = share * both
+    for a, b in ((i, j), (j, i)):
+        press = numbers[b, PRESS]
+        done = facing * (mean - hats) * press
+        out = 0.0
+        for k in range(counts[a, 1]):
+            v = int(fields[a, 3, k, 0])
+            here = room[a, 2, v]
+            done += room[a, 1, v] * here
+            if len(true.table) > 0:
+                here -= facing * room[a, 3, v] * press
+            for x in range(3):
+                slope[a, x] += share * tilt[a, v, x] * here
+        for x in range(3):
+            slope[a, x] += share * facing * change * press * (feet[a, x] - feet[b, x])
+            out += slope[a, x] * normals[a, x]
+        for x in range(3):
+            slope[a, x] -= out * normals[a, x]
+        aside[a] += share * done
+
+
+@numba.njit(cache=True)
+def _hats(i, j, table, fields, counts, room):
+    """Mean 1/r [1/m] between the hats of two patches; leaves that of each vertex of the first in its room."""
+    total = 0.0
+    for k in range(counts[i, 1]):
+        v = int(fields[i, 3, k, 0])
+        near = 0.0
+        for q in range(counts[j, 1]):
+            b = int(fields[j, 3, q, 0])
+            near += table[v, b] * room[j, 1, b]
+        room[i, 3, v] = near
+        total += room[i, 1, v] * near
+    return total
 
 
 @numba.njit(cache=True)

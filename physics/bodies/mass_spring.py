@@ -61,8 +61,6 @@ def shared(feet, normals, radius):
 
     feet [m] (c,3), normals [1] (c,3)
     """
-    if len(feet) == 1:
-        return np.eye(1)
     x, n = np.array(feet), np.array(normals)
     q = np.minimum(np.linalg.norm(x[:, None] - x, axis=2) / (2.0 * radius), 1.0)
     return (1.0 - q) ** 4 * (4.0 * q + 1.0) * np.maximum(n @ n.T, 0.0)

@@ -180,6 +180,12 @@ BAD = {
         "",
         ["node 'tissue': gets the load of 'contact', which does not hear how", "`in: {body: tissue}`"],
     ),
+    "two senders for an input that takes one": (
+        "{load: spread}",
+        "{load: [spread, spread]}",
+        ["node 'tissue', input 'load': takes one Load, found 2 senders", "take several: deformation.MassSpring, "],
+    ),
+    "no sender in a list": ("{load: spread}", "{load: []}", ["node 'tissue', input 'load'", "no sender; expects Load"]),
     "an organ whose force reaches no controller": (
         "  motor:",
         "  second: {use: graph_nodes.Press, in: {proximity: near, body: organ}}\n"
