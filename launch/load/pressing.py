@@ -63,8 +63,9 @@ class Pressing:
             if heard and name not in heard:
                 faults.add(
                     f"its force reaches no controller: {_and(hearing)} hears {_and(heard)}",
-                    f"Give {name!r} a controller and a device of its own, `in: {{contact: {name}}}`, or take it out: "
-                    f"`{name}: null`.", places[name], node=name,
+                    f"Give {name!r} a controller and a device of its own, `in: {{contact: {name}}}`, add it to the "
+                    f"others by a contact.Sum if it is the same finger, or take it out: `{name}: null`.",
+                    places[name], node=name,
                 )  # fmt: skip
 
     def _check_joint(self, body: str, faults: Faults) -> None:

@@ -193,7 +193,7 @@ BAD = {
         "  organ: {use: graph_nodes.Spring, in: {load: load}}\n  motor:",
         [
             "whole.yaml:14: node 'second': its force reaches no controller: 'control' hears 'contact'",
-            "`in: {contact: second}`, or take it out: `second: null`",
+            "`in: {contact: second}`, add it to the others by a contact.Sum if it is the same finger, or take it out",
         ],
     ),
     "unknown field of a recording": (
