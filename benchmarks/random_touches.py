@@ -5,7 +5,7 @@
 A touch is a patch of 3 to 15 mm anywhere along the middle of the slab, 2 mm from its border at least, of one of the
 Poisson's ratios given. It is pressed lightly, where all is linear, and to a quarter of its radius. The full model is
 `fe.Solver` on quadratic tetrahedra that follow the patch, `--cells` across its radius (3 are 0.5 to 1 % too stiff);
-the surface under the patch sticks. The body's bases of other Poisson's ratios are built once, without dents.
+the surface under the patch sticks. The body's bases of other Poisson's ratios are built once, without a table.
 """
 
 from __future__ import annotations

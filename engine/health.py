@@ -7,36 +7,42 @@ import numpy as np
 
 from palpate import messages
 
-_OCTAVES = 48  # up to 2^48 ns, three days
+_BITS = 48  # up to 2^48 ns, three days
 
 
 class Histogram:
-    """Counts of durations in bins of an eighth of an octave: quantiles within 5 %."""
+    """Counts of durations in bins of an eighth of an octave, evenly filled each: quantiles within 12 %, of
+    smooth distributions within 1 %."""
 
-    __slots__ = ("bins", "count", "longest", "total")
+    __slots__ = ("bins", "longest", "total")
 
     def __init__(self) -> None:
-        self.bins = [0] * (8 * _OCTAVES)
-        self.count = self.total = self.longest = 0
+        self.bins = [0] * (8 * (_BITS + 2))
+        self.total = self.longest = 0
 
     def add(self, nanoseconds: int, count: int = 1) -> None:
         """Count a duration [ns], or so many of it."""
-        self.count += count
         self.total += nanoseconds * count
         if nanoseconds > self.longest:
             self.longest = nanoseconds
-        # Octave by bit length, place in the octave by the next three bits: no logarithm, no array.
-        octave = nanoseconds.bit_length() - 1
-        self.bins[8 * octave + (nanoseconds >> (octave - 3)) - 8 if octave >= 3 else 0] += count
+        # Octave by bit length, place in the octave by the bits after the first: no logarithm, no array.
+        bits = nanoseconds.bit_length()
+        self.bins[8 * bits + (nanoseconds >> bits - 4) if bits > 3 else 0] += count
+
+    @property
+    def count(self) -> int:
+        """How many durations were counted."""
+        return sum(self.bins)
 
     def report(self) -> dict[str, float]:
         """Mean, quantiles and longest duration [s]."""
-        total = np.cumsum(self.bins)
-        durations = {"mean": self.total * 1e-9 / self.count if self.count else 0.0}
+        total, count = np.cumsum(self.bins), self.count
+        durations = {"mean": self.total * 1e-9 / count if count else 0.0}
         for name, q in (("p50", 0.5), ("p99", 0.99), ("p999", 0.999)):
-            octave, eighth = divmod(int(np.searchsorted(total, q * self.count)), 8)
-            middle = 2.0**octave * (1.0 + (eighth + 0.5) / 8.0) if self.count else 0.0
-            durations[name] = min(middle, self.longest) * 1e-9
+            place = int(np.searchsorted(total, q * count))
+            bits, eighth = divmod(place - 8, 8)
+            share = 1.0 - float(total[place] - q * count) / self.bins[place] if count else 0.0
+            durations[name] = min(2.0 ** (bits - 1) * (1.0 + (eighth + share) / 8.0), self.longest) * 1e-9
         durations["longest"] = self.longest * 1e-9
         return durations
 

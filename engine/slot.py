@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import inspect
 import math
 from collections import deque
@@ -19,6 +18,7 @@ from palpate.engine.job import InputJob, NodeJob, ObserverJob
 from palpate.engine.schedule import needed
 from palpate.engine.warm import warm
 from palpate.messages import Message, MessageError, check_finite, fields
+from palpate.messages.base import decoder
 from palpate.messages.checks import finite_check
 from palpate.nodes.base import InputError, Node, Observer, Port, inputs, outputs
 from palpate.physics.errors import PalpateError
@@ -73,10 +73,11 @@ class Inlet(Protocol):
 class RemoteStream:
     """One stream of another group: where it comes in, its type, and the ports that read it."""
 
-    __slots__ = ("inlet", "kind", "ports", "producer", "stream")
+    __slots__ = ("decode", "inlet", "kind", "ports", "producer", "stream")
 
     def __init__(self, stream: str, kind: type[Message], producer: str, inlet: Inlet) -> None:
         self.stream, self.kind, self.producer, self.inlet = stream, kind, producer, inlet
+        self.decode = decoder(kind).decode
         self.ports: list[Input] = []
 
 
@@ -124,24 +125,22 @@ class Input:
             self.queue.append(message)
             self.arrived = arrived
 
-    def at(self, tick: int) -> Message | None:
-        """The message that a step at `tick` of the simulated clock uses, if it is here; None where it has not come yet,
-        and where there is none (see `absent`). Older ones are dropped."""
-        need = tick - self.loop if self.every == 1 else needed(tick, self.every, self.loop)
-        message = self.newest(need) if self.output is None else self.output.last
-        if message is not None and message.tick > need:
-            message = self.newest(need)
+    def need(self, tick: int) -> int:
+        """Tick of the message that a step at `tick` of the simulated clock uses; -1 in the first ticks of a loop."""
+        return tick - self.loop if self.every == 1 else needed(tick, self.every, self.loop)
+
+    def of(self, need: int) -> Message | None:
+        """The message of tick `need`, if it is here. Older ones are dropped."""
+        queue = self.queue
+        if queue and queue[0].tick == need:
+            self.message = queue.popleft()
+            return self.message
+        message = self.newest(need)
         return message if message is not None and message.tick == need else None
 
-    def lost(self, tick: int) -> int | None:
-        """The tick of the message that a step at `tick` of the simulated clock needs, where a later one has come:
-        frames come in order, so it will not."""
-        need = needed(tick, self.every, self.loop)
-        return need if self.queue and self.queue[0].tick > need else None
-
-    def absent(self, tick: int) -> bool:
-        """Whether no message will come for a step at `tick`: the sender is gone, or it is the first tick of a loop."""
-        return self.dead or needed(tick, self.every, self.loop) < 0
+    def lost(self, need: int) -> bool:
+        """Whether the message of tick `need` will not come: a later one has, and frames come in order."""
+        return bool(self.queue) and self.queue[0].tick > need
 
     def newest(self, limit: int) -> Message | None:
         """The newest message up to tick `limit`; older ones are dropped."""
@@ -171,6 +170,8 @@ class Slot:
         self.inputs: list[Input] = []
         self.awaited: list[tuple[int, Input]] = []
         """The inputs by their place, those first that come last: while a step waits for them the others come."""
+        self.near = False
+        """Whether all inputs come from nodes of this worker that run at each tick."""
         self.health = HealthCounters()
         self.due = 0
         self.period = 1
@@ -179,20 +180,39 @@ class Slot:
         """Tick from which on somebody takes what it sends next."""
         self.time: int | None = None
         """[ns] of the last step; None: there was none since the start."""
-        self._step = node.step
-        self._takes_dt = "dt" in inspect.signature(type(node).step).parameters
         self._single = len(self.outputs) == 1
-        self.counts: tuple[int, ...] | None = None
-        """Of a node with a port that takes many: how many messages each port gets, -1 where it takes one."""
-        self._rests = node.rests if type(node).rests is not Node.rests and self.sleeps else None
+        self.takes(counts(type(node), [port.name for port in inputs(type(node))]))
 
     def wire(self, known: dict[str, Output]) -> None:
         """Connect the inputs; `known` holds the outputs of this worker by stream."""
         for port, job in places(type(self.node), self.job.inputs):
             self.inputs.append(Input(job, port, known.get(job.stream) if job else None))
-        self.counts = counts(type(self.node), [given.port for given in self.job.inputs])
+        self.takes(counts(type(self.node), [given.port for given in self.job.inputs]))
         latest = sorted(range(len(self.inputs)), key=lambda place: -self.inputs[place].rank)
         self.awaited = [(place, self.inputs[place]) for place in latest]
+        self.near = all(port.dead or (port.output is not None and port.every == 1) for port in self.inputs)
+
+    def ready(self, tick: int) -> list[Message | None] | None:
+        """The messages that a step of a `near` node at `tick` of the simulated clock uses; None where one is not
+        there."""
+        messages: list[Message | None] = []
+        for port in self.inputs:
+            if port.dead:
+                messages.append(None)
+                continue
+            message = port.output.last  # type: ignore[union-attr]
+            if message is None or message.tick != tick - port.loop:
+                return None
+            messages.append(message)
+        return messages
+
+    def takes(self, counts: tuple[int, ...]) -> None:
+        """Each port of the node gets so many messages, see `counts`. Calls of it are written out: to unpack a list for
+        each takes four times as long."""
+        self.counts = counts
+        node, dt = self.node, ["dt=dt"] if "dt" in inspect.signature(type(self.node).step).parameters else []
+        self._step = _call(node.step, counts, dt)
+        self._rests = _call(node.rests, counts, []) if type(node).rests is not Node.rests and self.sleeps else None
 
     @property
     def driver(self) -> Input | None:
@@ -242,37 +262,34 @@ class Slot:
 
         NodeError: the step raised, or sent what its type does not allow.
         """
-        before = self.time
-        outputs = self.outputs
-        given = messages if self.counts is None else gathered(messages, self.counts)
-        if before is not None and at <= before:
-            answers: tuple = (None,) * len(outputs)
-        else:
+        before, health = self.time, self.health
+        answer: object = None
+        if before is None or at > before:
             dt = nominal if before is None else (at - before) * 1e-9
             self.time = at
-            begun = perf_counter_ns()
             try:
-                if self._rests is not None and before is not None and self._rests(*given):
-                    self.health.asleep += 1
-                    answers = (None,) * len(outputs)
+                if self._rests is not None and before is not None and self._rests(messages, dt):
+                    health.asleep += 1
                 else:
-                    answer = self._step(*given, dt=dt) if self._takes_dt else self._step(*given)
-                    self.health.step.add(perf_counter_ns() - begun)
-                    answers = (answer,) if self._single else self._several(answer, tick)
+                    begun = perf_counter_ns()
+                    answer = self._step(messages, dt)
+                    health.step.add(perf_counter_ns() - begun)
             except NodeError:
                 raise
             except InputError as error:
                 raise NodeError(error.source or self.name, f"input of {self.name!r} at tick {tick}", error) from error
             except BaseException as error:
                 raise NodeError(self.name, f"step at tick {tick}", error) from error
-        self.health.tick = tick
-        if not outputs:
-            return
-        used = tuple([-1 if message is None else message.tick for message in messages])
-        for place, output in enumerate(outputs):
+        health.tick = tick
+        answers = (answer,) if self._single else self._several(answer, tick)
+        ticks = []
+        for given in messages:
+            ticks.append(-1 if given is None else given.tick)
+        used = tuple(ticks)
+        for place, output in enumerate(self.outputs):
             message = answers[place]
             if message is None and output.last is not None:
-                message = copy.copy(output.last)  # was checked when it was made
+                message = output.last.__copy__()  # was checked when it was made
             else:
                 if type(message) is not output.kind or message.tick != -1:
                     message = self._other(output, message, tick)
@@ -308,20 +325,21 @@ class Slot:
             raise NodeError(self.name, f"step at tick {tick}", error) from None
 
 
-def counts(cls: type[Node], connected: Sequence[str]) -> tuple[int, ...] | None:
-    """See `Slot.counts`; `connected` names the port of each connected input."""
-    ports = inputs(cls)
-    return tuple([connected.count(p.name) if p.many else -1 for p in ports]) if any(p.many for p in ports) else None
+def counts(cls: type[Node], connected: Sequence[str]) -> tuple[int, ...]:
+    """How many messages each port of a node gets, -1 where it takes one; `connected`: the ports"""
+    return tuple([connected.count(port.name) if port.many else -1 for port in inputs(cls)])
 
 
-def gathered(messages: Sequence[Message | None], counts: tuple[int, ...]) -> list[Any]:
-    """The arguments of a step from the messages of its inputs, one after the other."""
-    given: list[Any] = []
-    at = 0
+def _call(
+    function: Callable[..., Any], counts: tuple[int, ...], more: list[str]
+) -> Callable[[list[Message | None], float], Any]:
+    """A call of `function` with the items of a list of messages, those of a port that takes many as a list."""
+    arguments, at = [], 0
     for count in counts:
-        given.append(messages[at] if count < 0 else list(messages[at : at + count]))
+        arguments.append(f"messages[{at}]" if count < 0 else f"messages[{at}:{at + count}]")
         at += abs(count)
-    return given
+    call = f"lambda messages, dt: function({', '.join([*arguments, *more])})"
+    return eval(compile(call, __file__, "eval"), {"function": function})
 
 
 def _forces(message: Message) -> dict[str, float]:

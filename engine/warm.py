@@ -15,15 +15,15 @@ from palpate.nodes.base import Node, Port, inputs
 STEP = 1e-3  # [s]
 
 
-def warm(node: Node, counts: tuple[int, ...] | None = None) -> None:
+def warm(node: Node, counts: tuple[int, ...]) -> None:
     """Step a started node on examples of its inputs: at rest, under a light load, and with optional inputs absent. Its
     state is that of no run afterwards: start it anew.
 
-    counts  of a node with a port that takes many, see `Slot.counts`
+    counts  how many messages each port gets, see `slot.counts`
 
     An example that a node refuses tells nothing of the run: it is passed over.
     """
-    ports = list(zip(inputs(type(node)), counts or (-1,) * len(inputs(type(node))), strict=True))
+    ports = list(zip(inputs(type(node)), counts, strict=True))
     given = {"dt": STEP} if "dt" in inspect.signature(type(node).step).parameters else {}
     with warnings.catch_warnings(), np.errstate(all="ignore"):
         warnings.simplefilter("ignore")

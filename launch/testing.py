@@ -46,7 +46,6 @@ class FakeBus:
         name, kinds = type(node).__name__, outputs(type(node))
         streams = (name,) if len(kinds) == 1 else tuple(f"{name}.{kind.__name__}" for kind in kinds)
         self.slot = Slot(NodeJob(name, "", {}, 1, (), streams), node, ())
-        self.slot.counts = counts(type(node), list(self.ports))
         try:
             self.slot.start()
         except NodeError as fault:
@@ -162,7 +161,8 @@ class FakeBus:
             several = [value] if value is None or isinstance(value, Message) else value
             messages += several
             connected += [name] * len(several)
-        self.slot.counts = counts(type(self.node), connected)
+        if (given_counts := counts(type(self.node), connected)) != self.slot.counts:
+            self.slot.takes(given_counts)
         try:
             self.slot.step(tick, time, messages, 1.0 / self.rate)
         except NodeError as fault:

@@ -64,6 +64,10 @@ class Message(msgspec.Struct, frozen=True, kw_only=True, gc=False):
     def __post_init__(self) -> None:
         SETTLE[type(self)](self)
 
+    if typing.TYPE_CHECKING:
+
+        def __copy__(self) -> Self: ...
+
     @classmethod
     def example(cls, loaded: bool) -> Self:
         """A message as a node may get it, by which the runner warms nodes: under a light load, or at rest. Types whose
@@ -80,16 +84,21 @@ def pack(message: Message) -> bytes:
     return _ENCODER.encode(message)
 
 
+def decoder(kind: type[M]) -> msgspec.msgpack.Decoder[M]:
+    """What `unpack` decodes with. Its own errors do not tell the message's type."""
+    known = _DECODERS.get(kind)
+    if known is None:
+        known = _DECODERS[kind] = msgspec.msgpack.Decoder(kind, dec_hook=_decode_array)
+    return known
+
+
 def unpack(data: bytes, kind: type[M]) -> M:
     """The message of type `kind` that the bytes hold; arrays are read-only views of them.
 
     MessageError: not msgpack, or not a message of this type; names the field.
     """
-    decoder = _DECODERS.get(kind)
-    if decoder is None:
-        decoder = _DECODERS[kind] = msgspec.msgpack.Decoder(kind, dec_hook=_decode_array)
     try:
-        return decoder.decode(data)
+        return decoder(kind).decode(data)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         raise MessageError(f"not a {kind.__name__} of {len(data)} bytes: {error}") from None
 

@@ -16,6 +16,8 @@ import numpy as np
 
 from palpate.messages.fields import Field, MessageError, Vector, fields
 
+_vdot = getattr(np.vdot, "_implementation", np.vdot)
+"""Without numpy's look for arrays of other packages, which takes longer than the product; it gives no warning."""
 _FINITE: dict[type, Callable[[Any], bool]] = {}
 
 
@@ -53,36 +55,49 @@ def finite_check(kind: type) -> Callable[[Any], bool]:
 
 
 def _write_settle(kind: type) -> Callable[[Any], None]:
-    lines = ["def settle(m):", "    pass"]
-    names: dict[str, Any] = {
-        "set": msgspec.structs.force_setattr,
-        "kind": kind,
-        "number": _number,
-        "vector": _tuple,
-        "other": _plain,
-    }
-    arrays = [field for field in fields(kind) if field.dtype is not None]
+    names: dict[str, Any] = {"settle_all": _settle_all, "set": msgspec.structs.force_setattr}
+    lines, known = ["def settle(m):"], set[str]()
     for field in fields(kind):
-        name, known = field.name, f"field_{field.name}"
-        names[known] = field
-        if field.type is float:
-            lines += [f"    v = m.{name}", f"    if type(v) is not float: set(m, {name!r}, number(kind, {known}, v))"]
-        elif field.type in (str, int, bool):
-            test = f"type(v) is not {field.type.__name__}"
-            lines += [f"    v = m.{name}", f"    if {test}: set(m, {name!r}, other(kind, {known}, v))"]
-        elif field.dtype is None and field.shape:
-            element = _element(field).__name__
-            length = field.shape[0]
+        lines.append(f"    v = m.{field.name}")
+        if field.dtype is not None:
+            names |= {"ndarray": np.ndarray, f"dtype_{field.name}": field.dtype}
+            lines += _settle_array(field, known)
+            continue
+        wrong = [f"type(v) is not {(tuple if field.shape else field.type).__name__}"]
+        if field.shape:
+            element, length = _element(field), field.shape[0]
             if isinstance(length, int):
-                wrong = [f"len(v) != {length}", *(f"type(v[{i}]) is not {element}" for i in range(length))]
+                wrong += [f"len(v) != {length}", *(f"type(v[{i}]) is not {element.__name__}" for i in range(length))]
             else:
-                wrong = [f"any(type(x) is not {element} for x in v)"]
-            test = " or ".join(["type(v) is not tuple", *wrong])
-            lines += [f"    v = m.{name}", f"    if {test}: set(m, {name!r}, vector(kind, {known}, v))"]
-    if arrays:
-        names |= {"arrays": arrays, "settle_arrays": _settle_arrays}
-        lines.append("    settle_arrays(kind, arrays, m)")
-    return _function("settle", lines, names)
+                wrong.append(f"v and not only_{element.__name__}(map(type, v))")
+                names[f"only_{element.__name__}"] = frozenset((element,)).issuperset
+        lines.append(f"    if {' or '.join(wrong)}: return settle_all(m)")
+    return _function("settle", [*lines, "    return None"], names)
+
+
+def _settle_array(field: Field, known: set[str]) -> list[str]:
+    """Lines for an array that is as declared: it is copied where its sender may still write to it. `known`: letters of
+    the lengths that lines before these set."""
+    name, other = field.name, "return settle_all(m)"
+    lengths, tests = [], []
+    for axis, length in enumerate(field.shape):
+        new = isinstance(length, str) and length not in known
+        lengths.append(f"length_{length}" if new else f"axis_{axis}")
+        if not new:
+            tests.append(f"axis_{axis} != {f'length_{length}' if isinstance(length, str) else length}")
+        elif isinstance(length, str):
+            known.add(length)
+    return [
+        f"    if type(v) is not ndarray or v.dtype is not dtype_{name} or v.ndim != {len(field.shape)}: {other}",
+        f"    [{', '.join(lengths)}] = v.shape",
+        *([f"    if {' or '.join(tests)}: {other}"] if tests else []),
+        "    flags = v.flags",
+        "    if flags.writeable:",
+        "        v = v.copy()",
+        "        v.setflags(False)",
+        f"        set(m, {name!r}, v)",
+        f"    elif not flags.c_contiguous: {other}",
+    ]
 
 
 def _write_finite(kind: type) -> Callable[[Any], bool]:
@@ -92,22 +107,24 @@ def _write_finite(kind: type) -> Callable[[Any], bool]:
     """
     lines, terms, tests = ["def finite(m):"], [], []
     for field in fields(kind):
+        name = field.name
         if field.dtype is not None:
             if field.dtype.kind == "f":
-                tests.append(f"isfinite(vdot(m.{field.name}, m.{field.name}))")
+                lines.append(f"    {name} = m.{name}")
+                tests.append(f"(not len({name}) or isfinite(vdot({name}, {name})))")
         elif field.type is float:
-            terms.append(f"m.{field.name}")
+            terms.append(f"m.{name}")
         elif field.shape and _element(field) is float:
             length = field.shape[0]
             if isinstance(length, int):  # quicker than a sum
-                numbers = [f"{field.name}_{i}" for i in range(length)]
-                lines.append(f"    [{', '.join(numbers)}] = m.{field.name}")
+                numbers = [f"{name}_{i}" for i in range(length)]
+                lines.append(f"    [{', '.join(numbers)}] = m.{name}")
                 terms += numbers
             else:
-                terms.append(f"sum(m.{field.name})")
+                terms.append(f"sum(m.{name})")
     tests = ([f"isfinite({' + '.join(terms)})"] if terms else []) + tests
     lines.append(f"    return {' and '.join(tests) or 'True'}")
-    return _function("finite", lines, {"isfinite": math.isfinite, "sum": sum, "vdot": np.vdot})
+    return _function("finite", lines, {"isfinite": math.isfinite, "vdot": _vdot})
 
 
 def _function(name: str, lines: list[str], names: dict[str, Any]) -> Callable:
@@ -184,8 +201,16 @@ def _array(kind: type, field: Field, value: Any, lengths: dict[str, int]) -> np.
     return array
 
 
-def _settle_arrays(kind: type, arrays: list[Field], message: Any) -> None:
+def _settle_all(message: Any) -> None:
+    """Bring each field into its form. MessageError: one that cannot be."""
+    kind = type(message)
     lengths: dict[str, int] = {}
-    for field in arrays:
-        value = _array(kind, field, getattr(message, field.name), lengths)
+    for field in fields(kind):
+        value = getattr(message, field.name)
+        if field.dtype is not None:
+            value = _array(kind, field, value, lengths)
+        elif field.shape:
+            value = _tuple(kind, field, value)
+        else:
+            value = _number(kind, field, value) if field.type is float else _plain(kind, field, value)
         msgspec.structs.force_setattr(message, field.name, value)

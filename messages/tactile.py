@@ -4,11 +4,8 @@ from __future__ import annotations
 
 from typing import Annotated
 
-import numpy as np
-
 from palpate.messages.base import Floats, Message
-
-NO_FLOATS = np.zeros(0)
+from palpate.messages.tissue import NO_FLOATS
 
 
 class Tactile(Message):

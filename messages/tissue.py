@@ -12,8 +12,8 @@ from palpate.messages.base import Floats, Ints, Message, Vector, Vector3
 NO_FLOATS = np.zeros(0)
 NO_INTS = np.zeros(0, dtype="<i4")
 NO_LAWS, NO_SLOPES, NO_COUPLING = np.zeros((0, 5)), np.zeros((0, 12)), np.zeros((0, 0))
-for _empty in (NO_LAWS, NO_SLOPES, NO_COUPLING):
-    _empty.flags.writeable = False  # so it stays the default that is left out on the wire
+for _empty in (NO_FLOATS, NO_INTS, NO_LAWS, NO_SLOPES, NO_COUPLING):
+    _empty.setflags(write=False)  # so that no message takes a copy, and the last three stay left out on the wire
 
 
 def sent(value: Any) -> Any:

@@ -14,7 +14,8 @@ import numpy as np
 
 from palpate.messages import Pose, Proximity
 from palpate.nodes.base import SettingError
-from palpate.nodes.base.surface import OPEN, SURFACES, OnSurface, Placed, surface_patch
+from palpate.nodes.base.surface import OPEN, PLACE, SURFACES, OnSurface, Placed, surface_patch
+from palpate.physics.entry_point import entry_point
 from palpate.physics.geometry.closest import ClosestPoint
 from palpate.physics.geometry.mesh_closest import MeshClosestPoint
 from palpate.physics.geometry.orient import edge_counts
@@ -35,9 +36,10 @@ class Nurbs(Placed):
         self.tables = closest.tables
         self.scratch = closest.scratch()
         self.memory = memory(patch.points, self.surface in OPEN)
+        self._follow = entry_point(follow, *self.tables, PLACE, 0.0, *self.scratch, self.memory)
 
     def step(self, pose: Pose) -> Proximity:
-        follow(*self.tables, pose.position, self.hysteresis, *self.scratch, self.memory)
+        self._follow(*self.tables, pose.position, self.hysteresis, *self.scratch, self.memory)
         return _proximity(self.scratch[3], 0, self.thickness, pose)
 
 
@@ -58,6 +60,7 @@ class Mesh(OnSurface):
             raise SettingError(f"setting 'surface': {self.surface}: {error}") from None
         self.work, self.foot = closest.scratch()
         self.memory = memory(mesh.vertices, edge_counts(mesh.triangles, len(mesh.vertices))[0] > 0)
+        self._follow = entry_point(follow_mesh, *self.tables, PLACE, 0.0, self.work, self.foot, self.memory)
         self.flaws: list[str] = []
         if self.surface not in SURFACES:
             from palpate.nodes.base.mesh_file import flaws  # its package is an extra
@@ -70,13 +73,14 @@ class Mesh(OnSurface):
         return flaws
 
     def step(self, pose: Pose) -> Proximity:
-        follow_mesh(*self.tables, pose.position, self.hysteresis, self.work, self.foot, self.memory)
+        self._follow(*self.tables, pose.position, self.hysteresis, self.work, self.foot, self.memory)
         return _proximity(self.foot, int(self.foot[9]), self.thickness, pose)
 
 
 def _proximity(foot: np.ndarray[Any, Any], element: int, thickness: float, pose: Pose) -> Proximity:
     """The message of a result: foot (3), normal (3), coordinates (2), signed distance."""
-    f0, f1, f2, n0, n1, n2, u, v, gap, *_ = foot.tolist()
+    f0, f1, f2, n0, n1, n2, u, v, gap = foot.tolist()[:9]
+    depth = thickness - gap
     v0, v1, v2 = pose.velocity
     out = v0 * n0 + v1 * n1 + v2 * n2
     return Proximity(
@@ -85,7 +89,7 @@ def _proximity(foot: np.ndarray[Any, Any], element: int, thickness: float, pose:
         coordinates=(u, v),
         element=element,
         gap=gap,
-        approach=max(thickness - gap, 0.0),
-        separation=max(gap - thickness, 0.0),
+        approach=0.0 if depth < 0.0 else depth,
+        separation=-depth if depth < 0.0 else 0.0,
         slip=(v0 - out * n0, v1 - out * n1, v2 - out * n2),
     )

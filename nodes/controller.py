@@ -11,7 +11,9 @@ from palpate.messages import Contact, DeviceState, Force, Friction, Ledger, Pose
 from palpate.nodes.base import Node, Wants
 from palpate.nodes.base.absence import FADE, FALL, Faded, Gain, Lost, Pace
 from palpate.physics.device.controller import BRAKE, ENERGY, FORCE, LIMIT, MODE, SLEW, WITHHELD, buffers, haptic
+from palpate.physics.entry_point import entry_point
 
+ZERO = (0.0, 0.0, 0.0)
 GENTLE = 500.0
 """[N/s] by which the force of the added damping rises at most after an outage, until contact ends."""
 SETTLE = 1.0
@@ -84,6 +86,7 @@ class Haptic(Node):
         """[J] Of the display: at the last step, and the least at which the force still comes back."""
         self._open, self._tripped = 1.0, False
         self.state, self.past = buffers(self.delay)
+        self._haptic = entry_point(haptic, self.gains, self.state, self.past, 0.0, *2 * (ZERO,), 0.0, *2 * (ZERO,), 0.0)
 
     def _come_back(self) -> None:
         """After an outage: a fresh state, but for the force that the hand has and the energy that the display has."""
@@ -155,7 +158,7 @@ class Haptic(Node):
             share *= self._closed(dt)
         self.state[MODE, WITHHELD] = 1.0 - share
         a = contact.lateral_force
-        fx, fy, fz, touching, energy = haptic(
+        fx, fy, fz, touching, energy = self._haptic(
             self.gains,
             self.state,
             self.past,

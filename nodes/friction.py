@@ -23,9 +23,9 @@ class _Sliding(Node):
     law: ClassVar[Any]
 
     def start(self) -> None:
-        self._law = bristle.kernel_form(self.law(**{name: getattr(self, name) for name in self.law._fields}))
-        self._bristles = bristle.Bristles()
-        caution = self._law.caution() if hasattr(self._law, "caution") else ""
+        law = self.law(**{name: getattr(self, name) for name in self.law._fields})
+        self._kernel, self._bristles = bristle.kernel_form(law), bristle.Bristles()
+        caution = law.caution() if hasattr(law, "caution") else ""
         self._notes = [caution] if caution else []
 
     def rests(self, contact: Contact, proximity: Proximity) -> bool:
@@ -39,14 +39,14 @@ class _Sliding(Node):
         dt: float,
     ) -> Friction:
         self._bristles, force, stick = bristle.step(
-            self._law, self._bristles, contact.normal, proximity.slip, contact.force, dt
+            self._kernel, self._bristles, contact.normal, proximity.slip, contact.force, dt
         )
         return Friction(force=force, bristle=self._bristles.z, stick=stick, stored=self._stored())
 
     @part("energy", "stored", otherwise=())
     def _stored(self) -> Vector:
         """The energy that the bristles hold; a law without `stored` does not tell."""
-        stored = getattr(self._law, "stored", None)
+        stored = self._kernel.stored
         return (stored(self._bristles.z, self._bristles.load),) if stored is not None else ()
 
 

@@ -13,6 +13,7 @@ from palpate.physics.device.falcon import FALCON, HOME
 from palpate.physics.device.falcon_statics import torque_kernel
 from palpate.physics.device.tracking import buffers, pose, pose_falcon
 from palpate.physics.device.velocity import FILLED
+from palpate.physics.entry_point import entry_point
 
 ZERO = (0.0, 0.0, 0.0)
 
@@ -64,6 +65,7 @@ class FalconKinematics(_Tracker):
     def start(self) -> None:
         self.falcon = FALCON.count, FALCON.geometry
         self._reset(HOME)
+        self._follow = entry_point(pose_falcon, *self.filter, 0.0, 0.0, 0, ZERO, self.falcon)
 
     def step(self, state: Annotated[DeviceState, Wants("joints", "homed")], *, dt: float) -> Pose:
         time = self._stamp(state, dt)
@@ -75,7 +77,7 @@ class FalconKinematics(_Tracker):
                 "For a device that reports a position use kinematics.Cartesian."
             )
         return self._pose(
-            *pose_falcon(*self.filter, self.resolution, self.speed_limit, time, state.joints, self.falcon)
+            *self._follow(*self.filter, self.resolution, self.speed_limit, time, state.joints, self.falcon)
         )
 
 
@@ -84,6 +86,7 @@ class Cartesian(_Tracker):
 
     def start(self) -> None:
         self._reset(ZERO)
+        self._follow = entry_point(pose, *self.filter, 0.0, 0.0, 0, ZERO)
 
     def step(self, state: Annotated[DeviceState, Wants("position", "homed")], *, dt: float) -> Pose:
         time = self._stamp(state, dt)
@@ -94,7 +97,7 @@ class Cartesian(_Tracker):
                 f"DeviceState.position: found {len(state.position)} numbers, expected 3 [m]. "
                 "For a device that reports the angles of a Falcon use kinematics.FalconKinematics."
             )
-        return self._pose(*pose(*self.filter, self.resolution, self.speed_limit, time, state.position))
+        return self._pose(*self._follow(*self.filter, self.resolution, self.speed_limit, time, state.position))
 
 
 class FalconStatics(Node):
@@ -108,6 +111,7 @@ class FalconStatics(Node):
 
     def start(self) -> None:
         self.geometry = FALCON.geometry
+        self._torque = entry_point(torque_kernel, self.geometry, *ZERO, *ZERO)
 
     def step(
         self,
@@ -118,5 +122,5 @@ class FalconStatics(Node):
             return Torque(torques=ZERO)
         x, y, z = pose.position
         ox, oy, oz = self.origin
-        _, *torques = torque_kernel(self.geometry, *force.force, x - ox, y - oy, z - oz)
-        return Torque(torques=torques)
+        _, t0, t1, t2 = self._torque(self.geometry, *force.force, x - ox, y - oy, z - oz)
+        return Torque(torques=(t0, t1, t2))

@@ -75,6 +75,7 @@ class Part:
             if parameters[ports[-1].port.name].default is inspect.Parameter.empty:
                 break
             ports.pop()
+            self.slot.takes(self.slot.counts[:-1])
 
 
 class Player:
@@ -126,6 +127,10 @@ class Player:
         """Start all nodes. NodeError: one raised."""
         for part in self.parts:
             part.slot.start()
+
+    def last(self, node: str) -> list[Message | None]:
+        """The newest message of each output of a node, None before its first; nothing of a node that does not run."""
+        return next(([output.last for output in part.slot.outputs] for part in self.parts if part.name == node), [])
 
     def stop(self) -> None:
         """Stop all nodes."""

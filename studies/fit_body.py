@@ -68,12 +68,14 @@ def fit_body(
     with tempfile.TemporaryDirectory() as folder:
         recording = touched(launch, Path(folder) / "touch.mcap")
         show("the touch")
+        senders = [sender for sender, spec in graph.nodes.items() if Contact in spec.streams.values()]
         pairs: tuple[list[tuple[float, ...]], ...] = ([], [])
 
         def on_tick(players: Sequence[Player]) -> None:
             for pair, player in zip(pairs, players, strict=True):
-                if (contact := _contact(player)) is not None and contact.force > 0.0 and contact.indentation > 0.0:
-                    pair.append((contact.indentation, contact.indentation_rate, contact.force))
+                for sent in (message for sender in senders for message in player.last(sender)):
+                    if isinstance(sent, Contact) and sent.force > 0.0 and sent.indentation > 0.0:
+                        pair.append((sent.indentation, sent.indentation_rate, sent.force))
 
         _, first = compare(recording, [[]], reference=base, on_tick=on_tick)
         show("the reference and the model as it is")
@@ -132,11 +134,3 @@ def power_law(depth: np.ndarray, rate: np.ndarray, force: np.ndarray) -> dict[st
 
 def _slope(pairs: np.ndarray) -> float:
     return float(pairs[:, 2] @ pairs[:, 0] / (pairs[:, 0] @ pairs[:, 0]))
-
-
-def _contact(player: Player) -> Contact | None:
-    for part in player.parts:
-        for output in part.slot.outputs:
-            if isinstance(output.last, Contact):
-                return output.last
-    return None

@@ -3,7 +3,7 @@
 An effect that is a node of its own may run at each n-th tick (`every: n`); others read its last message until then.
 How often it has to run follows from its own time constant: the time in which its output, as fast as it changes in the
 mean (rms) over the touch, goes through its own peak. Held for n ticks of dt, it is off by n dt/(sqrt(3) constant) of
-its peak (rms). What is chosen was measured: the touch is computed again with the effect at each rate of a ladder.
+its peak (rms). What is chosen was measured: the touch is computed again with the effect at each of several rates.
 A faster hand goes through the peak sooner, so that this is done at a spread of speeds, and the worst of them counts.
 """
 
@@ -33,7 +33,7 @@ from palpate.studies.search import Found, Show, Trial, off_by, touched, write
 
 SPEEDS = (0.5, 1.0, 2.0)
 """Of the hand, over that of the graph's own path."""
-LADDER = (1, 2, 5, 10, 20, 50, 100, 200, 500)
+DIVISORS = (1, 2, 5, 10, 20, 50, 100, 200, 500)
 """Divisors of the graph's rate that are tried."""
 
 
@@ -197,7 +197,7 @@ def oftener(rates: Sequence[Rate]) -> list[Rate] | None:
     if not slow:
         return None
     worst = max(slow, key=lambda k: rates[k].force)
-    every = LADDER[LADDER.index(rates[worst].every) - 1]
+    every = DIVISORS[DIVISORS.index(rates[worst].every) - 1]
     return [replace(rate, every=every) if k == worst else rate for k, rate in enumerate(rates)]
 
 
@@ -212,9 +212,9 @@ def _trial(recording: Recording, rates: Sequence[Rate], texts: list[str]) -> Tri
 
 
 def _lowest(recording: Recording, plan: Plan, rate: Rate, full: list[str], error: float) -> Rate:
-    """At the lowest rate of the ladder that keeps the error, all others at each tick; with its time constant."""
+    """At the lowest rate that keeps the error, all others at each tick; with its time constant."""
     path = force_path(plan)
-    slower = LADDER[1:]
+    slower = DIVISORS[1:]
     watched = [_Outputs(plan, rate, without=path if rate.felt else set()) for _ in slower]
     change = _Outputs(plan, rate, without=set())
     before = change.seen(None)
@@ -259,8 +259,7 @@ class _Outputs:
 
     def seen(self, player: Player | None) -> list[Any]:
         """What others read of it now; None for each where there is nothing yet."""
-        part = next((p for p in player.parts if p.name == self.node), None) if player else None
-        last = [output.last for output in part.slot.outputs] if part else []
+        last = player.last(self.node) if player else []
         return [_values(last[index], f) if last else None for index, f in self.shown]
 
     def add(self, now: list[Any], base: list[Any]) -> None:

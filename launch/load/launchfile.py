@@ -11,6 +11,7 @@ set: {tissue.stiffness: 2e3, rate: 500}
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -90,9 +91,10 @@ class LaunchFile:
         """What runs. GraphError: whatever is wrong."""
         return plan(self.load())
 
-    def placement(self, planned: Plan) -> Placement:
-        """Where it runs. GraphError: whatever is wrong with the placement file."""
-        return load_place(self.place, planned)
+    def placement(self, planned: Plan, times: Mapping[str, float] | None = None) -> Placement:
+        """Where it runs; step times [s] of the nodes are for `--place auto`. GraphError: whatever is wrong with the
+        placement file."""
+        return load_place(self.place, planned, times)
 
     def but(self, **changes: Any) -> LaunchFile:
         """The same run with some things changed; None leaves a thing as it is, overrides are added."""

@@ -8,6 +8,8 @@ Placement never changes what is computed.
 
 from __future__ import annotations
 
+import os
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
@@ -26,6 +28,8 @@ AUTO = "auto"
 APART = "apart"
 BUILT_IN = (FUSED, AUTO, APART)
 """Placements without a file."""
+SHARE = 0.5
+"""[1] of a period that the steps of the force path may take in the median: the rest is for what they take at worst."""
 _Core = Annotated[int, msgspec.Meta(ge=0)]
 _Cores = Annotated[list[_Core], msgspec.Meta(min_length=1)]
 _HOST = r"^(tcp://)?[A-Za-z0-9.-]+(:[0-9]+)?$"
@@ -57,6 +61,7 @@ class ProcessGroup:
     host      name or address of the machine, with or without a port; None: this one, no network
     join      started by hand with `palpate join`, as a group on another machine always is
     unencrypted  what goes over TCP is not secured by a key
+    why       these nodes, where `auto` has chosen them
     """
 
     name: str
@@ -66,6 +71,7 @@ class ProcessGroup:
     host: str | None = None
     join: bool = False
     unencrypted: bool = False
+    why: str = ""
 
 
 @dataclass
@@ -92,12 +98,28 @@ def apart(plan: Plan) -> Placement:
     return Placement([ProcessGroup(name, [name]) for name in _names(plan)])
 
 
-def auto(plan: Plan) -> Placement:
+def auto(plan: Plan, times: Mapping[str, float] | None = None, cores: int | None = None) -> Placement:
     """The force path in one process, all else in another: within a process a message costs a call, between two of them
-    a wake-up, and on two cores nine processes wait for one another."""
-    path = force_path(plan)
-    loop = [name for name in plan.order if name in path]
-    groups = [ProcessGroup("loop", loop), ProcessGroup("rest", [name for name in _names(plan) if name not in loop])]
+    a wake-up, and on two cores nine processes wait for one another.
+
+    times  [s] median step of each node. Where the path takes more than `SHARE` of a period, its slowest node whose
+           answer the path uses in the next tick only (a body) gets a process of its own, and computes meanwhile
+    cores  that may be used: so many processes compute in parallel. None: those of this process
+    """
+    times, free = times or {}, (cores or len(os.sched_getaffinity(0))) - 1
+    path, period = force_path(plan), 1e6 / plan.graph.rate
+    now = {edge.producer for name in path for edge in plan.edges[name] if not edge.loop}
+    costs = {name: 1e6 * times.get(name, 0.0) / plan.graph.nodes[name].every for name in path}
+    groups = []
+    movable = sorted(path - now - {name for name in path if plan.graph.nodes[name].cls.paced}, key=costs.__getitem__)
+    while movable and free > 0 and sum(costs.values()) > SHARE * period:
+        name, free = movable.pop(), free - 1
+        why = f"{costs.pop(name):.0f} of {period:.0f} µs a tick, used in the next one"
+        groups.append(ProcessGroup(name, [name], why=why))
+    said = f", {sum(costs.values()):.0f} of {period:.0f} µs a tick" if times else "; no step times yet"
+    groups.insert(0, ProcessGroup("loop", [name for name in plan.order if name in costs], why=f"force path{said}"))
+    others = [name for name in _names(plan) if name not in path]
+    groups.append(ProcessGroup("rest", others, why="off the force path"))
     return Placement([group for group in groups if group.nodes])
 
 
@@ -108,11 +130,11 @@ def find_place(given: str | Path | None) -> str | Path | None:
     return find_file(str(given), PLACES, what="placement", words=BUILT_IN)
 
 
-def load_place(path: str | Path | Placement | None, plan: Plan) -> Placement:
+def load_place(path: str | Path | Placement | None, plan: Plan, times: Mapping[str, float] | None = None) -> Placement:
     """The placement of a plan.
 
-    path    a placement, a file or the name of one that ships; "fused" for one process, "auto" for two, "apart" or None
-            for a process per node
+    path    a placement, a file or the name of one that ships; "fused" for one process, "auto" for what `auto` makes of
+            step times [s], "apart" or None for a process per node
 
     Nodes that the plan skips are left out; running nodes that the file does not name get a process each.
     GraphError: all that is wrong with the file.
@@ -121,7 +143,7 @@ def load_place(path: str | Path | Placement | None, plan: Plan) -> Placement:
         placed = [name for group in path.groups for name in group.nodes]
         return Placement([*path.groups, *(ProcessGroup(name, [name]) for name in _names(plan) if name not in placed)])
     if path is None or str(path) in BUILT_IN:
-        return {FUSED: fused, AUTO: auto}.get(str(path), apart)(plan)
+        return auto(plan, times) if path == AUTO else fused(plan) if path == FUSED else apart(plan)
     source = read(find_file(str(path), PLACES, what="placement", words=BUILT_IN))
     faults = Faults()
     if not isinstance(source.data, dict):

@@ -74,6 +74,7 @@ def execute(
     unencrypted: bool = False,
     key_name: str = keys.NAME,
     fit_cores: bool = False,
+    step_times: Callable[[Plan], Mapping[str, float]] = lambda _: {},
     watch: Callable[[Launcher], None] = lambda _: None,
 ) -> RunOutcome:
     """Run a launch file to its end.
@@ -87,6 +88,7 @@ def execute(
     unencrypted  nothing that goes over TCP is secured
     key_name    of the key that secures a run with groups on other machines
     fit_cores   on the real clock, without a placement and with fewer cores than nodes of the force path: `auto`
+    step_times  says how long a step of each node takes [s], for `auto`
     watch       called about ten times a second with the launcher of the run, where it has one
 
     GraphError: what is wrong with the graph; nothing was started. OSError: an address that is taken. RunError: the key
@@ -99,7 +101,8 @@ def execute(
     if launch.only == SOURCES and launch.record is not None:
         planned = record_sources(graph, clock)
     crowded = fit_cores and launch.place is None and clock == "real" and _crowded(planned)
-    place = auto(planned) if crowded else launch.placement(planned)
+    times = step_times(planned) if crowded or launch.place == AUTO else {}
+    place = auto(planned, times) if crowded else launch.placement(planned, times)
     ticks = None if launch.duration is None else max(1, round(launch.duration * graph.rate))
     joined = frozenset(group.name for group in place.groups if group.join or not _is_here(group.host))
     fused = len(place.groups) == 1 and clock == "simulated" and not joined
@@ -156,12 +159,17 @@ def execute(
             launch.record.unlink(missing_ok=True)
     if crowded:
         result.notes.append(
-            f"placed as --place {AUTO}: the force path in one process, as there are fewer cores than nodes on it; "
+            f"placed as --place {AUTO} ({_placed(place)}), as there are fewer cores than nodes on the force path; "
             f"--place {APART}: a process for each"
         )
     result.health = {name: result.health[name] for name in names if name in result.health}
     kept = verdict(result, planned, ticks) if clock == "real" else None
     return RunOutcome(planned, result, launch.record, kept, AUTO if crowded else str(launch.place or APART))
+
+
+def _placed(place: Placement) -> str:
+    """The processes of `auto`, and why."""
+    return "; ".join(f"{group.name}: {group.why}" for group in place.groups)
 
 
 def _crowded(planned: Plan) -> bool:

@@ -26,12 +26,15 @@ class Done(Protocol):
 
 
 @contextmanager
-def steps(title: str, total: float, *, silent: bool = False, seconds: float | None = None) -> Iterator[Done]:
+def steps(
+    title: str, total: float, *, silent: bool = False, seconds: float | None = None, timed: bool = True
+) -> Iterator[Done]:
     """Tell on standard error what goes on: a bar on a terminal, else a line every `OFTEN` seconds.
 
     title    what is computed, and how much of it
     total    sum of the weights of all steps
     seconds  it will take, where that is known beforehand
+    timed    whether it measures times, which a busy machine makes too long
     """
     if silent:
         yield lambda what, weight=1.0: None
@@ -49,7 +52,7 @@ def steps(title: str, total: float, *, silent: bool = False, seconds: float | No
 
     out = console(stderr=True, soft_wrap=True)
     out.print(title + ("" if seconds is None else f", roughly {duration(seconds)}"), markup=False)
-    if why := busy():
+    if timed and (why := busy()):
         out.print(f"{why}. Times that are measured now are too long.", style="yellow", markup=False)
     if not out.is_terminal:
         yield _lines(out.print, total)

@@ -14,8 +14,8 @@ import numpy as np
 from palpate.models.fe.element.mesh import MeshError
 from palpate.models.fe.meshing.fingertip import FingertipDimensions
 from palpate.models.fe.meshing.organ import Capsule, Nodule, Organ
-from palpate.models.fe.reduce.dents import LEVELS, PLACES, UNSEEN, dent_table, unseen
 from palpate.models.fe.reduce.holdout import errors
+from palpate.models.fe.reduce.indentation_table import LEVELS, PLACES, UNSEEN, dent_table, unseen
 from palpate.models.fe.reduce.reducible import of_finger, of_organ
 from palpate.models.fe.reduce.reduction import (
     CELLS,

@@ -26,7 +26,7 @@ class Pace:
     def update(self, dt: float) -> bool:
         """Take the time dt [s] since the last step; whether the node stood still meanwhile."""
         stood = dt > GAP and 0.0 < 3.0 * self._last < dt
-        self.usual = min(dt, self._last) if self._last > 0.0 else dt
+        self.usual = self._last if 0.0 < self._last < dt else dt
         self._last = dt
         return stood
 
@@ -58,6 +58,8 @@ class Faded:
         """The value to use in a step of dt [s]; None: there is none."""
         if value is not None:
             self._last = value
+            if self._gain.value == 1.0:
+                return value
         gain = self._gain.update(value is not None, dt)
         return self._last if gain == 1.0 else tuple(gain * number for number in self._last)
 

@@ -22,6 +22,7 @@ from palpate.physics.contact.series import (
     series_step,
 )
 from palpate.physics.contact.terminal import LEAST_FREE, Terminal, check_law, free_recovery, law_at
+from palpate.physics.entry_point import entry_point
 
 FAR = 2e-3
 """[m] From touching, beyond which an idle contact sleeps; at 1 kHz a finger of 2 m/s wakes it a step before."""
@@ -78,6 +79,7 @@ class Series(Node):
         self._back_for = 0.0
         self._finger_law = self._finger()
         self._law = kernel_form(self._finger_law, self.finger_damping)
+        self._series = entry_point(series_step, 0.0, 0.0, 0.0, self._law, 0.0, 0.0, 0.0, 0.0, 0.0)
         free_recovery(0.0, 0.0, self.finger_damping, 1e-3)  # compiled by the time that a body is missing
 
     def _finger(self) -> ElasticLaw:
@@ -142,22 +144,23 @@ class Series(Node):
         solved = None
         if pressing is not None:
             approach, length, law = pressing
-            solved = series_step(approach, length, self.compression, self._law, *law)
+            solved = self._series(approach, length, self.compression, self._law, *law)
         return self.contact(proximity, body, solved, dt)
 
     def pressing(self, proximity: Proximity, body: Heard | None, dt: float) -> tuple[float, float, Law] | None:
         """Approach [m], length of the step [s] and the body's law, which determine the force of this step; None where
         there is nothing to press on."""
         back = self._there.value < 1.0 or (self._law_then is None and proximity.tick > 0)
-        there = self._there.update(body is not None or self._law_then is None, dt)
+        if body is None or self._there.value < 1.0:
+            self._there.update(body is not None or self._law_then is None, dt)
         if body is not None:
             law = self._law_then = self._law_now(body, proximity.time, dt)
             if back:
                 self._touched_at, self._back_for = self._touching(law, dt), 0.0
             return self._felt(proximity.approach, dt), dt, law
-        if self._law_then is not None and there > 0.0:
+        if self._law_then is not None and self._there.value > 0.0:
             free = max(self._law_then[3], 0.0)
-            return free + there * (proximity.approach - free), math.inf, self._law_then
+            return free + self._there.value * (proximity.approach - free), math.inf, self._law_then
         return None
 
     def contact(

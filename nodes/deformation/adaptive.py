@@ -13,8 +13,8 @@ from palpate.nodes.base import SettingError
 from palpate.nodes.deformation.basis_store import SHIPPED, cache
 from palpate.nodes.deformation.reduced_fe import ReducedFE
 from palpate.physics.archive import ArchiveError
-from palpate.physics.bodies.ladder import FidelityLevels
-from palpate.physics.bodies.rungs import Rungs
+from palpate.physics.bodies.fidelity_bases import FidelityBases
+from palpate.physics.bodies.fidelity_levels import FidelityLevels
 from palpate.physics.bodies.sampled_body import SampledBasis, SampledBody
 
 
@@ -40,38 +40,38 @@ class Adaptive(ReducedFE):
     def _made(self) -> FidelityLevels:
         basis, given = self._placed()
         assert isinstance(basis, SampledBasis)  # its model is sampled
-        rungs = self.rungs()
-        if self.most < rungs.modes[0]:
-            raise SettingError(f"setting 'most' [1]: found {self.most}, expected at least {rungs.modes[0]}")
-        bodies = [SampledBody(own, *given) for own in rungs.cut(basis)]
-        return FidelityLevels(bodies, rungs, self.error, self.most, self.deadline or math.inf)
+        levels = self.levels()
+        if self.most < levels.modes[0]:
+            raise SettingError(f"setting 'most' [1]: found {self.most}, expected at least {levels.modes[0]}")
+        bodies = [SampledBody(own, *given) for own in levels.cut(basis)]
+        return FidelityLevels(bodies, levels, self.error, self.most, self.deadline or math.inf)
 
     def step(self, load: list[Load], *, dt: float) -> Surface:
-        surface, ladder = super().step(load, dt=dt), self._body
-        assert isinstance(ladder, FidelityLevels)
-        return msgspec.structs.replace(surface, estimated_error=ladder.estimated_error, fidelity=ladder.fidelity)
+        surface, switched = super().step(load, dt=dt), self._body
+        assert isinstance(switched, FidelityLevels)
+        return msgspec.structs.replace(surface, estimated_error=switched.estimated_error, fidelity=switched.fidelity)
 
-    def rungs(self) -> Rungs:
-        """The stored rungs of the basis.
+    def levels(self) -> FidelityBases:
+        """The stored levels of the basis.
 
         SettingError: none are stored, they cannot be read, or are those of another basis.
         """
         stored = self.stored(SHIPPED, cache())
         path = beside(stored[0]) if stored else Path("none")
-        make = f"Make them: {self.rungs_command()}"
+        make = f"Make them: {self.levels_command()}"
         try:
-            rungs, about = Rungs.load(path)
+            levels, about = FidelityBases.load(path)
         except ArchiveError as error:
             raise SettingError(f"{error}. {make}") from None
         if about.get("basis") != self.key():
             raise SettingError(f"{path}: fidelity levels of basis {about.get('basis')}, expected {self.key()}. {make}")
-        return rungs
+        return levels
 
-    def rungs_command(self) -> str:
-        """What makes the rungs of its basis."""
+    def levels_command(self) -> str:
+        """What makes the levels of its basis."""
         return self.command().replace("palpate reduce", "palpate reduce --levels", 1)
 
 
 def beside(basis: Path) -> Path:
-    """Where the rungs of a stored basis lie."""
-    return basis.parent / "rungs" / basis.name
+    """Where the levels of a stored basis lie."""
+    return basis.parent / "levels" / basis.name

@@ -11,10 +11,8 @@ from palpate.messages import Load, Surface, Vector, Vector3
 from palpate.nodes.base import SettingError, Switch, part
 from palpate.nodes.base.nodule import WithNodule
 from palpate.physics.bodies.beam_bed import LARGEST_FORCE, BeamFoundation
+from palpate.physics.entry_point import NO_FLOATS, NO_NODES
 from palpate.physics.materials.viscoelastic import SKIN, TISSUE, ViscoelasticMaterial
-
-NO_PRESSURE = np.zeros(0)
-NO_NODES = np.zeros(0, dtype=np.int32)
 
 
 class BeamBundle(WithNodule):
@@ -102,7 +100,7 @@ class BeamBundle(WithNodule):
         """The vertices of the surface that are displaced."""
         return self.bed.nodes[: self.bed.count]
 
-    @part("pressure", "pressure", otherwise=NO_PRESSURE)
+    @part("pressure", "pressure", otherwise=NO_FLOATS)
     def _pressure(self, load: Load, nodes: np.ndarray) -> np.ndarray:
         """Of the displaced nodes; 0 for those that still recover."""
         held = np.clip(load.forces, -LARGEST_FORCE, LARGEST_FORCE)  # as the beams take it

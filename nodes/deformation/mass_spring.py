@@ -11,12 +11,12 @@ from palpate.messages import Load, Surface, Vector
 from palpate.nodes.base import Switch, part
 from palpate.nodes.base.contacts import several
 from palpate.nodes.base.nodule import WithNodule
+from palpate.nodes.base.surface import LEVEL
 from palpate.physics.bodies.mass_spring import NodalBody, deeper, mean_hardness, normal_force, shared
 from palpate.physics.bodies.spring_net import NetBody
 from palpate.physics.contact.terminal import Terminal, indentation
+from palpate.physics.entry_point import NO_NODES, NO_VECTORS, entry_point
 
-NO_NODES = np.zeros(0, dtype=np.int32)
-NO_VECTORS = np.zeros((0, 3))
 NotNegative = msgspec.Meta(ge=0)
 
 
@@ -50,6 +50,9 @@ class MassSpring(WithNodule):
     _count = 1  # of contacts; kept over a start, so that what they need is there before the first step
 
     def start(self) -> None:
+        law = Terminal(self.stiffness, self.exponent, self.damping)
+        self._normal_force = entry_point(normal_force, NO_VECTORS, LEVEL)
+        self._indentation = entry_point(indentation, 0.0, 0.0, *law)
         self._hardness = self.hardness() if self.nodule_radius > 0.0 else None
         self._contacts(self._count)
 
@@ -66,7 +69,7 @@ class MassSpring(WithNodule):
     def step(self, load: list[Load], *, dt: float) -> Surface:
         if len(load) != len(self._laws):
             self._contacts(len(load))
-        forces = [normal_force(each.forces, each.normal) for each in load]
+        forces = [self._normal_force(each.forces, each.normal) for each in load]
         acting, coupled = forces, {}
         if len(load) > 1:
             overlap = shared([each.foot for each in load], [each.normal for each in load], self.radius)
@@ -75,7 +78,7 @@ class MassSpring(WithNodule):
             stiffness = law.stiffness
             if self._hardness is not None and len(each.nodes):
                 stiffness = self.stiffness * mean_hardness(each.nodes, each.forces, each.normal, self._hardness)
-            s = indentation(acting[i], dt, stiffness, self.exponent, self.damping, 0.0, law.previous_indentation)
+            s = self._indentation(acting[i], dt, stiffness, self.exponent, self.damping, 0.0, law.previous_indentation)
             self._laws[i] = Terminal(stiffness, self.exponent, self.damping, 0.0, s)
         if len(load) > 1:
             coupled = several(self._laws, overlap)

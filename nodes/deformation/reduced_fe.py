@@ -28,14 +28,12 @@ from palpate.nodes.deformation.basis_store import (
 from palpate.physics.archive import ArchiveError
 from palpate.physics.bodies.condensed_body import Basis, CondensedBody
 from palpate.physics.bodies.condensed_contacts import CondensedContacts
-from palpate.physics.bodies.ladder import FidelityLevels
+from palpate.physics.bodies.fidelity_levels import FidelityLevels
 from palpate.physics.bodies.sampled_body import SampledBasis, SampledBody
 from palpate.physics.contact.terminal import Terminal
+from palpate.physics.entry_point import NO_FLOATS, NO_NODES, NO_VECTORS
 from palpate.physics.geometry.mesh import Mesh
 
-NO_NODES = np.zeros(0, dtype=np.int32)
-NO_VECTORS = np.zeros((0, 3))
-NO_PRESSURE = np.zeros(0)
 BUILT_FROM = (
     "model", "modes", "surface", "file_unit", "poisson", "bed", "coarse", "nodule_centre", "nodule_radius",
     "nodule_ratio", "capsule_thickness", "capsule_ratio",
@@ -223,7 +221,7 @@ class ReducedFE(OnSurface):
             return NO_NODES, NO_VECTORS
         return body.displaced() if isinstance(body, CondensedContacts) else body.displaced(foot)
 
-    @part("pressure", "pressure", otherwise=NO_PRESSURE)
+    @part("pressure", "pressure", otherwise=NO_FLOATS)
     def _pressure(self, load: list[Load], nodes: np.ndarray) -> np.ndarray:
         """Of the loads on the vertices that are sent [Pa]: their part against the normal over the area of each."""
         for each in load:

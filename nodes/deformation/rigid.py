@@ -11,9 +11,7 @@ from palpate.messages import Load, Surface
 from palpate.nodes.base import Node
 from palpate.nodes.base.contacts import several
 from palpate.physics.bodies.mass_spring import normal_force
-
-NO_NODES = np.zeros(0, dtype=np.int32)
-NO_VECTORS = np.zeros((0, 3))
+from palpate.physics.entry_point import NO_NODES, NO_VECTORS
 
 
 class Rigid(Node):

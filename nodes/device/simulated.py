@@ -14,6 +14,7 @@ from palpate.nodes.base.absence import FALL, Faded, Pace
 from palpate.nodes.device.hand import SimulatedOperator
 from palpate.physics.device.falcon import FALCON, HOME, leg
 from palpate.physics.device.grip import CLOCK, POSITION, grip_kernel
+from palpate.physics.entry_point import entry_point
 
 GLITCH = 1000 * FALCON.count  # [rad]
 
@@ -64,12 +65,14 @@ class Simulated(SimulatedOperator):
         self.state[POSITION] = points[0]
         self.random = np.random.Generator(np.random.PCG64(self.seed))
         self._torques, self._pace = Faded(FALL), Pace()
+        self._fixed = (self.geometry, self.constants, self.state, self.memory, *self._way)
+        self._grip = entry_point(grip_kernel, *self._fixed, 0.0, 0.0, 0.0, 0.0)
         first = self._move((0.0, 0.0, 0.0), 0.0)
         self.reports = deque([first] * (self.delay + 1), maxlen=self.delay + 1)
         self.last = first
 
     def _move(self, torques: Vector3, dt: float) -> tuple[float, float, float]:
-        return grip_kernel(self.geometry, self.constants, self.state, self.memory, *self._way, *torques, dt)
+        return self._grip(*self._fixed, *torques, dt)
 
     def step(self, torque: Torque | None, *, dt: float) -> DeviceState:
         if self._pace.update(dt):

@@ -27,6 +27,7 @@ import numpy as np
 from palpate.physics.bodies.stretch import Neighbours, StretchWorkspace, hold_together, neighbours
 from palpate.physics.contact.spread import Spreader
 from palpate.physics.contact.terminal import LEAST_FORCE, fit_terminal
+from palpate.physics.entry_point import NO_NODES, NO_VECTORS, entry_point
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.materials.viscoelastic import ViscoelasticMaterial
 from palpate.physics.materials.voigt import STRAIN_LIMIT, chain_compliance, chain_stress_step
@@ -152,6 +153,10 @@ class BeamFoundation:
         self._last = Patch(np.zeros(count, np.int32), np.zeros(count))
         self._last_count = 0
         self._last_foot = (0.0, 0.0, 0.0)
+        load, state = (NO_NODES, NO_VECTORS, (0.0, 0.0, 0.0)), (self.beams, self._moving)
+        self._loaded = entry_point(_loaded, *load, self._last, self._moving.weight)
+        self._step = entry_point(_bed_step, *load, 0.0, 0, *state, self._patch, 0)
+        self._joined = entry_point(_joined, 0, *state, self._skin)
 
     def step(self, nodes, forces, foot, normal, dt: float) -> tuple[float, ...]:
         """Step under nodal forces; the response of the next step: stiffness K [N/m^n], exponent n, free and present
@@ -164,7 +169,7 @@ class BeamFoundation:
         IndexError: a node that the surface does not have.
         """
         if dt > 0:
-            touched = _loaded(nodes, forces, normal, self._last, self._moving.weight)
+            touched = self._loaded(nodes, forces, normal, self._last, self._moving.weight)
             if touched < 0:
                 span = f"{nodes.min()} ... {nodes.max()}"
                 raise IndexError(f"found nodes {span}, the surface has {len(self.beams.areas)} vertices")
@@ -173,10 +178,10 @@ class BeamFoundation:
                 self._last_count, self._last_foot = touched, tuple(foot)
             else:
                 patch, touched = self._patch, self._unloaded(tuple(foot), tuple(normal))
-            self.count = _bed_step(
+            self.count = self._step(
                 nodes, forces, normal, max(dt, SHORTEST_STEP), self.count, self.beams, self._moving, patch, touched
             )
-            self._moving.law[4] += _joined(self.count, self.beams, self._moving, self._skin)
+            self._moving.law[4] += self._joined(self.count, self.beams, self._moving, self._skin)
         return tuple(self._moving.law.tolist())
 
     def relaxation(self, dt: float) -> float:

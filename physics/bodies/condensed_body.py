@@ -14,8 +14,8 @@ step costs what the contact covers, not what the mesh holds.
 The patch itself has the compliance of the true load in place of that of the coarse vertices' wider one
 (`physics.bodies.true_patch`): V* = h.C h/2E + (c - g.C g/E) y²/2, y the normal force on the patch that h stands for.
 
-With dents (`physics.dents`) the organ is nonlinear under the patch: u = dV*/dh instead of C h/E. Its V* is convex, so
-the same step stays passive at a place: the load's work is at least the growth of h.u - V*.
+With dents (`indentation_table`) the organ is nonlinear under the patch: u = dV*/dh instead of C h/E. Its V* is convex,
+so the same step stays passive at a place: the load's work is at least the growth of h.u - V*.
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ import numba
 import numpy as np
 
 from palpate.physics.archive import ArchiveError, read_arrays
-from palpate.physics.bodies.dents import SPACING, hat_moments, patch_radius, rise, risen
 from palpate.physics.bodies.half_space_range import CAUSES, FLAT, LIGHT, NEAR_WIDTH, caution, ground_under
+from palpate.physics.bodies.indentation_table import SPACING, hat_moments, patch_radius, rise, risen
 from palpate.physics.bodies.patch import barycentric, carried, normal_force, share_of
 from palpate.physics.bodies.place_energy import Ground, along, held, softness, weight_slopes
 from palpate.physics.bodies.true_patch import (
@@ -43,6 +43,7 @@ from palpate.physics.bodies.true_patch import (
     uncorrected,
 )
 from palpate.physics.contact.spread import Spreader
+from palpate.physics.entry_point import NO_NODES, NO_VECTORS, entry_point
 from palpate.physics.geometry.graded import ranges
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.geometry.mesh_closest import MeshClosestPoint
@@ -60,7 +61,7 @@ class Basis:
     vertices    [m]   (V,3) of the coarse surface, in the organ's frame
     triangles   [1]   (T,3)
     compliance  [m/N] (3V,3V) float32, for a modulus of 1 Pa
-    dents       [1]   (V,L) see `physics.dents`; L = 0 where only the linear organ is known
+    dents       [1]   (V,L) see `indentation_table`; L = 0 where only the linear organ is known
     """
 
     vertices: np.ndarray
@@ -190,6 +191,7 @@ class CondensedBody:
         self._nodes = np.zeros(len(mesh.vertices), dtype=np.int32)
         self._moved = np.zeros((len(mesh.vertices), 3))
         self._rest(np.zeros((5, count, 3)), np.zeros((2, count), dtype=np.int64), np.zeros(NUMBERS))
+        self._kernels()
 
     def _rest(self, fields: np.ndarray, marks: np.ndarray, numbers: np.ndarray) -> None:
         """The state of a contact without load, in these arrays of zeros."""
@@ -199,7 +201,7 @@ class CondensedBody:
         """[N] (V,3) loads that the displacement follows, h."""
         self._count = self._touched = 0
         self._foot = self._normal = (0.0, 0.0, 0.0)
-        self._patch, self._pull = np.zeros(0, dtype=np.int32), np.zeros((0, 3))
+        self._patch, self._pull = NO_NODES, NO_VECTORS
         self._slope, self._turning = np.zeros(3), np.zeros((3, 3))
 
     def another(self, fields: np.ndarray, marks: np.ndarray, numbers: np.ndarray) -> CondensedBody:
@@ -208,6 +210,20 @@ class CondensedBody:
         other = copy.copy(self)
         other._rest(fields, marks, numbers)
         return other
+
+    def _kernels(self) -> None:
+        """What is computed, for arrays as messages hold them."""
+        zero, model, fields, numbers = (0.0, 0.0, 0.0), self._model, self._fields, self._numbers
+        self._step = entry_point(
+            _step, model, NO_NODES, NO_VECTORS, 0.0, zero, 0.0, fields, self._marks, self._curve, numbers, 0
+        )
+        self._along = entry_point(
+            along, self._ground, fields[3, :, 0], 0, fields[2], NO_NODES, NO_VECTORS, zero, 0.0, 0.0, self._slope,
+            self._turning,
+        )  # fmt: skip
+        self._displaced = entry_point(
+            _displaced, model, zero, self._within, fields, self._marks[0], 0, 0, zero, numbers, self._nodes, self._moved
+        )
 
     def step(
         self, nodes: np.ndarray, forces: np.ndarray, foot: tuple, normal: tuple, dt: float
@@ -221,7 +237,7 @@ class CondensedBody:
         it: so force and indentation there are the body's own, and contact that is solved against it settles.
         """
         patch, pull, share = self._pressed(nodes, forces, foot, normal)
-        self._count, self._touched = _step(
+        self._count, self._touched = self._step(
             self._model, patch, pull, share, normal, dt, self._fields, self._marks, self._curve, self._numbers,
             self._count,
         )  # fmt: skip
@@ -291,7 +307,7 @@ class CondensedBody:
         """What the energy at the force of the last step gains along the surface [N] (3), and how the normal turns there
         [1/m] (9), row by row: see `physics.bodies.place_energy`."""
         _, _, measure, order, _ = self._fields
-        along(
+        self._along(
             self._ground, order[:, 0], self._touched, measure, self._patch, self._pull, self._normal,
             float(self._numbers[WIDE]), float(self._numbers[OWN]), self._slope, self._turning,
         )  # fmt: skip
@@ -300,7 +316,7 @@ class CondensedBody:
 
     def displaced(self, foot: tuple) -> tuple[np.ndarray, np.ndarray]:
         """Vertices of the mesh, all near the foot point and fewer farther off, and their displacements [m] (k,3)."""
-        count = _displaced(
+        count = self._displaced(
             self._model, foot, self._within, self._fields, self._marks[0], self._count, self._touched, self._normal,
             self._numbers, self._nodes, self._moved,
         )  # fmt: skip

@@ -21,6 +21,7 @@ from numba import njit
 
 from palpate.physics.bodies.stretch import neighbours
 from palpate.physics.contact.terminal import indentation
+from palpate.physics.entry_point import NO_NODES, NO_VECTORS, entry_point
 from palpate.physics.geometry.mesh import Mesh
 
 AT_REST = 1e-9
@@ -281,9 +282,10 @@ class NodalBody:
         self.net = net = Net(mesh, hardness)
         law = np.array([stiffness, exponent, damping, tangential_stiffness, tangential_damping, net.shortest])
         self._fixed = (law, net.nodal, net.edges, net.slots, net.state, net.displacement)
+        self._step = entry_point(nodal_step, NO_NODES, NO_VECTORS, (0.0, 0.0, 0.0), 0.0, *self._fixed, 0)
 
     def step(self, nodes: np.ndarray, forces: np.ndarray, normal: tuple[float, float, float], dt: float):
         """Displaced nodes (k) and their displacement [m] (k,3) after a step dt > 0 [s] under nodal forces [N]."""
         net = self.net
-        net.count = nodal_step(nodes, forces, normal, dt, *self._fixed, net.count)
+        net.count = self._step(nodes, forces, normal, dt, *self._fixed, net.count)
         return net.displaced

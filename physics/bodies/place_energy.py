@@ -15,7 +15,7 @@ closed way is then nothing (and with viscosity less): U belongs to where the han
 
 V's derivative takes the gradients of two fields over the coarse surface, averaged over the patch: that of the linear
 organ's compliance c = g.Cg/E under a patch round each vertex, along its normal, and that of the dents
-(`physics.bodies.dents`). Taken under the load itself, c's gradient would be the small difference of what the two sides
+(`indentation_table`). Taken under the load itself, c's gradient would be the small difference of what the two sides
 of the dent say, and the mesh's error as large as it.
 """
 
@@ -26,14 +26,14 @@ from typing import Any, NamedTuple
 import numba
 import numpy as np
 
-from palpate.physics.bodies.dents import SPACING, rise, risen, stiffening
+from palpate.physics.bodies.indentation_table import SPACING, rise, risen, stiffening
 from palpate.physics.bodies.patch import normal_force, share_of
 from palpate.physics.bodies.true_patch import draw_together, load_radius, patch_compliance
 from palpate.physics.contact.spread import Spreader
 from palpate.physics.geometry.mesh import Mesh
 
 NUDGE = 1e-4
-"""[m] Way over which the change of the dents is taken."""
+"""[m] Way over which the change of the table is taken."""
 STEEPEST = 0.75
 """[1] Greatest e S that is undone: beyond, the bone edge is near the surface's centre of curvature."""
 
@@ -96,7 +96,7 @@ def weight_slopes(mesh: Mesh, corners: np.ndarray) -> np.ndarray:
 
 @numba.njit(cache=True)
 def held(knots, slopes, depth):
-    """Integral of x over s/R from 0 to `depth`, x as in `physics.bodies.dents`."""
+    """Integral [1] of x over s/R from 0 to `depth` [1], x as in `indentation_table`; knots, slopes as in `risen`."""
     last = len(knots) - 1
     total, k = 0.0, 0
     while k < last and depth > k * SPACING:
@@ -130,6 +130,7 @@ def along(ground, nodes, touched, measure, patch, pull, normal, radius, complian
         return
     levels = ground.dents.shape[1]
     softer, dented, tilt = np.zeros(3), np.zeros((1, levels)), np.zeros((levels, 3))
+    # derivatives of the patch's means when it moves along the surface: compliance, normal, nonlinear indentations
     for k in range(len(patch)):
         p, share = patch[k], share_of(k, pull, normal, force)
         for a in range(3):
@@ -141,6 +142,7 @@ def along(ground, nodes, touched, measure, patch, pull, normal, radius, complian
                     shape[j, i] += grad * ground.normals[v, j]
                 for m in range(levels):
                     tilt[m, i] += grad * ground.dents[v, m]
+    # tangential energy gradient: of 1/2 c f², or of the energy held by the indentation table, by central differences
     if levels == 0:
         for i in range(3):
             gradient[i] = 0.5 * compliance * force * force * softer[i]
@@ -159,6 +161,7 @@ def along(ground, nodes, touched, measure, patch, pull, normal, radius, complian
             rise(dented - NUDGE * tilt[:, i], first, 1, one, knots, slopes)
             back = held(knots, slopes, depth)
             gradient[i] = radius * radius / compliance * (here * softer[i] - 0.5 * (there - back) / NUDGE)
+    # its part along the normal is work of the normal force and no resistance to sliding
     out = gradient[0] * normal[0] + gradient[1] * normal[1] + gradient[2] * normal[2]
     for i in range(3):
         gradient[i] -= out * normal[i]

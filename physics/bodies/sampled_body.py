@@ -30,6 +30,7 @@ from palpate.physics.bodies.sampled_energy import Points, forces, scratch
 from palpate.physics.bodies.sampled_solve import EACH, at_rest, settle
 from palpate.physics.contact.spread import Spreader
 from palpate.physics.contact.terminal import LEAST_DEPTH, fit_terminal
+from palpate.physics.entry_point import NO_NODES, NO_VECTORS, entry_point
 from palpate.physics.geometry.graded import ranges
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.geometry.mesh_closest import MeshClosestPoint
@@ -165,8 +166,6 @@ class SampledBody:
         edges = coarse.vertices[coarse.triangles]
         self._margin = float(np.linalg.norm(edges - np.roll(edges, 1, axis=1), axis=2).max())
         count, r = len(basis.vertices), basis.modes.shape[1]
-        size = len(self._spreader.nodes)
-        self._patch, self._pull = np.zeros(size, dtype=np.int32), np.zeros((size, 3))
         self._model = SampledModel(
             basis.residual_compliance, basis.modes, basis.points, basis.bend, basis.vertices, self.corners,
             self.weights, young, retardation,
@@ -182,6 +181,10 @@ class SampledBody:
         self._scratch = scratch(basis.points)
         self._nodes = np.zeros(len(mesh.vertices), dtype=np.int32)
         self._moved = np.zeros((len(mesh.vertices), 3))
+        self._step = entry_point(
+            _step, self._model, NO_NODES, NO_VECTORS, 0.0, (0.0, 0.0, 0.0), 0.0, self._fields, self._active,
+            self._vectors, self._matrices, self._scratch, self._numbers,
+        )  # fmt: skip
         self.evaluations = 0
         """Evaluations of the energy in the last step."""
         self.settled = True
@@ -200,10 +203,8 @@ class SampledBody:
             count = self._spreader.spread(foot, normal, (-normal[0], -normal[1], -normal[2]))
             patch, pull, share = self._spreader.nodes[:count], self._spreader.forces[:count], 0.0
         else:
-            count = len(nodes)
-            self._patch[:count], self._pull[:count] = nodes, forces  # one type of array, whoever sends them
-            patch, pull, share = self._patch[:count], self._pull[:count], 1.0
-        self.evaluations, self.settled = _step(
+            patch, pull, share = nodes, forces, 1.0
+        self.evaluations, self.settled = self._step(
             self._model, patch, pull, share, normal, dt, self._fields, self._active, self._vectors, self._matrices,
             self._scratch, self._numbers,
         )  # fmt: skip
@@ -258,7 +259,10 @@ class SampledBody:
 
 @numba.njit(cache=True, error_model="numpy")
 def gamma(square, scale, power, most):
-    """gamma at w², and its derivative by w over w; gamma w stays as it is from w = most on."""
+    """gamma [1] at `square` = w² [1], and its derivative by w over w; gamma w is constant from w = most on.
+
+    gamma = (1 + (w/scale)²)^((power - 1)/2)
+    """
     if square > most * most:
         x = 1.0 + (most / scale) ** 2
         value = x ** (0.5 * (power - 1.0)) * most / np.sqrt(square)

@@ -35,6 +35,7 @@ def invert(K, L, H):
     for i in range(r):
         mean += abs(K[i, i]) / r
     shift = 0.0
+    # Cholesky factor L of K + shift 1; the shift grows until all pivots are positive
     for _ in range(20):
         good = True
         for j in range(r):
@@ -92,6 +93,7 @@ def settle(points, work, p, q, g, H, K, L, vectors, energy, budget):
     d, trial, slope, lean = vectors[0], vectors[1], vectors[2], vectors[3]
     used, anew, forgot = 0, False, False
     while True:
+        # quasi-Newton direction d = H (p - g); along: the slope of W - p.q in it, negative downhill
         reached, along = 0.0, 0.0
         for i in range(r):
             reached += p[i] * q[i]
@@ -107,11 +109,13 @@ def settle(points, work, p, q, g, H, K, L, vectors, energy, budget):
             return energy, used, True
         if used >= most:
             return energy, used, False
+        # H has been updated often without success: once, the true tangent
         if used >= STALLED and not anew:
             anew = True
             if tangent(points, q, work, K):
                 invert(K, L, H)
                 continue
+        # line search by Armijo's rule; `turned` is the slope at its end
         length, before = budget[1], energy - reached
         budget[1] = 1.0
         while True:
@@ -137,6 +141,7 @@ def settle(points, work, p, q, g, H, K, L, vectors, energy, budget):
             if used >= most:
                 budget[1] = length
                 return energy, used, False
+        # accept; BFGS update of H by the step d and the change of the gradient, where the curvature is positive
         curve = size = 0.0
         for i in range(r):
             lean[i] = slope[i] - g[i]

@@ -107,6 +107,7 @@ def _linearise(law, dt, tables, listed, room, count):
         mx, my, mz = normals[node, 0], normals[node, 1], normals[node, 2]
         x, y, z = state[slot, 0], state[slot, 1], state[slot, 2]
         bx, by, bz = state[slot, 4], state[slot, 5], state[slot, 6]
+        # u, before: indentation along the inner normal now and a step ago; rest: how far the free node has recovered
         u = -(x * mx + y * my + z * mz)
         before = -(bx * mx + by * my + bz * mz)
         rest = max(0.0, before - dt / damping) if damping > 0.0 else 0.0
@@ -116,6 +117,7 @@ def _linearise(law, dt, tables, listed, room, count):
         else:
             # Outwards of its free recovery the node is drawn back to it.
             value, slope = k_t * (u - rest), k_t
+        # r: foundation, a Kelvin-Voigt spring along the surface, and load; the edges' tension is added below
         tangent = k_t + d_t / dt
         tx, ty, tz = x + u * mx, y + u * my, z + u * mz
         ox, oy, oz = bx + before * mx, by + before * my, bz + before * mz
@@ -127,6 +129,7 @@ def _linearise(law, dt, tables, listed, room, count):
         dx += w * (slope - tangent) * mx * mx
         dy += w * (slope - tangent) * my * my
         dz += w * (slope - tangent) * mz * mz
+        # edges: p, q the difference of both ends' displacements now and a step ago, e the direction
         for at in range(first[node], first[node + 1]):
             neighbour = neighbours[at]
             other = where[neighbour]
@@ -144,12 +147,14 @@ def _linearise(law, dt, tables, listed, room, count):
             rate = ((px - qx) * ex + (py - qy) * ey + (pz - qz) * ez) / dt
             tension = coupling * (length - spans[at]) + edge_damping * rate
             rx, ry, rz = rx + tension * ex, ry + tension * ey, rz + tension * ez
+            # stiffness of an edge: along e that of spring and damper, across it tension over length, never negative
             lateral = max(0.0, tension * inverse)
             axial = coupling + edge_damping / dt
             edges[at, 0], edges[at, 1], edges[at, 2], edges[at, 3], edges[at, 4] = ex, ey, ez, axial - lateral, lateral
             dx += lateral + (axial - lateral) * ex * ex
             dy += lateral + (axial - lateral) * ey * ey
             dz += lateral + (axial - lateral) * ez * ez
+        # columns 14-16: the inverse diagonal, which preconditions `_solve`
         work[slot, 0], work[slot, 1], work[slot, 2] = -rx, -ry, -rz
         work[slot, 14], work[slot, 15], work[slot, 16] = 1.0 / max(dx, 1e-9), 1.0 / max(dy, 1e-9), 1.0 / max(dz, 1e-9)
         largest = max(largest, rx * rx + ry * ry + rz * rz)
@@ -228,10 +233,12 @@ def net_step(nodes, forces, normal, dt, law, rings, tables, listed, room, out, c
     normals, hardness, per_area = tables.normals, tables.nodal[0], tables.nodal[1]
     where, active, state = listed
     work, share, memory = room.work, room.share, room.memory
+    # 1. who takes part: loaded and moving nodes and the rings around them
     total, peak, count = take_load(nodes, forces, normal, per_area, where, active, state, count)
     if total > 0.0:
         memory[0] = peak / total
     count = grow(rings, tables, listed, count)
+    # 2. the first guess, and the state before the step
     size = 0.0
     for slot in range(count):
         node = active[slot]
@@ -249,6 +256,7 @@ def net_step(nodes, forces, normal, dt, law, rings, tables, listed, room, out, c
             u = indentation(push / share[node], dt, local, law.exponent, law.damping, 0.0, 0.0)
             for k in range(3):
                 state[slot, k] -= (u - before) * normals[node, k]
+    # 3. implicit Euler by Newton's method; a step that makes the residual larger is halved
     goal = 1e-6 * size + 1e-12
     residual = _linearise(law, dt, tables, listed, room, count)
     for _ in range(20):
@@ -269,6 +277,7 @@ def net_step(nodes, forces, normal, dt, law, rings, tables, listed, room, out, c
                     state[slot, k] -= out[slot, k]
             following = _linearise(law, dt, tables, listed, room, count)
         residual = following
+    # 4. no edge is strained beyond what the law holds for; nodes that have come to rest leave the list
     limit_differences(state, 0, count, tables.edges, where, active)
     count = drop_rested(where, active, state, count)
     out[:count] = state[:count, :3]

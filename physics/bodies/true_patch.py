@@ -44,8 +44,8 @@ import numba
 import numpy as np
 import scipy  # its parts are slow to import, and are when they are used
 
-from palpate.physics.bodies.dents import patch_radius
 from palpate.physics.bodies.half_space_range import curvature, inverse_thickness
+from palpate.physics.bodies.indentation_table import patch_radius
 from palpate.physics.bodies.patch import share_of
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.kept import kept

@@ -16,6 +16,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike
 
+from palpate.physics.entry_point import entry_point
 from palpate.physics.geometry.grid import Grid, cell_range
 from palpate.physics.geometry.mesh import Mesh
 
@@ -103,6 +104,7 @@ class Spreader:
         self.nodes, self.weights, self.forces = np.empty(size, np.int32), np.empty(size), np.empty((size, 3))
         scalars = np.array([radius, KERNELS.index(kernel), *grid.origin, grid.side])
         self._fixed = (scalars, grid.shape, grid.first, grid.order, near, self.nodes, self.weights, self.forces)
+        self._kernel = entry_point(spread_kernel, *3 * ((0.0, 0.0, 0.0),), *self._fixed)
 
     def spread(self, foot: Triple, normal: Triple, force: Triple) -> int:
         """Fill `nodes`, `weights` [1] and `forces` [N] for a `force` at `foot` [m]; returns how many.
@@ -112,7 +114,7 @@ class Spreader:
         With no node in range, the nodes of the nearest triangle share the force by the barycentric coordinates of its
         point nearest to the foot.
         """
-        count = spread_kernel(foot, normal, force, *self._fixed)
+        count = self._kernel(foot, normal, force, *self._fixed)
         if count:
             return count
         # From far away only the direction matters; held near the mesh, squares of distances stay finite.

@@ -55,7 +55,7 @@ def buffers(delay: int) -> tuple[np.ndarray, np.ndarray]:
 
 @numba.njit(cache=True)
 def remember(state, past, dt):
-    """Take the last step into the rings; row of the one `delay` steps before it."""
+    """Take the last step into the rings `past` (d + 1, columns `PUSH` ... `WHEN`); row of the one d steps before it."""
     newest = (int(state[MODE, HEAD]) + 1) % len(past)
     state[MODE, HEAD] = newest
     for i in range(3):
@@ -115,7 +115,10 @@ def render(gains, state, before, force, n, approach, place, lag, dt):
 
 @numba.njit(cache=True)
 def assist(gains, mode, state, i, position, velocity):
-    """Component i of the part of the law that is not contact: spring and damper in free motion, damper in contact."""
+    """Component i [N] of the part of the law that is not contact: spring and damper in free motion, damper in contact.
+
+    position [m], velocity [m/s] of that component;  gains, state as in `haptic`
+    """
     if mode == FREE:
         return -gains[STIFFNESS] * (position - state[ANCHOR, i]) - gains[DAMPING] * velocity
     return -gains[CONTACT_DAMPING] * velocity
@@ -123,7 +126,10 @@ def assist(gains, mode, state, i, position, velocity):
 
 @numba.njit(cache=True)
 def switch(gains, state, touching, approach, x, y, z, vx, vy, vz):
-    """Change between free motion and contact where it is due; the mode."""
+    """Change between free motion and contact where it is due; the mode, `FREE` or `CONTACT`.
+
+    approach [m] s1 + s2;  x, y, z [m] position;  vx, vy, vz [m/s] velocity;  gains, state as in `haptic`
+    """
     mode = state[MODE, 0]
     if touching:
         new = CONTACT
@@ -169,6 +175,7 @@ def haptic(gains, state, past, normal_force, n, friction, approach, position, ve
         state[FORCE, :] = 0.0
         return 0.0, 0.0, 0.0, state[MODE, 0] == CONTACT, state[ENERGY, 0]
     wx, wy, wz = 0.0, 0.0, 0.0
+    # 1. start: anchor, last place and all past places are where the device is
     if state[MODE, STARTED] == 0.0:
         state[MODE, STARTED] = 1.0
         for i in range(3):
@@ -176,15 +183,18 @@ def haptic(gains, state, past, normal_force, n, friction, approach, position, ve
         for row in range(len(past)):
             for i in range(3):
                 past[row, STAND + i] = position[i]
+    # 2. passivity observer: the energy that the force has generated since the start, by positions
     before = past[remember(state, past, dt)]
     if gains[OBSERVE] != 0.0:
         wx, wy, wz = observe(state, before, x, y, z, dt, gains[RESOLUTION])
     lag = (len(past) - 0.5) * dt
+    # 3. the tissue's force: as computed, or what the device can render without generating energy
     touching = normal_force > 0.0
     shown = damped = normal_force
     if gains[PASSIVE] != 0.0:
         shown, damped = render(gains, state, before, normal_force, n, approach, position, lag, dt)
     state[PLACE, 0], state[PLACE, 1], state[PLACE, 2] = x, y, z
+    # 4. free, near or in contact; assistance of the mode, what is left of the former one fades
     mode = switch(gains, state, touching, approach, x, y, z, vx, vy, vz)
     fade = math.exp(-dt / FADE)
     fx = assist(gains, mode, state, 0, x, vx) + state[OFFSET, 0]
@@ -199,6 +209,7 @@ def haptic(gains, state, past, normal_force, n, friction, approach, position, ve
         fx += damped * n[0] - share * friction[0]
         fy += damped * n[1] - share * friction[1]
         fz += damped * n[2] - share * friction[2]
+    # 5. passivity controller: a damper that takes up the generated energy, along the measured velocity w
     if gains[PASSIVE] != 0.0:
         slow = 2.0 * lag / dt  # a damper acting d samples late is stable up to about m / ((1 + 2 d) T)
         way = dt * math.sqrt(wx * wx + wy * wy + wz * wz)
@@ -214,6 +225,7 @@ def haptic(gains, state, past, normal_force, n, friction, approach, position, ve
             alpha = brake / speed if speed > 0.0 else 0.0
             state[ENERGY, BRAKE] = brake
         fx, fy, fz = fx - alpha * wx, fy - alpha * wy, fz - alpha * wz
+    # 6. limits of force and of its rate
     fx, fy, fz = clamp(fx, fy, fz, gains[LIMIT])
     fx, fy, fz = slew(fx, fy, fz, state[FORCE, 0], state[FORCE, 1], state[FORCE, 2], gains[SLEW] * dt)
     state[FORCE, 0], state[FORCE, 1], state[FORCE, 2] = fx, fy, fz

@@ -115,7 +115,7 @@ def links(geometry, x, y, z):
 
 @numba.njit(cache=True)
 def reachable(geometry, x, y, z):
-    """Whether all three legs reach the point."""
+    """Whether all three legs reach the point (x, y, z) [m]."""
     return leg(geometry, 0, x, y, z)[0] and leg(geometry, 1, x, y, z)[0] and leg(geometry, 2, x, y, z)[0]
 
 

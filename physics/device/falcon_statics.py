@@ -23,7 +23,8 @@ SHORT = 1e-3  # [m] lever below which its inverse no longer grows
 
 @numba.njit(cache=True)
 def saturate(t0, t1, t2, limit):
-    """The torque vector scaled as a whole so that no arm exceeds the limit; zero where it is not finite."""
+    """The torques [N m] of the arms, scaled as a whole so that none exceeds the limit [N m] > 0; zero where one is
+    not finite."""
     largest = max(abs(t0), abs(t1), abs(t2))
     if not (abs(t0) < math.inf and abs(t1) < math.inf and abs(t2) < math.inf):
         return 0.0, 0.0, 0.0

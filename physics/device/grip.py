@@ -142,7 +142,7 @@ def advance(e, h, mass, drag, force, x, v, p, q, constants):
 
 @numba.njit(cache=True)
 def encoded(geometry, resolution, angle):
-    """The angle rounded to whole encoder counts from the encoder's zero; unrounded for resolution 0."""
+    """The angle [rad] in whole encoder counts of `resolution` [rad] from the encoder's zero; unrounded for 0."""
     if resolution == 0.0:
         return angle
     return geometry[ZERO] + resolution * np.rint((angle - geometry[ZERO]) / resolution)

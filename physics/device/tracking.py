@@ -25,7 +25,7 @@ SLACK = 2e-4  # [m] a few encoder counts, which must pass whatever the time betw
 
 @numba.njit(cache=True)
 def too_far(limit, elapsed, place, x, y, z):
-    """Whether the motion from a position needs more than the limit's speed; the time is in ns."""
+    """Whether the motion from `place` [m] (3) to (x, y, z) [m] in `elapsed` [ns] is faster than `limit` [m/s]."""
     dx, dy, dz = x - place[0], y - place[1], z - place[2]
     return not math.sqrt(dx * dx + dy * dy + dz * dz) <= limit * elapsed * 1e-9 + SLACK
 

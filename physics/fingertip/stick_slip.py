@@ -160,6 +160,7 @@ def _newton(matrix, limit, slip, plate, work):
     rows, columns, values = matrix.rows, matrix.columns, matrix.values
     place, nodes, upper, step = work.place, work.nodes, work.upper, work.step
     count = 0
+    # number the nodes that slip
     for i in range(limit.shape[0]):
         slips = slip[i, 0] != 0.0 or slip[i, 1] != 0.0
         place[i] = count if slips else -1
@@ -170,6 +171,7 @@ def _newton(matrix, limit, slip, plate, work):
         return False
     width = 2 * matrix.band + 1
     gain = 0.0
+    # upper band of the energy's Hessian: K and, at each node, that of limit |s|, which is limit/|s| across its slip
     for n in range(count):
         i = nodes[n]
         upper[2 * n : 2 * n + 2, : width + 1] = 0.0
@@ -188,6 +190,7 @@ def _newton(matrix, limit, slip, plate, work):
                 upper[2 * n + 1, 0] = values[s, 1, 1] + bend * c * c
                 step[2 * n], step[2 * n + 1] = plate[i, 0] - limit[i] * c, plate[i, 1] - limit[i] * d
     solve_band(upper, step, 2 * count, width)
+    # the energy's quadratic part along the step: linear and bent
     linear = bent = 0.0
     for n in range(count):
         i = nodes[n]
@@ -198,6 +201,7 @@ def _newton(matrix, limit, slip, plate, work):
                 x = values[s, 0, 0] * step[2 * m] + values[s, 0, 1] * step[2 * m + 1]
                 y = values[s, 1, 0] * step[2 * m] + values[s, 1, 1] * step[2 * m + 1]
                 bent += step[2 * n] * x + step[2 * n + 1] * y
+    # backtracking by halves until the energy falls
     part = 1.0
     for _ in range(12):
         gain = part * linear + 0.5 * part * part * bent

@@ -17,11 +17,15 @@ graph is the law NAME of any file of this folder. A law may have
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any, NamedTuple, get_args, get_type_hints
 
 import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike
+
+from palpate.physics.entry_point import entry_point
 
 Vector = tuple[float, float, float]
 NOTHING = (0.0, 0.0, 0.0)
@@ -65,30 +69,63 @@ def carry(z, a, b, slip):
     return turn(z[0], z[1], z[2], a[0], a[1], a[2], b[0], b[1], b[2]), v
 
 
-def kernel_form(law: Any) -> Any:
-    """The law with each choice of words as its place among them: numbers are all that `advance` takes."""
+@dataclass(frozen=True, slots=True)
+class Kernel:
+    """A law as `step` takes it.
+
+    law       with each choice of words as its place among them: numbers are all that `advance` takes
+    carry, advance  compiled
+    stored    of the law, None where it has none
+    rescale   whether a load that rises gives the bristles no energy
+    """
+
+    law: Any
+    carry: Callable[..., tuple[Vector, Vector]]
+    advance: Callable[..., tuple[Vector, Vector, bool]]
+    stored: Callable[[Vector, float], float] | None
+    rescale: bool
+
+
+def kernel_form(law: Any) -> Kernel:
+    """The law as `step` takes it."""
     hints = get_type_hints(type(law))
-    return law._replace(**{k: get_args(hints[k]).index(v) for k, v in law._asdict().items() if isinstance(v, str)})
+    law = law._replace(**{k: get_args(hints[k]).index(v) for k, v in law._asdict().items() if isinstance(v, str)})
+    return Kernel(
+        law,
+        entry_point(carry, NOTHING, NOTHING, NOTHING, NOTHING),
+        entry_point(law.advance, law, NOTHING, NOTHING, 1.0, 1.0),
+        getattr(law, "stored", None),
+        getattr(law, "rescale", False),
+    )
 
 
-def step(law: Any, before: Bristles, normal: Vector, slip: Vector, load: float, dt: float):
-    """One step of a law in its kernel form: (bristles, force [N] (3), whether it sticks).
+def step(kernel: Kernel, before: Bristles, normal: Vector, slip: Vector, load: float, dt: float):
+    """One step of a law: (bristles, force [N] (3), whether it sticks).
 
     Without load the bristles are forgotten and the force is zero; such a contact does not stick.
     """
     if not load > 0.0:
         return Bristles(), NOTHING, False
-    z, v = carry(before.z, before.normal, normal, slip)
-    answer = law.advance(law, z, v, load, dt)
-    if load > before.load > 0.0 and getattr(law, "rescale", False):
-        answer = _without_gain(law, answer, z, before.load, v, load, dt)
+    z, v = kernel.carry(before.z, before.normal, normal, slip)
+    answer = kernel.advance(kernel.law, z, v, load, dt)
+    last = before.load
+    if load > last > 0.0 and kernel.rescale:
+        here = _dissipated(kernel, answer, z, last, v, load, dt)
+        if here < 0.0:
+            answer = _without_gain(kernel, answer, here, z, last, v, load, dt)
     z, force, stick = answer
     return Bristles(z, normal, load), force, stick
 
 
-def _without_gain(law, answer, z, last, v, load, dt):
-    """The answer of `advance`, or that of bristles s z, s <= 1, where a load that rises from `last` [N] would otherwise
-    give more than the step dissipates:
+def _dissipated(kernel, answer, z, last, v, load, dt):
+    """D = f.v T + V(z, f_last) - V(z+, f_n) [J], of an answer of `advance`, where the load was `last` [N] before."""
+    after, force, _ = answer
+    work = dt * (force[0] * v[0] + force[1] * v[1] + force[2] * v[2])
+    return work + kernel.stored(z, last) - kernel.stored(after, load)
+
+
+def _without_gain(kernel, answer, here, z, last, v, load, dt):
+    """The answer for bristles s z, s < 1, where that of `advance` gives more energy than it takes, D(1) = `here` < 0:
 
         D(s) = f(s).v T + V(z, f_last) - V(z+(s), f_n) >= 0
 
@@ -97,24 +134,16 @@ def _without_gain(law, answer, z, last, v, load, dt):
     D >= 0 too.
     """
 
-    def dissipated(answer):
-        after, force, _ = answer
-        work = dt * (force[0] * v[0] + force[1] * v[1] + force[2] * v[2])
-        return work + law.stored(z, last) - law.stored(after, load)
-
     def scaled(s):
-        return law.advance(law, (s * z[0], s * z[1], s * z[2]), v, load, dt)
+        answer = kernel.advance(kernel.law, (s * z[0], s * z[1], s * z[2]), v, load, dt)
+        return answer, _dissipated(kernel, answer, z, last, v, load, dt)
 
-    here = dissipated(answer)
-    if here >= 0.0:
-        return answer
     least = math.sqrt(last / load)
-    lowest = scaled(least)
-    there = dissipated(lowest)
+    lowest, there = scaled(least)
     if not there > 0.0:
         return lowest
-    chord = scaled(least + (1.0 - least) * there / (there - here))
-    return chord if dissipated(chord) >= 0.0 else lowest
+    chord, dissipated = scaled(least + (1.0 - least) * there / (there - here))
+    return chord if dissipated >= 0.0 else lowest
 
 
 def path(law: Any, slip: ArrayLike, load: ArrayLike, dt: ArrayLike, normal: ArrayLike = (0.0, 0.0, 1.0)):
@@ -129,9 +158,9 @@ def path(law: Any, slip: ArrayLike, load: ArrayLike, dt: ArrayLike, normal: Arra
     force, deflection, stick = np.empty_like(v), np.empty_like(v), np.empty(len(v), bool)
     loads, steps = np.broadcast_to(load, len(v)), np.broadcast_to(dt, len(v))
     normals = np.broadcast_to(np.asarray(normal, float), v.shape)
-    law, bristles = kernel_form(law), Bristles()
+    kernel, bristles = kernel_form(law), Bristles()
     for i in range(len(v)):
         n, u = tuple(normals[i].tolist()), tuple(v[i].tolist())
-        bristles, force[i], stick[i] = step(law, bristles, n, u, float(loads[i]), float(steps[i]))
+        bristles, force[i], stick[i] = step(kernel, bristles, n, u, float(loads[i]), float(steps[i]))
         deflection[i] = bristles.z
     return force, deflection, stick

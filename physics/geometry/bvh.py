@@ -161,6 +161,7 @@ def _discs(vertices, triangles, leaves, discs):
     """
     count = len(triangles)
     sums = np.zeros((2 * leaves, 7))
+    # a heap: node's children are 2 node and 2 node + 1; moments come from the leaves upwards
     for node in range(2 * leaves - 1, 0, -1):
         if node >= leaves:
             for t in range((node - leaves) * count // leaves, (node - leaves + 1) * count // leaves):
@@ -169,6 +170,7 @@ def _discs(vertices, triangles, leaves, discs):
             for i in range(7):
                 sums[node, i] = sums[2 * node, i] + sums[2 * node + 1, i]
         _start_disc(sums[node], discs[node])
+        # extent along the axis and across it
         below = 1
         while node * below < leaves:
             below *= 2
@@ -192,6 +194,7 @@ def _discs(vertices, triangles, leaves, discs):
                     low, high, wide = min(low, along), max(high, along), max(wide, across)
         if high < low:
             low = high = 0.0
+        # the centre moves to the middle of the extent along the axis
         middle = 0.5 * (low + high)
         size = high - low + wide
         for i in range(3):

@@ -86,12 +86,14 @@ def track(data, layout, seeds, index, p0, p1, p2, hysteresis, state, work, d, fo
         k = _nearest(seeds, index, p0, p1, p2)
         state[0], state[1] = seeds[5 * k + 3], seeds[5 * k + 4]
         hysteresis = 0.0
+    # 1. the minimum that the last foot point leads to
     u, v, f = newton(data, layout, p0, p1, p2, state[0], state[1], work, here)
     n0, n1, n2 = normal_of(data, layout, u, v, here)
     distance = np.sqrt(f)
     signed = (p0 - here[0, 0]) * n0 + (p1 - here[0, 1]) * n1 + (p2 - here[0, 2]) * n2
     best, best_u, best_v = distance, u, v
     cover = seeds[len(seeds) - 1]
+    # 2. where p is near the centre of curvature there, minima on both sides of it
     curvature, du, dv, collapsed = flattest(data, layout, p0, p1, p2, v, here)
     starts = 0
     if collapsed:
@@ -110,6 +112,7 @@ def track(data, layout, seeds, index, p0, p1, p2, hysteresis, state, work, d, fo
             best, best_u, best_v = np.sqrt(f), x, y
             n0, n1, n2 = normal_of(data, layout, x, y, there)
             signed = (p0 - there[0, 0]) * n0 + (p1 - there[0, 1]) * n1 + (p2 - there[0, 2]) * n2
+    # 3. minima elsewhere: from each sample that may beat it, unless it belongs to one that is found
     at = len(work) - 6 * STARTS
     count = _starts(seeds, index, p0, p1, p2, distance, here, work, at)
     for c in range(count):
@@ -129,6 +132,7 @@ def track(data, layout, seeds, index, p0, p1, p2, hysteresis, state, work, d, fo
             best, best_u, best_v = other, x, y
             n0, n1, n2 = normal_of(data, layout, x, y, there)
             signed = (p0 - there[0, 0]) * n0 + (p1 - there[0, 1]) * n1 + (p2 - there[0, 2]) * n2
+    # 4. another minimum takes over only if it is nearer by the hysteresis
     if best < distance - hysteresis:
         u, v = best_u, best_v
         evaluate(data, layout, u, v, work, here)

@@ -91,7 +91,10 @@ def _starts(owner: np.ndarray, count: int) -> np.ndarray:
 
 @njit(cache=True, error_model="numpy")
 def cell_range(point, radius, origin, side, shape):
-    """First and last cell along each axis that a ball round `point` touches, held within the grid."""
+    """First and last cell (3), (3) along each axis that a ball round `point` touches, limited to the grid.
+
+    point, origin [m] (3)   radius, side of a cell [m]   shape (3) cells of the grid
+    """
     lo = (
         _cell((point[0] - radius - origin[0]) / side, shape[0]),
         _cell((point[1] - radius - origin[1]) / side, shape[1]),
@@ -166,6 +169,9 @@ def nearest_triangle(
     All corners of a triangle lie within the mesh's longest edge of any of its points, so only triangles round the
     vertices within that reach are tried; the reach grows until no other triangle can be nearer. Triangles that look
     away from `normal` count only where there is no other. The index is -1 for a mesh without triangles.
+
+    point [m] (3)   normal [1] (3)   longest [m] edge   origin, side, shape, first, order  the grid of the vertices
+    points [m] (V,3)   triangles (T,3)   corners_first (V + 1), corners  of each vertex its triangles
     """
     if triangles.shape[0] == 0:
         return -1, 0.0, 0.0, 0.0

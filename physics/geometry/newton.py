@@ -143,7 +143,7 @@ def flattest(data, layout, p0, p1, p2, v, d):
 
 @numba.njit(cache=True)
 def beside(data, layout, u, v, d, share):
-    """Parameters a little inside of a collapsed border, at a share of its length."""
+    """Parameters (u, v) 2 % inside of a collapsed border, at a share [1] of its length; d (6,3) as in `evaluate`."""
     u0, u1, v0, v1 = bounds(data, layout)
     if d[1, 0] ** 2 + d[1, 1] ** 2 + d[1, 2] ** 2 <= d[2, 0] ** 2 + d[2, 1] ** 2 + d[2, 2] ** 2:
         inside = 0.02 if v - v0 <= v1 - v else -0.02
@@ -168,15 +168,19 @@ def newton(data, layout, p0, p1, p2, u, v, work, d):
     for _ in range(LIMIT):
         if f <= ZERO_DISTANCE * ZERO_DISTANCE:
             break
+        # gradient g and Hessian h of r.r / 2, metric a of the surface; near a pole in plane polar coordinates
         side = _polar(data, layout, v)
         g1, g2, h11, h12, h22, a11, a12, a22 = _model(data, layout, side, v, d, r0, r1, r2)
+        # a coordinate at its border is held where the distance falls outwards
         hold1 = hold2 = False
         if side == 0.0:
             hold1 = not layout[CLOSED_U] and ((u <= u0 and g1 > 0.0) or (u >= u1 and g1 < 0.0))
             hold2 = not layout[CLOSED_V] and ((v <= v0 and g2 > 0.0) or (v >= v1 and g2 < 0.0))
+        # stationary: the line from the foot to p is normal to the surface, up to the cosine ZERO_COSINE
         flat1 = hold1 or g1 * g1 <= ZERO_COSINE**2 * f * a11
         flat2 = hold2 or g2 * g2 <= ZERO_COSINE**2 * f * a22
         if flat1 and flat2:
+            # it is a minimum if the least curvature is not negative; off a saddle along its eigenvector, three times
             if (hold1 and hold2) or escapes == 3 or not (a11 > 0.0 and a22 > 0.0):
                 break
             if hold1:
@@ -194,12 +198,14 @@ def newton(data, layout, p0, p1, p2, u, v, work, d):
             r0, r1, r2 = d[0, 0] - p0, d[0, 1] - p1, d[0, 2] - p2
             f = r0 * r0 + r1 * r1 + r2 * r2
             continue
+        # Newton's direction, at most a quarter of the patch; steepest descent once a line search has failed
         s1, s2 = _direction(g1, g2, h11, h12, h22, a11, a12, a22, hold1, hold2, steep)
         reach = max(abs(s1) / (u1 - u0), abs(s2) / (v1 - v0)) if side == 0.0 else np.hypot(s1, s2) / (v1 - v0)
         if reach > 0.25:
             s1, s2 = s1 * 0.25 / reach, s2 * 0.25 / reach
         move = np.sqrt(max(a11 * s1 * s1 + 2.0 * a12 * s1 * s2 + a22 * s2 * s2, 0.0))
         slope = g1 * s1 + g2 * s2
+        # line search by Armijo's rule, backtracking by halves
         share = 1.0
         taken = False
         for _ in range(40):

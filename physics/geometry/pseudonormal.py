@@ -17,6 +17,7 @@ FACE, VERTEX, EDGE = 0, 1, 4
 
 @numba.njit(cache=True)
 def foot_of(points, cells, t, v, w, foot):
+    """The point with barycentric coordinates (1 - v - w, v, w) of triangle t of cells (T,3), into foot [m] (3)."""
     for c in range(3):
         a, b, d = points[cells[t, 0], c], points[cells[t, 1], c], points[cells[t, 2], c]
         foot[c] = a + v * (b - a) + w * (d - a)

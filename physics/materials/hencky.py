@@ -56,6 +56,7 @@ def log_stretch(F, C, N, E):
     """
     c00, c11, c22, c01, c02, c12, _ = strain_squares(F)
     b00, b11, b22 = c00 + 1.0, c11 + 1.0, c22 + 1.0
+    # Z = (C - 1)(C + 1)^-1 = 1 - 2 (C + 1)^-1, by the cofactors of C + 1; then Y = Z²
     i00, i11, i22 = b11 * b22 - c12 * c12, b00 * b22 - c02 * c02, b00 * b11 - c01 * c01
     i01, i02, i12 = c02 * c12 - c01 * b22, c01 * c12 - c02 * b11, c01 * c02 - c12 * b00
     over = -2.0 / (b00 * i00 + c01 * i01 + c02 * i02)
@@ -69,10 +70,12 @@ def log_stretch(F, C, N, E):
         y01 = z00 * z01 + z01 * z11 + z02 * z12
         y02 = z00 * z02 + z01 * z12 + z02 * z22
         y12 = z01 * z02 + z11 * z12 + z12 * z22
+        # the invariants of Y: trace, sum of the principal minors, determinant
         m00, m11, m22 = y11 * y22 - y12 * y12, y00 * y22 - y02 * y02, y00 * y11 - y01 * y01
         second = m00 + m11 + m22
         third = y00 * m00 + y01 * (y02 * y12 - y01 * y22) + y02 * (y01 * y12 - y02 * y11)
         a, b, c = 1.0 / 25.0, 0.0, 0.0
+        # Horner's scheme on the series: p <- 1/(2k + 1) + Y p, with Y³ = first Y² - second Y + third
         for k in range(12):
             a, b, c = 1.0 / (23.0 - 2.0 * k) + c * third, a - c * second, b + c * first
         # p = a + b Y + c Y²

@@ -98,6 +98,7 @@ def _shape_stress_and_tangent(F, w1, w2, w11, w12, w22, P, A):
     D1, D2 = np.empty((3, 3)), np.empty((3, 3))
     J = cofactor(F, G)
     products(F, C, B)
+    # C = F'F, B = FF', G = F^-T; i1, i2 the invariants of C, of volume-preserving strain after a1, a2
     i1 = C[0, 0] + C[1, 1] + C[2, 2]
     i2 = 0.0
     for i in range(3):
@@ -107,6 +108,7 @@ def _shape_stress_and_tangent(F, w1, w2, w11, w12, w22, P, A):
     i2 += 0.5 * i1 * i1
     a1 = J ** (-2.0 / 3.0)
     a2 = a1 * a1
+    # D1, D2: derivatives of the isochoric invariants by F
     for i in range(3):
         for j in range(3):
             x = F[i, 0] * C[0, j] + F[i, 1] * C[1, j] + F[i, 2] * C[2, j]
@@ -114,6 +116,7 @@ def _shape_stress_and_tangent(F, w1, w2, w11, w12, w22, P, A):
             D1[i, j] = a1 * (2.0 * F[i, j] - (2.0 / 3.0) * i1 * G[i, j])
             D2[i, j] = a2 * (H[i, j] - (4.0 / 3.0) * i2 * G[i, j])
             P[i, j] = w1 * D1[i, j] + w2 * D2[i, j]
+    # d1, d2: their second derivatives; A by the chain rule through W(I1, I2)
     for i in range(3):
         for j in range(3):
             for k in range(3):

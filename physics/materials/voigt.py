@@ -38,6 +38,7 @@ def chain_strain_step(strains, moduli, viscosities, shares, strain, dt):
     """
     h = strains.shape[0]
     held = 0
+    # implicit Euler with one stress for the whole chain; then again with the elements that passed the limit held there
     for _ in range(h + 1):
         rest = strain
         compliance = 0.0
@@ -68,6 +69,7 @@ def chain_strain_step(strains, moduli, viscosities, shares, strain, dt):
                     strains[j] = (rate * strains[j] + stress) / (moduli[j] + rate)
             return stress
         held |= passed
+    # all are at the limit: the stress that takes them there
     stress = 0.0
     for j in range(h):
         if shares[j] > 0.0:

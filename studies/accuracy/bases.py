@@ -14,7 +14,7 @@ from palpate.studies.accuracy.errors import UnsupportedError
 def ready(node: ReducedFE, patient: bool = False) -> float:
     """Have the basis of these settings stored; the seconds that building it took, 0 for one that ships.
 
-    patient  build dents at a hundred places too, which takes some minutes, and modes of a body other than the slab
+    patient  build a table at a hundred places too, which takes some minutes, and modes of a body other than the slab
 
     UnsupportedError: such a basis is not stored, and nobody is patient.
     """

@@ -3,9 +3,9 @@
     div P(F) = 0,    p(r) = 3 f/(pi R²) (1 - r²/R²)²,   r < R,    u_x = u_y = 0 under the patch
 
 The block is that of `surface: plane`: 0.1 m square, 40 mm thick, on a bed of springs, its sides free.
-The patch sticks to the finger, which does not move sideways while it presses. Half of the block is meshed, y >= 0; the
-touched place lies on y = 0. What comes out is a static curve: indentation s = mean of -u_z weighted with p, so that
-f ds is work done on the block, and the shape of its top.
+The patch sticks to the finger, which does not move sideways while it presses, or is free to slide. Half of the block is
+meshed, y >= 0; the touched place lies on y = 0. What comes out is a static curve: indentation s = mean of -u_z weighted
+with p, so that f ds is work done on the block, and the shape of its top.
 
 Two solvers, which make the references, share this description and nothing else: `fe.Solver` on quadratic tetrahedra,
 and FElupe on bricks of 27 nodes (`peers.felupe`). Each makes its own load, bed and elements from the grid. CalculiX
@@ -35,6 +35,8 @@ RADIUS = 8e-3
 """[m] Of the patch: that of spread.Kernel."""
 LEVELS = np.array([0.03, 0.1, 0.2, 0.35, 0.5, 0.7, 0.9, 1.1, 1.3])
 """[N] Forces at which a curve is known."""
+LIGHT = np.array([0.02, 0.05, 0.08, 0.12, 0.16, 0.2, 0.25])
+"""[N] The same where the patch is free to slide: under heavier loads such a surface yields sideways."""
 GROWTH = 1.45
 """Of the cells from the patch to the borders."""
 SHARES = 8
@@ -59,6 +61,7 @@ class Block:
     cells   cells across the patch's radius
     nodule  a harder ball, or None
     radius  [m] of the patch;  poisson [1] of the tissue
+    sticks  whether the surface under the patch is held along itself
     """
 
     place: float = 0.0
@@ -66,6 +69,7 @@ class Block:
     nodule: Inclusion | None = None
     radius: float = RADIUS
     poisson: float = POISSON
+    sticks: bool = True
 
     def axes(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Coordinates [m] of the grid's planes, finest under the patch and round the nodule."""
@@ -153,7 +157,8 @@ def tetrahedra(block: Block) -> Tetrahedra:
     under = mesh.faces[(corner_z < near - SLAB).all(axis=1)]
     fixed = np.zeros(p.shape, dtype=bool)
     fixed[p[:, 1] < near, 1] = True
-    fixed[stuck(p, block.place, block.radius), :2] = True
+    if block.sticks:
+        fixed[stuck(p, block.place, block.radius), :2] = True
     x, y = (halved(a) for a in axes[:2])
     return Tetrahedra(mesh, ratios, _load(p, top, block.place, block.radius), fixed, under, _top_grid(p, axes), x, y)
 

@@ -22,7 +22,7 @@ from scipy.interpolate import RegularGridInterpolator
 
 from palpate.physics.errors import ArgumentError
 from palpate.studies.accuracy import continuum, kidney
-from palpate.studies.accuracy.continuum import LEVELS, RADIUS, Block, ContinuumCurve, Inclusion
+from palpate.studies.accuracy.continuum import LEVELS, LIGHT, RADIUS, Block, ContinuumCurve, Inclusion
 from palpate.studies.accuracy.errors import MissingError
 from palpate.studies.accuracy.kidney import Kidney
 from palpate.studies.peers import calculix, felupe, mujoco
@@ -46,12 +46,13 @@ NEAR = 2.0 * RADIUS
 """[m] Round the place within which shapes are compared."""
 PLACES: dict[str, Block | Kidney] = {
     "middle": Block(0.0),
+    "slip": Block(0.0, sticks=False),
     "edge": Block(0.04),
     **{f"nodule-{mm:02d}": Block(1e-3 * mm, nodule=Inclusion()) for mm in (0, 10)},
     **{f"kidney{mm:+03d}": Kidney(1e-3 * mm) for mm in (-12, 0, 12)},
 }
-"""[m] `edge` is 10 mm from the border of the block; `nodule-NN` is NN mm beside a nodule; `kidney+NN` is NN mm from the
-middle of the kidney's top towards its upper pole."""
+"""[m] `slip` is the middle, free to slide under the patch; `edge` is 10 mm from the border of the block; `nodule-NN` is
+NN mm beside a nodule; `kidney+NN` is NN mm from the middle of the kidney's top towards its upper pole."""
 PATHS = {"kidney": ("kidney-12", "kidney+00", "kidney+12")}
 """Places between which a touch moves, where its curve changes on the way."""
 
@@ -147,13 +148,14 @@ def rebuild(
 
 def computed(block: Block | Kidney, solver: str) -> ContinuumCurve:
     """The curve of a solver, computed or taken from what was computed before with the same sources."""
-    told = f"{solver} {block} {LEVELS.tolist()} {_sources()}"
+    levels = LEVELS if isinstance(block, Kidney) or block.sticks else LIGHT
+    told = f"{solver} {block} {levels.tolist()} {_sources()}"
     path = cache() / "curves" / f"{hashlib.sha256(told.encode()).hexdigest()[:20]}.npz"
     if path.is_file():
         with np.load(path) as file:
             own = {f.name: file[f.name] for f in fields(ContinuumCurve)}
         return ContinuumCurve(**{**own, "unknowns": int(own["unknowns"])})
-    curve = (ON_KIDNEY if isinstance(block, Kidney) else SOLVERS)[solver](block)
+    curve = ON_KIDNEY[solver](block) if isinstance(block, Kidney) else SOLVERS[solver](block, levels)
     path.parent.mkdir(parents=True, exist_ok=True)
     part = path.with_suffix(f".{os.getpid()}.npz")
     np.savez(part, **{f.name: getattr(curve, f.name) for f in fields(ContinuumCurve)})

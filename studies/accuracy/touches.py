@@ -25,6 +25,7 @@ class BenchCase:
     retardation  [s] Kelvin-Voigt, of the slab
     friction     whether the finger slides with friction
     nodule       whether the slab has the nodule of `continuum.Inclusion` below (0, 0)
+    sticks       whether the surface under the patch is held along itself
     """
 
     name: str
@@ -36,6 +37,7 @@ class BenchCase:
     retardation: float = 0.0
     friction: bool = False
     nodule: bool = False
+    sticks: bool = True
 
     @property
     def duration(self) -> float:
@@ -90,6 +92,10 @@ TOUCHES: dict[str, BenchCase] = {
             "two-step", "a path of two steps, viscous", "slab", "soft",
             ((0.0, APART, 0.0), (0.08, 3e-3, 0.0), (0.25, 3e-3, 0.0), (0.33, 5.5e-3, 0.0), (0.5, 5.5e-3, 0.0)),
             "middle", RETARDATION,
+        ),
+        BenchCase(
+            "slip", "pressed lightly, free to slide under the patch", "slab", "soft",
+            ((0.0, APART, 0.0), (0.3, 2e-3, 0.0), (0.4, 2e-3, 0.0), (0.7, APART, 0.0)), "slip", sticks=False,
         ),
         BenchCase(
             "slide", "pressed, then slid 10 mm with friction", "slab", "soft",

@@ -72,10 +72,9 @@ def press(
     unit = _load(p, axes, block.place)
     springs = BED * young * _bed(p, axes)
     outer = Outer(field, unit, springs)
-    half = {
-        "middle": fem.Boundary(field[0], mask=p[:, 1] < near, skip=(1, 0, 1)),
-        "stuck": fem.Boundary(field[0], mask=stuck(p, block.place), skip=(0, 0, 1)),
-    }
+    half = {"middle": fem.Boundary(field[0], mask=p[:, 1] < near, skip=(1, 0, 1))}
+    if block.sticks:
+        half["stuck"] = fem.Boundary(field[0], mask=stuck(p, block.place), skip=(0, 0, 1))
     x, y = (halved(a) for a in axes[:2])
     at = _top(p, x, y)
     depth, shape, seconds = [], [], []

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from palpate.messages import Message, MessageError, check_finite, fields, pack, unpack
+from palpate.messages import Load, Message, MessageError, check_finite, fields, pack, unpack
 from palpate.messages.docs import documented, message_types
 
 KINDS = list(message_types().values())
@@ -194,3 +194,21 @@ def test_the_largest_numbers_are_finite(kind):
         return (0 if "int" in str(field.type) else most,) * shape[0] if shape else one
 
     check_finite(kind(**{field.name: value(field) for field in fields(kind)}))
+
+
+def test_a_message_keeps_what_nobody_can_write_to_and_copies_the_rest():
+    nodes, forces = np.arange(3, dtype="<i4"), np.arange(9.0).reshape(3, 3)
+    nodes.setflags(write=False)
+    load = Load(nodes=nodes, forces=forces, foot=(0.0, 0.0, 0.0), normal=(0.0, 0.0, 1.0))
+    forces[:] = -1.0
+    assert load.nodes is nodes and load.forces[2, 2] == 8.0 and not load.forces.flags.writeable
+    turned = np.arange(9.0).reshape(3, 3).T
+    turned.setflags(write=False)
+    load = Load(nodes=[0, 1, 2], forces=turned, foot=[0, 0, 0], normal=np.array([0.0, 0.0, 1.0]))
+    assert load.forces.flags.c_contiguous and (load.forces == turned).all() and load.nodes.dtype == "<i4"
+    assert load.foot == (0.0, 0.0, 0.0) and type(load.foot[0]) is float and type(load.normal) is tuple
+
+
+def test_lengths_that_belong_together_are_equal():
+    with pytest.raises(MessageError, match=r"Load.forces: found shape \(2, 3\), expected \(3, 3\)"):
+        Load(nodes=np.zeros(3, "<i4"), forces=np.zeros((2, 3)), foot=(0.0, 0.0, 0.0), normal=(0.0, 0.0, 1.0))

@@ -6,9 +6,11 @@ import msgspec
 import pytest
 from pytest import approx
 
+from palpate.launch.load.classes import catalogue, find_class
 from palpate.launch.testing import FakeBus
 from palpate.messages import Force, Friction, Pose, Torque
 from palpate.nodes.base import Node, SettingError, inputs, outputs, settings
+from palpate.nodes.base.node import convert
 
 
 class Drag(Node):
@@ -115,3 +117,10 @@ def test_no_answer_means_the_same_as_before_as_in_a_run():
     assert second.force == first.force == (1.0, 0.0, 0.0) and (second.tick, second.used) == (1, (1,))
     with pytest.raises(TypeError, match="answered None before it had sent a message, expected a Force"):
         FakeBus(Quiet(mute=True)).publish(pose(1.0))
+
+
+@pytest.mark.parametrize("use", [entry.use for entry in catalogue()[0]])
+def test_every_default_lies_within_its_own_limits(use):
+    for setting in settings(find_class(use)).values():
+        if setting.default is not ...:
+            convert(setting, setting.default)

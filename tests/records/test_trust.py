@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import subprocess
+import os
 import sys
 from pathlib import Path
 
 import pytest
+import warm_fork_server
 from short_touch import QUICK
 from typer.testing import CliRunner
 
@@ -55,8 +56,9 @@ def recorded(tmp_path_factory):
     (folder / "innocent.py").write_text(MODULE)
     (folder / "mine.yaml").write_text(GRAPH)
     sets = [part for item in QUICK for part in ("--set", item)]
-    command = [sys.executable, "-m", "palpate.launch", "run", "mine.yaml", "--fused", "--duration", "0.05", *sets]
-    subprocess.run([*command, "--record", "run.mcap"], cwd=folder, check=True, capture_output=True)
+    run = ["run", "mine.yaml", "--fused", "--duration", "0.05", *sets, "--record", "run.mcap"]
+    with open(folder / "said", "w") as said:
+        assert warm_fork_server.palpate(run, cwd=folder, env=dict(os.environ), stdout=said, stderr=said).wait() == 0
     (folder / "innocent.py").write_text(MARK.format(str(folder / "was imported")) + MODULE)
     return folder
 

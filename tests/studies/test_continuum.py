@@ -75,10 +75,18 @@ def test_a_harder_place_gives_in_less():
     assert depth["nodule-00"] < depth["nodule-10"] < depth["middle"] < depth["edge"]
 
 
+def test_a_surface_that_is_free_to_slide_is_softer_and_the_more_so_the_heavier_the_load():
+    free, held = places.stored("slip"), places.stored("middle")
+    assert free.about["place"]["sticks"] is False
+    more = free.indentation / np.interp(free.force, np.append(0.0, held.force), np.append(0.0, held.indentation)) - 1.0
+    assert more[0] == pytest.approx(0.006, abs=0.003) and (np.diff(more) > 0.0).all()  # HELD (1 - 2 nu)²/(1 - nu)²
+    assert more[-1] == pytest.approx(0.03, abs=0.01)
+
+
 def test_references_are_rebuilt_with_their_band(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     monkeypatch.setattr(places, "LEVELS", FIRST)
-    own = {"fe": lambda block: press(block, FIRST)}
+    own = {"fe": press}
     monkeypatch.setattr(places, "SOLVERS", own)
     told = list(places.rebuild(["middle"], {"command": "here"}, tmp_path, {"fe": (1, 2)}))
     assert told[-1][1] == 1.0

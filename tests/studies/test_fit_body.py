@@ -5,11 +5,16 @@ import json
 import numpy as np
 import pytest
 from pytest import approx
+from scipy.interpolate import RegularGridInterpolator
 from typer.testing import CliRunner
 
 from palpate.launch.__main__ import app
 from palpate.launch.load.launchfile import find
+from palpate.messages import Load
+from palpate.nodes.deformation import BeamBundle
+from palpate.physics.contact.spread import Spreader
 from palpate.physics.errors import ArgumentError
+from palpate.studies.accuracy.places import stored
 from palpate.studies.fit_body import fit_body, power_law
 
 TAP = (
@@ -45,6 +50,53 @@ def test_a_bundle_fitted_to_one_of_twice_the_moduli_gets_them(tmp_path):
     fitted = fit_body(launch, tmp_path / "fitted.yaml", ["tissue.moduli=[272e3, 68e3]"])
     assert fitted.overrides["tissue.moduli"] == approx([272e3, 68e3], rel=0.15)
     assert fitted.after["force"] < 0.3 * fitted.before["force"]
+
+
+SLAB = """
+extends: kidney
+surface: {surface: plane, vertices: 3000, position: [0, 0, 0.105]}
+tissue: {friction: false, relaxations: [0, 0], retardation: 0}
+hand:
+  begin: [0, 0, 0.110]
+  path: [{to: [0, 0, 0.0985], time: 0.4}, {hold: 0.1}]
+"""
+
+
+def test_a_bundle_fitted_on_the_slab_has_the_indentation_of_two_full_solvers_and_another_shape(tmp_path):
+    """By the stored reference of the slab's middle, in which neither the bundle nor what it is fitted to has a part."""
+    (tmp_path / "slab.yaml").write_text(SLAB)
+    beams = ("collision.use=collision.Mesh", "tissue.use=deformation.BeamBundle")
+    launch = find("kidney").but(duration=0.5, overrides=beams, scene=tmp_path / "slab.yaml")
+    fitted = fit_body(launch, tmp_path / "fitted.yaml")
+    moduli, right = fitted.overrides["tissue.moduli"], stored("middle")
+    depth, shape = pressed(moduli, right)
+    shipped, _ = pressed(BeamBundle().moduli, right)
+    assert np.abs(depth / right.indentation - 1.0).max() < 0.025
+    assert (shipped / right.indentation < 0.7).all()
+    at, deep = shape[4]  # 0.5 N
+    exact = RegularGridInterpolator((right.x, right.y), right.shape[4])(np.abs(at))
+    off = (deep - exact) / right.indentation[4]
+    assert 0.2 < np.sqrt(np.mean(off**2)) < 0.3 and np.abs(off).max() < 0.5
+    assert deep.max() == approx(1.25 * exact.max(), rel=0.03)
+
+
+def pressed(moduli, right):
+    """Indentation [m] of a bundle of these moduli at the forces of a reference, and what is shown of its surface within
+    16 mm of the place: points [m] (k,2) and depth [m] (k)."""
+    body = BeamBundle(surface="plane", position=(0.0, 0.0, 0.0), moduli=moduli, relaxations=(0.0, 0.0))
+    body.start()
+    up, foot, spreader = (0.0, 0.0, 1.0), (0.0, 0.0, 0.0), Spreader(body.mesh(), 8e-3)
+    depth, shapes = [], []
+    for force in right.force:
+        count = spreader.spread(foot, up, (0.0, 0.0, -force))
+        nodes, forces = spreader.nodes[:count].copy(), spreader.forces[:count].copy()
+        surface = body.step(Load(nodes=nodes, forces=forces, foot=foot, normal=up), dt=1e-3)
+        depth.append(surface.previous_indentation)
+        at, deep = body.mesh().vertices[:, :2], np.zeros(len(body.mesh().vertices))
+        deep[surface.nodes] = -surface.displacement[:, 2]
+        near = np.linalg.norm(at, axis=1) < 16e-3
+        shapes.append((at[near], deep[near]))
+    return np.array(depth), shapes
 
 
 def test_the_command_says_what_is_left_of_a_spring_beside_the_elements(tmp_path):

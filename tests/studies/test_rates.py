@@ -41,7 +41,7 @@ def off(every: int, frequency: float) -> float:
 def test_the_rate_is_the_lowest_that_keeps_the_error_of_a_signal_that_is_held(write, tmp_path, frequency, error):
     (rate,) = rates.chosen(swing(write, tmp_path, frequency), error)
     assert rate.constant == pytest.approx(math.sqrt(2.0) / (2.0 * math.pi * frequency), rel=2e-3)
-    assert rate.every == max(every for every in rates.LADDER if off(every, frequency) <= error)
+    assert rate.every == max(every for every in rates.DIVISORS if off(every, frequency) <= error)
     assert rate.own == pytest.approx(off(rate.every, frequency) if rate.every > 1 else 0.0, rel=0.02)
 
 

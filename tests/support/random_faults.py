@@ -23,13 +23,14 @@ import uuid
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 SUPPORT = Path(__file__).parent
 sys.path.insert(0, str(SUPPORT))
 
 from graphs_for_runs import GRAPH, write_graph, write_place  # noqa: E402
 from unlucky import BEARABLE, BREAKS, WIRES  # noqa: E402
+from warm_fork_server import palpate, started_in  # noqa: E402
 
 from palpate.launch.run.descendants import die_with_parent  # noqa: E402
 from palpate.records.reader import Recording  # noqa: E402
@@ -112,20 +113,19 @@ def run(fault: Fault, folder: Path) -> list[str]:
     if fault.what == "disk":
         (folder / "disk").mkdir()
         file = folder / "disk" / "run.mcap"
-    command = [sys.executable, "-m", "palpate.launch", "run", *_graph(fault, folder), "--record", str(file),
-               "--clock", fault.clock, "--no-pictures", "--timeout", patience,
-               "--duration", str(_length(fault))]  # fmt: skip
-    if fault.what == "disk":
-        command = [*_small_disk(fault, folder / "disk", kept), *command]
+    arguments = ["run", *_graph(fault, folder), "--record", str(file), "--clock", fault.clock, "--no-pictures",
+                 "--timeout", patience, "--duration", str(_length(fault))]  # fmt: skip
+    on_small_disk = [*_small_disk(fault, folder / "disk", kept), sys.executable, "-m", "palpate.launch", *arguments]
     environment = os.environ | {"PALPATE_FAULT": mark, "PYTHONPATH": f"{SUPPORT}:{os.environ.get('PYTHONPATH', '')}",
                                 "XDG_RUNTIME_DIR": str(own), "TMPDIR": str(own), "COLUMNS": "200"}  # fmt: skip
     master, slave = pty.openpty() if fault.kind == "terminal" else (None, None)
     told = folder / "told"
     with told.open("wb") as out:
-        child = subprocess.Popen(
-            command, cwd=folder, env=environment, start_new_session=True, preexec_fn=_limits(fault),
-            stdin=slave if slave is not None else subprocess.DEVNULL, stdout=slave or out, stderr=slave or out,
-        )  # fmt: skip
+        given: dict[str, Any] = {
+            "cwd": folder, "env": environment, "start_new_session": True, "preexec_fn": _limits(fault),
+            "stdin": slave if slave is not None else subprocess.DEVNULL, "stdout": slave or out, "stderr": slave or out,
+        }  # fmt: skip
+        child = subprocess.Popen(on_small_disk, **given) if fault.what == "disk" else palpate(arguments, **given)
     if master is not None:
         threading.Thread(target=_drain, args=(master,), daemon=True).start()
     with _company(4 if fault.kind == "busy" else 0):
@@ -135,7 +135,7 @@ def run(fault: Fault, folder: Path) -> list[str]:
         try:
             code = child.wait(LONGEST)
         except subprocess.TimeoutExpired:
-            _sweep(mark)
+            _sweep(folder, mark)
             child.wait()
             return [f"did not end within {LONGEST:g} s: {told.read_text(errors='replace')[-500:]}"]
     return _judge(fault, code, hit, told.read_text(errors="replace"), kept, mark, own)
@@ -248,32 +248,19 @@ def _below(pid: int) -> list[int]:
     return below
 
 
-def _marked(mark: str) -> list[int]:
-    """Processes that were started from a run, whatever became of their parents."""
-    pids = []
-    for entry in Path("/proc").iterdir():
-        if entry.name.isdigit():
-            try:
-                if mark.encode() in (entry / "environ").read_bytes():
-                    pids.append(int(entry.name))
-            except OSError:
-                continue
-    return pids
-
-
-def _sweep(mark: str) -> None:
-    for pid in _marked(mark):
+def _sweep(folder: Path, mark: str) -> None:
+    for pid in started_in(folder, mark):
         os.kill(pid, signal.SIGKILL)
 
 
 def _judge(fault: Fault, code: int, hit: bool, told: str, file: Path, mark: str, own: Path) -> list[str]:
     wrong = []
     until = time.monotonic() + 20.0  # who was killed may wait for a processor that others hold
-    while (left := _marked(mark)) and time.monotonic() < until:
+    while (left := started_in(own.parent, mark)) and time.monotonic() < until:
         time.sleep(0.05)
     if left:
         wrong.append(f"{len(left)} processes are left")
-        _sweep(mark)
+        _sweep(own.parent, mark)
     lost = fault.kind == "wire" and WIRES[fault.what] and fault.clock == "simulated"
     breaks = hit and (fault.kind == "signal" or (fault.kind == "node" and fault.what in BREAKS) or lost)
     finished = "ticks in" in told  # a signal that came as the run was over

@@ -1,15 +1,22 @@
-"""Fork servers for tests, forked from one process that has imported everything, instead of a second of imports each.
+"""Fork servers and commands for tests, forked from one process that has imported everything, instead of seconds of
+imports each.
 
 A run that a test starts in its own process starts its fork server by `subprocess.Popen`. Here it gets a fork of a
 process that has come as far as a fork server comes before it serves. Like the other it is a child of the test's
 process, in a session of its own, with that process's environment, folder, paths, processors and limits. Where the
-environment differs in what libraries read when they are imported, the fork server is started as always; so are those
-of runs that a test starts from the shell.
+environment differs in what libraries read when they are imported, the fork server is started as always.
+
+`palpate` is the same for a command as from a shell: a process of its own with its own environment, folder, streams and
+exit code. Its fork server is forked from it before it has threads. What has no file of its own in `/proc`, since a fork
+keeps its parent's `environ` there, is that environment: `started_in` finds the processes of a run by their folder too.
 """
 
 from __future__ import annotations
 
+import atexit
+import contextlib
 import ctypes
+import io
 import json
 import os
 import platform
@@ -18,16 +25,19 @@ import signal
 import socket
 import subprocess
 import sys
+import tempfile
 import threading
 import time
+import traceback
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, NoReturn
 
 from palpate.launch.run import forkserver
 
 AFTER_IMPORT = {
-    "BROWSER", "COLUMNS", "DISPLAY", "PYTEST_CURRENT_TEST", "PYTHONPATH", "PYTHONUNBUFFERED", "XDG_CONFIG_HOME",
-    "XDG_RUNTIME_DIR",
+    "BROWSER", "COLUMNS", "DISPLAY", "PALPATE_FAULT", "PALPATE_TEST", "PYTEST_CURRENT_TEST", "PYTHONPATH",
+    "PYTHONUNBUFFERED", "TMPDIR", "XDG_CONFIG_HOME", "XDG_RUNTIME_DIR",
 }  # fmt: skip
 """Variables that nothing reads while it is imported."""
 LIMITS = (resource.RLIMIT_AS, resource.RLIMIT_FSIZE, resource.RLIMIT_NOFILE)
@@ -57,12 +67,12 @@ class Forked:
         return self.returncode
 
     def terminate(self) -> None:
-        self._send(signal.SIGTERM)
+        self.send_signal(signal.SIGTERM)
 
     def kill(self) -> None:
-        self._send(signal.SIGKILL)
+        self.send_signal(signal.SIGKILL)
 
-    def _send(self, number: int) -> None:
+    def send_signal(self, number: int) -> None:
         if self.poll() is None:
             os.kill(self.pid, number)
 
@@ -77,15 +87,39 @@ class Source:
 
     def popen(self, command: list[str], *, pass_fds: list[int], env: dict[str, str], **given: Any) -> Any:
         """In place of `subprocess.Popen` for a fork server."""
-        if self.process is None:
-            self._begin(env)
-        if self.process.poll() is not None or lasting(env) != lasting(self.environment):
+        if not self._has(env):
             return subprocess.Popen(command, pass_fds=pass_fds, env=env, **given)
         reading, writing = os.pipe()
-        request = json.dumps({"env": env, "folder": os.getcwd()}).encode()
-        with self.one_at_a_time, open(writing, "wb"):
-            socket.send_fds(self.socket, [request], [*pass_fds, writing])
-            return Forked(int(self.socket.recv(32)), open(reading, "rb"))
+        with open(writing, "wb"):
+            pid = self._fork([*pass_fds, writing], env=env, folder=os.getcwd())
+            return Forked(pid, open(reading, "rb"))
+
+    def palpate(self, arguments: list[str], *, cwd: Path, env: dict[str, str], stdin: int = subprocess.DEVNULL,
+                stdout: Any, stderr: Any, preexec_fn: Any = None, start_new_session: bool = False) -> Any:  # fmt: skip
+        """`python -m palpate.launch ARGUMENTS`, as `subprocess.Popen` starts it; `preexec_fn` needs that."""
+        if (
+            platform.machine() != "x86_64"
+            or preexec_fn is not None
+            or stdin != subprocess.DEVNULL
+            or not self._has(env)
+        ):
+            return subprocess.Popen(
+                [sys.executable, "-m", "palpate.launch", *arguments], cwd=cwd, env=env, stdin=stdin, stdout=stdout,
+                stderr=stderr, preexec_fn=preexec_fn, start_new_session=start_new_session,
+            )  # fmt: skip
+        streams = [stdout.fileno(), stderr.fileno()]
+        return Forked(self._fork(streams, env=env, folder=str(cwd), arguments=arguments, alone=start_new_session), None)
+
+    def _has(self, env: dict[str, str]) -> bool:
+        """Whether it runs, with this environment where it matters."""
+        if self.process is None:
+            self._begin(env)
+        return self.process.poll() is None and lasting(env) == lasting(self.environment)
+
+    def _fork(self, descriptors: list[int], **request: Any) -> int:
+        with self.one_at_a_time:
+            socket.send_fds(self.socket, [json.dumps(request).encode()], descriptors)
+            return int(self.socket.recv(32))
 
     def _begin(self, env: dict[str, str]) -> None:
         self.environment = env
@@ -93,10 +127,12 @@ class Source:
         with theirs:
             number = theirs.fileno()
             command = [sys.executable, __file__, str(number)]
+            env = lasting(env) | {"PYTHONPATH": env.get("PYTHONPATH", "")}  # no mark of the first run is its own
             self.process = subprocess.Popen(command, pass_fds=[number], env=env, stdin=subprocess.DEVNULL)
 
 
 SOURCE = Source()
+palpate = SOURCE.palpate
 
 
 def lasting(env: dict[str, str]) -> dict[str, str]:
@@ -118,9 +154,23 @@ def sibling() -> int:
     return pid
 
 
+def started_in(folder: Path, mark: str) -> list[int]:
+    """Processes in a folder, or with a mark in their environment, whatever became of their parents."""
+    pids = []
+    for entry in Path("/proc").iterdir():
+        with contextlib.suppress(OSError):
+            here = entry.name.isdigit() and Path(os.readlink(entry / "cwd")) == folder.resolve()
+            if here or (entry.name.isdigit() and mark.encode() in (entry / "environ").read_bytes()):
+                pids.append(int(entry.name))
+    return pids
+
+
 def main(end: socket.socket) -> None:
     forkserver.die_with_parent()
     forkserver.load()
+    import palpate.launch.__main__
+    import palpate.launch.run.execute  # noqa: F401
+
     while True:
         request, descriptors, *_ = socket.recv_fds(end, 1 << 20, 2)
         if not request:
@@ -128,28 +178,75 @@ def main(end: socket.socket) -> None:
         pid = sibling()
         if pid == 0:
             end.close()
-            serve(descriptors, **json.loads(request))
+            given = json.loads(request)
+            command(descriptors, **given) if "arguments" in given else serve(descriptors, **given)
         end.send(b"%d" % pid)
         for number in descriptors:
             os.close(number)
 
 
-def serve(descriptors: list[int], env: dict[str, str], folder: str) -> NoReturn:
-    """What the fork becomes."""
-    launcher, output = descriptors
-    os.setsid()
+def become(env: dict[str, str], folder: str, output: int, errors: int) -> None:
+    """Take over folder, environment and streams."""
     os.chdir(folder)
     os.environ.clear()
     os.environ.update(env)
-    sys.path[:] = [folder, *env["PYTHONPATH"].split(os.pathsep)]
+    for number, stream in enumerate((os.open(os.devnull, os.O_RDONLY), output, errors)):
+        os.dup2(stream, number)
+
+
+def serve(descriptors: list[int], env: dict[str, str], folder: str) -> NoReturn:
+    """What the fork becomes: a fork server."""
+    launcher, output = descriptors
+    os.setsid()
+    become(env, folder, output, output)
+    sys.path[:] = [folder, *env.get("PYTHONPATH", "").split(os.pathsep)]
     sys.argv = ["palpate.launch.run.forkserver", str(launcher)]
     os.sched_setaffinity(0, os.sched_getaffinity(os.getppid()))
     for limit in LIMITS:
         resource.setrlimit(limit, resource.prlimit(os.getppid(), limit))
-    for number in (1, 2):
-        os.dup2(output, number)
     os.close(output)
     forkserver.main(launcher)
+
+
+def command(descriptors: list[int], env: dict[str, str], folder: str, arguments: list[str], alone: bool) -> NoReturn:
+    """What the fork becomes: a command."""
+    code = 1
+    try:
+        if alone:
+            os.setsid()
+        become(env, folder, *descriptors)
+        for number in descriptors:
+            os.close(number)
+        sys.stdout, sys.stderr = (io.TextIOWrapper(io.FileIO(number, "w", closefd=False)) for number in (1, 2))
+        sys.path[:0] = [folder, *env.get("PYTHONPATH", "").split(os.pathsep)]
+        sys.argv = ["palpate", *arguments]
+        tempfile.tempdir = None
+        forkserver.subprocess = SimpleNamespace(**{**vars(subprocess), "Popen": below})
+        from palpate.launch.__main__ import main
+
+        main()
+    except SystemExit as end:
+        code = 0 if end.code is None else end.code if isinstance(end.code, int) else 1
+    except BaseException:
+        traceback.print_exc()
+    finally:
+        atexit._run_exitfuncs()
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(code)
+
+
+def below(_: list[str], *, pass_fds: list[int], env: dict[str, str], **given: Any) -> Forked:
+    """The fork server of a command, forked from it, in place of `subprocess.Popen`."""
+    reading, writing = os.pipe()
+    pid = os.fork()
+    if pid == 0:
+        for number in set(map(int, os.listdir("/proc/self/fd"))) - {0, 1, 2, writing, *pass_fds}:
+            with contextlib.suppress(OSError):
+                os.close(number)
+        serve([*pass_fds, writing], env, os.getcwd())
+    os.close(writing)
+    return Forked(pid, open(reading, "rb"))
 
 
 if __name__ == "__main__":

@@ -58,15 +58,16 @@ def plan(
 
     run = chosen(graph, sets, scene, place, fused)
     planned = run.plan()
-    placement = run.placement(planned)
     times, source = step_times(planned, ablate)
+    placement = run.placement(planned, times)
     items = bill(planned, times)
     if ablate is not None:
         _prove(ablate, items, sets or [], as_json)
     if draw is not None:
         _draw(planned, draw, times)
     elif as_json:
-        groups = [{"name": g.name, "nodes": g.nodes, "core": g.core, "priority": g.priority, "host": g.host}
+        groups = [{"name": g.name, "nodes": g.nodes, "core": g.core, "priority": g.priority, "host": g.host,
+                   "why": g.why}
                   for g in placement.groups]  # fmt: skip
         addition = {"times": times, "times_from": source and str(source), "costs": [asdict(item) for item in items],
                     "notes": planned.graph.notes}  # fmt: skip
@@ -76,6 +77,8 @@ def plan(
 
         out = console()
         out.print(plan_tables.running(planned, placement))
+        if why := plan_tables.processes(placement):
+            out.print(why, markup=False)
         if planned.skipped:
             out.print()
             out.print(plan_tables.skipped(planned))

@@ -100,12 +100,15 @@ def run(
         from palpate.launch.run.descendants import none_left
         from palpate.launch.run.execute import execute
         from palpate.launch.terminal.run_summary import ended
+        from palpate.records.times import step_times
 
         with none_left():
             outcome = execute(
                 launch, loaded, console=None if quiet or as_json else console(), forkserver=forkserver,
                 patience=timeout, address=address, leave_out=leave_out or (), thin=thin_factors(thin or []),
-                unencrypted=unencrypted, key_name=key, fit_cores=True, watch=page.on_update if page else lambda _: None,
+                unencrypted=unencrypted, key_name=key, fit_cores=True,
+                step_times=lambda planned: step_times(planned, None)[0],
+                watch=page.on_update if page else lambda _: None,
             )  # fmt: skip
         if forkserver is not None:
             forkserver.close()

@@ -25,7 +25,7 @@ def reduce(
         typer.Option("--set", help="A setting of deformation.ReducedFE: surface=liver.stl, poisson=0.48, bed=30."),
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Build it even if it is already stored.")] = False,
-    rungs: Annotated[
+    levels: Annotated[
         bool,
         typer.Option("--levels", help="Fit the fidelity levels of deformation.Adaptive to its stored basis instead."),
     ] = False,
@@ -40,8 +40,8 @@ def reduce(
     from palpate.nodes.deformation.basis_store import SHIPPED, cache
     from palpate.nodes.deformation.reduced_fe import ReducedFE
 
-    if rungs:
-        _rungs(settings_of(sets or []), force, as_json)
+    if levels:
+        _levels(settings_of(sets or []), force, as_json)
         return
     node = ReducedFE(**settings_of(sets or []))
     target = Path(folder) if folder else cache()
@@ -67,10 +67,10 @@ def reduce(
         raise typer.Exit(TROUBLE)
 
 
-def _rungs(settings: dict[str, Any], force: bool, as_json: bool) -> None:
+def _levels(settings: dict[str, Any], force: bool, as_json: bool) -> None:
     from palpate.engine.provenance import commit
     from palpate.launch.terminal.progress import Stages
-    from palpate.models.build.rungs import make
+    from palpate.models.build.fidelity_levels import make
     from palpate.nodes.base import SettingError
     from palpate.nodes.deformation import Adaptive
     from palpate.nodes.deformation.adaptive import beside
@@ -80,7 +80,7 @@ def _rungs(settings: dict[str, Any], force: bool, as_json: bool) -> None:
     stored = None if force else node.stored(SHIPPED, cache())
     if stored is not None and beside(stored[0]).exists():
         with contextlib.suppress(SettingError):  # levels of another basis are made anew
-            node.rungs()
+            node.levels()
             _say(as_json, beside(stored[0]), None, {})
             return
     with Stages(console(stderr=True), as_json) as stages:

@@ -41,7 +41,8 @@ def fit_body(
     launch = chosen(graph, sets, scene).but(duration=duration)
     file = out or Path("runs", f"{(launch.path or launch.graph).stem}-fitted.yaml")
     length = launch.duration or 0.0
-    with steps(f"fit-body: a touch of {length:g} s", 3, silent=as_json, seconds=5e3 * PER_TICK * length) as done:
+    expected = 5e3 * PER_TICK * length
+    with steps(f"fit-body: a touch of {length:g} s", 3, silent=as_json, seconds=expected, timed=False) as done:
         fitted = study.fit_body(launch, file, reference or [], done)
     if as_json:
         tell({"ok": True, "file": str(file), "set": fitted.overrides, "before": fitted.before, "after": fitted.after})

@@ -308,8 +308,8 @@ class Bus:
         """Keep a frame for the observers; `flush` sends it."""
         self._kept.append(data)
 
-    def flush(self, holds: Callable[[], None]) -> bool:
-        """Send the kept frames, and learn who listens. Returns whether that has changed.
+    def flush(self, holds: Callable[[], None]) -> None:
+        """Send the kept frames.
 
         holds  called again and again while an observer has no room, on the simulated clock
         """
@@ -325,6 +325,9 @@ class Bus:
                     except BaseException:
                         self._kept = kept[place:]
                         raise
+
+    def listened(self) -> bool:
+        """Learn which observers have come and gone; returns whether one has."""
         changed = False
         for note in self._subscriptions(self._observers):
             changed = True
@@ -361,6 +364,7 @@ class Bus:
                 self._observers.set(zmq.SNDTIMEO, POLL_INTERVAL)
                 self._kept.append(frame(END, self.group.encode()))
                 self.flush(_wait)
+                self.listened()
                 self._wait_taken()
         self._outlet.close()
         if self._keeper is not None:

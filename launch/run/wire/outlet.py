@@ -30,6 +30,8 @@ MOST_TOPICS = 1000  # that one reader subscribes to
 GREETING_TIME = 1_000_000_000  # [ns] in which a reader has to say what it is
 MOST_NOTES = 10
 _NOW = socket.MSG_DONTWAIT
+_SHORT = tuple(bytes((0, size)) for size in range(256))
+"""How a frame of a message begins, by its size."""
 
 
 class ReaderConnection:
@@ -81,6 +83,8 @@ class Sender:
 
     def __init__(self, outlet: Outlet, stream: str, far: zmq.Socket | None, holds: Callable[[], None]) -> None:
         self.topic = stream.encode() + b"\0"
+        self._most = 255 - len(self.topic)
+        """[bytes] of a payload in a short frame."""
         self.readers: tuple[ReaderConnection, ...] = ()
         self._outlet, self._holds = outlet, holds
         # The plain send of the binding, without the layer that looks for multipart and tracking options.
@@ -88,9 +92,11 @@ class Sender:
 
     def send(self, payload: bytes) -> None:
         """Send one message to all readers."""
-        body = self.topic + payload
-        size = len(body)
-        data = (bytes((0, size)) if size < 256 else b"\2" + size.to_bytes(8, "big")) + body
+        size, topic = len(payload), self.topic
+        if size <= self._most:
+            data = _SHORT[size + len(topic)] + topic + payload
+        else:
+            data = b"\2" + (size + len(topic)).to_bytes(8, "big") + topic + payload
         size = len(data)
         for reader in self.readers:
             sent = 0
@@ -106,7 +112,7 @@ class Sender:
                 self._outlet.crowded(reader, data, sent, self._holds)
         while self._far is not None:
             try:
-                self._far(body)
+                self._far(topic + payload)
                 return
             except zmq.Again:
                 self._holds()

@@ -7,7 +7,7 @@ placement. Every worker runs its nodes in the graph's order, which excludes dead
 from __future__ import annotations
 
 from palpate.engine.clock import now, sleep_until
-from palpate.engine.schedule import nanoseconds, needed
+from palpate.engine.schedule import nanoseconds
 from palpate.engine.slot import Input, NodeError, Slot
 from palpate.launch.run.reports import Paused
 from palpate.launch.run.work.worker import EndedError, Worker
@@ -40,37 +40,44 @@ def run_tick(worker: Worker, tick: int) -> None:
     for slot in worker.slots:
         if tick % slot.every or slot.name in worker.blocked:
             continue
-        messages: list[Message | None] = [None] * len(slot.inputs)
-        for place, port in slot.awaited:
-            message = None if port.dead else port.at(tick)
-            if message is None and not port.absent(tick):
-                message = _await(worker, slot, port, tick)
-            messages[place] = message
-        if slot.name not in worker.blocked:
-            slot.step(tick, at, messages, slot.every / rate)
-            if tick >= slot.sends:
-                worker.send(slot)
+        messages = slot.ready(tick) if slot.near else None
+        if messages is None:
+            messages = _gather(worker, slot, tick)
+            if slot.name in worker.blocked:
+                continue
+        slot.step(tick, at, messages, slot.every / rate)
+        if tick >= slot.sends:
+            worker.send(slot)
     worker.housekeep()
 
 
-def _await(worker: Worker, slot: Slot, port: Input, tick: int) -> Message | None:
+def _gather(worker: Worker, slot: Slot, tick: int) -> list[Message | None]:
+    """The messages that a step uses, each waited for."""
+    messages: list[Message | None] = [None] * len(slot.inputs)
+    for place, port in slot.awaited:
+        need = port.need(tick)
+        if need >= 0 and not port.dead:
+            messages[place] = port.of(need) or _await(worker, slot, port, need)
+    return messages
+
+
+def _await(worker: Worker, slot: Slot, port: Input, need: int) -> Message | None:
+    """The message of tick `need`; None where its sender is gone, or the node is not to step."""
     assert port.feed is not None
     try:
         while True:
             came = worker.wait(port.feed)
-            if came and (message := port.at(tick)) is not None:
+            if (message := port.of(need)) is not None:
                 return message
-            if (need := port.lost(tick)) is not None:
+            if port.lost(need):
                 raise NodeError(port.producer, f"stream {port.stream!r}", f"its message of tick {need} was lost")
             if came:
                 continue
             if port.dead or slot.name in worker.blocked:
                 return None
-            if (message := port.at(tick)) is not None:
-                return message
             if worker.last is not None and worker.tick > worker.last:
                 raise EndedError
-            worker.awaits = port.stream, needed(tick, port.every, port.loop)
+            worker.awaits = port.stream, need
     finally:
         worker.awaits = None
 

@@ -27,6 +27,7 @@ BURST = 16  # ticks between two bursts to the observers
 OVERHEARD = 1000  # frames for observers that are taken in a row while nodes wait for their turn
 ORPHANED = 5_000_000_000  # [ns] of its own attention without a word of the launcher
 GLANCE = 200_000_000  # [ns] by which that time grows at most between two looks: a busy machine is no dead launcher
+LOOK = 5_000_000  # [ns] between two looks at orders and readers while messages come
 REPORT = 200_000_000  # [ns] between two signs of life
 
 
@@ -61,7 +62,7 @@ class Worker:
         self.awaits: tuple[str, int] | None = None
         """Stream and tick of the message that it waits for, once that takes longer than a look round."""
         self._since = 0
-        self._reported = 0
+        self._reported = self._looked = 0
         self._glanced, self._silence = now(), 0
         self._burst = job.phase % BURST
         self._started: list[tuple[str, Node]] = []
@@ -208,15 +209,22 @@ class Worker:
 
     def _deliver(self, feed: RemoteStream, payload: bytes) -> None:
         try:
-            message = unpack(payload, feed.kind)
-        except MessageError as error:
-            if not self._real:  # somebody would wait for this message for ever
-                raise NodeError(feed.producer, f"stream {feed.stream!r}", error) from error
-            self.foreign += 1
+            message = feed.decode(payload)
+        except Exception:
+            self._refuse(feed, payload)
             return
         arrived = now() if self._real else 0
         for port in feed.ports:
             port.put(message, arrived)
+
+    def _refuse(self, feed: RemoteStream, payload: bytes) -> None:
+        """What came is not what the stream sends."""
+        try:
+            unpack(payload, feed.kind)
+        except MessageError as error:
+            if not self._real:  # somebody would wait for this message for ever
+                raise NodeError(feed.producer, f"stream {feed.stream!r}", error) from error
+            self.foreign += 1
 
     def overhear(self, wait: bool) -> bool:
         """Hand one frame of another worker to the observers here; returns whether there was one."""
@@ -294,15 +302,20 @@ class Worker:
     def housekeep(self) -> None:
         """After a tick: in bursts, what observers and the launcher get; Ended: the launcher has told to quit."""
         self._burst += 1
-        due = now() - self._reported > REPORT  # slow nodes, too, have to give signs of life
+        moment = now()
+        due = moment - self._reported > REPORT  # slow nodes, too, have to give signs of life
         if self._burst < BURST and not due:
             return
         self._burst = 0
-        if self.slots:
-            if self.bus is not None:
-                self.bus.sweep()
-            self.check_orders()
-            self._overhear_some()
+        if moment - self._looked > LOOK:
+            self._looked = moment
+            if self.slots:
+                if self.bus is not None:
+                    self.bus.sweep()
+                self.check_orders()
+                self._overhear_some()
+            if self.bus is not None and self.bus.listened():
+                self._mark_heard()
         self._flush()
         if due:
             self.sign_of_life()
@@ -310,8 +323,8 @@ class Worker:
     def _flush(self) -> None:
         for observer in self.audience.begun:
             observer.take()
-        if self.bus is not None and self.bus.flush(self.heed_while_full):
-            self._mark_heard()
+        if self.bus is not None:
+            self.bus.flush(self.heed_while_full)
 
     def heed_while_full(self) -> None:
         """While observers have no room: orders and signs of life."""

@@ -30,6 +30,7 @@ def sampled(x, p, normal, curvature):
     """Cubic B-splines on a grid: p holds its first point [m] (3), spacing [m], counts (3), then the coefficients."""
     h = p[3]
     n = (int(p[4]), int(p[5]), int(p[6]))
+    # the four uniform cubic B-splines that are not zero at x, with two derivatives, on each axis
     w = np.empty((3, 3, 4))  # axis, derivative, spline
     first = np.empty(3, dtype=np.int64)
     away = 0.0
@@ -47,6 +48,7 @@ def sampled(x, p, normal, curvature):
         w[a, 1, 0], w[a, 1, 3] = -s * s / 2.0 / h, t * t / 2.0 / h
         w[a, 1, 1], w[a, 1, 2] = (1.5 * t * t - 2.0 * t) / h, (2.0 * s - 1.5 * s * s) / h
         w[a, 2, 0], w[a, 2, 1], w[a, 2, 2], w[a, 2, 3] = s / h**2, (3 * t - 2.0) / h**2, (3 * s - 2.0) / h**2, t / h**2
+    # tensor product: value, gradient and the six second derivatives xx yy zz xy yz xz
     g = 0.0
     slope, curve = np.zeros(3), np.zeros(6)
     for i in range(4):

@@ -108,6 +108,7 @@ def _touch(points, start, faces, law, reach, given, traces, met, total, tangent,
     m, slope, best_m, block = np.zeros(6), np.zeros((6, 2)), np.zeros(6), np.zeros((3, 3))
     share, spot = np.zeros(12), np.zeros(12, dtype=np.int64)
     total[:] = 0.0
+    # x: a point of the slave's faces now; m, n: shape functions and normal at its foot on a face of the master
     for c in range(len(candidates)):
         f = candidates[c, 0]
         for k in range(value.shape[0]):
@@ -132,6 +133,7 @@ def _touch(points, start, faces, law, reach, given, traces, met, total, tangent,
                 gap[f, k] = np.inf
                 continue
             gap[f, k] = best_gap
+            # normal traction, augmented Lagrangian: t = max(lambda - penalty gap, 0)
             t = multiplier[f, k] - penalty * best_gap
             if not t > 0.0:
                 continue
@@ -139,6 +141,7 @@ def _touch(points, start, faces, law, reach, given, traces, met, total, tangent,
             normals[f, k] = best_n
             feet[f, k] = best_m
             hits[f, k] = hit
+            # the pair's 12 nodes: weights N_a of the slave, -N_a of the master; `spot` is their place in the clique
             for a in range(6):
                 share[a], share[6 + a] = value[k, a], -best_m[a]
                 for b in range(cliques.shape[1]):
@@ -146,6 +149,7 @@ def _touch(points, start, faces, law, reach, given, traces, met, total, tangent,
                         spot[a] = b
                     if cliques[c, b] == master[hit, a]:
                         spot[6 + a] = b
+            # Coulomb's return map: the trial traction q of the slip s since the step began, cut to mu t
             cut, length = 0.0, 0.0
             if friction > 0.0:
                 for i in range(3):
@@ -161,6 +165,7 @@ def _touch(points, start, faces, law, reach, given, traces, met, total, tangent,
                     cut = friction * t / length
                     slip[f, k] = True
                 shear[f, k] = cut * q
+            # forces on both surfaces, equal and opposite
             w = area[f, k]
             for i in range(3):
                 pull = w * (t * best_n[i] + shear[f, k, i])
@@ -169,6 +174,7 @@ def _touch(points, start, faces, law, reach, given, traces, met, total, tangent,
                     force[cliques[c, spot[a]], i] -= share[a] * pull
             if not tangent:
                 continue
+            # tangent of both: penalty n x n, and along the surface penalty (1 - n x n), less q x q where it slips
             for i in range(3):
                 for j in range(3):
                     square = best_n[i] * best_n[j]

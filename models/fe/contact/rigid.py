@@ -82,6 +82,7 @@ def _touch(shape, p, points, mine, place, law, given, traces, total, tangent, fo
     normal, curvature, x, y = np.zeros(3), np.zeros((3, 3)), np.zeros(3), np.zeros(3)
     d, q, pull, block, half = np.zeros(3), np.zeros(3), np.zeros(3), np.zeros((3, 3)), np.zeros((3, 3))
     total[:] = 0.0
+    # points of the faces: x from the rigid body's centre, y the same in its frame, where `shape` gives the gap
     for f in range(len(faces)):
         for k in range(value.shape[0]):
             for i in range(3):
@@ -96,12 +97,14 @@ def _touch(shape, p, points, mine, place, law, given, traces, total, tangent, fo
                 normals[f, k, i] = 0.0
                 for j in range(3):
                     normals[f, k, i] += turn[i, j] * normal[j]
+            # normal traction, augmented Lagrangian: t = max(lambda - penalty gap, 0)
             t = multiplier[f, k] - penalty * g
             shear[f, k] = 0.0
             slip[f, k] = False
             traction[f, k] = max(t, 0.0)
             if not t > 0.0:
                 continue
+            # Coulomb's return map: the trial traction q of the slip d since the step began, cut to mu t
             cut = length = 0.0
             if friction > 0.0:
                 for i in range(3):
@@ -117,6 +120,7 @@ def _touch(shape, p, points, mine, place, law, given, traces, total, tangent, fo
                     slip[f, k] = True
                 for i in range(3):
                     shear[f, k, i] = cut * q[i]
+            # force and moment on the rigid body, and the opposite force on the face's nodes
             w = area[f, k]
             for i in range(3):
                 pull[i] = 0.0
@@ -141,6 +145,7 @@ def _touch(shape, p, points, mine, place, law, given, traces, total, tangent, fo
                         if slip[f, k]:
                             part -= q[i] * q[j] / (length * length)
                         block[i, j] += penalty * cut * part
+            # from the rigid body's frame into the world: R block R'
             for i in range(3):
                 for j in range(3):
                     half[i, j] = turn[i, 0] * block[0, j] + turn[i, 1] * block[1, j] + turn[i, 2] * block[2, j]

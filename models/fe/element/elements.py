@@ -54,6 +54,7 @@ def integrate(law, gradient, weight, elements, displacement, p, mixed, small, ta
     C, J = np.zeros((many, 3, 3)), np.zeros(many)
     u, f = np.zeros((10, 3)), np.zeros((10, 3))
     K, T, V = np.zeros((10, 3, 10, 3)), np.zeros((10, 3, 9)), np.zeros((10, 3))
+    # u: displacements of the element's nodes; F = 1 + du/dX, C = cof F = dJ/dF, J = det F, at each point
     for e in range(len(elements)):
         for a in range(10):
             for i in range(3):
@@ -81,6 +82,7 @@ def integrate(law, gradient, weight, elements, displacement, p, mixed, small, ta
                     return total, e
             volume += weight[e, q]
             mean += weight[e, q] * J[q]
+        # mean dilatation (Simo, Taylor, Pister 1985): with `mixed`, U is a function of the element's mean J alone
         mean /= volume
         f[:] = 0.0
         V[:] = 0.0
@@ -89,14 +91,17 @@ def integrate(law, gradient, weight, elements, displacement, p, mixed, small, ta
         curve = 0.0
         for q in range(many):
             w = weight[e, q]
+            # NaN tells the law that nobody reads its tangent
             if not tangent:
                 A[0, 0] = np.nan
             W, U, dU, ddU = law(F[q], mean if mixed else J[q], p, P, A)
             total += w * (W + U)
             curve = ddU
+            # first Piola-Kirchhoff stress: P = dW/dF + U' cof F
             for i in range(3):
                 for j in range(3):
                     P[i, j] += dU * C[q, i, j]
+            # internal forces f_a = sum w P grad N_a; V_a = sum w cof F grad N_a, how the volume grows with a node
             for a in range(10):
                 for i in range(3):
                     x, y = 0.0, 0.0
@@ -116,12 +121,14 @@ def integrate(law, gradient, weight, elements, displacement, p, mixed, small, ta
                         A[3 * k + l, 3 * i + j] += dU * F[q, m, n]
                         A[3 * i + l, 3 * k + j] -= dU * F[q, m, n]
                         A[3 * k + j, 3 * i + l] -= dU * F[q, m, n]
+            # the volumetric part U'' cof F x cof F is local here, and of the whole element below where J is its mean
             if not mixed:
                 for i in range(3):
                     for j in range(3):
                         for k in range(3):
                             for l in range(3):
                                 A[3 * i + j, 3 * k + l] += ddU * C[q, i, j] * C[q, k, l]
+            # K_ab = sum w grad N_a A grad N_b, in two products and for b <= a alone: it is symmetric
             for a in range(10):
                 for i in range(3):
                     for s in range(9):

@@ -1,1 +1,1 @@
-"""From the full model to a fast body: touches, modes, integration points, dents."""
+"""From the full model to a fast body: touches, modes, integration points, indentation table."""

@@ -170,6 +170,7 @@ def nonnegative(
     whole, x = float(np.linalg.norm(goal)), np.zeros(0)
     kept: list[int] = []
     own, gram, right = np.zeros((0, len(goal))), np.zeros((0, 0)), np.zeros(0)
+    # Active-set non-negative least squares (Lawson, Hanson 1974), with the Gram matrix of the columns kept
     for _ in range(4 * most):
         left = goal - x @ own
         missed = float(np.linalg.norm(left))
@@ -177,6 +178,7 @@ def nonnegative(
             report(min(1.0, float(np.log(max(missed / whole, 1e-300)) / np.log(tolerance))))
         if missed <= tolerance * whole or len(kept) >= most:
             break
+        # take the column that is most like the residual
         lean = columns @ (left / missed).astype(columns.dtype) / size
         lean[kept] = -np.inf
         best = int(np.argmax(lean))
@@ -191,6 +193,7 @@ def nonnegative(
             np.append(right, column @ goal),
             np.append(x, 0.0),
         )
+        # the kept columns' least squares; on the way to it the first coefficient that would pass 0 leaves
         while True:
             solution = cho_solve(cho_factor(gram + 1e-12 * np.trace(gram) / len(kept) * np.eye(len(kept))), right)
             if (solution > 0.0).all():

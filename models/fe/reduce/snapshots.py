@@ -13,7 +13,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 from scipy.stats import qmc
 
-from palpate.models.fe.reduce.dents import patch
+from palpate.models.fe.reduce.indentation_table import patch
 from palpate.models.fe.reduce.reducible import Reducible
 from palpate.models.fe.solve.solver import ConvergenceError, Settings
 from palpate.physics.geometry.mesh import Mesh

@@ -204,16 +204,19 @@ def _factor(potrf, trsm, syrk, fronts, below_them, blocks, data, factor, front, 
     plus, minus = scale.ctypes.data, scale[1:].ctypes.data
     waiting = np.zeros(len(pivots), dtype=np.int64)
     depth, top, done = 0, 0, 0
+    # Multifrontal Cholesky (Duff, Reid 1983), fronts in postorder; a front is column-major, n rows, p of them pivots
     for t in range(len(pivots)):
         n, p = 3 * rows[t], 3 * pivots[t]
         u = n - p
         front[: n * n] = 0.0
+        # assemble the matrix's own blocks
         for b in range(begin[t], begin[t + 1]):
             block = data[which[b]]
             for j in range(3):
                 at = (3 * column[b] + j) * n + 3 * row[b]
                 for i in range(3):
                     front[at + i] += block[i, j]
+        # extend-add: the children's update matrices, last in first out from the stack `updates`
         for _ in range(children[t]):
             depth -= 1
             child = waiting[depth]
@@ -229,6 +232,7 @@ def _factor(potrf, trsm, syrk, fronts, below_them, blocks, data, factor, front, 
                         for i in range(3):
                             front[at + i] += updates[source + 3 * b + i]
         size[0], size[1], size[2] = n, p, u
+        # dense: L11 by potrf, L21 by trsm, the update matrix S = A22 - L21 L21' by syrk
         if p > 0:
             potrf(low, p_at, front.ctypes.data, n_at, info)
             if size[3] != 0:
@@ -238,6 +242,7 @@ def _factor(potrf, trsm, syrk, fronts, below_them, blocks, data, factor, front, 
             corner = front[p * n + p :].ctypes.data
             trsm(right, low, transposed, plain, u_at, p_at, plus, front.ctypes.data, n_at, below, n_at)
             syrk(low, plain, u_at, p_at, minus, below, n_at, plus, corner, n_at)
+            # S goes on the stack for the parent
             for j in range(u):
                 for i in range(j, u):
                     updates[top + j * u + i] = front[(p + j) * n + p + i]
@@ -260,6 +265,7 @@ def _solve(trsm, gemm, fronts, first, boundary, factor, x, work, words):
     plus, minus = scale.ctypes.data, scale[1:].ctypes.data
     many = x.shape[1]
     size[3] = many
+    # first L y = b, fronts upwards; then L' x = y, fronts downwards
     for sweep in range(2):
         for step in range(len(pivots)):
             t = step if sweep == 0 else len(pivots) - 1 - step
@@ -268,6 +274,7 @@ def _solve(trsm, gemm, fronts, first, boundary, factor, x, work, words):
                 continue
             u = n - p
             size[0], size[1], size[2] = n, p, u
+            # gather the front's rows: pivots, then those on its boundary
             for k in range(many):
                 for i in range(p):
                     work[k * n + i] = x[3 * first[t] + i, k]
@@ -286,6 +293,7 @@ def _solve(trsm, gemm, fronts, first, boundary, factor, x, work, words):
                 if u > 0:
                     gemm(transposed, plain, p_at, m_at, u_at, minus, below, n_at, tail, n_at, plus, head, n_at)
                 trsm(low, low, transposed, plain, p_at, m_at, plus, panel_at, n_at, head, n_at)
+            # scatter the pivots, and on the way up what the boundary gets
             for k in range(many):
                 for i in range(p):
                     x[3 * first[t] + i, k] = work[k * n + i]

@@ -31,7 +31,7 @@ def methods(patient: bool) -> list[Method]:
 def _reduced(model: str) -> Callable[[BenchCase], dict[str, Any]]:
     def own(touch: BenchCase) -> dict[str, Any]:
         outcome: dict[str, Any] = {"model": model, "young": YOUNG, "poisson": POISSON, "bed": BED,
-                                 "retardation": touch.retardation}  # fmt: skip
+                                 "retardation": touch.retardation, "sticks": touch.sticks}  # fmt: skip
         if touch.nodule:
             outcome |= {"nodule_centre": (0.0, 0.0, -6e-3), "nodule_radius": 4e-3, "nodule_ratio": 10.0}
         return outcome

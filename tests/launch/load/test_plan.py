@@ -8,11 +8,12 @@ from pathlib import Path
 import pytest
 
 from palpate.engine.faults import GraphError
+from palpate.engine.force_path import force_path
 from palpate.engine.plan import Plan
 from palpate.launch.load.draw import mermaid
 from palpate.launch.load.graph import load
 from palpate.launch.load.launchfile import LaunchFile, find, names
-from palpate.launch.load.placement import ProcessGroup, apart, fused, load_place
+from palpate.launch.load.placement import ProcessGroup, apart, auto, fused, load_place
 from palpate.launch.load.plan import plan
 
 TWO_DISPLAYS = """
@@ -325,3 +326,24 @@ def test_the_drawing_shows_every_node_and_edge(whole):
     assert text.count("-.->") == 2 and "class n4 skipped" in text
     for name in run.graph.nodes:
         assert f'["{name}<br/>' in text
+
+
+def test_auto_puts_the_force_path_together_and_says_why(whole):
+    run = planned(whole)
+    loop, rest = auto(run, cores=2).groups
+    assert set(loop.nodes) == force_path(run) and rest.nodes == ["log"]
+    assert loop.why == "force path; no step times yet" and rest.why == "off the force path"
+    quick = dict.fromkeys(run.order, 10e-6)
+    assert [g.nodes for g in auto(run, quick, cores=2).groups] == [loop.nodes, rest.nodes]
+    assert auto(run, quick, cores=2).groups[0].why == f"force path, {10 * len(loop.nodes)} of 1000 µs a tick"
+
+
+def test_auto_puts_a_slow_body_apart_where_a_core_is_free(whole):
+    run = planned(whole)
+    slow = dict.fromkeys(run.order, 10e-6) | {"tissue": 600e-6}
+    loop, body, rest = auto(run, slow, cores=2).groups
+    assert body.nodes == ["tissue"] and body.why == "600 of 1000 µs a tick, used in the next one"
+    assert "tissue" not in loop.nodes and rest.nodes == ["log"]
+    assert "tissue" in auto(run, slow, cores=1).groups[0].nodes
+    late = dict.fromkeys(run.order, 10e-6) | {"contact": 600e-6}  # the same tick waits for it: apart it gains nothing
+    assert "contact" in auto(run, late, cores=2).groups[0].nodes

@@ -7,13 +7,13 @@ import os
 import resource
 import signal
 import subprocess
-import sys
 import time
 from pathlib import Path
 
 import nodes_that_misbehave
 import pytest
 from typer.testing import CliRunner
+from warm_fork_server import palpate, started_in
 
 from palpate.launch.__main__ import app
 from palpate.launch.run.forkserver import ForkServer
@@ -44,22 +44,15 @@ class Run:
     def __init__(self, folder: Path, *options: str, text: str = GRAPH, before=None, quiet=True) -> None:
         self.record = folder / "run.mcap"
         (folder / "g.yaml").write_text(text)
-        self.mark = f"PALPATE_TEST={folder}-{time.monotonic_ns()}"
+        self.folder, self.mark = folder, f"{folder}-{time.monotonic_ns()}"
         path = os.pathsep.join([str(Path(__file__).parents[2] / "support"), os.environ.get("PYTHONPATH", "")])
-        name, _, value = self.mark.partition("=")
-        command = [sys.executable, "-m", "palpate.launch", "run", "g.yaml", "--no-pictures", *["-q"] * quiet, *options]
+        arguments = ["run", "g.yaml", "--no-pictures", *["-q"] * quiet, *options]
         if "--record" not in options:
-            command += ["--record", str(self.record)]
+            arguments += ["--record", str(self.record)]
         self.out, self.err = folder / "out", folder / "err"
+        env = {**os.environ, "PYTHONPATH": path, "PALPATE_TEST": self.mark, "COLUMNS": "200"}
         with open(self.out, "w") as out, open(self.err, "w") as err:
-            self.process = subprocess.Popen(
-                command,
-                cwd=folder,
-                stdout=out,
-                stderr=err,
-                env={**os.environ, "PYTHONPATH": path, name: value, "COLUMNS": "200"},
-                preexec_fn=before,
-            )
+            self.process = palpate(arguments, cwd=folder, stdout=out, stderr=err, env=env, preexec_fn=before)
 
     def wait(self, seconds: float = 40.0) -> int:
         try:
@@ -76,25 +69,17 @@ class Run:
         """Wait until the recording has something in it."""
         for _ in range(400):
             if self.record.is_file() and self.record.stat().st_size > 12_000:
-                return True
+                return self.process.pid in started_in(self.folder, self.mark)
             time.sleep(0.05)
         return False
 
-    def left(self) -> list[str]:
-        """Processes that carry this run's mark, after at most two seconds for the kernel to end them."""
-        processes: list[str] = []
+    def left(self) -> list[int]:
+        """Processes that this run has left behind, after at most two seconds for the kernel to end them."""
         for _ in range(40):
-            processes = [pid for pid in filter(str.isdigit, os.listdir("/proc")) if self._marked(pid)]
-            if not processes:
+            if not (processes := started_in(self.folder, self.mark)):
                 break
             time.sleep(0.05)
         return processes
-
-    def _marked(self, pid: str) -> bool:
-        try:
-            return self.mark.encode() in Path(f"/proc/{pid}/environ").read_bytes().split(b"\0")
-        except OSError:
-            return False
 
 
 SAYS = {

@@ -10,18 +10,18 @@ import numpy as np
 import pytest
 from pytest import approx
 
-import palpate.physics.bodies.dents as physics_dents
+import palpate.physics.bodies.indentation_table as physics_table
 from palpate.launch.testing import FakeBus
 from palpate.models.fe.meshing import fingertip, layers, organ
 from palpate.models.fe.meshing.organ import Organ
-from palpate.models.fe.reduce import dents, indentation, reducible, reduction, sampling, snapshots
+from palpate.models.fe.reduce import indentation, indentation_table, reducible, reduction, sampling, snapshots
 from palpate.models.fe.reduce.indentation import OrganPress
 from palpate.models.fe.reduce.reducible import of_organ
 from palpate.nodes.base import SettingError
 from palpate.nodes.base.surface import surface_mesh
 from palpate.nodes.deformation import ReducedFE, basis_store
 from palpate.physics.bodies.condensed_body import Basis
-from palpate.physics.bodies.dents import SPACING, hat_moments, patch_radius
+from palpate.physics.bodies.indentation_table import SPACING, hat_moments, patch_radius
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.materials import hyperelastic
 
@@ -109,7 +109,7 @@ def test_a_basis_says_what_it_was_made_from(tmp_path):
     assert basis_store.about(tmp_path / "none.npz") is None
 
 
-ORGAN = (organ, dents, indentation, hyperelastic, physics_dents)
+ORGAN = (organ, indentation_table, indentation, hyperelastic, physics_table)
 SAMPLED = (*ORGAN, reduction, sampling, snapshots, fingertip, layers, reducible)
 """Modules whose constants and default fields a basis depends on."""
 VERSIONS = {"dents": (4, "3b8b0b77275c60b7"), "sampled": (4, "8f038eb280f35de4")}
@@ -137,7 +137,7 @@ def test_another_constant_of_a_builder_asks_for_another_version(kind, modules):
 
 def test_the_constants_of_a_builder_are_seen(monkeypatch):
     usual = constants(SAMPLED)
-    for module, name in ((dents, "PLACES"), (organ, "SHELLS"), (reduction, "ROUND"), (layers, "CORE")):
+    for module, name in ((indentation_table, "PLACES"), (organ, "SHELLS"), (reduction, "ROUND"), (layers, "CORE")):
         with monkeypatch.context() as patch:
             patch.setattr(module, name, 7)
             assert constants(SAMPLED) != usual
@@ -146,7 +146,7 @@ def test_the_constants_of_a_builder_are_seen(monkeypatch):
 
 def test_other_numbers_of_a_basis_of_dents_ask_for_another_version():
     body = of_organ(Organ(surface_mesh("plane", 80)))
-    table = dents.dent_table(body, places=2, levels=3)
+    table = indentation_table.dent_table(body, places=2, levels=3)
     assert basis_store.BUILDERS["dents"] == 4
     assert np.trace(body.compliance()) == approx(28157.1478336, rel=1e-6), RAISE
     assert table.mean(axis=0) == approx((-0.00668844, -0.01596131, -0.02876823), rel=1e-3), RAISE
@@ -172,7 +172,7 @@ def test_other_numbers_of_a_sampled_basis_ask_for_another_version():
 def test_a_shipped_basis_is_the_one_that_would_be_built_now():
     """The slab: its compliance at three vertices, and its dents where it is pressed at three of its places, through
     which the table goes exactly."""
-    name, radius = "plane-dents.npz", dents.RADIUS
+    name, radius = "plane-indentation_table.npz", indentation_table.RADIUS
     node = node_of(basis_store.shipped()[name]["command"])
     basis, organ = Basis.load(basis_store.SHIPPED / name), of_organ(Organ(node.coarse_mesh(), node.poisson, node.bed))
     half = 0.51 * float(np.abs(basis.compliance).max()) / 32767  # of the steps that it is stored in
@@ -182,15 +182,15 @@ def test_a_shipped_basis_is_the_one_that_would_be_built_now():
         u = organ.rest().solve(load.ravel()).reshape(-1, 3)
         own = (organ.hats.T @ u).ravel()
         assert basis.compliance[3 * v + 2] == approx(own, abs=half)
-    feet, normals = dents.pressed_places(organ.surface, dents.PLACES, radius)
+    feet, normals = indentation_table.pressed_places(organ.surface, indentation_table.PLACES, radius)
     moments, every = hat_moments(organ.surface), np.arange(len(organ.surface.vertices))
     model = OrganPress(organ)
     for k in (0, len(feet) // 2, len(feet) - 1):
-        one = dents.patch(organ.surface, feet[k], normals[k], radius)
+        one = indentation_table.patch(organ.surface, feet[k], normals[k], radius)
         share = -one @ normals[k]
         across = patch_radius(organ.surface.vertices, moments, every, len(every), share[:, None])
-        deep = SPACING * np.arange(1, dents.LEVELS + 1)
-        work = model.curve(organ.hats @ one, across * deep, dents.sticking(organ.hats, one))
+        deep = SPACING * np.arange(1, indentation_table.LEVELS + 1)
+        work = model.curve(organ.hats @ one, across * deep, indentation_table.sticking(organ.hats, one))
         (curve,) = model.run([work])
         built = curve.force / (curve.stiffness * across) / deep - 1.0
         assert share @ basis.dents == approx(built, abs=1e-3)

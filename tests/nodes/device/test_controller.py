@@ -9,9 +9,11 @@ import pytest
 from pytest import approx
 
 from palpate.launch.testing import FakeBus
-from palpate.messages import Contact, Friction, Pose
-from palpate.nodes.controller import Haptic
+from palpate.messages import Contact, Friction, Ledger, Pose, fields
+from palpate.nodes.controller import LENT, Haptic
+from palpate.physics.device.controller import ENERGY, LIMIT, MODE, WITHHELD
 from palpate.physics.device.grip import grip_step
+from palpate.physics.device.rendered import stiffest
 
 UP = (0.0, 0.0, 1.0)
 T = 1e-3
@@ -333,3 +335,51 @@ def test_a_closed_cycle_gives_no_energy_beyond_the_leak_of_one_step():
 def test_the_same_inputs_give_the_same_bytes():
     first, second = (press(Haptic(), 1000.0, steps=300, count=60e-6, jitter=True) for _ in range(2))
     assert first.force.tobytes() == second.force.tobytes() and first.energy.tobytes() == second.energy.tobytes()
+
+
+def test_by_default_it_shows_the_stiffest_wall_of_a_falcon_and_no_more_than_its_motors_give():
+    b = bus()
+    rise = [touch(b, -1e-6 * k, 0.1 * k, 1e-6 * k).force[2] for k in range(1, 101)]
+    assert np.diff(rise) == approx(stiffest(0.1, 0.2, 60e-6, 0.5 * T) * 1e-6)
+    b = bus(resolution=0.0)
+    forces = [touch(b, 0.0, 40.0, 1e-2).force[2] for _ in range(4)]
+    assert forces == [5.0, 9.0, 9.0, 9.0]
+
+
+@pytest.mark.parametrize("ramp", [0.0, 0.05])
+def test_after_a_trip_of_the_ledger_the_force_falls_evenly_within_the_ramp_and_stays_away(ramp):
+    node = Haptic(ramp=ramp, passivity=False)
+    node.start()
+    node.step(contact(2.0, 1e-3), None, pose(), dt=T)
+    trip = Ledger(**{f.name: 0.0 for f in fields(Ledger)} | {"tripped": True, "generated_by": ""})
+    forces = [node.step(contact(2.0, 1e-3), None, pose(), trip if k == 0 else None, dt=T).force[2] for k in range(60)]
+    assert forces == approx(np.maximum(2.0 * (1.0 - np.arange(1, 61) * T / max(ramp, T)), 0.0), abs=1e-12)
+
+
+def test_a_debt_takes_from_the_force_only_after_an_outage():
+    b = bus(mass=1e-9)  # the controller cannot take it back
+    for k in range(5):
+        touch(b, 1e-3 * k, 2.0, 1e-2)
+    node = b.node
+    assert node.state[ENERGY, 0] < -LENT and node.gains[LIMIT] == node.limit and node.state[MODE, WITHHELD] == 0.0
+
+
+def test_at_rest_in_debt_after_an_outage_the_force_stays_as_it_is():
+    node = Haptic()
+    node.start()
+    for given in [contact(2.0, 1e-3)] * 3 + [None] * 3 + [contact(2.0, 1e-3)] * 4:
+        force = node.step(given, None, pose(), dt=T).force[2]
+    assert 0.1 < force < 1.9
+    node._least = 1.0
+    assert [node.step(contact(2.0, 1e-3), None, pose(), dt=T).force[2] for _ in range(5)] == [force] * 5
+
+
+@pytest.mark.parametrize(("energy", "least"), [(0.3, -LENT), (-1e-3, -1e-3 - LENT)])
+def test_an_outage_may_lend_no_more_than_half_a_millijoule_below_zero_or_the_debt_there_was(energy, least):
+    node = Haptic()
+    node.start()
+    node.step(contact(2.0, 1e-3), None, pose(), dt=T)
+    node.state[ENERGY, 0] = energy
+    for given in (None, contact(2.0, 1e-3)):
+        node.step(given, None, pose(), dt=T)
+    assert node._least == approx(least)

@@ -15,7 +15,7 @@ from palpate.nodes.deformation import ReducedFE
 from palpate.physics.bodies import half_space_range as hr
 from palpate.physics.bodies import true_patch as tp
 from palpate.physics.bodies.condensed_body import Basis, CondensedBody
-from palpate.physics.bodies.dents import hat_moments
+from palpate.physics.bodies.indentation_table import hat_moments
 from palpate.physics.contact.spread import Spreader
 from palpate.physics.geometry.mesh import Mesh, plane
 

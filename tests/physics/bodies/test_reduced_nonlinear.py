@@ -12,13 +12,13 @@ from scipy.optimize import brentq
 from palpate.launch.testing import FakeBus
 from palpate.messages import Load
 from palpate.models.fe.meshing.organ import Organ
-from palpate.models.fe.reduce.dents import patch
+from palpate.models.fe.reduce.indentation_table import patch
 from palpate.models.fe.reduce.reducible import of_organ
 from palpate.nodes.base import SettingError
 from palpate.nodes.base.surface import surface_mesh
 from palpate.nodes.deformation import ReducedFE
 from palpate.physics.bodies.condensed_body import Basis, CondensedBody
-from palpate.physics.bodies.dents import SOFTEST, SPACING, rise, risen
+from palpate.physics.bodies.indentation_table import SOFTEST, SPACING, rise, risen
 from palpate.physics.contact.series import exponential, series
 from palpate.physics.contact.terminal import Terminal
 

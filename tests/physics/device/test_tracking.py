@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from pytest import approx
 
-from palpate.physics.device import between
+from palpate.physics.device import between, window
 from palpate.physics.device.falcon import FALCON, HOME, forward_kernel, inverse
-from palpate.physics.device.tracking import ANEW, BAD, TAKEN, buffers, judge, take, track, track_falcon
+from palpate.physics.device.tracking import ANEW, BAD, TAKEN, buffers, judge, pose_falcon, take, track, track_falcon
 
 MS, LIMIT, ORDER = 1_000_000, 2.0, 3
 STEP = 40e-6
@@ -75,6 +75,10 @@ def test_a_few_counts_pass_whatever_the_time_between(way, taken):
 
 def test_a_jump_that_is_believed_gives_the_time_since_the_last_good_sample_and_no_speed():
     state = (*buffers(ORDER, 0.0, 0.0, 0.0), between.buffers())
+    for k in range(5):  # from the very first one on
+        told = track(*state, 0.0, LIMIT, k * MS, 0.2 if k else 0.0, 0.0, 0.0)
+    assert told == approx((0.2, 0, 0, 0, 0, 0, 4e-3))
+    state = (*buffers(ORDER, 0.0, 0.0, 0.0), between.buffers())
     for k in range(6):
         told = track(*state, 0.0, LIMIT, 7 * MS + k * MS, 1e-3 * k, 0.0, 0.0)
     assert told == approx((5e-3, 0, 0, 1.0, 0, 0, 1e-3))
@@ -99,13 +103,15 @@ def test_a_place_at_rest_between_two_steps_is_their_mean_and_a_jump_begins_anew(
 
     one = np.array([0.1, -0.2, 0.3])
     told = rest(follow, one, one + STEP)
-    assert told[0] == approx(one, abs=1e-15) and told[-1] == approx(one + STEP / 2, abs=0.03 * STEP)
+    read = one + STEP * (np.arange(50) % 2)[:, None]
+    assert told[:50] == approx(read, abs=1e-15)  # a rest is one after 50 ms
+    assert told[-1] == approx(one + STEP / 2, abs=0.03 * STEP)
     stale = follow(299 * MS, *(one + STEP))
     assert stale[6] == 0.0
     away = one + 0.1
     told = rest(follow, away, away + STEP, base=300)
     assert told[2] == approx(one + STEP / 2, abs=0.03 * STEP)  # not believed yet
-    assert told[3] == approx(away + STEP, abs=1e-15)  # as it is read
+    assert told[3:50] == approx(read[3:] + 0.1, abs=1e-15)  # as it is read
     assert told[-1] == approx(away + STEP / 2, abs=0.03 * STEP)
 
 
@@ -139,3 +145,29 @@ def test_an_arm_at_rest_between_two_counts_is_where_their_mean_angles_put_it():
 def test_before_the_first_sample_the_pose_stands_where_it_was_put():
     state = (*buffers(ORDER, 0.1, 0.2, 0.3), between.buffers())
     assert track(*state, 0.0, LIMIT, 0, math.nan, 0.0, 0.0) == (0.1, 0.2, 0.3, 0.0, 0.0, 0.0, 0.0)
+
+
+def test_a_clock_set_back_begins_anew_after_as_many_samples_as_the_filter_has():
+    state = (*buffers(ORDER, 0.0, 0.0, 0.0), between.buffers())
+    for k in range(5):
+        track(*state, 0.0, LIMIT, (90 + k) * MS, 1e-3 * k, 0.0, 0.0)
+    told = [track(*state, 0.0, LIMIT, k * MS, 5e-3, 0.0, 0.0) for k in range(6)]
+    assert [pose[0] for pose in told] == [4e-3] * ORDER + [5e-3] * 3
+    assert [pose[6] for pose in told] == approx([0.0] * (ORDER + 1) + [1e-3] * 2)
+
+
+@pytest.mark.parametrize("resolution", [0.0, 60e-6])
+def test_joint_angles_are_rested_only_where_the_device_has_a_resolution(resolution):
+    geometry, count = FALCON.geometry, FALCON.count
+    angles, steady = np.round(inverse(HOME)[0][:, 0] / count) * count, window.buffers()
+    state, cell = buffers(ORDER, *HOME), between.buffers()
+    told, read = [], []
+    for k in range(300):
+        joints = angles + count * (k % 3 == 0)
+        falcon = count, geometry
+        told.append(pose_falcon(*state, cell, *steady, resolution, LIMIT, k * MS, joints, falcon)[:3])
+        read.append(forward_kernel(geometry, *joints, *HOME)[1:])
+    if resolution:
+        assert np.ptp(told[200:], axis=0).max() < 0.01 * np.ptp(read[200:], axis=0).max()
+    else:
+        assert np.array(told) == approx(np.array(read), abs=1e-12)

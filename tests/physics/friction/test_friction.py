@@ -221,11 +221,11 @@ def test_without_rescaling_most_of_them_do(law):
 def pumped(law, seconds=1.0, dt=5e-5):
     """Greatest kinetic energy over that at the begin of a block of 50 g on bristles, whose load is raised each time
     that they are stretched and lowered each time that they are straight; nothing else does work on it."""
-    law, bristles, v, start, most, low = bristle.kernel_form(law), bristle.Bristles(), 5e-3, 5e-3, 0.0, 1.0
+    kernel, bristles, v, start, most, low = bristle.kernel_form(law), bristle.Bristles(), 5e-3, 5e-3, 0.0, 1.0
     stiff = 0.5 * (low + 3.0) * law.bristle_stiffness / 0.05
     for k in range(round(seconds / dt)):
         load = low if math.sin(2.0 * math.sqrt(stiff) * k * dt) < 0.0 else 3.0
-        bristles, force, _ = bristle.step(law, bristles, UP, (v, 0.0, 0.0), load, dt)
+        bristles, force, _ = bristle.step(kernel, bristles, UP, (v, 0.0, 0.0), load, dt)
         v -= force[0] / 0.05 * dt
         most = max(most, abs(v) if k * dt > 0.1 else 0.0)
     return (most / start) ** 2

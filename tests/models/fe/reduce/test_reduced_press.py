@@ -9,7 +9,8 @@ from scipy.integrate import cumulative_simpson
 from scipy.sparse.linalg import spsolve
 
 from palpate.models.fe.meshing.organ import Organ
-from palpate.models.fe.reduce.dents import (
+from palpate.models.fe.reduce.indentation import OrganPress
+from palpate.models.fe.reduce.indentation_table import (
     continued,
     dent_table,
     patch,
@@ -19,11 +20,10 @@ from palpate.models.fe.reduce.dents import (
     spread_out,
     sticking,
 )
-from palpate.models.fe.reduce.indentation import OrganPress
 from palpate.models.fe.reduce.reducible import of_organ
 from palpate.nodes.base.surface import surface_mesh
 from palpate.physics.bodies.condensed_body import Basis, CondensedBody
-from palpate.physics.bodies.dents import SOFTEST, SPACING, hat_moments, patch_radius
+from palpate.physics.bodies.indentation_table import SOFTEST, SPACING, hat_moments, patch_radius
 from palpate.physics.geometry.mesh import plane
 
 YOUNG, POISSON = 2e4, 0.45

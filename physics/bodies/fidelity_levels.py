@@ -1,17 +1,18 @@
 """A sampled body that takes as many modes as the error asks for that its user allows.
 
-Each tick the rung in use is stepped, and `Rungs.claims` says how far each rung is off the body of all modes. Where
-the claim of the one in use is above `ALERT` times the error, the cheapest below that is taken, in the same tick; a
-cheaper one is taken where its claim was below `CALM` times the error for `WAIT` ticks. It first comes to
-equilibrium, at most `WARM` ticks, then both answer for `BLEND` ticks by weights that go from one to the other in even
-steps: a switch moves the indentation by no more than their difference over `BLEND` in a tick. No other begins then.
+Each tick the level in use is stepped, and `FidelityBases.estimated_errors` says how far each level is off the body of
+all modes. Where the estimate of the one in use is above `ALERT` times the error, the cheapest below that is taken, in
+the same tick; a cheaper one is taken where its estimate was below `CALM` times the error for `WAIT` ticks. It first
+comes to equilibrium, at most `WARM` ticks, then both answer for `BLEND` ticks by weights that go from one to the other
+in even steps: a switch moves the indentation by no more than their difference over `BLEND` in a tick. No other begins
+then.
 
-The loads that a sampled body holds follow the load alone, and are the same for all rungs. So one that is taken gets
+The loads that a sampled body holds follow the load alone, and are the same for all levels. So one that is taken gets
 them as they are, and is at the state of the other as near as its modes allow. What the new one stores otherwise than
 the old is energy that a switch makes or takes: about the difference of their indentations times half the force.
 
-A step that comes later than the deadline allows one rung less than the one in use (`deadline.py`), whatever the claim,
-which then says so. The choice depends on what the body was told and on nothing else.
+A step that comes later than the deadline allows one level less than the one in use (`deadline.py`), whatever the
+estimate, which then says so. The choice depends on what the body was told and on nothing else.
 """
 
 from __future__ import annotations
@@ -21,15 +22,15 @@ import math
 import numpy as np
 
 from palpate.physics.bodies.deadline import Deadline
-from palpate.physics.bodies.rungs import Rungs
+from palpate.physics.bodies.fidelity_bases import FidelityBases
 from palpate.physics.bodies.sampled_body import SampledBody
 from palpate.physics.bodies.sampled_solve import TOLERANCE
 from palpate.physics.contact.terminal import LEAST_DEPTH, LEAST_FORCE, fit_terminal
 
 ALERT = 0.9
-"""[1] Share of the error that the claim may reach before a finer rung is taken: what it grows while a switch lasts."""
+"""[1] Share of the error that the estimate may reach before a finer level is taken: it grows while a switch lasts."""
 CALM = 0.7
-"""[1] Share of the error that the claim of a cheaper rung has to stay below."""
+"""[1] Share of the error that the estimate of a cheaper level has to stay below."""
 WAIT = 20
 """Ticks for which it has to."""
 BLEND = 10
@@ -37,7 +38,7 @@ BLEND = 10
 WARM = 10
 """Ticks for which one that was taken may seek its equilibrium before it begins to answer."""
 LEFT = 2.0
-"""[1] What is claimed of the residual, over the next iteration: the tangent that is kept is not exact."""
+"""[1] What is estimated of the residual, over the next iteration: the tangent that is kept is not exact."""
 
 Law = tuple[float, float, float, float]
 
@@ -45,37 +46,37 @@ Law = tuple[float, float, float, float]
 class FidelityLevels:
     """Bodies of one basis, the cheapest first, that stand in for one another.
 
-    bodies  of the rungs, and of the whole basis
-    rungs   what they are
+    bodies  of the levels, and of the whole basis
+    levels   what they are
     error   [1] > 0, relative error of the indentation that is allowed
     most    modes of the finest that is taken; those above are left out whatever the error
     late    [s] time between two steps beyond which a finer one is left out as well; inf: none
     """
 
     def __init__(
-        self, bodies: list[SampledBody], rungs: Rungs, error: float, most: int, late: float = math.inf
+        self, bodies: list[SampledBody], levels: FidelityBases, error: float, most: int, late: float = math.inf
     ) -> None:
         sizes = [body.basis.modes.shape[1] for body in bodies]
         self.bodies = [body for body, size in zip(bodies, sizes, strict=True) if size <= most] or bodies[:1]
-        self.rungs, self.error = rungs, error
+        self.levels, self.error = levels, error
         self.deadline = Deadline(len(self.bodies), late)
         self._modes = bodies[-1].basis.modes.reshape(-1, 3, sizes[-1])
         self._held = np.zeros_like(bodies[-1].held)
-        """Loads that were held before the last step, from which a rung that is taken makes that step as well."""
+        """Loads that were held before the last step, from which a level that is taken makes that step as well."""
         self._at = self._before = 0
         self._told = BLEND
         """Ticks for which the one in use has answered, up to `BLEND`; less than 0 while it seeks its equilibrium."""
         self._calm = 0
         self.estimated_error = 0.0
-        """Claimed relative error of the indentation in the last step."""
+        """Estimated relative error of the indentation in the last step."""
         self.evaluations = np.zeros(len(self.bodies), dtype=np.int64)
         """Evaluations of the energy by each in the last step."""
-        self.claims = np.zeros(len(bodies))
-        """Claimed relative error of each rung in the last step."""
+        self.estimates = np.zeros(len(bodies))
+        """Estimated relative error of each level in the last step."""
 
     @property
     def fidelity(self) -> int:
-        """Modes of the rung in use."""
+        """Modes of the level in use."""
         return int(self.bodies[self._at].basis.modes.shape[1])
 
     @property
@@ -107,7 +108,9 @@ class FidelityLevels:
         law = self._stepped(self._at, given)
         p, measure = self._seen()
         pressed = len(nodes) > 0 and law[3] > 0.0
-        self.claims = self.rungs.claims(p, self.body.linear, law[3]) if pressed else np.zeros(len(self.claims))
+        self.estimates = (
+            self.levels.estimated_errors(p, self.body.linear, law[3]) if pressed else np.zeros(len(self.estimates))
+        )
         if self._told >= BLEND:
             to = self._wanted()
             if to != self._at:
@@ -122,10 +125,10 @@ class FidelityLevels:
             self._told = 0
         self._told = min(self._told + 1, BLEND)
         w = self.weight
-        self.estimated_error = w * self._claim(self._at, law, measure, pressed)
+        self.estimated_error = w * self._estimate(self._at, law, measure, pressed)
         if w == 1.0:
             return law
-        self.estimated_error += (1.0 - w) * self._claim(self._before, now, measure, pressed)
+        self.estimated_error += (1.0 - w) * self._estimate(self._before, now, measure, pressed)
         force = max(-float(np.dot(forces.sum(axis=0), normal)), LEAST_FORCE) if len(nodes) else LEAST_FORCE
         return blended(now, law, w, force)
 
@@ -137,9 +140,9 @@ class FidelityLevels:
         _, before = self.bodies[self._before].displaced(foot)
         return nodes, self.weight * moved + (1.0 - self.weight) * before
 
-    def _stepped(self, rung: int, given: tuple) -> Law:
-        law = self.bodies[rung].step(*given)
-        self.evaluations[rung] = self.bodies[rung].evaluations
+    def _stepped(self, level: int, given: tuple) -> Law:
+        law = self.bodies[level].step(*given)
+        self.evaluations[level] = self.bodies[level].evaluations
         return law
 
     def _seen(self) -> tuple[np.ndarray, np.ndarray]:
@@ -149,25 +152,25 @@ class FidelityLevels:
         modes = self._modes[rows].reshape(-1, self._modes.shape[2])
         return body.held[rows].ravel() @ modes / body.young, body.measure[rows].ravel() @ modes
 
-    def _claim(self, rung: int, law: Law, measure: np.ndarray, pressed: bool) -> float:
-        """Of a rung that was stepped, with what its step left over: the residual that it may end at, and twice the
+    def _estimate(self, level: int, law: Law, measure: np.ndarray, pressed: bool) -> float:
+        """Of a level that was stepped, with what its step left over: the residual that it may end at, and twice the
         next iteration."""
         if not pressed:
             return 0.0
-        left = self.bodies[rung].left_over(measure[: self.bodies[rung].basis.modes.shape[1]])
-        return float(self.claims[rung]) + TOLERANCE + LEFT * abs(left) / max(abs(law[3]), LEAST_DEPTH)
+        left = self.bodies[level].left_over(measure[: self.bodies[level].basis.modes.shape[1]])
+        return float(self.estimates[level]) + TOLERANCE + LEFT * abs(left) / max(abs(law[3]), LEAST_DEPTH)
 
     def _wanted(self) -> int:
-        """The rung that should be in use."""
+        """The level that should be in use."""
         last = self.deadline.finest
-        claims = self.claims[: last + 1]
+        estimates = self.estimates[: last + 1]
         if self._at > last:
             self._calm = 0
             return last
-        if claims[self._at] > ALERT * self.error:
+        if estimates[self._at] > ALERT * self.error:
             self._calm = 0
-            return int(np.flatnonzero(np.append(claims[:last] <= ALERT * self.error, True))[0])
-        lower = np.flatnonzero(claims[: self._at] <= CALM * self.error)
+            return int(np.flatnonzero(np.append(estimates[:last] <= ALERT * self.error, True))[0])
+        lower = np.flatnonzero(estimates[: self._at] <= CALM * self.error)
         self._calm = self._calm + 1 if len(lower) else 0
         if self._calm < WAIT:
             return self._at

@@ -1,4 +1,4 @@
-"""The body that keeps to an error: its rungs, its switches, what it claims."""
+"""The body that keeps to an error: its levels, its switches, what it estimates."""
 
 import math
 from functools import lru_cache
@@ -12,8 +12,8 @@ from palpate.messages import Load, pack
 from palpate.nodes.base import SettingError
 from palpate.nodes.deformation import Adaptive
 from palpate.physics.bodies.deadline import PROBATION
-from palpate.physics.bodies.ladder import BLEND, WARM, FidelityLevels, blended
-from palpate.physics.bodies.rungs import Rungs
+from palpate.physics.bodies.fidelity_bases import FidelityBases
+from palpate.physics.bodies.fidelity_levels import BLEND, WARM, FidelityLevels, blended
 from palpate.physics.bodies.sampled_body import SampledBody
 from palpate.physics.bodies.sampled_solve import TOLERANCE
 from palpate.physics.contact.spread import Spreader
@@ -27,16 +27,16 @@ YOUNG = 160.0
 
 @lru_cache
 def parts():
-    """Basis, rungs, and a mesh as coarse as the body."""
+    """Basis, levels, and a mesh as coarse as the body."""
     node = Adaptive()
     basis = node.basis()
-    return node.rungs().cut(basis), node.rungs(), Mesh(basis.vertices, basis.triangles)
+    return node.levels().cut(basis), node.levels(), Mesh(basis.vertices, basis.triangles)
 
 
-def ladder(error, most=200, retardation=0.0, late=math.inf):
-    bases, rungs, mesh = parts()
+def switched(error, most=200, retardation=0.0, late=math.inf):
+    bases, levels, mesh = parts()
     return FidelityLevels(
-        [SampledBody(b, mesh, YOUNG, retardation, 5e-3, 1.0) for b in bases], rungs, error, most, late
+        [SampledBody(b, mesh, YOUNG, retardation, 5e-3, 1.0) for b in bases], levels, error, most, late
     )
 
 
@@ -61,22 +61,22 @@ def settled(body, force, **place):
 
 @pytest.mark.parametrize("place", [{}, {"x": 3e-3, "y": -5e-3}, {"x": -4e-3, "y": 2e-3}])
 def test_a_light_touch_is_answered_the_same_by_each_rung(place):
-    bodies = ladder(1.0).bodies
+    bodies = switched(1.0).bodies
     light = [settled(body, 1e-6, **place) for body in bodies]
     assert light == approx([bodies[-1].linear] * len(bodies), rel=1e-2)
     assert [body.linear for body in bodies] == approx([bodies[-1].linear] * len(bodies), rel=1e-4)
 
 
 def test_under_load_the_rungs_differ_and_more_modes_are_nearer():
-    now = np.array([settled(body, 0.1, x=2e-3) for body in ladder(1.0).bodies])
+    now = np.array([settled(body, 0.1, x=2e-3) for body in switched(1.0).bodies])
     off = np.abs(now / now[-1] - 1.0)
     assert off[0] > 1e-3 and off[-2] < 0.03
 
 
 @lru_cache
 def round_trip(error):
-    """Ticks of pressing to 0.3 N, holding and letting go: claim, modes, indentation, force, and the ladder's rungs."""
-    body, rows = ladder(error), []
+    """Ticks of pressing to 0.3 N, holding and letting go: estimate, modes, indentation, force, and their levels."""
+    body, rows = switched(error), []
     for force in np.concatenate([np.linspace(1e-4, 0.3, 120), np.full(30, 0.3), np.linspace(0.3, 1e-4, 150)]):
         law = body.step(*load(force))
         rows.append((body.estimated_error, body.fidelity, law[3], force, body.weight, *law[:3]))
@@ -91,13 +91,13 @@ def test_a_finer_rung_is_taken_under_load_and_a_cheaper_one_when_it_is_enough():
 
 
 def test_what_is_asked_for_is_claimed_but_for_the_ticks_of_a_switch():
-    claimed, _, _, force, weight = round_trip(0.06)[:, :5].T
-    assert (claimed[(weight == 1.0) & (force > 0.01)] <= 0.06).mean() > 0.9
-    assert claimed.min() >= 0.0
+    estimated, _, _, force, weight = round_trip(0.06)[:, :5].T
+    assert (estimated[(weight == 1.0) & (force > 0.01)] <= 0.06).mean() > 0.9
+    assert estimated.min() >= 0.0
 
 
 def test_the_true_error_is_within_what_is_claimed_on_a_held_out_touch():
-    whole, body = ladder(1.0).bodies[-1], ladder(0.06)
+    whole, body = switched(1.0).bodies[-1], switched(0.06)
     for force in np.linspace(0.0, 0.25, 26)[1:]:
         for _ in range(4):
             now = body.step(*load(force, x=1.7e-3, y=-3.3e-3))[3]
@@ -105,10 +105,10 @@ def test_the_true_error_is_within_what_is_claimed_on_a_held_out_touch():
 
 
 def test_a_switch_moves_the_indentation_by_its_share_of_the_difference_in_a_tick():
-    body, place = ladder(1.0), {"x": 2e-3}
+    body, place = switched(1.0), {"x": 2e-3}
     for _ in range(60):
         before = body.step(*load(0.1, **place))[3]
-    start, apart = body.fidelity, [settled(rung, 0.1, **place) for rung in ladder(1.0).bodies]
+    start, apart = body.fidelity, [settled(level, 0.1, **place) for level in switched(1.0).bodies]
     body.error = 1e-6  # now all modes are asked for
     moved = []
     for _ in range(WARM + BLEND + 1):
@@ -139,22 +139,22 @@ def test_pressing_and_letting_go_gives_no_energy_beyond_the_error_of_the_switche
 
 
 def test_most_leaves_the_finer_rungs_out_and_the_claim_says_so():
-    body = ladder(0.001, most=20)
+    body = switched(0.001, most=20)
     for force in np.linspace(0.01, 0.2, 60):
         body.step(*load(force))
     assert body.fidelity == 20 and body.estimated_error > 0.001
 
 
 def test_a_late_step_takes_one_rung_less_and_a_second_in_time_gives_it_back():
-    body, free = ladder(1e-3, late=1.5e-3), ladder(1e-3)
+    body, free = switched(1e-3, late=1.5e-3), switched(1e-3)
     for _ in range(200):
         body.step(*load(0.1))
         free.step(*load(0.1))
     assert body.fidelity == free.fidelity == 80  # none was late
     told, before = [], body.step(*load(0.1))[3]
-    apart = abs(settled(ladder(1.0).bodies[-2], 0.1) - settled(ladder(1.0).bodies[-1], 0.1))
+    apart = abs(settled(switched(1.0).bodies[-2], 0.1) - settled(switched(1.0).bodies[-1], 0.1))
     for k in range(1 + WARM + BLEND):
-        now = body.step(*load(0.1, dt=2e-3 if k < 3 else 1e-3))[3]  # a switch that is under way costs time: one rung
+        now = body.step(*load(0.1, dt=2e-3 if k < 3 else 1e-3))[3]  # a switch that is under way costs time: one level
         assert abs(now - before) <= apart / BLEND + 2 * TOLERANCE * now
         before = now
     assert body.fidelity == 60 and body.estimated_error > free.estimated_error and body.estimated_error > 1e-3
@@ -165,7 +165,7 @@ def test_a_late_step_takes_one_rung_less_and_a_second_in_time_gives_it_back():
 
 
 def test_steps_that_are_always_late_end_at_the_cheapest():
-    body = ladder(1e-3, late=1.5e-3)
+    body = switched(1e-3, late=1.5e-3)
     for _ in range(8 * (WARM + BLEND)):
         body.step(*load(0.1, dt=3e-3))
     assert body.fidelity == 10
@@ -202,14 +202,14 @@ def test_wrong_settings_are_told_in_a_line(setting, told):
     assert "\n" not in str(error.value)
 
 
-def test_rungs_of_another_basis_are_refused_with_the_command_that_makes_them(monkeypatch, tmp_path):
-    rungs, about = parts()[1], {"basis": "another"}
-    rungs.save(tmp_path / "other.npz", about)
-    assert (Rungs.load(tmp_path / "other.npz")[0].kappa == rungs.kappa).all()
+def test_levels_of_another_basis_are_refused_with_the_command_that_makes_them(monkeypatch, tmp_path):
+    levels, about = parts()[1], {"basis": "another"}
+    levels.save(tmp_path / "other.npz", about)
+    assert (FidelityBases.load(tmp_path / "other.npz")[0].kappa == levels.kappa).all()
     monkeypatch.setattr("palpate.nodes.deformation.adaptive.beside", lambda path: tmp_path / "other.npz")
     command = "palpate reduce --levels --set model=sampled --set surface=fingertip"
     with pytest.raises(SettingError, match=f"fidelity levels of basis another.*{command}"):
-        Adaptive().rungs()
+        Adaptive().levels()
     monkeypatch.setattr("palpate.nodes.deformation.adaptive.beside", lambda path: tmp_path / "none.npz")
     with pytest.raises(SettingError, match=r"none.npz: not the fidelity levels"):
-        Adaptive().rungs()
+        Adaptive().levels()

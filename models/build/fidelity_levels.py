@@ -1,5 +1,5 @@
-"""The rungs of a sampled basis, which deformation.Adaptive climbs: the stiffness and the error of each are fitted to
-training touches, against the body of all modes (docs/effects.md)."""
+"""The fidelity levels of a sampled basis, which deformation.Adaptive switches between: the stiffness and the error of
+each are fitted to training touches, against the body of all modes (docs/effects.md)."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from palpate.models.fe.reduce.snapshots import LoadPath, PressSolution, mirror
 from palpate.nodes.deformation import Adaptive
 from palpate.nodes.deformation.adaptive import beside
 from palpate.nodes.deformation.basis_store import SHIPPED, cache
-from palpate.physics.bodies.rungs import Rungs, cut
+from palpate.physics.bodies.fidelity_bases import FidelityBases, cut
 from palpate.physics.bodies.sampled_body import GAMMA, SampledBasis, SampledBody, gamma
 from palpate.physics.geometry.mesh import Mesh
 
 SIZES = (10, 20, 40, 60)
-"""Modes of the rungs; all modes are the last one."""
+"""Modes of the levels; all modes are the last one."""
 TOUCHES = 120
 """Training touches."""
 SEEDS = (31, 32)
@@ -37,7 +37,7 @@ MARGIN = 1.15
 
 
 def make(node: Adaptive, stages: Stages | None = None, commit: str | None = None) -> tuple[Path, dict[str, int]]:
-    """Fit the rungs of a node's basis and store them beside it. The file, and what was seen: touches, and states.
+    """Fit the levels of a node's basis and store them beside it. The file, and what was seen: touches, and states.
 
     SettingError: the basis is not stored, or nothing can be written beside it.
     """
@@ -47,9 +47,9 @@ def make(node: Adaptive, stages: Stages | None = None, commit: str | None = None
     assert stored is not None
     path = beside(stored[0])
     check_writable(path.parent)
-    rungs, seen = fitted(basis, training(basis, node.surface == "fingertip"), stages or Silent())
-    about = {"basis": node.key(), "command": node.rungs_command(), "commit": commit, "version": version("palpate")}
-    rungs.save(path, about | {"seeds": SEEDS, **seen})
+    levels, seen = fitted(basis, training(basis, node.surface == "fingertip"), stages or Silent())
+    about = {"basis": node.key(), "command": node.levels_command(), "commit": commit, "version": version("palpate")}
+    levels.save(path, about | {"seeds": SEEDS, **seen})
     return path, seen
 
 
@@ -66,11 +66,12 @@ def training(basis: SampledBasis, finger: bool) -> list[LoadPath]:
     return touches
 
 
-def fitted(basis: SampledBasis, touches: list[LoadPath], stages: Stages) -> tuple[Rungs, dict[str, int]]:
-    """The rungs of a basis, from states under the loads of these touches; and what was seen."""
+def fitted(basis: SampledBasis, touches: list[LoadPath], stages: Stages) -> tuple[FidelityBases, dict[str, int]]:
+    """The levels of a basis, from states under the loads of these touches; and what was seen."""
     mesh = Mesh(basis.vertices, basis.triangles)
     sizes = [n for n in SIZES if n < basis.modes.shape[1]]
     bases = [cut(basis, r, basis.bend) for r in sizes] + [basis]
+    # 1. press each touch with the bodies of all levels
     seen: list[list[tuple[float, ...]]] = []
     pressing = stages.begin("training", f"{len(touches)} touches, {len(bases)} bodies")
     for done, touch in enumerate(touches, 1):
@@ -94,6 +95,7 @@ def fitted(basis: SampledBasis, touches: list[LoadPath], stages: Stages) -> tupl
             if bodies[-1].settled:
                 seen.append([*row, tuple(shares)])
         pressing(done / len(touches))
+    # 2. of each level the residual compliance that fits the body of all modes, and its error beside two measures
     best = np.array([row[len(sizes)][0] for row in seen])
     bends, kappas, nus = [], [], []
     for k in range(len(sizes)):
@@ -107,6 +109,7 @@ def fitted(basis: SampledBasis, touches: list[LoadPath], stages: Stages) -> tupl
         bends.append((scale, power, most))
         nus.append(np.log(np.maximum(np.abs(linear / now - 1.0), 1e-6)))
         kappas.append(np.abs(now / best - 1.0) / np.array([row[-1][k] for row in seen]))
+    # 3. a table of the largest error over the nonlinearity, with a margin
     low, high = np.quantile(np.concatenate(nus), [0.02, 1.0]).tolist()
     knots = np.linspace(low, high, KNOTS)
     table = np.zeros((len(sizes), KNOTS))
@@ -115,4 +118,4 @@ def fitted(basis: SampledBasis, touches: list[LoadPath], stages: Stages) -> tupl
             near = (nus[k] >= knots[max(i - 1, 0)]) & (nus[k] <= knots[min(i + 1, KNOTS - 1)])
             nearest = np.abs(nus[k] - knots[i]).argmin()
             table[k, i] = MARGIN * (kappas[k][near].max() if near.any() else kappas[k][nearest])
-    return Rungs(np.array(sizes), np.array(bends), knots, table), {"touches": len(touches), "states": len(seen)}
+    return FidelityBases(np.array(sizes), np.array(bends), knots, table), {"touches": len(touches), "states": len(seen)}

@@ -5,9 +5,10 @@ nonlinear one takes, for an indentation s,
 
     f(s) = s/c (1 + rho(s/R))
 
-rho [1], the dent, is taken from the full model at some places and between them by interpolation over the surface;
-being free of units it serves any modulus and patches of other radii (exact on a half-space, where no other length is).
-It is kept by the indentation, not by the force, as the force has an end (a limit load) where the indentation goes on.
+rho [1], the nonlinear indentation table, is taken from the full model at some places and between them by interpolation
+over the surface; being free of units it serves any modulus and patches of other radii (exact on a half-space, where no
+other length is). It is kept by the indentation, not by the force, as the force has an end (a limit load) where the
+indentation goes on.
 
 An organ under loads h of any kind is seen by the patch g through y = gCh/gCg: the force on the patch alone that would
 indent it as much. With the linear organ's complementary energy hCh/2E the nonlinear one has
@@ -26,13 +27,13 @@ import numpy as np
 from palpate.physics.geometry.mesh import Mesh
 
 SPACING = 0.1
-"""[1] Of the values of s/R at which dents are kept, from SPACING on; beyond the last the body
+"""[1] Of the values of s/R in the table, from SPACING on; beyond the last the body
 stiffens, see `STIFFER`."""
 STIFFER, FLAT = 2.0, 0.2
 """[1] By the square of s/R beyond the last value x grows `STIFFER` times what its last slope is above `FLAT`: nothing
 is known there, so the body lets the finger through less and less. One that ends on a plateau stays on it."""
 SOFTEST = 0.05
-"""Least tangent stiffness, over that at rest, that dents may lead to."""
+"""Least tangent stiffness, over that at rest, that the table may lead to."""
 
 
 def hat_moments(mesh: Mesh) -> np.ndarray:
@@ -77,7 +78,7 @@ def rise(table, nodes, count, share, knots, slopes):
     """Make x against s/R at a patch, x = c f/R the linear organ's s/R: `knots` and `slopes` (L+1,) at s/R = 0, SPACING,
     2 SPACING ...
 
-    table (V,L) dents, averaged over the patch. Where they would let the force fall, it rises with `SOFTEST` of the
+    table (V,L) rho, averaged over the patch. Where they would let the force fall, it rises with `SOFTEST` of the
     linear slope instead, until they are above that. Slopes are those of a parabola through the neighbours, held below
     twice either chord: so the cubic between rises too. F. N. Fritsch, R. E. Carlson, SIAM J. Numer. Anal. 17 (1980)
     238-246.
@@ -110,7 +111,10 @@ def stiffening(slopes):
 
 @numba.njit(cache=True)
 def risen(x, knots, slopes):
-    """s/R where the linear organ's is x, and its slope; straight below 0, stiffer beyond the last value."""
+    """s/R [1] where the linear organ's is x [1], and its slope [1]; linear below 0, stiffer beyond the last value.
+
+    knots, slopes [1] (L + 1)  x and dx/d(s/R) at s/R = 0, SPACING, 2 SPACING ..., see `rise`
+    """
     last = len(knots) - 1
     if not x > 0.0:
         return x / slopes[0], 1.0 / slopes[0]

@@ -1,7 +1,7 @@
-"""The nonlinear correction of the linear organ, place by place: the dents of `physics.dents`.
+"""The nonlinear correction of the linear organ, place by place: the table of `physics.bodies.indentation_table`.
 
 The full model is pressed at scattered places (`fe.indent`), every time to the same indentations over the radius of the
-patch; between the places the dents are carried over the surface by a spline.
+patch; between the places its values are carried over the surface by a spline.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from scipy.sparse import csr_array, kron
 from palpate.models.fe.element import faces as face_rule
 from palpate.models.fe.reduce.indentation import OrganPress, PressCurve
 from palpate.models.fe.reduce.reducible import Reducible
-from palpate.physics.bodies.dents import SOFTEST, SPACING, hat_moments, patch_radius, rise
+from palpate.physics.bodies.indentation_table import SOFTEST, SPACING, hat_moments, patch_radius, rise
 from palpate.physics.geometry.mesh import Mesh
 
 PLACES = 100
@@ -24,7 +24,7 @@ RADIUS = 8e-3
 LEVELS = 10
 """Indentations s/R up to LEVELS SPACING."""
 UNSEEN, UNSEEN_SEED = 4, 2
-"""Places at which the dents are compared with the full model that they were not made from."""
+"""Places at which the table is compared with the full model that they were not made from."""
 INSIDE = np.array([0.5, 0.3, 0.2])
 """Where in a triangle the organ is pressed: a place like any other; at corners a load is narrower than elsewhere."""
 
@@ -113,7 +113,7 @@ def dent_table(
     levels: int = LEVELS,
 ) -> np.ndarray:
     """Dents (V,L) [1] at every vertex of the organ's surface and every indentation s/R = SPACING, 2 SPACING ..., see
-    `physics.dents`: found for patches at scattered places, a spline through these between."""
+    `physics.bodies.indentation_table`: found for patches at scattered places, a spline through these between."""
     surface = organ.surface
     feet, normals = pressed_places(surface, places, radius)
     patches = np.stack([patch(surface, foot, n, radius) for foot, n in zip(feet, normals, strict=True)])
@@ -124,12 +124,12 @@ def dent_table(
     curves = press(organ, patches, across[:, None] * deep, report)
     linear = np.array(
         [c.force / (c.stiffness * r) for c, r in zip(curves, across, strict=True)]
-    )  # x of `physics.dents`
+    )  # x of `physics.bodies.indentation_table`
     return spread_out(surface.vertices, shares, continued(linear) / deep - 1.0)
 
 
 def unseen(organ: Reducible, table: np.ndarray, count: int = UNSEEN, radius: float = RADIUS) -> np.ndarray:
-    """Error [1] (count,L) of the force that dents (V,L) give at places that they were not made from, at every
+    """Error [1] (count,L) of the force that a table (V,L) gives at places that they were not made from, at every
     indentation; NaN where the full model finds no equilibrium."""
     surface, levels = organ.surface, table.shape[1]
     feet, normals = pressed_places(surface, len(surface.triangles), 0.25 * radius)

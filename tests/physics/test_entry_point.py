@@ -1,0 +1,42 @@
+"""The entry point of a kernel computes what the kernel does."""
+
+from typing import NamedTuple
+
+import numba
+import numpy as np
+import pytest
+
+from palpate.physics.entry_point import NO_VECTORS, entry_point
+
+
+class Law(NamedTuple):
+    stiffness: float
+    offset: float
+
+
+@numba.njit
+def pull(law, forces, place, count):
+    total = law.offset
+    for i in range(count):
+        total += law.stiffness * (forces[i, 0] * place[0] + forces[i, 1] * place[1] + forces[i, 2] * place[2])
+    return total, place
+
+
+def test_it_computes_what_the_kernel_does():
+    law, forces, place = Law(2.0, 0.5), np.arange(12.0).reshape(4, 3), (1.0, 2.0, 3.0)
+    direct = entry_point(pull, law, NO_VECTORS, place, 0)
+    assert direct(law, forces, place, 4) == pull(law, forces, place, 4)
+    assert direct(Law(3, 0), forces, place, 1) == pull(Law(3.0, 0.0), forces, place, 1)  # whole numbers are numbers
+    with pytest.raises((TypeError, ValueError)):
+        direct(law, forces, (1.0, 2.0), 1)
+
+
+def test_what_is_not_compiled_stays_as_it_is():
+    def plain(x):
+        return x
+
+    assert entry_point(plain, 1.0) is plain
+
+
+def test_the_empty_arrays_cannot_be_written_to():
+    assert not NO_VECTORS.flags.writeable
