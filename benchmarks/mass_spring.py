@@ -51,7 +51,7 @@ def measure(count: int) -> dict[str, float]:
         begun = time.perf_counter()
         load = spread.step(contact, None)
         middle = time.perf_counter()
-        body.step(load, dt=1e-3)
+        body.step([load], dt=1e-3)
         ended = time.perf_counter()
         times["spread"].append(middle - begun)
         times["body"].append(ended - middle)

@@ -112,7 +112,7 @@ def timed(node: ReducedFE, full_seconds: float, way: Callable[[float], tuple[flo
         count = spread.spread(foot, normal, (0.0, 0.0, -force)) if force > 0 else 0
         load = Load(nodes=spread.nodes[:count].copy(), forces=spread.forces[:count].copy(), foot=foot, normal=normal)
         begun, worked = time.perf_counter(), time.thread_time()
-        node.step(load, dt=1e-3)
+        node.step([load], dt=1e-3)
         spent.append(time.perf_counter() - begun)
         busy.append(time.thread_time() - worked)
         evaluations.append(node._body.evaluations)

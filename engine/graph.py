@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol, TypeVar
 
 from palpate.engine.faults import NOWHERE, Location
 from palpate.messages import Message
-from palpate.nodes.base import Node, Observer, outputs
+from palpate.nodes.base import Node, Observer, Port, inputs, outputs
 
 
 @dataclass(frozen=True)
@@ -25,6 +26,27 @@ class Edge:
     producer: str
     stream: str
     loop: bool
+
+
+class _Connected(Protocol):
+    @property
+    def port(self) -> str: ...
+
+
+C = TypeVar("C", bound=_Connected)
+
+
+def places(cls: type[Node], connected: Iterable[C]) -> list[tuple[Port, C | None]]:
+    """The inputs of a node as the header's `used` lists them: each port in order, None where nothing is connected; one
+    that takes many has a place for each of its senders."""
+    by_port: dict[str, list[C]] = {}
+    for each in connected:
+        by_port.setdefault(each.port, []).append(each)
+    found: list[tuple[Port, C | None]] = []
+    for port in inputs(cls):
+        own: list[C | None] = [*by_port.get(port.name, ())]
+        found += [(port, each) for each in (own if own or port.many else [None])]
+    return found
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from palpate.nodes.base import inputs
 
 
 class InputJob(msgspec.Struct, frozen=True):
-    """One connected input port: whose stream it reads and by which rule.
+    """One connected input: whose stream it reads and by which rule; a port that takes many has several.
 
     every     divisor of the producer
     loop      true for an edge that closes a loop

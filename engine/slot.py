@@ -5,12 +5,13 @@ from __future__ import annotations
 import inspect
 import math
 from collections import deque
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Sequence
 from time import perf_counter_ns
 from typing import Any, Protocol
 
 import msgspec
 
+from palpate.engine.graph import places
 from palpate.engine.health import HealthCounters
 from palpate.engine.imports import load_class
 from palpate.engine.job import InputJob, NodeJob, ObserverJob
@@ -180,14 +181,13 @@ class Slot:
         self.time: int | None = None
         """[ns] of the last step; None: there was none since the start."""
         self._single = len(self.outputs) == 1
-        self.takes(len(inputs(type(node))))
+        self.takes(counts(type(node), [port.name for port in inputs(type(node))]))
 
     def wire(self, known: dict[str, Output]) -> None:
         """Connect the inputs; `known` holds the outputs of this worker by stream."""
-        jobs = {given.port: given for given in self.job.inputs}
-        for port in inputs(type(self.node)):
-            job = jobs.get(port.name)
+        for port, job in places(type(self.node), self.job.inputs):
             self.inputs.append(Input(job, port, known.get(job.stream) if job else None))
+        self.takes(counts(type(self.node), [given.port for given in self.job.inputs]))
         latest = sorted(range(len(self.inputs)), key=lambda place: -self.inputs[place].rank)
         self.awaited = [(place, self.inputs[place]) for place in latest]
         self.near = all(port.dead or (port.output is not None and port.every == 1) for port in self.inputs)
@@ -206,12 +206,13 @@ class Slot:
             messages.append(message)
         return messages
 
-    def takes(self, count: int) -> None:
-        """The node gets so many inputs. Calls of it are written out: to unpack a list for each takes four times as
-        long."""
+    def takes(self, counts: tuple[int, ...]) -> None:
+        """Each port of the node gets so many messages, see `counts`. Calls of it are written out: to unpack a list for
+        each takes four times as long."""
+        self.counts = counts
         node, dt = self.node, ["dt=dt"] if "dt" in inspect.signature(type(self.node).step).parameters else []
-        self._step = _call(node.step, count, dt)
-        self._rests = _call(node.rests, count, []) if type(node).rests is not Node.rests and self.sleeps else None
+        self._step = _call(node.step, counts, dt)
+        self._rests = _call(node.rests, counts, []) if type(node).rests is not Node.rests and self.sleeps else None
 
     @property
     def driver(self) -> Input | None:
@@ -231,7 +232,7 @@ class Slot:
         stepped before its time. NodeError: it raised."""
         self.begin()
         if not (self.node.hardware or self.node.sink):
-            warm(self.node)
+            warm(self.node, self.counts)
             self.restart()
 
     def restart(self) -> None:
@@ -324,10 +325,21 @@ class Slot:
             raise NodeError(self.name, f"step at tick {tick}", error) from None
 
 
-def _call(function: Callable[..., Any], count: int, more: list[str]) -> Callable[[list[Message | None], float], Any]:
-    """A call of `function` with the items of a list of so many messages."""
-    arguments = ", ".join([*(f"messages[{place}]" for place in range(count)), *more])
-    return eval(compile(f"lambda messages, dt: function({arguments})", __file__, "eval"), {"function": function})
+def counts(cls: type[Node], connected: Sequence[str]) -> tuple[int, ...]:
+    """How many messages each port of a node gets, -1 where it takes one; `connected`: the ports"""
+    return tuple([connected.count(port.name) if port.many else -1 for port in inputs(cls)])
+
+
+def _call(
+    function: Callable[..., Any], counts: tuple[int, ...], more: list[str]
+) -> Callable[[list[Message | None], float], Any]:
+    """A call of `function` with the items of a list of messages, those of a port that takes many as a list."""
+    arguments, at = [], 0
+    for count in counts:
+        arguments.append(f"messages[{at}]" if count < 0 else f"messages[{at}:{at + count}]")
+        at += abs(count)
+    call = f"lambda messages, dt: function({', '.join([*arguments, *more])})"
+    return eval(compile(call, __file__, "eval"), {"function": function})
 
 
 def _forces(message: Message) -> dict[str, float]:

@@ -4,21 +4,24 @@
     first, second = bus.publish(Proximity(...), Proximity(...))
 
 The node is stepped as in a run, and messages pass through the real wire form both ways. The first input drives: each
-message of that type runs a step; messages of other types are held. `drop`, `late`, `twice`, `swap` and `kill` make bad
-days.
+message of that type runs a step; messages of other types are held. An input that takes many takes a list of messages,
+or one for a list of one. `drop`, `late`, `twice`, `swap` and `kill` make bad days.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import msgspec
 
 from palpate.engine.job import NodeJob
 from palpate.engine.schedule import nanoseconds
-from palpate.engine.slot import NodeError, Slot
+from palpate.engine.slot import NodeError, Slot, counts
 from palpate.messages import Message, pack, unpack
-from palpate.nodes.base import Node, inputs, outputs
+from palpate.nodes.base import Node, Port, inputs, outputs
+
+Given = Message | Sequence[Message | None] | None
 
 
 class FakeBus:
@@ -29,16 +32,16 @@ class FakeBus:
     held  values of the held inputs by port name, to begin with
     """
 
-    def __init__(self, node: Node, rate: float = 1000.0, **held: Message) -> None:
+    def __init__(self, node: Node, rate: float = 1000.0, **held: Given) -> None:
         self.node = node
         self.rate = rate
         self.ports = {} if node.paced and not inputs(type(node)) else {p.name: p for p in inputs(type(node))}
-        self.held: dict[str, Message | None] = dict.fromkeys(self.ports)
+        self.held: dict[str, Given] = {name: [] if port.many else None for name, port in self.ports.items()}
         self.tick = 0
         self._drop = self._late = 0
         self._delay = 0.0
         self._twice = self._swap = False
-        self._waiting: Message | None = None
+        self._waiting: list[Message] | None = None
         self._dead: set[str] = set()
         name, kinds = type(node).__name__, outputs(type(node))
         streams = (name,) if len(kinds) == 1 else tuple(f"{name}.{kind.__name__}" for kind in kinds)
@@ -64,11 +67,11 @@ class FakeBus:
         """Name of the driving port; None for a paced node."""
         return None if self.node.paced else next(iter(self.ports), None)
 
-    def hold(self, name: str, message: Message | None) -> None:
+    def hold(self, name: str, message: Given) -> None:
         """Set the value of a held input."""
         if name not in self.ports:
             raise KeyError(f"{type(self.node).__name__} has no input {name!r}; inputs: {', '.join(self.ports)}")
-        self.held[name] = None if message is None else unpack(pack(message), self.ports[name].type)
+        self.held[name] = _arrived(message, self.ports[name])
 
     def drop(self, count: int = 1) -> None:
         """Lose the next `count` driving messages."""
@@ -91,8 +94,9 @@ class FakeBus:
         self.hold(name, None)
         self._dead.add(name)
 
-    def publish(self, *messages: Message) -> list[Any]:
-        """Send messages in order; the answers of the steps that they cause (a tuple where the node has several)."""
+    def publish(self, *messages: Message | list[Message]) -> list[Any]:
+        """Send messages, or lists of them to an input that takes many, in order; the answers of the steps that they
+        cause (a tuple where the node has several)."""
         answers: list[Any] = []
         for message in messages:
             port = self._port(message)
@@ -104,27 +108,30 @@ class FakeBus:
                 answers.append(self._step(arrived))
         return answers
 
-    def run(self, count: int = 1, **held: Message) -> list[Any]:
+    def run(self, count: int = 1, **held: Given) -> list[Any]:
         """Run `count` steps of a paced node, or of a node on its held inputs."""
         for name, message in held.items():
             self.hold(name, message)
         return [self._step(None) for _ in range(count)]
 
-    def _port(self, message: Message) -> str:
-        fitting = [p.name for p in self.ports.values() if isinstance(message, p.type)]
+    def _port(self, message: Message | list[Message]) -> str:
+        one = message[0] if isinstance(message, list) else message
+        fitting = [p.name for p in self.ports.values() if isinstance(one, p.type)]
         if not fitting:
-            takes = ", ".join(f"{p.name}: {p.type.__name__}" for p in self.ports.values())
-            raise TypeError(f"{type(self.node).__name__} takes no {type(message).__name__}; inputs: {takes}")
+            takes = ", ".join(f"{p.name}: {p.expects}" for p in self.ports.values())
+            raise TypeError(f"{type(self.node).__name__} takes no {type(one).__name__}; inputs: {takes}")
         return fitting[0]
 
-    def _arrivals(self, message: Message) -> list[Message]:
-        tick = message.tick if message.tick >= 0 else self.tick
-        time = message.time if message.time >= 0 else nanoseconds(tick, self.rate)
+    def _arrivals(self, given: Message | list[Message]) -> list[list[Message]]:
+        first = given[0] if isinstance(given, list) else given
+        tick = first.tick if first.tick >= 0 else self.tick
+        time = first.time if first.time >= 0 else nanoseconds(tick, self.rate)
         self.tick = tick + 1
         if self._late:
             self._late -= 1
             time += round(self._delay * 1e9)
-        message = msgspec.structs.replace(message, tick=tick, time=time)
+        several = given if isinstance(given, list) else [given]
+        message = [msgspec.structs.replace(each, tick=tick, time=time) for each in several]
         if self._drop:
             self._drop -= 1
             return []
@@ -139,21 +146,38 @@ class FakeBus:
             arrivals = arrivals * 2
         return arrivals
 
-    def _step(self, driving: Message | None) -> Any:
-        messages = dict(self.held)
+    def _step(self, driving: list[Message] | None) -> Any:
+        given = dict(self.held)
         if driving is not None:
             name, port = next(iter(self.ports.items()))
-            messages[name] = unpack(pack(driving), port.type)
-            tick, time = driving.tick, driving.time
+            given[name] = _arrived([*driving] if port.many else driving[0], port)
+            tick, time = driving[0].tick, driving[0].time
         else:
             tick, time = self.tick, nanoseconds(self.tick, self.rate)
             self.tick += 1
+        messages: list[Message | None] = []
+        connected: list[str] = []
+        for name, value in given.items():
+            several = [value] if value is None or isinstance(value, Message) else value
+            messages += several
+            connected += [name] * len(several)
+        if (given_counts := counts(type(self.node), connected)) != self.slot.counts:
+            self.slot.takes(given_counts)
         try:
-            self.slot.step(tick, time, list(messages.values()), 1.0 / self.rate)
+            self.slot.step(tick, time, messages, 1.0 / self.rate)
         except NodeError as fault:
             raise _cause(fault) from None
         sent = [unpack(pack(output.last), output.kind) for output in self.slot.outputs if output.last is not None]
         return tuple(sent) if len(sent) != 1 else sent[0]
+
+
+def _arrived(given: Given, port: Port) -> Given:
+    """What came over the wire."""
+    if port.many:
+        several = [given] if isinstance(given, Message) else given or []
+        return [None if each is None else unpack(pack(each), port.type) for each in several]
+    assert given is None or isinstance(given, Message), f"{port.name} takes one {port.type.__name__}"
+    return None if given is None else unpack(pack(given), port.type)
 
 
 def _cause(fault: NodeError) -> BaseException:

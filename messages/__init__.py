@@ -17,7 +17,7 @@ from palpate.messages.base import (
     unpack,
 )
 from palpate.messages.checks import check_finite
-from palpate.messages.contact import Contact, Friction, Load, Proximity
+from palpate.messages.contact import Contact, Contacts, Friction, Load, Proximity
 from palpate.messages.device import DeviceState, Force, Pointed, Pose, Torque
 from palpate.messages.display import Pins
 from palpate.messages.health import Health
@@ -30,6 +30,7 @@ from palpate.registry import find
 
 __all__ = [
     "Contact",
+    "Contacts",
     "DeviceState",
     "Field",
     "Floats",

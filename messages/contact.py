@@ -58,6 +58,29 @@ class Contact(Message):
     stored: Annotated[Vector, "J", ("e",)] = ()
 
 
+class Contacts(Message):
+    """How several fingertips press on one body, solved together; `contact.Share` makes a Contact of each.
+
+    fingers           [1]   ()    nodes that the approaches came from, in order, with spaces between
+    force             [N]   (c)   magnitude of each normal force, never negative
+    compression       [m]   (c)   of each fingertip, s1
+    indentation       [m]   (c)   of the tissue under each, s2
+    compression_rate  [m/s] (c)   change of s1 over the step
+    indentation_rate  [m/s] (c)   change of s2 over the step
+    lateral_force     [N]   (c,3) on each finger along the surface, towards where the body is softer; not friction
+    stored            [J]   (e)   energy stored in each fingertip; e = c, 0 where nobody reads it
+    """
+
+    fingers: Annotated[str, "1"]
+    force: Annotated[Vector, "N", ("c",)]
+    compression: Annotated[Vector, "m", ("c",)]
+    indentation: Annotated[Vector, "m", ("c",)]
+    compression_rate: Annotated[Vector, "m/s", ("c",)]
+    indentation_rate: Annotated[Vector, "m/s", ("c",)]
+    lateral_force: Annotated[Floats, "N", ("c", 3)]
+    stored: Annotated[Vector, "J", ("e",)] = ()
+
+
 class Friction(Message):
     """Tangential force of the finger on the tissue; it points along the sliding velocity of the finger.
 

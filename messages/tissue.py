@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Self
+from typing import Annotated, Any, NamedTuple, Self
 
 import msgspec
 import numpy as np
@@ -11,11 +11,43 @@ from palpate.messages.base import Floats, Ints, Message, Vector, Vector3
 
 NO_FLOATS = np.zeros(0)
 NO_INTS = np.zeros(0, dtype="<i4")
-for _empty in (NO_FLOATS, NO_INTS):
-    _empty.setflags(write=False)  # so that no message takes a copy
+NO_LAWS, NO_SLOPES, NO_COUPLING = np.zeros((0, 5)), np.zeros((0, 12)), np.zeros((0, 0))
+for _empty in (NO_FLOATS, NO_INTS, NO_LAWS, NO_SLOPES, NO_COUPLING):
+    _empty.setflags(write=False)  # so that no message takes a copy, and the last three stay left out on the wire
 
 
-class Surface(Message):
+def sent(value: Any) -> Any:
+    """A default that is sent all the same."""
+    return msgspec.field(default_factory=lambda: value)
+
+
+class SeenSurface(NamedTuple):
+    """A surface as one of several contacts hears it; fields as in `Surface`."""
+
+    stiffness: float
+    exponent: float
+    damping: float
+    rest_indentation: float
+    previous_indentation: float
+    tangential_gradient: Vector3
+    shape_operator: Vector
+    step: float
+    relaxation: float
+    time: int
+    tick: int
+    source: str
+
+
+class _Sparse(Message, frozen=True, kw_only=True, omit_defaults=True):
+    """A message whose plain defaults are left out on the wire; its header is not."""
+
+    tick: Annotated[int, "1"] = sent(-1)
+    time: Annotated[int, "ns"] = sent(-1)
+    source: Annotated[str, "1"] = sent("")
+    used: Annotated[tuple[int, ...], "1", ("u",)] = sent(())
+
+
+class Surface(_Sparse):
     """The deformed surface, and the terminal law: the body's response at the contact for the next step,
 
         F(s) = stiffness <s - rest_indentation>^exponent <1 + damping (s - previous_indentation)/T>
@@ -48,6 +80,12 @@ class Surface(Message):
     estimated_error       [1]     ()     estimated error of the indentation, relative to the finest fidelity level; 0
                                          for models with one level
     fidelity              [1]     ()     modes of the level in use; 0 for other models
+    laws                  [SI]    (c,5)  where several contacts press: stiffness, exponent, damping, rest and previous
+                                         indentation of each, in the order of the loads; the fields above have the first
+    slopes                [SI]    (c,12) of each: tangential gradient [N] (3) and shape operator [1/m] (9)
+    coupling              [1]     (c,c)  O_ij: force at contact i that would indent it as 1 N at contact j does
+
+    The last three are left out on the wire where one contact presses.
     """
 
     nodes: Annotated[Ints, "1", ("k",)]
@@ -57,21 +95,31 @@ class Surface(Message):
     damping: Annotated[float, "s/m"]
     rest_indentation: Annotated[float, "m"]
     previous_indentation: Annotated[float, "m"]
-    pressure: Annotated[Floats, "Pa", ("p",)] = NO_FLOATS
-    slipped: Annotated[Ints, "1", ("q",)] = NO_INTS
-    step: Annotated[float, "s"] = 0.0
-    relaxation: Annotated[float, "s"] = 0.0
-    limited: Annotated[int, "1"] = 0
-    tangential_gradient: Annotated[Vector3, "N"] = (0.0, 0.0, 0.0)
-    shape_operator: Annotated[Vector, "1/m", ("t",)] = ()
-    extrapolation: Annotated[float, "1"] = 0.0
-    stored: Annotated[Vector, "J", ("e",)] = ()
-    estimated_error: Annotated[float, "1"] = 0.0
-    fidelity: Annotated[int, "1"] = 0
+    pressure: Annotated[Floats, "Pa", ("p",)] = sent(NO_FLOATS)
+    slipped: Annotated[Ints, "1", ("q",)] = sent(NO_INTS)
+    step: Annotated[float, "s"] = sent(0.0)
+    relaxation: Annotated[float, "s"] = sent(0.0)
+    limited: Annotated[int, "1"] = sent(0)
+    tangential_gradient: Annotated[Vector3, "N"] = sent((0.0, 0.0, 0.0))
+    shape_operator: Annotated[Vector, "1/m", ("t",)] = sent(())
+    extrapolation: Annotated[float, "1"] = sent(0.0)
+    stored: Annotated[Vector, "J", ("e",)] = sent(())
+    estimated_error: Annotated[float, "1"] = sent(0.0)
+    fidelity: Annotated[int, "1"] = sent(0)
+    laws: Annotated[Floats, "SI", ("c", 5)] = NO_LAWS
+    slopes: Annotated[Floats, "SI", ("c", 12)] = NO_SLOPES
+    coupling: Annotated[Floats, "1", ("c", "c")] = NO_COUPLING
+
+    def seen(self) -> list[SeenSurface]:
+        """What each of several contacts hears of it."""
+        of_all = self.step, self.relaxation, self.time, self.tick, self.source
+        rows = zip(self.laws.tolist(), self.slopes.tolist(), strict=True)
+        return [SeenSurface._make((*law, tuple(slope[:3]), tuple(slope[3:]), *of_all)) for law, slope in rows]
 
     @classmethod
     def example(cls, loaded: bool) -> Self:
         """A soft body that knows how it is curved."""
         made = super().example(loaded)
         law = {"stiffness": 3e3, "exponent": 1.5, "rest_indentation": 0.0, "previous_indentation": 0.0}
-        return msgspec.structs.replace(made, **law, shape_operator=(0.0,) * 9)
+        several = {"laws": NO_LAWS, "slopes": NO_SLOPES, "coupling": NO_COUPLING}
+        return msgspec.structs.replace(made, **law, **several, shape_operator=(0.0,) * 9)

@@ -13,13 +13,14 @@ from collections.abc import Iterable
 
 from palpate.engine.faults import GraphError
 from palpate.engine.force_path import force_path
+from palpate.engine.graph import places
 from palpate.engine.imports import UntrustedError, check_trusted, recorded_class
 from palpate.engine.job import node_job
 from palpate.engine.plan import Plan
 from palpate.engine.schedule import needed
 from palpate.engine.slot import Input, NodeError, Slot
 from palpate.messages import Message, MessageError, pack, unpack
-from palpate.nodes.base import Node, SettingError, inputs
+from palpate.nodes.base import Node, SettingError
 from palpate.records.format.head import Head, head_of
 from palpate.records.history import History
 from palpate.records.stored import RecordingError, Stored
@@ -54,13 +55,11 @@ class Part:
         spec = recorded.graph.nodes.get(self.name)
         if spec is None or self.name not in recorded.edges or not self.as_recorded:
             return [None] * len(self.slot.inputs)
-        edges = {edge.port: edge.stream for edge in recorded.edges[self.name]}
-        order = [port.name for port in inputs(spec.cls)]
+        read = places(spec.cls, recorded.edges[self.name])
+        before = {(port.name, edge.stream if edge else ""): place for place, (port, edge) in enumerate(read)}
         return [
-            order.index(port.port.name)
-            if port.port.name in order
-            and edges.get(port.port.name, "") == port.stream
-            and (port.dead or _every(recorded, port.producer) == port.every)
+            before.get((port.port.name, port.stream))
+            if port.dead or _every(recorded, port.producer) == port.every
             else None
             for port in self.slot.inputs
         ]
@@ -76,7 +75,7 @@ class Part:
             if parameters[ports[-1].port.name].default is inspect.Parameter.empty:
                 break
             ports.pop()
-        self.slot.takes(len(ports))
+            self.slot.takes(self.slot.counts[:-1])
 
 
 class Player:

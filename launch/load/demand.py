@@ -7,6 +7,8 @@ observers listen to and from the streams in `wanted`. An observer of all streams
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from palpate.engine.faults import Fault
 from palpate.engine.graph import Graph, NodeSpec
 from palpate.nodes.base import inputs
@@ -25,10 +27,13 @@ def missing_senders(graph: Graph) -> list[Fault]:
             driving = index == 0 and not spec.cls.paced
             if edge.producer in running or (port.optional and not driving):
                 continue
+            if driving and port.optional and any(e.producer in running for e in spec.edges if e.port == port.name):
+                continue
             sender = graph.nodes[edge.producer]
             need = "drives this node" if driving else "is not optional"
+            without = f"{port.name}: {replace(port, optional=True).expects}"
             cure = f"Give node {name!r} the condition `when: {sender.when}` as well"
-            cure += "." if driving else f", or write `{port.name}: {port.type.__name__} | None` in its class."
+            cure += "." if driving else f", or write `{without}` in its class."
             text = f"{need}, but its sender {sender.name!r} does not run: {sender.off}"
             faults.append(Fault(text, cure, spec.place, node=name, port=edge.port))
     return faults

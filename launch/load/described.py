@@ -20,7 +20,7 @@ def describe(use: str, cls: type[Node]) -> dict[str, Any]:
         "sink": cls.sink,
         "observer": observer,
         "inputs": [
-            {"name": p.name, "type": p.type.__name__, "optional": p.optional, "drives": i == 0 and not cls.paced}
+            {"name": p.name, "type": p.expects, "optional": p.optional, "drives": i == 0 and not cls.paced}
             for i, p in enumerate(() if observer else inputs(cls))
         ],
         "outputs": [kind.__name__ for kind in sent_by(cls)],

@@ -16,18 +16,18 @@ import msgspec
 from palpate.engine.faults import Faults, Location, choices
 from palpate.engine.graph import Edge, Graph, NodeSpec, streams_of
 from palpate.launch.load.classes import ClassError, body, find_class
-from palpate.launch.load.contacts import Contacts
 from palpate.launch.load.demand import missing_senders
 from palpate.launch.load.effects import KEY as EFFECTS
 from palpate.launch.load.effects import apply as switch
 from palpate.launch.load.effects import chosen as chosen_effects
 from palpate.launch.load.files import GRAPHS, Override, apply, find_file, read_extended, read_scene
+from palpate.launch.load.pressing import Pressing
 from palpate.launch.load.scene import Scene, condition
 from palpate.launch.load.values.lines import fill, quantity
 from palpate.launch.load.values.settings import Offer, check_offers, check_taken, resolve
 from palpate.launch.load.values.shared_units import check_units, uses
 from palpate.launch.load.values.source import YamlSource
-from palpate.launch.load.wiring import Kinds, Wire, close_loops, find_streams, wires
+from palpate.launch.load.wiring import Kinds, Wire, check_counts, close_loops, find_streams, wires
 from palpate.messages import Message
 from palpate.nodes.base import Node, Observer, inputs, settings
 
@@ -123,6 +123,7 @@ def load_source(
             _check_fields(nodes[name], draft.line, kinds, unclear, faults)
         else:
             draft.wires = wires(name, draft.cls, draft.line, kinds, unclear, faults)
+            check_counts(draft.wires, draft.cls, nodes[name].settings, faults)
     close_loops([w for d in drafts.values() for w in d.wires], list(drafts), faults)
     for name, draft in drafts.items():
         nodes[name].edges = tuple(Edge(w.port.name, w.producer, w.stream, w.held) for w in draft.wires)
@@ -135,7 +136,7 @@ def load_source(
     switch(said, nodes, faults)
     if not unclear:
         may = {name: spec for name, spec in nodes.items() if spec.off is None and not spec.observer}
-        contacts = Contacts({n: s.cls for n, s in may.items()}, [w for d in drafts.values() for w in d.wires])
+        contacts = Pressing({n: s.cls for n, s in may.items()}, [w for d in drafts.values() for w in d.wires])
         contacts.check({n: s.place for n, s in may.items()}, faults)
     if any(change.keys == ("wanted",) for change in changes):
         holder = source
@@ -204,9 +205,10 @@ def _asked(name: str, nodes: dict[str, Any]) -> list[type[Message]]:
         given = line.get("in") if isinstance(line, dict) else None
         if not (isinstance(given, dict) and isinstance(line.get("use"), str)):
             continue
-        for port_name, sender in given.items():
-            sender = sender.get("from") if isinstance(sender, dict) else sender
-            if not (isinstance(sender, str) and sender.partition(".")[0] == name):
+        for port_name, value in given.items():
+            several = value if isinstance(value, list) else [value]
+            named = [one.get("from") if isinstance(one, dict) else one for one in several]
+            if name not in [str(sender).partition(".")[0] for sender in named]:
                 continue
             try:
                 cls = find_class(line["use"])

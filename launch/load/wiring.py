@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Annotated, Any
 
 import msgspec
 
 from palpate.engine.faults import Faults, Location, choices
-from palpate.launch.load.classes import senders
+from palpate.launch.load.classes import senders, takers
 from palpate.launch.load.values.lines import fill
 from palpate.launch.load.values.source import YamlSource
 from palpate.messages import Message
@@ -83,29 +83,56 @@ def wires(
     connections = []
     for index, port in enumerate(ports):
         driving = index == 0 and not cls.paced
-        if given.get(port.name) is None:
+        if given.get(port.name) in (None, []):
             if driving or not port.optional:
                 role = ", which drives the node," if driving else ""
                 fit = [s for own in kinds.values() for s, kind in own.items() if issubclass(kind, port.type)]
-                faults.add(f"input{role} has no sender; expects {port.type.__name__}", _who(port, fit, unclear), place,
+                faults.add(f"input{role} has no sender; expects {port.expects}", _who(port, fit, unclear), place,
                            node=name, port=port.name)  # fmt: skip
             continue
-        where = line.place("in", port.name)
-        sender, named = _sender(name, port, given[port.name], where, faults)
-        if sender is None:
+        several = given[port.name] if isinstance(given[port.name], list) else [given[port.name]]
+        if len(several) > 1 and not port.many:
+            faults.add(f"takes one {port.type.__name__}, found {len(several)} senders",
+                       f"Classes that take several: {', '.join(takers(port.type)) or 'none'}.",
+                       line.place("in", port.name), node=name, port=port.name)  # fmt: skip
             continue
-        stream = _match(name, port, sender, kinds, unclear, where, faults)
-        if stream is None:
-            continue
-        if named and driving:
-            faults.add("loop: the first input drives the node and cannot be held",
-                       "Name another edge of the loop.", where, node=name, port=port.name)  # fmt: skip
-        held = cls.paced or bool(named and not driving)
-        if named is False and cls.paced:
-            faults.add("loop: all inputs of a source are held", "Leave `loop` out.", where, node=name, port=port.name)
-        producer = stream.partition(".")[0]
-        connections.append(Wire(name, port, producer, stream, where, driving, held, named))
+        heard: set[str] = set()
+        for number, one in enumerate(several):
+            where = line.place("in", port.name, number)
+            sender, named = _sender(name, port, one, where, faults)
+            if sender is None:
+                continue
+            stream = _match(name, port, sender, kinds, unclear, where, faults)
+            if stream is None:
+                continue
+            if stream in heard:
+                faults.add(f"has the sender {sender!r} twice", "Name each sender once.", where,
+                           node=name, port=port.name)  # fmt: skip
+                continue
+            heard.add(stream)
+            if named and driving:
+                faults.add("loop: the first input drives the node and cannot be held",
+                           "Name another edge of the loop.", where, node=name, port=port.name)  # fmt: skip
+            held = cls.paced or bool(named and not driving)
+            if named is False and cls.paced:
+                faults.add(
+                    "loop: all inputs of a source are held", "Leave `loop` out.", where, node=name, port=port.name
+                )
+            producer = stream.partition(".")[0]
+            connections.append(Wire(name, port, producer, stream, where, driving, held, named))
     return connections
+
+
+def check_counts(connections: list[Wire], cls: type[Node], settings: dict[str, Any], faults: Faults) -> None:
+    """A fault for each input of a node that has more senders than it takes with these settings."""
+    for port in inputs(cls):
+        own = [wire for wire in connections if wire.port.name == port.name]
+        most = cls.takes(port.name, settings) if port.many else None
+        if most is not None and len(own) > most:
+            others = ", ".join(use for use in takers(port.type) if not use.endswith(f".{cls.__name__}"))
+            faults.add(f"takes at most {most} with these settings, found {len(own)}",
+                       f"Take out {', '.join(repr(wire.producer) for wire in own[most:])}, or use one of: {others}.",
+                       own[most].place, node=own[most].consumer, port=port.name)  # fmt: skip
 
 
 def unknown(place: Location, without: str) -> tuple[str, str]:
@@ -199,9 +226,9 @@ def close_loops(connections: Iterable[Wire], order: list[str], faults: Faults) -
             wire.held = True
     for wire in connections:
         if wire.held and not wire.port.optional:
-            kind = wire.port.type.__name__
+            kind, without = wire.port.type.__name__, replace(wire.port, optional=True).expects
             faults.add(f"holds the message of an earlier tick, but at tick 0 there is none; {kind} is not optional",
-                       f"In the class, write `{wire.port.name}: {kind} | None`.", wire.place,
+                       f"In the class, write `{wire.port.name}: {without}`.", wire.place,
                        node=wire.consumer, port=wire.port.name)  # fmt: skip
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 
 from palpate.engine.force_path import force_path
+from palpate.engine.graph import places
 from palpate.engine.job import Job, node_job, observer_job
 from palpate.engine.plan import Plan
 from palpate.launch.load.placement import Placement, ProcessGroup
@@ -80,9 +81,8 @@ def _links(plan: Plan, path: set[str]) -> int:
     count = 0
     for name in path:
         cls = plan.graph.nodes[name].cls
-        held = inputs(cls) if cls.paced else inputs(cls)[1:]
-        needed = {port.name for port in held if not port.optional}
-        count += sum(edge.port in needed and edge.producer in path for edge in plan.edges[name])
+        held = places(cls, plan.edges[name])[0 if cls.paced else 1 :]
+        count += sum(edge is not None and not port.optional and edge.producer in path for port, edge in held)
     return count
 
 

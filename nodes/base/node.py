@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 import types
 import typing
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache
 from typing import Annotated, Any, ClassVar, TypeVar, cast
@@ -28,7 +28,7 @@ class SettingError(PalpateError, ValueError):
 class InputError(PalpateError, ValueError):
     """An input that cannot be used, by the fault of the node that sent it: raised in `step`, told as that node's."""
 
-    def __init__(self, message: Message, text: str) -> None:
+    def __init__(self, message: Any, text: str) -> None:
         who = f" of {message.source!r} at tick {message.tick}" if message.source else ""
         super().__init__(f"{type(message).__name__}{who}: {text}")
         self.source = message.source
@@ -58,12 +58,20 @@ class Setting:
 
 @dataclass(frozen=True)
 class Port:
-    """One input of a node: name, message type, whether it may be None, and the fields that it reads."""
+    """One input of a node: name, message type, whether it may be None, the fields that it reads, and whether it takes
+    any number of senders."""
 
     name: str
     type: type[Message]
     optional: bool
     wants: frozenset[str]
+    many: bool = False
+
+    @property
+    def expects(self) -> str:
+        """Its type as it is written in the class."""
+        one = self.type.__name__ + " | None" * self.optional
+        return f"list[{one}]" if self.many else one
 
 
 @dataclass(frozen=True)
@@ -81,8 +89,10 @@ class Node:
 
     Settings are annotated class attributes, `Annotated[type, unit]` with a default or without; the constructor
     takes them by name. The signature of `step` is the wiring: its arguments are the inputs, its return annotation is
-    the output (a tuple of types: several outputs). The first input drives: its arrival runs the step. `dt`,
-    keyword-only, comes from the runner: the time [s] since the previous step of this node on the graph's clock, > 0.
+    the output (a tuple of types: several outputs). The first input drives: its arrival runs the step. An argument of
+    type `list[Load]` takes any number of senders, in the order of the graph; with `list[Load | None]` a place is None
+    while its sender is gone. `dt`, keyword-only, comes from the runner: the time [s] since the previous step of this
+    node on the graph's clock, > 0.
 
     A step reads no clock, file, socket or random source without a seed in the settings: its answer depends on its
     inputs and its state alone, and the state is made in `start`, so that a run can be replayed exactly.
@@ -121,6 +131,11 @@ class Node:
         and starts it again before the run, so that what is compiled is compiled by then."""
 
     step: Any
+
+    @classmethod
+    def takes(cls, port: str, settings: Mapping[str, Any]) -> int | None:
+        """How many senders an input that takes many takes at most with these settings; None: any number."""
+        return None
 
     def rests(self, *inputs: Any) -> bool:
         """Whether a step on these inputs, those of `step`, would leave the state as it is and answer what was answered
@@ -230,13 +245,16 @@ def inputs(kind: type[Node]) -> tuple[Port, ...]:
                 wants = mark.names
         if hasattr(hint, "__metadata__"):
             hint = typing.get_args(hint)[0]
+        many = typing.get_origin(hint) is list
+        if many:
+            hint = typing.get_args(hint)[0]
         if typing.get_origin(hint) in (typing.Union, types.UnionType):
             rest = [a for a in typing.get_args(hint) if a is not type(None)]
             optional = len(rest) < len(typing.get_args(hint))
             hint = rest[0] if len(rest) == 1 else None
         if not (isinstance(hint, type) and issubclass(hint, Message)):
             raise TypeError(f"{kind.__name__}.step: input {name!r} is not a message but {hint!r}")
-        ports.append(Port(name, hint, optional, wants or frozenset(hint.__struct_fields__)))
+        ports.append(Port(name, hint, optional, wants or frozenset(hint.__struct_fields__), many))
     return tuple(ports)
 
 

@@ -8,6 +8,7 @@ from typing import Annotated, Literal
 import msgspec
 
 from palpate.messages import Contact, Proximity, Surface, Vector, Vector3
+from palpate.messages.tissue import SeenSurface
 from palpate.nodes.base import InputError, Node, Wants, part
 from palpate.nodes.base.absence import FALL, Gain
 from palpate.physics.bodies.place_energy import on_hand
@@ -32,15 +33,10 @@ LATE = 1.5
 RETURN = 0.1
 """[s] in which the contact comes back to the whole approach when its body is back."""
 Positive = msgspec.Meta(gt=0)
-BODY = Wants(
-    "stiffness",
-    "exponent",
-    "damping",
-    "rest_indentation",
-    "previous_indentation",
-    "tangential_gradient",
-    "shape_operator",
-)
+Law = tuple[float, float, float, float, float]
+Heard = Surface | SeenSurface
+LAW = ("stiffness", "exponent", "damping", "rest_indentation", "previous_indentation")
+BODY = Wants(*LAW, "step", "relaxation", "tangential_gradient", "shape_operator")
 
 
 class Series(Node):
@@ -77,7 +73,7 @@ class Series(Node):
         self.indentation: float | None = None
         self._idle = False
         self._there = Gain(2.0 * FALL, 0.0)
-        self._law_then: tuple[float, float, float, float, float] | None = None
+        self._law_then: Law | None = None
         self._touched_at: float | None = None
         """[m] Approach from which the contact comes back; None: it feels all of the approach."""
         self._back_for = 0.0
@@ -93,10 +89,7 @@ class Series(Node):
             return hertz_exponential(self.finger_hertz_slope, self.finger_hertz_hardening, self.finger_hertz_radius)
         return exponential(self.finger_stiffness, self.finger_hardening)
 
-    def _solve(self, approach: float, dt: float, *body: float) -> tuple[float, float, float]:
-        return self._series(approach, dt, self.compression, self._law, *body)
-
-    def _law_now(self, body: Surface, time: int, dt: float) -> tuple[float, float, float, float, float]:
+    def _law_now(self, body: Heard, time: int, dt: float) -> Law:
         """K, n, c, s_free, s_prev of the body's law for a step of `dt` [s] that ends at `time` [ns].
 
         InputError: a law out of its range.
@@ -123,7 +116,7 @@ class Series(Node):
             k, free = law_at(dt, self.indentation, Terminal(*law), step, relaxation)
         return k, n, c, free, self.indentation
 
-    def _touching(self, law: tuple[float, float, float, float, float], dt: float) -> float:
+    def _touching(self, law: Law, dt: float) -> float:
         """The approach [m] at which fingertip and body just touch, or that which the contact has at present."""
         _, _, c, free, previous = law
         just = free_recovery(self.compression, 0.0, self.finger_damping, dt) + free_recovery(previous, free, c, dt)
@@ -141,34 +134,22 @@ class Series(Node):
             return approach
         return approach - left * left * (approach - begin)
 
-    def rests(self, proximity: Proximity, body: Surface | None) -> bool:
+    def rests(self, proximity: Proximity, body: Heard | None) -> bool:
         if not self._idle or body is None or not proximity.separation > FAR:
             return False
         return abs(body.rest_indentation) < STILL and abs(body.previous_indentation) < STILL and _in_range(body)
 
-    def step(
-        self,
-        proximity: Proximity,
-        body: Annotated[
-            Surface | None,
-            Wants(
-                "stiffness",
-                "exponent",
-                "damping",
-                "rest_indentation",
-                "previous_indentation",
-                "step",
-                "relaxation",
-                "tangential_gradient",
-                "shape_operator",
-            ),
-        ],
-        *,
-        dt: float,
-    ) -> Contact:
-        before = self.compression
-        lateral: Vector3 = (0.0, 0.0, 0.0)
-        force = indentation = indentation_rate = 0.0
+    def step(self, proximity: Proximity, body: Annotated[Surface | None, BODY], *, dt: float) -> Contact:
+        pressing = self.pressing(proximity, body, dt)
+        solved = None
+        if pressing is not None:
+            approach, length, law = pressing
+            solved = self._series(approach, length, self.compression, self._law, *law)
+        return self.contact(proximity, body, solved, dt)
+
+    def pressing(self, proximity: Proximity, body: Heard | None, dt: float) -> tuple[float, float, Law] | None:
+        """Approach [m], length of the step [s] and the body's law, which determine the force of this step; None where
+        there is nothing to press on."""
         back = self._there.value < 1.0 or (self._law_then is None and proximity.tick > 0)
         if body is None or self._there.value < 1.0:
             self._there.update(body is not None or self._law_then is None, dt)
@@ -176,19 +157,29 @@ class Series(Node):
             law = self._law_then = self._law_now(body, proximity.time, dt)
             if back:
                 self._touched_at, self._back_for = self._touching(law, dt), 0.0
-            force, self.compression, indentation = self._solve(self._felt(proximity.approach, dt), dt, *law)
-            indentation_rate = (indentation - law[-1]) / dt
-            self.indentation = indentation
-            if force > 0.0 and len(body.shape_operator) == 9:
-                lateral = on_hand(body.tangential_gradient, body.shape_operator, proximity.approach, proximity.normal)
-        elif self._law_then is not None and self._there.value > 0.0:
+            return self._felt(proximity.approach, dt), dt, law
+        if self._law_then is not None and self._there.value > 0.0:
             free = max(self._law_then[3], 0.0)
-            approach = free + self._there.value * (proximity.approach - free)
-            force, self.compression, indentation = self._solve(approach, math.inf, *self._law_then)
-            self.indentation = indentation
-        else:
+            return free + self._there.value * (proximity.approach - free), math.inf, self._law_then
+        return None
+
+    def contact(
+        self, proximity: Proximity, body: Heard | None, solved: tuple[float, float, float] | None, dt: float
+    ) -> Contact:
+        """The contact of this step, of which force, compression and indentation are solved."""
+        before = self.compression
+        lateral: Vector3 = (0.0, 0.0, 0.0)
+        force = indentation = indentation_rate = 0.0
+        if solved is None:
             self.indentation = None
             self.compression = free_recovery(before, 0.0, self.finger_damping, dt)
+        else:
+            force, self.compression, indentation = solved
+            self.indentation = indentation
+        if body is not None and self._law_then is not None:
+            indentation_rate = (indentation - self._law_then[-1]) / dt
+            if force > 0.0 and len(body.shape_operator) == 9:
+                lateral = on_hand(body.tangential_gradient, body.shape_operator, proximity.approach, proximity.normal)
         rate = (self.compression - before) / dt
         self._idle = force == 0.0 and before == self.compression and abs(indentation) < STILL
         return Contact(
@@ -209,7 +200,7 @@ class Series(Node):
         return (float(energy(self._finger_law, self.compression)),)
 
 
-def _in_range(body: Surface) -> bool:
+def _in_range(body: Heard) -> bool:
     """Whether a body's law passes `check_law`, which tells why it does not: asked every tick."""
     k, c, free, step, relaxation = body.stiffness, body.damping, body.rest_indentation, body.step, body.relaxation
     return (

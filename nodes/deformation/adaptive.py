@@ -46,7 +46,7 @@ class Adaptive(ReducedFE):
         bodies = [SampledBody(own, *given) for own in levels.cut(basis)]
         return FidelityLevels(bodies, levels, self.error, self.most, self.deadline or math.inf)
 
-    def step(self, load: Load, *, dt: float) -> Surface:
+    def step(self, load: list[Load], *, dt: float) -> Surface:
         surface, switched = super().step(load, dt=dt), self._body
         assert isinstance(switched, FidelityLevels)
         return msgspec.structs.replace(surface, estimated_error=switched.estimated_error, fidelity=switched.fidelity)

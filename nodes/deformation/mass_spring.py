@@ -9,11 +9,12 @@ import numpy as np
 
 from palpate.messages import Load, Surface, Vector
 from palpate.nodes.base import Switch, part
+from palpate.nodes.base.contacts import several
 from palpate.nodes.base.nodule import WithNodule
 from palpate.nodes.base.surface import LEVEL
-from palpate.physics.bodies.mass_spring import NodalBody, mean_hardness, normal_force
+from palpate.physics.bodies.mass_spring import NodalBody, deeper, mean_hardness, normal_force, shared
 from palpate.physics.bodies.spring_net import NetBody
-from palpate.physics.contact.terminal import indentation
+from palpate.physics.contact.terminal import Terminal, indentation
 from palpate.physics.entry_point import NO_NODES, NO_VECTORS, entry_point
 
 NotNegative = msgspec.Meta(ge=0)
@@ -25,6 +26,9 @@ class MassSpring(WithNodule):
     The total normal force moves one indentation s by the law K s^n <1 + c s'>; that law is the terminal law as it
     stands, so contact and body together solve the same equations as one solver would. The surface follows by the nodal
     law, or with `coupling` by a net of springs between neighbours, which costs far more and leaves the force as it is.
+
+    Several contacts share their forces where their patches overlap: F_i + sum_j O_ij F_j moves s_i, O from 1 at one
+    place to 0 at twice the patches' radius. The surface is the deeper of their dents.
     """
 
     effect = "deformation"
@@ -40,42 +44,66 @@ class MassSpring(WithNodule):
     coupling_damping: Annotated[float, "N s/m", NotNegative] = 0.1
     rings: Annotated[int, "1", msgspec.Meta(ge=0, le=50)] = 3
     """of neighbours round the loaded nodes that move with them in the net"""
+    radius: Annotated[float, "m", msgspec.Meta(gt=0)] = 8e-3
+    """Of the patch under a finger, where several press"""
+
+    _count = 1  # of contacts; kept over a start, so that what they need is there before the first step
 
     def start(self) -> None:
-        self.indentation = 0.0
-        self._law = (self.stiffness, self.exponent, self.damping, 0.0)
+        law = Terminal(self.stiffness, self.exponent, self.damping)
         self._normal_force = entry_point(normal_force, NO_VECTORS, LEVEL)
-        self._indentation = entry_point(indentation, 0.0, 0.0, *self._law, 0.0)
+        self._indentation = entry_point(indentation, 0.0, 0.0, *law)
         self._hardness = self.hardness() if self.nodule_radius > 0.0 else None
-        self._body = self._nodes()
+        self._contacts(self._count)
 
-    def rests(self, load: Load) -> bool:
-        return not len(load.nodes) and self.indentation == 0.0 and (self._body is None or not self._body.net.count)
+    def _contacts(self, count: int) -> None:
+        """Be under so many contacts, from rest."""
+        self._count = count
+        self._laws = [Terminal(self.stiffness, self.exponent, self.damping)] * count
+        self._bodies = [self._nodes() for _ in range(count)]
 
-    def step(self, load: Load, *, dt: float) -> Surface:
-        force = self._normal_force(load.forces, load.normal)
-        if self._hardness is not None and len(load.nodes):
-            harder = self.stiffness * mean_hardness(load.nodes, load.forces, load.normal, self._hardness)
-            self._law = (harder, self.exponent, self.damping, 0.0)
-        self.indentation = self._indentation(force, dt, *self._law, self.indentation)
-        nodes, displacement = self._moved(load, dt)
+    def rests(self, load: list[Load]) -> bool:
+        idle = not any([len(each.nodes) for each in load] + [law.previous_indentation for law in self._laws])
+        return idle and not any(body is not None and body.net.count for body in self._bodies)
+
+    def step(self, load: list[Load], *, dt: float) -> Surface:
+        if len(load) != len(self._laws):
+            self._contacts(len(load))
+        forces = [self._normal_force(each.forces, each.normal) for each in load]
+        acting, coupled = forces, {}
+        if len(load) > 1:
+            overlap = shared([each.foot for each in load], [each.normal for each in load], self.radius)
+            acting = (overlap @ forces).tolist()
+        for i, (each, law) in enumerate(zip(load, self._laws, strict=True)):
+            stiffness = law.stiffness
+            if self._hardness is not None and len(each.nodes):
+                stiffness = self.stiffness * mean_hardness(each.nodes, each.forces, each.normal, self._hardness)
+            s = self._indentation(acting[i], dt, stiffness, self.exponent, self.damping, 0.0, law.previous_indentation)
+            self._laws[i] = Terminal(stiffness, self.exponent, self.damping, 0.0, s)
+        if len(load) > 1:
+            coupled = several(self._laws, overlap)
+        shares = [f / a if a > 0.0 else 1.0 for f, a in zip(forces, acting, strict=True)]
+        nodes, displacement = self._moved(load, shares, dt)
+        first = self._laws[0]
         return Surface(
             nodes=nodes,
             displacement=displacement,
-            stiffness=self._law[0],
+            stiffness=first.stiffness,
             exponent=self.exponent,
             damping=self.damping,
             rest_indentation=0.0,
-            previous_indentation=self.indentation,
+            previous_indentation=first.previous_indentation,
             step=dt,
-            stored=self._stored(),
+            stored=self._stored(shares),
+            **coupled,
         )
 
     @part("energy", "stored", otherwise=())
-    def _stored(self) -> Vector:
-        """The energy of the law that the normal force moves, K s^(n+1)/(n+1)."""
+    def _stored(self, shares: list[float]) -> Vector:
+        """The energy of the law that the normal force moves, K s^(n+1)/(n+1), of each contact its share."""
         grown = self.exponent + 1.0
-        return (self._law[0] * max(self.indentation, 0.0) ** grown / grown,)
+        stored = [law.stiffness * max(law.previous_indentation, 0.0) ** grown / grown for law in self._laws]
+        return (sum([share * energy for share, energy in zip(shares, stored, strict=True)]),)
 
     @part("shape", "nodes", "displacement", otherwise=None)
     def _nodes(self) -> NodalBody | NetBody | None:
@@ -87,7 +115,15 @@ class MassSpring(WithNodule):
         return NodalBody(mesh, *law, self._hardness)
 
     @part("shape", "nodes", "displacement", otherwise=(NO_NODES, NO_VECTORS))
-    def _moved(self, load: Load, dt: float) -> tuple[np.ndarray, np.ndarray]:
-        """The vertices of the surface that are displaced, and how far [m]."""
-        assert self._body is not None
-        return self._body.step(load.nodes, load.forces, load.normal, dt)
+    def _moved(self, load: list[Load], shares: list[float], dt: float) -> tuple[np.ndarray, np.ndarray]:
+        """The vertices of the surface that are displaced, and how far [m]; each contact as deep as all forces press
+        it."""
+        dents = []
+        for body, each, share in zip(self._bodies, load, shares, strict=True):
+            assert body is not None
+            forces = each.forces
+            if 0.0 < share < 1.0:
+                normal = np.array(each.normal)
+                forces = forces + np.outer((1.0 / share - 1.0) * (forces @ normal), normal)
+            dents.append(body.step(each.nodes, forces, each.normal, dt))
+        return dents[0] if len(dents) == 1 else deeper(dents)

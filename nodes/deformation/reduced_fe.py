@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -10,6 +11,7 @@ import numpy as np
 
 from palpate.messages import Load, Surface, Vector, Vector3
 from palpate.nodes.base import SettingError, Switch, part
+from palpate.nodes.base.contacts import several
 from palpate.nodes.base.surface import SURFACES, OnSurface, surface_mesh
 from palpate.nodes.deformation.basis_store import (
     BUILDERS,
@@ -25,9 +27,11 @@ from palpate.nodes.deformation.basis_store import (
 )
 from palpate.physics.archive import ArchiveError
 from palpate.physics.bodies.condensed_body import Basis, CondensedBody
+from palpate.physics.bodies.condensed_contacts import CondensedContacts
 from palpate.physics.bodies.fidelity_levels import FidelityLevels
-from palpate.physics.bodies.patch import pressures
+from palpate.physics.bodies.patch import add_pressure
 from palpate.physics.bodies.sampled_body import SampledBasis, SampledBody
+from palpate.physics.contact.terminal import Terminal
 from palpate.physics.entry_point import NO_FLOATS, NO_NODES, NO_VECTORS
 from palpate.physics.geometry.mesh import Mesh
 
@@ -84,20 +88,36 @@ class ReducedFE(OnSurface):
     """From the foot point within which the displacement of every vertex is sent; farther off of fewer and fewer."""
 
     def start(self) -> None:
-        self._body = self._made()
+        self._body: CondensedBody | CondensedContacts | SampledBody | FidelityLevels = self._made()
+        if self._count > 1:
+            self._contacts(self._count)
         mesh = self.mesh()
         self._areas, self._push = mesh.areas, np.zeros(len(mesh.vertices))
-        self._place: tuple[Vector3, Vector3] | None = None
+        self._places: list[tuple[Vector3, Vector3]] = []
         self._cautioned: set[str] = set()
         self._notes = []
 
     def condition(self) -> str:
         return "outside its range" if self._body.extrapolation > 0.0 else ""
 
-    def rests(self, load: Load) -> bool:
+    _count = 1  # of contacts; kept over a start, so that what they need is there before the first step
+
+    @classmethod
+    def takes(cls, port: str, settings: Mapping[str, Any]) -> int | None:
+        """A sampled body takes one contact."""
+        return 1 if settings.get("model", cls.model) == "sampled" else None
+
+    def _contacts(self, count: int) -> None:
+        """Be under so many contacts, from rest."""
+        self._count = count
+        body = self._made()
+        assert isinstance(body, CondensedBody)
+        self._body = CondensedContacts(body, count) if count > 1 else body
+
+    def rests(self, load: list[Load]) -> bool:
         """The sampled body never rests quite: its modes fade for ever."""
-        still = isinstance(self._body, CondensedBody) and self._body.still
-        return still and not len(load.nodes) and self._place == (load.foot, load.normal)
+        still = isinstance(self._body, CondensedBody | CondensedContacts) and self._body.still
+        return still and not any(len(l.nodes) for l in load) and self._places == [(l.foot, l.normal) for l in load]
 
     def _made(self) -> CondensedBody | SampledBody | FidelityLevels:
         """The body at its place, at rest."""
@@ -140,20 +160,27 @@ class ReducedFE(OnSurface):
         dents = basis.dents if self.model == "nonlinear" else np.zeros((count, 0))
         return Basis(vertices, basis.triangles, turned(basis.compliance), dents), given
 
-    def _answer(self, load: Load, dt: float) -> tuple[float, float, float, float]:
-        """K, n and s_free of the next step's terminal law, and the indentation now [m]."""
-        if not isinstance(self._body, CondensedBody):
-            return self._body.step(load.nodes, load.forces, load.foot, load.normal, dt)
-        compliance, free, now = self._body.step(load.nodes, load.forces, load.foot, load.normal, dt)
-        return 1.0 / max(compliance, LEAST), 1.0, free, now
+    def _answer(self, load: list[Load], dt: float) -> list[Terminal]:
+        """The next step's terminal law of each contact, with the indentation now."""
+        body, pressed = self._body, [(each.nodes, each.forces, each.foot, each.normal) for each in load]
+        if isinstance(body, SampledBody | FidelityLevels):
+            stiffness, exponent, free, now = body.step(*pressed[0], dt)
+            return [Terminal(stiffness, exponent, 0.0, free, now)]
+        laws = body.step(pressed, dt) if isinstance(body, CondensedContacts) else [body.step(*pressed[0], dt)]
+        return [Terminal(1.0 / max(compliance, LEAST), 1.0, 0.0, free, now) for compliance, free, now in laws]
 
-    def step(self, load: Load, *, dt: float) -> Surface:
-        stiffness, exponent, free, now = self._answer(load, dt)
-        self._place = (load.foot, load.normal)
+    def step(self, load: list[Load], *, dt: float) -> Surface:
+        if len(load) != self._count:
+            self._contacts(len(load))
+        laws = self._answer(load, dt)
+        self._places = [(each.foot, each.normal) for each in load]
         if self._body.extrapolation > 0.0:
             self._warn()
-        nodes, moved = self._displaced(load.foot)
-        gradient, shape = self._along(len(load.nodes))
+        nodes, moved = self._displaced(load[0].foot)
+        slopes = [self._along(place, len(each.nodes)) for place, each in enumerate(load)]
+        stiffness, exponent, _, free, now = laws[0]
+        (gradient, shape), *_ = slopes
+        coupling = self._body.coupling if isinstance(self._body, CondensedContacts) else ()
         return Surface(
             nodes=nodes,
             displacement=moved,
@@ -169,40 +196,48 @@ class ReducedFE(OnSurface):
             tangential_gradient=gradient,
             shape_operator=shape,
             stored=self._stored(),
+            **several(laws, coupling, slopes),
         )
 
     def _warn(self) -> None:
         """A note for each cause that was not there before."""
-        if not isinstance(self._body, CondensedBody):
-            return
-        for cause in self._body.causes():
-            if cause not in self._cautioned:
-                self._cautioned.add(cause)
-                self._notes.append(f"{type(self).__name__}: {self._body.caution(cause)}")
+        body = self._body
+        contacts = body.contacts if isinstance(body, CondensedContacts) else [body]
+        for one in (contact for contact in contacts if isinstance(contact, CondensedBody)):
+            for cause in one.causes():
+                if cause not in self._cautioned:
+                    self._cautioned.add(cause)
+                    self._notes.append(f"{type(self).__name__}: {one.caution(cause)}")
 
     @part("energy", "stored", otherwise=())
     def _stored(self) -> Vector:
         """The energy that the condensed organ holds; a sampled one does not tell."""
-        return (self._body.stored(),) if isinstance(self._body, CondensedBody) else ()
+        return (self._body.stored(),) if isinstance(self._body, CondensedBody | CondensedContacts) else ()
 
     @part("shape", "nodes", "displacement", otherwise=(NO_NODES, NO_VECTORS))
     def _displaced(self, foot: Vector3) -> tuple[np.ndarray, np.ndarray]:
         """Vertices of the surface, all within reach and fewer farther off, and how far they are displaced [m]."""
-        if isinstance(self._body, CondensedBody) and self._body.still:
+        body = self._body
+        if isinstance(body, CondensedBody | CondensedContacts) and body.still:
             return NO_NODES, NO_VECTORS
-        return self._body.displaced(foot)
+        return body.displaced() if isinstance(body, CondensedContacts) else body.displaced(foot)
 
     @part("pressure", "pressure", otherwise=NO_FLOATS)
-    def _pressure(self, load: Load, nodes: np.ndarray) -> np.ndarray:
-        """Of the load on the vertices that are sent [Pa]: its part against the normal over the area of each."""
-        pressure = np.empty(len(nodes))
-        pressures(load.forces, load.nodes, load.normal, self._areas, nodes, self._push, pressure)
+    def _pressure(self, load: list[Load], nodes: np.ndarray) -> np.ndarray:
+        """Of the loads on the vertices that are sent [Pa]: their part against the normal over the area of each."""
+        pressure = np.zeros(len(nodes))
+        for each in load:
+            add_pressure(each.forces, each.nodes, each.normal, self._areas, nodes, self._push, pressure)
+        np.maximum(pressure, 0.0, out=pressure)
         return pressure
 
     @part("slope", "tangential_gradient", "shape_operator", otherwise=((0.0, 0.0, 0.0), ()))
-    def _along(self, loaded: int) -> tuple[Vector3, Vector]:
+    def _along(self, contact: int, loaded: int) -> tuple[Vector3, Vector]:
         """How the body's energy changes along its surface, which pushes the finger to where it is softer."""
-        return self._body.along() if isinstance(self._body, CondensedBody) and loaded else ((0.0, 0.0, 0.0), ())
+        body = self._body
+        if not loaded or not isinstance(body, CondensedBody | CondensedContacts):
+            return (0.0, 0.0, 0.0), ()
+        return body.along(contact) if isinstance(body, CondensedContacts) else body.along()
 
     def coarse_mesh(self) -> Mesh:
         """The surface that the organ is condensed to, in its own frame."""

@@ -20,6 +20,7 @@ so the same step stays passive at a place: the load's work is at least the growt
 
 from __future__ import annotations
 
+import copy
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
@@ -136,6 +137,8 @@ was added, the patch's radius [m], that on the coarse surface, which the dents w
 together near a nodule; then how far [1] it is outside of what the body can tell, 0 within, 1 at twice the limit: deeper
 than the organ was pressed, narrower than the touched mesh, on thin or curved ground, too narrow near a nodule, too
 heavy for a surface that is free to slide."""
+TOTAL, NUMBERS = 18, 19
+"""The normal force of the load [N]; how many numbers."""
 SIDE = slice(15, 18)
 """What holds the patch along the surface [1] (3), see `true_patch.patch_compliance`."""
 
@@ -175,7 +178,6 @@ class CondensedBody:
         self.young, self.retardation = young, retardation
         self._reach, self._told = reaches(mesh.vertices, ranges(mesh.vertices, reach))
         count = len(basis.vertices)
-        self._count = self._touched = 0
         dents = basis.dents if basis.dents.size else np.zeros((count, 0))
         moments = hat_moments(coarse)
         true = uncorrected(mesh) if poisson is None else true_patch(coarse, mesh, poisson, sticks, apart)
@@ -183,19 +185,31 @@ class CondensedBody:
             basis.compliance, basis.vertices, dents, moments, self.corners, self.weights, young, retardation,
             mesh.vertices, true,
         )  # fmt: skip
-        self._fields, self._marks = np.zeros((5, count, 3)), np.zeros((2, count), dtype=np.int64)
-        self._curve, self._numbers = np.zeros((2, dents.shape[1] + 1)), np.zeros(18)
-        self.held = self._fields[0]
-        """[N] (V,3) loads that the displacement follows, h."""
-        self._normal = (0.0, 0.0, 0.0)
         slopes = weight_slopes(coarse, self.corners)
         soft = softness(coarse, self._model, self._spreader)
         self._ground = Ground(basis.vertices, coarse.normals, moments, self.corners, slopes, soft, dents)
-        self._patch, self._pull = NO_NODES, NO_VECTORS
-        self._slope, self._turning = np.zeros(3), np.zeros((3, 3))
         self._nodes = np.zeros(len(mesh.vertices), dtype=np.int32)
         self._moved = np.zeros((len(mesh.vertices), 3))
+        self._rest(np.zeros((5, count, 3)), np.zeros((2, count), dtype=np.int64), np.zeros(NUMBERS))
         self._kernels()
+
+    def _rest(self, fields: np.ndarray, marks: np.ndarray, numbers: np.ndarray) -> None:
+        """The state of a contact without load, in these arrays of zeros."""
+        self._fields, self._marks, self._numbers = fields, marks, numbers
+        self._curve = np.zeros((2, self._model.dents.shape[1] + 1))
+        self.held = self._fields[0]
+        """[N] (V,3) loads that the displacement follows, h."""
+        self._count = self._touched = 0
+        self._foot = self._normal = (0.0, 0.0, 0.0)
+        self._patch, self._pull = NO_NODES, NO_VECTORS
+        self._slope, self._turning = np.zeros(3), np.zeros((3, 3))
+
+    def another(self, fields: np.ndarray, marks: np.ndarray, numbers: np.ndarray) -> CondensedBody:
+        """The same organ under another contact, its state in these arrays (5,V,3), (2,V) and (NUMBERS,) of zeros; see
+        `bodies.condensed_contacts`."""
+        other = copy.copy(self)
+        other._rest(fields, marks, numbers)
+        return other
 
     def _kernels(self) -> None:
         """What is computed, for arrays as messages hold them."""
@@ -223,17 +237,38 @@ class CondensedBody:
         force (at least `LEAST_FORCE`), or that of the tangent there if it is greater, with the s_free that goes with
         it: so force and indentation there are the body's own, and contact that is solved against it settles.
         """
-        if len(nodes) == 0:
-            count = self._spreader.spread(foot, normal, (-normal[0], -normal[1], -normal[2]))
-            patch, pull, share = self._spreader.nodes[:count], self._spreader.forces[:count], 0.0
-        else:
-            patch, pull, share = nodes, forces, 1.0
+        patch, pull, share = self._pressed(nodes, forces, foot, normal)
         self._count, self._touched = self._step(
             self._model, patch, pull, share, normal, dt, self._fields, self._marks, self._curve, self._numbers,
             self._count,
         )  # fmt: skip
-        self._normal = normal
-        self._patch, self._pull = nodes, forces
+        compliance, free, now = self._numbers[:MORE].tolist()
+        return compliance, free, now
+
+    def _pressed(
+        self, nodes: np.ndarray, forces: np.ndarray, foot: tuple, normal: tuple
+    ) -> tuple[np.ndarray, np.ndarray, float]:
+        """The patch, forces that mark it, and whether these are a load."""
+        self._foot, self._normal, self._patch, self._pull = foot, normal, nodes, forces
+        if len(nodes):
+            return nodes, forces, 1.0
+        count = self._spreader.spread(foot, normal, (-normal[0], -normal[1], -normal[2]))
+        return self._spreader.nodes[:count], self._spreader.forces[:count], 0.0
+
+    def take(self, nodes: np.ndarray, forces: np.ndarray, foot: tuple, normal: tuple, dt: float) -> None:
+        """The first part of a step: what the linear body does under this load alone."""
+        patch, pull, share = self._pressed(nodes, forces, foot, normal)
+        self._count, self._touched = _take(
+            self._model, patch, pull, share, normal, dt, self._fields, self._marks, self._numbers, self._count
+        )
+
+    def answer(self, dt: float, aside: float = 0.0, others: float = 0.0) -> tuple[float, float, float]:
+        """The second part: what other contacts and large displacement add; returns what `step` does.
+
+        aside   [m] indentation of the linear body under the patch by what the other contacts have done
+        others  [N] force on the patch that would indent it as what presses there now does
+        """
+        _answer(self._model, dt, self._fields, self._curve, self._numbers, self._touched, aside, others)
         compliance, free, now = self._numbers[:MORE].tolist()
         return compliance, free, now
 
@@ -291,15 +326,21 @@ class CondensedBody:
 
 @numba.njit(cache=True)
 def _step(model, patch, pull, share, normal, dt, fields, marked, curve, numbers, count):
+    """`_take` and `_answer`, of one contact."""
+    count, touched = _take(model, patch, pull, share, normal, dt, fields, marked, numbers, count)
+    _answer(model, dt, fields, curve, numbers, touched, 0.0, 0.0)
+    return count, touched
+
+
+@numba.njit(cache=True)
+def _take(model, patch, pull, share, normal, dt, fields, marked, numbers, count):
     """`share` is 1 where `pull` is a load, 0 where it only marks the patch. Returns how many vertices hold load, and
     how many the patch touches.
 
     fields  (5,V,3)    h [N]; the load, later the displacement; shares of the normal force; vertices of the patch; room
     marked  [1] (2,V)  the vertices that hold load; 1 for each of these
-    curve   (2,D+1)    knots and slopes of the indentation over that of the linear body
     """
-    compliance, corners, weights = model.compliance, model.corners, model.weights
-    dents, young = model.dents, model.young
+    compliance, corners, weights, young = model.compliance, model.corners, model.weights, model.young
     held, load, measure, order = fields[0], fields[1], fields[2], fields[3, :, 0]
     active, marks = marked[0], marked[1]
     # the load, and the patch weights m, on the vertices of the coarse mesh
@@ -392,14 +433,28 @@ def _step(model, patch, pull, share, normal, dt, fields, marked, curve, numbers,
     free = keep * now + take * tangential
     numbers[COMPLIANCE], numbers[FREE], numbers[NOW] = take * self_compliance, free, now
     numbers[MORE], numbers[OWN], numbers[PRESS] = 0.0, self_compliance, press
-    numbers[RADIUS], numbers[WIDE] = radius, wide
+    numbers[RADIUS], numbers[WIDE], numbers[TOTAL] = radius, wide, total * share
+    return count, touched
+
+
+@numba.njit(cache=True)
+def _answer(model, dt, fields, curve, numbers, touched, aside, others):
+    """Change `numbers` by what other contacts and large displacement add, see `CondensedBody.answer`.
+
+    curve   (2,D+1)    knots and slopes of the indentation over that of the linear body
+    """
+    dents, measure, order = model.dents, fields[2], fields[3, :, 0]
+    keep, take = model.retardation / (dt + model.retardation), dt / (dt + model.retardation)
+    self_compliance = numbers[OWN]
+    numbers[FREE] += keep * aside
+    numbers[NOW] += aside
     if dents.shape[1] == 0 or not self_compliance > 0.0:
-        return count, touched
+        return
     # large displacement: nonlinear indentation table, s/R over that of the linear body
-    radius = wide
+    radius, now, free = numbers[WIDE], numbers[NOW], numbers[FREE]
     knots, slopes = curve[0], curve[1]
     rise(dents, order, touched, measure, knots, slopes)
-    force = max(total * share, LEAST_FORCE)
+    force = max(numbers[TOTAL] + others, LEAST_FORCE)
     numbers[NOW] = radius * risen(now / radius, knots, slopes)[0]
     numbers[FREE] = radius * risen(free / radius, knots, slopes)[0]
     end = SPACING * dents.shape[1]
@@ -412,18 +467,16 @@ def _step(model, patch, pull, share, normal, dt, fields, marked, curve, numbers,
         numbers[FREE] = radius * then - numbers[COMPLIANCE] * force
     numbers[MORE] = (numbers[NOW] - now) / self_compliance
     numbers[PRESS] += numbers[MORE]
-    return count, touched
 
 
 @numba.njit(cache=True)
-def _displaced(model, foot, reach, room, fields, active, count, touched, normal, numbers, nodes, moved):
-    """Displacements of the fine mesh: of the body under what it holds, what large displacement adds and what holds the
-    patch along the surface, with the half-space's own under the true load in place of that under the hats."""
-    compliance, held, u, share, order = model.compliance, fields[0], fields[1], fields[2], fields[3, :, 0]
-    true, press, radius = model.true, numbers[PRESS], numbers[RADIUS]
+def _field(model, u, fields, active, count, touched, normal, numbers):
+    """Add displacements of the coarse vertices: of the body under what it holds, what large displacement adds and what
+    holds the patch along the surface, less the half-space's own under the hats."""
+    compliance, held, share, order = model.compliance, fields[0], fields[2], fields[3, :, 0]
+    true, press = model.true, numbers[PRESS]
     narrowed = numbers[NARROWED] > 0.0
     field, side, patch = u.reshape(-1), numbers[SIDE], fields[4]
-    field[:] = 0.0
     for k in range(touched):
         v = int(order[k])
         for i in range(3):
@@ -448,15 +501,16 @@ def _displaced(model, foot, reach, room, fields, active, count, touched, normal,
             for i in range(3):
                 u[v, i] += hats[v] * normal[i]
         hats[:] = 0.0
+
+
+@numba.njit(cache=True)
+def _displaced(model, foot, reach, room, fields, active, count, touched, normal, numbers, nodes, moved):
+    """Displacements of the fine mesh near the foot; returns of how many vertices."""
+    u = fields[1]
+    u[:] = 0.0
+    _field(model, u, fields, active, count, touched, normal, numbers)
     told = carried(model.corners, model.weights, u, reach, foot, room, nodes, moved)
-    if len(true.table) > 0:
-        deep = (1.0 - true.held) * true.normal * press / (model.young * radius)
-        for k in range(told):
-            p = nodes[k]
-            d0, d1, d2 = model.fine[p, 0] - foot[0], model.fine[p, 1] - foot[1], model.fine[p, 2] - foot[2]
-            dent = deep * dent_at(true.profile, np.sqrt(d0 * d0 + d1 * d1 + d2 * d2) / radius)
-            for i in range(3):
-                moved[k, i] -= dent * normal[i]
+    _dent(model, foot, normal, numbers, nodes[:told], moved)
     return told
 
 
@@ -473,6 +527,21 @@ def _add_three(field, rows, v, force, young):
         _add(field, second, f1)
         _add(field, third, f2)
     force[:] = 0.0
+
+
+@numba.njit(cache=True)
+def _dent(model, foot, normal, numbers, nodes, moved):
+    """Add the half-space's own displacement under the true load to that of the fine vertices `nodes`."""
+    true, press, radius = model.true, numbers[PRESS], numbers[RADIUS]
+    if len(true.table) == 0:
+        return
+    deep = (1.0 - true.held) * true.normal * press / (model.young * radius)
+    for k in range(len(nodes)):
+        p = nodes[k]
+        d0, d1, d2 = model.fine[p, 0] - foot[0], model.fine[p, 1] - foot[1], model.fine[p, 2] - foot[2]
+        dent = deep * dent_at(true.profile, np.sqrt(d0 * d0 + d1 * d1 + d2 * d2) / radius)
+        for i in range(3):
+            moved[k, i] -= dent * normal[i]
 
 
 @numba.njit(cache=True)

@@ -52,6 +52,30 @@ def normal_force(forces, normal):
     return max(total, 0.0)
 
 
+def shared(feet, normals, radius):
+    """Share O [1] (c,c) of the force of one contact that acts on another, of patches of this radius R [m]:
+
+        O_ij = (1 - q)^4 (4q + 1) n_i.n_j,    q = |x_i - x_j|/2R
+
+    1 at one place, 0 where the patches do not overlap or face away; positive definite over all places (H. Wendland,
+    Adv. Comput. Math. 4 (1995) 389-396), so contacts under it are passive.
+
+    feet [m] (c,3), normals [1] (c,3)
+    """
+    x, n = np.array(feet), np.array(normals)
+    q = np.minimum(np.linalg.norm(x[:, None] - x, axis=2) / (2.0 * radius), 1.0)
+    return (1.0 - q) ** 4 * (4.0 * q + 1.0) * np.maximum(n @ n.T, 0.0)
+
+
+def deeper(dents):
+    """One surface of several dents, each of nodes (k) and their displacements [m] (k,3): of each node the larger."""
+    nodes = np.concatenate([nodes for nodes, _ in dents])
+    moved = np.concatenate([moved for _, moved in dents])
+    order = np.lexsort((-np.einsum("ij,ij->i", moved, moved), nodes))
+    nodes, first = np.unique(nodes[order], return_index=True)
+    return nodes, moved[order[first]]
+
+
 @njit(cache=True, error_model="numpy")
 def mean_hardness(nodes, forces, normal, hardness):
     """Mean of the factor on K over a load, weighted by the normal forces; 1 without load."""

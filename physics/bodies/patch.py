@@ -81,14 +81,14 @@ def carried(corners, weights, u, reach, foot, told, nodes, moved):
 
 
 @numba.njit(cache=True)
-def pressures(pull, patch, normal, areas, told, push, out):
-    """Fill `out` [Pa] (t,): of nodal forces (k,3) on `patch`, their part against the normal over the vertex's area, on
-    the vertices `told`; `push` (N,) is room of zeros, and is left so."""
+def add_pressure(pull, patch, normal, areas, told, push, out):
+    """Add to `out` [Pa] (t,): of nodal forces (k,3) on `patch`, their part against the normal over the vertex's area,
+    on the vertices `told`; `push` (N,) is room of zeros, and is left so."""
     for k in range(len(patch)):
         p = patch[k]
         force = pull[k, 0] * normal[0] + pull[k, 1] * normal[1] + pull[k, 2] * normal[2]
         push[p] = -force / areas[p]
     for k in range(len(told)):
-        out[k] = max(push[told[k]], 0.0)
+        out[k] += push[told[k]]
     for k in range(len(patch)):
         push[patch[k]] = 0.0

@@ -139,7 +139,11 @@ def dent_profile() -> np.ndarray:
     """W at r/R = 0, STEP ... FARTHEST: depth of the half-space under the patch, over (1 - nu²) f/(pi E R).
 
     Integrals of J3(x) J0(x rho)/x³ after H. Weber and P. Schafheitlin (Watson, Bessel Functions, 1944, 13.4)."""
-    rho = np.arange(0.0, FARTHEST + 0.5 * STEP, STEP)
+    return dent_depth(np.arange(0.0, FARTHEST + 0.5 * STEP, STEP))
+
+
+def dent_depth(rho: np.ndarray) -> np.ndarray:
+    """W at these r/R."""
     out = np.maximum(rho, 1.0)
     inside = 3.2 * scipy.special.hyp2f1(0.5, -2.5, 1.0, np.minimum(rho, 1.0) ** 2)
     return np.where(rho < 1.0, inside, scipy.special.hyp2f1(0.5, 0.5, 4.0, out**-2) / out)

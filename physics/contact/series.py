@@ -15,7 +15,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike
 
-from palpate.physics.contact.terminal import Terminal, free_recovery, power_of, terminal_force
+from palpate.physics.contact.terminal import Terminal, free_recovery, indentation, power_of, terminal_force
 
 POWER, EXPONENTIAL, HERTZ = 0, 1, 2
 MOST_FORCE = 1e300
@@ -109,17 +109,29 @@ def energy(law: ElasticLaw, s: ArrayLike) -> np.ndarray:
 
 @njit(cache=True, error_model="numpy")
 def series_step(approach, dt, s1, finger, stiffness, exponent, c2, free, previous):
-    """One step of fingertip and body in series: s1 + s2 = approach, one common force. Returns (f, s1, s2) [N, m, m].
+    """One step of fingertip and body in series: s1 + s2 = approach, one common force. Returns (f, s1, s2) [N, m, m];
+    see `balance`, with nothing else on the body.
+    """
+    f, x, s, _ = balance(approach, dt, s1, finger, stiffness, exponent, c2, free, previous, 0.0)
+    return f, x, s
+
+
+@njit(cache=True, error_model="numpy")
+def balance(approach, dt, s1, finger, stiffness, exponent, c2, free, previous, others):
+    """One step of fingertip and body in series: s1 + s2 = approach, one common force. Returns (f, s1, s2) [N, m, m],
+    and -df/d(others) [1].
 
     approach  [m]  e at the end of the step; no contact where e <= 0
     dt        [s]  T > 0; infinite gives the static split
     s1        [m]  fingertip compression before the step
     finger    (5)  the fingertip's law and its damping c1 [s/m], see `kernel_form`
     stiffness, exponent, c2, free, previous  the body's terminal law
+    others    [N]  >= 0, what presses the body here beside this finger: F2(s2) = f + others
 
-    Both recover freely to r1, r2. Where these together still fill the approach, there is no contact. Otherwise
+    Both recover to r1, r2, the body under the others. Where these together still fill the approach, there is no
+    contact. Otherwise
 
-        h(s2) = F2(s2) - F1(e - s2) = 0,   F1(s) = g1(s) <1 + c1 (s - s1)/T>,
+        h(s2) = F2(s2) - others - F1(e - s2) = 0,   F1(s) = g1(s) <1 + c1 (s - s1)/T>,
 
     has h <= 0 at s2 = r2, h >= 0 at s2 = e - r1 and never decreases: a root is always found. The step is implicit
     Euler: f >= 0 and s1 >= 0 whatever T, and f (ds1 + ds2) >= dV1 + dV2 because V is convex. s2 is negative only
@@ -127,9 +139,9 @@ def series_step(approach, dt, s1, finger, stiffness, exponent, c2, free, previou
     """
     kind, first, second, radius, c1 = int(finger[0]), finger[1], finger[2], finger[3], finger[4]
     r1 = free_recovery(s1, 0.0, c1, dt)
-    r2 = free_recovery(previous, free, c2, dt)
+    r2 = indentation(others, dt, stiffness, exponent, c2, free, previous)
     if not (approach > 0.0 and r1 + r2 < approach):
-        return 0.0, r1, r2
+        return 0.0, r1, r2, 0.0
     low, high = r2, approach - r1
     s = previous if low < previous < high else 0.5 * (low + high)
     f1 = f2 = slope1 = slope2 = 0.0
@@ -140,6 +152,7 @@ def series_step(approach, dt, s1, finger, stiffness, exponent, c2, free, previou
         f1 = g * rate
         slope1 = slope * rate + g * c1 / dt
         f2, slope2 = terminal_force(s, dt, stiffness, exponent, c2, free, previous)
+        f2 = max(f2 - others, 0.0)
         if f2 < f1:
             low = s
         else:
@@ -157,7 +170,8 @@ def series_step(approach, dt, s1, finger, stiffness, exponent, c2, free, previou
             break
         s = following
     # At the root both are equal; away from it by a rounding error, the softer one is the more exact.
-    return min(f2 if slope2 < slope1 or not f1 < math.inf else f1, MOST_FORCE), approach - s, s
+    force = min(f2 if slope2 < slope1 or not f1 < math.inf else f1, MOST_FORCE)
+    return force, approach - s, s, slope1 / (slope1 + slope2)
 
 
 def series(approach: float, dt: float, compression: float, finger: ElasticLaw, finger_damping: float, body: Terminal):

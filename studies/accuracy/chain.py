@@ -15,6 +15,7 @@ import numpy as np
 
 from palpate.messages import Contact, Friction, Load, Proximity, Surface
 from palpate.nodes.base import Node, SettingError
+from palpate.nodes.base.contacts import press
 from palpate.nodes.base.surface import OnSurface, complete
 from palpate.nodes.contact import Series
 from palpate.nodes.friction import LuGre  # type: ignore[attr-defined]
@@ -147,10 +148,9 @@ class _Chain:
         self, inputs: list[Proximity], dt: float, keep: bool
     ) -> tuple[list[tuple[Contact, Friction | None, Load | None, Surface]], np.ndarray]:
         """What was sent at each tick, if it is kept, and how long the tick took [s] (T,)."""
-        contact, friction, spread, body = self.contact.step, self.friction, self.spread.step, self.body.step
-        surface: Surface = body(
-            Load(nodes=NO_NODES, forces=NO_FORCES, foot=inputs[0].foot, normal=inputs[0].normal), dt=dt
-        )
+        contact, friction, spread, body = self.contact.step, self.friction, self.spread.step, self.body
+        nothing = Load(nodes=NO_NODES, forces=NO_FORCES, foot=inputs[0].foot, normal=inputs[0].normal)
+        surface = press(body, nothing, dt=dt)
         spent = np.empty(len(inputs))
         heard: list[tuple[Contact, Friction | None, Load | None, Surface]] = []
         gc.collect()
@@ -161,7 +161,7 @@ class _Chain:
                 touched = contact(proximity, surface, dt=dt)
                 rubbed = None if friction is None else friction.step(touched, proximity, dt=dt)
                 load = spread(touched, rubbed, dt=dt)
-                surface = body(load, dt=dt)
+                surface = press(body, load, dt=dt)
                 spent[k] = time.perf_counter_ns() - begun
                 if keep:
                     heard.append((touched, rubbed, _copied(load), _kept(surface)))

@@ -28,18 +28,22 @@ def reads(cls, function, name, seen=()):
     tree = ast.parse(textwrap.dedent(inspect.getsource(inspect.unwrap(function))))
     names, found, inside = {name}, set(), set()
     for node in ast.walk(tree):  # another name for it: `b = body`, `b = body or NONE`, `for b in (body, x)`
-        if isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name):
+        if isinstance(node, ast.Assign | ast.AnnAssign) and isinstance(_target(node), ast.Name):
             value = node.value
+            if isinstance(value, ast.BinOp) and isinstance(value.left, ast.List):  # `seen = [body] * count`
+                value = value.left.elts[0]
             if name in {v.id for v in [value, *getattr(value, "values", ())] if isinstance(v, ast.Name)}:
-                names.add(node.targets[0].id)
+                names.add(_target(node).id)
+        if isinstance(node, ast.For | ast.comprehension):
+            names |= _each(node.target, node.iter, name)
     for node in ast.walk(tree):
-        if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id in names:
+        if isinstance(node, ast.Attribute) and _one(node.value) in names:
             found.add(node.attr)
         if not isinstance(node, ast.Call):
             continue
         passed = [(i, a) for i, a in enumerate(node.args)] + [(k.arg, k.value) for k in node.keywords]
         for spot, argument in passed:
-            if not (isinstance(argument, ast.Name) and argument.id in names):
+            if _one(argument) not in names:
                 continue
             called = _called(cls, function, node.func)
             if called is None or isinstance(called, type):
@@ -53,7 +57,27 @@ def reads(cls, function, name, seen=()):
     return found - HEADER
 
 
-HARMLESS = {"InputError", "bool", "isinstance"}
+def _target(node):
+    return node.target if isinstance(node, ast.AnnAssign) else node.targets[0]
+
+
+def _one(value):
+    """The name in `load`, and in `load[0]`."""
+    value = value.value if isinstance(value, ast.Subscript) else value
+    return value.id if isinstance(value, ast.Name) else None
+
+
+def _each(target, source, name):
+    """Names of what a loop takes from a list: `for each in load`, `for body, each in zip(bodies, load)`."""
+    if isinstance(source, ast.Name):
+        return {target.id} if source.id == name and isinstance(target, ast.Name) else set()
+    if not (isinstance(source, ast.Call) and isinstance(source.func, ast.Name) and isinstance(target, ast.Tuple)):
+        return set()
+    lists = [None, *source.args] if source.func.id == "enumerate" else source.args
+    return {n for part, own in zip(target.elts, lists, strict=False) if own is not None for n in _each(part, own, name)}
+
+
+HARMLESS = {"InputError", "bool", "enumerate", "isinstance", "len", "list", "zip"}
 
 
 def _called(cls, function, called):
@@ -62,7 +86,7 @@ def _called(cls, function, called):
         return inspect.unwrap(function).__globals__.get(called.id)
     if not isinstance(called, ast.Attribute):
         return None
-    if isinstance(called.value, ast.Name) and called.value.id == "self":
+    if isinstance(called.value, ast.Name):  # of its own, or of another of its kind
         return getattr(cls, called.attr, None)
     if isinstance(called.value, ast.Call) and ast.unparse(called.value) == "super()":
         owner = next(c for c in cls.__mro__ if function.__qualname__.startswith(f"{c.__name__}."))

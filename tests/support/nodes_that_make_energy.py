@@ -17,7 +17,7 @@ class Giving(MassSpring):
         super().start()
         self._last = 0.0
 
-    def step(self, load: Load, *, dt: float) -> Surface:
+    def step(self, load: list[Load], *, dt: float) -> Surface:
         surface = super().step(load, dt=dt)
         out, self._last = surface.previous_indentation < self._last, surface.previous_indentation
         return msgspec.structs.replace(surface, stiffness=surface.stiffness * (1.0 + self.gain * out))

@@ -165,7 +165,7 @@ BAD = {
         [
             "whole.yaml:14: node 'second', input 'body'",
             "reads the body 'tissue', which the load of 'contact' presses, not its own",
-            "`spread-2: {in: {contact: second}}`, `tissue-2: {in: {load: spread-2}}`",
+            "`tissue: {in: {load: [spread, spread-2]}}` with `spread-2: {in: {contact: second}}`, a contact.Joint",
         ],
     ),
     "a contact that reads a body which its load does not reach": (
@@ -180,6 +180,12 @@ BAD = {
         "",
         ["node 'tissue': gets the load of 'contact', which does not hear how", "`in: {body: tissue}`"],
     ),
+    "two senders for an input that takes one": (
+        "{load: spread}",
+        "{load: [spread, spread]}",
+        ["node 'tissue', input 'load': takes one Load, found 2 senders", "take several: deformation.MassSpring, "],
+    ),
+    "no sender in a list": ("{load: spread}", "{load: []}", ["node 'tissue', input 'load'", "no sender; expects Load"]),
     "an organ whose force reaches no controller": (
         "  motor:",
         "  second: {use: graph_nodes.Press, in: {proximity: near, body: organ}}\n"
@@ -187,7 +193,7 @@ BAD = {
         "  organ: {use: graph_nodes.Spring, in: {load: load}}\n  motor:",
         [
             "whole.yaml:14: node 'second': its force reaches no controller: 'control' hears 'contact'",
-            "`in: {contact: second}`, or take it out: `second: null`",
+            "`in: {contact: second}`, add it to the others by a contact.Sum if it is the same finger, or take it out",
         ],
     ),
     "unknown field of a recording": (

@@ -16,7 +16,7 @@ def driven(kind, collision, start, end, speed=0.1):
     for node in nodes:
         node.start()
     find, press, spread, body = nodes
-    surface = body.step(nothing(), dt=1e-3)
+    surface = press(body, nothing(), dt=1e-3)
     count = int(np.linalg.norm(np.subtract(end, start)) / speed * 1e3)
     along = np.concatenate([np.linspace(0, 1, count), np.ones(100), np.linspace(1, 0, count)])[:, None]
     path = np.array(start) + along * np.subtract(end, start)
@@ -24,7 +24,7 @@ def driven(kind, collision, start, end, speed=0.1):
     for p in path:
         place = find.step(Pose(position=tuple(p.tolist()), velocity=(0.0, 0.0, 0.0), dt=1e-3))
         contact = press.step(place, surface, dt=1e-3)
-        surface = body.step(spread.step(contact, None), dt=1e-3)
+        surface = press(body, spread.step(contact, None), dt=1e-3)
         forces.append(contact.force * np.array(contact.normal))
     return np.array(forces), path
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from pytest import approx
 
-from palpate.physics.bodies.patch import carried, pressures, reaches
+from palpate.physics.bodies.patch import add_pressure, carried, reaches
 
 
 @pytest.mark.parametrize("count", [1, 7, 8, 9, 250])
@@ -22,12 +22,12 @@ def test_vertices_within_their_own_reach_are_told_in_order_with_the_mean_of_thei
     assert moved[:told] == approx(np.einsum("ka,kai->ki", weights[right], u[corners[right]]))
 
 
-def test_the_pressure_is_the_force_against_the_normal_over_the_area_and_never_pulls():
+def test_pressure_is_the_force_against_the_normal_over_the_area_and_adds_to_what_is_there():
     rng = np.random.default_rng(2)
     pull, patch, areas = rng.normal(size=(12, 3)), rng.choice(60, 12, replace=False).astype(np.int32), rng.random(60)
     normal, told, push = (0.6, 0.0, 0.8), np.arange(0, 60, 2, dtype=np.int32), np.zeros(60)
-    out = np.empty(len(told))
-    pressures(pull, patch, normal, areas, told, push, out)
-    right = np.zeros(60)
-    right[patch] = np.maximum(-(pull @ normal) / areas[patch], 0.0)
-    assert out == approx(right[told]) and (out > 0.0).any() and not push.any()
+    out = np.full(len(told), 3.0)
+    add_pressure(pull, patch, normal, areas, told, push, out)
+    right = np.full(60, 3.0)
+    right[patch] -= (pull @ normal) / areas[patch]
+    assert out == approx(right[told]) and (out != 3.0).any() and not push.any()

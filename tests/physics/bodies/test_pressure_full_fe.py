@@ -80,7 +80,7 @@ def test_the_pressure_is_that_of_full_elements_under_the_patch(place, radius, fo
     spreader, foot = Spreader(node.mesh(), radius), (place, 0.0, 0.0)
     count = spreader.spread(foot, UP, (0.0, 0.0, -force))
     nodes, forces = spreader.nodes[:count].copy(), spreader.forces[:count].copy()
-    surface = node.step(Load(nodes=nodes, forces=forces, foot=foot, normal=UP), dt=1e-3)
+    surface = node.step([Load(nodes=nodes, forces=forces, foot=foot, normal=UP)], dt=1e-3)
     points, right, area = traction(Layered(place, 3, radius=radius), force)
     ring = (RINGS * np.hypot(points[:, 0] - place, points[:, 1]) / radius).astype(int)
     under = ring < RINGS

@@ -1,0 +1,126 @@
+"""Which contact presses on which body, and whose force the controller hears.
+
+A contact that reads a body which its own load does not reach would feel the dent of another and leave none of its own,
+several on one body that do not solve together would take the law of the first for theirs, and a contact that no
+controller hears presses without a force on the hand. The messages fit, so that only the way of the force through the
+graph tells.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from palpate.engine.faults import Faults, Location
+from palpate.launch.load.wiring import Wire
+from palpate.messages import Contact, Contacts, Force, Load, Message, Proximity, Surface
+from palpate.nodes.base import Node, inputs, outputs
+
+
+class Pressing:
+    """The nodes that press on a body: they send Contact and hear how near it is, or how it answers.
+
+    classes  of the nodes that may run, observers left out
+    wires    of these
+    """
+
+    def __init__(self, classes: dict[str, type[Node]], wires: Iterable[Wire]) -> None:
+        self.classes = classes
+        self.wires = [wire for wire in wires if wire.consumer in classes and wire.producer in classes]
+        self.names = [name for name in classes if self._presses(name)]
+
+    def check(self, places: dict[str, Location], faults: Faults) -> None:
+        """A fault for each contact and body that do not hear each other, and each contact that no controller hears."""
+        deaf = set()
+        for name in self.names:
+            for wire in self._hears(name):
+                pressed = self.pressing(wire.producer)
+                if pressed and name not in pressed:
+                    deaf.add(name)
+                    faults.add(
+                        f"reads the body {wire.producer!r}, which the load of {_and(pressed)} presses, not its own: it "
+                        "would feel the indentation of another finger",
+                        f"Two fingers on one body: `{wire.producer}: {{in: {{load: [spread, spread-2]}}}}` with "
+                        f"`spread-2: {{in: {{contact: {name}}}}}`, a contact.Joint for both and a contact.Share for "
+                        "each (docs/graphs.md). Or give it a body of its own.",
+                        wire.place, node=name, port=wire.port.name,
+                    )  # fmt: skip
+        for body in self._senders(Surface):
+            self._check_joint(body, faults)
+            for name in self.pressing(body):
+                if (
+                    not any(issubclass(p.type, Surface | Contacts) for p in inputs(self.classes[name]))
+                    or name in deaf
+                    or body in {wire.producer for wire in self._hears(name)}
+                ):
+                    continue
+                faults.add(
+                    f"gets the load of {name!r}, which does not hear how it answers",
+                    f"On the line of {self._solver(name)!r}: `in: {{body: {body}}}`.", places[body], node=body,
+                )  # fmt: skip
+        hearing = {name: self.pressing(name) for name in self._senders(Force)}
+        heard = set().union(*hearing.values())
+        for name in self.names:
+            if heard and name not in heard:
+                faults.add(
+                    f"its force reaches no controller: {_and(hearing)} hears {_and(heard)}",
+                    f"Give {name!r} a controller and a device of its own, `in: {{contact: {name}}}`, add it to the "
+                    f"others by a contact.Sum if it is the same finger, or take it out: `{name}: null`.",
+                    places[name], node=name,
+                )  # fmt: skip
+
+    def _check_joint(self, body: str, faults: Faults) -> None:
+        """A fault where several contacts press on a body and are not solved together, each in the place of its load."""
+        loads = [w for w in self.wires if w.consumer == body and issubclass(w.port.type, Load)]
+        if len(self.pressing(body)) < 2:
+            return
+        contacts = [name for w in loads for name in self.pressing(w.producer)]
+        solvers = {self._solver(name) for name in contacts}
+        joint = min(solvers)
+        approaches = [w.producer for w in self._of(joint, Proximity)]
+        if len(solvers) > 1 or len(contacts) != len(loads) or not self._of(contacts[0], Contacts):
+            faults.add(
+                f"gets the loads of {_and(contacts)}, which are not solved together",
+                f"One `joint: {{use: contact.Joint, in: {{proximity: [...], body: {body}}}}}` for all, and of each "
+                "finger a `{use: contact.Share, in: {contacts: joint, proximity: ...}}` with a spread of its own "
+                "(docs/graphs.md).", loads[0].place, node=body, port=loads[0].port.name,
+            )  # fmt: skip
+            return
+        fingers = [w.producer for name in contacts for w in self._of(name, Proximity)]
+        if fingers != approaches:
+            faults.add(
+                f"gets the loads of the fingers {_and(fingers)}, but {joint!r} solves for {_and(approaches)}",
+                f"The same fingers in the same order: `{joint}: {{in: {{proximity: [{', '.join(fingers)}]}}}}`.",
+                loads[0].place, node=body, port=loads[0].port.name,
+            )  # fmt: skip
+
+    def _of(self, name: str, kind: type[Message]) -> list[Wire]:
+        """The wires by which a node gets messages of a type."""
+        return [w for w in self.wires if w.consumer == name and issubclass(w.port.type, kind)]
+
+    def _solver(self, contact: str) -> str:
+        """The node that solves a contact: itself, or the joint that it is a share of."""
+        return next((w.producer for w in self._of(contact, Contacts)), contact)
+
+    def pressing(self, name: str) -> list[str]:
+        """The contacts whose force a node gets, through others that pass it on."""
+        found = [name]
+        for node in found:
+            if node == name or node not in self.names:
+                wires = (w for w in self.wires if w.consumer == node and issubclass(w.port.type, Contact | Load))
+                found += dict.fromkeys(w.producer for w in wires if w.producer not in found)
+        return [n for n in found if n in self.names and n != name]
+
+    def _hears(self, contact: str) -> list[Wire]:
+        return self._of(self._solver(contact), Surface)
+
+    def _senders(self, kind: type[Message]) -> list[str]:
+        return [name for name, cls in self.classes.items() if any(issubclass(m, kind) for m in outputs(cls))]
+
+    def _presses(self, name: str) -> bool:
+        cls = self.classes[name]
+        near = any(issubclass(p.type, Proximity | Surface) for p in inputs(cls))
+        return near and any(issubclass(m, Contact) for m in outputs(cls))
+
+
+def _and(names: Iterable[str]) -> str:
+    return " and ".join(map(repr, names))

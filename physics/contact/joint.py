@@ -1,0 +1,113 @@
+"""Several fingertips on one body, solved together: what one presses in, the others feel within the step.
+
+A body answers contact i by its terminal law L_i and says by the coupling O what the forces of the others are there:
+
+    L_i(s2_i) = f_i + sum_j O_ij f_j  (j != i),   f_i = F1_i(e_i - s2_i),   f_i >= 0
+
+with F1_i the fingertip's law (`physics.contact.series`). For a linear body of compliance C, O_ij = C_ij/C_ii; there
+alone O may be negative, and moves s_free. So f is the fixed point of f_i = phi_i(sum_j O_ij f_j), phi_i one scalar
+solve in a bracket that falls with slope -t_i, 0 <= t_i < 1, as the others take the ground away from under finger i.
+Newton's method on it has the matrix I + t O, regular where C is positive; where a step does not help, one sweep of
+Gauss-Seidel takes its place, which converges for symmetric positive C (as a projected one does: O. Mangasarian, J.
+Optim. Theory Appl. 22 (1977) 465-485).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from palpate.physics.contact.series import balance
+
+EXACT = 1e-13
+"""[1] Change of the forces, over their sum, at which they are solved."""
+MOST_STEPS = 60
+
+
+@njit(cache=True, error_model="numpy")
+def _one(i, others, approach, dt, before, fingers, laws, out):
+    """Solve contact i under `others` [N]; fills its row of `out` and returns t."""
+    k, n, c, free, previous = laws[i]
+    if others < 0.0:  # they push the body against the finger, as from the other side of an organ
+        free += others / k if n == 1.0 else 0.0
+        others = 0.0
+    f, s1, s2, yields = balance(approach[i], dt, before[i], fingers[i], k, n, c, free, previous, others)
+    out[i, 0], out[i, 1], out[i, 2] = f, s1, s2
+    return yields if 0.0 <= yields <= 1.0 else 1.0
+
+
+@njit(cache=True, error_model="numpy")
+def _others(i, coupling, force):
+    """What the forces of the other contacts are at contact i [N]."""
+    total = 0.0
+    for j in range(len(force)):
+        if j != i:
+            total += coupling[i, j] * force[j]
+    return total
+
+
+@njit(cache=True, error_model="numpy")
+def joint_step(approach, dt, before, fingers, laws, coupling, force, out):
+    """One step of k fingertips on one body.
+
+    approach  [m] (k)    e of each at the end of the step
+    dt        [s]        T > 0; infinite gives the static split
+    before    [m] (k)    compression of each fingertip before the step
+    fingers   (k,5)      law and damping of each, see `series.kernel_form`
+    laws      (k,5)      terminal laws: K, n, c, s_free, s_prev
+    coupling  [1] (k,k)  O; its diagonal is not read
+    force     [N] (k)    where to begin
+    out       (k,3)      filled with f [N], s1 [m] and s2 [m] of each
+    """
+    count = len(approach)
+    matrix, miss, best = np.zeros((count, count)), np.zeros(count), force.copy()
+    least = np.inf
+    for _ in range(MOST_STEPS):
+        worst = total = 0.0
+        for i in range(count):
+            yields = _one(i, _others(i, coupling, force), approach, dt, before, fingers, laws, out)
+            for j in range(count):
+                matrix[i, j] = 1.0 if i == j else yields * coupling[i, j]
+            miss[i] = out[i, 0] - force[i]
+            worst, total = max(worst, abs(miss[i])), total + out[i, 0]
+        if worst <= EXACT * total:
+            return
+        if worst < least:
+            least = worst
+            best[:] = force
+            if _solve(matrix, miss):
+                for i in range(count):
+                    force[i] = max(force[i] + miss[i], 0.0)
+                continue
+        force[:] = best
+        for i in range(count):
+            _one(i, _others(i, coupling, force), approach, dt, before, fingers, laws, out)
+            force[i] = out[i, 0]
+        least = np.inf
+
+
+@njit(cache=True, error_model="numpy")
+def _solve(matrix, right):
+    """Solve matrix x = right in place, by elimination with pivots; False where it is singular."""
+    count = len(right)
+    for k in range(count):
+        pivot = k
+        for i in range(k + 1, count):
+            if abs(matrix[i, k]) > abs(matrix[pivot, k]):
+                pivot = i
+        if not 0.0 < abs(matrix[pivot, k]) < np.inf:
+            return False
+        if pivot != k:
+            for j in range(count):
+                matrix[k, j], matrix[pivot, j] = matrix[pivot, j], matrix[k, j]
+            right[k], right[pivot] = right[pivot], right[k]
+        for i in range(k + 1, count):
+            factor = matrix[i, k] / matrix[k, k]
+            for j in range(k, count):
+                matrix[i, j] -= factor * matrix[k, j]
+            right[i] -= factor * right[k]
+    for k in range(count - 1, -1, -1):
+        for j in range(k + 1, count):
+            right[k] -= matrix[k, j] * right[j]
+        right[k] /= matrix[k, k]
+    return True

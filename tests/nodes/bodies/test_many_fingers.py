@@ -1,0 +1,220 @@
+"""Several fingers on one body: contact.Joint, contact.Share and the bodies that take several loads."""
+
+from itertools import pairwise
+
+import msgspec
+import numpy as np
+import pytest
+from pytest import approx
+
+from palpate.launch.testing import FakeBus
+from palpate.messages import Contact, Contacts, Load, MessageError, Pose, Proximity, Surface, pack, unpack
+from palpate.nodes import collision
+from palpate.nodes.base import InputError, inputs
+from palpate.nodes.contact import Series
+from palpate.nodes.contact.joint import Joint, Share
+from palpate.nodes.deformation import MassSpring, ReducedFE, Rigid
+from palpate.nodes.spread import Kernel
+
+BODIES = [MassSpring, ReducedFE, Rigid]
+COUPLED = [MassSpring, ReducedFE]
+TOP = 0.105
+VERTICES = 3000
+
+
+class Hand:
+    """Fingers over the kidney, each with collision and spread of its own, on one body."""
+
+    def __init__(self, kind, count, **more):
+        mesh = {} if kind is Rigid else {"vertices": VERTICES}
+        self.body = FakeBus(kind(**mesh, **more))
+        self.joint, self.share = FakeBus(Joint()), [FakeBus(Share()) for _ in range(count)]
+        self.collision = [FakeBus(collision.Nurbs()) for _ in range(count)]
+        self.spread = [FakeBus(Kernel(vertices=VERTICES)) for _ in range(count)]
+        self.surface = None
+
+    def step(self, places):
+        """One tick with the bones [m] (c,3) here; the contacts."""
+        near = [
+            msgspec.structs.replace(find.publish(Pose(position=tuple(p), velocity=(0.0, 0.0, 0.0), dt=1e-3))[0],
+                                    source=f"collision-{i}", tick=-1)
+            for i, (find, p) in enumerate(zip(self.collision, np.asarray(places, float).tolist(), strict=True))
+        ]  # fmt: skip
+        self.joint.hold("body", self.surface)
+        (solved,) = self.joint.publish(near)
+        contacts = []
+        for bus, one in zip(self.share, near, strict=True):
+            bus.hold("proximity", one)
+            contacts += bus.publish(msgspec.structs.replace(solved, tick=-1, time=-1))
+        loads = [
+            bus.publish(msgspec.structs.replace(c, tick=-1, time=-1))[0]
+            for bus, c in zip(self.spread, contacts, strict=True)
+        ]
+        (self.surface,) = self.body.publish([msgspec.structs.replace(one, tick=-1, time=-1) for one in loads])
+        return contacts
+
+    def hold(self, places, ticks=300):
+        for _ in range(ticks):
+            contacts = self.step(places)
+        return np.array([c.force for c in contacts])
+
+
+def bone(x, depth, y=0.0):
+    """A bone edge over the middle of the kidney, `depth` of it beyond touching."""
+    return [x, y, TOP + 4e-3 - depth]
+
+
+@pytest.mark.parametrize("kind", BODIES)
+def test_one_finger_feels_what_it_feels_without_a_joint(kind):
+    hand = Hand(kind, 1)
+    alone, spread, body = Series(), Kernel(vertices=VERTICES), hand.body.node.__class__
+    other = body(**({} if kind is Rigid else {"vertices": VERTICES}))
+    for node in (alone, spread, other):
+        node.start()
+    find, surface = collision.Nurbs(), None
+    find.start()
+    for tick in range(120):
+        place = bone(0.0, 6e-3 * min(tick / 60, 1.0))
+        (joined,) = hand.step([place])
+        near = find.step(Pose(position=tuple(place), velocity=(0.0, 0.0, 0.0), dt=1e-3))
+        near = msgspec.structs.replace(near, tick=tick, time=tick * 1_000_000)
+        contact = alone.step(near, surface, dt=1e-3)
+        surface = other.step([spread.step(contact, None, dt=1e-3)], dt=1e-3)
+        surface = msgspec.structs.replace(surface, tick=tick, time=tick * 1_000_000)
+        assert joined.force == approx(contact.force, rel=1e-9, abs=1e-12)
+    assert joined.force > 0.3
+    assert b"laws" not in pack(hand.surface) and not len(hand.surface.laws)
+
+
+@pytest.mark.parametrize("kind", BODIES)
+def test_two_fingers_sixty_millimetres_apart_feel_what_each_feels_alone(kind):
+    places = [bone(-0.03, 7e-3), bone(0.03, 6e-3)]
+    both = Hand(kind, 2).hold(places)
+    each = [Hand(kind, 1).hold([place])[0] for place in places]
+    assert min(both) > 0.1
+    assert both == approx(each, rel=0.01)
+
+
+@pytest.mark.parametrize("kind", COUPLED)
+def test_the_nearer_they_are_the_less_each_bears(kind):
+    forces = [Hand(kind, 2).hold([bone(-d / 2, 6e-3), bone(d / 2, 6e-3)]).sum() for d in (0.0, 5e-3, 10e-3, 20e-3)]
+    assert (np.diff(forces) > 0.0).all()
+
+
+@pytest.mark.parametrize("kind", COUPLED)
+def test_on_one_place_they_share_the_force(kind):
+    """Two fingertips and one body: half the compliance of the fingertip, and the whole of the body."""
+    first, second = Hand(kind, 2).hold([bone(0.0, 6e-3), bone(0.0, 6e-3)])
+    alone = Hand(kind, 1).hold([bone(0.0, 6e-3)])[0]
+    assert first == approx(second, rel=1e-9)
+    assert alone < first + second < 1.5 * alone
+
+
+@pytest.mark.parametrize("kind", COUPLED)
+def test_a_finger_that_hovers_changes_nothing_and_one_over_a_dent_touches_later(kind):
+    alone = Hand(kind, 1).hold([bone(0.0, 7e-3)])[0]
+    hand = Hand(kind, 2)
+    beside, hovering = hand.hold([bone(0.0, 7e-3), bone(4e-3, -1e-3)])
+    assert beside == approx(alone, rel=1e-3) and hovering == 0.0
+    _, light = hand.hold([bone(0.0, 7e-3), bone(4e-3, 0.3e-3)], 50)
+    assert light == 0.0  # it would touch an undeformed surface
+
+
+@pytest.mark.parametrize("kind", BODIES)
+def test_one_lifts_while_the_other_presses(kind):
+    hand = Hand(kind, 2)
+    hand.hold([bone(-6e-3, 6e-3), bone(6e-3, 6e-3)], 200)
+    for tick in range(400):
+        contacts = hand.step([bone(-6e-3, 6e-3 - 10e-3 * min(tick / 100, 1.0)), bone(6e-3, 6e-3)])
+        assert all(np.isfinite(c.force) and c.force >= 0.0 for c in contacts)
+    alone = Hand(kind, 1).hold([bone(6e-3, 6e-3)], 400)[0]
+    assert contacts[0].force == 0.0
+    assert contacts[1].force == approx(alone, rel=2e-3)
+
+
+@pytest.mark.parametrize("kind", BODIES)
+def test_fingers_that_cross_stay_finite_and_change_places(kind):
+    """Each goes along the kidney through the place of the other, at 0.2 m/s."""
+    hand, forces = Hand(kind, 2), []
+    hand.hold([bone(-20e-3, 6e-3), bone(20e-3, 6e-3)], 100)
+    for tick in range(200):
+        x = -20e-3 + 40e-3 * tick / 199
+        forces.append([c.force for c in hand.step([bone(x, 6e-3), bone(-x, 6e-3)])])
+    forces = np.array(forces)
+    assert np.isfinite(forces).all() and (forces >= 0.0).all()
+    # no jump in a tick once they move, the moment of passing included
+    assert np.abs(np.diff(forces[5:], axis=0)).max() < 0.04 * forces.max()
+    ended = hand.hold([bone(20e-3, 6e-3), bone(-20e-3, 6e-3)], 300)
+    alone = [Hand(kind, 1).hold([bone(x, 6e-3)], 300)[0] for x in (20e-3, -20e-3)]
+    assert ended == approx(alone, rel=0.2 if kind is ReducedFE else 1e-6)
+
+
+@pytest.mark.parametrize("kind", BODIES)
+def test_five_fingers_press_lift_and_come_to_rest(kind):
+    hand, places = Hand(kind, 5), [(-0.03, 6e-3), (-0.015, 7e-3), (0.0, 7e-3), (0.015, 6e-3), (0.03, 5e-3)]
+    forces = hand.hold([bone(*place) for place in places], 200)
+    assert (forces > 0.1).all()
+    hand.hold([bone(x, -5e-3) for x, _ in places], 600)
+    assert hand.joint.slot.health.asleep > 0
+    if kind is not Rigid:
+        assert hand.body.slot.health.asleep > 0
+
+
+@pytest.mark.parametrize("kind", COUPLED)
+def test_a_slow_cycle_of_two_fingers_gives_out_no_energy(kind):
+    """Press with one, then the other, let go in the same order: the work of both fingertips on the body."""
+    hand, work, before = Hand(kind, 2), 0.0, np.zeros(2)
+    corners = np.array([[0, 0], [6, 0], [6, 6], [0, 6], [0, 0]]) * 1e-3 - 0.5e-3
+    for start, end in pairwise(corners):
+        for part in np.linspace(0.0, 1.0, 250):
+            depth = start + part * (end - start)
+            contacts = hand.step([bone(-5e-3, depth[0]), bone(5e-3, depth[1])])
+            s = np.array([c.indentation for c in contacts])
+            work += np.dot([c.force for c in contacts], s - before)
+            before = s
+    assert work > -2e-6  # [J] of some 2 mJ that went in and out
+
+
+def test_a_body_says_what_it_is_in_the_message_of_several_contacts_over_the_wire():
+    hand = Hand(ReducedFE, 2)
+    hand.hold([bone(-8e-3, 6e-3), bone(8e-3, 6e-3)], 20)
+    came = unpack(pack(hand.surface), Surface)
+    assert came.laws.shape == (2, 5) and came.slopes.shape == (2, 12) and came.coupling.shape == (2, 2)
+    assert came.laws[0, 0] == came.stiffness and came.slopes[0, :3].tolist() == list(came.tangential_gradient)
+    a = came.coupling / came.laws[:, :1]
+    assert a[0, 1] == approx(a[1, 0], rel=1e-12)  # compliances between the two, reciprocal
+    with pytest.raises(MessageError, match="coupling"):
+        msgspec.structs.replace(came, coupling=np.ones((2, 3)))
+
+
+def test_a_body_that_does_not_know_all_contacts_is_refused_by_name():
+    near = Proximity(source="a", foot=(0.0, 0.0, 0.0), normal=(0.0, 0.0, 1.0), coordinates=(0.0, 0.0), element=0,
+                     gap=-1e-3, approach=1e-3, slip=(0.0, 0.0, 0.0))  # fmt: skip
+    body = Surface(nodes=[], displacement=np.zeros((0, 3)), stiffness=1e3, exponent=1.0, damping=0.0,
+                   rest_indentation=0.0, previous_indentation=0.0, source="tissue")  # fmt: skip
+    with pytest.raises(InputError, match=r"'tissue'.*laws of 0 contacts, expected 2"):
+        FakeBus(Joint(), body=body).publish([near, near])
+    zero = (0.0, 0.0)
+    one = Contacts(fingers="b c", force=zero, compression=zero, indentation=zero, compression_rate=zero,
+                   indentation_rate=zero, lateral_force=np.zeros((2, 3)))  # fmt: skip
+    with pytest.raises(InputError, match="fingers b, c, expected 'a'"):
+        FakeBus(Share(), proximity=near).publish(one)
+
+
+def test_without_its_body_the_forces_of_all_are_gone_within_eight_milliseconds():
+    hand = Hand(MassSpring, 2)
+    near = [bone(-8e-3, 6e-3), bone(8e-3, 6e-3)]
+    assert (hand.hold(near, 200) > 0.3).all()
+    for _ in range(9):
+        hand.surface = None
+        contacts = hand.step(near)
+    assert [c.force for c in contacts] == [0.0, 0.0]
+    back = [c.force for c in hand.step(near)]
+    assert max(back) < 0.05 and (hand.hold(near, 300) > 0.3).all()
+
+
+def test_ports_that_take_many_are_read_from_the_signature():
+    (port,) = inputs(MassSpring)
+    assert (port.name, port.type, port.many, port.optional, port.expects) == ("load", Load, True, False, "list[Load]")
+    assert [p.many for p in inputs(Joint)] == [True, False]
+    assert inputs(Share)[0].type is Contacts and inputs(Kernel)[0].type is Contact

@@ -1,0 +1,82 @@
+"""One finger that meets several organs: contact.Sum, and the graph `organs`."""
+
+import numpy as np
+import pytest
+from pytest import approx
+
+from palpate.engine.faults import GraphError
+from palpate.launch.load.graph import load
+from palpate.launch.load.launchfile import find
+from palpate.launch.run.execute import execute
+from palpate.launch.testing import FakeBus
+from palpate.messages import Contact, Force, Friction, unpack
+from palpate.nodes.contact.sum import Sum
+from palpate.records.player import plan_of
+from palpate.records.reader import Recording
+from palpate.records.verify import verify
+
+LEFT, RIGHT = (-0.6, 0.0, 0.8), (0.6, 0.0, 0.8)
+
+
+def contact(force, normal, depth=1e-3, along=(0.0, 0.0, 0.0)):
+    still = {"compression_rate": 0.0, "indentation_rate": 0.0, "lateral_force": along, "stored": (force * depth,)}
+    return Contact(foot=normal, normal=normal, force=force, compression=depth, indentation=2 * depth, **still)
+
+
+def rubbing(*force):
+    return Friction(force=force, bristle=(0.0, 0.0, 0.0), stick=True)
+
+
+def test_the_organ_that_is_touched_alone_is_the_contact():
+    one, none = contact(0.7, LEFT), contact(0.0, RIGHT)
+    ((heard, _),) = FakeBus(Sum()).publish([none, one])
+    assert (heard.force, heard.normal, heard.foot, heard.compression) == (0.7, LEFT, LEFT, 1e-3)
+
+
+def test_two_at_once_add_up():
+    bus = FakeBus(Sum(), friction=[rubbing(0.1, 0.0, 0.0), rubbing(0.0, 0.2, 0.0)])
+    ((heard, rubbed),) = bus.publish([contact(0.6, LEFT, 1e-3, (0.0, 0.1, 0.0)), contact(0.3, RIGHT, 4e-3)])
+    total = 0.6 * np.array(LEFT) + 0.3 * np.array(RIGHT)
+    assert heard.force * np.array(heard.normal) == approx(total)
+    assert np.linalg.norm(heard.normal) == approx(1.0)
+    assert heard.lateral_force == approx((0.0, 0.1, 0.0)) and rubbed.force == approx((0.1, 0.2, 0.0))
+    assert heard.compression == approx((0.6 * 1e-3 + 0.3 * 4e-3) / 0.9)
+    assert heard.stored[0] == approx(0.6e-3 + 1.2e-3)
+
+
+def test_forces_that_cancel_and_a_friction_that_is_gone_are_no_fault():
+    bus = FakeBus(Sum(), friction=[None, rubbing(0.0, 0.2, 0.0)])
+    ((heard, rubbed),) = bus.publish([contact(0.5, (1.0, 0.0, 0.0)), contact(0.5, (-1.0, 0.0, 0.0))])
+    assert heard.force == 0.0 and heard.normal == (1.0, 0.0, 0.0) and rubbed.force == (0.0, 0.2, 0.0)
+
+
+def test_a_finger_goes_from_one_organ_over_both_to_the_other_without_a_jump(tmp_path):
+    sets = ("scene.surface.vertices=1500", "scene.liver-surface.vertices=1500")
+    assert execute(find("organs").but(record=tmp_path / "organs.mcap", place="fused", overrides=sets)).result.ok
+    recording = Recording(tmp_path / "organs.mcap")
+    sent: dict[str, list] = {}
+    for name, _, payload in recording.payloads():
+        kind = {"contact-kidney": Contact, "contact-liver": Contact, "controller": Force}.get(name)
+        if kind:
+            sent.setdefault(name, []).append(unpack(payload, kind))
+    kidney, liver = (np.array([c.force for c in sent[f"contact-{organ}"]]) for organ in ("kidney", "liver"))
+    hand = np.array([f.force for f in sent["controller"]])
+    assert kidney[500:900].min() > 0.5 and liver[500:900].max() == 0.0
+    both = slice(1900, 2200)
+    assert kidney[both].min() > 0.1 and liver[both].min() > 0.1
+    assert liver[2700:3200].min() > 0.5 and kidney[2700:3200].max() == 0.0
+    pushed = [f * np.array(c.normal) for f, c in zip(kidney, sent["contact-kidney"], strict=True)]
+    pushed = np.array(pushed) + [f * np.array(c.normal) for f, c in zip(liver, sent["contact-liver"], strict=True)]
+    assert np.abs(hand - pushed)[both].max() < 0.35 * np.linalg.norm(pushed[both], axis=1).max()  # the rest is friction
+    assert np.abs(np.diff(hand, axis=0)).max() < 0.15
+    report = verify(recording, plan_of(recording), tolerance=0.0)
+    assert report.ok, report.first
+
+
+def test_an_organ_whose_force_is_left_out_of_the_sum_is_refused(tmp_path):
+    path = tmp_path / "organs.yaml"
+    path.write_text("extends: organs\nnodes: {both: {in: {contact: contact-kidney}}}\n")
+    with pytest.raises(GraphError) as error:
+        load(path)
+    assert "node 'contact-liver': its force reaches no controller" in str(error.value)
+    assert "contact.Sum" in str(error.value)

@@ -1,0 +1,194 @@
+"""A condensed organ under several contacts (physics.bodies.condensed_contacts)."""
+
+import math
+from functools import lru_cache
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from pytest import approx
+from scipy.integrate import quad
+from scipy.special import j0, jv
+
+from palpate.models.fe.contact.bed import ElasticFoundation
+from palpate.models.fe.element.mesh import bricks, grid, quadratic
+from palpate.models.fe.meshing.organ import SLAB
+from palpate.models.fe.solve.solver import Solver
+from palpate.nodes.deformation import ReducedFE
+from palpate.physics.bodies.condensed_body import Basis, CondensedBody
+from palpate.physics.bodies.condensed_contacts import CondensedContacts, _mean_inverse, joint_profile
+from palpate.physics.bodies.true_patch import MEAN
+from palpate.physics.contact.spread import Spreader
+from palpate.physics.materials.neo_hooke import neo_hooke
+from palpate.studies.accuracy.continuum import BED, POISSON, RADIUS, SIDE, STEPS, YOUNG, _load, graded, stuck
+
+UP = (0.0, 0.0, 1.0)
+
+
+@lru_cache
+def slab(model="nonlinear", retardation=0.0):
+    node = ReducedFE(surface="plane", position=(0.0, 0.0, 0.0), vertices=10000)
+    basis = node.basis()
+    if model == "linear":
+        basis = Basis(basis.vertices, basis.triangles, basis.compliance)
+    return CondensedBody(basis, node.mesh(), YOUNG, retardation, RADIUS, 1.0, POISSON)
+
+
+def load(body, place, force, normal=UP):
+    spreader, foot = Spreader(body.mesh, RADIUS), (*place, 0.0)[:3] if len(place) < 3 else tuple(place)
+    count = spreader.spread(foot, normal, tuple(-force * n for n in normal))
+    if force == 0.0:
+        count = 0
+    return spreader.nodes[:count].copy(), spreader.forces[:count].copy(), foot, normal
+
+
+def pressed(body, places, forces, steps=2, dt=1.0):
+    """The contacts after some steps, and their indentations [m]."""
+    many = CondensedContacts(body, len(places))
+    loads = [load(body, place, force) for place, force in zip(places, forces, strict=True)]
+    for _ in range(steps):
+        laws = many.step(loads, dt)
+    return many, np.array([law[2] for law in laws])
+
+
+@pytest.mark.parametrize("rho", [0.0, 0.3, 1.0, 1.9, 2.6, 4.4, 7.0])
+def test_the_compliance_between_two_patches_of_a_half_space_is_their_hankel_integral(rho):
+    found = _mean_inverse(joint_profile(), rho)[0]
+    total = 0.0
+    for a, b in pairwise(np.arange(0.0, 60.5, 0.5)):
+        total += quad(lambda x: (48.0 * jv(3, x) / x**3) ** 2 * j0(x * rho) if x > 0.0 else 1.0, a, b)[0]
+    assert found == approx(total, rel=1e-3)
+
+
+def test_patches_on_one_place_have_the_compliance_of_one():
+    assert joint_profile()[0] == approx(MEAN, rel=1e-4)
+
+
+@pytest.mark.parametrize("model", ["linear", "nonlinear"])
+def test_far_apart_each_is_indented_as_alone_and_on_one_place_as_one_under_both(model):
+    body = slab(model)
+    _, (left, right) = pressed(body, [(-0.03, 0.0), (0.03, 0.0)], [0.6, 0.6])
+    for place, both in ((-0.03, left), (0.03, right)):
+        _, (alone,) = pressed(body, [(place, 0.0)], [0.6])
+        assert both == approx(alone, rel=0.01)
+    _, shared = pressed(body, [(0.0, 0.0), (0.0, 0.0)], [0.2, 0.4])
+    _, (one,) = pressed(body, [(0.0, 0.0)], [0.6])
+    assert shared == approx(one, rel=2e-3)
+
+
+def test_what_each_does_to_the_other_is_equal_to_rounding():
+    """Betti: 1 N at A indents B as 1 N at B indents A; of the linear organ, whose patches differ in place and load."""
+    body, places = slab("linear"), [(-0.021, 0.004), (-0.009, 0.0)]
+    many, (_, there) = pressed(body, places, [0.3, 0.0])
+    _, (here, _) = pressed(body, places, [0.0, 0.3])
+    assert many._cross[0, 1] == many._cross[1, 0]
+    assert there == approx(here, rel=1e-12)  # each is evaluated from its own side
+    assert np.linalg.eigvalsh(many._cross + np.diag(many._numbers[:, 4])).min() > 0.0
+
+
+@pytest.mark.parametrize("model", ["linear", "nonlinear"])
+def test_the_law_of_each_says_where_it_goes_under_the_forces_of_all(model):
+    """At the forces of now the next step is the body's own; at others of the linear body, too."""
+    body = slab(model, 0.02)
+    many = CondensedContacts(body, 2)
+    places, forces = [(-0.006, 0.0), (0.006, 0.002)], np.array([0.5, 0.3])
+    for _ in range(5):
+        laws = many.step([load(body, p, f) for p, f in zip(places, forces, strict=True)], 1e-3)
+    following = forces if model == "nonlinear" else np.array([0.2, 0.6])
+    acting = many.coupling @ following
+    told = [free + c * a for (c, free, _), a in zip(laws, acting, strict=True)]
+    then = many.step([load(body, p, f) for p, f in zip(places, following, strict=True)], 1e-3)
+    assert [law[2] for law in then] == approx(told, rel=2e-3 if model == "nonlinear" else 2e-5)
+
+
+def test_the_energy_of_a_linear_body_is_half_the_work_of_its_forces_and_no_cycle_makes_any():
+    body = slab("linear", 0.02)
+    many, rng = CondensedContacts(body, 3), np.random.default_rng(5)
+    places, work, before = [(-0.008, 0.0), (0.004, 0.006), (0.012, -0.004)], 0.0, np.zeros(3)
+    for _ in range(60):
+        forces = rng.uniform(0.0, 1.0, 3) * (rng.uniform(size=3) > 0.2)
+        now = np.array(
+            [law[2] for law in many.step([load(body, p, f) for p, f in zip(places, forces, strict=True)], 5e-3)]
+        )
+        work += forces @ (now - before)
+        before = now
+        assert work >= many.stored() - 1e-9
+    _, depths = (held := pressed(body, places, [0.4, 0.5, 0.2], steps=40))
+    assert held[0].stored() == approx(0.5 * np.dot([0.4, 0.5, 0.2], depths), rel=5e-3)
+
+
+def test_the_slope_is_that_of_the_indentation_by_the_others_along_the_surface():
+    body, step = slab("linear"), 2e-4
+    many = CondensedContacts(body, 2)
+    for _ in range(3):
+        many.step([load(body, (0.010, 0.001), 0.0), load(body, (-0.004, 0.0), 0.8)], 1e3)
+
+    def indented(x, y, force=0.0):
+        many.step([load(body, (x, y), force), load(body, (-0.004, 0.0), 0.8)], 1e3)
+        return many._aside[0]
+
+    expected = [
+        (indented(0.010 + step, 0.001) - indented(0.010 - step, 0.001)) / (2 * step),
+        (indented(0.010, 0.001 + step) - indented(0.010, 0.001 - step)) / (2 * step),
+    ]
+    indented(0.010, 0.001, 1e-9)
+    found = many._slope[0] / 1e-9
+    assert found[:2] == approx(expected, rel=0.12, abs=0.02 * abs(expected[0]))
+    assert found[0] < 0.0 and abs(found[2]) < 1e-12  # it is drawn into the other's dent
+
+
+def test_the_surface_that_is_sent_is_that_of_all_contacts():
+    body = slab()
+    many, depths = pressed(body, [(-0.010, 0.0), (0.010, 0.0)], [0.5, 0.3])
+    nodes, moved = many.displaced()
+    field = np.zeros((len(body.mesh.vertices), 3))
+    field[nodes] = moved
+    for place, force, depth in ((-0.010, 0.5, depths[0]), (0.010, 0.3, depths[1])):
+        at, forces, *_ = load(body, (place, 0.0), force)
+        assert (forces * field[at]).sum() / force == approx(depth, rel=0.01)
+
+
+def cut(apart, cells):
+    """Half of the block, its mesh following two patches on y = 0."""
+    size = RADIUS / cells
+    x = graded(-SIDE / 2, -apart / 2 - RADIUS, apart / 2 + RADIUS, SIDE / 2, size)
+    points, corners = grid(x, graded(0.0, 0.0, RADIUS, SIDE / 2, size), graded(-SLAB, -0.6 * RADIUS, 0.0, 0.0, size))
+    mesh = quadratic(points, bricks(points, corners), np.zeros(6 * len(corners), np.int64))
+    high = mesh.points[mesh.faces[:, :3], 2]
+    top, under = mesh.faces[(high > -1e-9).all(axis=1)], mesh.faces[(high < 1e-9 - SLAB).all(axis=1)]
+    fixed = np.zeros(mesh.points.shape, dtype=bool)
+    fixed[mesh.points[:, 1] < 1e-9, 1] = True
+    units = []
+    for place in (-apart / 2, apart / 2):
+        fixed[stuck(mesh.points, place, RADIUS), :2] = True
+        units.append(_load(mesh.points, top, place, RADIUS))
+    return mesh, fixed, under, units
+
+
+def full(apart, forces, cells, levels):
+    """Indentations [m] under both patches of the full model."""
+    mesh, fixed, under, units = cut(apart, cells)
+    pull = sum(0.5 * f * unit for f, unit in zip(forces, units, strict=True))
+    bed = ElasticFoundation(under, BED * YOUNG)
+    body = Solver(mesh, {0: neo_hooke(YOUNG, POISSON)}, fixed, loads=lambda s: s * pull, contacts=[bed], settings=STEPS)
+    for level in range(levels):
+        body.advance((level + 1) / levels)
+    return np.array([float(np.sum(unit * body.displacement)) for unit in units])
+
+
+@pytest.mark.parametrize("apart", [5e-3, 12e-3])
+def test_two_light_fingers_indent_the_slab_as_two_patches_do_a_full_model(apart):
+    """The full model is coarse, 2 % too stiff; what one does to the other is within 1 % of the peak."""
+    exact = full(apart, (0.02, 0.0), 2, 1)
+    _, found = pressed(slab(), [(-apart / 2, 0.0), (apart / 2, 0.0)], [0.02, 0.0])
+    assert found == approx(exact, abs=0.03 * exact.max())
+    assert found[1] == approx(exact[1], abs=0.011 * exact.max())
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("apart", [5e-3, 10e-3, 20e-3])
+@pytest.mark.parametrize("forces", [(0.6, 0.6), (0.9, 0.3)])
+def test_two_fingers_that_press_hard_stay_within_three_percent_of_the_full_model(apart, forces):
+    exact = full(apart, forces, 4, math.ceil(max(forces) / 0.15))
+    _, found = pressed(slab(), [(-apart / 2, 0.0), (apart / 2, 0.0)], forces)
+    assert found == approx(exact, abs=0.03 * exact.max())

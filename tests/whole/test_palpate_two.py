@@ -1,0 +1,121 @@
+"""Two fingers feel for a nodule in one body: the graph that ships, its faults, and its runs."""
+
+import numpy as np
+import pytest
+from pytest import approx
+
+from palpate.engine.faults import GraphError
+from palpate.launch.load.graph import load
+from palpate.launch.load.launchfile import find
+from palpate.launch.run.execute import execute
+from palpate.messages import Contact, Contacts, Surface, unpack
+from palpate.records.player import plan_of
+from palpate.records.reader import Recording
+from palpate.records.verify import verify
+
+QUICK = ("scene.surface.vertices=1500", "scene.index.begin=[-0.012, 0, 0.110]", "scene.middle.begin=[-0.030, 0, 0.110]")
+
+REDUCED = ("tissue.use=deformation.ReducedFE", "scene.nodule.nodule_radius=0")
+
+
+def run(path, *overrides, place="fused", duration=0.8, clock=None):
+    more = {} if clock is None else {"clock": clock}
+    launch = find("palpate-two").but(
+        duration=duration, record=path, place=place, overrides=(*QUICK, *overrides), **more
+    )
+    outcome = execute(launch)
+    assert outcome.result.ok, outcome.result.deaths
+    return Recording(path)
+
+
+def payloads(recording):
+    by_stream: dict[str, list[bytes]] = {}
+    for name, _, payload in recording.payloads():
+        by_stream.setdefault(name, []).append(payload)
+    return by_stream
+
+
+@pytest.fixture(scope="module")
+def felt(tmp_path_factory):
+    return run(tmp_path_factory.mktemp("two") / "two.mcap", *REDUCED)
+
+
+def test_both_hands_feel_the_body_and_it_feels_both(felt):
+    streams = payloads(felt)
+    first, second = ([unpack(m, Contact) for m in streams[f"contact-{i}"]] for i in (1, 2))
+    assert max(c.force for c in first) > 0.3 and max(c.force for c in second) > 0.3
+    for share, place in ((first, 0), (second, 1)):
+        joint = [unpack(m, Contacts) for m in streams["joint"]]
+        assert [c.force for c in share] == [c.force[place] for c in joint]
+    last = unpack(streams["tissue"][-1], Surface)
+    assert last.laws.shape == (2, 5) and 0.05 < last.coupling[0, 1] < 0.5
+
+
+def test_it_replays_bit_for_bit(felt):
+    report = verify(felt, plan_of(felt), tolerance=0.0)
+    assert report.ok and report.complete, report.first
+
+
+def test_one_process_per_node_sends_the_same_bytes(felt, tmp_path):
+    assert payloads(run(tmp_path / "apart.mcap", *REDUCED, place=None)) == payloads(felt)
+
+
+def test_a_run_on_the_real_clock_replays_bit_for_bit(tmp_path):
+    recording = run(tmp_path / "real.mcap", duration=0.6, clock="real")
+    report = verify(recording, plan_of(recording), tolerance=0.0)
+    assert report.ok, report.first
+
+
+def test_a_finger_that_its_condition_leaves_out_is_told(tmp_path):
+    path = tmp_path / "two.yaml"
+    path.write_text("extends: palpate-two\nnodes: {contact-2: {when: tissue.second}}\nscene: palpate-two\n")
+    with pytest.raises(GraphError) as error:
+        load(path)
+    assert "the scene has no 'tissue.second'" in str(error.value)
+
+
+FAULTS = {
+    "the other way round": (
+        "tissue: {in: {load: [spread-2, spread-1]}}",
+        ["input 'load': gets the loads of the fingers 'collision-2' and 'collision-1', but 'joint' solves for",
+         "`joint: {in: {proximity: [collision-2, collision-1]}}`"],
+    ),
+    "one sender twice": (
+        "tissue: {in: {load: [spread-1, spread-1]}}", ["input 'load': has the sender 'spread-1' twice"]),
+    "a body that takes one": (
+        "tissue: {use: deformation.BeamBundle}",
+        ["input 'load': takes one Load, found 2 senders", "deformation.MassSpring, deformation.ReducedFE"],
+    ),
+    "a model that takes one": (
+        "tissue: {use: deformation.ReducedFE, model: sampled}",
+        ["input 'load': takes at most 1 with these settings, found 2", "Take out 'spread-2'"],
+    ),
+    "no sender": ("tissue: {in: {load: []}}", ["input 'load', which drives the node, has no sender"]),
+    "each for itself": (
+        "contact-2: {use: contact.Series, in: {contacts: null, proximity: collision-2, body: tissue}}",
+        ["gets the loads of 'contact-1' and 'contact-2', which are not solved together", "use: contact.Joint"],
+    ),
+    "a load that is left out": (
+        "tissue: {in: {load: spread-1}}",
+        ["node 'contact-2'", "reads the body 'tissue', which the load of 'contact-1' presses, not its own"],
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("line", "words"), FAULTS.values(), ids=FAULTS)
+def test_what_would_be_wrong_in_silence_is_refused_with_what_works(tmp_path, line, words):
+    path = tmp_path / "two.yaml"
+    path.write_text(f"extends: palpate-two\nnodes:\n  {line}\n")
+    with pytest.raises(GraphError) as error:
+        load(path)
+    told = str(error.value).replace("input 'load': input, which", "input 'load', which")
+    for word in words:
+        assert word in told, told
+
+
+def test_the_surface_under_both_is_recorded_where_both_press(felt):
+    surfaces = [unpack(m, Surface) for m in payloads(felt)["tissue"]]
+    deep = max(surfaces, key=lambda s: np.abs(s.displacement).sum())
+    depth = -deep.displacement[:, 2]
+    assert depth.max() > 1e-3 and np.isfinite(depth).all()
+    assert deep.previous_indentation == approx(deep.laws[0, 4])
