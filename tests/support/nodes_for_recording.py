@@ -110,7 +110,7 @@ class DozingTissue(MassSpring):
         super().start()
         self.steps = 0
 
-    def step(self, load: Load, *, dt: float) -> Surface:
+    def step(self, load: list[Load], *, dt: float) -> Surface:
         self.steps += 1
         if self.steps == self.at:
             time.sleep(self.seconds)
