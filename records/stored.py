@@ -284,8 +284,12 @@ class Stored:
 
     def stream_of(self, kind: type[Message]) -> str | None:
         """The first stream of this message type, None where there is none."""
+        return next(iter(self.streams_of(kind)), None)
+
+    def streams_of(self, kind: type[Message]) -> list[str]:
+        """The streams of this message type, in the order of the graph."""
         wanted = full_name(kind)
-        return next((name for name, stream in self.streams.items() if stream.schema["class"] == wanted), None)
+        return [name for name, stream in self.streams.items() if stream.schema["class"] == wanted]
 
     def rename(self, old: str, new: str, producer: str) -> None:
         """Call a stream otherwise, as if this node had sent it."""

@@ -12,7 +12,7 @@ from collections.abc import Iterable
 
 from palpate.engine.faults import Faults, Location
 from palpate.launch.load.wiring import Wire
-from palpate.messages import Contact, Contacts, Force, Load, Message, Proximity, Surface
+from palpate.messages import Contact, Contacts, Force, Ledger, Load, Message, Proximity, Surface
 from palpate.nodes.base import Node, inputs, outputs
 
 
@@ -66,6 +66,15 @@ class Pressing:
                     f"Give {name!r} a controller and a device of its own, `in: {{contact: {name}}}`, add it to the "
                     f"others by a contact.Sum if it is the same finger, or take it out: `{name}: null`.",
                     places[name], node=name,
+                )  # fmt: skip
+
+        for name in self._senders(Ledger):
+            bodies = (w.producer for w in self._of(name, Surface))
+            contacts = dict.fromkeys(c for node in (name, *bodies) for c in self.pressing(node))
+            if len(contacts) > 1:
+                faults.add(
+                    f"keeps the books of one contact, found the forces of {_and(contacts)}: its sums would not close",
+                    f"Take it out: `{name}: null`.", places[name], node=name,
                 )  # fmt: skip
 
     def _check_joint(self, body: str, faults: Faults) -> None:

@@ -95,6 +95,11 @@ FAULTS = {
         "contact-2: {use: contact.Series, in: {contacts: null, proximity: collision-2, body: tissue}}",
         ["gets the loads of 'contact-1' and 'contact-2', which are not solved together", "use: contact.Joint"],
     ),
+    "books of one contact": (
+        "ledger: {use: ledger.Energy, in: {contact: contact-1, friction: friction-1, force: controller-1, "
+        "pose: finger-1, body: tissue}}",
+        ["the books of one contact, found the forces of 'contact-1' and 'contact-2'", "`ledger: null`"],
+    ),
     "a load that is left out": (
         "tissue: {in: {load: spread-1}}",
         ["node 'contact-2'", "reads the body 'tissue', which the load of 'contact-1' presses, not its own"],

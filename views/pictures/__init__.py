@@ -59,8 +59,11 @@ def _draw(recording: Recording, folder: Path, console: Console | None, step: Cal
         softness,
     )
     from palpate.views.pictures.touch import TouchStreams
+    from palpate.views.several import left_out
 
     touch = TouchStreams(recording)
+    if text := left_out(recording):
+        _tell(console, text)
     folder.mkdir(parents=True, exist_ok=True)
     made = []
     views = None

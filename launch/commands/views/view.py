@@ -25,9 +25,10 @@ def view(
 
     check()
     from palpate.views.page.reel import Reels
+    from palpate.views.several import left_out
 
     reels = Reels(files)
     for reel in reels.reels:
-        if reel.recording.ending:
-            typer.echo(reel.recording.ending, err=True)
+        for text in filter(None, (reel.recording.ending, left_out(reel.recording))):
+            typer.echo(text, err=True)
     show(reels, "see", port, no_open)
