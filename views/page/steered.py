@@ -66,8 +66,10 @@ def steered(launch: LaunchFile, folder: Path) -> tuple[LaunchFile, Path]:
     graph = launch.load()
     devices = [name for name, spec in graph.nodes.items() if DeviceState in spec.streams.values()]
     if len(devices) != 1:
-        count = "no node" if not devices else f"{len(devices)} nodes"
-        raise PageError(f"{launch.graph.stem}: {count} that sends DeviceState, expected one. Try: palpate touch kidney")
+        raise PageError(
+            f"{launch.graph.stem}: nodes that send DeviceState: found {', '.join(devices) or 'none'}, expected one. "
+            "Try: palpate touch kidney"
+        )
     spec = graph.nodes[devices[0]]
     feeds = {kind: stream for node in graph.nodes.values() for stream, kind in node.streams.items()}
     wires = {port: feeds[kind] for port, kind in _ports(feeds).items()}
