@@ -277,7 +277,8 @@ def test_the_finger_on_a_surface_as_small_as_itself_is_not_cut_off():
     tip = np.array([0.0, 0.0, 8e-3])
     centre = tip + render.FINGER_RADIUS * np.array(UP)
     plotter = SimpleNamespace(window_size=render.SIZE, camera=SimpleNamespace(), reset_camera_clipping_range=int)
-    render._camera(plotter, 8e-3 * around, centre[None], (None, None, tip, np.array(UP), np.zeros(3)), near=False)
+    shot = (None, None, tip, np.array(UP), np.zeros(3))
+    render._camera(plotter, 8e-3 * around, centre[None], np.zeros((0, 3)), shot, near=False)
     camera = plotter.camera
     ahead = np.subtract(camera.focal_point, camera.position)
     right = np.cross(ahead, camera.up)

@@ -126,7 +126,8 @@ def test_plan_as_data(whole, write):
     place = write("place.yaml", "a: {nodes: [near, contact], core: 1}\n")
     code, data = spoken("plan", whole, "--place", place)
     assert code == 0 and data["order"][0] == "device"
-    assert data["groups"][0] == {"name": "a", "nodes": ["near", "contact"], "core": [1], "priority": None, "host": None}
+    group = {"name": "a", "nodes": ["near", "contact"], "core": [1], "priority": None, "host": None, "why": ""}
+    assert data["groups"][0] == group
 
 
 def test_plan_draws(whole, tmp_path):

@@ -283,7 +283,7 @@ def test_a_step_that_answers_after_a_period_is_overdue(monkeypatch):
     monkeypatch.setattr(real, "now", lambda: here.clock[0])
     monkeypatch.setattr(real, "_gather", lambda *given: [None])
     here.slots[0].node.step = lambda torque, **given: here.clock.__setitem__(0, MS - 30_000) or POSE
-    here.slots[0].takes(1)
+    here.slots[0].takes(here.slots[0].counts)
     real.run_real(here, 0)
     assert [made.health.overdue for made in here.slots] == [0, 1, 0]
 
