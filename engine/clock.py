@@ -19,13 +19,14 @@ now = time.monotonic_ns
 
 
 def sleep_until(deadline: int) -> int:
-    """Return at `deadline` [ns], or at once when it has passed; sleeps first, spins the last 0.1 ms.
+    """Return at `deadline` [ns], or at once when it has passed; sleeps first, spins the last 0.1 ms, or a quarter of a
+    shorter wait: a process that never sleeps is stopped by the kernel for 50 ms of each second.
 
     Returns by how much it is late [ns].
     """
     left = deadline - now()
-    if left > SPIN:
-        time.sleep((left - SPIN) * 1e-9)
+    if left > 0:
+        time.sleep((left - min(SPIN, left // 4)) * 1e-9)
     while (left := now() - deadline) < 0:
         pass
     return left

@@ -9,7 +9,7 @@ Placement never changes what is computed.
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
@@ -30,6 +30,8 @@ BUILT_IN = (FUSED, AUTO, APART)
 """Placements without a file."""
 SHARE = 0.5
 """[1] of a period that the steps of the force path may take in the median: the rest is for what they take at worst."""
+AWAY = 100.0
+"""[µs] a tick that a node takes at least which gets a process of its own: the messages there and back cost some 40."""
 _Core = Annotated[int, msgspec.Meta(ge=0)]
 _Cores = Annotated[list[_Core], msgspec.Meta(min_length=1)]
 _HOST = r"^(tcp://)?[A-Za-z0-9.-]+(:[0-9]+)?$"
@@ -98,24 +100,25 @@ def apart(plan: Plan) -> Placement:
     return Placement([ProcessGroup(name, [name]) for name in _names(plan)])
 
 
-def auto(plan: Plan, times: Mapping[str, float] | None = None, cores: int | None = None) -> Placement:
+def auto(plan: Plan, times: Mapping[str, float] | None = None, cores: Collection[int] | None = None) -> Placement:
     """The force path in one process, all else in another: within a process a message costs a call, between two of them
     a wake-up, and on two cores nine processes wait for one another.
 
     times  [s] median step of each node. Where the path takes more than `SHARE` of a period, its slowest node whose
-           answer the path uses in the next tick only (a body) gets a process of its own, and computes meanwhile
-    cores  that may be used: so many processes compute in parallel. None: those of this process
+           answer the path uses in the next tick only (a body) gets a process and a core of its own, and computes
+           meanwhile. The path itself has the last core
+    cores  that may be used. None: those of this process
     """
-    times, free = times or {}, (cores or len(os.sched_getaffinity(0))) - 1
+    times, free = times or {}, sorted(os.sched_getaffinity(0) if cores is None else cores)[:-1]
     path, period = force_path(plan), 1e6 / plan.graph.rate
     now = {edge.producer for name in path for edge in plan.edges[name] if not edge.loop}
     costs = {name: 1e6 * times.get(name, 0.0) / plan.graph.nodes[name].every for name in path}
     groups = []
     movable = sorted(path - now - {name for name in path if plan.graph.nodes[name].cls.paced}, key=costs.__getitem__)
-    while movable and free > 0 and sum(costs.values()) > SHARE * period:
-        name, free = movable.pop(), free - 1
+    while movable and free and sum(costs.values()) > SHARE * period and costs[movable[-1]] > AWAY:
+        name = movable.pop()
         why = f"{costs.pop(name):.0f} of {period:.0f} µs a tick, used in the next one"
-        groups.append(ProcessGroup(name, [name], why=why))
+        groups.append(ProcessGroup(name, [name], core=(free.pop(),), why=why))
     said = f", {sum(costs.values()):.0f} of {period:.0f} µs a tick" if times else "; no step times yet"
     groups.insert(0, ProcessGroup("loop", [name for name in plan.order if name in costs], why=f"force path{said}"))
     others = [name for name in _names(plan) if name not in path]

@@ -330,20 +330,23 @@ def test_the_drawing_shows_every_node_and_edge(whole):
 
 def test_auto_puts_the_force_path_together_and_says_why(whole):
     run = planned(whole)
-    loop, rest = auto(run, cores=2).groups
+    loop, rest = auto(run, cores=(0, 1)).groups
     assert set(loop.nodes) == force_path(run) and rest.nodes == ["log"]
     assert loop.why == "force path; no step times yet" and rest.why == "off the force path"
     quick = dict.fromkeys(run.order, 10e-6)
-    assert [g.nodes for g in auto(run, quick, cores=2).groups] == [loop.nodes, rest.nodes]
-    assert auto(run, quick, cores=2).groups[0].why == f"force path, {10 * len(loop.nodes)} of 1000 µs a tick"
+    assert [g.nodes for g in auto(run, quick, cores=(0, 1)).groups] == [loop.nodes, rest.nodes]
+    assert auto(run, quick, cores=(0, 1)).groups[0].why == f"force path, {10 * len(loop.nodes)} of 1000 µs a tick"
 
 
 def test_auto_puts_a_slow_body_apart_where_a_core_is_free(whole):
     run = planned(whole)
     slow = dict.fromkeys(run.order, 10e-6) | {"tissue": 600e-6}
-    loop, body, rest = auto(run, slow, cores=2).groups
+    loop, body, rest = auto(run, slow, cores=(0, 1)).groups
+    assert loop.core is None and body.core == (0,)
     assert body.nodes == ["tissue"] and body.why == "600 of 1000 µs a tick, used in the next one"
     assert "tissue" not in loop.nodes and rest.nodes == ["log"]
-    assert "tissue" in auto(run, slow, cores=1).groups[0].nodes
+    assert "tissue" in auto(run, slow, cores=(0,)).groups[0].nodes
+    fast = dict.fromkeys(run.order, 90e-6)  # together too much, but a wake-up costs as much as any of them
+    assert "tissue" in auto(run, fast, cores=(0, 1)).groups[0].nodes
     late = dict.fromkeys(run.order, 10e-6) | {"contact": 600e-6}  # the same tick waits for it: apart it gains nothing
-    assert "contact" in auto(run, late, cores=2).groups[0].nodes
+    assert "contact" in auto(run, late, cores=(0, 1)).groups[0].nodes
