@@ -49,7 +49,8 @@ Shipped = find_class({use!r})
 class Faulty(Shipped):
     @functools.wraps(Shipped.step)
     def step(self, *messages, **more):
-        if any(message is not None and message.tick >= {at} for message in messages):
+        each = [one for given in messages for one in (given if isinstance(given, list) else [given])]
+        if any(message is not None and message.tick >= {at} for message in each):
             with open({note!r}, "w") as file:
                 file.write(str(time.monotonic()))
             while True:
@@ -69,6 +70,7 @@ def fault(node: str, kind: str, folder: Path) -> dict[str, float | None]:
 def once(node: str, kind: str, folder: Path) -> dict[str, float | None]:
     """See `fault`; `unsure` [s]: how long sending the signal took."""
     file, note = folder / "run.mcap", folder / "note"
+    note.unlink(missing_ok=True)
     launch = dataclasses.replace(find("kidney"), record=file)
     if kind not in SIGNALS:
         launch = launch.but(overrides=[f"{node}.use={faulty(launch.load().nodes[node].use, kind, note)}"])
