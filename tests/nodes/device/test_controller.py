@@ -213,6 +213,7 @@ def test_the_force_falls_to_zero_when_what_it_needs_is_gone(port):
     b.kill(port)
     answers = [b.publish(contact(4.0, 1e-3))[0] if port == "pose" else b.run()[0] for _ in range(5)]
     assert [answer.force[2] for answer in answers] == approx([3.0, 2.0, 1.0, 0.0, 0.0])
+    assert {(answer.state, answer.energy) for answer in answers} == {("free", 0.0)}
 
 
 def test_friction_fades_out_and_in_within_20_ms_and_the_normal_force_remains():
