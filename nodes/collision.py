@@ -61,16 +61,11 @@ class Mesh(OnSurface):
         self.work, self.foot = closest.scratch()
         self.memory = memory(mesh.vertices, edge_counts(mesh.triangles, len(mesh.vertices))[0] > 0)
         self._follow = entry_point(follow_mesh, *self.tables, PLACE, 0.0, self.work, self.foot, self.memory)
-        self.flaws: list[str] = []
+        self._notes = []
         if self.surface not in SURFACES:
             from palpate.nodes.base.mesh_file import flaws  # its package is an extra
 
-            self.flaws = flaws(self.surface)
-
-    def notes(self) -> list[str]:
-        """What is wrong with the mesh file, once."""
-        flaws, self.flaws = self.flaws, []
-        return flaws
+            self._notes = flaws(self.surface)
 
     def step(self, pose: Pose) -> Proximity:
         self._follow(*self.tables, pose.position, self.hysteresis, self.work, self.foot, self.memory)

@@ -30,15 +30,11 @@ class Energy(Node):
     def start(self) -> None:
         self._books = EnergyAccount(self.delay)
         self._tripped = False
-        self._news: list[str] = []
+        self._notes = []
 
     def generated(self, part: str) -> float:
         """Energy [J] that one part has given out and cannot have had."""
         return self._books.part(part).generated
-
-    def notes(self) -> list[str]:
-        news, self._news = self._news, []
-        return news
 
     def condition(self) -> str:
         return "tripped" if self._tripped else ""
@@ -75,7 +71,7 @@ class Energy(Node):
         part, most = books.worst()
         if self.bound and most > self.bound and not self._tripped:
             self._tripped = True
-            self._news.append(
+            self._notes.append(
                 f"the {part} generated {most * 1e3:.3g} mJ, above the bound of "
                 f"{self.bound * 1e3:.3g} mJ, at {force.time * 1e-9:.3f} s: the force goes to zero"
             )

@@ -112,6 +112,7 @@ def compare(
     last = last_tick(present)
     streams = [_Streams(variant.plan, player) for variant, player in zip(computed, players, strict=True)]
     every = max(1, last // POINTS)
+    collects = gc.isenabled()
     try:
         for player in players:
             player.start()
@@ -128,7 +129,8 @@ def compare(
             if not tick % 256:
                 show(tick, last)
     finally:
-        gc.enable()
+        if collects:
+            gc.enable()
         for player in players:
             player.stop()
     for variant, player in zip(computed, players, strict=True):

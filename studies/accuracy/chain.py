@@ -20,6 +20,7 @@ from palpate.nodes.base.surface import OnSurface, complete
 from palpate.nodes.contact import Series
 from palpate.nodes.friction import LuGre  # type: ignore[attr-defined]
 from palpate.nodes.spread import Kernel
+from palpate.physics.entry_point import NO_NODES, NO_VECTORS
 from palpate.studies.accuracy.errors import UnsupportedError
 from palpate.studies.accuracy.kidney import along
 from palpate.studies.accuracy.outcome import LOOKS, NEAR, Fidelity, MethodOutcome
@@ -34,8 +35,6 @@ BALL: dict[str, Any] = {"finger_law": "power", "finger_power_stiffness": 1e12, "
 UP = (0.0, 0.0, 1.0)
 LAW = frozenset({"stiffness", "exponent", "damping", "rest_indentation", "previous_indentation", "step", "relaxation"})
 """Fields of a body that the contact reads: its terminal law."""
-NO_NODES = np.zeros(0, dtype=np.int32)
-NO_FORCES = np.zeros((0, 3))
 
 
 def surface_of(touch: BenchCase) -> dict[str, Any]:
@@ -149,7 +148,7 @@ class _Chain:
     ) -> tuple[list[tuple[Contact, Friction | None, Load | None, Surface]], np.ndarray]:
         """What was sent at each tick, if it is kept, and how long the tick took [s] (T,)."""
         contact, friction, spread, body = self.contact.step, self.friction, self.spread.step, self.body
-        nothing = Load(nodes=NO_NODES, forces=NO_FORCES, foot=inputs[0].foot, normal=inputs[0].normal)
+        nothing = Load(nodes=NO_NODES, forces=NO_VECTORS, foot=inputs[0].foot, normal=inputs[0].normal)
         surface = press(body, nothing, dt=dt)
         spent = np.empty(len(inputs))
         heard: list[tuple[Contact, Friction | None, Load | None, Surface]] = []

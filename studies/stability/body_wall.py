@@ -23,8 +23,9 @@ from palpate.nodes.controller import Haptic
 from palpate.nodes.spread import Kernel
 from palpate.physics.device.stability import poles
 from palpate.physics.device.wall_loop import WallDevice, advance, settles
+from palpate.physics.entry_point import NO_NODES, NO_VECTORS
 from palpate.physics.errors import ArgumentError
-from palpate.studies.accuracy.chain import BALL, LAW, NO_FORCES, NO_NODES, UP
+from palpate.studies.accuracy.chain import BALL, LAW, UP
 
 PUSH = 0.1
 """[N] of the hand: soft bodies are then pressed by millimetres."""
@@ -82,7 +83,7 @@ class Wall:
         self._contact, self._spread, self._body, self._dt = Series(**BALL), Kernel(**PLACE), body, period
         for node in (self._contact, self._spread, body):
             node.start()
-        self._surface = press(body, Load(nodes=NO_NODES, forces=NO_FORCES, foot=NONE, normal=UP), dt=period)
+        self._surface = press(body, Load(nodes=NO_NODES, forces=NO_VECTORS, foot=NONE, normal=UP), dt=period)
 
     def press(self, depth: float) -> Contact:
         """The finger at this depth [m], below 0 in the air."""
