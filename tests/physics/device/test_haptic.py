@@ -7,8 +7,8 @@ import pytest
 from pytest import approx
 from scipy.spatial.transform import Rotation
 
-from palpate.physics.device.controller import ENERGY, RISE, SLEW, SPEED, WAY, buffers, haptic, observe
-from palpate.physics.device.rendered import LEAP, SHARE, compensation, stiffest
+from palpate.physics.device.controller import ENERGY, GAUGE, RISE, SLEW, SPEED, WAY, buffers, haptic, observe
+from palpate.physics.device.rendered import FROM, LEAP, SHARE, compensation, stiffest
 
 T, MASS, DRAG, COUNT = 1e-3, 0.1, 0.2, 60e-6
 STILL, UP = (0.0, 0.0, 0.0), (0.0, 0.0, 1.0)
@@ -259,3 +259,10 @@ def test_an_input_that_is_not_finite_leaves_mode_and_energy_as_they_were(push):
     step(gains(), state, past, push, (0.0, 0.0, 1e-4))
     assert step(gains(), state, past, math.nan) == (0.0, 0.0, 0.0, push > 0.0, state[ENERGY, 0])
     assert bool(state[ENERGY, 0]) == (push > 0.0)
+
+
+def test_steps_of_the_position_are_mostly_rounding_so_a_slope_is_measured_over_eight_of_them():
+    state, past = buffers(0)
+    for k in range(12):
+        step(gains(COUNT), state, past, 100.0 * COUNT * k, (0.0, 0.0, -COUNT * k))
+        assert state[GAUGE, FROM] == approx(COUNT * (8 if k >= 8 else 0))

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from pytest import approx
 
-from palpate.physics.device.rendered import BELOW, CUT, FORGET, LAW, LINE, SPAN, slope, soften
+from palpate.physics.device.rendered import BELOW, CUT, FORGET, LAW, LINE, slope, soften
 
 MOST, STEP, DT = 1000.0, 1e-4, 1e-3  # [N/m], [m], [s]
 
@@ -96,7 +96,3 @@ def test_exact_positions_give_a_slope_in_every_step_and_rest_keeps_it():
     gauge = np.zeros(4)
     assert [slope(gauge, force, 1e-6, 0.0) for force in (0.1, 0.3)] == approx([1e5, 2e5])
     assert slope(gauge, 0.7, 0.0, 0.0) == approx(2e5)
-
-
-def test_steps_of_the_position_are_mostly_rounding_so_a_slope_spans_eight():
-    assert SPAN == 8.0
