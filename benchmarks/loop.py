@@ -4,7 +4,8 @@ memory.
     python benchmarks/loop.py [--seconds S] [--json]
 
 Rates are the best of three runs, interleaved, because neighbours on the machine only ever make a run slower; the
-median is beside it. Nothing is recorded. Latency is from the time of a tick to the torque that answers it.
+median is beside it. Nothing is recorded. Latency is from the time of a tick to the torque that answers it. Beside each
+run on the real clock a process only sleeps to each tick: what it misses too is the machine's.
 """
 
 from __future__ import annotations
@@ -19,27 +20,37 @@ import statistics
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 
+from control import Control
 from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 from rich.text import Text
+from tables import show
 
 from palpate.launch.load.launchfile import LaunchFile, find
+from palpate.launch.load.placement import APART, AUTO
 from palpate.launch.load.plan import plan
 from palpate.launch.run.assign import jobs
 from palpate.launch.run.execute import execute
 from palpate.launch.run.launcher import Launcher
 from palpate.launch.run.result import Result
+from palpate.records.times import step_times
 
 PLACES = {"fused": "fused", "processes": None}
+REAL = ((APART, 1000.0), (AUTO, 1000.0), (AUTO, 5000.0))
+"""Placements and rates [Hz] on the real clock."""
 
 
-def run(place: str | None, clock: str, seconds: float) -> Result:
+def run(
+    place: str | None, clock: str, seconds: float, rate: float = 1000.0, watch: Callable[[Launcher], None] | None = None
+) -> Result:
     """One run of the kidney graph without a recording."""
-    launch = find("kidney").but(place=place, clock=clock, duration=seconds)
-    result = execute(_unrecorded(launch)).result
+    launch = find("kidney").but(place=place, clock=clock, duration=seconds, overrides=(f"rate={rate}",))
+    times = lambda planned: step_times(planned, None)[0]  # noqa: E731
+    result = execute(_unrecorded(launch), step_times=times, watch=watch or (lambda _: None)).result
     if not result.ok:
         raise SystemExit(str(result.deaths[0]))
     return result
@@ -69,16 +80,21 @@ def rates(seconds: float) -> dict[str, dict[str, float]]:
     return answer
 
 
-def real_time(seconds: float) -> dict[str, float]:
-    """Late ticks, ticks whose torque came after the next one had begun, and latency at 1 kHz on the real clock."""
-    result = run(None, "real", seconds)
+def real_time(place: str, rate: float, seconds: float) -> dict[str, object]:
+    """Ticks left out, ticks whose torque came after the next one had begun, and latency on the real clock; and what the
+    sleeper beside it missed."""
+    control = Control(seconds, rate)
+    result = run(place, "real", seconds, rate, control.look)
     device, statics = result.health["device"], result.health["statics"]
     ticks = device["steps"] + device["late"]
     return {
+        "place": place,
+        "rate": rate,
         "ticks": ticks,
         "late": device["late"] / ticks,
         "held": device["held"] / ticks,
         **{key: statics["age"][key] for key in ("p50", "p99", "p999", "longest")},
+        "control": control.told(),
         "refused": "; ".join(result.notes),
     }
 
@@ -114,6 +130,21 @@ def memory() -> dict[str, float]:
     return sizes
 
 
+def _row(real: dict) -> dict[str, object]:
+    """A run on the real clock as a row of the table."""
+    asleep = real["control"]
+    return {
+        "place": real["place"],
+        "Hz": round(real["rate"]),
+        "ticks": real["ticks"],
+        "left out [%]": 100 * real["late"],
+        "after the next [%]": 100 * real["held"],
+        **{f"{key} [us]": 1e6 * real[key] for key in ("p50", "p99", "p999")},
+        "sleeper: missed [%]": 100 * asleep["missed"],
+        **{f"late {key} [us]": 1e6 * asleep[key] for key in ("p50", "p99", "p999")},
+    }
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--seconds", type=float, default=6.0, help="simulated time of each run")
@@ -123,7 +154,7 @@ def main() -> None:
         "machine": platform.platform(),
         "load": os.getloadavg()[0],
         "rates": rates(given.seconds),
-        "real": real_time(given.seconds),
+        "real": [real_time(place, rate, given.seconds) for place, rate in REAL],
         "first tick": first_tick(),
         "memory": memory(),
     }
@@ -141,14 +172,12 @@ def main() -> None:
     out.print(table)
     steps = figures["rates"]["steps"]
     out.print("step p50 \\[us]:", ", ".join(f"{name} {value * 1e6:.1f}" for name, value in steps.items()))
-    real = figures["real"]
-    out.print(
-        f"real clock, 1 kHz, {real['ticks']} ticks: {real['late']:.2%} late, {real['held']:.2%} "
-        f"answered after the next tick; latency p50 {real['p50'] * 1e6:.0f}, p99 {real['p99'] * 1e6:.0f}, "
-        f"p99.9 {real['p999'] * 1e6:.0f} us"
-    )
-    if real["refused"]:
-        out.print(f"refused by the system: {real['refused']}")
+    show("real clock, and beside it the sleeper", [_row(real) for real in figures["real"]], digits=3)
+    for real in figures["real"]:
+        queue = ", ".join(f"{group} {wait * 1e6:.1f}" for group, wait in real["control"]["queue"].items())
+        out.print(f"waiting for the core \\[us a tick], {real['place']}, {real['rate']:.0f} Hz: {queue}")
+    for refused in {real["refused"] for real in figures["real"]} - {""}:
+        out.print(f"refused by the system: {refused}")
     out.print(f"load of the machine at the end: {figures['load']:.1f}")
     out.print(f"from the command to the first tick: {figures['first tick']:.2f} s")
     sizes = figures["memory"]

@@ -3,7 +3,8 @@ and of the check, and the memory of a replay of a long file beside that of a sho
 
     python benchmarks/recording.py [--minutes M] [--seconds S] [--json]
 
-Rates are medians of interleaved runs on simulated time, as fast as the machine allows.
+Rates are medians of interleaved runs on simulated time, as fast as the machine allows. No node reads the shape of the
+surface: without a recording nobody computes it. So a third rate is that of a run that computes all and keeps nothing.
 """
 
 from __future__ import annotations
@@ -23,16 +24,22 @@ from rich.console import Console
 from rich.table import Table
 
 from palpate.launch.load.launchfile import ALL, SOURCES, find
+from palpate.launch.load.plan import plan
 from palpate.launch.run.execute import execute
 
 ROUNDS = 5
+NOTHING, COMPUTED = "without", "computed"
+"""Not recorded; and a recording that leaves out every stream."""
 
 
 def rate(seconds: float, record: Path | None, place: str | None, only: str | None = None) -> tuple[float, float]:
     """Ticks a second [Hz] of one run of the kidney graph, and processor time a tick [s], user and system."""
-    launch = dataclasses.replace(find("kidney").but(duration=seconds, place=place, only=only), record=record)
+    kept = {"only": only} if only in (SOURCES, ALL) else {}
+    launch = dataclasses.replace(find("kidney").but(duration=seconds, place=place, **kept), record=record)
+    graph = launch.load()
+    streams = [stream for name in plan(graph).order for stream in graph.nodes[name].streams]
     before = os.times()
-    outcome = execute(launch)
+    outcome = execute(launch, leave_out=streams if only == COMPUTED else ())
     spent = sum(os.times()[:4]) - sum(before[:4])
     if not outcome.result.ok:
         raise SystemExit(str(outcome.result.deaths[0]))
@@ -45,14 +52,14 @@ def overhead(seconds: float, folder: Path) -> dict[str, dict[str, float]]:
     rates: dict[str, dict[str, float]] = {}
     for name, place in (("fused", "fused"), ("processes", None)):
         rate(seconds, None, place)
-        runs: dict[str, list[tuple[float, float]]] = {"without": [], SOURCES: [], ALL: []}
+        runs: dict[str, list[tuple[float, float]]] = {NOTHING: [], COMPUTED: [], SOURCES: [], ALL: []}
         for _ in range(ROUNDS):  # interleaved, so that a busy neighbour troubles both
             for only, made in runs.items():
-                made.append(rate(seconds, None if only == "without" else folder / f"{name}.mcap", place, only))
-        for only in (SOURCES, ALL):
-            pairs = list(zip(runs["without"], runs[only], strict=True))
-            rates[f"{name}, {only}"] = {
-                "without_Hz": statistics.median(a for a, _ in runs["without"]),
+                made.append(rate(seconds, None if only == NOTHING else folder / f"{name}.mcap", place, only))
+        for only, base in ((SOURCES, NOTHING), (ALL, NOTHING), (ALL, COMPUTED)):
+            pairs = list(zip(runs[base], runs[only], strict=True))
+            rates[f"{name}, {only}" + (", all computed in both" if base == COMPUTED else "")] = {
+                "without_Hz": statistics.median(a for a, _ in runs[base]),
                 "with_Hz": statistics.median(b for b, _ in runs[only]),
                 "ratio": statistics.median(b[0] / a[0] for a, b in pairs),
                 "processor_ratio": statistics.median(a[1] / b[1] for a, b in pairs),

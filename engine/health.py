@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from bisect import bisect_left
+from itertools import accumulate
+
 import msgspec
-import numpy as np
 
 from palpate import messages
 
@@ -36,12 +38,13 @@ class Histogram:
 
     def report(self) -> dict[str, float]:
         """Mean, quantiles and longest duration [s]."""
-        total, count = np.cumsum(self.bins), self.count
+        total = list(accumulate(self.bins[: 8 * (self.longest.bit_length() + 2)]))
+        count = total[-1]
         durations = {"mean": self.total * 1e-9 / count if count else 0.0}
         for name, q in (("p50", 0.5), ("p99", 0.99), ("p999", 0.999)):
-            place = int(np.searchsorted(total, q * count))
+            place = bisect_left(total, q * count)
             bits, eighth = divmod(place - 8, 8)
-            share = 1.0 - float(total[place] - q * count) / self.bins[place] if count else 0.0
+            share = 1.0 - (total[place] - q * count) / self.bins[place] if count else 0.0
             durations[name] = min(2.0 ** (bits - 1) * (1.0 + (eighth + share) / 8.0), self.longest) * 1e-9
         durations["longest"] = self.longest * 1e-9
         return durations

@@ -25,8 +25,8 @@ class Lateness:
     missed: float
 
 
-def measure(seconds: float, priority: int | None) -> Lateness | None:
-    """Sleep to each millisecond for a while. None: the priority is not permitted.
+def measure(seconds: float, priority: int | None, period: float = PERIOD) -> Lateness | None:
+    """Sleep to the end of each period [s] for a while. None: the priority is not permitted.
 
     priority  of SCHED_RR, None: as any process. It is given back at the end.
     """
@@ -36,11 +36,11 @@ def measure(seconds: float, priority: int | None) -> Lateness | None:
         if priority is not None:
             os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(priority))
         libc.prctl(TIMERSLACK, 1)
-        count = max(10, round(seconds / PERIOD))
+        count = max(10, round(seconds / period))
         late = np.zeros(count)
         begin = time.monotonic()
         for k in range(count):
-            due = begin + (k + 1) * PERIOD
+            due = begin + (k + 1) * period
             left = due - time.monotonic()
             if left > 0.0:
                 time.sleep(left)
@@ -51,7 +51,7 @@ def measure(seconds: float, priority: int | None) -> Lateness | None:
         os.sched_setscheduler(0, policy, given)
     late = np.maximum(late, 0.0)
     p50, p99, p999 = np.percentile(late, (50, 99, 99.9))
-    return Lateness(float(p50), float(p99), float(p999), float(late.max()), float(np.mean(late > PERIOD)))
+    return Lateness(float(p50), float(p99), float(p999), float(late.max()), float(np.mean(late > period)))
 
 
 def words(lateness: Lateness) -> str:

@@ -15,9 +15,9 @@ from palpate.launch.run.result import Death, Result
 
 FULL_SCALE = 3.0  # [N] of the force bars, until a force goes beyond
 
-KERNELS = 175
+KERNELS = 150
 """About as many as the kidney graph compiles."""
-COMPILING = "compiling the kernels for this processor: once, a minute or two; later runs start at once"
+COMPILING = "compiling the kernels for this processor: once, 15 s to a minute; later runs start at once"
 
 
 class Screen:
@@ -87,7 +87,7 @@ class Screen:
             if self._kernels:
                 compiled = Table.grid(padding=(0, 1))
                 done = ProgressBar(total=max(KERNELS, self._kernels), completed=self._kernels, width=40)
-                compiled.add_row("  compiling", done, f"{self._kernels} kernels")
+                compiled.add_row("  compiling", done, f"{self._kernels} of about {KERNELS} kernels")
                 parts.append(compiled)
         if self.ticks:
             bar = Table.grid()  # a bar by itself does not end its line

@@ -21,7 +21,6 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-import numba
 import numpy as np
 
 from palpate.physics.bodies.stretch import Neighbours, StretchWorkspace, hold_together, neighbours
@@ -29,6 +28,7 @@ from palpate.physics.contact.spread import Spreader
 from palpate.physics.contact.terminal import LEAST_FORCE, fit_terminal
 from palpate.physics.entry_point import NO_NODES, NO_VECTORS, entry_point
 from palpate.physics.geometry.mesh import Mesh
+from palpate.physics.kernel import kernel
 from palpate.physics.materials.viscoelastic import ViscoelasticMaterial
 from palpate.physics.materials.voigt import STRAIN_LIMIT, chain_compliance, chain_stress_step
 
@@ -202,17 +202,17 @@ class BeamFoundation:
         )  # fmt: skip
 
 
-@numba.njit(cache=True)
+@kernel
 def _dot(a, b):
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-@numba.njit(cache=True)
+@kernel
 def _held(force):
     return min(max(force, -LARGEST_FORCE), LARGEST_FORCE)
 
 
-@numba.njit(cache=True)
+@kernel
 def _loaded(nodes, forces, normal, patch, weight):
     """Fill the patch with the shares of a load in its normal force; its length. 0, and the patch as it was, where there
     is no such force; -1 where the surface does not have a node."""
@@ -231,12 +231,12 @@ def _loaded(nodes, forces, normal, patch, weight):
     return count
 
 
-@numba.njit(cache=True)
+@kernel
 def _push(force, normal):
     return -(_held(force[0]) * normal[0] + _held(force[1]) * normal[1] + _held(force[2]) * normal[2])
 
 
-@numba.njit(cache=True)
+@kernel
 def _between(last, last_count, share, nodes, weights, patch, weight):
     """Fill the patch between the one that bore the last load, of this share, and another; its length."""
     for k in range(last_count):
@@ -251,7 +251,7 @@ def _between(last, last_count, share, nodes, weights, patch, weight):
     return count
 
 
-@numba.njit(cache=True)
+@kernel
 def _collect(j, scale, patch, weight, count):
     if weight[j] != 0.0:
         patch.nodes[count], patch.shares[count] = j, scale * weight[j]
@@ -260,7 +260,7 @@ def _collect(j, scale, patch, weight, count):
     return count
 
 
-@numba.njit(cache=True)
+@kernel
 def _bed_step(nodes, forces, normal, dt, count, beams, moving, patch, touched):
     """Step the beams and take the law on the patch of `touched` vertices; how many vertices are displaced."""
     force, active, place, displacement, law = (
@@ -301,7 +301,7 @@ def _bed_step(nodes, forces, normal, dt, count, beams, moving, patch, touched):
     return kept
 
 
-@numba.njit(cache=True)
+@kernel
 def _joined(count, beams, moving, skin):
     """Limit the displacement that is sent: along the surface, then as a whole; how many vertices were limited."""
     moved, sideways = moving.moved, skin.sideways
@@ -318,7 +318,7 @@ def _joined(count, beams, moving, skin):
     return max(held, hold_together(moved, count, MOST_APART, skin.edges, moving.place, moving.nodes, skin.room))
 
 
-@numba.njit(cache=True)
+@kernel
 def _beam(j, dt, beams, moving):
     """Step one beam under its force; 1 where an element is at its limit."""
     force, strains, displacement, normal = moving.force[j], moving.strains[j], moving.displacement[j], beams.normals[j]
@@ -340,7 +340,7 @@ def _beam(j, dt, beams, moving):
     return 1.0 if most >= STRAIN_LIMIT or held < 1.0 else 0.0
 
 
-@numba.njit(cache=True)
+@kernel
 def _shear_left(force, along, softness, length):
     """The share [1] of the free sideways displacement softness |f_t| [m] that the limit of the shear leaves."""
     sideways = softness * math.sqrt(max(_dot(force, force) - along * along, 0.0))
@@ -348,7 +348,7 @@ def _shear_left(force, along, softness, length):
     return 1.0 if sideways <= limit else limit / sideways
 
 
-@numba.njit(cache=True)
+@kernel
 def _response(normal, dt, total, beams, moving, patch, touched):
     """The law of the next step, of the same length, at the present force: K, n, free and present indentation."""
     free = deep = previous = compliance = 0.0

@@ -25,7 +25,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
 
-import numba
 import numpy as np
 
 from palpate.physics.archive import ArchiveError, read_arrays
@@ -47,6 +46,7 @@ from palpate.physics.entry_point import NO_NODES, NO_VECTORS, entry_point
 from palpate.physics.geometry.graded import ranges
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.geometry.mesh_closest import MeshClosestPoint
+from palpate.physics.kernel import kernel
 
 FORGOTTEN = 1e-9
 """[N] Remaining load below which a vertex is dropped."""
@@ -324,7 +324,7 @@ class CondensedBody:
         return self._nodes[:count], self._moved[:count]
 
 
-@numba.njit(cache=True)
+@kernel
 def _step(model, patch, pull, share, normal, dt, fields, marked, curve, numbers, count):
     """`_take` and `_answer`, of one contact."""
     count, touched = _take(model, patch, pull, share, normal, dt, fields, marked, numbers, count)
@@ -332,7 +332,7 @@ def _step(model, patch, pull, share, normal, dt, fields, marked, curve, numbers,
     return count, touched
 
 
-@numba.njit(cache=True)
+@kernel
 def _take(model, patch, pull, share, normal, dt, fields, marked, numbers, count):
     """`share` is 1 where `pull` is a load, 0 where it only marks the patch. Returns how many vertices hold load, and
     how many the patch touches.
@@ -437,7 +437,7 @@ def _take(model, patch, pull, share, normal, dt, fields, marked, numbers, count)
     return count, touched
 
 
-@numba.njit(cache=True)
+@kernel
 def _answer(model, dt, fields, curve, numbers, touched, aside, others):
     """Change `numbers` by what other contacts and large displacement add, see `CondensedBody.answer`.
 
@@ -469,7 +469,7 @@ def _answer(model, dt, fields, curve, numbers, touched, aside, others):
     numbers[PRESS] += numbers[MORE]
 
 
-@numba.njit(cache=True)
+@kernel
 def _field(model, u, fields, active, count, touched, normal, numbers):
     """Add displacements of the coarse vertices: of the body under what it holds, what large displacement adds and what
     holds the patch along the surface, less the half-space's own under the hats."""
@@ -503,7 +503,7 @@ def _field(model, u, fields, active, count, touched, normal, numbers):
         hats[:] = 0.0
 
 
-@numba.njit(cache=True)
+@kernel
 def _displaced(model, foot, reach, room, fields, active, count, touched, normal, numbers, nodes, moved):
     """Displacements of the fine mesh near the foot; returns of how many vertices."""
     u = fields[1]
@@ -514,7 +514,7 @@ def _displaced(model, foot, reach, room, fields, active, count, touched, normal,
     return told
 
 
-@numba.njit(cache=True)
+@kernel
 def _add_three(field, rows, v, force, young):
     """Add rows 3v, 3v + 1, 3v + 2 times a force (3) over `young` to a field; sets the force to 0."""
     f0, f1, f2 = force[0] / young, force[1] / young, force[2] / young
@@ -529,7 +529,7 @@ def _add_three(field, rows, v, force, young):
     force[:] = 0.0
 
 
-@numba.njit(cache=True)
+@kernel
 def _dent(model, foot, normal, numbers, nodes, moved):
     """Add the half-space's own displacement under the true load to that of the fine vertices `nodes`."""
     true, press, radius = model.true, numbers[PRESS], numbers[RADIUS]
@@ -544,7 +544,7 @@ def _dent(model, foot, normal, numbers, nodes, moved):
             moved[k, i] -= dent * normal[i]
 
 
-@numba.njit(cache=True)
+@kernel
 def _add(field, row, amount):
     """Add `amount` of a row to a field."""
     if amount != 0.0:

@@ -26,12 +26,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numba
 import numpy as np
 
 from palpate.physics.bodies.condensed_body import NUMBERS, OWN, PRESS, RADIUS, TOTAL, CondensedBody, _dent, _field
 from palpate.physics.bodies.patch import carried, normal_force, share_of
 from palpate.physics.bodies.true_patch import FARTHEST, STEP, dent_depth
+from palpate.physics.kernel import kernel
 
 Pressed = tuple[np.ndarray, np.ndarray, tuple, tuple]
 """Nodes (k) and forces [N] (k,3) of a load, foot [m] (3) and normal [1] (3)."""
@@ -139,7 +139,7 @@ class CondensedContacts:
         return nodes, moved
 
 
-@numba.njit(cache=True)
+@kernel
 def _tilt(corners, slopes, patch, pull, normal, tilt):
     """Fill `tilt` [1/m] (V,3), the derivative of a load's shares at the coarse vertices as it moves."""
     tilt[:] = 0.0
@@ -151,7 +151,7 @@ def _tilt(corners, slopes, patch, pull, normal, tilt):
                 tilt[corners[patch[k], a], x] += part * slopes[patch[k], a, x]
 
 
-@numba.njit(cache=True)
+@kernel
 def _pairs(model, profile, fields, marks, numbers, counts, normals, feet, tilt, room, cross, aside, slope):
     """Fill the compliances between patches [m/N] (c,c), the indentation [m] (c) of each by what the others have done,
     and its slope along the surface [1] (c,3); the diagonal of `cross` is 0.
@@ -181,7 +181,7 @@ def _pairs(model, profile, fields, marks, numbers, counts, normals, feet, tilt, 
             _pair(i, j, model, profile, fields, numbers, counts, normals, feet, tilt, room, cross, aside, slope)
 
 
-@numba.njit(cache=True)
+@kernel
 def _pair(i, j, model, profile, fields, numbers, counts, normals, feet, tilt, room, cross, aside, slope):
     """What two contacts are to each other, see `_pairs`. The compliance is read once, for both ways."""
     true, compliance, young = model.true, model.compliance, model.young
@@ -239,7 +239,7 @@ def _pair(i, j, model, profile, fields, numbers, counts, normals, feet, tilt, ro
         aside[a] += share * done
 
 
-@numba.njit(cache=True)
+@kernel
 def _hats(i, j, table, fields, counts, room):
     """Mean 1/r [1/m] between the hats of two patches; leaves that of each vertex of the first in its room."""
     total = 0.0
@@ -254,7 +254,7 @@ def _hats(i, j, table, fields, counts, room):
     return total
 
 
-@numba.njit(cache=True)
+@kernel
 def _mean_inverse(profile, rho):
     """Y at rho, and its derivative."""
     at = rho / STEP

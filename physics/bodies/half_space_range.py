@@ -13,10 +13,10 @@ for R_w up to 2 R. tests/physics/bodies/test_half_space_range.py has both.
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 
 from palpate.physics.geometry.mesh import Mesh
+from palpate.physics.kernel import kernel
 
 FLAT = 2.0
 """[1] Thickness and radius of curvature over R from which on the ground counts as a half-space."""
@@ -95,7 +95,7 @@ def sliding_error(load: float) -> float:
     return float(np.interp(load, *SLIDING))
 
 
-@numba.njit(cache=True)
+@kernel
 def ground_under(ground, order, touched, measure):
     """Mean inverse thickness and curvature [1/m] under a patch, whose shares are the first column of `measure`."""
     thin = curved = 0.0

@@ -21,10 +21,10 @@ patch. V* is convex as long as f(s) rises, whatever C: so the body is passive. `
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 
 from palpate.physics.geometry.mesh import Mesh
+from palpate.physics.kernel import kernel
 
 SPACING = 0.1
 """[1] Of the values of s/R in the table, from SPACING on; beyond the last the body
@@ -49,7 +49,7 @@ def hat_moments(mesh: Mesh) -> np.ndarray:
     return moment / weight
 
 
-@numba.njit(cache=True)
+@kernel
 def patch_radius(points, moments, nodes, count, share):
     """Radius R [m] of a patch: twice the root mean square distance of its force from its centre, which is the radius
     of a uniform or biweight patch to within 1.42 and 1.
@@ -73,7 +73,7 @@ def patch_radius(points, moments, nodes, count, share):
     return 2.0 * np.sqrt(square / total)
 
 
-@numba.njit(cache=True)
+@kernel
 def rise(table, nodes, count, share, knots, slopes):
     """Make x against s/R at a patch, x = c f/R the linear organ's s/R: `knots` and `slopes` (L+1,) at s/R = 0, SPACING,
     2 SPACING ...
@@ -103,13 +103,13 @@ def rise(table, nodes, count, share, knots, slopes):
             slopes[k] = min(0.5 * (left + right), 2.0 * min(left, right))
 
 
-@numba.njit(cache=True)
+@kernel
 def stiffening(slopes):
     """What x grows by with the square of s/R beyond the last value; 0 for the linear organ, which has none."""
     return STIFFER * max(slopes[-1] - FLAT, 0.0) if len(slopes) > 1 else 0.0
 
 
-@numba.njit(cache=True)
+@kernel
 def risen(x, knots, slopes):
     """s/R [1] where the linear organ's is x [1], and its slope [1]; linear below 0, stiffer beyond the last value.
 

@@ -17,12 +17,12 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from palpate.physics.bodies.stretch import neighbours
 from palpate.physics.contact.terminal import indentation
 from palpate.physics.entry_point import NO_NODES, NO_VECTORS, entry_point
 from palpate.physics.geometry.mesh import Mesh
+from palpate.physics.kernel import kernel
 
 AT_REST = 1e-9
 """[m] Displacement below which an unloaded node counts as recovered."""
@@ -43,7 +43,7 @@ class Edges(NamedTuple):
     neighbours: np.ndarray
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def normal_force(forces, normal):
     """Total of nodal forces [N] (k,3) against the outward unit normal [1] (3): positive pressing, else zero."""
     total = 0.0
@@ -76,7 +76,7 @@ def deeper(dents):
     return nodes, moved[order[first]]
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def mean_hardness(nodes, forces, normal, hardness):
     """Mean of the factor on K over a load, weighted by the normal forces; 1 without load."""
     total = weighted = 0.0
@@ -88,7 +88,7 @@ def mean_hardness(nodes, forces, normal, hardness):
     return weighted / total if total > 0.0 else 1.0
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def admit(node, where, active, state, count):
     """Slot of a node in the compact list, appended at rest where it is new; returns the slot and the count."""
     slot = where[node]
@@ -102,7 +102,7 @@ def admit(node, where, active, state, count):
     return slot, count
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def take_load(nodes, forces, normal, per_area, where, active, state, count):
     """Sum the nodal forces [N] into columns 7-9 of `state`; returns total normal force, greatest pressure, count.
 
@@ -127,7 +127,7 @@ def take_load(nodes, forces, normal, per_area, where, active, state, count):
     return max(total, 0.0), peak, count
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def nodal_step(nodes, forces, normal, dt, law, nodal, edges, slots, state, out, count):
     """One step of the nodal law; returns how many nodes are displaced.
 
@@ -174,7 +174,7 @@ def nodal_step(nodes, forces, normal, dt, law, nodal, edges, slots, state, out, 
     return count
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def drop_rested(where, active, state, count):
     """Take nodes without load (columns 7-9) and displacement (0-3) out of the list, in order; returns the count."""
     kept = 0
@@ -194,7 +194,7 @@ def drop_rested(where, active, state, count):
     return kept
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def limit_differences(state, column, count, edges, where, active):
     """Hold |u_i - u_j| <= 0.8 edge length between neighbours, for the vectors in three columns of `state`.
 

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 
 from palpate.physics.geometry.mesh import Mesh
+from palpate.physics.kernel import kernel
 
 
 def barycentric(mesh: Mesh, triangle: np.ndarray, foot: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -20,7 +20,7 @@ def barycentric(mesh: Mesh, triangle: np.ndarray, foot: np.ndarray) -> tuple[np.
     return corners, weights / weights.sum(axis=1, keepdims=True)
 
 
-@numba.njit(cache=True)
+@kernel
 def normal_force(pull, normal):
     """Force [N] of nodal forces (k,3) against the outward normal (3)."""
     total = 0.0
@@ -29,7 +29,7 @@ def normal_force(pull, normal):
     return total
 
 
-@numba.njit(cache=True)
+@kernel
 def share_of(k, pull, normal, total):
     """Share [1] of node k in the normal force `total`; even shares where that does not press."""
     if not total > 0.0:
@@ -47,7 +47,7 @@ def reaches(vertices: np.ndarray, within: np.ndarray) -> tuple[np.ndarray, np.nd
     return rows, np.zeros(-(-len(vertices) // 8) * 8, dtype=np.uint8)
 
 
-@numba.njit(cache=True)
+@kernel
 def carried(corners, weights, u, reach, foot, told, nodes, moved):
     """Displacements of the fine mesh round a point, from those of the coarse vertices.
 
@@ -80,7 +80,7 @@ def carried(corners, weights, u, reach, foot, told, nodes, moved):
     return count
 
 
-@numba.njit(cache=True)
+@kernel
 def add_pressure(pull, patch, normal, areas, told, push, out):
     """Add to `out` [Pa] (t,): of nodal forces (k,3) on `patch`, their part against the normal over the vertex's area,
     on the vertices `told`; `push` (N,) is room of zeros, and is left so."""

@@ -23,7 +23,6 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-import numba
 import numpy as np
 
 from palpate.physics.bodies.indentation_table import SPACING, rise, risen, stiffening
@@ -31,6 +30,7 @@ from palpate.physics.bodies.patch import normal_force, share_of
 from palpate.physics.bodies.true_patch import draw_together, load_radius, patch_compliance
 from palpate.physics.contact.spread import Spreader
 from palpate.physics.geometry.mesh import Mesh
+from palpate.physics.kernel import kernel
 
 NUDGE = 1e-4
 """[m] Way over which the change of the table is taken."""
@@ -94,7 +94,7 @@ def weight_slopes(mesh: Mesh, corners: np.ndarray) -> np.ndarray:
     return np.ascontiguousarray(np.stack(list(across), axis=1))
 
 
-@numba.njit(cache=True)
+@kernel
 def held(knots, slopes, depth):
     """Integral [1] of x over s/R from 0 to `depth` [1], x as in `indentation_table`; knots, slopes as in `risen`."""
     last = len(knots) - 1
@@ -114,7 +114,7 @@ def held(knots, slopes, depth):
     return total
 
 
-@numba.njit(cache=True)
+@kernel
 def along(ground, nodes, touched, measure, patch, pull, normal, radius, compliance, gradient, shape):
     """Fill `gradient` [N] (3), g, and `shape` [1/m] (3,3), the shape operator S, for a load on
     the fine vertices `patch`.
@@ -167,7 +167,7 @@ def along(ground, nodes, touched, measure, patch, pull, normal, radius, complian
         gradient[i] -= out * normal[i]
 
 
-@numba.njit(cache=True)
+@kernel
 def on_hand(gradient, shape, approach, normal):
     """Force along the surface on a hand [N] (3 numbers) whose bone edge is `approach` [m] below the foot point, from g
     [N] (3) and S [1/m] (9), row by row: (1 - e S)^-1 g, with e S no greater than `STEEPEST`."""

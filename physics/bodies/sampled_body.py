@@ -20,7 +20,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import numba
 import numpy as np
 
 from palpate.physics.archive import ArchiveError, read_arrays
@@ -34,6 +33,7 @@ from palpate.physics.entry_point import NO_NODES, NO_VECTORS, entry_point
 from palpate.physics.geometry.graded import ranges
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.geometry.mesh_closest import MeshClosestPoint
+from palpate.physics.kernel import kernel
 from palpate.physics.materials.hyperelastic import law, name_at, place_of
 
 MOST_VERTICES = 2000
@@ -257,7 +257,7 @@ class SampledBody:
         return self._nodes[:count], self._moved[:count]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def gamma(square, scale, power, most):
     """gamma [1] at `square` = w² [1], and its derivative by w over w; gamma w is constant from w = most on.
 
@@ -271,7 +271,7 @@ def gamma(square, scale, power, most):
     return x ** (0.5 * (power - 1.0)), (power - 1.0) / (scale * scale) * x ** (0.5 * (power - 3.0))
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _gather(corners, weights, patch, pull, share, normal, load, measure):
     """Load and shares of the normal force on the coarse vertices; the normal force [N]."""
     load[:] = 0.0
@@ -288,7 +288,7 @@ def _gather(corners, weights, patch, pull, share, normal, load, measure):
     return max(total, 0.0) * share
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _residual_displacement(residual_compliance, x, active, count, v):
     """R x at one vertex, x (V,3) zero but where it is active."""
     row0, row1, row2 = residual_compliance[3 * v], residual_compliance[3 * v + 1], residual_compliance[3 * v + 2]
@@ -302,7 +302,7 @@ def _residual_displacement(residual_compliance, x, active, count, v):
     return out0, out1, out2
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _apply_residual_compliance(residual_compliance, x, active, count, out):
     """R x (V,3) at the vertices where the measure or the load is."""
     for k in range(count):
@@ -310,7 +310,7 @@ def _apply_residual_compliance(residual_compliance, x, active, count, out):
         out[v, 0], out[v, 1], out[v, 2] = _residual_displacement(residual_compliance, x, active, count, v)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _project(modes, x, active, count, out):
     """Phi'x (r,)."""
     out[:] = 0.0
@@ -322,7 +322,7 @@ def _project(modes, x, active, count, out):
                     out[m] += modes[3 * v + i, m] * x[v, i]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _dot(x, y, active, count):
     total = 0.0
     for k in range(count):
@@ -331,7 +331,7 @@ def _dot(x, y, active, count):
     return total
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _step(model, patch, pull, share, normal, dt, fields, active, vectors, matrices, room, numbers):
     """`share` is 1 where `pull` is a load, 0 where it only marks the patch. Returns evaluations of the energy, and
     whether it settled.
@@ -424,7 +424,7 @@ def _step(model, patch, pull, share, normal, dt, fields, active, vectors, matric
     return used, settled
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _ray(t, end, start_slope, end_slope):
     """The cubic from 0 to `end` with these slopes, held where they would let it turn back, at t in [0, 1]."""
     if not abs(end) > 0.0:
@@ -434,7 +434,7 @@ def _ray(t, end, start_slope, end_slope):
     return end * (t * t * (3.0 - 2.0 * t) + a * t * u * u - b * t * t * u)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _displaced(model, reaches, room, foot, reach, margin, fields, active, q, more, nodes, moved):
     residual_compliance, points, held, u = model.residual_compliance, model.vertices, fields[0], fields[3]
     scale = more / model.young

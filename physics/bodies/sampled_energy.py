@@ -14,9 +14,9 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numba
 import numpy as np
 
+from palpate.physics.kernel import kernel
 from palpate.physics.materials.compiled import law_at
 from palpate.physics.materials.invariants import cofactor
 
@@ -74,7 +74,7 @@ def scratch(points: Points) -> SampledWorkspace:
     )  # fmt: skip
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _deform(D, at, F, C):
     """F of a point from its displacement gradient, the nine of D from `at` on, and F's cofactors; det F."""
     for i in range(3):
@@ -84,7 +84,7 @@ def _deform(D, at, F, C):
     return cofactor(F, C)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def barrier(square, limit):
     """B(q) and its first two derivatives by |q|²."""
     t = (square / limit - 1.0) / ROOM
@@ -99,7 +99,7 @@ def barrier(square, limit):
     )
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def forces(points, q, work, g):
     """W(q) [J], and its gradient [J] (r,) into `g`; infinite where a point is inverted or q is out of bounds."""
     D, f, F, C, P, A = work.D, work.f, work.F, work.C, work.P, work.A
@@ -136,7 +136,7 @@ def forces(points, q, work, g):
     return total
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def tangent(points, q, work, hessian):
     """d²W/dq² [J] (r,r) into `hessian`; whether no point is inverted."""
     D, F, C, P, A, M, T = work.D, work.F, work.C, work.P, work.A, work.M, work.T
@@ -170,7 +170,7 @@ def tangent(points, q, work, hessian):
     return True
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _volume_part(A, F, C, dU, ddU):
     """Add the tangent of U(J): ddU C C' and dU times the second derivative of J, eps_ikm eps_jln F_mn."""
     for i in range(3):

@@ -7,10 +7,10 @@ down in energy; the number of evaluations is bounded, and what is left over is l
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 
 from palpate.physics.bodies.sampled_energy import forces, tangent
+from palpate.physics.kernel import kernel
 
 TOLERANCE = 3e-3
 """Energy norm of the residual over that of the solution."""
@@ -27,7 +27,7 @@ def unhurried() -> np.ndarray:
     return np.array([float(MOST), 1.0])
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def invert(K, L, H):
     """H (r,r) the inverse of K, a little more on its diagonal where it is not positive definite; L is memory."""
     r = len(K)
@@ -72,7 +72,7 @@ def invert(K, L, H):
             H[i, j] = H[j, i] = L[i, j]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def at_rest(H):
     """H (r,r) the inverse of the tangent at rest, in which the modes are orthonormal."""
     H[:] = 0.0
@@ -80,7 +80,7 @@ def at_rest(H):
         H[i, i] = 1.0
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def settle(points, work, p, q, g, H, K, L, vectors, energy, budget):
     """Bring q (r,) to the equilibrium under p (r,): W there, evaluations, and whether it has settled.
 
@@ -154,7 +154,7 @@ def settle(points, work, p, q, g, H, K, L, vectors, energy, budget):
             _improve(H, d, lean, trial, curve)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _improve(H, s, y, Hy, curve):
     """The update of Broyden, Fletcher, Goldfarb and Shanno of the inverse; Hy is memory."""
     r = len(s)

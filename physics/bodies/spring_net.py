@@ -20,11 +20,11 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from palpate.physics.bodies.mass_spring import Edges, Net, admit, drop_rested, limit_differences, take_load
 from palpate.physics.contact.terminal import indentation, terminal_force
 from palpate.physics.geometry.mesh import Mesh
+from palpate.physics.kernel import kernel
 
 
 class NodeLaw(NamedTuple):
@@ -73,7 +73,7 @@ class NetWorkspace(NamedTuple):
     memory: np.ndarray
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def grow(rings, tables, listed, count):
     """Add rings of neighbours round the loaded nodes; returns the count."""
     _, first, neighbours = tables.edges
@@ -91,7 +91,7 @@ def grow(rings, tables, listed, count):
     return count
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _linearise(law, dt, tables, listed, room, count):
     """Residual [N] in columns 0-2 of `work`, foundation slopes in 12-13, and the edges' data; see `net_step`."""
     damping, k_t, d_t = law.damping, law.tangential_stiffness, law.tangential_damping
@@ -161,7 +161,7 @@ def _linearise(law, dt, tables, listed, room, count):
     return math.sqrt(largest)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _apply(tables, listed, room, count):
     """Columns 9-11 of `work` become the matrix times columns 6-8; returns the product of the two."""
     normals, edges, work = tables.normals, room.edges, room.work
@@ -190,7 +190,7 @@ def _apply(tables, listed, room, count):
     return total
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _solve(tables, listed, room, count):
     """Conjugate gradients with the diagonal as preconditioner: columns 3-5 of `work` solve for columns 0-2."""
     work = room.work
@@ -221,7 +221,7 @@ def _solve(tables, listed, room, count):
                 work[slot, 6 + k] = work[slot, 14 + k] * work[slot, k] + turn * work[slot, 6 + k]
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def net_step(nodes, forces, normal, dt, law, rings, tables, listed, room, out, count):
     """One step of the net; returns how many nodes are in its list.
 

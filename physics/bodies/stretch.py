@@ -15,9 +15,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from palpate.physics.geometry.mesh import Mesh
+from palpate.physics.kernel import kernel
 
 EXCESS = 1e-9
 """[1] By which an edge may pass its limit."""
@@ -61,13 +61,13 @@ class StretchWorkspace(NamedTuple):
         return cls(np.zeros(size), np.zeros(max(size, 1), np.int64), np.zeros(size, np.bool_))
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _apart(vectors, i, j):
     x, y, z = vectors[i, 0] - vectors[j, 0], vectors[i, 1] - vectors[j, 1], vectors[i, 2] - vectors[j, 2]
     return x * x + y * y + z * z
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _within(vectors, count, limit, edges, place, nodes):
     """Whether all edges of the listed nodes keep the limit; a node that is not listed stands still."""
     for slot in range(count):
@@ -83,12 +83,12 @@ def _within(vectors, count, limit, edges, place, nodes):
     return True
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _square(vectors, i):
     return vectors[i, 0] ** 2 + vectors[i, 1] ** 2 + vectors[i, 2] ** 2
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _allowed(a, b, cosine, most):
     """The lengths of two vectors at a given angle, a >= b, shortened until they are at most `most` apart."""
     if a * a + b * b - 2.0 * a * b * cosine <= most * most * (1.0 + EXCESS):
@@ -101,7 +101,7 @@ def _allowed(a, b, cosine, most):
     return both, both
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def hold_together(vectors, count, limit, edges, place, nodes, room):
     """Shorten vectors [m] (count,3) of the listed nodes until neighbours are at most `limit` edges apart; how many
     became shorter.
@@ -147,7 +147,7 @@ def hold_together(vectors, count, limit, edges, place, nodes, room):
     return _shorten(vectors, count, limit, edges, place, nodes, room)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _shorten(vectors, count, limit, edges, place, nodes, room):
     """Give the vectors their lengths. Should the rounds have run out, all of them are scaled by what is missing."""
     shorter = 0

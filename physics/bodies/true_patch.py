@@ -40,7 +40,6 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numba
 import numpy as np
 import scipy  # its parts are slow to import, and are when they are used
 
@@ -49,6 +48,7 @@ from palpate.physics.bodies.indentation_table import patch_radius
 from palpate.physics.bodies.patch import share_of
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.kept import kept
+from palpate.physics.kernel import kernel
 
 MEAN = 2.40816816
 """I: mean of W over the patch, weighted as the pressure."""
@@ -170,7 +170,7 @@ def mean_inverse_distance(mesh: Mesh) -> np.ndarray:
     return 0.5 * (total + total.T) / (mass[:, None] * mass[None])
 
 
-@numba.njit(cache=True)
+@kernel
 def _integrate(corner, area, triangles, near, rule, total):
     """Add to `total` (V,V) the integral of 1/|x - y| over each pair of triangles and hats of their corners."""
     inside, close = np.array([[2.0, 0.5, 0.5], [0.5, 2.0, 0.5], [0.5, 0.5, 2.0]]) / 3.0, np.zeros(3)
@@ -222,27 +222,27 @@ def _integrate(corner, area, triangles, near, rule, total):
                         total[triangles[s, a], triangles[t, b]] += block[a, b]
 
 
-@numba.njit(cache=True)
+@kernel
 def _minus(a, b):
     return a[0] - b[0], a[1] - b[1], a[2] - b[2]
 
 
-@numba.njit(cache=True)
+@kernel
 def _dot(a, b):
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-@numba.njit(cache=True)
+@kernel
 def _cross(a, b):
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
-@numba.njit(cache=True)
+@kernel
 def _times(a, scale):
     return a[0] * scale, a[1] * scale, a[2] * scale
 
 
-@numba.njit(cache=True)
+@kernel
 def _potential(point, corner, out):
     """Fill `out` (3): integral over a triangle (3,3) of each corner's barycentric coordinate over the distance from a
     point (3)."""
@@ -280,7 +280,7 @@ def _potential(point, corner, out):
         out[k] = (1.0 + _dot(_minus(foot, corner[k]), climb)) * whole + _dot((first0, first1, first2), climb)
 
 
-@numba.njit(cache=True)
+@kernel
 def load_radius(vertices, patch, pull, normal, total, least):
     """R [m] of a load (k,3) on vertices `patch` of the touched mesh: twice the rms distance of its normal force from
     its centre, no less than the hat of one vertex has; and by how much it is narrower than the mesh can tell, which is
@@ -303,7 +303,7 @@ def load_radius(vertices, patch, pull, normal, total, least):
     return 2.0 * np.sqrt(max(square, floor)), max(narrower, 0.0)
 
 
-@numba.njit(cache=True)
+@kernel
 def _held_sideways(block, normal, more, force):
     """What the compliance of a patch loses [m/N] where its mean place along the surface is held; fills `force` [1] (3),
     what that takes for each newton of normal force.
@@ -338,7 +338,7 @@ def _held_sideways(block, normal, more, force):
     return first * cross[0] + second * cross[1]
 
 
-@numba.njit(cache=True)
+@kernel
 def draw_together(model, patch, pull, normal, total, order, touched, measure, radius):
     """Fill the second column of `measure` (V,3), whose first holds g, with gamma. False where both are the same.
 
@@ -385,7 +385,7 @@ def draw_together(model, patch, pull, normal, total, order, touched, measure, ra
     return True
 
 
-@numba.njit(cache=True)
+@kernel
 def _gathered(compliance, table, order, touched, measure, column, block):
     """Fill block [m/N] (3,3) with g.C g of the shares in a column of `measure`; returns g.T g [1/m]."""
     block[:] = 0.0
@@ -403,7 +403,7 @@ def _gathered(compliance, table, order, touched, measure, column, block):
     return hats
 
 
-@numba.njit(cache=True)
+@kernel
 def _along(block, normal):
     own = 0.0
     for i in range(3):
@@ -412,7 +412,7 @@ def _along(block, normal):
     return own
 
 
-@numba.njit(cache=True)
+@kernel
 def patch_compliance(compliance, true, order, touched, measure, narrowed, normal, radius, side):
     """Of a patch, for a modulus of 1 Pa [m/N]: g.C g along the normal, and what is added to it; fills `side` [1] (3),
     the force along the surface that holds the patch there, for each newton of normal force.
@@ -437,7 +437,7 @@ def patch_compliance(compliance, true, order, touched, measure, narrowed, normal
     return own, max(more + apart, LEAST_SHARE * own - own)
 
 
-@numba.njit(cache=True)
+@kernel
 def dent_at(profile, rho):
     """W at rho = r/R."""
     at = rho / STEP

@@ -15,16 +15,16 @@ Optim. Theory Appl. 22 (1977) 465-485).
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from palpate.physics.contact.series import balance
+from palpate.physics.kernel import kernel
 
 EXACT = 1e-13
 """[1] Change of the forces, over their sum, at which they are solved."""
 MOST_STEPS = 60
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _one(i, others, approach, dt, before, fingers, laws, out):
     """Solve contact i under `others` [N]; fills its row of `out` and returns t."""
     k, n, c, free, previous = laws[i]
@@ -36,7 +36,7 @@ def _one(i, others, approach, dt, before, fingers, laws, out):
     return yields if 0.0 <= yields <= 1.0 else 1.0
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _others(i, coupling, force):
     """What the forces of the other contacts are at contact i [N]."""
     total = 0.0
@@ -46,7 +46,7 @@ def _others(i, coupling, force):
     return total
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def joint_step(approach, dt, before, fingers, laws, coupling, force, out):
     """One step of k fingertips on one body.
 
@@ -86,7 +86,7 @@ def joint_step(approach, dt, before, fingers, laws, coupling, force, out):
         least = np.inf
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _solve(matrix, right):
     """Solve matrix x = right in place, by elimination with pivots; False where it is singular."""
     count = len(right)

@@ -12,10 +12,10 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike
 
 from palpate.physics.contact.terminal import Terminal, free_recovery, indentation, power_of, terminal_force
+from palpate.physics.kernel import kernel
 
 POWER, EXPONENTIAL, HERTZ = 0, 1, 2
 MOST_FORCE = 1e300
@@ -57,7 +57,7 @@ def hertz_exponential(modulus_slope: float, hardening: float, radius: float) -> 
     return ElasticLaw(HERTZ, float(modulus_slope), float(hardening), float(radius))
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def elastic(s, kind, first, second, radius):
     """g [N] and dg/ds [N/m] at the compression s [m]; zero for s <= 0."""
     if s <= 0.0:
@@ -72,7 +72,7 @@ def elastic(s, kind, first, second, radius):
     return scale * grown * s, scale * (second * (1.0 + grown) * s + 1.5 * grown)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _map_force(s, rate, c, kind, first, second, radius, out):
     for i in range(s.size):
         out[i] = elastic(s[i], kind, first, second, radius)[0] * max(0.0, 1.0 + c * rate[i])
@@ -107,7 +107,7 @@ def energy(law: ElasticLaw, s: ArrayLike) -> np.ndarray:
     return np.sum(force(law, t * t) * t * weights, axis=-1) * np.sqrt(depth)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def series_step(approach, dt, s1, finger, stiffness, exponent, c2, free, previous):
     """One step of fingertip and body in series: s1 + s2 = approach, one common force. Returns (f, s1, s2) [N, m, m];
     see `balance`, with nothing else on the body.
@@ -116,7 +116,7 @@ def series_step(approach, dt, s1, finger, stiffness, exponent, c2, free, previou
     return f, x, s
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def balance(approach, dt, s1, finger, stiffness, exponent, c2, free, previous, others):
     """One step of fingertip and body in series: s1 + s2 = approach, one common force. Returns (f, s1, s2) [N, m, m],
     and -df/d(others) [1].

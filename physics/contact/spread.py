@@ -13,18 +13,18 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike
 
 from palpate.physics.entry_point import entry_point
 from palpate.physics.geometry.grid import Grid, cell_range
 from palpate.physics.geometry.mesh import Mesh
+from palpate.physics.kernel import kernel
 
 Triple = tuple[float, float, float]
 KERNELS = ("biweight", "wendland", "cosine")
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def kernel_value(kind, q):
     """k(q), 1 at q = 0, 0 from q = 1 on: 0 biweight (1-q²)², 1 Wendland C² (1-q)⁴(4q+1), 2 raised cosine."""
     if q >= 1.0:
@@ -38,14 +38,14 @@ def kernel_value(kind, q):
     return 0.5 * (1.0 + math.cos(math.pi * q))
 
 
-def kernel(name: str, q: ArrayLike) -> np.ndarray:
+def kernel_values(name: str, q: ArrayLike) -> np.ndarray:
     """Kernel `name` of KERNELS at q = d/R >= 0 [1] (...)."""
     flat = np.asarray(q, float)
     kind = KERNELS.index(name)
     return np.array([kernel_value(kind, float(x)) for x in flat.ravel()]).reshape(flat.shape)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def spread_kernel(foot, normal, force, scalars, shape, first, order, near, nodes, weights, forces):
     """Spread `force` [N] over the nodes round `foot` [m]; returns how many, 0 where no node is in range.
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-import numba
 import numpy as np
+
+from palpate.physics.kernel import kernel
 
 
 def equivalent_strain(strain: np.ndarray, poisson: float | np.ndarray = 0.5) -> np.ndarray:
@@ -45,7 +46,7 @@ def isostrain_volume(values: np.ndarray, volumes: np.ndarray, levels: np.ndarray
     return _volume(values, np.asarray(volumes, dtype=np.float64), np.atleast_1d(np.asarray(levels, dtype=np.float64)))
 
 
-@numba.njit(cache=True)
+@kernel
 def _volume(values, volumes, levels):
     volume_above = np.zeros(len(levels))
     for k in range(len(levels)):

@@ -13,7 +13,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
+
+from palpate.physics.kernel import kernel
 
 LEAST_FORCE = 1e-3
 """[N] Force at which a body's law is fitted where the contact is lighter than that."""
@@ -42,7 +43,7 @@ class Terminal(NamedTuple):
     previous_indentation: float = 0.0
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def power_of(x, n):
     """x^n for x >= 0; the usual exponents without a call of pow."""
     if n == 1.5:
@@ -54,7 +55,7 @@ def power_of(x, n):
     return x**n
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def power_slope(x, n):
     """x^n and n x^(n-1) for x >= 0, n >= 1."""
     if n == 1.5:
@@ -68,7 +69,7 @@ def power_slope(x, n):
     return x * below, n * below
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def root_of(x, n):
     """x^(1/n) for x >= 0; the usual exponents without a call of pow."""
     if n == 1.5:
@@ -81,7 +82,7 @@ def root_of(x, n):
     return x ** (1.0 / n)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def free_recovery(previous, free, damping, dt):
     """Indentation [m] at which the body ends a step of `dt` without load; the largest s with F(s) = 0."""
     if damping > 0.0:
@@ -89,7 +90,7 @@ def free_recovery(previous, free, damping, dt):
     return free
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def terminal_force(s, dt, stiffness, exponent, damping, free, previous):
     """Force [N] and its slope dF/ds [N/m] at the indentation s [m], for a step of dt > 0 [s]."""
     x = s - free
@@ -100,7 +101,7 @@ def terminal_force(s, dt, stiffness, exponent, damping, free, previous):
     return elastic * rate, exponent * elastic / x * rate + elastic * damping / dt
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def indentation(force, dt, stiffness, exponent, damping, free, previous):
     """Indentation s [m] with F(s) = force; the free recovery where force <= 0.
 
@@ -139,7 +140,7 @@ def indentation(force, dt, stiffness, exponent, damping, free, previous):
     return max(x + free, least)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def fit_terminal(free, s, slope, force):
     """K and n of the terminal law of a body whose next implicit step is known at two points; c is 0.
 

@@ -15,15 +15,16 @@ from __future__ import annotations
 
 import math
 
-import numba
 import numpy as np
+
+from palpate.physics.kernel import kernel
 
 REST = 0.05  # [s]
 BLEND = 0.01  # [s] from the reading to the mean, and back
 LOW, HIGH, HELD, SUM, TOLD, AWAY = range(6)
 
 
-@numba.njit(cache=True)
+@kernel
 def begin(cell, x, y, z):
     """Forget what was."""
     for i, reading in enumerate((x, y, z)):
@@ -31,7 +32,7 @@ def begin(cell, x, y, z):
         cell[HELD, i] = cell[SUM, i] = cell[AWAY, i] = 0.0
 
 
-@numba.njit(cache=True)
+@kernel
 def settle(cell, x, y, z, step, dt):
     """The place (3) after a reading (x, y, z), in its unit.
 
@@ -45,7 +46,7 @@ def settle(cell, x, y, z, step, dt):
     return cell[TOLD, 0], cell[TOLD, 1], cell[TOLD, 2]
 
 
-@numba.njit(cache=True)
+@kernel
 def rest(cell, i, reading, step, dt):
     """One of the three."""
     if reading < cell[LOW, i]:
@@ -65,7 +66,7 @@ def rest(cell, i, reading, step, dt):
     cell[TOLD, i] = reading + cell[AWAY, i]
 
 
-@numba.njit(cache=True)
+@kernel
 def _share(held):
     """Of the mean in what is told, after the readings have stayed for this time [s]."""
     return min(max((held - REST) / BLEND, 0.0), 1.0)

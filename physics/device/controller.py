@@ -25,11 +25,11 @@ from __future__ import annotations
 
 import math
 
-import numba
 import numpy as np
 
 from palpate.physics.device.passivity import absorbed, clamp, dissipation, slew
 from palpate.physics.device.rendered import SPAN, compensation, slope, soften, stiffest
+from palpate.physics.kernel import kernel
 
 STIFFNESS, DAMPING, CONTACT_DAMPING, HYSTERESIS, MASS, DRAG, LIMIT, SLEW, RESOLUTION, OBSERVE, PASSIVE = range(11)
 """Places in the gains."""
@@ -53,7 +53,7 @@ def buffers(delay: int) -> tuple[np.ndarray, np.ndarray]:
     return np.zeros((13, 4)), np.zeros((delay + 1, 7))
 
 
-@numba.njit(cache=True)
+@kernel
 def remember(state, past, dt):
     """Take the last step into the rings `past` (d + 1, columns `PUSH` ... `WHEN`); row of the one d steps before it."""
     newest = (int(state[MODE, HEAD]) + 1) % len(past)
@@ -65,7 +65,7 @@ def remember(state, past, dt):
     return (newest + 1) % len(past)
 
 
-@numba.njit(cache=True)
+@kernel
 def observe(state, before, x, y, z, dt, resolution):
     """Book the way since the last movement under the force in a row of the rings; the velocity (vx, vy, vz) [m/s] of
     that way.
@@ -91,7 +91,7 @@ def observe(state, before, x, y, z, dt, resolution):
     return vx, vy, vz
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def render(gains, state, before, force, n, approach, place, lag, dt):
     """Normal force [N] to show for a contact force [N]: no stiffer than the lag [s] allows, damped for what it lags.
 
@@ -113,7 +113,7 @@ def render(gains, state, before, force, n, approach, place, lag, dt):
     return shown, max(shown - compensation(min(steepness, most), lag, gains[DRAG]) * leaving, 0.0)
 
 
-@numba.njit(cache=True)
+@kernel
 def assist(gains, mode, state, i, position, velocity):
     """Component i [N] of the part of the law that is not contact: spring and damper in free motion, damper in contact.
 
@@ -124,7 +124,7 @@ def assist(gains, mode, state, i, position, velocity):
     return -gains[CONTACT_DAMPING] * velocity
 
 
-@numba.njit(cache=True)
+@kernel
 def switch(gains, state, touching, approach, x, y, z, vx, vy, vz):
     """Change between free motion and contact where it is due; the mode, `FREE` or `CONTACT`.
 
@@ -153,7 +153,7 @@ def switch(gains, state, touching, approach, x, y, z, vx, vy, vz):
     return new
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def haptic(gains, state, past, normal_force, n, friction, approach, position, velocity, dt):
     """One step: (fx, fy, fz, in contact, energy). The state is changed in place.
 

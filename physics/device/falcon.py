@@ -18,8 +18,9 @@ from __future__ import annotations
 import math
 from dataclasses import astuple, dataclass
 
-import numba
 import numpy as np
+
+from palpate.physics.kernel import kernel
 
 HOME = (0.0, 0.0, 0.11)
 TOLERANCE = 1e-9  # [rad] forward kinematics stop here
@@ -61,7 +62,7 @@ FALCON = FalconGeometry()
 ZERO, COUNT, LIMIT = 12, 13, 14  # places in the geometry array
 
 
-@numba.njit(cache=True)
+@kernel
 def leg(geometry, i, x, y, z):
     """Closed form for leg i at one point: (reachable, t1, t2, t3) [rad]; zeros where the leg does not reach."""
     a, b, c, length0, offset, r = geometry[0], geometry[1], geometry[2], geometry[3], geometry[4], geometry[5]
@@ -87,7 +88,7 @@ def leg(geometry, i, x, y, z):
     return True, t1, t2, t3
 
 
-@numba.njit(cache=True)
+@kernel
 def link(geometry, i, t1, t2, t3):
     """The unit vector (x, y, z) along the parallelogram of leg i, and its lever a sin(t2 - t1) sin(t3) [m].
 
@@ -100,7 +101,7 @@ def link(geometry, i, t1, t2, t3):
     return cos_phi * u - sin_phi * v, sin_phi * u + cos_phi * v, w, lever
 
 
-@numba.njit(cache=True)
+@kernel
 def links(geometry, x, y, z):
     """The three legs at one point: (reachable, angles t1, vector of leg 1, 2, 3, levers)."""
     ok0, p0, q0, r0 = leg(geometry, 0, x, y, z)
@@ -113,31 +114,31 @@ def links(geometry, x, y, z):
     return ok0 and ok1 and ok2, (p0, p1, p2), n0, n1, n2, (l0, l1, l2)
 
 
-@numba.njit(cache=True)
+@kernel
 def reachable(geometry, x, y, z):
     """Whether all three legs reach the point (x, y, z) [m]."""
     return leg(geometry, 0, x, y, z)[0] and leg(geometry, 1, x, y, z)[0] and leg(geometry, 2, x, y, z)[0]
 
 
-@numba.njit(cache=True)
+@kernel
 def cross(p, q):
     """p x q of two triples."""
     return p[1] * q[2] - p[2] * q[1], p[2] * q[0] - p[0] * q[2], p[0] * q[1] - p[1] * q[0]
 
 
-@numba.njit(cache=True)
+@kernel
 def dot(p, q):
     """p . q of two triples."""
     return p[0] * q[0] + p[1] * q[1] + p[2] * q[2]
 
 
-@numba.njit(cache=True)
+@kernel
 def wrap(angle):
     """The same angle in [-pi, pi] [rad]."""
     return angle - 2.0 * math.pi * round(angle / (2.0 * math.pi))
 
 
-@numba.njit(cache=True)
+@kernel
 def newton(geometry, t0, t1, t2, x, y, z):
     """Newton's method from a reachable point: with N the link vectors as rows and D the levers, the step is
     -N^-1 D (t1(P) - t)."""
@@ -171,7 +172,7 @@ def newton(geometry, t0, t1, t2, x, y, z):
     return False, x, y, z
 
 
-@numba.njit(cache=True)
+@kernel
 def forward_kernel(geometry, t0, t1, t2, x, y, z):
     """(converged, x, y, z) of the grip at the driven angles t0, t1, t2: Newton from (x, y, z), then from HOME."""
     if reachable(geometry, x, y, z):

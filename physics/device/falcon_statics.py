@@ -11,17 +11,17 @@ from __future__ import annotations
 
 import math
 
-import numba
 import numpy as np
 
 from palpate.physics.device.falcon import FALCON, LIMIT, FalconGeometry, cross, dot, links
+from palpate.physics.kernel import kernel
 
 FLAT = 0.02  # [1] volume spanned by the link vectors below which the inverse is damped
 DAMPING = 0.05  # [1] largest damping of that inverse
 SHORT = 1e-3  # [m] lever below which its inverse no longer grows
 
 
-@numba.njit(cache=True)
+@kernel
 def saturate(t0, t1, t2, limit):
     """The torques [N m] of the arms, scaled as a whole so that none exceeds the limit [N m] > 0; zero where one is
     not finite."""
@@ -34,7 +34,7 @@ def saturate(t0, t1, t2, limit):
     return limit * (t0 / largest), limit * (t1 / largest), limit * (t2 / largest)
 
 
-@numba.njit(cache=True)
+@kernel
 def torque_kernel(geometry, fx, fy, fz, x, y, z):
     """(reachable, torques) for a force at a point; zero torque where the point is out of reach."""
     ok, _, n0, n1, n2, levers = links(geometry, x, y, z)
@@ -50,7 +50,7 @@ def torque_kernel(geometry, fx, fy, fz, x, y, z):
     return (True, *saturate(levers[0] * t0, levers[1] * t1, levers[2] * t2, geometry[LIMIT]))
 
 
-@numba.njit(cache=True)
+@kernel
 def damped(n0, n1, n2, force, damping):
     """Least squares for N^T t = force with the damping on t: (N N^T + damping^2) t = N force, by Cramer's rule."""
     own = 1.0 + damping * damping
@@ -68,7 +68,7 @@ def damped(n0, n1, n2, force, damping):
     )
 
 
-@numba.njit(cache=True)
+@kernel
 def force_kernel(geometry, t0, t1, t2, x, y, z):
     """(reachable, force) on the grip of torques at a point; zero force where the point is out of reach."""
     ok, _, n0, n1, n2, levers = links(geometry, x, y, z)
@@ -83,7 +83,7 @@ def force_kernel(geometry, t0, t1, t2, x, y, z):
     )
 
 
-@numba.njit(cache=True)
+@kernel
 def inverted(lever):
     """1 / lever [1/m], falling to zero with the lever below SHORT."""
     return 1.0 / lever if abs(lever) >= SHORT else lever / (SHORT * SHORT)

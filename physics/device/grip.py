@@ -12,11 +12,11 @@ from __future__ import annotations
 
 import math
 
-import numba
 import numpy as np
 
 from palpate.physics.device.falcon import ZERO, leg, reachable
 from palpate.physics.device.falcon_statics import force_kernel, saturate
+from palpate.physics.kernel import kernel
 
 MASS, DRAG, STIFFNESS, DAMPING, RESOLUTION, LIMIT = range(6)  # places in the constants
 POSITION, VELOCITY, CLOCK = range(3)  # rows of the state; the clock's row: time [s], segment of the path
@@ -26,7 +26,7 @@ MOST_SUBSTEPS = 1000
 LONGEST = 1e6  # [s] a longer step counts as this one
 
 
-@numba.njit(cache=True)
+@kernel
 def propagator(rate, frequency2, dt):
     """exp of [[0, 1, 0], [-w2 T^2, -g T, 1], [0, 0, 0]] for y'' + g y' + w2 y = a, on (y, y' T, a T^2).
 
@@ -38,18 +38,22 @@ def propagator(rate, frequency2, dt):
     norm = max(1.0, abs(p) + abs(q) + 1.0)
     halvings = max(0, math.ceil(math.log2(4.0 * norm)))
     scale = 0.5**halvings
-    m = np.array([[0.0, scale, 0.0], [p * scale, q * scale, scale], [0.0, 0.0, 0.0]])
-    total = np.eye(3)
-    term = np.eye(3)
+    m, term, total = np.zeros((3, 3)), np.zeros((3, 3)), np.zeros((3, 3))
+    m[0, 1], m[1, 0], m[1, 1], m[1, 2] = scale, p * scale, q * scale, scale
+    for k in range(3):
+        term[k, k] = total[k, k] = 1.0
     for i in range(1, 14):
-        term = times(term, m) / i
-        total = total + term
+        term = times(term, m)
+        for k in range(3):
+            for j in range(3):
+                term[k, j] /= i
+                total[k, j] += term[k, j]
     for _ in range(halvings):
         total = times(total, total)
     return total
 
 
-@numba.njit(cache=True)
+@kernel
 def times(p, q):
     """Product of two 3 x 3 matrices in a fixed order of additions."""
     r = np.empty((3, 3))
@@ -59,7 +63,7 @@ def times(p, q):
     return r
 
 
-@numba.njit(cache=True)
+@kernel
 def wanted(time, ends, points, shapes):
     """(segment, x, y, z) of the way at a time; the last point after its end.
 
@@ -81,7 +85,7 @@ def wanted(time, ends, points, shapes):
     return i, a[0] + s * (b[0] - a[0]), a[1] + s * (b[1] - a[1]), a[2] + s * (b[2] - a[2])
 
 
-@numba.njit(cache=True)
+@kernel
 def grip_kernel(geometry, constants, state, memory, ends, points, shapes, t0, t1, t2, dt):
     """Move the grip of a Falcon by one step under motor torques: its driven angles [rad].
 
@@ -116,7 +120,7 @@ def grip_kernel(geometry, constants, state, memory, ends, points, shapes, t0, t1
                 state[POSITION, 0], state[POSITION, 1], state[POSITION, 2] = x, y, z
                 state[VELOCITY, 0], state[VELOCITY, 1], state[VELOCITY, 2] = ux, uy, uz
             else:
-                state[VELOCITY, :] = 0.0
+                state[VELOCITY, 0] = state[VELOCITY, 1] = state[VELOCITY, 2] = 0.0
             px, py, pz = qx, qy, qz
             state[CLOCK, 0], state[CLOCK, 1] = now, segment
     x, y, z = state[POSITION, 0], state[POSITION, 1], state[POSITION, 2]
@@ -127,7 +131,7 @@ def grip_kernel(geometry, constants, state, memory, ends, points, shapes, t0, t1
     )
 
 
-@numba.njit(cache=True)
+@kernel
 def advance(e, h, mass, drag, force, x, v, p, q, constants):
     """One axis over one step: (position, velocity), with the wanted point going evenly from p to q."""
     rate = (q - p) / h
@@ -140,7 +144,7 @@ def advance(e, h, mass, drag, force, x, v, p, q, constants):
     )
 
 
-@numba.njit(cache=True)
+@kernel
 def encoded(geometry, resolution, angle):
     """The angle [rad] in whole encoder counts of `resolution` [rad] from the encoder's zero; unrounded for 0."""
     if resolution == 0.0:

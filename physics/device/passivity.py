@@ -9,16 +9,16 @@ from __future__ import annotations
 
 import math
 
-import numba
+from palpate.physics.kernel import kernel
 
 
-@numba.njit(cache=True)
+@kernel
 def absorbed(energy, fx, fy, fz, dx, dy, dz):
     """E - F . dx [J]: energy that the display has absorbed after a way dx [m] under a held force F [N] on the hand."""
     return energy - (fx * dx + fy * dy + fz * dz)
 
 
-@numba.njit(cache=True)
+@kernel
 def dissipation(energy, dt, speed2, mass):
     """Damping [N s/m] that takes an observed debt back within a step, alpha = min(-E / (T |v|^2), m / T).
 
@@ -32,7 +32,7 @@ def dissipation(energy, dt, speed2, mass):
     return min(-energy / (dt * speed2), mass / dt) if dt * speed2 > 0.0 else mass / dt
 
 
-@numba.njit(cache=True)
+@kernel
 def clamp(fx, fy, fz, limit):
     """The force scaled to the limit [N] where it is larger; its direction is kept. Zero where it is not finite."""
     largest = max(abs(fx), abs(fy), abs(fz))
@@ -48,7 +48,7 @@ def clamp(fx, fy, fz, limit):
     return scale * ux, scale * uy, scale * uz
 
 
-@numba.njit(cache=True)
+@kernel
 def slew(fx, fy, fz, px, py, pz, reach):
     """The force on the straight way from the previous force p to f, at most `reach` [N] from p."""
     dx, dy, dz = clamp(fx - px, fy - py, fz - pz, reach)

@@ -17,7 +17,7 @@ J. E. Colgate, G. G. Schenkel, J. Robotic Systems 14 (1997) 37-47, for the bound
 
 from __future__ import annotations
 
-import numba
+from palpate.physics.kernel import kernel
 
 SHARE = 0.01
 MOST = 1e12  # [N/m]
@@ -28,7 +28,7 @@ LINE, LAW, CUT, BELOW = range(4)  # of the wall
 SLOPE, DEPTH, FROM, AT = range(4)  # of the gauge
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def stiffest(mass, drag, resolution, lag):
     """The stiffest slope [N/m] that a device of `mass` [kg] and `drag` [N s/m], whose position comes in steps of
     `resolution` [m], is shown behind a lag > 0 [s]."""
@@ -36,7 +36,7 @@ def stiffest(mass, drag, resolution, lag):
     return min(loop, LEAP / resolution if resolution > 0.0 else MOST)
 
 
-@numba.njit(cache=True)
+@kernel
 def soften(wall, force, approach, way, sideways, most, step, dt):
     """The force to render for a contact force [N]: along the way it rises by no more than `most` [N/m].
 
@@ -69,7 +69,7 @@ def soften(wall, force, approach, way, sideways, most, step, dt):
     return max(force, min(least, wall[LINE]))
 
 
-@numba.njit(cache=True)
+@kernel
 def slope(gauge, force, way, span):
     """Slope [N/m] of the rendered force over the last `span` [m], from where contact began at first; 0 without contact.
 
@@ -89,7 +89,7 @@ def slope(gauge, force, way, span):
     return gauge[SLOPE]
 
 
-@numba.njit(cache=True)
+@kernel
 def compensation(stiffness, lag, drag):
     """Damping B [N s/m] of the way out for a rendered slope [N/m] behind a lag [s], on a device with `drag` [N s/m]."""
     return 4.0 * max(stiffness * lag - 0.5 * drag, 0.0)

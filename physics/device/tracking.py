@@ -9,13 +9,13 @@ from __future__ import annotations
 
 import math
 
-import numba
 import numpy as np
 
 from palpate.physics.device.between import begin, settle
 from palpate.physics.device.falcon import forward_kernel
 from palpate.physics.device.velocity import FILLED, HEAD, mean_velocity, push, restart
 from palpate.physics.device.window import smooth
+from palpate.physics.kernel import kernel
 
 REFUSED = 3  # place in the cursor: samples refused in a row
 PATIENCE = 4  # samples that must agree before a jump is believed
@@ -23,14 +23,14 @@ BAD, TAKEN, ANEW = range(3)
 SLACK = 2e-4  # [m] a few encoder counts, which must pass whatever the time between two samples
 
 
-@numba.njit(cache=True)
+@kernel
 def too_far(limit, elapsed, place, x, y, z):
     """Whether the motion from `place` [m] (3) to (x, y, z) [m] in `elapsed` [ns] is faster than `limit` [m/s]."""
     dx, dy, dz = x - place[0], y - place[1], z - place[2]
     return not math.sqrt(dx * dx + dy * dy + dz * dz) <= limit * elapsed * 1e-9 + SLACK
 
 
-@numba.njit(cache=True)
+@kernel
 def judge(cursor, times, points, limit, t, x, y, z):
     """What a sample is: BAD, TAKEN, or one with which the history begins ANEW.
 
@@ -59,7 +59,7 @@ def judge(cursor, times, points, limit, t, x, y, z):
     return TAKEN
 
 
-@numba.njit(cache=True)
+@kernel
 def take(cursor, times, points, kind, t, x, y, z):
     """(x, y, z, vx, vy, vz, dt) after a good sample; dt is 0 where no time has passed."""
     ring, places = times[:-1], points[:-1]
@@ -73,7 +73,7 @@ def take(cursor, times, points, kind, t, x, y, z):
     return points[head, 0], points[head, 1], points[head, 2], vx, vy, vz, dt
 
 
-@numba.njit(cache=True)
+@kernel
 def between(cell, step, kind, elapsed, x, y, z):
     """A good reading, or where between the steps of the device it rests; time [ns] since the last."""
     if kind == ANEW:
@@ -83,7 +83,7 @@ def between(cell, step, kind, elapsed, x, y, z):
     return settle(cell, x, y, z, step, elapsed * 1e-9)
 
 
-@numba.njit(cache=True)
+@kernel
 def track(cursor, times, points, cell, step, limit, t, x, y, z):
     """Take one sample: (x, y, z, vx, vy, vz, dt) of the last good one; dt is 0 where the sample was not taken.
 
@@ -98,7 +98,7 @@ def track(cursor, times, points, cell, step, limit, t, x, y, z):
     return take(cursor, times, points, kind, t, x, y, z)
 
 
-@numba.njit(cache=True)
+@kernel
 def hold(cursor, ring, places):
     """The last good sample again, with no time gone by."""
     head = cursor[HEAD]
@@ -106,7 +106,7 @@ def hold(cursor, ring, places):
     return places[head, 0], places[head, 1], places[head, 2], vx, vy, vz, 0.0
 
 
-@numba.njit(cache=True)
+@kernel
 def track_falcon(cursor, times, points, cell, step, geometry, limit, t, t0, t1, t2):
     """`track` for a Falcon's joint angles [rad], `cell` and `step` in rad; angles that no position has leave the last
     good one standing."""
@@ -125,7 +125,7 @@ def track_falcon(cursor, times, points, cell, step, geometry, limit, t, t0, t1, 
     return take(cursor, times, points, kind, t, x, y, z)
 
 
-@numba.njit(cache=True)
+@kernel
 def pose(cursor, times, points, cell, window, ring, line, resolution, limit, t, place):
     """`track` of a place [m] (3) at the device's resolution [m], then `window.smooth`; `window`, `ring`, `line` as
     there."""
@@ -133,7 +133,7 @@ def pose(cursor, times, points, cell, window, ring, line, resolution, limit, t, 
     return smooth(window, ring, line, t, sample, resolution)
 
 
-@numba.njit(cache=True)
+@kernel
 def pose_falcon(cursor, times, points, cell, window, ring, line, resolution, limit, t, angles, falcon):
     """`track_falcon` of angles [rad] (3), then `window.smooth` at the resolution [m]; `falcon`: the step of the angles
     [rad] and the geometry."""

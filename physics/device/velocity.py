@@ -7,20 +7,21 @@ which equals N differences averaged where the stamps are even. Its response is i
 
 from __future__ import annotations
 
-import numba
 import numpy as np
+
+from palpate.physics.kernel import kernel
 
 HEAD, FILLED, STALE = 0, 1, 2
 
 
-@numba.njit(cache=True)
+@kernel
 def restart(cursor, times, points, t, x, y, z):
     """Forget the history and begin with one sample."""
     cursor[HEAD], cursor[FILLED], cursor[STALE] = 0, 1, 0
     times[0], points[0, 0], points[0, 1], points[0, 2] = t, x, y, z
 
 
-@numba.njit(cache=True)
+@kernel
 def push(cursor, times, points, t, x, y, z):
     """Take a sample into the ring buffer: time since the newest sample before it [s].
 
@@ -50,7 +51,7 @@ def push(cursor, times, points, t, x, y, z):
     return elapsed * 1e-9
 
 
-@numba.njit(cache=True)
+@kernel
 def mean_velocity(cursor, times, points):
     """(vx, vy, vz) [m/s] over the samples in the ring buffer; zero while there are fewer than two."""
     if cursor[FILLED] < 2:

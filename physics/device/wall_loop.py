@@ -9,11 +9,11 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-import numba
 import numpy as np
 
 from palpate.physics.device.controller import buffers, haptic
 from palpate.physics.device.stability import held
+from palpate.physics.kernel import kernel
 
 
 class WallDevice(NamedTuple):
@@ -31,7 +31,7 @@ class WallDevice(NamedTuple):
     slew: float = 5000.0
 
 
-@numba.njit(cache=True)
+@kernel
 def advance(x, v, force, mass, drag, coulomb, dt):
     """Place [m] and speed [m/s] after a step under a held force [N]; exact without dry friction. With it the step is
     parted in eight; in each the friction takes away momentum, at most all of it."""
@@ -47,7 +47,7 @@ def advance(x, v, force, mass, drag, coulomb, dt):
     return x, v
 
 
-@numba.njit(cache=True)
+@kernel
 def _run(device, wall, gains, state, past, controlled, steps, lost, out):
     mass, drag, coulomb, resolution = device[0], device[1], device[2], device[3]
     stiffness, damping, delay, order, push, begin, speed, twosided = wall

@@ -12,15 +12,16 @@ Control Systems Technology 8 (2000) 1003-1009.
 
 from __future__ import annotations
 
-import numba
 import numpy as np
+
+from palpate.physics.kernel import kernel
 
 REST = 8  # [1] a window from which the velocity is taken, too
 LENGTH = 16  # [1] longest window, in differences
 HEAD, FILLED, WINDOW = range(3)
 
 
-@numba.njit(cache=True)
+@kernel
 def straight(ring, head, n, tolerance):
     """Whether the last n + 1 samples lie within the tolerance [m] of the chord of the first and the last."""
     size = len(ring)
@@ -37,7 +38,7 @@ def straight(ring, head, n, tolerance):
     return True
 
 
-@numba.njit(cache=True)
+@kernel
 def settle(cursor, ring, t, x, y, z, step):
     """Take a sample: (x, y, z, vx, vy, vz, n), its place [m] and velocity [m/s] on the line, and the window n.
 
@@ -80,7 +81,7 @@ def settle(cursor, ring, t, x, y, z, step):
     return x + ex, y + ey, z + ez, vx, vy, vz, n
 
 
-@numba.njit(cache=True)
+@kernel
 def smooth(cursor, ring, line, t, sample, step):
     """A sample of `tracking.track`, (x, y, z, vx, vy, vz, dt), on the line; the velocity from a window of `REST` on.
 

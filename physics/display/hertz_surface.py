@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import math
 
-import numba
 import numpy as np
+
+from palpate.physics.kernel import kernel
 
 # 4 c_k / (2k + 3), c_k the coefficients of asin(q) = sum c_k q^(2k+1).
 _TAIL = np.array([4.0 * math.comb(2 * k, k) / (4.0**k * (2 * k + 1) * (2 * k + 3)) for k in range(12)])
 
 
-@numba.njit(cache=True)
+@kernel
 def bulge(r: float, a: float) -> float:
     """Shape s(r, a) [m²] of the surface displacement below a Hertz pressure of contact radius a; scalar kernel.
 
@@ -31,7 +32,7 @@ def bulge(r: float, a: float) -> float:
     return r * r * g / math.pi
 
 
-@numba.njit(cache=True)
+@kernel
 def _bulges(r: np.ndarray, a: np.ndarray, out: np.ndarray) -> None:
     for i in range(r.size):
         out[i] = bulge(r[i], a[i])

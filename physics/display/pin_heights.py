@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 
-import numba
 import numpy as np
 
 from palpate.physics.display.hertz_surface import bulge
 from palpate.physics.display.shape_display import deflection_under, press
+from palpate.physics.kernel import kernel
 
 
-@numba.njit(cache=True)
+@kernel
 def heights_from_force(distance, force, b, m, pad_curvature, compliance, tissue_curvature, out):
     """u_f at each pin for a force; (rigid-body motion [m], contact radius [m]). Kernel of `pad_contact` for a display.
 
@@ -62,7 +62,7 @@ def local_plane(points, places, values, width):
     return level + np.einsum("ni,ni->n", slope, (points - centre) / width)
 
 
-@numba.njit(cache=True)
+@kernel
 def heights_from_pressure(pins, places, forces, radii, b, m, out):
     """Deformation of the fingerpad at each pin under a given pressure; the greatest one, x [m]. Kernel.
 
@@ -100,7 +100,7 @@ def heights_from_pressure(pins, places, forces, radii, b, m, out):
     return deflection
 
 
-@numba.njit(cache=True)
+@kernel
 def _spread(x, y, places, forces, radii):
     """U [N/m] at one place: a patch of force f and radius c has u = 3 f s(r, c)/(4 E c³)."""
     total = 0.0

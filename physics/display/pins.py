@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-import numba
 import numpy as np
+
+from palpate.physics.kernel import kernel
 
 
 def pin_grid(rows: int, columns: int, pitch: float) -> np.ndarray:
@@ -21,7 +22,7 @@ def pin_grid(rows: int, columns: int, pitch: float) -> np.ndarray:
     return np.stack(np.meshgrid(x, y), axis=-1)
 
 
-@numba.njit(cache=True)
+@kernel
 def fit_stroke(heights: np.ndarray, stroke: float, out: np.ndarray) -> float:
     """Bring pins within their stroke; the offset c [m] that the linear actuator takes over from them. Kernel.
 
@@ -59,7 +60,7 @@ def fit_stroke(heights: np.ndarray, stroke: float, out: np.ndarray) -> float:
     return lower
 
 
-@numba.njit(cache=True)
+@kernel
 def approach_target(value: float, target: float, dt: float, rate: float, rise: float, fall: float) -> float:
     """Position [m] of an actuator after dt: a first-order lag whose speed is limited, exact for a constant target.
 
@@ -89,7 +90,7 @@ def approach_target(value: float, target: float, dt: float, rate: float, rise: f
     return target - math.copysign(distance, gap)
 
 
-@numba.njit(cache=True)
+@kernel
 def quantise(value: float, step: float, stroke: float) -> float:
     """The nearest whole multiple of `step` [m] within [0, stroke]; the value itself where step is 0. Kernel."""
     if step <= 0.0:
@@ -115,7 +116,7 @@ class Drives(NamedTuple):
     step: float
 
 
-@numba.njit(cache=True)
+@kernel
 def drive(
     pins: np.ndarray, wanted: np.ndarray, actuator: float, approach: float, dt: float, by: Drives, shown: np.ndarray
 ):

@@ -21,10 +21,10 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-import numba
 import numpy as np
 
 from palpate.physics.display import hertz_surface as hertz
+from palpate.physics.kernel import kernel
 
 VALID_RATIO = 0.5
 """Hertz theory needs a << R_f; a result with a > 0.5 R_f is flagged as outside it."""
@@ -75,7 +75,7 @@ class PadContact(NamedTuple):
     valid: np.ndarray
 
 
-@numba.njit(cache=True)
+@kernel
 def _log_modulus(x: float, b: float, m: float) -> float:
     """ln E_f*(x), which neither overflows for a large m x nor loses digits for a small one."""
     t = m * x
@@ -84,13 +84,13 @@ def _log_modulus(x: float, b: float, m: float) -> float:
     return math.log(2.0 * b / m) + t + math.log1p(-math.exp(-t))
 
 
-@numba.njit(cache=True)
+@kernel
 def _softplus(z: float) -> float:
     """ln(1 + e^z)."""
     return max(z, 0.0) + math.log1p(math.exp(-abs(z)))
 
 
-@numba.njit(cache=True)
+@kernel
 def deflection_of(product: float, b: float, m: float, compliance: float) -> float:
     """The root x [m] of h(ln x) = 0 (see the module), written as
 
@@ -122,7 +122,7 @@ def deflection_of(product: float, b: float, m: float, compliance: float) -> floa
     return math.exp(y)
 
 
-@numba.njit(cache=True)
+@kernel
 def deflection_under(load: float, b: float, m: float) -> float:
     """The root x [m] of x E_f*(x) = load: largest deformation of a fingerpad whose pressure alone is known. Kernel.
 
@@ -144,7 +144,7 @@ def deflection_under(load: float, b: float, m: float) -> float:
     return math.exp(y)
 
 
-@numba.njit(cache=True)
+@kernel
 def press(force: float, b: float, m: float, pad_curvature: float, compliance: float, tissue_curvature: float):
     """(x, delta, a, E_f*, E*, share, 1/R) for one force; scalar kernel of `pad_contact`.
 
@@ -160,7 +160,7 @@ def press(force: float, b: float, m: float, pad_curvature: float, compliance: fl
     return x, approach, math.sqrt(approach / curvature), pad, pad / softening, 1.0 / softening, curvature
 
 
-@numba.njit(cache=True)
+@kernel
 def _press_all(force, compliance, tissue_curvature, b, m, pad_curvature, out):
     for i in range(force.size):
         contact = press(force[i], b, m, pad_curvature, compliance[i], tissue_curvature[i])

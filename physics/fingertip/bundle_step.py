@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-import numba
 import numpy as np
 
 from palpate.physics.fingertip.skin import assemble
 from palpate.physics.fingertip.stick_slip import Blocks, Workspace, stick_slip
+from palpate.physics.kernel import kernel
 from palpate.physics.materials.voigt import chain_compliance, chain_strain_step
 
 
@@ -99,7 +99,7 @@ class StepSummary(NamedTuple):
     next_force: float = 0.0
 
 
-@numba.njit(cache=True)
+@kernel
 def bundle_step(beams, sheet, nodes, scratch, motion, tolerance, most):
     """Take the nodes through one step; its summary.
 
@@ -118,7 +118,7 @@ def bundle_step(beams, sheet, nodes, scratch, motion, tolerance, most):
     return StepSummary(contacts, slips, limited, stiffness, touch, iterations, residual, motion.dt, following)
 
 
-@numba.njit(cache=True)
+@kernel
 def _press(beams, nodes, scratch, motion):
     """Shorten the beams to the depth: normal forces, limits of friction, weights in the sheet; nodes in contact, and
     beams held at their reach."""
@@ -142,7 +142,7 @@ def _press(beams, nodes, scratch, motion):
     return contacts, limited
 
 
-@numba.njit(cache=True)
+@kernel
 def _next_law(beams, nodes, motion):
     """Stiffness [N/m], depth of first touch [m] and force [N] of a next step of the same length at the same depth.
 
@@ -164,7 +164,7 @@ def _next_law(beams, nodes, motion):
     return lowest if stiffness == 0.0 else stiffness, first_touch, force
 
 
-@numba.njit(cache=True)
+@kernel
 def _rub(beams, sheet, nodes, scratch, motion, tolerance, most):
     """Stick or slide under the shift; nodes that slide, iterations and residual of the solver."""
     # With all nodes stuck the deflection would be u_s = u - shift. Elastic and viscous forces of the sheet in the step
@@ -193,7 +193,7 @@ def _rub(beams, sheet, nodes, scratch, motion, tolerance, most):
     return _slid(nodes, scratch, motion), iterations, residual
 
 
-@numba.njit(cache=True)
+@kernel
 def _slid(nodes, scratch, motion):
     """Take over what the solver found; how many nodes slide."""
     slips = 0

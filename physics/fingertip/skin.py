@@ -13,8 +13,9 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numba
 import numpy as np
+
+from palpate.physics.kernel import kernel
 
 
 class Sheet(NamedTuple):
@@ -99,7 +100,7 @@ def sheet(points, triangles, modulus, poisson, thickness) -> Sheet:
     )
 
 
-@numba.njit(cache=True)
+@kernel
 def assemble(matrix, sheet, weight, scale):
     """Sum the blocks of a `Sheet`, each times its weight and `scale`, into `matrix` (Z,2,2), which is overwritten.
 

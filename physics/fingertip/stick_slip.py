@@ -19,8 +19,9 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-import numba
 import numpy as np
+
+from palpate.physics.kernel import kernel
 
 
 class Blocks(NamedTuple):
@@ -54,7 +55,7 @@ def workspace(count: int, band: int) -> Workspace:
     return Workspace(place, nodes, np.zeros((2 * count, 2 * band + 2)), np.zeros(2 * count))
 
 
-@numba.njit(cache=True)
+@kernel
 def node_slip(a, b, d, x, y, limit):
     """Slip (2) of one node: the minimum of 1/2 w^T [[a, b], [b, d]] w - (x, y) w + limit |w|. Units as above.
 
@@ -97,7 +98,7 @@ def node_slip(a, b, d, x, y, limit):
     return c * f - n * g, n * f + c * g
 
 
-@numba.njit(cache=True)
+@kernel
 def _sweep(matrix, force, limit, slip):
     rows, columns, values = matrix.rows, matrix.columns, matrix.values
     for i in range(limit.shape[0]):
@@ -111,7 +112,7 @@ def _sweep(matrix, force, limit, slip):
         slip[i, 0], slip[i, 1] = node_slip(values[k, 0, 0], values[k, 0, 1], values[k, 1, 1], x, y, limit[i])
 
 
-@numba.njit(cache=True)
+@kernel
 def _plate_force(matrix, force, limit, slip, out):
     """q = r - A w into `out`; the largest violation of the law of friction [N]."""
     rows, columns, values = matrix.rows, matrix.columns, matrix.values
@@ -131,7 +132,7 @@ def _plate_force(matrix, force, limit, slip, out):
     return worst
 
 
-@numba.njit(cache=True)
+@kernel
 def solve_band(upper, right, size, width):
     """Solve the symmetric positive definite system in place; the answer is in `right`.
 
@@ -154,7 +155,7 @@ def solve_band(upper, right, size, width):
         right[i] = value / upper[i, 0]
 
 
-@numba.njit(cache=True)
+@kernel
 def _newton(matrix, limit, slip, plate, work):
     """One damped Newton step on the slipping nodes; False when there is nothing to gain."""
     rows, columns, values = matrix.rows, matrix.columns, matrix.values
@@ -219,7 +220,7 @@ def _newton(matrix, limit, slip, plate, work):
     return False
 
 
-@numba.njit(cache=True)
+@kernel
 def stick_slip(matrix, force, limit, slip, plate, work, tolerance, most):
     """Solve one step; `slip` (start value in, answer out) and `plate` (the force on the plate) are overwritten.
 

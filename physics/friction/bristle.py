@@ -22,10 +22,10 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple, get_args, get_type_hints
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike
 
 from palpate.physics.entry_point import entry_point
+from palpate.physics.kernel import kernel
 
 Vector = tuple[float, float, float]
 NOTHING = (0.0, 0.0, 0.0)
@@ -39,7 +39,7 @@ class Bristles(NamedTuple):
     load: float = 0.0
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def turn(zx, zy, zz, ax, ay, az, bx, by, bz):
     """z [m], tangent to the unit normal a, rotated by the smallest rotation that takes a to b; length kept.
 
@@ -61,7 +61,7 @@ def turn(zx, zy, zz, ax, ay, az, bx, by, bz):
     return x * scale, y * scale, z * scale
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def carry(z, a, b, slip):
     """Deflection z [m] (3), tangent to the last normal a [1] (3), under this normal b; tangential slip [m/s] (3)."""
     along = slip[0] * b[0] + slip[1] * b[1] + slip[2] * b[2]

@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from typing import Annotated, NamedTuple
 
-from numba import njit
+from palpate.physics.kernel import kernel
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def coulomb(law, z, v, load, dt):
     """Return mapping: the trial deflection z + v T of a spring k [N/m] is brought back to the disc |k z| <= mu f_n
     along itself. Exact for a straight path, without chatter, and passive whatever T and load: the spring keeps or loses

@@ -12,18 +12,17 @@ from __future__ import annotations
 import math
 from typing import Annotated, NamedTuple
 
-from numba import njit
-
 from palpate.physics.friction.lugre import active, force, stribeck
+from palpate.physics.kernel import kernel
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def slipping(r, share):
     """alpha [1]: the part of the motion that is plastic slip, against the deflection over its limit r [1]."""
     return 0.0 if r <= share else 1.0 if r >= 1.0 else 0.5 - 0.5 * math.cos(math.pi * (r - share) / (1.0 - share))
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def elastoplastic(law, z, v, load, dt):
     """Backward Euler, z+ = (z + v h)/(1 + alpha(z+) sigma0 v h/g), over parts of the step in which the finger moves by
     no more than a twentieth of the bristles' limit, at most 40 of them; |z| <= mu_s/sigma0 for any v and T. The root is

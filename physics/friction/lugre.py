@@ -12,17 +12,17 @@ from __future__ import annotations
 import math
 from typing import Annotated, Literal, NamedTuple
 
-from numba import njit
+from palpate.physics.kernel import kernel
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def stribeck(speed, mu_slide, mu_static, fall):
     """g [1], the coefficient of friction of bristles at a speed [m/s]."""
     ratio = speed / fall
     return mu_slide + (mu_static - mu_slide) * math.exp(-ratio * ratio)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def force(law, before, after, v, load, dt):
     """f_n (sigma0 z + sigma1 (z+ - z)/T + sigma2 v) [N] (3)."""
     s0, s1, s2 = load * law.bristle_stiffness, load * law.bristle_damping / dt, load * law.viscous
@@ -33,7 +33,7 @@ def force(law, before, after, v, load, dt):
     )
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def lugre(law, z, v, load, dt):
     """Exact at constant velocity, a = sigma0 v/g:  z+ = z e^{-aT} + v T phi(aT),  phi(x) = (1 - e^{-x})/x. z+ is a mean
     of z and of the steady z, so |z| <= mu_s/sigma0 for any v and T. Backward Euler is the alternative.

@@ -10,8 +10,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numba
 import numpy as np
+
+from palpate.physics.kernel import kernel
 
 LEAF = 4
 PART, WHOLE = 64, 2048
@@ -100,7 +101,7 @@ def _stars(triangles: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
     return at, star
 
 
-@numba.njit(cache=True)
+@kernel
 def _fill_stars(triangles, place, star):
     for t in range(len(triangles)):
         for i in range(3):
@@ -109,14 +110,14 @@ def _fill_stars(triangles, place, star):
             place[v] += 1
 
 
-@numba.njit(cache=True)
+@kernel
 def is_segment(triangles, t):
     """Whether a triangle has less than three different corners."""
     a, b, c = triangles[t, 0], triangles[t, 1], triangles[t, 2]
     return a == b or b == c or c == a
 
 
-@numba.njit(cache=True)
+@kernel
 def _superfluous(triangles, at, star):
     """Whether a triangle repeats an earlier one in the same sense, or is but an edge or a corner of a proper one."""
     superfluous = np.zeros(len(triangles), dtype=np.bool_)
@@ -138,7 +139,7 @@ def _superfluous(triangles, at, star):
     return superfluous
 
 
-@numba.njit(cache=True)
+@kernel
 def _morton(centre, low, size):
     """Interleaved bits of the coordinates, 21 of each."""
     codes = np.empty(len(centre), dtype=np.int64)
@@ -152,7 +153,7 @@ def _morton(centre, low, size):
     return codes
 
 
-@numba.njit(cache=True)
+@kernel
 def _discs(vertices, triangles, leaves, discs):
     """Bounding discs of all nodes: centre, axis, radius, half height.
 
@@ -205,7 +206,7 @@ def _discs(vertices, triangles, leaves, discs):
         discs[node, 7] = 0.5 * (high - low) + 1e-12 * size
 
 
-@numba.njit(cache=True)
+@kernel
 def _add_triangle(vertices, triangle, sums):
     """Adds corners, normal and number of a triangle to the sums of a node."""
     p, q, r = vertices[triangle[0]], vertices[triangle[1]], vertices[triangle[2]]
@@ -219,7 +220,7 @@ def _add_triangle(vertices, triangle, sums):
     sums[6] += 3.0
 
 
-@numba.njit(cache=True)
+@kernel
 def _start_disc(sums, disc):
     """Mean of the corners and mean normal of a node."""
     length = np.sqrt(sums[3] * sums[3] + sums[4] * sums[4] + sums[5] * sums[5])
@@ -228,7 +229,7 @@ def _start_disc(sums, disc):
         disc[3 + i] = sums[3 + i] / length if length > 0.0 else (1.0 if i == 2 else 0.0)
 
 
-@numba.njit(cache=True)
+@kernel
 def _corner(x, disc):
     """Place of a point along the axis of a disc and its distance from it."""
     a, b, c = x[0] - disc[0], x[1] - disc[1], x[2] - disc[2]
@@ -236,14 +237,14 @@ def _corner(x, disc):
     return along, np.sqrt(max(a * a + b * b + c * c - along * along, 0.0))
 
 
-@numba.njit(cache=True)
+@kernel
 def _seen(part, disc):
     """Centre of a disc as seen from another: along its axis, across it, and the cosine between both axes."""
     along, across = _corner(part, disc)
     return along, across, abs(part[3] * disc[3] + part[4] * disc[4] + part[5] * disc[5])
 
 
-@numba.njit(cache=True)
+@kernel
 def _topology(points, cells, star_at, star):
     """Fills in neighbours, degenerate triangles and the angle-weighted normals of the vertices."""
     side = np.empty((3, 3))
@@ -279,7 +280,7 @@ def _topology(points, cells, star_at, star):
                 points[v, c] /= length
 
 
-@numba.njit(cache=True)
+@kernel
 def _neighbour(cells, star_at, star, t, a, b):
     """The triangle across the edge from corner a to b of triangle t: one of the same sense if there is one; or -1."""
     neighbour = -1

@@ -15,12 +15,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 
-import numba
 import numpy as np
 
 from palpate.physics.geometry.newton import beside, flattest, newton
 from palpate.physics.geometry.nurbs import Nurbs, evaluate, normal_of
 from palpate.physics.kept import kept
+from palpate.physics.kernel import kernel
 
 HYSTERESIS = 1e-4
 FAR = 1e9
@@ -74,7 +74,7 @@ class ClosestPoint:
         return feet[..., :3], feet[..., 3:6], feet[..., 6:8], feet[..., 8]
 
 
-@numba.njit(cache=True)
+@kernel
 def track(data, layout, seeds, index, p0, p1, p2, hysteresis, state, work, d, foot):
     """The foot point of p = (p0, p1, p2) [m] into `foot`: point, normal, u, v, signed distance.
 
@@ -143,7 +143,7 @@ def track(data, layout, seeds, index, p0, p1, p2, hysteresis, state, work, d, fo
     foot[6], foot[7], foot[8] = u, v, signed
 
 
-@numba.njit(cache=True)
+@kernel
 def _find(data, layout, seeds, index, points, state, work, d, foot, results):
     for k in range(len(points)):
         state[2] = 0.0
@@ -151,13 +151,13 @@ def _find(data, layout, seeds, index, points, state, work, d, foot, results):
         results[k] = foot
 
 
-@numba.njit(cache=True)
+@kernel
 def _square(seeds, k, p0, p1, p2):
     a, b, c = seeds[5 * k] - p0, seeds[5 * k + 1] - p1, seeds[5 * k + 2] - p2
     return a * a + b * b + c * c
 
 
-@numba.njit(cache=True)
+@kernel
 def _nearest(seeds, index, p0, p1, p2):
     best, nearest = np.inf, 0
     for k in range(index[0]):
@@ -167,14 +167,14 @@ def _nearest(seeds, index, p0, p1, p2):
     return nearest
 
 
-@numba.njit(cache=True)
+@kernel
 def _belongs(seeds, index, k, f, x0, x1, x2, least):
     """Whether sample k, at squared distance f, is one of those round a known minimum x at squared distance `least`."""
     cover = seeds[len(seeds) - 1]
     return f >= least * (1.0 - 1e-9) and _square(seeds, k, x0, x1, x2) < cover * cover
 
 
-@numba.njit(cache=True)
+@kernel
 def _starts(seeds, index, p0, p1, p2, distance, here, work, at):
     """Samples from which a nearer minimum may be found, nearest first: pairs (squared distance, sample) into work[at:].
 

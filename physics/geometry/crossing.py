@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-import numba
 import numpy as np
+
+from palpate.physics.kernel import kernel
 
 
 def crossing(points: np.ndarray, triangles: np.ndarray) -> tuple[int, int, np.ndarray] | None:
@@ -21,7 +22,7 @@ def crossing(points: np.ndarray, triangles: np.ndarray) -> tuple[int, int, np.nd
     return None if first < 0 else (int(order[first]), int(order[other]), at)
 
 
-@numba.njit(cache=True)
+@kernel
 def _side(a, b, c, p):
     """Six times the volume of the tetrahedron a, b, c, p."""
     u0, u1, u2 = b[0] - a[0], b[1] - a[1], b[2] - a[2]
@@ -30,7 +31,7 @@ def _side(a, b, c, p):
     return (u1 * v2 - u2 * v1) * w0 + (u2 * v0 - u0 * v2) * w1 + (u0 * v1 - u1 * v0) * w2
 
 
-@numba.njit(cache=True)
+@kernel
 def _crossing(points, triangles, low, high, widest, at):
     """Triangles are in the order of their least x, low and high (T,3) their bounds; the first pair, or -1, -1."""
     tiny = 1e-12

@@ -6,10 +6,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike
 
 from palpate.physics.geometry.mesh import Mesh
+from palpate.physics.kernel import kernel
 
 
 @dataclass(frozen=True)
@@ -89,7 +89,7 @@ def _starts(owner: np.ndarray, count: int) -> np.ndarray:
     return first
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def cell_range(point, radius, origin, side, shape):
     """First and last cell (3), (3) along each axis that a ball round `point` touches, limited to the grid.
 
@@ -108,13 +108,13 @@ def cell_range(point, radius, origin, side, shape):
     return lo, hi
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _cell(x, count):
     # Held within the grid before it becomes an integer, which a point far away would overflow.
     return int(min(max(x, 0.0), count - 1.0))
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def barycentric(p, a, b, c):
     """Barycentric coordinates (u, v, w) of the point of triangle abc nearest to p, and its squared distance [m²].
 
@@ -160,7 +160,7 @@ def barycentric(p, a, b, c):
     return u, v, w, x * x + y * y + z * z
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def nearest_triangle(
     point, normal, longest, origin, side, shape, first, order, points, triangles, corners_first, corners
 ):
@@ -205,7 +205,7 @@ def nearest_triangle(
         reach = max(2.0 * reach, longest + math.sqrt(least)) if best >= 0 else 2.0 * reach
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _faces(a, b, c, normal):
     x = (b[1] - a[1]) * (c[2] - a[2]) - (b[2] - a[2]) * (c[1] - a[1])
     y = (b[2] - a[2]) * (c[0] - a[0]) - (b[0] - a[0]) * (c[2] - a[2])

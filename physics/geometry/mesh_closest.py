@@ -8,13 +8,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 
-import numba
 import numpy as np
 
 from palpate.physics.geometry.bvh import ACROSS, KIND, ORIGIN, MeshTables, mesh_tables
 from palpate.physics.geometry.closest import FAR
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.geometry.pseudonormal import EDGE, FACE, VERTEX, foot_of, normal_at, signed_distance
+from palpate.physics.kernel import kernel
 
 STACK = 128
 FOUND = 10
@@ -50,7 +50,7 @@ class MeshClosestPoint:
         return feet[..., :3], feet[..., 3:6], feet[..., 9].astype(int), feet[..., 8]
 
 
-@numba.njit(cache=True)
+@kernel
 def track_mesh(points, cells, discs, star_at, star, p0, p1, p2, hysteresis, work, foot):
     """The foot point of p = (p0, p1, p2) [m] into `foot`: point, normal, two weights, signed distance, triangle.
 
@@ -79,7 +79,7 @@ def track_mesh(points, cells, discs, star_at, star, p0, p1, p2, hysteresis, work
     foot[6], foot[7], foot[8], foot[9] = v, w, signed, cells[local, ORIGIN]
 
 
-@numba.njit(cache=True)
+@kernel
 def _find(points, cells, discs, star_at, star, queries, work, foot, results):
     for k in range(len(queries)):
         work[0] = -1
@@ -88,7 +88,7 @@ def _find(points, cells, discs, star_at, star, queries, work, foot, results):
         results[k] = foot
 
 
-@numba.njit(cache=True)
+@kernel
 def _same(points, cells, s, t, v, w, x, y):
     """Whether two triangles share the foot point, as neighbours do on their common edge."""
     total = 0.0
@@ -99,7 +99,7 @@ def _same(points, cells, s, t, v, w, x, y):
     return total < 1e-24
 
 
-@numba.njit(cache=True)
+@kernel
 def _segment(ax, ay, az, bx, by, bz):
     """Share of the way along a segment, from a towards b as seen from p at the origin, of its nearest point."""
     dx, dy, dz = bx - ax, by - ay, bz - az
@@ -109,7 +109,7 @@ def _segment(ax, ay, az, bx, by, bz):
     return min(max(-(ax * dx + ay * dy + az * dz) / square, 0.0), 1.0)
 
 
-@numba.njit(cache=True)
+@kernel
 def _on_triangle(points, cells, t, p0, p1, p2):
     """Squared distance, weights of the second and third corner, and place of the nearest point of a triangle."""
     i, j, k = cells[t, 0], cells[t, 1], cells[t, 2]
@@ -137,7 +137,7 @@ def _on_triangle(points, cells, t, p0, p1, p2):
     return x * x + y * y + z * z, v, w, place
 
 
-@numba.njit(cache=True)
+@kernel
 def _region(ax, ay, az, bx, by, bz, cx, cy, cz):
     """The Voronoi region of a triangle that holds the origin: weights of b and c, place."""
     ux, uy, uz = bx - ax, by - ay, bz - az
@@ -165,7 +165,7 @@ def _region(ax, ay, az, bx, by, bz, cx, cy, cz):
     return vb * scale, vc * scale, FACE
 
 
-@numba.njit(cache=True)
+@kernel
 def _disc(discs, node, p0, p1, p2):
     """A lower bound of the squared distance from the triangles of a node."""
     x, y, z = p0 - discs[node, 0], p1 - discs[node, 1], p2 - discs[node, 2]
@@ -175,7 +175,7 @@ def _disc(discs, node, p0, p1, p2):
     return along * along + across * across
 
 
-@numba.njit(cache=True)
+@kernel
 def _search(points, cells, discs, p0, p1, p2, best, least, work):
     """The nearest triangle; `best` at squared distance `least` unless one is nearer."""
     count, leaves = len(cells), len(discs) // 2
@@ -204,7 +204,7 @@ def _search(points, cells, discs, p0, p1, p2, best, least, work):
     return best
 
 
-@numba.njit(cache=True)
+@kernel
 def _descend(points, cells, star_at, star, p0, p1, p2, t):
     """Walks from triangle t to nearer neighbours; the last one, and whether none of its neighbours is nearer."""
     f, _, _, place = _on_triangle(points, cells, t, p0, p1, p2)

@@ -18,7 +18,6 @@ L. Piegl, W. Tiller, The NURBS Book, 2nd ed., Springer 1997, sec. 6.1 (point inv
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 
 from palpate.physics.geometry.nurbs import (
@@ -33,6 +32,7 @@ from palpate.physics.geometry.nurbs import (
     evaluate,
     wrap,
 )
+from palpate.physics.kernel import kernel
 
 ZERO_DISTANCE = 1e-9
 """[m] A point this near to the surface lies on it."""
@@ -45,12 +45,12 @@ POLE_RADIUS = 1e-9
 LIMIT = 60
 
 
-@numba.njit(cache=True)
+@kernel
 def _dot(a, b):
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-@numba.njit(cache=True)
+@kernel
 def _polar(data, layout, v):
     """+1 in the span beside the pole at the low end of v, -1 at the high end, 0 elsewhere."""
     _, _, v0, v1 = bounds(data, layout)
@@ -62,7 +62,7 @@ def _polar(data, layout, v):
     return 0.0
 
 
-@numba.njit(cache=True)
+@kernel
 def _moved(data, layout, side, u, v, s1, s2):
     """The parameters after a step: (du, dv), or beside a pole (radial, tangential) in units of v."""
     u0, u1, v0, v1 = bounds(data, layout)
@@ -82,7 +82,7 @@ def _moved(data, layout, side, u, v, s1, s2):
     return u, v
 
 
-@numba.njit(cache=True)
+@kernel
 def _model(data, layout, side, v, d, r0, r1, r2):
     """Gradient (2), Hessian (3) and metric (3) of r.r / 2 in the coordinates of `_moved`."""
     su = d[1, 0] * d[1, 0] + d[1, 1] * d[1, 1] + d[1, 2] * d[1, 2]
@@ -113,7 +113,7 @@ def _model(data, layout, side, v, d, r0, r1, r2):
     return g1, g2 * i, hvv, h12, h22, sv, side * k * suv * i, k * k * su * i * i
 
 
-@numba.njit(cache=True)
+@kernel
 def _downhill(h11, h12, h22):
     """The least eigenvalue of a symmetric matrix and its eigenvector."""
     mean, half = 0.5 * (h11 + h22), 0.5 * (h11 - h22)
@@ -125,7 +125,7 @@ def _downhill(h11, h12, h22):
     return mean - root, e1 / length, e2 / length
 
 
-@numba.njit(cache=True)
+@kernel
 def flattest(data, layout, p0, p1, p2, v, d):
     """The least eigenvalue of H in units of the metric, 1 - d kappa where (u, v) are orthogonal, the parameters
     (du, dv) of a metre along its direction, and whether the point lies on a border that is collapsed to a point.
@@ -141,7 +141,7 @@ def flattest(data, layout, p0, p1, p2, v, d):
     return least, e1 * q1, e2 * q2, False
 
 
-@numba.njit(cache=True)
+@kernel
 def beside(data, layout, u, v, d, share):
     """Parameters (u, v) 2 % inside of a collapsed border, at a share [1] of its length; d (6,3) as in `evaluate`."""
     u0, u1, v0, v1 = bounds(data, layout)
@@ -152,16 +152,22 @@ def beside(data, layout, u, v, d, share):
     return u + inside * (u1 - u0), v0 + share * (v1 - v0)
 
 
-@numba.njit(cache=True)
+@kernel
+def _line(data, layout, p0, p1, p2, u, v, work, d):
+    """The line r [m] (3) from p to the surface at (u, v), and r.r; leaves the derivatives there in d."""
+    evaluate(data, layout, u, v, work, d)
+    r0, r1, r2 = d[0, 0] - p0, d[0, 1] - p1, d[0, 2] - p2
+    return r0, r1, r2, r0 * r0 + r1 * r1 + r2 * r2
+
+
+@kernel
 def newton(data, layout, p0, p1, p2, u, v, work, d):
     """A local minimum of the distance from p, found from (u, v); leaves the derivatives there in d (6,3).
 
     Returns u, v and the squared distance [m²].
     """
     u, v = _moved(data, layout, 0.0, u, v, 0.0, 0.0)
-    evaluate(data, layout, u, v, work, d)
-    r0, r1, r2 = d[0, 0] - p0, d[0, 1] - p1, d[0, 2] - p2
-    f = r0 * r0 + r1 * r1 + r2 * r2
+    r0, r1, r2, f = _line(data, layout, p0, p1, p2, u, v, work, d)
     u0, u1, v0, v1 = bounds(data, layout)
     steep = False
     escapes = 0
@@ -194,9 +200,7 @@ def newton(data, layout, p0, p1, p2, u, v, work, d):
             escapes += 1
             away = 0.05 * np.sqrt(f)
             u, v = _moved(data, layout, side, u, v, away * e1 / np.sqrt(a11), away * e2 / np.sqrt(a22))
-            evaluate(data, layout, u, v, work, d)
-            r0, r1, r2 = d[0, 0] - p0, d[0, 1] - p1, d[0, 2] - p2
-            f = r0 * r0 + r1 * r1 + r2 * r2
+            r0, r1, r2, f = _line(data, layout, p0, p1, p2, u, v, work, d)
             continue
         # Newton's direction, at most a quarter of the patch; steepest descent once a line search has failed
         s1, s2 = _direction(g1, g2, h11, h12, h22, a11, a12, a22, hold1, hold2, steep)
@@ -210,9 +214,7 @@ def newton(data, layout, p0, p1, p2, u, v, work, d):
         taken = False
         for _ in range(40):
             x, y = _moved(data, layout, side, u, v, share * s1, share * s2)
-            evaluate(data, layout, x, y, work, d)
-            r0, r1, r2 = d[0, 0] - p0, d[0, 1] - p1, d[0, 2] - p2
-            new = r0 * r0 + r1 * r1 + r2 * r2
+            r0, r1, r2, new = _line(data, layout, p0, p1, p2, x, y, work, d)
             if side == 0.0 and not layout[CLOSED_U] and x - u != share * s1:
                 slope = (g1 * (x - u)) / share + g2 * s2
             # Rounding of r.r hides the gain of the last steps: the slack lets them pass.
@@ -225,15 +227,14 @@ def newton(data, layout, p0, p1, p2, u, v, work, d):
             if share * move <= ZERO_MOVE:
                 break
         else:
-            evaluate(data, layout, u, v, work, d)
-            r0, r1, r2 = d[0, 0] - p0, d[0, 1] - p1, d[0, 2] - p2
+            r0, r1, r2, f = _line(data, layout, p0, p1, p2, u, v, work, d)
             if steep:
                 break
             steep = True
     return u, v, f
 
 
-@numba.njit(cache=True)
+@kernel
 def _direction(g1, g2, h11, h12, h22, a11, a12, a22, hold1, hold2, steep):
     """Newton's step where H is positive definite, else with the magnitudes of its eigenvalues; without the fixed
     directions. `steep`: along the gradient, scaled."""

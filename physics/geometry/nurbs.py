@@ -10,10 +10,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 
-import numba
 import numpy as np
 
 from palpate.physics.kept import kept
+from palpate.physics.kernel import kernel
 
 # Places in the header of the packed form; the rest of `layout` is the first control point of each span.
 PU, PV, NU, NV, SPANS_U, SPANS_V, CLOSED_U, CLOSED_V, POLE_LOW, POLE_HIGH, AT_BV, AT_MU, AT_MV, AT_H, HEADER = range(15)
@@ -149,7 +149,7 @@ def basis_matrices(knots: np.ndarray, degree: int) -> tuple[np.ndarray, np.ndarr
     return ends, np.array([i - degree for i in spans], dtype=np.int64), matrices
 
 
-@numba.njit(cache=True)
+@kernel
 def wrap(x, low, high, closed):
     """The parameter brought into its domain: modulo where the direction is closed, clamped where it is open."""
     if closed:
@@ -159,7 +159,7 @@ def wrap(x, low, high, closed):
     return min(max(x, low), high)
 
 
-@numba.njit(cache=True)
+@kernel
 def _basis(data, at_ends, spans, at_matrix, degree, x, work, at):
     """Values, first and second derivatives of the basis functions at x, into work[at:]; returns the span."""
     low, high = 0, spans
@@ -186,7 +186,7 @@ def _basis(data, at_ends, spans, at_matrix, degree, x, work, at):
     return low
 
 
-@numba.njit(cache=True)
+@kernel
 def evaluate(data, layout, u, v, work, out):
     """S, S_u, S_v, S_uu, S_uv, S_vv at a point of the domain into out (6,3).
 
@@ -231,14 +231,14 @@ def evaluate(data, layout, u, v, work, out):
         out[5, c] = (work[20 + c] - 2.0 * wv * sv_ - wvv * s) * inverse
 
 
-@numba.njit(cache=True)
+@kernel
 def bounds(data, layout):
     """The domain: u from, u to, v from, v to."""
     b = layout[AT_BV]
     return data[0], data[layout[SPANS_U]], data[b], data[b + layout[SPANS_V]]
 
 
-@numba.njit(cache=True)
+@kernel
 def normal_of(data, layout, u, v, d):
     """Outward unit normal at (u, v) from the derivatives d (6,3) there. At a pole or a collapsed border one of S_u, S_v
     vanishes, and its derivative across the border stands for it; (0, 0, 1) where the patch has no normal."""
@@ -259,7 +259,7 @@ def normal_of(data, layout, u, v, d):
     return x / length, y / length, z / length
 
 
-@numba.njit(cache=True)
+@kernel
 def _derivatives(data, layout, u, v, out):
     u0, u1, v0, v1 = bounds(data, layout)
     work = np.empty(24 + 3 * (layout[PU] + layout[PV] + 2))
@@ -268,7 +268,7 @@ def _derivatives(data, layout, u, v, out):
         evaluate(data, layout, x, wrap(v[k], v0, v1, layout[CLOSED_V]), work, out[k])
 
 
-@numba.njit(cache=True)
+@kernel
 def _normals(data, layout, u, v, out):
     u0, u1, v0, v1 = bounds(data, layout)
     work = np.empty(24 + 3 * (layout[PU] + layout[PV] + 2))

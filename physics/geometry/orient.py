@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-import numba
 import numpy as np
+
+from palpate.physics.kernel import kernel
 
 
 def edge_counts(triangles: np.ndarray, vertices: int) -> tuple[int, int]:
@@ -53,7 +54,7 @@ def _across(triangles: np.ndarray, vertices: int) -> np.ndarray:
     return neighbours.reshape(-1, 3)
 
 
-@numba.njit(cache=True)
+@kernel
 def _one_way(triangles, across):
     """Turns the triangles of each piece to the sense of its first; piece of each, and whether it was turned."""
     count = len(triangles)

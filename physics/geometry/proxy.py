@@ -21,7 +21,6 @@ A sheet ends at its border: beside it the gap is the distance from the border, a
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 
 from palpate.physics.geometry.bvh import ORIGIN
@@ -30,6 +29,7 @@ from palpate.physics.geometry.mesh_closest import _descend, _on_triangle, track_
 from palpate.physics.geometry.newton import newton
 from palpate.physics.geometry.nurbs import normal_of
 from palpate.physics.geometry.pseudonormal import normal_at, signed_distance
+from palpate.physics.kernel import kernel
 
 JUMP = 6e-3
 """[m] A tool that moves farther in a step starts anew."""
@@ -70,7 +70,7 @@ def memory(points: np.ndarray, border: bool = False) -> np.ndarray:
     return state
 
 
-@numba.njit(cache=True)
+@kernel
 def _moved(p, memory):
     """How far the tool has moved [m]; infinite where it starts anew."""
     square = 0.0
@@ -79,7 +79,7 @@ def _moved(p, memory):
     return np.sqrt(square) if memory[STARTED] == 1.0 and square <= JUMP * JUMP else np.inf
 
 
-@numba.njit(cache=True)
+@kernel
 def _at_border(p, along, foot):
     """Beyond the border of a sheet, where the connection is longer than its part along the normal, the gap is the
     distance."""
@@ -89,13 +89,13 @@ def _at_border(p, along, foot):
         foot[3], foot[4], foot[5], foot[8] = a / distance, b / distance, c / distance, distance
 
 
-@numba.njit(cache=True)
+@kernel
 def _turned(foot, memory):
     along = foot[3] * memory[NORMAL] + foot[4] * memory[NORMAL + 1] + foot[5] * memory[NORMAL + 2]
     return along < TURNED
 
 
-@numba.njit(cache=True)
+@kernel
 def _outside(p, foot, memory):
     """Whether the tool is outside as seen from this side, or far away."""
     if not foot[8] > 0.0 or foot[8] > FAR_BEYOND:
@@ -107,7 +107,7 @@ def _outside(p, foot, memory):
     return along >= OUTSIDE * np.sqrt(square)
 
 
-@numba.njit(cache=True)
+@kernel
 def _taken(p, foot, memory):
     """Whether a foot follows from the last one."""
     if _turned(foot, memory):
@@ -126,7 +126,7 @@ def _taken(p, foot, memory):
     return np.sqrt(way) <= min(AMPLIFIED * np.sqrt(side), LEAP) + ROUNDING
 
 
-@numba.njit(cache=True)
+@kernel
 def _regular(p, foot, moved, memory):
     """Whether the nearest point is the foot; settles whether the tool is inside."""
     if moved == np.inf:
@@ -144,7 +144,7 @@ def _regular(p, foot, moved, memory):
     return foot[8] <= 0.0 and _taken(p, foot, memory)
 
 
-@numba.njit(cache=True)
+@kernel
 def _stay(p, memory, foot):
     """The last foot into `foot`, the gap along its normal."""
     foot[8] = 0.0
@@ -153,7 +153,7 @@ def _stay(p, memory, foot):
         foot[8] += (p[k] - foot[k]) * foot[3 + k]
 
 
-@numba.njit(cache=True)
+@kernel
 def _end(p, moved, inside, foot, memory):
     """Limit the change of the gap to the tool's motion; store the step; whether the last foot stays.
 
@@ -175,12 +175,12 @@ def _end(p, moved, inside, foot, memory):
     return stays
 
 
-@numba.njit(cache=True)
+@kernel
 def _held(x):
     return min(max(x, -FAR), FAR)
 
 
-@numba.njit(cache=True)
+@kernel
 def follow(data, layout, seeds, index, point, hysteresis, state, work, d, foot, memory):
     """The foot of a tool at `point` [m] (3) on a NURBS surface: arguments and result as of `track`."""
     p = (_held(point[0]), _held(point[1]), _held(point[2]))
@@ -211,7 +211,7 @@ def follow(data, layout, seeds, index, point, hysteresis, state, work, d, foot, 
     memory[PLACE], memory[PLACE + 1] = foot[6], foot[7]
 
 
-@numba.njit(cache=True)
+@kernel
 def follow_mesh(points, cells, discs, star_at, star, point, hysteresis, work, foot, memory):
     """The foot of a tool at `point` [m] (3) on a triangle mesh: arguments and result as of `track_mesh`."""
     p = (_held(point[0]), _held(point[1]), _held(point[2]))

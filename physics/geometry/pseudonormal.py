@@ -6,16 +6,16 @@ edge or vertex is right everywhere round a closed mesh, that by the nearest face
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 
 from palpate.physics.geometry.bvh import ACROSS, KIND, is_segment
+from palpate.physics.kernel import kernel
 
 FACE, VERTEX, EDGE = 0, 1, 4
 """Where on a triangle a point lies: inside, on corner 0-2 (VERTEX + i), on the edge from corner i (EDGE + i)."""
 
 
-@numba.njit(cache=True)
+@kernel
 def foot_of(points, cells, t, v, w, foot):
     """The point with barycentric coordinates (1 - v - w, v, w) of triangle t of cells (T,3), into foot [m] (3)."""
     for c in range(3):
@@ -23,7 +23,7 @@ def foot_of(points, cells, t, v, w, foot):
         foot[c] = a + v * (b - a) + w * (d - a)
 
 
-@numba.njit(cache=True)
+@kernel
 def _face(points, cells, t):
     """Unit normal of a triangle, zero where it is degenerate."""
     if t < 0 or cells[t, KIND] > 0:
@@ -36,7 +36,7 @@ def _face(points, cells, t):
     return x / length, y / length, z / length
 
 
-@numba.njit(cache=True)
+@kernel
 def normal_at(points, cells, t, v, w, foot):
     """The interpolated vertex normal into foot[3:6]; the face's where they cancel, (0, 0, 1) where there is none."""
     u = 1.0 - v - w
@@ -53,7 +53,7 @@ def normal_at(points, cells, t, v, w, foot):
     foot[3], foot[4], foot[5] = x / length, y / length, z / length
 
 
-@numba.njit(cache=True)
+@kernel
 def signed_distance(points, cells, star_at, star, t, v, w, place, p0, p1, p2, foot):
     """Signed distance of p from its nearest point, and that point into foot[:3].
 
@@ -94,7 +94,7 @@ def signed_distance(points, cells, star_at, star, t, v, w, place, p0, p1, p2, fo
     return distance if along >= 0.0 else -distance
 
 
-@numba.njit(cache=True)
+@kernel
 def _beyond(cells, t, other):
     """The triangles across an edge: the neighbour, or where that is degenerate the ones on its other edges."""
     if other < 0 or cells[other, KIND] == 0:

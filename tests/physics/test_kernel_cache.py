@@ -11,11 +11,9 @@ import pytest
 import palpate.physics
 from palpate.physics.kernel_cache import KEPT, PREFIX
 
-INNER = "import numba\n\n\n@numba.njit(cache=True)\ndef inner(x):\n    return {} * x\n"
-OUTER = (
-    "import numba\n\nfrom palpate.physics.inner import inner\n\n\n"
-    "@numba.njit(cache=True)\ndef outer(x):\n    return inner(x) + 1.0\n"
-)
+KERNEL = "from palpate.physics.kernel import kernel\n"
+INNER = f"{KERNEL}\n\n@kernel\ndef inner(x):\n    return {{}} * x\n"
+OUTER = f"from palpate.physics.inner import inner\n{KERNEL}\n\n@kernel\ndef outer(x):\n    return inner(x) + 1.0\n"
 NOTEBOOK = "from palpate.physics.outer import outer; print(outer(2.0), outer.stats.cache_hits)"
 TEST = "from palpate.physics.outer import outer\n\n\ndef test_outer():\n    assert outer(2.0) == {}\n"
 
@@ -25,7 +23,7 @@ def tree(tmp_path):
     """A tree with the first files of the physics and two kernels, one of which calls the other."""
     physics = tmp_path / "palpate" / "physics"
     physics.mkdir(parents=True)
-    for name in ("__init__.py", "arithmetic.py", "kernel_cache.py"):
+    for name in ("__init__.py", "arithmetic.py", "kernel.py", "kernel_cache.py"):
         shutil.copy(Path(palpate.physics.__path__[0]) / name, physics)
     (physics / "inner.py").write_text(INNER.format("3.0"))
     (physics / "outer.py").write_text(OUTER)

@@ -1,19 +1,32 @@
-"""The first run on a machine compiles the kernels, and later ones load them: what takes a minute is told."""
+"""The first run on a machine compiles the kernels, and later ones load them: what takes a while is told, and uses two
+cores."""
 
 from __future__ import annotations
 
+import contextlib
 import gc
+import mmap
+import os
+import signal
 import sys
-from collections.abc import Callable, Iterator
+import warnings
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, NoReturn
+
+from palpate.launch.run.descendants import die_with_parent
 
 
 @contextmanager
-def compiling(report: Callable[[int], None]) -> Iterator[None]:
+def compiling(report: Callable[[int], None], others: Sequence[Callable[[], object]] = ()) -> Iterator[None]:
     """Call `report` whenever a kernel is about to be compiled, with how many there were so far. Not for what the cache
-    holds, and not in a process that has not imported numba yet. Meanwhile no garbage is collected: the compiler makes
-    millions of objects and keeps them, and looking through them takes 6 % of its time."""
+    holds, and not in a process that has not imported numba yet.
+
+    others  calls that compile, too: a second process makes them from the first kernel on, and leaves them on disk
+
+    Meanwhile no garbage is collected: the compiler makes millions of objects and keeps them, and looking through them
+    takes 6 % of its time.
+    """
     if "numba" not in sys.modules:
         yield
         return
@@ -21,20 +34,53 @@ def compiling(report: Callable[[int], None]) -> Iterator[None]:
 
     class Compiled(event.Listener):  # type: ignore[misc]
         count = depth = 0
+        helper: int | None = None
+        helped = mmap.mmap(-1, 1)  # how many the second process has compiled
 
         def on_start(self, event: Any) -> None:
+            if self.helper is None and others and len(os.sched_getaffinity(0)) > 1:
+                self.helper = _fork()
+                if not self.helper:
+                    _call(others)
             self.count += 1
             self.depth += 1
             gc.disable()
-            report(self.count)
+            if self.helper == 0:
+                self.helped[0] = min(self.count, 255)
+            else:
+                report(self.count + self.helped[0])
 
         def on_end(self, event: Any) -> None:
             self.depth -= 1
             if not self.depth:  # a kernel compiles those that it calls
                 gc.enable()
 
-    with event.install_listener("numba:compile", Compiled()):
+    listener = Compiled()
+    with event.install_listener("numba:compile", listener):
         try:
             yield
         finally:
             gc.enable()  # an interrupt may have come before the end of a kernel
+            if listener.helper:
+                os.kill(listener.helper, signal.SIGKILL)
+                os.waitpid(listener.helper, 0)
+
+
+def _fork() -> int:
+    with warnings.catch_warnings():  # of threads: that of the screen, on which the new process writes nothing
+        warnings.simplefilter("ignore", DeprecationWarning)
+        return os.fork()
+
+
+def _call(calls: Sequence[Callable[[], object]]) -> NoReturn:
+    """What the second process does."""
+    try:
+        die_with_parent()
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+        sys.stdout = sys.stderr = open(os.devnull, "w")  # noqa: SIM115
+        for call in calls:
+            with contextlib.suppress(Exception):  # the first process meets the same error and reports it
+                call()
+    finally:
+        os._exit(0)

@@ -13,7 +13,7 @@ from scipy.integrate import quad
 from palpate.launch.testing import FakeBus
 from palpate.messages import Contact, Friction
 from palpate.nodes.spread import Kernel
-from palpate.physics.contact.spread import KERNELS, Spreader, kernel
+from palpate.physics.contact.spread import KERNELS, Spreader, kernel_values
 from palpate.physics.geometry.grid import Grid, barycentric
 from palpate.physics.geometry.mesh import Mesh, plane
 
@@ -41,9 +41,9 @@ def bumpy(count, seed):
 
 @kernels
 def test_kernels_are_one_at_the_foot_zero_at_the_radius_and_have_their_plane_integral(name):
-    assert kernel(name, [0.0, 1.0, 1.5]) == approx([1, 0, 0], abs=1e-15)
-    assert (np.diff(kernel(name, np.linspace(0, 1, 100))) < 0).all()
-    whole = quad(lambda q: 2 * math.pi * q * float(kernel(name, q)), 0, 1, epsabs=1e-13)[0]
+    assert kernel_values(name, [0.0, 1.0, 1.5]) == approx([1, 0, 0], abs=1e-15)
+    assert (np.diff(kernel_values(name, np.linspace(0, 1, 100))) < 0).all()
+    whole = quad(lambda q: 2 * math.pi * q * float(kernel_values(name, q)), 0, 1, epsabs=1e-13)[0]
     assert whole == approx(PLANE_INTEGRALS[KERNELS.index(name)], rel=1e-10)
 
 
@@ -65,7 +65,7 @@ def test_the_weights_are_those_of_a_plain_sum_over_all_nodes(name):
     for at in range(0, 800, 90):
         foot, normal = mesh.vertices[at] + 1e-4, mesh.normals[at]
         d = np.linalg.norm(mesh.vertices - foot, axis=1)
-        w = mesh.areas * kernel(name, d / 7e-3) * (mesh.normals @ normal > 0)
+        w = mesh.areas * kernel_values(name, d / 7e-3) * (mesh.normals @ normal > 0)
         dense = np.zeros(800)
         nodes, weights, _ = spread(spreader, foot, normal=tuple(normal))
         dense[nodes] = weights

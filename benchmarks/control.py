@@ -1,0 +1,62 @@
+"""A process that only sleeps, beside a run on the real clock: what it misses is the machine's and not the run's."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+from multiprocessing.connection import Connection
+from pathlib import Path
+
+from palpate.launch.machine.lateness import Lateness, measure
+from palpate.launch.run.launcher import Launcher
+
+
+class Control:
+    """Sleeps to each tick, with the core and the priority of the process that keeps the run's time.
+
+    A run of so many seconds at a rate [Hz] is to begin, and calls `look` while it lasts.
+    """
+
+    def __init__(self, seconds: float, rate: float) -> None:
+        self.seconds, self.rate = seconds, rate
+        self._first: dict[str, int] = {}
+        self._last: dict[str, int] = {}
+        self._end, theirs = multiprocessing.Pipe()
+        self._process = multiprocessing.get_context("fork").Process(target=_sleep, args=(theirs,), daemon=True)
+        self._process.start()
+
+    def look(self, launcher: Launcher) -> None:
+        """The sleep begins with the run. From the first look to the last: how long each process waits for its core."""
+        if launcher.phase != "running":
+            return
+        pids = {**launcher.pids, "the sleeper": self._process.pid or 0}
+        waited = {group: wait for group, pid in pids.items() if (wait := _waited(pid)) is not None}
+        if not self._first:
+            lead = next(job for job in launcher.jobs.values() if job.leads)
+            self._end.send((lead.core, lead.priority, self.seconds, 1.0 / self.rate))
+            self._first = waited
+        self._last |= waited
+
+    def told(self) -> dict[str, object]:
+        """Ticks that it missed [1], how late it woke [s], and the wait of each process in its run queue [s], a tick."""
+        lateness: Lateness = self._end.recv()
+        self._process.join()
+        ticks = self.seconds * self.rate
+        waits = {group: (self._last[group] - before) * 1e-9 / ticks for group, before in self._first.items()}
+        return {"missed": lateness.missed, "p50": lateness.p50, "p99": lateness.p99, "p999": lateness.p999,
+                "queue": waits}  # fmt: skip
+
+
+def _sleep(end: Connection) -> None:
+    core, priority, seconds, period = end.recv()
+    if core is not None:
+        os.sched_setaffinity(0, core)
+    end.send(measure(seconds, priority, period) or measure(seconds, None, period))
+
+
+def _waited(pid: int) -> int | None:
+    """[ns] for which a process was ready to run and had no core; None where it has ended."""
+    try:
+        return int(Path(f"/proc/{pid}/schedstat").read_text().split()[1])
+    except (OSError, IndexError):
+        return None

@@ -1,0 +1,69 @@
+"""Kernels: functions that numba compiles when they are first called, and keeps on disk (`kernel_cache`)."""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+from collections.abc import Callable
+from functools import cached_property, partial
+from pathlib import Path
+from types import FunctionType
+from typing import Any
+
+import numba
+from numba.core.registry import CPUDispatcher
+
+
+class Kept(CPUDispatcher):
+    """numba's compiled function, on disk. What another process compiles right now is waited for, and loaded."""
+
+    def __init__(self, py_func: Any, targetoptions: Any = None, **more: Any) -> None:
+        super().__init__(py_func, targetoptions=targetoptions, **more)
+        self.enable_caching()
+
+    def compile(self, sig: Any) -> Any:
+        """Its code for these types, compiled or loaded."""
+        with contextlib.ExitStack() as stack:
+            with contextlib.suppress(OSError):  # where nobody can write, each process compiles for itself
+                folder = Path(self.stats.cache_path or "")
+                folder.mkdir(parents=True, exist_ok=True)
+                file = stack.enter_context((folder / f"{self.py_func.__qualname__}.lock").open("w"))
+                fcntl.lockf(file, fcntl.LOCK_EX)
+            return super().compile(sig)
+
+
+class Kernel(Kept):
+    """A compiled function for Python, and for other kernels.
+
+    numba gives each function a wrapper for Python and one for C, with its code inlined into both, which takes a fifth
+    of the time of a first start. Who is called by another kernel needs neither, and gets that for Python when Python
+    calls it, too.
+    """
+
+    @cached_property
+    def bare(self) -> Kept:
+        """For other kernels, whose own code holds it then."""
+        function = self.py_func
+        bare = FunctionType(function.__code__, function.__globals__, function.__name__, function.__defaults__)
+        bare.__module__, bare.__qualname__ = function.__module__, f"{function.__qualname__}.bare"
+        return Kept(bare, {**self.targetoptions, "no_cpython_wrapper": True})
+
+    def get_call_template(self, args: Any, kws: Any) -> Any:
+        """How a kernel calls it: its types."""
+        return self.bare.get_call_template(args, kws)  # type: ignore[attr-defined]
+
+    def get_overload(self, sig: Any) -> Any:
+        """How a kernel calls it: its code."""
+        return self.bare.get_overload(sig)  # type: ignore[attr-defined]
+
+
+def kernel(function: Callable[..., Any] | None = None, *, error_model: str = "python") -> Any:
+    """Decorator of a function to compile. `error_model`: a division by 0 raises ("python"), or gives inf or nan
+    ("numpy")."""
+    if function is None:
+        return partial(kernel, error_model=error_model)
+    if numba.config.DISABLE_JIT:  # type: ignore[attr-defined]
+        return function
+    return Kernel(
+        function, {"nopython": True, "boundscheck": None, "no_cfunc_wrapper": True, "error_model": error_model}
+    )

@@ -1,0 +1,89 @@
+"""Kernels are compiled once: for Python only where Python calls them, and by one process at a time."""
+
+import os
+import subprocess
+import sys
+import time
+
+import numba
+import numpy as np
+import pytest
+
+from palpate.launch.run.work.compiling import compiling
+
+SOURCE = """
+import numpy as np
+from palpate.physics.kernel import kernel
+
+
+@kernel
+def inner(x):
+    return np.linalg.norm(x) ** 2
+
+@kernel
+def outer(x):
+    return inner(x) + 1.0
+
+@kernel(error_model="numpy")
+def other(x):
+    return inner(x) / 0.0
+"""
+COMPILED = """
+import numba.core.event, numpy as np, kernels
+print("ready", flush=True)
+input()
+with numba.core.event.install_recorder("numba:compile") as recorded:
+    kernels.outer(np.ones(3))
+names = [event.data["dispatcher"].py_func.__name__ for _, event in recorded.buffer if event.is_start]
+print(*(name for name in names if hasattr(kernels, name)))
+"""
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    (tmp_path / "kernels.py").write_text(SOURCE)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path / "cache"))
+    yield tmp_path
+    sys.modules.pop("kernels", None)
+
+
+def test_a_kernel_that_only_kernels_call_has_no_wrapper_for_python(folder):
+    import kernels
+
+    assert kernels.outer(np.ones(3)) == pytest.approx(4.0)
+    assert not kernels.inner.signatures and len(kernels.inner.bare.signatures) == 1
+    assert kernels.inner(np.ones(3)) == kernels.outer(np.ones(3)) - 1.0
+    assert len(kernels.inner.signatures) == 1
+
+
+def test_two_processes_that_need_the_same_kernels_compile_them_once(folder):
+    """Both begin at once, and one of them waits."""
+    environment = {**os.environ, "PYTHONPATH": str(folder), "NUMBA_CACHE_DIR": str(folder / "cache")}
+    both = [
+        subprocess.Popen([sys.executable, "-c", COMPILED], env=environment, stdin=-1, stdout=-1, text=True)
+        for _ in range(2)
+    ]
+    for process in both:
+        assert process.stdout.readline() == "ready\n"
+    for process in both:
+        process.stdin.write("\n")
+        process.stdin.flush()
+    assert sorted(process.communicate(timeout=60)[0].split() for process in both) == [[], ["outer", "inner"]]
+
+
+def test_a_second_process_compiles_meanwhile_what_comes_later(folder, monkeypatch):
+    import kernels
+
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0, 1})
+    told = []
+    with compiling(told.append, [lambda: 1 / 0, lambda: kernels.other(np.ones(3))]):
+        kernels.outer(np.ones(3))
+        while not list((folder / "cache").rglob("*other-*.nbc")):  # by the second process: nobody calls it here
+            time.sleep(0.01)
+        assert kernels.other(np.ones(3)) == np.inf
+        kernels.inner(np.ones(3))
+    assert sum(kernels.other.stats.cache_hits.values()) == 1
+    assert told[-1] > len(told)  # those of the second process are counted, too
+    with pytest.raises(ChildProcessError):
+        os.waitpid(-1, os.WNOHANG)
