@@ -59,7 +59,7 @@ class FalconGeometry:
 
 
 FALCON = FalconGeometry()
-ZERO, COUNT, LIMIT = 12, 13, 14  # places in the geometry array
+ZERO, LIMIT = 12, 14  # places in the geometry array
 
 
 @kernel

@@ -5,7 +5,7 @@ import pytest
 from formulas import angles_of
 from pytest import approx
 
-from palpate.physics.device.falcon import FALCON, HOME, counts, forward, inverse, leg, links, rates
+from palpate.physics.device.falcon import FALCON, HOME, counts, forward, inverse, leg, links, rates, reachable
 from palpate.physics.device.falcon_statics import damped, force, inverted, saturate, torque
 
 CENTRE = (0.0, 0.0, 0.11)
@@ -124,7 +124,8 @@ def test_a_point_that_one_or_two_legs_reach_is_out_of_reach():
     legs = np.array([[leg(FALCON.geometry, i, *point)[0] for i in range(3)] for point in box])
     for only in ([1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 0], [1, 0, 1], [0, 1, 1]):
         point = box[(legs == only).all(axis=1)][0]
-        assert not inverse(point)[1] and torque((1.0, 2.0, 3.0), point)[1] is False
+        assert not inverse(point)[1] and not reachable(FALCON.geometry, *point)
+        assert torque((1.0, 2.0, 3.0), point)[1] is False
         assert np.all(force((0.1, 0.1, 0.1), point)[0] == 0.0)
         position, ok = forward(inverse(CENTRE)[0][:, 0], start=point)  # one that cannot be begun from
         assert ok and position == approx(CENTRE, abs=1e-9)
