@@ -6,12 +6,10 @@ import signal
 import time
 from collections.abc import Callable, Collection, Mapping
 
-from palpate.launch.run.descendants import at_the_disk
 from palpate.launch.run.forkserver import ForkServer
 from palpate.launch.run.member import WorkerHandle
 from palpate.launch.run.reports import Close, Kill, Quit, Stop
 from palpate.launch.run.wire.wires import ControlChannel
-from palpate.launch.run.work.watchdog import START_PATIENCE
 
 STOP_PATIENCE = 3.0  # [s] for the workers to end once they were told
 
@@ -87,7 +85,7 @@ class Ending:
         last = all(member.flushed or member.state == "gone" for member in self._members.values())
         left = {group: it for group, it in self._members.items() if not (it.flushed or it.state in ("killed", "gone"))}
         building = {group for group, it in left.items() if it.state == "starting" and not begun}
-        silent = {group for group, it in left.items() if it.silence() > _patience(it)} - building
+        silent = {group for group, it in left.items() if it.silence() > STOP_PATIENCE} - building
         for group in silent:
             if left[group].alive:
                 self._note(f"{left[group].names} did not end within {STOP_PATIENCE:g} s and was killed")
@@ -103,8 +101,3 @@ class Ending:
                 member.state = "killed" if member.state not in ("done", "failed") else member.state
                 if member.pid is None:
                     member.state = "gone"
-
-
-def _patience(member: WorkerHandle) -> float:
-    """For how long [s] one that was told to end may be silent: a recording goes to a slow disk."""
-    return START_PATIENCE if member.pid is not None and at_the_disk(member.pid) else STOP_PATIENCE

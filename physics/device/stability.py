@@ -15,12 +15,14 @@ import math
 import numpy as np
 
 from palpate.physics.device.sampled_wall import required_damping, wall_response
+from palpate.physics.kernel import kernel
 
 MOST = 1e9
 """[N/m] A wall that is stable up to here counts as stable whatever its stiffness."""
 
 
-def held(mass: float, drag: float, period: float) -> tuple[float, float, float, float]:
+@kernel
+def held(mass, drag, period):
     """Of a mass [kg] with drag b > 0 [N s/m] over a step T [s] under a held force F [N],
 
         x+ = x + a v + c F     v+ = p v + q F

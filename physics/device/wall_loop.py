@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from palpate.physics.device.controller import buffers, haptic
+from palpate.physics.device.stability import held
 from palpate.physics.kernel import kernel
 
 
@@ -36,13 +37,11 @@ def advance(x, v, force, mass, drag, coulomb, dt):
     parted in eight; in each the friction takes away momentum, at most all of it."""
     parts = 8 if coulomb > 0.0 else 1
     h = dt / parts
-    keep = math.exp(-drag / mass * h)
+    a, p, c, q = held(mass, drag, h)
     for _ in range(parts):
         if v == 0.0 and abs(force) <= coulomb:
             continue
-        steady = force / drag
-        x += steady * h + (v - steady) * (1.0 - keep) * mass / drag
-        v = steady + (v - steady) * keep
+        x, v = x + a * v + c * force, p * v + q * force
         if coulomb > 0.0:
             v = math.copysign(max(abs(v) - coulomb / mass * h, 0.0), v)
     return x, v

@@ -48,6 +48,15 @@ def test_links_that_do_not_meet_give_no_place():
     assert cranks(NEW, 0.5, 0.5) is None and jacobian(Pantograph(apart=0.5), math.pi, 0.0) is None
 
 
+def test_links_in_one_line_have_no_rates_and_a_motor_is_no_place():
+    wide = Pantograph(apart=0.1)
+    for short, singular in ((1e-10, True), (1e-8, False)):  # of two links' length between the elbows
+        q = math.acos((0.18 - short - 0.1) / 0.14)
+        assert handle(wide, math.pi - q, q) is not None
+        assert (jacobian(wide, math.pi - q, q) is None) == singular
+    assert cranks(NEW, 0.0, 0.0) is None and cranks(NEW, NEW.apart, 0.0) is None
+
+
 def test_the_2diys_messages_byte_for_byte():
     """As the maker's library puts them together for its plastic build."""
     assert diy.setup(3) == bytes((1, 5, 0b11, 1, 1, 0b11, 1, 1, 0, 0)) + b"".join(

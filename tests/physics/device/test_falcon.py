@@ -5,8 +5,8 @@ import pytest
 from formulas import angles_of
 from pytest import approx
 
-from palpate.physics.device.falcon import FALCON, HOME, counts, forward, inverse, links, rates
-from palpate.physics.device.falcon_statics import force, torque
+from palpate.physics.device.falcon import FALCON, HOME, counts, forward, inverse, leg, links, rates
+from palpate.physics.device.falcon_statics import damped, force, inverted, saturate, torque
 
 CENTRE = (0.0, 0.0, 0.11)
 TABLE = [
@@ -117,6 +117,60 @@ def test_a_point_out_of_reach_is_said_so_without_nan(point):
 def test_angles_that_no_position_has_fail_with_a_flag(angles):
     position, ok = forward(angles)
     assert not ok and np.all(np.isfinite(position))
+
+
+def test_a_point_that_one_or_two_legs_reach_is_out_of_reach():
+    box = np.random.default_rng(3).uniform((-0.1, -0.1, 0.0), (0.1, 0.1, 0.2), (300, 3))
+    legs = np.array([[leg(FALCON.geometry, i, *point)[0] for i in range(3)] for point in box])
+    for only in ([1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 0], [1, 0, 1], [0, 1, 1]):
+        point = box[(legs == only).all(axis=1)][0]
+        assert not inverse(point)[1] and torque((1.0, 2.0, 3.0), point)[1] is False
+        assert np.all(force((0.1, 0.1, 0.1), point)[0] == 0.0)
+        position, ok = forward(inverse(CENTRE)[0][:, 0], start=point)  # one that cannot be begun from
+        assert ok and position == approx(CENTRE, abs=1e-9)
+
+
+def test_driven_angles_lie_within_half_a_turn_behind_the_device_too():
+    behind = np.random.default_rng(4).uniform((-0.1, -0.1, -0.2), (0.1, 0.1, 0.0), (400, 3))
+    angles = inverse(behind[inverse(behind)[1]])[0][..., 0]
+    assert angles.size > 200 and np.pi - 0.1 < angles.max() <= np.pi and -np.pi < angles.min() < -np.pi + 0.2
+
+
+def test_forward_takes_angles_of_any_turn_and_knows_a_place_that_fits():
+    for point in workspace(20):
+        angles = inverse(point)[0][:, 0]
+        for turns in ((1, 0, -1), (-2, 3, 0)):
+            position, ok = forward(angles + 2.0 * np.pi * np.array(turns))
+            assert ok and position == approx(point, abs=1e-9)
+        assert forward(angles, point)[0] == approx(point, abs=1e-15)
+
+
+def test_forward_finds_its_way_from_the_edge_of_the_reach():
+    box = np.random.default_rng(5).uniform((-0.09, -0.09, 0.05), (0.09, 0.09, 0.19), (2000, 3))
+    edges = box[inverse(box)[1] & ~inverse(1.08 * box)[1]][:40]
+    for start, point in zip(edges, workspace(40), strict=True):
+        position, ok = forward(inverse(point)[0][:, 0], start)
+        assert ok and position == approx(point, abs=1e-9)
+
+
+def test_the_damped_inverse_is_that_of_least_squares():
+    rng = np.random.default_rng(6)
+    for damping in (0.0, 0.05, 0.7):
+        rows = rng.normal(size=(3, 3))
+        rows /= np.linalg.norm(rows, axis=1)[:, None]
+        push = rng.normal(size=3)
+        exact = np.linalg.solve(rows @ rows.T + damping**2 * np.eye(3), rows @ push)
+        assert damped(*map(tuple, rows), tuple(push), damping) == approx(exact, rel=1e-9)
+    assert damped((1.0, 0.0, 0.0), (1.0, 0.0, 0.0), (1.0, 0.0, 0.0), (1.0, 2.0, 3.0), 0.0) == (0.0, 0.0, 0.0)
+
+
+def test_the_inverse_of_a_short_lever_falls_to_zero_with_it():
+    assert [inverted(lever) for lever in (2e-3, 1e-3, 5e-4, 0.0, -5e-4)] == approx([500.0, 1000.0, 500.0, 0.0, -500.0])
+
+
+@pytest.mark.parametrize("torques", [(np.inf, 0.0, 0.0), (0.0, np.nan, 0.0), (0.0, 0.1, -np.inf)])
+def test_torques_that_are_not_finite_are_none(torques):
+    assert saturate(*torques, 0.2) == (0.0, 0.0, 0.0)
 
 
 def test_inverse_takes_arrays():

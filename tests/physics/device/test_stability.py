@@ -1,11 +1,20 @@
 """The stable and the passive wall: poles, Jury's conditions, the simulated loop and published bounds agree."""
 
+from decimal import Decimal, localcontext
+
 import numpy as np
 import pytest
 from formulas import delayed_damping, jury_stiffness
 from pytest import approx
 
-from palpate.physics.device.stability import held, passive_stiffness, poles, quantised_stiffness, stable_stiffness
+from palpate.physics.device.stability import (
+    MOST,
+    held,
+    passive_stiffness,
+    poles,
+    quantised_stiffness,
+    stable_stiffness,
+)
 from palpate.physics.device.wall_loop import WallDevice, decays, run, settles
 
 EXACT = WallDevice(resolution=0.0)
@@ -34,6 +43,25 @@ def test_the_held_step_is_the_fine_one():
         x += 1e-7 * v
     assert (a + 3 * c, p + 3 * q) == approx((x, v), rel=1e-5)
     assert held(0.1, 1e-9, 1e-3)[2] == approx(0.5e-6 / 0.1, rel=1e-6)  # a mass without drag: T²/(2 m)
+
+
+@pytest.mark.parametrize("ratio", [1e-9, 1e-5, 9.9e-4, 1.01e-3, 0.3])
+def test_the_held_step_is_exact_for_any_drag(ratio):
+    with localcontext(prec=60):
+        mass, period, r = Decimal("0.1"), Decimal("0.001"), Decimal(ratio)
+        drag, p = r * mass / period, (-r).exp()
+        a = mass / drag * (1 - p)
+        exact = [float(value) for value in (a, p, (period - a) / drag, (1 - p) / drag)]
+    assert held(0.1, float(drag), 1e-3) == approx(exact, rel=2e-11)
+
+
+def test_a_device_of_so_much_drag_meets_the_stiffest_wall():
+    assert stable_stiffness(0.0, 0.1, 1e7, 1e-3) == MOST
+
+
+def test_without_a_word_of_delay_there_is_none():
+    assert stable_stiffness(0.1, 0.1, 0.5, 1e-3) == stable_stiffness(0.1, 0.1, 0.5, 1e-3, 0, 1)
+    assert passive_stiffness(0.1, 0.5, 1e-3) == passive_stiffness(0.1, 0.5, 1e-3, 0, 1)
 
 
 @pytest.mark.parametrize("delay", [0, 1, 2, 5])
