@@ -5,7 +5,7 @@ import pytest
 from formulas import angles_of
 from pytest import approx
 
-from palpate.physics.device.falcon import FALCON, HOME, counts, forward, inverse, leg, links, rates, reachable
+from palpate.physics.device.falcon import FALCON, HOME, counts, forward, inverse, leg, links, newton, rates, reachable
 from palpate.physics.device.falcon_statics import damped, force, inverted, saturate, torque
 
 CENTRE = (0.0, 0.0, 0.11)
@@ -152,6 +152,15 @@ def test_forward_finds_its_way_from_the_edge_of_the_reach():
     for start, point in zip(edges, workspace(40), strict=True):
         position, ok = forward(inverse(point)[0][:, 0], start)
         assert ok and position == approx(point, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("start", "point"),
+    [((0.0193, -0.0483, 0.1442), (-0.0478, -0.0903, 0.0757)), ((0.0581, -0.0604, 0.1403), (0.0078, -0.0078, 0.1567))],
+)
+def test_a_step_that_leads_out_of_reach_is_halved(start, point):
+    ok, *found = newton(FALCON.geometry, *inverse(point)[0][:, 0], *start)
+    assert ok and found == approx(point, abs=1e-9)
 
 
 def test_the_damped_inverse_is_that_of_least_squares():
