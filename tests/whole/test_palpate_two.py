@@ -84,7 +84,7 @@ FAULTS = {
         "tissue: {in: {load: [spread-1, spread-1]}}", ["input 'load': has the sender 'spread-1' twice"]),
     "a body that takes one": (
         "tissue: {use: deformation.BeamBundle}",
-        ["input 'load': takes one Load, found 2 senders", "deformation.MassSpring, deformation.ReducedFE"],
+        ["takes one Load, found 2 senders", "take several: deformation.MassSpring, deformation.ReducedFE"],
     ),
     "a model that takes one": (
         "tissue: {use: deformation.ReducedFE, model: sampled}",

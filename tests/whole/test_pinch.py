@@ -1,0 +1,61 @@
+"""Thumb and index hold the kidney between them: the graph `pinch`, its grip and load force, and its replay."""
+
+import numpy as np
+import pytest
+from pytest import approx
+
+from palpate.launch.load.launchfile import find
+from palpate.launch.run.execute import execute
+from palpate.records.player import plan_of
+from palpate.records.reader import Recording
+from palpate.records.verify import verify
+
+SMALL = "scene.surface.vertices=1500"
+
+
+def run(path, **changes):
+    launch = find("pinch").but(record=path, place="fused", overrides=(SMALL,), **changes)
+    outcome = execute(launch)
+    assert outcome.result.ok, outcome.result.deaths
+    return Recording(path)
+
+
+@pytest.fixture(scope="module")
+def held(tmp_path_factory):
+    return run(tmp_path_factory.mktemp("pinch") / "pinch.mcap")
+
+
+def at(recording, time, *streams):
+    row = round(time * 1000)
+    return [{name: values[row] for name, values in recording.columns(stream).items()} for stream in streams]
+
+
+def test_it_holds_lifts_and_slips(held):
+    grip = held.columns("grip")
+    hold, pulled = (at(held, time, "grip")[0] for time in (1.3, 2.2))
+    assert 0.8 < hold["grip"] < 2.0 and hold["load"] < 0.2 < pulled["load"]
+    assert (pulled["margin"] > 0.3).all()
+    slips = grip["ratio"][2400:3000]
+    assert grip["margin"][2400:3000].min() < 0.1 and 0.5 < slips.max() < 0.75
+    assert not grip["normal"][-1].any() and grip["grip"][-1] == 0.0
+
+
+def test_the_hands_feel_what_the_body_is_held_with(held):
+    grip, thumb, index = at(held, 1.3, "grip", "contact-thumb", "contact-index")
+    assert grip["normal"] == approx([thumb["force"], index["force"]])
+    forces = [at(held, 1.3, f"controller-{finger}")[0]["force"] for finger in ("thumb", "index")]
+    between = thumb["foot"] - index["foot"]
+    between /= np.linalg.norm(between)
+    assert grip["grip"] == approx((forces[0] - forces[1]) @ between / 2, rel=0.05)
+
+
+def test_it_replays_bit_for_bit(held):
+    report = verify(held, plan_of(held), tolerance=0.0)
+    assert report.ok and report.complete, report.first
+
+
+def test_on_the_real_clock_it_replays_bit_for_bit_as_well(tmp_path):
+    recording = run(tmp_path / "real.mcap", clock="real", duration=0.8)
+    assert max(recording.columns("grip")["grip"]) > 0.5
+    report = verify(recording, plan_of(recording), tolerance=0.0)
+    assert report.ok, report.first
