@@ -135,7 +135,7 @@ DRAWN = """(endOn) => {
         scene.azimuth = Math.atan2(force[1], force[0]);
     }
     const pixels = (finger) => {
-        scene.draw(finger);
+        scene.draw(finger ? [finger] : []);
         const all = new Uint8Array(4 * gl.drawingBufferWidth * gl.drawingBufferHeight);
         gl.readPixels(0, 0, gl.drawingBufferWidth, gl.drawingBufferHeight, gl.RGBA, gl.UNSIGNED_BYTE, all);
         return all;
@@ -151,7 +151,7 @@ DRAWN = """(endOn) => {
     const without = pixels(undefined), ball = pixels({ tip, up, force: [0, 0, 0] }), both = pixels({ tip, up, force });
     return {
         ball: other(ball, without).map((p) => p[0]), arrow: other(both, ball).map((p) => p[1]),
-        label: scene.label.textContent,
+        label: scene.labels[0].textContent,
     };
 }"""
 
