@@ -24,21 +24,24 @@ def adopt_orphans() -> None:
     ctypes.CDLL(None).prctl(_PR_SET_CHILD_SUBREAPER, 1)
 
 
-def _state(pid: int) -> str:
-    """One letter, as the kernel tells it of a process; "?" where it does not."""
+def _state(task: Path) -> str:
+    """One letter, as the kernel tells it of a process or thread; "?" where it does not."""
     with contextlib.suppress(OSError, IndexError):
-        return Path(f"/proc/{pid}/stat").read_text(errors="replace").rpartition(")")[2].split()[0]
+        return (task / "stat").read_text(errors="replace").rpartition(")")[2].split()[0]
     return "?"
 
 
 def stopped(pid: int) -> bool:
     """Whether a process was stopped by a signal (SIGSTOP)."""
-    return _state(pid) in "Tt"
+    return _state(Path(f"/proc/{pid}")) in "Tt"
 
 
 def at_the_disk(pid: int) -> bool:
-    """Whether a process waits in the system for a disk or another device, where no signal reaches it."""
-    return _state(pid) == "D"
+    """Whether a thread of a process waits in the system for a disk or another device, where no signal reaches it. A
+    recording is written by a thread of its own, for which the others wait."""
+    with contextlib.suppress(OSError):
+        return any(_state(task) == "D" for task in Path(f"/proc/{pid}/task").iterdir())
+    return False
 
 
 def awake(pid: int) -> None:

@@ -117,7 +117,7 @@ class Launcher:
             self.forkserver.close()
             raise
         self._barrier = Barrier(self.members, self._control)
-        self._ending = Ending(self.members, self._control, self.forkserver, self._real)
+        self._ending = Ending(self.members, self._control, self.forkserver, self._real, self.result.notes.append)
         for group in joined:
             self._control.expect(group)
             self.members[group].busy = f"{group} (palpate join {address} {group})"
