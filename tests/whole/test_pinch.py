@@ -54,6 +54,19 @@ def test_it_replays_bit_for_bit(held):
     assert report.ok and report.complete, report.first
 
 
+def test_two_emulated_falcons_hold_the_kidney_and_what_they_did_can_be_replayed(tmp_path):
+    sets = (SMALL, "device-thumb.port=emulator", "device-index.port=emulator")
+    launch = find("falcons").but(record=tmp_path / "falcons.mcap", place="fused", overrides=sets, duration=1.6)
+    outcome = execute(launch)
+    assert outcome.result.ok, outcome.result.deaths
+    recording = Recording(tmp_path / "falcons.mcap")
+    assert (recording.columns("grip")["normal"].max(axis=0) > 0.5).all()
+    for finger in ("thumb", "index"):
+        assert recording.columns(f"device-{finger}")["homed"].any()
+    report = verify(recording, plan_of(recording), tolerance=0.0)
+    assert report.ok, report.first
+
+
 def test_on_the_real_clock_it_replays_bit_for_bit_as_well(tmp_path):
     recording = run(tmp_path / "real.mcap", clock="real", duration=0.8)
     assert max(recording.columns("grip")["grip"]) > 0.5
