@@ -13,8 +13,8 @@ from palpate.records.verify import verify
 SMALL = "scene.surface.vertices=1500"
 
 
-def run(path, **changes):
-    launch = find("pinch").but(record=path, place="fused", overrides=(SMALL,), **changes)
+def run(path, *sets, **changes):
+    launch = find("pinch").but(record=path, place="fused", overrides=(SMALL, *sets), **changes)
     outcome = execute(launch)
     assert outcome.result.ok, outcome.result.deaths
     return Recording(path)
@@ -52,6 +52,22 @@ def test_the_hands_feel_what_the_body_is_held_with(held):
 def test_it_replays_bit_for_bit(held):
     report = verify(held, plan_of(held), tolerance=0.0)
     assert report.ok and report.complete, report.first
+
+
+@pytest.mark.parametrize("body", ["MassSpring", "ReducedFE"])
+def test_the_energy_balance_of_both_fingers_closes_and_no_part_generates_energy(tmp_path, body):
+    quick = [f"device-{finger}.speed_factor=2" for finger in ("thumb", "index")]
+    sets = "scene.energy.ledger=true", f"tissue.use=deformation.{body}", *quick
+    recording = run(tmp_path / "books.mcap", *sets, duration=2.0)
+    messages = list(recording.messages("ledger"))
+    last = messages[-1]
+    kinds = [(part, kind) for part in ("fingertip", "tissue", "friction") for kind in ("stored", "dissipated")]
+    assert last.hand > 5e-3 and not last.tripped
+    held = sum(getattr(last, f"{part}_{kind}") for part, kind in kinds)
+    assert last.hand - last.controller - last.sampling == approx(held + last.unexplained, rel=1e-9)
+    assert abs(last.unexplained) < 1e-3 * last.hand
+    assert max(m.generated for m in messages) < 0.05 * last.hand
+    assert last.fingertip_stored + last.friction_stored < 1e-6 and last.friction_dissipated > 1e-3
 
 
 def test_two_emulated_falcons_hold_the_kidney_and_what_they_did_can_be_replayed(tmp_path):
