@@ -42,7 +42,7 @@ class Pressing:
                         "would feel the indentation of another finger",
                         f"Two fingers on one body: `{wire.producer}: {{in: {{load: [spread, spread-2]}}}}` with "
                         f"`spread-2: {{in: {{contact: {name}}}}}`, a contact.Joint for both and a contact.Share for "
-                        "each (docs/graphs.md). Or give it a body of its own.",
+                        "each (docs/many_fingers.md). Or give it a body of its own.",
                         wire.place, node=name, port=wire.port.name,
                     )  # fmt: skip
         for body in self._senders(Surface):
@@ -117,7 +117,7 @@ class Pressing:
                 f"gets the loads of {_and(contacts)}, which are not solved together",
                 f"One `joint: {{use: contact.Joint, in: {{proximity: [...], body: {body}}}}}` for all, and of each "
                 "finger a `{use: contact.Share, in: {contacts: joint, proximity: ...}}` with a spread of its own "
-                "(docs/graphs.md).", loads[0].place, node=body, port=loads[0].port.name,
+                "(docs/many_fingers.md).", loads[0].place, node=body, port=loads[0].port.name,
             )  # fmt: skip
             return
         fingers = [w.producer for name in contacts for w in self._of(name, Proximity)]

@@ -4,8 +4,11 @@ import numpy as np
 import pytest
 from pytest import approx
 
+from palpate.engine.slot import _forces
 from palpate.launch.load.launchfile import find
 from palpate.launch.run.execute import execute
+from palpate.messages import Force
+from palpate.messages.grip import Grip
 from palpate.records.player import plan_of
 from palpate.records.reader import Recording
 from palpate.records.verify import verify
@@ -47,6 +50,13 @@ def test_the_hands_feel_what_the_body_is_held_with(held):
     between = thumb["foot"] - index["foot"]
     between /= np.linalg.norm(between)
     assert grip["grip"] == approx((forces[0] - forces[1]) @ between / 2, rel=0.05)
+
+
+def test_the_live_view_has_the_force_of_each_finger_and_its_margin_with_its_sign():
+    sent = Grip(grip=1.0, load=0.2, ratio=0.1, normal=(1.0, 2.0), tangential=(0.0, 0.5), margin=(-0.1, 1.0))
+    told = _forces(sent)
+    assert told["normal[1]"] == 2.0 and told["margin[0]"] == -0.1 and told["grip"] == 1.0
+    assert _forces(Force(force=(1.0, 2.0, 2.0), state="contact", energy=0.0)) == {"force": 3.0}
 
 
 def test_it_replays_bit_for_bit(held):
