@@ -343,12 +343,15 @@ def _call(
 
 
 def _forces(message: Message) -> dict[str, float]:
-    """Magnitude [N] of each force in a message that is a number or a vector."""
-    magnitudes = {}
+    """Each force [N] in a message: a number, the magnitude of a vector, each number of a list."""
+    magnitudes: dict[str, float] = {}
     for field in fields(type(message)):
         if field.unit == "N" and field.dtype is None:
             value = getattr(message, field.name)
-            magnitudes[field.name] = math.hypot(*value) if isinstance(value, tuple) else abs(value)
+            if field.shape and not isinstance(field.shape[0], int):
+                magnitudes |= {f"{field.name}[{i}]": each for i, each in enumerate(value)}
+            else:
+                magnitudes[field.name] = math.hypot(*value) if isinstance(value, tuple) else value
     return magnitudes
 
 

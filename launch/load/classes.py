@@ -198,15 +198,17 @@ def senders(kind: type[Message]) -> list[str]:
     return [e.use for e in catalogue()[0] if any(issubclass(m, kind) for m in sent_by(e.cls))]
 
 
-def takers(kind: type[Message]) -> list[str]:
-    """Names of the shipped classes with an input that takes several messages of a type."""
+def takers(kind: type[Message], cls: type[Node]) -> list[str]:
+    """Names of the shipped classes with an input that takes several messages of a type: those that send what a class
+    sends, which they could replace, or else all."""
     found = {e.use: e.cls for e in catalogue()[0] if not issubclass(e.cls, Observer)}
     ports = {use: inputs(cls) for use, cls in found.items()}
-    return [
+    several = [
         use
         for use, own in ports.items()
         if any(p.many and p.type is kind and found[use].takes(p.name, {}) != 1 for p in own)
     ]
+    return [use for use in several if outputs(found[use]) == outputs(cls)] or several
 
 
 def _fitting(use: str, sends: Iterable[type[Message]]) -> str:

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from palpate.engine.faults import Faults, Location
+from palpate.engine.parts import parts
 from palpate.launch.load.wiring import Wire
 from palpate.messages import Contact, Contacts, Force, Ledger, Load, Message, Proximity, Surface
 from palpate.nodes.base import Node, inputs, outputs
@@ -41,7 +42,7 @@ class Pressing:
                         "would feel the indentation of another finger",
                         f"Two fingers on one body: `{wire.producer}: {{in: {{load: [spread, spread-2]}}}}` with "
                         f"`spread-2: {{in: {{contact: {name}}}}}`, a contact.Joint for both and a contact.Share for "
-                        "each (docs/graphs.md). Or give it a body of its own.",
+                        "each (docs/many_fingers.md). Or give it a body of its own.",
                         wire.place, node=name, port=wire.port.name,
                     )  # fmt: skip
         for body in self._senders(Surface):
@@ -69,13 +70,38 @@ class Pressing:
                 )  # fmt: skip
 
         for name in self._senders(Ledger):
-            bodies = (w.producer for w in self._of(name, Surface))
-            contacts = dict.fromkeys(c for node in (name, *bodies) for c in self.pressing(node))
-            if len(contacts) > 1:
-                faults.add(
-                    f"keeps the books of one contact, found the forces of {_and(contacts)}: its sums would not close",
-                    f"Take it out: `{name}: null`.", places[name], node=name,
-                )  # fmt: skip
+            own = {c for node in (w.producer for w in self._of(name, Contact)) for c in self.pressing(node) or [node]}
+            for body in (w.producer for w in self._of(name, Surface)):
+                if self.pressing(body) and own != set(self.pressing(body)):
+                    faults.add(
+                        f"accounts for {_and(sorted(own))}, but {_and(self.pressing(body))} press on {body!r}: its "
+                        "sums would not close",
+                        "All of them in one order: `in: {contact: [...], force: [...], pose: [...], friction: [...]}`. "
+                        f"Or take it out: `{name}: null`.", places[name], node=name,
+                    )  # fmt: skip
+        self._check_orders(faults)
+
+    def _check_orders(self, faults: Faults) -> None:
+        """A fault for each node with several inputs that take many, whose senders are of other fingers in one than in
+        another."""
+        part = parts((wire.consumer, wire.port.name, wire.producer) for wire in self.wires)
+        for name in self.classes:
+            ports: dict[str, list[Wire]] = {}
+            for wire in self.wires:
+                if wire.consumer == name and wire.port.many:
+                    ports.setdefault(wire.port.name, []).append(wire)
+            first, *others = ports.values() or [[]]
+            order = [part.get(wire.producer, -1) for wire in first]
+            for wires in others:
+                if len({*order, *(part.get(w.producer, -1) for w in wires)}) > 1 and order != [
+                    part.get(wire.producer, -1) for wire in wires
+                ]:
+                    faults.add(
+                        f"gets {_and(w.producer for w in wires)}, but {_and(w.producer for w in first)} at "
+                        f"{first[0].port.name!r}: other fingers, or in another order",
+                        "One sender of each finger in every input, in the same order.", wires[0].place, node=name,
+                        port=wires[0].port.name,
+                    )  # fmt: skip
 
     def _check_joint(self, body: str, faults: Faults) -> None:
         """A fault where several contacts press on a body and are not solved together, each in the place of its load."""
@@ -91,7 +117,7 @@ class Pressing:
                 f"gets the loads of {_and(contacts)}, which are not solved together",
                 f"One `joint: {{use: contact.Joint, in: {{proximity: [...], body: {body}}}}}` for all, and of each "
                 "finger a `{use: contact.Share, in: {contacts: joint, proximity: ...}}` with a spread of its own "
-                "(docs/graphs.md).", loads[0].place, node=body, port=loads[0].port.name,
+                "(docs/many_fingers.md).", loads[0].place, node=body, port=loads[0].port.name,
             )  # fmt: skip
             return
         fingers = [w.producer for name in contacts for w in self._of(name, Proximity)]

@@ -93,7 +93,7 @@ def wires(
         several = given[port.name] if isinstance(given[port.name], list) else [given[port.name]]
         if len(several) > 1 and not port.many:
             faults.add(f"takes one {port.type.__name__}, found {len(several)} senders",
-                       f"Classes that take several: {', '.join(takers(port.type)) or 'none'}.",
+                       f"Classes that take several: {', '.join(takers(port.type, cls)) or 'none'}.",
                        line.place("in", port.name), node=name, port=port.name)  # fmt: skip
             continue
         heard: set[str] = set()
@@ -129,7 +129,7 @@ def check_counts(connections: list[Wire], cls: type[Node], settings: dict[str, A
         own = [wire for wire in connections if wire.port.name == port.name]
         most = cls.takes(port.name, settings) if port.many else None
         if most is not None and len(own) > most:
-            others = ", ".join(use for use in takers(port.type) if not use.endswith(f".{cls.__name__}"))
+            others = ", ".join(use for use in takers(port.type, cls) if not use.endswith(f".{cls.__name__}"))
             faults.add(f"takes at most {most} with these settings, found {len(own)}",
                        f"Take out {', '.join(repr(wire.producer) for wire in own[most:])}, or use one of: {others}.",
                        own[most].place, node=own[most].consumer, port=port.name)  # fmt: skip

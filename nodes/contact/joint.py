@@ -10,6 +10,7 @@ import numpy as np
 from palpate.messages import Contact, Contacts, Proximity, Surface
 from palpate.nodes.base import InputError, Node, Wants, settings
 from palpate.nodes.contact.series import BODY, Heard, Series
+from palpate.physics.bodies.place_energy import on_hand
 from palpate.physics.contact.joint import joint_step
 
 
@@ -29,6 +30,7 @@ class Joint(Series):
         joint_step(
             self._approach, 1e-3, self._before, self._laws, self._terminal, self._coupling, self._forces, self._solved
         )
+        on_hand((0.0,) * 3, (0.0,) * 9, 0.0, (0.0, 0.0, 1.0))
 
     def _resize(self, count: int) -> None:
         """Be several fingers, each as at the start."""
@@ -42,6 +44,7 @@ class Joint(Series):
         self._approach, self._before, self._forces = np.zeros(count), np.zeros(count), np.zeros(count)
         self._terminal, self._solved = np.zeros((count, 5)), np.zeros((count, 3))
         self._coupling = np.eye(count)
+        self._coupling.setflags(write=False)  # as a message's, which is a type of its own to the compiler
 
     def step(  # type: ignore[override]
         self,

@@ -63,17 +63,31 @@ def shared(feet, normals, radius):
     feet [m] (c,3), normals [1] (c,3)
     """
     x, n = np.array(feet), np.array(normals)
-    q = np.minimum(np.linalg.norm(x[:, None] - x, axis=2) / (2.0 * radius), 1.0)
-    return (1.0 - q) ** 4 * (4.0 * q + 1.0) * np.maximum(n @ n.T, 0.0)
+    away, facing = x[:, None] - x, (n[:, None] * n).sum(axis=2)
+    q = np.minimum(np.sqrt((away * away).sum(axis=2)) / (2.0 * radius), 1.0)
+    return (1.0 - q) ** 4 * (4.0 * q + 1.0) * np.maximum(facing, 0.0)
 
 
 def deeper(dents):
     """One surface of several dents, each of nodes (k) and their displacements [m] (k,3): of each node the larger."""
     nodes = np.concatenate([nodes for nodes, _ in dents])
     moved = np.concatenate([moved for _, moved in dents])
-    order = np.lexsort((-np.einsum("ij,ij->i", moved, moved), nodes))
-    nodes, first = np.unique(nodes[order], return_index=True)
-    return nodes, moved[order[first]]
+    chosen = _deepest(nodes, moved, np.argsort(nodes, kind="stable"))
+    return nodes[chosen], moved[chosen]
+
+
+@njit(cache=True, error_model="numpy")
+def _deepest(nodes, moved, order):
+    """Of the rows of each node, in the order of the nodes, the one with the largest displacement."""
+    chosen, count, most = np.empty(order.size, np.int64), 0, 0.0
+    for k in order:
+        size = moved[k, 0] * moved[k, 0] + moved[k, 1] * moved[k, 1] + moved[k, 2] * moved[k, 2]
+        if count == 0 or nodes[k] != nodes[chosen[count - 1]]:
+            chosen[count], most = k, size
+            count += 1
+        elif size > most:
+            chosen[count - 1], most = k, size
+    return chosen[:count]
 
 
 @kernel(error_model="numpy")

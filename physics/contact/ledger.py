@@ -16,6 +16,9 @@ and what lies between them are
 with the forces f_n, a, f_t at the step's end, as the contact's own implicit step has them: a convex V then has dD >= 0
 exactly. The display as a whole is judged as a part is: hand's work less all that is held.
 
+Several fingers on one body have a fingertip and a friction each, and the works on the one tissue add up: a coupled body
+takes up sum_i f_i ds2_i.
+
 J. E. Colgate, G. G. Schenkel, J. Robotic Systems 14 (1997) 37-47: the work of a sampled wall. J. C. Willems, Arch.
 Rational Mech. Anal. 45 (1972) 321-351: stored and supplied energy.
 """
@@ -23,6 +26,9 @@ Rational Mech. Anal. 45 (1972) 321-351: stored and supplied energy.
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Iterable
+from functools import reduce
+from operator import add
 from typing import NamedTuple
 
 Vector = tuple[float, float, float]
@@ -60,11 +66,11 @@ class Account:
 
 
 class Moment(NamedTuple):
-    """A touch at the end of a step.
+    """A touch by one finger at the end of a step.
 
     place [m] (3) of the finger   force [N] (3) on the hand   normal [1] (3)   push [N] f_n
     compression, indentation [m] s1, s2   along [N] (3) a   friction [N] (3) f_t
-    stored [J] of fingertip, tissue and friction; None where one does not tell
+    stored [J] of fingertip, tissue and friction; None where one does not tell. All fingers have the same tissue
     """
 
     place: Vector
@@ -94,34 +100,33 @@ class EnergyAccount:
     """
 
     def __init__(self, delay: int = 0) -> None:
-        self.fingertip, self.tissue, self.friction, self.display = self.accounts = [Account() for _ in NAMES]
+        self._parts = {name: Account() for name in NAMES}
+        self.fingertip, self.tissue, self.friction, self.display = self._parts.values()
         self.controller = self.sampling = self.balance = self.hand = 0.0
         self.step = (0.0, 0.0)
         """[J] hand's work and balance of the last step."""
-        self._past: deque[Moment] = deque(maxlen=delay + 1)
+        self._past: deque[tuple[Moment, ...]] = deque(maxlen=delay + 1)
 
     def gap(self) -> None:
         """The touch was lost: the way to the next moment is nobody's."""
         self._past.clear()
 
-    def book(self, now: Moment) -> None:
-        """Book the step from the last moment to this one; the first one books what is held."""
-        if not self._past:
+    def book(self, *now: Moment) -> None:
+        """Book the step of all fingers from the last moment to this one; the first one books what is held."""
+        if not self._past or len(self._past[0]) != len(now):
+            self._past.clear()
             self._past.append(now)
             return
-        last, held = self._past[-1], self._past[0]
-        way = _less(now.place, last.place)
-        deeper = now.compression - last.compression, now.indentation - last.indentation
-        hand, asked = -_dot(held.force, way), -_dot(held.asked, way)
-        parts = now.push * deeper[0], now.push * deeper[1] - _dot(now.along, way), _dot(now.friction, way)
-        # Midway between the normals; a finger that came through the air pressed less than it moved.
-        between = -0.5 * (_dot(now.normal, way) + _dot(last.normal, way))
-        pressed = between if last.push > 0.0 else sum(deeper)
-        rendered = now.push * pressed - _dot(now.along, way) + parts[2]
-        for account, work, stored in zip(self.accounts, parts, now.stored, strict=False):
-            account.book(work, stored)
-        told = [s for s in now.stored if s is not None]
-        self.display.book(hand, sum(told) if len(told) == len(now.stored) else None)
+        steps = []
+        for i, finger in enumerate(zip(now, self._past[-1], self._past[0], strict=True)):
+            steps.append(_works(*finger))
+            for name, work, stored in zip(("fingertip", "friction"), steps[-1][3::2], now[i].stored[::2], strict=True):
+                self._parts.setdefault(f"{name} {i + 1}" if i else name, Account()).book(work, stored)
+        hand, asked, rendered, *parts = (reduce(add, works) for works in zip(*steps, strict=True))
+        self.tissue.book(parts[1], now[0].stored[1])
+        held = [*now[0].stored, *(stored for finger in now[1:] for stored in finger.stored[::2])]
+        told = [stored for stored in held if stored is not None]
+        self.display.book(hand, sum(told) if len(told) == len(held) else None)
         self.controller += hand - asked
         self.sampling += asked - rendered
         self.hand += hand
@@ -130,14 +135,40 @@ class EnergyAccount:
         self._past.append(now)
 
     def part(self, name: str) -> Account:
-        """One of the accounts by its name."""
-        return self.accounts[NAMES.index(name)]
+        """One of the accounts by its name: fingertip, tissue, friction, display; of more fingers `fingertip 2`."""
+        return self._parts[name]
+
+    def stored(self, kind: str) -> float:
+        """What the parts of all fingers of one kind hold [J]; 0 for those that do not tell."""
+        return reduce(add, [account.stored or 0.0 for account in self._all(kind)])
+
+    def dissipated(self, kind: str) -> float:
+        """What the parts of all fingers of one kind have dissipated [J]."""
+        return reduce(add, [account.dissipated for account in self._all(kind)])
+
+    def _all(self, kind: str) -> Iterable[Account]:
+        return [account for name, account in self._parts.items() if name.partition(" ")[0] == kind]
 
     def worst(self) -> tuple[str, float]:
         """The part that has made most energy, and how much [J]."""
-        made = [account.generated for account in self.accounts]
-        most = max(made)
-        return NAMES[made.index(most)], most
+        made = {name: account.generated for name, account in self._parts.items()}
+        name = max(made, key=lambda each: made[each])
+        return name, made[name]
+
+
+def _works(now: Moment, last: Moment, held: Moment) -> tuple[float, float, float, float, float, float]:
+    """Of one finger in a step [J]: the hand's work, what was asked for and what was rendered of it, and the works on
+    fingertip, tissue and friction. `held`: the moment that the force on the hand was computed from."""
+    way = _less(now.place, last.place)
+    deeper = now.compression - last.compression, now.indentation - last.indentation
+    hand, asked = -_dot(held.force, way), -_dot(held.asked, way)
+    tip, tissue, friction = (
+        now.push * deeper[0], now.push * deeper[1] - _dot(now.along, way), _dot(now.friction, way),
+    )  # fmt: skip
+    # Midway between the normals; a finger that came through the air pressed less than it moved.
+    between = -0.5 * (_dot(now.normal, way) + _dot(last.normal, way))
+    pressed = between if last.push > 0.0 else sum(deeper)
+    return hand, asked, now.push * pressed - _dot(now.along, way) + friction, tip, tissue, friction
 
 
 def _dot(a: Vector, b: Vector) -> float:

@@ -77,7 +77,7 @@ def _each(target, source, name):
     return {n for part, own in zip(target.elts, lists, strict=False) if own is not None for n in _each(part, own, name)}
 
 
-HARMLESS = {"InputError", "bool", "enumerate", "isinstance", "len", "list", "zip"}
+HARMLESS = {"InputError", "bool", "enumerate", "isinstance", "len", "list", "zip", "zip_longest"}
 
 
 def _called(cls, function, called):

@@ -33,8 +33,8 @@ PRESSED = (0.0, 0.0, 0.101)
 class Server:
     """A page with a session behind it."""
 
-    def __init__(self, folder):
-        self.session = Session(find("kidney"), folder, [])
+    def __init__(self, folder, graph="kidney", *sets):
+        self.session = Session(find(graph), folder, list(sets))
         self.page = PageServer(self.session)
 
     def close(self):

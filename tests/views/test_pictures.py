@@ -228,11 +228,11 @@ def test_the_deformation_lands_on_its_vertices(tmp_path):
     assert len(chosen) == 6 and max(one.depth for one in chosen) == depths.max()
     for one in chosen:
         tick = round(one.time * 1e3)
-        assert one.depth == depths[tick] and one.load == pytest.approx(300.0 * depths[tick])
+        assert one.depth == depths[tick] and one.loads == pytest.approx([300.0 * depths[tick]])
         assert (one.displacement[nodes[tick]] == moved[tick]).all()
         others = np.delete(one.displacement, nodes[tick], axis=0)
         assert (others == 0.0).all()
-        assert one.tip == pytest.approx([0.0, 0.0, 0.105 - depths[tick]], abs=1e-12)  # on the bottom of the dent
+        assert one.tips[0] == pytest.approx([0.0, 0.0, 0.105 - depths[tick]], abs=1e-12)  # on the bottom of the dent
 
 
 def test_a_surface_that_never_moved_is_not_drawn(tmp_path):
@@ -277,7 +277,7 @@ def test_the_finger_on_a_surface_as_small_as_itself_is_not_cut_off():
     tip = np.array([0.0, 0.0, 8e-3])
     centre = tip + render.FINGER_RADIUS * np.array(UP)
     plotter = SimpleNamespace(window_size=render.SIZE, camera=SimpleNamespace(), reset_camera_clipping_range=int)
-    shot = (None, None, tip, np.array(UP), np.zeros(3))
+    shot = (None, None, tip[None], np.array([UP]), np.zeros((1, 3)))
     render._camera(plotter, 8e-3 * around, centre[None], np.zeros((0, 3)), shot, near=False)
     camera = plotter.camera
     ahead = np.subtract(camera.focal_point, camera.position)

@@ -81,16 +81,18 @@ def test_the_beginning_tells_the_mesh_and_all_of_the_touch(file):
 def test_a_long_recording_keeps_its_peaks(file, monkeypatch):
     monkeypatch.setattr("palpate.views.page.reel.POINTS", 50)
     reel = RecordingSource(file)
-    assert len(reel.times) == 50 and max(reel.forces) == Recording(file).columns("contact")["force"].max()
-    assert reel.times == sorted(reel.times) and reel.times[-1] == pytest.approx(0.699)
+    assert (
+        len(reel.curves[0]["t"]) == 50 and max(reel.curves[0]["f"]) == Recording(file).columns("contact")["force"].max()
+    )
+    assert reel.curves[0]["t"] == sorted(reel.curves[0]["t"]) and reel.curves[0]["t"][-1] == pytest.approx(0.699)
 
 
 def test_what_was_cut_off_is_shown_as_far_as_it_goes(file, tmp_path):
     cut = tmp_path / "cut.mcap"
     cut.write_bytes(file.read_bytes()[: int(0.7 * file.stat().st_size)])
     reel = RecordingSource(cut)
-    assert 0.1 < reel.times[-1] < 0.65 and "recover" in reel.recording.ending
-    assert read(reel.frame(reel.times[-1], 0))[0]["time"] == pytest.approx(reel.times[-1])
+    assert 0.1 < reel.curves[0]["t"][-1] < 0.65 and "recover" in reel.recording.ending
+    assert read(reel.frame(reel.curves[0]["t"][-1], 0))[0]["time"] == pytest.approx(reel.curves[0]["t"][-1])
 
 
 def talk(page, token=None, origin="http://127.0.0.1"):

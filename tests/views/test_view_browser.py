@@ -85,7 +85,7 @@ def test_the_strain_on_the_page_is_that_of_the_pictures(page, shown):
     page.select_option("#colour", "strain")
     at(page, 0.3)
     reel = shown.source.reels[0]
-    surface = reel.last(0.3)[Surface]
+    surface = reel.last(0.3)[0][Surface]
     expected = painted(COLOURS["strain"], reel.mesh, surface)
     drawn = np.array(page.evaluate("Array.from(palpate.reels[0].scene.values)"))
     assert expected.max() > 0.05 and drawn == pytest.approx(expected, abs=2e-4)
@@ -135,7 +135,7 @@ DRAWN = """(endOn) => {
         scene.azimuth = Math.atan2(force[1], force[0]);
     }
     const pixels = (finger) => {
-        scene.draw(finger);
+        scene.draw(finger ? [finger] : []);
         const all = new Uint8Array(4 * gl.drawingBufferWidth * gl.drawingBufferHeight);
         gl.readPixels(0, 0, gl.drawingBufferWidth, gl.drawingBufferHeight, gl.RGBA, gl.UNSIGNED_BYTE, all);
         return all;
@@ -151,7 +151,7 @@ DRAWN = """(endOn) => {
     const without = pixels(undefined), ball = pixels({ tip, up, force: [0, 0, 0] }), both = pixels({ tip, up, force });
     return {
         ball: other(ball, without).map((p) => p[0]), arrow: other(both, ball).map((p) => p[1]),
-        label: scene.label.textContent,
+        label: scene.labels[0].textContent,
     };
 }"""
 

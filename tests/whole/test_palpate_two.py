@@ -84,7 +84,7 @@ FAULTS = {
         "tissue: {in: {load: [spread-1, spread-1]}}", ["input 'load': has the sender 'spread-1' twice"]),
     "a body that takes one": (
         "tissue: {use: deformation.BeamBundle}",
-        ["input 'load': takes one Load, found 2 senders", "deformation.MassSpring, deformation.ReducedFE"],
+        ["takes one Load, found 2 senders", "take several: deformation.MassSpring, deformation.ReducedFE"],
     ),
     "a model that takes one": (
         "tissue: {use: deformation.ReducedFE, model: sampled}",
@@ -98,7 +98,18 @@ FAULTS = {
     "books of one contact": (
         "ledger: {use: ledger.Energy, in: {contact: contact-1, friction: friction-1, force: controller-1, "
         "pose: finger-1, body: tissue}}",
-        ["the books of one contact, found the forces of 'contact-1' and 'contact-2'", "`ledger: null`"],
+        ["accounts for 'contact-1', but 'contact-1' and 'contact-2' press on 'tissue'", "`ledger: null`"],
+    ),
+    "books of fingers in two orders": (
+        "ledger: {use: ledger.Energy, in: {contact: [contact-1, contact-2], friction: [friction-2, friction-1], "
+        "force: [controller-1, controller-2], pose: [finger-1, finger-2], body: tissue}}",
+        ["input 'friction': gets 'friction-2' and 'friction-1', but 'controller-1' and 'controller-2' at 'force'",
+         "in the same order"],
+    ),
+    "books with the force of one": (
+        "ledger: {use: ledger.Energy, in: {contact: [contact-1, contact-2], friction: [friction-1, friction-2], "
+        "force: controller-1, pose: [finger-1, finger-2], body: tissue}}",
+        ["input 'contact': gets 'contact-1' and 'contact-2', but 'controller-1' at 'force'"],
     ),
     "a load that is left out": (
         "tissue: {in: {load: spread-1}}",

@@ -7,6 +7,7 @@ bursts. The run's outlets for observers drop what a listener does not take: it c
 from __future__ import annotations
 
 import struct
+from collections.abc import Sequence
 from typing import Any
 
 import msgspec
@@ -38,7 +39,10 @@ from palpate.physics.geometry.mesh import Mesh
 from palpate.views.page.steered import Touched
 
 KEPT = 400
-"""Messages of small streams that wait for the next frame; older ones are dropped."""
+"""Messages of a finger's small streams that wait for the next frame; older ones are dropped."""
+Last = dict[type[Message], Message]
+Curve = dict[str, list[float]]
+"""Times [s], forces [N] and indentations [m] of a contact: `t`, `f`, `s`."""
 
 
 class StreamReader:
@@ -46,19 +50,20 @@ class StreamReader:
 
     def __init__(self, run: Running, touched: Touched) -> None:
         self.touched = touched
-        self.kinds = {stream: kind for kind, stream in touched.streams.items()}
-        self.kinds[HEALTH] = Health
-        self.last: dict[type[Message], Message] = {}
+        self.owners = owners(touched.fingers)
+        self.kinds: dict[str, type[Message]] = {HEALTH: Health}
+        self.kinds |= {stream: kind for finger in touched.fingers for kind, stream in finger.items()}
+        self.last: list[Last] = [{} for _ in touched.fingers]
         self.late: dict[str, int] = {}
         self.context = zmq.Context()
-        large = [touched.streams[kind] for kind in (Surface, Load) if kind in touched.streams]
+        large = [stream for stream, kind in self.kinds.items() if kind in (Surface, Load)]
         self.large = [self._socket(run, [stream], conflate=True) for stream in large]
         self.small = self._socket(run, [stream for stream in self.kinds if stream not in large], conflate=False)
 
     def _socket(self, run: Running, streams: list[str], conflate: bool) -> zmq.Socket:
         socket = self.context.socket(zmq.SUB)
         socket.set(zmq.LINGER, 0)
-        socket.set(zmq.RCVHWM, KEPT)
+        socket.set(zmq.RCVHWM, KEPT * len(self.last))
         if conflate:
             socket.set(zmq.CONFLATE, 1)
         for stream in streams:
@@ -73,10 +78,10 @@ class StreamReader:
 
     def frame(self) -> bytes | None:
         """The next picture; None where nothing new has come."""
-        times, forces, depths = [], [], []
+        curves: list[Curve] = [{"t": [], "f": [], "s": []} for _ in self.last]
         count = 0
         for socket in (self.small, *self.large):
-            while count < 20 * KEPT:
+            while count < 20 * KEPT * len(self.last):
                 try:
                     stream, payload = split(socket.recv(zmq.NOBLOCK))
                     message = unpack(payload, self.kinds[stream])
@@ -89,15 +94,38 @@ class StreamReader:
                     if message.source in self.touched.place.groups[0].nodes:
                         self.late[message.source] = message.late + message.lost
                     continue
-                self.last[type(message)] = message
-                if isinstance(message, Contact):
-                    times.append(message.time * 1e-9)
-                    forces.append(message.force)
-                    depths.append(message.indentation)
-        if not count or Contact not in self.last:
+                for finger in self.owners[stream]:
+                    self.last[finger][type(message)] = message
+                    if isinstance(message, Contact):
+                        curves[finger]["t"].append(message.time * 1e-9)
+                        curves[finger]["f"].append(message.force)
+                        curves[finger]["s"].append(message.indentation)
+        if not count or any(Contact not in last for last in self.last):
             return None
-        head = {"kind": "frame", "t": times, "f": forces, "s": depths, "late": max(self.late.values(), default=0)}
-        return frame(head | now(self.last, self.touched.thickness), self.last.get(Surface), self.touched.mesh)
+        head = {"kind": "frame", "late": max(self.late.values(), default=0)}
+        return frame(
+            head | told(self.last, self.touched.thickness, curves), self.last[0].get(Surface), self.touched.mesh
+        )
+
+
+def owners(fingers: list[dict[type[Message], str]]) -> dict[str, list[int]]:
+    """Of each stream, the fingers that have it."""
+    found: dict[str, list[int]] = {}
+    for number, finger in enumerate(fingers):
+        for stream in finger.values():
+            found.setdefault(stream, []).append(number)
+    return found
+
+
+def told(fingers: list[Last], thickness: float, curves: Sequence[Curve] = ()) -> dict[str, Any]:
+    """What the page tells of the last messages of each finger, and of forces and indentations before them: that of the
+    first one, with the others in `others` and all loads in one."""
+    every: Sequence[Curve] = curves or [{}] * len(fingers)
+    head, *others = (now(last, thickness) | curve for last, curve in zip(fingers, every, strict=True))
+    loads = [one for one in (head, *others) if "patch" in one]
+    if loads:
+        head |= {name: [value for one in loads for value in one[name]] for name in ("patch", "loads")}
+    return head | {"others": others}
 
 
 def frame(head: dict[str, Any], surface: Message | None, mesh: Mesh) -> bytes:
@@ -113,7 +141,7 @@ def frame(head: dict[str, Any], surface: Message | None, mesh: Mesh) -> bytes:
                   np.asarray(pressure, "<f4"))  # fmt: skip
 
 
-def now(last: dict[type[Message], Message], thickness: float) -> dict[str, Any]:
+def now(last: Last, thickness: float) -> dict[str, Any]:
     """What the page tells of the last message of each kind; thickness [m] of the fingertip."""
     contact, near, pose = last[Contact], last.get(Proximity), last.get(Pose)
     assert isinstance(contact, Contact)
@@ -141,7 +169,14 @@ def now(last: dict[type[Message], Message], thickness: float) -> dict[str, Any]:
 def mesh_frame(touched: Touched, about: dict[str, Any]) -> bytes:
     """The undeformed surface, and what else the page has to know of a run."""
     return surface_frame(
-        touched.mesh, {"body": touched.use, "thickness": touched.thickness, "begin": touched.begin, **about}
+        touched.mesh,
+        {
+            "body": touched.use,
+            "thickness": touched.thickness,
+            "begins": touched.begins,
+            "fingers": [finger[Contact] for finger in touched.fingers],
+            **about,
+        },
     )
 
 

@@ -11,15 +11,16 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from palpate.messages import Contact, Message, MessageError, Proximity, Surface, unpack
+from palpate.messages import Contact, MessageError, Proximity, Surface, unpack
 from palpate.records.format.mcap_file import Broken, Records, messages
 from palpate.records.player import plan_of
 from palpate.records.reader import Recording
 from palpate.records.stored import RecordingError
+from palpate.views.fingers import fingers_of
 from palpate.views.page import PageError
-from palpate.views.page.feed import frame, now, surface_frame
+from palpate.views.page.feed import Curve, Last, frame, owners, surface_frame, told
 from palpate.views.page.source import FrameSource
-from palpate.views.page.steered import SHOWN, shape
+from palpate.views.page.steered import shape, streams_of
 
 POINTS = 4000
 """Of force and indentation over the whole recording: more than a screen has."""
@@ -32,20 +33,21 @@ BACK = 8
 class RecordingSource:
     """One recording.
 
-    times, forces, depths  [s], [N], [m] of the contact over all of it, thinned to `POINTS` by their greatest forces
+    curves  of each finger, times, forces and indentations over all of it, thinned to `POINTS` by their greatest forces
 
     RecordingError: it cannot be read, or holds no touch or no surface.
     """
 
     def __init__(self, path: Path) -> None:
         self.recording = Recording(path)
-        held = ((kind, self.recording.stream_of(kind)) for kind in SHOWN)
-        self._kinds = {stream: kind for kind, stream in held if stream is not None}
+        fingers = [streams_of(finger) for finger in fingers_of(self.recording)]
+        self._owners, names = owners(fingers), fingers[0]
+        self._kinds = {stream: kind for finger in fingers for kind, stream in finger.items()}
         for kind, what in ((Contact, "touch"), (Surface, "body")):
             if kind not in self._kinds.values():
                 streams = ", ".join(sorted(self.recording.streams)) or "none"
                 raise RecordingError(f"{path}: no {what} in it to show: no stream of {kind.__name__} among {streams}")
-        planned, names = plan_of(self.recording), {kind: stream for stream, kind in self._kinds.items()}
+        planned = plan_of(self.recording)
         senders = {name: self.recording.streams[stream].producer for name, stream in names.items()}
         try:
             self.mesh, self.thickness = shape(planned, senders[Surface], senders.get(Proximity, senders[Surface]))
@@ -57,32 +59,35 @@ class RecordingSource:
         self._open = lru_cache(maxsize=BACK + 2)(self._decoded)
         self._begins: list[float] = []
         self._places: list[int] = []
-        self._listen(names[Contact])
+        self._fingers = len(fingers)
+        self.curves = self._listen([finger[Contact] for finger in fingers])
 
     def close(self) -> None:
         """Read no more of it."""
         self._file.close()
 
-    def _listen(self, contact: str) -> None:
-        """Go through the file once: where each chunk begins, and what the contact says."""
-        numbers = {topic: number for number, topic in self.recording.channels.items()}
-        told: list[tuple[float, float, float]] = []
+    def _listen(self, contacts: list[str]) -> list[Curve]:
+        """Go through the file once: where each chunk begins, and what the contacts say."""
+        rows: dict[str, list[tuple[float, float, float]]] = {contact: [] for contact in contacts}
+        channels = {number: name for number, name in self.recording.channels.items() if name in rows}
         for at, chunk in self._records.chunks():
             first = None
             for channel, _, time, payload in self._inside(chunk):
                 first = time if first is None else min(first, time)
-                if channel == numbers[contact]:
+                if (contact := channels.get(channel)) is not None:
                     try:
                         message = unpack(payload, Contact)
                     except MessageError as error:
                         raise RecordingError(f"{self.recording.path}: stream {contact!r}: {error}") from None
-                    told.append((time * 1e-9, message.force, message.indentation))
+                    rows[contact].append((time * 1e-9, message.force, message.indentation))
             if first is not None:
                 self._begins.append(first * 1e-9)
                 self._places.append(at)
-        if not told:
-            raise RecordingError(f"{self.recording.path}: no messages of {contact!r} in it")
-        self.times, self.forces, self.depths = (column.tolist() for column in _thinned(np.array(sorted(told))).T)
+        for contact, own in rows.items():
+            if not own:
+                raise RecordingError(f"{self.recording.path}: no messages of {contact!r} in it")
+        thinned = [_thinned(np.array(sorted(own))).T.tolist() for own in rows.values()]
+        return [dict(zip("tfs", columns, strict=True)) for columns in thinned]
 
     def _inside(self, chunk: bytes) -> Iterator[tuple[int, int, int, bytes]]:
         try:
@@ -98,8 +103,8 @@ class RecordingSource:
             if (name := channels.get(channel)) in self._kinds and name is not None
         ]
 
-    def last(self, time: float) -> dict[type[Message], Message]:
-        """The last message of each kind at this time [s] of the graph's clock, or before."""
+    def last(self, time: float) -> list[Last]:
+        """Of each finger the last message of each kind at this time [s] of the graph's clock, or before."""
         found: dict[str, tuple[float, bytes]] = {}
         k = bisect_right(self._begins, time) - 1
         for chunk in range(k, max(k - BACK, -1), -1):
@@ -112,28 +117,30 @@ class RecordingSource:
                     found[name] = own
             if len(found) == len(self._kinds) and chunk < k:
                 break
-        kept: dict[type[Message], Message] = {}
+        kept: list[Last] = [{} for _ in range(self._fingers)]
         for name, (_, payload) in found.items():
             try:
-                kept[self._kinds[name]] = unpack(payload, self._kinds[name])
+                message = unpack(payload, self._kinds[name])
             except MessageError as error:
                 raise RecordingError(f"{self.recording.path}: stream {name!r}: {error}") from None
+            for finger in self._owners[name]:
+                kept[finger][self._kinds[name]] = message
         return kept
 
     def begin(self, number: int, name: str) -> bytes:
         """What a page has to know before it asks for a time; `number` says which of its recordings this is."""
         return surface_frame(self.mesh, {
-            "reel": number, "name": name, "body": self.use, "t": self.times, "f": self.forces,
-            "s": self.depths,
+            "reel": number, "name": name, "body": self.use, **self.curves[0], "others": self.curves[1:],
         })  # fmt: skip
 
     def frame(self, time: float, number: int) -> bytes:
         """The picture at a time [s], clipped to the recording."""
-        last = self.last(min(max(time, self.times[0]), self.times[-1]))
+        times = self.curves[0]["t"]
+        fingers = self.last(min(max(time, times[0]), times[-1]))
         head: dict[str, Any] = {"kind": "frame", "reel": number, "asked": time}
-        if Contact not in last:
+        if any(Contact not in last for last in fingers):
             return frame(head, None, self.mesh)
-        return frame(head | now(last, self.thickness), last.get(Surface), self.mesh)
+        return frame(head | told(fingers, self.thickness), fingers[0].get(Surface), self.mesh)
 
 
 class Ask(msgspec.Struct, forbid_unknown_fields=True):

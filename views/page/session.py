@@ -12,11 +12,12 @@ from typing import Annotated
 import msgspec
 
 from palpate.engine.graph import Graph
+from palpate.launch.load.classes import takers
 from palpate.launch.load.launchfile import LaunchFile
 from palpate.launch.load.plan import plan
 from palpate.launch.run.execute import execute
 from palpate.launch.run.launcher import Launcher
-from palpate.messages import ForceBand, Friction
+from palpate.messages import ForceBand, Friction, Load
 from palpate.nodes.base.effect import effects
 from palpate.nodes.deformation import bodies
 from palpate.nodes.device.mouse import FARTHEST
@@ -32,9 +33,10 @@ Metres = Annotated[float, msgspec.Meta(ge=-FARTHEST, le=FARTHEST)]
 
 
 class Order(msgspec.Struct, forbid_unknown_fields=True):
-    """What a page sends: a sample of its pointer, or what one of its switches asks for."""
+    """What a page sends: a sample of its pointer for a finger, or what one of its switches asks for."""
 
     point: tuple[Count, tuple[Metres, Metres, Metres], Count] | None = None
+    finger: Count = 0
     body: str | None = None
     effect: tuple[str, bool] | None = None
     reset: bool = False
@@ -55,11 +57,12 @@ class Session(Live):
 
     def __init__(self, launch: LaunchFile, folder: Path, sets: list[str]) -> None:
         self.place = tempfile.TemporaryDirectory(prefix="palpate-touch-")
-        self.launch, self.socket = steered(launch, Path(self.place.name))
+        self.launch, self.sockets = steered(launch, Path(self.place.name))
         self.launch = self.launch.but(overrides=sets)
         self._graph: Graph | None = self.launch.load()
-        self.bodies = list(reversed(bodies()))
         super().__init__(touched(plan(self._graph)))
+        several = takers(Load, self._graph.nodes[self.touched.body].cls)
+        self.bodies = [body for body in reversed(bodies()) if len(self.sockets) == 1 or body in several]
         self.folder = folder
         self.effects = self._effects(self._graph)
         """The effects that the page may switch, and whether they are on."""
@@ -91,8 +94,10 @@ class Session(Live):
         """Do what a page asks for. MsgspecError, PageError: why not."""
         order = msgspec.json.decode(text, type=Order)
         if order.point is not None:
+            if order.finger >= len(self.sockets):
+                raise PageError(f"finger: found {order.finger}, expected less than {len(self.sockets)}")
             self._steering = page
-            self._point(*order.point)
+            self._point(order.finger, *order.point)
         if order.keep is not None:
             self.keep = order.keep
         if order.body is not None or order.effect is not None or order.reset:
@@ -100,15 +105,16 @@ class Session(Live):
         return []
 
     def leave(self, page: object) -> None:
-        """The hand of who steered goes back to where it began."""
+        """The hands of who steered go back to where they began."""
         if self._steering is page:
             self._steering = None
-            self._point(0, self.touched.begin, 0)
+            for finger, begin in enumerate(self.touched.begins):
+                self._point(finger, 0, begin, 0)
 
-    def _point(self, number: int, place: tuple[float, float, float], buttons: int) -> None:
+    def _point(self, finger: int, number: int, place: tuple[float, float, float], buttons: int) -> None:
         """Hand a sample of the pointer on; while no run is there it is lost."""
         with contextlib.suppress(OSError):
-            self._outlet.sendto(msgspec.msgpack.encode([number, place, buttons]), str(self.socket))
+            self._outlet.sendto(msgspec.msgpack.encode([number, place, buttons]), str(self.sockets[finger]))
 
     def _begin_again(self, body: str | None, effect: tuple[str, bool] | None) -> None:
         """End the run and start one with this body, or the same, and this effect on or off. PageError: no such one."""
@@ -122,7 +128,7 @@ class Session(Live):
         self._change.set()
 
     def _effects(self, graph: Graph) -> dict[str, bool]:
-        shown = self.touched.streams
+        shown = self.touched.fingers[0]
         can = {effect.name for spec in graph.nodes.values() for effect in effects(spec.cls)}
         on = {"friction": Friction in shown, "relaxation": True, "band": ForceBand in shown}
         return {name: is_on for name, is_on in on.items() if name in can}

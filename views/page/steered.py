@@ -1,14 +1,16 @@
-"""A graph whose hand follows the page's pointer, and what of it the page shows."""
+"""A graph whose hands follow the page's pointer, and what of it the page shows."""
 
 from __future__ import annotations
 
 import os
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import yaml
 
+from palpate.engine.imports import full_name
 from palpate.engine.plan import Plan
 from palpate.launch.load.launchfile import LaunchFile
 from palpate.launch.load.placement import Placement, ProcessGroup
@@ -26,13 +28,16 @@ from palpate.messages import (
     Proximity,
     Surface,
     Torque,
+    Vector3,
 )
 from palpate.nodes.base import SettingError
 from palpate.physics.geometry.mesh import Mesh
+from palpate.views.fingers import Finger, fingers_of_plan
 from palpate.views.page import PageError
 
 SHOWN = (Pose, Proximity, Contact, Friction, Force, ForceBand, Pins, Pointed, Load, Surface)
 POINTER = "palpate-pointer"
+Shown = dict[type[Message], str]
 
 
 @dataclass(frozen=True)
@@ -42,52 +47,56 @@ class Touched:
     body       name of the node that sends the surface, and the class that it has
     mesh       its undeformed mesh
     place      where its nodes run; the first group has those of every tick
-    streams    name of the stream of each message type that is shown
+    fingers    of each, the stream of each message type that is shown
     thickness  [m] of the fingertip before the bone edge
-    begin      [m] (3) where the bone edge is at the start
+    begins     [m] (3) of each finger, where the bone edge is at the start
     """
 
     body: str
     use: str
     mesh: Mesh
     place: Placement
-    streams: dict[type[Message], str]
+    fingers: list[Shown]
     thickness: float
-    begin: tuple[float, float, float]
+    begins: list[Vector3]
 
 
-def steered(launch: LaunchFile, folder: Path) -> tuple[LaunchFile, Path]:
-    """The run with the page's hand in place of its device, and the socket where the pointer's samples go.
+def steered(launch: LaunchFile, folder: Path) -> tuple[LaunchFile, list[Path]]:
+    """The run with the page's hands in place of its devices, and the sockets where the pointer's samples go, one for
+    each finger.
 
-    folder  a private one, for the graph and the socket
+    folder  a private one, for the graph and the sockets
 
-    PageError: no device that a hand could hold.
+    PageError: not one device for each finger that a hand could hold.
     """
-    graph = launch.load()
+    planned = launch.plan()
+    graph = planned.graph
     devices = [name for name, spec in graph.nodes.items() if DeviceState in spec.streams.values()]
-    if len(devices) != 1:
+    fingers = [streams_of(finger, (DeviceState, Torque, Force, Contact)) for finger in fingers_of_plan(planned)]
+    held = {finger.get(DeviceState, "").partition(".")[0]: finger for finger in fingers}
+    if not devices or set(held) != set(devices):
         raise PageError(
-            f"{launch.graph.stem}: nodes that send DeviceState: found {', '.join(devices) or 'none'}, expected one. "
-            "Try: palpate touch kidney"
+            f"{launch.graph.stem}: nodes that send DeviceState: found {', '.join(devices) or 'none'}, expected one for "
+            f"each of {len(fingers)} fingers. Try: palpate touch kidney"
         )
-    spec = graph.nodes[devices[0]]
-    feeds = {kind: stream for node in graph.nodes.values() for stream, kind in node.streams.items()}
-    wires = {port: feeds[kind] for port, kind in _ports(feeds).items()}
-    begin = list(spec.settings.get("begin", (0.0, 0.0, 0.116)))
-    socket = folder / "pointer"
-    nodes: dict[str, Any] = {
-        POINTER: {"use": "device.Pointer", "socket": str(socket), "begin": begin},
-        spec.name: {"use": "device.Mouse", "in": {"pointer": POINTER, **wires}, "begin": begin},
-    }
-    for name in ("hand_stiffness", "hand_damping", "mass", "origin"):
-        if name in spec.settings:
-            nodes[spec.name][name] = spec.settings[name]
+    nodes: dict[str, Any] = {}
+    sockets = []
+    for number, (name, finger) in enumerate(held.items(), 1):
+        spec, pointer = graph.nodes[name], POINTER if number == 1 else f"{POINTER}-{number}"
+        begin = list(spec.settings.get("begin", (0.0, 0.0, 0.116)))
+        sockets.append(folder / f"pointer-{number}")
+        wires = {port: finger[kind] for port, kind in _ports(finger).items()}
+        nodes[pointer] = {"use": "device.Pointer", "socket": str(sockets[-1]), "begin": begin}
+        nodes[name] = {"use": "device.Mouse", "in": {"pointer": pointer, **wires}, "begin": begin}
+        for key in ("hand_stiffness", "hand_damping", "mass", "origin"):
+            if key in spec.settings:
+                nodes[name][key] = spec.settings[key]
     data: dict[str, Any] = {"extends": str(launch.graph.absolute()), "nodes": nodes}
     if launch.scene is not None:
         data["scene"] = launch.scene if isinstance(launch.scene, dict) else str(Path(launch.scene).absolute())
     file = folder / f"{launch.graph.stem}.yaml"
     file.write_text(yaml.safe_dump(data))
-    return LaunchFile(graph=file, clock="real", overrides=launch.overrides), socket
+    return LaunchFile(graph=file, clock="real", overrides=launch.overrides), sockets
 
 
 def _ports(feeds: dict[type[Message], str]) -> dict[str, type[Message]]:
@@ -98,24 +107,25 @@ def _ports(feeds: dict[type[Message], str]) -> dict[str, type[Message]]:
 def touched(planned: Plan) -> Touched:
     """What the page shows of a plan that its pointer steers. PageError: no body with a mesh, or nobody tells where the
     finger is."""
-    begin = tuple(planned.graph.nodes[POINTER].settings["begin"])
-    return _shown(planned, (Surface, Pose, Proximity, Contact), _place(planned), begin)
+    return _shown(planned, (Surface, Pose, Proximity, Contact), _place(planned))
 
 
 def watched(planned: Plan) -> Touched:
     """What a page shows of a plan that it does not steer. PageError: no body with a mesh, or no contact."""
-    return _shown(planned, (Surface, Contact), Placement([ProcessGroup("loop", planned.order)]), (0.0, 0.0, 0.0))
+    return _shown(planned, (Surface, Contact), Placement([ProcessGroup("loop", planned.order)]))
 
 
-def _shown(planned: Plan, needed: tuple[type[Message], ...], place: Placement, begin: tuple[float, ...]) -> Touched:
-    streams: dict[type[Message], str] = {}
-    senders = {}
-    for name in planned.order:
-        for stream, kind in planned.graph.nodes[name].streams.items():
-            streams.setdefault(kind, stream)
-            senders[stream] = name
+def streams_of(finger: Finger, kinds: Iterable[type[Message]] = SHOWN) -> Shown:
+    """The streams of a finger, as far as it has these types: those that a page shows."""
+    return {kind: finger[full_name(kind)] for kind in kinds if full_name(kind) in finger}
+
+
+def _shown(planned: Plan, needed: tuple[type[Message], ...], place: Placement) -> Touched:
+    nodes, fingers = planned.graph.nodes, [streams_of(finger) for finger in fingers_of_plan(planned)]
+    senders = {stream: name for name in planned.order for stream in nodes[name].streams}
+    streams = fingers[0]
     for kind in needed:
-        if kind not in streams:
+        if any(kind not in finger for finger in fingers):
             raise PageError(f"{planned.graph.path.stem}: no node sends {kind.__name__}; a page needs a body, its "
                             "contact and the finger. Try: palpate touch kidney")  # fmt: skip
     body = senders[streams[Surface]]
@@ -125,9 +135,9 @@ def _shown(planned: Plan, needed: tuple[type[Message], ...], place: Placement, b
         use=planned.graph.nodes[body].use,
         mesh=mesh,
         place=place,
-        streams={kind: streams[kind] for kind in SHOWN if kind in streams},
+        fingers=fingers,
         thickness=thickness,
-        begin=(begin[0], begin[1], begin[2]),
+        begins=[nodes[senders[f[Pointed]]].settings["begin"] for f in fingers if Pointed in f],
     )
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from palpate.launch.load.extras import install
-from palpate.messages import Surface
+from palpate.messages import Contact, Surface
 from palpate.physics.errors import PalpateError
 from palpate.records.reader import Recording
 
@@ -45,6 +45,7 @@ def draw(recording: Path, folder: Path, console: Console | None = None) -> list[
 
 
 def _draw(recording: Recording, folder: Path, console: Console | None, step: Callable[[str], None]) -> list[Path]:
+    from palpate.views.fingers import left_out
     from palpate.views.pictures import (
         PictureError,
         compression,
@@ -53,15 +54,17 @@ def _draw(recording: Recording, folder: Path, console: Console | None, step: Cal
         energy,
         force,
         friction,
+        grip,
         pad,
         pins,
         slip,
         softness,
     )
+    from palpate.views.pictures.style import entitle
     from palpate.views.pictures.touch import TouchStreams
-    from palpate.views.several import left_out
 
     touch = TouchStreams(recording)
+    fingers, of_a_finger = touch.fingers, (force, compression, friction, device)
     if text := left_out(recording):
         _tell(console, text)
     folder.mkdir(parents=True, exist_ok=True)
@@ -74,16 +77,19 @@ def _draw(recording: Recording, folder: Path, console: Console | None, step: Cal
         else:
             views = deformation.Views(touch)  # it draws while the others are drawn here
     except PictureError as error:
-        if (
-            recording.stream_of(Surface) is not None and touch.slip is None
-        ):  # else there is none to draw, or it is a pad
+        if touch.stream_of(Surface) is not None and touch.slip is None:  # else there is none to draw, or it is a pad
             _tell(console, f"no picture of the surface: {error}")
     try:
-        for picture in (force, compression, friction, device, energy, slip, pad, pins, softness):
+        for picture in (grip, force, compression, friction, device, energy, slip, pad, pins, softness):
             step(picture.NAME)
-            drawing = picture.draw(touch)
-            if drawing is not None:
-                made.append(folder / f"{picture.NAME}.png")
+            for own in fingers if picture in of_a_finger else fingers[:1]:
+                drawing = picture.draw(own)
+                if drawing is None:
+                    continue
+                name, several = own.stream_of(Contact), picture in of_a_finger and len(fingers) > 1
+                if several:
+                    entitle(drawing, f"{name}: {drawing.get_suptitle()}")
+                made.append(folder / f"{picture.NAME}{f'-{name}' if several else ''}.png")
                 drawing.savefig(made[-1])
         step(deformation.NAME)
         if views is not None:
@@ -100,7 +106,7 @@ def _draw(recording: Recording, folder: Path, console: Console | None, step: Cal
     return made
 
 
-STEPS = 11
+STEPS = 12
 
 
 @contextmanager

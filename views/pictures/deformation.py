@@ -54,7 +54,7 @@ class Views:
         for i, instant in enumerate(self.instants):
             axes = grid[i // columns][i % columns]
             axes.imshow(pixels["wide"][i])
-            axes.set_title(_title(instant), fontsize=11, loc="center")
+            axes.set_title(instant.title(), fontsize=11, loc="center")
         for axes, i, picture in zip(grid[rows], self.near, pixels["close"], strict=True):
             axes.imshow(picture)
             axes.set_title(f"the same at {self.instants[i].time:.2f} s, near", fontsize=11, loc="center")
@@ -64,7 +64,3 @@ class Views:
         bar.set_label("displacement of the surface [mm]")
         bar.outline.set_visible(False)
         return out
-
-
-def _title(instant: Instant) -> str:
-    return f"{instant.time:.2f} s:  {instant.depth * 1e3:.1f} mm deep,  {instant.load:.2f} N"

@@ -23,7 +23,7 @@ def draw(touch: TouchStreams) -> Figure | None:
     if force is None:
         return None
     time, size = force["time"], np.linalg.norm(force["force"], axis=1)
-    settings = touch.settings(touch.recording.stream_of(Force))
+    settings = touch.settings(touch.stream_of(Force))
     out = figure(11.5, 6.4, "Force on the hand, and energy absorbed by the display")
     upper, lower = out.subplots(2, 1, sharex=True, height_ratios=(3, 2))
     for axes in (upper, lower):

@@ -22,7 +22,7 @@ def draw(touch: TouchStreams) -> Figure | None:
     ledger = touch.ledger
     if ledger is None:
         return None
-    time, bound = ledger["time"], touch.settings(touch.recording.stream_of(Ledger)).get("bound", 0.0)
+    time, bound = ledger["time"], touch.settings(touch.stream_of(Ledger)).get("bound", 0.0)
     out = figure(11.5, 8.4, "Energy balance of the touch: work of the hand, stored and dissipated energy")
     upper, middle, lower = out.subplots(3, 1, sharex=True, height_ratios=(3, 2, 2))
     layers = [ledger[f"{part}_{kind}"] * 1e3 for kind in ("dissipated", "stored") for part, _ in PARTS]

@@ -56,7 +56,7 @@ def draw(touch: TouchStreams) -> Figure | None:
     unique = dict(zip(labels, handles, strict=True))
     left.legend(unique.values(), unique.keys(), loc="upper left")
     if band is not None:
-        _band(every[-1], band, touch.settings(touch.recording.stream_of(ForceBand)).get("depth", "compression"))
+        _band(every[-1], band, touch.settings(touch.stream_of(ForceBand)).get("depth", "compression"))
     return out
 
 

@@ -48,7 +48,7 @@ def sliding(touch: TouchStreams) -> tuple[np.ndarray, np.ndarray, np.ndarray, np
 
 def beyond_dip(touch: TouchStreams) -> float:
     """The speed [m/s] above which friction no longer falls, by the settings of the law that was run."""
-    speed = touch.settings(touch.recording.stream_of(Friction)).get("stribeck")
+    speed = touch.settings(touch.stream_of(Friction)).get("stribeck")
     return DIPS_FOR * speed if isinstance(speed, float | int) else BEYOND_DIP
 
 

@@ -29,7 +29,7 @@ def draw(touch: TouchStreams) -> Figure | None:
         return None
     sent = touch.at(Pins, pins["tick"].tolist())
     heights = np.array([sent[tick].heights for tick in pins["tick"].tolist()]) * 1e3
-    settings = touch.settings(touch.recording.stream_of(Pins))
+    settings = touch.settings(touch.stream_of(Pins))
     below = settings.get("shows", "force") != "force"
     out = figure(2.6 * len(rows) + 1.2, 9.4 if below else 7.2, "What the pins show")
     parts = out.subfigures(2, 1, height_ratios=(5 if below else 2.6, 4))
@@ -40,7 +40,7 @@ def draw(touch: TouchStreams) -> Figure | None:
     most = max(float(heights[rows].max()), 1e-6)
     uneven = [heights[row] - ring_mean(heights[row], places) for row in rows]
     rest = max(max(float(np.abs(u).max()) for u in uneven), 1e-6)
-    nodule = touch.settings(touch.recording.stream_of(Surface))
+    nodule = touch.settings(touch.stream_of(Surface))
     for column, row in enumerate(rows):
         shown = _map(grid[0][column], heights[row], places, pitch, "viridis", 0.0, most)
         grid[0][column].set_title(f"{contact['time'][row]:.2f} s:  {contact['force'][row]:.2f} N", loc="center")

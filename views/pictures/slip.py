@@ -80,7 +80,7 @@ def draw(touch: TouchStreams) -> Figure | None:
     middle, lower = others
     for axes in (upper, middle, lower):
         _shade(axes, time, at, named=axes is middle)
-    mu = touch.settings(touch.recording.stream_of(Slip)).get("friction")
+    mu = touch.settings(touch.stream_of(Slip)).get("friction")
     if isinstance(mu, float | int):
         middle.plot(time, mu * normal, color=NORMAL, linewidth=1.2, linestyle=":", label=f"{mu:g} × normal force")
     middle.plot(time, size, color=FRICTION, label="friction")

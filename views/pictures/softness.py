@@ -26,7 +26,7 @@ def draw(touch: TouchStreams) -> Figure | None:
     """None where no pins follow a force, or their node cannot be made again."""
     if touch.pins is None or touch.contact is None:
         return None
-    node = touch.make(touch.recording.stream_of(Pins))
+    node = touch.make(touch.stream_of(Pins))
     pins, contact = together(touch.pins, touch.contact)
     if not isinstance(node, PinArray) or node.shows != "force" or not (contact["force"] > 0.0).any():
         return None

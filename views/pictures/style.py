@@ -60,8 +60,13 @@ LOOK: Any = {
 def figure(width: float, height: float, title: str) -> Figure:
     """An empty figure of this size [inch], without a window behind it; it shows itself in a notebook."""
     fig = _shown()(figsize=(width, height), layout="constrained")
-    fig.suptitle(title, x=0.01, ha="left", weight="bold")
+    entitle(fig, title)
     return fig
+
+
+def entitle(figure: Figure, title: str) -> None:
+    """Write the line over all of a figure."""
+    figure.suptitle(title, x=0.01, ha="left", weight="bold")
 
 
 @cache

@@ -8,7 +8,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from palpate.engine.imports import recorded_class
+from palpate.engine.imports import full_name, recorded_class
 from palpate.messages import (
     Contact,
     Force,
@@ -23,9 +23,11 @@ from palpate.messages import (
     Slip,
     unpack,
 )
+from palpate.messages.grip import Grip
 from palpate.nodes.base import Node
 from palpate.records.reader import Recording
 from palpate.records.stored import RecordingError
+from palpate.views.fingers import Finger, fingers_of
 
 Columns = dict[str, np.ndarray]
 GAP = 0.05  # [s] shorter losses of contact do not end a touch
@@ -39,10 +41,10 @@ _TICK = msgspec.msgpack.Decoder(_Tick)
 
 
 def _columns(kind: type[Message]) -> cached_property[Columns | None]:
-    """The columns of the first stream of a message type."""
+    """The columns of the finger's stream of a message type."""
 
     def read(touch: TouchStreams) -> Columns | None:
-        name = touch.recording.stream_of(kind)
+        name = touch.stream_of(kind)
         columns = touch.recording.columns(name) if name is not None else None
         return columns if columns is not None and len(columns["tick"]) else None
 
@@ -50,10 +52,23 @@ def _columns(kind: type[Message]) -> cached_property[Columns | None]:
 
 
 class TouchStreams:
-    """The streams of a recording that pictures are drawn from; None where it has no such stream or no message in it."""
+    """The streams of a recording that pictures are drawn from; None where it has no such stream or no message in it.
 
-    def __init__(self, recording: Recording) -> None:
+    finger  its streams, those of the first one if left out
+    """
+
+    def __init__(self, recording: Recording, finger: Finger | None = None) -> None:
         self.recording = recording
+        self._finger = fingers_of(recording)[0] if finger is None else finger
+
+    @cached_property
+    def fingers(self) -> list[TouchStreams]:
+        """Those of each finger; of the first one these."""
+        return [self, *(TouchStreams(self.recording, finger) for finger in fingers_of(self.recording)[1:])]
+
+    def stream_of(self, kind: type[Message]) -> str | None:
+        """The finger's stream of a message type, None where it has none."""
+        return self._finger.get(full_name(kind))
 
     contact = _columns(Contact)
     friction = _columns(Friction)
@@ -63,12 +78,13 @@ class TouchStreams:
     ledger = _columns(Ledger)
     slip = _columns(Slip)
     pins = _columns(Pins)
+    grip = _columns(Grip)
     band = _columns(ForceBand)
 
     @cached_property
     def touching(self) -> np.ndarray | None:
         """Per message of the force, whether the controller was in contact."""
-        name = self.recording.stream_of(Force)
+        name = self.stream_of(Force)
         if name is None:
             return None
         return np.array([getattr(m, "state", "") == "contact" for m in self.recording.messages(name)], dtype=bool)
@@ -87,7 +103,7 @@ class TouchStreams:
 
     def at(self, kind: type[Message], ticks: list[int]) -> dict[int, Any]:
         """The messages of a type at these ticks; the others are not decoded."""
-        stream = self.recording.stream_of(kind)
+        stream = self.stream_of(kind)
         messages: dict[int, Any] = {}
         if stream is None:
             return messages

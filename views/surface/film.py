@@ -50,9 +50,7 @@ class FilmFrame:
     def show(self, pixels: np.ndarray, instant: Instant) -> None:
         """Another instant."""
         self._image.set_data(pixels)
-        self._title.set_text(
-            f"{instant.time:.2f} s:  indentation {instant.depth * 1e3:.1f} mm,  normal force {instant.load:.2f} N"
-        )
+        self._title.set_text(instant.title())
 
 
 def picture(file: Path, at: float, target: Path, of: Colour = COLOURS["displacement"]) -> float:
@@ -162,7 +160,7 @@ def _write_gif(target: Path, frames: Iterator[np.ndarray], rate: float) -> None:
 def _recorded(touch: TouchStreams) -> tuple[np.ndarray, np.ndarray]:
     """Ticks and times [s] at which both contact and surface were recorded. PictureError: there are none."""
     path = touch.recording.path
-    stream = touch.recording.stream_of(Surface)
+    stream = touch.stream_of(Surface)
     if stream is None:
         raise PictureError(
             f"{path}: no stream of surfaces in it, so there is no shape to draw; `palpate plot` draws numbers"

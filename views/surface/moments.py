@@ -20,26 +20,36 @@ SHALLOWEST = 0.35
 
 @dataclass(frozen=True)
 class Instant:
-    """One instant of a touch.
+    """One instant of a touch by one finger or several.
 
     time          [s]
     surface       message of the body
     displacement  [m] (V,3)  of every vertex of the mesh
-    tip           [m] (3)    lowest point of the fingertip, None where the recording has none
-    normal        [1] (3)    outward normal at the foot point
-    force         [N] (3)    on the hand
-    load          [N]        normal force
-    depth         [m]        indentation of the tissue
+    tips          [m] (f,3)  lowest point of each fingertip, not finite where the recording has none
+    normals       [1] (f,3)  outward normal at each foot point
+    forces        [N] (f,3)  on the hand
+    loads         [N] (f)    normal forces
+    depths        [m] (f)    indentations of the tissue
     """
 
     time: float
     surface: Surface
     displacement: np.ndarray
-    tip: np.ndarray | None
-    normal: np.ndarray
-    force: np.ndarray
-    load: float
-    depth: float
+    tips: np.ndarray
+    normals: np.ndarray
+    forces: np.ndarray
+    loads: np.ndarray
+    depths: np.ndarray
+
+    @property
+    def depth(self) -> float:
+        """[m] The greatest indentation."""
+        return float(self.depths.max())
+
+    def title(self) -> str:
+        """Time, indentation and normal force of each finger."""
+        deep = ", ".join(f"{depth * 1e3:.1f}" for depth in self.depths)
+        return f"{self.time:.2f} s:  {deep} mm deep,  {', '.join(f'{load:.2f}' for load in self.loads)} N"
 
 
 def surface_mesh(touch: TouchStreams) -> Any:
@@ -47,7 +57,7 @@ def surface_mesh(touch: TouchStreams) -> Any:
 
     PictureError: no surface stream, a body without a mesh, or one that cannot be made here.
     """
-    stream = touch.recording.stream_of(Surface)
+    stream = touch.stream_of(Surface)
     if stream is None:
         raise PictureError("the recording has no stream of surfaces")
     node = touch.node(stream)
@@ -104,9 +114,9 @@ def instants(touch: TouchStreams, points: np.ndarray, count: int = 6) -> list[In
 
     PictureError: no contact, surface or displacement was recorded, or it does not fit the mesh.
     """
-    if touch.recording.stream_of(Surface) is None or touch.contact is None:
+    if touch.stream_of(Surface) is None or touch.contact is None:
         raise PictureError("the recording has no contact on a surface")
-    chosen = instants_at(touch, points, choose(touch.contact, count))
+    chosen = instants_at(touch, points, choose(_all_contacts(touch), count))
     if not chosen:
         raise PictureError("nothing was touched")
     if not any(instant.displacement.any() for instant in chosen):
@@ -119,31 +129,55 @@ def instants_at(touch: TouchStreams, points: np.ndarray, ticks: list[int]) -> li
 
     PictureError: no contact or surface was recorded, or it does not fit the mesh.
     """
-    if touch.recording.stream_of(Surface) is None or touch.contact is None:
+    if touch.stream_of(Surface) is None or touch.contact is None:
         raise PictureError("the recording has no contact on a surface")
-    rows = {int(tick): row for row, tick in enumerate(touch.contact["tick"])}
-    tips = _tips(touch)
-    forces = {} if touch.force is None else dict(zip(touch.force["tick"].tolist(), touch.force["force"], strict=True))
+    surfaces = touch.at(Surface, ticks)
+    by_finger = [_finger(each, set(surfaces)) for each in touch.fingers]
     moments = []
-    for tick, surface in touch.at(Surface, ticks).items():
-        if tick not in rows:
+    for tick, surface in surfaces.items():
+        if tick not in by_finger[0]:
             continue
-        row = rows[tick]
         surface = complete(surface, points)
-        contact = {name: values[row] for name, values in touch.contact.items()}
+        rows = [finger.get(tick, _ABSENT) for finger in by_finger]
+        time, tips, normals, forces, loads, depths = (np.array(column) for column in zip(*rows, strict=True))
         moments.append(
-            Instant(
-                time=float(contact["time"]),
-                surface=surface,
-                displacement=displaced(surface, len(points)),
-                tip=tips.get(tick),
-                normal=contact["normal"],
-                force=forces.get(tick, np.zeros(3)),
-                load=float(contact["force"]),
-                depth=float(contact["indentation"]),
-            )
+            Instant(float(time[0]), surface, displaced(surface, len(points)), tips, normals, forces, loads, depths)
         )
     return moments
+
+
+_Row = tuple[float, np.ndarray, np.ndarray, np.ndarray, float, float]
+_NOWHERE = np.full(3, np.nan)
+_ABSENT: _Row = (0.0, _NOWHERE, np.array([0.0, 0.0, 1.0]), np.zeros(3), 0.0, 0.0)
+
+
+def _finger(touch: TouchStreams, ticks: set[int]) -> dict[int, _Row]:
+    """Of one finger, by tick: time, tip, normal, force on the hand, normal force and indentation."""
+    if touch.contact is None:
+        return {}
+    tips = _tips(touch)
+    forces = {} if touch.force is None else dict(zip(touch.force["tick"].tolist(), touch.force["force"], strict=True))
+    columns = (touch.contact[name] for name in ("tick", "time", "normal", "force", "indentation"))
+    return {
+        int(tick): (float(time), tips.get(tick, _NOWHERE), normal, forces.get(tick, np.zeros(3)), load, depth)
+        for tick, time, normal, load, depth in zip(*columns, strict=True)
+        if tick in ticks
+    }
+
+
+def _all_contacts(touch: TouchStreams) -> Columns:
+    """The contact of a finger; of several the sum of their forces, the greatest indentation and all foot points."""
+    every = [each.contact for each in touch.fingers if each.contact is not None]
+    if len(every) == 1:
+        return every[0]
+    rows = together(*every)
+    return {
+        "tick": rows[0]["tick"],
+        "time": rows[0]["time"],
+        "force": np.sum([row["force"] for row in rows], axis=0),
+        "indentation": np.max([row["indentation"] for row in rows], axis=0),
+        "foot": np.concatenate([row["foot"] for row in rows], axis=1),
+    }
 
 
 def _tips(touch: TouchStreams) -> dict[int, np.ndarray]:

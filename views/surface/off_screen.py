@@ -39,21 +39,23 @@ class Rendering:
         self._folder = tempfile.TemporaryDirectory(prefix="palpate-")
         self._source, self._target = (Path(self._folder.name) / name for name in ("views.npz", "pixels.npz"))
         scene = instants if all_of is None else all_of
-        tips, normals = _tips(scene), np.array([one.normal for one in scene])
+        tips, normals, forces = (
+            np.concatenate([getattr(one, name) for one in scene]) for name in ("tips", "normals", "forces")
+        )
         np.savez(
             self._source,
             vertices=mesh.vertices,
             triangles=mesh.triangles,
             displacement=np.array([one.displacement for one in instants], dtype=np.float32),
             values=np.array(values, dtype=np.float32),
-            tips=_tips(instants),
-            normals=np.array([one.normal for one in instants]),
-            forces=np.array([one.force for one in instants]),
+            tips=np.array([one.tips for one in instants]),
+            normals=np.array([one.normals for one in instants]),
+            forces=np.array([one.forces for one in instants]),
             near=np.array(near, dtype=np.int64),
             most=most,
             balls=ball_centres(tips, normals),
-            pulls=np.array([one.force for one in scene])[np.isfinite(tips + normals).all(axis=1)],
-            greatest=max(float(np.linalg.norm(one.force)) for one in scene),
+            pulls=forces[np.isfinite(tips + normals).all(axis=1)],
+            greatest=float(np.linalg.norm(forces, axis=1).max()),
         )
         self._process = self._begin(WINDOWS[0])
 
@@ -89,11 +91,6 @@ class Rendering:
         with contextlib.suppress(ValueError):
             self._process.communicate()
         self._folder.cleanup()
-
-
-def _tips(instants: Sequence[Instant]) -> np.ndarray:
-    nowhere = np.full(3, np.nan)
-    return np.array([nowhere if one.tip is None else one.tip for one in instants])
 
 
 def _reason(code: int, errors: str) -> str:

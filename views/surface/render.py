@@ -29,8 +29,8 @@ def render(views: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     """Pictures of all instants, wide (k, h, w, 3), and of some from near, close (n, h, w, 3): red, green, blue bytes.
 
     vertices [m] (V,3), triangles (T,3), displacement [m] (k,V,3), values (k,V) that colour the vertices, most: end of
-    the colour scale, tips [m] (k,3; not finite: no finger), normals [1] (k,3), forces [N] (k,3), near (n): which
-    instants from near, balls [m] (m,3) and pulls [N] (m,3) all places of the finger and forces there that the camera
+    the colour scale, tips [m] (k,f,3; not finite: no finger), normals [1] (k,f,3), forces [N] (k,f,3), near (n): which
+    instants from near, balls [m] (m,3) and pulls [N] (m,3) all places of fingers and forces there that the camera
     shall see, greatest [N] force of the longest arrow
     """
     import pyvista
@@ -83,9 +83,9 @@ def _draw(
     faces: np.ndarray,
     displacement: np.ndarray,
     values: np.ndarray,
-    tip: np.ndarray,
-    normal: np.ndarray,
-    arrow: np.ndarray,
+    tips: np.ndarray,
+    normals: np.ndarray,
+    arrows: np.ndarray,
     most: float,
     edges: bool,
 ) -> None:
@@ -100,7 +100,9 @@ def _draw(
         split_sharp_edges=False, ambient=0.28, diffuse=0.85, specular=0.12, specular_power=20,
         show_edges=edges, edge_color="#7a5a54", line_width=0.4, edge_opacity=0.35,
     )  # fmt: skip
-    if np.isfinite(tip).all():
+    for tip, normal, arrow in zip(tips, normals, arrows, strict=True):
+        if not np.isfinite(tip).all():
+            continue
         centre = tip + FINGER_RADIUS * normal
         ball = pyvista.Sphere(radius=FINGER_RADIUS, center=centre, theta_resolution=48, phi_resolution=48)
         plotter.add_mesh(
@@ -117,8 +119,8 @@ def _draw(
 
 
 def _camera(plotter: Any, vertices: np.ndarray, balls: np.ndarray, heads: np.ndarray, shot: tuple, near: bool) -> None:
-    """Look at the whole surface, the finger's places and the heads of its arrows so that they fill the picture, or at
-    the finger from near."""
+    """Look at the whole surface, the fingers' places and the heads of their arrows so that they fill the picture, or at
+    the fingers from near."""
     direction = np.array(VIEW) / np.linalg.norm(VIEW)
     right = np.cross((0.0, 0.0, 1.0), direction)
     right /= np.linalg.norm(right)
@@ -129,9 +131,13 @@ def _camera(plotter: Any, vertices: np.ndarray, balls: np.ndarray, heads: np.nda
     focus = (low + high) / 2 @ axes
     width, height = plotter.window_size
     reach = MARGIN * max(high[1] - low[1], (high[0] - low[0]) * height / width) / 2
-    tip, arrow = shot[2], shot[4]
-    if near and np.isfinite(tip).all():
-        focus, reach = tip + 0.4 * arrow, NEAR * reach
+    there = np.isfinite(shot[2]).all(axis=1)
+    if near and there.any():
+        tips, arrows = shot[2][there], shot[4][there]
+        focus = (tips + 0.4 * arrows).mean(axis=0)
+        ends = np.abs((np.concatenate([tips, tips + arrows]) - focus) @ axes[:2].T).max(axis=0)
+        across = 1.2 * max(ends[1], ends[0] * height / width)
+        reach = max(NEAR * reach, across if len(tips) > 1 else 0.0)
     plotter.camera.focal_point = tuple(focus)
     plotter.camera.position = tuple(focus + 4.0 * float(np.linalg.norm(high - low)) * direction)
     plotter.camera.up = (0.0, 0.0, 1.0)

@@ -20,7 +20,7 @@ def film(
 ) -> None:
     """Film a recording: the surface under the finger, coloured by displacement or another field."""
     from palpate.records.reader import Recording
-    from palpate.views.several import left_out
+    from palpate.views.fingers import left_out
     from palpate.views.surface import colour as colours
     from palpate.views.surface.film import film as make
 

@@ -24,8 +24,8 @@ def view(
     from palpate.views.page import check
 
     check()
+    from palpate.views.fingers import left_out
     from palpate.views.page.reel import Reels
-    from palpate.views.several import left_out
 
     reels = Reels(files)
     for reel in reels.reels:

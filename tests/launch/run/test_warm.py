@@ -43,8 +43,10 @@ print(*late)
         ("kidney", "0.4", "tissue.use=deformation.ReducedFE"),
         ("kidney", "0.4", "tissue.use=deformation.BeamBundle", "collision.use=collision.Mesh"),
         ("fingertip-slide", "0.05"),
+        ("pinch", "0.5"),
+        ("pinch", "0.5", "tissue.use=deformation.ReducedFE"),
     ],
-    ids=lambda graph: graph[-1],
+    ids=lambda graph: f"{graph[0]}-{graph[-1]}",
 )
 def test_a_graph_compiles_nothing_after_its_start(graph):
     """Until after the first touch, in a process of its own: what a test before has compiled would hide it."""

@@ -23,14 +23,15 @@ VERTICES = 3000
 
 
 class Hand:
-    """Fingers over the kidney, each with collision and spread of its own, on one body."""
+    """Fingers over the kidney, or a mesh, each with collision and spread of its own, on one body."""
 
-    def __init__(self, kind, count, **more):
-        mesh = {} if kind is Rigid else {"vertices": VERTICES}
-        self.body = FakeBus(kind(**mesh, **more))
+    def __init__(self, kind, count, mesh=None, **more):
+        finds = [collision.Nurbs() if mesh is None else collision.Mesh(**mesh) for _ in range(count)]
+        mesh = mesh or {"vertices": VERTICES}
+        self.body = FakeBus(kind(**({} if kind is Rigid else mesh), **more))
         self.joint, self.share = FakeBus(Joint()), [FakeBus(Share()) for _ in range(count)]
-        self.collision = [FakeBus(collision.Nurbs()) for _ in range(count)]
-        self.spread = [FakeBus(Kernel(vertices=VERTICES)) for _ in range(count)]
+        self.collision = [FakeBus(find) for find in finds]
+        self.spread = [FakeBus(Kernel(**mesh)) for _ in range(count)]
         self.surface = None
 
     def step(self, places):
@@ -158,6 +159,35 @@ def test_five_fingers_press_lift_and_come_to_rest(kind):
     assert hand.joint.slot.health.asleep > 0
     if kind is not Rigid:
         assert hand.body.slot.health.asleep > 0
+
+
+@pytest.mark.parametrize("kind", BODIES)
+def test_from_opposite_sides_they_hold_the_organ_between_them(kind):
+    """On ReducedFE each pushes the organ against the other; the springs of the other bodies know of no other side."""
+    top, below, away = bone(0.0, 6e-3), [0.0, 0.0, TOP - 42e-3 - 4e-3 + 6e-3], [0.0, 0.0, 0.03]
+    hand = Hand(kind, 2)
+    alone, _ = hand.hold([top, away])
+    both = hand.hold([top, below])
+    if kind is ReducedFE:
+        assert 1.02 * alone < both[0] < 1.5 * alone and hand.surface.coupling[0, 1] < 0.0
+    else:
+        assert both == approx([alone, alone], rel=1e-6)
+
+
+@pytest.mark.parametrize("kind", [MassSpring, Rigid])
+def test_through_a_thin_organ_each_stays_on_its_side(kind, tmp_path):
+    """A sheet of 2 mm: each bone goes 6 mm beyond touching, past that of the other, and neither slips through."""
+    trimesh = pytest.importorskip("trimesh")
+    sheet = trimesh.creation.box((0.06, 0.04, 0.002)).subdivide_to_size(5e-3)
+    sheet.export(tmp_path / "sheet.stl")
+    hand = Hand(kind, 2, {"surface": str(tmp_path / "sheet.stl"), "position": (0.0, 0.0, 0.0)})
+    for depth in (6e-3, -1e-3, 6e-3):
+        for tick in range(150):
+            z = 5e-3 - depth * min(tick / 50, 1.0)
+            over, under = hand.step([[0.0, 0.0, z], [1e-3, 0.0, -z]])
+            assert over.normal[2] > 0.99 and under.normal[2] < -0.99
+            assert np.isfinite([over.force, under.force]).all()
+        assert over.force == approx(under.force, rel=1e-3) and (over.force > 0.3) == (depth > 0.0)
 
 
 @pytest.mark.parametrize("kind", COUPLED)

@@ -126,3 +126,37 @@ def test_the_way_of_a_gap_is_nobodys():
     books.gap()
     books.book(Moment((1.0, 0, 0), (9.0, 0, 0), UP, 0.0, 0, 0, NONE, NONE, (0.0, 0.0, 0.0)))
     assert books.hand == before
+
+
+def test_two_fingers_on_coupled_springs_have_one_tissue_and_a_balance():
+    """Two depths of a linear body with a compliance between them, pressed and let go one after the other: its work is
+    the stored energy to first order in the step, and what is sampled is charged as for one."""
+    compliance = np.array([[3.7e-3, 0.9e-3], [0.9e-3, 3.7e-3]])
+    for count in (200, 400):
+        pushes = np.zeros((count + 1, 2))
+        pushes[:, 0] = np.sin(np.linspace(0.0, math.pi, count + 1))
+        pushes[:, 1] = 0.5 * np.sin(np.linspace(-0.5, math.pi, count + 1)).clip(0.0)
+        books = EnergyAccount()
+        for push in pushes:
+            depth, held = compliance @ push, 0.5 * push @ compliance @ push
+            books.book(
+                *(Moment((0.0, 0.0, -s), (0.0, 0.0, f), UP, f, 0.0, s, NONE, NONE, (0.0, held, 0.0))
+                  for s, f in zip(depth, push, strict=True))
+            )  # fmt: skip
+        assert books.balance == approx(0.0, abs=1e-15)
+        rise = np.diff(pushes, axis=0)
+        assert books.tissue.dissipated == approx(0.5 * np.einsum("ti,ij,tj->", rise, compliance, rise), rel=1e-9)
+        assert books.tissue.generated < 1e-15 and books.stored("tissue") == approx(0.0, abs=1e-12)
+
+
+def test_a_finger_that_generates_energy_is_named_though_another_dissipates_as_much():
+    books = EnergyAccount()
+    for k in range(101):
+        slid, rub = 1e-4 * k, (0.2, 0.0, 0.0)
+        books.book(
+            Moment((slid, 0.0, 0.0), NONE, UP, 1.0, 0.0, 0.0, NONE, rub, (0.0, 0.0, 0.0)),
+            Moment((-slid, 0.0, 0.0), NONE, UP, 1.0, 0.0, 0.0, NONE, rub, (0.0, 0.0, 0.0)),
+        )
+    assert books.dissipated("friction") == approx(0.0, abs=1e-15)
+    assert books.part("friction 2").generated == approx(2e-3) and books.part("friction").generated == 0.0
+    assert books.worst() == ("friction 2", approx(2e-3))

@@ -11,34 +11,41 @@ function fresh(canvas) {
   return { paint, w: box.width, h: box.height };
 }
 
+// Of several fingers the first has a solid line.
+const stroke = (paint, colour, finger) => { paint.strokeStyle = colour; paint.setLineDash(finger ? [4 / finger, 2] : []); paint.beginPath(); };
+
 export class Strip {
-  constructor(canvas, unit, colour, least) { Object.assign(this, { canvas, unit, colour, least, times: [], values: [] }); }
+  constructor(canvas, unit, colour, least) { Object.assign(this, { canvas, unit, colour, least, lines: [] }); }
 
-  clear() { this.times = []; this.values = []; this.bands = []; }
+  clear() { this.lines = []; }
 
-  add(times, values) {
-    if (times.length && times[0] < this.times.at(-1)) this.clear();
-    this.times.push(...times); this.values.push(...values);
-    const old = this.times.findIndex((t) => t > this.times.at(-1) - SPAN);
-    if (old > 0) { this.times.splice(0, old); this.values.splice(0, old); }
+  add(times, values, finger = 0) {
+    let line = (this.lines[finger] ??= { times: [], values: [] });
+    if (times.length && times[0] < line.times.at(-1)) this.lines[finger] = line = { times: [], values: [] };
+    line.times.push(...times); line.values.push(...values);
+    const old = line.times.findIndex((t) => t > line.times.at(-1) - SPAN);
+    if (old > 0) { line.times.splice(0, old); line.values.splice(0, old); }
   }
 
   draw(band) {
-    const { paint, w, h } = fresh(this.canvas), now = this.times.at(-1) ?? 0;
+    const { paint, w, h } = fresh(this.canvas), now = this.lines[0]?.times.at(-1) ?? 0;
     let high = this.least;
-    for (const v of this.values) if (v > high) high = v;
+    for (const { values } of this.lines) for (const v of values) if (v > high) high = v;
     if (band) high = Math.max(high, band[1]);
     const x = (t) => w - ((now - t) / SPAN) * w, y = (v) => h - 3 - (v / high) * (h - 18);
     paint.strokeStyle = style("--line"); paint.beginPath(); paint.moveTo(0, y(0)); paint.lineTo(w, y(0)); paint.stroke();
     if (band) { paint.fillStyle = this.colour + "33"; paint.fillRect(0, y(band[1]), w, y(band[0]) - y(band[1])); }
-    paint.strokeStyle = this.colour; paint.lineWidth = 1.8; paint.lineJoin = "round"; paint.beginPath();
-    const step = Math.max(1, Math.floor(this.values.length / (2 * w)));
-    for (let i = 0; i < this.values.length; i += step) {
-      let top = this.values[i];
-      for (let k = i; k < Math.min(i + step, this.values.length); k++) top = Math.max(top, this.values[k]);
-      paint.lineTo(x(this.times[i]), y(top));
-    }
-    paint.stroke();
+    paint.lineWidth = 1.8; paint.lineJoin = "round";
+    this.lines.forEach(({ times, values }, finger) => {
+      stroke(paint, this.colour, finger);
+      const step = Math.max(1, Math.floor(values.length / (2 * w)));
+      for (let i = 0; i < values.length; i += step) {
+        let top = values[i];
+        for (let k = i; k < Math.min(i + step, values.length); k++) top = Math.max(top, values[k]);
+        paint.lineTo(x(times[i]), y(top));
+      }
+      paint.stroke();
+    });
     paint.fillStyle = style("--faint"); paint.fillText(`${high.toPrecision(2)} ${this.unit}`, 0, 10);
     paint.textAlign = "right"; paint.fillText(`last ${SPAN} s`, w, 10);
   }
@@ -46,19 +53,21 @@ export class Strip {
 
 // A whole recording, and where one is in it.
 export class Record {
-  constructor(canvas, unit, colour) { Object.assign(this, { canvas, unit, colour, times: [0, 1], values: [0, 0] }); }
-
-  set(times, values) { this.times = times; this.values = values; }
+  constructor(canvas, unit, colour, lines) { Object.assign(this, { canvas, unit, colour, lines }); }
 
   draw(now, band) {
-    const { paint, w, h } = fresh(this.canvas), [begin, end] = [this.times[0], this.times.at(-1)];
+    const { paint, w, h } = fresh(this.canvas), { times } = this.lines[0], [begin, end] = [times[0], times.at(-1)];
     let low = 0, high = 1e-9;
-    for (const v of this.values) { if (v > high) high = v; if (v < low) low = v; }
+    for (const { values } of this.lines) for (const v of values) { if (v > high) high = v; if (v < low) low = v; }
     const x = (t) => ((t - begin) / Math.max(end - begin, 1e-9)) * w, y = (v) => h - 3 - ((v - low) / (high - low)) * (h - 18);
     paint.strokeStyle = style("--line"); paint.beginPath(); paint.moveTo(0, y(0)); paint.lineTo(w, y(0)); paint.stroke();
-    paint.strokeStyle = this.colour; paint.lineWidth = 1.4; paint.lineJoin = "round"; paint.beginPath();
-    this.times.forEach((t, i) => paint.lineTo(x(t), y(this.values[i])));
-    paint.stroke();
+    paint.lineWidth = 1.4; paint.lineJoin = "round";
+    this.lines.forEach((line, finger) => {
+      stroke(paint, this.colour, finger);
+      line.times.forEach((t, i) => paint.lineTo(x(t), y(line.values[i])));
+      paint.stroke();
+    });
+    paint.setLineDash([]);
     if (band) { paint.fillStyle = this.colour + "33"; paint.fillRect(x(now) - 6, y(band[1]), 12, y(band[0]) - y(band[1])); }
     paint.strokeStyle = style("--ink"); paint.lineWidth = 1; paint.beginPath(); paint.moveTo(x(now), 12); paint.lineTo(x(now), h); paint.stroke();
     paint.fillStyle = style("--faint"); paint.fillText(`${high.toPrecision(2)} ${this.unit}`, 0, 10);

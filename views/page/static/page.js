@@ -1,6 +1,6 @@
 // What the page does: frames in, samples of the pointer out, switches.
 
-import { Scene, finger, painted, ramp } from "/scene.js";
+import { Scene, each, figures, fingers, painted, ramp } from "/scene.js";
 import { Strip, bars } from "/charts.js";
 
 const $ = (id) => document.getElementById(id);
@@ -36,21 +36,25 @@ function take(data) {
   if (head.kind === "mesh") return begin(head, indices, first, second);
   if (!about || paused) return;
   newest = { head, nodes: indices, displacement: first, pressure: second }; tally.came++;
-  strips[0].add(head.t, head.f); strips[1].add(head.t, head.s.map((s) => 1e3 * s));
-  if (head.sample && sent.has(head.sample)) {
-    page.latency = performance.now() - sent.get(head.sample);
-    for (const number of sent.keys()) if (number <= head.sample) sent.delete(number);
+  each(head).forEach(({ t, f, s }, k) => { strips[0].add(t, f, k); strips[1].add(t, s.map((x) => 1e3 * x), k); });
+  const answered = Math.max(...each(head).map((one) => one.sample ?? 0));
+  if (answered && sent.has(answered)) {
+    page.latency = performance.now() - sent.get(answered);
+    for (const number of sent.keys()) if (number <= answered) sent.delete(number);
   }
   dirty = true;
 }
 
 function begin(head, triangles, places, normals) {
-  about = head; newest = undefined; sent.clear();
+  about = head; newest = undefined; sent.clear(); aim.sides = undefined;
   document.body.classList.toggle("watch", Boolean(head.watch)); // nothing that goes on here can be steered
   scene.mesh(places, normals, triangles);
   strips.forEach((strip) => strip.clear());
   const names = head.bodies.includes(head.body) ? head.bodies : [head.body, ...head.bodies];
   $("body").replaceChildren(...names.map((name) => new Option(name.split(".").pop(), name, false, name === head.body)));
+  const count = head.fingers.length, kept = $("finger").options.length === count + 1 ? $("finger").value : "-1";
+  $("finger").replaceChildren(new Option("together", -1), ...head.fingers.map((name, k) => new Option(`${k + 1}: ${name}`, k)));
+  $("finger").value = kept; $("finger").parentElement.hidden = count < 2;
   $("effects").replaceChildren(...Object.entries(head.effects ?? {}).map(([name, on]) => {
     const label = document.createElement("label"), box = Object.assign(document.createElement("input"), { type: "checkbox", checked: on });
     box.dataset.effect = name;
@@ -85,13 +89,10 @@ function pace(moment) {
   Object.assign(tally, { came: 0, drawn: 0, since: moment });
 }
 
-function draw() { scene.draw(finger(newest)); }
+function draw() { scene.draw(fingers(newest)); }
 
 function tell(head) {
-  $("force").textContent = Math.hypot(...(head.force ?? [0, 0, head.load])).toFixed(2);
-  $("depth").textContent = (1e3 * head.depth).toFixed(1);
-  $("stick").textContent = head.load > 0 ? (head.stick === undefined ? "touches" : head.stick ? "sticks" : "slips") : "apart";
-  $("energy").textContent = (1e3 * (head.energy ?? 0)).toFixed(1);
+  for (const [id, text] of Object.entries(figures(head))) $(id).textContent = text;
   strips[0].draw(head.load > 0 ? head.band : null); strips[1].draw();
   bars($("pins"), head.pins);
   $("beside").textContent = `${head.time.toFixed(1)} s · ${head.late} late ticks${about.watch ? "" : ` · ${page.latency.toFixed(0)} ms from pointer to frame`}`;
@@ -105,10 +106,31 @@ function point() {
   if (hit) aim.hit = hit;
   if (!aim.hit) return;
   const lift = about.thickness + (aim.down && hit ? -1e-3 * Number($("press").value) : HOVER);
-  const place = aim.hit.place.map((x, i) => x + lift * aim.hit.normal[i]);
   sample++; sent.set(sample, performance.now());
   if (sent.size > 500) sent.delete(sent.keys().next().value);
-  socket.send(JSON.stringify({ point: [sample, place, aim.down ? 1 : 0] }));
+  for (const [finger, { place, normal }] of steered()) {
+    socket.send(JSON.stringify({ point: [sample, place.map((x, i) => x + lift * normal[i]), aim.down ? 1 : 0], finger }));
+  }
+}
+
+// Which fingers the pointer steers, and where to: the chosen one, or all together. Of several each keeps to its side of the
+// organ, that under the pointer or the opposite one, so that none is dragged through it; where the organ is open they are as far
+// beside one another as they began.
+function steered() {
+  const { begins } = about, chosen = Number($("finger").value), other = begins.length > 1 ? scene.opposite(aim.hit) : null;
+  aim.sides ??= begins.map((begin) => begin.map((x, i) => x - scene.centre[i]));
+  const near = ({ normal }, k) => normal.reduce((sum, x, i) => sum + x * aim.sides[k][i], 0);
+  const own = (k) => (other && near(other, k) > near(aim.hit, k) ? other : aim.hit);
+  const beside = (k) => ({ ...aim.hit, place: aim.hit.place.map((x, i) => x + begins[k][i] - begins[0][i]) });
+  const first = own(0), far = first === other ? aim.hit : other;
+  const goals = chosen >= 0 ? [[chosen, own(chosen)]] : begins.map((_, k) => [k, k ? (other ? far : beside(k)) : first]);
+  for (const [k, { normal }] of goals) aim.sides[k] = normal;
+  return goals;
+}
+
+// The finger that is left stays where it is, pressing or not.
+function choose(finger) {
+  if (finger >= -1 && finger < about.fingers.length && about.fingers.length > 1) { $("finger").value = finger; point(); }
 }
 
 function order(what) { if (socket.readyState === WebSocket.OPEN) socket.send(JSON.stringify(what)); }
@@ -159,6 +181,7 @@ view.addEventListener("keydown", (event) => {
   else if (event.key === " ") { if (!event.repeat) { aim.down = true; point(); } }
   else if (event.key === "+" || event.key === "=") press(0.5);
   else if (event.key === "-") press(-0.5);
+  else if (/^\d$/.test(event.key)) choose(Number(event.key) - 1);
   else return;
   event.preventDefault();
 });

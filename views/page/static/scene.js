@@ -34,12 +34,26 @@ export function ramp(canvas) {
   paint.fillStyle = gradient; paint.fillRect(0, 0, canvas.width, canvas.height);
 }
 
-// What of a picture is drawn of the finger: where it is, and the force on it.
-export const finger = (newest) => newest?.head.tip && { tip: newest.head.tip, up: newest.head.up, force: newest.head.force ?? [0, 0, 0] };
+// What is told of each finger: of the first one in the head of a picture itself.
+export const each = (head) => [head, ...(head.others ?? [])];
+
+// What of a picture is drawn of the fingers: where each is, and the force on it.
+export const fingers = (newest) => (newest ? each(newest.head).filter(({ tip }) => tip) : []);
+
+// Figures of the fingers as a text: force, indentation, contact and energy.
+export function figures(head) {
+  const joined = (of) => each(head).map(of).join(" · ");
+  return {
+    force: joined(({ force, load }) => Math.hypot(...(force ?? [0, 0, load ?? 0])).toFixed(2)),
+    depth: joined(({ depth }) => (1e3 * (depth ?? 0)).toFixed(1)),
+    stick: joined(({ load, stick }) => (load > 0 ? (stick === undefined ? "touches" : stick ? "sticks" : "slips") : "apart")),
+    energy: joined(({ energy }) => (energy === undefined ? "–" : (1e3 * energy).toFixed(1))),
+  };
+}
 
 export class Scene {
   constructor(canvas) {
-    this.canvas = canvas; this.label = canvas.parentElement.querySelector(".label");
+    this.canvas = canvas; this.labels = [canvas.parentElement.querySelector(".label")];
     this.gl = canvas.getContext("webgl2", { antialias: !software(), alpha: true });
     if (!this.gl) throw new Error("this browser has no WebGL 2, which the picture needs");
     this.azimuth = -1.15; this.height = 0.5; this.distance = 0.26; this.full = 0.01;
@@ -191,14 +205,21 @@ export class Scene {
   pick(x, y) {
     if (!this.rest) return null;
     const { eye, right, up, from, tan, aspect } = this.view();
-    const ray = unit(along(along(along([0, 0, 0], right, x * tan * aspect), up, y * tan), eye, -1));
+    return this.cast(from, unit(along(along(along([0, 0, 0], right, x * tan * aspect), up, y * tan), eye, -1)), 1);
+  }
+
+  // Where a straight line through the undeformed organ leaves it again: place and normal, or null where it is open.
+  opposite({ place, normal }) { return this.cast(along(place, normal, -1e-4), normal.map((x) => -x), -1); }
+
+  // Where a ray meets a side of the organ first, 1 the outer one, -1 the inner one.
+  cast(from, ray, side) {
     const t = this.triangles, p = this.rest;
     let best = Infinity, hit = null;
     for (let k = 0; k < t.length; k += 3) {
       const [i, j, l] = [3 * t[k], 3 * t[k + 1], 3 * t[k + 2]];
       const a = [p[i], p[i + 1], p[i + 2]], u = sub([p[j], p[j + 1], p[j + 2]], a), v = sub([p[l], p[l + 1], p[l + 2]], a);
       const h = cross(ray, v), d = dot(u, h);
-      if (d < 1e-14) continue;
+      if (side * d < 1e-14) continue;
       const s = sub(from, a), f = dot(s, h) / d, q = cross(s, u), g = dot(ray, q) / d;
       if (f < 0 || g < 0 || f + g > 1) continue;
       const away = dot(v, q) / d;
@@ -207,7 +228,7 @@ export class Scene {
     return hit && { place: along(from, ray, best), normal: hit };
   }
 
-  draw(finger) {
+  draw(fingers) {
     const gl = this.gl, ratio = this.sharp * Math.min(window.devicePixelRatio || 1, 1.5), box = this.canvas.getBoundingClientRect();
     const [w, h] = [Math.round(box.width * ratio), Math.round(box.height * ratio)];
     if (this.canvas.width !== w || this.canvas.height !== h) { this.canvas.width = w; this.canvas.height = h; }
@@ -217,28 +238,30 @@ export class Scene {
     this.light(eye, lamp, [1, 1, 1]);
     gl.uniformMatrix4fv(this.at("camera"), false, camera);
     this.paint(this.organ, [1, 1, 1], this.full, 1);
-    if (finger) this.drawFinger(camera, finger);
+    fingers.forEach((finger, number) => this.drawFinger(camera, finger, number));
   }
 
   // The fingertip as a ball, the force on it as an arrow from its surface with the figure at its point: seen end-on as well.
-  drawFinger(camera, { tip, up, force }) {
+  drawFinger(camera, { tip, up, force = [0, 0, 0] }, number) {
     const load = Math.hypot(...force), ball = along(tip, up, RADIUS);
-    this.label.textContent = "";
+    if (!this.labels[number]) this.labels[0].after(this.labels[number] = this.labels[0].cloneNode());
+    const label = this.labels[number];
+    label.textContent = "";
     if (load > 0.02) {
       const length = Math.min(0.012 * load, 0.06), way = unit(force), foot = along(ball, way, RADIUS);
       this.paintAt(camera, this.arrow, foot, way, length, Math.min(0.0022 + 0.0004 * Math.min(load, 4), 0.25 * length), ARROW, 1);
-      this.write(camera, along(foot, way, length), `${load.toFixed(2)} N`);
+      this.write(label, camera, along(foot, way, length), `${load.toFixed(2)} N`);
     }
     this.paintAt(camera, this.ball, ball, up, RADIUS, RADIUS, BALL, 0.4);
   }
 
   // A text beside a point of space.
-  write(camera, point, text) {
+  write(label, camera, point, text) {
     const at = [0, 1, 3].map((i) => camera[i] * point[0] + camera[4 + i] * point[1] + camera[8 + i] * point[2] + camera[12 + i]);
     const box = this.canvas.getBoundingClientRect();
-    this.label.textContent = text;
-    this.label.style.left = `${Math.min((0.5 + (0.5 * at[0]) / at[2]) * box.width, box.width - 70)}px`;
-    this.label.style.top = `${Math.max((0.5 - (0.5 * at[1]) / at[2]) * box.height, 14)}px`;
+    label.textContent = text;
+    label.style.left = `${Math.min((0.5 + (0.5 * at[0]) / at[2]) * box.width, box.width - 70)}px`;
+    label.style.top = `${Math.max((0.5 - (0.5 * at[1]) / at[2]) * box.height, 14)}px`;
   }
 
   paintAt(camera, part, place, axis, length, width, colour, alpha) {

@@ -1,6 +1,6 @@
 // Recordings: the page asks for a time and draws what comes, one picture for each recording.
 
-import { Scene, finger, painted, ramp } from "/scene.js";
+import { Scene, each, figures, fingers, painted, ramp } from "/scene.js";
 import { Record, bars } from "/charts.js";
 
 const $ = (id) => document.getElementById(id);
@@ -38,8 +38,11 @@ function open(head, triangles, places, normals) {
   const scene = new Scene(pick("canvas.scene"));
   scene.mesh(places, normals, triangles);
   pick("h2").textContent = `${head.name} · ${head.body.split(".").pop()}`;
-  const strips = [new Record(pick(".forces"), "N", "#2f7fb8"), new Record(pick(".depths"), "mm", "#c2506a")];
-  strips[0].set(head.t, head.f); strips[1].set(head.t, head.s.map((s) => 1e3 * s));
+  const lines = (of) => each(head).map((one) => ({ times: one.t, values: of(one) }));
+  const strips = [
+    new Record(pick(".forces"), "N", "#2f7fb8", lines(({ f }) => f)),
+    new Record(pick(".depths"), "mm", "#c2506a", lines(({ s }) => s.map((x) => 1e3 * x))),
+  ];
   reels[head.reel] = { scene, strips, pick, about: head };
   handle(pick("canvas.scene"));
   document.title = `${reels.map((r) => r.about.name).join(" | ")}: palpate`;
@@ -63,12 +66,8 @@ function show() {
   for (const { newest, scene, strips, pick } of shown) {
     const { head } = newest;
     scene.full = most;
-    const load = head.load ?? 0;
-    pick(".force").textContent = Math.hypot(...(head.force ?? [0, 0, load])).toFixed(2);
-    pick(".depth").textContent = (1e3 * (head.depth ?? 0)).toFixed(1);
-    pick(".stick").textContent = load > 0 ? (head.stick === undefined ? "touches" : head.stick ? "sticks" : "slips") : "apart";
-    pick(".energy").textContent = head.energy === undefined ? "–" : (1e3 * head.energy).toFixed(1);
-    strips[0].draw(head.asked, load > 0 ? head.band : null); strips[1].draw(head.asked);
+    for (const [name, text] of Object.entries(figures(head))) pick(`.${name}`).textContent = text;
+    strips[0].draw(head.asked, head.load > 0 ? head.band : null); strips[1].draw(head.asked);
     bars(pick(".pins"), head.pins);
   }
   $("time").value = time; $("now").textContent = `${time.toFixed(3)} s`;
@@ -76,7 +75,7 @@ function show() {
 }
 
 function draw() {
-  for (const { newest, scene } of reels) scene.draw(finger(newest));
+  for (const { newest, scene } of reels) scene.draw(fingers(newest));
 }
 
 function play(on) {

@@ -1,0 +1,88 @@
+"""Several fingers: which streams belong to which, and all of them in the pictures of a run."""
+
+import importlib.util
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from palpate.engine.imports import full_name
+from palpate.launch.load.launchfile import find
+from palpate.launch.run.execute import execute
+from palpate.messages import Contact, Force, Friction, Pose, Surface
+from palpate.messages.grip import Grip
+from palpate.records.reader import Recording
+from palpate.views.fingers import fingers, fingers_of, fingers_of_plan, left_out
+from palpate.views.pictures import draw
+from palpate.views.pictures.touch import TouchStreams
+from palpate.views.surface.moments import instants, surface_mesh
+
+
+def of(found, *kinds):
+    return [tuple(finger.get(full_name(kind)) for kind in kinds) for finger in found]
+
+
+@pytest.fixture(scope="module")
+def pinched(tmp_path_factory):
+    path = tmp_path_factory.mktemp("pinch") / "pinch.mcap"
+    sets = ("scene.surface.vertices=1500", "device-thumb.speed_factor=3", "device-index.speed_factor=3")
+    outcome = execute(find("pinch").but(record=path, place="fused", duration=1.3, overrides=sets))
+    assert outcome.result.ok, outcome.result.deaths
+    return path
+
+
+def test_each_finger_has_its_own_streams_and_all_have_the_body():
+    kinds = Contact, Friction, Pose, Force, Surface, Grip
+    assert of(fingers_of_plan(find("pinch").plan()), *kinds) == [
+        ("contact-thumb", "friction-thumb", "thumb", "controller-thumb", "tissue", "grip"),
+        ("contact-index", "friction-index", "index", "controller-index", "tissue", "grip"),
+    ]
+    assert of(fingers_of_plan(find("palpate-two").plan()), Contact, Force) == [
+        ("contact-1", "controller-1"), ("contact-2", "controller-2"),
+    ]  # fmt: skip
+
+
+def test_a_finger_on_two_organs_is_one():
+    assert of(fingers_of_plan(find("organs").plan()), Contact, Surface) == [("contact-kidney", "kidney")]
+    assert of(fingers_of_plan(find("kidney").plan()), Contact, Surface) == [("contact", "tissue")]
+
+
+def test_a_finger_on_another_body_is_not_shown_with_the_first():
+    streams = {
+        s: (s, full_name(kind)) for s, kind in (("c1", Contact), ("b1", Surface), ("c2", Contact), ("b2", Surface))
+    }
+    wires = [("c1", "body", "b1"), ("b1", "load", "c1"), ("c2", "body", "b2"), ("b2", "load", "c2")]
+    assert of(fingers(wires, streams), Contact, Surface) == [("c1", "b1")]
+    assert of(fingers([], streams), Contact, Surface) == [("c1", "b1")]
+
+
+def test_a_recording_tells_its_fingers(pinched):
+    recording = Recording(pinched)
+    assert of(fingers_of(recording), Contact, Force) == [
+        ("contact-thumb", "controller-thumb"), ("contact-index", "controller-index"),
+    ]  # fmt: skip
+    assert left_out(recording) == ""
+
+
+def test_an_instant_has_all_fingers_on_their_sides_of_the_organ(pinched):
+    touch = TouchStreams(Recording(pinched))
+    deep = max(instants(touch, surface_mesh(touch).vertices), key=lambda one: one.depth)
+    thumb, index = deep.tips
+    assert thumb[1] < -0.015 and index[1] > 0.015
+    assert (deep.loads > 0.8).all() and (deep.depths > 3e-3).all()
+    assert deep.forces[0][1] < -0.5 and deep.forces[1][1] > 0.5
+    loads = f"{deep.loads[0]:.2f}, {deep.loads[1]:.2f} N"
+    assert deep.title().endswith(loads)
+    moved = np.linalg.norm(deep.displacement, axis=1) > 1e-3
+    sides = surface_mesh(touch).vertices[moved][:, 1]
+    assert sides.min() < -0.02 and sides.max() > 0.02
+
+
+def test_the_pictures_show_each_finger_and_the_grip(pinched, tmp_path, monkeypatch):
+    there = importlib.util.find_spec
+    monkeypatch.setattr(importlib.util, "find_spec", lambda n, *more: None if n == "pyvista" else there(n, *more))
+    made = [path.stem for path in draw(pinched, tmp_path, Console(quiet=True))]
+    each = [
+        f"{name}-contact-{f}" for name in ("force", "compression", "friction", "device") for f in ("thumb", "index")
+    ]
+    assert made == ["grip", *each]
