@@ -76,7 +76,7 @@ def deeper(dents):
     return nodes[chosen], moved[chosen]
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _deepest(nodes, moved, order):
     """Of the rows of each node, in the order of the nodes, the one with the largest displacement."""
     chosen, count, most = np.empty(order.size, np.int64), 0, 0.0

@@ -14,13 +14,14 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from palpate.physics.kernel import kernel
 
 BALANCED = 1e-12
 """[1] Moment over the sum of |r_i| |f_i| that counts as none."""
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _cross(a, b, out):
     """out += a x b, (3) each."""
     out[0] += a[1] * b[2] - a[2] * b[1]
@@ -28,12 +29,12 @@ def _cross(a, b, out):
     out[2] += a[0] * b[1] - a[1] * b[0]
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _dot(a, b):
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def internal_forces(points, forces):
     """The internal forces q [N] (k,3) and the arms r [m] (k,3), of forces [N] (k,3) at points [m] (k,3).
 
@@ -70,7 +71,7 @@ def internal_forces(points, forces):
     return left, arm
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def grip_force(points, forces):
     """Half of the sum of |q_i| [N], so that of two fingers each presses with it; negative where they pull: where
     sum_i q_i.r_i > 0."""
