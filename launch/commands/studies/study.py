@@ -1,0 +1,127 @@
+"""`palpate study`: one graph at many points, on the cores of this machine or on a cluster."""
+
+from __future__ import annotations
+
+import contextlib
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from palpate.launch.terminal.options import INTERRUPTED, Json
+from palpate.launch.terminal.output import console, drawn, say, table, tell
+from palpate.launch.terminal.progress import steps
+from palpate.physics.errors import TROUBLE
+
+if TYPE_CHECKING:
+    from palpate.studies.sweeps.study import Study
+
+ERRORS = 5  # that are listed
+
+
+def study(
+    file: Annotated[str, typer.Argument(help="Study (.yaml), or the name of one that ships.", metavar="STUDY")],
+    out: Annotated[Path | None, typer.Option("-o", "--out", help="Folder of the results; default runs/STUDY.")] = None,
+    workers: Annotated[
+        int | None, typer.Option(help="Processes of this machine; default: one per core.", min=1)
+    ] = None,
+    scheduler: Annotated[str | None, typer.Option(help="Dask scheduler that is running: tcp://HOST:PORT.")] = None,
+    slurm: Annotated[
+        bool, typer.Option("--slurm", help="Submit workers to SLURM, as `slurm:` in the file says.")
+    ] = False,
+    job_script: Annotated[bool, typer.Option("--job-script", help="Print the SLURM script, and end.")] = False,
+    sensitivity: Annotated[
+        str | None, typer.Option(help="sobol or morris: draw the points for it, and print which parameter matters.")
+    ] = None,
+    samples: Annotated[int | None, typer.Option(help="Number of samples, instead of the file's.", min=1)] = None,
+    retry: Annotated[bool, typer.Option("--retry", help="Compute points again that failed before.")] = False,
+    yes: Annotated[bool, typer.Option("--yes", help="Compute more than 100,000 points.")] = False,
+    as_json: Json = False,
+) -> None:
+    """Run one graph at many points, and keep numbers, curves or recordings of each.
+
+    Computes the points that the folder does not have yet. Ctrl-C keeps what is done; the same command goes on. Exit
+    code 1 if points failed, 130 after Ctrl-C.
+    """
+    from palpate.studies.sweeps import cluster
+    from palpate.studies.sweeps.file import find, load
+
+    path = find(file)
+    found, options = load(path, sensitivity, samples)
+    if job_script:
+        typer.echo(cluster.slurm(options).job_script())
+        return
+    folder, left = out or Path("runs", path.stem), len(found)
+
+    def told(text: str) -> None:
+        if not as_json:
+            say(text, err=True)
+
+    with contextlib.ExitStack() as ending:
+        client = None
+        if slurm:
+            client = ending.enter_context(cluster.submitted(cluster.slurm(options), options.get("jobs", 1)))
+        elif scheduler is not None:
+            client = ending.enter_context(cluster.connect(scheduler))
+        if client is not None:
+            told(f"dashboard {client.dashboard_link}")
+        done = ending.enter_context(steps(f"study {path.stem}", len(found), silent=as_json, timed=False))
+
+        def each(point: Any, computed: Any, remain: int) -> None:
+            nonlocal left
+            done(computed.error.partition("\n")[0] or f"point {point.slot}", left - remain)
+            left = remain
+
+        try:
+            found.run(folder, client, workers=workers, retry=retry, yes=yes, told=told, done=each)
+        except KeyboardInterrupt:
+            told(
+                f"stopped; {len(found) - left} of {len(found)} points are stored in {folder}, the same command goes on"
+            )
+            raise typer.Exit(INTERRUPTED) from None
+    _print(found, folder, as_json)
+    if any(row["error"] for row in found.rows()):
+        raise typer.Exit(TROUBLE)
+
+
+def _print(found: Study, folder: Path, as_json: bool) -> None:
+    rows = found.rows()
+    failed = [row for row in rows if row["error"]]
+    indices = None if found.sensitivity is None or failed else found.indices()
+    if as_json:
+        shown = [{k: v for k, v in row.items() if k not in ("base", "slot")} for row in rows]
+        told = {"ok": not failed, "folder": str(folder), "failed": len(failed), "points": shown}
+        tell(told | ({} if indices is None else {"indices": indices.to_dict("records")}))
+        return
+    shown = found.table() if indices is None else indices
+    heads = [
+        name if name in found.space.paths or name in ("of", "parameter", "error") else f">{name}" for name in shown
+    ]
+    body = [[_cell(value) for value in row] for row in shown.head(50).itertuples(index=False)]
+    console(soft_wrap=True).print(table(heads, body))
+    if len(shown) > len(body):
+        say(f"... and {len(shown) - len(body)} more")
+    for error in dict.fromkeys(row["error"] for row in failed[:ERRORS]):
+        say(error, "red")
+    if failed:
+        say(f"{len(failed)} of {len(rows)} points failed; --retry computes them again", "yellow")
+    pictures = drawn(_pictures, found, folder)
+    say(f"stored in {folder}: points.parquet{', curves.zarr' * bool(found.curves)}")
+    for picture in pictures:
+        say(picture)
+
+
+def _pictures(found: Study, folder: Path) -> list[Path]:
+    from palpate.views.pictures import PictureError
+
+    files = []
+    for one in found.keep:
+        file = folder / f"{one.text.replace(' ', '-')}.png"
+        with contextlib.suppress(PictureError):
+            found.plot(one.text).savefig(file)
+            files.append(file)
+    return files
+
+
+def _cell(value: Any) -> str:
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
