@@ -22,6 +22,7 @@ from palpate.physics.errors import ArgumentError
 
 GRIDS: dict[str, Any] = {"linspace": np.linspace, "geomspace": np.geomspace}
 DESIGNS = ("sobol", "lhs", "random")
+MOST = 1_000_000  # values of one axis
 EDGE = 0.01
 """[1] Quantile, and one less it, that stand for the ends of a distribution without bounds."""
 EXPECTED = (
@@ -61,6 +62,8 @@ def axis(name: str, given: Any) -> Axis:
         ((kind, how),) = given.items()
         if kind in GRIDS:
             numbers, texts = _numbers(name, how, 3)
+            if numbers[2] > MOST:
+                raise ArgumentError(f"over {name}: found {numbers[2]:,.0f} values, expected up to {MOST:,}")
             if (
                 numbers[2] != int(numbers[2])
                 or numbers[2] < 1

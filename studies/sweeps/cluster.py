@@ -30,6 +30,7 @@ except ImportError:
 
 MOST = 500  # points in a task
 AHEAD = 2  # tasks for each worker that the scheduler knows: the next one is there when one ends
+CONNECTS = 10.0  # [s] in which a scheduler answers
 DEATHS = 2  # of a worker under one point alone, after which the point is to blame
 _WORKERS = (
     "from palpate.launch.run.descendants import die_with_parent; die_with_parent(); "
@@ -69,7 +70,7 @@ def local(workers: int, log: Path) -> Iterator[distributed.Client]:
 def connect(address: str) -> distributed.Client:
     """A client of a scheduler. RunError: there is none."""
     try:
-        return distributed.Client(address, timeout=10, set_as_default=False)
+        return distributed.Client(address, timeout=CONNECTS, set_as_default=False)
     except (OSError, ValueError) as error:
         raise RunError(f"no scheduler of Dask at {address}: {' '.join(str(error).split())}") from None
 

@@ -11,10 +11,10 @@ from palpate.physics.errors import RunError
 from palpate.studies.sweeps.store import Store
 
 if TYPE_CHECKING:
-    from palpate.studies.sweeps.study import Study
+    from palpate.studies.sweeps.results import Results
 
 
-def dataset(study: Study) -> Any:
+def dataset(study: Results) -> Any:
     """Numbers and curves over the axes of a study. RunError: xarray is missing."""
     try:
         import xarray
@@ -34,7 +34,7 @@ def dataset(study: Study) -> Any:
     }
     data["error"] = (dims, np.reshape(np.array([row["error"] for row in rows], dtype=object), space.shape), {})
     slots = [row.get("slot") if not row["error"] else None for row in rows]
-    store, clocks = Store(study._home(), write=False), list[np.ndarray]()
+    store, clocks = Store(study.home(), write=False), list[np.ndarray]()
     for curve in study.curves:
         if all(slot is None for slot in slots):
             continue
@@ -45,7 +45,7 @@ def dataset(study: Study) -> Any:
                             clock if clock.ndim == 1 else clock.reshape(*space.shape, -1), {"units": "s"})  # fmt: skip
         last = time if clock.ndim == 1 else f"tick{time[4:]}"
         data[curve.text] = ((*dims, last), values.reshape(*space.shape, -1), {"units": curve.unit})
-    return xarray.Dataset(data, coords, {"graph": study.launch.graph.stem})
+    return xarray.Dataset(data, coords, {"graph": study.name})
 
 
 def _clock(times: np.ndarray, clocks: list[np.ndarray]) -> tuple[str, np.ndarray]:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import importlib.util
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,7 +18,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from palpate.studies.sweeps.keep import Kept
-    from palpate.studies.sweeps.study import Study
+    from palpate.studies.sweeps.results import Results
 
 LEGEND = 8
 """Lines that have names; more of them have a scale of colours where they have a number."""
@@ -26,7 +28,7 @@ SHARES = {
 }
 
 
-def draw(study: Study, name: str) -> Figure:
+def draw(study: Results, name: str) -> Figure:
     """A figure of a quantity or of one thing that is kept. PictureError: it cannot be drawn."""
     if importlib.util.find_spec("matplotlib") is None:
         raise PictureError(f"plots need the package matplotlib: {install('view')}")
@@ -41,7 +43,7 @@ def draw(study: Study, name: str) -> Figure:
     from palpate.views.pictures.style import LOOK, figure
 
     with rc_context(LOOK):
-        fig = figure(9.0, 4.6, f"{study.launch.graph.stem}: {one.text}")
+        fig = figure(9.0, 4.6, f"{study.name}: {one.text}")
         axes = fig.subplots()
         if one.how == "curve":
             _curves(study, one, axes)
@@ -50,6 +52,17 @@ def draw(study: Study, name: str) -> Figure:
         else:
             _numbers(study, one, axes)
     return fig
+
+
+def draw_all(study: Results, folder: Path) -> list[Path]:
+    """A file for each thing that is kept, where it can be drawn."""
+    files = []
+    for one in study.keep:
+        file = folder / f"{one.text.replace(' ', '-')}.png"
+        with contextlib.suppress(PictureError):
+            draw(study, one.text).savefig(file)
+            files.append(file)
+    return files
 
 
 def _scaled(one: Kept, values: Any) -> tuple[Any, str]:
@@ -64,7 +77,7 @@ def _numeric(values: list[Any]) -> bool:
     return all(isinstance(value, int | float) and not isinstance(value, bool) for value in values)
 
 
-def _curves(study: Study, one: Kept, axes: Axes) -> None:
+def _curves(study: Results, one: Kept, axes: Axes) -> None:
     from matplotlib import colormaps
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
@@ -74,7 +87,7 @@ def _curves(study: Study, one: Kept, axes: Axes) -> None:
     rows = [row for row in study.rows() if not row["error"]]
     if not rows:
         raise PictureError(f"{one.text!r}: no point has a curve; study.table() says why")
-    store, slots = Store(study._home(), write=False), [row["slot"] for row in rows]
+    store, slots = Store(study.home(), write=False), [row["slot"] for row in rows]
     times = store.curves(f"{one.text} time", slots)
     values, label = _scaled(one, store.curves(one.text, slots))
     path = next((p for p in study.space.paths if _numeric([row[p] for row in rows])), study.space.paths[0])
@@ -94,7 +107,7 @@ def _curves(study: Study, one: Kept, axes: Axes) -> None:
     axes.set_ylabel(label)
 
 
-def _numbers(study: Study, one: Kept, axes: Axes) -> None:
+def _numbers(study: Results, one: Kept, axes: Axes) -> None:
     rows = [row for row in study.rows() if not row["error"]]
     if not rows:
         raise PictureError(f"{one.text!r}: no point has a number; study.table() says why")
@@ -116,7 +129,7 @@ def _numbers(study: Study, one: Kept, axes: Axes) -> None:
     axes.set_xlabel(across)
 
 
-def _shares(study: Study, one: Kept, axes: Axes) -> None:
+def _shares(study: Results, one: Kept, axes: Axes) -> None:
     from palpate.views.pictures.style import FRICTION, NORMAL
 
     table = study.indices()

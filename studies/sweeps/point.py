@@ -125,8 +125,12 @@ def compute(task: Task, point: Point, begun: Callable[[], None] = lambda: None) 
             since = time.monotonic()
             outcome = execute(launch, graph)
             gc.unfreeze()  # the loop has set aside what was there before it
-            if not outcome.result.ok:
-                return Computed(error=str(outcome.result.deaths[0]), seconds=time.monotonic() - since)
+            died = {death.node: str(death) for death in outcome.result.deaths}
+            loggers = {name for name in died if issubclass(graph.nodes[name].cls, Mcap)}
+            if died and not loggers:
+                return Computed(error=next(iter(died.values())), seconds=time.monotonic() - since)
+            if loggers:
+                return Computed(lost=died[loggers.pop()])
             if not outcome.ok:
                 return Computed(lost="; ".join(outcome.result.notes) or f"{file}: the recording is not whole")
             done = _kept(task, Run(file))

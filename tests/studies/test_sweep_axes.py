@@ -72,6 +72,7 @@ def test_the_ends_of_an_unbounded_distribution_are_finite():
         ([1, 2, 1], "1 stands twice"),
         ({"linspace": [1, 2]}, "expected 3 numbers"),
         ({"linspace": [1, 2, 0]}, "number of values"),
+        ({"linspace": [1, 2, 5e6]}, "found 5,000,000 values, expected up to 1,000,000"),
         ({"geomspace": [-1, 2, 3]}, "number of values"),
         ({"linspace": ["1 furlong", 2, 3]}, "expected 3 numbers"),
         ({"linspace": [0, math.inf, 3]}, "expected 3 numbers"),

@@ -6,6 +6,7 @@ import math
 import os
 import signal
 import time
+from pathlib import Path
 from typing import Annotated
 
 from palpate.messages import Contact
@@ -33,7 +34,7 @@ class Ball(Node):
     def start(self) -> None:
         self.count = 0
         if self.flag:
-            open(self.flag, "a").close()
+            Path(self.flag).write_text(str(os.getpid()))
         time.sleep(self.pause)
         if self.what == "fail":
             raise ValueError("the mesh is inside out")

@@ -16,7 +16,7 @@ from palpate.physics.errors import TROUBLE
 if TYPE_CHECKING:
     from palpate.studies.sweeps.study import Study
 
-ERRORS = 5  # that are listed
+LISTED = 50  # points in the table
 
 
 def study(
@@ -85,6 +85,8 @@ def study(
 
 
 def _print(found: Study, folder: Path, as_json: bool) -> None:
+    from palpate.studies.sweeps.picture import draw_all
+
     rows = found.rows()
     failed = [row for row in rows if row["error"]]
     indices = None if found.sensitivity is None or failed else found.indices()
@@ -93,34 +95,22 @@ def _print(found: Study, folder: Path, as_json: bool) -> None:
         told = {"ok": not failed, "folder": str(folder), "failed": len(failed), "points": shown}
         tell(told | ({} if indices is None else {"indices": indices.to_dict("records")}))
         return
-    shown = found.table() if indices is None else indices
-    heads = [
-        name if name in found.space.paths or name in ("of", "parameter", "error") else f">{name}" for name in shown
-    ]
-    body = [[_cell(value) for value in row] for row in shown.head(50).itertuples(index=False)]
+    units = {one.text: f">{one.text} [{one.unit}]" for one in found.numbers}
+    listed = found.table() if indices is None else indices
+    listed = listed if failed else listed.drop(columns="error", errors="ignore")
+    words = (*found.space.paths, "of", "parameter", "error")
+    heads = [units.get(name, name if name in words else f">{name}") for name in listed]
+    body = [[_cell(value) for value in row] for row in listed.head(LISTED).itertuples(index=False)]
     console(soft_wrap=True).print(table(heads, body))
-    if len(shown) > len(body):
-        say(f"... and {len(shown) - len(body)} more")
-    for error in dict.fromkeys(row["error"] for row in failed[:ERRORS]):
-        say(error, "red")
+    if len(listed) > LISTED:
+        say(f"... and {len(listed) - LISTED} more")
     if failed:
         say(f"{len(failed)} of {len(rows)} points failed; --retry computes them again", "yellow")
-    pictures = drawn(_pictures, found, folder)
+        if found.sensitivity:
+            say("No indices: they need the results of all points.", "yellow")
+    pictures = drawn(draw_all, found, folder)
     say(f"stored in {folder}: points.parquet{', curves.zarr' * bool(found.curves)}")
-    for picture in pictures:
-        say(picture)
-
-
-def _pictures(found: Study, folder: Path) -> list[Path]:
-    from palpate.views.pictures import PictureError
-
-    files = []
-    for one in found.keep:
-        file = folder / f"{one.text.replace(' ', '-')}.png"
-        with contextlib.suppress(PictureError):
-            found.plot(one.text).savefig(file)
-            files.append(file)
-    return files
+    say("\n".join(map(str, pictures)))
 
 
 def _cell(value: Any) -> str:
