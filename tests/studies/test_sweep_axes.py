@@ -28,6 +28,12 @@ def test_paths_with_a_comma_vary_together():
     assert found == [{"a.x": 1, "a.y": "2 mm"}, {"a.x": 3, "a.y": "4 mm"}]
 
 
+def test_points_have_few_digits_that_any_processor_finds_again():
+    space = Space((axis("a.x", {"geomspace": [1, 10, 4]}), axis("a.y", {"norm": [0, 1]})), samples=8)
+    for value in [*(v for (v,) in space.crossed[0].values), *space.drawn[:, 0]]:
+        assert value == float(f"{value:.10g}")
+
+
 def test_named_values_stand_by_their_name_in_tables():
     space = Space((axis("scene.hand", {"named": {"press": {"begin": [0, 0, 1]}, "stroke": {"begin": [1, 0, 0]}}}),))
     assert space.point(1) == ({"scene.hand": {"begin": [1, 0, 0]}}, {"scene.hand": "stroke"})

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from palpate.launch.terminal.options import INTERRUPTED, Json
-from palpate.launch.terminal.output import console, drawn, say, table, tell
+from palpate.launch.terminal.output import console, say, table, tell
 from palpate.launch.terminal.progress import steps
 from palpate.physics.errors import TROUBLE
 
@@ -95,23 +95,25 @@ def _print(found: Study, folder: Path, as_json: bool) -> None:
         told = {"ok": not failed, "folder": str(folder), "failed": len(failed), "points": shown}
         tell(told | ({} if indices is None else {"indices": indices.to_dict("records")}))
         return
-    units = {one.text: f">{one.text} [{one.unit}]" for one in found.numbers}
-    listed = found.table() if indices is None else indices
-    listed = listed if failed else listed.drop(columns="error", errors="ignore")
-    words = (*found.space.paths, "of", "parameter", "error")
-    heads = [units.get(name, name if name in words else f">{name}") for name in listed]
-    body = [[_cell(value) for value in row] for row in listed.head(LISTED).itertuples(index=False)]
-    console(soft_wrap=True).print(table(heads, body))
-    if len(listed) > LISTED:
-        say(f"... and {len(listed) - LISTED} more")
+    if indices is None:
+        units = {one.text: f">{one.text} [{one.unit}]" for one in found.numbers}
+        _list(found.table().drop(columns=[] if failed else "error"), units)
+    else:
+        for one in found.numbers:
+            _list(indices[indices["of"] == one.text].drop(columns="of"), {}, f"{one.text} [{one.unit}]")
     if failed:
         say(f"{len(failed)} of {len(rows)} points failed; --retry computes them again", "yellow")
         if found.sensitivity:
             say("No indices: they need the results of all points.", "yellow")
-    pictures = drawn(draw_all, found, folder)
     say(f"stored in {folder}: points.parquet{', curves.zarr' * bool(found.curves)}")
-    say("\n".join(map(str, pictures)))
+    for picture in draw_all(found, folder):
+        say(picture)
 
 
-def _cell(value: Any) -> str:
-    return f"{value:.4g}" if isinstance(value, float) else str(value)
+def _list(listed: Any, units: dict[str, str], title: str = "") -> None:
+    heads = [units.get(name, f">{name}" if kind.kind == "f" else name) for name, kind in listed.dtypes.items()]
+    rows = listed.head(LISTED).itertuples(index=False)
+    body = [[f"{value:.4g}" if isinstance(value, float) else str(value) for value in row] for row in rows]
+    console(soft_wrap=True).print(table(heads, body, title=title))
+    if len(listed) > LISTED:
+        say(f"... and {len(listed) - LISTED} more")
