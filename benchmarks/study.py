@@ -51,7 +51,7 @@ def main() -> None:
     times: dict[str, list[tuple[float, float]]] = {}
     with tempfile.TemporaryDirectory() as folder:
         home = Path(folder)
-        with local(1, home / "one.log") as one, local(2, home / "two.log") as two:
+        with local(1, home / "one.log") as (one, _), local(2, home / "two.log") as (two, _):
             for number, client in enumerate((one, two)):
                 client.wait_for_workers(number + 1)
                 warm = palpate.Study("kidney", {"tissue.stiffness": [1.1e3, 1.2e3, 1.3e3, 1.4e3]}, duration=0.5)

@@ -44,8 +44,11 @@ def cores() -> int:
 
 
 @contextlib.contextmanager
-def local(workers: int, log: Path) -> Iterator[distributed.Client]:
-    """A scheduler in this process, and workers below it that end with it; what they print goes to a file."""
+def local(workers: int, log: Path) -> Iterator[tuple[distributed.Client, Callable[[], None]]]:
+    """A scheduler in this process, and workers below it that end with it; what they print goes to a file.
+
+    Gives a client, and a function that raises RunError where the workers could not start, or are gone.
+    """
     with (
         distributed.LocalCluster(n_workers=0, dashboard_address="127.0.0.1:0", silence_logs=50) as cluster,
         distributed.Client(cluster) as client,
@@ -60,8 +63,13 @@ def local(workers: int, log: Path) -> Iterator[distributed.Client]:
             process_group=0,  # Ctrl-C reaches the study alone
             env={**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)},
         )
+
+        def alive() -> None:
+            if process.poll() is not None:
+                raise RunError(f"the workers ended with exit code {process.returncode}; {log} has what they printed")
+
         try:
-            yield client
+            yield client, alive
         finally:
             process.kill()
             process.wait()
@@ -82,7 +90,7 @@ def slurm(options: Mapping[str, Any]) -> Any:
         from dask_jobqueue import SLURMCluster
     except ImportError:
         raise RunError(f"SLURM needs the package dask-jobqueue: {install('study')}") from None
-    given = {"cores": 1, "memory": "2 GB", **options}
+    given = {"cores": 1, "memory": "2 GB", "scheduler_options": {"dashboard_address": ":0"}, **options}
     given.pop("jobs", None)
     threads = [f"export {name}=1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")]
     given["job_script_prologue"] = [*threads, *given.get("job_script_prologue", ())]
@@ -92,12 +100,15 @@ def slurm(options: Mapping[str, Any]) -> Any:
         raise ArgumentError(f"slurm: {error}") from None
 
 
-def submitted(cluster: Any, jobs: int) -> distributed.Client:
-    """A client of a SLURM cluster whose jobs are in the queue. RunError: this machine has no SLURM."""
+@contextlib.contextmanager
+def submitted(options: Mapping[str, Any]) -> Iterator[distributed.Client]:
+    """A client of a cluster of SLURM whose jobs are in the queue. RunError: this machine has no SLURM."""
     if shutil.which("sbatch") is None:
         raise RunError("no `sbatch` here: run this on a login node of the cluster, or see the script with --job-script")
-    cluster.scale(jobs=jobs)
-    return distributed.Client(cluster, set_as_default=False)
+    with slurm(options) as cluster:
+        cluster.scale(jobs=options.get("jobs", 1))
+        with distributed.Client(cluster, set_as_default=False) as client:
+            yield client
 
 
 def compute(
@@ -108,19 +119,18 @@ def compute(
     waits: Callable[[], None],
 ) -> None:
     """Compute points on the workers of a client. `add` is called with each as it is done and the name of its machine,
-    `waits` where no worker is there.
+    `waits` about once a second where no worker is there.
 
     RunError: the scheduler is lost, a worker computes with other versions, or a disk is full.
     """
     waiting, deaths = deque(points), Counter[str]()
     flight: dict[distributed.Future, list[Point]] = {}
-    seconds, dry = ENOUGH, False
+    seconds = ENOUGH
     try:
         while waiting or flight:
             workers = sum(client.nthreads().values())
-            if not workers and not dry:
+            if not workers:
                 waits()
-            dry = not workers
             while waiting and len(flight) < AHEAD * max(1, workers):
                 share = math.ceil(len(waiting) / (AHEAD * max(1, workers)))
                 size = 1 if deaths[waiting[0].key] else max(1, min(int(ENOUGH / seconds), share, MOST))

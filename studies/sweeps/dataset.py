@@ -39,6 +39,8 @@ def dataset(study: Results) -> Any:
         if all(slot is None for slot in slots):
             continue
         times, values = (store.curves(name, slots) for name in (f"{curve.text} time", curve.text))
+        used = np.isfinite(times).any(axis=0)  # other studies of the folder may have longer ones
+        times, values = times[:, used], values[:, used]
         time, clock = _clock(times, clocks)
         if time not in coords:
             coords[time] = (time if clock.ndim == 1 else (*dims, f"tick{time[4:]}"),

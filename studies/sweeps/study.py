@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from functools import cached_property
+from functools import cache, cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -144,14 +144,14 @@ class Study(Results):
 
             if missing:
                 task = Task(self.launch, self.keep, self._about["versions"], self.limit)
-                waits = lambda: told("waiting for a worker")  # noqa: E731
+                waits = cache(lambda: told("waiting for a worker"))
                 try:
                     if client is not None:
                         compute(client, task, missing, add, waits)
                     else:
-                        with local(min(workers or cores(), left), store.folder / "workers.log") as here:
+                        with local(min(workers or cores(), left), store.folder / "workers.log") as (here, alive):
                             told(f"dashboard {here.dashboard_link}")
-                            compute(here, task, missing, add, lambda: None)
+                            compute(here, task, missing, add, alive)
                 finally:
                     store.flush()
         finally:

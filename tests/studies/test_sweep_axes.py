@@ -2,6 +2,8 @@
 
 import math
 import re
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -137,6 +139,14 @@ def test_ten_million_points_are_counted_not_made(tmp_path):
     with pytest.raises(ArgumentError, match=r"10,077,696 points, 216 x 216 x 216; .* 116\.6 days .* --yes"):
         study.run(tmp_path / "out")
     assert not (tmp_path / "out").exists()
+
+
+def test_describing_a_study_imports_no_dask():
+    code = "import sys, palpate; palpate.Study('kidney', {'tissue.stiffness': [1e3, 2e3]}).points; print(*sys.modules)"
+    loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
+    assert not {"dask", "distributed", "pandas", "pyarrow", "zarr", "xarray", "SALib", "matplotlib"}.intersection(
+        loaded
+    )
 
 
 def test_a_part_of_the_scene_needs_no_scene_before_it():

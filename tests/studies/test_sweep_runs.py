@@ -34,7 +34,7 @@ OVER = {"ball.young": [1e4, 2e4, 4e4], "ball.depth": ["1 mm", "2 mm"]}
 @pytest.fixture(scope="module")
 def client(tmp_path_factory):
     """Two workers, processes of their own, for all tests that leave them alive."""
-    with cluster.local(2, tmp_path_factory.mktemp("dask") / "workers.log") as client:
+    with cluster.local(2, tmp_path_factory.mktemp("dask") / "workers.log") as (client, _):
         yield client
 
 
@@ -121,6 +121,24 @@ def test_a_second_run_computes_what_is_missing_and_says_what_changed(ball, clien
     assert other.table()["peak ball.force"][0] == pytest.approx(hertz(1e4, 1e-3, radius=4e-3))
     assert computed(palpate.Study(ball, OVER, KEEP), tmp_path, client) == [], "nothing of the former study is lost"
     assert len(Store(tmp_path, write=False).rows) == 14
+
+
+def test_curves_of_other_lengths_lie_in_one_folder(ball, client, tmp_path):
+    long, short = (palpate.Study(ball, OVER, KEEP, duration=d).run(tmp_path, client) for d in ("8 ms", "3 ms"))
+    for study, count in ((long, 8), (short, 3)):
+        curve = study.xarray()["curve ball.force"]
+        assert curve.shape == (3, 2, count) and curve.notnull().all()
+    rates = palpate.Study(ball, {"rate": [1000, 2000]}, ["curve ball.force"]).run(tmp_path / "rates", client).xarray()
+    assert rates["curve ball.force"].dims == ("rate", "tick") and rates["time"].dims == ("rate", "tick")
+    assert rates["time"].sel(rate=2000).to_numpy() == pytest.approx(np.arange(10) * 5e-4)
+    assert rates["curve ball.force"].sel(rate=1000).notnull().sum() == 5
+
+
+def test_workers_that_cannot_start_are_no_endless_wait(ball, tmp_path, monkeypatch):
+    monkeypatch.setattr(cluster, "_WORKERS", "raise SystemExit('no room for workers')")
+    with pytest.raises(RunError, match=r"the workers ended with exit code 1; \S*workers\.log has"):
+        palpate.Study(ball, OVER, KEEP).run(tmp_path)
+    assert "no room for workers" in (tmp_path / "workers.log").read_text()
 
 
 def test_other_code_of_a_class_of_ones_own_makes_other_points(write, monkeypatch, tmp_path):
@@ -288,7 +306,8 @@ def test_the_slurm_script_has_one_thread_a_worker(write):
         keep: [peak contact.force]
         slurm: {jobs: 3, cores: 8, memory: 16 GB, walltime: '02:00:00', queue: short}
     """)  # fmt: skip
-    script = cluster.slurm(load(study)[1]).job_script()
+    with cluster.slurm(load(study)[1]) as jobs:
+        script = jobs.job_script()
     for line in ("#SBATCH -p short", "#SBATCH --cpus-per-task=8", "#SBATCH --mem=15G", "#SBATCH -t 02:00:00",
                  "export OMP_NUM_THREADS=1", "--nthreads 1", "--nworkers 8"):  # fmt: skip
         assert line in script
@@ -306,12 +325,11 @@ def test_jobs_of_slurm_are_submitted_and_compute(ball, tmp_path, monkeypatch):
         program.parent.mkdir(exist_ok=True)
         program.write_text(f"#!/bin/bash\n{text}\n")
         program.chmod(0o755)
-    with pytest.raises(RunError, match=r"no `sbatch` here"):
-        cluster.submitted(cluster.slurm({}), 1)
+    with pytest.raises(RunError, match=r"no `sbatch` here"), cluster.submitted({}):
+        pass
     monkeypatch.setenv("PATH", f"{tmp_path / 'bin'}:{os.environ['PATH']}")
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join(path for path in sys.path if path))
-    made = cluster.slurm({"cores": 2, "memory": "2 GB", "interface": "lo"})
-    with made, cluster.submitted(made, 1) as client:
+    with cluster.submitted({"jobs": 1, "cores": 2, "memory": "2 GB", "interface": "lo"}) as client:
         study = palpate.Study(ball, OVER, KEEP).run(tmp_path / "out", client)
     assert not study.table()["error"].any(), (tmp_path / "job.log").read_text()
 

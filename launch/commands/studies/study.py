@@ -49,7 +49,8 @@ def study(
     path = find(file)
     found, options = load(path, sensitivity, samples)
     if job_script:
-        typer.echo(cluster.slurm(options).job_script())
+        with cluster.slurm(options) as jobs:
+            typer.echo(jobs.job_script())
         return
     folder, left = out or Path("runs", path.stem), len(found)
 
@@ -60,7 +61,7 @@ def study(
     with contextlib.ExitStack() as ending:
         client = None
         if slurm:
-            client = ending.enter_context(cluster.submitted(cluster.slurm(options), options.get("jobs", 1)))
+            client = ending.enter_context(cluster.submitted(options))
         elif scheduler is not None:
             client = ending.enter_context(cluster.connect(scheduler))
         if client is not None:
