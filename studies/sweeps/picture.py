@@ -98,7 +98,7 @@ def _curves(study: Results, one: Kept, axes: Axes) -> None:
     for k, shade in enumerate(shades):
         colour = colours(0.9 * scale(shade if _numeric(shades) else known.index(shade)))
         named = len(known) <= LEGEND and shades.index(shade) == k
-        axes.plot(times[k], values[k], color=colour, linewidth=1.2, label=_word(shade) if named else None)
+        axes.plot(times[k], values[k], color=colour, linewidth=1.2, label=study.shown(path, shade) if named else None)
     if len(known) <= LEGEND:
         axes.legend(title=path, loc="center left", bbox_to_anchor=(1.0, 0.5))
     elif _numeric(shades):
@@ -118,10 +118,10 @@ def _numbers(study: Results, one: Kept, axes: Axes) -> None:
     others = [p for p in space.paths if p not in together and not any(p in axis.paths for axis in space.sampled)]
     groups: dict[str, list[dict[str, Any]]] = {}
     for row in rows:
-        groups.setdefault(", ".join(_word(row[path]) for path in others), []).append(row)
+        groups.setdefault(", ".join(study.shown(path, row[path]) for path in others), []).append(row)
     for name, group in groups.items():
         values, label = _scaled(one, [row[one.text] for row in group])
-        where = [row[across] if _numeric([row[across]]) else _word(row[across]) for row in group]
+        where = [row[across] if _numeric([row[across]]) else study.shown(across, row[across]) for row in group]
         axes.plot(where, values, "." if drawn else ".-", label=name or None)
         axes.set_ylabel(label)
     if len(groups) > 1:
@@ -147,7 +147,3 @@ def _shares(study: Results, one: Kept, axes: Axes) -> None:
     share = "share of the variance of" if study.sensitivity == "sobol" else "change over the range,"
     axes.set_xlabel(f"{share} {one.text} [{'1' if study.sensitivity == 'sobol' else one.unit}]")
     axes.legend(loc="lower right")
-
-
-def _word(value: Any) -> str:
-    return f"{value:.4g}" if isinstance(value, float) else str(value)

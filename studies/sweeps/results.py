@@ -13,6 +13,8 @@ from palpate.studies.sweeps.keep import RECORDING, Kept
 from palpate.studies.sweeps.point import Point
 from palpate.studies.sweeps.sensitivity import indices
 
+LONG = 32  # letters of a value that tables and legends show
+
 
 class Results:
     """A study as its folder has it.
@@ -50,7 +52,15 @@ class Results:
 
         stored = Store(self.home(), write=False).rows
         nothing = {"error": "not computed"}
-        return [{**point.labels, **stored.get(point.key, nothing)} for point in self.points]
+        return [{**stored.get(point.key, nothing), **point.labels} for point in self.points]
+
+    def shown(self, path: str, value: Any) -> str:
+        """A value as people see it in tables and legends: a long one, such as a motion, by its number."""
+        text = f"{value:.4g}" if isinstance(value, float) else str(value)
+        if len(text) <= LONG or path not in self.space.paths:
+            return text
+        axis = next(one for one in self.space.axes if path in one.paths)
+        return f"#{[row[axis.paths.index(path)] for row in axis.labels].index(value) + 1}"
 
     def table(self) -> Any:
         """A pandas DataFrame with a row for each point: what was varied, numbers, error; the units are in its

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from distributed import Client
     from matplotlib.figure import Figure
 
+LONG = 200  # letters of the values of a path in `study.json`
 MANY = 100_000
 """Points that a study computes without `yes`."""
 
@@ -161,8 +162,8 @@ class Study(Results):
     def _missing(self, store: Any, retry: bool, told: Callable[[str], None]) -> list[Point]:
         """The points that a folder does not have, with the slots of their rows; what changed since is told."""
         before = store.about.get("base")
-        study = {"over": {path: len(set(map(repr, column))) for path, column in self._columns().items()},
-                 "points": len(self), "sensitivity": self.sensitivity}  # fmt: skip
+        study = {"over": self._described(), "samples": self.space.samples, "design": self.space.design,
+                 "seed": self.space.seed}  # fmt: skip
         lines = []
         if before is not None:
             old = {**store.about["bases"][before], "study": store.about["study"]}
@@ -202,7 +203,13 @@ class Study(Results):
 
         return draw(self, name)
 
-    def _columns(self) -> dict[str, list[Any]]:
-        """All values of each path."""
+    def _described(self) -> dict[str, str]:
+        """The values of each path in words."""
         given = {path: [row[k] for row in one.labels] for one in self.space.crossed for k, path in enumerate(one.paths)}
-        return given | {one.paths[0]: list(self.space.drawn[:, k]) for k, one in enumerate(self.space.sampled)}
+        given |= {one.paths[0]: self.space.drawn[:, k].tolist() for k, one in enumerate(self.space.sampled)}
+        words = {}
+        for name, values in given.items():
+            numbers = all(isinstance(value, int | float) for value in values)
+            which = f"{min(values):g} to {max(values):g}" if numbers else ", ".join(map(str, values))
+            words[name] = f"{len(set(values))} values, {which[:LONG]}"
+        return words

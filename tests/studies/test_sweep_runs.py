@@ -111,7 +111,8 @@ def test_a_second_run_computes_what_is_missing_and_says_what_changed(ball, clien
     more = palpate.Study(ball, OVER | {"ball.young": [1e4, 1.5e4, 2e4, 4e4]}, KEEP)
     said.clear()
     assert len(computed(more, tmp_path, client, told=said.append)) == 2
-    assert "changed: study.over.ball.young: 4, was 3" in said and said[-1] == "8 points, 6 stored, 2 to compute"
+    changed = "changed: study.over.ball.young: 4 values, 10000 to 40000, was 3 values, 10000 to 40000"
+    assert changed in said and said[-1] == "8 points, 6 stored, 2 to compute"
     assert more.table()["peak ball.force"].to_numpy()[2] == pytest.approx(hertz(1.5e4, 1e-3))
     assert more.xarray()["curve ball.force"].to_numpy()[1, 0, -1] == pytest.approx(hertz(1.5e4, 1e-3))
     other = palpate.Study(ball, OVER, KEEP, sets=["ball.radius=4 mm"])
@@ -297,6 +298,14 @@ def test_pictures_of_numbers_and_curves(ball, client, tmp_path):
     assert len(axes.lines) == 6 and axes.get_ylabel() == "ball.force [N]"
     with pytest.raises(PalpateError, match=r"Did you mean 'ball\.force'"):
         study.plot("ball.forze")
+
+
+def test_long_values_stand_by_their_number_in_legends(ball, client, tmp_path):
+    flags = [str(tmp_path / f"{'long' * 20}{number}") for number in (1, 2)]
+    study = palpate.Study(ball, {"ball.young": [1e4, 2e4], "ball.flag": flags}, KEEP).run(tmp_path / "out", client)
+    (axes,) = study.plot("peak ball.force").axes
+    assert [line.get_label() for line in axes.lines] == ["#1", "#2"]
+    assert list(study.table()["ball.flag"]) == 2 * flags
 
 
 def test_the_slurm_script_has_one_thread_a_worker(write):

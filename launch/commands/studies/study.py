@@ -98,10 +98,10 @@ def _print(found: Study, folder: Path, as_json: bool) -> None:
         return
     if indices is None:
         units = {one.text: f">{one.text} [{one.unit}]" for one in found.numbers}
-        _list(found.table().drop(columns=[] if failed else "error"), units)
+        _list(found, found.table().drop(columns=[] if failed else "error"), units)
     else:
         for one in found.numbers:
-            _list(indices[indices["of"] == one.text].drop(columns="of"), {}, f"{one.text} [{one.unit}]")
+            _list(found, indices[indices["of"] == one.text].drop(columns="of"), {}, f"{one.text} [{one.unit}]")
     if failed:
         say(f"{len(failed)} of {len(rows)} points failed; --retry computes them again", "yellow")
         if found.sensitivity:
@@ -111,10 +111,10 @@ def _print(found: Study, folder: Path, as_json: bool) -> None:
         say(picture)
 
 
-def _list(listed: Any, units: dict[str, str], title: str = "") -> None:
+def _list(found: Study, listed: Any, units: dict[str, str], title: str = "") -> None:
     heads = [units.get(name, f">{name}" if kind.kind == "f" else name) for name, kind in listed.dtypes.items()]
     rows = listed.head(LISTED).itertuples(index=False)
-    body = [[f"{value:.4g}" if isinstance(value, float) else str(value) for value in row] for row in rows]
+    body = [[found.shown(name, value) for name, value in zip(listed, row, strict=True)] for row in rows]
     console(soft_wrap=True).print(table(heads, body, title=title))
     if len(listed) > LISTED:
         say(f"... and {len(listed) - LISTED} more")
