@@ -13,13 +13,14 @@ import os
 import shutil
 import sys
 import tempfile
+from collections.abc import Sequence
 from importlib.util import find_spec
 from pathlib import Path
 
 KEPT = 3
 """States of the sources whose kernels are kept: going back and forth between two branches compiles nothing."""
 PREFIX = "kernels-"
-
+COMPILED = ("palpate.physics", "palpate.models.fe")
 
 ROOM = 100_000_000
 """[bytes] free where new kernels are kept; all of ours take about a third. numba ends a program on a full disk."""
@@ -41,10 +42,10 @@ def use() -> None:
         _clear(folder.parent)
 
 
-def key() -> str:
-    """A hash of the names and contents of the sources of `palpate.physics` and `palpate.models.fe`."""
+def key(packages: Sequence[str] = COMPILED) -> str:
+    """A hash of the names and contents of the sources of packages; without any, of those that kernels stand in."""
     hasher = hashlib.sha256()
-    for package in ("palpate.physics", "palpate.models.fe"):
+    for package in packages:
         spec = find_spec(package)
         for folder in (spec.submodule_search_locations or ()) if spec else ():
             for file in sorted(Path(folder).rglob("*.py")):

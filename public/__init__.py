@@ -6,6 +6,7 @@
     run.contact.force.max()                    # [N]; a numpy array that knows its unit and its times
     for tick in palpate.steps("kidney"): ...   # the same, tick by tick
     palpate.open("run.mcap").plot("contact.force", "tissue.indentation")
+    palpate.Study("kidney", over={"tissue.stiffness": [2e3, 4e3]}).run("out/").table()      # many runs, on many cores
 
 Public are the names in `__all__` here, and the packages `palpate.physics` (formulas), `palpate.models.fe` (finite
 elements), `palpate.messages` and `palpate.nodes` (for nodes of one's own). This file imports nothing before it is
@@ -23,9 +24,12 @@ if TYPE_CHECKING:
     from palpate.launch.stepping import Tick
     from palpate.physics.errors import PalpateError
     from palpate.records.samples import RecordedStream, Samples
+    from palpate.studies.sweeps.study import Study
     from palpate.views.run import Comparison, Run
 
-__all__ = ["Comparison", "PalpateError", "RecordedStream", "Run", "Samples", "Tick", "compare", "open", "run", "steps"]
+__all__ = [
+    "Comparison", "PalpateError", "RecordedStream", "Run", "Samples", "Study", "Tick", "compare", "open", "run", "steps"
+]  # fmt: skip
 
 _HOMES = {
     "Comparison": "palpate.views.run",
@@ -33,6 +37,7 @@ _HOMES = {
     "Run": "palpate.views.run",
     "Samples": "palpate.records.samples",
     "RecordedStream": "palpate.records.samples",
+    "Study": "palpate.studies.sweeps.study",
     "Tick": "palpate.launch.stepping",
 }
 

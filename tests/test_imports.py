@@ -69,7 +69,7 @@ MAY = {
     "launch": HIGH,
     "launch.commands": (*HIGH, "launch", "launch.machine", "studies"),
     "launch.__main__": ("launch", "launch.commands"),
-    "public": (*HIGH, "launch"),
+    "public": (*HIGH, "launch", "studies"),
 }
 """Of each room those that it may import, imports inside functions included; a room has its folders, but those that are
 a room of their own. Nothing but the command line imports commands."""

@@ -21,6 +21,7 @@ from palpate.launch.load.placement import load_place
 from palpate.launch.template import node_files
 from palpate.launch.terminal.options import chosen
 from palpate.messages import Load, Surface
+from palpate.studies.sweeps.file import load
 
 ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
@@ -55,6 +56,7 @@ NOT_RUN = {
     "palpate record-indentation": "two devices; tests/drivers",
     "palpate run kidney --set scene.finger.band=true --set band.model": "what palpate fit writes; tests/models/fit",
     "palpate fit press.csv": "what record-indentation writes",
+    "palpate study mine.yaml": "the reader's own study, scheduler and cluster; tests/studies/test_sweep_runs.py",
     "palpate check mine.yaml": "the reader's own graph",
 }
 COMMAND = typer.main.get_command(app)
@@ -148,10 +150,12 @@ def test_a_command_within_a_sentence_has_options_that_exist(folder):
 
 @pytest.mark.parametrize(("where", "text"), YAML, ids=[where for where, _ in YAML])
 def test_a_printed_yaml_block_loads(folder, where, text):
-    """A graph, a scene, a launch file or a placement; the first key of a part says of what."""
+    """A graph, a scene, a launch file, a study or a placement; the first key of a part says of what."""
     data = yaml.safe_load(text)
     (folder / "page.yaml").write_text(text)
-    if "graph" in data:
+    if "over" in data:
+        load(folder / "page.yaml")
+    elif "graph" in data:
         run = find("page.yaml")
         run.placement(run.plan())
     elif "nodes" in data or list(data) == ["effects"]:

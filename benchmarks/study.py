@@ -1,0 +1,81 @@
+"""A study beside a plain loop: processor time and wall time a point on one and two workers.
+
+    python benchmarks/study.py [--points 40] [--rounds 3]
+
+The plain loop is `palpate.run` in one process, which records the same stream and reads the same number. Rounds of loop
+and study are interleaved, since the machine may be shared. Processor time is that of this process and all below it,
+which says what a study costs on a busy machine, too.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import statistics
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import psutil
+
+import palpate
+import palpate.physics
+from palpate.studies.sweeps.cluster import local
+from palpate.studies.sweeps.point import Task, compute
+
+
+def used() -> float:
+    """[s] Processor time of this process and all below it."""
+    here = psutil.Process()
+    return sum(sum(each.cpu_times()[:2]) for each in (here, *here.children(recursive=True)))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--points", type=int, default=40)
+    parser.add_argument("--rounds", type=int, default=3)
+    parser.add_argument("--duration", type=float, default=6.3, help="[s] of simulated time a point")
+    given = parser.parse_args()
+    stiffness = {"linspace": [1.5e3, 4.5e3, given.points]}
+    study = palpate.Study("kidney", {"tissue.stiffness": stiffness}, duration=given.duration)
+    task = Task(study.launch, study.keep, study._about["versions"], None)
+    print(f"kidney, {given.duration:g} s of simulated time a point, {given.points} points, {given.rounds} rounds; "
+          f"load average {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores")  # fmt: skip
+    compute(task, study.points[0])
+
+    def loop() -> None:
+        for point in study.points:
+            compute(task, point)
+
+    times: dict[str, list[tuple[float, float]]] = {}
+    with tempfile.TemporaryDirectory() as folder:
+        home = Path(folder)
+        with local(1, home / "one.log") as (one, _), local(2, home / "two.log") as (two, _):
+            for number, client in enumerate((one, two)):
+                client.wait_for_workers(number + 1)
+                warm = palpate.Study("kidney", {"tissue.stiffness": [1.1e3, 1.2e3, 1.3e3, 1.4e3]}, duration=0.5)
+                warm.run(home / f"warm{number}", client)
+            for turn in range(given.rounds):
+                ways: dict[str, Callable[[], object]] = {
+                    "loop": loop,
+                    "study, 1 worker": lambda turn=turn: study.run(home / f"a{turn}", one),
+                    "study, 2 workers": lambda turn=turn: study.run(home / f"b{turn}", two),
+                }
+                for name, way in ways.items():
+                    since, before = time.perf_counter(), used()
+                    way()
+                    taken = time.perf_counter() - since, used() - before
+                    times.setdefault(name, []).append((taken[0] / given.points, taken[1] / given.points))
+    for name, taken in times.items():
+        wall, cpu = (statistics.median(column) for column in zip(*taken, strict=True))
+        speed, cost = (
+            statistics.median(first[k] / own[k] for first, own in zip(times["loop"], taken, strict=True))
+            for k in (0, 1)
+        )
+        print(f"{name:18} {1.0 / wall:5.2f} points/s, {speed:.2f} x the loop; "
+              f"processor time {1e3 * cpu:.0f} ms a point, {100.0 * (1.0 / cost - 1.0):+.1f} %")  # fmt: skip
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,32 @@
+"""Run the studies that ship, and keep pictures of them: python docs/pictures/study.py [folder]
+
+study-curves.png       force over time at each stiffness: `palpate study kidney-stiffness`
+study-sensitivity.png  which parameter the force depends on: `palpate study kidney-sensitivity`
+"""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+from pathlib import Path
+
+from palpate.studies.sweeps.file import find, load
+
+PICTURES = {
+    "study-curves.png": ("kidney-stiffness", "curve contact.force"),
+    "study-sensitivity.png": ("kidney-sensitivity", "peak contact.force"),
+}
+
+
+def main(folder: Path) -> list[Path]:
+    """Run, draw."""
+    folder.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory() as results:
+        for target, (name, quantity) in PICTURES.items():
+            study, _ = load(find(name))
+            study.run(Path(results, name)).plot(quantity).savefig(folder / target)
+    return [folder / target for target in PICTURES]
+
+
+if __name__ == "__main__":
+    print(*main(Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).parent), sep="\n")

@@ -1,0 +1,80 @@
+"""What is wrong with a study, before anything runs."""
+
+from __future__ import annotations
+
+from itertools import product
+
+from palpate.engine.graph import Graph
+from palpate.launch.load.launchfile import LaunchFile
+from palpate.launch.load.values.units import UnitError, convert
+from palpate.physics.errors import ArgumentError
+from palpate.studies.sweeps.axes import DESIGNS, Axis, Space
+from palpate.studies.sweeps.point import overrides
+from palpate.studies.sweeps.sensitivity import METHODS
+
+TRIED = 64
+"""Combinations of bodies, motions and files that are loaded before anything runs, at most."""
+
+
+def space(axes: list[Axis], samples: int, design: str, seed: int, sensitivity: str | None) -> Space:
+    drawn = [one for one in axes if one.law is not None]
+    paths = [path for one in axes for path in one.paths]
+    twice = {path for path in paths if paths.count(path) > 1}
+    if twice:
+        raise ArgumentError(f"over: {min(twice)} stands twice, expected each path once")
+    if sensitivity is not None:
+        if sensitivity not in METHODS:
+            raise ArgumentError(f"sensitivity: found {sensitivity!r}, expected {' or '.join(METHODS)}")
+        if not drawn:
+            raise ArgumentError("sensitivity: no distribution in `over`, expected such as {uniform: [low, high]}")
+        design = f"sensitivity {sensitivity}"
+    elif design not in DESIGNS:
+        raise ArgumentError(f"design: found {design!r}, expected {', '.join(DESIGNS)}")
+    if bool(drawn) != bool(samples) or not isinstance(samples, int) or samples < 0:
+        why = f"over has {len(drawn)} distributions, expected {'samples from 1' if drawn else 'no samples'}"
+        raise ArgumentError(f"samples: found {samples!r}; {why}")
+    return Space(tuple(axes), samples, design, seed)
+
+
+def path(name: str, base: Graph) -> str:
+    """Paths as of `--set`; a part of the scene that no node has the name of needs no `scene.` before it."""
+
+    def full(path: str) -> str:
+        head = path.partition(".")[0]
+        return f"scene.{path}" if head in base.scene and head not in base.nodes else path
+
+    return ", ".join(full(part.strip()) for part in str(name).split(","))
+
+
+def check(launch: LaunchFile, base: Graph, space: Space) -> None:
+    """GraphError, ArgumentError: the points could not run, or what varies is not there."""
+    if launch.duration is None:
+        raise ArgumentError(f"{launch.graph.stem}: the graph has no duration; give one: duration=2.0, or '2 s'")
+    devices = [name for name, spec in base.nodes.items() if spec.cls.hardware]
+    if launch.clock == "real" or devices:
+        what = f"{devices[0]!r} drives a device" if devices else "clock: real"
+        raise ArgumentError(f"{launch.graph.stem}: a study needs simulated time, but {what}")
+    for path in space.paths:
+        if len(path.split(".")) < 2 and path != "rate":
+            raise ArgumentError(f"over {path}: expected a setting, such as {path}.stiffness, or scene.<path>")
+    first = space.point(0)[0]
+    choices = []
+    for one in space.axes:
+        if one.law is not None or all(isinstance(v, int | float) for row in one.values for v in row):
+            texts = [{one.paths[0]: text} for text in one.texts[:1]]
+            choices.append([{path: first[path] for path in one.paths}, *texts])
+        else:
+            choices.append([dict(zip(one.paths, row, strict=True)) for row in one.values])
+    for _, combination in zip(range(TRIED), product(*choices), strict=False):
+        values = {path: value for part in combination for path, value in part.items()}
+        launch.but(overrides=overrides(values)).load()
+
+
+def seconds(name: str, given: float | str | None) -> float | None:
+    try:
+        length = None if given is None else convert(str(given), "s")
+    except UnitError as error:
+        raise ArgumentError(f"{name}: {error}") from None
+    if length is not None and not 1e-9 <= length <= 1e9:
+        raise ArgumentError(f"{name}: found {given!r}, expected a time from 1e-9 to 1e9 s")
+    return length

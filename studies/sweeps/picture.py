@@ -1,0 +1,149 @@
+"""Pictures of a study: curves over time, a number over what was varied, sensitivity indices with their intervals."""
+
+from __future__ import annotations
+
+import contextlib
+import importlib.util
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from palpate.engine.faults import choices
+from palpate.launch.load.extras import install
+from palpate.views.pictures import PictureError
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from palpate.studies.sweeps.keep import Kept
+    from palpate.studies.sweeps.results import Results
+
+LEGEND = 8
+"""Lines that have names; more of them have a scale of colours where they have a number."""
+SHARES = {
+    "sobol": (("S1", "alone"), ("ST", "with interactions")),
+    "morris": (("mu_star", "mean size"), ("sigma", "spread")),
+}
+
+
+def draw(study: Results, name: str) -> Figure:
+    """A figure of a quantity or of one thing that is kept. PictureError: it cannot be drawn."""
+    if importlib.util.find_spec("matplotlib") is None:
+        raise PictureError(f"plots need the package matplotlib: {install('view')}")
+    found = [one for one in study.keep if name in (one.text, one.quantity)]
+    if not found:
+        known = sorted({text for one in study.keep for text in (one.quantity, one.text)})
+        raise PictureError(f"this study keeps no {name!r}. {choices('Kept', name, known)}")
+    found.sort(key=lambda one: one.how != "curve")
+    one = found[0] if study.sensitivity is None else next((k for k in found if k.how != "curve"), found[0])
+    from matplotlib import rc_context
+
+    from palpate.views.pictures.style import LOOK, figure
+
+    with rc_context(LOOK):
+        fig = figure(9.0, 4.6, f"{study.name}: {one.text}")
+        axes = fig.subplots()
+        if one.how == "curve":
+            _curves(study, one, axes)
+        elif study.sensitivity is not None:
+            _shares(study, one, axes)
+        else:
+            _numbers(study, one, axes)
+    return fig
+
+
+def draw_all(study: Results, folder: Path) -> list[Path]:
+    """A file for each thing that is kept, where it can be drawn."""
+    files = []
+    for one in study.keep:
+        file = folder / f"{one.text.replace(' ', '-')}.png"
+        with contextlib.suppress(PictureError):
+            draw(study, one.text).savefig(file)
+            files.append(file)
+    return files
+
+
+def _scaled(one: Kept, values: Any) -> tuple[Any, str]:
+    """Values in the unit that figures show, and the name of the axis."""
+    from palpate.views.pictures.plot import PREFIXES
+
+    factor, unit = PREFIXES.get(one.unit, (1.0, one.unit))
+    return np.asarray(values) * factor, f"{one.quantity} [{unit}]"
+
+
+def _numeric(values: list[Any]) -> bool:
+    return all(isinstance(value, int | float) and not isinstance(value, bool) for value in values)
+
+
+def _curves(study: Results, one: Kept, axes: Axes) -> None:
+    from matplotlib import colormaps
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
+
+    from palpate.studies.sweeps.store import Store
+
+    rows = [row for row in study.rows() if not row["error"]]
+    if not rows:
+        raise PictureError(f"{one.text!r}: no point has a curve; study.table() says why")
+    store, slots = Store(study.home(), write=False), [row["slot"] for row in rows]
+    times = store.curves(f"{one.text} time", slots)
+    values, label = _scaled(one, store.curves(one.text, slots))
+    path = next((p for p in study.space.paths if _numeric([row[p] for row in rows])), study.space.paths[0])
+    shades: Any = [row[path] for row in rows]
+    known = list(dict.fromkeys(shades))
+    scale = Normalize(min(shades), max(shades)) if _numeric(shades) else Normalize(0, max(1, len(known) - 1))
+    colours = colormaps["viridis"]
+    for k, shade in enumerate(shades):
+        colour = colours(0.9 * scale(shade if _numeric(shades) else known.index(shade)))
+        named = len(known) <= LEGEND and shades.index(shade) == k
+        axes.plot(times[k], values[k], color=colour, linewidth=1.2, label=study.shown(path, shade) if named else None)
+    if len(known) <= LEGEND:
+        axes.legend(title=path, loc="center left", bbox_to_anchor=(1.0, 0.5))
+    elif _numeric(shades):
+        axes.figure.colorbar(ScalarMappable(scale, colours), ax=axes, label=path)
+    axes.set_xlabel("time [s]")
+    axes.set_ylabel(label)
+
+
+def _numbers(study: Results, one: Kept, axes: Axes) -> None:
+    rows = [row for row in study.rows() if not row["error"]]
+    if not rows:
+        raise PictureError(f"{one.text!r}: no point has a number; study.table() says why")
+    space = study.space
+    across = next((p for p in space.paths if _numeric([row[p] for row in rows])), space.paths[0])
+    drawn = any(across in axis.paths for axis in space.sampled)
+    together = {path for axis in space.axes if across in axis.paths for path in axis.paths}
+    others = [p for p in space.paths if p not in together and not any(p in axis.paths for axis in space.sampled)]
+    groups: dict[str, list[dict[str, Any]]] = {}
+    for row in rows:
+        groups.setdefault(", ".join(study.shown(path, row[path]) for path in others), []).append(row)
+    for name, group in groups.items():
+        values, label = _scaled(one, [row[one.text] for row in group])
+        where = [row[across] if _numeric([row[across]]) else study.shown(across, row[across]) for row in group]
+        axes.plot(where, values, "." if drawn else ".-", label=name or None)
+        axes.set_ylabel(label)
+    if len(groups) > 1:
+        axes.legend(title=", ".join(others), loc="center left", bbox_to_anchor=(1.0, 0.5))
+    axes.set_xlabel(across)
+
+
+def _shares(study: Results, one: Kept, axes: Axes) -> None:
+    from palpate.views.pictures.style import FRICTION, NORMAL
+
+    table = study.indices()
+    table = table[table["of"] == one.text]
+    names = [", ".join(str(v) for k, v in row.items() if k in study.space.paths) for row in table.to_dict("records")]
+    rows = [f"{name}, {parameter}".lstrip(", ") for name, parameter in zip(names, table["parameter"], strict=True)]
+    at = np.arange(len(rows))[::-1]
+    assert study.sensitivity is not None
+    for k, (index, words) in enumerate(SHARES[study.sensitivity]):
+        spread = table.get(f"{index}_conf")
+        colour = (NORMAL, FRICTION)[k]
+        axes.barh(at + 0.2 - 0.4 * k, table[index], 0.38, xerr=spread, color=colour, label=f"{index}, {words}",
+                  error_kw={"elinewidth": 1.0, "capsize": 3})  # fmt: skip
+    axes.set_yticks(at, rows)
+    share = "share of the variance of" if study.sensitivity == "sobol" else "change over the range,"
+    axes.set_xlabel(f"{share} {one.text} [{'1' if study.sensitivity == 'sobol' else one.unit}]")
+    axes.legend(loc="lower right")

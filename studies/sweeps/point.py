@@ -1,0 +1,197 @@
+"""One point of a study: the run, what is kept of it, and the process that computes one point after another.
+
+A process of its own computes with pinned arithmetic whatever Dask's worker has imported before, and can be ended when
+a point takes too long or takes its process down.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import gc
+import hashlib
+import os
+import platform
+import signal
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from palpate.engine.faults import GraphError, Location
+from palpate.engine.graph import Graph
+from palpate.engine.imports import full_name
+from palpate.launch.load.files import Override
+from palpate.launch.load.launchfile import LaunchFile
+from palpate.launch.load.placement import FUSED
+from palpate.launch.load.recording import set_recording
+from palpate.launch.load.values.source import YamlSource
+from palpate.launch.run.descendants import die_with_parent
+from palpate.launch.run.execute import execute
+from palpate.nodes.logger import Mcap
+from palpate.physics import arithmetic, kernel_cache
+from palpate.physics.errors import PalpateError
+from palpate.records.samples import Run
+from palpate.studies.sweeps.keep import Kept
+
+ROOMS = ("palpate.physics", "palpate.models.fe", "palpate.messages", "palpate.nodes", "palpate.engine")
+"""What computes: an edit there makes other points."""
+IDLE = 600.0  # [s] without a point after which the process ends
+
+
+@dataclass(frozen=True)
+class Point:
+    """What to compute.
+
+    slot       number of its row, and of its curves
+    key        hash of all that its results depend on
+    values     what each path of `over` gets
+    labels     the same as tables show it
+    recording  where the whole run is kept
+    """
+
+    slot: int
+    key: str
+    values: dict[str, Any]
+    labels: dict[str, Any]
+    recording: Path | None = None
+
+
+@dataclass(frozen=True)
+class Task:
+    """What all points of a study share.
+
+    launch  the run, without what varies
+    keep    what is kept
+    about   versions and arithmetic, see `fingerprint`
+    limit   [s] that a point may take
+    """
+
+    launch: LaunchFile
+    keep: tuple[Kept, ...]
+    about: dict[str, str]
+    limit: float | None
+
+
+@dataclass
+class Computed:
+    """What became of a point.
+
+    numbers  by the text of what was kept
+    curves   times [s] and values by the text of what was kept
+    error    why there are none; "" where there are
+    seconds  [s] that it took, without what was compiled for it
+    lost     why the study cannot go on: a full disk
+    """
+
+    numbers: dict[str, float] = field(default_factory=dict)
+    curves: dict[str, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
+    error: str = ""
+    seconds: float = 0.0
+    lost: str = ""
+
+
+def fingerprint() -> dict[str, str]:
+    """What decides on the bytes of results beside the graph: versions and arithmetic."""
+    sources = {"sources of palpate": kernel_cache.key(ROOMS), "python": platform.python_version()}
+    return sources | arithmetic.in_force(here=False)
+
+
+def overrides(values: dict[str, Any], key: str = "over") -> list[Override]:
+    """What is set from outside at a point; a fault says that it comes from this key of the study."""
+    return [
+        Override(tuple(path.split(".")), YamlSource(value, {(): Location(f"{key} {path}")}))
+        for path, value in values.items()
+    ]
+
+
+def compute(task: Task, point: Point, begun: Callable[[], None] = lambda: None) -> Computed:
+    """Run a point in this process. `begun` is called when all kernels that it needs are there."""
+    since = time.monotonic()
+    with tempfile.TemporaryDirectory(prefix="palpate-point-") as folder:
+        file = Path(folder) / "point.mcap" if point.recording is None else point.recording.with_suffix(".part")
+        try:
+            launch = task.launch.but(overrides=overrides(point.values), place=FUSED, clock="simulated", record=file)
+            graph = launch.load()
+            if point.recording is None:
+                _only(graph, file, {one.stream for one in task.keep})
+            _warm(launch, graph)
+            begun()
+            since = time.monotonic()
+            outcome = execute(launch, graph)
+            gc.unfreeze()  # the loop has set aside what was there before it
+            died = {death.node: str(death) for death in outcome.result.deaths}
+            loggers = {name for name in died if issubclass(graph.nodes[name].cls, Mcap)}
+            if died and not loggers:
+                return Computed(error=next(iter(died.values())), seconds=time.monotonic() - since)
+            if loggers:
+                return Computed(lost=died[loggers.pop()])
+            if not outcome.ok:
+                return Computed(lost="; ".join(outcome.result.notes) or f"{file}: the recording is not whole")
+            done = _kept(task, Run(file))
+            if point.recording is not None:
+                file.replace(point.recording)
+        except OSError as error:
+            return Computed(lost=f"{error.filename or file}: {error.strerror or error}")
+        except GraphError as error:
+            done = Computed(error=" ".join(str(error).split()))
+        except PalpateError as error:
+            done = Computed(error=str(error))
+        except Exception as error:
+            done = Computed(error=f"{type(error).__name__}: {error}")
+    return replace(done, seconds=time.monotonic() - since)
+
+
+def _only(graph: Graph, file: Path, streams: set[str]) -> None:
+    """Record these streams alone, and whole; nodes that nobody needs for them do not run."""
+    set_recording(graph, file)
+    graph.wanted = tuple(sorted(streams))
+    for spec in graph.nodes.values():
+        if issubclass(spec.cls, Mcap) and spec.off is None:
+            spec.listen = graph.wanted
+
+
+def _kept(task: Task, run: Run) -> Computed:
+    done = Computed()
+    for one in task.keep:
+        if one.how == "curve":
+            done.curves[one.text] = one.values(run)
+        else:
+            done.numbers[one.text] = one.number(run)
+    return done
+
+
+def _warm(launch: LaunchFile, graph: Graph, seen: set[str] = set()) -> None:  # noqa: B006 - of this process
+    """Compile what this graph's nodes need, once on this machine: the processes of a machine wait for the first."""
+    classes = hashlib.sha256(" ".join(sorted(full_name(spec.cls) for spec in graph.nodes.values())).encode())
+    name = f"warm-{classes.hexdigest()[:16]}"
+    folder = Path(os.environ.get("NUMBA_CACHE_DIR", tempfile.gettempdir()))
+    if name in seen or kernel_cache.PREFIX not in folder.name:
+        return
+    seen.add(name)
+    with open(folder / "warm.lock", "a") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not (folder / name).exists():
+            first = launch.load()
+            execute(replace(launch, record=None, duration=1.0 / first.rate), first)
+            gc.unfreeze()
+            (folder / name).touch()
+
+
+def main() -> None:
+    """Serve points on the connection whose number is in `argv`, until its other end closes, or no more come."""
+    die_with_parent()
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    with Connection(int(sys.argv[1])) as link:
+        link.send(fingerprint())
+        try:
+            while link.poll(IDLE):
+                task, point = link.recv()
+                link.send(compute(task, point, lambda: link.send(None)))
+        except EOFError:
+            pass

@@ -1,0 +1,129 @@
+"""What a worker of Dask does: it hands points to a process of its own, and ends that when one takes too long."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from multiprocessing import Pipe
+from pathlib import Path
+
+from palpate.engine.clock import one_blas_thread
+from palpate.physics.errors import RunError
+from palpate.studies.sweeps.point import Computed, Point, Task
+
+ENOUGH = 1.5
+"""[s] of work after which a worker reports what it has done of a batch."""
+NETWORK = ("nfs", "lustre", "gpfs", "beegfs", "cifs", "smb", "afs", "ceph", "panfs", "pvfs", "glusterfs", "fuse.")
+"""How Linux calls file systems of other machines, by their beginning."""
+STARTS = 120.0  # [s] for the process to come up
+
+
+class Runner:
+    """A process that computes points, and the connection to it."""
+
+    def __init__(self) -> None:
+        self.link, theirs = Pipe()
+        cache = local_cache()
+        with theirs, one_blas_thread():
+            self.process = subprocess.Popen(
+                [sys.executable, "-c", "from palpate.studies.sweeps.point import main; main()", str(theirs.fileno())],
+                pass_fds=[theirs.fileno()],
+                stdin=subprocess.DEVNULL,
+                env={
+                    **os.environ,
+                    "PYTHONPATH": os.pathsep.join(path for path in sys.path if path),
+                    **({"NUMBA_CACHE_DIR": cache} if cache else {}),
+                },
+                process_group=0,  # Ctrl-C reaches the study alone
+            )
+        if not self.link.poll(STARTS):
+            self.close()
+            raise RunError(f"the process that computes points did not start within {STARTS:g} s")
+        try:
+            self.about: dict[str, str] = self.link.recv()
+        except (EOFError, OSError):
+            raise RunError(f"the process that computes points ended at its start: {self._ending()}") from None
+
+    def run(self, task: Task, point: Point) -> Computed:
+        """Compute a point. The process ends with a point that takes too long, or that takes it down."""
+        since = time.monotonic()
+        try:
+            self.link.send((task, point))
+            while True:
+                until = None if task.limit is None else max(0.0, since + task.limit - time.monotonic())
+                if not self.link.poll(until):
+                    self.close()
+                    return Computed(error=f"took longer than {task.limit:g} s", seconds=task.limit or 0.0)
+                done = self.link.recv()
+                if done is not None:
+                    return done
+                since = time.monotonic()  # what it had to compile before does not count
+        except (EOFError, OSError):
+            return Computed(error=f"its process ended: {self._ending()}", seconds=time.monotonic() - since)
+
+    def _ending(self) -> str:
+        """Why the process is gone."""
+        self.link.close()
+        code = self.process.wait()
+        return f"exit code {code}" if code >= 0 else signal.Signals(-code).name
+
+    @property
+    def alive(self) -> bool:
+        return not self.link.closed and self.process.poll() is None
+
+    def close(self) -> None:
+        """End the process with whatever it does."""
+        with contextlib.suppress(ProcessLookupError, PermissionError):
+            os.killpg(self.process.pid, signal.SIGKILL)
+        self._ending()
+
+
+_here = threading.local()
+
+
+def work(task: Task, points: list[Point]) -> tuple[str, list[Computed]]:
+    """Compute points, and the name of this machine: the first of them, and the next as long as that takes no time.
+
+    RunError: this machine computes with other versions than the study's.
+    """
+    since, done = time.monotonic(), []
+    for point in points:
+        runner = getattr(_here, "runner", None)
+        if runner is None or not runner.alive:
+            runner = _here.runner = Runner()
+        other = [
+            f"{name} {runner.about.get(name, 'none')} there, {ours} here"
+            for name, ours in task.about.items()
+            if runner.about.get(name) != ours
+        ]
+        if other:
+            raise RunError(f"{os.uname().nodename} would not give the same bytes: {'; '.join(other)}")
+        done.append(runner.run(task, point))
+        if done[-1].lost or time.monotonic() - since > ENOUGH:
+            break
+    return os.uname().nodename, done
+
+
+def local_cache(mounts: Path = Path("/proc/mounts")) -> str | None:
+    """A folder of this machine and user for kernels, where theirs lies on a disk of the network, which many machines
+    would write at once; None: theirs will do. `mounts` is the system's list of file systems."""
+    where = Path(os.environ.get("NUMBA_CACHE_DIR", "")).resolve()
+    kinds = {}
+    for line in mounts.read_text(encoding="utf-8").splitlines():
+        _, point, kind, *_ = line.split()
+        if where.is_relative_to(point):
+            kinds[len(point)] = kind
+    if not kinds or not kinds[max(kinds)].startswith(NETWORK):
+        return None
+    cache = Path(tempfile.gettempdir()) / f"palpate-kernels-{os.getuid()}"
+    cache.mkdir(mode=0o700, exist_ok=True)
+    about = cache.stat(follow_symlinks=False)
+    if about.st_uid != os.getuid() or about.st_mode & 0o077:  # what others may write there is not to be run
+        return tempfile.mkdtemp(prefix="palpate-kernels-")
+    return str(cache)

@@ -1,0 +1,85 @@
+"""Which parameter matters: Sobol indices and Morris's elementary effects of what a study keeps, by SALib.
+
+The samples are drawn in the unit cube and taken through the distributions, so that an effect of Morris is the change
+over the whole range of a parameter (between its 1 % and 99 % quantiles where it has no bounds), in the unit of the
+quantity.
+
+    sobol   S1  share of the variance that the parameter explains alone; ST with all of its interactions
+            A. Saltelli et al., Comput. Phys. Commun. 181 (2010) 259-270; `samples` x (parameters + 2) points
+    morris  mu  mean elementary effect; mu_star of its magnitude; sigma its standard deviation (bends, interactions)
+            M. D. Morris, Technometrics 33 (1991) 161-174; F. Campolongo et al., Environ. Model. Softw. 22 (2007)
+            1509-1518; `samples` x (parameters + 1) points
+
+`*_conf` is the half-width of the interval of 95 %, by resampling.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from palpate.launch.load.extras import install
+from palpate.physics.errors import ArgumentError, RunError
+
+METHODS = {"sobol": ("S1", "S1_conf", "ST", "ST_conf"), "morris": ("mu", "mu_star", "mu_star_conf", "sigma")}
+LEVELS = 4  # of Morris's grid
+RESAMPLED = 200
+
+
+def _salib() -> Any:
+    try:
+        import SALib.analyze.morris
+        import SALib.analyze.sobol
+        import SALib.sample.morris
+    except ImportError:
+        raise RunError(f"sensitivity needs the package SALib: {install('study')}") from None
+    return SALib
+
+
+def _problem(names: Sequence[str]) -> dict[str, Any]:
+    return {"num_vars": len(names), "names": list(names), "bounds": [[0.0, 1.0]] * len(names)}
+
+
+def cube(method: str, count: int, samples: int, seed: int) -> np.ndarray:
+    """(points, count) Samples of a method in the unit cube. ArgumentError: too few parameters or samples.
+
+    For Sobol's indices two Latin hypercubes A and B, and A with each column of B in turn. SALib draws A and B from one
+    Sobol sequence, whose first points lie in planes: the intervals of 95 % of a linear law of 12 parameters held the
+    index in 52 % of 40 draws of 64 samples, and of 5 parameters in 5 % of draws of 16; here in 87 % at least.
+    """
+    if count < 2 or samples < 2:
+        raise ArgumentError(
+            f"sensitivity: found {count} distributions and {samples} samples, expected two of each or more"
+        )
+    if method == "morris":
+        problem = _problem([str(k) for k in range(count)])
+        return _salib().sample.morris.sample(problem, samples, num_levels=LEVELS, seed=seed + 1)
+    from scipy.stats import qmc
+
+    both = qmc.LatinHypercube(2 * count, seed=seed).random(samples)
+    first, second = both[:, :count], both[:, count:]
+    rows = np.repeat(first[:, None, :], count + 2, axis=1)
+    for k in range(count):
+        rows[:, 1 + k, k] = second[:, k]
+    rows[:, -1] = second
+    return rows.reshape(-1, count)
+
+
+def indices(
+    method: str, names: Sequence[str], points: np.ndarray, values: np.ndarray, seed: int
+) -> list[dict[str, float]]:
+    """The indices of each parameter, in the order of METHODS.
+
+    points  (points, parameters) [1] in the unit cube, as `cube` gives them;  values  (points) of the quantity
+    """
+    salib, problem = _salib(), _problem(names)
+    options = {"num_resamples": RESAMPLED, "seed": seed + 1}  # 0 is no seed to SALib
+    if np.ptp(values) == 0.0:  # no parameter matters: shares of no variance
+        return [dict.fromkeys(METHODS[method], 0.0) for _ in names]
+    if method == "sobol":
+        found = salib.analyze.sobol.analyze(problem, values, calc_second_order=False, **options)
+    else:
+        found = salib.analyze.morris.analyze(problem, points, values, num_levels=LEVELS, **options)
+    return [{name: float(found[name][k]) for name in METHODS[method]} for k in range(len(names))]

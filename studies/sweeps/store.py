@@ -1,0 +1,191 @@
+"""What is stored of a study, in one folder, by one writer.
+
+    points.parquet    a row for each point, in order: key, what was varied, numbers, error
+    curves.zarr       an array (points, samples) for each curve, and for its times [s]; NaN after its end
+    recordings/       whole runs, where they are kept
+    study.json        graph, scene, versions and arithmetic of all that is stored, by the `base` of the rows
+    log.jsonl         when each point was computed, where, and how long it took
+
+Rows are found by their key, and none is ever removed: a study that is changed back finds its old points. Files are
+written anew under another name and then renamed, so that a full disk or a kill leaves the former ones whole.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import datetime
+import errno
+import fcntl
+import json
+import math
+import os
+import time
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from palpate.launch.load.extras import install
+from palpate.physics.errors import RunError
+from palpate.studies.sweeps.point import Computed, Point
+
+try:
+    import pyarrow
+    import pyarrow.parquet
+    import zarr
+except ImportError as error:
+    raise RunError(f"studies need the package {error.name}: {install('study')}") from None
+
+FIXED = ("key", "base", "slot", "error")
+SHARE = 20.0
+"""Rows are written when that takes at most one part in so many of the time since they were written last."""
+AT_LEAST = 1.0  # [s] between two times
+
+
+class Store:
+    """The folder of a study.
+
+    rows  by their key: FIXED, what was varied, and numbers
+
+    RunError: another study writes there. OSError: nothing can be written there.
+    """
+
+    def __init__(self, folder: Path, *, write: bool = True) -> None:
+        self.folder = folder
+        self._table, self._about = folder / "points.parquet", folder / "study.json"
+        self._lock = None
+        if write:
+            folder.mkdir(parents=True, exist_ok=True)
+            self._lock = open(folder / ".lock", "w")  # noqa: SIM115 - until `close`
+            try:
+                fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                self._lock.close()
+                raise RunError(
+                    f"{folder}: another process writes this study; wait for it, or take another folder"
+                ) from None
+        try:
+            rows = pyarrow.parquet.read_table(self._table).to_pylist() if self._table.exists() else []
+            self.about: dict[str, Any] = json.loads(self._about.read_text()) if self._about.exists() else {"bases": {}}
+        except (pyarrow.ArrowInvalid, json.JSONDecodeError) as error:
+            self.close()
+            raise RunError(f"{folder}: this is no study, or a damaged one: {error}") from None
+        self.rows = {row["key"]: {k: v for k, v in row.items() if v is not None} for row in rows}
+        self._written, self._took, self._changed = time.monotonic(), 0.0, False
+
+    def free(self, wanted: Iterable[int]) -> list[int]:
+        """For each number of a point a slot that no row has: the number itself where it is free."""
+        taken = {row["slot"] for row in self.rows.values()}
+        wanted = list(wanted)
+        last = max([*taken, *wanted], default=-1)
+        slots = []
+        for number in wanted:
+            if number in taken:
+                last += 1
+                number = last
+            slots.append(number)
+        return slots
+
+    def describe(self, base: str, about: Mapping[str, Any], study: Mapping[str, Any]) -> None:
+        """Note what the rows of a base were computed from, and the study that is computed now."""
+        self.about["bases"][base] = dict(about)
+        self.about |= {"base": base, "study": dict(study)}
+        with self._told():
+            _replace(self._about, json.dumps(self.about, indent=1, default=str).encode())
+
+    def add(self, base: str, point: Point, done: Computed, worker: str) -> None:
+        """Keep a point. RunError: the disk is full, or lost."""
+        with self._told():
+            for name, (times, values) in done.curves.items():
+                self._curve(f"{name} time", point.slot, times)
+                self._curve(name, point.slot, values)
+            when = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
+            told = {"key": point.key, "seconds": round(done.seconds, 3), "worker": worker, "date": when}
+            with open(self.folder / "log.jsonl", "a") as log:
+                log.write(json.dumps(told) + "\n")
+        self.rows[point.key] = {
+            "key": point.key, "base": base, "slot": point.slot, **point.labels, **done.numbers,
+            **({"recording": point.recording.name} if point.recording and not done.error else {}), "error": done.error,
+        }  # fmt: skip
+        self._changed = True
+        if time.monotonic() - self._written > max(AT_LEAST, SHARE * self._took):
+            self.flush()
+
+    def flush(self) -> None:
+        """Write all rows. RunError: the disk is full, or lost; the former file is whole."""
+        if not self._changed:
+            return
+        since = time.monotonic()
+        rows = sorted(self.rows.values(), key=lambda row: row["slot"])
+        names = dict.fromkeys((*FIXED[:3], *sorted({name for row in rows for name in row} - set(FIXED)), "error"))
+        columns = {name: _column([row.get(name) for row in rows]) for name in names}
+        sink = pyarrow.BufferOutputStream()
+        pyarrow.parquet.write_table(pyarrow.table(columns), sink)
+        with self._told():
+            _replace(self._table, sink.getvalue())
+        self._written, self._changed = time.monotonic(), False
+        self._took = self._written - since
+
+    def close(self) -> None:
+        if self._lock is not None:
+            self._lock.close()
+
+    # -- curves --------------------------------------------------------------------------------------------------
+
+    def _curve(self, name: str, slot: int, values: np.ndarray) -> None:
+        group: Any = zarr.open_group(self.folder / "curves.zarr", mode="a")
+        if name not in group:
+            chunk = (1, max(1, len(values)))  # a file for each curve: none is ever read to be written again
+            group.create_array(name, shape=chunk, chunks=chunk, dtype="float64", fill_value=math.nan)
+        array = group[name]
+        rows, length = array.shape
+        if slot >= rows or len(values) > length:
+            array.resize((max(rows, slot + 1), max(length, len(values))))
+        row = np.full(array.shape[1], math.nan)
+        row[: len(values)] = values
+        array[slot] = row
+
+    def curves(self, name: str, slots: Iterable[int | None]) -> np.ndarray:
+        """(slots, samples) Curves, or `NAME time` [s] their times; NaN where there is no such slot."""
+        group: Any = zarr.open_group(self.folder / "curves.zarr", mode="r")
+        stored = np.asarray(group[name][:])
+        rows = [slot if slot is not None and slot < len(stored) else None for slot in slots]
+        nothing = np.full(stored.shape[1], math.nan)
+        return np.array([nothing if row is None else stored[row] for row in rows])
+
+    @contextlib.contextmanager
+    def _told(self):
+        """RunError in place of what a full or lost disk says."""
+        try:
+            yield
+        except OSError as error:
+            why = error.strerror or str(error)
+            cure = "; free some room" if error.errno in (errno.ENOSPC, errno.EDQUOT) else ""
+            raise RunError(
+                f"{self.folder}: {why}. All points in points.parquet stay{cure}; run the study again to go on"
+            ) from None
+
+
+def _column(values: list[Any]) -> Any:
+    """Numbers as they are where all are; else texts."""
+    given = [value for value in values if value is not None]
+    if given and all(isinstance(value, int | float) and not isinstance(value, bool) for value in given):
+        whole = all(isinstance(value, int) for value in given)
+        return pyarrow.array(values, pyarrow.int64() if whole else pyarrow.float64())
+    texts = [value if value is None or isinstance(value, str) else json.dumps(value) for value in values]
+    return pyarrow.array(texts, pyarrow.string())
+
+
+def _replace(file: Path, content: Any) -> None:
+    """Write a file so that it is the old or the new one at any time."""
+    part = file.with_name(f".{file.name}.part")
+    try:
+        with open(part, "wb") as out:
+            out.write(content)
+            out.flush()
+            os.fsync(out.fileno())
+        part.replace(file)
+    except OSError:
+        part.unlink(missing_ok=True)
+        raise

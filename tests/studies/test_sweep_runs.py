@@ -1,0 +1,377 @@
+"""Studies on real workers of Dask: what is stored, and what becomes of it when something goes wrong."""
+
+import json
+import math
+import os
+import resource
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import psutil
+import pyarrow.parquet
+import pytest
+
+import palpate
+from palpate.physics.errors import PalpateError, RunError
+from palpate.studies.sweeps import cluster
+from palpate.studies.sweeps.file import load
+from palpate.studies.sweeps.point import Task, compute, fingerprint
+from palpate.studies.sweeps.store import Store
+
+KEEP = ("peak ball.force", "mean ball.force", "at 2 ms ball.indentation", "curve ball.force")
+BALL = """
+nodes:
+  ball: {use: nodes_for_studies.Ball}
+wanted: [ball]
+run: {duration: 5 ms}
+"""
+OVER = {"ball.young": [1e4, 2e4, 4e4], "ball.depth": ["1 mm", "2 mm"]}
+
+
+@pytest.fixture(scope="module")
+def client(tmp_path_factory):
+    """Two workers, processes of their own, for all tests that leave them alive."""
+    with cluster.local(2, tmp_path_factory.mktemp("dask") / "workers.log") as (client, _):
+        yield client
+
+
+@pytest.fixture
+def ball(write):
+    return write("ball.yaml", BALL)
+
+
+@pytest.fixture
+def said():
+    return []
+
+
+def hertz(young, depth, radius=8e-3, poisson=0.5):
+    return 4.0 / 3.0 * young / (1.0 - poisson**2) * math.sqrt(radius) * depth**1.5
+
+
+def computed(study, folder, client, **options):
+    """Runs a study; the numbers of the points that it computed."""
+    numbers = []
+    study.run(folder, client, done=lambda point, done, left: numbers.append(point.slot), **options)
+    return sorted(numbers)
+
+
+def test_a_row_for_each_point_with_numbers_and_curves(ball, client, tmp_path):
+    study = palpate.Study(ball, OVER, KEEP)
+    assert computed(study, tmp_path, client) == list(range(6))
+    table = study.table()
+    assert (
+        list(table["ball.young"]) == [1e4, 1e4, 2e4, 2e4, 4e4, 4e4]
+        and list(table["ball.depth"]) == ["1 mm", "2 mm"] * 3
+    )
+    depth = table["ball.depth"].map({"1 mm": 1e-3, "2 mm": 2e-3})
+    forces = [hertz(e, d) for e, d in zip(table["ball.young"], depth, strict=True)]
+    assert table["peak ball.force"].to_numpy() == pytest.approx(forces, rel=1e-12)
+    shares = np.arange(1, 6) / 5
+    assert table["mean ball.force"].to_numpy() == pytest.approx(np.array(forces) * np.mean(shares**1.5), rel=1e-12)
+    assert table["at 2 ms ball.indentation"].to_numpy() == pytest.approx(depth * 3 / 5, rel=1e-12)
+    assert table.attrs["units"]["peak ball.force"] == "N" and not table["error"].any()
+    data = study.xarray()
+    assert data["curve ball.force"].dims == ("ball.young", "ball.depth", "time")
+    curve = data["curve ball.force"].sel({"ball.young": 2e4, "ball.depth": "2 mm"})
+    assert curve.to_numpy() == pytest.approx(hertz(2e4, 2e-3) * shares**1.5, rel=1e-12)
+    assert data["time"].to_numpy() == pytest.approx(np.arange(5) * 1e-3) and data["curve ball.force"].units == "N"
+
+
+def test_the_bytes_are_those_of_one_run_at_a_time_whatever_the_number_of_workers(client, tmp_path):
+    """On the shipped kidney: two workers, one worker, and `palpate.run` in this process."""
+    over = {"tissue.stiffness": [2.5e3, 3.5e3], "hand": {"named": {"fast": press(0.05), "slow": press(0.08)}}}
+    arguments = {"keep": ["peak contact.force", "curve contact.force"], "duration": 0.15}
+    several = palpate.Study("kidney", over, **arguments).run(tmp_path / "two", client)
+    palpate.Study("kidney", over, **arguments).run(tmp_path / "one", workers=1)
+    for file in (tmp_path / "two").rglob("*"):
+        if file.is_file() and file.name not in ("log.jsonl", ".lock", "workers.log"):
+            assert file.read_bytes() == (tmp_path / "one" / file.relative_to(tmp_path / "two")).read_bytes(), file
+    assert not several.table()["error"].any()
+    curves = several.xarray()["curve contact.force"].to_numpy().reshape(4, -1)
+    assert curves.max() > 0.1
+    for row, curve in zip(several.points, curves, strict=True):
+        sets = [f"{path}={json.dumps(value)}" for path, value in row.values.items()]
+        run = palpate.run("kidney", duration=0.15, record=tmp_path / f"{row.slot}.mcap", sets=sets)
+        assert np.asarray(run.contact.force).tobytes() == curve.tobytes()
+
+
+def press(time):
+    return {"hand_stiffness": 500, "hand_damping": 10, "mass": 0.2, "begin": [0, 0, 0.1095],
+            "path": [{"to": [0, 0, 0.104], "time": time}, {"hold": 0.1}]}  # fmt: skip
+
+
+def test_a_second_run_computes_what_is_missing_and_says_what_changed(ball, client, tmp_path, said):
+    assert computed(palpate.Study(ball, OVER, KEEP), tmp_path, client) == list(range(6))
+    assert computed(palpate.Study(ball, OVER, KEEP), tmp_path, client, told=said.append) == []
+    assert said == ["6 points, 6 stored, 0 to compute"]
+    more = palpate.Study(ball, OVER | {"ball.young": [1e4, 1.5e4, 2e4, 4e4]}, KEEP)
+    said.clear()
+    assert len(computed(more, tmp_path, client, told=said.append)) == 2
+    changed = "changed: study.over.ball.young: 4 values, 10000 to 40000, was 3 values, 10000 to 40000"
+    assert changed in said and said[-1] == "8 points, 6 stored, 2 to compute"
+    assert more.table()["peak ball.force"].to_numpy()[2] == pytest.approx(hertz(1.5e4, 1e-3))
+    assert more.xarray()["curve ball.force"].to_numpy()[1, 0, -1] == pytest.approx(hertz(1.5e4, 1e-3))
+    other = palpate.Study(ball, OVER, KEEP, sets=["ball.radius=4 mm"])
+    said.clear()
+    assert len(computed(other, tmp_path, client, told=said.append)) == 6
+    assert any("changed: graph.nodes.ball.radius: 4 mm, was nothing" in line for line in said)
+    assert other.table()["peak ball.force"][0] == pytest.approx(hertz(1e4, 1e-3, radius=4e-3))
+    assert computed(palpate.Study(ball, OVER, KEEP), tmp_path, client) == [], "nothing of the former study is lost"
+    assert len(Store(tmp_path, write=False).rows) == 14
+
+
+def test_curves_of_other_lengths_lie_in_one_folder(ball, client, tmp_path):
+    long, short = (palpate.Study(ball, OVER, KEEP, duration=d).run(tmp_path, client) for d in ("8 ms", "3 ms"))
+    for study, count in ((long, 8), (short, 3)):
+        curve = study.xarray()["curve ball.force"]
+        assert curve.shape == (3, 2, count) and curve.notnull().all()
+    rates = palpate.Study(ball, {"rate": [1000, 2000]}, ["curve ball.force"]).run(tmp_path / "rates", client).xarray()
+    assert rates["curve ball.force"].dims == ("rate", "tick") and rates["time"].dims == ("rate", "tick")
+    assert rates["time"].sel(rate=2000).to_numpy() == pytest.approx(np.arange(10) * 5e-4)
+    assert rates["curve ball.force"].sel(rate=1000).notnull().sum() == 5
+
+
+def test_workers_that_cannot_start_are_no_endless_wait(ball, tmp_path, monkeypatch):
+    monkeypatch.setattr(cluster, "_WORKERS", "raise SystemExit('no room for workers')")
+    with pytest.raises(RunError, match=r"the workers ended with exit code 1; \S*workers\.log has"):
+        palpate.Study(ball, OVER, KEEP).run(tmp_path)
+    assert "no room for workers" in (tmp_path / "workers.log").read_text()
+
+
+def test_other_code_of_a_class_of_ones_own_makes_other_points(write, monkeypatch, tmp_path):
+    write("mylab_sweep.py", "from nodes_for_studies import Ball as _Ball\nclass Ball(_Ball):\n    pass\n")
+    graph = write("own.yaml", BALL.replace("nodes_for_studies", "mylab_sweep"))
+    monkeypatch.syspath_prepend(tmp_path)
+    first = palpate.Study(graph, OVER, KEEP)
+    assert palpate.Study(graph, OVER, KEEP).points == first.points
+    write("mylab_sweep.py", "from nodes_for_studies import Ball as _Ball\nclass Ball(_Ball):\n    poisson = 0.4\n")
+    assert not {point.key for point in palpate.Study(graph, OVER, KEEP).points} & {point.key for point in first.points}
+
+
+def test_points_that_fail_are_rows_with_their_error(ball, client, tmp_path):
+    over = {"ball.young": [1e4, 2e4], "ball.what": ["", "fail", "kill", "hang"]}
+    study = palpate.Study(ball, over, ["peak ball.force"], limit="700 ms")
+    assert computed(study, tmp_path, client) == list(range(8))
+    errors = list(study.table()["error"])
+    assert errors == 2 * [
+        "",
+        "node 'ball', start: ValueError: the mesh is inside out",
+        "its process ended: SIGKILL",
+        "took longer than 0.7 s",
+    ]
+    assert study.table()["peak ball.force"].isna().tolist() == [False, True, True, True] * 2
+    assert computed(study, tmp_path, client) == [], "they are not computed again"
+    study.limit = 10.0
+    assert computed(palpate.Study(ball, {**over, "ball.what": ["", "fail"]}, ["peak ball.force"]), tmp_path, client,
+                    retry=True) == [1, 5]  # fmt: skip
+
+
+def test_a_long_point_holds_up_no_other(ball, client, tmp_path):
+    """It is started first, on one of two workers: the short ones come on the other."""
+    study = palpate.Study(ball, {"ball.pause": [1.5, *np.arange(12) * 1e-3]}, ["peak ball.force"])
+    order = []
+    study.run(tmp_path, client, done=lambda point, done, left: order.append(point.slot))
+    assert order[-1] == 0 and len(order) == 13
+
+
+def test_ctrl_c_keeps_what_is_done(ball, client, tmp_path):
+    study, done = palpate.Study(ball, {"ball.pause": list(np.arange(10) * 0.01)}, KEEP), []
+
+    def interrupt(point, computed, left):
+        done.append(point.slot)
+        if len(done) == 4:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        study.run(tmp_path, client, done=interrupt)
+    assert {row["slot"] for row in Store(tmp_path, write=False).rows.values()} == set(done)
+    assert computed(study, tmp_path, client) == sorted(set(range(10)) - set(done))
+    assert not study.table()["error"].any()
+
+
+def test_a_full_disk_ends_the_study_and_loses_nothing(ball, client, tmp_path):
+    study = palpate.Study(ball, OVER, KEEP)
+    study.run(tmp_path, client)
+    stored = (tmp_path / "points.parquet").read_bytes()
+    more = palpate.Study(ball, OVER | {"ball.radius": ["5 mm", "6 mm"]}, KEEP)
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    with pytest.raises(RunError, match=r"File too large\. All points in points.parquet stay"):
+        try:
+            resource.setrlimit(resource.RLIMIT_FSIZE, (len(stored) // 2, hard))
+            more.run(tmp_path, client)
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert (tmp_path / "points.parquet").read_bytes() == stored
+    assert not study.table()["error"].any()
+    more.run(tmp_path, client)
+    assert not more.table()["error"].any()
+
+
+def test_a_full_disk_under_a_point_is_no_fault_of_the_point(ball, tmp_path):
+    study = palpate.Study(ball, OVER, KEEP)
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    try:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (100, hard))
+        done = compute(Task(study.launch, study.keep, {}, None), study.points[0])
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert done.lost and not done.error
+
+
+@pytest.mark.long
+def test_a_worker_that_is_killed_is_made_up_for(ball, client, tmp_path):
+    study, killed = palpate.Study(ball, {"ball.pause": [0.2 + k * 1e-3 for k in range(8)]}, KEEP), []
+
+    def kill(point, computed, left):
+        if not killed:
+            killed.append(next(iter(client.run(os.getpid).values())))
+            os.kill(killed[0], signal.SIGKILL)
+
+    study.run(tmp_path, client, done=kill)
+    assert killed and not study.table()["error"].any()
+    client.wait_for_workers(2, timeout=30)
+
+
+@pytest.mark.long
+def test_a_process_of_points_ends_with_its_worker(ball, client, tmp_path):
+    flag = tmp_path / "begun"
+    study = palpate.Study(ball, {"ball.pause": [60.0]}, KEEP, sets=[f"ball.flag={flag}"])
+    task = Task(study.launch, study.keep, fingerprint(), None)
+    point = client.submit(cluster.work, task, study.points, pure=False)
+    while not (flag.exists() and flag.read_text()):
+        time.sleep(0.01)
+    child = psutil.Process(int(flag.read_text()))
+    point.cancel()
+    os.kill(child.ppid(), signal.SIGKILL)
+    child.wait(10)
+    client.wait_for_workers(2, timeout=30)
+
+
+def test_two_studies_do_not_write_one_folder(ball, client, tmp_path):
+    held = Store(tmp_path)
+    with pytest.raises(RunError, match="another process writes this study"):
+        palpate.Study(ball, OVER, KEEP).run(tmp_path, client)
+    held.close()
+    palpate.Study(ball, OVER, KEEP).run(tmp_path, client)
+
+
+def test_a_worker_with_other_versions_computes_nothing(ball, client, tmp_path):
+    study = palpate.Study(ball, OVER, KEEP)
+    study._about["versions"] |= {"numpy": "1.0"}
+    with pytest.raises(RunError, match=r"would not give the same bytes: numpy \d\S* there, 1.0 here"):
+        study.run(tmp_path, client)
+
+
+def test_whole_recordings_on_wish(ball, client, tmp_path):
+    study = palpate.Study(ball, {"ball.young": [1e4, 2e4]}, ["peak ball.force", "recording"])
+    study.run(tmp_path, client)
+    for force, name in study.table()[["peak ball.force", "recording"]].to_numpy():
+        assert palpate.open(tmp_path / "recordings" / name).ball.force.max() == force
+    assert len(list((tmp_path / "recordings").iterdir())) == 2
+
+
+def test_what_is_stored_opens_with_other_tools(ball, client, tmp_path):
+    palpate.Study(ball, OVER, KEEP).run(tmp_path, client)
+    table = pyarrow.parquet.read_table(tmp_path / "points.parquet")
+    assert table.column_names == ["key", "base", "slot", *sorted([*KEEP[:3], *OVER]), "error"]
+    assert {json.loads(line)["key"] for line in (tmp_path / "log.jsonl").read_text().splitlines()} == set(
+        table["key"].to_pylist()
+    )
+    (tmp_path / "points.parquet").write_bytes(b"PAR1 and no more")
+    with pytest.raises(RunError, match="this is no study, or a damaged one"):
+        palpate.Study(ball, OVER, KEEP).run(tmp_path, client)
+
+
+def test_pictures_of_numbers_and_curves(ball, client, tmp_path):
+    study = palpate.Study(ball, OVER, KEEP)
+    with pytest.raises(RunError, match="was not run"):
+        study.table()
+    study.run(tmp_path, client)
+    (axes,) = study.plot("peak ball.force").axes
+    assert [line.get_label() for line in axes.lines] == ["1 mm", "2 mm"] and axes.get_xlabel() == "ball.young"
+    assert axes.lines[1].get_ydata() == pytest.approx([hertz(e, 2e-3) for e in (1e4, 2e4, 4e4)])
+    (axes,) = study.plot("ball.force").axes
+    assert len(axes.lines) == 6 and axes.get_ylabel() == "ball.force [N]"
+    with pytest.raises(PalpateError, match=r"Did you mean 'ball\.force'"):
+        study.plot("ball.forze")
+
+
+def test_long_values_stand_by_their_number_in_legends(ball, client, tmp_path):
+    flags = [str(tmp_path / f"{'long' * 20}{number}") for number in (1, 2)]
+    study = palpate.Study(ball, {"ball.young": [1e4, 2e4], "ball.flag": flags}, KEEP).run(tmp_path / "out", client)
+    (axes,) = study.plot("peak ball.force").axes
+    assert [line.get_label() for line in axes.lines] == ["#1", "#2"]
+    assert list(study.table()["ball.flag"]) == 2 * flags
+
+
+def test_the_slurm_script_has_one_thread_a_worker(write):
+    study = write("mine.yaml", """
+        graph: kidney
+        over: {tissue.stiffness: [2e3, 3e3]}
+        keep: [peak contact.force]
+        slurm: {jobs: 3, cores: 8, memory: 16 GB, walltime: '02:00:00', queue: short}
+    """)  # fmt: skip
+    with cluster.slurm(load(study)[1]) as jobs:
+        script = jobs.job_script()
+    for line in ("#SBATCH -p short", "#SBATCH --cpus-per-task=8", "#SBATCH --mem=15G", "#SBATCH -t 02:00:00",
+                 "export OMP_NUM_THREADS=1", "--nthreads 1", "--nworkers 8"):  # fmt: skip
+        assert line in script
+    with pytest.raises(PalpateError, match=r"slurm: .*wall_time"):
+        cluster.slurm({"wall_time": "1"})
+
+
+@pytest.mark.long
+@pytest.mark.timeout(60)
+def test_jobs_of_slurm_are_submitted_and_compute(ball, tmp_path, monkeypatch):
+    """In place of SLURM a program that runs the script at once: what dask-jobqueue writes is a script that works."""
+    submit = f'cd {tmp_path}; cp "$1" job.sh; setsid bash job.sh >job.log 2>&1 & echo "Submitted batch job $!"'
+    for name, text in (("sbatch", submit), ("scancel", 'kill -- -"$1"')):
+        program = tmp_path / "bin" / name
+        program.parent.mkdir(exist_ok=True)
+        program.write_text(f"#!/bin/bash\n{text}\n")
+        program.chmod(0o755)
+    with pytest.raises(RunError, match=r"no `sbatch` here"), cluster.submitted({}):
+        pass
+    monkeypatch.setenv("PATH", f"{tmp_path / 'bin'}:{os.environ['PATH']}")
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join(path for path in sys.path if path))
+    with cluster.submitted({"jobs": 1, "cores": 2, "memory": "2 GB", "interface": "lo"}) as client:
+        study = palpate.Study(ball, OVER, KEEP).run(tmp_path / "out", client)
+    assert not study.table()["error"].any(), (tmp_path / "job.log").read_text()
+
+
+@pytest.mark.long
+def test_a_scheduler_that_dies_takes_no_point_with_it(ball, tmp_path):
+    env = {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
+    options = {"stdin": subprocess.DEVNULL, "stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "env": env}
+    file = tmp_path / "scheduler.json"
+    dask = [sys.executable, "-m", "dask"]
+    scheduler = subprocess.Popen([*dask, "scheduler", "--port", "0", "--host", "127.0.0.1", "--dashboard-address", ":0",
+                                  "--scheduler-file", str(file)], **options)  # fmt: skip
+    worker = subprocess.Popen([*dask, "worker", "--scheduler-file", str(file), "--nthreads", "1"], **options)
+    try:
+        while not file.exists():
+            time.sleep(0.05)
+        study, done = palpate.Study(ball, {"ball.pause": [0.3 + k * 1e-3 for k in range(12)]}, KEEP), []
+
+        def kill(point, computed, left):
+            done.append(point.slot)
+            if len(done) == 3:
+                scheduler.kill()
+
+        address = json.loads(file.read_text())["address"]
+        with cluster.connect(address) as client, pytest.raises(RunError, match="the scheduler is lost"):
+            study.run(tmp_path / "out", client, done=kill)
+        assert (
+            {row["slot"] for row in Store(tmp_path / "out", write=False).rows.values()} == set(done) != set(range(12))
+        )
+        with pytest.raises(RunError, match="no scheduler of Dask at"):
+            cluster.connect(address)
+    finally:
+        for process in (worker, scheduler):
+            process.kill()
+            process.wait()
+    assert computed(study, tmp_path / "out", None, workers=1) == sorted(set(range(12)) - set(done))
