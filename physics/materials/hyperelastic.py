@@ -96,6 +96,35 @@ def moduli(young: float, poisson: float) -> tuple[float, float]:
     return young / (2.0 * (1.0 + poisson)), young / (3.0 * (1.0 - 2.0 * poisson))
 
 
+def of_rest(law: str, shear: float, poisson: float) -> tuple[float, float]:
+    """Shear and bulk modulus [Pa] of a rubber-like law's shear modulus at rest [Pa] and its Poisson's ratio.
+
+    MaterialError: see `moduli`; a modulus above that of any rubber.
+    """
+    if not (np.isfinite(shear) and shear > 0):
+        raise MaterialError(f"{law}, shear modulus {shear:.4g} Pa at rest: expected a positive number")
+    moduli(1.0, poisson)  # refuses the ratio
+    young = 2.0 * shear * (1.0 + poisson)
+    rubberlike(law, young)
+    return moduli(young, poisson)
+
+
+def uniaxial(material: Material, stretch: np.ndarray) -> np.ndarray:
+    """Nominal stress [Pa] (n,) of an incompressible body of this law under uniaxial stretch (n,), sides free.
+
+    P = dW/dF11 - dW/dF22 l2/l1 with l2 = l1^(-1/2); U takes no part.
+    """
+    law: Any = compiled(material.law, LAW)
+    P, A, p = np.zeros((3, 3)), np.full((9, 9), np.nan), np.array(material.parameters)
+    stress = np.empty(len(stretch))
+    for i, along in enumerate(stretch):
+        across = along**-0.5
+        law(np.diag([along, across, across]), 1.0, p, P, A)
+        stress[i] = P[0, 0] - P[1, 1] * across / along
+        A[0, 0] = np.nan  # a law may have used it as memory
+    return stress
+
+
 def rest_moduli(material: Material) -> tuple[float, float]:
     """Shear and bulk modulus [Pa] of the undeformed material, from the tangent of its law.
 
