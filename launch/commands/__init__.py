@@ -9,5 +9,5 @@ HELP = "What a fingertip feels on soft tissue: a graph of message-passing nodes.
 ORDER = (
     "run", "touch", "check", "replay", "compare", "info", "echo", "top", "export", "recover", "plan", "rates", "nodes",
     "messages", "effects", "pictures", "plot", "picture", "film", "view", "doctor", "devices", "reduce", "fit",
-    "record_indentation", "join", "keys", "fingertip", "tune", "fit_body", "new", "fe", "bench",
+    "fit_tissue", "record_indentation", "join", "keys", "fingertip", "tune", "fit_body", "new", "fe", "bench",
 )  # fmt: skip

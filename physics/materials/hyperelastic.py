@@ -31,6 +31,7 @@ from dataclasses import dataclass
 from types import ModuleType
 from typing import Any, cast
 
+import numba
 import numpy as np
 
 from palpate.physics import materials
@@ -109,19 +110,24 @@ def of_rest(law: str, shear: float, poisson: float) -> tuple[float, float]:
     return moduli(young, poisson)
 
 
+@numba.njit(cache=True)
+def _uniaxial(law, p, stretch, stress):
+    P, A, F = np.zeros((3, 3)), np.zeros((9, 9)), np.zeros((3, 3))
+    for i in range(len(stretch)):
+        across = stretch[i] ** -0.5
+        F[0, 0], F[1, 1], F[2, 2] = stretch[i], across, across
+        A[0, 0] = np.nan
+        law(F, 1.0, p, P, A)
+        stress[i] = P[0, 0] - P[1, 1] * across / stretch[i]
+
+
 def uniaxial(material: Material, stretch: np.ndarray) -> np.ndarray:
     """Nominal stress [Pa] (n,) of an incompressible body of this law under uniaxial stretch (n,), sides free.
 
     P = dW/dF11 - dW/dF22 l2/l1 with l2 = l1^(-1/2); U takes no part.
     """
-    law: Any = compiled(material.law, LAW)
-    P, A, p = np.zeros((3, 3)), np.full((9, 9), np.nan), np.array(material.parameters)
     stress = np.empty(len(stretch))
-    for i, along in enumerate(stretch):
-        across = along**-0.5
-        law(np.diag([along, across, across]), 1.0, p, P, A)
-        stress[i] = P[0, 0] - P[1, 1] * across / along
-        A[0, 0] = np.nan  # a law may have used it as memory
+    _uniaxial(compiled(material.law, LAW), np.array(material.parameters), np.asarray(stretch, float), stress)
     return stress
 
 

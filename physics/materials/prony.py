@@ -12,9 +12,27 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numba
 import numpy as np
 
 from palpate.physics.materials.hyperelastic import MaterialError
+
+
+@numba.njit(cache=True)
+def _relaxed(shares, times, time, elastic):
+    out = np.empty(len(elastic))
+    history = shares * elastic[0]
+    out[0] = elastic[0]
+    still = 1.0 - np.sum(shares)
+    for k in range(1, len(elastic)):
+        total = still * elastic[k]
+        for i in range(len(shares)):
+            x = (time[k] - time[k - 1]) / times[i]
+            fresh = -np.expm1(-x) / x if x > 1e-9 else 1.0
+            history[i] = np.exp(-x) * history[i] + shares[i] * fresh * (elastic[k] - elastic[k - 1])
+            total += history[i]
+        out[k] = total
+    return out
 
 
 class Prony:
@@ -47,12 +65,6 @@ class Prony:
     def relaxed(self, time: np.ndarray, elastic: np.ndarray) -> np.ndarray:
         """The response (n,) to an elastic one (n,) at increasing times [s] (n,): from rest before the first, straight
         from one to the next."""
-        out = np.empty(len(elastic))
-        history = self.shares * elastic[0]
-        out[0] = elastic[0]
-        still = 1.0 - self.shares.sum()
-        for k in range(1, len(elastic)):
-            left, fresh = self.step(time[k] - time[k - 1])
-            history = left * history + self.shares * fresh * (elastic[k] - elastic[k - 1])
-            out[k] = still * elastic[k] + history.sum()
+        time, elastic = np.ascontiguousarray(time, float), np.ascontiguousarray(elastic, float)
+        out: np.ndarray = _relaxed(self.shares, self.times, time, elastic)
         return out
