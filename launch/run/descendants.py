@@ -36,11 +36,6 @@ def stopped(pid: int) -> bool:
     return _state(pid) in "Tt"
 
 
-def at_the_disk(pid: int) -> bool:
-    """Whether a process waits in the system for a disk or another device, where no signal reaches it."""
-    return _state(pid) == "D"
-
-
 def awake(pid: int) -> None:
     """Have a process that was stopped by a signal go on; for those that others wait for, and no node runs in."""
     if stopped(pid):

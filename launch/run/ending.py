@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import signal
 import time
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 
 from palpate.launch.run.forkserver import ForkServer
 from palpate.launch.run.member import WorkerHandle
@@ -18,12 +18,18 @@ class Ending:
     """The times of an end, and the orders that belong to them.
 
     real  whether the run is on the real clock: nodes go on as long as one that leads them does
+    note  takes a line for the user
     """
 
     def __init__(
-        self, members: Mapping[str, WorkerHandle], wires: ControlChannel, forkserver: ForkServer, real: bool
+        self,
+        members: Mapping[str, WorkerHandle],
+        wires: ControlChannel,
+        forkserver: ForkServer,
+        real: bool,
+        note: Callable[[str], None],
     ) -> None:
-        self._members, self._control, self._forkserver, self._real = members, wires, forkserver, real
+        self._members, self._control, self._forkserver, self._real, self._note = members, wires, forkserver, real, note
         self._quit_at: float | None = None
         self._deadline: float | None = None
         self.closed = False
@@ -77,12 +83,15 @@ class Ending:
         """Those that do not end although they were told, and who give no sign that they are about to, or still build
         what will not be needed. Nobody is left to hear those whose nodes have ended."""
         last = all(member.flushed or member.state == "gone" for member in self._members.values())
-        given_up = {
-            group
-            for group, it in self._members.items()
-            if not it.flushed and (it.silence() > STOP_PATIENCE or (it.state == "starting" and not begun))
-        }
-        self.kill(None if last else given_up)
+        left = {group: it for group, it in self._members.items() if not (it.flushed or it.state in ("killed", "gone"))}
+        building = {group for group, it in left.items() if it.state == "starting" and not begun}
+        silent = {group for group, it in left.items() if it.silence() > STOP_PATIENCE} - building
+        for group in silent:
+            if left[group].alive:
+                self._note(f"{left[group].names} did not end within {STOP_PATIENCE:g} s and was killed")
+        self.kill(None if last else silent | building)
+        if silent:
+            self._control.tell("*", Quit())  # the others would wait for their messages
 
     def kill(self, only: Collection[str] | None = None) -> None:
         """Kill these workers, or all."""

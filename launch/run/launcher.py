@@ -20,7 +20,7 @@ import zmq
 from palpate.engine.clock import now
 from palpate.engine.job import Job, members
 from palpate.launch.run.barrier import Barrier
-from palpate.launch.run.descendants import at_the_disk, awake, stopped
+from palpate.launch.run.descendants import awake, stopped
 from palpate.launch.run.ending import Ending
 from palpate.launch.run.forkserver import ForkServer
 from palpate.launch.run.interrupts import STOPPING, interrupts
@@ -117,7 +117,7 @@ class Launcher:
             self.forkserver.close()
             raise
         self._barrier = Barrier(self.members, self._control)
-        self._ending = Ending(self.members, self._control, self.forkserver, self._real)
+        self._ending = Ending(self.members, self._control, self.forkserver, self._real, self.result.notes.append)
         for group in joined:
             self._control.expect(group)
             self.members[group].busy = f"{group} (palpate join {address} {group})"
@@ -406,8 +406,7 @@ class Launcher:
         """For how long [s] a worker that was not stopped may be silent."""
         if member.state in ("ready", "linked"):  # it waits for the others, and has nothing to say
             return math.inf
-        slow = member.state == "starting" or (member.pid is not None and at_the_disk(member.pid))
-        return START_PATIENCE if slow else self.patience
+        return START_PATIENCE if member.state == "starting" else self.patience
 
     def _check_hung(self) -> None:
         """A worker that was stopped by a signal, or one that computes nodes and is silent for too long."""

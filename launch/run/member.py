@@ -15,6 +15,7 @@ ALIVE = ("starting", "ready", "linked", "running")
 GLANCE = (
     0.2  # [s] by which silence grows at most between two looks: what the launcher itself was kept from is no silence
 )
+DISK_PATIENCE = 120.0  # [s] for which waiting for a disk is no silence
 QUIET = 0.3  # [s] of silence from which on the kernel is asked what a worker waits for
 
 
@@ -54,6 +55,7 @@ class WorkerHandle:
     awaits: tuple[str, int] | None = None
     awaited: int | None = None
     _silence: float = 0.0
+    _at_disk: float = 0.0
     _looked: float = field(default_factory=time.monotonic)
     _threads: dict[str, Thread] = field(default_factory=dict)
 
@@ -69,7 +71,7 @@ class WorkerHandle:
 
     def heard(self) -> None:
         """It has given a sign of life."""
-        self._silence = 0.0
+        self._silence = self._at_disk = 0.0
         self._looked = time.monotonic()
 
     def waits(self, awaits: tuple[str, int] | None) -> None:
@@ -83,17 +85,21 @@ class WorkerHandle:
     def silence(self) -> float:
         """[s] that it has been silent although it could have spoken; call this often.
 
-        Not counted is what the launcher was kept from looking, and the time for which the worker was ready to run and
-        got no processor: a busy machine is no hang. A worker that waits for input gives signs of life; one that is
-        silent computes without end, or is blocked or stopped.
+        Not counted is what the launcher was kept from looking, the time for which the worker was ready to run and got
+        no processor, and two minutes at the disk: a busy machine is no hang. A worker that waits for input gives signs
+        of life; one that is silent computes without end, or is blocked or stopped.
         """
         moment = time.monotonic()
         passed, self._looked = min(moment - self._looked, GLANCE), moment
         if self.pid is not None and self._silence > QUIET:
             before, self._threads = self._threads, threads(self.pid)
-            passed = min(passed, able(passed, before, self._threads))
+            if at_the_disk(self._threads):
+                self._at_disk += passed
+                passed = 0.0
+            else:
+                passed = min(passed, able(passed, before, self._threads))
         self._silence += max(0.0, passed)
-        return self._silence
+        return self._silence + max(0.0, self._at_disk - DISK_PATIENCE)
 
     def forked(self) -> None:
         """A new worker is on its way."""
@@ -120,6 +126,13 @@ def threads(pid: int) -> dict[str, Thread]:
                 ran, queued, _ = (task / "schedstat").read_text().split()
                 states[task.name] = Thread(state, int(ran) * 1e-9, int(queued) * 1e-9)
     return states
+
+
+def at_the_disk(threads: dict[str, Thread]) -> bool:
+    """Whether none can go on and one waits in the system for a disk or another device, where no signal reaches it: a
+    recording is written by a thread of its own, for which the others wait."""
+    states = {thread.state for thread in threads.values()}
+    return "D" in states and "R" not in states
 
 
 def able(passed: float, before: dict[str, Thread], now: dict[str, Thread]) -> float:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import subprocess
+import threading
 import time
 from pathlib import Path
 from typing import Annotated
@@ -139,6 +140,8 @@ class Faulty(Spring):
                     time.sleep(1000)
                 case "doze":
                     time.sleep(1.0)
+                case "disk":
+                    wait_at_the_disk(f"{self.note}.pipe")
                 case "doze and die":
                     time.sleep(1.0)
                     os.kill(os.getpid(), 9)
@@ -213,6 +216,21 @@ class Collect(Observer):
         self.file.close()
 
 
+class AtTheDisk(Observer):
+    """After so many messages it waits for a disk."""
+
+    pipe: Annotated[str, "1"] = ""
+    after: Annotated[int, "1"] = 500
+
+    def start(self) -> None:
+        self.count = 0
+
+    def observe(self, stream: str, tick: int, payload: bytes) -> None:
+        self.count += 1
+        if self.count == self.after:
+            wait_at_the_disk(self.pipe)
+
+
 class Slow(Observer):
     """Takes its time for each message."""
 
@@ -225,3 +243,15 @@ class Slow(Observer):
 def kept() -> bool:
     """Whether the parent is a keeper, which leads a group of its own: nobody else may be hit."""
     return os.getpgid(os.getppid()) == os.getppid() == os.getpgrp()
+
+
+def wait_at_the_disk(pipe: str) -> None:
+    """For two seconds a thread waits in the system, as for a disk, where no signal reaches it, and this one waits for
+    the thread: a child that shares its memory until it runs a program cannot open what it is to read."""
+    os.mkfifo(pipe)
+    subprocess.Popen(["sh", "-c", f"sleep 2; : > {pipe}"])
+    opens = [(os.POSIX_SPAWN_OPEN, 0, pipe, os.O_RDONLY, 0)]
+    more = {"file_actions": opens}
+    writer = threading.Thread(target=os.posix_spawn, args=("/bin/true", ["true"], {}), kwargs=more)
+    writer.start()
+    writer.join()

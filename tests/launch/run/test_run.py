@@ -9,15 +9,13 @@ import signal
 import socket
 import subprocess
 import sys
-import threading
-import time
 from pathlib import Path
 
 import pytest
 from graphs_for_runs import GRAPH, NODES, write_graph, write_place
 
 from palpate.launch.load.launchfile import LaunchFile
-from palpate.launch.run import launcher
+from palpate.launch.run import ending, launcher
 from palpate.launch.run.execute import RunOutcome, execute
 from palpate.launch.run.wire import keys
 from palpate.launch.run.wire.addresses import runs
@@ -29,14 +27,14 @@ TICKS = 300
 
 
 def go(tmp_path: Path, text: str = GRAPH, ticks: int = TICKS, record: bool = True, **more) -> RunOutcome:
-    patience = more.pop("patience", 5.0)
+    how = {name: more.pop(name) for name in ("patience", "watch") if name in more}
     launch = LaunchFile(
         graph=write_graph(tmp_path, text),
         duration=ticks / 1000.0 if ticks else None,
         record=tmp_path / "run.mcap" if record else None,
         **more,
     )
-    return execute(launch, patience=patience)
+    return execute(launch, **{"patience": 5.0, **how})
 
 
 def streams(path: Path) -> dict[str, list[bytes]]:
@@ -224,13 +222,14 @@ def test_a_node_that_hangs_is_named_with_the_place_where_it_hangs(tmp_path, cloc
     assert "nodes_for_runs.py" in death.trace
 
 
-def test_who_waits_for_the_disk_is_not_taken_for_one_that_hangs(tmp_path, monkeypatch):
-    """No signal reaches it there, and it goes on by itself."""
+def test_who_waits_for_the_disk_is_not_taken_for_one_that_hangs(tmp_path):
+    """No signal reaches it there, and it goes on by itself. Its main thread waits for one that writes."""
+    outcome = go(
+        tmp_path, f"{GRAPH}  disk: {{use: nodes_for_runs.AtTheDisk, in: all, pipe: {tmp_path}/pipe}}\n", patience=0.5
+    )
+    assert outcome.result.ok and len(streams(tmp_path / "run.mcap")["sum"]) == TICKS
     text = GRAPH.replace("nodes_for_runs.Spring,", "nodes_for_runs.Faulty, how: doze,")
     assert any("hangs" in death.text for death in go(tmp_path, text, patience=0.4).result.deaths)
-    monkeypatch.setattr(launcher, "at_the_disk", lambda pid: True)
-    outcome = go(tmp_path, text, patience=0.4)
-    assert outcome.result.ok and len(streams(tmp_path / "run.mcap")["sum"]) == TICKS
 
 
 def test_when_a_node_dies_the_torque_goes_to_none_within_20_ms(tmp_path):
@@ -245,18 +244,43 @@ def test_when_a_node_dies_the_torque_goes_to_none_within_20_ms(tmp_path):
     assert (orphaned[0] - last) * 1e-9 <= 0.03
 
 
-def test_ctrl_c_ends_all_streams_at_the_same_tick(tmp_path):
-    def interrupt() -> None:
-        record = tmp_path / "run.mcap"
-        while not record.is_file() or record.stat().st_size < 40_000:
-            time.sleep(0.05)
-        os.kill(os.getpid(), signal.SIGINT)
+def interrupted(tmp_path: Path, text: str = GRAPH, tick: int = 400, **more) -> RunOutcome:
+    """A run that gets Ctrl-C after this tick."""
+    asked: list[int] = []
 
-    threading.Thread(target=interrupt, daemon=True).start()
-    outcome = go(tmp_path, ticks=0)
-    assert outcome.result.interrupted and outcome.result.ok
-    payloads = streams(tmp_path / "run.mcap")
-    assert len({len(sent) for sent in payloads.values()}) == 1 and len(payloads["sum"]) > 10
+    def watch(running: launcher.Launcher) -> None:
+        reached = running.result.health.get("source", {}).get("tick", -1)
+        if reached >= tick and not asked:
+            asked.append(reached)
+            os.kill(os.getpid(), signal.SIGINT)
+
+    outcome = go(tmp_path, text, ticks=0, watch=watch, **more)
+    assert asked and outcome.result.interrupted
+    return outcome
+
+
+def whole(tmp_path: Path, outcome: RunOutcome) -> None:
+    """All streams of its recording end at the same tick."""
+    counts = {name: len(sent) for name, sent in streams(tmp_path / "run.mcap").items()}
+    assert outcome.ok and not outcome.result.notes, (outcome.result, counts)
+    assert set(counts) == set(NODES) and len(set(counts.values())) == 1 and counts["sum"] > 10, counts
+
+
+def test_ctrl_c_ends_all_streams_at_the_same_tick(tmp_path):
+    whole(tmp_path, interrupted(tmp_path))
+
+
+def test_after_ctrl_c_who_waits_for_the_disk_is_waited_for(tmp_path, monkeypatch):
+    monkeypatch.setattr(ending, "STOP_PATIENCE", 0.5)
+    text = GRAPH.replace("nodes_for_runs.Spring,", f"nodes_for_runs.Faulty, how: disk, at: 300, note: {tmp_path}/note,")
+    whole(tmp_path, interrupted(tmp_path, text, tick=295, patience=60.0))
+
+
+def test_after_ctrl_c_a_node_that_hangs_is_killed_and_named(tmp_path, monkeypatch):
+    monkeypatch.setattr(ending, "STOP_PATIENCE", 0.5)
+    text = GRAPH.replace("nodes_for_runs.Spring,", "nodes_for_runs.Faulty, how: hang, at: 300,")
+    outcome = interrupted(tmp_path, text, tick=295, patience=60.0)
+    assert "spring did not end within 0.5 s and was killed" in outcome.result.notes
 
 
 def test_a_port_in_use_is_one_clear_line(tmp_path):
