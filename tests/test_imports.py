@@ -57,7 +57,7 @@ MAY = {
     "nodes": LOW,
     "models.fe": ("physics",),
     "models.scan": ("physics",),
-    "models.fit": LOW,
+    "models.fit": (*LOW, "models.fe"),
     "models.build": (*LOW, "models.fe"),
     "engine": LOW,
     "launch.load": (*LOW, "engine", "graphs", "models.fe"),

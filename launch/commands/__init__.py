@@ -8,6 +8,7 @@ place of typer's own. A folder with a `HELP` is a command itself and its files a
 HELP = "What a fingertip feels on soft tissue: a graph of message-passing nodes."
 ORDER = (
     "run", "touch", "check", "replay", "compare", "info", "echo", "top", "export", "recover", "plan", "rates", "nodes",
-    "messages", "effects", "pictures", "plot", "picture", "film", "view", "doctor", "devices", "reduce", "fit",
-    "record_indentation", "join", "keys", "fingertip", "tune", "fit_body", "study", "new", "fe", "bench",
+    "messages", "effects", "tissues", "pictures", "plot", "picture", "film", "view", "doctor", "devices", "reduce",
+    "fit", "fit_tissue", "record_indentation", "join", "keys", "fingertip", "tune", "fit_body", "study", "new", "fe",
+    "bench",
 )  # fmt: skip

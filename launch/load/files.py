@@ -10,6 +10,7 @@ from typing import Any
 
 import palpate.graphs
 from palpate.engine.faults import NOWHERE, Fault, Faults, GraphError, Location, choices, nearest, short
+from palpate.launch.load.tissues import fill_in
 from palpate.launch.load.values.source import YamlSource, merge, parse, read
 
 GRAPHS = Path(next(iter(palpate.graphs.__path__))).resolve()
@@ -45,6 +46,7 @@ def read_extended(path: Path, folder: Path, inside: tuple[Path, ...] = ()) -> Ya
     if not isinstance(source.data, dict):
         kind = "nothing" if source.data is None else type(source.data).__name__
         raise GraphError([Fault(f"found {kind}, expected a mapping of keys to values", place=Location(str(path), 1))])
+    fill_in(source, *(("tissue",) if folder == SCENES else ("scene", "tissue")))
     base_name = source.data.pop("extends", None)
     place = source.place("extends")
     if folder == GRAPHS and isinstance(source.data.get("scene"), str):
@@ -93,7 +95,9 @@ def read_scene(scene: str | Path | Mapping[str, Any] | None, graph: YamlSource, 
     """The scene of a graph: `scene` if given, else what the graph names, else an empty one."""
     try:
         if isinstance(scene, Mapping):
-            return YamlSource(dict(scene), {(): Location("the scene given")})
+            given = YamlSource(dict(scene), {(): Location("the scene given")})
+            fill_in(given, "tissue")
+            return given
         if scene is not None:
             return read_extended(find_file(str(scene), SCENES, what="scene"), SCENES)
         named = graph.data.get("scene")
@@ -179,4 +183,9 @@ def _set_scene(override: Override, rest: list[str], scene: YamlSource, faults: F
             faults.add(f"the scene has no {'.'.join(rest)!r}", cure, override.place)
             return
         data = data[key]
+    if rest == ["tissue"] and isinstance(override.value.data, str):
+        taken = YamlSource({"tissue": override.value.data}, {("tissue",): override.place})
+        fill_in(taken, "tissue")
+        scene.put(("tissue",), merge(scene.sub("tissue"), taken.sub("tissue")))
+        return
     scene.put(tuple(rest), override.value)

@@ -13,6 +13,7 @@ import numpy as np
 
 from palpate.physics.materials.hyperelastic import Material, moduli, wants_mixed
 from palpate.physics.materials.invariants import cofactor, strain_squares
+from palpate.physics.materials.principal import principal_stress
 
 EXAMPLE = (1e4, 0.3)
 
@@ -137,34 +138,7 @@ def _stress_and_tangent(F, J, p, P, A):
     c, N = np.linalg.eigh(F.T @ F)
     e = 0.5 * np.log(c)
     e -= np.sum(e) / 3.0
-    tau = 2.0 * shear * e
-    S = tau / c
-    M = F @ N  # rows i, columns in the principal frame
-    spread = np.zeros((3, 3))
-    for a in range(3):
-        for b in range(3):
-            if a != b:
-                gap = c[b] - c[a]
-                if abs(gap) > 1e-7 * (c[a] + c[b]):
-                    spread[a, b] = (S[b] - S[a]) / gap
-                else:
-                    spread[a, b] = (shear - 0.5 * (tau[a] + tau[b])) / (c[a] * c[b])
-    full = N @ np.diag(S) @ N.T
-    P[:] = F @ full
-    for i in range(3):
-        for j in range(3):
-            for k in range(3):
-                for l in range(3):
-                    total = full[j, l] if i == k else 0.0
-                    for a in range(3):
-                        for b in range(3):
-                            curve = 2.0 * shear * ((1.0 if a == b else 0.0) - 1.0 / 3.0)
-                            if a == b:
-                                curve -= 2.0 * tau[a]
-                            total += curve / (c[a] * c[b]) * M[i, a] * N[j, a] * M[k, b] * N[l, b]
-                            if a != b:
-                                total += spread[a, b] * M[i, a] * N[j, b] * (M[k, a] * N[l, b] + M[k, b] * N[l, a])
-                    A[3 * i + j, 3 * k + l] = total
+    principal_stress(F, c, N, 2.0 * shear * e, 2.0 * shear * (np.eye(3) - 1.0 / 3.0), P, A)
     log = np.log(J)
     return shear * np.sum(e * e), 0.5 * bulk * log * log, bulk * log / J, bulk * (1.0 - log) / (J * J)
 

@@ -31,6 +31,7 @@ from dataclasses import dataclass
 from types import ModuleType
 from typing import Any, cast
 
+import numba
 import numpy as np
 
 from palpate.physics import materials
@@ -94,6 +95,40 @@ def moduli(young: float, poisson: float) -> tuple[float, float]:
             "material take 0.499 with the mixed element"
         )
     return young / (2.0 * (1.0 + poisson)), young / (3.0 * (1.0 - 2.0 * poisson))
+
+
+def of_rest(law: str, shear: float, poisson: float) -> tuple[float, float]:
+    """Shear and bulk modulus [Pa] of a rubber-like law's shear modulus at rest [Pa] and its Poisson's ratio.
+
+    MaterialError: see `moduli`; a modulus above that of any rubber.
+    """
+    if not (np.isfinite(shear) and shear > 0):
+        raise MaterialError(f"{law}, shear modulus {shear:.4g} Pa at rest: expected a positive number")
+    moduli(1.0, poisson)  # refuses the ratio
+    young = 2.0 * shear * (1.0 + poisson)
+    rubberlike(law, young)
+    return moduli(young, poisson)
+
+
+@numba.njit(cache=True)
+def _uniaxial(law, p, stretch, stress):
+    P, A, F = np.zeros((3, 3)), np.zeros((9, 9)), np.zeros((3, 3))
+    for i in range(len(stretch)):
+        across = stretch[i] ** -0.5
+        F[0, 0], F[1, 1], F[2, 2] = stretch[i], across, across
+        A[0, 0] = np.nan
+        law(F, 1.0, p, P, A)
+        stress[i] = P[0, 0] - P[1, 1] * across / stretch[i]
+
+
+def uniaxial(material: Material, stretch: np.ndarray) -> np.ndarray:
+    """Nominal stress [Pa] (n,) of an incompressible body of this law under uniaxial stretch (n,), sides free.
+
+    P = dW/dF11 - dW/dF22 l2/l1 with l2 = l1^(-1/2); U takes no part.
+    """
+    stress = np.empty(len(stretch))
+    _uniaxial(compiled(material.law, LAW), np.array(material.parameters), np.asarray(stretch, float), stress)
+    return stress
 
 
 def rest_moduli(material: Material) -> tuple[float, float]:

@@ -57,6 +57,8 @@ NOT_RUN = {
     "palpate run kidney --set scene.finger.band=true --set band.model": "what palpate fit writes; tests/models/fit",
     "palpate fit press.csv": "what record-indentation writes",
     "palpate study mine.yaml": "the reader's own study, scheduler and cluster; tests/studies/test_sweep_runs.py",
+    "palpate fit-tissue": "the reader's own presses; tests/models/fit",
+    "palpate run kidney --scene out/scene.yaml": "what palpate fit-tissue writes; tests/models/fit",
     "palpate check mine.yaml": "the reader's own graph",
 }
 COMMAND = typer.main.get_command(app)
@@ -105,6 +107,8 @@ def folder(tmp_path, monkeypatch):
     far = next(text for _, text in YAML if "10.0.0.2" in text)
     (tmp_path / "far.yaml").write_text(far)
     (tmp_path / "mine.yaml").write_text("extends: kidney\n")
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "scene.yaml").write_text("extends: kidney\n")
     (tmp_path / "runs").mkdir()
     (tmp_path / "runs" / "kidney-rates.yaml").write_text("graph: kidney\nset: {friction.every: 10}\n")
     for name, text in node_files("Liver", Load, Surface).items():

@@ -61,3 +61,50 @@ class ContactPair(Protocol):
 
     def restore(self, state: dict[str, Any]) -> None:
         """Go on from a saved state."""
+
+
+class Linkage:
+    """A part of the body that is neither element nor contact, for `fe.Solver` among its contacts: it is always there,
+    so has no active set, no penetration, and no state unless it says so."""
+
+    def couples(self) -> np.ndarray:
+        """No nodes beyond those of the elements."""
+        return np.zeros((0, 6), dtype=np.int64)
+
+    def touches(self) -> bool:
+        """Always."""
+        return True
+
+    def begin(self, displacement: np.ndarray, load: float) -> None:
+        """Nothing to remember."""
+
+    def back(self) -> None:
+        """Nothing to forget."""
+
+    def switching(self) -> Switching | None:
+        """None: it never parts."""
+        return None
+
+    def foresee(self, traction: np.ndarray) -> None:
+        """Never called, as there is no active set."""
+
+    def skew(self, change: np.ndarray, force: np.ndarray) -> None:
+        """Nothing is left out of the tangent."""
+
+    def deep(self) -> bool:
+        """Never."""
+        return False
+
+    def settle(self) -> None:
+        """Nothing to raise."""
+
+    def leapt(self, start: np.ndarray, load: float, end: np.ndarray, target: float) -> str:
+        """Never."""
+        return ""
+
+    def state(self) -> dict[str, Any]:
+        """Nothing."""
+        return {}
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Nothing."""

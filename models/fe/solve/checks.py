@@ -55,7 +55,7 @@ def check_held(mesh: TetMesh, fixed: np.ndarray, touched: Iterable[np.ndarray]) 
     piece = pieces(mesh)
     held: np.ndarray = np.asarray(fixed.any(axis=1))
     for nodes in touched:
-        if nodes.min() < 0 or nodes.max() >= len(held):
+        if nodes.size and (nodes.min() < 0 or nodes.max() >= len(held)):
             raise MeshError(f"contact: a face refers to node {nodes.max()}, the mesh has {len(held)}")
         held[nodes] = True
     used = piece[mesh.elements[:, 0]]

@@ -1,0 +1,120 @@
+"""`palpate fit-tissue PRESS.csv ...`: the parameters of a material from measured presses, with what they leave open."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from palpate.launch.terminal.options import Json
+from palpate.launch.terminal.output import console, drawn, say, table, tell
+
+if TYPE_CHECKING:
+    from palpate.models.fit.tissue.fit import Fit
+RIGS = ("ball", "punch", "fingertip", "cylinder")
+
+
+def fit_tissue(
+    files: Annotated[list[Path], typer.Argument(help="CSV files of presses by one rig", metavar="PRESS.csv...")],
+    rig: Annotated[str, typer.Option(help=f"What pressed: {', '.join(RIGS)} (between plates)")],
+    law: Annotated[
+        str, typer.Option(help="hertz, layer, exponential, power; ogden, demiray, yeoh, yeoh3, neo_hooke, ...")
+    ],
+    columns: Annotated[
+        str, typer.Option(help="Names of the columns: time=t,force=F,indentation=d; force=-F counts the other way")
+    ] = "",
+    unit: Annotated[list[str] | None, typer.Option(help="Unit of a column whose header has none: d=mm")] = None,
+    radius: Annotated[str | None, typer.Option(help="Of the ball or punch: '8 mm'")] = None,
+    diameter: Annotated[str | None, typer.Option(help="Of the ball, punch or cylinder")] = None,
+    height: Annotated[str | None, typer.Option(help="Of the cylinder, or of the layer that is pressed")] = None,
+    plates: Annotated[str, typer.Option(help="Of the cylinder: frictionless or bonded")] = "frictionless",
+    poisson: Annotated[float, typer.Option(help="Poisson's ratio, which a press cannot tell", min=0, max=0.5)] = 0.5,
+    relaxation: Annotated[str, typer.Option(help="none, kelvin-voigt, hunt-crossley, prony:1 ... prony:3")] = "none",
+    holdout: Annotated[list[Path] | None, typer.Option(help="A press that is predicted, not fitted")] = None,
+    touch: Annotated[str, typer.Option(help="Where it touches: fit, or detected (from the force alone)")] = "fit",
+    weight: Annotated[str, typer.Option(help="Of residuals: even, relative; auto: relative for a cylinder")] = "auto",
+    depth_limit: Annotated[str | None, typer.Option(help="Leave out rows deeper than this: '5 mm'")] = None,
+    out: Annotated[Path, typer.Option("-o", "--out", help="Folder for scene, report and pictures")] = Path("fit"),
+    as_json: Json = False,
+) -> None:
+    """Fit a material to measured presses: force over indentation, from CSV files.
+
+    Writes scene.yaml, which runs at once, report.md with pictures, and report.json: parameters with 95 % intervals,
+    what the data cannot tell apart, what was fixed, and the error on presses that were held out.
+    """
+    import math
+
+    from palpate.launch.load.values.units import convert
+    from palpate.launch.terminal.progress import steps
+    from palpate.models.fit.sessions import SessionError
+    from palpate.models.fit.tissue.fit import fit_tissue as fitted_to
+    from palpate.models.fit.tissue.measured import read_presses
+    from palpate.models.fit.tissue.report import data, markdown, scene
+    from palpate.models.fit.tissue.rigs import Rig
+
+    for option, found, known in (
+        ("--rig", rig, RIGS), ("--plates", plates, ("frictionless", "bonded")), ("--touch", touch, ("fit", "detected")),
+        ("--weight", weight, ("auto", "even", "relative")),
+    ):  # fmt: skip
+        if found not in known:
+            raise SessionError(f"{option}: found {found!r}, expected {', '.join(known)}")
+    size = convert(radius, "m") if radius else 0.5 * convert(diameter, "m") if diameter else 0.0
+    if (radius and diameter) or (rig != "fingertip" and not size > 0.0):
+        raise SessionError(f"--rig {rig}: expected either --radius or --diameter, such as --radius '8 mm'")
+    tall = convert(height, "m") if height else None
+    if tall is not None and not tall > 0:
+        raise SessionError(f"--height: found {height!r}, expected a length above 0")
+    made = Rig(rig, size or 8e-3, tall, plates, poisson)
+    named, units = _pairs("--columns", columns.split(",")), _pairs("--unit", unit or [])
+    for key in set(named) - {"time", "force", "indentation"}:
+        raise SessionError(f"--columns: found {key!r}, expected time, force, indentation")
+    presses = [p for file in files for p in read_presses(file, named, units, convert)]
+    others = [p for file in holdout or [] for p in read_presses(file, named, units, convert)]
+    with steps(f"fit-tissue: {law}", 1, silent=as_json, timed=False) as done:
+        fit = fitted_to(
+            presses, made, law, relaxation, held_out=others, touch=touch == "fit",
+            relative=None if weight == "auto" else weight == "relative",
+            deepest=convert(depth_limit, "m") if depth_limit else math.inf,
+            report=lambda share: done("presses in finite elements", share),
+        )  # fmt: skip
+    told = data(fit)
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        pictures = drawn(_draw, fit, out)
+        (out / "scene.yaml").write_text(scene(fit), encoding="utf-8")
+        (out / "report.json").write_text(json.dumps(told, indent=1) + "\n", encoding="utf-8")
+        (out / "report.md").write_text(markdown(fit, pictures), encoding="utf-8")
+    except OSError as error:
+        raise SessionError(f"{out}: cannot be written: {error.strerror}") from None
+    if as_json:
+        tell({"ok": True, "out": str(out)} | told)
+        return
+    rows = [(name, f"{p['value']:.5g}", f"{p['low']:.4g} to {p['high']:.4g}", str(p["unit"]))
+            for name, p in told["parameters"].items()]  # fmt: skip
+    console().print(table(("parameter", ">value", ">95 % interval", "unit"), rows))
+    for text in [*(f"cannot be told: {text}" for text in fit.open_), *fit.notes]:
+        say(text, wrap=True)
+    for tried in fit.held_out:
+        say(f"held out, {tried['press']}: RMS {100 * tried['rms_of_peak']:.2g} % of the peak")
+    say(f"written {out}/report.md, report.json, scene.yaml; next: palpate run kidney --scene {out}/scene.yaml")
+
+
+def _draw(fit: Fit, out: Path) -> list[Path]:
+    from palpate.views.pictures.fit_tissue import draw_fit
+
+    return draw_fit(fit, out)
+
+
+def _pairs(option: str, texts: list[str]) -> dict[str, str]:
+    """`key=value` texts. SessionError: one that is none."""
+    from palpate.models.fit.sessions import SessionError
+
+    found = {}
+    for text in filter(None, (t.strip() for t in texts)):
+        key, sign, value = text.partition("=")
+        if not (sign and key.strip() and value.strip()):
+            raise SessionError(f"{option}: found {text!r}, expected name=value")
+        found[key.strip()] = value.strip()
+    return found

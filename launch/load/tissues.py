@@ -1,0 +1,143 @@
+"""Published tissues: records in `graphs/tissues/*.yaml`, and what a scene takes of one, `tissue: liver-human`.
+
+Each record says law (its file in `physics/materials` has the convention), state, test, range, source and how much of it
+was read. `shear` is the shear modulus at rest, which the law with its parameters must give.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from functools import lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import palpate.graphs
+from palpate.engine.faults import Fault, GraphError, Location, choices
+from palpate.launch.load.values.source import YamlSource, read
+from palpate.launch.load.values.units import UnitError, convert
+
+if TYPE_CHECKING:
+    from palpate.physics.materials.hyperelastic import Material
+
+TISSUES = Path(next(iter(palpate.graphs.__path__))).resolve() / "tissues"
+NEEDED = (
+    "tissue",
+    "species",
+    "state",
+    "test",
+    "strain",
+    "rate",
+    "law",
+    "parameters",
+    "shear",
+    "grade",
+    "read",
+    "source",
+)
+MORE = ("n", "spread", "doi", "remark", "relaxation")
+GRADES = {"P": "published", "S": "transcribed", "R": "computed from data", "assumed": "assumed"}
+PLAIN = ("alpha", "b")
+"""Parameters without a unit."""
+RATIO = 0.499
+"""Poisson's ratio where the record has no bulk modulus."""
+FINGER_RADIUS, SCENE_POISSON = 8e-3, 0.45
+"""[m] of the finger of the scene kidney; of the basis of deformation.ReducedFE that ships."""
+
+
+def material(record: Mapping[str, Any]) -> Material:
+    """The law of a record.
+
+    MaterialError, UnitError, KeyError: its parameters do not make one.
+    """
+    from palpate.physics.materials.hyperelastic import constructor, moduli, poisson_of
+
+    p = {k: float(v) if k in PLAIN else convert(str(v), "Pa") for k, v in record["parameters"].items()}
+    law = record["law"]
+    shear = p.get("shear") or p.get("mu") or (2.0 * p["c10"] if "bulk" in p else p.get("young", 0.0) / 3.0)
+    young, ratio = 2.0 * (1.0 + RATIO) * shear, RATIO
+    if "bulk" in p:
+        young, ratio = 9.0 * p["bulk"] * shear / (3.0 * p["bulk"] + shear), poisson_of(shear, p["bulk"])
+    if law == "ogden":
+        return constructor(law)(RATIO, shear, p["alpha"])
+    if law == "yeoh":
+        return constructor(law)(RATIO, p["c1"], p["c2"], p["c3"])
+    if law == "demiray":
+        return constructor(law)(young, RATIO, p["b"])
+    if law == "mooney_rivlin":
+        bulk = moduli(4.0 * (1.0 + RATIO) * (p["c10"] + p["c01"]), RATIO)[1]
+        return constructor(law)(p["c10"], p["c01"], 0.0, 0.0, 0.0, 2.0 / bulk)
+    return constructor(law)(young, ratio)
+
+
+@lru_cache
+def tissues() -> tuple[dict[str, dict[str, Any]], dict[str, str]]:
+    """Records by name, and what was left out with the reason.
+
+    GraphError: a record without a source, with an unknown key, a wrong unit, or another shear modulus than its law's.
+    """
+    found: dict[str, dict[str, Any]] = {}
+    left_out: dict[str, str] = {}
+    for path in sorted(TISSUES.glob("*.yaml")):
+        source = read(path)
+        left_out |= source.data.pop("left_out", {})
+        for name, record in source.data.items():
+            fault = _fault(record)
+            if fault or name in found:
+                raise GraphError([Fault(f"tissue {name!r}: {fault or 'twice'}", "", source.place(name))])
+            found[name] = record
+    return found, left_out
+
+
+def _fault(record: Mapping[str, Any]) -> str:
+    """What is wrong with a record, empty where nothing is."""
+    from palpate.physics.materials.hyperelastic import MaterialError, rest_moduli
+
+    missing = [key for key in NEEDED if record.get(key) in (None, "")]
+    unknown = [key for key in record if key not in (*NEEDED, *MORE)]
+    if missing or unknown or record["grade"] not in GRADES:
+        return f"missing {missing}, unknown {unknown}, grade {record.get('grade')!r} of {', '.join(GRADES)}"
+    try:
+        made, shear = rest_moduli(material(record))[0], convert(str(record["shear"]), "Pa")
+        convert(str(record.get("spread", "0 Pa")), "Pa")
+        for time in record.get("relaxation", {}).get("times", ()):
+            convert(str(time), "s")
+    except (MaterialError, UnitError, AttributeError, KeyError, ValueError) as error:
+        return str(error)
+    return "" if math.isclose(made, shear, rel_tol=2e-3) else f"shear {shear:g} Pa, its law has {made:g} Pa at rest"
+
+
+def bodies(record: Mapping[str, Any]) -> dict[str, str]:
+    """What each kind of body takes of a record."""
+    rest = "modulus at rest" + ("" if record["law"] in ("linear", "neo_hooke") else ", stiffening left out")
+    rest += ", relaxation left out" if "relaxation" in record else ""
+    full = f"{record['law']}" + (" with its Prony series" if "relaxation" in record else "")
+    return {"MassSpring": f"{rest}, by Hertz's law of an 8 mm finger", "ReducedFE": rest, "full finite elements": full}
+
+
+def settings(name: str, place: Location) -> dict[str, float]:
+    """What stands in place of the name in a scene's `tissue`: a power law for MassSpring, `young` for ReducedFE.
+
+    GraphError: no such tissue; the nearest names, or why it was left out.
+    """
+    from palpate.physics.materials.hyperelastic import poisson_of, rest_moduli
+
+    found, left_out = tissues()
+    if name not in found:
+        why = f", which was left out: {left_out[name]}" if name in left_out else ""
+        raise GraphError([Fault(f"no tissue {name!r}{why}", choices("Tissues", name, list(found)), place)])
+    if found[name]["grade"] == "assumed":
+        return {"stiffness": 3.0e3, "exponent": 1.5, "young": 19e3}
+    shear, bulk = rest_moduli(material(found[name]))
+    plane = 2.0 * shear / (1.0 - poisson_of(shear, bulk))  # E/(1 - nu²)
+    stiffness = 4.0 / 3.0 * plane * math.sqrt(FINGER_RADIUS)
+    return {"stiffness": float(f"{stiffness:.6g}"), "exponent": 1.5,
+            "young": float(f"{plane * (1.0 - SCENE_POISSON**2):.6g}")}  # fmt: skip
+
+
+def fill_in(source: YamlSource, *keys: str) -> None:
+    """Put the settings of a tissue where a scene names it, under these keys."""
+    data = source.sub(*keys).data
+    if isinstance(data, str) and not data.startswith("$"):
+        place = source.place(*keys)
+        source.put(keys, YamlSource(settings(data, place), {(): place}))

@@ -1,0 +1,302 @@
+"""A round body pressed along its axis, any material law: a cylinder between plates, a ball or a punch on a layer.
+
+Nine-node quadrilaterals in the half plane (r, z), the volume ratio the mean of the element (`elements`), so nearly
+incompressible laws do not lock. The meridian deformation has the gradient
+
+    F = [[1 + du/dr, 0, du/dz], [0, 1 + u/r, 0], [dw/dr, 0, 1 + dw/dz]]
+
+and the laws of `palpate.physics.materials` take it as it is. A force-depth curve takes seconds where the tetrahedra of
+`Solver` take minutes: for fits, which want many. Contact without friction by a penalty.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+from scipy.sparse import csc_array
+from scipy.sparse.linalg import splu
+
+from palpate.models.fe.element.compiled import LAW, compiled
+from palpate.physics.materials.hyperelastic import Material, rest_moduli
+
+GAUSS, WEIGHT = np.polynomial.legendre.leggauss(3)
+PENALTY = 300.0
+"""[1] Stiffness of contact times the size of a face, over the shear modulus."""
+TOLERANCE = 1e-6
+"""[1] Residual over the size of the inner forces."""
+ROUNDING = 5e-15
+"""[1] The same that rounding leaves, over bulk modulus times the square of the outer radius."""
+HALVED = 6
+"""How often a step may be halved before the press ends there."""
+
+
+def _lagrange(x: float) -> tuple[np.ndarray, np.ndarray]:
+    """Three quadratic shape functions on [-1, 1] and their slopes."""
+    return np.array([0.5 * x * (x - 1), 1 - x * x, 0.5 * x * (x + 1)]), np.array([x - 0.5, -2 * x, x + 0.5])
+
+
+@numba.njit(cache=True)
+def _integrate(law, slope, hoop, weight, elements, u, p, mixed, force, K):
+    """Inner forces (N,2) and tangent (E,18,18) of the elements; False where one is inside out.
+
+    slope [1/m] (E,9,9,2) of the shape functions by (r, z), hoop [1/m] (E,9,9) their values over r, weight [m³] (E,9)
+    """
+    many = weight.shape[1]
+    P, A, F, D = np.zeros((3, 3)), np.zeros((9, 9)), np.zeros((many, 3, 3)), np.zeros((9, 9))
+    C, J = np.zeros((many, 3, 3)), np.zeros(many)
+    B, V, f = np.zeros((9, 18)), np.zeros(18), np.zeros(18)
+    for e in range(len(elements)):
+        volume = mean = 0.0
+        for q in range(many):
+            F[q] = np.eye(3)
+            for a in range(9):
+                r, z = u[elements[e, a], 0], u[elements[e, a], 1]
+                F[q, 0, 0] += r * slope[e, q, a, 0]
+                F[q, 0, 2] += r * slope[e, q, a, 1]
+                F[q, 1, 1] += r * hoop[e, q, a]
+                F[q, 2, 0] += z * slope[e, q, a, 0]
+                F[q, 2, 2] += z * slope[e, q, a, 1]
+            for i in range(3):
+                for j in range(3):
+                    i1, i2, j1, j2 = (i + 1) % 3, (i + 2) % 3, (j + 1) % 3, (j + 2) % 3
+                    C[q, i, j] = F[q, i1, j1] * F[q, i2, j2] - F[q, i1, j2] * F[q, i2, j1]
+            J[q] = F[q, 0, 0] * C[q, 0, 0] + F[q, 0, 2] * C[q, 0, 2]
+            if not (J[q] > 0.0 and F[q, 1, 1] > 0.0):
+                return False
+            volume += weight[e, q]
+            mean += weight[e, q] * J[q]
+        mean /= volume
+        K[e], V[:], f[:] = 0.0, 0.0, 0.0
+        curve = 0.0
+        for q in range(many):
+            w = weight[e, q]
+            A[0, 0] = 0.0
+            _, _, dU, curve = law(F[q], mean if mixed else J[q], p, P, A)
+            for i in range(3):  # second derivative of J, and U'' where J is local
+                for j in range(3):
+                    k, m, l, n = (i + 1) % 3, (i + 2) % 3, (j + 1) % 3, (j + 2) % 3
+                    A[3 * i + j, 3 * k + l] += dU * F[q, m, n]
+                    A[3 * k + l, 3 * i + j] += dU * F[q, m, n]
+                    A[3 * i + l, 3 * k + j] -= dU * F[q, m, n]
+                    A[3 * k + j, 3 * i + l] -= dU * F[q, m, n]
+            c = C[q].copy().reshape(9)
+            D[:] = A
+            if not mixed:
+                D += curve * np.outer(c, c)
+            B[:] = 0.0  # rows of F in order, columns r and z of each node
+            for a in range(9):
+                B[0, 2 * a], B[2, 2 * a], B[4, 2 * a] = slope[e, q, a, 0], slope[e, q, a, 1], hoop[e, q, a]
+                B[6, 2 * a + 1], B[8, 2 * a + 1] = slope[e, q, a, 0], slope[e, q, a, 1]
+            f += w * (B.T @ (P.copy().reshape(9) + dU * c))
+            V += w * (B.T @ c)
+            K[e] += w * (B.T @ D @ B)
+        if mixed:
+            K[e] += curve / volume * np.outer(V, V)
+        for a in range(9):
+            force[elements[e, a], 0] += f[2 * a]
+            force[elements[e, a], 1] += f[2 * a + 1]
+    return True
+
+
+@dataclass
+class RoundBody:
+    """A cylinder of r in `across` and z in `up` [m] (ends and middles of its elements), standing on z = 0.
+
+    slides  whether it slides on what it stands on, or is bonded to it
+    """
+
+    across: np.ndarray
+    up: np.ndarray
+    slides: bool = True
+
+    def __post_init__(self) -> None:
+        m, n = len(self.across), len(self.up)
+        self.points = np.stack([np.repeat(self.across, n), np.tile(self.up, m)], axis=1)
+        number = np.arange(m * n).reshape(m, n)
+        blocks = [number[i : i + 3, j : j + 3].ravel() for i in range(0, m - 1, 2) for j in range(0, n - 1, 2)]
+        self.elements = np.array(blocks)
+        self.top, self.side, self.base = number[:, -1], number[-1], number[:, 0]
+        one = [_lagrange(x) for x in GAUSS]
+        value = np.array([np.outer(a, b).ravel() for a, _ in one for b, _ in one])
+        natural = np.array(
+            [np.stack([np.outer(da, b).ravel(), np.outer(a, db).ravel()], 1) for a, da in one for b, db in one]
+        )
+        jacobian = np.einsum("eai,qak->eqik", self.points[self.elements], natural)
+        radius = value @ self.points[:, 0][self.elements].T
+        self.slope = np.einsum("qak,eqki->eqai", natural, np.linalg.inv(jacobian))
+        self.hoop = value[None] / radius.T[:, :, None]
+        self.weight = np.linalg.det(jacobian) * np.outer(WEIGHT, WEIGHT).ravel() * 2.0 * math.pi * radius.T
+        self.fixed = np.zeros_like(self.points, dtype=bool)
+        self.fixed[self.points[:, 0] == 0.0, 0] = True
+        self.fixed[self.base, 1] = True
+        if not self.slides:
+            self.fixed[self.base, 0] = True
+        dof = (2 * self.elements[:, :, None] + np.arange(2)).reshape(-1, 18)
+        self.rows, self.columns = np.repeat(dof, 18, axis=1).ravel(), np.tile(dof, (1, 18)).ravel()
+
+    def edges(self, line: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Nodes (L,3) of the element edges of a line of nodes, shape functions (3,3) and areas [m²] (L,3) of points."""
+        edge = np.stack([line[:-2:2], line[1::2], line[2::2]], axis=1)
+        value = np.array([_lagrange(x)[0] for x in GAUSS])
+        along = np.linalg.norm(self.points[edge[:, 2]] - self.points[edge[:, 0]], axis=1)
+        area = math.pi * (self.points[edge, 0] @ value.T) * along[:, None] * WEIGHT
+        return edge, value, area
+
+
+@dataclass
+class Indenter:
+    """What presses from above, down to z = height of the body less the depth.
+
+    held    nodes that move down with it: under a plate or a flat punch
+    bonded  whether these keep their r
+    line    nodes of the surface that it may touch elsewhere
+    radius  [m] of its ball; inf: a plane
+    """
+
+    held: np.ndarray
+    bonded: bool
+    line: np.ndarray
+    radius: float = math.inf
+
+    def gap(self, x: np.ndarray, level: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Gap [m] (...) of points (...,2), its gradient (...,2) and second derivative (...,2,2)."""
+        if math.isinf(self.radius):
+            normal = np.broadcast_to([0.0, -1.0], x.shape)
+            return level - x[..., 1], normal, np.zeros((*x.shape, 2))
+        away = x - (0.0, level + self.radius)
+        far = np.linalg.norm(away, axis=-1)
+        normal = away / far[..., None]
+        bend = (np.eye(2) - normal[..., None] * normal[..., None, :]) / far[..., None, None]
+        return far - self.radius, normal, bend
+
+
+def press(body: RoundBody, material: Material, indenter: Indenter, depths: Iterable[float]) -> np.ndarray:
+    """Force [N] at growing depths [m] (n,); NaN from where no equilibrium is found."""
+    state = _Press(body, material, indenter)
+    forces: list[float] = []
+    for depth in depths:
+        forces.append(state.advance(float(depth)) if not forces or math.isfinite(forces[-1]) else math.nan)
+    return np.array(forces)
+
+
+class _Press:
+    def __init__(self, body: RoundBody, material: Material, indenter: Indenter) -> None:
+        self.body, self.material, self.indenter = body, material, indenter
+        self.law, self.p = compiled(material.law, LAW), np.array(material.parameters)
+        self.fixed = body.fixed.copy()
+        self.fixed[indenter.held, 1] = True
+        self.fixed[indenter.held, 0] |= indenter.bonded
+        self.free = np.flatnonzero(~self.fixed.ravel())
+        self.edge, self.value, self.area = body.edges(indenter.line)
+        self.penalty = PENALTY * rest_moduli(material)[0] / np.ptp(body.points[self.edge], axis=1).max(axis=1).min()
+        self.u, self.depth, self.force = np.zeros_like(body.points), 0.0, 0.0
+        self.floor = ROUNDING * rest_moduli(material)[1] * body.across[-1] ** 2
+        self.last: tuple[float, np.ndarray] | None = None
+
+    def advance(self, depth: float) -> float:
+        """The force [N] at a depth [m], NaN where there is none to be found."""
+        step = depth - self.depth
+        least = step / 2**HALVED
+        if self.last is None and not len(self.indenter.held):
+            step /= 8.0  # a ball makes its first contact
+        while depth - self.depth > 1e-12 * depth:
+            target = min(self.depth + step, depth)
+            u = self._newton(target)
+            if u is None:
+                step *= 0.5
+                if step < least:
+                    return math.nan
+                continue
+            self.last = (target - self.depth, u - self.u)
+            self.u, self.depth, step = u, target, 1.5 * step
+        return self.force
+
+    def _balance(self, u: np.ndarray, depth: float) -> tuple[np.ndarray, np.ndarray] | None:
+        """Unbalanced forces (N,2) and tangent blocks (E,18,18), contact's (L,6,6) apart; None: inside out."""
+        body, inner = self.body, np.zeros_like(u)
+        K = np.empty((len(body.elements), 18, 18))
+        if not _integrate(self.law, body.slope, body.hoop, body.weight, body.elements, u, self.p, self.material.mixed,
+                          inner, K):  # fmt: skip
+            return None
+        self.size = float(np.linalg.norm(inner))
+        self.now = float(inner[body.base, 1].sum())
+        place = np.einsum("qa,lai->lqi", self.value, (body.points + u)[self.edge])
+        gap, normal, bend = self.indenter.gap(place, body.up[-1] - depth)
+        touching = gap < 0.0
+        pressure = np.where(touching, -self.penalty * gap * self.area, 0.0)
+        np.subtract.at(inner, self.edge, np.einsum("lq,qa,lqi->lai", pressure, self.value, normal))
+        stiff = np.where(touching, self.penalty * self.area, 0.0)[..., None, None] * (
+            normal[..., None] * normal[..., None, :]
+        )
+        stiff = stiff - pressure[..., None, None] * bend
+        self.touch = np.einsum("qa,qb,lqij->laibj", self.value, self.value, stiff).reshape(-1, 6, 6)
+        return inner, K
+
+    def _matrix(self, K: np.ndarray) -> csc_array:
+        dof = (2 * self.edge[:, :, None] + np.arange(2)).reshape(-1, 6)
+        rows = np.concatenate([self.body.rows, np.repeat(dof, 6, axis=1).ravel()])
+        columns = np.concatenate([self.body.columns, np.tile(dof, (1, 6)).ravel()])
+        size = self.body.points.size
+        whole = csc_array((np.concatenate([K.ravel(), self.touch.ravel()]), (rows, columns)), shape=(size, size))
+        return whole[self.free][:, self.free]
+
+    def _newton(self, depth: float) -> np.ndarray | None:
+        u = self.u.copy()
+        if self.last is not None:
+            u += (depth - self.depth) / self.last[0] * self.last[1]
+        u[self.indenter.held, 1] = -depth
+        state = self._balance(u, depth)
+        for _ in range(25):
+            if state is None:
+                return None
+            rest = state[0].ravel()[self.free]
+            error = float(np.linalg.norm(rest))
+            if not math.isfinite(error):
+                return None
+            if error <= max(TOLERANCE * self.size, self.floor):
+                self.force = self.now
+                return u
+            try:
+                way = np.zeros(u.size)
+                way[self.free] = splu(self._matrix(state[1])).solve(-rest)
+            except RuntimeError:  # singular
+                return None
+            length = 1.0
+            while True:
+                tried = self._balance(u + length * way.reshape(-1, 2), depth)
+                if tried is not None:
+                    now = float(np.linalg.norm(tried[0].ravel()[self.free]))
+                    if now < (1.0 - 0.1 * length) * error or length < 0.1:
+                        break
+                length *= 0.5
+                if length < 1e-3:
+                    return None
+            u = u + length * way.reshape(-1, 2)
+            state = tried
+        return None
+
+
+def line(fine: float, count: int, end: float) -> np.ndarray:
+    """Ends and middles of elements from 0 to `end` [m]: `count` even ones up to `fine`, then growing by 30 % each."""
+    ends, size = np.linspace(0.0, fine, count + 1).tolist(), fine / count
+    while ends[-1] < end * (1.0 - 1e-9):
+        size *= 1.3
+        left = end - ends[-1]
+        ends.append(end if left < 1.6 * size else ends[-1] + size)
+    return np.stack([ends, 0.5 * (np.array(ends) + np.array([*ends[1:], end]))], axis=1).ravel()[:-1]
+
+
+def cylinder(radius: float, height: float, count: int) -> RoundBody:
+    """The upper half of a cylinder [m], its symmetry plane at z = 0, `count` elements across."""
+    return RoundBody(line(radius, count, radius), line(0.5 * height, max(count * 2 // 3, 3), 0.5 * height))
+
+
+def layer(thickness: float, contact: float, count: int) -> RoundBody:
+    """A wide layer [m] bonded to the ground, `count` even elements over the radius of the contact [m]."""
+    wide = 6.0 * max(contact, thickness)
+    up = line(contact, count, thickness) if contact < thickness else line(thickness, count, thickness)
+    return RoundBody(line(contact, count, wide), thickness - up[::-1], slides=False)

@@ -1,0 +1,242 @@
+"""What `palpate fit-tissue` does: presses in, parameters with their intervals, and what the data leave open."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from palpate.models.fit.sessions import SessionError
+from palpate.models.fit.tissue.estimate import ALIKE, Estimate, Problem, between, estimate
+from palpate.models.fit.tissue.measured import LEAST_ROWS, Press
+from palpate.models.fit.tissue.rigs import SHAPES, Law, Rig, closed_form
+from palpate.models.fit.tissue.tables import REFERENCE, curve, tabulated
+
+MIXED = 2.0
+"""Ratio of the greatest to the least stiffness of presses from which two indenters or specimens may be mixed."""
+FINE = 14
+"""Elements across of the press that checks the table's mesh."""
+
+
+@dataclass
+class Fit:
+    """A law fitted to presses. `open_` says what the data cannot tell, `notes` what else a reader must know."""
+
+    rig: Rig
+    law: Law
+    relaxation: str
+    presses: list[Press]
+    estimate: Estimate
+    held_out: list[dict[str, Any]]
+    sensitivity: dict[str, float]
+    open_: list[str]
+    notes: list[str]
+
+    @property
+    def young(self) -> tuple[float, float, float] | None:
+        """Young's modulus at rest with its interval [Pa]; None where the law has none."""
+        own = self.estimate.intervals.get("young")
+        return None if own is None or self.law.rest is None else (own.value, own.low, own.high)
+
+    def errors(self) -> dict[str, float]:
+        """RMS residual [N] and over the peak [1], the greatest over the force where that is above 5 % of the peak."""
+        return _errors(self.presses, self.estimate.fitted)
+
+
+def fit_tissue(
+    presses: Sequence[Press],
+    rig: Rig,
+    name: str,
+    relaxation: str = "none",
+    *,
+    held_out: Sequence[Press] = (),
+    touch: bool = True,
+    relative: bool | None = None,
+    deepest: float = math.inf,
+    report: Callable[[float], None] | None = None,
+) -> Fit:
+    """Fit a law to presses of one rig.
+
+    touch     whether the touch point is found with the parameters, or kept where the force shows it
+    relative  weigh residuals by the force; None: for a cylinder, whose forces span decades
+    deepest   [m] rows beyond are left out
+
+    SessionError: what is wrong with the data, or no such law.
+    """
+    relative = rig.kind == "cylinder" if relative is None else relative
+    if name == "hunt-crossley":
+        name, relaxation = "power", name
+    loaded: list[Press] = []
+    notes: list[str] = []
+    for press in presses:
+        part, note = _kept(press, relaxation, deepest)
+        loaded.append(part)
+        notes += note
+    reach = max(float(p.depth.max()) - p.touch for p in loaded)
+    law, more = _law(rig, name, relaxation, loaded, touch, relative, reach, report)
+    notes += more
+    if reach > 1.02 * law.reach:
+        notes.append(f"pressed {1e3 * reach:.3g} mm, the law holds to {1e3 * law.reach:.3g} mm ({law.remark}): the "
+                     "deeper rows are left out")  # fmt: skip
+        loaded = [p.part(p.depth - p.touch <= law.reach) for p in loaded]
+
+    def made(some: Sequence[Press]) -> Problem:
+        return Problem(some, law, relaxation, touch, relative)
+
+    problem = made(loaded)
+    best = estimate(problem)
+    between(problem, lambda one: made(one), best)
+    kept = [_kept(press, relaxation, min(deepest, law.reach + press.touch))[0] for press in held_out]
+    fitted = Fit(rig, law, relaxation, loaded, best, [], {}, [], notes)
+    fitted.held_out = [_predicted(problem, best, press) for press in kept]
+    fitted.sensitivity = _sensitivity(fitted, made)
+    fitted.open_ = _open(fitted)
+    if "finite elements" in law.remark:
+        fitted.notes.append(_mesh_error(fitted))
+    return fitted
+
+
+def _kept(press: Press, relaxation: str, deepest: float) -> tuple[Press, list[str]]:
+    """The rows that a law is fitted to: without relaxation those of the loading alone."""
+    keep = press.depth - press.touch <= deepest
+    notes = []
+    top = int(np.argmax(np.where(keep, press.depth, -np.inf)))
+    if relaxation == "none" and top < len(press.depth) - 1:
+        after = np.arange(len(press.depth)) > top
+        lost = int((keep & after).sum())
+        if lost > 2:
+            up, s = press.depth[: top + 1], press.force[: top + 1]
+            work = float(np.trapezoid(s, up))
+            loop = work + float(np.trapezoid(press.force[top:], press.depth[top:]))
+            notes.append(
+                f"{press.name}: {lost} rows after the deepest are left out; the loop is {100 * loop / work:.0f} % of "
+                "the work, so the numbers belong to this rate; --relaxation takes all rows"
+            )
+        keep &= ~after
+    part = press.part(keep)
+    if len(part.depth) < LEAST_ROWS or not (part.depth > part.touch).any():
+        raise SessionError(f"{press.name}: fewer than {LEAST_ROWS} rows are left to fit")
+    return part, notes
+
+
+def _law(
+    rig: Rig, name: str, relaxation: str, presses: list[Press], touch: bool, relative: bool, reach: float,
+    report: Callable[[float], None] | None,
+) -> tuple[Law, list[str]]:  # fmt: skip
+    """The law in closed form, or tabulated about what the closed form finds."""
+    rubber = name in SHAPES and name != "linear"
+    if rig.kind == "cylinder" and rubber and rig.plates == "bonded":
+        first = replace(rig, plates="frictionless")
+        rough = estimate(Problem(presses, closed_form(first, name), relaxation, touch, relative), profiles=False)
+        middle = next((rough.values[p.name] for p in SHAPES[name]), None)
+        note = f"with frictionless plates young is {rough.values['young']:.4g} Pa: the truth lies between the two"
+        return tabulated(rig, name, reach, middle, report=report), [note]
+    if rig.kind == "ball" and rubber:
+        return tabulated(rig, name, reach, report=report), []
+    return closed_form(rig, name), []
+
+
+def _errors(presses: Sequence[Press], forces: Sequence[np.ndarray]) -> dict[str, float]:
+    off = np.concatenate([f - p.force for f, p in zip(forces, presses, strict=True)])
+    peak = max(float(p.force.max()) for p in presses)
+    force = np.concatenate([p.force for p in presses])
+    large = force > 0.05 * peak
+    rms = float(np.sqrt(np.mean(off**2)))
+    return {"rms": rms, "rms_of_peak": rms / peak, "worst_of_force": float(np.abs(off[large] / force[large]).max())}
+
+
+def _predicted(problem: Problem, best: Estimate, press: Press) -> dict[str, Any]:
+    """The force on a press that was not fitted; its touch point is found where the fit found those of the others."""
+    alone = Problem([press], problem.law, problem.kind, problem.free_touch, False)
+    x = problem.start()
+    for i, p in enumerate(problem.parameters):
+        x[i] = math.log(best.values[p.name]) if p.log else best.values[p.name]
+    off = [(t - p.touch) / p.slack for t, p in zip(best.touches, problem.presses, strict=True)]
+    own = np.r_[x[: len(problem.parameters)], [float(np.mean(off))] if problem.free_touch else [], [0.0] * press.drifts]
+    forces = alone.forces(own)
+    return {"press": press.name, **_errors([press], forces), "depth": float(press.depth.max()),
+            "curve": (press.depth, press.force, forces[0])}  # fmt: skip
+
+
+def _sensitivity(fit: Fit, made: Callable[[Sequence[Press]], Problem]) -> dict[str, float]:
+    """Change of the first parameter [%] for one more percent of what was fixed; of Poisson's ratio 0.01 less."""
+    if "finite elements" in fit.law.remark:
+        return {}
+    first = fit.estimate.parameters[0].name
+    lengths = {"radius": "radius", "height": "height", "poisson": "poisson"}
+    out = {}
+    for key in fit.law.fixed:
+        field = lengths.get(key)
+        if field is None or (key == "poisson" and fit.rig.kind == "cylinder"):
+            continue
+        now = getattr(fit.rig, field)
+        other = replace(fit.rig, **{field: now - 0.01 if key == "poisson" else 1.01 * now})
+        problem = made(fit.presses)
+        problem.law = closed_form(other, fit.law.name)
+        x = problem.start()
+        for i, p in enumerate(problem.parameters):
+            x[i] = math.log(fit.estimate.values[p.name]) if p.log else fit.estimate.values[p.name]
+        solved, _ = problem.solve(x)
+        out[key] = 100.0 * (problem.values(solved)[first] / fit.estimate.values[first] - 1.0)
+    return out
+
+
+def _open(fit: Fit) -> list[str]:
+    """What the data cannot tell, one plain sentence each."""
+    best, said = fit.estimate, []
+    reach = max(float(p.depth.max()) - t for p, t in zip(fit.presses, best.touches, strict=True))
+    what, size = ("height", fit.rig.height or 1.0) if fit.rig.kind == "cylinder" else ("radius", fit.rig.radius)
+    deep = f"pressed {1e3 * reach:.3g} mm, {reach / size:.2g} of the {what}"
+    length = max((float(np.ptp(p.time)) for p in fit.presses if p.time is not None), default=0.0)
+    for p in best.parameters:
+        own = best.intervals[p.name]
+        low, high = own.profile
+        if p.name.startswith(("time_", "retardation")) and (own.value > 0.5 * length or math.isnan(high)):
+            least = own.value if math.isnan(low) else low
+            said.append(f"{p.name}: the record of {length:.3g} s is too short for it; it is above {least:.3g} s, and "
+                        "the share that belongs to it is open")  # fmt: skip
+        elif math.isnan(low) and math.isnan(high):
+            said.append(f"{p.name}: not determined, any value from {p.low:g} to {p.high:g} fits ({deep})")
+        elif math.isnan(low) or math.isnan(high):
+            known = f"above {low:.3g}" if math.isnan(high) else f"below {high:.3g}"
+            said.append(f"{p.name}: only {known} {p.unit} is certain ({deep})")
+        elif p.name == "alpha" and low < 2.0 < high:
+            said.append(f"alpha: from {low:.3g} to {high:.3g}, which holds the 2 of the neo-Hooke law: the data show "
+                        f"no stiffening ({deep})")  # fmt: skip
+    names = best.names
+    for i in range(len(names)):
+        for j in range(i):
+            if abs(best.correlation[i, j]) > ALIKE:
+                said.append(f"{names[j]} and {names[i]} cannot be told apart: correlation {best.correlation[i, j]:.3f}")
+    if fit.law.rest is not None and fit.rig.kind != "cylinder":
+        said.append(f"young and poisson: only E/(1 - nu²) shows in a press; nu was fixed at {fit.rig.poisson:g}")
+    if fit.rig.kind == "cylinder":
+        said.append("young and the friction of the plates: fit with --plates frictionless and bonded; the truth lies "
+                    "between")  # fmt: skip
+    if len({p.name for p in fit.presses}) > 1 and (own := best.intervals[best.parameters[0].name]).presses:
+        ratio = max(own.presses) / min(own.presses)
+        if ratio > MIXED:
+            said.append(f"the presses differ {ratio:.2g} times in {best.parameters[0].name}: are two indenters or two "
+                        "specimens mixed?")  # fmt: skip
+    if best.starts < 0.5:
+        said.append(
+            f"only {100 * best.starts:.0f} % of the starts came to this minimum: there are others nearly as good"
+        )
+    return said
+
+
+def _mesh_error(fit: Fit) -> str:
+    """What table and mesh leave of the force, at the deepest row."""
+    reach = min(max(float(p.depth.max()) - t for p, t in zip(fit.presses, fit.estimate.touches, strict=True)),
+                fit.law.reach)  # fmt: skip
+    shape = {k: v for k, v in fit.estimate.values.items() if k != "young"}
+    depths = reach * np.linspace(0.0, 1.0, 9)[1:]
+    fine = curve(fit.rig, fit.law.name, shape, depths, FINE)
+    table = fit.law.force({**fit.estimate.values, "young": REFERENCE}, depths)
+    off = np.abs(table / fine - 1.0)
+    if np.isnan(off).all():
+        return "the finer mesh found no equilibrium, so the error of the mesh is not known"
+    return f"mesh and table: at most {100 * np.nanmax(off):.1f} % of the force, against {FINE} elements across"

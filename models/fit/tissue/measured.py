@@ -1,0 +1,209 @@
+"""Presses from CSV files: named columns with units, what is wrong with them, and where the indenter touches."""
+
+from __future__ import annotations
+
+import csv
+import math
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from palpate.models.fit.sessions import SessionError
+
+NAMES = {"time": ("time", "t"), "force": ("force", "load", "f"), "indentation": ("indentation", "depth", "compression",
+         "approach", "d")}  # fmt: skip
+"""What is measured, and what its column is called where nothing is said."""
+SI = {"time": "s", "force": "N", "indentation": "m"}
+LARGEST = {"time": 1e6, "force": 1e4, "indentation": 0.5}
+"""Sizes in SI units beyond which a unit must be wrong."""
+RIG_COLUMNS = ("indenter", "radius", "diameter", "probe")
+"""Columns that say what pressed: more than one value is more than one indenter."""
+LEAST_ROWS = 10
+MOST_ROWS = 400
+"""Rows of a press that are fitted: of more, means of neighbours."""
+_HEAD = re.compile(r"\s*(?P<name>[^\[\](]*?)\s*(?:[\[(]\s*(?P<unit>[^\])]*?)\s*[\])])?\s*")
+
+Convert = Callable[[str, str], float]
+"""(quantity such as '1 mm', SI unit) -> number."""
+
+
+@dataclass(frozen=True)
+class Press:
+    """One press: time [s] (n,) or None, indentation [m] (n,), force [N] (n,) less its zero.
+
+    touch   [m]  where it begins to touch, as the force shows it; uncertain by `slack` [m]
+    zero    [N]  mean force before, taken off; `drifts` whether there are rows that show it, so that it is found as well
+    """
+
+    name: str
+    time: np.ndarray | None
+    depth: np.ndarray
+    force: np.ndarray
+    touch: float
+    slack: float
+    zero: float
+    drifts: bool = False
+
+    @property
+    def rate(self) -> np.ndarray:
+        """[m/s] (n,) of the indentation; 0 without time."""
+        return np.zeros(len(self.depth)) if self.time is None else np.gradient(self.depth, self.time)
+
+    def part(self, keep: np.ndarray) -> Press:
+        """The rows (n,) bool."""
+        time = None if self.time is None else self.time[keep]
+        return Press(
+            self.name, time, self.depth[keep], self.force[keep], self.touch, self.slack, self.zero, self.drifts
+        )
+
+
+def read_presses(path: Path, columns: Mapping[str, str], units: Mapping[str, str], convert: Convert) -> list[Press]:
+    """The presses of a file, one for each value of a column `session` where it has one.
+
+    columns  quantity -> its column in the file, with a minus before one that counts the other way
+    units    column or quantity -> unit, for a header that has none
+
+    SessionError: what is wrong, with file, row and column.
+    """
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        reason = getattr(error, "strerror", None) or "not a text file in UTF-8"
+        raise SessionError(f"{path}: cannot be read: {reason}") from None
+    lines = [(n, line) for n, line in enumerate(text.splitlines(), 1) if line.strip() and not line.startswith("#")]
+    at, split, found = _header(path, lines, columns)
+    factors = {key: _factor(path, key, cell, columns, units, convert) for key, (_, cell, _) in found.items()}
+    rows: dict[str, list[list[float]]] = {}
+    pressed: set[str] = set()
+    heads = {m["name"].lower(): i for i, cell in enumerate(split(lines[at][1])) if (m := _HEAD.fullmatch(cell))}
+    label = heads.get("session")
+    rig = next((heads[name] for name in RIG_COLUMNS if name in heads), None)
+    for number, line in lines[at + 1 :]:
+        cells = split(line)
+        values = []
+        for key, (place, cell, sign) in found.items():
+            where = f"{path}, row {number}, column {cell.strip()!r}"
+            try:
+                value = float(cells[place])
+            except (IndexError, ValueError):
+                shown = cells[place] if place < len(cells) else ""
+                raise SessionError(f"{where}: found {shown!r}, expected a number with a decimal point") from None
+            if not math.isfinite(value):
+                raise SessionError(f"{where}: found {cells[place].strip()!r}, expected a finite number")
+            if abs(value * factors[key]) > LARGEST[key]:
+                raise SessionError(f"{where}: found {value:g}, which is no {key} of a press; is the unit right?")
+            values.append(sign * value * factors[key])
+        rows.setdefault(cells[label] if label is not None and label < len(cells) else "", []).append(values)
+        if rig is not None and rig < len(cells):
+            pressed.add(cells[rig].strip())
+    if len(pressed) > 1:
+        raise SessionError(f"{path}: pressed by {', '.join(sorted(pressed))}: two indenters mixed; fit each by itself")
+    presses = []
+    for session, measured in rows.items():
+        name = f"{path.name}{':' if session else ''}{session}"
+        table = dict(zip(found, np.array(measured).T, strict=True))
+        presses.append(prepared(name, table.get("time"), table["indentation"], table["force"]))
+    return presses
+
+
+def _header(
+    path: Path, lines: list[tuple[int, str]], columns: Mapping[str, str]
+) -> tuple[int, Callable[[str], list[str]], dict[str, tuple[int, str, float]]]:
+    """The line of the header, how lines are split, and quantity -> (place, cell, sign)."""
+    best: tuple[str, list[str]] = ("", [])
+    for at, (_, line) in enumerate(lines[:60]):
+        separator = next((s for s in "\t;" if s in line), ",")
+        cells = _cells(separator, line)
+        found: dict[str, tuple[int, str, float]] = {}
+        for key, names in NAMES.items():
+            wanted = columns.get(key, "")
+            sign = -1.0 if wanted.startswith("-") else 1.0
+            wanted = wanted.removeprefix("-").strip()
+            for place, cell in enumerate(cells):
+                match = _HEAD.fullmatch(cell)
+                name = match["name"] if match else cell
+                if (wanted and wanted in (cell.strip(), name)) or (not wanted and name.lower() in names):
+                    found.setdefault(key, (place, cell, sign))
+        if {"force", "indentation", *columns} <= found.keys():
+            return at, partial(_cells, separator), found
+        if len(found) > len(best[1]) or not best[0]:
+            best = (line, sorted({"force", "indentation", *columns} - found.keys()))
+    raise SessionError(
+        f"{path}: no header with a column for {' and '.join(best[1]) or 'force and indentation'}; found "
+        f"{best[0].strip()[:120]!r}. Name them: --columns time=t,force=F,indentation=d"
+    )
+
+
+def _cells(separator: str, text: str) -> list[str]:
+    return next(csv.reader([text], delimiter=separator))
+
+
+def _factor(
+    path: Path, key: str, cell: str, columns: Mapping[str, str], units: Mapping[str, str], convert: Convert
+) -> float:
+    """SI units in the unit of a column."""
+    match = _HEAD.fullmatch(cell)
+    named = columns.get(key, "").removeprefix("-").strip()
+    unit = units.get(key) or units.get(named) or units.get(cell.strip()) or (match["unit"] if match else None)
+    if not unit:
+        if key == "indentation":
+            raise SessionError(f"{path}, column {cell.strip()!r}: no unit; say it with --unit {named or key}=mm")
+        return 1.0
+    try:
+        return convert(f"1 {unit}", SI[key])
+    except ValueError as error:
+        raise SessionError(f"{path}, column {cell.strip()!r}, unit {unit!r}: {error}") from None
+
+
+def prepared(name: str, time: np.ndarray | None, depth: np.ndarray, force: np.ndarray) -> Press:
+    """A press with its touch point and its zero of force.
+
+    SessionError: too few rows, time that does not grow, no touch, a force of the wrong sign.
+    """
+    if len(depth) < LEAST_ROWS:
+        raise SessionError(f"{name}: {len(depth)} rows, expected at least {LEAST_ROWS}")
+    if time is not None and (np.diff(time) <= 0).any():
+        at = int(np.argmax(np.diff(time) <= 0))
+        raise SessionError(f"{name}: time does not grow: {time[at]:.6g} s is followed by {time[at + 1]:.6g} s")
+    if -force.min() > 2.0 * force.max():
+        raise SessionError(f"{name}: the force is negative in the press; --columns force=-F counts it the other way")
+    if depth.max() - depth[0] <= 0.2 * np.ptp(depth):
+        raise SessionError(f"{name}: the indentation falls in the press; --columns indentation=-d counts it so")
+    deepest = int(np.argmax(depth))
+    noise = float(np.median(np.abs(np.diff(force, 2)))) / 0.6745 / math.sqrt(6.0)
+    peak = float(force.max())
+    if not peak > max(10.0 * noise, 1e-9):
+        raise SessionError(f"{name}: never touches: at most {peak:.3g} N, and noise of {noise:.2g} N")
+    level = max(5.0 * noise, 1e-4 * peak)
+    base = float(np.median(force[: max(deepest // 100, 5)])) if force[0] < 0.05 * peak else 0.0
+    apart = np.flatnonzero(force[: deepest + 1] - base < level)
+    last = int(apart[-1]) if len(apart) else 0
+    # the force rises out of the noise later than it touches, by Hertz's law by this share of the press
+    reach = float(depth[deepest] - depth[last])
+    back = reach * min(level / peak, 1.0) ** (2.0 / 3.0)
+    touch = float(depth[last]) - 0.5 * back
+    before = np.flatnonzero(depth[:last] < touch - back)
+    first, second = np.array_split(force[before], 2) if len(before) >= 8 else (np.zeros(1), np.full(1, np.inf))
+    flat = abs(float(second.mean() - first.mean())) < 4.0 * noise / math.sqrt(len(first))  # it has not yet touched
+    zero = float(force[before].mean()) if flat else 0.0
+    press = Press(name, time, depth, force - zero, touch, max(back, 0.05 * reach), zero, flat)
+    return press if len(depth) <= MOST_ROWS else _thinned(press)
+
+
+def _thinned(press: Press) -> Press:
+    """Means of as many neighbours as leave `MOST_ROWS` at most."""
+    many = -(-len(press.depth) // MOST_ROWS)
+    count = len(press.depth) // many
+
+    def mean(values: np.ndarray) -> np.ndarray:
+        out: np.ndarray = values[: count * many].reshape(count, many).mean(axis=1)
+        return out
+
+    time = None if press.time is None else mean(press.time)
+    return Press(
+        press.name, time, mean(press.depth), mean(press.force), press.touch, press.slack, press.zero, press.drifts
+    )

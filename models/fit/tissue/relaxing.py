@@ -1,0 +1,56 @@
+"""What time does to a force: none, Kelvin and Voigt, Hunt and Crossley, a Prony series.
+
+kelvin-voigt    F = F_e(s) + tau dF_e/dt
+hunt-crossley   F = F_e(s) <1 + c s'>
+prony:N         F = integral of g(t - t') dF_e(t'), N terms: quasi-linear in the force
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from palpate.models.fit.sessions import SessionError
+from palpate.models.fit.tissue.measured import Press
+from palpate.models.fit.tissue.rigs import Law, Parameter, Values
+from palpate.physics.materials.prony import Prony
+
+KINDS = ("none", "kelvin-voigt", "hunt-crossley", "prony:1", "prony:2", "prony:3")
+
+
+def parameters(kind: str, law: Law, duration: float) -> tuple[Parameter, ...]:
+    """Those of a kind of relaxation, for a record of this length [s].
+
+    SessionError: no such kind.
+    """
+    if kind not in KINDS:
+        raise SessionError(f"--relaxation: found {kind!r}, expected {', '.join(KINDS)}")
+    if kind == "kelvin-voigt":
+        return (Parameter("retardation", "s", 0.02, 1e-6, 1e3),)
+    if kind == "hunt-crossley":
+        return (Parameter("damping", "s/m", 5.0, 1e-4, 1e5),)
+    count = int(kind.partition(":")[2] or 0)
+    times = duration * 0.2 * 0.1 ** np.arange(count)
+    found: list[Parameter] = []
+    for i, time in enumerate(times, 1):
+        found += [Parameter(f"share_{i}", "1", 0.5 / count, 1e-4, 0.999, False),
+                  Parameter(f"time_{i}", "s", float(time), 1e-4, 1e5)]  # fmt: skip
+    return tuple(found)
+
+
+def force(kind: str, law: Law, values: Values, press: Press, touch: float) -> np.ndarray:
+    """Force [N] (n,) of a law at the rows of a press that touches at `touch` [m]."""
+    s = np.maximum(press.depth - touch, 0.0)
+    elastic = law.force(values, s)
+    if kind == "none" or press.time is None:
+        return elastic
+    if kind == "kelvin-voigt":
+        return np.maximum(elastic + values["retardation"] * np.gradient(elastic, press.time), 0.0)
+    if kind == "hunt-crossley":
+        return elastic * np.maximum(1.0 + values["damping"] * press.rate, 0.0)
+    count = int(kind.partition(":")[2])
+    shares, left = [], 1.0
+    for i in range(1, count + 1):  # each a share of what the terms before leave, so that the sum stays below 1
+        shares.append(left * values[f"share_{i}"])
+        left -= shares[-1]
+    times = [values[f"time_{i}"] for i in range(1, count + 1)]
+    return Prony(shares, times).relaxed(press.time, elastic)

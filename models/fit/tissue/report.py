@@ -1,0 +1,126 @@
+"""What a fit says: plain data for `report.json`, Markdown for `report.md`, a scene that runs."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from palpate.models.fit.tissue.fit import Fit
+
+FINGER_RADIUS = 8e-3
+"""[m] Of the finger in the scene kidney, over which a modulus becomes a stiffness."""
+SCENE_POISSON = 0.45
+"""Of the basis of deformation.ReducedFE that ships."""
+
+
+def data(fit: Fit) -> dict[str, Any]:
+    """All that was found, in SI units."""
+    best = fit.estimate
+    parameters = {
+        p.name: {"value": i.value, "low": i.low, "high": i.high, "unit": p.unit,
+                 "profile": [None if math.isnan(v) else v for v in i.profile], "presses": i.presses}
+        for p in best.parameters for i in [best.intervals[p.name]]
+    }  # fmt: skip
+    young, ratio = fit.young, 0.5 if fit.rig.kind == "cylinder" or "finite" in fit.law.remark else fit.rig.poisson
+    shear = None if young is None else [v / (2.0 * (1.0 + ratio)) for v in young]
+    return {
+        "law": fit.law.name, "rig": fit.rig.kind, "relaxation": fit.relaxation, "remark": fit.law.remark,
+        "parameters": parameters,
+        "shear_modulus_at_rest": None if shear is None else dict(zip(("value", "low", "high"), shear, strict=True))
+        | {"unit": "Pa"},
+        "touch": {p.name: {"value": t, "unit": "m"} for p, t in zip(fit.presses, best.touches, strict=True)},
+        "zero": {p.name: {"value": p.zero, "unit": "N"} for p in fit.presses},
+        "residuals": fit.errors() | {"runs": best.runs, "effective": best.effective[0], "rows": best.effective[1],
+                                     "aic": best.aic},
+        "correlation": {"names": best.names, "matrix": best.correlation.tolist()},
+        "condition": best.condition,
+        "starts": best.starts,
+        "cannot_be_told": fit.open_,
+        "fixed": {k: {"value": v, "unit": u} for k, (v, u) in fit.law.fixed.items()}
+        | ({"plates": fit.rig.plates} if fit.rig.kind == "cylinder" else {}),
+        "change_for_fixed": fit.sensitivity,
+        "range": {"depth": max(float(p.depth.max()) - t for p, t in zip(fit.presses, best.touches, strict=True)),
+                  "rate": max(float(abs(p.rate).max()) for p in fit.presses)},
+        "held_out": [{k: v for k, v in each.items() if k != "curve"} for each in fit.held_out],
+        "notes": fit.notes,
+    }  # fmt: skip
+
+
+def markdown(fit: Fit, pictures: list[Path]) -> str:
+    """The report for people."""
+    told, best = data(fit), fit.estimate
+    remark = f" {fit.law.remark[:1].upper()}{fit.law.remark[1:]}." if fit.law.remark else ""
+    lines = [
+        f"# {fit.law.name}, {fit.rig.kind}", "", f"Fitted to {', '.join(p.name for p in fit.presses)}.{remark}", "",
+        "| parameter | value | 95 % interval | by profile | press by press |", "|---|---|---|---|---|",
+    ]  # fmt: skip
+    for p in best.parameters:
+        i = best.intervals[p.name]
+        low, high = (("open" if math.isnan(v) else f"{v:.4g}") for v in i.profile)
+        each = ", ".join(f"{v:.4g}" for v in i.presses)
+        cells = (f"{p.name} [{p.unit}]", f"{i.value:.4g}", f"{i.low:.4g} to {i.high:.4g}", f"{low} to {high}", each)
+        lines.append(f"| {' | '.join(cells)} |")
+    if shear := told["shear_modulus_at_rest"]:
+        lines += ["", f"Shear modulus at rest: {shear['value']:.4g} Pa ({shear['low']:.4g} to {shear['high']:.4g})."]
+    lines += ["", "## What the data cannot tell", "", *(f"* {text}" for text in fit.open_ or ["nothing was found"])]
+    errors = told["residuals"]
+    lines += [
+        "", "## How well it fits", "",
+        f"RMS {errors['rms']:.3g} N, {100 * errors['rms_of_peak']:.2g} % of the peak; at worst "
+        f"{100 * errors['worst_of_force']:.2g} % of the force where that is above 5 % of the peak. {errors['rows']} "
+        f"rows count as {errors['effective']:.0f}, since their residuals are correlated (runs: {errors['runs']:.1f} "
+        f"standard deviations too few). Condition of the scaled sensitivities {best.condition:.3g}; "
+        f"{100 * best.starts:.0f} % of the starts came to this minimum.",
+    ]  # fmt: skip
+    for tried in fit.held_out:
+        lines.append(f"Not fitted, {tried['press']}: RMS {tried['rms']:.3g} N, {100 * tried['rms_of_peak']:.2g} % of "
+                     f"its peak, at worst {100 * tried['worst_of_force']:.2g} % of the force.")  # fmt: skip
+    lines += ["", *(f"![{p.stem}]({p.name})" for p in pictures), "", "## What was fixed", ""]
+    lines += [f"* {k}: {v['value']:.4g} {v['unit']}" if isinstance(v, dict) else f"* {k}: {v}"
+              for k, v in told["fixed"].items()]  # fmt: skip
+    for key, change in fit.sensitivity.items():
+        what = "0.01 less" if key == "poisson" else "1 % more"
+        lines.append(f"* {key} {what} changes {best.parameters[0].name} by {change:+.2g} %")
+    for press, touch in zip(fit.presses, best.touches, strict=True):
+        lines.append(f"* {press.name}: touch at {1e3 * touch:.4g} mm, zero of force {press.zero:.3g} N")
+    lines += ["", "## Correlation", "", "| | " + " | ".join(best.names) + " |", "|---" * (len(best.names) + 1) + "|"]
+    lines += [f"| {name} | " + " | ".join(f"{v:.2f}" for v in row) + " |"
+              for name, row in zip(best.names, best.correlation, strict=True)]  # fmt: skip
+    lines += ["", *(f"* {note}" for note in fit.notes), ""] if fit.notes else [""]
+    return "\n".join(lines)
+
+
+def scene(fit: Fit) -> str:
+    """A scene that lays the tissue under the kidney's finger: a power law for MassSpring, a modulus for ReducedFE."""
+    values, young = fit.estimate.values, fit.young
+    depth = max(float(p.depth.max()) - t for p, t in zip(fit.presses, fit.estimate.touches, strict=True))
+    tissue: dict[str, float]
+    if young is not None:
+        ratio = 0.5 if "finite" in fit.law.remark or fit.rig.kind == "cylinder" else fit.rig.poisson
+        plane = young[0] / (1.0 - ratio**2)
+        tissue = {"stiffness": 4.0 / 3.0 * plane * math.sqrt(FINGER_RADIUS), "exponent": 1.5,
+                  "young": plane * (1.0 - SCENE_POISSON**2)}  # fmt: skip
+        why = f"Hertz's law of a finger of {1e3 * FINGER_RADIUS:g} mm on the modulus at rest; what stiffens is left out"
+    elif "exponent" in values:
+        bent = 1.0 if fit.rig.kind == "fingertip" else math.sqrt(FINGER_RADIUS / fit.rig.radius)
+        tissue = {"stiffness": values["stiffness"] * bent, "exponent": values["exponent"]}
+        why = "the power law as fitted" + ("" if bent == 1.0 else ", for the finger's radius in the indenter's place")
+    else:
+        steep = values["hardening"] * depth
+        power = steep * math.exp(steep) / math.expm1(steep)
+        force = values["stiffness"] / values["hardening"] * math.expm1(steep)
+        exponent = min(max(power, 1.0), 3.0)
+        tissue = {"stiffness": force / depth**exponent, "exponent": exponent}
+        why = f"a power law with the force and the stiffness of the exponential at {1e3 * depth:.3g} mm"
+    if fit.relaxation == "hunt-crossley":
+        tissue["damping"] = values["damping"]
+    elif fit.relaxation == "kelvin-voigt":  # K s^n (1 + n tau s'/s), at half the depth
+        tissue["damping"] = tissue["exponent"] * values["retardation"] / (0.5 * depth)
+        tissue["retardation"] = values["retardation"]
+    body = yaml.safe_dump({"extends": "kidney", "tissue": {k: float(f"{v:.6g}") for k, v in tissue.items()}},
+                          sort_keys=False)  # fmt: skip
+    head = f"# Fitted by `palpate fit-tissue` to {', '.join(p.name for p in fit.presses)}: {fit.law.name}. SI units."
+    return f"{head}\n# {why}.\n{body}"

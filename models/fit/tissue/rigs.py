@@ -1,0 +1,198 @@
+"""Force over indentation of each rig and law, in closed form; those of full finite elements are in `tables`.
+
+rig        law                                       force at the indentation s
+ball       hertz                                     (4/3) E/(1 - nu²) sqrt(R) s^1.5
+           layer                                     the same times Dimitriadis' series in sqrt(R s)/h
+           exponential                               (b/m) (exp(m s) - 1)
+           power, hunt-crossley                      K s^n, K s^n <1 + c s'>
+punch      hertz                                     2 E/(1 - nu²) a s
+fingertip  power                                     the finger's own law in series with K s^n, s their sum
+cylinder   linear, neo_hooke, ogden, ogden2,         pi R² P(1 - s/H), P of uniaxial stress: frictionless plates
+           demiray, yeoh, yeoh3
+
+E. K. Dimitriadis et al., Biophys. J. 82 (2002) 2798-2810, for a bonded layer; the last coefficient has the sign that is
+printed in eq. 12, where eq. 11 gives the other, 2 % of the force at sqrt(R s)/h = 0.7, to which it is used here. Hertz
+and the flat punch: K. L. Johnson, Contact Mechanics (1985), 3.8, 4.2.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from palpate.models.fit.sessions import SessionError
+from palpate.physics.materials.demiray import demiray
+from palpate.physics.materials.hyperelastic import Material, uniaxial
+from palpate.physics.materials.ogden import ogden
+from palpate.physics.materials.yeoh import yeoh
+
+Values = Mapping[str, float]
+RATIO = 0.499
+"""Poisson's ratio of rubber-like laws in full finite elements, which stands for 0.5."""
+FINGER = (26.2641, 1681.06)
+"""[N/m] b and [1/m] m of the fingertip's law, as in the scene kidney: two published points on steel."""
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One number to find: its unit, where the search begins and ends; `log`: it is positive and searched by factors."""
+
+    name: str
+    unit: str
+    guess: float
+    low: float
+    high: float
+    log: bool = True
+
+
+@dataclass(frozen=True)
+class Rig:
+    """What pressed: a ball, a flat punch, a fingertip, or plates on a cylinder; lengths in [m]."""
+
+    kind: str
+    radius: float = 8e-3
+    height: float | None = None
+    plates: str = "frictionless"
+    poisson: float = 0.5
+
+
+@dataclass(frozen=True)
+class Law:
+    """A force law: `force(values, s)` [N] of indentations [m] (n,) >= 0, its parameters, those that are moduli first.
+
+    rest    Young's modulus at rest [Pa] from the values, None where it has none
+    reach   [m] beyond which it does not hold
+    remark  what a reader must know of it
+    """
+
+    name: str
+    parameters: tuple[Parameter, ...]
+    force: Callable[[Values, np.ndarray], np.ndarray]
+    rest: Callable[[Values], float] | None = None
+    reach: float = math.inf
+    remark: str = ""
+    fixed: Mapping[str, tuple[float, str]] = field(default_factory=dict)
+
+
+YOUNG = Parameter("young", "Pa", 2e4, 1.0, 1e9)
+SHAPES = {
+    "linear": (),
+    "neo_hooke": (),
+    "ogden": (Parameter("alpha", "1", 3.0, -40.0, 40.0, False),),
+    "ogden2": (
+        Parameter("share", "1", 0.2, 0.0, 1.0, False),
+        Parameter("alpha_1", "1", 2.0, -40.0, 6.0, False),
+        Parameter("alpha_2", "1", 8.0, 6.0, 60.0, False),
+    ),
+    "demiray": (Parameter("b", "1", 0.3, 1e-4, 60.0),),
+    "yeoh": (Parameter("c2_over_c1", "1", 0.1, -0.5, 20.0, False),),
+    "yeoh3": (
+        Parameter("c2_over_c1", "1", 0.0, -2.0, 20.0, False),
+        Parameter("c3_over_c1", "1", 0.05, 0.0, 50.0, False),
+    ),
+}
+"""The dimensionless parameters of the rubber-like laws; each has Young's modulus before them."""
+
+
+def material(law: str, young: float, shape: Values) -> Material:
+    """A rubber-like law with Young's modulus at rest [Pa] of an incompressible body."""
+    shear = young / 3.0
+    if law == "ogden":
+        return ogden(RATIO, shear, shape["alpha"] or 1e-6)
+    if law == "ogden2":
+        alphas = (shape["alpha_1"] or 1e-6, shape["alpha_2"])
+        return ogden(RATIO, (1.0 - shape["share"]) * shear, alphas[0], shape["share"] * shear, alphas[1])
+    if law == "demiray":
+        return demiray(2.0 * (1.0 + RATIO) * shear, RATIO, shape["b"])
+    return yeoh(RATIO, shear / 2.0, *(shape[p.name] * shear / 2.0 for p in SHAPES[law]))
+
+
+def closed_form(rig: Rig, law: str) -> Law:
+    """The law of a rig in closed form.
+
+    SessionError: no such pair, or a length that it needs is missing.
+    """
+    radius, plane = rig.radius, 1.0 - rig.poisson**2
+    fixed = {"poisson": (rig.poisson, "1"), "radius": (radius, "m")}
+    stiffness, exponent = Parameter("stiffness", "N/m^n", 3e3, 1e-3, 1e12), Parameter("exponent", "1", 1.5, 1.0, 3.0)
+    if rig.kind == "cylinder" and law in SHAPES and rig.height:
+        height, area = rig.height, math.pi * radius**2
+        if law == "linear":
+            return Law(law, (YOUNG,), lambda v, s: v["young"] * area * s / height, _young,
+                       fixed={"radius": (radius, "m"), "height": (height, "m")})  # fmt: skip
+
+        def compressed(v: Values, s: np.ndarray) -> np.ndarray:
+            return -area * uniaxial(material(law, v["young"], v), np.maximum(1.0 - s / height, 0.05))
+
+        known = {"radius": (radius, "m"), "height": (height, "m"), "poisson": (0.5, "1")}
+        return Law(law, (YOUNG, *SHAPES[law]), compressed, _young, fixed=known)
+    if rig.kind == "ball" and law == "hertz":
+        size = 4.0 / 3.0 / plane * math.sqrt(radius)
+        return Law(law, (YOUNG,), lambda v, s: size * v["young"] * s**1.5, _young, 0.1 * radius, _HERTZ, fixed)
+    if rig.kind == "ball" and law == "layer":
+        if not rig.height:
+            raise SessionError("law layer: expected --height, the thickness of what is pressed")
+        height, size = rig.height, 4.0 / 3.0 / plane * math.sqrt(radius)
+        nu = rig.poisson
+        a = -(1.2876 - 1.4678 * nu + 1.3442 * nu**2) / (1.0 - nu)
+        b = (0.6387 - 1.0277 * nu + 1.5164 * nu**2) / (1.0 - nu)
+        p = math.pi
+        series = (1.0, -2 * a / p, 4 * a**2 / p**2, -8 / p**3 * (a**3 + 4 * p**2 / 15 * b),
+                  abs(16 * a / p**4 * (a**3 + 3 * p**2 / 5 * b)))  # fmt: skip
+
+        def layer(v: Values, s: np.ndarray) -> np.ndarray:
+            x = np.sqrt(radius * s) / height
+            more: np.ndarray = np.polyval(series[::-1], x)
+            return size * v["young"] * s**1.5 * more
+
+        known = {**fixed, "height": (height, "m")}
+        return Law(
+            law, (YOUNG,), layer, _young, min(0.25 * radius, 0.5 * height**2 / radius), "bonded to the ground", known
+        )
+    if rig.kind == "punch" and law == "hertz":
+        return Law(law, (YOUNG,), lambda v, s: 2.0 / plane * radius * v["young"] * s, _young, 0.2 * radius,
+                   "a half-space: thickness above ten radii", fixed)  # fmt: skip
+    if law == "exponential":
+        steep = Parameter("hardening", "1/m", 300.0, 1e-2, 1e5)
+        first = Parameter("stiffness", "N/m", 100.0, 1e-3, 1e9)
+
+        def exponential(v: Values, s: np.ndarray) -> np.ndarray:
+            out: np.ndarray = v["stiffness"] / v["hardening"] * np.expm1(np.minimum(v["hardening"] * s, 500.0))
+            return out
+
+        return Law(law, (first, steep), exponential)
+    if rig.kind == "fingertip" and law == "power":
+        known = {"finger_stiffness": (FINGER[0], "N/m"), "finger_hardening": (FINGER[1], "1/m")}
+        return Law(law, (stiffness, exponent), lambda v, s: _series(v["stiffness"], v["exponent"], s), fixed=known)
+    if law in ("power", "hunt-crossley"):
+        return Law(law, (stiffness, exponent), lambda v, s: v["stiffness"] * s ** v["exponent"])
+    raise SessionError(
+        f"rig {rig.kind}, law {law}: no such pair; ball: hertz, layer, exponential, power, hunt-crossley, and with "
+        f"--height {_RUBBER}; punch: hertz, exponential, power, hunt-crossley; fingertip: power; cylinder, with "
+        f"--diameter and --height: linear, {_RUBBER}"
+    )
+
+
+def _young(values: Values) -> float:
+    return values["young"]
+
+
+def _series(stiffness: float, exponent: float, total: np.ndarray) -> np.ndarray:
+    """Force [N] (n,) where the finger's indentation ln(1 + F m/b)/m and the tissue's (F/K)^(1/n) make up the total
+    [m] (n,), by bisection on the tissue's."""
+    b, m = FINGER
+    low, high = np.zeros_like(total), total.copy()
+    for _ in range(60):
+        own = 0.5 * (low + high)
+        force = stiffness * own**exponent
+        more = own + np.log1p(force * m / b) / m > total
+        low, high = np.where(more, low, own), np.where(more, own, high)
+    out: np.ndarray = stiffness * (0.5 * (low + high)) ** exponent
+    return out
+
+
+_RUBBER = ", ".join(name for name in SHAPES if name != "linear")
+_HERTZ = "a half-space under a small contact: 10 % of the radius deep, thickness above ten contact radii"

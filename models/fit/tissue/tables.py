@@ -1,0 +1,102 @@
+"""Force over depth of rubber-like laws by full axisymmetric finite elements, as a table over the law's shape.
+
+The force is linear in Young's modulus. So presses at Chebyshev's points of the one dimensionless parameter of the law
+are computed once, ln F is interpolated between them, and a fit costs no more than in closed form. The report compares
+the result with a finer mesh.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+from scipy.interpolate import BarycentricInterpolator, PchipInterpolator
+
+from palpate.models.fe.axisymmetric import Indenter, cylinder, layer, press
+from palpate.models.fit.sessions import SessionError
+from palpate.models.fit.tissue.rigs import SHAPES, YOUNG, Law, Parameter, Rig, Values, _young, material
+
+DEPTHS = 16
+"""Depths of a table, closer together near the touch."""
+REFERENCE = 1e4
+"""[Pa] Young's modulus of the tables."""
+
+
+def curve(rig: Rig, law: str, shape: Values, depths: np.ndarray, count: int) -> np.ndarray:
+    """Force [N] at depths [m] (n,) with `REFERENCE` as Young's modulus, `count` elements across; NaN where none."""
+    if not rig.height:
+        raise SessionError(f"law {law} in finite elements: expected --height, the thickness of what is pressed")
+    made = material(law, REFERENCE, shape)
+    if rig.kind == "cylinder":
+        body = cylinder(rig.radius, rig.height, count)
+        return press(body, made, Indenter(body.top, rig.plates == "bonded", body.side), depths / 2.0)
+    contact = min(1.2 * math.sqrt(rig.radius * float(depths[-1])), 1.2 * rig.radius)
+    body = layer(rig.height, contact, count)
+    under = body.top[: 2 * int(np.searchsorted(body.across[::2], 2.0 * contact)) + 1]
+    return press(body, made, Indenter(np.zeros(0, np.int64), False, under, rig.radius), depths)
+
+
+def tabulated(
+    rig: Rig, law: str, deepest: float, middle: float | None = None, count: int = 8, many: int = 6,
+    report: Callable[[float], None] | None = None,
+) -> Law:  # fmt: skip
+    """A law of `SHAPES` with at most one shape parameter, about `middle` of it, down to `deepest` [m].
+
+    SessionError: no such law, no thickness, or no equilibrium near the touch.
+    """
+    shapes = SHAPES.get(law, (YOUNG, YOUNG))
+    if len(shapes) > 1 or law == "linear" or rig.kind not in ("ball", "cylinder"):
+        known = ", ".join(name for name, own in SHAPES.items() if len(own) < 2 and name != "linear")
+        raise SessionError(f"rig {rig.kind}, law {law} in finite elements: expected ball or cylinder, and {known}")
+    depths = deepest * np.linspace(0.0, 1.0, DEPTHS + 1)[1:] ** 1.5
+    parameters: tuple[Parameter, ...] = ()
+    power = 1.0 if rig.kind == "cylinder" else 1.5
+    if not shapes:
+        nodes = np.zeros(1)
+    else:
+        own = shapes[0]
+        low, high = _range(own, middle)
+        nodes = 0.5 * (low + high) - 0.5 * (high - low) * np.cos((np.arange(many) + 0.5) * math.pi / many)
+        inner = np.exp((low, high)) if own.log else (low, high)
+        guess = min(max(own.guess if middle is None else middle, inner[0]), inner[1])
+        parameters = (Parameter(own.name, own.unit, float(guess), float(inner[0]), float(inner[1]), own.log),)
+    forces = []
+    for node in nodes:
+        shape = {own.name: math.exp(node) if own.log else float(node)} if shapes else {}
+        forces.append(curve(rig, law, shape, depths, count))
+        if report is not None:
+            report(1.0 / len(nodes))
+    reached = int(np.isfinite(forces).all(axis=0).sum())
+    if reached < 4:
+        raise SessionError(f"rig {rig.kind}, law {law}: no equilibrium beyond {1e3 * depths[reached - 1]:.3g} mm")
+    ratio = np.log(np.array(forces)[:, :reached] / depths[:reached] ** power)
+    across = BarycentricInterpolator(nodes, ratio) if shapes else None
+    knots = np.r_[0.0, depths[:reached]]
+
+    def force(values: Values, s: np.ndarray) -> np.ndarray:
+        if across is None:
+            row = ratio[0]
+        else:
+            x = values[own.name]
+            row = across(math.log(x) if own.log else x)
+        along = PchipInterpolator(knots, np.r_[row[0], row])
+        out: np.ndarray = values["young"] / REFERENCE * np.exp(along(np.clip(s, 0.0, knots[-1]))) * s**power
+        return out
+
+    fixed = {"radius": (rig.radius, "m"), "height": (rig.height or 0.0, "m"), "poisson": (0.5, "1")}
+    remark = (
+        f"full finite elements, {rig.plates if rig.kind == 'cylinder' else 'bonded to the ground, frictionless ball'}"
+    )
+    return Law(law, (YOUNG, *parameters), force, _young, float(knots[-1]), remark, fixed)
+
+
+def _range(own: Parameter, middle: float | None) -> tuple[float, float]:
+    """Ends of the table, in logarithms where the parameter is searched so."""
+    if own.log:
+        centre = math.log(own.guess if middle is None else middle)
+        return max(centre - 2.0, math.log(own.low)), min(centre + 2.0, math.log(own.high))
+    if middle is None:
+        return (-8.0, 12.0) if own.name == "alpha" else (own.low, 3.0)
+    wide = max(4.0, 0.6 * abs(middle)) if own.name == "alpha" else max(0.3, abs(middle))
+    return max(middle - wide, own.low), min(middle + wide, own.high)

@@ -1,0 +1,93 @@
+"""The library of tissues: every number has a source and its law's modulus; a scene takes one by its name."""
+
+import json
+
+import pytest
+from pytest import approx
+from typer.testing import CliRunner
+
+from palpate.engine.faults import GraphError
+from palpate.launch.__main__ import app
+from palpate.launch.load import tissues as library
+from palpate.launch.load.graph import load
+from palpate.launch.load.tissues import bodies, material, settings, tissues
+from palpate.physics.materials.hyperelastic import rest_moduli
+
+GOOD = """
+liver-x:
+  {tissue: liver, species: pig, state: fresh, test: none, strain: 1 %, rate: 1 Hz, law: linear,
+   parameters: {shear: 2 kPa}, shear: 2 kPa, grade: P, read: abstract, source: a paper}
+"""
+
+
+def test_every_record_has_a_source_and_its_modulus():
+    found, left_out = tissues()
+    assert len(found) > 30
+    assert {r["species"] for r in found.values()} >= {"human", "pig", "silicone"}
+    assert "liver-bovine-fresh" in left_out
+    for name, record in found.items():
+        assert record["source"], name
+        assert 50.0 < rest_moduli(material(record))[0] < 1e5, name
+        assert set(bodies(record)) == {"MassSpring", "ReducedFE", "full finite elements"}
+    assert [name for name, r in found.items() if r["grade"] == "assumed"] == ["kidney-assumed"]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "expected"),
+    [
+        ("source: a paper", "source: ''", r"missing \['source'\]"),
+        ("2 kPa}", "2 mm}", "expected a pressure or modulus"),
+        ("2 kPa}", "3 kPa}", "shear 2000 Pa, its law has 3000 Pa at rest"),
+        ("grade: P", "grade: A", "grade 'A' of P, S, R, assumed"),
+        ("law: linear", "law: putty", "no material law 'putty'"),
+        ("rate: 1 Hz", "speed: 1 Hz", r"missing \['rate'\], unknown \['speed'\]"),
+    ],
+)
+def test_a_record_that_is_wrong_is_refused(tmp_path, monkeypatch, old, new, expected):
+    (tmp_path / "liver.yaml").write_text(GOOD.replace(old, new))
+    monkeypatch.setattr(library, "TISSUES", tmp_path)
+    with pytest.raises(GraphError, match=f"liver-x.*{expected}"):
+        tissues.__wrapped__()
+
+
+def stiffness(graph):
+    return graph.nodes["tissue"].settings["stiffness"], graph.nodes["tissue"].settings["damping"]
+
+
+def test_a_scene_takes_a_tissue_by_its_name_and_keeps_the_rest(tmp_path):
+    file = tmp_path / "mine.yaml"
+    file.write_text("extends: kidney\ntissue: liver-human\n")
+    expected = 4 / 3 * 4 * 2090.0 * 8e-3**0.5  # E/(1 - nu²) = 4 G where nu is a half
+    for graph in (
+        load("kidney", scene=file),
+        load("kidney", overrides=["scene.tissue=liver-human"]),
+    ):
+        assert stiffness(graph) == (approx(expected, rel=5e-3), 5.0)
+    graph = tmp_path / "graph.yaml"
+    graph.write_text("extends: kidney\nscene: {tissue: liver-human}\n")
+    assert stiffness(load(graph)) == (approx(expected, rel=5e-3), 5.0)
+    reduced = load("kidney", scene=file, overrides=["tissue.use=deformation.ReducedFE"])
+    assert reduced.nodes["tissue"].settings["young"] == approx(4 * 2090.0 * (1 - 0.45**2), rel=5e-3)
+
+
+def test_the_assumed_kidney_is_the_kidney():
+    assert stiffness(load("kidney", overrides=["scene.tissue=kidney-assumed"])) == stiffness(load("kidney"))
+
+
+def test_an_unknown_tissue_is_told_with_the_nearest_or_why_it_was_left_out():
+    with pytest.raises(GraphError, match=r"no tissue 'liver-humann'") as caught:
+        load("kidney", overrides=["scene.tissue=liver-humann"])
+    assert "liver-human" in str(caught.value)
+    with pytest.raises(GraphError, match="left out: Capilnasiu"):
+        load("kidney", overrides=["scene.tissue=liver-bovine-fresh"])
+
+
+def test_the_command_lists_them_with_what_was_left_out():
+    listed = CliRunner().invoke(app, ["tissues"])
+    assert listed.exit_code == 0
+    assert "brain-human-cortex" in listed.output
+    assert "liver-bovine-fresh" in listed.output
+    told = json.loads(CliRunner().invoke(app, ["tissues", "fat-pig", "--json"]).output)["tissues"]["fat-pig"]
+    assert told["source"].startswith("Sims")
+    assert told["bodies"]["full finite elements"] == "neo_hooke with its Prony series"
+    assert settings("fat-pig", library.Location())["stiffness"] == told["scene"]["stiffness"]

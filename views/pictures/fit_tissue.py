@@ -1,0 +1,63 @@
+"""Pictures of `palpate fit-tissue`: force and residuals, and the profile of each parameter."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from palpate.models.fit.tissue.fit import Fit
+
+
+def draw_fit(fit: Fit, folder: Path) -> list[Path]:
+    """The files written."""
+    return [_forces(fit, folder / "fit.png"), _profiles(fit, folder / "profiles.png")]
+
+
+def _forces(fit: Fit, path: Path) -> Path:
+    """Force over depth with the fit and the presses held out; residuals over depth and over time."""
+    timed = all(p.time is not None for p in fit.presses)
+    figure = Figure(figsize=(14 if timed else 10, 4), layout="constrained")
+    axes = figure.subplots(1, 3 if timed else 2)
+    for k, (press, force, touch) in enumerate(zip(fit.presses, fit.estimate.fitted, fit.estimate.touches, strict=True)):
+        colour, depth, off = f"C{k % 10}", 1e3 * (press.depth - touch), force - press.force
+        axes[0].plot(depth, press.force, ".", ms=3, color=colour, label=press.name)
+        axes[0].plot(depth, force, "k-", lw=1, label=f"{fit.law.name}, fitted" if not k else None)
+        axes[1].plot(depth, off, ".-", ms=3, lw=0.5, color=colour)
+        if timed and press.time is not None:
+            axes[2].plot(press.time, off, ".-", ms=3, lw=0.5, color=colour)
+    for each in fit.held_out:
+        depth, force, made = each["curve"]
+        depth = 1e3 * (depth - float(np.mean(fit.estimate.touches)))
+        axes[0].plot(depth, force, "x", ms=4, color="0.5", label=f"{each['press']}, not fitted")
+        axes[1].plot(depth, made - force, "x", ms=3, color="0.5")
+    axes[0].set(xlabel="indentation [mm]", ylabel="force [N]")
+    axes[0].legend(fontsize=8)
+    for axis, label in zip(axes[1:], ("indentation [mm]", "time [s]"), strict=False):
+        axis.axhline(0.0, color="k", lw=0.5)
+        axis.set(xlabel=label, ylabel="fit less force [N]")
+    return _saved(figure, path)
+
+
+def _profiles(fit: Fit, path: Path) -> Path:
+    """How much worse the best fit is with a parameter held: 1 is the end of its 95 % interval."""
+    parameters = fit.estimate.parameters
+    figure = Figure(figsize=(3.6 * len(parameters), 3.4), layout="constrained")
+    for axis, p in zip(figure.subplots(1, len(parameters), squeeze=False)[0], parameters, strict=True):
+        interval = fit.estimate.intervals[p.name]
+        at, level = np.array([point for point in interval.curve if point[1] < 6.0]).T
+        axis.plot(at, level, "o-", ms=3)
+        axis.axhline(1.0, color="tab:red", lw=1, label="95 %")
+        axis.axvspan(interval.low, interval.high, color="0.9", label="interval reported")
+        if p.log and at[0] > 0.0 and at[-1] > 4.0 * at[0]:
+            axis.set_xscale("log")
+        axis.set(xlabel=f"{p.name} [{p.unit}]", ylabel="rise of the sum of squares", ylim=(-0.1, 4.0))
+        axis.legend(fontsize=8)
+    return _saved(figure, path)
+
+
+def _saved(figure: Figure, path: Path) -> Path:
+    FigureCanvasAgg(figure).print_png(str(path))
+    return path
