@@ -135,7 +135,7 @@ def _law(
         note = f"with frictionless plates young is {rough.values['young']:.4g} Pa: the truth lies between the two"
         return tabulated(rig, name, reach, middle, report=report), [note]
     if rig.kind == "ball" and rubber:
-        return tabulated(rig, name, reach, report=report), []
+        return tabulated(rig, name, reach, count=6, report=report), []
     return closed_form(rig, name), []
 
 
