@@ -281,10 +281,10 @@ class _Press:
 
 
 def line(fine: float, count: int, end: float) -> np.ndarray:
-    """Ends and middles of elements from 0 to `end` [m]: `count` even ones up to `fine`, then growing by 30 % each."""
+    """Ends and middles of elements from 0 to `end` [m]: `count` even ones up to `fine`, then growing by 45 % each."""
     ends, size = np.linspace(0.0, fine, count + 1).tolist(), fine / count
     while ends[-1] < end * (1.0 - 1e-9):
-        size *= 1.3
+        size *= 1.45
         left = end - ends[-1]
         ends.append(end if left < 1.6 * size else ends[-1] + size)
     return np.stack([ends, 0.5 * (np.array(ends) + np.array([*ends[1:], end]))], axis=1).ravel()[:-1]
@@ -297,6 +297,6 @@ def cylinder(radius: float, height: float, count: int) -> RoundBody:
 
 def layer(thickness: float, contact: float, count: int) -> RoundBody:
     """A wide layer [m] bonded to the ground, `count` even elements over the radius of the contact [m]."""
-    wide = 6.0 * max(contact, thickness)
+    wide = 4.0 * max(contact, thickness)
     up = line(contact, count, thickness) if contact < thickness else line(thickness, count, thickness)
     return RoundBody(line(contact, count, wide), thickness - up[::-1], slides=False)

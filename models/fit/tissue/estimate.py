@@ -87,7 +87,7 @@ class Problem:
         if kind != "none" and len(lengths) < len(presses):
             raise SessionError(f"--relaxation {kind}: expected a column of time in every file")
         self.parameters = (*law.parameters, *relaxing.parameters(kind, law, max(lengths, default=1.0)))
-        self.free_touch = free_touch
+        self.free_touch, self.relative = free_touch, relative
         peaks = [float(np.abs(p.force).max()) for p in presses]
         self.weight = [
             1.0 / (np.maximum(np.abs(p.force), 0.05 * peak) if relative else np.full(len(p.force), peak))

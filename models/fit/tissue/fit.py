@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from scipy.optimize import least_squares
 
 from palpate.models.fit.sessions import SessionError
 from palpate.models.fit.tissue.estimate import ALIKE, Estimate, Problem, between, estimate
@@ -135,7 +136,7 @@ def _law(
         note = f"with frictionless plates young is {rough.values['young']:.4g} Pa: the truth lies between the two"
         return tabulated(rig, name, reach, middle, report=report), [note]
     if rig.kind == "ball" and rubber:
-        return tabulated(rig, name, reach, report=report), []
+        return tabulated(rig, name, reach, count=6, report=report), []
     return closed_form(rig, name), []
 
 
@@ -149,13 +150,14 @@ def _errors(presses: Sequence[Press], forces: Sequence[np.ndarray]) -> dict[str,
 
 
 def _predicted(problem: Problem, best: Estimate, press: Press) -> dict[str, Any]:
-    """The force on a press that was not fitted; its touch point is found where the fit found those of the others."""
-    alone = Problem([press], problem.law, problem.kind, problem.free_touch, False)
-    x = problem.start()
+    """The force on a press that was not fitted: its own touch point and zero are found, the parameters are kept."""
+    alone = Problem([press], problem.law, problem.kind, problem.free_touch, problem.relative)
+    own, count = alone.start(), len(problem.parameters)
     for i, p in enumerate(problem.parameters):
-        x[i] = math.log(best.values[p.name]) if p.log else best.values[p.name]
-    off = [(t - p.touch) / p.slack for t, p in zip(best.touches, problem.presses, strict=True)]
-    own = np.r_[x[: len(problem.parameters)], [float(np.mean(off))] if problem.free_touch else [], [0.0] * press.drifts]
+        own[i] = math.log(best.values[p.name]) if p.log else best.values[p.name]
+    if len(own) > count:
+        ends = [side[count:] for side in alone.bounds()]
+        own[count:] = least_squares(lambda rest: alone.residuals(np.r_[own[:count], rest]), own[count:], bounds=ends).x
     forces = alone.forces(own)
     return {"press": press.name, **_errors([press], forces), "depth": float(press.depth.max()),
             "curve": (press.depth, press.force, forces[0])}  # fmt: skip

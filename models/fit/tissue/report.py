@@ -71,8 +71,8 @@ def markdown(fit: Fit, pictures: list[Path]) -> str:
         "", "## How well it fits", "",
         f"RMS {errors['rms']:.3g} N, {100 * errors['rms_of_peak']:.2g} % of the peak; at worst "
         f"{100 * errors['worst_of_force']:.2g} % of the force where that is above 5 % of the peak. {errors['rows']} "
-        f"rows count as {errors['effective']:.0f}, since their residuals are correlated (runs: {errors['runs']:.1f} "
-        f"standard deviations too few). Condition of the scaled sensitivities {best.condition:.3g}; "
+        f"rows count as {errors['effective']:.0f} independent ones (runs of one sign: {errors['runs']:.1f} standard "
+        f"deviations too few). Condition of the scaled sensitivities {best.condition:.3g}; "
         f"{100 * best.starts:.0f} % of the starts came to this minimum.",
     ]  # fmt: skip
     for tried in fit.held_out:

@@ -17,7 +17,7 @@ from palpate.models.fe.axisymmetric import Indenter, cylinder, layer, press
 from palpate.models.fit.sessions import SessionError
 from palpate.models.fit.tissue.rigs import SHAPES, YOUNG, Law, Parameter, Rig, Values, _young, material
 
-DEPTHS = 16
+DEPTHS = 12
 """Depths of a table, closer together near the touch."""
 REFERENCE = 1e4
 """[Pa] Young's modulus of the tables."""

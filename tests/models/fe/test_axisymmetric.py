@@ -6,7 +6,7 @@ import numpy as np
 from pytest import approx
 
 from palpate.models.fe import Solver, TetMesh, box, ogden
-from palpate.models.fe.axisymmetric import Indenter, RoundBody, cylinder, layer, press
+from palpate.models.fe.axisymmetric import Indenter, RoundBody, _Press, cylinder, layer, press
 from palpate.models.fe.solve.solver import Settings
 from palpate.physics.materials.hyperelastic import uniaxial
 from palpate.physics.materials.neo_hooke import neo_hooke
@@ -36,7 +36,7 @@ def test_a_bonded_cylinder_is_stiffer_as_its_shape_factor_says():
 def test_a_bonded_cylinder_is_that_of_the_tetrahedra():
     """A quarter of the upper half, its square mapped to a disc; both converge to the same force from above."""
     law = neo_hooke(3e4, 0.45)
-    block = box((1.0, 1.0, 1.0), (4, 4, 4))
+    block = box((1.0, 1.0, 1.0), (3, 3, 3))
     x, y, z = block.points.T
     wide = np.maximum(x, y)
     scale = np.where(wide > 0.0, wide / np.maximum(np.hypot(x, y), 1e-12), 1.0)
@@ -53,13 +53,19 @@ def test_a_bonded_cylinder_is_that_of_the_tetrahedra():
     for depth in DEPTHS[:3] / 2.0:
         body.advance(depth)
         forces.append(-4.0 * body.reaction[top, 2].sum())
-    assert compressed(law, True, 8, DEPTHS[:3]) == approx(np.array(forces), rel=0.03)
+    assert compressed(law, True, 8, DEPTHS[:3]) == approx(np.array(forces), rel=0.04)
 
 
 def test_the_side_folds_onto_the_plate_and_not_through_it():
-    forces = compressed(ogden(0.499, 14.3e3, 3.0), True, 4, np.array([6e-3, 12e-3, 15e-3]))
-    assert np.isfinite(forces).all()
-    assert (np.diff(forces) > 0).all()
+    body, depth = cylinder(RADIUS, HEIGHT, 4), 7.5e-3
+    above = []
+    for line in (body.side, body.base):  # where the plate may be touched; the base never does
+        state = _Press(body, ogden(0.499, 14.3e3, 3.0), Indenter(body.top, True, line))
+        assert math.isfinite(state.advance(0.5 * depth))
+        assert math.isfinite(state.advance(depth))
+        height = (body.points + state.u)[body.side, 1]
+        above.append(height.max() - (0.5 * HEIGHT - depth))
+    assert above[0] < 0.03 * RADIUS / 4 < above[1]  # 3 % of an edge: a penalty
 
 
 def test_a_ball_on_a_deep_layer_is_hertz():
