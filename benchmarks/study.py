@@ -2,7 +2,7 @@
 
     python benchmarks/study.py [--points 40] [--rounds 3]
 
-The plain loop is `palpate.run` in one process, which records the same stream and reads the same number. Rounds of loop
+The plain loop computes one point after another in one process, by the function that the workers call. Rounds of loop
 and study are interleaved, since the machine may be shared. Processor time is that of this process and all below it,
 which says what a study costs on a busy machine, too.
 """
