@@ -50,7 +50,7 @@ def main() -> None:
     tables |= {f"statements, {name}": statements(**plates) for name, plates in records.items()}
     divisor = fit_divisor(records["calibrated"]["steel"].softened(1.0 / CALIBRATED))
     if given.pictures:
-        from palpate.views.pictures.fe_fingertip import draw
+        from palpate.views.pictures.models.fe_fingertip import draw
 
         given.pictures.mkdir(parents=True, exist_ok=True)
         draw({plate: pair[0] for plate, pair in every["calibrated"].items()}, given.pictures)

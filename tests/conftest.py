@@ -1,6 +1,7 @@
 """What several tests of the launcher share: graphs written for one test, of the small nodes in graph_nodes.py."""
 
 import functools
+import os
 import signal
 import textwrap
 
@@ -20,6 +21,7 @@ if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:
     signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 warm_fork_server.use()
+os.environ["PALPATE_TESTS"] = str(os.getpid())  # by which a node knows this process from those below it
 
 # Commands are called by the hundred, and typer builds the tree of all of them for each.
 typer.testing._get_command = functools.cache(typer.testing._get_command)

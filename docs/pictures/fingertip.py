@@ -25,7 +25,7 @@ from palpate.models.fe.study.press_record import PressRun, record
 from palpate.models.fe.study.pressing import Pressing
 from palpate.models.scan import rebuild, segment
 from palpate.models.scan.phantom import scan
-from palpate.views.pictures.fe_fingertip import draw
+from palpate.views.pictures.models.fe_fingertip import draw
 
 CELLS = 5
 MEASURED = 3

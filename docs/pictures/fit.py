@@ -13,7 +13,7 @@ import tempfile
 from pathlib import Path
 
 from palpate.models.fit.fit import fit_sessions, write_example
-from palpate.views.pictures.fit import draw_choice
+from palpate.views.pictures.models.fit import draw_choice
 
 PICTURES = {"fit": "fit-subject.png", "models": "fit-models.png", "surface": "fit-surface.png"}
 

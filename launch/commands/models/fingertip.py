@@ -43,7 +43,7 @@ def fingertip(
         from palpate.models.scan import read, segment
         from palpate.models.scan.measures import measures, of_images
         from palpate.models.scan.rebuild import reconstruct
-        from palpate.views.pictures.scan import draw
+        from palpate.views.pictures.models.scan import draw
     except ImportError as error:
         raise typer.BadParameter(f"{error.name} is not installed. {install('scan')}") from None
     if phantom is not None:

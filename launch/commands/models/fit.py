@@ -89,7 +89,7 @@ def _draw(fitted: Told, folder: Path) -> list[str]:
     from palpate.models.fit.sessions import SessionError
 
     try:
-        from palpate.views.pictures.fit import draw_choice, draw_law
+        from palpate.views.pictures.models.fit import draw_choice, draw_law
     except ImportError:
         raise SessionError(f"--pictures: matplotlib is not installed; {install('view')}") from None
     paths: list[Path] = []

@@ -102,7 +102,7 @@ def fit_tissue(
 
 
 def _draw(fit: Fit, out: Path) -> list[Path]:
-    from palpate.views.pictures.fit_tissue import draw_fit
+    from palpate.views.pictures.models.fit_tissue import draw_fit
 
     return draw_fit(fit, out)
 

@@ -295,7 +295,7 @@ def test_slices_of_2_4_mm_are_thick_not_missing(start):
 
 def test_the_beams_of_the_picture_stand_where_they_do_in_the_finger():
     figure = pytest.importorskip("matplotlib.figure")
-    from palpate.views.pictures.scan import _beams
+    from palpate.views.pictures.models.scan import _beams
 
     tip, depth, pitch = SHAPE.fingertip(), 2e-3, 1.2e-3
     axes = figure.Figure().add_subplot()

@@ -18,7 +18,7 @@ from palpate.nodes.spread import Kernel
 from palpate.physics.bodies.mass_spring import MOST_STRAIN, NodalBody
 from palpate.physics.bodies.spring_net import NetBody
 from palpate.physics.contact.series import exponential
-from palpate.physics.contact.spread import Spreader, kernel
+from palpate.physics.contact.spread import Spreader, kernel_values
 from palpate.physics.contact.terminal import terminal_force
 from palpate.physics.geometry.mesh import plane
 
@@ -53,7 +53,7 @@ def test_at_rest_the_centre_goes_in_by_the_contact_indentation_and_the_rest_foll
     s = (2.0 / K) ** (1 / N)
     displacement = dense(nodal().step(*load((0.0, 0.0, -2.0)), UP, math.inf))
     d = np.linalg.norm(MESH.vertices, axis=1)
-    assert -displacement[:, 2] == approx(s * kernel("biweight", d / 8e-3) ** (1 / N), abs=1e-12)
+    assert -displacement[:, 2] == approx(s * kernel_values("biweight", d / 8e-3) ** (1 / N), abs=1e-12)
 
 
 @steps

@@ -20,7 +20,7 @@ def compare(
     """Compare both plates: which of the paper's statements hold, and pictures like its Figures 3 to 5."""
     from palpate.models.fe.study.paper_claims import statements
     from palpate.models.fe.study.press_record import PressRun, check_pair
-    from palpate.views.pictures.fe_fingertip import draw
+    from palpate.views.pictures.models.fe_fingertip import draw
 
     runs = {"steel": PressRun(steel), "silicone": PressRun(silicone)}
     check_pair(runs)

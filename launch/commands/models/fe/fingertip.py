@@ -39,7 +39,7 @@ def fingertip(
     """Press the layered fingertip on a plate: force, contact area, isostrain volumes; fields as VTK; pictures."""
     from palpate.models.fe.study.paper_claims import numbers
     from palpate.models.fe.study.press_record import PressRun, run_name
-    from palpate.views.pictures.fe_fingertip import draw
+    from palpate.views.pictures.models.fe_fingertip import draw
 
     pressing = _pressing(plate, material, depth, cells, friction, finger)
     place = folder / run_name(plate, material, cells, friction, finger)

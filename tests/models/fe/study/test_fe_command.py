@@ -142,7 +142,7 @@ def test_fe_fingertip_draws_what_the_run_has(steel):
 
 def test_the_area_of_a_light_run_fills_its_picture_beside_the_papers_greater_forces(steel):
     pytest.importorskip("matplotlib")
-    from palpate.views.pictures.fe_fingertip import force
+    from palpate.views.pictures.models.fe_fingertip import force
 
     folder, report = steel
     left, right = force({"steel": PressRun(folder / "steel-20-3-0.2")}).axes
