@@ -110,6 +110,7 @@ def test_of_what_never_changes_no_parameter_matters():
     assert all(value == 0.0 for one in found for value in one.values())
 
 
+@pytest.mark.long
 def test_a_study_tells_the_exponents_of_hertz(write, tmp_path):
     """Over 1 % of range the effects of Morris are force times exponent times 1 %, whatever is crossed with them."""
     ranges = {"young": (1e4, 1.01e4), "radius": (8e-3, 8.08e-3), "depth": (1e-3, 1.01e-3)}

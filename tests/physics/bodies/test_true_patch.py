@@ -238,6 +238,7 @@ def test_what_corrects_a_patch_near_a_nodule_is_the_same_for_every_load_there():
     assert found == approx([found[0]] * 3, rel=1e-9)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("name", "error"), [("nodule-00", 0.025), ("nodule-10", 0.02)])
 def test_a_slab_with_a_nodule_answers_a_light_touch_as_two_full_solvers_do(name, error, nodule_node):
     reference = stored(name)
