@@ -18,7 +18,8 @@ def show(title: str, rows: list[dict[str, object]], digits: int = 4) -> None:
     for row in rows:
         cells = ["" if row.get(name) is None else row[name] for name in names]
         table.add_row(*(f"{cell:.{digits}g}" if isinstance(cell, float) else str(cell) for cell in cells))
-    Console().print(table)
+    out = Console()
+    (out if out.is_terminal else Console(width=200)).print(table)  # a file has no edge to cut figures at
 
 
 def tell(tables: dict[str, list[dict[str, object]]], as_json: bool, digits: int = 4) -> None:
