@@ -54,6 +54,12 @@ def test_the_loop_turns_unstable_within_a_percent_of_the_bound(mass, delay):
     assert radius(0.99 * limit) < 1.0 < radius(1.01 * limit)
 
 
+def test_a_coarse_search_is_refined_to_the_fine_one():
+    for delay, damping in ((1, 0.5), (2, 1.0), (4, 1.5)):
+        response = wall_response(1000.0, damping, 1e-3, delay, 2)
+        assert required_damping(response, 1e-3, 8) == approx(required_damping(response, 1e-3, 200_000), rel=1e-12)
+
+
 def test_energy_of_a_held_force_is_exact():
     rng = np.random.default_rng(0)
     energy = 0.0
