@@ -3,6 +3,7 @@
 from functools import lru_cache
 
 import numpy as np
+import pytest
 from pytest import approx
 
 from palpate.models.fe.element import faces
@@ -37,6 +38,7 @@ def depth(own):
     return float(np.sum((slab().hats @ own.touch.load) * own.solutions[-1]))
 
 
+@pytest.mark.long
 def test_touches_elsewhere_are_met_by_modes_that_span_every_snapshot():
     """Ten touches at four loads and forty modes: what these miss of their own touches is rounding, and tells nothing of
     what they miss elsewhere. A gamma fitted to it was 17 % off in the mean, 41 % at worst."""
@@ -50,6 +52,7 @@ def test_touches_elsewhere_are_met_by_modes_that_span_every_snapshot():
     assert missed.max() < 0.1
 
 
+@pytest.mark.long
 def test_the_energy_in_modes_falls_with_their_number_and_stays_above_the_full_one():
     """Fewer modes are spanned by more, these by all displacements: W - p.q falls. All points count; of the full model
     its own solution is the one mode."""
