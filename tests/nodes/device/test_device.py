@@ -14,7 +14,7 @@ from palpate.nodes.device import Segment, Simulated
 from palpate.nodes.kinematics import FalconKinematics, FalconStatics
 from palpate.physics.device.falcon import FALCON, HOME, forward, inverse
 from palpate.physics.device.falcon_statics import torque
-from palpate.physics.device.grip import grip_step, wanted
+from palpate.physics.device.grip import LINEAR, MINIMUM_JERK, grip_step, wanted
 
 T = 1e-3
 DOWN = [{"to": [0.0, 0.0, 0.10], "time": 0.2}]
@@ -59,6 +59,15 @@ def test_minimum_jerk_starts_and_ends_at_rest():
     assert abs(v[0]) < 1e-5 and abs(v[-1]) < 1e-5
     assert v.max() == approx(1.875 * 0.04 / 0.5, rel=1e-4)  # of the quintic, at half time
     assert np.all(np.diff(x) >= 0) and x[250] == approx(0.02)
+
+
+def test_a_way_goes_along_all_three_axes_segment_by_segment():
+    points, ends = np.random.default_rng(0).normal(size=(4, 3)), np.array([0.5, 0.8, 2.0])
+    shapes = np.array([LINEAR, MINIMUM_JERK, LINEAR])
+    for time, i, share in ((0.1, 0, 0.2), (0.65, 1, 0.5), (0.575, 1, 0.103515625), (1.7, 2, 0.75), (2.0, 2, 1.0)):
+        expected = points[i] + share * (points[i + 1] - points[i])
+        segment, *place_then = wanted(time, ends, points, shapes)
+        assert segment == i and place_then == approx(expected, rel=1e-12)
 
 
 def test_a_stiff_hand_follows_its_path_and_stays_at_the_end():
