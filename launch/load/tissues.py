@@ -1,7 +1,8 @@
 """Published tissues: records in `graphs/tissues/*.yaml`, and what a scene takes of one, `tissue: liver-human`.
 
 Each record says law (its file in `physics/materials` has the convention), state, test, range, source and how much of it
-was read. `shear` is the shear modulus at rest, which the law with its parameters must give.
+was read. `shear` is the shear modulus at rest, which the law with its parameters must give. `scene` holds what a scene
+takes where that does not follow from the law.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ import palpate.graphs
 from palpate.engine.faults import Fault, GraphError, Location, choices
 from palpate.launch.load.values.source import YamlSource, read
 from palpate.launch.load.values.units import UnitError, convert
+from palpate.physics.contact.under_finger import under_finger
 
 if TYPE_CHECKING:
     from palpate.physics.materials.hyperelastic import Material
@@ -35,14 +37,12 @@ NEEDED = (
     "read",
     "source",
 )
-MORE = ("n", "spread", "doi", "remark", "relaxation")
+MORE = ("n", "spread", "doi", "remark", "relaxation", "scene")
 GRADES = {"P": "published", "S": "transcribed", "R": "computed from data", "assumed": "assumed"}
 PLAIN = ("alpha", "b")
 """Parameters without a unit."""
 RATIO = 0.499
 """Poisson's ratio where the record has no bulk modulus."""
-FINGER_RADIUS, SCENE_POISSON = 8e-3, 0.45
-"""[m] of the finger of the scene kidney; of the basis of deformation.ReducedFE that ships."""
 
 
 def material(record: Mapping[str, Any]) -> Material:
@@ -126,13 +126,11 @@ def settings(name: str, place: Location) -> dict[str, float]:
     if name not in found:
         why = f", which was left out: {left_out[name]}" if name in left_out else ""
         raise GraphError([Fault(f"no tissue {name!r}{why}", choices("Tissues", name, list(found)), place)])
-    if found[name]["grade"] == "assumed":
-        return {"stiffness": 3.0e3, "exponent": 1.5, "young": 19e3}
+    if "scene" in found[name]:
+        return dict(found[name]["scene"])
     shear, bulk = rest_moduli(material(found[name]))
     plane = 2.0 * shear / (1.0 - poisson_of(shear, bulk))  # E/(1 - nu²)
-    stiffness = 4.0 / 3.0 * plane * math.sqrt(FINGER_RADIUS)
-    return {"stiffness": float(f"{stiffness:.6g}"), "exponent": 1.5,
-            "young": float(f"{plane * (1.0 - SCENE_POISSON**2):.6g}")}  # fmt: skip
+    return {key: float(f"{value:.6g}") for key, value in under_finger(plane).items()}
 
 
 def fill_in(source: YamlSource, *keys: str) -> None:

@@ -17,6 +17,7 @@ TRIED = 64
 
 
 def space(axes: list[Axis], samples: int, design: str, seed: int, sensitivity: str | None) -> Space:
+    """All points of these axes. ArgumentError: a path twice, another method or design, samples without a law."""
     drawn = [one for one in axes if one.law is not None]
     paths = [path for one in axes for path in one.paths]
     twice = {path for path in paths if paths.count(path) > 1}
@@ -71,6 +72,7 @@ def check(launch: LaunchFile, base: Graph, space: Space) -> None:
 
 
 def seconds(name: str, given: float | str | None) -> float | None:
+    """A time [s] from 1e-9 to 1e9, given as a number or with its unit. ArgumentError: anything else."""
     try:
         length = None if given is None else convert(str(given), "s")
     except UnitError as error:

@@ -28,15 +28,21 @@ from palpate.physics.materials.prony import Prony
 
 
 @numba.njit(cache=True)
+def _deform(F, displacement, nodes, slope):
+    """The deformation gradient [1] (3,3) into F."""
+    F[:] = np.eye(3)
+    for a in range(10):
+        for i in range(3):
+            F[i] += displacement[nodes[a], i] * slope[a]
+
+
+@numba.njit(cache=True)
 def _elastic(law, gradient, elements, displacement, p, small, stress):
     """S_e = F^-1 dW/dF [Pa] (E,n,3,3) into `stress`."""
     P, A, F = np.zeros((3, 3)), np.zeros((9, 9)), np.zeros((3, 3))
     for e in range(len(elements)):
         for q in range(gradient.shape[1]):
-            F[:] = np.eye(3)
-            for a in range(10):
-                for i in range(3):
-                    F[i] += displacement[elements[e, a], i] * gradient[e, q, a]
+            _deform(F, displacement, elements[e], gradient[e, q])
             A[0, 0] = np.nan
             law(F, np.linalg.det(F), p, P, A)
             stress[e, q] = P if small else np.linalg.solve(F, P)
@@ -48,10 +54,7 @@ def _add(law, gradient, weight, elements, displacement, p, small, share, history
     P, A, F = np.zeros((3, 3)), np.zeros((9, 9)), np.zeros((3, 3))
     for e in range(len(elements)):
         for q in range(gradient.shape[1]):
-            F[:] = np.eye(3)
-            for a in range(10):
-                for i in range(3):
-                    F[i] += displacement[elements[e, a], i] * gradient[e, q, a]
+            _deform(F, displacement, elements[e], gradient[e, q])
             A[0, 0] = 0.0 if tangent else np.nan
             law(F, np.linalg.det(F), p, P, A)
             H, w, slope = history[e, q], weight[e, q], gradient[e, q]

@@ -9,11 +9,7 @@ from typing import Any
 import yaml
 
 from palpate.models.fit.tissue.fit import Fit
-
-FINGER_RADIUS = 8e-3
-"""[m] Of the finger in the scene kidney, over which a modulus becomes a stiffness."""
-SCENE_POISSON = 0.45
-"""Of the basis of deformation.ReducedFE that ships."""
+from palpate.physics.contact.under_finger import FINGER_RADIUS, under_finger
 
 
 def data(fit: Fit) -> dict[str, Any]:
@@ -100,9 +96,7 @@ def scene(fit: Fit) -> str:
     tissue: dict[str, float]
     if young is not None:
         ratio = 0.5 if "finite" in fit.law.remark or fit.rig.kind == "cylinder" else fit.rig.poisson
-        plane = young[0] / (1.0 - ratio**2)
-        tissue = {"stiffness": 4.0 / 3.0 * plane * math.sqrt(FINGER_RADIUS), "exponent": 1.5,
-                  "young": plane * (1.0 - SCENE_POISSON**2)}  # fmt: skip
+        tissue = under_finger(young[0] / (1.0 - ratio**2))
         why = f"Hertz's law of a finger of {1e3 * FINGER_RADIUS:g} mm on the modulus at rest; what stiffens is left out"
     elif "exponent" in values:
         bent = 1.0 if fit.rig.kind == "fingertip" else math.sqrt(FINGER_RADIUS / fit.rig.radius)
