@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 import types
 import typing
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from typing import Annotated, Any, ClassVar, TypeVar, cast
@@ -131,11 +131,6 @@ class Node:
         and starts it again before the run, so that what is compiled is compiled by then."""
 
     step: Any
-
-    @classmethod
-    def takes(cls, port: str, settings: Mapping[str, Any]) -> int | None:
-        """How many senders an input that takes many takes at most with these settings; None: any number."""
-        return None
 
     def rests(self, *inputs: Any) -> bool:
         """Whether a step on these inputs, those of `step`, would leave the state as it is and answer what was answered
