@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 import typer
 import yaml
+from trimesh import Trimesh
 from typer.core import TyperGroup
 
 from palpate.launch.__main__ import app
@@ -21,6 +22,7 @@ from palpate.launch.load.placement import load_place
 from palpate.launch.template import node_files
 from palpate.launch.terminal.options import chosen
 from palpate.messages import Load, Surface
+from palpate.nodes.base.surface import surface_mesh
 from palpate.studies.sweeps.file import load
 
 ROOT = Path(__file__).parents[2]
@@ -113,6 +115,8 @@ def folder(tmp_path, monkeypatch):
     (tmp_path / "runs" / "kidney-rates.yaml").write_text("graph: kidney\nset: {friction.every: 10}\n")
     for name, text in node_files("Liver", Load, Surface).items():
         (tmp_path / name).write_text(text)
+    liver = surface_mesh("sphere", 600)  # [m]; the page's file is in mm
+    Trimesh(1e3 * liver.vertices, liver.triangles).export(tmp_path / "liver.stl")
     return tmp_path
 
 
