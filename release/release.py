@@ -3,8 +3,8 @@
     python release/release.py 0.2.0 --dry-run    # everything but the commit and the tag in this repository
     python release/release.py 0.2.0
 
-It works in a clone, so that what is built is what is committed, and brings commit and tag home at the end. What is to be
-uploaded lies in dist/ then. Needs `build` and a network.
+It works in a clone, so that what is built is what is committed, and brings commit and tag home at the end; what is to
+be uploaded lies in dist/ then. Needs `build` and a network.
 """
 
 from __future__ import annotations
