@@ -29,7 +29,7 @@ def fit(
         str | None, typer.Option(help="Use this force model: linear, quadratic, fourier, gaussian, exponential.")
     ] = None,
     deviation: Annotated[str | None, typer.Option(help="Use this model of the standard deviation, same names.")] = None,
-    folds: Annotated[int, typer.Option(help="Folds of the cross-validation", min=3)] = 9,
+    folds: Annotated[int, typer.Option(help="Folds of the cross-validation.", min=3)] = 9,
     protocol: Annotated[
         str, typer.Option(help="whole: all sessions, a band for new ones; published: two dropped, a normal law.")
     ] = "whole",
