@@ -23,7 +23,7 @@ def fingertip(
     material: Annotated[
         str,
         typer.Option(
-            help="printed, calibrated (printed / 16.3), cortical (bone of 17 GPa), one of these with a divisor as in ."
+            help="printed, calibrated (printed / 16.3), cortical (bone of 17 GPa), one of these with a divisor as in "
             "cortical/36.4, or a number: the divisor of the printed moduli"
         ),
     ] = "calibrated",
@@ -31,7 +31,7 @@ def fingertip(
     cells: Annotated[int, typer.Option(help="Elements across an eighth of the circumference.")] = 6,
     friction: Annotated[float, typer.Option(help="Coulomb's coefficient.")] = 0.2,
     finger: Annotated[
-        Path | None, typer.Option(help="a measured finger instead of the paper's, of `palpate fingertip SCAN -o FILE`.")
+        Path | None, typer.Option(help="A measured finger instead of the paper's, of `palpate fingertip SCAN -o FILE`.")
     ] = None,
     folder: Annotated[Path, typer.Option("--to", help="Folder of results; an interrupted run continues.")] = RUNS,
     as_json: Json = False,
