@@ -28,7 +28,7 @@ def fingertip(
     axes: Annotated[
         str,
         typer.Option(
-            help="Directions of slices, rows, columns: T/H to tip or hand, N/P to nail or pulp, R/L seen from the tip, "
+            help="Directions of slices, rows, columns: T/H to tip or hand, N/P to nail or pulp, R/L seen from the tip,"
             " nail up. By default for images: tip and nail are detected, each slice lies behind the previous one."
         ),
     ] = "",
