@@ -3,7 +3,7 @@
     u = Phi q(p) + gamma R h/E,      p = Phi'h/E,      dW/dq = p,      tau dh/dt + h = f
 
 Phi [m] (3V,r)  displacement of the surface in each mode; at rest the modes are orthonormal in the stiffness K0
-W               their strain energy, sampled (`physics.sampled_energy`)
+W               their strain energy, sampled (`sampled.energy`)
 R [m/N]         C - Phi Phi', C the compliance of the whole surface at rest: positive semidefinite, since the
                 Galerkin solution lies in a subspace. So a light touch is answered exactly, at every place
 gamma [1]       (1 + w²/w0²)^((m - 1)/2), w² = h.R h/E²: as the body stiffens or softens, so does what the modes
@@ -25,7 +25,7 @@ import numpy as np
 
 from palpate.physics.archive import ArchiveError, read_arrays
 from palpate.physics.bodies.patch import barycentric, carried, reaches
-from palpate.physics.bodies.sampled_contacts import (
+from palpate.physics.bodies.sampled.contacts import (
     Pressed,
     SampledContacts,
     coupling_of,
@@ -33,8 +33,8 @@ from palpate.physics.bodies.sampled_contacts import (
     step_all,
     together,
 )
-from palpate.physics.bodies.sampled_energy import Points, forces, scratch
-from palpate.physics.bodies.sampled_step import ENERGY, GAMMA, LENGTH, LINEAR, SampledModel, field, step
+from palpate.physics.bodies.sampled.energy import Points, forces, scratch
+from palpate.physics.bodies.sampled.step import ENERGY, GAMMA, LENGTH, LINEAR, SampledModel, field, step
 from palpate.physics.contact.spread import Spreader
 from palpate.physics.entry_point import NO_NODES, NO_VECTORS, entry_point
 from palpate.physics.geometry.graded import ranges
@@ -56,7 +56,7 @@ class SampledBasis:
     triangles  [1]   (T,3)
     residual_compliance  [m/N] (3V,3V) float32, R for a modulus of 1 Pa
     modes      [m]   (3V,r), Phi
-    points     see `physics.sampled_energy`
+    points     see `sampled.energy`
     bend       [1]   (w0, m) of gamma, and w from which on gamma w is constant
     """
 
@@ -193,7 +193,7 @@ class SampledBody:
 
     def step_all(self, loads: Sequence[Pressed], dt: float) -> list[tuple[float, float, float, float]]:
         """One step of dt > 0 [s] under the loads of all contacts: of each what `step` gives, with n = 1 where there are
-        several; see `sampled_contacts`."""
+        several; see `sampled.contacts`."""
         if len(loads) == 1:
             return [self.step(*loads[0], dt)]
         if self.contacts is None or len(self.contacts.shares) != len(loads):

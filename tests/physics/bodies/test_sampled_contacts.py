@@ -1,4 +1,4 @@
-"""A sampled body under several contacts (physics.bodies.sampled_contacts): against the full model, and with fidelity
+"""A sampled body under several contacts (physics.bodies.sampled.contacts): against the full model, and with fidelity
 levels."""
 
 import numpy as np
@@ -6,9 +6,9 @@ import pytest
 from pytest import approx
 
 from palpate.models.fe.reduce.snapshots import LoadPath, press_from_rest
-from palpate.physics.bodies.sampled_energy import forces as energies
-from palpate.physics.bodies.sampled_energy import tangent
-from palpate.physics.bodies.sampled_step import ENERGY, gamma
+from palpate.physics.bodies.sampled.energy import forces as energies
+from palpate.physics.bodies.sampled.energy import tangent
+from palpate.physics.bodies.sampled.step import ENERGY, gamma
 from tests.physics.bodies.test_fidelity_levels import load as finger_load
 from tests.physics.bodies.test_fidelity_levels import switched
 from tests.physics.bodies.test_sampled import UP, YOUNG, at, body, compliance, slab

@@ -21,7 +21,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from palpate.physics.bodies.sampled_step import (
+from palpate.physics.bodies.sampled.step import (
     GAMMA,
     LEAST_COMPLIANCE,
     apply_residual_compliance,
@@ -103,7 +103,7 @@ def step_all(model, patch, pull, dt, fields, active, vectors, matrices, room, nu
     """A step under all loads: evaluations of the energy, and whether it settled.
 
     patch, pull  nodes (k) and forces [N] (k,3) of all patches, one after the other
-    contacts     `SampledContacts`, filled; the others as of `sampled_step.step`
+    contacts     `SampledContacts`, filled; the others as of `step.step`
     """
     held, load, touched, bent = fields[0], fields[1], fields[2], fields[3]
     p, q, loaded = vectors[0], vectors[1], vectors[7]

@@ -7,10 +7,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from palpate.physics.bodies.condensed_body import FORGOTTEN, LEAST_FORCE
+from palpate.physics.bodies.condensed_step import FORGOTTEN, LEAST_FORCE
 from palpate.physics.bodies.patch import normal_force, share_of
-from palpate.physics.bodies.sampled_energy import Points
-from palpate.physics.bodies.sampled_solve import EACH, at_rest, settle
+from palpate.physics.bodies.sampled.energy import Points
+from palpate.physics.bodies.sampled.solve import EACH, at_rest, settle
 from palpate.physics.contact.terminal import LEAST_DEPTH, fit_terminal
 from palpate.physics.kernel import kernel
 
@@ -39,7 +39,7 @@ class SampledModel(NamedTuple):
 
 STIFFNESS, EXPONENT, FREE, NOW, GAMMA, ENERGY, LINEAR, ALLOWED, LENGTH = range(9)
 """Numbers that a body keeps: K, n, s_free and s of the law that was told, gamma, the energy of the modes, s of
-the linear body, and the budget of `sampled_solve.settle`: evaluations, and length of the first step to try."""
+the linear body, and the budget of `solve.settle`: evaluations, and length of the first step to try."""
 
 
 @kernel(error_model="numpy")
