@@ -8,8 +8,8 @@ from typing import Any
 
 from palpate.engine.faults import GraphError, choices
 from palpate.engine.plan import Plan
-from palpate.launch.load.followers import followers, unit_of
 from palpate.launch.load.launchfile import LaunchFile
+from palpate.launch.load.values.followers import followers, unit_of
 from palpate.launch.load.values.units import UnitError, parse, split
 from palpate.physics.errors import ArgumentError
 from palpate.records.sensitivity import Chain, Where

@@ -15,8 +15,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from palpate.launch.load.files import SCENES, find_file
-from palpate.launch.load.followers import followers, unit_of
 from palpate.launch.load.launchfile import find
+from palpate.launch.load.values.followers import followers, unit_of
 from palpate.physics.errors import ArgumentError
 from palpate.studies.sweeps.axes import axis
 from palpate.studies.sweeps.checks import check, path, seconds, space

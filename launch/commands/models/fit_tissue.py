@@ -36,6 +36,9 @@ def fit_tissue(
     poisson: Annotated[float, typer.Option(help="Poisson's ratio, which a press cannot tell", min=0, max=0.5)] = 0.5,
     relaxation: Annotated[str, typer.Option(help="none, kelvin-voigt, hunt-crossley, prony:1 ... prony:3")] = "none",
     holdout: Annotated[list[Path] | None, typer.Option(help="A press that is predicted, not fitted")] = None,
+    compare: Annotated[
+        list[str] | None, typer.Option(help="Another law, fitted to the same rows and ranked by AICc")
+    ] = None,
     touch: Annotated[str, typer.Option(help="Where it touches: fit, or detected (from the force alone)")] = "fit",
     weight: Annotated[str, typer.Option(help="Of residuals: even, relative; auto: relative for a cylinder")] = "auto",
     depth_limit: Annotated[str | None, typer.Option(help="Leave out rows deeper than this: '5 mm'")] = None,
@@ -83,7 +86,7 @@ def fit_tissue(
     others = [p for file in holdout or [] for p in read(file)]
     with steps(f"fit-tissue: {law}", 1, silent=as_json, timed=False) as done:
         fit = fitted_to(
-            presses, made, law, relaxation, held_out=others, touch=touch == "fit",
+            presses, made, law, relaxation, held_out=others, compare=compare or (), touch=touch == "fit",
             relative=None if weight == "auto" else weight == "relative",
             deepest=convert(depth_limit, "m") if depth_limit else math.inf,
             report=lambda share: done("presses in finite elements", share),
@@ -105,6 +108,10 @@ def fit_tissue(
     console().print(table(("parameter", ">value", ">95 % interval", "unit"), rows))
     for text in [*(f"cannot be told: {text}" for text in fit.open_), *fit.notes]:
         say(text, wrap=True)
+    for row in fit.compared:
+        say(
+            f"law {row['law']}: RMS {100 * row['rms_of_peak']:.2g} % of the peak, AICc {row['aicc']:.3g} over the least"
+        )
     for tried in fit.held_out:
         say(f"held out, {tried['press']}: RMS {100 * tried['rms_of_peak']:.2g} % of the peak")
     say(f"written {out}/report.md, report.json, scene.yaml; next: palpate run kidney --scene {out}/scene.yaml")

@@ -54,6 +54,7 @@ class Estimate:
     condition    of the scaled sensitivities
     effective    independent residuals, of how many
     starts       share of the starts that came to this minimum
+    squares      mean square of the weighted residuals
     """
 
     parameters: tuple[Parameter, ...]
@@ -66,7 +67,7 @@ class Estimate:
     residuals: list[np.ndarray]
     effective: tuple[float, int]
     starts: float
-    aic: float
+    squares: float
     runs: float
 
     @property
@@ -262,10 +263,10 @@ def estimate(problem: Problem, profiles: bool = True, seed: int = 0) -> Estimate
     names += [f"touch, {p.name}" for p in problem.presses] if problem.free_touch else []
     names += [f"zero, {problem.presses[i].name}" for i in problem.drifting]
     alike = sum(c <= least * 1.01 + 1e-12 for _, c in found) / STARTS
-    aic = effective * math.log(max(least / count, 1e-300)) + 2 * size
     return Estimate(
         problem.parameters, intervals, problem.touches(x), names, cov / np.outer(errors, errors),
-        float(sizes[0] / max(sizes[-1], 1e-300)), forces, residuals, (effective, count), alike, aic, _runs(weighted),
+        float(sizes[0] / max(sizes[-1], 1e-300)), forces, residuals, (effective, count), alike, least / count,
+        _runs(weighted),
     )  # fmt: skip
 
 

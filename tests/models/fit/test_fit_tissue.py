@@ -21,7 +21,7 @@ from palpate.models.fit.tissue import relaxing
 from palpate.models.fit.tissue.estimate import Problem, estimate, inflation
 from palpate.models.fit.tissue.fit import fit_tissue
 from palpate.models.fit.tissue.measured import Press, prepared, read_presses
-from palpate.models.fit.tissue.recorded import recorded_press
+from palpate.models.fit.tissue.recorded import _deepest_touch, recorded_press
 from palpate.models.fit.tissue.report import data
 from palpate.models.fit.tissue.rigs import FINGER, Rig, closed_form
 
@@ -273,6 +273,27 @@ def test_a_recording_of_a_force_sensor_takes_the_way_of_the_probe():
         recorded_press("sensor", [], contacts, False)
     with pytest.raises(SessionError, match="no messages of Contact"):
         recorded_press("sensor", poses, [], False)
+
+
+def test_other_laws_are_ranked_by_what_they_need_to_fit_as_well():
+    made = press(BALL, "power", {"stiffness": 3e4, "exponent": 2.0}, noise=0.002)
+    fitted = fit_tissue([made], BALL, "power", compare=("exponential", "layer"))
+    ranks = {each["law"]: each["aicc"] for each in fitted.compared}
+    assert min(ranks, key=ranks.__getitem__) == "power" and ranks["power"] == 0.0
+    assert ranks["layer"] > 10.0  # an exponent near 1.5 does not follow 2
+    assert data(fitted)["laws"] == fitted.compared
+    with pytest.raises(SessionError, match=r"hertz holds to 0\.8 mm, the presses go to 2"):
+        fit_tissue([made], BALL, "power", compare=("hertz",))
+
+
+@pytest.mark.parametrize(("depths", "rows"), [((2, 4, 3), (200, 500)), ((4, 2), (0, 300)), ((2, 4), (200, 500))])
+def test_of_several_touches_the_deepest_is_taken_with_the_free_motion_round_it(depths, rows):
+    """Each is 100 rows long, and 100 rows of free motion come before and after it."""
+    bump = np.sin(np.linspace(0.0, np.pi, 102))[1:-1]
+    depth = np.concatenate([np.zeros(100)] + [part for d in depths for part in (1e-3 * d * bump, np.zeros(100))])
+    found = _deepest_touch(depth, 10.0 * depth)
+    begin, end, _ = found.indices(len(depth))
+    assert begin == approx(rows[0], abs=2) and end == approx(rows[1], abs=2)
 
 
 def test_a_table_of_record_indentation_gives_a_press_of_each_session(tmp_path):
