@@ -56,6 +56,7 @@ def write_version(folder: Path, version: str) -> None:
     for name, pattern, new in (
         ("pyproject.toml", r'^version = ".*"$', f'version = "{version}"'),
         ("CITATION.cff", r"^version: .*$", f"version: {version}\ndate-released: {today}"),
+        ("release/recipe.yaml", r'^  version: ".*"$', f'  version: "{version}"'),
         ("CHANGELOG.md", r"^## \[Unreleased\]$", f"## [Unreleased]\n\n## [{version}] - {today}"),
     ):
         file = folder / name

@@ -17,7 +17,8 @@ def commands() -> str:
     lines = ["# Commands", "", "`palpate COMMAND --help` prints the same.", ""]
     for name, command in _walk(typer.main.get_command(app), "palpate"):
         arguments = [p for p in command.params if not isinstance(p, TyperOption)]
-        usage = " ".join([name, *map(_argument, arguments), "[OPTIONS]"])
+        words = [_argument(p) if p.required else f"[{_argument(p)}]" for p in arguments]
+        usage = " ".join([name, *words, "[OPTIONS]"])
         lines += [f"## {name}", "", f"```text\n{usage}\n```", ""]
         lines += [escaped(command.help or "").replace("\n\n", "\0").replace("\n", " ").replace("\0", "\n\n"), ""]
         given = [(f"`{_argument(p)}`", _help(p), _default(p)) for p in arguments]
@@ -55,4 +56,4 @@ def _default(parameter: Any) -> str:
     value = parameter.default
     if parameter.required:
         return "required"
-    return "" if value is None or value is False or callable(value) or value == [] else f"`{value}`"
+    return "" if isinstance(value, bool) or callable(value) or value in (None, "", []) else f"`{value}`"

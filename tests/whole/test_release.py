@@ -3,11 +3,13 @@
 import re
 import subprocess
 import sys
+import tomllib
 import zipfile
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 
 import pytest
+import yaml
 
 ROOT = Path(__file__).parents[2]
 SPEC = spec_from_file_location("release", ROOT / "release" / "release.py")
@@ -29,7 +31,8 @@ def test_a_version_that_cannot_be_is_refused(version, words):
 
 
 def test_the_version_is_written_wherever_it_stands(tmp_path):
-    for name in ("pyproject.toml", "CITATION.cff", "CHANGELOG.md"):
+    (tmp_path / "release").mkdir()
+    for name in ("pyproject.toml", "CITATION.cff", "CHANGELOG.md", "release/recipe.yaml"):
         (tmp_path / name).write_text((ROOT / name).read_text())
     release.write_version(tmp_path, "7.8.9")
     assert 'version = "7.8.9"' in (tmp_path / "pyproject.toml").read_text()
@@ -44,6 +47,14 @@ def test_a_wheel_without_its_graphs_is_refused(tmp_path):
             archive.writestr(name, "")
     with pytest.raises(SystemExit, match=release.HOLDS[0]):
         release.check_wheel(wheel, "0.1.0")
+
+
+def test_the_recipe_asks_for_what_the_project_asks_for():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    recipe = yaml.safe_load((ROOT / "release" / "recipe.yaml").read_text())
+    wanted = {one.replace(">=", " >=").lower() for one in project["dependencies"]}
+    assert set(recipe["requirements"]["run"]) == wanted | {f"python {project['requires-python']}", "__linux"}
+    assert recipe["context"]["version"] == project["version"]
 
 
 @pytest.mark.long
