@@ -239,6 +239,20 @@ def test_a_body_that_does_not_know_all_contacts_is_refused_by_name():
         FakeBus(Share(), proximity=near).publish(one)
 
 
+def test_a_wrong_law_for_one_of_several_is_told_by_the_name_of_its_message():
+    """Not by that of the class in which a contact hears its share."""
+    laws = np.array([[1e3, 1.0, 0.0, 0.0, 0.0], [-1.0, 1.0, 0.0, 0.0, 0.0]])
+    body = Surface(nodes=[], displacement=np.zeros((0, 3)), stiffness=1e3, exponent=1.0, damping=0.0,
+                   rest_indentation=0.0, previous_indentation=0.0, source="tissue", tick=3, laws=laws,
+                   slopes=np.zeros((2, 12)), coupling=np.eye(2))  # fmt: skip
+    near = Proximity(source="a", foot=(0.0, 0.0, 0.0), normal=(0.0, 0.0, 1.0), coordinates=(0.0, 0.0), element=0,
+                     gap=-1e-3, approach=1e-3, slip=(0.0, 0.0, 0.0))  # fmt: skip
+    joint = Joint()
+    joint.start()
+    with pytest.raises(InputError, match=r"^Surface of 'tissue' at tick 3: stiffness"):
+        joint.step([near, near], body, dt=1e-3)
+
+
 def test_without_its_body_the_forces_of_all_are_gone_within_eight_milliseconds():
     hand = Hand(MassSpring, 2)
     near = [bone(-8e-3, 6e-3), bone(8e-3, 6e-3)]
