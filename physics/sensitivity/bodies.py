@@ -10,7 +10,8 @@ from typing import Protocol
 
 import numpy as np
 
-from palpate.physics.bodies.condensed_body import LEAST_FORCE, NARROWED, RADIUS, WIDE, CondensedBody
+from palpate.physics.bodies.condensed_body import CondensedBody
+from palpate.physics.bodies.condensed_step import LEAST_FORCE, NARROWED, RADIUS, WIDE
 from palpate.physics.bodies.indentation_table import SPACING, risen, stiffening
 from palpate.physics.bodies.true_patch import patch_compliance
 from palpate.physics.contact.terminal import Terminal
