@@ -1,6 +1,7 @@
 """What several tests of the launcher share: graphs written for one test, of the small nodes in graph_nodes.py."""
 
 import functools
+import gc
 import os
 import signal
 import textwrap
@@ -12,6 +13,8 @@ import warm_fork_server
 from whole_touch import WHOLE
 
 import palpate.launch  # noqa: F401  pins the arithmetic, before any test imports numpy
+
+gc.disable()  # until all tests are collected
 
 # Whoever starts the tests in the background may have them, and all that they start, ignore these signals: Ctrl-C would
 # reach nobody.
@@ -29,6 +32,12 @@ typer.testing._get_command = functools.cache(typer.testing._get_command)
 # Time is no property of what is tested: a kernel compiles at its first call, and a machine may be busy.
 hypothesis.settings.register_profile("palpate", deadline=None)
 hypothesis.settings.load_profile("palpate")
+
+
+def pytest_collection_finish():
+    """What was imported and collected stays to the end: the garbage collector need not go through it again."""
+    gc.freeze()
+    gc.enable()
 
 
 @pytest.fixture(scope="session")

@@ -37,8 +37,6 @@ from palpate.physics.errors import RunError
 from palpate.records.format.mcap_file import is_complete
 
 PATIENCE = 5.0  # [s] after which a silent worker counts as hung
-
-
 FILES, FILES_EACH = 64, 6
 """That one process of a run may have open: at least, and more for each group. With 9 groups the launcher has 33, a
 worker up to 60."""
@@ -61,6 +59,20 @@ class RunOutcome:
         return self.result.ok and (self.recording is None or not self.result.ticks or is_complete(self.recording))
 
 
+@dataclass(frozen=True)
+class Network:
+    """How a run is reached over TCP.
+
+    address      `tcp://host:port` where workers of other machines find the launcher
+    unencrypted  nothing that goes over TCP is secured
+    key_name     of the key that secures a run with groups on other machines
+    """
+
+    address: str | None = None
+    unencrypted: bool = False
+    key_name: str = keys.NAME
+
+
 def execute(
     launch: LaunchFile,
     graph: Graph | None = None,
@@ -68,11 +80,9 @@ def execute(
     console: Console | None = None,
     forkserver: ForkServer | None = None,
     patience: float = PATIENCE,
-    address: str | None = None,
+    network: Network = Network(),
     leave_out: Sequence[str] = (),
     thin: Mapping[str, int] | None = None,
-    unencrypted: bool = False,
-    key_name: str = keys.NAME,
     fit_cores: bool = False,
     step_times: Callable[[Plan], Mapping[str, float]] = lambda _: {},
     watch: Callable[[Launcher], None] = lambda _: None,
@@ -83,10 +93,8 @@ def execute(
     console     draws the live view there; None: silent
     forkserver  a fork server that is starting already
     patience    [s] without a sign of life after which a node counts as hung
-    address     `tcp://host:port` where workers of other machines find the launcher
+    network     how workers of other machines find the run, and what secures it
     leave_out, thin  streams not to record, or only each n-th message of
-    unencrypted  nothing that goes over TCP is secured
-    key_name    of the key that secures a run with groups on other machines
     fit_cores   on the real clock, without a placement and with fewer cores than nodes of the force path: `auto`
     step_times  says how long a step of each node takes [s], for `auto`
     watch       called about ten times a second with the launcher of the run, where it has one
@@ -111,13 +119,13 @@ def execute(
     provenance = about(recorded, here=fused, clock=clock, pace=launch.pace, ticks=ticks, groups=groups, **more)
     work = jobs(planned, place, clock=clock, ticks=ticks, pace=launch.pace, about=provenance)
     if joined:
-        if address is None:
+        if network.address is None:
             raise OSError(
                 f"group {min(joined)!r} is started by hand: say where it finds this launcher, --address tcp://HOST:PORT"
             )
-        here = address.removeprefix("tcp://").rpartition(":")[0]
+        here = network.address.removeprefix("tcp://").rpartition(":")[0]
         work = [job if job.host else msgspec.structs.replace(job, host=here) for job in work]
-    key = _key(place, joined, unencrypted, key_name)
+    key = _key(place, joined, network)
     title = (launch.path or launch.graph).stem
     names = [*planned.order, *planned.observers]
     screen = Screen(console, title, graph.rate, ticks, names) if console is not None else None
@@ -145,7 +153,7 @@ def execute(
                 work,
                 forkserver,
                 joined=joined,
-                address=address if joined else None,
+                address=network.address if joined else None,
                 key=key,
                 patience=patience,
                 restart=frozenset(name for name in planned.order if graph.nodes[name].restart),
@@ -189,12 +197,12 @@ def _clock(launch: LaunchFile, planned: Plan) -> str:
     return launch.clock or ("real" if hardware else "simulated")
 
 
-def _key(place: Placement, joined: frozenset[str], unencrypted: bool, name: str) -> Key | None:
+def _key(place: Placement, joined: frozenset[str], network: Network) -> Key | None:
     """What secures TCP: nothing where the user says so; the key of the rig where workers are started elsewhere; else
     one that is made for this run. RunError."""
-    if unencrypted or any(group.unencrypted for group in place.groups):
+    if network.unencrypted or any(group.unencrypted for group in place.groups):
         return None
-    return keys.load(name) if joined else Key.make()
+    return keys.load(network.key_name) if joined else Key.make()
 
 
 def _open_files(groups: int) -> None:

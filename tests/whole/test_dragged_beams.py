@@ -25,15 +25,16 @@ def test_no_triangle_is_turned_over_and_neighbours_stay_together(run):
     spans = np.linalg.norm(mesh.vertices[i] - mesh.vertices[j], axis=1)
     friction = np.linalg.norm(run.columns("friction")["force"], axis=1)
     looked, held = 0, 0
-    for tick, surface in list(enumerate(run.messages("tissue")))[::20]:
+    for tick, surface in list(enumerate(run.messages("tissue")))[::60]:
         moved = np.zeros_like(mesh.vertices)
         moved[surface.nodes] = surface.displacement
-        a, b, c = ((mesh.vertices + moved)[t[:, k]] for k in range(3))
+        corners = mesh.vertices + moved
+        a, b, c = (corners[t[:, k]] for k in range(3))
         assert (np.einsum("ij,ij->i", np.cross(b - a, c - a), mesh.face_vectors) > 0).all()
         assert (np.linalg.norm(moved[i] - moved[j], axis=1) / spans).max() <= 0.8 * (1 + 1e-6)
         looked += friction[tick] > 0.2
         held += surface.limited > 0
-    assert looked > 20 and held > 0
+    assert looked > 7 and held > 0
 
 
 def test_a_touch_ends_once(run):

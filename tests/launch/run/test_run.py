@@ -16,7 +16,7 @@ from graphs_for_runs import GRAPH, NODES, write_graph, write_place
 
 from palpate.launch.load.launchfile import LaunchFile
 from palpate.launch.run import ending, launcher
-from palpate.launch.run.execute import RunOutcome, execute
+from palpate.launch.run.execute import Network, RunOutcome, execute
 from palpate.launch.run.wire import keys
 from palpate.launch.run.wire.addresses import runs
 from palpate.launch.run.work.exits import exits_told
@@ -124,7 +124,7 @@ def test_a_group_that_joins_by_hand_sends_the_same_bytes(tmp_path, reference, mo
         launch = LaunchFile(
             graph=write_graph(tmp_path), place=place, duration=TICKS / 1000, record=tmp_path / "run.mcap"
         )
-        outcome = execute(launch, address=address)
+        outcome = execute(launch, network=Network(address))
         assert far.wait(10) == 0
     assert outcome.result.ok, outcome.result.deaths
     assert streams(tmp_path / "run.mcap") == reference

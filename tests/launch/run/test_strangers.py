@@ -19,7 +19,7 @@ from typer.testing import CliRunner
 from palpate.launch.__main__ import app
 from palpate.launch.load.launchfile import LaunchFile
 from palpate.launch.run.assign import jobs
-from palpate.launch.run.execute import execute
+from palpate.launch.run.execute import Network, execute
 from palpate.launch.run.launcher import Launcher
 from palpate.launch.run.reports import Addressed, NodesEnded, Note
 from palpate.launch.run.result import Result
@@ -185,7 +185,7 @@ def test_a_run_with_other_machines_is_refused_without_a_key_unless_told_otherwis
     place.write_text("far: {nodes: [spring, drag, spread], join: true}\n")
     launch = LaunchFile(graph=write_graph(tmp_path), place=place, duration=0.1)
     with pytest.raises(keys.RunError, match="palpate keys --make"):
-        execute(launch, address="tcp://127.0.0.1:5999")
+        execute(launch, network=Network("tcp://127.0.0.1:5999"))
 
 
 def say(*args: str):

@@ -55,9 +55,19 @@ def test_the_device_is_without_torque_20_ms_after_a_fault_of_any_kind(tmp_path, 
     check(tmp_path)
 
 
-@pytest.mark.parametrize("clock", ["simulated", "real"])
-@pytest.mark.parametrize("how", KILLED)
-def test_a_node_that_ends_its_process_its_group_or_its_parent_is_named(tmp_path, how, clock):
+@pytest.mark.parametrize(
+    ("clock", "how"),
+    [
+        *(("real", how) for how in KILLED),
+        ("simulated", "kill"),
+        ("simulated", "terminate parent"),
+        *(
+            pytest.param("simulated", how, marks=pytest.mark.long)
+            for how in ("terminate", "kill group", "kill parent", "kill parent's group")
+        ),
+    ],
+)
+def test_a_node_that_ends_its_process_its_group_or_its_parent_is_named(tmp_path, clock, how):
     outcome = go(tmp_path, how, clock)
     (death,) = outcome.result.deaths
     assert death.node == "spring" and KILLED[how] in death.text
