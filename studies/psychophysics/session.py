@@ -1,0 +1,148 @@
+"""One session: each trial is presented, asked about, and stored before the next one."""
+
+from __future__ import annotations
+
+import datetime
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+from palpate.launch.load.launchfile import SOURCES, LaunchFile
+from palpate.physics.errors import ArgumentError, PalpateError
+from palpate.studies.psychophysics.schedule import Schedule, Trial, schedule
+from palpate.studies.psychophysics.stimuli import Stimuli
+from palpate.studies.psychophysics.store import NONE, Row, Table
+
+
+class DisturbedError(PalpateError):
+    """An interval that came to no good end, such as by a device that was unplugged; the trial is repeated."""
+
+
+@dataclass(frozen=True)
+class Answer:
+    """The name of an answer, or a number; and the seconds that it took."""
+
+    value: str
+    seconds: float
+
+
+class Presenter(Protocol):
+    """Who shows stimuli and asks for answers: the page, or a simulated observer."""
+
+    def say(self, trial: Trial | None, title: str, text: str, pause: float = 0.0) -> None:
+        """Show a text until the participant goes on, `pause` [s] at least."""
+
+    def present(self, trial: Trial, interval: int, launch: LaunchFile) -> None:
+        """Run one interval. DisturbedError."""
+
+    def ask(self, trial: Trial) -> Answer:
+        """The answer to the experiment's question."""
+
+
+Mark = Callable[[str], object]
+
+
+def resumed(stimuli: Stimuli, table: Table, participant: str, session: int) -> tuple[Schedule, Trial | None]:
+    """The schedule of a session after the trials that are stored, and the next trial; None: there is none.
+
+    ArgumentError: what is stored is not of this experiment; or a procedure that cannot be. GraphError.
+    """
+    order = schedule(stimuli, participant, session)
+    trial: Trial | None = next(order)
+    for row in table.rows:
+        if trial is None or (row["block"], row["level"], row["interval"]) != (
+            trial.block, _text(trial.level), str(trial.interval)
+        ):  # fmt: skip
+            raise ArgumentError(
+                f"{table.path}: trial {row['trial']} is not what the experiment has there: its seed, its blocks or the "
+                "values of its graph were others. Take another folder (--out)."
+            )
+        trial = _next(order, row)
+    return order, trial
+
+
+def run(
+    stimuli: Stimuli, table: Table, order: Schedule, trial: Trial | None, presenter: Presenter, mark: Mark
+) -> None:
+    """All trials from this one on. OSError: a row cannot be stored.
+
+    mark  is called with each event
+    """
+    experiment, first = stimuli.experiment, True
+    while trial is not None:
+        if first:
+            presenter.say(trial, "Welcome" if trial.number == 1 else "Welcome back", experiment.instructions)
+        _begin(stimuli, trial, presenter, first)
+        row, first = _trial(stimuli, table, trial, presenter, mark), False
+        if experiment.blocks[trial.block].feedback and row["hit"] != NONE:
+            presenter.say(trial, "Right" if row["hit"] == "1" else "Wrong", "")
+        trial = _next(order, row)
+    mark("experiment end")
+    presenter.say(None, "The end", experiment.closing)
+
+
+def _next(order: Schedule, row: Row) -> Trial | None:
+    """The trial after an answer."""
+    try:
+        return order.send(row["hit"] == "1")
+    except StopIteration:
+        return None
+
+
+def _begin(stimuli: Stimuli, trial: Trial, presenter: Presenter, first: bool) -> None:
+    """What comes before a trial: the instructions of its block, or a pause."""
+    block = stimuli.experiment.blocks[trial.block]
+    if block.instructions and (trial.in_block == 1 or first):
+        presenter.say(trial, trial.block, block.instructions)
+    elif block.pause_every and trial.in_block > 1 and (trial.in_block - 1) % block.pause_every == 0 and not first:
+        presenter.say(trial, "Pause", "Go on when you are ready.", block.pause)
+
+
+def _trial(stimuli: Stimuli, table: Table, trial: Trial, presenter: Presenter, mark: Mark) -> Row:
+    experiment = stimuli.experiment
+    while True:
+        repeat, files = table.begun(trial.number), list[Path]()
+        try:
+            for interval, level in enumerate(trial.levels(experiment.intervals), 1):
+                files.append(table.recording(trial.number, interval, repeat))
+                launch = stimuli.run(trial.block, level).but(
+                    record=files[-1], duration=experiment.duration, only=SOURCES if experiment.record == SOURCES else None
+                )
+                mark(f"interval {interval} of trial {trial.number} begin level {_text(level)}")
+                presenter.present(trial, interval, launch)
+                mark(f"interval {interval} of trial {trial.number} end")
+            answer = presenter.ask(trial)
+            break
+        except DisturbedError as error:
+            mark(f"trial {trial.number} disturbed")
+            presenter.say(trial, f"Trial {trial.number} is repeated", str(error))
+    hit = judged(stimuli, trial, answer.value)
+    mark(f"response {answer.value} of trial {trial.number}")
+    names = [str(file.relative_to(table.folder)) for file in files]
+    table.add(
+        {
+            "trial": trial.number, "block": trial.block, "track": trial.track, "level": _text(trial.level),
+            "reference": _text(stimuli.reference), "interval": trial.interval, "response": answer.value,
+            "hit": None if hit is None else int(hit), "response_time": f"{answer.seconds:.3f}", "repeats": repeat,
+            "time": datetime.datetime.now(datetime.UTC).isoformat(timespec="milliseconds"),
+            **dict(zip(("recording_1", "recording_2"), names, strict=False)),
+        }
+    )  # fmt: skip
+    return table.rows[-1]
+
+
+def judged(stimuli: Stimuli, trial: Trial, answer: str) -> bool | None:
+    """Whether an answer is right, or yes; None: it is a number."""
+    if stimuli.experiment.response == "magnitude":
+        return None
+    if stimuli.experiment.response == "yes-no":
+        return answer == "yes"
+    chosen = (answer == "first") == (trial.interval == 1)
+    if stimuli.reference is None or trial.level is None:
+        return chosen
+    return chosen == ((trial.level > stimuli.reference) == (stimuli.experiment.asks == "greater"))
+
+
+def _text(level: float | None) -> str:
+    return NONE if level is None else repr(float(level))
