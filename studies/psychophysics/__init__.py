@@ -1,1 +1,1 @@
-"""Psychophysical experiments: stimuli are runs of a graph, answers a table with one row a trial, each with its recording."""
+"""Psychophysical experiments: a stimulus is a run of a graph, a trial one row of a table with its recordings."""

@@ -66,7 +66,7 @@ def analyse(folder: Path) -> list[Outcome]:
     """
     found = tables(folder)
     if not found:
-        raise ArgumentError(f"{folder}: no table sub-*/ses-*/beh/*_beh.tsv; expected the folder of `palpate experiment`")
+        raise ArgumentError(f"{folder}: no table sub-*/ses-*/beh/*_beh.tsv; expected a folder of `palpate experiment`")
     outcomes = []
     for task in sorted({path.stem.split("_task-")[1].removesuffix("_beh") for path in found}):
         copy = folder / "code" / f"task-{task}.yaml"
@@ -120,7 +120,7 @@ def outcome(experiment: Experiment, task: str, who: str, name: str, rows: Sequen
     if experiment.response == "2afc" and reference is not None and sides:
         assert isinstance(experiment.blocks[name], ConstantBlock)
         greater = hits == (levels > reference) if experiment.asks == "greater" else hits != (levels < reference)
-        fitted = fit(experiment.function, levels, greater.tolist(), None, lapsing=True)
+        fitted = fit(experiment.function, levels, greater, None, lapsing=True)
         jnd = fitted.spread.times(HALF[experiment.function])
         numbers = {"pse": fitted.threshold, "jnd": jnd, "weber fraction": jnd.times(1.0 / abs(reference))}
         return _fitted(told, fitted, numbers, "judged greater", levels, levels, greater, 1, reference)
@@ -128,9 +128,9 @@ def outcome(experiment: Experiment, task: str, who: str, name: str, rows: Sequen
     signal = np.isfinite(levels)
     x = np.where(signal, sign * levels if reference is None else np.abs(levels - reference), -np.inf)
     if experiment.response == "2afc":
-        fitted, of = fit(experiment.function, x, hits.tolist(), 0.5), "correct"
+        fitted, of = fit(experiment.function, x, hits, 0.5), "correct"
     else:
-        fitted, of = fit(experiment.function, x, hits.tolist(), None if not signal.all() else 0.0), "yes"
+        fitted, of = fit(experiment.function, x, hits, None if not signal.all() else 0.0), "yes"
     numbers = {"threshold": fitted.threshold.times(sign)}
     if reference is not None:
         numbers |= {"jnd": fitted.threshold, "weber fraction": fitted.threshold.times(1.0 / abs(reference))}

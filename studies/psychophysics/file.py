@@ -43,8 +43,8 @@ _Quantity = Annotated[float | str, msgspec.Meta(description="a number, or one wi
 
 
 class Block(msgspec.Struct, kw_only=True):
-    """What all blocks have. `set` holds in this block only; `catch` is the share of trials without signal; `practice` is
-    not analysed."""
+    """What all blocks have. `set` holds in this block only; `catch` is the share of trials without signal; what is
+    `practice` is not analysed."""
 
     procedure: _Text
     instructions: _Text = ""
@@ -202,7 +202,8 @@ def _fits(given: Experiment, source: YamlSource, faults: Faults) -> None:
         if block is None:
             continue
         if given.response == "magnitude" and not isinstance(block, ConstantBlock):
-            faults.add(f"block {name!r}: {block.procedure} needs answers that are right or wrong; magnitude has numbers",
+            faults.add(f"block {name!r}: {block.procedure} needs answers that are right or wrong, magnitude has none",
                        "Take `procedure: constant`.", place)  # fmt: skip
         if block.catch and (given.response != "yes-no" or given.reference is None):
-            faults.add(f"block {name!r}: catch needs `response: yes-no`, and `reference` for what is there then", "", place)
+            faults.add(f"block {name!r}: catch needs `response: yes-no`, and `reference` for what is there instead", "",
+                       place)  # fmt: skip

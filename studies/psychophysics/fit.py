@@ -12,17 +12,17 @@ ch. 3.4). An interval that the levels do not bound is open: it ends in 0 or an i
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.special import xlog1py, xlogy
 
 from palpate.studies.psychophysics.functions import FUNCTIONS
 
 DROP = 1.920729
 """Half of the 95 % quantile of χ² with one degree of freedom."""
-POINTS = 61  # of a and of b
+POINTS = 41  # of a and of b
 LAPSES = np.linspace(0.0, 0.1, 11)
 GUESSES = np.linspace(0.0, 0.5, 26)
 FAR = 12.0  # below the maximum: what the finer grid leaves out
@@ -53,7 +53,7 @@ class Fit:
     lapse: float
 
 
-def fit(function: str, x: Sequence[float], hits: Sequence[bool], guess: float | None, lapsing: bool = False) -> Fit:
+def fit(function: str, x: ArrayLike, hits: ArrayLike, guess: float | None, lapsing: bool = False) -> Fit:
     """The function that fits best.
 
     x        level of each trial; -inf: a trial without signal
@@ -65,11 +65,8 @@ def fit(function: str, x: Sequence[float], hits: Sequence[bool], guess: float | 
     """
     levels, at = np.unique(np.asarray(x, float), return_inverse=True)
     k, n = np.bincount(at, np.asarray(hits, float)), np.bincount(at).astype(float)
-    rates = [
-        (lapse if lapsing else low, lapse)
-        for lapse in LAPSES
-        for low in ([guess] if guess is not None or lapsing else GUESSES)
-    ]
+    guesses = GUESSES.tolist() if guess is None and not lapsing else [guess or 0.0]
+    rates = [(lapse if lapsing else low, lapse) for lapse in LAPSES.tolist() for low in guesses]
     seen = levels[np.isfinite(levels)]
     if not len(seen):
         raise ValueError("no level to fit")
@@ -82,9 +79,8 @@ def fit(function: str, x: Sequence[float], hits: Sequence[bool], guess: float | 
         a, b = _finer(a, near.any(axis=1), function == "weibull"), _finer(b, near.any(axis=0), True)
     a, b = last
     low, miss = rates[int(which[peak])]
-    assert low is not None
     return Fit(function, _interval(a, best.max(axis=1), -math.inf if function != "weibull" else 0.0),
-               _interval(b, best.max(axis=0), 0.0), float(low), float(miss))  # fmt: skip
+               _interval(b, best.max(axis=0), 0.0), low, miss)  # fmt: skip
 
 
 def _wide(function: str, seen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -106,7 +102,7 @@ def _finer(grid: np.ndarray, near: np.ndarray, ratio: bool) -> np.ndarray:
 
 def _profiled(
     function: str, levels: np.ndarray, k: np.ndarray, n: np.ndarray, a: np.ndarray, b: np.ndarray,
-    rates: list[tuple[float | None, float]],
+    rates: list[tuple[float, float]],
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
     """(a, b) The log likelihood at the best rates, and which of them these are."""
     core = FUNCTIONS[function](levels, a[:, None, None], b[None, :, None])

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import socket
+import time
 from collections.abc import Callable
 
 from palpate.launch.load.extras import install
 from palpate.physics.errors import ArgumentError
 
 
-def markers(task: str, participant: str) -> Callable[[str], object]:
-    """What sends an event, at the time of the call, in the stream `palpate.TASK`. ArgumentError: pylsl is missing."""
+def markers(task: str, participant: str) -> Callable[[str, float | None], object]:
+    """What sends an event of a moment [s, time.monotonic], None: of now, in the stream `palpate.TASK`.
+
+    ArgumentError: pylsl is missing.
+    """
     try:
         import pylsl
     except (ImportError, RuntimeError) as error:  # it looks for its library when it is imported
@@ -20,4 +24,5 @@ def markers(task: str, participant: str) -> Callable[[str], object]:
                             f"{name} sub-{participant} on {socket.gethostname()}")  # fmt: skip
     info.desc().append_child_value("participant", participant)
     outlet = pylsl.StreamOutlet(info)
-    return lambda text: outlet.push_sample([text])
+    ahead = pylsl.local_clock() - time.monotonic()
+    return lambda text, moment: outlet.push_sample([text], 0.0 if moment is None else moment + ahead)

@@ -1,4 +1,4 @@
-"""A simulated observer, the `observer:` of an experiment or a file: it feels the same runs as a participant would, on simulated time, and answers.
+"""A simulated observer, the `observer:` of an experiment or a file: it feels the stimuli, and answers.
 
 feels: peak contact.force             # what it judges by: as `keep` of a study; two of them with " / " between
 noise: 0.08                           # standard deviation of what it feels, of each interval on its own
@@ -6,7 +6,7 @@ lapse: 0.02                           # share of answers, at either end, that ha
 
 or, where thresholds shall come out that are known beforehand, an observer that answers by the level itself:
 
-threshold: 400                        # a, in the unit of the level: of the distance from the reference where that has one
+threshold: 400                        # a, in the unit of the level; of the distance from a reference that has one
 spread: 150                           # b
 function: normal
 """
@@ -16,6 +16,7 @@ from __future__ import annotations
 import gc
 import os
 import shutil
+import time
 import zlib
 from collections.abc import Callable
 from pathlib import Path
@@ -93,15 +94,18 @@ class SimulatedObserver:
             raise ArgumentError(f"{base.path.stem}: a simulated observer needs simulated time, but {what}")
         self._feels: tuple[Kept, ...] = kept(settings.feels.split(" / "), base) if settings.feels else ()
         if any(one.how == "curve" for one in self._feels):
-            raise ArgumentError(f"feels: found {settings.feels!r}, a curve; expected a number, such as peak contact.force")
-        self._random = np.random.default_rng([settings.seed, zlib.crc32(participant.encode()), session, begun])
+            raise ArgumentError(f"feels: found {settings.feels!r}, expected a number, such as peak contact.force")
+        # A stream of its own: not that of the schedule, which is drawn from the same participant and session.
+        own = [zlib.crc32(b"observer"), settings.seed, zlib.crc32(participant.encode()), session, begun]
+        self._random = np.random.default_rng(own)
         self._known: dict[str, tuple[Path, float]] = {}
         self._felt: list[float] = []
 
-    def say(self, trial: Trial | None, title: str, text: str, pause: float = 0.0) -> None:
+    def show(self, trial: Trial | None, title: str, text: str, pause: float = 0.0) -> None:
         pass
 
-    def present(self, trial: Trial, interval: int, launch: LaunchFile) -> None:
+    def present(self, trial: Trial, interval: int, launch: LaunchFile, begun: Callable[[float], object]) -> float:
+        begun(time.monotonic())
         if interval == 1:
             self._felt = []
         key = f"{trial.block} {trial.levels(self.stimuli.experiment.intervals)[interval - 1]}"
@@ -116,6 +120,7 @@ class SimulatedObserver:
         else:
             _same_file(self._known[key][0], launch.record)
         self._felt.append(self._known[key][1])
+        return time.monotonic()
 
     def _feel(self, file: Path) -> float:
         if not self._feels:
@@ -148,9 +153,9 @@ class SimulatedObserver:
         if kind == "magnitude":
             raise ArgumentError("an observer of magnitudes needs `feels`, not a threshold")
         assert own.threshold is not None and own.spread is not None
-        if stimuli.two_sided(trial.block):
+        if stimuli.two_sided(trial.block) and trial.level is not None:
             chance = proportion(own.function, trial.level, own.threshold, own.spread, own.lapse, own.lapse)
-            greater = self._random.random() < chance
+            greater = bool(self._random.random() < chance)
             chosen = greater == (stimuli.experiment.asks == "greater")
             return "first" if (trial.interval == 1) == chosen else "second"
         guess = 0.5 if kind == "2afc" else own.guess

@@ -34,11 +34,11 @@ class Sitting:
         self.participant, self.session = participant, session
         self.order, self.trial = resumed(stimuli, table, participant, session)
         self.ended = self.trial is None
-        self.mark: Mark = lambda text: None
+        self.mark: Mark = lambda text, moment: None
         self.notes = []
         if table.recovered is not None:
             self.notes.append(
-                f"{table.path} was broken: {len(table.rows)} whole trials are kept, all of it as it was is in {table.recovered}"
+                f"{table.path} was broken: {len(table.rows)} whole trials are kept; as it was: {table.recovered}"
             )
 
     def send_markers(self) -> None:
@@ -139,5 +139,5 @@ def _next_participant(stimuli: Stimuli, folder: Path) -> str:
         there = sessions(folder, task, who)
         if not there or not _state(stimuli, folder, who, there[-1])[1]:
             return who
-    raise ArgumentError(f"all participants have done this experiment in {folder}; --participant and --session say which "
-                        "one does it again")  # fmt: skip
+    raise ArgumentError(f"all participants have done this experiment in {folder}; --participant and --session say who "
+                        "does it again")  # fmt: skip

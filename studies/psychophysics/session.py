@@ -5,6 +5,7 @@ from __future__ import annotations
 import datetime
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Protocol
 
@@ -13,6 +14,8 @@ from palpate.physics.errors import ArgumentError, PalpateError
 from palpate.studies.psychophysics.schedule import Schedule, Trial, schedule
 from palpate.studies.psychophysics.stimuli import Stimuli
 from palpate.studies.psychophysics.store import NONE, Row, Table
+
+READY = "Go on when you are ready."
 
 
 class DisturbedError(PalpateError):
@@ -30,17 +33,19 @@ class Answer:
 class Presenter(Protocol):
     """Who shows stimuli and asks for answers: the page, or a simulated observer."""
 
-    def say(self, trial: Trial | None, title: str, text: str, pause: float = 0.0) -> None:
-        """Show a text until the participant goes on, `pause` [s] at least."""
+    def show(self, trial: Trial | None, title: str, text: str, pause: float = 0.0) -> None:
+        """Show a text until the participant goes on, `pause` [s] at least; a title alone for a moment; trial None: the
+        end."""
 
-    def present(self, trial: Trial, interval: int, launch: LaunchFile) -> None:
-        """Run one interval. DisturbedError."""
+    def present(self, trial: Trial, interval: int, launch: LaunchFile, begun: Callable[[float], object]) -> float:
+        """Run one interval; when it ended [s, time.monotonic]. `begun` is called with when it began. DisturbedError."""
 
     def ask(self, trial: Trial) -> Answer:
         """The answer to the experiment's question."""
 
 
-Mark = Callable[[str], object]
+Mark = Callable[[str, float | None], object]
+"""Takes an event, and when it was [s, time.monotonic]; None: now."""
 
 
 def resumed(stimuli: Stimuli, table: Table, participant: str, session: int) -> tuple[Schedule, Trial | None]:
@@ -62,9 +67,7 @@ def resumed(stimuli: Stimuli, table: Table, participant: str, session: int) -> t
     return order, trial
 
 
-def run(
-    stimuli: Stimuli, table: Table, order: Schedule, trial: Trial | None, presenter: Presenter, mark: Mark
-) -> None:
+def run(stimuli: Stimuli, table: Table, order: Schedule, trial: Trial | None, presenter: Presenter, mark: Mark) -> None:
     """All trials from this one on. OSError: a row cannot be stored.
 
     mark  is called with each event
@@ -72,14 +75,14 @@ def run(
     experiment, first = stimuli.experiment, True
     while trial is not None:
         if first:
-            presenter.say(trial, "Welcome" if trial.number == 1 else "Welcome back", experiment.instructions)
+            presenter.show(trial, "Welcome" if trial.number == 1 else "Welcome back", experiment.instructions or READY)
         _begin(stimuli, trial, presenter, first)
         row, first = _trial(stimuli, table, trial, presenter, mark), False
         if experiment.blocks[trial.block].feedback and row["hit"] != NONE:
-            presenter.say(trial, "Right" if row["hit"] == "1" else "Wrong", "")
+            presenter.show(trial, "Right" if row["hit"] == "1" else "Wrong", "")
         trial = _next(order, row)
-    mark("experiment end")
-    presenter.say(None, "The end", experiment.closing)
+    mark("experiment end", None)
+    presenter.show(None, "The end", experiment.closing)
 
 
 def _next(order: Schedule, row: Row) -> Trial | None:
@@ -94,9 +97,9 @@ def _begin(stimuli: Stimuli, trial: Trial, presenter: Presenter, first: bool) ->
     """What comes before a trial: the instructions of its block, or a pause."""
     block = stimuli.experiment.blocks[trial.block]
     if block.instructions and (trial.in_block == 1 or first):
-        presenter.say(trial, trial.block, block.instructions)
+        presenter.show(trial, trial.block, block.instructions)
     elif block.pause_every and trial.in_block > 1 and (trial.in_block - 1) % block.pause_every == 0 and not first:
-        presenter.say(trial, "Pause", "Go on when you are ready.", block.pause)
+        presenter.show(trial, "Pause", READY, block.pause)
 
 
 def _trial(stimuli: Stimuli, table: Table, trial: Trial, presenter: Presenter, mark: Mark) -> Row:
@@ -107,18 +110,20 @@ def _trial(stimuli: Stimuli, table: Table, trial: Trial, presenter: Presenter, m
             for interval, level in enumerate(trial.levels(experiment.intervals), 1):
                 files.append(table.recording(trial.number, interval, repeat))
                 launch = stimuli.run(trial.block, level).but(
-                    record=files[-1], duration=experiment.duration, only=SOURCES if experiment.record == SOURCES else None
+                    record=files[-1],
+                    duration=experiment.duration,
+                    only=SOURCES if experiment.record == SOURCES else None,
                 )
-                mark(f"interval {interval} of trial {trial.number} begin level {_text(level)}")
-                presenter.present(trial, interval, launch)
-                mark(f"interval {interval} of trial {trial.number} end")
+                what = f"trial {trial.number} interval {interval}"
+                begun = partial(mark, f"{what} begin level {_text(level)}")
+                mark(f"{what} end", presenter.present(trial, interval, launch, begun))
             answer = presenter.ask(trial)
             break
         except DisturbedError as error:
-            mark(f"trial {trial.number} disturbed")
-            presenter.say(trial, f"Trial {trial.number} is repeated", str(error))
+            mark(f"trial {trial.number} disturbed", None)
+            presenter.show(trial, f"Trial {trial.number} is repeated", str(error))
     hit = judged(stimuli, trial, answer.value)
-    mark(f"response {answer.value} of trial {trial.number}")
+    mark(f"trial {trial.number} response {answer.value}", None)
     names = [str(file.relative_to(table.folder)) for file in files]
     table.add(
         {

@@ -35,9 +35,12 @@ class Stimuli:
     def __init__(self, experiment: Experiment, source: YamlSource, file: Path, sets: Sequence[str] = ()) -> None:
         self.experiment, self._source, self.faults = experiment, source, Faults()
         beside = file.parent / experiment.graph
-        scene = experiment.scene
-        if isinstance(scene, str):
-            scene = find_file(scene, SCENES, file.parent, source.place("scene"), "scene")
+        given_scene = experiment.scene
+        scene = (
+            find_file(given_scene, SCENES, file.parent, source.place("scene"), "scene")
+            if isinstance(given_scene, str)
+            else given_scene
+        )
         self.launch: LaunchFile = find_launch(str(beside) if beside.is_file() else experiment.graph).but(
             scene=scene, overrides=[*overrides(experiment.set, "set"), *sets]
         )
@@ -134,9 +137,10 @@ class Stimuli:
             same = [level for level, told in known.items() if told == other]
             if len(same) == len(known) or (same and not self.two_sided(name)):
                 self.faults.add(f"block {name!r}: the stimuli of a pair are the same: {self.path} = {same[0]:g} "
-                                 f"{self.unit} is the reference", "Take levels that differ from it.", place)  # fmt: skip
+                                 f"{self.unit} is the reference", "Take others.", place)  # fmt: skip
             elif len(known) > 1 and len({repr(told) for told in known.values()}) == 1:
-                self.faults.add(f"block {name!r}: all levels give the same stimulus: nothing reads {self.path}", "", place)
+                self.faults.add(f"block {name!r}: all levels give the same stimulus: nothing reads {self.path}", "",
+                                place)  # fmt: skip
             if isinstance(self.experiment.blocks[name], ConstantBlock) and len(known) < len(levels):
                 self.faults.add(f"block {name!r}: a level stands twice", "Use `repeats`.", place)
         if any(map(self.two_sided, self.levels)) and self.experiment.function == "weibull":

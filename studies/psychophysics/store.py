@@ -91,7 +91,7 @@ class Table:
         last = [self.recording(trial, 1, repeat).exists() for repeat in range(1000)]
         return last.index(False)
 
-    def describe(self, about: Mapping[str, Mapping[str, Any]]) -> None:
+    def describe(self, about: dict[str, dict[str, Any]]) -> None:
         """Write what the columns are; `about` is added to what is known of them."""
         write_json(self.path.with_suffix(".json"), {name: text | about.get(name, {}) for name, text in COLUMNS.items()})
 
@@ -137,8 +137,8 @@ def sessions(folder: Path, task: str, participant: str) -> list[int]:
 
 
 def begin(folder: Path, task: str, text: bytes, participant: str, about: Mapping[str, Any]) -> None:
-    """Write what a data set has beside the tables. ArgumentError: the folder is that of another experiment of this name,
-    or cannot be written."""
+    """Write what a data set has beside the tables. ArgumentError: the folder is of another experiment of this name, or
+    cannot be written."""
     try:
         (folder / "code").mkdir(parents=True, exist_ok=True)
         copy = folder / "code" / f"task-{task}.yaml"

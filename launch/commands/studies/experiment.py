@@ -62,7 +62,7 @@ def experiment(
                 from palpate.launch.terminal.browser import show
 
                 page = sitting.page()
-                show(page, "do", port, no_open)
+                show(page, "do", port, no_open, lambda: page.ended)
                 page.check()
         except KeyboardInterrupt:
             say("stopped", err=True)
