@@ -56,7 +56,10 @@ class Outcome:
 
     def to_spec(self) -> dict[str, Any]:
         """Plain data for programs: what is open or not known is null."""
-        return _plain(asdict(self))
+        told = asdict(self)
+        for name, number in self.numbers.items():
+            told["numbers"][name]["value"] = number.value if number.known else None
+        return _plain(told)
 
 
 def analyse(folder: Path) -> list[Outcome]:
@@ -99,7 +102,8 @@ def save(outcomes: Sequence[Outcome], folder: Path) -> list[Path]:
         for one in outcomes:
             for name, found in one.numbers.items() if one.task == task else ():
                 head = (one.task, one.participant, one.block, str(one.trials), name, one.units(name))
-                lines.append("\t".join([*head, *(f"{x:.6g}" for x in (found.value, found.low, found.high))]))
+                shown = (found.value, found.low, found.high) if found.known else ()
+                lines.append("\t".join([*head, *(f"{x:.6g}" for x in shown)] + [NONE] * (3 - len(shown))))
         place = folder / "derivatives" / "palpate"
         place.mkdir(parents=True, exist_ok=True)
         files.append(place / f"task-{task}_thresholds.tsv")
@@ -128,9 +132,10 @@ def outcome(experiment: Experiment, task: str, who: str, name: str, rows: Sequen
     signal = np.isfinite(levels)
     x = np.where(signal, sign * levels if reference is None else np.abs(levels - reference), -np.inf)
     if experiment.response == "2afc":
-        fitted, of = fit(experiment.function, x, hits, 0.5), "correct"
+        fitted, of = fit(experiment.function, x, hits, 0.5, positive=reference is not None), "correct"
     else:
-        fitted, of = fit(experiment.function, x, hits, None if not signal.all() else 0.0), "yes"
+        free = None if not signal.all() else 0.0
+        fitted, of = fit(experiment.function, x, hits, free, positive=reference is not None), "yes"
     numbers = {"threshold": fitted.threshold.times(sign)}
     if reference is not None:
         numbers |= {"jnd": fitted.threshold, "weber fraction": fitted.threshold.times(1.0 / abs(reference))}
@@ -173,8 +178,10 @@ def _mean(own: Sequence[Outcome]) -> Iterator[Outcome]:
         return
     numbers = {}
     for name in own[0].numbers:
-        values = np.array([one.numbers[name].value for one in own])
-        half = float(stats.t.ppf(0.975, len(own) - 1) * stats.sem(values))
+        values = np.array([one.numbers[name].value for one in own if one.numbers[name].known])
+        if len(values) < 2:
+            continue
+        half = float(stats.t.ppf(0.975, len(values) - 1) * stats.sem(values))
         numbers[name] = Estimate(float(values.mean()), float(values.mean()) - half, float(values.mean()) + half)
     first = own[0]
     yield Outcome(first.task, ALL, first.block, sum(one.trials for one in own), first.of, first.unit, numbers)

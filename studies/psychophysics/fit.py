@@ -36,6 +36,11 @@ class Estimate:
     low: float
     high: float
 
+    @property
+    def known(self) -> bool:
+        """Whether the levels bound it to a side at least."""
+        return math.isfinite(self.high) or (math.isfinite(self.low) and self.low != 0.0)
+
     def times(self, factor: float) -> Estimate:
         """The same in another unit; a factor below 0 turns the interval round."""
         low, high = sorted((factor * self.low, factor * self.high))
@@ -53,12 +58,15 @@ class Fit:
     lapse: float
 
 
-def fit(function: str, x: ArrayLike, hits: ArrayLike, guess: float | None, lapsing: bool = False) -> Fit:
+def fit(
+    function: str, x: ArrayLike, hits: ArrayLike, guess: float | None, lapsing: bool = False, positive: bool = False
+) -> Fit:
     """The function that fits best.
 
     x        level of each trial; -inf: a trial without signal
     hits     its answer
     guess    γ; None: free
+    positive a is a distance, above 0
     lapsing  answers by guesswork at both ends alike: γ = λ, whatever `guess` says
 
     ValueError: no level, or none but -inf.
@@ -71,6 +79,8 @@ def fit(function: str, x: ArrayLike, hits: ArrayLike, guess: float | None, lapsi
     if not len(seen):
         raise ValueError("no level to fit")
     a, b = _wide(function, seen)
+    if positive and function != "weibull":
+        a = np.linspace(a[-1] * 1e-4, a[-1], len(a))
     for _ in range(3):
         best, which = _profiled(function, levels, k, n, a, b, rates)
         peak = np.unravel_index(int(np.argmax(best)), best.shape)
@@ -79,7 +89,7 @@ def fit(function: str, x: ArrayLike, hits: ArrayLike, guess: float | None, lapsi
         a, b = _finer(a, near.any(axis=1), function == "weibull"), _finer(b, near.any(axis=0), True)
     a, b = last
     low, miss = rates[int(which[peak])]
-    return Fit(function, _interval(a, best.max(axis=1), -math.inf if function != "weibull" else 0.0),
+    return Fit(function, _interval(a, best.max(axis=1), 0.0 if positive or function == "weibull" else -math.inf),
                _interval(b, best.max(axis=0), 0.0), low, miss)  # fmt: skip
 
 

@@ -114,6 +114,8 @@ class SimulatedObserver:
             duration = self.settings.duration
             outcome = execute(launch.but(place=FUSED, clock="simulated", duration=duration))
             gc.unfreeze()  # the loop has set aside what was there before it
+            if outcome.result.interrupted:
+                raise KeyboardInterrupt
             if not outcome.ok:
                 raise RunError("; ".join(map(str, outcome.result.deaths)) or f"{launch.record} is not whole")
             self._known[key] = launch.record, self._feel(launch.record)

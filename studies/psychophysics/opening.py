@@ -15,7 +15,7 @@ from palpate.studies.psychophysics.markers import markers
 from palpate.studies.psychophysics.schedule import Trial
 from palpate.studies.psychophysics.session import Mark, resumed, run
 from palpate.studies.psychophysics.stimuli import Stimuli
-from palpate.studies.psychophysics.store import Table, begin, sessions
+from palpate.studies.psychophysics.store import Table, begin, parse, sessions, table_path
 
 if TYPE_CHECKING:
     from palpate.studies.psychophysics.page import ExperimentPage
@@ -32,7 +32,7 @@ class Sitting:
     ) -> None:
         self.stimuli, self.source, self.folder, self.table = stimuli, source, folder, table
         self.participant, self.session = participant, session
-        self.order, self.trial = resumed(stimuli, table, participant, session)
+        self.order, self.trial = resumed(stimuli, table.rows, table.path, participant, session)
         self.ended = self.trial is None
         self.mark: Mark = lambda text, moment: None
         self.notes = []
@@ -115,11 +115,9 @@ def _chosen(
 
 def _state(stimuli: Stimuli, folder: Path, who: str, number: int) -> tuple[int, bool]:
     """Trials that are stored of a session, and whether it is over."""
-    table = Table(folder, stimuli.experiment.task, who, number)
-    try:
-        return len(table.rows), resumed(stimuli, table, who, number)[1] is None
-    finally:
-        table.close()
+    file = table_path(folder, stimuli.experiment.task, who, number)
+    rows, _ = parse(file.read_bytes())
+    return len(rows), resumed(stimuli, rows, file, who, number)[1] is None
 
 
 def _known(experiment: Experiment) -> dict[str, dict[str, Any] | None]:

@@ -48,19 +48,21 @@ Mark = Callable[[str, float | None], object]
 """Takes an event, and when it was [s, time.monotonic]; None: now."""
 
 
-def resumed(stimuli: Stimuli, table: Table, participant: str, session: int) -> tuple[Schedule, Trial | None]:
-    """The schedule of a session after the trials that are stored, and the next trial; None: there is none.
+def resumed(
+    stimuli: Stimuli, rows: list[Row], file: Path, participant: str, session: int
+) -> tuple[Schedule, Trial | None]:
+    """The schedule of a session after the trials that are stored in a file, and the next trial; None: there is none.
 
     ArgumentError: what is stored is not of this experiment; or a procedure that cannot be. GraphError.
     """
     order = schedule(stimuli, participant, session)
     trial: Trial | None = next(order)
-    for row in table.rows:
+    for row in rows:
         if trial is None or (row["block"], row["level"], row["interval"]) != (
             trial.block, _text(trial.level), str(trial.interval)
         ):  # fmt: skip
             raise ArgumentError(
-                f"{table.path}: trial {row['trial']} is not what the experiment has there: its seed, its blocks or the "
+                f"{file}: trial {row['trial']} is not what the experiment has there: its seed, its blocks or the "
                 "values of its graph were others. Take another folder (--out)."
             )
         trial = _next(order, row)

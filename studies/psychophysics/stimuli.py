@@ -110,7 +110,7 @@ class Stimuli:
     def _unit(self, base: Graph) -> str:
         """The unit of the setting that the level becomes. GraphError: there is no such path."""
         head, _, name = self.path.rpartition(".")
-        for spec in base.nodes.values() if head.startswith("scene") else [base.nodes[head]] * (head in base.nodes):
+        for spec in base.nodes.values() if head.startswith("scene") else filter(None, [base.nodes.get(head)]):
             if name in settings(spec.cls):
                 return settings(spec.cls)[name].unit
         self.launch.but(overrides=overrides({self.path: self._other.get(self.path, 1.0)}, "vary")).load()

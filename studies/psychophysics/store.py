@@ -53,10 +53,9 @@ class Table:
     """
 
     def __init__(self, folder: Path, task: str, participant: str, session: int) -> None:
-        self.folder = folder
-        self.name = f"sub-{participant}_ses-{session:02d}_task-{task}"
-        place = Path(f"sub-{participant}", f"ses-{session:02d}", "beh")
-        self.path, self.recordings = folder / place / f"{self.name}_beh.tsv", folder / "sourcedata" / place
+        self.folder, self.path = folder, table_path(folder, task, participant, session)
+        self.name = self.path.stem.removesuffix("_beh")
+        self.recordings = folder / "sourcedata" / self.path.parent.relative_to(folder)
         self.path.parent.mkdir(parents=True, exist_ok=True)
         self.recordings.mkdir(parents=True, exist_ok=True)
         self.recovered: Path | None = None
@@ -128,6 +127,12 @@ def parse(data: bytes) -> tuple[list[Row], int]:
         rows.append(dict(zip(COLUMNS, texts, strict=True)))
         length += len(line) + 1
     return rows, length
+
+
+def table_path(folder: Path, task: str, participant: str, session: int) -> Path:
+    """The table of a session."""
+    sub, ses = f"sub-{participant}", f"ses-{session:02d}"
+    return folder / sub / ses / "beh" / f"{sub}_{ses}_task-{task}_beh.tsv"
 
 
 def sessions(folder: Path, task: str, participant: str) -> list[int]:

@@ -1,4 +1,4 @@
-"""Sessions of simulated observers that answer by the level alone: no stimulus is computed, all else is as in a session."""
+"""Sessions of simulated observers that answer by the level: as in a real one, but no stimulus is computed."""
 
 from __future__ import annotations
 

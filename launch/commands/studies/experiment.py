@@ -90,13 +90,13 @@ def _analyse(folder: Path, as_json: bool) -> None:
         tell({"ok": True, "folder": str(folder), "outcomes": [one.to_spec() for one in outcomes], "files": files})
         return
     rows = [
-        [one.participant, one.block, str(one.trials), f"{name} [{one.units(name)}]", *_shown(number), _rate(one.at),
-         _rate(one.lapse)]
+        [one.participant, one.block, str(one.trials), f"{name}{_rate(one.at)} [{one.units(name)}]", *_shown(number)]
         for one in outcomes
         for name, number in one.numbers.items()
     ]  # fmt: skip
-    heads = ["participant", "block", ">trials", "", ">estimate", ">95 % interval", ">share there", ">lapses"]
-    console(soft_wrap=True).print(table(heads, rows, title=", ".join(dict.fromkeys(one.task for one in outcomes))))
+    heads = ["participant", "block", ">trials", "number", ">estimate", ">95 % interval"]
+    tasks = ", ".join(dict.fromkeys(one.task for one in outcomes))
+    console(soft_wrap=True).print(table(heads, rows, title=tasks, fixed=("number", ">95 % interval")))
     for one in files:
         say(one)
 
@@ -108,9 +108,11 @@ def _pictures(outcomes: list, folder: Path) -> list[Path]:
 
 
 def _shown(number: Estimate) -> list[str]:
+    if not number.known:
+        return ["", "not determined"]
     ends = [f"{end:.4g}" if math.isfinite(end) else "open" for end in (number.low, number.high)]
     return [f"{number.value:.4g}", f"{ends[0]} to {ends[1]}"]
 
 
 def _rate(share: float) -> str:
-    return f"{share:.0%}" if math.isfinite(share) else ""
+    return f" at {share:.0%}" if math.isfinite(share) else ""

@@ -59,7 +59,11 @@ def test_another_rule_is_refused(rule):
 @pytest.mark.parametrize("down", [1, 2, 3])
 def test_n_down_one_up_settles_where_n_hits_in_a_row_have_an_even_chance(down):
     """Levitt's rule: ψ^N = 1/2; here ψ falls along a straight line from 1 at 20 to 0 at 0."""
-    one, random, levels = staircase(rule=f"{down}-down-1-up", steps=[0.25], trials=20_000), np.random.default_rng(down), []
+    one, random, levels = (
+        staircase(rule=f"{down}-down-1-up", steps=[0.25], trials=20_000),
+        np.random.default_rng(down),
+        [],
+    )
     while one.level is not None:
         levels.append(one.level)
         one.take(bool(random.random() < one.level / 20.0))
