@@ -26,7 +26,7 @@ class Outcome:
     """What one participant's trials of one block say.
 
     of         what the share is of: "correct", "yes", "judged greater"; "magnitude" for numbers
-    unit       of levels
+    path, unit  of levels
     numbers    estimates by name: threshold, pse, jnd, weber fraction, exponent
     at         share of the answers at the threshold, without lapses
     levels, shares, counts   (n) what was presented and answered; of magnitudes the geometric means
@@ -38,6 +38,7 @@ class Outcome:
     block: str
     trials: int
     of: str
+    path: str
     unit: str
     numbers: dict[str, Estimate]
     lapse: float = math.nan
@@ -77,16 +78,16 @@ def analyse(folder: Path) -> list[Outcome]:
             raise ArgumentError(f"{copy}: missing; it says what the answers mean")
         experiment, _ = load(copy)
         groups: dict[tuple[str, str], list[Row]] = {}
-        unit = "1"
+        about = {"LongName": "level", "Units": "1"}
         for path in tables(folder, task):
-            about = path.with_suffix(".json")
-            unit = json.loads(about.read_text(encoding="utf-8"))["level"].get("Units", "1") if about.is_file() else unit
+            dictionary = path.with_suffix(".json")
+            about |= json.loads(dictionary.read_text(encoding="utf-8"))["level"] if dictionary.is_file() else {}
             for row in parse(path.read_bytes())[0]:
                 groups.setdefault((row["block"], path.name.split("_")[0]), []).append(row)
         for name, block in experiment.blocks.items():
             if not block.practice:
                 own = [
-                    outcome(experiment, task, who, name, rows, unit)
+                    outcome(experiment, task, who, name, rows, about)
                     for (of, who), rows in sorted(groups.items())
                     if of == name and any(row["level"] != NONE for row in rows)
                 ]
@@ -111,9 +112,12 @@ def save(outcomes: Sequence[Outcome], folder: Path) -> list[Path]:
     return files
 
 
-def outcome(experiment: Experiment, task: str, who: str, name: str, rows: Sequence[Row], unit: str) -> Outcome:
-    """What these rows of one participant and block say."""
-    told = {"task": task, "participant": who, "block": name, "trials": len(rows), "unit": unit}
+def outcome(
+    experiment: Experiment, task: str, who: str, name: str, rows: Sequence[Row], about: dict[str, str]
+) -> Outcome:
+    """What these rows of one participant and block say; `about` is what the data dictionary says of the level."""
+    told = {"task": task, "participant": who, "block": name, "trials": len(rows)}
+    told |= {"path": about["LongName"], "unit": about["Units"]}
     if experiment.response == "magnitude":
         return Outcome(**told, **_magnitude(rows))  # type: ignore[arg-type]
     levels = np.array([-np.inf if row["level"] == NONE else float(row["level"]) for row in rows])
@@ -184,7 +188,9 @@ def _mean(own: Sequence[Outcome]) -> Iterator[Outcome]:
         half = float(stats.t.ppf(0.975, len(values) - 1) * stats.sem(values))
         numbers[name] = Estimate(float(values.mean()), float(values.mean()) - half, float(values.mean()) + half)
     first = own[0]
-    yield Outcome(first.task, ALL, first.block, sum(one.trials for one in own), first.of, first.unit, numbers)
+    yield Outcome(
+        first.task, ALL, first.block, sum(one.trials for one in own), first.of, first.path, first.unit, numbers
+    )
 
 
 def _plain(data: Any) -> Any:

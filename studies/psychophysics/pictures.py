@@ -60,7 +60,7 @@ def _function(axes: Axes, one: Outcome) -> None:
     axes.plot(ends, [at, at], color=FINGER, linewidth=3.0, zorder=4, solid_capstyle="butt")
     axes.plot([turned * a.value], [at], marker="|", markersize=12, color=FINGER, zorder=4)
     distance = one.reference is not None and one.of != "judged greater"
-    axes.set_xlabel(f"{'difference from the reference' if distance else 'level'} [{one.unit}]")
+    axes.set_xlabel(f"{one.path}{', distance from the reference' * distance} [{one.unit}]")
     axes.set_ylabel(NAMES[one.of])
     axes.set_ylim(-0.03, 1.03)
 
@@ -74,5 +74,5 @@ def _magnitude(axes: Axes, one: Outcome) -> None:
         weights = np.array(one.counts)
         middle = np.average(np.log(mean) - n * np.log(level), weights=weights)
         axes.loglog(level, np.exp(middle) * level**n, color=INK)
-    axes.set_xlabel(f"level [{one.unit}]")
+    axes.set_xlabel(f"{one.path} [{one.unit}]")
     axes.set_ylabel("magnitude, geometric mean")

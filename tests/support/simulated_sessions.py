@@ -64,7 +64,7 @@ class Sessions:
             try:
                 trial = order.send(hit)
             except StopIteration:
-                return outcome(self.experiment, "task", "sub-01", "main", rows, "N/m^n")
+                return outcome(self.experiment, "task", "sub-01", "main", rows, {"LongName": "level", "Units": "1"})
 
     def covered(self, sessions: int) -> int:
         """In how many of so many sessions the interval has the observer's threshold."""
