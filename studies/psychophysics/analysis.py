@@ -52,8 +52,8 @@ class Outcome:
     fitted: Fit | None = None
 
     def units(self, name: str) -> str:
-        """The unit of one of the numbers."""
-        return "1" if name in ("weber fraction", "exponent") else self.unit
+        """The unit of one of the numbers, in brackets; "" for a ratio."""
+        return "" if name in ("weber fraction", "exponent") else f" [{self.unit}]"
 
     def to_spec(self) -> dict[str, Any]:
         """Plain data for programs: what is open or not known is null."""
@@ -102,7 +102,14 @@ def save(outcomes: Sequence[Outcome], folder: Path) -> list[Path]:
         lines = ["task\tparticipant_id\tblock\ttrials\tnumber\tunit\testimate\tlow\thigh"]
         for one in outcomes:
             for name, found in one.numbers.items() if one.task == task else ():
-                head = (one.task, one.participant, one.block, str(one.trials), name, one.units(name))
+                head = (
+                    one.task,
+                    one.participant,
+                    one.block,
+                    str(one.trials),
+                    name,
+                    one.units(name).strip(" []") or "1",
+                )
                 shown = (found.value, found.low, found.high) if found.known else ()
                 lines.append("\t".join([*head, *(f"{x:.6g}" for x in shown)] + [NONE] * (3 - len(shown))))
         place = folder / "derivatives" / "palpate"

@@ -70,6 +70,8 @@ class ExperimentPage(Live):
         if self.mouse:
             launch, sockets = steered(stimuli.launch, Path(self._place.name))
             self._file, graph = launch.graph, launch.load()
+        for block, levels in stimuli.levels.items():  # the hand that follows the pointer may lack a setting
+            self._steered(stimuli.run(block, levels[0])).load()
         super().__init__(touched(plan(graph)))
         self.panel = {"title": "starting", "text": ""}
         self._pointers = Pointers(sockets, self.touched.begins)
@@ -168,8 +170,7 @@ class ExperimentPage(Live):
         self._cover(title=f"{'First' if interval == 1 else 'Second'} interval" if several else "", text="")
         self._halt.clear()
         self._left, until, self._begun = False, time.monotonic() + self.experiment.gap, begun
-        if self._file is not None:
-            launch = replace(launch, graph=self._file, scene=None, path=None)
+        launch = self._steered(launch)
         graph = launch.load()
         self.touched = touched(plan(graph))
         self._closed.wait(max(until - time.monotonic(), 0.0))
@@ -217,6 +218,10 @@ class ExperimentPage(Live):
         finally:
             self.over()
             server.close()
+
+    def _steered(self, launch: LaunchFile) -> LaunchFile:
+        """The run with the pointer in place of the simulated hand."""
+        return launch if self._file is None else replace(launch, graph=self._file, scene=None, path=None)
 
     def _warm(self) -> None:
         """Import what the next intervals need while the participant reads: then each begins at once."""

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
 ROW = 3  # panels
 MOST = 24
+WIDE = 8.0
 NAMES = {"correct": "share correct", "yes": "share of yes", "judged greater": "comparison judged greater"}
 
 
@@ -47,9 +48,13 @@ def _function(axes: Axes, one: Outcome) -> None:
     fitted = one.fitted
     assert fitted is not None
     x, turned = np.array(one.levels), one.sign
-    room = 0.08 * (float(x.max() - x.min()) or abs(float(x.max())))
-    low = max(float(x.min()) - room, 0.0) if turned > 0 and float(x.min()) >= 0.0 else float(x.min()) - room
-    line = np.linspace(low, float(x.max()) + room, 300)
+    ratio = x.min() > 0.0 and x.max() > WIDE * x.min()  # the steps were ratios
+    room = 1.3 if ratio else 0.08 * (float(np.ptp(x)) or abs(float(x.max())))
+    if ratio:
+        line = np.geomspace(x.min() / room, x.max() * room, 400)
+        axes.set_xscale("log")
+    else:
+        line = np.linspace(x.min() - room, x.max() + room, 400)
     share = proportion(fitted.function, line, fitted.threshold.value, fitted.spread.value, fitted.guess, fitted.lapse)
     axes.plot(turned * line, share, color=INK, zorder=2)
     sizes = 20.0 + 130.0 * np.array(one.counts) / max(one.counts)
@@ -60,7 +65,7 @@ def _function(axes: Axes, one: Outcome) -> None:
     axes.plot(ends, [at, at], color=FINGER, linewidth=3.0, zorder=4, solid_capstyle="butt")
     axes.plot([turned * a.value], [at], marker="|", markersize=12, color=FINGER, zorder=4)
     distance = one.reference is not None and one.of != "judged greater"
-    axes.set_xlabel(f"{one.path}{', distance from the reference' * distance} [{one.unit}]")
+    axes.set_xlabel(f"{one.path} [{one.unit}]{', from the reference' * distance}", fontsize=10)
     axes.set_ylabel(NAMES[one.of])
     axes.set_ylim(-0.03, 1.03)
 

@@ -127,9 +127,13 @@ class Stimuli:
     def _check(self) -> None:
         """Each stimulus can be loaded, and no pair is the same."""
         for name, levels in self.levels.items():
+            if not levels:
+                self.faults.add(f"block {name!r}: no levels", "", self._source.place("blocks", name))
+                continue
             place = self._source.place("blocks", name)
             try:
-                known = {level: _told(self.run(name, level).load()) for level in dict.fromkeys(levels)}
+                tried = {min(levels), max(levels), *(level for level in levels if level == self.reference)}
+                known = {level: _told(self.run(name, level).load()) for level in sorted(tried)}
                 other = None if self.experiment.reference is None else _told(self.run(name, None).load())
             except GraphError as error:
                 self.faults.entries.extend(error.faults)
@@ -141,7 +145,7 @@ class Stimuli:
             elif len(known) > 1 and len({repr(told) for told in known.values()}) == 1:
                 self.faults.add(f"block {name!r}: all levels give the same stimulus: nothing reads {self.path}", "",
                                 place)  # fmt: skip
-            if isinstance(self.experiment.blocks[name], ConstantBlock) and len(known) < len(levels):
+            if isinstance(self.experiment.blocks[name], ConstantBlock) and len(set(levels)) < len(levels):
                 self.faults.add(f"block {name!r}: a level stands twice", "Use `repeats`.", place)
         if any(map(self.two_sided, self.levels)) and self.experiment.function == "weibull":
             self.faults.add("function: weibull begins at 0, but levels lie to both sides of the reference",

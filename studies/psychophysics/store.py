@@ -152,7 +152,7 @@ def begin(folder: Path, task: str, text: bytes, participant: str, about: Mapping
                 f"{folder}: its data are of another version of this experiment ({copy}). Take another folder (--out), "
                 "or another `task:`."
             )
-        copy.write_bytes(text)
+        _replace(copy, text.decode())
         (folder / "README").write_text(README, encoding="utf-8")
         description = folder / "dataset_description.json"
         if not description.exists():

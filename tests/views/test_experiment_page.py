@@ -2,9 +2,11 @@
 
 import json
 import time
+from contextlib import ExitStack
 
 import pytest
 
+from palpate.engine.faults import GraphError
 from palpate.records.changed import changed
 from palpate.records.reader import Recording
 from palpate.records.verify import verify
@@ -83,21 +85,19 @@ class Client:
 @pytest.fixture
 def begun(write, tmp_path):
     """Opens a session on a page; it is closed with the test."""
-    there = []
+    there = ExitStack()
 
     def begin(graph="kidney", *sets, text=TEXT):
         file = write("mine.yaml", text.replace("GRAPH", graph))
         opening = opened(str(file), tmp_path / "out", None, None, list(sets), True, lambda text: None)
-        sitting = opening.__enter__()
+        sitting = there.enter_context(opening)
         page = sitting.page()
         server = PageServer(page)
-        there.append((server, opening))
+        there.callback(server.close)
         return sitting, page, server
 
-    yield begin
-    for server, opening in there:
-        server.close()
-        opening.__exit__(None, None, None)
+    with there:
+        yield begin
 
 
 def wait_for(what):
@@ -185,6 +185,12 @@ def test_a_device_that_is_unplugged_in_a_trial_repeats_it_and_says_so(begun, mon
     (row,) = sitting.table.rows
     assert row["repeats"] == "1" and row["response"] == "first"
     client.close()
+
+
+def test_what_the_hand_of_the_pointer_lacks_is_said_before_the_first_trial(begun):
+    text = TEXT.replace("vary: tissue.stiffness", "vary: device.speed_factor").replace("3e3", "1").replace("4e3", "2")
+    with pytest.raises(GraphError, match="setting 'speed_factor': unknown"):
+        begun(text=text)
 
 
 @pytest.mark.long

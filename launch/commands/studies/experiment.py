@@ -90,11 +90,11 @@ def _analyse(folder: Path, as_json: bool) -> None:
         tell({"ok": True, "folder": str(folder), "outcomes": [one.to_spec() for one in outcomes], "files": files})
         return
     rows = [
-        [one.participant, one.block, str(one.trials), f"{name}{_rate(one.at)} [{one.units(name)}]", *_shown(number)]
+        [one.participant, one.block, str(one.trials), f"{name}{_rate(one.at)}{one.units(name)}", *_shown(number)]
         for one in outcomes
         for name, number in one.numbers.items()
     ]  # fmt: skip
-    heads = ["participant", "block", ">trials", "number", ">estimate", ">95 % interval"]
+    heads = ["who", "block", ">trials", "number", ">estimate", ">95 % interval"]
     tasks = ", ".join(dict.fromkeys(one.task for one in outcomes))
     console(soft_wrap=True).print(table(heads, rows, title=tasks, fixed=("number", ">95 % interval")))
     for one in files:
