@@ -13,6 +13,7 @@ from graphs_for_runs import write_graph
 
 import palpate.drivers
 import palpate.engine
+import palpate.gym
 import palpate.launch.load.extras
 import palpate.messages
 import palpate.models.build
@@ -35,6 +36,7 @@ PACKAGES = (
     palpate.messages,
     palpate.nodes,
     palpate.engine,
+    palpate.gym,
     palpate.launch,
     palpate.records,
     palpate.views,
@@ -67,6 +69,7 @@ MAY = {
     "views": HIGH,
     "studies": HIGH,
     "launch": HIGH,
+    "gym": (*HIGH, "launch"),
     "launch.commands": (*HIGH, "launch", "launch.machine", "studies"),
     "launch.__main__": ("launch", "launch.commands"),
     "public": (*HIGH, "launch", "studies"),

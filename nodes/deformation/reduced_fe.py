@@ -26,7 +26,8 @@ from palpate.nodes.deformation.basis_store import (
     shipped,
 )
 from palpate.physics.archive import ArchiveError
-from palpate.physics.bodies.condensed_body import Basis, CondensedBody
+from palpate.physics.bodies.condensed_basis import Basis
+from palpate.physics.bodies.condensed_body import CondensedBody
 from palpate.physics.bodies.condensed_contacts import CondensedContacts
 from palpate.physics.bodies.fidelity_levels import FidelityLevels
 from palpate.physics.bodies.patch import add_pressure

@@ -28,7 +28,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from palpate.physics.bodies.condensed_body import NUMBERS, OWN, PRESS, RADIUS, TOTAL, CondensedBody, _dent, _field
+from palpate.physics.bodies.condensed_body import CondensedBody
+from palpate.physics.bodies.condensed_field import add_dent, add_field
+from palpate.physics.bodies.condensed_step import NUMBERS, OWN, PRESS, RADIUS, TOTAL
 from palpate.physics.bodies.patch import carried, normal_force, share_of
 from palpate.physics.bodies.true_patch import FARTHEST, STEP, dent_depth
 from palpate.physics.kernel import kernel
@@ -125,7 +127,7 @@ class CondensedContacts:
         model, u, feet = first._model, first._fields[1], [contact._foot for contact in self.contacts]
         u[:] = 0.0
         for c in self.contacts:
-            _field(model, u, c._fields, c._marks[0], c._count, c._touched, c._normal, c._numbers)
+            add_field(model, u, c._fields, c._marks[0], c._count, c._touched, c._normal, c._numbers)
         near = []
         for foot in feet:
             count = carried(
@@ -135,7 +137,7 @@ class CondensedContacts:
         nodes, at = np.unique(np.concatenate([nodes for nodes, _ in near]), return_index=True)
         moved = np.concatenate([moved for _, moved in near])[at]
         for c, foot in zip(self.contacts, feet, strict=True):
-            _dent(model, foot, c._normal, c._numbers, nodes, moved)
+            add_dent(model, foot, c._normal, c._numbers, nodes, moved)
         return nodes, moved
 
 
@@ -156,7 +158,7 @@ def _pairs(model, profile, fields, marks, numbers, counts, normals, feet, tilt, 
     """Fill the compliances between patches [m/N] (c,c), the indentation [m] (c) of each by what the others have done,
     and its slope along the surface [1] (c,3); the diagonal of `cross` is 0.
 
-    fields (c,5,V,3), marks (c,2,V), numbers (c,N), counts (c,3): of each contact, see `condensed_body`; the third
+    fields (c,5,V,3), marks (c,2,V), numbers (c,N), counts (c,3): of each contact, see `condensed_step`; the third
                                                         count is filled
     tilt   (c,V,3) [1/m] derivative of a patch's shares g as it moves
     room   (c,4,V) of each contact: vertices that it holds load at or touches, its share there, and room for two more

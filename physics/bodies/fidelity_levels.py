@@ -11,8 +11,10 @@ The loads that a sampled body holds follow the load alone, and are the same for 
 them as they are, and is at the state of the other as near as its modes allow. What the new one stores otherwise than
 the old is energy that a switch makes or takes: about the difference of their indentations times half the force.
 
-A step that comes later than the deadline allows one level less than the one in use (`deadline.py`), whatever the
-estimate, which then says so. The choice depends on what the body was told and on nothing else.
+A step that comes later than the deadline allows one level less than the one in use, whatever the estimate, which then
+says so. A body reads no clock: a tick that was missed on the real clock makes the time between its steps longer, and a
+recording has the same times, so that a replay takes the same levels. The choice depends on what the body was told and
+on nothing else.
 """
 
 from __future__ import annotations
@@ -21,7 +23,6 @@ import math
 
 import numpy as np
 
-from palpate.physics.bodies.deadline import Deadline
 from palpate.physics.bodies.fidelity_bases import FidelityBases
 from palpate.physics.bodies.sampled_body import SampledBody
 from palpate.physics.bodies.sampled_solve import TOLERANCE
@@ -40,7 +41,36 @@ WARM = 10
 LEFT = 2.0
 """[1] What is estimated of the residual, over the next iteration: the tangent that is kept is not exact."""
 
+PROBATION = 1.0
+"""[s] without a late step after which one level more is allowed."""
+
 Law = tuple[float, float, float, float]
+
+
+class Deadline:
+    """The finest of several levels, 0 the cheapest, that may be used.
+
+    count     of them
+    deadline  [s] > 0, longest time between two steps that is not too late; inf: none is
+    """
+
+    def __init__(self, count: int, deadline: float = math.inf) -> None:
+        self._last, self.deadline = count - 1, deadline
+        self.finest = self._last
+        self._kept = 0.0
+
+    def step(self, dt: float, used: int, settled: bool) -> None:
+        """The time [s] since the last step, and the level that was used for it. Where that was late, one less is
+        allowed, once in each switch: `settled` tells that none is under way."""
+        if dt > self.deadline:
+            self._kept = 0.0
+            if settled:
+                self.finest = max(min(used, self.finest) - 1, 0)
+            return
+        self._kept += dt
+        if self._kept >= PROBATION and self.finest < self._last:
+            self.finest += 1
+            self._kept = 0.0
 
 
 class FidelityLevels:

@@ -23,7 +23,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from palpate.physics.archive import ArchiveError, read_arrays
-from palpate.physics.bodies.condensed_body import FORGOTTEN, LEAST_FORCE
+from palpate.physics.bodies.condensed_step import FORGOTTEN, LEAST_FORCE
 from palpate.physics.bodies.patch import barycentric, carried, normal_force, reaches, share_of
 from palpate.physics.bodies.sampled_energy import Points, forces, scratch
 from palpate.physics.bodies.sampled_solve import EACH, at_rest, settle

@@ -36,7 +36,7 @@ from palpate.nodes.contact.probabilistic import read_law
 from palpate.nodes.deformation import basis_store
 from palpate.nodes.device.motion import read_motion
 from palpate.nodes.tactile import TABLE, Flow
-from palpate.physics.bodies.condensed_body import Basis
+from palpate.physics.bodies.condensed_basis import Basis
 from palpate.physics.bodies.sampled_body import SampledBasis
 from palpate.physics.errors import PalpateError
 from palpate.physics.fingertip.surfaces import FingertipSurfaces

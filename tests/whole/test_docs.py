@@ -24,11 +24,13 @@ from palpate.messages import Load, Surface
 from palpate.studies.sweeps.file import load
 
 ROOT = Path(__file__).parents[2]
-PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
+DOCS = [page for page in sorted((ROOT / "docs").rglob("*.md")) if page.parts[-2] not in ("reference", "_build")]
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *DOCS]
 OTHERS = {
     "./setup.sh": "builds an environment",
     "./check.sh": "runs the tests",
     "git": "fetches a copy",
+    ". .venv/bin/activate": "changes the reader's shell",
     "pip install": "installs packages",
     ".venv/bin/python": "tests and benchmarks, run on their own",
     "python": "tests and scripts: tests/whole/test_scripts.py loads each",

@@ -17,26 +17,26 @@ RIGS = ("ball", "punch", "fingertip", "cylinder")
 
 
 def fit_tissue(
-    files: Annotated[list[Path], typer.Argument(help="CSV files of presses by one rig", metavar="PRESS.csv...")],
+    files: Annotated[list[Path], typer.Argument(help="CSV files of presses by one rig.", metavar="PRESS.csv...")],
     rig: Annotated[str, typer.Option(help=f"What pressed: {', '.join(RIGS)} (between plates)")],
     law: Annotated[
         str, typer.Option(help="hertz, layer, exponential, power; ogden, demiray, yeoh, yeoh3, neo_hooke, ...")
     ],
     columns: Annotated[
-        str, typer.Option(help="Names of the columns: time=t,force=F,indentation=d; force=-F counts the other way")
+        str, typer.Option(help="Names of the columns: time=t,force=F,indentation=d; force=-F counts the other way.")
     ] = "",
-    unit: Annotated[list[str] | None, typer.Option(help="Unit of a column whose header has none: d=mm")] = None,
-    radius: Annotated[str | None, typer.Option(help="Of the ball or punch: '8 mm'")] = None,
-    diameter: Annotated[str | None, typer.Option(help="Of the ball, punch or cylinder")] = None,
-    height: Annotated[str | None, typer.Option(help="Of the cylinder, or of the layer that is pressed")] = None,
-    plates: Annotated[str, typer.Option(help="Of the cylinder: frictionless or bonded")] = "frictionless",
-    poisson: Annotated[float, typer.Option(help="Poisson's ratio, which a press cannot tell", min=0, max=0.5)] = 0.5,
-    relaxation: Annotated[str, typer.Option(help="none, kelvin-voigt, hunt-crossley, prony:1 ... prony:3")] = "none",
-    holdout: Annotated[list[Path] | None, typer.Option(help="A press that is predicted, not fitted")] = None,
-    touch: Annotated[str, typer.Option(help="Where it touches: fit, or detected (from the force alone)")] = "fit",
-    weight: Annotated[str, typer.Option(help="Of residuals: even, relative; auto: relative for a cylinder")] = "auto",
-    depth_limit: Annotated[str | None, typer.Option(help="Leave out rows deeper than this: '5 mm'")] = None,
-    out: Annotated[Path, typer.Option("-o", "--out", help="Folder for scene, report and pictures")] = Path("fit"),
+    unit: Annotated[list[str] | None, typer.Option(help="Unit of a column whose header has none: d=mm.")] = None,
+    radius: Annotated[str | None, typer.Option(help="Of the ball or punch: '8 mm'.")] = None,
+    diameter: Annotated[str | None, typer.Option(help="Of the ball, punch or cylinder.")] = None,
+    height: Annotated[str | None, typer.Option(help="Of the cylinder, or of the layer that is pressed.")] = None,
+    plates: Annotated[str, typer.Option(help="Of the cylinder: frictionless or bonded.")] = "frictionless",
+    poisson: Annotated[float, typer.Option(help="Poisson's ratio, which a press cannot tell.", min=0, max=0.5)] = 0.5,
+    relaxation: Annotated[str, typer.Option(help="none, kelvin-voigt, hunt-crossley, prony:1 ... prony:3.")] = "none",
+    holdout: Annotated[list[Path] | None, typer.Option(help="A press that is predicted, not fitted.")] = None,
+    touch: Annotated[str, typer.Option(help="Where it touches: fit, or detected (from the force alone).")] = "fit",
+    weight: Annotated[str, typer.Option(help="Of residuals: even, relative; auto: relative for a cylinder.")] = "auto",
+    depth_limit: Annotated[str | None, typer.Option(help="Leave out rows deeper than this: '5 mm'.")] = None,
+    out: Annotated[Path, typer.Option("-o", "--out", help="Folder for scene, report and pictures.")] = Path("fit"),
     as_json: Json = False,
 ) -> None:
     """Fit a material to measured presses: force over indentation, from CSV files.

@@ -93,7 +93,7 @@ class Worker:
 
         ours = [slot.start for slot in self.slots if type(slot.node).__module__.startswith("palpate.nodes.")
                 and not (slot.node.hardware or slot.node.sink)]  # fmt: skip
-        others = [*ours[1::2], *ours[2::2]]  # every second one, as it is behind those that begin here
+        others = [*ours[1:2], *ours[:1:-1]]  # the next one, then from the back, until both meet
         with compiling(lambda count: self.report(Starting(names[-1], count)), others):
             for slot in self.slots:
                 self.report(Starting(slot.name))

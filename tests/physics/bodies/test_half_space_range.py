@@ -14,7 +14,8 @@ from palpate.nodes.base.surface import surface_mesh
 from palpate.nodes.deformation import ReducedFE
 from palpate.physics.bodies import half_space_range as hr
 from palpate.physics.bodies import true_patch as tp
-from palpate.physics.bodies.condensed_body import Basis, CondensedBody
+from palpate.physics.bodies.condensed_basis import Basis
+from palpate.physics.bodies.condensed_body import CondensedBody
 from palpate.physics.bodies.indentation_table import hat_moments
 from palpate.physics.contact.spread import Spreader
 from palpate.physics.geometry.mesh import Mesh, plane
