@@ -94,13 +94,13 @@ def fit(
 
 
 def _wide(function: str, seen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Grids of a and b that are wider than what levels can tell."""
+    """Grids of a and b that are wider than what levels can tell; b is no step, and no straight line."""
     low, high = float(seen.min()), float(seen.max())
     span = (high - low) or abs(high) or 1.0
     if function == "weibull":
         least = max(low, 1e-3 * high)
-        return np.geomspace(least / 5.0, 5.0 * high, POINTS), np.geomspace(0.1, 50.0, POINTS)
-    return np.linspace(low - 2.0 * span, high + 2.0 * span, POINTS), span * np.geomspace(2e-3, 20.0, POINTS)
+        return np.geomspace(least / 5.0, 5.0 * high, POINTS), np.geomspace(0.3, 10.0, POINTS)
+    return np.linspace(low - 2.0 * span, high + 2.0 * span, POINTS), span * np.geomspace(0.02, 5.0, POINTS)
 
 
 def _finer(grid: np.ndarray, near: np.ndarray, ratio: bool) -> np.ndarray:

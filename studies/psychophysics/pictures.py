@@ -43,6 +43,8 @@ def draw(outcomes: Sequence[Outcome], folder: Path) -> list[Path]:
 
 
 def _function(axes: Axes, one: Outcome) -> None:
+    from matplotlib.ticker import LogLocator, NullFormatter
+
     from palpate.views.pictures.style import FINGER, INK, TISSUE
 
     fitted = one.fitted
@@ -53,6 +55,9 @@ def _function(axes: Axes, one: Outcome) -> None:
     if ratio:
         line = np.geomspace(x.min() / room, x.max() * room, 400)
         axes.set_xscale("log")
+        axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axes.xaxis.set_major_formatter("{x:g}")
+        axes.xaxis.set_minor_formatter(NullFormatter())
     else:
         line = np.linspace(x.min() - room, x.max() + room, 400)
     share = proportion(fitted.function, line, fitted.threshold.value, fitted.spread.value, fitted.guess, fitted.lapse)
