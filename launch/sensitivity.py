@@ -9,8 +9,8 @@ from typing import Any
 from palpate.engine.faults import GraphError, choices
 from palpate.engine.plan import Plan
 from palpate.launch.load.launchfile import LaunchFile
+from palpate.launch.load.values.followers import followers, unit_of
 from palpate.launch.load.values.units import UnitError, parse, split
-from palpate.nodes.base import settings
 from palpate.physics.errors import ArgumentError
 from palpate.records.sensitivity import Chain, Where
 
@@ -45,16 +45,13 @@ def _where(launch: LaunchFile, planned: Plan, name: str) -> Where:
             fault = error
     if other is None:
         raise ArgumentError(f"sensitivity {name!r}: cannot be changed by {CHANGE:.1%}: {fault}")
-    reached = []
-    for node in planned.order:
-        before, after = planned.graph.nodes[node].settings, other.graph.nodes[node].settings
-        for key in before:
-            if before[key] != after.get(key):
-                if before[key] != value or after.get(key) != changed:
-                    raise ArgumentError(f"sensitivity {name!r}: {node}.{key} does not follow it one to one")
-                reached.append((node, key))
-    unit = settings(planned.graph.nodes[reached[0][0]].cls)[reached[0][1]].unit if reached else ""
-    return Where(name, unit, tuple(reached))
+    moved = {spot: ends for spot, ends in followers(planned.graph, other.graph).items() if spot[0] in planned.order}
+    for (node, key), ends in moved.items():
+        if ends != (value, changed):
+            raise ArgumentError(f"sensitivity {name!r}: {node}.{key} does not follow it one to one")
+    reached = tuple(moved)
+    unit = unit_of(planned.graph, *reached[0]) if reached else ""
+    return Where(name, unit, reached)
 
 
 def _value(planned: Plan, name: str) -> float:

@@ -27,7 +27,7 @@ from palpate.launch.load.values.lines import fill, quantity
 from palpate.launch.load.values.settings import Offer, check_offers, check_taken, resolve
 from palpate.launch.load.values.shared_units import check_units, uses
 from palpate.launch.load.values.source import YamlSource
-from palpate.launch.load.wiring import Kinds, Wire, check_counts, close_loops, find_streams, wires
+from palpate.launch.load.wiring import Kinds, Wire, close_loops, find_streams, wires
 from palpate.messages import Message
 from palpate.nodes.base import Node, Observer, inputs, settings
 from palpate.nodes.base.carrier import Carrier
@@ -125,7 +125,6 @@ def load_source(
             _check_fields(nodes[name], draft.line, kinds, unclear, faults)
         else:
             draft.wires = wires(name, draft.cls, draft.line, kinds, unclear, faults)
-            check_counts(draft.wires, draft.cls, nodes[name].settings, faults)
     close_loops([w for d in drafts.values() for w in d.wires], list(drafts), faults)
     for name, draft in drafts.items():
         nodes[name].edges = tuple(Edge(w.port.name, w.producer, w.stream, w.held) for w in draft.wires)

@@ -156,6 +156,14 @@ def test_a_stream_that_is_not_there_cannot_be_left_out(tmp_path):
         record(tmp_path, leave_out=["spreed"])
 
 
+def test_a_stream_that_the_plan_leaves_out_can_be_left_out_and_thinned(tmp_path):
+    other = "  other: {use: nodes_for_runs.Spring, in: {pose: source}, when: tissue.other}\n  log:"
+    text = "scene: {tissue: {other: 0}}\n" + GRAPH.replace("  log:", other)
+    for more in ({"leave_out": ["other"]}, {"thin": {"other": 3}}):
+        recording = Recording(record(tmp_path, text, **more))
+        assert "other" not in recording.streams and recording.counts["source"]["count"] == 200
+
+
 def logger(path: Path, **given) -> Mcap:
     node = Mcap(path=str(path), **given)
     node.listen((Stream("device", DeviceState, "device", 1), Stream("slow", DeviceState, "slow", 10)), {"plan": {}})

@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 import typer
 import yaml
+from trimesh import Trimesh
 from typer.core import TyperGroup
 
 from palpate.launch.__main__ import app
@@ -22,6 +23,7 @@ from palpate.launch.load.values.source import read
 from palpate.launch.template import node_files
 from palpate.launch.terminal.options import chosen
 from palpate.messages import Load, Surface
+from palpate.nodes.base.surface import surface_mesh
 from palpate.studies.psychophysics.file import load as load_experiment
 from palpate.studies.psychophysics.observer import load as load_observer
 from palpate.studies.psychophysics.stimuli import Stimuli
@@ -121,6 +123,8 @@ def folder(tmp_path, monkeypatch):
     (tmp_path / "runs" / "kidney-rates.yaml").write_text("graph: kidney\nset: {friction.every: 10}\n")
     for name, text in node_files("Liver", Load, Surface).items():
         (tmp_path / name).write_text(text)
+    liver = surface_mesh("sphere", 600)  # [m]; the page's file is in mm
+    Trimesh(1e3 * liver.vertices, liver.triangles).export(tmp_path / "liver.stl")
     return tmp_path
 
 
@@ -228,6 +232,9 @@ def test_the_commands_of_a_page_run_one_after_the_other(folder, page):
     for where, words in PALPATE:
         if where.partition(":")[0] != page or skipped(words):
             continue
+        if words[1] == "new":  # it writes the files that the other pages find
+            for name in node_files("Liver", Load, Surface):
+                (folder / name).unlink()
         cut = ["-q", *(SHORT if "--record" not in words else SHORT[:2])] if words[1] == "run" else []
         words = [word.replace("900 ms", "300 ms") for word in words[1:]]
         ended = subprocess.run([*python, *words, *cut], capture_output=True, text=True)

@@ -13,6 +13,7 @@ class FrameSource:
     status, keep  what goes on, and whether the recording of the present run is kept. None: nothing comes unasked
     panel         what covers the picture: the texts and questions of an experiment. None: the page has no such things
     mesh, frame   the newest ones, packed for the page (see `feed`)
+    rate          [1/s] of frames at most
     on_news       called, from any thread, whenever one of these is new
     """
 
@@ -22,6 +23,7 @@ class FrameSource:
     keep = False
     panel: dict[str, Any] | None = None
     mesh = frame = b""
+    rate = 30.0
 
     def __init__(self) -> None:
         self.on_news: Callable[[], object] = lambda: None
