@@ -9,6 +9,6 @@ HELP = "What a fingertip feels on soft tissue: a graph of message-passing nodes.
 ORDER = (
     "run", "touch", "check", "replay", "compare", "info", "echo", "top", "export", "recover", "plan", "rates", "nodes",
     "messages", "effects", "tissues", "pictures", "plot", "picture", "film", "view", "doctor", "devices", "reduce",
-    "fit", "fit_tissue", "record_indentation", "join", "keys", "fingertip", "tune", "fit_body", "study", "new", "fe",
-    "bench",
+    "fit", "fit_tissue", "record_indentation", "join", "keys", "fingertip", "tune", "fit_body", "study",
+    "experiment", "new", "fe", "bench",
 )  # fmt: skip

@@ -6,6 +6,7 @@ import contextlib
 import threading
 import time
 import webbrowser
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import typer
@@ -16,8 +17,8 @@ if TYPE_CHECKING:
     from palpate.views.page.source import FrameSource
 
 
-def show(source: FrameSource, verb: str, port: int, no_open: bool) -> None:
-    """Serve the page of a source until Ctrl-C."""
+def show(source: FrameSource, verb: str, port: int, no_open: bool, over: Callable[[], bool] = lambda: False) -> None:
+    """Serve the page of a source until Ctrl-C, or until it is over."""
     from palpate.launch.run.interrupts import interrupts
     from palpate.views.page import serve
 
@@ -27,7 +28,7 @@ def show(source: FrameSource, verb: str, port: int, no_open: bool) -> None:
             typer.echo(f"{verb} it at {page.address}\nCtrl-C ends it")
             if not no_open:
                 threading.Thread(target=webbrowser.open, args=(page.address,), daemon=True).start()
-            while not signals:
+            while not signals and not over():
                 time.sleep(0.1)
     finally:
         page.close()

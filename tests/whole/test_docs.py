@@ -19,10 +19,14 @@ from typer.core import TyperGroup
 from palpate.launch.__main__ import app
 from palpate.launch.load.launchfile import find
 from palpate.launch.load.placement import load_place
+from palpate.launch.load.values.source import read
 from palpate.launch.template import node_files
 from palpate.launch.terminal.options import chosen
 from palpate.messages import Load, Surface
 from palpate.nodes.base.surface import surface_mesh
+from palpate.studies.psychophysics.file import load as load_experiment
+from palpate.studies.psychophysics.observer import load as load_observer
+from palpate.studies.psychophysics.stimuli import Stimuli
 from palpate.studies.sweeps.file import load
 
 ROOT = Path(__file__).parents[2]
@@ -61,6 +65,8 @@ NOT_RUN = {
     "palpate run kidney --set scene.finger.band=true --set band.model": "what palpate fit writes; tests/models/fit",
     "palpate fit press.csv": "what record-indentation writes",
     "palpate study mine.yaml": "the reader's own study, scheduler and cluster; tests/studies/test_sweep_runs.py",
+    "palpate experiment kidney-stiffness": "a page; tests/views, tests/launch/commands/test_experiment.py",
+    "palpate experiment --analyse": "data of the reader's own; tests/launch/commands/test_experiment.py",
     "palpate fit-tissue": "the reader's own presses; tests/models/fit",
     "palpate run kidney --scene out/scene.yaml": "what palpate fit-tissue writes; tests/models/fit",
     "palpate check mine.yaml": "the reader's own graph",
@@ -160,11 +166,15 @@ def test_a_command_within_a_sentence_has_options_that_exist(folder):
 
 @pytest.mark.parametrize(("where", "text"), YAML, ids=[where for where, _ in YAML])
 def test_a_printed_yaml_block_loads(folder, where, text):
-    """A graph, a scene, a launch file, a study or a placement; the first key of a part says of what."""
+    """A graph, a scene, a launch file, a study, an experiment or a placement; the first key of a part says of what."""
     data = yaml.safe_load(text)
     (folder / "page.yaml").write_text(text)
     if "over" in data:
         load(folder / "page.yaml")
+    elif "blocks" in data:
+        Stimuli(*load_experiment(folder / "page.yaml"), folder / "page.yaml")
+    elif list(data) == ["observer"]:
+        load_observer(read(folder / "page.yaml").sub("observer"))
     elif "graph" in data:
         run = find("page.yaml")
         run.placement(run.plan())

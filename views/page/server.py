@@ -49,6 +49,7 @@ class PageServer:
             "/page.css": ("page.css", "text/css"),
             "/scene.js": ("scene.js", "text/javascript"),
             "/charts.js": ("charts.js", "text/javascript"),
+            "/panel.js": ("panel.js", "text/javascript"),
         }
         self._pages, self._left, self._renderers = 0, 0.0, 0
         self._server: Server | None = None
@@ -156,10 +157,11 @@ class PageServer:
         status, source = None, self.source
         with contextlib.suppress(ConnectionClosed):
             while source.status is not None:
-                news = (source.status, source.keep)
+                news = (source.status, source.keep, source.panel)
                 if news != status:
                     status = news
-                    told: dict[str, Any] = {"kind": "status", "text": source.status, "keep": source.keep}
+                    told: dict[str, Any] = {"kind": "status", "text": source.status, "keep": source.keep,
+                                            "panel": source.panel}  # fmt: skip
                     await connection.send(msgspec.json.encode(told).decode())
                 elif source.mesh is not mesh:
                     mesh = source.mesh

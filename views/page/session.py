@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import contextlib
-import socket
 import tempfile
 import threading
 from pathlib import Path
-from typing import Annotated
 
 import msgspec
 
@@ -20,22 +17,20 @@ from palpate.launch.run.launcher import Launcher
 from palpate.messages import ForceBand, Friction, Load
 from palpate.nodes.base.effect import effects
 from palpate.nodes.deformation import bodies
-from palpate.nodes.device.mouse import FARTHEST
 from palpate.physics.errors import PalpateError
 from palpate.views.page import PageError
 from palpate.views.page.feed import mesh_frame
 from palpate.views.page.live import Live
+from palpate.views.page.pointers import Count, Pointers, Sample
 from palpate.views.page.steered import steered, touched
 
 ENDING = 15.0  # [s] for a run to end in order
-Count = Annotated[int, msgspec.Meta(ge=0, lt=2**32)]
-Metres = Annotated[float, msgspec.Meta(ge=-FARTHEST, le=FARTHEST)]
 
 
 class Order(msgspec.Struct, forbid_unknown_fields=True):
     """What a page sends: a sample of its pointer for a finger, or what one of its switches asks for."""
 
-    point: tuple[Count, tuple[Metres, Metres, Metres], Count] | None = None
+    point: Sample | None = None
     finger: Count = 0
     body: str | None = None
     effect: tuple[str, bool] | None = None
@@ -73,9 +68,7 @@ class Session(Live):
         self._switched: dict[str, bool] = {}
         self._ended = threading.Event()
         self._change = threading.Event()
-        self._outlet = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
-        self._outlet.setblocking(False)
-        self._steering: object = None
+        self._pointers = Pointers(self.sockets, self.touched.begins)
         self._runs = threading.Thread(target=self._live, name="runs", daemon=True)
 
     def open(self) -> None:
@@ -87,17 +80,14 @@ class Session(Live):
         self._ended.set()
         self._change.set()
         self._runs.join(ENDING)
-        self._outlet.close()
+        self._pointers.close()
         self.place.cleanup()
 
     def take(self, page: object, text: str | bytes) -> list[bytes]:
         """Do what a page asks for. MsgspecError, PageError: why not."""
         order = msgspec.json.decode(text, type=Order)
         if order.point is not None:
-            if order.finger >= len(self.sockets):
-                raise PageError(f"finger: found {order.finger}, expected less than {len(self.sockets)}")
-            self._steering = page
-            self._point(order.finger, *order.point)
+            self._pointers.steer(page, order.finger, order.point)
         if order.keep is not None:
             self.keep = order.keep
         if order.body is not None or order.effect is not None or order.reset:
@@ -106,15 +96,7 @@ class Session(Live):
 
     def leave(self, page: object) -> None:
         """The hands of who steered go back to where they began."""
-        if self._steering is page:
-            self._steering = None
-            for finger, begin in enumerate(self.touched.begins):
-                self._point(finger, 0, begin, 0)
-
-    def _point(self, finger: int, number: int, place: tuple[float, float, float], buttons: int) -> None:
-        """Hand a sample of the pointer on; while no run is there it is lost."""
-        with contextlib.suppress(OSError):
-            self._outlet.sendto(msgspec.msgpack.encode([number, place, buttons]), str(self.sockets[finger]))
+        self._pointers.leave(page)
 
     def _begin_again(self, body: str | None, effect: tuple[str, bool] | None) -> None:
         """End the run and start one with this body, or the same, and this effect on or off. PageError: no such one."""

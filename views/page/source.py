@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 
 class FrameSource:
@@ -10,6 +11,7 @@ class FrameSource:
 
     files         HTML and script of the page; command: the one that prints its address
     status, keep  what goes on, and whether the recording of the present run is kept. None: nothing comes unasked
+    panel         what covers the picture: the texts and questions of an experiment. None: the page has no such things
     mesh, frame   the newest ones, packed for the page (see `feed`)
     rate          [1/s] of frames at most
     on_news       called, from any thread, whenever one of these is new
@@ -19,6 +21,7 @@ class FrameSource:
     command = "palpate run --view"
     status: str | None = None
     keep = False
+    panel: dict[str, Any] | None = None
     mesh = frame = b""
     rate = 30.0
 

@@ -2,13 +2,14 @@
 
 import { Scene, each, figures, fingers, painted, ramp } from "/scene.js";
 import { Strip, bars } from "/charts.js";
+import { panel } from "/panel.js";
 
 const $ = (id) => document.getElementById(id);
 const HOVER = 0.006; // [m] above the surface while nothing is pressed
 const ENOUGH = 27; // [1/s] pictures; at most 30 come
 const strips = [new Strip($("forces"), "N", "#2f7fb8", 0.5), new Strip($("depths"), "mm", "#c2506a", 2)];
 const aim = { x: 0, y: 0.1, down: false, turning: false, fingers: new Map() };
-let scene, socket, about, newest, paused = false, sample = 0, dirty = true, sent = new Map();
+let scene, socket, about, newest, experiment, paused = false, sample = 0, dirty = true, sent = new Map();
 
 try { scene = new Scene($("view")); } catch (error) { $("status").textContent = error.message; throw error; }
 const page = { frames: 0, latency: 0, get newest() { return newest?.head; }, scene };
@@ -19,13 +20,14 @@ function connect() {
   socket = new WebSocket(`${scheme}://${location.host}/socket${location.search}`);
   socket.binaryType = "arraybuffer";
   socket.onmessage = ({ data }) => (typeof data === "string" ? say(JSON.parse(data)) : take(data));
-  socket.onclose = () => { $("status").textContent = "the run has ended: start palpate touch again"; };
+  socket.onclose = () => { $("status").textContent = experiment ? "closed" : "the run has ended: start palpate touch again"; };
 }
 
 function say(told) {
   if (told.kind === "status") {
     $("status").textContent = told.text;
     $("keep").setAttribute("aria-pressed", String(told.keep));
+    experiment = told.panel; panel(experiment, order);
   } else $("status").textContent = told.text;
 }
 
@@ -35,7 +37,10 @@ function take(data) {
   const indices = new Uint32Array(data, at, a), first = new Float32Array(data, at + 4 * a, b), second = new Float32Array(data, at + 4 * (a + b), c);
   if (head.kind === "mesh") return begin(head, indices, first, second);
   if (!about || paused) return;
-  newest = { head, nodes: indices, displacement: first, pressure: second }; tally.came++;
+  const still = experiment && !experiment.show?.includes("deformation"); // what an experiment does not show
+  newest = { head, nodes: still ? new Uint32Array() : indices, displacement: still ? new Float32Array() : first, pressure: still ? new Float32Array() : second };
+  if (experiment && !experiment.show?.includes("force")) for (const one of each(head)) one.force = [0, 0, 0];
+  tally.came++;
   each(head).forEach(({ t, f, s }, k) => { strips[0].add(t, f, k); strips[1].add(t, s.map((x) => 1e3 * x), k); });
   const answered = Math.max(...each(head).map((one) => one.sample ?? 0));
   if (answered && sent.has(answered)) {

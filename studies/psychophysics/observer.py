@@ -1,0 +1,181 @@
+"""A simulated observer, the `observer:` of an experiment or a file: it feels the stimuli, and answers.
+
+feels: peak contact.force             # what it judges by: as `keep` of a study; two of them with " / " between
+noise: 0.08                           # standard deviation of what it feels, of each interval on its own
+lapse: 0.02                           # share of answers, at either end, that have nothing to do with the stimulus
+
+or, where thresholds shall come out that are known beforehand, an observer that answers by the level itself:
+
+threshold: 400                        # a, in the unit of the level; of the distance from a reference that has one
+spread: 150                           # b
+function: normal
+"""
+
+from __future__ import annotations
+
+import gc
+import os
+import shutil
+import time
+import zlib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, Literal
+
+import msgspec
+import numpy as np
+
+from palpate.engine.faults import Faults
+from palpate.launch.load.launchfile import LaunchFile
+from palpate.launch.load.placement import FUSED
+from palpate.launch.load.values.lines import fill, quantity
+from palpate.launch.load.values.source import YamlSource
+from palpate.launch.run.execute import execute
+from palpate.physics.errors import ArgumentError, RunError
+from palpate.records.samples import Run
+from palpate.studies.psychophysics.functions import proportion
+from palpate.studies.psychophysics.schedule import Trial
+from palpate.studies.psychophysics.session import Answer
+from palpate.studies.psychophysics.stimuli import Stimuli
+from palpate.studies.sweeps.keep import Kept, kept
+
+_Number = Annotated[float, msgspec.Meta(description="a number")]
+_Above = Annotated[float, msgspec.Meta(gt=0, description="a number above 0")]
+_Share = Annotated[float, msgspec.Meta(ge=0, le=0.5, description="a number from 0 to 0.5")]
+
+
+class Settings(msgspec.Struct, kw_only=True):
+    """What a file says. criterion: yes above it; gain and exponent: of a magnitude; duration: in place of the
+    experiment's."""
+
+    feels: Annotated[str, msgspec.Meta(description="a text such as peak contact.force")] = ""
+    noise: Annotated[float, msgspec.Meta(ge=0, description="a number from 0")] = 0.0
+    lapse: _Share = 0.0
+    criterion: _Number = 0.0
+    gain: _Above = 10.0
+    exponent: _Number = 1.0
+    threshold: _Number | None = None
+    spread: _Above | None = None
+    guess: _Share = 0.0
+    function: Literal["logistic", "normal", "weibull"] = "normal"
+    seed: Annotated[int, msgspec.Meta(ge=0, description="a whole number from 0")] = 0
+    duration: Annotated[float, quantity("s", 1e-3, 3600)] | None = None
+
+
+def load(source: YamlSource) -> Settings:
+    """The observer that a file describes, or the `observer:` of an experiment. GraphError: what is wrong with it."""
+    faults = Faults()
+    if not isinstance(source.data, dict):
+        faults.add("observer: expected a mapping with feels and noise, or threshold and spread", "", source.place())
+        faults.done()
+    given = fill(Settings, source, faults, "observer")
+    if given is not None and bool(given.feels) == (given.threshold is not None and given.spread is not None):
+        faults.add("observer: expected either `feels`, or `threshold` and `spread`", "", source.place())
+    faults.done()
+    assert given is not None
+    return given
+
+
+class SimulatedObserver:
+    """Presents to nobody: a stimulus that was computed before is not computed again. `done` is called after each trial.
+
+    ArgumentError: the graph needs a device, or has not what it feels.
+    """
+
+    def __init__(
+        self, stimuli: Stimuli, settings: Settings, participant: str, session: int, begun: int,
+        done: Callable[[Trial], object] = lambda trial: None,
+    ) -> None:  # fmt: skip
+        self.stimuli, self.settings, self._done = stimuli, settings, done
+        base = stimuli.launch.load()
+        devices = [name for name, spec in base.nodes.items() if spec.cls.hardware]
+        if devices or stimuli.launch.clock == "real":
+            what = f"{devices[0]!r} drives a device" if devices else "clock: real"
+            raise ArgumentError(f"{base.path.stem}: a simulated observer needs simulated time, but {what}")
+        self._feels: tuple[Kept, ...] = kept(settings.feels.split(" / "), base) if settings.feels else ()
+        if any(one.how == "curve" for one in self._feels):
+            raise ArgumentError(f"feels: found {settings.feels!r}, expected a number, such as peak contact.force")
+        # A stream of its own: not that of the schedule, which is drawn from the same participant and session.
+        own = [zlib.crc32(b"observer"), settings.seed, zlib.crc32(participant.encode()), session, begun]
+        self._random = np.random.default_rng(own)
+        self._known: dict[str, tuple[Path, float]] = {}
+        self._felt: list[float] = []
+
+    def show(self, trial: Trial | None, title: str, text: str, pause: float = 0.0) -> None:
+        pass
+
+    def present(self, trial: Trial, interval: int, launch: LaunchFile, begun: Callable[[float], object]) -> float:
+        begun(time.monotonic())
+        if interval == 1:
+            self._felt = []
+        key = f"{trial.block} {trial.levels(self.stimuli.experiment.intervals)[interval - 1]}"
+        assert launch.record is not None
+        if key not in self._known:
+            duration = self.settings.duration
+            outcome = execute(launch.but(place=FUSED, clock="simulated", duration=duration))
+            gc.unfreeze()  # the loop has set aside what was there before it
+            if outcome.result.interrupted:
+                raise KeyboardInterrupt
+            if not outcome.ok:
+                raise RunError("; ".join(map(str, outcome.result.deaths)) or f"{launch.record} is not whole")
+            self._known[key] = launch.record, self._feel(launch.record)
+        else:
+            _same_file(self._known[key][0], launch.record)
+        self._felt.append(self._known[key][1])
+        return time.monotonic()
+
+    def _feel(self, file: Path) -> float:
+        if not self._feels:
+            return 0.0
+        run = Run(file)
+        first, *others = (one.number(run) for one in self._feels)
+        for other in others:
+            first /= other
+        return first
+
+    def ask(self, trial: Trial) -> Answer:
+        self._done(trial)
+        return Answer(self._by_level(trial) if self.settings.threshold is not None else self._by_feel(), 0.0)
+
+    def _by_feel(self) -> str:
+        kind, own, random = self.stimuli.experiment.response, self.settings, self._random
+        felt = [value + own.noise * random.standard_normal() for value in self._felt]
+        astray = random.random() < 2.0 * own.lapse
+        if kind == "magnitude":
+            return f"{own.gain * max(felt[0], 1e-9) ** own.exponent:.4g}"
+        above = felt[-1] > (own.criterion if kind == "yes-no" else felt[0])
+        if self.stimuli.experiment.asks == "less":
+            above = not above
+        if astray:
+            above = random.random() < 0.5
+        return ("yes" if above else "no") if kind == "yes-no" else ("second" if above else "first")
+
+    def _by_level(self, trial: Trial) -> str:
+        kind, own, stimuli = self.stimuli.experiment.response, self.settings, self.stimuli
+        if kind == "magnitude":
+            raise ArgumentError("an observer of magnitudes needs `feels`, not a threshold")
+        assert own.threshold is not None and own.spread is not None
+        if stimuli.two_sided(trial.block) and trial.level is not None:
+            chance = proportion(own.function, trial.level, own.threshold, own.spread, own.lapse, own.lapse)
+            greater = bool(self._random.random() < chance)
+            chosen = greater == (stimuli.experiment.asks == "greater")
+            return "first" if (trial.interval == 1) == chosen else "second"
+        guess = 0.5 if kind == "2afc" else own.guess
+        a = own.threshold * (stimuli.sign if stimuli.reference is None else 1)
+        x = -np.inf if trial.level is None else stimuli.x(trial.level)
+        hit = self._random.random() < proportion(own.function, x, a, own.spread, guess, own.lapse)
+        if kind == "yes-no":
+            return "yes" if hit else "no"
+        greater = trial.level is None or stimuli.reference is None or trial.level > stimuli.reference
+        right = greater == (stimuli.experiment.asks == "greater") if stimuli.reference is not None else True
+        return "first" if (trial.interval == 1) == (hit == right) else "second"
+
+
+def _same_file(there: Path, new: Path) -> None:
+    """A second name for a file, or a copy where the file system knows no such."""
+    try:
+        os.link(there, new)
+    except FileExistsError:
+        raise
+    except OSError:
+        shutil.copyfile(there, new)

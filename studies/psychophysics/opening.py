@@ -1,0 +1,141 @@
+"""What is decided before the first trial: who takes part, which session it is, and whether it goes on."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from palpate.launch.load.values.source import YamlSource, read
+from palpate.physics.errors import ArgumentError
+from palpate.studies.psychophysics import observer as simulated
+from palpate.studies.psychophysics.file import LABEL, Experiment, find, load
+from palpate.studies.psychophysics.markers import markers
+from palpate.studies.psychophysics.schedule import Trial
+from palpate.studies.psychophysics.session import Mark, resumed, run
+from palpate.studies.psychophysics.stimuli import Stimuli
+from palpate.studies.psychophysics.store import Table, begin, parse, sessions, table_path
+
+if TYPE_CHECKING:
+    from palpate.studies.psychophysics.page import ExperimentPage
+
+Sure = Callable[[str], bool | None]
+"""Asks whoever sits there; None: nobody does."""
+
+
+class Sitting:
+    """A session that is open."""
+
+    def __init__(
+        self, stimuli: Stimuli, source: YamlSource, folder: Path, table: Table, participant: str, session: int
+    ) -> None:
+        self.stimuli, self.source, self.folder, self.table = stimuli, source, folder, table
+        self.participant, self.session = participant, session
+        self.order, self.trial = resumed(stimuli, table.rows, table.path, participant, session)
+        self.ended = self.trial is None
+        self.mark: Mark = lambda text, moment: None
+        self.notes = []
+        if table.recovered is not None:
+            self.notes.append(
+                f"{table.path} was broken: {len(table.rows)} whole trials are kept; as it was: {table.recovered}"
+            )
+
+    def send_markers(self) -> None:
+        """Events go to LSL. ArgumentError: pylsl is missing."""
+        self.mark = markers(self.stimuli.experiment.task, self.participant)
+
+    def run(self, presenter: Any) -> None:
+        """All trials that are left."""
+        run(self.stimuli, self.table, self.order, self.trial, presenter, self.mark)
+        self.ended = True
+
+    def simulate(self, file: Path | None, done: Callable[[Trial], object]) -> None:
+        """A simulated observer takes part: that of a file, or that of the experiment. ArgumentError, GraphError."""
+        source = self.source.sub("observer") if file is None else read(file)
+        if source.data is None:
+            raise ArgumentError("the experiment has no `observer:`; expected one, or --observer FILE")
+        settings = simulated.load(source)
+        self.run(
+            simulated.SimulatedObserver(
+                self.stimuli, settings, self.participant, self.session, len(self.table.rows), done
+            )
+        )
+
+    def page(self) -> ExperimentPage:
+        """The page that does it with a participant. PageError."""
+        from palpate.studies.psychophysics.page import ExperimentPage
+
+        return ExperimentPage(self.stimuli, self.run)
+
+
+@contextmanager
+def opened(
+    name: str, out: Path | None, participant: str | None, session: int | None, sets: list[str], resume: bool, sure: Sure
+) -> Iterator[Sitting]:
+    """A session of an experiment, new or to go on with. GraphError, ArgumentError: why not."""
+    path = find(name)
+    experiment, source = load(path)
+    stimuli = Stimuli(experiment, source, path, sets)
+    folder = out or Path("runs", path.stem)
+    who, number = _chosen(stimuli, folder, participant, session, resume, sure)
+    begin(folder, experiment.task, path.read_bytes(), who, _about(experiment, who))
+    table = Table(folder, experiment.task, who, number)
+    try:
+        units = {"Units": stimuli.unit}
+        table.describe({"level": {"LongName": stimuli.path, **units}, "reference": units})
+        yield Sitting(stimuli, source, folder, table, who, number)
+    finally:
+        table.close()
+
+
+def _chosen(
+    stimuli: Stimuli, folder: Path, participant: str | None, session: int | None, resume: bool, sure: Sure
+) -> tuple[str, int]:
+    """Participant and session. ArgumentError: it is there already, and nobody says that it shall go on."""
+    experiment = stimuli.experiment
+    who = participant or _next_participant(stimuli, folder)
+    known = _known(experiment)
+    if not LABEL.fullmatch(who) or (known and who not in known):
+        expected = f"one of {', '.join(known)}" if known else "letters and digits"
+        raise ArgumentError(f"--participant: found {who!r}, expected {expected}")
+    there = sessions(folder, experiment.task, who)
+    number = session or (there[-1] if there else 1)
+    if number not in there:
+        return who, number
+    done, over = _state(stimuli, folder, who, number)
+    text = f"sub-{who} has done session {number}" if over else f"sub-{who} has done {done} trials of session {number}"
+    if not over and (resume or not done or sure(f"{text}. Go on with it?")):
+        return who, number
+    if over and session is None and sure(f"{text}. Begin session {number + 1}?"):
+        return who, number + 1
+    cures = f"--session {there[-1] + 1} begins another one, --participant LABEL takes somebody else"
+    raise ArgumentError(f"{text} in {folder}; nothing is overwritten. {'' if over else '--resume goes on, '}{cures}.")
+
+
+def _state(stimuli: Stimuli, folder: Path, who: str, number: int) -> tuple[int, bool]:
+    """Trials that are stored of a session, and whether it is over."""
+    file = table_path(folder, stimuli.experiment.task, who, number)
+    rows, _ = parse(file.read_bytes())
+    return len(rows), resumed(stimuli, rows, file, who, number)[1] is None
+
+
+def _known(experiment: Experiment) -> dict[str, dict[str, Any] | None]:
+    """The participants that the experiment names, with what it says of each."""
+    given = experiment.participants
+    return {f"{n:02d}": None for n in range(1, given + 1)} if isinstance(given, int) else given or {}
+
+
+def _about(experiment: Experiment, who: str) -> dict[str, Any]:
+    return _known(experiment).get(who) or {}
+
+
+def _next_participant(stimuli: Stimuli, folder: Path) -> str:
+    """The first one whose first session is not over yet. ArgumentError: all have done it."""
+    task, known = stimuli.experiment.task, _known(stimuli.experiment)
+    for who in known or (f"{n:02d}" for n in range(1, 10_000)):
+        there = sessions(folder, task, who)
+        if not there or not _state(stimuli, folder, who, there[-1])[1]:
+            return who
+    raise ArgumentError(f"all participants have done this experiment in {folder}; --participant and --session say who "
+                        "does it again")  # fmt: skip

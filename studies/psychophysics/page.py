@@ -1,0 +1,266 @@
+"""An experiment on the page of `palpate touch`: texts, intervals with the mouse or a device, questions."""
+
+from __future__ import annotations
+
+import math
+import queue
+import tempfile
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated, Any
+
+import msgspec
+
+from palpate.launch.load.launchfile import LaunchFile
+from palpate.launch.load.plan import plan
+from palpate.launch.run.execute import RunOutcome, execute
+from palpate.launch.run.forkserver import ForkServer
+from palpate.launch.run.launcher import Launcher
+from palpate.launch.run.reports import Prepare
+from palpate.physics.errors import RunError
+from palpate.studies.psychophysics.schedule import Trial
+from palpate.studies.psychophysics.session import Answer, DisturbedError, Presenter
+from palpate.studies.psychophysics.stimuli import Stimuli
+from palpate.views.page import PageError
+from palpate.views.page.feed import mesh_frame
+from palpate.views.page.live import Live
+from palpate.views.page.pointers import Count, Pointers, Sample
+from palpate.views.page.steered import steered, touched
+
+ENDING = 15.0  # [s] for a run to end in order
+LOOK = 0.2  # [s] between looks at whether the page was closed
+MOMENT = 1.0  # [s] that a title without a text is shown
+
+
+class Order(msgspec.Struct, forbid_unknown_fields=True):
+    """What the page sends: a sample of its pointer, or that the participant is done with what is shown, by its number,
+    with an answer and the seconds that it took."""
+
+    point: Sample | None = None
+    finger: Count = 0
+    shown: Count | None = None
+    answer: Annotated[str, msgspec.Meta(max_length=100)] = ""
+    seconds: Annotated[float, msgspec.Meta(ge=0, le=1e6)] = 0.0
+
+
+class ClosedError(Exception):
+    """The session goes on another time."""
+
+
+class ExperimentPage(Live):
+    """Presents to a participant. A graph with a device is felt by it; in any other the pointer takes its place.
+
+    stimuli  of the experiment
+    session  runs all trials with a presenter
+
+    PageError, GraphError: what the graph lacks to be touched.
+    """
+
+    command = "palpate experiment"
+
+    def __init__(self, stimuli: Stimuli, session: Callable[[Presenter], None]) -> None:
+        self.experiment, self._session = stimuli.experiment, session
+        self._place = tempfile.TemporaryDirectory(prefix="palpate-experiment-")
+        graph, sockets = stimuli.launch.load(), list[Path]()
+        self._file: Path | None = None
+        self.mouse = not any(spec.cls.hardware for spec in graph.nodes.values())
+        if self.mouse:
+            launch, sockets = steered(stimuli.launch, Path(self._place.name))
+            self._file, graph = launch.graph, launch.load()
+        for block, levels in stimuli.levels.items():  # the hand that follows the pointer may lack a setting
+            self._steered(stimuli.run(block, levels[0])).load()
+        super().__init__(touched(plan(graph)))
+        self.panel = {"title": "starting", "text": ""}
+        self._pointers = Pointers(sockets, self.touched.begins)
+        self._modules = sorted({spec.cls.__module__ for spec in graph.nodes.values()})
+        self._servers: list[ForkServer] = []
+        self._done: queue.SimpleQueue[Order] = queue.SimpleQueue()
+        self._closed, self._halt, self._ended = threading.Event(), threading.Event(), threading.Event()
+        self._pages: set[object] = set()
+        self._left = False
+        self._begun: Callable[[float], object] = lambda moment: None
+        self._error: BaseException | None = None
+        self._shown = 0
+        self._trials = threading.Thread(target=self._live, name="experiment", daemon=True)
+
+    # -- as a source of the page ---------------------------------------------------------------------------------
+
+    def open(self) -> None:
+        self._trials.start()
+
+    def close(self) -> None:
+        """End the interval that runs; its trial is presented again another time."""
+        self._closed.set()
+        self._halt.set()
+        self._trials.join(ENDING)
+        for server in self._servers:
+            server.close()
+        self._pointers.close()
+        self._place.cleanup()
+
+    @property
+    def ended(self) -> bool:
+        """Whether nothing more comes."""
+        return self._ended.is_set()
+
+    def check(self) -> None:
+        """Raise what has ended the session before its time."""
+        if self._error is not None:
+            raise self._error
+
+    def take(self, page: object, text: str | bytes) -> list[bytes]:
+        """What the page sends. MsgspecError, PageError: why it cannot be."""
+        order = msgspec.json.decode(text, type=Order)
+        self._pages.add(page)
+        if order.point is not None and self.mouse:
+            self._pointers.steer(page, order.finger, order.point)
+        panel = self.panel or {}
+        if order.shown is not None and order.shown == panel.get("shown"):
+            if panel.get("interval"):
+                self._halt.set()
+            else:
+                _check_answer(panel, order.answer)
+                self._done.put(order)
+        return []
+
+    def leave(self, page: object) -> None:
+        self._pages.discard(page)
+        self._pointers.leave(page)
+        if not self._pages and (self.panel or {}).get("interval"):
+            self._left = True
+            self._halt.set()
+
+    def say(self, status: str) -> None:
+        """Which trial goes on; not that its run does."""
+        if status != "running":
+            super().say(status)
+
+    def begun(self) -> None:
+        """An interval has begun: the picture is uncovered."""
+        self.mesh = mesh_frame(self.touched, {"watch": not self.mouse, "bodies": [], "effects": {}})
+        self._cover(interval=True, end_key=self.experiment.end_key, show=self.experiment.show)
+
+    def on_update(self, launcher: Launcher) -> None:
+        if launcher.phase == "running":
+            self._begun(launcher.origin * 1e-9)
+            self._begun = lambda moment: None
+        if self._halt.is_set():
+            launcher.stop()
+        else:
+            super().on_update(launcher)
+
+    # -- as a presenter, in a thread of its own ------------------------------------------------------------------
+
+    def show(self, trial: Trial | None, title: str, text: str, pause: float = 0.0) -> None:
+        self._tell(trial)
+        if trial is None or not text:
+            self._cover(title=title, text=text)
+            self._closed.wait(MOMENT)
+        else:
+            self._cover(title=title, text=text, wait=pause, buttons=[{"label": "go on", "key": "Enter", "answer": ""}])
+            self._warm()
+            self._answered()
+
+    def present(self, trial: Trial, interval: int, launch: LaunchFile, begun: Callable[[float], object]) -> float:
+        several = self.experiment.intervals > 1
+        self._tell(trial, f"interval {interval} of {self.experiment.intervals}" if several else "")
+        self._cover(title=f"{'First' if interval == 1 else 'Second'} interval" if several else "", text="")
+        self._halt.clear()
+        self._left, until, self._begun = False, time.monotonic() + self.experiment.gap, begun
+        launch = self._steered(launch)
+        graph = launch.load()
+        self.touched = touched(plan(graph))
+        self._closed.wait(max(until - time.monotonic(), 0.0))
+        if self._closed.is_set():
+            raise ClosedError
+        outcome = self._run(replace(launch, clock="real", pace=None, place=self.touched.place), graph)
+        self._cover(title="", text="")
+        if self._closed.is_set():
+            raise ClosedError
+        if outcome.result.deaths:
+            raise DisturbedError(f"The interval was broken off: {outcome.result.deaths[0]}")
+        if self._left:
+            raise DisturbedError("The page was closed while the interval went on.")
+        if not outcome.ok:
+            raise RunError("; ".join(outcome.result.notes) or f"the recording {launch.record} is not whole")
+        return outcome.result.origin + outcome.result.wall
+
+    def ask(self, trial: Trial) -> Answer:
+        keys = self.experiment.keys
+        self._tell(trial)
+        self._cover(
+            title=self.experiment.question, text="", number=not keys,
+            buttons=[{"label": name, "key": key, "answer": name} for name, key in keys.items()],
+        )  # fmt: skip
+        self._warm()
+        order = self._answered()
+        return Answer(order.answer, order.seconds)
+
+    def _live(self) -> None:
+        try:
+            self._session(self)
+        except ClosedError:
+            pass
+        except Exception as error:  # the command raises it
+            self._error = error
+            self._cover(title="The experiment has stopped", text=str(error))
+        finally:
+            self._closed.wait(MOMENT)
+            self._ended.set()
+
+    def _run(self, launch: LaunchFile, graph: Any) -> RunOutcome:
+        server = self._servers.pop(0) if self._servers else ForkServer()
+        try:
+            return execute(launch, graph, watch=self.on_update, forkserver=server)
+        finally:
+            self.over()
+            server.close()
+
+    def _steered(self, launch: LaunchFile) -> LaunchFile:
+        """The run with the pointer in place of the simulated hand."""
+        return launch if self._file is None else replace(launch, graph=self._file, scene=None, path=None)
+
+    def _warm(self) -> None:
+        """Import what the next intervals need while the participant reads: then each begins at once."""
+        while len(self._servers) < self.experiment.intervals:
+            self._servers.append(ForkServer())
+            self._servers[-1].ask(Prepare(self._modules))
+
+    def _cover(self, **panel: Any) -> None:
+        """Cover the picture with a panel."""
+        self._shown += 1
+        self.panel = {"shown": self._shown, **panel}
+        self.on_news()
+
+    def _tell(self, trial: Trial | None, what: str = "") -> None:
+        """How far it is."""
+        if trial is not None:
+            total = f" of {trial.total}" if trial.total else ""
+            self.say(f"trial {trial.number}{total}{' · ' * bool(what)}{what}")
+
+    def _answered(self) -> Order:
+        """What the participant does with what is shown. ClosedError."""
+        while not self._closed.is_set():
+            try:
+                order = self._done.get(timeout=LOOK)
+            except queue.Empty:
+                continue
+            if order.shown == self._shown:
+                return order
+        raise ClosedError
+
+
+def _check_answer(panel: dict[str, Any], answer: str) -> None:
+    """PageError: the panel has no such answer."""
+    if panel.get("number"):
+        try:
+            good = 0.0 < float(answer) < math.inf
+        except ValueError:
+            good = False
+        if not good:
+            raise PageError(f"found {answer!r}, expected a number above 0")
+    elif answer not in [button["answer"] for button in panel.get("buttons", ())]:
+        raise PageError(f"found {answer!r}, expected one of the answers that are shown")

@@ -1,0 +1,88 @@
+"""Pictures of an analysis: shares of answers over the level with the fitted function, or magnitudes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from palpate.studies.psychophysics.analysis import ALL, Outcome
+from palpate.studies.psychophysics.functions import proportion
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+ROW = 3  # panels
+MOST = 24
+WIDE = 8.0
+NAMES = {"correct": "share correct", "yes": "share of yes", "judged greater": "comparison judged greater"}
+
+
+def draw(outcomes: Sequence[Outcome], folder: Path) -> list[Path]:
+    """A picture for each task, a panel for each participant and block."""
+    from matplotlib import rc_context
+
+    from palpate.views.pictures.style import LOOK, figure
+
+    files = []
+    for task in dict.fromkeys(one.task for one in outcomes):
+        own = [one for one in outcomes if one.task == task and one.participant != ALL][:MOST]
+        columns, rows = min(len(own), ROW), math.ceil(len(own) / ROW)
+        with rc_context(LOOK):
+            fig = figure(max(4.0 * columns, 5.0), 3.4 * rows + 0.5, task)
+            for number, one in enumerate(own, 1):
+                axes = fig.add_subplot(rows, columns, number)
+                (_magnitude if one.of == "magnitude" else _function)(axes, one)
+                axes.set_title(f"{one.participant}, {one.block}: {one.trials} trials", fontsize=11)
+            files.append(folder / "derivatives" / "palpate" / f"task-{task}_psychometric.png")
+            fig.savefig(files[-1])
+    return files
+
+
+def _function(axes: Axes, one: Outcome) -> None:
+    from matplotlib.ticker import LogLocator, NullFormatter
+
+    from palpate.views.pictures.style import FINGER, INK, TISSUE
+
+    fitted = one.fitted
+    assert fitted is not None
+    x, turned = np.array(one.levels), one.sign
+    ratio = x.min() > 0.0 and x.max() > WIDE * x.min()  # the steps were ratios
+    room = 1.3 if ratio else 0.08 * (float(np.ptp(x)) or abs(float(x.max())))
+    if ratio:
+        line = np.geomspace(x.min() / room, x.max() * room, 400)
+        axes.set_xscale("log")
+        axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axes.xaxis.set_major_formatter("{x:g}")
+        axes.xaxis.set_minor_formatter(NullFormatter())
+    else:
+        line = np.linspace(x.min() - room, x.max() + room, 400)
+    share = proportion(fitted.function, line, fitted.threshold.value, fitted.spread.value, fitted.guess, fitted.lapse)
+    axes.plot(turned * line, share, color=INK, zorder=2)
+    sizes = 20.0 + 130.0 * np.array(one.counts) / max(one.counts)
+    axes.scatter(turned * x, one.shares, s=sizes, color=TISSUE, edgecolor="white", zorder=3)
+    a = fitted.threshold
+    ends = np.clip(sorted((turned * a.low, turned * a.high)), *sorted((turned * line[0], turned * line[-1])))
+    at = float(proportion(fitted.function, a.value, a.value, fitted.spread.value, fitted.guess, fitted.lapse))
+    axes.plot(ends, [at, at], color=FINGER, linewidth=3.0, zorder=4, solid_capstyle="butt")
+    axes.plot([turned * a.value], [at], marker="|", markersize=12, color=FINGER, zorder=4)
+    distance = one.reference is not None and one.of != "judged greater"
+    axes.set_xlabel(f"{one.path} [{one.unit}]{', from the reference' * distance}", fontsize=10)
+    axes.set_ylabel(NAMES[one.of])
+    axes.set_ylim(-0.03, 1.03)
+
+
+def _magnitude(axes: Axes, one: Outcome) -> None:
+    from palpate.views.pictures.style import INK, TISSUE
+
+    level, mean, n = np.array(one.levels), np.array(one.shares), one.numbers["exponent"].value
+    axes.loglog(level, mean, "o", color=TISSUE)
+    if math.isfinite(n):
+        weights = np.array(one.counts)
+        middle = np.average(np.log(mean) - n * np.log(level), weights=weights)
+        axes.loglog(level, np.exp(middle) * level**n, color=INK)
+    axes.set_xlabel(f"{one.path} [{one.unit}]")
+    axes.set_ylabel("magnitude, geometric mean")

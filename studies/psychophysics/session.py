@@ -1,0 +1,155 @@
+"""One session: each trial is presented, asked about, and stored before the next one."""
+
+from __future__ import annotations
+
+import datetime
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Protocol
+
+from palpate.launch.load.launchfile import SOURCES, LaunchFile
+from palpate.physics.errors import ArgumentError, PalpateError
+from palpate.studies.psychophysics.schedule import Schedule, Trial, schedule
+from palpate.studies.psychophysics.stimuli import Stimuli
+from palpate.studies.psychophysics.store import NONE, Row, Table
+
+READY = "Go on when you are ready."
+
+
+class DisturbedError(PalpateError):
+    """An interval that came to no good end, such as by a device that was unplugged; the trial is repeated."""
+
+
+@dataclass(frozen=True)
+class Answer:
+    """The name of an answer, or a number; and the seconds that it took."""
+
+    value: str
+    seconds: float
+
+
+class Presenter(Protocol):
+    """Who shows stimuli and asks for answers: the page, or a simulated observer."""
+
+    def show(self, trial: Trial | None, title: str, text: str, pause: float = 0.0) -> None:
+        """Show a text until the participant goes on, `pause` [s] at least; a title alone for a moment; trial None: the
+        end."""
+
+    def present(self, trial: Trial, interval: int, launch: LaunchFile, begun: Callable[[float], object]) -> float:
+        """Run one interval; when it ended [s, time.monotonic]. `begun` is called with when it began. DisturbedError."""
+
+    def ask(self, trial: Trial) -> Answer:
+        """The answer to the experiment's question."""
+
+
+Mark = Callable[[str, float | None], object]
+"""Takes an event, and when it was [s, time.monotonic]; None: now."""
+
+
+def resumed(
+    stimuli: Stimuli, rows: list[Row], file: Path, participant: str, session: int
+) -> tuple[Schedule, Trial | None]:
+    """The schedule of a session after the trials that are stored in a file, and the next trial; None: there is none.
+
+    ArgumentError: what is stored is not of this experiment; or a procedure that cannot be. GraphError.
+    """
+    order = schedule(stimuli, participant, session)
+    trial: Trial | None = next(order)
+    for row in rows:
+        if trial is None or (row["block"], row["level"], row["interval"]) != (
+            trial.block, _text(trial.level), str(trial.interval)
+        ):  # fmt: skip
+            raise ArgumentError(
+                f"{file}: trial {row['trial']} is not what the experiment has there: its seed, its blocks or the "
+                "values of its graph were others. Take another folder (--out)."
+            )
+        trial = _next(order, row)
+    return order, trial
+
+
+def run(stimuli: Stimuli, table: Table, order: Schedule, trial: Trial | None, presenter: Presenter, mark: Mark) -> None:
+    """All trials from this one on. OSError: a row cannot be stored.
+
+    mark  is called with each event
+    """
+    experiment, first = stimuli.experiment, True
+    while trial is not None:
+        if first:
+            presenter.show(trial, "Welcome" if trial.number == 1 else "Welcome back", experiment.instructions or READY)
+        _begin(stimuli, trial, presenter, first)
+        row, first = _trial(stimuli, table, trial, presenter, mark), False
+        if experiment.blocks[trial.block].feedback and row["hit"] != NONE:
+            presenter.show(trial, "Right" if row["hit"] == "1" else "Wrong", "")
+        trial = _next(order, row)
+    mark("experiment end", None)
+    presenter.show(None, "The end", experiment.closing)
+
+
+def _next(order: Schedule, row: Row) -> Trial | None:
+    """The trial after an answer."""
+    try:
+        return order.send(row["hit"] == "1")
+    except StopIteration:
+        return None
+
+
+def _begin(stimuli: Stimuli, trial: Trial, presenter: Presenter, first: bool) -> None:
+    """What comes before a trial: the instructions of its block, or a pause."""
+    block = stimuli.experiment.blocks[trial.block]
+    if block.instructions and (trial.in_block == 1 or first):
+        presenter.show(trial, trial.block, block.instructions)
+    elif block.pause_every and trial.in_block > 1 and (trial.in_block - 1) % block.pause_every == 0 and not first:
+        presenter.show(trial, "Pause", READY, block.pause)
+
+
+def _trial(stimuli: Stimuli, table: Table, trial: Trial, presenter: Presenter, mark: Mark) -> Row:
+    experiment = stimuli.experiment
+    while True:
+        repeat, files = table.begun(trial.number), list[Path]()
+        try:
+            for interval, level in enumerate(trial.levels(experiment.intervals), 1):
+                files.append(table.recording(trial.number, interval, repeat))
+                launch = stimuli.run(trial.block, level).but(
+                    record=files[-1],
+                    duration=experiment.duration,
+                    only=SOURCES if experiment.record == SOURCES else None,
+                )
+                what = f"trial {trial.number} interval {interval}"
+                begun = partial(mark, f"{what} begin level {_text(level)}")
+                mark(f"{what} end", presenter.present(trial, interval, launch, begun))
+            answer = presenter.ask(trial)
+            break
+        except DisturbedError as error:
+            mark(f"trial {trial.number} disturbed", None)
+            presenter.show(trial, f"Trial {trial.number} is repeated", str(error))
+    hit = judged(stimuli, trial, answer.value)
+    mark(f"trial {trial.number} response {answer.value}", None)
+    names = [str(file.relative_to(table.folder)) for file in files]
+    table.add(
+        {
+            "trial": trial.number, "block": trial.block, "track": trial.track, "level": _text(trial.level),
+            "reference": _text(stimuli.reference), "interval": trial.interval, "response": answer.value,
+            "hit": None if hit is None else int(hit), "response_time": f"{answer.seconds:.3f}", "repeats": repeat,
+            "time": datetime.datetime.now(datetime.UTC).isoformat(timespec="milliseconds"),
+            **dict(zip(("recording_1", "recording_2"), names, strict=False)),
+        }
+    )  # fmt: skip
+    return table.rows[-1]
+
+
+def judged(stimuli: Stimuli, trial: Trial, answer: str) -> bool | None:
+    """Whether an answer is right, or yes; None: it is a number."""
+    if stimuli.experiment.response == "magnitude":
+        return None
+    if stimuli.experiment.response == "yes-no":
+        return answer == "yes"
+    chosen = (answer == "first") == (trial.interval == 1)
+    if stimuli.reference is None or trial.level is None:
+        return chosen
+    return chosen == ((trial.level > stimuli.reference) == (stimuli.experiment.asks == "greater"))
+
+
+def _text(level: float | None) -> str:
+    return NONE if level is None else repr(float(level))

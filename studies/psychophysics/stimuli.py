@@ -1,0 +1,164 @@
+"""From a level to a run: where the level goes, what else differs, and what cannot be told apart."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from palpate.engine.faults import Faults, GraphError
+from palpate.engine.graph import Graph
+from palpate.launch.load.files import SCENES, find_file
+from palpate.launch.load.launchfile import LaunchFile
+from palpate.launch.load.launchfile import find as find_launch
+from palpate.launch.load.values.source import YamlSource
+from palpate.launch.load.values.units import UnitError, convert
+from palpate.nodes.base import settings
+from palpate.studies.psychophysics.file import ConstantBlock, Experiment, QuestBlock, StaircaseBlock
+from palpate.studies.sweeps.axes import GRIDS, rounded
+from palpate.studies.sweeps.checks import path as full_path
+from palpate.studies.sweeps.point import overrides
+
+
+class Stimuli:
+    """The stimuli of an experiment.
+
+    path       target of the level, as of `--set`; unit: its SI unit
+    reference  its value in the reference; None: the reference differs elsewhere, or there is none
+    launch     the run without what varies
+
+    GraphError: all that is wrong with paths and values, before anything runs.
+    """
+
+    def __init__(self, experiment: Experiment, source: YamlSource, file: Path, sets: Sequence[str] = ()) -> None:
+        self.experiment, self._source, self.faults = experiment, source, Faults()
+        beside = file.parent / experiment.graph
+        given_scene = experiment.scene
+        scene = (
+            find_file(given_scene, SCENES, file.parent, source.place("scene"), "scene")
+            if isinstance(given_scene, str)
+            else given_scene
+        )
+        self.launch: LaunchFile = find_launch(str(beside) if beside.is_file() else experiment.graph).but(
+            scene=scene, overrides=[*overrides(experiment.set, "set"), *sets]
+        )
+        base = self.launch.load()
+        self.path = full_path(experiment.vary, base)
+        given = experiment.reference
+        self._other = dict(given) if isinstance(given, Mapping) else {} if given is None else {self.path: given}
+        self._other = {full_path(path, base): value for path, value in self._other.items()}
+        self.unit = self._unit(base)
+        at = self._other.get(self.path)
+        self.reference = None if at is None else self.number("reference", at)
+        if self.reference is not None:
+            self._other[self.path] = self.reference
+        self.levels = {name: self._levels(name, block) for name, block in experiment.blocks.items()}
+        self.faults.done()
+        self._check()
+        self.faults.done()
+
+    @property
+    def sign(self) -> int:
+        """1 where a greater level is easier, -1 where a smaller one is; with a reference at the same path, the level
+        further away from it is."""
+        return 1 if self.reference is not None or self.experiment.harder == "lower" else -1
+
+    def x(self, level: float) -> float:
+        """What a psychometric function rises with: the distance from the reference, or the level, its sign turned where
+        a higher one is harder."""
+        return self.sign * level if self.reference is None else abs(level - self.reference)
+
+    def two_sided(self, name: str) -> bool:
+        """Whether a block has levels to both sides of the reference: then what counts is which one was chosen."""
+        levels, constant = self.levels[name], isinstance(self.experiment.blocks[name], ConstantBlock)
+        return constant and self.reference is not None and min(levels) < self.reference < max(levels)
+
+    def run(self, block: str, level: float | None) -> LaunchFile:
+        """The run of a level; None: of the reference."""
+        values = {self.path: level} if level is not None else self._other
+        chosen = overrides({**self.experiment.blocks[block].set}, f"block {block!r}, set")
+        return self.launch.but(overrides=[*chosen, *overrides(values, "vary" if level is not None else "reference")])
+
+    def number(self, key: str, value: Any) -> float:
+        """[SI] A level that is given as a number or with its unit; NaN where it is a fault, which is noted."""
+        try:
+            if isinstance(value, bool) or not isinstance(value, int | float | str):
+                raise UnitError(f"found {value!r}, expected a number")
+            return convert(value, self.unit) if isinstance(value, str) else float(value)
+        except UnitError as error:
+            self.faults.add(f"{key} [{self.unit}]: {error}", "", self._source.place(*key.split(".")))
+            return float("nan")
+
+    def grid(self, key: str, given: Any) -> list[float]:
+        """[SI] Values in a list, or of {linspace: [low, high, number]}, {geomspace: ...}."""
+        kind, how = next(iter(given.items())) if isinstance(given, Mapping) and len(given) == 1 else ("", given)
+        if not isinstance(how, list) or not how or (kind and (kind not in GRIDS or len(how) != 3)):
+            self.faults.add(f"{key}: found {given!r}, expected a list of values, or {{linspace: [low, high, number]}}",
+                             "", self._source.place(*key.split(".")))  # fmt: skip
+            return []
+        if not kind:
+            return [self.number(key, value) for value in how]
+        if not isinstance(how[2], int) or not 1 <= how[2] <= 1000:
+            self.faults.add(f"{key}: found {how[2]!r} values, expected 1 to 1000", "",
+                             self._source.place(*key.split(".")))  # fmt: skip
+            return []
+        ends = [self.number(key, value) for value in how[:2]]
+        return rounded(GRIDS[kind](*ends, how[2])).tolist()
+
+    def _unit(self, base: Graph) -> str:
+        """The unit of the setting that the level becomes. GraphError: there is no such path."""
+        head, _, name = self.path.rpartition(".")
+        for spec in base.nodes.values() if head.startswith("scene") else filter(None, [base.nodes.get(head)]):
+            if name in settings(spec.cls):
+                return settings(spec.cls)[name].unit
+        self.launch.but(overrides=overrides({self.path: self._other.get(self.path, 1.0)}, "vary")).load()
+        return "1"
+
+    def _levels(self, name: str, block: Any) -> list[float]:
+        """The levels that a block names."""
+        at = f"blocks.{name}."
+        if isinstance(block, StaircaseBlock):
+            starts = block.start if isinstance(block.start, list) else [block.start]
+            return [self.number(f"{at}start", start) for start in starts]
+        return self.grid(f"{at}levels", block.levels) if isinstance(block, ConstantBlock | QuestBlock) else []
+
+    def _check(self) -> None:
+        """Each stimulus can be loaded, and no pair is the same."""
+        for name, levels in self.levels.items():
+            if not levels:
+                self.faults.add(f"block {name!r}: no levels", "", self._source.place("blocks", name))
+                continue
+            place = self._source.place("blocks", name)
+            try:
+                tried = {min(levels), max(levels), *(level for level in levels if level == self.reference)}
+                known = {level: _told(self.run(name, level).load()) for level in sorted(tried)}
+                other = None if self.experiment.reference is None else _told(self.run(name, None).load())
+            except GraphError as error:
+                self.faults.entries.extend(error.faults)
+                continue
+            same = [level for level, told in known.items() if told == other]
+            if len(same) == len(known) or (same and not self.two_sided(name)):
+                self.faults.add(f"block {name!r}: the stimuli of a pair are the same: {self.path} = {same[0]:g} "
+                                 f"{self.unit} is the reference", "Take others.", place)  # fmt: skip
+            elif len(known) > 1 and len({repr(told) for told in known.values()}) == 1:
+                self.faults.add(f"block {name!r}: all levels give the same stimulus: nothing reads {self.path}", "",
+                                place)  # fmt: skip
+            if isinstance(self.experiment.blocks[name], ConstantBlock) and len(set(levels)) < len(levels):
+                self.faults.add(f"block {name!r}: a level stands twice", "Use `repeats`.", place)
+        if any(map(self.two_sided, self.levels)) and self.experiment.function == "weibull":
+            self.faults.add("function: weibull begins at 0, but levels lie to both sides of the reference",
+                             "Take normal or logistic.", self._source.place("function"))  # fmt: skip
+        if self.sign < 0 and self.experiment.function == "weibull":
+            self.faults.add("function: weibull rises with the level, but higher levels are harder here",
+                             "Take normal or logistic.", self._source.place("function"))  # fmt: skip
+
+
+def _told(graph: Graph) -> dict[str, Any]:
+    """What decides on what is felt: classes, settings and inputs of all nodes."""
+    return {
+        name: (spec.use, {key: np.asarray(value).tolist() if hasattr(value, "tolist") else value
+                          for key, value in spec.settings.items()}, spec.edges, spec.off)
+        for name, spec in graph.nodes.items()
+    } | {"": graph.rate}  # fmt: skip

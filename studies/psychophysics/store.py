@@ -1,0 +1,197 @@
+"""The folder of an experiment, in the order of BIDS for behaviour (bids-specification 1.10, "Behavioral experiments").
+
+FOLDER/dataset_description.json, participants.tsv, participants.json, README
+FOLDER/code/task-<task>.yaml                                              the experiment
+FOLDER/sub-01/ses-01/beh/sub-01_ses-01_task-<task>_beh.tsv (.json)        a row for each trial
+FOLDER/sourcedata/sub-01/ses-01/beh/...trial-003_interval-1.mcap          the recordings
+
+A row is on the disk before the next trial begins. What a power cut has left of the last row is moved aside.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import os
+from collections.abc import Iterable, Mapping
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from palpate.physics.errors import ArgumentError
+
+NONE = "n/a"
+COLUMNS: dict[str, dict[str, Any]] = {
+    "trial": {"Description": "Number of the trial in this session."},
+    "block": {"Description": "Block of the experiment."},
+    "track": {"Description": "Number of the staircase, of those that are interleaved."},
+    "level": {"Description": "Value of the path that varies, in the comparison; n/a: a trial without signal."},
+    "reference": {"Description": "The same in the reference; n/a: it differs elsewhere, or there is none."},
+    "interval": {"Description": "Number of the interval with the comparison."},
+    "response": {"Description": "The answer."},
+    "hit": {"Description": "1: right, or yes; 0: wrong, or no; n/a: neither."},
+    "response_time": {"Description": "From the question to the answer.", "Units": "s"},
+    "repeats": {"Description": "How often the trial was begun before, and disturbed."},
+    "time": {"Description": "When the answer was stored (UTC, ISO 8601)."},
+    "recording_1": {"Description": "Recording of the first interval, from the folder of the data set."},
+    "recording_2": {"Description": "Recording of the second interval."},
+}
+README = """Data of `palpate experiment`, in the order of the Brain Imaging Data Structure (https://bids.neuroimaging.io).
+
+Tables: sub-*/ses-*/beh/*_beh.tsv, a row for each trial; the .json beside one says what its columns are.
+Recordings: sourcedata/; `palpate replay FILE --check` computes one again. The experiment: code/.
+`palpate experiment --analyse FOLDER` computes thresholds.
+"""
+Row = dict[str, str]
+
+
+class Table:
+    """The rows of one session; open for one process alone.
+
+    rows       as they are stored, all of them texts
+    recovered  what a power cut had left behind the last whole row was moved there; None: nothing was wrong
+    """
+
+    def __init__(self, folder: Path, task: str, participant: str, session: int) -> None:
+        self.folder, self.path = folder, table_path(folder, task, participant, session)
+        self.name = self.path.stem.removesuffix("_beh")
+        self.recordings = folder / "sourcedata" / self.path.parent.relative_to(folder)
+        self.path.parent.mkdir(parents=True, exist_ok=True)
+        self.recordings.mkdir(parents=True, exist_ok=True)
+        self.recovered: Path | None = None
+        self._file = open(self.path, "a+b", buffering=0)  # noqa: SIM115 - open as long as the session goes on
+        try:
+            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            self._file.close()
+            raise ArgumentError(f"{self.path}: another `palpate experiment` has this session open") from None
+        self.rows = self._recover()
+
+    def close(self) -> None:
+        self._file.close()
+
+    def add(self, row: Mapping[str, Any]) -> None:
+        """Store a row, and the recordings that it names. OSError: the disk is full."""
+        for name in ("recording_1", "recording_2"):
+            if row.get(name, NONE) != NONE:
+                with open(self.folder / row[name], "rb") as recording:
+                    os.fsync(recording.fileno())
+        texts = {name: NONE if row.get(name) is None else str(row[name]) for name in COLUMNS}
+        self._write("\t".join(texts.values()))
+        self.rows.append(texts)
+
+    def recording(self, trial: int, interval: int, repeat: int) -> Path:
+        """The file of an interval; one that was disturbed keeps its own."""
+        name = f"{self.name}_trial-{trial:03d}_interval-{interval}{f'_repeat-{repeat}' if repeat else ''}.mcap"
+        return self.recordings / name
+
+    def begun(self, trial: int) -> int:
+        """How often a trial was begun before."""
+        last = [self.recording(trial, 1, repeat).exists() for repeat in range(1000)]
+        return last.index(False)
+
+    def describe(self, about: dict[str, dict[str, Any]]) -> None:
+        """Write what the columns are; `about` is added to what is known of them."""
+        write_json(self.path.with_suffix(".json"), {name: text | about.get(name, {}) for name, text in COLUMNS.items()})
+
+    def _write(self, line: str) -> None:
+        data = f"{line}\n".encode()
+        if os.write(self._file.fileno(), data) < len(data):
+            raise OSError(f"{self.path}: the row is not stored as a whole: the disk is full")
+        os.fsync(self._file.fileno())
+
+    def _recover(self) -> list[Row]:
+        self._file.seek(0)
+        data = self._file.read()
+        rows, length = parse(data)
+        if length < len(data):
+            number = sum(1 for _ in self.recordings.glob("*_broken-*.tsv")) + 1
+            self.recovered = self.recordings / f"{self.name}_broken-{number}.tsv"
+            self.recovered.write_bytes(data)
+            os.ftruncate(self._file.fileno(), length)
+        if not length:
+            self._write("\t".join(COLUMNS))
+        return rows
+
+
+def parse(data: bytes) -> tuple[list[Row], int]:
+    """The whole rows at the beginning of a table, and how many bytes they and its head take."""
+    head, *lines = data.split(b"\n")[:-1] or [b""]
+    if head.decode(errors="replace").split("\t") != list(COLUMNS):
+        return [], 0
+    rows, length = list[Row](), len(head) + 1
+    for line in lines:
+        texts = line.decode(errors="replace").split("\t")
+        if len(texts) != len(COLUMNS) or texts[0] != str(len(rows) + 1) or not texts[6]:
+            break
+        rows.append(dict(zip(COLUMNS, texts, strict=True)))
+        length += len(line) + 1
+    return rows, length
+
+
+def table_path(folder: Path, task: str, participant: str, session: int) -> Path:
+    """The table of a session."""
+    sub, ses = f"sub-{participant}", f"ses-{session:02d}"
+    return folder / sub / ses / "beh" / f"{sub}_{ses}_task-{task}_beh.tsv"
+
+
+def sessions(folder: Path, task: str, participant: str) -> list[int]:
+    """The sessions of a participant that have a table of this task."""
+    found = folder.glob(f"sub-{participant}/ses-*/beh/sub-{participant}_ses-*_task-{task}_beh.tsv")
+    return sorted(int(path.parts[-3].removeprefix("ses-")) for path in found if path.parts[-3][4:].isdigit())
+
+
+def begin(folder: Path, task: str, text: bytes, participant: str, about: Mapping[str, Any]) -> None:
+    """Write what a data set has beside the tables. ArgumentError: the folder is of another experiment of this name, or
+    cannot be written."""
+    try:
+        (folder / "code").mkdir(parents=True, exist_ok=True)
+        copy = folder / "code" / f"task-{task}.yaml"
+        if copy.exists() and copy.read_bytes() != text:
+            raise ArgumentError(
+                f"{folder}: its data are of another version of this experiment ({copy}). Take another folder (--out), "
+                "or another `task:`."
+            )
+        _replace(copy, text.decode())
+        (folder / "README").write_text(README, encoding="utf-8")
+        description = folder / "dataset_description.json"
+        if not description.exists():
+            made = {"Name": "palpate", "Version": version("palpate")}
+            write_json(description, {"Name": folder.resolve().name, "BIDSVersion": "1.10.0", "DatasetType": "raw",
+                                     "GeneratedBy": [made]})  # fmt: skip
+        _participant(folder, participant, about)
+    except OSError as error:
+        raise ArgumentError(f"{folder}: cannot be written: {error.strerror}; --out takes another folder") from None
+
+
+def _participant(folder: Path, participant: str, about: Mapping[str, Any]) -> None:
+    """Add a participant to the list, once, with what the experiment says of it."""
+    file = folder / "participants.tsv"
+    lines = [line.split("\t") for line in file.read_text(encoding="utf-8").splitlines()] if file.exists() else []
+    heads, *rows = lines or [["participant_id"]]
+    heads = list(dict.fromkeys([*heads, *about]))
+    known = {row[0]: dict(zip(heads, row, strict=False)) for row in rows}
+    own = {"participant_id": f"sub-{participant}"} | {key: str(value) for key, value in about.items()}
+    known.setdefault(own["participant_id"], own)
+    text = ["\t".join(heads), *("\t".join(row.get(head, NONE) for head in heads) for row in known.values())]
+    _replace(file, "\n".join(text) + "\n")
+    write_json(file.with_suffix(".json"), {head: {"Description": "As the experiment says."} for head in heads[1:]})
+
+
+def tables(folder: Path, task: str | None = None) -> Iterable[Path]:
+    """The tables of a folder."""
+    return sorted(folder.glob(f"sub-*/ses-*/beh/*_task-{task or '*'}_beh.tsv"))
+
+
+def write_json(file: Path, data: Mapping[str, Any]) -> None:
+    _replace(file, json.dumps(data, indent=2, ensure_ascii=False) + "\n")
+
+
+def _replace(file: Path, text: str) -> None:
+    """Write a file as a whole, or not at all."""
+    part = file.with_name(file.name + ".part")
+    with open(part, "w", encoding="utf-8") as out:
+        out.write(text)
+        out.flush()
+        os.fsync(out.fileno())
+    os.replace(part, file)

@@ -1,0 +1,133 @@
+"""Psychometric functions, their fit, and QUEST+, each against what is known otherwise."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy import integrate, optimize, stats
+from simulated_sessions import DESIGNS, Sessions
+
+from palpate.studies.psychophysics.fit import DROP, fit
+from palpate.studies.psychophysics.functions import AT, FUNCTIONS, HALF, proportion
+from palpate.studies.psychophysics.questplus import QuestPlus
+
+
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_a_function_rises_from_the_guess_rate_to_one_less_the_lapse_rate(name):
+    x = np.array([-np.inf, 1e-9, 1.0, 2.0, 3.0, 1e9])
+    share = proportion(name, x, 2.0, 0.5 if name != "weibull" else 3.0, 0.25, 0.05)
+    assert share[0] == 0.25 and share[-1] == pytest.approx(0.95) and (np.diff(share) >= 0.0).all()
+    assert share[3] == pytest.approx(0.25 + 0.7 * AT[name])
+
+
+@pytest.mark.parametrize("name", HALF)
+def test_half_of_the_distance_between_the_quartiles(name):
+    quartiles = [optimize.brentq(lambda x, q=q: FUNCTIONS[name](x, 3.0, 0.7) - q, -20.0, 20.0) for q in (0.25, 0.75)]
+    assert (quartiles[1] - quartiles[0]) / 2.0 == pytest.approx(0.7 * HALF[name])
+
+
+def test_the_normal_function_is_the_integral_of_a_density():
+    area, _ = integrate.quad(stats.norm(2.0, 0.4).pdf, -np.inf, 2.3)
+    assert FUNCTIONS["normal"](2.3, 2.0, 0.4) == pytest.approx(area)
+
+
+def shares(name, guess, lapse, seed=3):
+    """Levels and answers of an observer with a threshold of 2."""
+    x = np.repeat(np.linspace(0.5, 4.0, 8), 40)
+    chance = proportion(name, x, 2.0, 3.0 if name == "weibull" else 0.6, guess, lapse)
+    return x, np.random.default_rng(seed).random(len(x)) < chance
+
+
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_the_fit_is_the_maximum_that_another_method_finds_and_its_interval_ends_where_the_profile_has_fallen(name):
+    x, hits = shares(name, 0.5, 0.02)
+    found = fit(name, x, hits, 0.5)
+
+    def loss(a, b, lapse):
+        p = proportion(name, x, a, b, 0.5, lapse)
+        return -np.log(np.where(hits, p, 1.0 - p)).sum()
+
+    def least(a):
+        begin = [found.spread.value, found.lapse]
+        return optimize.minimize(lambda v: loss(a, abs(v[0]) + 1e-6, min(max(v[1], 0.0), 0.1)), begin,
+                                 method="Nelder-Mead").fun  # fmt: skip
+
+    best = optimize.minimize_scalar(least, bounds=(1.5, 2.5), method="bounded", options={"xatol": 1e-4})
+    assert found.threshold.value == pytest.approx(best.x, abs=0.03)
+    for end in (found.threshold.low, found.threshold.high):
+        assert least(end) - best.fun == pytest.approx(DROP, abs=0.15)
+
+
+def test_levels_that_do_not_bound_the_threshold_leave_its_interval_open():
+    x = np.repeat([1.0, 2.0, 3.0], 20)
+    found = fit("normal", x, np.random.default_rng(0).random(60) < 0.5, 0.5)
+    assert math.isinf(found.threshold.high)
+    with pytest.raises(ValueError, match="no level"):
+        fit("normal", [-np.inf], [True], None)
+
+
+def test_false_alarms_tell_the_guess_rate():
+    x, hits = shares("normal", 0.2, 0.0)
+    catch = np.arange(200) % 5 == 0
+    found = fit("normal", np.concatenate([x, np.full(200, -np.inf)]), np.concatenate([hits, catch]), None)
+    assert found.guess == pytest.approx(0.2, abs=0.05)
+
+
+@pytest.mark.parametrize("design", [name for name in DESIGNS if name != "quest+"])
+def test_intervals_have_the_observers_threshold(design, write):
+    """Of 40 sessions: with 95 % in the long run, fewer than 33 come with a chance of 1 in 2000."""
+    assert Sessions(design, write).covered(40) >= 33
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("design", DESIGNS)
+def test_intervals_have_the_observers_threshold_in_about_95_of_100_sessions(design, write):
+    """Of 200: with 95 % in the long run, fewer than 180 come with a chance of 1 in 800."""
+    assert Sessions(design, write).covered(200) >= 180
+
+
+GRIDS = {
+    "levels": np.linspace(0.5, 4.0, 15), "thresholds": np.linspace(0.5, 4.0, 12), "spreads": np.array([1.0, 2.0, 4.0]),
+    "lapses": np.array([0.0, 0.04]),
+}  # fmt: skip
+
+
+def test_quest_plus_asks_at_the_level_of_the_least_expected_entropy():
+    """By the definition, branch by branch, instead of the mutual information."""
+    quest = QuestPlus("weibull", *GRIDS.values(), 0.5)
+    random = np.random.default_rng(1)
+    for _ in range(5):
+        a, b, lapse = quest.grid
+        expected = []
+        for x in quest.levels:
+            hit = proportion("weibull", x, a, b, 0.5, lapse)
+            entropy = 0.0
+            for chance in (hit, 1.0 - hit):
+                posterior = chance * quest.posterior
+                entropy += posterior.sum() * stats.entropy(posterior)
+            expected.append(entropy)
+        level = quest.next()
+        assert level == quest.levels[np.argmin(expected)]
+        quest.update(level, bool(random.random() < 0.8))
+
+
+def test_quest_plus_is_that_of_the_package_of_this_name():
+    package = pytest.importorskip("questplus")
+    own = QuestPlus("weibull", *GRIDS.values(), 0.5)
+    names = ("threshold", "slope", "lapse_rate")
+    other = package.QuestPlus(
+        stim_domain={"intensity": GRIDS["levels"]},
+        param_domain={**dict(zip(names, list(GRIDS.values())[1:], strict=True)), "lower_asymptote": [0.5]},
+        outcome_domain={"response": ["yes", "no"]},
+        func="weibull",
+        stim_scale="linear",
+    )
+    random = np.random.default_rng(2)
+    for _ in range(25):
+        level = own.next()
+        assert other.next_stim["intensity"] == pytest.approx(level)
+        hit = bool(random.random() < proportion("weibull", level, 1.7, 2.0, 0.5, 0.02))
+        own.update(level, hit)
+        other.update(stim={"intensity": level}, outcome={"response": "yes" if hit else "no"})
+    assert other.posterior.to_numpy().ravel() == pytest.approx(own.posterior, abs=1e-12)
+    assert own.mean() == pytest.approx([other.param_estimate[name] for name in names])
