@@ -113,6 +113,7 @@ class CondensedModel(NamedTuple):
     compliance, vertices, dents  as in `Basis`
     moments           of the hats of the coarse vertices, see `dents.hat_moments`
     corners, weights  [1] (W,3)  vertices of the triangle that a vertex of the fine mesh lies on, and its share of each
+    slopes [1/m] (W,3,3)  gradients of these shares along the surface
     young [Pa], retardation [s]  E, tau
     fine [m] (W,3)    vertices of the fine mesh
     true              what is known of the load's own patch
@@ -124,6 +125,7 @@ class CondensedModel(NamedTuple):
     moments: np.ndarray
     corners: np.ndarray
     weights: np.ndarray
+    slopes: np.ndarray
     young: float
     retardation: float
     fine: np.ndarray
@@ -139,6 +141,8 @@ than the organ was pressed, narrower than the touched mesh, on thin or curved gr
 heavy for a surface that is free to slide."""
 TOTAL, NUMBERS = 18, 19
 """The normal force of the load [N]; how many numbers."""
+ROOM, TILT, FIELDS = 3, 4, 5
+"""Of the fields of a contact, see `_take`."""
 SIDE = slice(15, 18)
 """What holds the patch along the surface [1] (3), see `true_patch.patch_compliance`."""
 
@@ -181,16 +185,16 @@ class CondensedBody:
         dents = basis.dents if basis.dents.size else np.zeros((count, 0))
         moments = hat_moments(coarse)
         true = uncorrected(mesh) if poisson is None else true_patch(coarse, mesh, poisson, sticks, apart)
+        slopes = weight_slopes(coarse, self.corners)
         self._model = CondensedModel(
-            basis.compliance, basis.vertices, dents, moments, self.corners, self.weights, young, retardation,
+            basis.compliance, basis.vertices, dents, moments, self.corners, self.weights, slopes, young, retardation,
             mesh.vertices, true,
         )  # fmt: skip
-        slopes = weight_slopes(coarse, self.corners)
-        soft = softness(coarse, self._model, self._spreader)
-        self._ground = Ground(basis.vertices, coarse.normals, moments, self.corners, slopes, soft, dents)
+        self._ground = Ground(coarse.normals, softness(coarse, self._model, self._spreader), dents)
         self._nodes = np.zeros(len(mesh.vertices), dtype=np.int32)
         self._moved = np.zeros((len(mesh.vertices), 3))
-        self._rest(np.zeros((5, count, 3)), np.zeros((2, count), dtype=np.int64), np.zeros(NUMBERS))
+        self._field, self._feet = np.zeros((count, 3), dtype=np.float32), np.zeros((1, 3))
+        self._rest(np.zeros((FIELDS, count, 3)), np.zeros((3, count), dtype=np.int64), np.zeros(NUMBERS))
         self._kernels()
 
     def _rest(self, fields: np.ndarray, marks: np.ndarray, numbers: np.ndarray) -> None:
@@ -205,8 +209,8 @@ class CondensedBody:
         self._slope, self._turning = np.zeros(3), np.zeros((3, 3))
 
     def another(self, fields: np.ndarray, marks: np.ndarray, numbers: np.ndarray) -> CondensedBody:
-        """The same organ under another contact, its state in these arrays (5,V,3), (2,V) and (NUMBERS,) of zeros; see
-        `bodies.condensed_contacts`."""
+        """The same organ under another contact, its state in these arrays (FIELDS,V,3), (3,V) and (NUMBERS,) of zeros;
+        see `bodies.condensed_contacts`."""
         other = copy.copy(self)
         other._rest(fields, marks, numbers)
         return other
@@ -218,12 +222,12 @@ class CondensedBody:
             _step, model, NO_NODES, NO_VECTORS, 0.0, zero, 0.0, fields, self._marks, self._curve, numbers, 0
         )
         self._along = entry_point(
-            along, self._ground, fields[3, :, 0], 0, fields[2], NO_NODES, NO_VECTORS, zero, 0.0, 0.0, self._slope,
+            along, self._ground, self._marks[2], 0, fields[2], fields[TILT], zero, 0.0, 0.0, 0.0, self._slope,
             self._turning,
         )  # fmt: skip
         self._displaced = entry_point(
-            _displaced, model, zero, self._reach, self._told, fields, self._marks[0], 0, 0, zero, numbers, self._nodes,
-            self._moved,
+            _displaced, model, self._feet, self._reach, self._told, fields, self._marks, 0, 0, zero, numbers,
+            self._field, self._nodes, self._moved,
         )  # fmt: skip
 
     def step(
@@ -268,7 +272,7 @@ class CondensedBody:
         aside   [m] indentation of the linear body under the patch by what the other contacts have done
         others  [N] force on the patch that would indent it as what presses there now does
         """
-        _answer(self._model, dt, self._fields, self._curve, self._numbers, self._touched, aside, others)
+        _answer(self._model, dt, self._fields, self._marks, self._curve, self._numbers, self._touched, aside, others)
         compliance, free, now = self._numbers[:MORE].tolist()
         return compliance, free, now
 
@@ -307,73 +311,80 @@ class CondensedBody:
     def along(self) -> tuple[tuple[float, float, float], tuple[float, ...]]:
         """What the energy at the force of the last step gains along the surface [N] (3), and how the normal turns there
         [1/m] (9), row by row: see `physics.bodies.place_energy`."""
-        _, _, measure, order, _ = self._fields
+        radius, compliance, force = self._numbers[[WIDE, OWN, TOTAL]].tolist()
         self._along(
-            self._ground, order[:, 0], self._touched, measure, self._patch, self._pull, self._normal,
-            float(self._numbers[WIDE]), float(self._numbers[OWN]), self._slope, self._turning,
+            self._ground, self._marks[2], self._touched, self._fields[2], self._fields[TILT], self._normal, radius,
+            compliance, force, self._slope, self._turning,
         )  # fmt: skip
         x, y, z = self._slope.tolist()
         return (x, y, z), tuple(self._turning.ravel().tolist())
 
     def displaced(self, foot: tuple) -> tuple[np.ndarray, np.ndarray]:
         """Vertices of the mesh, all near the foot point and fewer farther off, and their displacements [m] (k,3)."""
+        self._feet[0] = foot
         count = self._displaced(
-            self._model, foot, self._reach, self._told, self._fields, self._marks[0], self._count, self._touched,
-            self._normal, self._numbers, self._nodes, self._moved,
+            self._model, self._feet, self._reach, self._told, self._fields, self._marks, self._count, self._touched,
+            self._normal, self._numbers, self._field, self._nodes, self._moved,
         )  # fmt: skip
         return self._nodes[:count], self._moved[:count]
 
 
 @kernel
-def _step(model, patch, pull, share, normal, dt, fields, marked, curve, numbers, count):
+def _step(model, patch, pull, share, normal, dt, fields, marks, curve, numbers, count):
     """`_take` and `_answer`, of one contact."""
-    count, touched = _take(model, patch, pull, share, normal, dt, fields, marked, numbers, count)
-    _answer(model, dt, fields, curve, numbers, touched, 0.0, 0.0)
+    count, touched = _take(model, patch, pull, share, normal, dt, fields, marks, numbers, count)
+    _answer(model, dt, fields, marks, curve, numbers, touched, 0.0, 0.0)
     return count, touched
 
 
 @kernel
-def _take(model, patch, pull, share, normal, dt, fields, marked, numbers, count):
+def _take(model, patch, pull, share, normal, dt, fields, marks, numbers, count):
     """`share` is 1 where `pull` is a load, 0 where it only marks the patch. Returns how many vertices hold load, and
     how many the patch touches.
 
-    fields  (5,V,3)    h [N]; the load, later the displacement; shares of the normal force; vertices of the patch; room
-    marked  [1] (2,V)  the vertices that hold load; 1 for each of these
+    fields  (F,V,3)    h [N]; the load; shares of the normal force, of the true patch and drawn together; room; what the
+                       shares change by as the patch moves [1/m]
+    marks   [1] (3,V)  the vertices that hold load; 1 for each of these; the vertices of the patch
     """
-    compliance, corners, weights, young = model.compliance, model.corners, model.weights, model.young
-    held, load, measure, order = fields[0], fields[1], fields[2], fields[3, :, 0]
-    active, marks = marked[0], marked[1]
+    young = model.young
+    held, load, measure, tilt = fields[0], fields[1], fields[2], fields[TILT]
+    active, marked, order = marks[0], marks[1], marks[2]
     # the load, and the patch weights m, on the vertices of the coarse mesh
+    for k in range(count):
+        load[active[k]] = 0.0
+        measure[active[k], 0] = 0.0
     touched = 0
     total = normal_force(pull, normal)
     for k in range(len(patch)):
         p = patch[k]
         part = share_of(k, pull, normal, total)
         for a in range(3):
-            v = corners[p, a]
-            if marks[v] < 2:  # 1: holds load, 2: touched now
-                marks[v] += 2
+            v = model.corners[p, a]
+            if marked[v] < 2:  # 1: holds load, 2: touched now
+                marked[v] += 2
                 order[touched] = v
                 touched += 1
                 load[v] = 0.0
-                measure[v] = 0.0
-            w = weights[p, a]
+                measure[v, 0] = 0.0
+                tilt[v] = 0.0
+            w = model.weights[p, a]
             measure[v, 0] += w * part
             for i in range(3):
                 load[v, i] += share * w * pull[k, i]
+                tilt[v, i] += part * model.slopes[p, a, i]
     # history h of the load: Kelvin-Voigt retardation over dt
     keep, take = model.retardation / (dt + model.retardation), dt / (dt + model.retardation)
     for k in range(count):
         for i in range(3):
             held[active[k], i] *= keep
     for k in range(touched):
-        v = int(order[k])
-        marks[v] -= 2
+        v = order[k]
+        marked[v] -= 2
         if share > 0.0:
             for i in range(3):
                 held[v, i] += take * load[v, i]
-            if marks[v] == 0:
-                marks[v] = 1
+            if marked[v] == 0:
+                marked[v] = 1
                 active[count] = v
                 count += 1
     # drop what has faded
@@ -382,39 +393,27 @@ def _take(model, patch, pull, share, normal, dt, fields, marked, numbers, count)
         v = active[k]
         if abs(held[v, 0]) + abs(held[v, 1]) + abs(held[v, 2]) < FORGOTTEN:
             held[v] = 0.0
-            marks[v] = 0
+            marked[v] = 0
         else:
             active[kept] = v
             kept += 1
     count = kept
-    # indentation of the linear body: m.C h of the history, m.C f of the load
-    now, static, pressed = 0.0, 0.0, 0.0
-    for k in range(touched):
-        v = int(order[k])
-        for i in range(3):
-            side = -measure[v, 0] * normal[i]
-            if side == 0.0:
-                continue
-            row = compliance[3 * v + i]
-            for m in range(count):
-                b = active[m]
-                now += side * (row[3 * b] * held[b, 0] + row[3 * b + 1] * held[b, 1] + row[3 * b + 2] * held[b, 2])
-                out = held[b, 0] * normal[0] + held[b, 1] * normal[1] + held[b, 2] * normal[2]
-                along = row[3 * b] * normal[0] + row[3 * b + 1] * normal[1] + row[3 * b + 2] * normal[2]
-                pressed += side * out * along
-            if share > 0.0:
-                for m in range(touched):
-                    b = int(order[m])
-                    static += side * (
-                        row[3 * b] * load[b, 0] + row[3 * b + 1] * load[b, 1] + row[3 * b + 2] * load[b, 2]
-                    )
     # the patch as small as the load is: a half-space's correction to the compliance
     radius, narrow = load_radius(model.fine, patch, pull, normal, total, model.true.least)
     wide = patch_radius(model.vertices, model.moments, order, touched, measure)
     numbers[DEEP : SLIDES + 1] = 0.0
     narrowed = draw_together(model, patch, pull, normal, total, order, touched, measure, radius)
+    block = np.zeros((3, 3))
+    # indentation of the linear body: m.C h of the history, m.C f of the load
+    sums = np.zeros(4)
+    for k in range(count):
+        _gather(model, active[k], order, touched, measure, held, load, normal, block, sums)
+    for k in range(touched):
+        if marked[order[k]] == 0:
+            _gather(model, order[k], order, touched, measure, held, load, normal, block, sums)
+    now, pressed, static, hats = sums
     body, more = patch_compliance(
-        compliance, model.true, order, touched, measure, narrowed, normal, radius, numbers[SIDE]
+        model.compliance, model.true, order, touched, measure, narrowed, normal, radius, block, hats, numbers[SIDE]
     )
     numbers[NARROWED] = narrowed
     if len(model.true.table) > 0 and share > 0.0:
@@ -438,12 +437,46 @@ def _take(model, patch, pull, share, normal, dt, fields, marked, numbers, count)
 
 
 @kernel
-def _answer(model, dt, fields, curve, numbers, touched, aside, others):
+def _gather(model, b, order, touched, measure, held, load, normal, block, sums):
+    """Add what the coarse vertex b is to the patch: to `block` [m/N] (3,3) its part of g.C g, and to `sums` those of
+    m.C h, of the part of it that the normal forces of h make, of m.C f, and of g.T g."""
+    first, second, third = model.compliance[3 * b], model.compliance[3 * b + 1], model.compliance[3 * b + 2]
+    c00 = c01 = c02 = c10 = c11 = c12 = c20 = c21 = c22 = hats = 0.0
+    corrects = len(model.true.table) > 0
+    for k in range(touched):
+        v = order[k]
+        share, at = measure[v, 0], 3 * v
+        c00 += share * first[at]
+        c01 += share * first[at + 1]
+        c02 += share * first[at + 2]
+        c10 += share * second[at]
+        c11 += share * second[at + 1]
+        c12 += share * second[at + 2]
+        c20 += share * third[at]
+        c21 += share * third[at + 1]
+        c22 += share * third[at + 2]
+        if corrects:
+            hats += share * model.true.table[b, v]
+    n0, n1, n2 = normal
+    w0, w1, w2 = c00 * n0 + c01 * n1 + c02 * n2, c10 * n0 + c11 * n1 + c12 * n2, c20 * n0 + c21 * n1 + c22 * n2
+    sums[0] -= w0 * held[b, 0] + w1 * held[b, 1] + w2 * held[b, 2]
+    sums[1] -= (w0 * n0 + w1 * n1 + w2 * n2) * (held[b, 0] * n0 + held[b, 1] * n1 + held[b, 2] * n2)
+    sums[2] -= w0 * load[b, 0] + w1 * load[b, 1] + w2 * load[b, 2]
+    share = measure[b, 0]
+    if share != 0.0:
+        for i, row in enumerate(((c00, c01, c02), (c10, c11, c12), (c20, c21, c22))):
+            for j in range(3):
+                block[i, j] += share * row[j]
+        sums[3] += share * hats
+
+
+@kernel
+def _answer(model, dt, fields, marks, curve, numbers, touched, aside, others):
     """Change `numbers` by what other contacts and large displacement add, see `CondensedBody.answer`.
 
     curve   (2,D+1)    knots and slopes of the indentation over that of the linear body
     """
-    dents, measure, order = model.dents, fields[2], fields[3, :, 0]
+    dents, measure, order = model.dents, fields[2], marks[2]
     keep, take = model.retardation / (dt + model.retardation), dt / (dt + model.retardation)
     self_compliance = numbers[OWN]
     numbers[FREE] += keep * aside
@@ -470,83 +503,74 @@ def _answer(model, dt, fields, curve, numbers, touched, aside, others):
 
 
 @kernel
-def _field(model, u, fields, active, count, touched, normal, numbers):
-    """Add displacements of the coarse vertices: of the body under what it holds, what large displacement adds and what
-    holds the patch along the surface, less the half-space's own under the hats."""
-    compliance, held, share, order = model.compliance, fields[0], fields[2], fields[3, :, 0]
-    true, press = model.true, numbers[PRESS]
+def add_field(model, u, fields, marks, count, touched, normal, numbers):
+    """Add displacements u (V,3), in single precision, of the coarse vertices: of the body under what it holds, what
+    large displacement adds and what holds the patch along the surface, less the half-space's own under the hats."""
+    held, share, room, active, order = fields[0], fields[2], fields[ROOM], marks[0], marks[2]
+    true, press, side = model.true, numbers[PRESS], numbers[SIDE]
     narrowed = numbers[NARROWED] > 0.0
-    field, side, patch = u.reshape(-1), numbers[SIDE], fields[4]
     for k in range(touched):
-        v = int(order[k])
+        v = order[k]
         for i in range(3):
-            patch[v, i] = share[v, 0] * (press * side[i] - numbers[MORE] * normal[i])
+            room[v, i] = share[v, 0] * (press * side[i] - numbers[MORE] * normal[i])
             if narrowed:  # twice: what is shown passes through the hats once more
-                patch[v, i] += 2.0 * (share[v, 1] - share[v, 0]) * press * (side[i] - normal[i])
+                room[v, i] += 2.0 * (share[v, 1] - share[v, 0]) * press * (side[i] - normal[i])
     for k in range(count):
         b = active[k]
         for i in range(3):
-            patch[b, i] += held[b, i]
-        _add_three(field, compliance, b, patch[b], model.young)
+            room[b, i] += held[b, i]
+        _add_three(u.reshape(-1), model.compliance, b, room[b], model.young)
     for k in range(touched):
-        v = int(order[k])
-        _add_three(field, compliance, v, patch[v], model.young)
+        _add_three(u.reshape(-1), model.compliance, order[k], room[order[k]], model.young)
     if len(true.table) > 0:
-        hats = patch.reshape(-1)[: len(u)]
+        n0, n1, n2 = np.float32(normal[0]), np.float32(normal[1]), np.float32(normal[2])
+        hats = np.zeros(len(u), dtype=np.float32)
         for k in range(touched):
-            v = int(order[k])
+            v = order[k]
             part = 2.0 * share[v, 1] - share[v, 0] if narrowed else share[v, 0]
-            _add(hats, true.table[v], true.normal * press * part / model.young)
-        for v in range(len(u)):
-            for i in range(3):
-                u[v, i] += hats[v] * normal[i]
-        hats[:] = 0.0
+            amount, row = np.float32(true.normal * press * part / model.young), true.table[v]
+            for b in range(len(hats)):
+                hats[b] += amount * row[b]
+        for b in range(len(hats)):
+            u[b, 0] += hats[b] * n0
+            u[b, 1] += hats[b] * n1
+            u[b, 2] += hats[b] * n2
 
 
 @kernel
-def _displaced(model, foot, reach, room, fields, active, count, touched, normal, numbers, nodes, moved):
+def _displaced(model, feet, reach, room, fields, marks, count, touched, normal, numbers, u, nodes, moved):
     """Displacements of the fine mesh near the foot; returns of how many vertices."""
-    u = fields[1]
     u[:] = 0.0
-    _field(model, u, fields, active, count, touched, normal, numbers)
-    told = carried(model.corners, model.weights, u, reach, foot, room, nodes, moved)
-    _dent(model, foot, normal, numbers, nodes[:told], moved)
+    add_field(model, u, fields, marks, count, touched, normal, numbers)
+    told = carried(model.corners, model.weights, u, reach, feet, room, nodes, moved)
+    add_dent(model, feet[0], normal, numbers, nodes[:told], moved)
     return told
 
 
-@kernel
+@kernel(error_model="numpy")
 def _add_three(field, rows, v, force, young):
     """Add rows 3v, 3v + 1, 3v + 2 times a force (3) over `young` to a field; sets the force to 0."""
-    f0, f1, f2 = force[0] / young, force[1] / young, force[2] / young
-    first, second, third = rows[3 * v], rows[3 * v + 1], rows[3 * v + 2]
-    if f0 != 0.0 and f1 != 0.0 and f2 != 0.0:  # the field is read and written once
-        for k in range(len(field)):
-            field[k] = field[k] + f0 * first[k] + f1 * second[k] + f2 * third[k]
-    else:
-        _add(field, first, f0)
-        _add(field, second, f1)
-        _add(field, third, f2)
+    f0, f1, f2 = np.float32(force[0] / young), np.float32(force[1] / young), np.float32(force[2] / young)
     force[:] = 0.0
+    if f0 == 0.0 and f1 == 0.0 and f2 == 0.0:
+        return
+    first, second, third = rows[3 * v], rows[3 * v + 1], rows[3 * v + 2]
+    for k in range(len(field)):  # the field is read and written once
+        field[k] += f0 * first[k] + f1 * second[k] + f2 * third[k]
 
 
-@kernel
-def _dent(model, foot, normal, numbers, nodes, moved):
+@kernel(error_model="numpy")
+def add_dent(model, foot, normal, numbers, nodes, moved):
     """Add the half-space's own displacement under the true load to that of the fine vertices `nodes`."""
     true, press, radius = model.true, numbers[PRESS], numbers[RADIUS]
     if len(true.table) == 0:
         return
     deep = (1.0 - true.held) * true.normal * press / (model.young * radius)
+    n0, n1, n2, flat = deep * normal[0], deep * normal[1], deep * normal[2], 1.0 / (radius * radius)
     for k in range(len(nodes)):
         p = nodes[k]
         d0, d1, d2 = model.fine[p, 0] - foot[0], model.fine[p, 1] - foot[1], model.fine[p, 2] - foot[2]
-        dent = deep * dent_at(true.profile, np.sqrt(d0 * d0 + d1 * d1 + d2 * d2) / radius)
-        for i in range(3):
-            moved[k, i] -= dent * normal[i]
-
-
-@kernel
-def _add(field, row, amount):
-    """Add `amount` of a row to a field."""
-    if amount != 0.0:
-        for k in range(len(field)):
-            field[k] += amount * row[k]
+        dent = dent_at(true.profile, (d0 * d0 + d1 * d1 + d2 * d2) * flat)
+        moved[k, 0] -= dent * n0
+        moved[k, 1] -= dent * n1
+        moved[k, 2] -= dent * n2

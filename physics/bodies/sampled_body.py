@@ -251,8 +251,8 @@ class SampledBody:
     def displaced(self, foot: tuple) -> tuple[np.ndarray, np.ndarray]:
         """Vertices of the mesh, all near the foot point and fewer farther off, and their displacements [m] (k,3)."""
         count = _displaced(
-            self._model, self._reaches, self._told, foot, self.reach, self._margin, self._fields, self._active,
-            self.q, float(self._numbers[GAMMA]), self._nodes, self._moved,
+            self._model, self._reaches, self._told, np.array([foot]), self.reach, self._margin, self._fields,
+            self._active, self.q, float(self._numbers[GAMMA]), self._nodes, self._moved,
         )  # fmt: skip
         return self._nodes[:count], self._moved[:count]
 
@@ -435,10 +435,10 @@ def _ray(t, end, start_slope, end_slope):
 
 
 @kernel(error_model="numpy")
-def _displaced(model, reaches, room, foot, reach, margin, fields, active, q, more, nodes, moved):
+def _displaced(model, reaches, room, feet, reach, margin, fields, active, q, more, nodes, moved):
     residual_compliance, points, held, u = model.residual_compliance, model.vertices, fields[0], fields[3]
     scale = more / model.young
-    count = 0
+    foot, count = feet[0], 0
     for v in range(len(held)):
         if held[v, 0] != 0.0 or held[v, 1] != 0.0 or held[v, 2] != 0.0:
             active[count] = v
@@ -453,4 +453,4 @@ def _displaced(model, reaches, room, foot, reach, margin, fields, active, q, mor
         u[v, 0] += scale * out0
         u[v, 1] += scale * out1
         u[v, 2] += scale * out2
-    return carried(model.corners, model.weights, u, reaches, foot, room, nodes, moved)
+    return carried(model.corners, model.weights, u, reaches, feet, room, nodes, moved)
