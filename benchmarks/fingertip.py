@@ -13,14 +13,30 @@ import json
 import sys
 from pathlib import Path
 
-from palpate.models.fe.meshing.fingertip import CALIBRATED, FingertipDimensions
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from palpate.models.fe.meshing.fingertip import CALIBRATED, PAPER, FingertipDimensions
 from palpate.models.fe.study.paper_claims import points, statements
-from palpate.models.fe.study.press_record import PressRun, Record, fit_divisor, record
+from palpate.models.fe.study.press_record import PressRun, Record, record
 from palpate.models.fe.study.pressing import Pressing
 
 ENDS = {"printed": {"steel": 0.85e-3, "silicone": 1.3e-3}, "calibrated": {"steel": 2.4e-3, "silicone": 2.4e-3},
         "cortical": {"steel": 0.85e-3, "silicone": 1.3e-3}}  # fmt: skip
 """How far each plate rises for a set of constants [m]: past the paper's greater force, or as far as the paper's."""
+
+
+def fit_divisor(steel: Record) -> float:
+    """The divisor of all moduli whose steel curve passes the paper's two steel points with the least squared error in
+    indentation."""
+    points = PAPER["steel"]
+
+    def miss(log: float) -> float:
+        curve = steel.softened(float(np.exp(log)))
+        ends = [min(f, curve.force[-1]) for f, _ in points]
+        return sum((curve.at(e)[0] - depth) ** 2 + (e - f) ** 2 for e, (f, depth) in zip(ends, points, strict=True))
+
+    return float(np.exp(minimize_scalar(miss, bounds=(np.log(2.0), np.log(100.0)), method="bounded").x))
 
 
 def press(name: str, plate: str, cells: int, folder: Path) -> tuple[PressRun, Record]:

@@ -6,6 +6,7 @@ import json
 import sys
 
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 
@@ -14,7 +15,7 @@ def show(title: str, rows: list[dict[str, object]], digits: int = 4) -> None:
     table = Table(title=title, title_justify="left", box=None, padding=(0, 1))
     names = list(dict.fromkeys(name for row in rows for name in row))
     for name in names:
-        table.add_column(name, justify="right")
+        table.add_column(escape(name), justify="right")
     for row in rows:
         cells = ["" if row.get(name) is None else row[name] for name in names]
         table.add_row(*(f"{cell:.{digits}g}" if isinstance(cell, float) else str(cell) for cell in cells))

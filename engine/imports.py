@@ -37,10 +37,14 @@ def search_here() -> str:
 
 
 def load_class(name: str) -> Any:
-    """The class of this full dotted name; the working directory is searched, too.
+    """The class of this full dotted name, or of `Carrier[Message]`, both full names; the working directory is searched,
+    too.
 
     ImportError, AttributeError: no such module, no such class.
     """
+    carrier, bracket, carried = name.removesuffix("]").partition("[")
+    if bracket:
+        return load_class(carrier).of(load_class(carried))
     module, _, cls = name.rpartition(".")
     if not _within(module, PALPATE):
         search_here()
@@ -54,8 +58,7 @@ def recorded_class(name: str, kind: type) -> Any:
 
     UntrustedError: another module. ImportError, AttributeError: no such module, no such class, or of another kind.
     """
-    module, _, _ = name.rpartition(".")
-    check_trusted(module)
+    check_trusted(*(part.rpartition(".")[0] for part in name.removesuffix("]").split("[")))
     cls = load_class(name)
     if not (isinstance(cls, type) and issubclass(cls, kind)):
         raise ImportError(f"{name} is no {kind.__name__}")

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import datetime
 import gc
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from palpate.launch.load.files import SCENES, find_file
 from palpate.launch.load.launchfile import LaunchFile, find
@@ -16,6 +16,9 @@ from palpate.launch.load.values.units import UnitError, convert
 from palpate.launch.run.execute import execute
 from palpate.physics.errors import ArgumentError, RunError
 from palpate.views.run import Run
+
+if TYPE_CHECKING:
+    from palpate.records.sensitivity import Derivatives
 
 
 def run_and_open(
@@ -28,6 +31,7 @@ def run_and_open(
     place: str | Path | None,
     sets: Sequence[str],
     nodes: Mapping[str, str | Mapping[str, Any]],
+    sensitivity: Sequence[str] = (),
 ) -> Run:
     """Run a graph and open its recording; the arguments are those of `palpate.run`.
 
@@ -40,6 +44,7 @@ def run_and_open(
     launch = launch.but(clock=clock, record=file, place=find_place(place))
     if launch.duration is None:
         raise ArgumentError(f"{graph}: the graph has no duration, so the run would never end; pass duration=2.0 [s]")
+    carry = _carrying(launch, sensitivity) if sensitivity else None
     if launch.place is None and launch.clock != "real" and not _hardware(launch):
         launch = launch.but(place=FUSED)  # the answer is the same, and no process has to start
     outcome = execute(launch)
@@ -50,7 +55,19 @@ def run_and_open(
     if not outcome.ok:
         raise RunError("; ".join(outcome.result.notes) or f"the recording {outcome.recording} is not whole")
     assert outcome.recording is not None
-    return Run(outcome.recording)
+    run = Run(outcome.recording)
+    if carry is not None:
+        run.sensitivity = carry(run)
+    return run
+
+
+def _carrying(launch: LaunchFile, sensitivity: Sequence[str]) -> Callable[[Run], Mapping[str, Derivatives]]:
+    """What gives the derivatives of a run by these parameters, which are checked now; only here it is imported."""
+    from palpate.launch.sensitivity import resolved
+    from palpate.records.sensitivity import derivatives
+
+    chain, parameters = resolved(launch, sensitivity)
+    return lambda run: derivatives(run, chain, parameters)
 
 
 def described(

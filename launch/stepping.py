@@ -16,6 +16,7 @@ from palpate.engine.faults import choices
 from palpate.engine.schedule import nanoseconds
 from palpate.engine.slot import NodeError, Slot
 from palpate.launch.calling import described
+from palpate.launch.load.launchfile import LaunchFile
 from palpate.launch.load.placement import fused
 from palpate.launch.load.plan import plan
 from palpate.launch.load.recording import set_recording
@@ -24,7 +25,7 @@ from palpate.launch.run.assign import jobs
 from palpate.launch.run.work.simulated import run_tick
 from palpate.launch.run.work.worker import Worker
 from palpate.messages import Message
-from palpate.nodes.base import SettingError, settings
+from palpate.nodes.base import Node, SettingError, settings
 from palpate.nodes.base.node import convert as settled
 from palpate.physics.errors import ArgumentError
 
@@ -35,13 +36,16 @@ class Tick:
 
     number   of the tick, from 0
     time     [s] on the graph's clock
-    streams  names of what is sent
     """
 
     def __init__(self, worker: Worker, number: int) -> None:
         self._worker = worker
         self.number, self.time = number, nanoseconds(number, worker.job.rate) * 1e-9
-        self.streams = list(worker.outputs)
+
+    @property
+    def streams(self) -> list[str]:
+        """Names of what is sent."""
+        return list(self._worker.outputs)
 
     def __getitem__(self, stream: str) -> Message | None:
         """ArgumentError: there is no such stream; names the nearest."""
@@ -65,8 +69,7 @@ class Tick:
 
     def settings(self, node: str) -> dict[str, Any]:
         """The settings of a node as they are now, in SI units. ArgumentError: no such node."""
-        own = self._slot(node).node
-        return {name: getattr(own, name) for name in settings(type(own))}
+        return _settings(slot_of(self._worker, node).node)
 
     def set(self, node: str, **values: Any) -> None:
         """Give a node other settings from the next tick on: numbers in SI units, or texts with a unit. The node is
@@ -75,27 +78,72 @@ class Tick:
         ArgumentError: no such node. SettingError: no such setting, or not its value; the old ones stay. NodeError: the
         node does not start with them, which ends the loop.
         """
-        slot = self._slot(node)
-        own, known = slot.node, settings(type(slot.node))
-        new = {}
-        for name, value in values.items():
-            if name not in known:
-                raise SettingError(f"{node}: no setting {name!r}. {choices('Settings', name, known)}")
-            new[name] = settled(known[name], _number(node, name, value, known[name].unit))
+        slot = slot_of(self._worker, node)
+        new = _settled(slot, values)
         try:
-            own.stop()
+            slot.node.stop()
             for name, value in new.items():
-                setattr(own, name, value)
-            own.start()
+                setattr(slot.node, name, value)
+            slot.node.start()
         except Exception as error:
             raise NodeError(node, "start", error) from error
         slot.time = None
 
-    def _slot(self, node: str) -> Slot:
-        names = {slot.name: slot for slot in self._worker.slots}
-        if node not in names:
-            raise ArgumentError(f"there is no running node {node!r}. {choices('Nodes', str(node), names)}")
-        return names[node]
+
+class Stepper:
+    """A graph in this process on simulated time, which goes on by a tick when it is told to, and back to its beginning.
+
+    GraphError, ArgumentError: what is wrong with the graph.
+    """
+
+    def __init__(self, launch: LaunchFile) -> None:
+        graph = launch.load()
+        set_recording(graph, None)
+        self.plan = plan(graph)
+        """What runs of the graph."""
+        devices = [name for name in self.plan.order if graph.nodes[name].cls.hardware]
+        if devices or launch.clock == "real":
+            what = f"{devices[0]!r} drives a device" if devices else "clock: real"
+            raise ArgumentError(
+                f"{launch.graph.stem}: stepping needs simulated time, but {what}; run it with palpate.run"
+            )
+        ticks = None if launch.duration is None else max(1, round(launch.duration * graph.rate))
+        (job,) = jobs(self.plan, fused(self.plan), ticks=ticks)
+        self._worker = Worker(job, None, lambda report: None)
+        self.rate, self.last = graph.rate, self._worker.last
+        self._own = {slot.name: _settings(slot.node) for slot in self._worker.slots}
+
+    def node(self, name: str) -> Node:
+        """A node that runs. ArgumentError: there is no such one."""
+        return slot_of(self._worker, name).node
+
+    def start(self) -> None:
+        """Start all nodes. NodeError: one of them failed; `stop` gives back what the others opened."""
+        self._worker.start()
+        self._worker.begin(0)
+
+    def restart(self, changes: Mapping[str, Mapping[str, Any]]) -> None:
+        """Go back to before the first tick, with the settings of the graph but for these, as `Tick.set` takes them.
+
+        ArgumentError, SettingError: no such node, setting or value; nothing was changed. NodeError: a node failed.
+        """
+        new = {name: _settled(slot_of(self._worker, name), values) for name, values in changes.items()}
+        for slot in self._worker.slots:
+            for name, value in (self._own[slot.name] | new.get(slot.name, {})).items():
+                setattr(slot.node, name, value)
+            slot.restart()
+        self._worker.tick = -1
+
+    def tick(self) -> Tick:
+        """Run one tick. NodeError: a node failed."""
+        number = self._worker.tick + 1
+        self._worker.tick = number
+        run_tick(self._worker, number)
+        return Tick(self._worker, number)
+
+    def stop(self) -> None:
+        """Stop all nodes."""
+        self._worker.stop()
 
 
 def steps(
@@ -111,28 +159,39 @@ def steps(
     GraphError, ArgumentError: what is wrong with them. NodeError: a node failed.
     """
     launch = described(graph, scene=scene, duration=duration, sets=sets, nodes=nodes)
-    loaded = launch.load()
-    set_recording(loaded, None)
-    planned = plan(loaded)
-    devices = [name for name in planned.order if planned.graph.nodes[name].cls.hardware]
-    if devices or launch.clock == "real":
-        what = f"{devices[0]!r} drives a device" if devices else "clock: real"
-        raise ArgumentError(f"{graph}: stepping needs simulated time, but {what}; run it with palpate.run")
-    ticks = None if launch.duration is None else max(1, round(launch.duration * loaded.rate))
-    (job,) = jobs(planned, fused(planned), ticks=ticks)
-    return _ticks(Worker(job, None, lambda report: None))
+    return _ticks(Stepper(launch))
 
 
-def _ticks(worker: Worker) -> Iterator[Tick]:
+def _ticks(stepper: Stepper) -> Iterator[Tick]:
     try:
-        worker.start()
-        worker.begin(0)
-        for number in itertools.count() if worker.last is None else range(worker.last + 1):
-            worker.tick = number
-            run_tick(worker, number)
-            yield Tick(worker, number)
+        stepper.start()
+        for _ in itertools.count() if stepper.last is None else range(stepper.last + 1):
+            yield stepper.tick()
     finally:
-        worker.stop()
+        stepper.stop()
+
+
+def slot_of(worker: Worker, node: str) -> Slot:
+    """A node that runs. ArgumentError: there is no such one."""
+    names = {slot.name: slot for slot in worker.slots}
+    if node not in names:
+        raise ArgumentError(f"there is no running node {node!r}. {choices('Nodes', str(node), names)}")
+    return names[node]
+
+
+def _settings(node: Node) -> dict[str, Any]:
+    return {name: getattr(node, name) for name in settings(type(node))}
+
+
+def _settled(slot: Slot, values: Mapping[str, Any]) -> dict[str, Any]:
+    """Settings of a node as it holds them. SettingError: no such setting, or not its value."""
+    known = settings(type(slot.node))
+    new = {}
+    for name, value in values.items():
+        if name not in known:
+            raise SettingError(f"{slot.name}: no setting {name!r}. {choices('Settings', name, known)}")
+        new[name] = settled(known[name], _number(slot.name, name, value, known[name].unit))
+    return new
 
 
 def _number(node: str, name: str, value: Any, unit: str) -> Any:

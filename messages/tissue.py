@@ -37,6 +37,11 @@ class SeenSurface(NamedTuple):
     tick: int
     source: str
 
+    @property
+    def kind(self) -> str:
+        """The message that it is of, for people."""
+        return "Surface"
+
 
 class _Sparse(Message, frozen=True, kw_only=True, omit_defaults=True):
     """A message whose plain defaults are left out on the wire; its header is not."""

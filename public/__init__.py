@@ -51,6 +51,7 @@ def run(
     clock: str | None = None,
     place: str | Path | None = None,
     sets: Sequence[str] = (),
+    sensitivity: Sequence[str] = (),
     **nodes: str | Mapping[str, Any],
 ) -> Run:
     """Run a graph to its end and open its recording; `palpate run` does the same from the shell.
@@ -63,6 +64,8 @@ def run(
     place     "fused", or a placement file; left out: on simulated time this process runs all nodes, which gives the
               same bytes as any other placement, else each node is a process of its own
     sets      single values as after `--set`: "tissue.stiffness=2e3"
+    sensitivity  parameters by which the contact is differentiated afterwards, "scene.tissue.young": `run.sensitivity`
+              has of each the derivatives of force, compression and indentation, along the finger's path
     nodes     what a node is: a model, tissue="deformation.ReducedFE", or settings, tissue={"stiffness": 2e3}
 
     PalpateError: what is wrong with the graph, or which node failed. OSError: the recording cannot be written.
@@ -70,8 +73,9 @@ def run(
     from palpate.launch.calling import run_and_open
 
     return run_and_open(
-        graph, record=record, duration=duration, scene=scene, clock=clock, place=place, sets=sets, nodes=nodes
-    )
+        graph, record=record, duration=duration, scene=scene, clock=clock, place=place, sets=sets, nodes=nodes,
+        sensitivity=sensitivity,
+    )  # fmt: skip
 
 
 def steps(

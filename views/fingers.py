@@ -1,4 +1,4 @@
-"""Which streams belong to which finger, where several touch one body."""
+"""Which streams belong to which finger, and which bodies they touch."""
 
 from __future__ import annotations
 
@@ -7,59 +7,80 @@ from collections.abc import Iterable, Mapping
 from palpate.engine.imports import full_name
 from palpate.engine.parts import Link, parts
 from palpate.engine.plan import Plan
-from palpate.messages import Contact, Surface
+from palpate.messages import Contact, Friction, Load, Proximity, Surface
 from palpate.records.stored import Stored
 
-Finger = dict[str, str]
-"""The stream of each message type, by the type's full name."""
+Streams = Mapping[str, tuple[str, str]]
+"""Sender and message type of each stream, the type by its full name."""
 
 
-def fingers(links: Iterable[Link], streams: Mapping[str, tuple[str, str]]) -> list[Finger]:
-    """The streams of each finger that presses on the first body, in the order of the graph.
+class Finger(dict[str, str]):
+    """The stream of each message type, by the type's full name.
+
+    near  its streams of Proximity: one for each organ that it may touch
+    """
+
+    def __init__(self) -> None:
+        self.near: list[str] = []
+
+
+def fingers(links: Iterable[Link], streams: Streams) -> list[Finger]:
+    """The streams of each finger, in the order of the graph.
 
     links    between the nodes
-    streams  sender and message type of each stream
 
-    What is not of one finger alone (`engine.parts`) is the same for all. Where one finger touches, and where nothing is
-    known of the links, it has the first stream of each type.
+    What is not of one finger alone (`engine.parts`) is the same for all. What adds up the contacts of one finger, or
+    its frictions, stands for these. Where one finger touches, and where nothing is known of the links, it has the first
+    stream of each type.
     """
-    whole: Finger = {}
-    for stream, (_, kind) in streams.items():
-        whole.setdefault(kind, stream)
     links = list(links)
-    part, contact = parts(links), full_name(Contact)
-    body = streams.get(whole.get(full_name(Surface), ""), ("", ""))[0]
-    on_body = {part.get(sends) for hears, _, sends in links if hears == body} | {part.get(body)}
-    found = [n for n in dict.fromkeys(part.get(p) for p, kind in streams.values() if kind == contact) if n in on_body]
-    if len(found) < 2 or None in found:
-        return [whole]
+    part = parts(links)
+    heard: dict[str, set[str]] = {}
+    for hears, _, sends in links:
+        heard.setdefault(hears, set()).add(sends)
+    for node in heard:
+        own = {part.get(sends) for sends in heard[node]}
+        if node not in part and len(own) == 1 and None not in own:  # it adds up what is of one finger
+            part[node] = own.pop() or 0
+    contact, near = full_name(Contact), full_name(Proximity)
+    found = dict.fromkeys(part.get(p) for p, kind in streams.values() if kind == contact)
+    several = len(found) > 1 and None not in found
     each: list[Finger] = []
-    for number in found:
-        own: Finger = {}
-        for stream, (producer, kind) in streams.items():
-            if part.get(producer, number) == number:
-                own.setdefault(kind, stream)
-        each.append(own)
+    for number in found if several else [None]:
+        own_streams = {s: given for s, given in streams.items() if not several or part.get(given[0], number) == number}
+        finger = Finger()
+        senders: dict[str, set[str]] = {}
+        for stream, (producer, kind) in own_streams.items():
+            adds_up = kind in _ADDED and bool(senders.get(kind, set()) & heard.get(producer, set()))
+            if adds_up or kind not in finger:
+                finger[kind] = stream
+            senders.setdefault(kind, set()).add(producer)
+            if kind == near:
+                finger.near.append(stream)
+        each.append(finger)
     return each
 
 
-def fingers_of_plan(planned: Plan) -> list[Finger]:
-    """Those of a graph that runs."""
-    wires = [(name, edge.port, edge.producer) for name in planned.order for edge in planned.edges[name]]
+_ADDED = {full_name(Contact), full_name(Friction)}
+
+
+def bodies(links: Iterable[Link], streams: Streams) -> tuple[list[str], dict[str, str]]:
+    """The streams of all surfaces, and of each stream of loads the one of the body that it presses."""
+    surfaces = {producer: stream for stream, (producer, kind) in streams.items() if kind == full_name(Surface)}
+    pressed = {sends: surfaces[hears] for hears, _, sends in links if hears in surfaces}
+    loads = {s: pressed[p] for s, (p, kind) in streams.items() if kind == full_name(Load) and p in pressed}
+    return list(surfaces.values()), loads
+
+
+def links_of_plan(planned: Plan) -> tuple[list[Link], Streams]:
+    """Links and streams of a graph that runs."""
+    links = [(name, edge.port, edge.producer) for name in planned.order for edge in planned.edges[name]]
     nodes = planned.graph.nodes
-    return fingers(wires, {s: (n, full_name(kind)) for n in planned.order for s, kind in nodes[n].streams.items()})
+    return links, {s: (n, full_name(kind)) for n in planned.order for s, kind in nodes[n].streams.items()}
 
 
-def fingers_of(recording: Stored) -> list[Finger]:
-    """Those of a recording."""
+def links_of(recording: Stored) -> tuple[list[Link], Streams]:
+    """Links and streams of a recording."""
     edges = recording.about.get("plan", {}).get("edges", {})
-    wires = [(name, edge["port"], edge["producer"]) for name, own in edges.items() for edge in own]
-    return fingers(wires, {name: (s.producer, str(s.schema["class"])) for name, s in recording.streams.items()})
-
-
-def left_out(recording: Stored) -> str:
-    """What no picture shows, a line for people: all but the first body. "" where there is one or none."""
-    first, *others = recording.streams_of(Surface) or [""]
-    if not others:
-        return ""
-    return f"the body {first!r} is shown, the first of {1 + len(others)}. The others: {', '.join(map(repr, others))}"
+    links = [(name, edge["port"], edge["producer"]) for name, own in edges.items() for edge in own]
+    return links, {name: (s.producer, str(s.schema["class"])) for name, s in recording.streams.items()}

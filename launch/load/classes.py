@@ -203,11 +203,7 @@ def takers(kind: type[Message], cls: type[Node]) -> list[str]:
     sends, which they could replace, or else all."""
     found = {e.use: e.cls for e in catalogue()[0] if not issubclass(e.cls, Observer)}
     ports = {use: inputs(cls) for use, cls in found.items()}
-    several = [
-        use
-        for use, own in ports.items()
-        if any(p.many and p.type is kind and found[use].takes(p.name, {}) != 1 for p in own)
-    ]
+    several = [use for use, own in ports.items() if any(p.many and p.type is kind for p in own)]
     return [use for use in several if outputs(found[use]) == outputs(cls)] or several
 
 

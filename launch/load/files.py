@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import palpate.graphs
-from palpate.engine.faults import NOWHERE, Fault, Faults, GraphError, Location, choices, nearest, short
+from palpate.engine.faults import NOWHERE, Fault, Faults, GraphError, Location, choices, short
 from palpate.launch.load.tissues import fill_in
 from palpate.launch.load.values.source import YamlSource, merge, parse, read
 
@@ -115,7 +115,7 @@ def read_scene(scene: str | Path | Mapping[str, Any] | None, graph: YamlSource, 
 
 @dataclass(frozen=True)
 class Override:
-    """One value set from outside: `tissue.stiffness=2e3`, `scene.finger.h0=3 mm`, `rate=500`."""
+    """One value set from outside: `tissue.stiffness=2e3`, `scene.finger.thickness=3 mm`, `rate=500`."""
 
     keys: tuple[str, ...]
     value: YamlSource
@@ -177,9 +177,7 @@ def _set_scene(override: Override, rest: list[str], scene: YamlSource, faults: F
     for depth, key in enumerate(rest):
         if not (isinstance(data, dict) and key in data):
             known = [f"scene.{'.'.join([*rest[:depth], k])}" for k in data] if isinstance(data, dict) else []
-            name = ".".join(override.keys)
-            close = nearest(name, known, 1)
-            cure = f"Did you mean {close[0]!r}?" if close else f"The scene has {', '.join(known) or 'nothing there'}."
+            cure = choices("The scene has", ".".join(override.keys), known)
             faults.add(f"the scene has no {'.'.join(rest)!r}", cure, override.place)
             return
         data = data[key]

@@ -27,9 +27,10 @@ from palpate.launch.load.values.lines import fill, quantity
 from palpate.launch.load.values.settings import Offer, check_offers, check_taken, resolve
 from palpate.launch.load.values.shared_units import check_units, uses
 from palpate.launch.load.values.source import YamlSource
-from palpate.launch.load.wiring import Kinds, Wire, check_counts, close_loops, find_streams, wires
+from palpate.launch.load.wiring import Kinds, Wire, close_loops, find_streams, wires
 from palpate.messages import Message
 from palpate.nodes.base import Node, Observer, inputs, settings
+from palpate.nodes.base.carrier import Carrier
 
 RESERVED = ("scene", "rate", "wanted", EFFECTS, "all")
 MOST = 1_000_000  # ticks of one step of a node
@@ -113,7 +114,8 @@ def load_source(
     world = Scene(scene_source)
     says = fill(_File, source, faults) or _File(nodes={})
     drafts, unclear = _drafts(says.nodes, source, faults)
-    kinds = {name: streams_of(name, draft.cls) for name, draft in drafts.items()}
+    unclear |= _settle_carriers(drafts, faults)
+    kinds = {name: streams_of(name, draft.cls) for name, draft in drafts.items() if name not in unclear}
     nodes: dict[str, NodeSpec] = {}
     offers: list[Offer] = []
     for name, draft in drafts.items():
@@ -123,7 +125,6 @@ def load_source(
             _check_fields(nodes[name], draft.line, kinds, unclear, faults)
         else:
             draft.wires = wires(name, draft.cls, draft.line, kinds, unclear, faults)
-            check_counts(draft.wires, draft.cls, nodes[name].settings, faults)
     close_loops([w for d in drafts.values() for w in d.wires], list(drafts), faults)
     for name, draft in drafts.items():
         nodes[name].edges = tuple(Edge(w.port.name, w.producer, w.stream, w.held) for w in draft.wires)
@@ -150,6 +151,38 @@ def load_source(
     faults.entries.extend(missing_senders(graph))
     faults.done()
     return graph
+
+
+def _settle_carriers(drafts: dict[str, _Draft], faults: Faults) -> set[str]:
+    """Nodes that carry messages get the type that their sender sends, through others of their kind; those left over,
+    of which the sender is not clear. A fault for each that has no sender but its own kind."""
+    left = {name for name, draft in drafts.items() if issubclass(draft.cls, Carrier)}
+    senders = {}
+    for name in left:
+        given = drafts[name].line.data.get("in")
+        sender = given.get("message") if isinstance(given, dict) else None
+        senders[name] = sender.get("from") if isinstance(sender, dict) else sender
+    settled = True
+    while settled:
+        settled = False
+        kinds = {name: streams_of(name, draft.cls) for name, draft in drafts.items() if name not in left}
+        for name in sorted(left):
+            sender = senders[name]
+            streams = find_streams(sender, kinds) if isinstance(sender, str) else []
+            if len(streams) == 1 and isinstance(sender, str):
+                carrier = drafts[name].cls
+                assert issubclass(carrier, Carrier)
+                drafts[name].cls = carrier.of(kinds[sender.partition(".")[0]][streams[0]])
+                left.discard(name)
+                settled = True
+    for name in sorted(left):
+        way = [name]
+        while isinstance(sender := senders[way[-1]], str) and sender in left and sender not in way:
+            way.append(sender)
+        if sender == name:
+            faults.add(f"only hands on what it sends itself: {' -> '.join([*way, name][::-1])}",
+                       "Give it a sender that is not fed by it.", drafts[name].line.place("in"), node=name)  # fmt: skip
+    return left
 
 
 def _overrides(given: Sequence[str | Override], faults: Faults) -> list[Override]:

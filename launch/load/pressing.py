@@ -9,25 +9,30 @@ graph tells.
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 
 from palpate.engine.faults import Faults, Location
 from palpate.engine.parts import parts
 from palpate.launch.load.wiring import Wire
 from palpate.messages import Contact, Contacts, Force, Ledger, Load, Message, Proximity, Surface
 from palpate.nodes.base import Node, inputs, outputs
+from palpate.nodes.base.carrier import Carrier
 
 
 class Pressing:
-    """The nodes that press on a body: they send Contact and hear how near it is, or how it answers.
+    """The nodes that press on a body: they send Contact and hear how near it is, or how it answers. Nodes that hand
+    messages on are looked through.
 
     classes  of the nodes that may run, observers left out
     wires    of these
     """
 
     def __init__(self, classes: dict[str, type[Node]], wires: Iterable[Wire]) -> None:
-        self.classes = classes
-        self.wires = [wire for wire in wires if wire.consumer in classes and wire.producer in classes]
-        self.names = [name for name in classes if self._presses(name)]
+        wires = [wire for wire in wires if wire.consumer in classes and wire.producer in classes]
+        crossed = {wire.consumer: wire.producer for wire in wires if issubclass(classes[wire.consumer], Carrier)}
+        self.classes = {name: cls for name, cls in classes.items() if not issubclass(cls, Carrier)}
+        self.wires = [replace(w, producer=_origin(w.producer, crossed)) for w in wires if w.consumer in self.classes]
+        self.names = [name for name in self.classes if self._presses(name)]
 
     def check(self, places: dict[str, Location], faults: Faults) -> None:
         """A fault for each contact and body that do not hear each other, and each contact that no controller hears."""
@@ -155,6 +160,13 @@ class Pressing:
         cls = self.classes[name]
         near = any(issubclass(p.type, Proximity | Surface) for p in inputs(cls))
         return near and any(issubclass(m, Contact) for m in outputs(cls))
+
+
+def _origin(name: str, crossed: dict[str, str]) -> str:
+    """Who sent what a node hands on."""
+    while name in crossed:
+        name = crossed[name]
+    return name
 
 
 def _and(names: Iterable[str]) -> str:

@@ -123,18 +123,6 @@ def wires(
     return connections
 
 
-def check_counts(connections: list[Wire], cls: type[Node], settings: dict[str, Any], faults: Faults) -> None:
-    """A fault for each input of a node that has more senders than it takes with these settings."""
-    for port in inputs(cls):
-        own = [wire for wire in connections if wire.port.name == port.name]
-        most = cls.takes(port.name, settings) if port.many else None
-        if most is not None and len(own) > most:
-            others = ", ".join(use for use in takers(port.type, cls) if not use.endswith(f".{cls.__name__}"))
-            faults.add(f"takes at most {most} with these settings, found {len(own)}",
-                       f"Take out {', '.join(repr(wire.producer) for wire in own[most:])}, or use one of: {others}.",
-                       own[most].place, node=own[most].consumer, port=port.name)  # fmt: skip
-
-
 def unknown(place: Location, without: str) -> tuple[str, str]:
     """What is said of a key that a class does not have, and what takes it out where it came with another class."""
     if not place.before:

@@ -31,7 +31,7 @@ from palpate.models.fe.reduce.snapshots import press, press_from_rest
 from palpate.nodes.base import SettingError
 from palpate.nodes.deformation.basis_store import about, key, touches
 from palpate.nodes.deformation.reduced_fe import ReducedFE
-from palpate.physics.bodies.condensed_body import Basis
+from palpate.physics.bodies.condensed_basis import Basis
 from palpate.physics.bodies.sampled_body import SampledBasis
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.materials.hyperelastic import MIXED_FROM

@@ -20,7 +20,8 @@ from palpate.nodes.deformation import Adaptive
 from palpate.nodes.deformation.adaptive import beside
 from palpate.nodes.deformation.basis_store import SHIPPED, cache
 from palpate.physics.bodies.fidelity_bases import FidelityBases, cut
-from palpate.physics.bodies.sampled_body import GAMMA, SampledBasis, SampledBody, gamma
+from palpate.physics.bodies.sampled.step import GAMMA, gamma
+from palpate.physics.bodies.sampled_body import SampledBasis, SampledBody
 from palpate.physics.geometry.mesh import Mesh
 
 SIZES = (10, 20, 40, 60)

@@ -23,6 +23,8 @@ from scipy.sparse.linalg import splu
 from palpate.models.fe.element.compiled import LAW, compiled
 from palpate.physics.materials.hyperelastic import Material, rest_moduli
 
+ROW, COLUMN = np.array([0, 0, 1, 2, 2]), np.array([0, 2, 1, 0, 2])
+"""Of the entries of F that are not zero."""
 GAUSS, WEIGHT = np.polynomial.legendre.leggauss(3)
 PENALTY = 300.0
 """[1] Stiffness of contact times the size of a face, over the shear modulus."""
@@ -41,14 +43,14 @@ def _lagrange(x: float) -> tuple[np.ndarray, np.ndarray]:
 
 @numba.njit(cache=True)
 def _integrate(law, slope, hoop, weight, elements, u, p, mixed, force, K):
-    """Inner forces (N,2) and tangent (E,18,18) of the elements; False where one is inside out.
+    """Inner forces (N,2) and tangent (E,18,18) of the elements, none where E is 0; False where one is inside out.
 
     slope [1/m] (E,9,9,2) of the shape functions by (r, z), hoop [1/m] (E,9,9) their values over r, weight [m³] (E,9)
     """
-    many = weight.shape[1]
-    P, A, F, D = np.zeros((3, 3)), np.zeros((9, 9)), np.zeros((many, 3, 3)), np.zeros((9, 9))
-    C, J = np.zeros((many, 3, 3)), np.zeros(many)
-    B, V, f = np.zeros((9, 18)), np.zeros(18), np.zeros(18)
+    many, tangent = weight.shape[1], len(K) > 0
+    P, A, F, D = np.zeros((3, 3)), np.zeros((9, 9)), np.zeros((many, 3, 3)), np.zeros((5, 5))
+    C, J, c = np.zeros((many, 3, 3)), np.zeros(many), np.zeros(5)
+    V, f, DB = np.zeros(18), np.zeros(18), np.zeros((5, 18))
     for e in range(len(elements)):
         volume = mean = 0.0
         for q in range(many):
@@ -70,12 +72,25 @@ def _integrate(law, slope, hoop, weight, elements, u, p, mixed, force, K):
             volume += weight[e, q]
             mean += weight[e, q] * J[q]
         mean /= volume
-        K[e], V[:], f[:] = 0.0, 0.0, 0.0
+        V[:], f[:] = 0.0, 0.0
+        if tangent:
+            K[e] = 0.0
         curve = 0.0
         for q in range(many):
             w = weight[e, q]
             A[0, 0] = 0.0
             _, _, dU, curve = law(F[q], mean if mixed else J[q], p, P, A)
+            # of the nine entries of F, rr, rz, hoop, zr and zz; a node's r moves rr, rz, hoop and its z the others
+            for m in range(5):
+                c[m] = C[q, ROW[m], COLUMN[m]]
+            for a in range(9):
+                dr, dz, ring = slope[e, q, a, 0], slope[e, q, a, 1], hoop[e, q, a]
+                V[2 * a] += w * (dr * c[0] + dz * c[1] + ring * c[2])
+                V[2 * a + 1] += w * (dr * c[3] + dz * c[4])
+                f[2 * a] += w * (dr * (P[0, 0] + dU * c[0]) + dz * (P[0, 2] + dU * c[1]) + ring * (P[1, 1] + dU * c[2]))
+                f[2 * a + 1] += w * (dr * (P[2, 0] + dU * c[3]) + dz * (P[2, 2] + dU * c[4]))
+            if not tangent:
+                continue
             for i in range(3):  # second derivative of J, and U'' where J is local
                 for j in range(3):
                     k, m, l, n = (i + 1) % 3, (i + 2) % 3, (j + 1) % 3, (j + 2) % 3
@@ -83,19 +98,25 @@ def _integrate(law, slope, hoop, weight, elements, u, p, mixed, force, K):
                     A[3 * k + l, 3 * i + j] += dU * F[q, m, n]
                     A[3 * i + l, 3 * k + j] -= dU * F[q, m, n]
                     A[3 * k + j, 3 * i + l] -= dU * F[q, m, n]
-            c = C[q].copy().reshape(9)
-            D[:] = A
-            if not mixed:
-                D += curve * np.outer(c, c)
-            B[:] = 0.0  # rows of F in order, columns r and z of each node
+            for i in range(5):
+                for j in range(5):
+                    D[i, j] = w * A[3 * ROW[i] + COLUMN[i], 3 * ROW[j] + COLUMN[j]]
+                    if not mixed:
+                        D[i, j] += w * curve * c[i] * c[j]
             for a in range(9):
-                B[0, 2 * a], B[2, 2 * a], B[4, 2 * a] = slope[e, q, a, 0], slope[e, q, a, 1], hoop[e, q, a]
-                B[6, 2 * a + 1], B[8, 2 * a + 1] = slope[e, q, a, 0], slope[e, q, a, 1]
-            f += w * (B.T @ (P.copy().reshape(9) + dU * c))
-            V += w * (B.T @ c)
-            K[e] += w * (B.T @ D @ B)
-        if mixed:
-            K[e] += curve / volume * np.outer(V, V)
+                dr, dz, ring = slope[e, q, a, 0], slope[e, q, a, 1], hoop[e, q, a]
+                for i in range(5):
+                    DB[i, 2 * a] = D[i, 0] * dr + D[i, 1] * dz + D[i, 2] * ring
+                    DB[i, 2 * a + 1] = D[i, 3] * dr + D[i, 4] * dz
+            for a in range(9):
+                dr, dz, ring = slope[e, q, a, 0], slope[e, q, a, 1], hoop[e, q, a]
+                for j in range(18):
+                    K[e, 2 * a, j] += dr * DB[0, j] + dz * DB[1, j] + ring * DB[2, j]
+                    K[e, 2 * a + 1, j] += dr * DB[3, j] + dz * DB[4, j]
+        if mixed and tangent:
+            for i in range(18):
+                for j in range(18):
+                    K[e, i, j] += curve / volume * V[i] * V[j]
         for a in range(9):
             force[elements[e, a], 0] += f[2 * a]
             force[elements[e, a], 1] += f[2 * a + 1]
@@ -215,10 +236,11 @@ class _Press:
             self.u, self.depth, step = u, target, 1.5 * step
         return self.force
 
-    def _balance(self, u: np.ndarray, depth: float) -> tuple[np.ndarray, np.ndarray] | None:
-        """Unbalanced forces (N,2) and tangent blocks (E,18,18), contact's (L,6,6) apart; None: inside out."""
+    def _balance(self, u: np.ndarray, depth: float, tangent: bool = True) -> tuple[np.ndarray, np.ndarray] | None:
+        """Unbalanced forces (N,2) and tangent blocks (E,18,18), contact's (L,6,6) apart; None: inside out. Forces
+        alone take a tenth of the time."""
         body, inner = self.body, np.zeros_like(u)
-        K = np.empty((len(body.elements), 18, 18))
+        K = np.empty((len(body.elements) if tangent else 0, 18, 18))
         if not _integrate(self.law, body.slope, body.hoop, body.weight, body.elements, u, self.p, self.material.mixed,
                           inner, K):  # fmt: skip
             return None
@@ -262,12 +284,14 @@ class _Press:
                 return u
             try:
                 way = np.zeros(u.size)
-                way[self.free] = splu(self._matrix(state[1])).solve(-rest)
+                way[self.free] = splu(
+                    self._matrix(state[1]), permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True}
+                ).solve(-rest)
             except RuntimeError:  # singular
                 return None
             length = 1.0
             while True:
-                tried = self._balance(u + length * way.reshape(-1, 2), depth)
+                tried = self._balance(u + length * way.reshape(-1, 2), depth, tangent=False)
                 if tried is not None:
                     now = float(np.linalg.norm(tried[0].ravel()[self.free]))
                     if now < (1.0 - 0.1 * length) * error or length < 0.1:
@@ -276,7 +300,7 @@ class _Press:
                 if length < 1e-3:
                     return None
             u = u + length * way.reshape(-1, 2)
-            state = tried
+            state = self._balance(u, depth)
         return None
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 import types
 import typing
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from typing import Annotated, Any, ClassVar, TypeVar, cast
@@ -30,7 +30,7 @@ class InputError(PalpateError, ValueError):
 
     def __init__(self, message: Any, text: str) -> None:
         who = f" of {message.source!r} at tick {message.tick}" if message.source else ""
-        super().__init__(f"{type(message).__name__}{who}: {text}")
+        super().__init__(f"{getattr(message, 'kind', type(message).__name__)}{who}: {text}")
         self.source = message.source
 
 
@@ -131,11 +131,6 @@ class Node:
         and starts it again before the run, so that what is compiled is compiled by then."""
 
     step: Any
-
-    @classmethod
-    def takes(cls, port: str, settings: Mapping[str, Any]) -> int | None:
-        """How many senders an input that takes many takes at most with these settings; None: any number."""
-        return None
 
     def rests(self, *inputs: Any) -> bool:
         """Whether a step on these inputs, those of `step`, would leave the state as it is and answer what was answered

@@ -10,7 +10,7 @@ import numpy as np
 from palpate.messages import Vector3
 from palpate.nodes.base.effect import Switch
 from palpate.nodes.base.surface import OnSurface
-from palpate.physics.bodies.nodule import nodule_centre, stiffness_map
+from palpate.physics.materials.nodule import nodule_centre, stiffness_map
 
 
 class WithNodule(OnSurface):

@@ -9,8 +9,10 @@ import numpy as np
 
 from palpate.messages import Load, Surface, Vector, Vector3
 from palpate.nodes.base import SettingError, Switch, part
+from palpate.nodes.base.contacts import several
 from palpate.nodes.base.nodule import WithNodule
 from palpate.physics.bodies.beam_bed import LARGEST_FORCE, BeamFoundation
+from palpate.physics.contact.terminal import Terminal
 from palpate.physics.entry_point import NO_FLOATS, NO_NODES
 from palpate.physics.materials.viscoelastic import SKIN, TISSUE, ViscoelasticMaterial
 
@@ -19,7 +21,8 @@ class BeamBundle(WithNodule):
     """Beams of viscoelastic layers below each vertex of a surface (docs/equations/beam-bundle.md).
 
     Layers are listed from the surface inwards. The terminal law is that of the next implicit step. The pressure told
-    is the load of each node over its area. A nodule makes the beams above it stiffer.
+    is the load of each node over its area. A nodule makes the beams above it stiffer. Several
+    contacts feel each other where their patches share beams.
     """
 
     effect = "deformation"
@@ -63,36 +66,38 @@ class BeamBundle(WithNodule):
         self.facing = mesh.normals
         self.areas = mesh.areas
         self.push = np.zeros(len(mesh.areas))
-        self._place: tuple[Vector3, Vector3] | None = None
+        self._places: list[tuple[Vector3, Vector3]] = []
 
-    def rests(self, load: Load) -> bool:
-        return not (len(load.nodes) or self.bed.count) and self._place == (load.foot, load.normal)
+    def rests(self, load: list[Load]) -> bool:
+        still = not (self.bed.count or any(len(each.nodes) for each in load))
+        return still and self._places == [(each.foot, each.normal) for each in load]
 
-    def step(self, load: Load, *, dt: float) -> Surface:
-        """Step the beams under the load; the indentation told is conjugate to the force."""
+    def step(self, load: list[Load], *, dt: float) -> Surface:
+        """Step the beams under the loads; the indentation told is conjugate to the force."""
         bed = self.bed
         try:
-            stiffness, exponent, free, previous, limited, _ = bed.step(
-                load.nodes, load.forces, load.foot, load.normal, dt
-            )
+            found = bed.step([(each.nodes, each.forces, each.foot, each.normal) for each in load], dt)
         except IndexError as error:
             raise SettingError(
                 f"Load.nodes: {error} ({self.surface!r}); give the node that spreads the load the same surface"
             ) from None
-        self._place = (load.foot, load.normal)
+        laws = [Terminal(stiffness, exponent, 0.0, free, now) for stiffness, exponent, free, now in found]
+        first = laws[0]
+        self._places = [(each.foot, each.normal) for each in load]
         nodes = self._displaced()
         return Surface(
             nodes=nodes,
             displacement=bed.moved[: len(nodes)],
             pressure=self._pressure(load, nodes),
-            stiffness=stiffness,
-            exponent=exponent,
+            stiffness=first.stiffness,
+            exponent=first.exponent,
             damping=0.0,
-            rest_indentation=free,
-            previous_indentation=previous,
+            rest_indentation=first.rest_indentation,
+            previous_indentation=first.previous_indentation,
             step=dt,
             relaxation=bed.relaxation(dt),
-            limited=int(limited),
+            limited=bed.limited,
+            **several(laws, bed.coupling),
         )
 
     @part("shape", "nodes", "displacement", otherwise=NO_NODES, also=("pressure",))
@@ -101,11 +106,12 @@ class BeamBundle(WithNodule):
         return self.bed.nodes[: self.bed.count]
 
     @part("pressure", "pressure", otherwise=NO_FLOATS)
-    def _pressure(self, load: Load, nodes: np.ndarray) -> np.ndarray:
+    def _pressure(self, load: list[Load], nodes: np.ndarray) -> np.ndarray:
         """Of the displaced nodes; 0 for those that still recover."""
-        held = np.clip(load.forces, -LARGEST_FORCE, LARGEST_FORCE)  # as the beams take it
-        inward = -np.einsum("ka,ka->k", held, self.facing[load.nodes])
-        np.add.at(self.push, load.nodes, inward)
+        for each in load:
+            held = np.clip(each.forces, -LARGEST_FORCE, LARGEST_FORCE)  # as the beams take it
+            np.add.at(self.push, each.nodes, -np.einsum("ka,ka->k", held, self.facing[each.nodes]))
         pressure = np.maximum(self.push[nodes], 0.0) / self.areas[nodes]
-        self.push[load.nodes] = 0.0
+        for each in load:
+            self.push[each.nodes] = 0.0
         return pressure

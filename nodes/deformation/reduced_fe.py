@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -26,7 +25,8 @@ from palpate.nodes.deformation.basis_store import (
     shipped,
 )
 from palpate.physics.archive import ArchiveError
-from palpate.physics.bodies.condensed_body import Basis, CondensedBody
+from palpate.physics.bodies.condensed_basis import Basis
+from palpate.physics.bodies.condensed_body import CondensedBody
 from palpate.physics.bodies.condensed_contacts import CondensedContacts
 from palpate.physics.bodies.fidelity_levels import FidelityLevels
 from palpate.physics.bodies.patch import add_pressure
@@ -102,17 +102,11 @@ class ReducedFE(OnSurface):
 
     _count = 1  # of contacts; kept over a start, so that what they need is there before the first step
 
-    @classmethod
-    def takes(cls, port: str, settings: Mapping[str, Any]) -> int | None:
-        """A sampled body takes one contact."""
-        return 1 if settings.get("model", cls.model) == "sampled" else None
-
     def _contacts(self, count: int) -> None:
         """Be under so many contacts, from rest."""
         self._count = count
         body = self._made()
-        assert isinstance(body, CondensedBody)
-        self._body = CondensedContacts(body, count) if count > 1 else body
+        self._body = CondensedContacts(body, count) if isinstance(body, CondensedBody) and count > 1 else body
 
     def rests(self, load: list[Load]) -> bool:
         """The sampled body never rests quite: its modes fade for ever."""
@@ -164,8 +158,7 @@ class ReducedFE(OnSurface):
         """The next step's terminal law of each contact, with the indentation now."""
         body, pressed = self._body, [(each.nodes, each.forces, each.foot, each.normal) for each in load]
         if isinstance(body, SampledBody | FidelityLevels):
-            stiffness, exponent, free, now = body.step(*pressed[0], dt)
-            return [Terminal(stiffness, exponent, 0.0, free, now)]
+            return [Terminal(k, n, 0.0, free, now) for k, n, free, now in body.step_all(pressed, dt)]
         laws = body.step(pressed, dt) if isinstance(body, CondensedContacts) else [body.step(*pressed[0], dt)]
         return [Terminal(1.0 / max(compliance, LEAST), 1.0, 0.0, free, now) for compliance, free, now in laws]
 
@@ -176,11 +169,11 @@ class ReducedFE(OnSurface):
         self._places = [(each.foot, each.normal) for each in load]
         if self._body.extrapolation > 0.0:
             self._warn()
-        nodes, moved = self._displaced(load[0].foot)
+        nodes, moved = self._displaced([each.foot for each in load])
         slopes = [self._along(place, len(each.nodes)) for place, each in enumerate(load)]
         stiffness, exponent, _, free, now = laws[0]
         (gradient, shape), *_ = slopes
-        coupling = self._body.coupling if isinstance(self._body, CondensedContacts) else ()
+        coupling = () if isinstance(self._body, CondensedBody) else self._body.coupling
         return Surface(
             nodes=nodes,
             displacement=moved,
@@ -215,12 +208,12 @@ class ReducedFE(OnSurface):
         return (self._body.stored(),) if isinstance(self._body, CondensedBody | CondensedContacts) else ()
 
     @part("shape", "nodes", "displacement", otherwise=(NO_NODES, NO_VECTORS))
-    def _displaced(self, foot: Vector3) -> tuple[np.ndarray, np.ndarray]:
+    def _displaced(self, feet: list[Vector3]) -> tuple[np.ndarray, np.ndarray]:
         """Vertices of the surface, all within reach and fewer farther off, and how far they are displaced [m]."""
         body = self._body
         if isinstance(body, CondensedBody | CondensedContacts) and body.still:
             return NO_NODES, NO_VECTORS
-        return body.displaced() if isinstance(body, CondensedContacts) else body.displaced(foot)
+        return body.displaced() if isinstance(body, CondensedContacts) else body.displaced(*feet)
 
     @part("pressure", "pressure", otherwise=NO_FLOATS)
     def _pressure(self, load: list[Load], nodes: np.ndarray) -> np.ndarray:

@@ -14,9 +14,8 @@ import numpy as np
 
 from palpate.messages import DeviceState, Force, Pointed, Torque, Vector3
 from palpate.nodes.base import Node, SettingError
-from palpate.physics.device.falcon import FALCON, HOME, reachable
-from palpate.physics.device.falcon_statics import torque_kernel
-from palpate.physics.device.grip import CLOCK, LINEAR, POSITION, grip_kernel
+from palpate.nodes.device.follower import Follower
+from palpate.physics.device.falcon import HOME
 
 LONGEST = 512  # [bytes] of a sample on the socket
 MOST = 64  # samples taken in one step: a flood does not hold the loop
@@ -103,64 +102,23 @@ class Pointer(Node):
                 os.unlink(self.socket)
 
 
-class Mouse(Node):
-    """A Falcon's grip in a simulated hand that follows a pointer: hand, arm and grip of `device.Simulated`
-    (docs/equations/controller.md), but for the path. The hand's goal p follows the pointer q as
+class Mouse(Follower):
+    """A Falcon's grip in a simulated hand that follows a pointer. The hand's goal p follows the pointer q as
 
         p' = (q - p)/lag,  |p'| <= speed
 
-    so that a pointer that jumps, sixty times a second or by a hand's breadth, moves as a hand moves. The node reports
-    both angles, in whole encoder counts, and the exact position. It takes what the graph sends, torques or a force.
-    Beyond the reach of the legs the grip stops. Settings:
+    so that a pointer that jumps, sixty times a second or by a hand's breadth, moves as a hand moves. Settings, with
+    those of the hand:
 
-    begin   where the grip is at the start, world frame; origin: where the device's own frame lies in the world
     lag     [s] and speed [m/s] with which the goal follows the pointer, assumed
-    mass    of grip and hand together; damping: of the device alone; hand_stiffness and hand_damping: of the arm
     """
 
-    sink = True
-
-    begin: Annotated[Vector3, "m"] = HOME
-    origin: Annotated[Vector3, "m"] = (0.0, 0.0, 0.0)
     lag: Annotated[float, "s", msgspec.Meta(gt=0, le=1)] = 0.03
     speed: Annotated[float, "m/s", msgspec.Meta(gt=0, le=2)] = 0.5
-    mass: Annotated[float, "kg", msgspec.Meta(gt=0)] = 0.2
-    damping: Annotated[float, "N s/m", msgspec.Meta(ge=0)] = 0.2
-    hand_stiffness: Annotated[float, "N/m", msgspec.Meta(ge=0)] = 500.0
-    hand_damping: Annotated[float, "N s/m", msgspec.Meta(ge=0)] = 10.0
-    resolution: Annotated[float, "rad", msgspec.Meta(ge=0)] = FALCON.count
-
-    def start(self) -> None:
-        self.geometry = FALCON.geometry
-        here = np.array(self.begin) - np.array(self.origin)
-        if not reachable(self.geometry, *here):
-            raise SettingError(
-                f"setting 'begin' [m]: found {self.begin}, {tuple(here.tolist())} from the device's origin, out of its "
-                f"reach. Points near {HOME} from its origin work; 'origin' places the device in the world."
-            )
-        self.constants = np.array(
-            [self.mass, self.damping, self.hand_stiffness, self.hand_damping, self.resolution, FALCON.limit]
-        )
-        self.state, self.memory = np.zeros((3, 3)), np.zeros((4, 3))
-        self.state[POSITION] = here
-        self.goal = here
-        self.shapes = np.array([LINEAR])
 
     def step(self, pointer: Pointed, torque: Torque | None, force: Force | None, *, dt: float) -> DeviceState:
         away = np.array(pointer.position) - np.array(self.origin) - self.goal
         length = math.sqrt(away @ away)
         way = length * -math.expm1(-dt / self.lag)
         goal = self.goal + away * (min(way, self.speed * dt) / length if length > 0.0 else 0.0)
-        torques = (0.0, 0.0, 0.0)
-        if torque is not None:
-            torques = torque.torques
-        elif force is not None:
-            torques = torque_kernel(self.geometry, *force.force, *self.state[POSITION])[-3:]
-        self.state[CLOCK] = 0.0
-        points = np.array([self.goal, goal])
-        joints = grip_kernel(
-            self.geometry, self.constants, self.state, self.memory, np.array([dt]), points, self.shapes, *torques, dt
-        )
-        self.goal = goal
-        x, y, z = self.state[POSITION].tolist()
-        return DeviceState(joints=joints, position=(x, y, z), buttons=pointer.buttons)
+        return self.follow(goal, torque, force, pointer.buttons, dt)

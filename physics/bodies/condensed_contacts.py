@@ -28,18 +28,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from palpate.physics.bodies.condensed_body import (
-    FIELDS,
-    NUMBERS,
-    OWN,
-    PRESS,
-    RADIUS,
-    TILT,
-    TOTAL,
-    CondensedBody,
-    add_dent,
-    add_field,
-)
+from palpate.physics.bodies.condensed_body import CondensedBody
+from palpate.physics.bodies.condensed_field import add_dent, add_field
+from palpate.physics.bodies.condensed_step import FIELDS, NUMBERS, OWN, PRESS, RADIUS, TILT, TOTAL
 from palpate.physics.bodies.patch import carried
 from palpate.physics.bodies.true_patch import dent_depth
 from palpate.physics.kernel import kernel
@@ -152,7 +143,7 @@ def _pairs(model, profile, fields, marks, numbers, counts, normals, feet, room, 
     """Fill the compliances between patches [m/N] (c,c), the indentation [m] (c) of each by what the others have done,
     and its slope along the surface [1] (c,3); the diagonal of `cross` is 0.
 
-    fields (c,F,V,3), marks (c,3,V), numbers (c,N), counts (c,3): of each contact, see `condensed_body`; the third
+    fields (c,F,V,3), marks (c,3,V), numbers (c,N), counts (c,3): of each contact, see `condensed_step`; the third
                                                         count is filled
     room   (c,4,V) of each contact: vertices that it holds load at or touches, its share there, and room for two more
     """

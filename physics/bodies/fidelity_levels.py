@@ -11,20 +11,23 @@ The loads that a sampled body holds follow the load alone, and are the same for 
 them as they are, and is at the state of the other as near as its modes allow. What the new one stores otherwise than
 the old is energy that a switch makes or takes: about the difference of their indentations times half the force.
 
-A step that comes later than the deadline allows one level less than the one in use (`deadline.py`), whatever the
-estimate, which then says so. The choice depends on what the body was told and on nothing else.
+A step that comes later than the deadline allows one level less than the one in use, whatever the estimate, which then
+says so. A body reads no clock: a tick that was missed on the real clock makes the time between its steps longer, and a
+recording has the same times, so that a replay takes the same levels. The choice depends on what the body was told and
+on nothing else.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
-from palpate.physics.bodies.deadline import Deadline
 from palpate.physics.bodies.fidelity_bases import FidelityBases
+from palpate.physics.bodies.sampled.contacts import Pressed, coupling_of, laws_of
+from palpate.physics.bodies.sampled.solve import TOLERANCE
 from palpate.physics.bodies.sampled_body import SampledBody
-from palpate.physics.bodies.sampled_solve import TOLERANCE
 from palpate.physics.contact.terminal import LEAST_DEPTH, LEAST_FORCE, fit_terminal
 
 ALERT = 0.9
@@ -40,7 +43,36 @@ WARM = 10
 LEFT = 2.0
 """[1] What is estimated of the residual, over the next iteration: the tangent that is kept is not exact."""
 
+PROBATION = 1.0
+"""[s] without a late step after which one level more is allowed."""
+
 Law = tuple[float, float, float, float]
+
+
+class Deadline:
+    """The finest of several levels, 0 the cheapest, that may be used.
+
+    count     of them
+    deadline  [s] > 0, longest time between two steps that is not too late; inf: none is
+    """
+
+    def __init__(self, count: int, deadline: float = math.inf) -> None:
+        self._last, self.deadline = count - 1, deadline
+        self.finest = self._last
+        self._kept = 0.0
+
+    def step(self, dt: float, used: int, settled: bool) -> None:
+        """The time [s] since the last step, and the level that was used for it. Where that was late, one less is
+        allowed, once in each switch: `settled` tells that none is under way."""
+        if dt > self.deadline:
+            self._kept = 0.0
+            if settled:
+                self.finest = max(min(used, self.finest) - 1, 0)
+            return
+        self._kept += dt
+        if self._kept >= PROBATION and self.finest < self._last:
+            self.finest += 1
+            self._kept = 0.0
 
 
 class FidelityLevels:
@@ -71,6 +103,8 @@ class FidelityLevels:
         """Estimated relative error of the indentation in the last step."""
         self.evaluations = np.zeros(len(self.bodies), dtype=np.int64)
         """Evaluations of the energy by each in the last step."""
+        self.coupling = np.eye(1)
+        """As of `SampledBody`."""
         self.estimates = np.zeros(len(bodies))
         """Estimated relative error of each level in the last step."""
 
@@ -101,64 +135,79 @@ class FidelityLevels:
 
     def step(self, nodes: np.ndarray, forces: np.ndarray, foot: tuple, normal: tuple, dt: float) -> Law:
         """As of `SampledBody`."""
-        given = nodes, forces, foot, normal, dt
+        return self.step_all([(nodes, forces, foot, normal)], dt)[0]
+
+    def step_all(self, loads: Sequence[Pressed], dt: float) -> list[Law]:
+        """As of `SampledBody`; each estimate is the largest of those at the contacts that press."""
         self.deadline.step(dt, self._at, self._told >= BLEND)
         self.evaluations[:] = 0
         np.copyto(self._held, self.body.held)
-        law = self._stepped(self._at, given)
-        p, measure = self._seen()
-        pressed = len(nodes) > 0 and law[3] > 0.0
-        self.estimates = (
-            self.levels.estimated_errors(p, self.body.linear, law[3]) if pressed else np.zeros(len(self.estimates))
-        )
+        laws = self._stepped(self._at, loads, dt)
+        p, measures = self._seen()
+        pressed = [i for i, law in enumerate(laws) if len(loads[i][0]) > 0 and law[3] > 0.0]
+        self.estimates[:] = 0.0
+        linears = self.body.linears
+        for i in pressed:
+            found = self.levels.estimated_errors(p, linears[i], laws[i][3])
+            np.maximum(self.estimates, found, out=self.estimates)
         if self._told >= BLEND:
             to = self._wanted()
+            before = laws
             if to != self._at:
                 self.bodies[to].take_over(self.body, self._held, p)
                 self._before, self._at, self._told = self._at, to, -WARM
-                now, law = law, self._stepped(to, given)
-            else:
-                now = law
+                laws = self._stepped(to, loads, dt)
         else:
-            now = self._stepped(self._before, given)
+            before = self._stepped(self._before, loads, dt)
         if self._told < 0 and self.settled:
             self._told = 0
         self._told = min(self._told + 1, BLEND)
         w = self.weight
-        self.estimated_error = w * self._estimate(self._at, law, measure, pressed)
+        self.estimated_error = w * self._estimate(self._at, laws, measures, pressed)
+        self.coupling = self.body.coupling
         if w == 1.0:
-            return law
-        self.estimated_error += (1.0 - w) * self._estimate(self._before, now, measure, pressed)
-        force = max(-float(np.dot(forces.sum(axis=0), normal)), LEAST_FORCE) if len(nodes) else LEAST_FORCE
-        return blended(now, law, w, force)
+            return laws
+        self.estimated_error += (1.0 - w) * self._estimate(self._before, before, measures, pressed)
+        if len(loads) == 1:
+            nodes, forces, _, normal = loads[0]
+            force = max(-float(np.dot(forces.sum(axis=0), normal)), LEAST_FORCE) if len(nodes) else LEAST_FORCE
+            return [blended(before[0], laws[0], w, force)]
+        a, b = self.bodies[self._before].contacts, self.body.contacts
+        assert a is not None and b is not None  # both were stepped under several contacts
+        compliance = (1.0 - w) * a.compliance + w * b.compliance
+        self.coupling = coupling_of(compliance)
+        return laws_of(compliance, (1.0 - w) * a.depths + w * b.depths)
 
-    def displaced(self, foot: tuple) -> tuple[np.ndarray, np.ndarray]:
+    def displaced(self, *feet: tuple) -> tuple[np.ndarray, np.ndarray]:
         """As of `SampledBody`."""
-        nodes, moved = self.body.displaced(foot)
+        nodes, moved = self.body.displaced(*feet)
         if self.weight == 1.0:
             return nodes, moved
-        _, before = self.bodies[self._before].displaced(foot)
+        _, before = self.bodies[self._before].displaced(*feet)
         return nodes, self.weight * moved + (1.0 - self.weight) * before
 
-    def _stepped(self, level: int, given: tuple) -> Law:
-        law = self.bodies[level].step(*given)
+    def _stepped(self, level: int, loads: Sequence[Pressed], dt: float) -> list[Law]:
+        laws = self.bodies[level].step_all(loads, dt)
         self.evaluations[level] = self.bodies[level].evaluations
-        return law
+        return laws
 
-    def _seen(self) -> tuple[np.ndarray, np.ndarray]:
-        """Load, Phi'h/E [m] (r,), and shares of the normal force, Phi'measure [m] (r,), in all modes."""
+    def _seen(self) -> tuple[np.ndarray, list[np.ndarray]]:
+        """Load, Phi'h/E [m] (r,), and each contact's shares of the normal force, Phi'm [m] (r,), in all modes."""
         body = self.body
-        rows = np.flatnonzero(body.held.any(axis=1) | body.measure.any(axis=1))
+        measures = body.measures
+        rows = np.flatnonzero(body.held.any(axis=1) | measures.any(axis=(0, 2)))
         modes = self._modes[rows].reshape(-1, self._modes.shape[2])
-        return body.held[rows].ravel() @ modes / body.young, body.measure[rows].ravel() @ modes
+        return body.held[rows].ravel() @ modes / body.young, [m[rows].ravel() @ modes for m in measures]
 
-    def _estimate(self, level: int, law: Law, measure: np.ndarray, pressed: bool) -> float:
+    def _estimate(self, level: int, laws: list[Law], measures: list[np.ndarray], pressed: list[int]) -> float:
         """Of a level that was stepped, with what its step left over: the residual that it may end at, and twice the
         next iteration."""
         if not pressed:
             return 0.0
-        left = self.bodies[level].left_over(measure[: self.bodies[level].basis.modes.shape[1]])
-        return float(self.estimates[level]) + TOLERANCE + LEFT * abs(left) / max(abs(law[3]), LEAST_DEPTH)
+        body = self.bodies[level]
+        count = body.basis.modes.shape[1]
+        left = [abs(body.left_over(measures[i][:count])) / max(abs(laws[i][3]), LEAST_DEPTH) for i in pressed]
+        return float(self.estimates[level]) + TOLERANCE + LEFT * max(left)
 
     def _wanted(self) -> int:
         """The level that should be in use."""

@@ -54,7 +54,7 @@ def softness(mesh: Mesh, model: Any, spreader: Spreader) -> np.ndarray:
     """Logarithm (V,) of the compliance under the spreader's patch round each vertex of a coarse mesh, for a modulus of
     1 Pa; the mean of all where a patch finds nothing.
 
-    model  a `condensed_body.Model` whose fine mesh is the spreader's
+    model  a `CondensedModel` whose fine mesh is the spreader's
     """
     corners, weights, true = model.corners, model.weights, model.true
     compliances = np.full(len(mesh.vertices), np.nan)

@@ -70,19 +70,3 @@ def mean_velocity(cursor, times, points):
 def buffers(order: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Empty state (cursor, times, points) of a filter of `order` differences, at least 1."""
     return np.zeros(3, dtype=np.int64), np.zeros(order + 1, dtype=np.int64), np.zeros((order + 1, 3))
-
-
-def velocity(times, positions, order: int = 8) -> np.ndarray:
-    """Filtered velocity of a whole record, as the node computes it sample by sample.
-
-    times      [ns]  (n)    int64 stamps; samples that do not increase leave the velocity as it was
-    positions  [m]   (n,3)
-    order      [1]   ()     differences in the mean, N; fewer at the beginning of the record
-    returns    [m/s] (n,3)
-    """
-    state = buffers(order)
-    velocities = np.zeros((len(times), 3))
-    for k, (t, point) in enumerate(zip(times, positions, strict=True)):
-        push(*state, int(t), *map(float, point))
-        velocities[k] = mean_velocity(*state)
-    return velocities

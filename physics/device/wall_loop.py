@@ -126,11 +126,3 @@ def settles(path: np.ndarray, resolution: float) -> bool:
         return False
     *_, before, last = (float(np.ptp(part)) for part in np.array_split(path, 4))
     return last <= max(0.9 * before, 2.0 * resolution + 5e-6)
-
-
-def decays(path: np.ndarray) -> bool:
-    """Whether a linear swing dies down: less of it in the last eighth of places [m] (k) than in the second."""
-    if not np.isfinite(path).all():
-        return False
-    parts = np.array_split(path, 8)
-    return float(np.ptp(parts[-1])) < float(np.ptp(parts[1]))

@@ -21,9 +21,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple, get_args, get_type_hints
 
-import numpy as np
-from numpy.typing import ArrayLike
-
 from palpate.physics.entry_point import entry_point
 from palpate.physics.kernel import kernel
 
@@ -144,23 +141,3 @@ def _without_gain(kernel, answer, here, z, last, v, load, dt):
         return lowest
     chord, dissipated = scaled(least + (1.0 - least) * there / (there - here))
     return chord if dissipated >= 0.0 else lowest
-
-
-def path(law: Any, slip: ArrayLike, load: ArrayLike, dt: ArrayLike, normal: ArrayLike = (0.0, 0.0, 1.0)):
-    """Force [N] (k,3), deflection [m] (k,3) and stick flag (k) along a path, from rest.
-
-    slip    [m/s] (k,3)         velocity of the finger; its part along the normal is left out
-    load    [N]   () or (k)     normal force
-    dt      [s]   () or (k)     length of each step, > 0
-    normal  [1]   (3) or (k,3)  unit normals
-    """
-    v = np.atleast_2d(np.asarray(slip, float))
-    force, deflection, stick = np.empty_like(v), np.empty_like(v), np.empty(len(v), bool)
-    loads, steps = np.broadcast_to(load, len(v)), np.broadcast_to(dt, len(v))
-    normals = np.broadcast_to(np.asarray(normal, float), v.shape)
-    kernel, bristles = kernel_form(law), Bristles()
-    for i in range(len(v)):
-        n, u = tuple(normals[i].tolist()), tuple(v[i].tolist())
-        bristles, force[i], stick[i] = step(kernel, bristles, n, u, float(loads[i]), float(steps[i]))
-        deflection[i] = bristles.z
-    return force, deflection, stick

@@ -58,10 +58,16 @@ def ranges(points: np.ndarray, near: float) -> np.ndarray:
     return within
 
 
+@kept
+def landmarks(points: np.ndarray) -> np.ndarray:
+    """Vertices of points [m] (N,3) that are farthest from each other."""
+    return ranked(points, LANDMARKS)[0]
+
+
 def spread_over(points: np.ndarray, nodes: np.ndarray) -> bool:
     """Whether vertices `nodes` are some that lie all over the surface, those sent everywhere among them: then what is
     not listed lies between. Displacements of a contact alone never list the farthest ends of a body together."""
-    return len(nodes) < len(points) and bool(np.isin(ranked(points, LANDMARKS)[0], nodes).all())
+    return len(nodes) < len(points) and bool(np.isin(landmarks(points), nodes).all())
 
 
 def filled(points: np.ndarray, nodes: np.ndarray, moved: np.ndarray) -> np.ndarray:

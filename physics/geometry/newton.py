@@ -46,11 +46,6 @@ LIMIT = 60
 
 
 @kernel
-def _dot(a, b):
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-@kernel
 def _polar(data, layout, v):
     """+1 in the span beside the pole at the low end of v, -1 at the high end, 0 elsewhere."""
     _, _, v0, v1 = bounds(data, layout)

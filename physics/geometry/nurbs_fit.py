@@ -142,17 +142,6 @@ def capsule(radius: float, length: float) -> Nurbs:
     return _revolved(across, along, np.array([1.0, half, 1.0, 1.0, 1.0, half, 1.0]), knots, False)
 
 
-def torus(major: float, minor: float) -> Nurbs:
-    """The exact torus [m] round the z axis; u goes round the axis, v round the tube.
-
-    ValueError: minor >= major, where the tube meets itself.
-    """
-    if not 0 < minor < major:
-        raise ValueError(f"minor radius: found {minor}, expected between 0 and the major radius {major}")
-    circle, weights, knots = _arc(4)
-    return _revolved(major + minor * circle[:, 0], minor * circle[:, 1], weights, knots, True)
-
-
 def plane_patch(size: float) -> Nurbs:
     """A square of side `size` [m] in z = 0, centred on the origin; normal +z."""
     x = np.array([-size / 2, size / 2])

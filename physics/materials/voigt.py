@@ -18,7 +18,6 @@ equal lengths only.
 from __future__ import annotations
 
 import numba
-import numpy as np
 
 STRAIN_LIMIT = 0.9
 """Largest compressive strain of an element [1]; the linear law has no meaning beyond, and at 1 the length is gone."""
@@ -101,38 +100,3 @@ def chain_compliance(moduli, viscosities, shares, dt):
         if shares[j] > 0.0:
             total += shares[j] / (moduli[j] + viscosities[j] / dt)
     return total
-
-
-@numba.njit(cache=True)
-def _history(time, strain, moduli, viscosities, shares):
-    strains = np.zeros(moduli.shape[0])
-    stress = np.zeros(time.shape[0])
-    for k in range(1, time.shape[0]):
-        stress[k] = chain_strain_step(strains, moduli, viscosities, shares, strain[k], time[k] - time[k - 1])
-    return stress
-
-
-def stress_history(time, strain, moduli, viscosities, shares=None):
-    """Stress [Pa] (n) of a chain that starts at rest at time[0] and follows a strain history.
-
-    time    [s]    (n)  increasing
-    strain  [1]    (n)  compression positive
-    moduli  [Pa]   (h)  > 0    viscosities [Pa s] (h)  >= 0
-    shares  [1]    (h)  L_j / L; None: 1/h each
-
-    ValueError: time that does not increase, or a modulus or viscosity out of range.
-
-        >>> t = np.linspace(0.0, 1.0, 1001)
-        >>> round(float(stress_history(t, np.minimum(t / 0.5, 1.0) * 0.2, [3.4e4], [0.0])[-1]))
-        6800
-    """
-    time, strain = np.asarray(time, float), np.asarray(strain, float)
-    moduli, viscosities = np.atleast_1d(np.asarray(moduli, float)), np.atleast_1d(np.asarray(viscosities, float))
-    shares = np.full(moduli.shape, 1.0 / moduli.size) if shares is None else np.atleast_1d(np.asarray(shares, float))
-    if time.shape != strain.shape or time.ndim != 1 or np.any(np.diff(time) <= 0):
-        raise ValueError("time and strain: expected two histories of one length, time increasing")
-    if not (moduli.shape == viscosities.shape == shares.shape):
-        raise ValueError(f"found {moduli.size} moduli, {viscosities.size} viscosities, {shares.size} shares")
-    if np.any(moduli <= 0) or np.any(viscosities < 0) or np.any(shares < 0):
-        raise ValueError("expected moduli > 0, viscosities >= 0, shares >= 0")
-    return _history(time, strain, moduli, viscosities, shares)

@@ -25,9 +25,9 @@ def dataset(study: Results) -> Any:
     coords: dict[str, Any] = {}
     for one in space.crossed:
         for k, path in enumerate(one.paths):
-            coords[path] = (one.paths[0], [row[k] for row in one.labels])
+            coords[path] = (one.paths[0], [row[k] for row in one.labels], _attributes(study, path))
     for k, one in enumerate(space.sampled):
-        coords[one.paths[0]] = ("sample", space.drawn[:, k])
+        coords[one.paths[0]] = ("sample", space.drawn[:, k], _attributes(study, one.paths[0]))
     data: dict[str, Any] = {
         kept.text: (dims, np.reshape([row.get(kept.text, np.nan) for row in rows], space.shape), {"units": kept.unit})
         for kept in study.numbers
@@ -48,6 +48,10 @@ def dataset(study: Results) -> Any:
         last = time if clock.ndim == 1 else f"tick{time[4:]}"
         data[curve.text] = ((*dims, last), values.reshape(*space.shape, -1), {"units": curve.unit})
     return xarray.Dataset(data, coords, {"graph": study.name})
+
+
+def _attributes(study: Results, path: str) -> dict[str, str]:
+    return {"units": study.units[path]} if path in study.units else {}
 
 
 def _clock(times: np.ndarray, clocks: list[np.ndarray]) -> tuple[str, np.ndarray]:

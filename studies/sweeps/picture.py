@@ -100,9 +100,9 @@ def _curves(study: Results, one: Kept, axes: Axes) -> None:
         named = len(known) <= LEGEND and shades.index(shade) == k
         axes.plot(times[k], values[k], color=colour, linewidth=1.2, label=study.shown(path, shade) if named else None)
     if len(known) <= LEGEND:
-        axes.legend(title=path, loc="center left", bbox_to_anchor=(1.0, 0.5))
+        axes.legend(title=study.labelled(path), loc="center left", bbox_to_anchor=(1.0, 0.5))
     elif _numeric(shades):
-        axes.figure.colorbar(ScalarMappable(scale, colours), ax=axes, label=path)
+        axes.figure.colorbar(ScalarMappable(scale, colours), ax=axes, label=study.labelled(path))
     axes.set_xlabel("time [s]")
     axes.set_ylabel(label)
 
@@ -125,8 +125,8 @@ def _numbers(study: Results, one: Kept, axes: Axes) -> None:
         axes.plot(where, values, "." if drawn else ".-", label=name or None)
         axes.set_ylabel(label)
     if len(groups) > 1:
-        axes.legend(title=", ".join(others), loc="center left", bbox_to_anchor=(1.0, 0.5))
-    axes.set_xlabel(across)
+        axes.legend(title=", ".join(map(study.labelled, others)), loc="center left", bbox_to_anchor=(1.0, 0.5))
+    axes.set_xlabel(study.labelled(across))
 
 
 def _shares(study: Results, one: Kept, axes: Axes) -> None:

@@ -25,6 +25,7 @@ class Results:
     points       all points in order
     sensitivity  sobol or morris, where the points were drawn for it
     folder       None before it was run
+    units        SI, of what varies as numbers, by path
     """
 
     name: str
@@ -33,6 +34,7 @@ class Results:
     recorded: bool
     points: list[Point]
     sensitivity: str | None
+    units: dict[str, str]
     folder: Path | None = None
 
     def __len__(self) -> int:
@@ -56,6 +58,10 @@ class Results:
         nothing = {"error": "not computed"}
         return [{**stored.get(point.key, nothing), **point.labels} for point in self.points]
 
+    def labelled(self, path: str) -> str:
+        """A path as axes and legends name it: with its unit."""
+        return f"{path} [{self.units[path]}]" if path in self.units else path
+
     def shown(self, path: str, value: Any) -> str:
         """A value as people see it in tables and legends: a long one, such as a motion, by its number."""
         text = f"{value:.4g}" if isinstance(value, float) else str(value)
@@ -72,7 +78,7 @@ class Results:
         numbers = [one.text for one in self.numbers]
         extra = [RECORDING] if self.recorded else []
         table = pandas.DataFrame(self.rows()).reindex(columns=[*self.space.paths, *numbers, *extra, "error"])
-        table.attrs["units"] = {one.text: one.unit for one in self.numbers}
+        table.attrs["units"] = self.units | {one.text: one.unit for one in self.numbers}
         return table
 
     def indices(self) -> Any:

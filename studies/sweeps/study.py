@@ -16,12 +16,13 @@ from typing import TYPE_CHECKING, Any
 
 from palpate.launch.load.files import SCENES, find_file
 from palpate.launch.load.launchfile import find
+from palpate.launch.load.values.followers import followers, unit_of
 from palpate.physics.errors import ArgumentError
 from palpate.studies.sweeps.axes import axis
 from palpate.studies.sweeps.checks import check, path, seconds, space
 from palpate.studies.sweeps.identity import changes, content, digest, files_of
 from palpate.studies.sweeps.keep import RECORDING, kept
-from palpate.studies.sweeps.point import Computed, Point, Task, fingerprint
+from palpate.studies.sweeps.point import Computed, Point, Task, fingerprint, overrides
 from palpate.studies.sweeps.results import Results
 
 if TYPE_CHECKING:
@@ -185,6 +186,21 @@ class Study(Results):
             )
             for p in missing
         ]  # fmt: skip
+
+    @cached_property
+    def units(self) -> dict[str, str]:  # type: ignore[override]
+        found: dict[str, str] = {}
+        for one in self.space.axes:
+            for k, name in enumerate(one.paths):
+                values = one.law.ppf([0.4, 0.6]).tolist() if one.law is not None else [row[k] for row in one.values]
+                ends = values[0], values[-1]
+                if ends[0] == ends[1] or not all(isinstance(v, int | float) and not isinstance(v, bool) for v in ends):
+                    continue
+                before, after = (self.launch.but(overrides=overrides({name: value})).load() for value in ends)
+                follower = next(iter(followers(before, after)), None)
+                if follower is not None:
+                    found[name] = unit_of(before, *follower)
+        return found
 
     # -- results -------------------------------------------------------------------------------------------------
 

@@ -3,6 +3,7 @@
 import math
 
 import numpy as np
+from formulas import bristle_path
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from pytest import approx
@@ -43,7 +44,7 @@ def test_explicit_bristles_diverge_where_ours_do_not():
     usual = explicit(slip, 1e-3, LAW)
     assert np.abs(usual).max() > 1e6 * most and (np.sign(usual[1:]) == -np.sign(usual[:-1])).sum() > 30
     for law in LAWS:
-        _, z, _ = bristle.path(law, slip[:, None] * (1, 0, 0), 1.0, 1e-3)
+        _, z, _ = bristle_path(law, slip[:, None] * (1, 0, 0), 1.0, 1e-3)
         assert (z[:, 0] > 0).all() and (z[:, 0] <= most).all()
 
 
@@ -55,7 +56,7 @@ def test_bristles_stay_within_their_limit_at_any_step_and_stiffness(path, dt, st
     the greatest coefficient that the law has."""
     law = law._replace(bristle_stiffness=stiffness)
     slip = tangential(path)
-    force, z, _ = bristle.path(law, slip, load, dt)
+    force, z, _ = bristle_path(law, slip, load, dt)
     most = law.mu_static / stiffness
     fast = np.linalg.norm(slip, axis=1).max()
     assert np.isfinite(force).all() and (np.linalg.norm(z, axis=1) <= most * (1 + 1e-9)).all()
@@ -71,7 +72,7 @@ def test_bristles_stay_within_their_limit_at_any_step_and_stiffness(path, dt, st
 def test_bristles_under_constant_load_give_out_no_energy(path, dt, law, load):
     """What a hand puts in along any path is at least what the bristles hold: f.v T summed >= f_n sigma0 |z|^2/2."""
     slip = tangential(path)
-    force, z, _ = bristle.path(law, slip, load, dt)
+    force, z, _ = bristle_path(law, slip, load, dt)
     work = float((force * slip).sum() * dt)
     stored = 0.5 * load * law.bristle_stiffness * float(z[-1] @ z[-1])
     assert work >= stored - 1e-9 * (abs(work) + stored) - 1e-18
@@ -82,7 +83,7 @@ def test_bristles_under_constant_load_give_out_no_energy(path, dt, law, load):
 def test_bristles_under_a_load_that_jumps_by_decades_give_out_no_energy(path, dt, law):
     """Each step by itself: work - growth of what is held >= 0."""
     slip, load = tangential([p[:2] for p in path]), 10.0 ** np.array([p[2] for p in path])
-    force, z, _ = bristle.path(law, slip, load, dt)
+    force, z, _ = bristle_path(law, slip, load, dt)
     work = (force * slip).sum(axis=1) * dt
     stored = 0.5 * load * law.bristle_stiffness * (z**2).sum(axis=1)
     before = np.append(0.0, stored[:-1])
@@ -99,7 +100,7 @@ def test_bristles_without_the_viscous_bound_give_out_energy():
         what they lose beside what the hand had to do."""
         slip = np.concatenate([np.full(400, 1e-3), np.full(20, 1.0)])[:, None] * (1, 0, 0)
         dt = np.concatenate([np.full(400, 1e-3), np.full(20, 1e-6)])
-        force, z, _ = bristle.path(law, slip, 1.0, dt)
+        force, z, _ = bristle_path(law, slip, 1.0, dt)
         held = 0.5 * law.bristle_stiffness * (z**2).sum(axis=1)
         return (held[-1] - held[-21]) - float((force * slip).sum(axis=1)[-20:] @ dt[-20:])
 
@@ -170,8 +171,8 @@ def test_projection_loses_a_bristle_on_a_quarter_turn():
 def test_friction_is_the_same_when_the_scene_is_turned(path, dt, law, seed):
     slip, turned = tangential(path), Rotation.random(random_state=seed)
     n = np.array([0.0, 0.0, 1.0])
-    force, _, _ = bristle.path(law, slip, 1.3, dt, n)
-    other, _, _ = bristle.path(law, turned.apply(slip), 1.3, dt, turned.apply(n))
+    force, _, _ = bristle_path(law, slip, 1.3, dt, n)
+    other, _, _ = bristle_path(law, turned.apply(slip), 1.3, dt, turned.apply(n))
     assert other == approx(turned.apply(force), abs=1e-6 * (1e-6 + np.abs(force).max()))
 
 
@@ -184,7 +185,7 @@ def test_friction_is_the_same_when_the_scene_is_turned(path, dt, law, seed):
 )
 def test_loads_and_speeds_down_to_subnormal_numbers_and_up_to_huge_ones(load, speed, dt, law):
     """Nothing, hardly anything and far too much: finite, along the motion, zero without load."""
-    force, z, _ = bristle.path(law, np.tile([speed, 0.0, 0.0], (3, 1)), load, dt)
+    force, z, _ = bristle_path(law, np.tile([speed, 0.0, 0.0], (3, 1)), load, dt)
     assert np.isfinite(force).all() and np.isfinite(z).all() and (force[:, 0] >= 0.0).all()
     if load == 0.0:
         assert not force.any() and not z.any()

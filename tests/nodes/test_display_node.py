@@ -10,9 +10,9 @@ from palpate.nodes.base import SettingError
 from palpate.nodes.base.surface import surface_mesh
 from palpate.nodes.display import PinArray, tangent_frame
 from palpate.nodes.sensor import ForceSensor
-from palpate.physics.bodies.nodule import nodule_centre, stiffness_map
 from palpate.physics.display.pins import pin_grid
 from palpate.physics.display.shape_display import FINGERPADS, pad_contact, pad_displacement, pressure
+from palpate.physics.materials.nodule import nodule_centre, stiffness_map
 
 QUICK = {"rate": 1e3, "actuator_rate": 1e3, "stroke": 0.05}
 FLAT = {"surface": "plane", "vertices": 10000, "position": (0.0, 0.0, 0.0)}

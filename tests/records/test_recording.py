@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import json
 import os
 import random
@@ -155,6 +156,14 @@ def test_a_stream_that_is_not_there_cannot_be_left_out(tmp_path):
         record(tmp_path, leave_out=["spreed"])
 
 
+def test_a_stream_that_the_plan_leaves_out_can_be_left_out_and_thinned(tmp_path):
+    other = "  other: {use: nodes_for_runs.Spring, in: {pose: source}, when: tissue.other}\n  log:"
+    text = "scene: {tissue: {other: 0}}\n" + GRAPH.replace("  log:", other)
+    for more in ({"leave_out": ["other"]}, {"thin": {"other": 3}}):
+        recording = Recording(record(tmp_path, text, **more))
+        assert "other" not in recording.streams and recording.counts["source"]["count"] == 200
+
+
 def logger(path: Path, **given) -> Mcap:
     node = Mcap(path=str(path), **given)
     node.listen((Stream("device", DeviceState, "device", 1), Stream("slow", DeviceState, "slow", 10)), {"plan": {}})
@@ -303,11 +312,11 @@ def test_the_msgpack_package_reads_the_wire_bytes(tmp_path):
 @pytest.fixture(scope="module")
 def good(tmp_path_factory) -> bytes:
     folder = tmp_path_factory.mktemp("good")
-    path = record(folder, GRAPH.replace("log:    {", "log:    {compression: none, "), ticks=4000)
+    path = record(folder, GRAPH.replace("log:    {", "log:    {compression: none, "), ticks=1500)
     return path.read_bytes()
 
 
-@pytest.mark.parametrize("part", [0.97, 0.8, 0.5])
+@pytest.mark.parametrize("part", [0.97, 0.5])
 def test_a_file_cut_off_anywhere_is_read_up_to_its_last_whole_chunk_and_recovered(tmp_path, good, part):
     path = tmp_path / "cut.mcap"
     path.write_bytes(good[: int(len(good) * part)])
@@ -336,7 +345,7 @@ def test_a_damaged_chunk_ends_the_reading_and_nothing_wrong_is_read(tmp_path, go
     path.write_bytes(good[:at] + bytes([good[at] ^ 0xFF]) + good[at + 1 :])
     recording = Recording(path)
     read_back = list(recording.raw())
-    assert not recording.complete and len(read_back) < 4000 * len(NODES)
+    assert not recording.complete and len(read_back) < 1500 * len(NODES)
     assert bool(read_back) == (len(begins) > 1)
 
 
@@ -352,15 +361,17 @@ def everything(recording: Recording) -> tuple[object, ...]:
     return recording.streams, recording.about, recording.counts, recording.restarted
 
 
-@pytest.mark.parametrize("seed", range(300))
-def test_a_flipped_bit_anywhere_is_told_or_harmless(small, tmp_path, seed):
+@pytest.mark.parametrize("seeds", [range(90), pytest.param(range(90, 600), marks=pytest.mark.long)])
+def test_a_flipped_bit_anywhere_is_told_or_harmless(small, tmp_path, seeds):
     """Nothing is read that was not written; what cannot be read is told with its place."""
-    data = bytearray(small.read_bytes())
-    draw = random.Random(seed)
-    # Every third lies before the messages or behind them, where schemas, channels, metadata and the index stand.
-    at = draw.choice([*range(8, 6000), *range(len(data) - 6000, len(data))]) if seed % 3 else draw.randrange(len(data))
-    data[at] ^= 1 << draw.randrange(8)
-    told_or_harmless(small, data, tmp_path)
+    for seed in seeds:
+        data = bytearray(small.read_bytes())
+        draw = random.Random(seed)
+        # Two of three lie before the messages or behind them, where schemas, channels, metadata and the index stand.
+        ends = [*range(8, 6000), *range(len(data) - 6000, len(data))]
+        at = draw.choice(ends) if seed % 3 else draw.randrange(len(data))
+        data[at] ^= 1 << draw.randrange(8)
+        told_or_harmless(small, data, tmp_path)
 
 
 def test_a_record_of_another_kind_or_length_is_told(small, tmp_path):
@@ -372,28 +383,30 @@ def test_a_record_of_another_kind_or_length_is_told(small, tmp_path):
         places.setdefault(data[at], []).append(at)
         at += 9 + int.from_bytes(data[at + 1 : at + 9], "little")
     assert len(places[6]) > 3 and len(places[7]) > 3
-    for kind, starts in places.items():
-        for number, place in enumerate(starts[:3]):
+    for starts in places.values():
+        for place in starts[:2]:
             for bit in range(24):
-                folder = tmp_path / f"{kind}-{number}-{bit}"
-                folder.mkdir()
                 flipped = bytearray(data)
                 flipped[place + bit // 8] ^= 1 << bit % 8
-                told_or_harmless(small, flipped, folder)
+                told_or_harmless(small, flipped, tmp_path)
     chunk = places[6][1]
     for end in places[6][2:12]:  # the chunk's length leads to another record's beginning
         flipped = bytearray(data)
         flipped[chunk + 1 : chunk + 9] = (end - chunk - 9).to_bytes(8, "little")
-        folder = tmp_path / f"to-{end}"
-        folder.mkdir()
-        told_or_harmless(small, flipped, folder)
+        told_or_harmless(small, flipped, tmp_path)
+
+
+@functools.cache
+def read(path: Path) -> tuple[Recording, list[tuple]]:
+    """A recording that nobody changes, and all that is in it."""
+    recording = Recording(path)
+    return recording, list(recording.raw())
 
 
 def told_or_harmless(small: Path, data: bytes, tmp_path: Path) -> None:
     path = tmp_path / "flipped.mcap"
     path.write_bytes(data)
-    good = Recording(small)
-    whole = list(good.raw())
+    good, whole = read(small)
     try:
         recording = Recording(path)
     except RecordingError as error:
@@ -406,6 +419,7 @@ def told_or_harmless(small: Path, data: bytes, tmp_path: Path) -> None:
         name: stream.schema for name, stream in recording.streams.items()
     }
     assert recording.about == good.about and recording.counts in ({}, good.counts)
+    (tmp_path / "recovered.mcap").unlink(missing_ok=True)
     target, counts = recover(path, tmp_path / "recovered.mcap")
     again = Recording(target)
     assert again.complete and list(again.raw()) == read_back and sum(counts.values()) == len(read_back)

@@ -18,6 +18,7 @@ from palpate.launch.run.execute import execute
 from palpate.messages import Force
 from palpate.records.compare import compare
 from palpate.records.copy import begin_copy
+from palpate.records.format.head import head_of
 from palpate.records.player import plan_of
 from palpate.records.reader import Recording
 from palpate.records.recover import recover, recover_full
@@ -202,6 +203,19 @@ def without(path: Path, *gone: tuple[str, int]) -> Path:
                 writer.add_message(channels[name], tick, time, payload)
         writer.finish()
     return holed
+
+
+def test_a_logger_next_to_a_node_hears_the_others_to_their_end_on_the_real_clock(tmp_path):
+    """What a node used is in the file, though the others send to observers in bursts of ticks."""
+    place = write_place(tmp_path, [["source", "spring"], ["drag", "spread", "sum", "log"]])
+    for name in ("a", "b", "c"):  # how much of the last burst is left depends on the moment
+        folder = tmp_path / name
+        folder.mkdir()
+        path = record(folder, clock="real", place=place, ticks=205)
+        there = {row[:2] for row in rows(path, stored=True)}
+        used = {tick for row in rows(path, stored=True) if row[0] == "drag" for tick in head_of(row[3]).used}
+        assert {("source", tick) for tick in used if tick >= 0} <= there
+        assert len(rows(path)) > 500  # which computes the others, and tells what is missing
 
 
 def test_a_source_that_lacks_a_message_is_told(tmp_path):

@@ -73,12 +73,15 @@ def test_a_row_for_each_point_with_numbers_and_curves(ball, client, tmp_path):
     shares = np.arange(1, 6) / 5
     assert table["mean ball.force"].to_numpy() == pytest.approx(np.array(forces) * np.mean(shares**1.5), rel=1e-12)
     assert table["at 2 ms ball.indentation"].to_numpy() == pytest.approx(depth * 3 / 5, rel=1e-12)
-    assert table.attrs["units"]["peak ball.force"] == "N" and not table["error"].any()
+    units = table.attrs["units"]
+    assert (units["peak ball.force"], units["ball.young"]) == ("N", "Pa") and not table["error"].any()
+    assert "ball.depth" not in units  # its values are texts with their own unit
     data = study.xarray()
     assert data["curve ball.force"].dims == ("ball.young", "ball.depth", "time")
     curve = data["curve ball.force"].sel({"ball.young": 2e4, "ball.depth": "2 mm"})
     assert curve.to_numpy() == pytest.approx(hertz(2e4, 2e-3) * shares**1.5, rel=1e-12)
     assert data["time"].to_numpy() == pytest.approx(np.arange(5) * 1e-3) and data["curve ball.force"].units == "N"
+    assert data["ball.young"].units == "Pa"
 
 
 def test_the_bytes_are_those_of_one_run_at_a_time_whatever_the_number_of_workers(client, tmp_path):
@@ -292,10 +295,12 @@ def test_pictures_of_numbers_and_curves(ball, client, tmp_path):
         study.table()
     study.run(tmp_path, client)
     (axes,) = study.plot("peak ball.force").axes
-    assert [line.get_label() for line in axes.lines] == ["1 mm", "2 mm"] and axes.get_xlabel() == "ball.young"
+    assert [line.get_label() for line in axes.lines] == ["1 mm", "2 mm"] and axes.get_xlabel() == "ball.young [Pa]"
     assert axes.lines[1].get_ydata() == pytest.approx([hertz(e, 2e-3) for e in (1e4, 2e4, 4e4)])
     (axes,) = study.plot("ball.force").axes
     assert len(axes.lines) == 6 and axes.get_ylabel() == "ball.force [N]"
+    legend = axes.get_legend()
+    assert legend is not None and legend.get_title().get_text() == "ball.young [Pa]"
     with pytest.raises(PalpateError, match=r"Did you mean 'ball\.force'"):
         study.plot("ball.forze")
 

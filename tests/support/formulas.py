@@ -8,8 +8,12 @@ from palpate.physics.contact.series import kernel_form, series, series_step
 from palpate.physics.contact.terminal import Terminal
 from palpate.physics.device.falcon import FALCON
 from palpate.physics.device.stability import held
+from palpate.physics.device.velocity import buffers, mean_velocity, push
 from palpate.physics.display import hertz_surface as hertz
+from palpate.physics.friction import bristle
 from palpate.physics.friction.lugre import stribeck
+from palpate.physics.geometry import nurbs_fit
+from palpate.physics.materials.voigt import chain_strain_step
 
 PLANE_INTEGRALS = (math.pi / 3, math.pi / 7, math.pi * (0.5 - 2 / math.pi**2))
 """Of each kernel that spreads a load, in units of R²."""
@@ -80,3 +84,69 @@ def steady_friction(speed, law):
     v = np.abs(np.asarray(speed, float))
     g = [stribeck(s, law.mu_slide, law.mu_static, law.stribeck) for s in v.ravel()]
     return np.reshape(g, v.shape) + law.viscous * v
+
+
+def stress_history(time, strain, moduli, viscosities, shares=None):
+    """Stress [Pa] (n) of a Voigt chain that starts at rest at time[0] [s] and follows a strain history [1] (n); shares
+    of its elements None: all alike."""
+    moduli, viscosities = np.atleast_1d(np.asarray(moduli, float)), np.atleast_1d(np.asarray(viscosities, float))
+    shares = np.full(moduli.shape, 1.0 / moduli.size) if shares is None else np.atleast_1d(np.asarray(shares, float))
+    strains, stress = np.zeros(moduli.size), np.zeros(len(time))
+    for k in range(1, len(time)):
+        stress[k] = chain_strain_step(strains, moduli, viscosities, shares, strain[k], time[k] - time[k - 1])
+    return stress
+
+
+def velocity(times, positions, order: int = 8) -> np.ndarray:
+    """Filtered velocity of a whole record, as the node computes it sample by sample.
+
+    times      [ns]  (n)    int64 stamps; samples that do not increase leave the velocity as it was
+    positions  [m]   (n,3)
+    order      [1]   ()     differences in the mean, N; fewer at the beginning of the record
+    returns    [m/s] (n,3)
+    """
+    state = buffers(order)
+    velocities = np.zeros((len(times), 3))
+    for k, (t, point) in enumerate(zip(times, positions, strict=True)):
+        push(*state, int(t), *map(float, point))
+        velocities[k] = mean_velocity(*state)
+    return velocities
+
+
+def bristle_path(law, slip, load, dt, normal=(0.0, 0.0, 1.0)):
+    """Force [N] (k,3), deflection [m] (k,3) and stick flag (k) along a path, from rest.
+
+    slip    [m/s] (k,3)         velocity of the finger; its part along the normal is left out
+    load    [N]   () or (k)     normal force
+    dt      [s]   () or (k)     length of each step, > 0
+    normal  [1]   (3) or (k,3)  unit normals
+    """
+    v = np.atleast_2d(np.asarray(slip, float))
+    force, deflection, stick = np.empty_like(v), np.empty_like(v), np.empty(len(v), bool)
+    loads, steps = np.broadcast_to(load, len(v)), np.broadcast_to(dt, len(v))
+    normals = np.broadcast_to(np.asarray(normal, float), v.shape)
+    kernel, bristles = bristle.kernel_form(law), bristle.Bristles()
+    for i in range(len(v)):
+        n, u = tuple(normals[i].tolist()), tuple(v[i].tolist())
+        bristles, force[i], stick[i] = bristle.step(kernel, bristles, n, u, float(loads[i]), float(steps[i]))
+        deflection[i] = bristles.z
+    return force, deflection, stick
+
+
+def torus(major: float, minor: float):
+    """The exact torus [m] round the z axis; u goes round the axis, v round the tube.
+
+    ValueError: minor >= major, where the tube meets itself.
+    """
+    if not 0 < minor < major:
+        raise ValueError(f"minor radius: found {minor}, expected between 0 and the major radius {major}")
+    circle, weights, knots = nurbs_fit._arc(4)
+    return nurbs_fit._revolved(major + minor * circle[:, 0], minor * circle[:, 1], weights, knots, True)
+
+
+def decays(path: np.ndarray) -> bool:
+    """Whether a linear swing dies down: less of it in the last eighth of places [m] (k) than in the second."""
+    if not np.isfinite(path).all():
+        return False
+    parts = np.array_split(path, 8)
+    return float(np.ptp(parts[-1])) < float(np.ptp(parts[1]))

@@ -95,9 +95,9 @@ def test_a_picture_has_the_colour_and_its_bar(file, tmp_path, name, monkeypatch)
     assert target.read_bytes()[:4] == b"\x89PNG"
     ((label, most),) = labels
     touch = films.TouchStreams(Recording(file))
-    mesh = films.surface_mesh(touch)
-    (instant,) = films.instants_at(touch, mesh.vertices, [300])
-    most_of_it = painted(COLOURS[name], mesh, instant.surface).max()
+    shown = films.bodies_of(touch)
+    (instant,) = films.instants_at(touch, shown, [300])
+    most_of_it = painted(COLOURS[name], shown.mesh, instant.surface).max()
     assert label == COLOURS[name].label and 0.0 < most_of_it <= most <= 10 * most_of_it
 
 

@@ -80,9 +80,9 @@ def test_the_arrow_and_the_camera_are_those_of_the_whole_film(file, monkeypatch)
     monkeypatch.setattr(films, "Rendering", Noted)
     monkeypatch.setattr(films, "BATCH", 2)
     touch = films.TouchStreams(Recording(file))
-    mesh = films.surface_mesh(touch)
-    instants = films.instants_at(touch, mesh.vertices, [100, 200, 300])
-    titles = [frame._title.get_text() for frame in films._frames(mesh, instants, COLOURS["displacement"])]
+    shown = films.bodies_of(touch)
+    instants = films.instants_at(touch, shown, [100, 200, 300])
+    titles = [frame._title.get_text() for frame in films._frames(shown.mesh, instants, COLOURS["displacement"])]
     assert [(count, total) for count, _, total in scenes] == [(2, 3), (1, 3)]
     assert len({most for _, most, _ in scenes}) == 1
     assert titles[0].startswith("0.10 s") and titles[2].startswith("0.30 s")

@@ -12,10 +12,10 @@ from palpate.launch.run.execute import execute
 from palpate.messages import Contact, Force, Friction, Pose, Surface
 from palpate.messages.grip import Grip
 from palpate.records.reader import Recording
-from palpate.views.fingers import fingers, fingers_of, fingers_of_plan, left_out
+from palpate.views.fingers import fingers, links_of, links_of_plan
 from palpate.views.pictures import draw
 from palpate.views.pictures.touch import TouchStreams
-from palpate.views.surface.moments import instants, surface_mesh
+from palpate.views.surface.moments import bodies_of, instants
 
 
 def of(found, *kinds):
@@ -33,40 +33,42 @@ def pinched(tmp_path_factory):
 
 def test_each_finger_has_its_own_streams_and_all_have_the_body():
     kinds = Contact, Friction, Pose, Force, Surface, Grip
-    assert of(fingers_of_plan(find("pinch").plan()), *kinds) == [
+    assert of(fingers(*links_of_plan(find("pinch").plan())), *kinds) == [
         ("contact-thumb", "friction-thumb", "thumb", "controller-thumb", "tissue", "grip"),
         ("contact-index", "friction-index", "index", "controller-index", "tissue", "grip"),
     ]
-    assert of(fingers_of_plan(find("palpate-two").plan()), Contact, Force) == [
+    assert of(fingers(*links_of_plan(find("palpate-two").plan())), Contact, Force) == [
         ("contact-1", "controller-1"), ("contact-2", "controller-2"),
     ]  # fmt: skip
 
 
 def test_a_finger_on_two_organs_is_one():
-    assert of(fingers_of_plan(find("organs").plan()), Contact, Surface) == [("contact-kidney", "kidney")]
-    assert of(fingers_of_plan(find("kidney").plan()), Contact, Surface) == [("contact", "tissue")]
+    (finger,) = fingers(*links_of_plan(find("organs").plan()))
+    kinds = Contact, Friction, Pose, Force
+    assert of([finger], *kinds) == [("both.Contact", "both.Friction", "finger", "controller")]  # what it feels of both
+    assert finger.near == ["collision-kidney", "collision-liver"]
+    assert of(fingers(*links_of_plan(find("kidney").plan())), Contact, Surface) == [("contact", "tissue")]
 
 
-def test_a_finger_on_another_body_is_not_shown_with_the_first():
+def test_two_fingers_with_a_body_each_are_two():
     streams = {
         s: (s, full_name(kind)) for s, kind in (("c1", Contact), ("b1", Surface), ("c2", Contact), ("b2", Surface))
     }
     wires = [("c1", "body", "b1"), ("b1", "load", "c1"), ("c2", "body", "b2"), ("b2", "load", "c2")]
-    assert of(fingers(wires, streams), Contact, Surface) == [("c1", "b1")]
+    assert of(fingers(wires, streams), Contact, Surface) == [("c1", "b1"), ("c2", "b2")]
     assert of(fingers([], streams), Contact, Surface) == [("c1", "b1")]
 
 
 def test_a_recording_tells_its_fingers(pinched):
     recording = Recording(pinched)
-    assert of(fingers_of(recording), Contact, Force) == [
+    assert of(fingers(*links_of(recording)), Contact, Force) == [
         ("contact-thumb", "controller-thumb"), ("contact-index", "controller-index"),
     ]  # fmt: skip
-    assert left_out(recording) == ""
 
 
 def test_an_instant_has_all_fingers_on_their_sides_of_the_organ(pinched):
     touch = TouchStreams(Recording(pinched))
-    deep = max(instants(touch, surface_mesh(touch).vertices), key=lambda one: one.depth)
+    deep = max(instants(touch, bodies_of(touch)), key=lambda one: one.depth)
     thumb, index = deep.tips
     assert thumb[1] < -0.015 and index[1] > 0.015
     assert (deep.loads > 0.8).all() and (deep.depths > 3e-3).all()
@@ -74,7 +76,7 @@ def test_an_instant_has_all_fingers_on_their_sides_of_the_organ(pinched):
     loads = f"{deep.loads[0]:.2f}, {deep.loads[1]:.2f} N"
     assert deep.title().endswith(loads)
     moved = np.linalg.norm(deep.displacement, axis=1) > 1e-3
-    sides = surface_mesh(touch).vertices[moved][:, 1]
+    sides = bodies_of(touch).mesh.vertices[moved][:, 1]
     assert sides.min() < -0.02 and sides.max() > 0.02
 
 

@@ -38,7 +38,7 @@ def test_two_pointers_hold_the_organ_and_what_they_did_can_be_replayed(server):
     with server.open() as client:
         mesh, *_ = until(client, lambda head: head["kind"] == "mesh")
         assert mesh["fingers"] == ["contact-thumb", "contact-index"] and len(mesh["begins"]) == 2
-        assert mesh["bodies"] == ["deformation.MassSpring", "deformation.ReducedFE"]
+        assert mesh["bodies"] == ["deformation.MassSpring", "deformation.BeamBundle", "deformation.ReducedFE"]
         client.send(json.dumps({"point": [1, THUMB, 1]}))
         head, *_ = until(client, pressed, {"point": [2, INDEX, 1], "finger": 1})
         other = head["others"][0]

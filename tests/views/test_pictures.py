@@ -19,14 +19,16 @@ from palpate.launch.run.execute import execute
 from palpate.messages import Contact, DeviceState, Force, Friction, Proximity, Surface, pack
 from palpate.nodes.base import Stream
 from palpate.nodes.logger import Mcap
+from palpate.physics.geometry.mesh import plane
 from palpate.records.reader import Recording
 from palpate.records.stored import RecordingError
+from palpate.views.bodies import Bodies
 from palpate.views.pictures import PictureError, deformation, draw
 from palpate.views.pictures.regions import _stretches, regions
 from palpate.views.pictures.style import mean
 from palpate.views.pictures.touch import TouchStreams, together, touches, work
 from palpate.views.surface import off_screen, render
-from palpate.views.surface.moments import choose, displaced, instants, surface_mesh
+from palpate.views.surface.moments import bodies_of, choose, displaced, instants
 
 UP = (0.0, 0.0, 1.0)
 PLOTS = ["force.png", "compression.png", "friction.png", "device.png"]
@@ -221,10 +223,11 @@ def test_the_deformation_lands_on_its_vertices(tmp_path):
         },
     )
     touch = TouchStreams(Recording(file))
-    mesh = surface_mesh(touch)
+    shown = bodies_of(touch)
+    mesh = shown.mesh
     assert abs(len(mesh.vertices) - 200) < 40
     assert (mesh.vertices.min(axis=0) + mesh.vertices.max(axis=0))[0] / 2 == pytest.approx(0.01, abs=1e-3)
-    chosen = instants(touch, mesh.vertices, 6)
+    chosen = instants(touch, shown, 6)
     assert len(chosen) == 6 and max(one.depth for one in chosen) == depths.max()
     for one in chosen:
         tick = round(one.time * 1e3)
@@ -238,7 +241,7 @@ def test_the_deformation_lands_on_its_vertices(tmp_path):
 def test_a_surface_that_never_moved_is_not_drawn(tmp_path):
     streams = {"contact": [press(1e-3)] * 5, "body": [surface()] * 5}
     with pytest.raises(PictureError, match="no displacement was recorded"):
-        instants(TouchStreams(Recording(record(tmp_path / "r.mcap", streams))), np.zeros((100, 3)))
+        instants(TouchStreams(Recording(record(tmp_path / "r.mcap", streams))), Bodies(["body"], [plane(0.1, 100)], {}))
 
 
 def test_a_vertex_that_the_mesh_does_not_have_is_told():

@@ -12,7 +12,6 @@ from typer.testing import CliRunner
 from palpate.launch.__main__ import app
 from palpate.launch.load.launchfile import find
 from palpate.launch.run.execute import execute
-from palpate.physics.geometry.mesh import plane
 from palpate.records.reader import Recording
 from palpate.records.stored import RecordingError
 from palpate.views.run import Run
@@ -61,11 +60,10 @@ def test_any_time_shows_the_last_messages_before_it(file):
 
 
 def test_what_slides_is_told_where_the_body_knows():
-    mesh = plane(0.1, 12)
     law = {"stiffness": 1.0, "exponent": 1.0, "damping": 0.0, "rest_indentation": 0.0, "previous_indentation": 0.0}
     body = {"nodes": np.array([3, 5], np.int32), "displacement": np.zeros((2, 3)), **law}
-    assert read(frame({"kind": "frame"}, Surface(**body, slipped=np.array([0, 1])), mesh))[0]["slipped"] == [0, 1]
-    assert "slipped" not in read(frame({"kind": "frame"}, Surface(**body), mesh))[0]
+    assert read(frame({"kind": "frame"}, Surface(**body, slipped=np.array([0, 1]))))[0]["slipped"] == [0, 1]
+    assert "slipped" not in read(frame({"kind": "frame"}, Surface(**body)))[0]
 
 
 def test_the_beginning_tells_the_mesh_and_all_of_the_touch(file):
@@ -74,8 +72,8 @@ def test_the_beginning_tells_the_mesh_and_all_of_the_touch(file):
     force = Recording(file).columns("contact")["force"]
     assert head["name"] == "touch.mcap" and head["body"] == "deformation.MassSpring"
     assert len(head["t"]) == len(force) < POINTS and max(head["f"]) == force.max() > 0.5
-    assert places.reshape(-1, 3) == pytest.approx(reel.mesh.vertices, abs=1e-7)
-    assert len(triangles) == reel.mesh.triangles.size and len(normals) == len(places)
+    assert places.reshape(-1, 3) == pytest.approx(reel.bodies.mesh.vertices, abs=1e-7)
+    assert len(triangles) == reel.bodies.mesh.triangles.size and len(normals) == len(places)
 
 
 def test_a_long_recording_keeps_its_peaks(file, monkeypatch):

@@ -86,7 +86,7 @@ def test_the_strain_on_the_page_is_that_of_the_pictures(page, shown):
     at(page, 0.3)
     reel = shown.source.reels[0]
     surface = reel.last(0.3)[0][Surface]
-    expected = painted(COLOURS["strain"], reel.mesh, surface)
+    expected = painted(COLOURS["strain"], reel.bodies.mesh, surface)
     drawn = np.array(page.evaluate("Array.from(palpate.reels[0].scene.values)"))
     assert expected.max() > 0.05 and drawn == pytest.approx(expected, abs=2e-4)
     assert page.text_content("#top") == f"{100 * expected.max():.0f} %"

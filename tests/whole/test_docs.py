@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 import typer
 import yaml
+from trimesh import Trimesh
 from typer.core import TyperGroup
 
 from palpate.launch.__main__ import app
@@ -21,14 +22,17 @@ from palpate.launch.load.placement import load_place
 from palpate.launch.template import node_files
 from palpate.launch.terminal.options import chosen
 from palpate.messages import Load, Surface
+from palpate.nodes.base.surface import surface_mesh
 from palpate.studies.sweeps.file import load
 
 ROOT = Path(__file__).parents[2]
-PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
+DOCS = [page for page in sorted((ROOT / "docs").rglob("*.md")) if page.parts[-2] not in ("reference", "_build")]
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *DOCS]
 OTHERS = {
     "./setup.sh": "builds an environment",
     "./check.sh": "runs the tests",
     "git": "fetches a copy",
+    ". .venv/bin/activate": "changes the reader's shell",
     "pip install": "installs packages",
     ".venv/bin/python": "tests and benchmarks, run on their own",
     "python": "tests and scripts: tests/whole/test_scripts.py loads each",
@@ -113,6 +117,8 @@ def folder(tmp_path, monkeypatch):
     (tmp_path / "runs" / "kidney-rates.yaml").write_text("graph: kidney\nset: {friction.every: 10}\n")
     for name, text in node_files("Liver", Load, Surface).items():
         (tmp_path / name).write_text(text)
+    liver = surface_mesh("sphere", 600)  # [m]; the page's file is in mm
+    Trimesh(1e3 * liver.vertices, liver.triangles).export(tmp_path / "liver.stl")
     return tmp_path
 
 
@@ -216,6 +222,9 @@ def test_the_commands_of_a_page_run_one_after_the_other(folder, page):
     for where, words in PALPATE:
         if where.partition(":")[0] != page or skipped(words):
             continue
+        if words[1] == "new":  # it writes the files that the other pages find
+            for name in node_files("Liver", Load, Surface):
+                (folder / name).unlink()
         cut = ["-q", *(SHORT if "--record" not in words else SHORT[:2])] if words[1] == "run" else []
         words = [word.replace("900 ms", "300 ms") for word in words[1:]]
         ended = subprocess.run([*python, *words, *cut], capture_output=True, text=True)

@@ -7,7 +7,7 @@ bursts. The run's outlets for observers drop what a listener does not take: it c
 from __future__ import annotations
 
 import struct
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import msgspec
@@ -34,7 +34,6 @@ from palpate.messages import (
     Surface,
     unpack,
 )
-from palpate.nodes.base.surface import complete
 from palpate.physics.geometry.mesh import Mesh
 from palpate.views.page.steered import Touched
 
@@ -56,6 +55,11 @@ class StreamReader:
         self.last: list[Last] = [{} for _ in touched.fingers]
         self.late: dict[str, int] = {}
         self.context = zmq.Context()
+        self.kinds |= dict.fromkeys(touched.bodies.streams, Surface) | dict.fromkeys(touched.bodies.loads, Load)
+        self.kinds |= {stream: Proximity for near in touched.near for stream in near}
+        self.shapes: dict[str, Surface] = {}
+        self.loads: dict[str, Load] = {}
+        self.near: list[dict[str, Proximity]] = [{} for _ in touched.fingers]
         large = [stream for stream, kind in self.kinds.items() if kind in (Surface, Load)]
         self.large = [self._socket(run, [stream], conflate=True) for stream in large]
         self.small = self._socket(run, [stream for stream in self.kinds if stream not in large], conflate=False)
@@ -94,7 +98,17 @@ class StreamReader:
                     if message.source in self.touched.place.groups[0].nodes:
                         self.late[message.source] = message.late + message.lost
                     continue
-                for finger in self.owners[stream]:
+                if isinstance(message, Surface):
+                    self.shapes[stream] = message
+                elif isinstance(message, Load) and stream in self.touched.bodies.loads:
+                    self.loads[stream] = message
+                elif isinstance(message, Proximity):
+                    for finger, own in enumerate(self.touched.near):
+                        if stream in own:
+                            self.near[finger][stream] = message
+                            self.last[finger][Proximity] = nearest(self.near[finger])
+                    continue
+                for finger in self.owners.get(stream, ()):
                     self.last[finger][type(message)] = message
                     if isinstance(message, Contact):
                         curves[finger]["t"].append(message.time * 1e-9)
@@ -103,9 +117,14 @@ class StreamReader:
         if not count or any(Contact not in last for last in self.last):
             return None
         head = {"kind": "frame", "late": max(self.late.values(), default=0)}
-        return frame(
-            head | told(self.last, self.touched.thickness, curves), self.last[0].get(Surface), self.touched.mesh
-        )
+        bodies = self.touched.bodies
+        head |= told(self.last, self.touched.thickness, curves) | bodies.pressed(self.loads)
+        return frame(head, bodies.surface(self.shapes))
+
+
+def nearest(organs: Mapping[str, Proximity]) -> Proximity:
+    """Of the organs that a finger may touch, the one that it is nearest to or deepest in."""
+    return min(organs.values(), key=lambda near: near.gap)
 
 
 def owners(fingers: list[dict[type[Message], str]]) -> dict[str, list[int]]:
@@ -119,21 +138,17 @@ def owners(fingers: list[dict[type[Message], str]]) -> dict[str, list[int]]:
 
 def told(fingers: list[Last], thickness: float, curves: Sequence[Curve] = ()) -> dict[str, Any]:
     """What the page tells of the last messages of each finger, and of forces and indentations before them: that of the
-    first one, with the others in `others` and all loads in one."""
+    first one, with the others in `others`."""
     every: Sequence[Curve] = curves or [{}] * len(fingers)
     head, *others = (now(last, thickness) | curve for last, curve in zip(fingers, every, strict=True))
-    loads = [one for one in (head, *others) if "patch" in one]
-    if loads:
-        head |= {name: [value for one in loads for value in one[name]] for name in ("patch", "loads")}
     return head | {"others": others}
 
 
-def frame(head: dict[str, Any], surface: Message | None, mesh: Mesh) -> bytes:
-    """A picture: what is told in its head, and the nodes, displacements and pressures of the surface on a
-    mesh. Which nodes slide is told in the head, where the body knows."""
-    if not isinstance(surface, Surface):
+def frame(head: dict[str, Any], surface: Surface | None) -> bytes:
+    """A picture: what is told in its head, and the nodes, displacements and pressures of the surface. Which nodes slide
+    is told in the head, where the body knows."""
+    if surface is None:
         return packed(head, np.zeros(0, "<u4"), np.zeros(0, "<f4"), np.zeros(0, "<f4"))
-    surface = complete(surface, mesh.vertices)
     if len(surface.slipped) and len(surface.slipped) == len(surface.nodes):
         head = head | {"slipped": surface.slipped.tolist()}
     pressure = surface.pressure if len(surface.pressure) == len(surface.nodes) else ()
@@ -161,15 +176,13 @@ def now(last: Last, thickness: float) -> dict[str, Any]:
         told |= {"sample": pointed.sample}
     if isinstance(pins := last.get(Pins), Pins):
         told |= {"pins": pins.heights.tolist()}
-    if isinstance(load := last.get(Load), Load):
-        told |= {"patch": load.nodes.tolist(), "loads": np.round(np.linalg.norm(load.forces, axis=1), 6).tolist()}
     return told
 
 
 def mesh_frame(touched: Touched, about: dict[str, Any]) -> bytes:
     """The undeformed surface, and what else the page has to know of a run."""
     return surface_frame(
-        touched.mesh,
+        touched.bodies.mesh,
         {
             "body": touched.use,
             "thickness": touched.thickness,

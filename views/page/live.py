@@ -15,8 +15,6 @@ from palpate.views.page.feed import StreamReader, mesh_frame
 from palpate.views.page.source import FrameSource
 from palpate.views.page.steered import Touched, watched
 
-FRAMES = 30.0
-"""[1/s] at most."""
 BEHIND = 10
 """By which what makes the frames stands behind the nodes of a run for a processor."""
 
@@ -70,7 +68,7 @@ class Live(FrameSource):
                 if frame is not None:
                     self.frame = frame
                     self.on_news()
-                due = max(due + 1.0 / FRAMES, time.monotonic())
+                due = max(due + 1.0 / self.rate, time.monotonic())
                 self._over.wait(due - time.monotonic())
         finally:
             feed.close()

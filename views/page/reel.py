@@ -11,16 +11,17 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from palpate.messages import Contact, MessageError, Proximity, Surface, unpack
-from palpate.records.format.mcap_file import Broken, Records, messages
+from palpate.messages import Contact, Load, Message, MessageError, Proximity, Surface, unpack
+from palpate.records.format.mcap_file import Broken, Records
+from palpate.records.format.mcap_file import messages as messages_of
 from palpate.records.player import plan_of
 from palpate.records.reader import Recording
 from palpate.records.stored import RecordingError
-from palpate.views.fingers import fingers_of
+from palpate.views.fingers import fingers, links_of
 from palpate.views.page import PageError
-from palpate.views.page.feed import Curve, Last, frame, owners, surface_frame, told
+from palpate.views.page.feed import Curve, Last, frame, nearest, owners, surface_frame, told
 from palpate.views.page.source import FrameSource
-from palpate.views.page.steered import shape, streams_of
+from palpate.views.page.steered import THICKNESS, shapes, streams_of, thickness_of
 
 POINTS = 4000
 """Of force and indentation over the whole recording: more than a screen has."""
@@ -40,9 +41,13 @@ class RecordingSource:
 
     def __init__(self, path: Path) -> None:
         self.recording = Recording(path)
-        fingers = [streams_of(finger) for finger in fingers_of(self.recording)]
-        self._owners, names = owners(fingers), fingers[0]
-        self._kinds = {stream: kind for finger in fingers for kind, stream in finger.items()}
+        links = links_of(self.recording)
+        found = fingers(*links)
+        shown = [streams_of(finger) for finger in found]
+        self._owners, names = owners(shown), shown[0]
+        self._near = [finger.near for finger in found]
+        self._kinds = {stream: kind for finger in shown for kind, stream in finger.items()}
+        self._kinds |= {stream: Proximity for near in self._near for stream in near}
         for kind, what in ((Contact, "touch"), (Surface, "body")):
             if kind not in self._kinds.values():
                 streams = ", ".join(sorted(self.recording.streams)) or "none"
@@ -50,7 +55,8 @@ class RecordingSource:
         planned = plan_of(self.recording)
         senders = {name: self.recording.streams[stream].producer for name, stream in names.items()}
         try:
-            self.mesh, self.thickness = shape(planned, senders[Surface], senders.get(Proximity, senders[Surface]))
+            self.bodies = shapes(planned)
+            self.thickness = thickness_of(planned, senders[Proximity]) if Proximity in senders else THICKNESS
         except PageError as error:
             raise RecordingError(f"{path}: {error}") from None
         self.use = planned.graph.nodes[senders[Surface]].use
@@ -59,8 +65,9 @@ class RecordingSource:
         self._open = lru_cache(maxsize=BACK + 2)(self._decoded)
         self._begins: list[float] = []
         self._places: list[int] = []
-        self._fingers = len(fingers)
-        self.curves = self._listen([finger[Contact] for finger in fingers])
+        self._kinds |= dict.fromkeys(self.bodies.streams, Surface) | dict.fromkeys(self.bodies.loads, Load)
+        self._kinds = {stream: kind for stream, kind in self._kinds.items() if stream in self.recording.streams}
+        self.curves = self._listen([finger[Contact] for finger in shown])
 
     def close(self) -> None:
         """Read no more of it."""
@@ -91,7 +98,7 @@ class RecordingSource:
 
     def _inside(self, chunk: bytes) -> Iterator[tuple[int, int, int, bytes]]:
         try:
-            yield from messages(chunk)
+            yield from messages_of(chunk)
         except Broken as damage:
             raise RecordingError(f"{self.recording.path} is {damage}") from None
 
@@ -103,8 +110,9 @@ class RecordingSource:
             if (name := channels.get(channel)) in self._kinds and name is not None
         ]
 
-    def last(self, time: float) -> list[Last]:
-        """Of each finger the last message of each kind at this time [s] of the graph's clock, or before."""
+    def last(self, time: float) -> tuple[list[Last], dict[str, Message]]:
+        """The last messages at this time [s] of the graph's clock, or before: of each kind for each finger, and of each
+        stream."""
         found: dict[str, tuple[float, bytes]] = {}
         k = bisect_right(self._begins, time) - 1
         for chunk in range(k, max(k - BACK, -1), -1):
@@ -117,30 +125,37 @@ class RecordingSource:
                     found[name] = own
             if len(found) == len(self._kinds) and chunk < k:
                 break
-        kept: list[Last] = [{} for _ in range(self._fingers)]
+        messages: dict[str, Message] = {}
         for name, (_, payload) in found.items():
             try:
-                message = unpack(payload, self._kinds[name])
+                messages[name] = unpack(payload, self._kinds[name])
             except MessageError as error:
                 raise RecordingError(f"{self.recording.path}: stream {name!r}: {error}") from None
-            for finger in self._owners[name]:
+        kept: list[Last] = [{} for _ in self._near]
+        for name, message in messages.items():
+            for finger in self._owners.get(name, ()):
                 kept[finger][self._kinds[name]] = message
-        return kept
+        for last, near in zip(kept, self._near, strict=True):
+            organs = {name: one for name in near if isinstance(one := messages.get(name), Proximity)}
+            last |= {Proximity: nearest(organs)} if organs else {}
+        return kept, messages
 
     def begin(self, number: int, name: str) -> bytes:
         """What a page has to know before it asks for a time; `number` says which of its recordings this is."""
-        return surface_frame(self.mesh, {
+        return surface_frame(self.bodies.mesh, {
             "reel": number, "name": name, "body": self.use, **self.curves[0], "others": self.curves[1:],
         })  # fmt: skip
 
     def frame(self, time: float, number: int) -> bytes:
         """The picture at a time [s], clipped to the recording."""
         times = self.curves[0]["t"]
-        fingers = self.last(min(max(time, times[0]), times[-1]))
+        last, newest = self.last(min(max(time, times[0]), times[-1]))
         head: dict[str, Any] = {"kind": "frame", "reel": number, "asked": time}
-        if any(Contact not in last for last in fingers):
-            return frame(head, None, self.mesh)
-        return frame(head | told(fingers, self.thickness), fingers[0].get(Surface), self.mesh)
+        if any(Contact not in one for one in last):
+            return frame(head, None)
+        shapes = {name: one for name, one in newest.items() if isinstance(one, Surface)}
+        loads = {name: one for name, one in newest.items() if name in self.bodies.loads and isinstance(one, Load)}
+        return frame(head | told(last, self.thickness) | self.bodies.pressed(loads), self.bodies.surface(shapes))
 
 
 class Ask(msgspec.Struct, forbid_unknown_fields=True):

@@ -9,6 +9,7 @@ import html
 import secrets
 import threading
 import time
+from collections.abc import Callable
 from http import HTTPStatus
 from importlib import resources
 from typing import Any
@@ -22,10 +23,12 @@ from websockets.http11 import Request, Response
 
 from palpate.physics.errors import PalpateError
 from palpate.views.page import PageError
+from palpate.views.page.renderers import RATE, binary
 from palpate.views.page.source import FrameSource
 
 HOST = "127.0.0.1"
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
+RENDERERS = "/frames"
 PATIENCE = 30.0  # [s] for the server to open or to close
 RELOAD = 2.0  # [s] for a page to be loaded anew, before it counts as closed
 
@@ -47,7 +50,7 @@ class PageServer:
             "/scene.js": ("scene.js", "text/javascript"),
             "/charts.js": ("charts.js", "text/javascript"),
         }
-        self._pages, self._left = 0, 0.0
+        self._pages, self._left, self._renderers = 0, 0.0, 0
         self._server: Server | None = None
         self._news, self._order = asyncio.Condition(), asyncio.Lock()
         self._loop = asyncio.new_event_loop()
@@ -115,8 +118,11 @@ class PageServer:
             self._news.notify_all()
 
     async def _talk(self, connection: ServerConnection) -> None:
-        writer = asyncio.create_task(self._show(connection))
+        assert connection.request is not None
+        renders = urlsplit(connection.request.path).path == RENDERERS
+        writer = asyncio.create_task(self._show(connection, binary if renders else bytes))
         self._pages += 1
+        self._render(renders)
         try:
             with contextlib.suppress(ConnectionClosed):
                 for data in self.source.begin():
@@ -127,7 +133,13 @@ class PageServer:
         finally:
             self._pages, self._left = self._pages - 1, time.monotonic()
             writer.cancel()
+            self._render(-renders)
             self.source.leave(connection)
+
+    def _render(self, more: int) -> None:
+        """So many renderers more listen: they get frames at their own rate."""
+        self._renderers += more
+        self.source.rate = RATE if self._renderers else type(self.source).rate
 
     async def _asked(self, connection: ServerConnection, text: str | bytes) -> list[Any]:
         """What a page is answered: reading a recording takes its time, and the other pages go on."""
@@ -137,8 +149,9 @@ class PageServer:
         except (msgspec.MsgspecError, PalpateError) as error:
             return [msgspec.json.encode({"kind": "refused", "text": str(error)}).decode()]
 
-    async def _show(self, connection: ServerConnection) -> None:
-        """Send what is new; a page that is slow gets the next frame when it has taken the last one."""
+    async def _show(self, connection: ServerConnection, form: Callable[[bytes], bytes]) -> None:
+        """Send what is new, each message in this form; a page that is slow gets the next frame when it has taken the
+        last one."""
         mesh = frame = b""
         status, source = None, self.source
         with contextlib.suppress(ConnectionClosed):
@@ -150,10 +163,10 @@ class PageServer:
                     await connection.send(msgspec.json.encode(told).decode())
                 elif source.mesh is not mesh:
                     mesh = source.mesh
-                    await connection.send(mesh)
+                    await connection.send(form(mesh))
                 elif source.frame is not frame and mesh:
                     frame = source.frame
-                    await connection.send(frame)
+                    await connection.send(form(frame))
                 else:
                     async with self._news:
                         with contextlib.suppress(TimeoutError):
@@ -169,8 +182,9 @@ class PageServer:
             known = hmac.compare_digest(given.encode(), self.token.encode())
         except (ValueError, MultipleValuesError):  # what no browser sends: http://[::1, two origins
             return _reply(HTTPStatus.BAD_REQUEST, b"invalid address or Origin\n")
-        if parts.path == "/socket":
-            if strange or origin is None or not known:
+        if parts.path in ("/socket", RENDERERS):
+            browser = parts.path == "/socket"  # a program that is none tells no origin
+            if strange or (browser and origin is None) or not known:
                 return _reply(HTTPStatus.FORBIDDEN, b"the token of the address is missing or wrong\n")
             return None
         if parts.path not in self._files:

@@ -11,6 +11,7 @@ class FrameSource:
     files         HTML and script of the page; command: the one that prints its address
     status, keep  what goes on, and whether the recording of the present run is kept. None: nothing comes unasked
     mesh, frame   the newest ones, packed for the page (see `feed`)
+    rate          [1/s] of frames at most
     on_news       called, from any thread, whenever one of these is new
     """
 
@@ -19,6 +20,7 @@ class FrameSource:
     status: str | None = None
     keep = False
     mesh = frame = b""
+    rate = 30.0
 
     def __init__(self) -> None:
         self.on_news: Callable[[], object] = lambda: None

@@ -31,12 +31,14 @@ from palpate.messages import (
     Vector3,
 )
 from palpate.nodes.base import SettingError
-from palpate.physics.geometry.mesh import Mesh
-from palpate.views.fingers import Finger, fingers_of_plan
+from palpate.views.bodies import Bodies
+from palpate.views.fingers import Finger, bodies, fingers, links_of_plan
 from palpate.views.page import PageError
 
 SHOWN = (Pose, Proximity, Contact, Friction, Force, ForceBand, Pins, Pointed, Load, Surface)
 POINTER = "palpate-pointer"
+THICKNESS = 4e-3
+"""[m] of a fingertip that nothing is known of."""
 Shown = dict[type[Message], str]
 
 
@@ -44,19 +46,21 @@ Shown = dict[type[Message], str]
 class Touched:
     """What the page has to know of a graph.
 
-    body       name of the node that sends the surface, and the class that it has
-    mesh       its undeformed mesh
+    body, use  name of the node that sends the first surface, and the class that it has
+    bodies     all that are shown, it first
     place      where its nodes run; the first group has those of every tick
     fingers    of each, the stream of each message type that is shown
+    near       of each, its streams of Proximity: one for each organ
     thickness  [m] of the fingertip before the bone edge
     begins     [m] (3) of each finger, where the bone edge is at the start
     """
 
     body: str
     use: str
-    mesh: Mesh
+    bodies: Bodies
     place: Placement
     fingers: list[Shown]
+    near: list[list[str]]
     thickness: float
     begins: list[Vector3]
 
@@ -72,12 +76,13 @@ def steered(launch: LaunchFile, folder: Path) -> tuple[LaunchFile, list[Path]]:
     planned = launch.plan()
     graph = planned.graph
     devices = [name for name, spec in graph.nodes.items() if DeviceState in spec.streams.values()]
-    fingers = [streams_of(finger, (DeviceState, Torque, Force, Contact)) for finger in fingers_of_plan(planned)]
-    held = {finger.get(DeviceState, "").partition(".")[0]: finger for finger in fingers}
+    found = fingers(*links_of_plan(planned))
+    held_by = [streams_of(finger, (DeviceState, Torque, Force, Contact)) for finger in found]
+    held = {finger.get(DeviceState, "").partition(".")[0]: finger for finger in held_by}
     if not devices or set(held) != set(devices):
         raise PageError(
             f"{launch.graph.stem}: nodes that send DeviceState: found {', '.join(devices) or 'none'}, expected one for "
-            f"each of {len(fingers)} fingers. Try: palpate touch kidney"
+            f"each of {len(found)} fingers. Try: palpate touch kidney"
         )
     nodes: dict[str, Any] = {}
     sockets = []
@@ -121,34 +126,46 @@ def streams_of(finger: Finger, kinds: Iterable[type[Message]] = SHOWN) -> Shown:
 
 
 def _shown(planned: Plan, needed: tuple[type[Message], ...], place: Placement) -> Touched:
-    nodes, fingers = planned.graph.nodes, [streams_of(finger) for finger in fingers_of_plan(planned)]
+    nodes, found = planned.graph.nodes, fingers(*links_of_plan(planned))
+    shown = [streams_of(finger) for finger in found]
     senders = {stream: name for name in planned.order for stream in nodes[name].streams}
-    streams = fingers[0]
+    streams = shown[0]
     for kind in needed:
-        if any(kind not in finger for finger in fingers):
+        if any(kind not in finger for finger in shown):
             raise PageError(f"{planned.graph.path.stem}: no node sends {kind.__name__}; a page needs a body, its "
                             "contact and the finger. Try: palpate touch kidney")  # fmt: skip
     body = senders[streams[Surface]]
-    mesh, thickness = shape(planned, body, senders[streams[Proximity]] if Proximity in streams else body)
+    thickness = thickness_of(planned, senders[streams[Proximity]]) if Proximity in streams else THICKNESS
     return Touched(
         body=body,
         use=planned.graph.nodes[body].use,
-        mesh=mesh,
+        bodies=shapes(planned),
         place=place,
-        fingers=fingers,
+        fingers=shown,
+        near=[finger.near for finger in found],
         thickness=thickness,
-        begins=[nodes[senders[f[Pointed]]].settings["begin"] for f in fingers if Pointed in f],
+        begins=[nodes[senders[f[Pointed]]].settings["begin"] for f in shown if Pointed in f],
     )
 
 
-def shape(planned: Plan, body: str, collision: str) -> tuple[Mesh, float]:
-    """The undeformed mesh of a body, and the thickness [m] of the fingertip. PageError: it has none."""
-    node = planned.make(body)
-    try:
-        mesh = node.mesh()  # type: ignore[attr-defined]
-    except (AttributeError, SettingError, ValueError, OSError) as error:
-        raise PageError(f"node {body!r} ({planned.graph.nodes[body].use}) has no mesh to show: {error}") from None
-    return mesh, float(getattr(planned.make(collision), "thickness", 4e-3))
+def shapes(planned: Plan) -> Bodies:
+    """The bodies of a plan that have a mesh. PageError: the first one has none."""
+    streams, loads = bodies(*links_of_plan(planned))
+    meshes = {}
+    for stream in streams:
+        body = stream.partition(".")[0]
+        try:
+            meshes[stream] = planned.make(body).mesh()  # type: ignore[attr-defined]
+        except (AttributeError, SettingError, ValueError, OSError) as error:
+            if not meshes:
+                use = planned.graph.nodes[body].use
+                raise PageError(f"node {body!r} ({use}) has no mesh to show: {error}") from None
+    return Bodies.of(meshes, streams, loads)
+
+
+def thickness_of(planned: Plan, collision: str) -> float:
+    """[m] of the fingertip before the bone edge."""
+    return float(getattr(planned.make(collision), "thickness", THICKNESS))
 
 
 def _place(planned: Plan) -> Placement:

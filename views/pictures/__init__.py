@@ -45,7 +45,6 @@ def draw(recording: Path, folder: Path, console: Console | None = None) -> list[
 
 
 def _draw(recording: Recording, folder: Path, console: Console | None, step: Callable[[str], None]) -> list[Path]:
-    from palpate.views.fingers import left_out
     from palpate.views.pictures import (
         PictureError,
         compression,
@@ -65,8 +64,6 @@ def _draw(recording: Recording, folder: Path, console: Console | None, step: Cal
 
     touch = TouchStreams(recording)
     fingers, of_a_finger = touch.fingers, (force, compression, friction, device)
-    if text := left_out(recording):
-        _tell(console, text)
     folder.mkdir(parents=True, exist_ok=True)
     made = []
     views = None
@@ -76,6 +73,8 @@ def _draw(recording: Recording, folder: Path, console: Console | None, step: Cal
             _tell(console, f"no 3-D picture: pyvista is not installed; {install('view')}")
         else:
             views = deformation.Views(touch)  # it draws while the others are drawn here
+            if text := views.bodies.left_out:
+                _tell(console, text)
     except PictureError as error:
         if touch.stream_of(Surface) is not None and touch.slip is None:  # else there is none to draw, or it is a pad
             _tell(console, f"no picture of the surface: {error}")

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from palpate.views.pictures.style import DEFORMATION, figure
 from palpate.views.pictures.touch import TouchStreams
 from palpate.views.surface.colour import COLOURS, painted, round_up
-from palpate.views.surface.moments import Instant, instants, surface_mesh
+from palpate.views.surface.moments import Instant, bodies_of, instants
 from palpate.views.surface.off_screen import Rendering
 
 if TYPE_CHECKING:
@@ -22,8 +22,9 @@ class Views:
     """Drawing of the surface in a process of its own, begun when this is made."""
 
     def __init__(self, touch: TouchStreams) -> None:
-        mesh = surface_mesh(touch)
-        self.instants: list[Instant] = instants(touch, mesh.vertices, COUNT)
+        self.bodies = shown = bodies_of(touch)
+        mesh = shown.mesh
+        self.instants: list[Instant] = instants(touch, shown, COUNT)
         count = len(self.instants)
         self.columns = min(COLUMNS, count)
         self.near = sorted(sorted(range(count), key=lambda i: -self.instants[i].depth)[: self.columns])

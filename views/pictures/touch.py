@@ -27,7 +27,7 @@ from palpate.messages.grip import Grip
 from palpate.nodes.base import Node
 from palpate.records.reader import Recording
 from palpate.records.stored import RecordingError
-from palpate.views.fingers import Finger, fingers_of
+from palpate.views.fingers import Finger, fingers, links_of
 
 Columns = dict[str, np.ndarray]
 GAP = 0.05  # [s] shorter losses of contact do not end a touch
@@ -59,12 +59,12 @@ class TouchStreams:
 
     def __init__(self, recording: Recording, finger: Finger | None = None) -> None:
         self.recording = recording
-        self._finger = fingers_of(recording)[0] if finger is None else finger
+        self._finger = fingers(*links_of(recording))[0] if finger is None else finger
 
     @cached_property
     def fingers(self) -> list[TouchStreams]:
         """Those of each finger; of the first one these."""
-        return [self, *(TouchStreams(self.recording, finger) for finger in fingers_of(self.recording)[1:])]
+        return [self, *(TouchStreams(self.recording, finger) for finger in fingers(*links_of(self.recording))[1:])]
 
     def stream_of(self, kind: type[Message]) -> str | None:
         """The finger's stream of a message type, None where it has none."""
@@ -101,9 +101,15 @@ class TouchStreams:
         except (KeyError, ImportError, AttributeError, TypeError, ValueError, OSError):
             return None
 
-    def at(self, kind: type[Message], ticks: list[int]) -> dict[int, Any]:
-        """The messages of a type at these ticks; the others are not decoded."""
-        stream = self.stream_of(kind)
+    @cached_property
+    def near(self) -> list[Columns]:
+        """Columns of the finger's streams of Proximity, one for each organ that it may touch."""
+        every = (self.recording.columns(stream) for stream in self._finger.near)
+        return [columns for columns in every if len(columns["tick"])]
+
+    def at(self, kind: type[Message], ticks: list[int], stream: str | None = None) -> dict[int, Any]:
+        """The messages of a type at these ticks, of a stream or the finger's; the others are not decoded."""
+        stream = stream or self.stream_of(kind)
         messages: dict[int, Any] = {}
         if stream is None:
             return messages

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,7 +15,7 @@ from palpate.records.reader import Recording
 from palpate.views.pictures import PictureError
 from palpate.views.pictures.touch import TouchStreams
 from palpate.views.surface.colour import COLOURS, Colour, check, painted, top
-from palpate.views.surface.moments import Instant, instants_at, surface_mesh
+from palpate.views.surface.moments import Instant, bodies_of, instants_at
 from palpate.views.surface.off_screen import Rendering
 
 if TYPE_CHECKING:
@@ -64,21 +64,29 @@ def picture(file: Path, at: float, target: Path, of: Colour = COLOURS["displacem
     if not times[0] - 1e-9 <= at <= times[-1] + 1e-3:  # the last instant stands for its millisecond
         raise PictureError(f"{file}: --at {at:g} s, but it was recorded from {times[0]:.3f} s to {times[-1]:.3f} s")
     tick = int(ticks[np.abs(times - at).argmin()])
-    mesh = surface_mesh(touch)
-    (instant,) = instants_at(touch, mesh.vertices, [tick])
+    shown = bodies_of(touch)
+    (instant,) = instants_at(touch, shown, [tick])
     check(of, [instant.surface], f"{file} at {instant.time:.3f} s")
-    for frame in _frames(mesh, [instant], of):
+    for frame in _frames(shown.mesh, [instant], of):
         target.parent.mkdir(parents=True, exist_ok=True)
         frame.figure.savefig(target)
     return instant.time
 
 
-def film(file: Path, target: Path, rate: float = 25.0, speed: float = 1.0, of: Colour = COLOURS["displacement"]) -> int:
+def film(
+    file: Path,
+    target: Path,
+    rate: float = 25.0,
+    speed: float = 1.0,
+    of: Colour = COLOURS["displacement"],
+    tell: Callable[[str], object] = lambda text: None,
+) -> int:
     """Write a film of a recording; the number of its frames.
 
     rate   [1/s] frames of the film
     speed  [1] of the film's time: 0.5 is slow motion
     of     what colours the surface
+    tell   gets a line of what is not shown
 
     RecordingError, PictureError, ArgumentError: what is missing. OSError: the file cannot be written.
     """
@@ -90,13 +98,15 @@ def film(file: Path, target: Path, rate: float = 25.0, speed: float = 1.0, of: C
     count = 1 + int((times[-1] - times[0]) * rate / speed)
     moments = times[0] + np.arange(count) * speed / rate
     chosen = ticks[np.minimum(np.searchsorted(times, moments - 1e-9), len(ticks) - 1)]
-    mesh = surface_mesh(touch)
-    by_time = instants_at(touch, mesh.vertices, np.unique(chosen).tolist())
+    shown = bodies_of(touch)
+    if shown.left_out:
+        tell(shown.left_out)
+    by_time = instants_at(touch, shown, np.unique(chosen).tolist())
     check(of, [one.surface for one in by_time], str(file))
     rows = np.searchsorted(np.unique(chosen), chosen)
     target.parent.mkdir(parents=True, exist_ok=True)
     write = _write_gif if target.suffix.lower() == ".gif" else _write_mp4
-    write(target, _pixels(_frames(mesh, [by_time[row] for row in rows], of)), rate)
+    write(target, _pixels(_frames(shown.mesh, [by_time[row] for row in rows], of)), rate)
     return count
 
 

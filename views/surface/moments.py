@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,7 +11,9 @@ import numpy as np
 from palpate.engine.imports import UntrustedError, recorded_class
 from palpate.messages import Surface
 from palpate.nodes.base import Node, SettingError
-from palpate.nodes.base.surface import complete
+from palpate.physics.geometry.mesh import Mesh
+from palpate.views.bodies import Bodies
+from palpate.views.fingers import bodies, links_of
 from palpate.views.pictures import PictureError
 from palpate.views.pictures.touch import Columns, TouchStreams, together, touches
 
@@ -52,19 +55,29 @@ class Instant:
         return f"{self.time:.2f} s:  {deep} mm deep,  {', '.join(f'{load:.2f}' for load in self.loads)} N"
 
 
-def surface_mesh(touch: TouchStreams) -> Any:
-    """The undeformed mesh on which the body that sent the surface was built: its node makes it again.
+def bodies_of(touch: TouchStreams) -> Bodies:
+    """The bodies whose meshes can be made again, each by the node that sent its surface.
 
-    PictureError: no surface stream, a body without a mesh, or one that cannot be made here.
+    PictureError: no surface stream, or the first one's body has no mesh, or one that cannot be made here.
     """
-    stream = touch.stream_of(Surface)
-    if stream is None:
+    streams, loads = bodies(*links_of(touch.recording))
+    if not streams:
         raise PictureError("the recording has no stream of surfaces")
+    meshes = {streams[0]: _mesh(touch, streams[0])}
+    for stream in streams[1:]:
+        with suppress(PictureError):
+            meshes[stream] = _mesh(touch, stream)
+    return Bodies.of(meshes, streams, loads)
+
+
+def _mesh(touch: TouchStreams, stream: str) -> Mesh:
+    """The undeformed mesh of a body."""
     node = touch.node(stream)
     try:
         kind = recorded_class(node["class"], Node)
-        body = kind(**node.get("settings", {}))
-        return body.mesh()
+        body: Any = kind(**node.get("settings", {}))
+        mesh: Mesh = body.mesh()
+        return mesh
     except UntrustedError as error:
         raise PictureError(f"stream {stream!r}: {error}") from None
     except (KeyError, ImportError, AttributeError):
@@ -109,14 +122,14 @@ def choose(contact: Columns, count: int) -> list[int]:
     return [int(contact["tick"][row]) for row in sorted(set(chosen))]
 
 
-def instants(touch: TouchStreams, points: np.ndarray, count: int = 6) -> list[Instant]:
-    """Up to `count` instants of a mesh with these vertices [m] (V,3).
+def instants(touch: TouchStreams, shown: Bodies, count: int = 6) -> list[Instant]:
+    """Up to `count` instants.
 
     PictureError: no contact, surface or displacement was recorded, or it does not fit the mesh.
     """
     if touch.stream_of(Surface) is None or touch.contact is None:
         raise PictureError("the recording has no contact on a surface")
-    chosen = instants_at(touch, points, choose(_all_contacts(touch), count))
+    chosen = instants_at(touch, shown, choose(_all_contacts(touch), count))
     if not chosen:
         raise PictureError("nothing was touched")
     if not any(instant.displacement.any() for instant in chosen):
@@ -124,25 +137,27 @@ def instants(touch: TouchStreams, points: np.ndarray, count: int = 6) -> list[In
     return chosen
 
 
-def instants_at(touch: TouchStreams, points: np.ndarray, ticks: list[int]) -> list[Instant]:
+def instants_at(touch: TouchStreams, shown: Bodies, ticks: list[int]) -> list[Instant]:
     """The instants at these ticks, as far as both contact and surface were recorded there.
 
     PictureError: no contact or surface was recorded, or it does not fit the mesh.
     """
     if touch.stream_of(Surface) is None or touch.contact is None:
         raise PictureError("the recording has no contact on a surface")
-    surfaces = touch.at(Surface, ticks)
+    by_body = {stream: touch.at(Surface, ticks, stream) for stream in shown.streams}
+    surfaces: dict[int, Surface] = {}
+    for tick in by_body[shown.streams[0]]:
+        whole = shown.surface({stream: found[tick] for stream, found in by_body.items() if tick in found})
+        assert whole is not None  # it has that of the first
+        surfaces[tick] = whole
     by_finger = [_finger(each, set(surfaces)) for each in touch.fingers]
     moments = []
     for tick, surface in surfaces.items():
         if tick not in by_finger[0]:
             continue
-        surface = complete(surface, points)
         rows = [finger.get(tick, _ABSENT) for finger in by_finger]
-        time, tips, normals, forces, loads, depths = (np.array(column) for column in zip(*rows, strict=True))
-        moments.append(
-            Instant(float(time[0]), surface, displaced(surface, len(points)), tips, normals, forces, loads, depths)
-        )
+        time, *of_fingers = (np.array(column) for column in zip(*rows, strict=True))
+        moments.append(Instant(float(time[0]), surface, displaced(surface, len(shown.mesh.vertices)), *of_fingers))
     return moments
 
 
@@ -181,14 +196,18 @@ def _all_contacts(touch: TouchStreams) -> Columns:
 
 
 def _tips(touch: TouchStreams) -> dict[int, np.ndarray]:
-    """By tick, where the compressed fingertip ends: gap - h0 + s1 above the foot point, which is -s2 in contact."""
-    if touch.contact is None or touch.proximity is None:
+    """By tick, where the compressed fingertip ends: gap - h0 + s1 above the foot point on the nearest organ, which is
+    -s2 in contact."""
+    if touch.contact is None or not touch.near:
         return {}
-    contact, near = together(touch.contact, touch.proximity)
-    touching = near["approach"] > 0.0
-    if not touching.any():
+    contact, *organs = together(touch.contact, *touch.near)
+    nearest = np.argmin([near["gap"] for near in organs], axis=0)
+    gap, approach, foot, normal = (
+        np.array([near[name] for near in organs])[nearest, np.arange(len(nearest))]
+        for name in ("gap", "approach", "foot", "normal")
+    )
+    if not (approach > 0.0).any():
         return {}
-    thickness = float(np.median((near["gap"] + near["approach"])[touching]))
-    height = near["gap"] - thickness + contact["compression"]
-    tips = near["foot"] + height[:, None] * near["normal"]
-    return dict(zip(near["tick"].tolist(), tips, strict=True))
+    thickness = float(np.median((gap + approach)[approach > 0.0]))
+    tips = foot + (gap - thickness + contact["compression"])[:, None] * normal
+    return dict(zip(contact["tick"].tolist(), tips, strict=True))

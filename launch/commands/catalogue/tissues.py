@@ -11,7 +11,7 @@ from palpate.launch.terminal.output import console, say, table, tell
 
 
 def tissues(
-    name: Annotated[str | None, typer.Argument(help="Show this tissue in full")] = None, as_json: Json = False
+    name: Annotated[str | None, typer.Argument(help="Show this tissue in full.")] = None, as_json: Json = False
 ) -> None:
     """List published tissues, each with its source; a scene takes one by its name, `tissue: liver-human`."""
     from palpate.engine.faults import NOWHERE

@@ -17,28 +17,28 @@ if TYPE_CHECKING:
 
 def fit(
     sessions: Annotated[
-        Path | None, typer.Argument(help="CSV with the columns subject, session, depth (mm), force (N)")
+        Path | None, typer.Argument(help="CSV with the columns subject, session, depth (mm), force (N).")
     ] = None,
     law: Annotated[
-        str | None, typer.Option(help="Fit a contact law instead: hertz, power, exponential, hunt-crossley")
+        str | None, typer.Option(help="Fit a contact law instead: hertz, power, exponential, hunt-crossley.")
     ] = None,
-    subject: Annotated[list[str] | None, typer.Option(help="Only this subject; may be given several times")] = None,
-    out: Annotated[Path | None, typer.Option(help="YAML to write; else SESSIONS.model.yaml or .law.yaml")] = None,
-    pictures: Annotated[Path | None, typer.Option(help="Folder for pictures of the fits")] = None,
+    subject: Annotated[list[str] | None, typer.Option(help="Only this subject; may be given several times.")] = None,
+    out: Annotated[Path | None, typer.Option(help="YAML to write; else SESSIONS.model.yaml or .law.yaml.")] = None,
+    pictures: Annotated[Path | None, typer.Option(help="Folder for pictures of the fits.")] = None,
     mean: Annotated[
-        str | None, typer.Option(help="Use this force model: linear, quadratic, fourier, gaussian, exponential")
+        str | None, typer.Option(help="Use this force model: linear, quadratic, fourier, gaussian, exponential.")
     ] = None,
-    deviation: Annotated[str | None, typer.Option(help="Use this model of the standard deviation, same names")] = None,
-    folds: Annotated[int, typer.Option(help="Folds of the cross-validation", min=3)] = 9,
+    deviation: Annotated[str | None, typer.Option(help="Use this model of the standard deviation, same names.")] = None,
+    folds: Annotated[int, typer.Option(help="Folds of the cross-validation.", min=3)] = 9,
     protocol: Annotated[
-        str, typer.Option(help="whole: all sessions, a band for new ones; published: two dropped, a normal law")
+        str, typer.Option(help="whole: all sessions, a band for new ones; published: two dropped, a normal law.")
     ] = "whole",
     any_stiffness: Annotated[
-        bool, typer.Option("--any-stiffness", help="Accept forces and depths even if the stiffness is implausible")
+        bool, typer.Option("--any-stiffness", help="Accept forces and depths even if the stiffness is implausible.")
     ] = False,
-    depth_limit: Annotated[float | None, typer.Option(help="Leave out rows deeper than this, in mm")] = None,
+    depth_limit: Annotated[float | None, typer.Option(help="Leave out rows deeper than this, in mm.")] = None,
     as_json: Json = False,
-    example: Annotated[Path | None, typer.Option(help="Write a CSV of synthetic sessions, and exit")] = None,
+    example: Annotated[Path | None, typer.Option(help="Write a CSV of synthetic sessions, and exit.")] = None,
 ) -> None:
     """Fit force models, or a contact law, to indentation sessions.
 

@@ -13,33 +13,40 @@ from palpate.launch.terminal.output import console, drawn, say, table, tell
 
 if TYPE_CHECKING:
     from palpate.models.fit.tissue.fit import Fit
+    from palpate.models.fit.tissue.measured import Press
 RIGS = ("ball", "punch", "fingertip", "cylinder")
 
 
 def fit_tissue(
-    files: Annotated[list[Path], typer.Argument(help="CSV files of presses by one rig", metavar="PRESS.csv...")],
+    files: Annotated[
+        list[Path],
+        typer.Argument(help="CSV files or recordings (.mcap) of presses by one rig.", metavar="PRESS.csv..."),
+    ],
     rig: Annotated[str, typer.Option(help=f"What pressed: {', '.join(RIGS)} (between plates)")],
     law: Annotated[
         str, typer.Option(help="hertz, layer, exponential, power; ogden, demiray, yeoh, yeoh3, neo_hooke, ...")
     ],
     columns: Annotated[
-        str, typer.Option(help="Names of the columns: time=t,force=F,indentation=d; force=-F counts the other way")
+        str, typer.Option(help="Names of the columns: time=t,force=F,indentation=d; force=-F counts the other way.")
     ] = "",
-    unit: Annotated[list[str] | None, typer.Option(help="Unit of a column whose header has none: d=mm")] = None,
-    radius: Annotated[str | None, typer.Option(help="Of the ball or punch: '8 mm'")] = None,
-    diameter: Annotated[str | None, typer.Option(help="Of the ball, punch or cylinder")] = None,
-    height: Annotated[str | None, typer.Option(help="Of the cylinder, or of the layer that is pressed")] = None,
-    plates: Annotated[str, typer.Option(help="Of the cylinder: frictionless or bonded")] = "frictionless",
-    poisson: Annotated[float, typer.Option(help="Poisson's ratio, which a press cannot tell", min=0, max=0.5)] = 0.5,
-    relaxation: Annotated[str, typer.Option(help="none, kelvin-voigt, hunt-crossley, prony:1 ... prony:3")] = "none",
-    holdout: Annotated[list[Path] | None, typer.Option(help="A press that is predicted, not fitted")] = None,
-    touch: Annotated[str, typer.Option(help="Where it touches: fit, or detected (from the force alone)")] = "fit",
-    weight: Annotated[str, typer.Option(help="Of residuals: even, relative; auto: relative for a cylinder")] = "auto",
-    depth_limit: Annotated[str | None, typer.Option(help="Leave out rows deeper than this: '5 mm'")] = None,
-    out: Annotated[Path, typer.Option("-o", "--out", help="Folder for scene, report and pictures")] = Path("fit"),
+    unit: Annotated[list[str] | None, typer.Option(help="Unit of a column whose header has none: d=mm.")] = None,
+    radius: Annotated[str | None, typer.Option(help="Of the ball or punch: '8 mm'.")] = None,
+    diameter: Annotated[str | None, typer.Option(help="Of the ball, punch or cylinder.")] = None,
+    height: Annotated[str | None, typer.Option(help="Of the cylinder, or of the layer that is pressed.")] = None,
+    plates: Annotated[str, typer.Option(help="Of the cylinder: frictionless or bonded.")] = "frictionless",
+    poisson: Annotated[float, typer.Option(help="Poisson's ratio, which a press cannot tell.", min=0, max=0.5)] = 0.5,
+    relaxation: Annotated[str, typer.Option(help="none, kelvin-voigt, hunt-crossley, prony:1 ... prony:3.")] = "none",
+    holdout: Annotated[list[Path] | None, typer.Option(help="A press that is predicted, not fitted.")] = None,
+    compare: Annotated[
+        list[str] | None, typer.Option(help="Another law, fitted to the same rows and ranked by AICc.")
+    ] = None,
+    touch: Annotated[str, typer.Option(help="Where it touches: fit, or detected (from the force alone).")] = "fit",
+    weight: Annotated[str, typer.Option(help="Of residuals: even, relative; auto: relative for a cylinder.")] = "auto",
+    depth_limit: Annotated[str | None, typer.Option(help="Leave out rows deeper than this: '5 mm'.")] = None,
+    out: Annotated[Path, typer.Option("-o", "--out", help="Folder for scene, report and pictures.")] = Path("fit"),
     as_json: Json = False,
 ) -> None:
-    """Fit a material to measured presses: force over indentation, from CSV files.
+    """Fit a material to measured presses: force over indentation, from CSV files or recordings.
 
     Writes scene.yaml, which runs at once, report.md with pictures, and report.json: parameters with 95 % intervals,
     what the data cannot tell apart, what was fixed, and the error on presses that were held out.
@@ -70,11 +77,17 @@ def fit_tissue(
     named, units = _pairs("--columns", columns.split(",")), _pairs("--unit", unit or [])
     for key in set(named) - {"time", "force", "indentation"}:
         raise SessionError(f"--columns: found {key!r}, expected time, force, indentation")
-    presses = [p for file in files for p in read_presses(file, named, units, convert)]
-    others = [p for file in holdout or [] for p in read_presses(file, named, units, convert)]
+
+    def read(file: Path) -> list[Press]:
+        if file.suffix == ".mcap":
+            return [_recorded(file, rig == "fingertip")]
+        return read_presses(file, named, units, convert)
+
+    presses = [p for file in files for p in read(file)]
+    others = [p for file in holdout or [] for p in read(file)]
     with steps(f"fit-tissue: {law}", 1, silent=as_json, timed=False) as done:
         fit = fitted_to(
-            presses, made, law, relaxation, held_out=others, touch=touch == "fit",
+            presses, made, law, relaxation, held_out=others, compare=compare or (), touch=touch == "fit",
             relative=None if weight == "auto" else weight == "relative",
             deepest=convert(depth_limit, "m") if depth_limit else math.inf,
             report=lambda share: done("presses in finite elements", share),
@@ -96,9 +109,30 @@ def fit_tissue(
     console().print(table(("parameter", ">value", ">95 % interval", "unit"), rows))
     for text in [*(f"cannot be told: {text}" for text in fit.open_), *fit.notes]:
         say(text, wrap=True)
+    for row in fit.compared:
+        say(
+            f"law {row['law']}: RMS {100 * row['rms_of_peak']:.2g} % of the peak, AICc {row['aicc']:.3g} over the least"
+        )
     for tried in fit.held_out:
         say(f"held out, {tried['press']}: RMS {100 * tried['rms_of_peak']:.2g} % of the peak")
     say(f"written {out}/report.md, report.json, scene.yaml; next: palpate run kidney --scene {out}/scene.yaml")
+
+
+def _recorded(file: Path, bone: bool) -> Press:
+    """The press of a recording. SessionError: none, or more streams than one."""
+    from palpate.messages import Contact, Pose
+    from palpate.models.fit.sessions import SessionError
+    from palpate.models.fit.tissue.recorded import recorded_press
+    from palpate.records.reader import Recording
+
+    recording = Recording(file)
+    contacts, poses = ([s for s, c in recording.streams.items() if c.type is kind] for kind in (Contact, Pose))
+    if len(contacts) != 1 or len(poses) > 1:
+        found = f"{len(contacts)} streams of Contact and {len(poses)} of Pose"
+        raise SessionError(f"{file}: found {found}, expected one press: one stream of each")
+    felt = [m for m in recording.messages(contacts[0]) if isinstance(m, Contact)]
+    moved = [m for name in poses for m in recording.messages(name) if isinstance(m, Pose)]
+    return recorded_press(file.name, moved, felt, bone)
 
 
 def _draw(fit: Fit, out: Path) -> list[Path]:

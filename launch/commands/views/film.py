@@ -19,13 +19,9 @@ def film(
     trust: Trust = None,
 ) -> None:
     """Film a recording: the surface under the finger, coloured by displacement or another field."""
-    from palpate.records.reader import Recording
-    from palpate.views.fingers import left_out
     from palpate.views.surface import colour as colours
     from palpate.views.surface.film import film as make
 
     target = out or file.with_suffix(".mp4")
-    if text := left_out(Recording(file)):
-        typer.echo(text, err=True)
-    frames = make(file, target, rate, speed, colours.colour(colour))
+    frames = make(file, target, rate, speed, colours.colour(colour), lambda text: typer.echo(text, err=True))
     typer.echo(f"{target}  {frames} frames, {frames / rate:.1f} s")

@@ -12,7 +12,7 @@ from palpate.launch.terminal.options import File, Trust
 
 def plot(
     file: File,
-    names: Annotated[list[str], typer.Argument(help="Fields: contact.force tissue.indentation", metavar="FIELD...")],
+    names: Annotated[list[str], typer.Argument(help="Fields: contact.force tissue.indentation.", metavar="FIELD...")],
     out: Annotated[Path | None, typer.Option("-o", "--out", help="PNG, SVG or PDF; FILE-plot.png if left out.")] = None,
     over: Annotated[str | None, typer.Option(help="Field to draw over, in place of time.", metavar="FIELD")] = None,
     trust: Trust = None,

@@ -24,11 +24,10 @@ def view(
     from palpate.views.page import check
 
     check()
-    from palpate.views.fingers import left_out
     from palpate.views.page.reel import Reels
 
     reels = Reels(files)
     for reel in reels.reels:
-        for text in filter(None, (reel.recording.ending, left_out(reel.recording))):
+        for text in filter(None, (reel.recording.ending, reel.bodies.left_out)):
             typer.echo(text, err=True)
     show(reels, "see", port, no_open)

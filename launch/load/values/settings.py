@@ -169,8 +169,8 @@ def check_taken(
         )
 
     for path, value in [leaf for change in changes for leaf in _leaves(*change)]:
-        if path.partition(".")[0] in FIXED or reaches(path):
-            continue
+        if path.partition(".")[0] in FIXED or not scene.has(path) or reaches(path):
+            continue  # that the scene has no such path was told before
         lost = [offer for offer in offers if f"{path}.".startswith(f"{offer.path}.{offer.key}.")]
         cure = " ".join(_instead(offer) for offer in lost) or "No node reads it."
         faults.add(f"{path!r} of the scene reaches no node of this graph", cure, value.place())

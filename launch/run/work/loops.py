@@ -25,13 +25,22 @@ def run(worker: Worker, origin: int, senders: set[str] = frozenset()) -> None:  
         gc.disable()
     try:
         if worker.slots and worker.job.clock == "real":
-            run_real(worker, origin)
+            _run_to_stop(worker, origin)
         elif worker.slots:
             run_simulated(worker, origin)
-        if worker.audience.slots and worker.bus is not None and (not worker.slots or worker.job.clock != "real"):
+        if worker.audience.slots and worker.bus is not None:
             observe(worker, senders)
     except EndedError:
         pass
     finally:
         gc.enable()
         worker.finish()
+
+
+def _run_to_stop(worker: Worker, origin: int) -> None:
+    """Run on the real clock. EndedError: told to quit; told to stop, the observers here still hear the others."""
+    try:
+        run_real(worker, origin)
+    except EndedError:
+        if not worker.stopping:
+            raise

@@ -24,9 +24,9 @@ from palpate.models.fe.reduce.snapshots import (
     scatter,
     touch,
 )
+from palpate.physics.bodies.sampled.energy import Points, scratch
+from palpate.physics.bodies.sampled.solve import settle, unhurried
 from palpate.physics.bodies.sampled_body import SampledBasis
-from palpate.physics.bodies.sampled_energy import Points, scratch
-from palpate.physics.bodies.sampled_solve import settle, unhurried
 
 CELLS = 3
 """Fineness of the fingertip's mesh, see `fe.fingertip`."""

@@ -29,8 +29,8 @@ from scipy.linalg import cho_factor, cho_solve, solve_triangular
 from palpate.models.fe.element.elements import gradients
 from palpate.models.fe.reduce.reducible import Reducible
 from palpate.models.fe.reduce.snapshots import PressSolution
-from palpate.physics.bodies.sampled_body import gamma
-from palpate.physics.bodies.sampled_energy import Points, forces, scratch, tangent
+from palpate.physics.bodies.sampled.energy import Points, forces, scratch, tangent
+from palpate.physics.bodies.sampled.step import gamma
 from palpate.physics.materials.hyperelastic import Material, place_of
 
 SAMPLING = 4e-3

@@ -12,11 +12,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.optimize import minimize_scalar
 
 from palpate.models.fe.contact.pressure import pressure as contact_pressure
 from palpate.models.fe.element.mesh import TetMesh
-from palpate.models.fe.meshing.fingertip import PAPER
 from palpate.models.fe.study.pressing import Pressing
 from palpate.physics.errors import ArgumentError
 
@@ -253,19 +251,6 @@ def as_record(rows: list[list[float]]) -> Record:
     """A record of rows: indentation, force, area, volumes."""
     table = np.array(rows)
     return Record(table[:, 0], np.maximum.accumulate(table[:, 1]), table[:, 2], LEVELS, table[:, 3:])
-
-
-def fit_divisor(steel: Record) -> float:
-    """The divisor of all moduli whose steel curve passes the paper's two steel points with the least squared error in
-    indentation."""
-    points = PAPER["steel"]
-
-    def miss(log: float) -> float:
-        curve = steel.softened(float(np.exp(log)))
-        ends = [min(f, curve.force[-1]) for f, _ in points]
-        return sum((curve.at(e)[0] - depth) ** 2 + (e - f) ** 2 for e, (f, depth) in zip(ends, points, strict=True))
-
-    return float(np.exp(minimize_scalar(miss, bounds=(np.log(2.0), np.log(100.0)), method="bounded").x))
 
 
 def run_name(plate: str, material: str, cells: int, friction: float, finger: Path | None = None) -> str:

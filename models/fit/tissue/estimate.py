@@ -54,6 +54,7 @@ class Estimate:
     condition    of the scaled sensitivities
     effective    independent residuals, of how many
     starts       share of the starts that came to this minimum
+    squares      mean square of the weighted residuals
     """
 
     parameters: tuple[Parameter, ...]
@@ -66,7 +67,7 @@ class Estimate:
     residuals: list[np.ndarray]
     effective: tuple[float, int]
     starts: float
-    aic: float
+    squares: float
     runs: float
 
     @property
@@ -145,20 +146,41 @@ class Problem:
         low, high = self.bounds()
         free = np.arange(len(x)) != (-1 if held is None else held)
 
-        def at(part: np.ndarray) -> np.ndarray:
-            whole = x.copy()
-            whole[free] = part
-            return self.residuals(whole)
+        def whole(part: np.ndarray) -> np.ndarray:
+            y = x.copy()
+            y[free] = part
+            return y
 
         if not free.any():
-            return x, float(np.sum(at(x[free]) ** 2))
+            return x, float(np.sum(self.residuals(x) ** 2))
         inside = np.clip(x[free], low[free] + 1e-9, high[free] - 1e-9)
-        found = least_squares(at, inside, bounds=(low[free], high[free]), x_scale="jac", max_nfev=200)
-        whole = x.copy()
-        whole[free] = found.x
-        return whole, 2.0 * float(found.cost)
+        found = least_squares(
+            lambda part: self.residuals(whole(part)), inside,
+            jac="2-point" if self.law.slopes is None else lambda part: self.jacobian(whole(part))[:, free],
+            bounds=(low[free], high[free]), x_scale="jac", max_nfev=200,
+        )  # fmt: skip
+        return whole(found.x), 2.0 * float(found.cost)
 
     def jacobian(self, x: np.ndarray) -> np.ndarray:
+        """(rows, numbers) Derivatives of the residuals: of a law with slopes its own, else by differences."""
+        if self.law.slopes is None:
+            return self._differences(x)
+        values, first = self.values(x), len(self.parameters)
+        blocks = []
+        for i, (press, touch, w) in enumerate(zip(self.presses, self.touches(x), self.weight, strict=True)):
+            before, by = relaxing.slopes(self.kind, self.law, values, press, touch)
+            block = np.zeros((len(press.force), len(x)))
+            for k, p in enumerate(self.parameters):
+                block[:, k] = by[p.name] * (values[p.name] if p.log else 1.0)
+            if self.free_touch:
+                block[:, first + i] = before * press.slack
+            if i in self.drifting:
+                block[:, len(x) - len(self.drifting) + self.drifting.index(i)] = self.percent[i]
+            blocks.append(block * w[:, None])
+        out: np.ndarray = np.nan_to_num(np.concatenate(blocks), posinf=0.0, neginf=0.0)
+        return out
+
+    def _differences(self, x: np.ndarray) -> np.ndarray:
         low, high = self.bounds()
         step = 1e-4
         columns = []
@@ -241,10 +263,10 @@ def estimate(problem: Problem, profiles: bool = True, seed: int = 0) -> Estimate
     names += [f"touch, {p.name}" for p in problem.presses] if problem.free_touch else []
     names += [f"zero, {problem.presses[i].name}" for i in problem.drifting]
     alike = sum(c <= least * 1.01 + 1e-12 for _, c in found) / STARTS
-    aic = effective * math.log(max(least / count, 1e-300)) + 2 * size
     return Estimate(
         problem.parameters, intervals, problem.touches(x), names, cov / np.outer(errors, errors),
-        float(sizes[0] / max(sizes[-1], 1e-300)), forces, residuals, (effective, count), alike, aic, _runs(weighted),
+        float(sizes[0] / max(sizes[-1], 1e-300)), forces, residuals, (effective, count), alike, least / count,
+        _runs(weighted),
     )  # fmt: skip
 
 

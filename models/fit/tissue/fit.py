@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -35,6 +35,7 @@ class Fit:
     sensitivity: dict[str, float]
     open_: list[str]
     notes: list[str]
+    compared: list[dict[str, Any]] = field(default_factory=list)
 
     @property
     def young(self) -> tuple[float, float, float] | None:
@@ -54,6 +55,7 @@ def fit_tissue(
     relaxation: str = "none",
     *,
     held_out: Sequence[Press] = (),
+    compare: Sequence[str] = (),
     touch: bool = True,
     relative: bool | None = None,
     deepest: float = math.inf,
@@ -61,6 +63,7 @@ def fit_tissue(
 ) -> Fit:
     """Fit a law to presses of one rig.
 
+    compare   other laws, fitted to the same rows and ranked
     touch     whether the touch point is found with the parameters, or kept where the force shows it
     relative  weigh residuals by the force; None: for a cylinder, whose forces span decades
     deepest   [m] rows beyond are left out
@@ -97,7 +100,38 @@ def fit_tissue(
     fitted.open_ = _open(fitted)
     if "finite elements" in law.remark:
         fitted.notes.append(_mesh_error(fitted))
+    if compare:
+        others = [_law(rig, one, relaxation, loaded, touch, relative, reach, report)[0] for one in compare]
+        fitted.compared = _compared(fitted, [Problem(loaded, one, relaxation, touch, relative) for one in others])
     return fitted
+
+
+def _compared(fit: Fit, others: Sequence[Problem]) -> list[dict[str, Any]]:
+    """Each law with its numbers to find, its error, and by how much its AICc is above the least,
+
+        AICc = n ln(SSR/N) + 2 k + 2 k (k + 1)/(n - k - 1),
+
+    n the least number of independent residuals that any of the laws leaves, of N rows. SessionError: one does not hold
+    as deep as the rows go.
+    """
+    reach = max(float(p.depth.max()) - t for p, t in zip(fit.presses, fit.estimate.touches, strict=True))
+    found = [(fit.law.name, fit.estimate)]
+    for other in others:
+        if other.law.reach < 0.98 * reach:
+            raise SessionError(
+                f"--compare: {other.law.name} holds to {1e3 * other.law.reach:.3g} mm, the presses go to "
+                f"{1e3 * reach:.3g} mm; --depth-limit leaves deeper rows out"
+            )
+        found.append((other.law.name, estimate(other, profiles=False)))
+    n = min(best.effective[0] for _, best in found)
+    rows: list[dict[str, Any]] = []
+    for name, best in found:
+        k = len(best.names)
+        aicc = n * math.log(max(best.squares, 1e-300)) + 2 * k + 2 * k * (k + 1) / max(n - k - 1, 1e-9)
+        errors = _errors(fit.presses, best.fitted)
+        rows.append({"law": name, "numbers": k, "rms_of_peak": errors["rms_of_peak"], "aicc": aicc})
+    least = min(row["aicc"] for row in rows)
+    return [{**row, "aicc": row["aicc"] - least} for row in rows]
 
 
 def _kept(press: Press, relaxation: str, deepest: float) -> tuple[Press, list[str]]:
@@ -171,11 +205,11 @@ def _sensitivity(fit: Fit, made: Callable[[Sequence[Press]], Problem]) -> dict[s
     lengths = {"radius": "radius", "height": "height", "poisson": "poisson"}
     out = {}
     for key in fit.law.fixed:
-        field = lengths.get(key)
-        if field is None or (key == "poisson" and fit.rig.kind == "cylinder"):
+        name = lengths.get(key)
+        if name is None or (key == "poisson" and fit.rig.kind == "cylinder"):
             continue
-        now = getattr(fit.rig, field)
-        other = replace(fit.rig, **{field: now - 0.01 if key == "poisson" else 1.01 * now})
+        now = getattr(fit.rig, name)
+        other = replace(fit.rig, **{name: now - 0.01 if key == "poisson" else 1.01 * now})
         problem = made(fit.presses)
         problem.law = closed_form(other, fit.law.name)
         x = problem.start()

@@ -62,7 +62,7 @@ class Press:
 
 
 def read_presses(path: Path, columns: Mapping[str, str], units: Mapping[str, str], convert: Convert) -> list[Press]:
-    """The presses of a file, one for each value of a column `session` where it has one.
+    """The presses of a file, one for each value of its columns `subject` and `session` where it has them.
 
     columns  quantity -> its column in the file, with a minus before one that counts the other way
     units    column or quantity -> unit, for a header that has none
@@ -80,7 +80,7 @@ def read_presses(path: Path, columns: Mapping[str, str], units: Mapping[str, str
     rows: dict[str, list[list[float]]] = {}
     pressed: set[str] = set()
     heads = {m["name"].lower(): i for i, cell in enumerate(split(lines[at][1])) if (m := _HEAD.fullmatch(cell))}
-    label = heads.get("session")
+    labels = [heads[name] for name in ("subject", "session") if name in heads]
     rig = next((heads[name] for name in RIG_COLUMNS if name in heads), None)
     for number, line in lines[at + 1 :]:
         cells = split(line)
@@ -97,7 +97,7 @@ def read_presses(path: Path, columns: Mapping[str, str], units: Mapping[str, str
             if abs(value * factors[key]) > LARGEST[key]:
                 raise SessionError(f"{where}: found {value:g}, which is no {key} of a press; is the unit right?")
             values.append(sign * value * factors[key])
-        rows.setdefault(cells[label] if label is not None and label < len(cells) else "", []).append(values)
+        rows.setdefault(" ".join(cells[at] for at in labels if at < len(cells)), []).append(values)
         if rig is not None and rig < len(cells):
             pressed.add(cells[rig].strip())
     if len(pressed) > 1:

@@ -7,6 +7,8 @@ prony:N         F = integral of g(t - t') dF_e(t'), N terms: quasi-linear in the
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from palpate.models.fit.sessions import SessionError
@@ -37,20 +39,51 @@ def parameters(kind: str, law: Law, duration: float) -> tuple[Parameter, ...]:
     return tuple(found)
 
 
-def force(kind: str, law: Law, values: Values, press: Press, touch: float) -> np.ndarray:
-    """Force [N] (n,) of a law at the rows of a press that touches at `touch` [m]."""
-    s = np.maximum(press.depth - touch, 0.0)
-    elastic = law.force(values, s)
+Response = Callable[[np.ndarray], np.ndarray]
+"""Force [N] (n,) of an elastic one (n,), linear in it."""
+STEP = 1e-6
+"""[1] Of the differences by the parameters of a relaxation."""
+
+
+def response(kind: str, values: Values, press: Press) -> Response:
+    """What time does to an elastic force over the rows of a press."""
     if kind == "none" or press.time is None:
-        return elastic
+        return lambda elastic: elastic
+    time = press.time
     if kind == "kelvin-voigt":
-        return np.maximum(elastic + values["retardation"] * np.gradient(elastic, press.time), 0.0)
+        return lambda elastic: elastic + values["retardation"] * np.gradient(elastic, time)
     if kind == "hunt-crossley":
-        return elastic * np.maximum(1.0 + values["damping"] * press.rate, 0.0)
-    count = int(kind.partition(":")[2])
+        more = np.maximum(1.0 + values["damping"] * press.rate, 0.0)
+        return lambda elastic: elastic * more
     shares, left = [], 1.0
-    for i in range(1, count + 1):  # each a share of what the terms before leave, so that the sum stays below 1
+    for i in range(1, int(kind.partition(":")[2]) + 1):  # each a share of what the terms before leave: their sum is < 1
         shares.append(left * values[f"share_{i}"])
         left -= shares[-1]
-    times = [values[f"time_{i}"] for i in range(1, count + 1)]
-    return Prony(shares, times).relaxed(press.time, elastic)
+    series = Prony(shares, [values[f"time_{i}"] for i in range(1, len(shares) + 1)])
+    return lambda elastic: series.relaxed(time, elastic)
+
+
+def force(kind: str, law: Law, values: Values, press: Press, touch: float) -> np.ndarray:
+    """Force [N] (n,) of a law at the rows of a press that touches at `touch` [m]."""
+    made = response(kind, values, press)(law.force(values, np.maximum(press.depth - touch, 0.0)))
+    return np.maximum(made, 0.0) if kind == "kelvin-voigt" else made
+
+
+def slopes(kind: str, law: Law, values: Values, press: Press, touch: float) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """Derivatives of `force` (n,) by the touch point, and by each parameter of law and relaxation; the law has
+    slopes."""
+    assert law.slopes is not None
+    s = np.maximum(press.depth - touch, 0.0)
+    elastic = law.force(values, s)
+    along, by = law.slopes(values, s, elastic)
+    over = response(kind, values, press)
+    by = {name: over(column) for name, column in by.items()}
+    for name in values.keys() - by.keys():
+        h = STEP * values[name]
+        ends = [response(kind, {**values, name: values[name] + side}, press)(elastic) for side in (h, -h)]
+        by[name] = (ends[0] - ends[1]) / (2.0 * h)
+    before = over(np.where(press.depth > touch, -along, 0.0))
+    if kind == "kelvin-voigt":
+        pressed = over(elastic) > 0.0
+        before, by = before * pressed, {name: column * pressed for name, column in by.items()}
+    return before, by

@@ -29,8 +29,8 @@ def data(fit: Fit) -> dict[str, Any]:
         | {"unit": "Pa"},
         "touch": {p.name: {"value": t, "unit": "m"} for p, t in zip(fit.presses, best.touches, strict=True)},
         "zero": {p.name: {"value": p.zero, "unit": "N"} for p in fit.presses},
-        "residuals": fit.errors() | {"runs": best.runs, "effective": best.effective[0], "rows": best.effective[1],
-                                     "aic": best.aic},
+        "residuals": fit.errors() | {"runs": best.runs, "effective": best.effective[0], "rows": best.effective[1]},
+        "laws": fit.compared,
         "correlation": {"names": best.names, "matrix": best.correlation.tolist()},
         "condition": best.condition,
         "starts": best.starts,
@@ -74,6 +74,10 @@ def markdown(fit: Fit, pictures: list[Path]) -> str:
     for tried in fit.held_out:
         lines.append(f"Not fitted, {tried['press']}: RMS {tried['rms']:.3g} N, {100 * tried['rms_of_peak']:.2g} % of "
                      f"its peak, at worst {100 * tried['worst_of_force']:.2g} % of the force.")  # fmt: skip
+    if fit.compared:
+        lines += ["", "| law | numbers found | RMS, of the peak | AICc above the least |", "|---|---|---|---|"]
+        lines += [f"| {row['law']} | {row['numbers']} | {100 * row['rms_of_peak']:.2g} % | {row['aicc']:.3g} |"
+                  for row in fit.compared]  # fmt: skip
     lines += ["", *(f"![{p.stem}]({p.name})" for p in pictures), "", "## What was fixed", ""]
     lines += [f"* {k}: {v['value']:.4g} {v['unit']}" if isinstance(v, dict) else f"* {k}: {v}"
               for k, v in told["fixed"].items()]  # fmt: skip

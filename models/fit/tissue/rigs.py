@@ -2,7 +2,7 @@
 
 rig        law                                       force at the indentation s
 ball       hertz                                     (4/3) E/(1 - nu²) sqrt(R) s^1.5
-           layer                                     the same times Dimitriadis' series in sqrt(R s)/h
+           layer                                     the same times f(sqrt(R s)/h) of `physics.contact.layer`
            exponential                               (b/m) (exp(m s) - 1)
            power, hunt-crossley                      K s^n, K s^n <1 + c s'>
 punch      hertz                                     2 E/(1 - nu²) a s
@@ -10,9 +10,7 @@ fingertip  power                                     the finger's own law in ser
 cylinder   linear, neo_hooke, ogden, ogden2,         pi R² P(1 - s/H), P of uniaxial stress: frictionless plates
            demiray, yeoh, yeoh3
 
-E. K. Dimitriadis et al., Biophys. J. 82 (2002) 2798-2810, for a bonded layer; the last coefficient has the sign that is
-printed in eq. 12, where eq. 11 gives the other, 2 % of the force at sqrt(R s)/h = 0.7, to which it is used here. Hertz
-and the flat punch: K. L. Johnson, Contact Mechanics (1985), 3.8, 4.2.
+Hertz and the flat punch: K. L. Johnson, Contact Mechanics (1985), 3.8, 4.2.
 """
 
 from __future__ import annotations
@@ -24,12 +22,14 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from palpate.models.fit.sessions import SessionError
+from palpate.physics.contact.layer import thickness_factor
 from palpate.physics.materials.demiray import demiray
 from palpate.physics.materials.hyperelastic import Material, uniaxial
 from palpate.physics.materials.ogden import ogden
 from palpate.physics.materials.yeoh import yeoh
 
 Values = Mapping[str, float]
+Slopes = Callable[[Values, np.ndarray, np.ndarray], tuple[np.ndarray, dict[str, np.ndarray]]]
 RATIO = 0.499
 """Poisson's ratio of rubber-like laws in full finite elements, which stands for 0.5."""
 FINGER = (26.2641, 1681.06)
@@ -63,6 +63,7 @@ class Rig:
 class Law:
     """A force law: `force(values, s)` [N] of indentations [m] (n,) >= 0, its parameters, those that are moduli first.
 
+    slopes  (values, s, force) -> dF/ds [N/m] (n,) and dF/d(parameter) (n,) of each; None: they are found by differences
     rest    Young's modulus at rest [Pa] from the values, None where it has none
     reach   [m] beyond which it does not hold
     remark  what a reader must know of it
@@ -75,6 +76,7 @@ class Law:
     reach: float = math.inf
     remark: str = ""
     fixed: Mapping[str, tuple[float, str]] = field(default_factory=dict)
+    slopes: Slopes | None = None
 
 
 YOUNG = Parameter("young", "Pa", 2e4, 1.0, 1e9)
@@ -121,8 +123,9 @@ def closed_form(rig: Rig, law: str) -> Law:
     if rig.kind == "cylinder" and law in SHAPES and rig.height:
         height, area = rig.height, math.pi * radius**2
         if law == "linear":
-            return Law(law, (YOUNG,), lambda v, s: v["young"] * area * s / height, _young,
-                       fixed={"radius": (radius, "m"), "height": (height, "m")})  # fmt: skip
+            known = {"radius": (radius, "m"), "height": (height, "m")}
+            return Law(law, (YOUNG,), lambda v, s: v["young"] * area * s / height, _young, fixed=known,
+                       slopes=_powers("young", 1.0))  # fmt: skip
 
         def compressed(v: Values, s: np.ndarray) -> np.ndarray:
             return -area * uniaxial(material(law, v["young"], v), np.maximum(1.0 - s / height, 0.05))
@@ -131,30 +134,33 @@ def closed_form(rig: Rig, law: str) -> Law:
         return Law(law, (YOUNG, *SHAPES[law]), compressed, _young, fixed=known)
     if rig.kind == "ball" and law == "hertz":
         size = 4.0 / 3.0 / plane * math.sqrt(radius)
-        return Law(law, (YOUNG,), lambda v, s: size * v["young"] * s**1.5, _young, 0.1 * radius, _HERTZ, fixed)
+        return Law(law, (YOUNG,), lambda v, s: size * v["young"] * s**1.5, _young, 0.1 * radius, _HERTZ, fixed,
+                   _powers("young", 1.5))  # fmt: skip
     if rig.kind == "ball" and law == "layer":
         if not rig.height:
             raise SessionError("law layer: expected --height, the thickness of what is pressed")
         height, size = rig.height, 4.0 / 3.0 / plane * math.sqrt(radius)
-        nu = rig.poisson
-        a = -(1.2876 - 1.4678 * nu + 1.3442 * nu**2) / (1.0 - nu)
-        b = (0.6387 - 1.0277 * nu + 1.5164 * nu**2) / (1.0 - nu)
-        p = math.pi
-        series = (1.0, -2 * a / p, 4 * a**2 / p**2, -8 / p**3 * (a**3 + 4 * p**2 / 15 * b),
-                  abs(16 * a / p**4 * (a**3 + 3 * p**2 / 5 * b)))  # fmt: skip
+        factor = thickness_factor(rig.poisson)
 
         def layer(v: Values, s: np.ndarray) -> np.ndarray:
-            x = np.sqrt(radius * s) / height
-            more: np.ndarray = np.polyval(series[::-1], x)
-            return size * v["young"] * s**1.5 * more
+            out: np.ndarray = size * v["young"] * s**1.5 * factor(np.sqrt(radius * s) / height)
+            return out
+
+        def layer_slopes(v: Values, s: np.ndarray, force: np.ndarray) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+            chi = np.sqrt(radius * s) / height
+            along = size * v["young"] * np.sqrt(s) * (1.5 * factor(chi) + 0.5 * chi * factor(chi, 1))
+            return along, {"young": force / v["young"]}
 
         known = {**fixed, "height": (height, "m")}
-        return Law(
-            law, (YOUNG,), layer, _young, min(0.25 * radius, 0.5 * height**2 / radius), "bonded to the ground", known
+        reach = min(0.25 * radius, 0.15 * height, float(factor.x[-1]) ** 2 * height**2 / radius)
+        remark = (
+            "bonded to the ground, small strains: where it is pressed by more than a tenth of ball or thickness, a "
+            "neo-Hooke layer is softer, by some 5 % at the end of the range"
         )
+        return Law(law, (YOUNG,), layer, _young, reach, remark, known, layer_slopes)
     if rig.kind == "punch" and law == "hertz":
         return Law(law, (YOUNG,), lambda v, s: 2.0 / plane * radius * v["young"] * s, _young, 0.2 * radius,
-                   "a half-space: thickness above ten radii", fixed)  # fmt: skip
+                   "a half-space: thickness above ten radii", fixed, _powers("young", 1.0))  # fmt: skip
     if law == "exponential":
         steep = Parameter("hardening", "1/m", 300.0, 1e-2, 1e5)
         first = Parameter("stiffness", "N/m", 100.0, 1e-3, 1e9)
@@ -163,12 +169,18 @@ def closed_form(rig: Rig, law: str) -> Law:
             out: np.ndarray = v["stiffness"] / v["hardening"] * np.expm1(np.minimum(v["hardening"] * s, 500.0))
             return out
 
-        return Law(law, (first, steep), exponential)
+        def bent(v: Values, s: np.ndarray, force: np.ndarray) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+            along = v["stiffness"] * np.exp(np.minimum(v["hardening"] * s, 500.0))
+            return along, {"stiffness": force / v["stiffness"], "hardening": (s * along - force) / v["hardening"]}
+
+        return Law(law, (first, steep), exponential, slopes=bent)
     if rig.kind == "fingertip" and law == "power":
         known = {"finger_stiffness": (FINGER[0], "N/m"), "finger_hardening": (FINGER[1], "1/m")}
-        return Law(law, (stiffness, exponent), lambda v, s: _series(v["stiffness"], v["exponent"], s), fixed=known)
+        return Law(law, (stiffness, exponent), lambda v, s: _series(v["stiffness"], v["exponent"], s), fixed=known,
+                   slopes=_series_slopes)  # fmt: skip
     if law in ("power", "hunt-crossley"):
-        return Law(law, (stiffness, exponent), lambda v, s: v["stiffness"] * s ** v["exponent"])
+        return Law(law, (stiffness, exponent), lambda v, s: v["stiffness"] * s ** v["exponent"],
+                   slopes=_powers("stiffness"))  # fmt: skip
     raise SessionError(
         f"rig {rig.kind}, law {law}: no such pair; ball: hertz, layer, exponential, power, hunt-crossley, and with "
         f"--height {_RUBBER}; punch: hertz, exponential, power, hunt-crossley; fingertip: power; cylinder, with "
@@ -178,6 +190,30 @@ def closed_form(rig: Rig, law: str) -> Law:
 
 def _young(values: Values) -> float:
     return values["young"]
+
+
+def _powers(first: str, exponent: float | None = None) -> Slopes:
+    """Slopes of a force that is linear in the parameter `first`, and a power of s; its exponent may be a parameter."""
+
+    def slopes(v: Values, s: np.ndarray, force: np.ndarray) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+        n, inside = v["exponent"] if exponent is None else exponent, np.where(s > 0.0, s, 1.0)
+        by = {first: force / v[first]}
+        if exponent is None:
+            by["exponent"] = force * np.log(inside)
+        return n * force / inside, by
+
+    return slopes
+
+
+def _series_slopes(v: Values, s: np.ndarray, force: np.ndarray) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """Of `_series`, by the slopes of both compliances at their common force."""
+    b, m = FINGER
+    finger = 1.0 / (b + force * m)
+    own = np.maximum(s - np.log1p(force * m / b) / m, 1e-12)
+    tissue = own / (v["exponent"] * np.maximum(force, 1e-300))
+    along = 1.0 / (finger + tissue)
+    share = np.where(force > 0.0, tissue * along, 0.0)
+    return along, {"stiffness": share * force / v["stiffness"], "exponent": share * force * np.log(own)}
 
 
 def _series(stiffness: float, exponent: float, total: np.ndarray) -> np.ndarray:

@@ -10,6 +10,7 @@ import time
 from pathlib import Path
 
 import pytest
+import warm_fork_server
 from graphs_for_runs import GRAPH, NODES, write_graph
 
 from palpate.engine.job import Job, NodeJob
@@ -17,16 +18,6 @@ from palpate.launch.load.launchfile import LaunchFile
 from palpate.launch.run.execute import execute
 from palpate.launch.run.member import QUIET, WorkerHandle, threads
 from palpate.records.reader import Recording
-
-RUN = """
-import sys
-from pathlib import Path
-from palpate.launch.load.launchfile import LaunchFile
-from palpate.launch.run.execute import execute
-launch = LaunchFile(graph=Path(sys.argv[1]), duration=float(sys.argv[2]), record=Path(sys.argv[3]))
-outcome = execute(launch, patience=2.0)
-raise SystemExit("; ".join(str(death) for death in outcome.result.deaths) or 0)
-"""
 
 
 def spinner(nice: int, core: int) -> subprocess.Popen:
@@ -91,15 +82,17 @@ def test_a_step_that_gets_little_of_a_busy_core_does_not_count_as_hung(tmp_path,
 def test_several_runs_at_once_end_well_and_their_recordings_lack_nothing(tmp_path):
     text = GRAPH.replace("nodes_for_runs.Spread,", "nodes_for_runs.Spread, count: 3000,")
     path = os.pathsep.join([str(Path(__file__).parents[2] / "support"), os.environ.get("PYTHONPATH", "")])
+    command = ["run", "loop.yaml", "--duration", "0.5", "--record", "run.mcap", "--timeout", "2", "-q", "--no-pictures"]
     started = []
     for number in range(4):
         folder = tmp_path / str(number)
         folder.mkdir()
-        command = [sys.executable, "-c", RUN, str(write_graph(folder, text)), "0.5", str(folder / "run.mcap")]
-        started.append(subprocess.Popen(command, env={**os.environ, "PYTHONPATH": path}, stderr=subprocess.PIPE))
+        write_graph(folder, text)
+        with open(folder / "said", "w") as said:
+            env = {**os.environ, "PYTHONPATH": path}
+            started.append(warm_fork_server.palpate(command, cwd=folder, env=env, stdout=said, stderr=said))
     for number, process in enumerate(started):
-        _, errors = process.communicate(timeout=200)
-        assert process.returncode == 0, errors.decode()
+        assert process.wait(200) == 0, (tmp_path / str(number) / "said").read_text()
         recording = Recording(tmp_path / str(number) / "run.mcap")
         assert recording.counts == {name: {"count": 500, "lost": 0} for name in NODES}
 

@@ -10,13 +10,18 @@ import yaml
 from pytest import approx
 from typer.testing import CliRunner
 
+import palpate
 from palpate.launch.__main__ import app
 from palpate.launch.load.values.units import convert
+from palpate.messages import Contact, Pose
+from palpate.models.fit.press import Press as Recorded
+from palpate.models.fit.press import add_session
 from palpate.models.fit.sessions import SessionError
 from palpate.models.fit.tissue import relaxing
 from palpate.models.fit.tissue.estimate import Problem, estimate, inflation
 from palpate.models.fit.tissue.fit import fit_tissue
 from palpate.models.fit.tissue.measured import Press, prepared, read_presses
+from palpate.models.fit.tissue.recorded import _deepest_touch, recorded_press
 from palpate.models.fit.tissue.report import data
 from palpate.models.fit.tissue.rigs import FINGER, Rig, closed_form
 
@@ -63,6 +68,21 @@ def test_the_truth_is_found_from_a_wrong_start_and_the_touch_point_with_it(rig, 
     assert fitted.errors()["rms_of_peak"] < 1e-3
 
 
+@pytest.mark.parametrize(("rig", "law", "truth", "kind"), CASES)
+def test_a_laws_own_slopes_are_those_of_differences(rig, law, truth, kind):
+    made = press(rig, law, truth, kind, hold=3.0 if kind != "none" else 0.0)
+    problem = Problem([made, made], closed_form(rig, law), kind, True, False)
+    x = problem.start()
+    x[len(problem.parameters) :] += 0.1
+    found, expected = problem.jacobian(x), problem._differences(x)
+    smooth = np.abs(expected - problem._differences(x + 1e-4 * np.sign(x))) < 0.05 * np.abs(expected).max()
+    for k in range(len(x)):  # but where the touch point passes a row
+        scale = np.abs(expected[:, k]).max()
+        assert scale > 0.0
+        assert np.abs(found[:, k] - expected[:, k])[smooth[:, k]].max() < 2e-3 * scale, k
+    assert smooth.mean() > 0.97
+
+
 def test_closed_forms_are_those_of_the_books():
     young, radius = 1e4, 8e-3
     s = np.array([1e-4])
@@ -70,10 +90,9 @@ def test_closed_forms_are_those_of_the_books():
     assert hertz == approx(16 / 9 * young * math.sqrt(radius) * s[0] ** 1.5)
     thin = closed_form(Rig("ball", radius, 1.0), "layer").force({"young": young}, s)[0]
     assert thin == approx(hertz, rel=2e-3)
-    chi = math.sqrt(radius * s[0]) / 2e-3  # of Dimitriadis' eq. 13, bonded, nu = 1/2
-    series = 1 + 1.133 * chi + 1.283 * chi**2 + 0.769 * chi**3 + 0.0975 * chi**4
-    layer = closed_form(Rig("ball", radius, 2e-3), "layer").force({"young": young}, s)[0]
-    assert layer == approx(hertz * series, rel=1e-3)
+    chi = math.sqrt(radius * s[0]) / 20e-3
+    layer = closed_form(Rig("ball", radius, 20e-3), "layer").force({"young": young}, s)[0]
+    assert layer == approx(hertz * (1 + 1.133 * chi + 1.283 * chi**2), rel=1e-3)  # of Dimitriadis, bonded, nu = 1/2
     finger = closed_form(Rig("fingertip"), "power")
     force = finger.force({"stiffness": 3e3, "exponent": 1.5}, np.array([3e-3]))[0]
     b, m = FINGER
@@ -221,3 +240,75 @@ def test_options_that_cannot_be_used_are_refused_in_one_line(tmp_path, words, ex
 def test_data_of_every_fit_are_plain(tmp_path):
     told = data(fit_tissue([shallow(6e-3)], CYLINDER, "demiray"))
     assert json.loads(json.dumps(told)) == told
+
+
+def test_a_recording_of_a_simulated_press_gives_back_the_law_of_its_tissue(tmp_path):
+    sets = ["scene.surface.vertices=600", "scene.hand.begin=[0, 0, 0.1105]", "tissue.damping=0",
+            "contact.finger_damping=0", "scene.hand.path=[{to: [0, 0, 0.095], time: 0.6}, {hold: 0.1}]"]  # fmt: skip
+    file = palpate.run("kidney", record=tmp_path / "press.mcap", sets=sets, duration=0.7).path
+    for rig in ("ball", "fingertip"):
+        words = ["fit-tissue", str(file), "--rig", rig, "--radius", "8 mm", "--law", "power", "--json"]
+        result = CliRunner().invoke(app, [*words, "-o", str(tmp_path / rig)])
+        assert result.exit_code == 0, result.output
+        found = json.loads(result.output)["parameters"]
+        assert found["exponent"]["value"] == approx(1.5, rel=0.01), rig
+        assert found["stiffness"]["value"] == approx(3e3, rel=0.05), rig
+
+
+def test_a_recording_of_a_force_sensor_takes_the_way_of_the_probe():
+    time = np.arange(0, 3000) * 1_000_000
+    z = np.clip(0.010 - 4e-6 * np.arange(3000), 0.001, None)
+    depth = np.clip(5e-3 - z, 0.0, None)
+    zero = {"velocity": (0.0, 0.0, 0.0), "dt": 1e-3}
+    poses = [Pose(position=(0.0, 0.0, float(h)), time=int(t), **zero) for t, h in zip(time, z, strict=True)]
+    still = {"foot": (0.0, 0.0, 0.0), "normal": (0.0, 0.0, 1.0), "compression": 0.0, "indentation": 0.0,
+             "compression_rate": 0.0, "indentation_rate": 0.0}  # fmt: skip
+    forces = 2e3 * depth**1.5 + 1e-4 * np.sin(time)
+    contacts = [Contact(force=float(f), time=int(t), **still) for t, f in zip(time, forces, strict=True)]
+    made = recorded_press("sensor", poses, contacts, False)
+    assert np.ptp(made.time) == approx(3.0, rel=0.02)
+    fitted = fit_tissue([made], BALL, "power")
+    assert fitted.estimate.values["stiffness"] == approx(2e3, rel=0.03)
+    with pytest.raises(SessionError, match="no stream of Pose"):
+        recorded_press("sensor", [], contacts, False)
+    with pytest.raises(SessionError, match="no messages of Contact"):
+        recorded_press("sensor", poses, [], False)
+
+
+def test_other_laws_are_ranked_by_what_they_need_to_fit_as_well():
+    made = press(BALL, "power", {"stiffness": 3e4, "exponent": 2.0}, noise=0.002)
+    fitted = fit_tissue([made], BALL, "power", compare=("exponential", "layer"))
+    ranks = {each["law"]: each["aicc"] for each in fitted.compared}
+    assert min(ranks, key=ranks.__getitem__) == "power" and ranks["power"] == 0.0
+    assert ranks["layer"] > 10.0  # an exponent near 1.5 does not follow 2
+    assert data(fitted)["laws"] == fitted.compared
+    with pytest.raises(SessionError, match=r"hertz holds to 0\.8 mm, the presses go to 2"):
+        fit_tissue([made], BALL, "power", compare=("hertz",))
+
+
+@pytest.mark.parametrize(("depths", "rows"), [((2, 4, 3), (200, 500)), ((4, 2), (0, 300)), ((2, 4), (200, 500))])
+def test_of_several_touches_the_deepest_is_taken_with_the_free_motion_round_it(depths, rows):
+    """Each is 100 rows long, and 100 rows of free motion come before and after it."""
+    bump = np.sin(np.linspace(0.0, np.pi, 102))[1:-1]
+    depth = np.concatenate([np.zeros(100)] + [part for d in depths for part in (1e-3 * d * bump, np.zeros(100))])
+    found = _deepest_touch(depth, 10.0 * depth)
+    begin, end, _ = found.indices(len(depth))
+    assert begin == approx(rows[0], abs=2) and end == approx(rows[1], abs=2)
+
+
+def test_a_table_of_record_indentation_gives_a_press_of_each_session(tmp_path):
+    path = tmp_path / "sessions.csv"
+    depth = np.linspace(0.0, 5e-3, 26)
+    for subject, stiff in (("a", 2e3), ("b", 3e3)):
+        add_session(path, subject, "1", Recorded(depth, np.full(26, 1e-3), stiff * depth**1.5))
+    presses = read_presses(path, {}, {}, convert)
+    assert [p.name for p in presses] == ["sessions.csv:a 1", "sessions.csv:b 1"]
+    assert fit_tissue(presses[1:], BALL, "power").estimate.values["stiffness"] == approx(3e3, rel=0.02)
+
+
+def test_a_recording_without_one_press_is_refused(tmp_path):
+    recording = palpate.run("palpate-two", record=tmp_path / "two.mcap", duration=0.01)
+    words = ["--rig", "ball", "--radius", "8 mm", "--law", "hertz", "-o", str(tmp_path / "out")]
+    result = CliRunner().invoke(app, ["fit-tissue", str(recording.path), *words])
+    assert result.exit_code == 2
+    assert "expected one press" in " ".join(result.output.split())

@@ -40,6 +40,12 @@ def imaged():
     return phantom.scan()
 
 
+@cache
+def coarse():
+    """Of the finger as few images of as few pixels as tell each side from every other: for tests that only read."""
+    return phantom.scan(slices=9, pixels=37, spacing=(3e-3, 0.7e-3, 0.7e-3))
+
+
 def forces(tip, angles=(0, 20, 45)):
     """Normal force [N] at rest, 2 mm deep, at some inclinations."""
     normal_forces = []
@@ -65,24 +71,25 @@ def plain():
     return forces(tip)
 
 
-def stored(order, flips):
+def stored(order, flips, images=imaged):
     """The phantom as an array of other axes and directions, and the direction of each in space (columns, rows, slices).
 
     In space the phantom's columns, rows and slices run along x, y, z.
     """
     axes = np.eye(3)[::-1][list(order)] * np.array(flips)[:, None]
-    volume = imaged().volume.transpose(order)[tuple(slice(None, None, f) for f in flips)]
-    return dataclasses.replace(imaged(), volume=volume, spacing=tuple(imaged().spacing[k] for k in order)), axes[::-1]
+    whole = images()
+    volume = whole.volume.transpose(order)[tuple(slice(None, None, f) for f in flips)]
+    return dataclasses.replace(whole, volume=volume, spacing=tuple(whole.spacing[k] for k in order)), axes[::-1]
 
 
 ALL = [(o, f) for o in itertools.permutations(range(3)) for f in itertools.product((1, -1), repeat=3)]
 
 
-def same_up_to_a_turn(volume):
+def same_up_to_a_turn(volume, whole):
     """Whether a volume is the phantom's seen from another side, but not its mirror image: which of the four turns that
     keep slices across the finger, with slices from either end, it is."""
     sides = [
-        np.rot90(end, k, axes=(1, 2)) for end in (imaged().volume, imaged().volume[::-1, :, ::-1]) for k in range(4)
+        np.rot90(end, k, axes=(1, 2)) for end in (whole.volume, whole.volume[::-1, :, ::-1]) for k in range(4)
     ]  # fmt: skip
     wanted = [np.clip(side, 0, 1.2) for side in sides]
     return [w.shape == volume.shape and np.abs(w - volume * LARGEST).max() < LARGEST for w in wanted]
@@ -91,12 +98,12 @@ def same_up_to_a_turn(volume):
 @pytest.mark.parametrize(("order", "flips"), long_but([0, 5, 10, 15, 20, 25, 30, 35, 40, 45], ALL))
 def test_every_order_and_direction_of_the_axes_of_nifti_gives_the_same_finger(tmp_path, order, flips):
     """nibabel turns the array and its affine; what is read is the phantom, turned but never mirrored."""
-    image = nibabel.load(phantom.write_nifti(imaged(), tmp_path / "v.nii"))
+    image = nibabel.load(phantom.write_nifti(coarse(), tmp_path / "v.nii"))
     turned = image.as_reoriented(np.column_stack([order, flips]))
     nibabel.save(turned, tmp_path / "turned.nii")
     stack = read(tmp_path / "turned.nii")
-    assert sum(same_up_to_a_turn(stack.volume)) == 1
-    assert stack.spacing == approx(imaged().spacing) and stack.handed == "header"
+    assert sum(same_up_to_a_turn(stack.volume, coarse())) == 1
+    assert stack.spacing == approx(coarse().spacing) and stack.handed == "header"
 
 
 @pytest.mark.parametrize(("order", "flips"), long_but([0, 3], [ALL[k] for k in (5, 11, 18, 29, 36, 47)]))
@@ -113,10 +120,10 @@ def test_the_forces_are_those_of_the_finger_however_nifti_stores_it(tmp_path, pl
 @pytest.mark.parametrize(("order", "flips"), [ALL[k] for k in (0, 3, 7, 9, 14, 20, 26, 33, 41, 46)])
 @pytest.mark.parametrize("oblique", [False, True])
 def test_every_orientation_of_dicom_gives_the_same_finger(tmp_path, order, flips, oblique):
-    stack, axes = stored(order, flips)
+    stack, axes = stored(order, flips, coarse)
     turn = Rotation.from_euler("zyx", [0.5, 0.2, -0.7]).as_matrix() if oblique else np.eye(3)
     copy = read(phantom.write_dicom(stack, tmp_path / "d", axes @ turn.T))
-    assert sum(same_up_to_a_turn(copy.volume)) == 1 and copy.handed == "header"
+    assert sum(same_up_to_a_turn(copy.volume, coarse())) == 1 and copy.handed == "header"
 
 
 def test_a_finger_turned_half_round_its_vertical_is_not_mirrored(plain):
@@ -169,17 +176,19 @@ def test_letters_say_where_images_run(tmp_path, plain, axes, order, flips):
 
 @pytest.mark.parametrize(("axes", "order", "flips"), [("RPH", (2, 1, 0), (1, 1, 1)), ("PTL", (1, 0, 2), (1, -1, -1))])
 def test_images_along_the_finger_become_cross_sections(tmp_path, axes, order, flips):
-    stack, _ = stored(order, flips)
+    stack, _ = stored(order, flips, coarse)
     for given in (axes, ""):
         copy = read(write_images(stack, tmp_path / f"i{given}"), stack.spacing, given)
-        assert copy.spacing[0] == imaged().spacing[0] and (given == "" or sum(same_up_to_a_turn(copy.volume)) == 1)
+        assert copy.spacing[0] == coarse().spacing[0] and (
+            given == "" or sum(same_up_to_a_turn(copy.volume, coarse())) == 1
+        )
 
 
 @pytest.mark.parametrize("axes", ["HP", "HPX", "HHP", "HTP", "NPR", "HPRL"])
 def test_letters_that_are_no_axes_are_refused(tmp_path, axes):
-    folder = write_images(imaged(), tmp_path / "i")
+    folder = write_images(coarse(), tmp_path / "i")
     with pytest.raises(ScanError, match="expected a letter each of T or H, N or P, R or L"):
-        read(folder, imaged().spacing, axes)
+        read(folder, coarse().spacing, axes)
 
 
 def test_letters_against_the_images_are_refused(tmp_path):
@@ -197,8 +206,8 @@ def test_slices_that_are_not_square_to_their_order_are_refused(tmp_path):
     axes = np.eye(3)
     axes[2] = (0.0, np.sin(0.2), np.cos(0.2))
     with pytest.raises(ScanError, match="not perpendicular"):
-        read(phantom.write_dicom(imaged(), tmp_path / "d", axes))
-    image = nibabel.load(phantom.write_nifti(imaged(), tmp_path / "v.nii"))
+        read(phantom.write_dicom(coarse(), tmp_path / "d", axes))
+    image = nibabel.load(phantom.write_nifti(coarse(), tmp_path / "v.nii"))
     sheared = image.affine.copy()
     sheared[0, 2] += 0.3
     nibabel.save(nibabel.Nifti1Image(np.asanyarray(image.dataobj), sheared), tmp_path / "s.nii")
@@ -227,13 +236,13 @@ def test_dicom_whose_small_values_are_bright_is_the_same_finger(tmp_path):
 
 
 def test_dicom_in_colours_is_refused_as_such(tmp_path):
-    folder = rewritten(phantom.write_dicom(imaged(), tmp_path / "a"), PhotometricInterpretation="PALETTE COLOR")
+    folder = rewritten(phantom.write_dicom(coarse(), tmp_path / "a"), PhotometricInterpretation="PALETTE COLOR")
     with pytest.raises(ScanError, match="PALETTE COLOR, expected grey ones"):
         read(folder)
 
 
 def test_nifti_whose_header_says_nothing_of_space_is_taken_as_images_are(tmp_path):
-    image = nibabel.load(phantom.write_nifti(imaged(), tmp_path / "v.nii"))
+    image = nibabel.load(phantom.write_nifti(coarse(), tmp_path / "v.nii"))
     image.header.set_sform(None, 0)
     image.header.set_qform(None, 0)
     nibabel.save(nibabel.Nifti1Image(np.asanyarray(image.dataobj), None, image.header), tmp_path / "n.nii")

@@ -20,7 +20,7 @@ from palpate.models.fe.reduce.reducible import of_organ
 from palpate.nodes.base import SettingError
 from palpate.nodes.base.surface import surface_mesh
 from palpate.nodes.deformation import ReducedFE, basis_store
-from palpate.physics.bodies.condensed_body import Basis
+from palpate.physics.bodies.condensed_basis import Basis
 from palpate.physics.bodies.indentation_table import SPACING, hat_moments, patch_radius
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.materials import hyperelastic

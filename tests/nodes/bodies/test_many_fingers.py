@@ -6,20 +6,29 @@ import msgspec
 import numpy as np
 import pytest
 from pytest import approx
+from scipy.optimize import root
 
 from palpate.launch.testing import FakeBus
 from palpate.messages import Contact, Contacts, Load, MessageError, Pose, Proximity, Surface, pack, unpack
 from palpate.nodes import collision
 from palpate.nodes.base import InputError, inputs
+from palpate.nodes.base.surface import surface_mesh
 from palpate.nodes.contact import Series
 from palpate.nodes.contact.joint import Joint, Share
-from palpate.nodes.deformation import MassSpring, ReducedFE, Rigid
+from palpate.nodes.deformation import Adaptive, BeamBundle, MassSpring, ReducedFE, Rigid
 from palpate.nodes.spread import Kernel
+from palpate.physics.contact.spread import Spreader
 
-BODIES = [MassSpring, ReducedFE, Rigid]
-COUPLED = [MassSpring, ReducedFE]
+BODIES = [MassSpring, BeamBundle, ReducedFE, Rigid]
+COUPLED = [MassSpring, BeamBundle, ReducedFE]
 TOP = 0.105
 VERTICES = 3000
+
+
+def made(kind, mesh, **more):
+    """The body; beams without viscosity: what is compared here has come to rest, which takes viscous ones seconds."""
+    elastic = {"relaxations": (0.0, 0.0)} if kind is BeamBundle else {}
+    return kind(**({} if kind is Rigid else mesh), **elastic, **more)
 
 
 class Hand:
@@ -28,7 +37,7 @@ class Hand:
     def __init__(self, kind, count, mesh=None, **more):
         finds = [collision.Nurbs() if mesh is None else collision.Mesh(**mesh) for _ in range(count)]
         mesh = mesh or {"vertices": VERTICES}
-        self.body = FakeBus(kind(**({} if kind is Rigid else mesh), **more))
+        self.body = FakeBus(made(kind, mesh, **more))
         self.joint, self.share = FakeBus(Joint()), [FakeBus(Share()) for _ in range(count)]
         self.collision = [FakeBus(find) for find in finds]
         self.spread = [FakeBus(Kernel(**mesh)) for _ in range(count)]
@@ -68,8 +77,7 @@ def bone(x, depth, y=0.0):
 @pytest.mark.parametrize("kind", BODIES)
 def test_one_finger_feels_what_it_feels_without_a_joint(kind):
     hand = Hand(kind, 1)
-    alone, spread, body = Series(), Kernel(vertices=VERTICES), hand.body.node.__class__
-    other = body(**({} if kind is Rigid else {"vertices": VERTICES}))
+    alone, spread, other = Series(), Kernel(vertices=VERTICES), made(kind, {"vertices": VERTICES})
     for node in (alone, spread, other):
         node.start()
     find, surface = collision.Nurbs(), None
@@ -87,7 +95,7 @@ def test_one_finger_feels_what_it_feels_without_a_joint(kind):
     assert b"laws" not in pack(hand.surface) and not len(hand.surface.laws)
 
 
-@pytest.mark.parametrize("kind", [MassSpring, pytest.param(ReducedFE, marks=pytest.mark.long), Rigid])
+@pytest.mark.parametrize("kind", [MassSpring, BeamBundle, pytest.param(ReducedFE, marks=pytest.mark.long), Rigid])
 def test_two_fingers_sixty_millimetres_apart_feel_what_each_feels_alone(kind):
     places = [bone(-0.03, 7e-3), bone(0.03, 6e-3)]
     both = Hand(kind, 2).hold(places)
@@ -231,6 +239,20 @@ def test_a_body_that_does_not_know_all_contacts_is_refused_by_name():
         FakeBus(Share(), proximity=near).publish(one)
 
 
+def test_a_wrong_law_for_one_of_several_is_told_by_the_name_of_its_message():
+    """Not by that of the class in which a contact hears its share."""
+    laws = np.array([[1e3, 1.0, 0.0, 0.0, 0.0], [-1.0, 1.0, 0.0, 0.0, 0.0]])
+    body = Surface(nodes=[], displacement=np.zeros((0, 3)), stiffness=1e3, exponent=1.0, damping=0.0,
+                   rest_indentation=0.0, previous_indentation=0.0, source="tissue", tick=3, laws=laws,
+                   slopes=np.zeros((2, 12)), coupling=np.eye(2))  # fmt: skip
+    near = Proximity(source="a", foot=(0.0, 0.0, 0.0), normal=(0.0, 0.0, 1.0), coordinates=(0.0, 0.0), element=0,
+                     gap=-1e-3, approach=1e-3, slip=(0.0, 0.0, 0.0))  # fmt: skip
+    joint = Joint()
+    joint.start()
+    with pytest.raises(InputError, match=r"^Surface of 'tissue' at tick 3: stiffness"):
+        joint.step([near, near], body, dt=1e-3)
+
+
 def test_without_its_body_the_forces_of_all_are_gone_within_eight_milliseconds():
     hand = Hand(MassSpring, 2)
     near = [bone(-8e-3, 6e-3), bone(8e-3, 6e-3)]
@@ -248,3 +270,54 @@ def test_ports_that_take_many_are_read_from_the_signature():
     assert (port.name, port.type, port.many, port.optional, port.expects) == ("load", Load, True, False, "list[Load]")
     assert [p.many for p in inputs(Joint)] == [True, False]
     assert inputs(Share)[0].type is Contacts and inputs(Kernel)[0].type is Contact
+
+
+FINGERTIP = {"surface": "fingertip", "vertices": 2000, "position": (0.0, 0.0, 0.0)}
+
+
+def over_pulp(x, depth):
+    """A bone edge over the pulp of the layered fingertip, `depth` of it beyond touching."""
+    away = 9.84e-3 + 4e-3 - depth
+    angle = x / 9.84e-3
+    return [away * np.sin(angle), -2e-3, away * np.cos(angle)]
+
+
+@pytest.mark.parametrize("kind", [Adaptive, ReducedFE])
+def test_two_fingers_on_a_body_in_modes_feel_one_another(kind):
+    more = {"error": 0.05} if kind is Adaptive else {"model": "sampled", "young": 160.0}
+    hand = Hand(kind, 2, FINGERTIP, **more)
+    (alone,) = Hand(kind, 1, FINGERTIP, **more).hold([over_pulp(-3e-3, 4e-3)])
+    hovering = hand.hold([over_pulp(-3e-3, 4e-3), over_pulp(3e-3, -1e-3)])
+    assert hovering == approx([alone, 0.0], rel=5e-3) and alone > 0.05
+    both = hand.hold([over_pulp(-3e-3, 4e-3), over_pulp(3e-3, 4e-3)])
+    assert (both > 0.3 * alone).all() and (both < 0.95 * alone).all()
+    a = hand.surface.coupling / hand.surface.laws[:, :1]
+    assert a[0, 1] == approx(a[1, 0], rel=1e-12) and 0.0 < hand.surface.coupling[0, 1] < 1.0
+    hand.hold([over_pulp(-3e-3, -2e-3), over_pulp(3e-3, -2e-3)], 400)
+    again = hand.hold([over_pulp(-3e-3, 4e-3), over_pulp(3e-3, -2e-3)])
+    assert again == approx([alone, 0.0], rel=5e-3)
+
+
+def test_fingers_on_elastic_beams_feel_what_their_springs_in_series_say():
+    """Every beam and both fingertips solved at once by a general solver, the weights taken from the loads."""
+    mesh = {"surface": "plane", "vertices": 2500, "position": (0.0, 0.0, 0.0)}
+    layers, moduli = (1e-3, 9e-3), (1.36e5, 3.4e4)
+    hand = Hand(BeamBundle, 2, mesh, layers=layers, moduli=moduli)
+    depths, feet = np.array([5e-3, 4e-3]), [(-3e-3, 1e-3, 0.0), (4e-3, 0.0, 0.0)]
+    found = hand.hold([[x, y, 4e-3 - d] for (x, y, _), d in zip(feet, depths, strict=True)], 500)
+    spreader = Spreader(surface_mesh("plane", 2500), 8e-3)
+    w = np.zeros((2, len(surface_mesh("plane", 2500).vertices)))
+    for row, foot in zip(w, feet, strict=True):
+        count = spreader.spread(foot, (0.0, 0.0, 1.0), (0.0, 0.0, -1.0))
+        row[spreader.nodes[:count]] = spreader.weights[:count]
+    each = sum(t / e for t, e in zip(layers, moduli, strict=True)) / surface_mesh("plane", 2500).areas  # [m/N]
+    finger = Series()
+
+    def left(s1):
+        force = finger.finger_stiffness / finger.finger_hardening * np.expm1(finger.finger_hardening * s1)
+        return s1 + w @ (each * (force @ w)) - depths
+
+    s1 = root(left, depths / 2, tol=1e-14).x
+    force = finger.finger_stiffness / finger.finger_hardening * np.expm1(finger.finger_hardening * s1)
+    assert found == approx(force, rel=1e-6) and (found > 0.1).all()
+    assert hand.surface.coupling[0, 1] == approx((w[0] * each) @ w[1] / ((w[0] * each) @ w[0]), rel=1e-9)

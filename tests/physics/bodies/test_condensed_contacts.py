@@ -15,7 +15,8 @@ from palpate.models.fe.element.mesh import bricks, grid, quadratic
 from palpate.models.fe.meshing.organ import SLAB
 from palpate.models.fe.solve.solver import Solver
 from palpate.nodes.deformation import ReducedFE
-from palpate.physics.bodies.condensed_body import Basis, CondensedBody
+from palpate.physics.bodies.condensed_basis import Basis
+from palpate.physics.bodies.condensed_body import CondensedBody
 from palpate.physics.bodies.condensed_contacts import CondensedContacts, _mean_inverse, joint_profile
 from palpate.physics.bodies.true_patch import MEAN
 from palpate.physics.contact.spread import Spreader

@@ -11,11 +11,10 @@ from palpate.launch.testing import FakeBus
 from palpate.messages import Load, pack
 from palpate.nodes.base import SettingError
 from palpate.nodes.deformation import Adaptive
-from palpate.physics.bodies.deadline import PROBATION
 from palpate.physics.bodies.fidelity_bases import FidelityBases
-from palpate.physics.bodies.fidelity_levels import BLEND, WARM, FidelityLevels, blended
+from palpate.physics.bodies.fidelity_levels import BLEND, PROBATION, WARM, FidelityLevels, blended
+from palpate.physics.bodies.sampled.solve import TOLERANCE
 from palpate.physics.bodies.sampled_body import SampledBody
-from palpate.physics.bodies.sampled_solve import TOLERANCE
 from palpate.physics.contact.spread import Spreader
 from palpate.physics.contact.terminal import indentation
 from palpate.physics.geometry.mesh import Mesh

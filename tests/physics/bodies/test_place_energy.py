@@ -11,7 +11,8 @@ from palpate.launch.testing import FakeBus
 from palpate.messages import Load, Proximity, Surface
 from palpate.nodes.contact import Series
 from palpate.nodes.deformation import ReducedFE
-from palpate.physics.bodies.condensed_body import Basis, CondensedBody
+from palpate.physics.bodies.condensed_basis import Basis
+from palpate.physics.bodies.condensed_body import CondensedBody
 from palpate.physics.bodies.indentation_table import SPACING
 from palpate.physics.bodies.place_energy import held, on_hand
 from palpate.physics.contact.series import exponential, series

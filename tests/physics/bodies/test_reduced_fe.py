@@ -16,7 +16,8 @@ from palpate.nodes.base import SettingError
 from palpate.nodes.base.surface import surface_mesh
 from palpate.nodes.deformation import ReducedFE
 from palpate.physics.archive import ArchiveError
-from palpate.physics.bodies.condensed_body import Basis, CondensedBody
+from palpate.physics.bodies.condensed_basis import Basis
+from palpate.physics.bodies.condensed_body import CondensedBody
 from palpate.physics.geometry.mesh import Mesh
 
 UP = (0.0, 0.0, 1.0)

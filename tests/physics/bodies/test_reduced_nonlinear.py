@@ -17,7 +17,8 @@ from palpate.models.fe.reduce.reducible import of_organ
 from palpate.nodes.base import SettingError
 from palpate.nodes.base.surface import surface_mesh
 from palpate.nodes.deformation import ReducedFE
-from palpate.physics.bodies.condensed_body import Basis, CondensedBody
+from palpate.physics.bodies.condensed_basis import Basis
+from palpate.physics.bodies.condensed_body import CondensedBody
 from palpate.physics.bodies.indentation_table import SOFTEST, SPACING, rise, risen
 from palpate.physics.contact.series import exponential, series
 from palpate.physics.contact.terminal import Terminal

@@ -23,10 +23,12 @@ from palpate.nodes.base import SettingError
 from palpate.nodes.base.surface import FINGER_LENGTH, FINGER_RADIUS, surface_mesh, surface_patch
 from palpate.nodes.deformation import ReducedFE
 from palpate.physics.archive import ArchiveError
-from palpate.physics.bodies.condensed_body import Basis, CondensedBody
-from palpate.physics.bodies.sampled_body import SampledBasis, SampledBody, gamma
-from palpate.physics.bodies.sampled_energy import barrier, forces, scratch, tangent
-from palpate.physics.bodies.sampled_solve import invert, settle, unhurried
+from palpate.physics.bodies.condensed_basis import Basis
+from palpate.physics.bodies.condensed_body import CondensedBody
+from palpate.physics.bodies.sampled.energy import barrier, forces, scratch, tangent
+from palpate.physics.bodies.sampled.solve import invert, settle, unhurried
+from palpate.physics.bodies.sampled.step import gamma
+from palpate.physics.bodies.sampled_body import SampledBasis, SampledBody
 from palpate.physics.contact.series import exponential, series
 from palpate.physics.contact.terminal import Terminal
 from palpate.physics.geometry.closest import ClosestPoint

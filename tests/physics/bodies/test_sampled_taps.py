@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from palpate.nodes.deformation import ReducedFE
-from palpate.physics.bodies.sampled_energy import forces, scratch, tangent
-from palpate.physics.bodies.sampled_solve import settle
+from palpate.physics.bodies.sampled.energy import forces, scratch, tangent
+from palpate.physics.bodies.sampled.solve import settle
 from palpate.physics.contact.spread import Spreader
 
 TAP = 50

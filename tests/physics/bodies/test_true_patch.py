@@ -13,7 +13,8 @@ from scipy.special import ellipe, ellipk
 from palpate.nodes.base.surface import surface_mesh
 from palpate.nodes.deformation import ReducedFE
 from palpate.physics.bodies import true_patch as tp
-from palpate.physics.bodies.condensed_body import Basis, CondensedBody
+from palpate.physics.bodies.condensed_basis import Basis
+from palpate.physics.bodies.condensed_body import CondensedBody
 from palpate.physics.contact.spread import Spreader
 from palpate.physics.geometry.mesh import Mesh, plane
 from palpate.studies.accuracy.bases import ready

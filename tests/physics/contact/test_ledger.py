@@ -4,14 +4,13 @@ import math
 
 import numpy as np
 import pytest
-from formulas import series_path
+from formulas import bristle_path, series_path
 from hypothesis import given
 from hypothesis import strategies as st
 from pytest import approx
 
 from palpate.physics.contact.ledger import EnergyAccount, Moment
 from palpate.physics.contact.series import energy, exponential
-from palpate.physics.friction.bristle import path
 from palpate.physics.friction.coulomb import Coulomb
 from palpate.physics.friction.lugre import LuGre
 
@@ -79,7 +78,7 @@ def test_a_part_that_does_not_tell_is_held_to_what_it_was_given():
 @pytest.mark.parametrize("law", [Coulomb(), LuGre(stribeck=1.0, mu_static=0.5, viscous=0.0)])
 def test_friction_takes_the_force_times_the_way_less_what_its_bristles_hold(law):
     speed, dt, load = 0.05, 1e-3, 2.0
-    force, z, _ = path(law, np.tile((speed, 0.0, 0.0), (400, 1)), load, dt)
+    force, z, _ = bristle_path(law, np.tile((speed, 0.0, 0.0), (400, 1)), load, dt)
     books = EnergyAccount()
     for k, (f, bristle) in enumerate(zip(force, z, strict=True)):
         place, held = (speed * dt * k, 0.0, 0.0), law.stored(tuple(bristle), load)

@@ -4,7 +4,7 @@ from decimal import Decimal, localcontext
 
 import numpy as np
 import pytest
-from formulas import delayed_damping, jury_stiffness
+from formulas import decays, delayed_damping, jury_stiffness
 from pytest import approx
 
 from palpate.physics.device.stability import (
@@ -15,7 +15,7 @@ from palpate.physics.device.stability import (
     quantised_stiffness,
     stable_stiffness,
 )
-from palpate.physics.device.wall_loop import WallDevice, decays, run, settles
+from palpate.physics.device.wall_loop import WallDevice, run, settles
 
 EXACT = WallDevice(resolution=0.0)
 

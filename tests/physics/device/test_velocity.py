@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
+from formulas import velocity
 from pytest import approx
 from theory.velocity_response import half_power, magnitude
 
-from palpate.physics.device.velocity import buffers, mean_velocity, push, velocity
+from palpate.physics.device.velocity import buffers, mean_velocity, push
 
 RATE = 1025.0
 

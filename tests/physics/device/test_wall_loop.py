@@ -4,9 +4,10 @@ from math import exp, inf
 
 import numpy as np
 import pytest
+from formulas import decays
 from pytest import approx
 
-from palpate.physics.device.wall_loop import WallDevice, advance, decays, felt_stiffness, run, settles
+from palpate.physics.device.wall_loop import WallDevice, advance, felt_stiffness, run, settles
 
 EXACT = WallDevice(resolution=0.0)
 MILLISECONDS = np.full(400, 1e-3)

@@ -4,11 +4,12 @@ from functools import cache
 
 import numpy as np
 import pytest
+from formulas import stress_history
 from pytest import approx
 
 from palpate.physics.fingertip.beam_bundle import BundleState, bundle, dome, step
 from palpate.physics.materials.viscoelastic import BONE, SKIN, TISSUE, ViscoelasticMaterial
-from palpate.physics.materials.voigt import STRAIN_LIMIT, stress_history
+from palpate.physics.materials.voigt import STRAIN_LIMIT
 
 ELASTIC = ViscoelasticMaterial(3.4e4, 0.0)
 ELASTIC_SKIN = ViscoelasticMaterial(1.36e5, 0.0)

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from formulas import steady_friction
+from formulas import bristle_path, steady_friction
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pytest import approx
@@ -31,11 +31,11 @@ every = pytest.mark.parametrize("law", [EXPONENTIAL, EULER, ELASTIC], ids=["expo
 
 
 def lugre_path(slip, load, dt, law, normal=UP):
-    return bristle.path(law, slip, load, dt, normal)[:2]
+    return bristle_path(law, slip, load, dt, normal)[:2]
 
 
 def coulomb_path(slip, load, dt, mu, stiffness):
-    return bristle.path(CoulombLaw(mu, stiffness), slip, load, dt)
+    return bristle_path(CoulombLaw(mu, stiffness), slip, load, dt)
 
 
 def test_steady_sliding():
@@ -183,7 +183,7 @@ def test_where_nothing_is_gained_rescaling_changes_no_bit(law):
     plain = law._replace(rescale=False)
     v = np.tile(0.05 * X, (300, 1))
     for load in (2.0, np.linspace(2.0, 0.5, 300), np.r_[np.full(100, 1.0), np.linspace(1.0, 3.0, 200)]):
-        for one, other in zip(bristle.path(law, v, load, 1e-3), bristle.path(plain, v, load, 1e-3), strict=True):
+        for one, other in zip(bristle_path(law, v, load, 1e-3), bristle_path(plain, v, load, 1e-3), strict=True):
             assert np.array_equal(one, other)
 
 
@@ -199,7 +199,7 @@ def generated(law, motions, seed):
         ]
         v = np.column_stack((10.0 ** rng.uniform(-4, 0) * walks[0], np.zeros(steps)))
         load = 10.0 ** rng.uniform(-1, 1) * np.exp(swing * walks[1][:, 0])
-        force, z, _ = bristle.path(law, v, load, dt)
+        force, z, _ = bristle_path(law, v, load, dt)
         work = (force * v).sum(axis=1) * dt
         stiffness = law.stiffness if isinstance(law, CoulombLaw) else law.bristle_stiffness * load
         dissipated = np.append(0.0, np.cumsum(work) - 0.5 * stiffness * (z**2).sum(axis=1))
@@ -397,27 +397,27 @@ def test_the_elasto_plastic_deflection_follows_its_differential_equation():
     for count in (1500, 3000, 6000):
         t = (np.arange(count) + 0.5) * 0.3 / count
         v = np.column_stack((*np.array([velocity(s) for s in t]).T, np.zeros(count)))
-        errors.append(np.linalg.norm(bristle.path(ELASTIC, v, 1.0, 0.3 / count)[1][-1, :2] - exact))
+        errors.append(np.linalg.norm(bristle_path(ELASTIC, v, 1.0, 0.3 / count)[1][-1, :2] - exact))
     assert max(errors) < 0.001 * 0.7 / 3000  # a thousandth of the bristles' reach
 
 
 def test_elasto_plastic_bristles_bend_without_slip_up_to_their_share():
     way = 0.89 * 0.7 / 3000
     for steps in (1, 10, 1000):
-        _, z, stick = bristle.path(ELASTIC, np.tile(1e-3 * X, (steps, 1)), 2.0, way / 1e-3 / steps)
+        _, z, stick = bristle_path(ELASTIC, np.tile(1e-3 * X, (steps, 1)), 2.0, way / 1e-3 / steps)
         assert z[-1, 0] == approx(way, rel=1e-9) and stick.all()
     back = np.vstack((np.tile(1e-3 * X, (100, 1)), np.tile(-1e-3 * X, (100, 1))))
-    assert bristle.path(ELASTIC, back, 2.0, way / 1e-3 / 100)[1][-1, 0] == approx(0.0, abs=1e-12)
+    assert bristle_path(ELASTIC, back, 2.0, way / 1e-3 / 100)[1][-1, 0] == approx(0.0, abs=1e-12)
 
 
 @pytest.mark.parametrize("steps", [1, 5, 50, 2000])
 def test_at_constant_velocity_the_elasto_plastic_deflection_hardly_depends_on_the_step(steps):
-    _, z, _ = bristle.path(ELASTIC, np.tile([0.03, -0.02, 0.0], (steps, 1)), 1.0, 0.006 / steps)
-    _, fine, _ = bristle.path(ELASTIC, np.tile([0.03, -0.02, 0.0], (20000, 1)), 1.0, 0.006 / 20000)
+    _, z, _ = bristle_path(ELASTIC, np.tile([0.03, -0.02, 0.0], (steps, 1)), 1.0, 0.006 / steps)
+    _, fine, _ = bristle_path(ELASTIC, np.tile([0.03, -0.02, 0.0], (20000, 1)), 1.0, 0.006 / 20000)
     assert z[-1] == approx(fine[-1], abs=0.005 * 0.7 / 3000)
 
 
 def test_elasto_plastic_slides_like_lugre():
     for v in (1e-3, 0.02, 0.1, 0.5):
-        force, _, stick = bristle.path(ELASTIC, np.tile(v * X, (2000, 1)), 2.0, 1e-3)
+        force, _, stick = bristle_path(ELASTIC, np.tile(v * X, (2000, 1)), 2.0, 1e-3)
         assert force[-1, 0] == approx(2.0 * float(steady_friction(v, LAW)), rel=1e-5) and not stick[-1]

@@ -2,13 +2,14 @@
 
 import numpy as np
 import pytest
+from formulas import torus
 from scipy.spatial import cKDTree
 
 from palpate.physics.geometry.closest import ClosestPoint, track
 from palpate.physics.geometry.kidney import kidney
 from palpate.physics.geometry.newton import newton
 from palpate.physics.geometry.nurbs import Nurbs
-from palpate.physics.geometry.nurbs_fit import interpolate, plane_patch, sphere, torus
+from palpate.physics.geometry.nurbs_fit import interpolate, plane_patch, sphere
 
 
 def directions(rng, count):

@@ -5,11 +5,12 @@ import sys
 
 import numpy as np
 import pytest
+from formulas import torus
 
 from palpate.nodes.base.surface import PLACE, surface_mesh, surface_patch
 from palpate.physics.geometry.closest import ClosestPoint
 from palpate.physics.geometry.kidney import kidney
-from palpate.physics.geometry.nurbs_fit import sphere, torus
+from palpate.physics.geometry.nurbs_fit import sphere
 from palpate.physics.geometry.tessellate import tessellate
 
 

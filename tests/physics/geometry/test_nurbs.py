@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
+from formulas import torus
 from scipy.interpolate import BSpline
 
 from palpate.physics.geometry.nurbs import Nurbs
-from palpate.physics.geometry.nurbs_fit import grid_parameters, interpolate, plane_patch, sphere, torus
+from palpate.physics.geometry.nurbs_fit import grid_parameters, interpolate, plane_patch, sphere
 
 
 def random_patch(rng, p, q, weighted=True):

@@ -11,8 +11,8 @@ from palpate.models.fe import MaterialError, Rigid, Settings, Solver, box, plane
 from palpate.models.fe.reduce.reducible import Reducible
 from palpate.models.fe.reduce.sampling import points_of
 from palpate.physics import materials
+from palpate.physics.bodies.sampled.energy import forces, scratch
 from palpate.physics.bodies.sampled_body import SampledBasis
-from palpate.physics.bodies.sampled_energy import forces, scratch
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.materials.compiled import LAW, compiled
 from palpate.physics.materials.hyperelastic import example, law, laws, rest_moduli

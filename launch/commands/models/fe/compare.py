@@ -12,9 +12,9 @@ from palpate.launch.terminal.output import console, drawn, table, tell
 
 
 def compare(
-    steel: Annotated[Path, typer.Argument(help="folder of a run on steel, of `palpate fe fingertip`")],
-    silicone: Annotated[Path, typer.Argument(help="folder of a run on silicone")],
-    to: Annotated[Path, typer.Option("--to", help="folder for the pictures")] = Path("runs/fingertip"),
+    steel: Annotated[Path, typer.Argument(help="Folder of a run on steel, of `palpate fe fingertip`.")],
+    silicone: Annotated[Path, typer.Argument(help="Folder of a run on silicone.")],
+    to: Annotated[Path, typer.Option("--to", help="Folder for the pictures.")] = Path("runs/fingertip"),
     as_json: Json = False,
 ) -> None:
     """Compare both plates: which of the paper's statements hold, and pictures like its Figures 3 to 5."""

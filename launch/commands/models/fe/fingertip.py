@@ -19,7 +19,7 @@ RUNS = Path("runs/fingertip")
 
 
 def fingertip(
-    plate: Annotated[str, typer.Option(help="steel or silicone")] = "steel",
+    plate: Annotated[str, typer.Option(help="steel or silicone.")] = "steel",
     material: Annotated[
         str,
         typer.Option(
@@ -27,13 +27,13 @@ def fingertip(
             "cortical/36.4, or a number: the divisor of the printed moduli"
         ),
     ] = "calibrated",
-    depth: Annotated[float, typer.Option(help="travel of the plate, mm")] = 2.4,
-    cells: Annotated[int, typer.Option(help="elements across an eighth of the circumference")] = 6,
-    friction: Annotated[float, typer.Option(help="Coulomb's coefficient")] = 0.2,
+    depth: Annotated[float, typer.Option(help="Travel of the plate, mm.")] = 2.4,
+    cells: Annotated[int, typer.Option(help="Elements across an eighth of the circumference.")] = 6,
+    friction: Annotated[float, typer.Option(help="Coulomb's coefficient.")] = 0.2,
     finger: Annotated[
-        Path | None, typer.Option(help="a measured finger instead of the paper's, of `palpate fingertip SCAN -o FILE`")
+        Path | None, typer.Option(help="A measured finger instead of the paper's, of `palpate fingertip SCAN -o FILE`.")
     ] = None,
-    folder: Annotated[Path, typer.Option("--to", help="folder of results; an interrupted run continues")] = RUNS,
+    folder: Annotated[Path, typer.Option("--to", help="Folder of results; an interrupted run continues.")] = RUNS,
     as_json: Json = False,
 ) -> None:
     """Press the layered fingertip on a plate: force, contact area, isostrain volumes; fields as VTK; pictures."""

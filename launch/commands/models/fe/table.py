@@ -12,9 +12,9 @@ from palpate.launch.terminal.output import tell
 
 
 def table(
-    steel: Annotated[Path, typer.Argument(help="folder of a run on steel, of `palpate fe fingertip`")],
-    silicone: Annotated[Path, typer.Argument(help="folder of a run on silicone with the same material")],
-    to: Annotated[Path, typer.Option("--to", help="file to write")] = Path("fingertip.npz"),
+    steel: Annotated[Path, typer.Argument(help="Folder of a run on steel, of `palpate fe fingertip`.")],
+    silicone: Annotated[Path, typer.Argument(help="Folder of a run on silicone with the same material.")],
+    to: Annotated[Path, typer.Option("--to", help="File to write.")] = Path("fingertip.npz"),
     as_json: Json = False,
 ) -> None:
     """Write the table that tactile.Flow reads: area and isostrain volumes against force for both plates.

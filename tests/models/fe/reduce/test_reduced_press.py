@@ -22,7 +22,8 @@ from palpate.models.fe.reduce.indentation_table import (
 )
 from palpate.models.fe.reduce.reducible import of_organ
 from palpate.nodes.base.surface import surface_mesh
-from palpate.physics.bodies.condensed_body import Basis, CondensedBody
+from palpate.physics.bodies.condensed_basis import Basis
+from palpate.physics.bodies.condensed_body import CondensedBody
 from palpate.physics.bodies.indentation_table import SOFTEST, SPACING, hat_moments, patch_radius
 from palpate.physics.geometry.mesh import plane
 

@@ -14,8 +14,8 @@ from palpate.models.fe.reduce.reduction import build
 from palpate.models.fe.reduce.sampling import modes, points_of
 from palpate.models.fe.reduce.snapshots import MILD, press_from_rest, scatter
 from palpate.nodes.base.surface import surface_mesh
-from palpate.physics.bodies.sampled_energy import forces, scratch, tangent
-from palpate.physics.bodies.sampled_solve import invert, settle, unhurried
+from palpate.physics.bodies.sampled.energy import forces, scratch, tangent
+from palpate.physics.bodies.sampled.solve import invert, settle, unhurried
 
 RADIUS, UNBOUND = 12e-3, 1e300
 

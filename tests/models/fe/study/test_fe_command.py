@@ -22,7 +22,7 @@ from palpate.models.build import basis as builder
 from palpate.models.fe.study.press_record import PressRun, run_name
 from palpate.nodes.deformation import ReducedFE
 from palpate.nodes.tactile import Flow
-from palpate.physics.bodies.condensed_body import Basis
+from palpate.physics.bodies.condensed_basis import Basis
 from palpate.physics.bodies.sampled_body import SampledBasis
 from palpate.physics.fingertip.anatomy import Anatomy
 

@@ -7,7 +7,7 @@ from scipy.integrate import quad
 
 from palpate.nodes.base.nodule import WithNodule
 from palpate.nodes.base.surface import surface_mesh
-from palpate.physics.bodies.nodule import modulus_map, nodule_centre, stiffness_map
+from palpate.physics.materials.nodule import nodule_centre, stiffness_map
 
 MESH = surface_mesh("plane", 2500)
 UP = np.array([[0.0, 0.0, 1.0]])
@@ -63,11 +63,6 @@ def test_the_map_follows_the_normal_of_a_tilted_surface():
     tilt = np.array([0.6, 0.0, 0.8])
     stiffening = stiffness_map([[0.0, 0.0, 0.0]], [tilt], -6e-3 * tilt, 4e-3, 10.0, 6e-3)
     assert stiffening[0] == approx(above(6e-3, 4e-3, 10.0, 6e-3))
-
-
-def test_the_modulus_is_multiplied_inside_the_sphere_only():
-    points = np.array([[0, 0, -6e-3], [0, 0, -2.1e-3], [0, 0, -1.9e-3], [5e-3, 0, -6e-3]])
-    assert modulus_map(points, [0, 0, -6e-3], 4e-3, 12.0).tolist() == [12.0, 12.0, 1.0, 1.0]
 
 
 @pytest.mark.parametrize("name", ["radius", "ratio", "reach"])

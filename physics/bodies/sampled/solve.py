@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from palpate.physics.bodies.sampled_energy import forces, tangent
+from palpate.physics.bodies.sampled.energy import forces, tangent
 from palpate.physics.kernel import kernel
 
 TOLERANCE = 3e-3

@@ -61,9 +61,3 @@ def stiffness_map(vertices, normals, centre, radius, ratio, reach) -> np.ndarray
     top, bottom = np.maximum(along - half, 0.0), np.maximum(along + half, 0.0)
     share = 1.0 / np.hypot(1.0, top / reach) - 1.0 / np.hypot(1.0, bottom / reach)
     return 1.0 / (1.0 - np.where(half > 0, share, 0.0) * (1.0 - 1.0 / ratio))
-
-
-def modulus_map(points, centre, radius, ratio) -> np.ndarray:
-    """Factor [1] (...) on the modulus of the material at `points` [m] (...,3): `ratio` inside the nodule, else 1."""
-    inside = np.sum((np.asarray(points, float) - centre) ** 2, axis=-1) <= radius**2
-    return np.where(inside, float(ratio), 1.0)

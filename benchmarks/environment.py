@@ -1,0 +1,93 @@
+"""Steps a second of the environments for learning, and what the scripted policies score.
+
+    python benchmarks/environment.py [--turns N] [--episodes N] [--json]
+
+One process on one core; steps over processor time, the best of N turns. Touch is the kidney with MassSpring, the finger
+pressed in by 2 N; "graph" is the same graph stepped as often without an environment. The random policy draws each
+action from the action space.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from time import process_time
+
+import gymnasium
+import numpy as np
+from tables import tell
+
+import palpate.gym  # noqa: F401  registers the environments
+from palpate.gym.scripted import Approach, Policy, Search, score
+from palpate.gym.touch import Touch
+
+STEPS = 4000
+
+
+def rate(step: Callable[[], object], steps: int, turns: int) -> float:
+    """Steps a second of processor time."""
+    times = []
+    for _ in range(turns):
+        begun = process_time()
+        for _ in range(steps):
+            step()
+        times.append(process_time() - begun)
+    return steps / min(times)
+
+
+def speed(turns: int) -> list[dict[str, object]]:
+    """A row for each number of ticks in a step."""
+    rows: list[dict[str, object]] = []
+    for ticks in (1, 10):
+        env = Touch(ticks=ticks, duration=1e9)
+        env.reset(seed=0)
+        down, still = np.array([0.0, 0.0, -0.05], np.float32), np.zeros(3, np.float32)
+        for _ in range(450 // ticks):
+            env.step(down)
+        steps = STEPS // ticks
+        told = rate(lambda env=env, still=still: env.step(still), steps, turns)  # type: ignore[misc]
+        graph = rate(env.stepper.tick, steps * ticks, turns)
+        reset = rate(env.reset, 20, turns)
+        row = {"ticks a step": ticks, "steps a second": told, "ticks a second": told * ticks, "graph": graph}
+        rows.append(row | {"reset [ms]": 1e3 / reset})
+        env.close()
+    return rows
+
+
+def scores(episodes: int) -> list[dict[str, object]]:
+    """A row for each task and policy."""
+    rows: list[dict[str, object]] = []
+    for task, told in (("FindNodule", "distance"), ("Press", "error")):
+        env = gymnasium.make(f"palpate/{task}-v0")
+        period = env.unwrapped.step_time  # type: ignore[attr-defined]
+        policies: dict[str, Callable[[], Policy]] = {
+            "scripted": (lambda period=period: Search(period)) if task == "FindNodule" else Approach,
+            "random": lambda env=env: lambda _: env.action_space.sample(),
+        }
+        for name, policy in policies.items():
+            env.action_space.seed(0)
+            played = score(env, policy, range(episodes))
+            returns, last = [each["return"] for each in played], [each.get(told, np.nan) for each in played]
+            row: dict[str, object] = {"task": task, "policy": name, "return, mean": float(np.mean(returns))}
+            row |= {
+                "worst": min(returns),
+                "best": max(returns),
+                "time [s]": float(np.mean([e["time"] for e in played])),
+            }
+            unit = " [mm]" if told == "distance" else " [N]"
+            rows.append(row | {f"{told}{unit}, median": float(np.median(last)) * (1e3 if told == "distance" else 1.0)})
+        env.close()
+    return rows
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--turns", type=int, default=5)
+    parser.add_argument("--episodes", type=int, default=20)
+    parser.add_argument("--json", action="store_true")
+    given = parser.parse_args()
+    tell({"Steps a second": speed(given.turns), "Scores": scores(given.episodes)}, given.json, digits=3)
+
+
+if __name__ == "__main__":
+    main()

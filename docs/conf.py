@@ -1,0 +1,17 @@
+"""How Sphinx builds the documentation site: `./check.sh docs`."""
+
+import sys
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parent / "site"))
+
+project = "palpate"
+extensions = ["myst_parser", "generated"]
+root_doc = "index"
+source_suffix = {".md": "markdown"}
+exclude_patterns = ["_build", "site", "examples", "studies"]
+html_theme = "furo"
+html_title = "palpate"
+html_show_sphinx = False
+html_copy_source = False
+myst_heading_anchors = 4

@@ -1,0 +1,66 @@
+"""The task: press on tissue of unknown stiffness with a wanted force (docs/gym.md)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from palpate.gym.touch import Changes, Touch
+from palpate.launch.stepping import Tick
+from palpate.messages import Surface
+from palpate.physics.errors import ArgumentError
+
+FORCES = 0.5, 2.5
+"""[N] Range of the wanted force."""
+FACTORS = 0.5, 2.0
+"""[1] Range of the body's stiffness over that of its graph."""
+
+
+class Press(Touch):
+    """Hold the normal force at a wanted one, on a body whose stiffness is another one in each episode.
+
+    The observation has a part more, `wanted` [N] (1). The reward of a step of T seconds in an episode of D seconds is
+
+        r = T/D max(0, 1 - |f - w|/w)
+
+    f the normal force, w the wanted one, uniform in 0.5 to 2.5 N; the body's stiffness is that of the graph times a
+    factor, log-uniform in 1/2 to 2, and the hand begins up to 5 mm aside along x and y. `info` has `error` |f - w| [N].
+    Arguments are those of `Touch`; the graph has one hand and a body with a setting `stiffness`.
+    """
+
+    units = Touch.units | {"wanted": "N"}
+    wanted = ("wanted",)
+
+    def __init__(self, graph: str = "kidney", duration: float = 3.0, **given: Any) -> None:
+        super().__init__(graph, duration=duration, **given)
+        order, nodes = self.stepper.plan.order, self.stepper.plan.graph.nodes
+        bodies = [
+            name for name in order if Surface in nodes[name].streams.values() and "stiffness" in nodes[name].settings
+        ]
+        if not bodies or len(self.hands) != 1:
+            raise ArgumentError(
+                f"{graph}: found {len(self.hands)} hands and {len(bodies)} bodies with a stiffness, expected one hand "
+                "and a body such as deformation.MassSpring. Try the graph kidney"
+            )
+        self.body = bodies[0]
+        self._stiffness = nodes[self.body].settings["stiffness"]
+        self.target = FORCES[0]
+        """[N] wanted."""
+
+    def draw(self) -> Changes:
+        self.target = float(self.np_random.uniform(*FORCES))
+        factor = float(np.exp(self.np_random.uniform(*np.log(FACTORS))))
+        x, y = self.np_random.uniform(-5e-3, 5e-3, 2).tolist()
+        begin = self._begins[0]
+        return {
+            self.body: {"stiffness": self._stiffness * factor},
+            self.hands[0].device: {"begin": (begin[0] + x, begin[1] + y, begin[2])},
+        }
+
+    def judge(self, tick: Tick, action: np.ndarray) -> tuple[float, bool, dict[str, Any]]:
+        error = abs(self.contact_of(tick, self.hands[0]).force - self.target)
+        return self.step_time / self.duration * max(0.0, 1.0 - error / self.target), False, {"error": error}
+
+    def told(self) -> dict[str, float]:
+        return {"wanted": self.target}

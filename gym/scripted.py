@@ -1,0 +1,101 @@
+"""Scripted policies, to compare a learned one with, and what a policy scores."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import gymnasium
+import numpy as np
+
+from palpate.gym.find_nodule import FIELD
+from palpate.gym.touch import SPEED
+
+Observation = Mapping[str, np.ndarray]
+Policy = Callable[[Observation], np.ndarray]
+
+LINES = 9  # of the search, 3 mm apart
+STROKE = 0.06  # [m/s] along a line
+APPROACH = 0.05  # [m/s] downwards, until the finger feels `FELT`
+NEAR, SETTLE = 0.3e-3, 0.1  # [m] from the place where it says "here", [s] in which the hand goes there
+FELT = 1.5  # [N] upwards
+GAIN = 0.02  # [m/s/N] of the press: 10 /s on the 500 N/m of the hand
+
+
+class Search:
+    """Find the nodule: come down until tissue is felt, go over the field line by line at that height, and say "here"
+    over the middle of what pressed back hardest. It reads the observation alone.
+
+    period  [s] of a step of the environment
+    """
+
+    def __init__(self, period: float) -> None:
+        self.period = period
+        ends = np.linspace(-FIELD, FIELD, LINES)
+        signs = np.where(np.arange(LINES) % 2 == 0, 1.0, -1.0)
+        self.corners = [np.array([s * x, y]) for y, sign in zip(ends, signs, strict=True) for s, x in _ends(sign)]
+        self.middle: np.ndarray | None = None
+        self.goal: np.ndarray | None = None
+        self.found: np.ndarray | None = None
+        self.down = False
+        self.felt: list[tuple[float, float, float]] = []
+
+    def __call__(self, observation: Observation) -> np.ndarray:
+        here, force = observation["position"].astype(float), observation["force"].astype(float)
+        if self.middle is None:
+            self.middle, self.goal = here[:2], here[:2]
+        assert self.goal is not None
+        if not self.down:
+            self.down = bool(force[2] >= FELT)
+            return _action(0.0, 0.0, -APPROACH, 0.0)
+        if len(self.corners) < 2 * LINES:  # on the way to the first corner the force is still that of coming down
+            self.felt.append((here[0], here[1], force[2]))
+        if not self.corners:
+            if self.found is None:
+                self.found = self._found()
+            away = self.found - here[:2]  # not of the goal: friction holds the finger back by millimetres
+            near = float(np.hypot(*away)) < NEAR
+            return _action(*np.clip(away / SETTLE, -STROKE, STROKE), 0.0, float(near))
+        away = self.middle + self.corners[0] - self.goal
+        far = float(np.hypot(*away))
+        way = away * min(1.0, STROKE * self.period / max(far, 1e-9))
+        self.goal = self.goal + way
+        if far <= STROKE * self.period:
+            self.corners.pop(0)
+        return _action(*(way / self.period), 0.0, 0.0)
+
+    def _found(self) -> np.ndarray:
+        """Mean of the places, weighted with the force above the 90th percentile."""
+        table = np.array(self.felt)
+        weights = np.maximum(table[:, 2] - np.quantile(table[:, 2], 0.9), 0.0)
+        return table[:, :2].T @ weights / weights.sum() if weights.sum() > 0.0 else table[0, :2]
+
+
+class Approach:
+    """Press with the wanted force: the hand moves down by `GAIN` times the force that lacks."""
+
+    def __call__(self, observation: Observation) -> np.ndarray:
+        lacks = float(observation["wanted"][0] - np.linalg.norm(observation["force"]))
+        return np.array([0.0, 0.0, np.clip(-GAIN * lacks, -SPEED, SPEED)], np.float32)
+
+
+def _ends(sign: float) -> tuple[tuple[float, float], tuple[float, float]]:
+    return (-sign, FIELD), (sign, FIELD)
+
+
+def _action(*numbers: float) -> np.ndarray:
+    return np.array(numbers, np.float32)
+
+
+def score(env: gymnasium.Env, policy: Callable[[], Policy], seeds: range) -> list[dict[str, Any]]:
+    """Of an episode for each seed, with a new policy: what `info` says in its last step, and the `return`."""
+    episodes = []
+    for seed in seeds:
+        act, total, over = policy(), 0.0, False
+        observation, info = env.reset(seed=seed)
+        while not over:
+            observation, reward, terminated, truncated, info = env.step(act(observation))
+            total += float(reward)
+            over = terminated or truncated
+        episodes.append({**info, "return": total})
+    return episodes

@@ -1,0 +1,175 @@
+"""A graph as an environment: a hand moves by velocity and feels the contact's true force (docs/gym.md)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any, ClassVar
+
+import gymnasium
+import numpy as np
+from gymnasium.spaces import Box, Dict, Space
+
+from palpate.gym.hands import Hand, hand, simulated
+from palpate.launch.calling import described
+from palpate.launch.stepping import Stepper, Tick
+from palpate.messages import Contact, Friction, Pose
+from palpate.nodes.device.steered import Steered
+from palpate.physics.errors import ArgumentError
+
+SPEED = 0.25
+"""[m/s] at most of the hand's goal along each axis."""
+ROOM = ((-0.03, -0.03, -0.025), (0.03, 0.03, 0.005))
+"""[m] (2,3) Lower and upper corner of the box that the goal stays in, from where the hand begins."""
+BOUNDS = {"position": 0.2, "velocity": 5.0, "force": 50.0}
+"""Of each part of the observation [m], [m/s], [N] along each axis; larger numbers are cut off there."""
+
+Changes = dict[str, dict[str, Any]]
+"""Settings by node and name."""
+
+
+class Touch(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
+    """A graph whose simulated hands are steered. By itself it gives no reward: tasks are its subclasses.
+
+    graph     one that ships, or a path, with device.Simulated in it
+    ticks     of the graph's clock in one step of the environment
+    duration  [s] after which an episode is cut off
+    scene     in place of the graph's own
+    nodes     what other nodes are, as for `palpate.run`: {"tissue": "deformation.ReducedFE"}
+
+    action       velocity of the hand's goal [m/s] (3), world frame
+    observation  position [m] and velocity [m/s] (3) of the fingertip's bone edge, force [N] (3) that the tissue exerts
+                 on the finger, all in the world frame
+    Of several hands each has a row, (h,3).
+
+    PalpateError: what is wrong with the graph or an argument.
+    """
+
+    metadata: dict[str, Any] = {"render_modes": []}
+    units: ClassVar[dict[str, str]] = {"action": "m/s", "position": "m", "velocity": "m/s", "force": "N"}
+    """Of the action and of each part of the observation."""
+    wanted: ClassVar[tuple[str, ...]] = ()
+    """Forces [N] in the observation beside those, each of one number."""
+
+    def __init__(
+        self,
+        graph: str | Path = "kidney",
+        ticks: int = 10,
+        duration: float = 10.0,
+        scene: str | None = None,
+        nodes: Mapping[str, str | Mapping[str, Any]] | None = None,
+    ) -> None:
+        if isinstance(ticks, bool) or not isinstance(ticks, int) or not 1 <= ticks <= 1_000_000:
+            raise ArgumentError(f"ticks: found {ticks!r}, expected a whole number from 1 to 1000000")
+        if not 0.0 < duration < math.inf:
+            raise ArgumentError(f"duration: found {duration!r}, expected a time [s] above 0")
+        launch = described(graph, scene=scene, duration=None, sets=(), nodes=nodes or {})
+        devices = simulated(launch.load())
+        self.stepper = Stepper(launch.but(overrides=[f"{name}.use=device.Steered" for name in devices]))
+        self.hands: list[Hand] = [hand(self.stepper.plan, name) for name in devices]
+        self.ticks, self.duration = ticks, duration
+        self.step_time = ticks / self.stepper.rate
+        """[s] of one step of the environment."""
+        self.tick: Tick | None = None
+        """The graph after its last tick: `env.unwrapped.tick.tissue.displacement`."""
+        self._shape = (3,) if len(devices) == 1 else (len(devices), 3)
+        self._steered = [node for node in map(self.stepper.node, devices) if isinstance(node, Steered)]
+        self._begins = [node.begin for node in self._steered]
+        self._started = False
+        parts: dict[str, Space[Any]] = {
+            name: Box(-most, most, self._shape, np.float32) for name, most in BOUNDS.items()
+        }
+        parts |= {name: Box(0.0, BOUNDS["force"], (1,), np.float32) for name in self.wanted}
+        self.observation_space: Space[Any] = Dict(parts)
+        self.action_space: Space[Any] = Box(-SPEED, SPEED, self._shape, np.float32)
+
+    # -- what a task says --------------------------------------------------------------------------------------------
+
+    def draw(self) -> Changes:
+        """What is another in this episode: settings by node, drawn from `self.np_random`."""
+        return {}
+
+    def judge(self, tick: Tick, action: np.ndarray) -> tuple[float, bool, dict[str, Any]]:
+        """Reward of a step, whether the task is over, and what `info` says."""
+        return 0.0, False, {}
+
+    def told(self) -> dict[str, float]:
+        """The numbers of `wanted`."""
+        return {}
+
+    # -- Gymnasium's interface ---------------------------------------------------------------------------------------
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+        """Begin an episode: `draw`, every node as at its start, and one tick. `options`: settings by node, which go
+        before those drawn, {"tissue": {"stiffness": 2e3}}."""
+        super().reset(seed=seed)
+        changes = self.draw()
+        for node, values in (options or {}).items():
+            changes[node] = {**changes.get(node, {}), **values}
+        if not self._started:
+            self.stepper.start()
+            self._started = True
+        self.stepper.restart(changes)
+        for held in self._steered:
+            low, high = (np.add(held.begin, corner).tolist() for corner in ROOM)
+            held.keep_within(low, high)
+        self.tick = self.stepper.tick()
+        return self._observed(self.tick), {"time": self.tick.time}
+
+    def step(self, action: np.ndarray) -> tuple[dict[str, np.ndarray], float, bool, bool, dict[str, Any]]:
+        """Steer for `ticks` ticks. ArgumentError: no reset before, or an action of another shape or with a NaN."""
+        if self.tick is None:
+            raise ArgumentError("step: there is no episode; call reset() first")
+        action = np.asarray(action, float)
+        if action.shape != self.action_space.shape or not np.isfinite(action).all():
+            raise ArgumentError(f"action: found {action.tolist()}, expected {self.action_space.shape} finite numbers")
+        speeds = _within(action.ravel().tolist(), SPEED)
+        for number, node in enumerate(self._steered):
+            node.steer(speeds[3 * number : 3 * number + 3])
+        stepper = self.stepper
+        for _ in range(self.ticks):
+            self.tick = stepper.tick()
+        tick = self.tick
+        reward, over, info = self.judge(tick, action)
+        info["time"] = tick.time
+        return self._observed(tick), reward, over, not over and tick.time >= self.duration, info
+
+    def close(self) -> None:
+        """Stop all nodes."""
+        if self._started:
+            self._started, self.tick = False, None
+            self.stepper.stop()
+
+    # -- what is felt ------------------------------------------------------------------------------------------------
+
+    def contact_of(self, tick: Tick, hand: Hand) -> Contact:
+        """The contact of a hand."""
+        contact = tick[hand.contact]
+        assert isinstance(contact, Contact)
+        return contact
+
+    def _observed(self, tick: Tick) -> dict[str, np.ndarray]:
+        felt = [self._felt(tick, hand) for hand in self.hands]
+        parts = {
+            name: np.array([_within(values[place], most) for values in felt], np.float32).reshape(self._shape)
+            for place, (name, most) in enumerate(BOUNDS.items())
+        }
+        return parts | {name: np.array([value], np.float32) for name, value in self.told().items()}
+
+    def _felt(self, tick: Tick, hand: Hand) -> tuple[Any, Any, Any]:
+        """Position, velocity and force f_n n - f_t + a of a finger."""
+        pose, contact = tick[hand.pose], self.contact_of(tick, hand)
+        assert isinstance(pose, Pose)
+        friction = tick[hand.friction] if hand.friction is not None else None
+        p = friction.force if isinstance(friction, Friction) else (0.0, 0.0, 0.0)
+        f, n, a = contact.force, contact.normal, contact.lateral_force
+        force = (f * n[0] - p[0] + a[0], f * n[1] - p[1] + a[1], f * n[2] - p[2] + a[2])
+        return pose.position, pose.velocity, force
+
+
+def _within(numbers: Iterable[float], most: float) -> list[float]:
+    """The numbers, cut off at ±most."""
+    return [min(max(number, -most), most) for number in numbers]

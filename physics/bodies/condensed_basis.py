@@ -1,0 +1,63 @@
+"""The static condensation of a finite-element organ to its surface, in memory and as a file."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from palpate.physics.archive import ArchiveError, read_arrays
+
+
+@dataclass(frozen=True)
+class Basis:
+    """Static condensation of an organ to its surface.
+
+    vertices    [m]   (V,3) of the coarse surface, in the organ's frame
+    triangles   [1]   (T,3)
+    compliance  [m/N] (3V,3V) float32, for a modulus of 1 Pa
+    dents       [1]   (V,L) see `indentation_table`; L = 0 where only the linear organ is known
+    """
+
+    vertices: np.ndarray
+    triangles: np.ndarray
+    compliance: np.ndarray
+    dents: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
+
+    def save(self, path: Path, about: str = "") -> None:
+        """Write the lower half in steps of the largest entry over 32767, high bytes and low ones apart: so they
+        pack; and a text that says what it was made from."""
+        step = float(np.abs(self.compliance).max()) / 32767
+        lower = np.rint(self.compliance[np.tril_indices(len(self.compliance))] / step).astype("<i2")
+        path.parent.mkdir(parents=True, exist_ok=True)
+        part = path.with_name(path.name + ".part.npz")
+        np.savez_compressed(
+            part, vertices=self.vertices, triangles=self.triangles, step=np.float64(step),
+            lower=np.ascontiguousarray(lower.view(np.uint8).reshape(-1, 2).T),
+            dents=self.dents.astype(np.float32), about=np.array(about),
+        )  # fmt: skip
+        part.replace(path)
+
+    @classmethod
+    def load(cls, path: Path) -> Basis:
+        """Read a stored basis.
+
+        ArchiveError: not a basis, or a damaged one.
+        """
+        try:
+            archive = read_arrays(path)
+            vertices, triangles = archive["vertices"], archive["triangles"]
+            size = 3 * len(vertices)
+            lower = np.ascontiguousarray(archive["lower"].T).view("<i2").ravel()
+            if lower.size != size * (size + 1) // 2:  # before room is made for all of the matrix
+                raise ValueError(f"{lower.size} compliances for {len(vertices)} vertices")
+            full = np.zeros((size, size), dtype=np.float32)
+            full[np.tril_indices(size)] = lower * np.float32(archive["step"])
+            dents = archive["dents"].astype(np.float64) if "dents" in archive else np.zeros((0, 0))
+            if dents.size and (len(dents) != len(vertices) or not np.isfinite(dents).all()):
+                raise ValueError(f"dents of shape {dents.shape} for {len(vertices)} vertices")
+        except (KeyError, ValueError, TypeError, AttributeError, IndexError, MemoryError) as error:
+            raise ArchiveError(f"{path}: not a reduced basis: {error}. Rebuild it with `palpate reduce`") from None
+        full += np.tril(full, -1).T
+        return cls(vertices, triangles, full, dents)

@@ -1,0 +1,253 @@
+"""A step of a sampled body (`physics.bodies.sampled_body`), compiled: history of the load, equilibrium of the modes,
+what these miss, and the terminal law of the next step."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from palpate.physics.bodies.condensed_step import FORGOTTEN, LEAST_FORCE
+from palpate.physics.bodies.patch import normal_force, share_of
+from palpate.physics.bodies.sampled.energy import Points
+from palpate.physics.bodies.sampled.solve import EACH, at_rest, settle
+from palpate.physics.contact.terminal import LEAST_DEPTH, fit_terminal
+from palpate.physics.kernel import kernel
+
+LEAST_COMPLIANCE = 1e-12
+"""[m/N] of a patch; it keeps the law finite."""
+
+
+class SampledModel(NamedTuple):
+    """What a sampled body is made of: its basis, where the fine mesh lies on its surface, its material.
+
+    residual_compliance, modes, points, bend, vertices  as in `SampledBasis`
+    corners, weights  [1] (W,3)  vertices of the triangle that a vertex of the fine mesh lies on, and its share of each
+    young [Pa], retardation [s]  E, tau
+    """
+
+    residual_compliance: np.ndarray
+    modes: np.ndarray
+    points: Points
+    bend: tuple[float, float, float]
+    vertices: np.ndarray
+    corners: np.ndarray
+    weights: np.ndarray
+    young: float
+    retardation: float
+
+
+STIFFNESS, EXPONENT, FREE, NOW, GAMMA, ENERGY, LINEAR, ALLOWED, LENGTH = range(9)
+"""Numbers that a body keeps: K, n, s_free and s of the law that was told, gamma, the energy of the modes, s of
+the linear body, and the budget of `solve.settle`: evaluations, and length of the first step to try."""
+
+
+@kernel(error_model="numpy")
+def gamma(square, scale, power, most):
+    """gamma [1] at `square` = w² [1], and its derivative by w over w; gamma w is constant from w = most on.
+
+    gamma = (1 + (w/scale)²)^((power - 1)/2)
+    """
+    if square > most * most:
+        x = 1.0 + (most / scale) ** 2
+        value = x ** (0.5 * (power - 1.0)) * most / np.sqrt(square)
+        return value, -value / square
+    x = 1.0 + square / (scale * scale)
+    return x ** (0.5 * (power - 1.0)), (power - 1.0) / (scale * scale) * x ** (0.5 * (power - 3.0))
+
+
+@kernel(error_model="numpy")
+def gather(corners, weights, patch, pull, share, normal, load, measure):
+    """Add a load to that on the coarse vertices, and fill its shares of the normal force; the normal force [N]."""
+    measure[:] = 0.0
+    total = normal_force(pull, normal)
+    for k in range(len(patch)):
+        v = patch[k]
+        part = share_of(k, pull, normal, total)
+        for a in range(3):
+            w = weights[v, a]
+            for i in range(3):
+                measure[corners[v, a], i] -= w * part * normal[i]
+                load[corners[v, a], i] += share * w * pull[k, i]
+    return max(total, 0.0) * share
+
+
+@kernel(error_model="numpy")
+def residual_displacement(residual_compliance, x, active, count, v):
+    """R x at one vertex, x (V,3) zero but where it is active."""
+    row0, row1, row2 = residual_compliance[3 * v], residual_compliance[3 * v + 1], residual_compliance[3 * v + 2]
+    out0 = out1 = out2 = 0.0
+    for k in range(count):
+        b = 3 * active[k]
+        x0, x1, x2 = x[active[k], 0], x[active[k], 1], x[active[k], 2]
+        out0 += row0[b] * x0 + row0[b + 1] * x1 + row0[b + 2] * x2
+        out1 += row1[b] * x0 + row1[b + 1] * x1 + row1[b + 2] * x2
+        out2 += row2[b] * x0 + row2[b + 1] * x1 + row2[b + 2] * x2
+    return out0, out1, out2
+
+
+@kernel(error_model="numpy")
+def apply_residual_compliance(residual_compliance, x, active, count, out):
+    """R x (V,3) at the vertices where the measure or the load is."""
+    for k in range(count):
+        v = active[k]
+        out[v, 0], out[v, 1], out[v, 2] = residual_displacement(residual_compliance, x, active, count, v)
+
+
+@kernel(error_model="numpy")
+def project(modes, x, active, count, out):
+    """Phi'x (r,)."""
+    out[:] = 0.0
+    for k in range(count):
+        v = active[k]
+        for i in range(3):
+            if x[v, i] != 0.0:
+                for m in range(len(out)):
+                    out[m] += modes[3 * v + i, m] * x[v, i]
+
+
+@kernel(error_model="numpy")
+def dot(x, y, active, count):
+    total = 0.0
+    for k in range(count):
+        v = active[k]
+        total += x[v, 0] * y[v, 0] + x[v, 1] * y[v, 1] + x[v, 2] * y[v, 2]
+    return total
+
+
+@kernel(error_model="numpy")
+def follow(model, dt, fields, active, vectors, matrices, room, numbers):
+    """Take the load into its history h (Kelvin-Voigt retardation) and bring the modes to equilibrium, dW/dq = Phi'h/E:
+    how many vertices are active, evaluations of the energy, and whether it settled. Arguments as of `step`."""
+    held, load, measure = fields[0], fields[1], fields[2]
+    p, q, g, inverse = vectors[0], vectors[1], vectors[2], matrices[0]
+    keep, take = model.retardation / (dt + model.retardation), dt / (dt + model.retardation)
+    count, holds = 0, False
+    for v in range(len(held)):
+        size = touched = 0.0
+        for i in range(3):
+            held[v, i] = keep * held[v, i] + take * load[v, i]
+            size += abs(held[v, i])
+            touched += abs(measure[v, i]) + abs(load[v, i])
+        if size < FORGOTTEN:
+            held[v] = 0.0
+        else:
+            holds = True
+        if size >= FORGOTTEN or touched > 0.0:
+            active[count] = v
+            count += 1
+    budget = numbers[ALLOWED:]
+    budget[0] = EACH
+    if not holds:  # at rest the tangent is known
+        for k in range(len(q)):
+            p[k] = q[k] = g[k] = 0.0
+        at_rest(inverse)
+        numbers[ENERGY] = 0.0
+        return count, 0, True
+    project(model.modes, held, active, count, p)
+    for k in range(len(q)):
+        p[k] /= model.young
+    numbers[ENERGY], used, settled = settle(
+        model.points, room, p, q, g, inverse, matrices[1], matrices[2], vectors[3:], numbers[ENERGY], budget
+    )
+    return count, used, settled
+
+
+@kernel(error_model="numpy")
+def step(model, patch, pull, share, normal, dt, fields, active, vectors, matrices, room, numbers):
+    """`share` is 1 where `pull` is a load, 0 where it only marks the patch. Returns evaluations of the energy, and
+    whether it settled.
+
+    fields   [N]   (4,V,3)  h, the load, shares of the normal force; R times one of them
+    active   [1]   (V,)     room for the vertices that hold load
+    vectors  (9,r)          Phi'h/E, the modes' amounts q, the gradient of W there, and room
+    matrices (3,r,r)        inverse of the tangent d2W/dq2, and room
+    room, numbers           of the energy's evaluation; by their names
+    """
+    residual, modes, bend, young, retardation = (
+        model.residual_compliance, model.modes, model.bend, model.young, model.retardation,
+    )  # fmt: skip
+    held, load, measure, bent = fields[0], fields[1], fields[2], fields[3]
+    p, q, inverse = vectors[0], vectors[1], matrices[0]
+    load[:] = 0.0
+    force = gather(model.corners, model.weights, patch, pull, share, normal, load, measure)
+    keep, take = retardation / (dt + retardation), dt / (dt + retardation)
+    r = len(q)
+    count, used, settled = follow(model, dt, fields, active, vectors, matrices, room, numbers)
+    # static correction: compliance R outside the reduced basis, scaled by gamma of its own energy h.R h
+    apply_residual_compliance(residual, held, active, count, bent)
+    strain = max(dot(held, bent, active, count), 0.0) / (young * young)
+    gam, dgam = gamma(strain, bend[0], bend[1], bend[2])
+    m_R_h = dot(measure, bent, active, count) / young  # measure.R h/E
+    f_R_h = dot(load, bent, active, count) / young
+    c = vectors[7]  # Phi'm, the patch weights m in the modes
+    project(modes, measure, active, count, c)
+    # indentation s, its compliance on the patch, and s of the linear body
+    modal = compliance = modal_linear = 0.0
+    K_inv_c = vectors[8]  # K^-1 c, K the tangent
+    np.dot(inverse, c, K_inv_c)
+    for k in range(r):
+        compliance += c[k] * K_inv_c[k]
+        modal += c[k] * q[k]
+        modal_linear += c[k] * p[k]
+    s = modal + gam * m_R_h
+    m_D_h = 0.0  # measure.D h, D = d²V*
+    for k in range(r):
+        m_D_h += K_inv_c[k] * p[k]
+    m_D_h += gam * m_R_h + dgam * m_R_h * strain
+    numbers[GAMMA], numbers[LINEAR] = gam, modal_linear + m_R_h
+    # the same for the unit normal force and for the rest of the load
+    apply_residual_compliance(residual, measure, active, count, bent)
+    compliance = compliance / young + gam * dot(measure, bent, active, count) / young + dgam * m_R_h * m_R_h / young
+    tangential = 0.0
+    if force > 0.0:
+        m_D_f = gam * dot(load, bent, active, count) / young
+        m_D_f += dgam * m_R_h * f_R_h / young
+        project(modes, load, active, count, c)
+        for k in range(r):
+            m_D_f += K_inv_c[k] * c[k] / young
+        tangential = m_D_f - compliance * force
+    # along the ray t h from rest: its slope at rest is that of the body at rest
+    free = _ray(keep, s, modal_linear + m_R_h, m_D_h) + take * tangential
+    f_n = max(force, LEAST_FORCE)
+    s_next = s + take * (f_n * compliance + tangential - m_D_h)
+    slope = 1.0 / max(take * compliance, LEAST_COMPLIANCE)
+    numbers[STIFFNESS], numbers[EXPONENT] = fit_terminal(free, max(s_next, free + LEAST_DEPTH), slope, f_n)
+    numbers[FREE], numbers[NOW] = free, s
+    return used, settled
+
+
+@kernel(error_model="numpy")
+def _ray(t, end, start_slope, end_slope):
+    """The cubic from 0 to `end` with these slopes, held where they would let it turn back, at t in [0, 1]."""
+    if not abs(end) > 0.0:
+        return 0.0
+    a, b = min(max(start_slope / end, 0.0), 3.0), min(max(end_slope / end, 0.0), 3.0)
+    u = 1.0 - t
+    return end * (t * t * (3.0 - 2.0 * t) + a * t * u * u - b * t * t * u)
+
+
+@kernel(error_model="numpy")
+def field(model, feet, far, fields, active, q, more):
+    """Fill fields[3], u [m] (V,3): the modes' displacement, and what these miss near the feet [m] (c,3).
+
+    far  [m²] squared distance within which that is near
+    """
+    points, held, u = model.vertices, fields[0], fields[3]
+    scale = more / model.young
+    count = 0
+    for v in range(len(held)):
+        if held[v, 0] != 0.0 or held[v, 1] != 0.0 or held[v, 2] != 0.0:
+            active[count] = v
+            count += 1
+    np.dot(model.modes, q, u.reshape(-1))
+    for v in range(len(points)):
+        near = False
+        for foot in feet:
+            d0, d1, d2 = points[v, 0] - foot[0], points[v, 1] - foot[1], points[v, 2] - foot[2]
+            near = near or not d0 * d0 + d1 * d1 + d2 * d2 > far
+        if near:
+            out0, out1, out2 = residual_displacement(model.residual_compliance, held, active, count, v)
+            u[v, 0] += scale * out0
+            u[v, 1] += scale * out1
+            u[v, 2] += scale * out2

@@ -1,0 +1,116 @@
+"""Make a release: version, notes, build, check, tag.
+
+    python release/release.py 0.2.0 --dry-run    # everything but the commit and the tag in this repository
+    python release/release.py 0.2.0
+
+It works in a clone, so that what is built is what is committed, and brings commit and tag home at the end; what is to
+be uploaded lies in dist/ then. Needs `build` and a network.
+"""
+
+from __future__ import annotations
+
+import argparse
+import datetime
+import re
+import subprocess
+import sys
+import tempfile
+import zipfile
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+UNRELEASED = "## [Unreleased]\n"
+HOLDS = (
+    "palpate/graphs/kidney.yaml",
+    "palpate/graphs/scenes/kidney.yaml",
+    "palpate/graphs/tissues/abdomen.yaml",
+    "palpate/views/page/static/index.html",
+    "palpate/nodes/deformation/bases/kidney-dents.npz",
+    "palpate/py.typed",
+)
+"""Files without which the wheel would be of no use."""
+
+
+def notes(changelog: str) -> str:
+    """What the next release changes. SystemExit: nothing is written down."""
+    _, found, rest = changelog.partition(UNRELEASED)
+    text = re.split(r"^## \[", rest, maxsplit=1, flags=re.MULTILINE)[0].strip()
+    if not found or not text:
+        raise SystemExit("CHANGELOG.md: nothing below '## [Unreleased]'; write down what users have to know")
+    return text
+
+
+def check_version(version: str, now: str, tags: list[str]) -> None:
+    """SystemExit: no version by semver.org, one that is not above the present one unless that has no tag, or a tag."""
+    if not re.fullmatch(r"\d+\.\d+\.\d+", version):
+        raise SystemExit(f"{version!r} is no version; expected three numbers, 0.2.0")
+    if f"v{version}" in tags:
+        raise SystemExit(f"v{version} is tagged already")
+    if tuple(map(int, version.split("."))) < tuple(map(int, now.split("."))):
+        raise SystemExit(f"{version} is below the present version, {now}")
+
+
+def write_version(folder: Path, version: str) -> None:
+    """The version into the project's file and the citation, and the notes under its heading."""
+    today = datetime.date.today().isoformat()
+    for name, pattern, new in (
+        ("pyproject.toml", r'^version = ".*"$', f'version = "{version}"'),
+        ("CITATION.cff", r"^version: .*$", f"version: {version}\ndate-released: {today}"),
+        ("release/recipe.yaml", r'^  version: ".*"$', f'  version: "{version}"'),
+        ("CHANGELOG.md", r"^## \[Unreleased\]$", f"## [Unreleased]\n\n## [{version}] - {today}"),
+    ):
+        file = folder / name
+        text, count = re.subn(pattern, new, file.read_text(encoding="utf-8"), count=1, flags=re.MULTILINE)
+        if count != 1:
+            raise SystemExit(f"{name}: no line like {pattern}")
+        file.write_text(text, encoding="utf-8")
+
+
+def check_wheel(wheel: Path, version: str) -> None:
+    """SystemExit: something is missing in it, or it has another version."""
+    with zipfile.ZipFile(wheel) as archive:
+        names = set(archive.namelist())
+    missing = [name for name in HOLDS if name not in names]
+    if missing or f"-{version}-" not in wheel.name:
+        raise SystemExit(f"{wheel.name}: " + (f"without {', '.join(missing)}" if missing else f"expected {version}"))
+
+
+def run(*command: str, folder: Path) -> str:
+    """What a command prints. SystemExit: it failed."""
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True)
+    if done.returncode:
+        raise SystemExit(f"{' '.join(command)}:\n{done.stdout[-2000:]}{done.stderr[-2000:]}")
+    return done.stdout
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("version")
+    parser.add_argument("--dry-run", action="store_true")
+    given = parser.parse_args()
+    if run("git", "status", "--porcelain", "--untracked-files=no", folder=ROOT):
+        raise SystemExit("there are changes that are not committed; `git status` lists them")
+    now = re.search(r'^version = "(.*)"$', (ROOT / "pyproject.toml").read_text(encoding="utf-8"), re.MULTILINE)
+    assert now is not None
+    check_version(given.version, now[1], run("git", "tag", folder=ROOT).split())
+    text = notes((ROOT / "CHANGELOG.md").read_text(encoding="utf-8"))
+    with tempfile.TemporaryDirectory() as temporary:
+        clone = Path(temporary) / "palpate"
+        run("git", "clone", "-q", str(ROOT), str(clone), folder=ROOT)
+        write_version(clone, given.version)
+        run(sys.executable, "-m", "build", folder=clone)
+        [wheel], [source] = (clone / "dist").glob("*.whl"), (clone / "dist").glob("*.tar.gz")
+        check_wheel(wheel, given.version)
+        run("git", "commit", "-qam", f"Release {given.version}", folder=clone)
+        run("git", "tag", "-a", f"v{given.version}", "-m", text, folder=clone)
+        if not given.dry_run:
+            run("git", "pull", "-q", "--ff-only", "--tags", str(clone), "HEAD", folder=ROOT)
+            (ROOT / "dist").mkdir(exist_ok=True)
+            for file in (wheel, source):
+                (ROOT / "dist" / file.name).write_bytes(file.read_bytes())
+        print(f"{wheel.name}, {wheel.stat().st_size / 1e6:.1f} MB; {source.name}, {source.stat().st_size / 1e6:.1f} MB")
+        print(f"{'would tag' if given.dry_run else 'tagged'} v{given.version}\n\n{text}")
+
+
+if __name__ == "__main__":
+    main()

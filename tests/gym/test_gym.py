@@ -1,0 +1,249 @@
+"""A graph as an environment: Gymnasium's own checks, the same bytes for the same seed, and forces that balance."""
+
+import subprocess
+import sys
+import warnings
+
+import numpy as np
+import pytest
+
+gymnasium = pytest.importorskip("gymnasium", reason="gymnasium is not installed (extra gym)")
+
+from gymnasium.utils.env_checker import check_env  # noqa: E402
+from gymnasium.vector import AsyncVectorEnv, SyncVectorEnv  # noqa: E402
+
+from palpate.gym import FindNodule, Press, Touch  # noqa: E402
+from palpate.gym.scripted import Approach, Search, score  # noqa: E402
+from palpate.gym.touch import ROOM, SPEED  # noqa: E402
+from palpate.nodes.base import SettingError  # noqa: E402
+from palpate.physics.errors import ArgumentError, PalpateError  # noqa: E402
+
+TASKS = ("Touch", "FindNodule", "Press")
+DOWN = np.array([0.0, 0.0, -0.03], np.float32)
+
+
+def spell(seed, steps=40, **given):
+    """Observations and rewards of an episode with random actions, as bytes."""
+    env = Touch(**given) if given else Press()
+    told = played(env, seed, steps)
+    env.close()
+    return told
+
+
+def played(env, seed, steps):
+    env.action_space.seed(seed)
+    observation, _ = env.reset(seed=seed)
+    told = [observation]
+    for _ in range(steps):
+        action = env.action_space.sample()
+        action[2] = -abs(action[2])
+        observation, reward, *_ = env.step(action)
+        told += [observation, {"reward": np.array(reward)}]
+    return b"".join(part.tobytes() for each in told for part in each.values())
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_gymnasium_finds_nothing_to_say(task):
+    env = gymnasium.make(f"palpate/{task}-v0")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        check_env(env.unwrapped)
+    env.close()
+
+
+def test_the_same_seed_gives_the_same_bytes_whatever_was_before():
+    env = Press()
+    first = played(env, 7, 40)
+    other = played(env, 8, 25)
+    assert played(env, 7, 40) == first == spell(7)
+    assert other != first[: len(other)]
+    env.close()
+
+
+def test_a_reset_gives_what_a_new_environment_gives_to_the_last_bit_of_each_stream():
+    one, two = Touch(ticks=3), Touch(ticks=3)
+    for env, before in ((one, 30), (two, 0)):
+        env.reset(seed=1)
+        for _ in range(before):
+            env.step(DOWN)
+        env.reset(seed=1)
+        for _ in range(150):
+            env.step(DOWN)
+    assert one.tick.contact.force > 0.5
+    for stream in one.tick.streams:
+        assert repr(one.tick[stream]) == repr(two.tick[stream])
+    one.close()
+    two.close()
+
+
+def test_the_force_felt_is_what_holds_the_hand_up():
+    """k (goal - x) + F = 0 on a hand at rest: the arm is the scale that the contact's force is weighed with."""
+    env = Touch(nodes={"device": {"resolution": 0.0}})
+    env.reset(seed=0)
+    down = np.array([0.0, 0.0, -0.05], np.float32)
+    for _ in range(40):  # 20 mm
+        env.step(down)
+    for _ in range(200):
+        observation, *_ = env.step(0 * down)
+    hand = env._steered[0]
+    assert hand.goal == pytest.approx([*hand.begin[:2], hand.begin[2] - 0.02], abs=1e-8)
+    arm = hand.hand_stiffness * (hand.goal - observation["position"].astype(float))
+    assert observation["force"][2] > 1.0
+    assert observation["force"] == pytest.approx(-arm, abs=0.01)
+    assert observation["velocity"] == pytest.approx(0.0, abs=1e-4)
+    env.close()
+
+
+def test_the_goal_moves_with_the_wanted_velocity_and_stays_in_its_room():
+    env = Touch()
+    env.reset(seed=0)
+    hand = env._steered[0]
+    start = hand.goal.copy()
+    env.step(np.array([0.1, 0.0, 0.0], np.float32))
+    assert hand.goal - start == pytest.approx([0.1 * env.step_time, 0.0, 0.0], abs=1e-9)
+    for _ in range(100):
+        env.step(np.array([9.0, -9.0, 9.0], np.float32))  # cut off at SPEED, as RL's own noise goes beyond it
+    assert hand.goal - start == pytest.approx([ROOM[1][0], ROOM[0][1], ROOM[1][2]], abs=1e-9)
+    assert env.action_space.high[0] == SPEED
+    env.close()
+
+
+def test_many_at_once_give_what_each_gives_alone():
+    def make():
+        return Press(ticks=20)
+
+    def rolled(env):
+        told = [env.reset(seed=[3, 4])[0]["force"]]
+        for _ in range(40):
+            observation, rewards, *_ = env.step(np.tile(DOWN, (2, 1)))
+            told += [observation["force"], rewards]
+        env.close()
+        return np.concatenate([part.ravel() for part in told]).tobytes()
+
+    alone = []
+    for seed in (3, 4):
+        env = make()
+        env.reset(seed=seed)
+        alone.append([env.step(DOWN)[1] for _ in range(40)])
+        env.close()
+    threads = rolled(SyncVectorEnv([make, make]))
+    assert threads == rolled(AsyncVectorEnv([make, make]))
+    rewards = np.frombuffer(threads[-16:])
+    assert rewards.tolist() == [each[-1] for each in alone]
+
+
+def test_several_hands_have_a_row_each():
+    env = Touch("palpate-two")
+    observation, _ = env.reset(seed=0)
+    assert {part.shape for part in observation.values()} == {(2, 3)} == {env.action_space.shape}
+    apart = observation["position"][0] - observation["position"][1]
+    assert apart == pytest.approx([0.018, 0.0, 0.0], abs=1e-4)
+    observation, *_ = env.step(np.array([[0.1, 0, 0], [0, 0, 0]], np.float32))
+    moved = observation["position"][0] - observation["position"][1] - apart
+    assert moved[0] > 1e-4
+    env.close()
+
+
+@pytest.mark.parametrize("graph", ["organs", "pinch", "nodule"])
+def test_any_graph_with_a_simulated_hand_can_be_touched(graph):
+    env = Touch(graph)
+    env.reset(seed=0)
+    observation, *_ = env.step(env.action_space.sample())
+    assert env.observation_space.contains(observation)
+    env.close()
+
+
+def test_settings_of_one_episode_end_with_it():
+    env = Touch()
+    env.reset(options={"tissue": {"stiffness": 1234.0}})
+    assert env.tick.settings("tissue")["stiffness"] == 1234.0
+    with pytest.raises(SettingError, match="no setting 'stifness'"):
+        env.reset(options={"tissue": {"stifness": 1.0}})
+    env.reset()
+    assert env.tick.settings("tissue")["stiffness"] == 3000.0
+    env.close()
+
+
+def test_the_scripted_search_finds_the_nodule_by_force_alone():
+    env = FindNodule()
+    episodes = score(env, lambda: Search(env.step_time), range(3))
+    places = {env.reset(seed=seed) and env.tick.settings("tissue")["nodule_position"] for seed in range(3)}
+    assert len(places) == 3
+    assert max(each["distance"] for each in episodes) < 1.5e-3
+    assert min(each["return"] for each in episodes) > 0.5
+    env.close()
+
+
+def test_a_wrong_place_a_hard_press_and_waiting_cost_what_the_page_says():
+    env = FindNodule(duration=0.05)
+    env.reset(seed=2)
+    still = np.zeros(4, np.float32)
+    rewards, over = [], False
+    while not over:
+        _, reward, terminated, over, _ = env.step(still)
+        assert not terminated
+        rewards.append(reward)
+    assert rewards == pytest.approx([-0.01 / 0.05] * 5)
+    env.reset(seed=2)
+    _, reward, terminated, _, info = env.step(np.array([0, 0, 0, 1], np.float32))
+    x, y, _ = env.tick.settings("tissue")["nodule_position"]
+    assert terminated
+    assert info["distance"] == pytest.approx(np.hypot(x, y), abs=1e-4)
+    assert reward == pytest.approx(-0.2 + np.exp(-((info["distance"] / 4e-3) ** 2)))
+    env.close()
+    pressed = FindNodule(duration=10.0)
+    pressed.reset(seed=2)
+    for _ in range(30):
+        _, reward, *_ = pressed.step(np.array([0, 0, -SPEED, 0], np.float32))
+    force = pressed.tick.contact.force
+    assert force > 2.5
+    assert reward == pytest.approx(-0.001 * (force / 2.0))
+    pressed.close()
+
+
+def test_the_scripted_press_holds_the_wanted_force_on_tissue_of_any_stiffness():
+    env = Press()
+    stiffness, wanted = set(), set()
+    for seed in range(3):
+        (episode,) = score(env, Approach, range(seed, seed + 1))
+        assert episode["error"] < 0.1
+        assert 0.4 < episode["return"] <= 1.0
+        stiffness.add(env.tick.settings("tissue")["stiffness"])
+        wanted.add(env.target)
+    assert len(stiffness) == len(wanted) == 3
+    env.close()
+
+
+@pytest.mark.parametrize(
+    ("make", "text"),
+    [
+        (lambda: Touch("fingertip-slide"), "no simulated hand to steer; sources: found hand"),
+        (lambda: Touch("falcon"), "expected device.Simulated"),
+        (lambda: Touch("kidny"), "kidny"),
+        (lambda: Touch(ticks=0), "ticks: found 0, expected a whole number"),
+        (lambda: Touch(duration=float("nan")), "duration: found nan"),
+        (lambda: FindNodule("kidney"), "nodule_radius of 'tissue': found 0 m"),
+        (lambda: FindNodule("palpate-two"), "found 2 hands"),
+        (lambda: Press(nodes={"tissue": "deformation.Rigid"}), "0 bodies with a stiffness"),
+        (lambda: Touch().step(DOWN), r"call reset\(\) first"),
+    ],
+)
+def test_what_cannot_be_is_said(make, text):
+    with pytest.raises(PalpateError, match=text):
+        make()
+
+
+def test_an_action_of_another_shape_or_without_a_value_is_refused():
+    env = Touch()
+    env.reset()
+    for action in (np.zeros(4), np.array([0.0, np.nan, 0.0]), 1.0):
+        with pytest.raises(ArgumentError, match=r"expected \(3,\) finite numbers"):
+            env.step(action)
+    env.close()
+
+
+def test_without_gymnasium_the_extra_is_named():
+    code = "import sys; sys.modules['gymnasium'] = None; import palpate.gym"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.returncode == 1
+    assert done.stderr.splitlines()[-1].endswith('pip install "palpate[gym]"')

@@ -1,0 +1,205 @@
+"""What renderers of others' get: a client decodes it by docs/renderers.md alone; the sample clients compile and run."""
+
+import functools
+import http.server
+import shutil
+import struct
+import subprocess
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from browser import CHROMIUM, opened
+
+pytest.importorskip("websockets")
+
+from test_page import PRESSED, WAIT, Server, until
+from websockets.exceptions import InvalidStatus
+from websockets.sync.client import connect
+
+from palpate.views.page.feed import packed
+from palpate.views.page.renderers import binary
+
+SAMPLES = Path(__file__).parents[2] / "docs" / "examples" / "renderers"
+THREE = "three@0.170.0"
+
+
+@pytest.fixture(scope="module")
+def server(tmp_path_factory):
+    made = Server(tmp_path_factory.mktemp("touch"))
+    yield made
+    made.close()
+
+
+def listen(server, origin=None, token=None):
+    address = server.url("/frames", token).replace("http", "ws", 1)
+    return connect(address, origin=origin, max_size=None, compression=None)
+
+
+def decode(data):
+    """A message as the page of the format says, with nothing of palpate's."""
+    magic, version, fingers, count = struct.unpack_from("<4sHHI", data)
+    assert version == 1
+    if magic == b"PLPM":
+        triangles, thickness, reserved = struct.unpack_from("<IfI", data, 12)
+        vertices = np.frombuffer(data, "<f4", 3 * count, 24).reshape(-1, 3)
+        corners = np.frombuffer(data, "<u4", 3 * triangles, 24 + 12 * count).reshape(-1, 3)
+        assert len(data) == 24 + 12 * count + 12 * triangles and reserved == 0
+        return {"magic": magic, "fingers": fingers, "thickness": thickness, "vertices": vertices, "corners": corners}
+    assert magic == b"PLPF"
+    late, time = struct.unpack_from("<Id", data, 12)
+    rows = np.frombuffer(data, "<f4", 16 * fingers, 24).reshape(-1, 16)
+    names = {"tip": rows[:, :3], "foot": rows[:, 3:6], "normal": rows[:, 6:9], "force": rows[:, 9:12]}
+    names |= {"load": rows[:, 12], "indentation": rows[:, 13], "compression": rows[:, 14]}
+    at = 24 + 64 * fingers
+    assert len(data) == at + 16 * count
+    return names | {
+        "magic": magic, "late": late, "time": time, "state": rows[:, 15].copy().view("<u4"),
+        "nodes": np.frombuffer(data, "<u4", count, at),
+        "moved": np.frombuffer(data, "<f4", 3 * count, at + 4 * count).reshape(-1, 3),
+    }  # fmt: skip
+
+
+def test_each_number_is_where_the_page_says():
+    finger = {"foot": [1, 2, 3], "normal": [0, 0, 1], "load": 0.5, "depth": 4e-3, "squeeze": 1e-3}
+    first = finger | {"tip": [4, 5, 6], "force": [0.1, 0.2, 0.3], "stick": True}
+    other = finger | {"load": 0.0, "stick": False}
+    head = {"kind": "frame", "late": 7, "time": 1.25, **first, "others": [other]}
+    moved = np.arange(6, dtype="<f4")
+    frame = decode(binary(packed(head, np.array([3, 9], "<u4"), moved, np.ones(2, "<f4"))))
+    assert (frame["late"], frame["time"], frame["nodes"].tolist()) == (7, 1.25, [3, 9])
+    assert frame["moved"].tolist() == [[0, 1, 2], [3, 4, 5]]
+    assert frame["foot"].tolist() == [[1, 2, 3]] * 2
+    assert frame["tip"].tolist() == [[4, 5, 6], [1, 2, 3]]  # the foot, where the tip is not known
+    assert frame["force"] == pytest.approx(np.array([[0.1, 0.2, 0.3], [0, 0, 0]]), rel=1e-6)
+    assert frame["load"].tolist() == [0.5, 0.0]
+    assert frame["indentation"] == pytest.approx([4e-3] * 2)
+    assert frame["state"].tolist() == [1 + 2 + 4 + 8 + 16, 8]
+    corners, places = np.array([0, 1, 2, 2, 1, 3], "<u4"), np.arange(12, dtype="<f4")
+    told = {"kind": "mesh", "fingers": ["a", "b"], "thickness": 4e-3}
+    mesh = decode(binary(packed(told, corners, places, places)))
+    assert mesh["vertices"].tolist() == places.reshape(-1, 3).tolist()
+    assert mesh["corners"].tolist() == [[0, 1, 2], [2, 1, 3]]
+    assert (mesh["fingers"], mesh["thickness"]) == (2, pytest.approx(4e-3))
+
+
+def test_a_client_sees_the_organ_give_way_and_may_steer_the_hand(server):
+    with server.open() as page, listen(server) as client:
+        shown = until(page, lambda head: head["kind"] == "mesh")
+        mesh = frame = None
+        number = 0
+        while frame is None or frame["load"][0] < 0.3:
+            number += 1
+            client.send(f'{{"point": [{number}, {list(PRESSED)}, 1]}}')
+            data = client.recv(timeout=WAIT)
+            if isinstance(data, str):
+                continue
+            told = decode(data)
+            mesh, frame = (told, frame) if told["magic"] == b"PLPM" else (mesh, told)
+    np.testing.assert_array_equal(mesh["vertices"].ravel(), shown[2])
+    np.testing.assert_array_equal(mesh["corners"].ravel(), shown[1])
+    deepest = mesh["vertices"][frame["nodes"][np.linalg.norm(frame["moved"], axis=1).argmax()]]
+    assert np.linalg.norm((deepest - PRESSED)[:2]) < 0.006
+    assert frame["moved"][:, 2].min() < -5e-4
+    assert frame["state"][0] & 7 == 7
+    assert frame["force"][0, 2] > 0.1
+    assert np.linalg.norm(frame["tip"][0] - frame["foot"][0]) < 0.01
+
+
+def test_renderers_get_more_frames_than_a_page_and_only_while_they_listen(server):
+    source = server.session
+    assert source.rate == 30.0
+    with listen(server) as one, listen(server):
+        one.recv(timeout=WAIT)
+        assert source.rate == 60.0
+    with server.open() as page:  # both have been closed once a later one is served
+        until(page, lambda head: head["kind"] == "frame")
+    assert source.rate == 30.0
+
+
+def test_who_has_no_token_or_is_a_page_from_elsewhere_is_refused(server):
+    for token, origin in (("", None), ("wrong", None), (None, "http://evil.example"), (None, "null")):
+        with pytest.raises(InvalidStatus) as refused, listen(server, origin, token):
+            pass
+        assert refused.value.response.status_code == 403
+    with listen(server, origin="http://localhost:8000") as client:
+        client.recv(timeout=WAIT)
+
+
+@pytest.mark.skipif(not (shutil.which("mcs") and shutil.which("mono")), reason="no Mono: apt install mono-mcs")
+def test_the_client_in_c_sharp_compiles_and_reads_frames(server, tmp_path):
+    source, program = SAMPLES / "PalpateClient.cs", tmp_path / "client.exe"
+    assert len(source.read_text().splitlines()) <= 150
+    library = ["mcs", "-warnaserror", "-target:library", f"-out:{tmp_path / 'client.dll'}", str(source)]  # as in Unity
+    subprocess.run(library, check=True, timeout=WAIT)
+    subprocess.run(["mcs", "-define:CONSOLE", f"-out:{program}", str(source)], check=True, timeout=WAIT)
+    with listen(server) as client:
+        mesh = next(told for told in map(decode, iter(lambda: binary_of(client), None)) if told["magic"] == b"PLPM")
+        client.send(f'{{"point": [1, {list(PRESSED)}, 1]}}')
+        while (told := decode(binary_of(client)))["magic"] != b"PLPF" or told["load"][0] < 0.3:
+            client.send(f'{{"point": [2, {list(PRESSED)}, 1]}}')
+        done = subprocess.run(["mono", program, server.url(), "20"], capture_output=True, text=True, timeout=WAIT)
+    assert done.returncode == 0, done.stderr
+    rows = [line.split() for line in done.stdout.splitlines()]
+    assert len(rows) >= 20
+    times = [float(row[0]) for row in rows]
+    assert times == sorted(times)
+    assert {int(row[1]) for row in rows} == {len(mesh["vertices"])}
+    assert all(int(row[2]) > 3 and float(row[3]) > 0.2 and int(row[5]) & 7 == 7 for row in rows)
+    wrong = subprocess.run(
+        ["mono", program, server.url(token="wrong"), "1"], capture_output=True, text=True, timeout=WAIT
+    )
+    assert wrong.returncode != 0
+    assert "WebSocketException" in wrong.stderr
+
+
+def binary_of(client):
+    while isinstance(data := client.recv(timeout=WAIT), str):
+        pass
+    return data
+
+
+@pytest.fixture(scope="module")
+def samples(tmp_path_factory):
+    """The address of the three.js client, served as its head says."""
+    folder = tmp_path_factory.mktemp("samples")
+    shutil.copy(SAMPLES / "three.html", folder)
+    npm = shutil.which("npm")
+    if npm is None or subprocess.run([npm, "pack", "--silent", THREE], cwd=folder, capture_output=True).returncode:
+        pytest.skip(f"no {THREE}: npm and its registry are needed")
+    (archive,) = folder.glob("three-*.tgz")
+    member = "package/build/three.module.min.js"
+    subprocess.run(["tar", "xzf", archive.name, "--strip-components=2", member], cwd=folder, check=True)
+
+    class Quiet(http.server.SimpleHTTPRequestHandler):
+        def log_message(self, *_):
+            pass
+
+    serving = http.server.ThreadingHTTPServer(("127.0.0.1", 0), functools.partial(Quiet, directory=folder))
+    threading.Thread(target=serving.serve_forever, daemon=True).start()
+    yield f"http://localhost:{serving.server_port}/three.html"
+    serving.shutdown()
+
+
+@pytest.mark.long
+@pytest.mark.skipif(CHROMIUM is None, reason="no Chromium: apt install chromium")
+def test_the_client_in_three_js_shows_the_organ_give_way_under_the_mouse(server, samples):
+    pytest.importorskip("playwright.sync_api")
+    assert len((SAMPLES / "three.html").read_text().splitlines()) <= 150
+    with opened(f"{samples}#{server.url()}", "window.client && client.frames > 3") as page:
+        page.mouse.move(500, 345)
+        page.mouse.down()
+        page.mouse.wheel(0, -500)  # 5 mm
+        until_then = time.monotonic() + WAIT
+        while not page.evaluate("client.newest.normalForce > 0.3 && client.newest.moved > 3"):
+            assert time.monotonic() < until_then
+            page.mouse.move(500 + int(10 * time.monotonic()) % 5, 345)
+            time.sleep(0.1)
+        bent = "client.places.some((x, i) => Math.abs(x - client.rest()[i]) > 5e-4)"
+        page.wait_for_function(bent)
+        assert page.evaluate("client.newest.state & 7") == 7
+        assert page.locator("#vr").is_hidden()  # no headset here
+        page.mouse.up()
+        assert page.problems == []

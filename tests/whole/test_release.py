@@ -1,0 +1,70 @@
+"""release/release.py: what it refuses, and a whole release that is not brought home."""
+
+import re
+import subprocess
+import sys
+import tomllib
+import zipfile
+from importlib.util import module_from_spec, spec_from_file_location
+from pathlib import Path
+
+import pytest
+import yaml
+
+ROOT = Path(__file__).parents[2]
+SPEC = spec_from_file_location("release", ROOT / "release" / "release.py")
+release = module_from_spec(SPEC)
+SPEC.loader.exec_module(release)
+
+
+def test_notes_are_what_stands_below_unreleased():
+    assert release.notes("# C\n\n## [Unreleased]\n\n- new\n\n## [0.1.0] - 2026-01-01\n\n- old\n") == "- new"
+    for text in ("# C\n\n## [0.1.0]\n", "# C\n\n## [Unreleased]\n\n## [0.1.0]\n- old\n"):
+        with pytest.raises(SystemExit, match="Unreleased"):
+            release.notes(text)
+
+
+@pytest.mark.parametrize(("version", "words"), [("0.2", "no version"), ("0.0.9", "below"), ("0.1.5", "tagged already")])
+def test_a_version_that_cannot_be_is_refused(version, words):
+    with pytest.raises(SystemExit, match=words):
+        release.check_version(version, "0.1.0", ["v0.1.5"])
+
+
+def test_the_version_is_written_wherever_it_stands(tmp_path):
+    (tmp_path / "release").mkdir()
+    for name in ("pyproject.toml", "CITATION.cff", "CHANGELOG.md", "release/recipe.yaml"):
+        (tmp_path / name).write_text((ROOT / name).read_text())
+    release.write_version(tmp_path, "7.8.9")
+    assert 'version = "7.8.9"' in (tmp_path / "pyproject.toml").read_text()
+    assert re.search(r"^version: 7\.8\.9\ndate-released: \d", (tmp_path / "CITATION.cff").read_text(), re.MULTILINE)
+    assert re.search(r"## \[Unreleased\]\n\n## \[7\.8\.9\] - \d{4}", (tmp_path / "CHANGELOG.md").read_text())
+
+
+def test_a_wheel_without_its_graphs_is_refused(tmp_path):
+    wheel = tmp_path / "palpate-0.1.0-py3-none-any.whl"
+    with zipfile.ZipFile(wheel, "w") as archive:
+        for name in release.HOLDS[1:]:
+            archive.writestr(name, "")
+    with pytest.raises(SystemExit, match=release.HOLDS[0]):
+        release.check_wheel(wheel, "0.1.0")
+
+
+def test_the_recipe_asks_for_what_the_project_asks_for():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    recipe = yaml.safe_load((ROOT / "release" / "recipe.yaml").read_text())
+    wanted = {one.replace(">=", " >=").lower() for one in project["dependencies"]}
+    assert set(recipe["requirements"]["run"]) == wanted | {f"python {project['requires-python']}", "__linux"}
+    assert recipe["context"]["version"] == project["version"]
+
+
+@pytest.mark.long
+@pytest.mark.timeout(900)
+def test_a_dry_run_builds_and_checks_and_changes_nothing(tmp_path):
+    clone = tmp_path / "palpate"
+    subprocess.run(["git", "clone", "-q", str(ROOT), str(clone)], check=True)
+    command = [sys.executable, "release/release.py", "99.0.0", "--dry-run"]
+    done = subprocess.run(command, cwd=clone, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert "palpate-99.0.0-py3-none-any.whl" in done.stdout and "would tag v99.0.0" in done.stdout
+    assert not subprocess.run(["git", "status", "--porcelain"], cwd=clone, capture_output=True).stdout
+    assert not subprocess.run(["git", "tag", "-l", "v99*"], cwd=clone, capture_output=True).stdout
