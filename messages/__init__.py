@@ -23,7 +23,7 @@ from palpate.messages.display import Pins
 from palpate.messages.health import Health
 from palpate.messages.ledger import Ledger
 from palpate.messages.slip import Slip
-from palpate.messages.tactile import Tactile
+from palpate.messages.tactile import Subsurface, Tactile
 from palpate.messages.tissue import Surface
 from palpate.messages.uncertainty import ForceBand
 from palpate.registry import find
@@ -48,6 +48,7 @@ __all__ = [
     "Pose",
     "Proximity",
     "Slip",
+    "Subsurface",
     "Surface",
     "Tactile",
     "Torque",

@@ -4,8 +4,14 @@ from __future__ import annotations
 
 from typing import Annotated
 
+import numpy as np
+
 from palpate.messages.base import Floats, Message
 from palpate.messages.tissue import NO_FLOATS
+
+NO_VECTORS, NO_STRESS = np.zeros((0, 3)), np.zeros((0, 6))
+for _empty in (NO_VECTORS, NO_STRESS):
+    _empty.setflags(write=False)
 
 
 class Tactile(Message):
@@ -25,3 +31,19 @@ class Tactile(Message):
     volumes: Annotated[Floats, "m^3", ("l",)] = NO_FLOATS
     volume_rates: Annotated[Floats, "m^3/N", ("l",)] = NO_FLOATS
     stick_radius: Annotated[float, "m"] = 0.0
+
+
+class Subsurface(Message):
+    """Stress below the patch, at points that move with it.
+
+    points         [m]     (k,3)  x and y from the foot point, and the depth; z points into the tissue, x lies along the
+                                  world's x axis (y axis where the normal is nearer to x)
+    stress         [Pa]    (k,6)  xx, yy, zz, yz, xz, xy along these axes; tension is positive
+    von_mises      [Pa]    (k)    equivalent stress
+    energy_density [J/m^3] (k)    strain energy density
+    """
+
+    points: Annotated[Floats, "m", ("k", 3)] = NO_VECTORS
+    stress: Annotated[Floats, "Pa", ("k", 6)] = NO_STRESS
+    von_mises: Annotated[Floats, "Pa", ("k",)] = NO_FLOATS
+    energy_density: Annotated[Floats, "J/m^3", ("k",)] = NO_FLOATS

@@ -28,12 +28,15 @@ from palpate.physics.bodies.condensed_basis import Basis
 from palpate.physics.bodies.condensed_field import surface_displacements
 from palpate.physics.bodies.condensed_step import (
     DEEP,
+    FIELDS,
     MORE,
     NOW,
     NUMBERS,
     OWN,
     RADIUS,
     SLIDES,
+    TILT,
+    TOTAL,
     WIDE,
     CondensedModel,
     add_others,
@@ -90,16 +93,16 @@ class CondensedBody:
         dents = basis.dents if basis.dents.size else np.zeros((count, 0))
         moments = hat_moments(coarse)
         true = uncorrected(mesh) if poisson is None else true_patch(coarse, mesh, poisson, sticks, apart)
+        slopes = weight_slopes(coarse, self.corners)
         self._model = CondensedModel(
-            basis.compliance, basis.vertices, dents, moments, self.corners, self.weights, young, retardation,
+            basis.compliance, basis.vertices, dents, moments, self.corners, self.weights, slopes, young, retardation,
             mesh.vertices, true,
         )  # fmt: skip
-        slopes = weight_slopes(coarse, self.corners)
-        soft = softness(coarse, self._model, self._spreader)
-        self._ground = Ground(basis.vertices, coarse.normals, moments, self.corners, slopes, soft, dents)
+        self._ground = Ground(coarse.normals, softness(coarse, self._model, self._spreader), dents)
         self._nodes = np.zeros(len(mesh.vertices), dtype=np.int32)
         self._moved = np.zeros((len(mesh.vertices), 3))
-        self._rest(np.zeros((5, count, 3)), np.zeros((2, count), dtype=np.int64), np.zeros(NUMBERS))
+        self._field, self._feet = np.zeros((count, 3), dtype=np.float32), np.zeros((1, 3))
+        self._rest(np.zeros((FIELDS, count, 3)), np.zeros((3, count), dtype=np.int64), np.zeros(NUMBERS))
         self._kernels()
 
     def _rest(self, fields: np.ndarray, marks: np.ndarray, numbers: np.ndarray) -> None:
@@ -114,8 +117,8 @@ class CondensedBody:
         self._slope, self._turning = np.zeros(3), np.zeros((3, 3))
 
     def another(self, fields: np.ndarray, marks: np.ndarray, numbers: np.ndarray) -> CondensedBody:
-        """The same organ under another contact, its state in these arrays (5,V,3), (2,V) and (NUMBERS,) of zeros; see
-        `bodies.condensed_contacts`."""
+        """The same organ under another contact, its state in these arrays (FIELDS,V,3), (3,V) and (NUMBERS,) of zeros;
+        see `bodies.condensed_contacts`."""
         other = copy.copy(self)
         other._rest(fields, marks, numbers)
         return other
@@ -127,12 +130,12 @@ class CondensedBody:
             single_step, model, NO_NODES, NO_VECTORS, 0.0, zero, 0.0, fields, self._marks, self._curve, numbers, 0
         )
         self._along = entry_point(
-            along, self._ground, fields[3, :, 0], 0, fields[2], NO_NODES, NO_VECTORS, zero, 0.0, 0.0, self._slope,
+            along, self._ground, self._marks[2], 0, fields[2], fields[TILT], zero, 0.0, 0.0, 0.0, self._slope,
             self._turning,
         )  # fmt: skip
         self._displaced = entry_point(
-            surface_displacements, model, zero, self._reach, self._told, fields, self._marks[0], 0, 0, zero, numbers,
-            self._nodes, self._moved,
+            surface_displacements, model, self._feet, self._reach, self._told, fields, self._marks, 0, 0, zero, numbers,
+            self._field, self._nodes, self._moved,
         )  # fmt: skip
 
     def step(
@@ -177,7 +180,7 @@ class CondensedBody:
         aside   [m] indentation of the linear body under the patch by what the other contacts have done
         others  [N] force on the patch that would indent it as what presses there now does
         """
-        add_others(self._model, dt, self._fields, self._curve, self._numbers, self._touched, aside, others)
+        add_others(self._model, dt, self._fields, self._marks, self._curve, self._numbers, self._touched, aside, others)
         compliance, free, now = self._numbers[:MORE].tolist()
         return compliance, free, now
 
@@ -216,18 +219,19 @@ class CondensedBody:
     def along(self) -> tuple[tuple[float, float, float], tuple[float, ...]]:
         """What the energy at the force of the last step gains along the surface [N] (3), and how the normal turns there
         [1/m] (9), row by row: see `physics.bodies.place_energy`."""
-        _, _, measure, order, _ = self._fields
+        radius, compliance, force = self._numbers[[WIDE, OWN, TOTAL]].tolist()
         self._along(
-            self._ground, order[:, 0], self._touched, measure, self._patch, self._pull, self._normal,
-            float(self._numbers[WIDE]), float(self._numbers[OWN]), self._slope, self._turning,
+            self._ground, self._marks[2], self._touched, self._fields[2], self._fields[TILT], self._normal, radius,
+            compliance, force, self._slope, self._turning,
         )  # fmt: skip
         x, y, z = self._slope.tolist()
         return (x, y, z), tuple(self._turning.ravel().tolist())
 
     def displaced(self, foot: tuple) -> tuple[np.ndarray, np.ndarray]:
         """Vertices of the mesh, all near the foot point and fewer farther off, and their displacements [m] (k,3)."""
+        self._feet[0] = foot
         count = self._displaced(
-            self._model, foot, self._reach, self._told, self._fields, self._marks[0], self._count, self._touched,
-            self._normal, self._numbers, self._nodes, self._moved,
+            self._model, self._feet, self._reach, self._told, self._fields, self._marks, self._count, self._touched,
+            self._normal, self._numbers, self._field, self._nodes, self._moved,
         )  # fmt: skip
         return self._nodes[:count], self._moved[:count]

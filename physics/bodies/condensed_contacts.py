@@ -30,11 +30,13 @@ import numpy as np
 
 from palpate.physics.bodies.condensed_body import CondensedBody
 from palpate.physics.bodies.condensed_field import add_dent, add_field
-from palpate.physics.bodies.condensed_step import NUMBERS, OWN, PRESS, RADIUS, TOTAL
-from palpate.physics.bodies.patch import carried, normal_force, share_of
-from palpate.physics.bodies.true_patch import FARTHEST, STEP, dent_depth
+from palpate.physics.bodies.condensed_step import FIELDS, NUMBERS, OWN, PRESS, RADIUS, TILT, TOTAL
+from palpate.physics.bodies.patch import carried
+from palpate.physics.bodies.true_patch import dent_depth
 from palpate.physics.kernel import kernel
 
+STEP, FARTHEST = 1.0 / 32.0, 6.0
+"""[1] Of the table of Y over d/R."""
 Pressed = tuple[np.ndarray, np.ndarray, tuple, tuple]
 """Nodes (k) and forces [N] (k,3) of a load, foot [m] (3) and normal [1] (3)."""
 
@@ -63,10 +65,10 @@ class CondensedContacts:
         """[1] (c,c) O, see `physics.contact.joint`."""
         vertices = len(body.basis.vertices)
         self._profile = joint_profile()
-        self._fields = np.zeros((count, 5, vertices, 3))
-        self._marks, self._numbers = np.zeros((count, 2, vertices), dtype=np.int64), np.zeros((count, NUMBERS))
+        self._fields = np.zeros((count, FIELDS, vertices, 3))
+        self._marks, self._numbers = np.zeros((count, 3, vertices), dtype=np.int64), np.zeros((count, NUMBERS))
         self.contacts = [body.another(*own) for own in zip(self._fields, self._marks, self._numbers, strict=True)]
-        self._tilt = np.zeros((count, vertices, 3))
+        self._feet = np.zeros((count, 3))
         self._room = np.zeros((count, 4, vertices))
         self._cross, self._aside, self._slope = np.zeros((count, count)), np.zeros(count), np.zeros((count, 3))
         self._held = np.zeros(count)
@@ -74,14 +76,13 @@ class CondensedContacts:
     def step(self, loads: Sequence[Pressed], dt: float) -> list[tuple[float, float, float]]:
         """One step under all loads: of each contact what `CondensedBody.step` gives."""
         contacts, model = self.contacts, self.contacts[0]._model
-        slopes = contacts[0]._ground.slopes
-        for contact, load, tilt in zip(contacts, loads, self._tilt, strict=True):
+        for contact, load in zip(contacts, loads, strict=True):
             contact.take(*load, dt)
-            _tilt(model.corners, slopes, load[0], load[1], load[3], tilt)
+        self._feet[:] = [load[2] for load in loads]
         _pairs(
             model, self._profile, self._fields, self._marks, self._numbers,
             np.array([(c._count, c._touched, 0) for c in contacts]), np.array([load[3] for load in loads]),
-            np.array([load[2] for load in loads]), self._tilt, self._room, self._cross, self._aside, self._slope,
+            self._feet, self._room, self._cross, self._aside, self._slope,
         )  # fmt: skip
         own, force = np.maximum(self._numbers[:, OWN], 1e-300), self._numbers[:, TOTAL]
         others = self._cross @ force / own
@@ -123,44 +124,27 @@ class CondensedContacts:
 
     def displaced(self) -> tuple[np.ndarray, np.ndarray]:
         """Vertices of the mesh near the foot points and fewer farther off, and their displacements [m] (k,3)."""
-        first = self.contacts[0]
-        model, u, feet = first._model, first._fields[1], [contact._foot for contact in self.contacts]
+        first, u = self.contacts[0], self.contacts[0]._field
+        model = first._model
         u[:] = 0.0
         for c in self.contacts:
-            add_field(model, u, c._fields, c._marks[0], c._count, c._touched, c._normal, c._numbers)
-        near = []
-        for foot in feet:
-            count = carried(
-                model.corners, model.weights, u, first._reach, foot, first._told, first._nodes, first._moved
-            )
-            near.append((first._nodes[:count].copy(), first._moved[:count].copy()))
-        nodes, at = np.unique(np.concatenate([nodes for nodes, _ in near]), return_index=True)
-        moved = np.concatenate([moved for _, moved in near])[at]
-        for c, foot in zip(self.contacts, feet, strict=True):
+            add_field(model, u, c._fields, c._marks, c._count, c._touched, c._normal, c._numbers)
+        count = carried(
+            model.corners, model.weights, u, first._reach, self._feet, first._told, first._nodes, first._moved
+        )
+        nodes, moved = first._nodes[:count], first._moved[:count]
+        for c, foot in zip(self.contacts, self._feet, strict=True):
             add_dent(model, foot, c._normal, c._numbers, nodes, moved)
         return nodes, moved
 
 
 @kernel
-def _tilt(corners, slopes, patch, pull, normal, tilt):
-    """Fill `tilt` [1/m] (V,3), the derivative of a load's shares at the coarse vertices as it moves."""
-    tilt[:] = 0.0
-    total = normal_force(pull, normal)
-    for k in range(len(patch)):
-        part = share_of(k, pull, normal, total)
-        for a in range(3):
-            for x in range(3):
-                tilt[corners[patch[k], a], x] += part * slopes[patch[k], a, x]
-
-
-@kernel
-def _pairs(model, profile, fields, marks, numbers, counts, normals, feet, tilt, room, cross, aside, slope):
+def _pairs(model, profile, fields, marks, numbers, counts, normals, feet, room, cross, aside, slope):
     """Fill the compliances between patches [m/N] (c,c), the indentation [m] (c) of each by what the others have done,
     and its slope along the surface [1] (c,3); the diagonal of `cross` is 0.
 
-    fields (c,5,V,3), marks (c,2,V), numbers (c,N), counts (c,3): of each contact, see `condensed_step`; the third
+    fields (c,F,V,3), marks (c,3,V), numbers (c,N), counts (c,3): of each contact, see `condensed_step`; the third
                                                         count is filled
-    tilt   (c,V,3) [1/m] derivative of a patch's shares g as it moves
     room   (c,4,V) of each contact: vertices that it holds load at or touches, its share there, and room for two more
     """
     aside[:] = 0.0
@@ -172,7 +156,7 @@ def _pairs(model, profile, fields, marks, numbers, counts, normals, feet, tilt, 
             room[i, 0, k], room[i, 1, v] = v, 0.0
         many = counts[i, 0]
         for k in range(counts[i, 1]):
-            v = int(fields[i, 3, k, 0])
+            v = marks[i, 2, k]
             room[i, 1, v] = fields[i, 2, v, 0]
             if marks[i, 1, v] == 0:
                 room[i, 0, many] = v
@@ -180,11 +164,11 @@ def _pairs(model, profile, fields, marks, numbers, counts, normals, feet, tilt, 
         counts[i, 2] = many
     for i in range(len(counts)):
         for j in range(i):
-            _pair(i, j, model, profile, fields, numbers, counts, normals, feet, tilt, room, cross, aside, slope)
+            _pair(i, j, model, profile, fields, marks, numbers, counts, normals, feet, room, cross, aside, slope)
 
 
 @kernel
-def _pair(i, j, model, profile, fields, numbers, counts, normals, feet, tilt, room, cross, aside, slope):
+def _pair(i, j, model, profile, fields, marks, numbers, counts, normals, feet, room, cross, aside, slope):
     """What two contacts are to each other, see `_pairs`. The compliance is read once, for both ways."""
     true, compliance, young = model.true, model.compliance, model.young
     n, m, f, g = normals[i], normals[j], fields[i, 0], fields[j, 0]
@@ -208,8 +192,8 @@ def _pair(i, j, model, profile, fields, numbers, counts, normals, feet, tilt, ro
     facing = max(n[0] * m[0] + n[1] * m[1] + n[2] * m[2], 0.0) * true.normal
     mean = change = hats = 0.0
     if len(true.table) > 0:
-        hats = _hats(i, j, true.table, fields, counts, room)
-        _hats(j, i, true.table, fields, counts, room)
+        hats = _hats(i, j, true.table, marks, counts, room)
+        _hats(j, i, true.table, marks, counts, room)
         radius = np.sqrt(0.5 * (numbers[i, RADIUS] ** 2 + numbers[j, RADIUS] ** 2))
         away = 0.0
         for x in range(3):
@@ -226,13 +210,13 @@ def _pair(i, j, model, profile, fields, numbers, counts, normals, feet, tilt, ro
         done = facing * (mean - hats) * press
         out = 0.0
         for k in range(counts[a, 1]):
-            v = int(fields[a, 3, k, 0])
+            v = marks[a, 2, k]
             here = room[a, 2, v]
             done += room[a, 1, v] * here
             if len(true.table) > 0:
                 here -= facing * room[a, 3, v] * press
             for x in range(3):
-                slope[a, x] += share * tilt[a, v, x] * here
+                slope[a, x] += share * fields[a, TILT, v, x] * here
         for x in range(3):
             slope[a, x] += share * facing * change * press * (feet[a, x] - feet[b, x])
             out += slope[a, x] * normals[a, x]
@@ -242,14 +226,14 @@ def _pair(i, j, model, profile, fields, numbers, counts, normals, feet, tilt, ro
 
 
 @kernel
-def _hats(i, j, table, fields, counts, room):
+def _hats(i, j, table, marks, counts, room):
     """Mean 1/r [1/m] between the hats of two patches; leaves that of each vertex of the first in its room."""
     total = 0.0
     for k in range(counts[i, 1]):
-        v = int(fields[i, 3, k, 0])
+        v = marks[i, 2, k]
         near = 0.0
         for q in range(counts[j, 1]):
-            b = int(fields[j, 3, q, 0])
+            b = marks[j, 2, q]
             near += table[v, b] * room[j, 1, b]
         room[i, 3, v] = near
         total += room[i, 1, v] * near

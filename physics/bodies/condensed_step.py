@@ -24,6 +24,7 @@ class CondensedModel(NamedTuple):
     compliance, vertices, dents  as in `Basis`
     moments           of the hats of the coarse vertices, see `dents.hat_moments`
     corners, weights  [1] (W,3)  vertices of the triangle that a vertex of the fine mesh lies on, and its share of each
+    slopes [1/m] (W,3,3)  gradients of these shares along the surface
     young [Pa], retardation [s]  E, tau
     fine [m] (W,3)    vertices of the fine mesh
     true              what is known of the load's own patch
@@ -35,6 +36,7 @@ class CondensedModel(NamedTuple):
     moments: np.ndarray
     corners: np.ndarray
     weights: np.ndarray
+    slopes: np.ndarray
     young: float
     retardation: float
     fine: np.ndarray
@@ -50,61 +52,97 @@ than the organ was pressed, narrower than the touched mesh, on thin or curved gr
 heavy for a surface that is free to slide."""
 TOTAL, NUMBERS = 18, 19
 """The normal force of the load [N]; how many numbers."""
+ROOM, TILT, FIELDS = 3, 4, 5
+"""Of the fields of a contact, see `take_load`."""
 SIDE = slice(15, 18)
 """What holds the patch along the surface [1] (3), see `true_patch.patch_compliance`."""
 
 
 @kernel
-def single_step(model, patch, pull, share, normal, dt, fields, marked, curve, numbers, count):
+def single_step(model, patch, pull, share, normal, dt, fields, marks, curve, numbers, count):
     """`take_load` and `add_others`, of one contact."""
-    count, touched = take_load(model, patch, pull, share, normal, dt, fields, marked, numbers, count)
-    add_others(model, dt, fields, curve, numbers, touched, 0.0, 0.0)
+    count, touched = take_load(model, patch, pull, share, normal, dt, fields, marks, numbers, count)
+    add_others(model, dt, fields, marks, curve, numbers, touched, 0.0, 0.0)
     return count, touched
 
 
 @kernel
-def take_load(model, patch, pull, share, normal, dt, fields, marked, numbers, count):
+def take_load(model, patch, pull, share, normal, dt, fields, marks, numbers, count):
     """`share` is 1 where `pull` is a load, 0 where it only marks the patch. Returns how many vertices hold load, and
     how many the patch touches.
 
-    fields  (5,V,3)    h [N]; the load, later the displacement; shares of the normal force; vertices of the patch; room
-    marked  [1] (2,V)  the vertices that hold load; 1 for each of these
+    fields  (F,V,3)    h [N]; the load; shares of the normal force, of the true patch and drawn together; room; what the
+                       shares change by as the patch moves [1/m]
+    marks   [1] (3,V)  the vertices that hold load; 1 for each of these; the vertices of the patch
     """
-    compliance, corners, weights, young = model.compliance, model.corners, model.weights, model.young
-    held, load, measure, order = fields[0], fields[1], fields[2], fields[3, :, 0]
-    active, marks = marked[0], marked[1]
-    keep, take = model.retardation / (dt + model.retardation), dt / (dt + model.retardation)
+    young = model.young
+    held, load, measure, tilt = fields[0], fields[1], fields[2], fields[TILT]
+    active, marked, order = marks[0], marks[1], marks[2]
+    # the load, and the patch weights m, on the vertices of the coarse mesh
+    for k in range(count):
+        load[active[k]] = 0.0
+        measure[active[k], 0] = 0.0
+    touched = 0
     total = normal_force(pull, normal)
-    touched = _onto_coarse(corners, weights, patch, pull, share, normal, total, load, measure, order, marks)
-    count = _follow(held, load, order[:touched], share, keep, take, active, marks, count)
-    # indentation of the linear body: m.C h of the history, m.C f of the load
-    now, static, pressed = 0.0, 0.0, 0.0
-    for k in range(touched):
-        v = int(order[k])
+    for k in range(len(patch)):
+        p = patch[k]
+        part = share_of(k, pull, normal, total)
+        for a in range(3):
+            v = model.corners[p, a]
+            if marked[v] < 2:  # 1: holds load, 2: touched now
+                marked[v] += 2
+                order[touched] = v
+                touched += 1
+                load[v] = 0.0
+                measure[v, 0] = 0.0
+                tilt[v] = 0.0
+            w = model.weights[p, a]
+            measure[v, 0] += w * part
+            for i in range(3):
+                load[v, i] += share * w * pull[k, i]
+                tilt[v, i] += part * model.slopes[p, a, i]
+    # history h of the load: Kelvin-Voigt retardation over dt
+    keep, take = model.retardation / (dt + model.retardation), dt / (dt + model.retardation)
+    for k in range(count):
         for i in range(3):
-            side = -measure[v, 0] * normal[i]
-            if side == 0.0:
-                continue
-            row = compliance[3 * v + i]
-            for m in range(count):
-                b = active[m]
-                now += side * (row[3 * b] * held[b, 0] + row[3 * b + 1] * held[b, 1] + row[3 * b + 2] * held[b, 2])
-                out = held[b, 0] * normal[0] + held[b, 1] * normal[1] + held[b, 2] * normal[2]
-                along = row[3 * b] * normal[0] + row[3 * b + 1] * normal[1] + row[3 * b + 2] * normal[2]
-                pressed += side * out * along
-            if share > 0.0:
-                for m in range(touched):
-                    b = int(order[m])
-                    static += side * (
-                        row[3 * b] * load[b, 0] + row[3 * b + 1] * load[b, 1] + row[3 * b + 2] * load[b, 2]
-                    )
+            held[active[k], i] *= keep
+    for k in range(touched):
+        v = order[k]
+        marked[v] -= 2
+        if share > 0.0:
+            for i in range(3):
+                held[v, i] += take * load[v, i]
+            if marked[v] == 0:
+                marked[v] = 1
+                active[count] = v
+                count += 1
+    # drop what has faded
+    kept = 0
+    for k in range(count):
+        v = active[k]
+        if abs(held[v, 0]) + abs(held[v, 1]) + abs(held[v, 2]) < FORGOTTEN:
+            held[v] = 0.0
+            marked[v] = 0
+        else:
+            active[kept] = v
+            kept += 1
+    count = kept
     # the patch as small as the load is: a half-space's correction to the compliance
     radius, narrow = load_radius(model.fine, patch, pull, normal, total, model.true.least)
     wide = patch_radius(model.vertices, model.moments, order, touched, measure)
     numbers[DEEP : SLIDES + 1] = 0.0
     narrowed = draw_together(model, patch, pull, normal, total, order, touched, measure, radius)
+    block = np.zeros((3, 3))
+    # indentation of the linear body: m.C h of the history, m.C f of the load
+    sums = np.zeros(4)
+    for k in range(count):
+        _gather(model, active[k], order, touched, measure, held, load, normal, block, sums)
+    for k in range(touched):
+        if marked[order[k]] == 0:
+            _gather(model, order[k], order, touched, measure, held, load, normal, block, sums)
+    now, pressed, static, hats = sums
     body, more = patch_compliance(
-        compliance, model.true, order, touched, measure, narrowed, normal, radius, numbers[SIDE]
+        model.compliance, model.true, order, touched, measure, narrowed, normal, radius, block, hats, numbers[SIDE]
     )
     numbers[NARROWED] = narrowed
     if len(model.true.table) > 0 and share > 0.0:
@@ -128,65 +166,46 @@ def take_load(model, patch, pull, share, normal, dt, fields, marked, numbers, co
 
 
 @kernel
-def _onto_coarse(corners, weights, patch, pull, share, normal, total, load, measure, order, marks):
-    """The load [N] and the patch weights m on the vertices of the coarse mesh; adds 2 to the marks of those touched.
-    Returns how many these are."""
-    touched = 0
-    for k in range(len(patch)):
-        p = patch[k]
-        part = share_of(k, pull, normal, total)
-        for a in range(3):
-            v = corners[p, a]
-            if marks[v] < 2:  # 1: holds load, 2: touched now
-                marks[v] += 2
-                order[touched] = v
-                touched += 1
-                load[v] = 0.0
-                measure[v] = 0.0
-            w = weights[p, a]
-            measure[v, 0] += w * part
-            for i in range(3):
-                load[v, i] += share * w * pull[k, i]
-    return touched
+def _gather(model, b, order, touched, measure, held, load, normal, block, sums):
+    """Add what the coarse vertex b is to the patch: to `block` [m/N] (3,3) its part of g.C g, and to `sums` those of
+    m.C h, of the part of it that the normal forces of h make, of m.C f, and of g.T g."""
+    first, second, third = model.compliance[3 * b], model.compliance[3 * b + 1], model.compliance[3 * b + 2]
+    c00 = c01 = c02 = c10 = c11 = c12 = c20 = c21 = c22 = hats = 0.0
+    corrects = len(model.true.table) > 0
+    for k in range(touched):
+        v = order[k]
+        share, at = measure[v, 0], 3 * v
+        c00 += share * first[at]
+        c01 += share * first[at + 1]
+        c02 += share * first[at + 2]
+        c10 += share * second[at]
+        c11 += share * second[at + 1]
+        c12 += share * second[at + 2]
+        c20 += share * third[at]
+        c21 += share * third[at + 1]
+        c22 += share * third[at + 2]
+        if corrects:
+            hats += share * model.true.table[b, v]
+    n0, n1, n2 = normal
+    w0, w1, w2 = c00 * n0 + c01 * n1 + c02 * n2, c10 * n0 + c11 * n1 + c12 * n2, c20 * n0 + c21 * n1 + c22 * n2
+    sums[0] -= w0 * held[b, 0] + w1 * held[b, 1] + w2 * held[b, 2]
+    sums[1] -= (w0 * n0 + w1 * n1 + w2 * n2) * (held[b, 0] * n0 + held[b, 1] * n1 + held[b, 2] * n2)
+    sums[2] -= w0 * load[b, 0] + w1 * load[b, 1] + w2 * load[b, 2]
+    share = measure[b, 0]
+    if share != 0.0:
+        for i, row in enumerate(((c00, c01, c02), (c10, c11, c12), (c20, c21, c22))):
+            for j in range(3):
+                block[i, j] += share * row[j]
+        sums[3] += share * hats
 
 
 @kernel
-def _follow(held, load, order, share, keep, take, active, marks, count):
-    """History h of the load: Kelvin-Voigt retardation over a step, h <- keep h + take f; takes the 2 off the marks.
-    Returns how many vertices hold load."""
-    for k in range(count):
-        for i in range(3):
-            held[active[k], i] *= keep
-    for k in range(len(order)):
-        v = int(order[k])
-        marks[v] -= 2
-        if share > 0.0:
-            for i in range(3):
-                held[v, i] += take * load[v, i]
-            if marks[v] == 0:
-                marks[v] = 1
-                active[count] = v
-                count += 1
-    # drop what has faded
-    kept = 0
-    for k in range(count):
-        v = active[k]
-        if abs(held[v, 0]) + abs(held[v, 1]) + abs(held[v, 2]) < FORGOTTEN:
-            held[v] = 0.0
-            marks[v] = 0
-        else:
-            active[kept] = v
-            kept += 1
-    return kept
-
-
-@kernel
-def add_others(model, dt, fields, curve, numbers, touched, aside, others):
+def add_others(model, dt, fields, marks, curve, numbers, touched, aside, others):
     """Change `numbers` by what other contacts and large displacement add, see `CondensedBody.answer`.
 
     curve   (2,D+1)    knots and slopes of the indentation over that of the linear body
     """
-    dents, measure, order = model.dents, fields[2], fields[3, :, 0]
+    dents, measure, order = model.dents, fields[2], marks[2]
     keep, take = model.retardation / (dt + model.retardation), dt / (dt + model.retardation)
     self_compliance = numbers[OWN]
     numbers[FREE] += keep * aside

@@ -100,7 +100,7 @@ def ground_under(ground, order, touched, measure):
     """Mean inverse thickness and curvature [1/m] under a patch, whose shares are the first column of `measure`."""
     thin = curved = 0.0
     for k in range(touched):
-        v = int(order[k])
+        v = order[k]
         thin += measure[v, 0] * ground[v, 0]
         curved += measure[v, 0] * ground[v, 1]
     return thin, curved

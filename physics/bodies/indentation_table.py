@@ -58,7 +58,7 @@ def patch_radius(points, moments, nodes, count, share):
     """
     total = x0 = x1 = x2 = 0.0
     for k in range(count):
-        v = int(nodes[k])
+        v = nodes[k]
         w = abs(share[v, 0])
         total += w
         x0 += w * points[v, 0]
@@ -67,7 +67,7 @@ def patch_radius(points, moments, nodes, count, share):
     x0, x1, x2 = x0 / total, x1 / total, x2 / total
     square = 0.0
     for k in range(count):
-        v = int(nodes[k])
+        v = nodes[k]
         d0, d1, d2 = points[v, 0] - x0, points[v, 1] - x1, points[v, 2] - x2
         square += abs(share[v, 0]) * (d0 * d0 + d1 * d1 + d2 * d2 + moments[v])
     return 2.0 * np.sqrt(square / total)
@@ -88,7 +88,7 @@ def rise(table, nodes, count, share, knots, slopes):
     for k in range(levels):
         dent = 0.0
         for m in range(count):
-            v = int(nodes[m])
+            v = nodes[m]
             dent += share[v, 0] * table[v, k]
         knots[k + 1] = max((k + 1) * SPACING * (1.0 + dent), knots[k] + SOFTEST * SPACING)
     for k in range(levels + 1):

@@ -38,30 +38,44 @@ def share_of(k, pull, normal, total):
 
 
 def reaches(vertices: np.ndarray, within: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """x, y, z [m] of each vertex and the square of the distance [m²] from the foot up to which it is told (4,N): rows
-    that a processor tests several numbers of at a time; and the room for what comes of it, see `carried`.
+    """x, y, z [m] of each vertex and the square of the distance [m²] from a foot up to which it is told (4,N), in rows
+    of single precision that a processor tests eight numbers of at a time; and the room for what comes of it, see
+    `carried`.
 
     within [m] (N,), see `physics.geometry.graded`
     """
-    rows = np.ascontiguousarray(np.concatenate([vertices.T, within[None] ** 2]))
+    rows = np.ascontiguousarray(np.concatenate([vertices.T, within[None] ** 2]), dtype=np.float32)
     return rows, np.zeros(-(-len(vertices) // 8) * 8, dtype=np.uint8)
 
 
-@kernel
-def carried(corners, weights, u, reach, foot, told, nodes, moved):
-    """Displacements of the fine mesh round a point, from those of the coarse vertices.
+@kernel(error_model="numpy")
+def _within(reach, foot, more, told):
+    """Mark the vertices that are told round a foot, or these as well."""
+    x, y, z, square = reach[0], reach[1], reach[2], reach[3]
+    f0, f1, f2 = np.float32(foot[0]), np.float32(foot[1]), np.float32(foot[2])
+    if more:
+        for p in range(len(x)):
+            d0, d1, d2 = x[p] - f0, y[p] - f1, z[p] - f2
+            told[p] |= np.uint8(d0 * d0 + d1 * d1 + d2 * d2 <= square[p])
+    else:
+        for p in range(len(x)):
+            d0, d1, d2 = x[p] - f0, y[p] - f1, z[p] - f2
+            told[p] = np.uint8(d0 * d0 + d1 * d1 + d2 * d2 <= square[p])
+
+
+@kernel(error_model="numpy")
+def carried(corners, weights, u, reach, feet, told, nodes, moved):
+    """Displacements of the fine mesh round some points, from those of the coarse vertices.
 
     corners, weights  (N,3) coarse vertices and shares of each fine vertex, see `barycentric`
     u      [m] (V,3) displacement of the coarse vertices
-    reach  (4,N) see `reaches`;  foot [m] (3)
+    reach  (4,N) see `reaches`;  feet [m] (c,3)
     told   (N,) uint8, room: N a multiple of 8 and zero beyond the vertices
 
     Fills `nodes` and `moved` [m]; returns how many.
     """
-    x, y, z, square = reach[0], reach[1], reach[2], reach[3]
-    for p in range(len(x)):
-        d0, d1, d2 = x[p] - foot[0], y[p] - foot[1], z[p] - foot[2]
-        told[p] = 0 if d0 * d0 + d1 * d1 + d2 * d2 > square[p] else 1
+    for c in range(len(feet)):
+        _within(reach, feet[c], c > 0, told)
     count = 0
     eight = told.view(np.uint64)
     for k in range(len(eight)):
@@ -71,11 +85,9 @@ def carried(corners, weights, u, reach, foot, told, nodes, moved):
             if told[p] == 0:
                 continue
             nodes[count] = p
+            a, b, c = corners[p, 0], corners[p, 1], corners[p, 2]
             for i in range(3):
-                total = 0.0
-                for a in range(3):
-                    total += weights[p, a] * u[corners[p, a], i]
-                moved[count, i] = total
+                moved[count, i] = weights[p, 0] * u[a, i] + weights[p, 1] * u[b, i] + weights[p, 2] * u[c, i]
             count += 1
     return count
 

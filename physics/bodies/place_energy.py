@@ -26,8 +26,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from palpate.physics.bodies.indentation_table import SPACING, rise, risen, stiffening
-from palpate.physics.bodies.patch import normal_force, share_of
-from palpate.physics.bodies.true_patch import draw_together, load_radius, patch_compliance
+from palpate.physics.bodies.patch import normal_force
+from palpate.physics.bodies.true_patch import draw_together, gathered, load_radius, patch_compliance
 from palpate.physics.contact.spread import Spreader
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.kernel import kernel
@@ -39,18 +39,13 @@ STEEPEST = 0.75
 
 
 class Ground(NamedTuple):
-    """The coarse surface under a fine one.
+    """The coarse surface.
 
-    points   [m] (V,3), normals [1] (V,3), moments [m²] (V,);  corners (N,3) coarse vertices of each fine vertex
-    slopes   [1/m] (N,3,3) gradients of their weights
-    softness [1] (V,)   logarithm of the linear organ's compliance under a patch round each vertex;  dents [1] (V,L)
+    normals  [1] (V,3);  dents [1] (V,L)
+    softness [1] (V,)   logarithm of the linear organ's compliance under a patch round each vertex
     """
 
-    points: np.ndarray
     normals: np.ndarray
-    moments: np.ndarray
-    corners: np.ndarray
-    slopes: np.ndarray
     softness: np.ndarray
     dents: np.ndarray
 
@@ -63,7 +58,7 @@ def softness(mesh: Mesh, model: Any, spreader: Spreader) -> np.ndarray:
     """
     corners, weights, true = model.corners, model.weights, model.true
     compliances = np.full(len(mesh.vertices), np.nan)
-    measure, side = np.zeros((len(mesh.vertices), 3)), np.zeros(3)
+    measure, side, block = np.zeros((len(mesh.vertices), 3)), np.zeros(3), np.zeros((3, 3))
     for v, (foot, n) in enumerate(zip(mesh.vertices, mesh.normals, strict=True)):
         normal = n / np.linalg.norm(n)
         count = spreader.spread(tuple(foot.tolist()), tuple(normal.tolist()), tuple((-normal).tolist()))
@@ -75,8 +70,9 @@ def softness(mesh: Mesh, model: Any, spreader: Spreader) -> np.ndarray:
             order = np.unique(corners[nodes])
             touched = len(order)
             narrowed = draw_together(model, nodes, forces, normal, total, order, touched, measure, radius)
+            hats = gathered(model.compliance, true.table, order, touched, measure, 0, block)
             body, more = patch_compliance(
-                model.compliance, true, order, touched, measure, narrowed, normal, radius, side
+                model.compliance, true, order, touched, measure, narrowed, normal, radius, block, hats, side
             )
             compliances[v] = body + more
             measure[order] = 0.0
@@ -115,50 +111,44 @@ def held(knots, slopes, depth):
 
 
 @kernel
-def along(ground, nodes, touched, measure, patch, pull, normal, radius, compliance, gradient, shape):
-    """Fill `gradient` [N] (3), g, and `shape` [1/m] (3,3), the shape operator S, for a load on
-    the fine vertices `patch`.
+def along(ground, nodes, touched, measure, tilt, normal, radius, compliance, force, gradient, shape):
+    """Fill `gradient` [N] (3), g, and `shape` [1/m] (3,3), the shape operator S, under a load.
 
-    nodes, touched, measure  coarse vertices of the patch, how many, and their shares (V,3), in the first column
-    pull                     [N] (k,3) forces;  normal [1] (3);  radius [m] and
-    compliance [m/N] of the linear organ under the patch
+    nodes, touched   coarse vertices of the patch, and how many
+    measure, tilt    (V,3) shares of them, in the first column, and [1/m] (V,3) what these change by as the patch moves
+    normal [1] (3);  radius [m] and compliance [m/N] of the linear organ under the patch;  force [N] along the normal
     """
     gradient[:] = 0.0
     shape[:] = 0.0
-    force = normal_force(pull, normal)
     if not (force > 0.0 and compliance > 0.0):
         return
     levels = ground.dents.shape[1]
-    softer, dented, tilt = np.zeros(3), np.zeros((1, levels)), np.zeros((levels, 3))
+    softer, dented, bent = np.zeros(3), np.zeros((1, levels)), np.zeros((levels, 3))
     # derivatives of the patch's means when it moves along the surface: compliance, normal, nonlinear indentations
-    for k in range(len(patch)):
-        p, share = patch[k], share_of(k, pull, normal, force)
-        for a in range(3):
-            v = ground.corners[p, a]
-            for i in range(3):
-                grad = share * ground.slopes[p, a, i]
-                softer[i] += grad * ground.softness[v]
-                for j in range(3):
-                    shape[j, i] += grad * ground.normals[v, j]
-                for m in range(levels):
-                    tilt[m, i] += grad * ground.dents[v, m]
+    for a in range(touched):
+        v = nodes[a]
+        for i in range(3):
+            grad = tilt[v, i]
+            softer[i] += grad * ground.softness[v]
+            for j in range(3):
+                shape[j, i] += grad * ground.normals[v, j]
+            for m in range(levels):
+                bent[m, i] += grad * ground.dents[v, m]
+        for m in range(levels):
+            dented[0, m] += measure[v, 0] * ground.dents[v, m]
     # tangential energy gradient: of 1/2 c f², or of the energy held by the indentation table, by central differences
     if levels == 0:
         for i in range(3):
             gradient[i] = 0.5 * compliance * force * force * softer[i]
     else:
-        for a in range(touched):
-            v = int(nodes[a])
-            for m in range(levels):
-                dented[0, m] += measure[v, 0] * ground.dents[v, m]
-        knots, slopes, first, one = np.zeros(levels + 1), np.zeros(levels + 1), np.zeros(1), np.ones((1, 1))
+        knots, slopes, first, one = np.zeros(levels + 1), np.zeros(levels + 1), np.zeros(1, np.int64), np.ones((1, 1))
         rise(dented, first, 1, one, knots, slopes)
         depth = risen(compliance * force / radius, knots, slopes)[0]
         here = held(knots, slopes, depth)
         for i in range(3):
-            rise(dented + NUDGE * tilt[:, i], first, 1, one, knots, slopes)
+            rise(dented + NUDGE * bent[:, i], first, 1, one, knots, slopes)
             there = held(knots, slopes, depth)
-            rise(dented - NUDGE * tilt[:, i], first, 1, one, knots, slopes)
+            rise(dented - NUDGE * bent[:, i], first, 1, one, knots, slopes)
             back = held(knots, slopes, depth)
             gradient[i] = radius * radius / compliance * (here * softer[i] - 0.5 * (there - back) / NUDGE)
     # its part along the normal is work of the normal force and no resistance to sliding

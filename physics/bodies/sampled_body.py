@@ -270,16 +270,9 @@ class SampledBody:
     def displaced(self, *feet: tuple) -> tuple[np.ndarray, np.ndarray]:
         """Vertices of the mesh, all near the foot points and fewer farther off, and their displacements [m] (k,3)."""
         far = (2.0 * self.reach + 1.5 * self._margin) ** 2  # the modes miss little but near the load
-        field(self._model, np.array(feet), far, self._fields, self._active, self.q, float(self._numbers[GAMMA]))
-        near = []
-        for foot in feet:
-            count = carried(
-                self.corners, self.weights, self._fields[3], self._reaches, foot, self._told, self._nodes, self._moved
-            )
-            near.append((self._nodes[:count], self._moved[:count]))
-            if len(feet) > 1:
-                near[-1] = (self._nodes[:count].copy(), self._moved[:count].copy())
-        if len(near) == 1:
-            return near[0]
-        nodes, at = np.unique(np.concatenate([nodes for nodes, _ in near]), return_index=True)
-        return nodes, np.concatenate([moved for _, moved in near])[at]
+        places = np.array(feet)
+        field(self._model, places, far, self._fields, self._active, self.q, float(self._numbers[GAMMA]))
+        count = carried(
+            self.corners, self.weights, self._fields[3], self._reaches, places, self._told, self._nodes, self._moved
+        )
+        return self._nodes[:count], self._moved[:count]

@@ -54,8 +54,8 @@ MEAN = 2.40816816
 """I: mean of W over the patch, weighted as the pressure."""
 HELD = 0.1764960
 """S_0, the share of c_R that holding each point under the patch takes, over (1 - 2nu)²/(1 - nu)²."""
-STEP, FARTHEST = 1.0 / 32.0, 6.0
-"""[1] Of the table of W over r/R; beyond, W = R/r + (R/r)³/16."""
+KNOTS = 256
+"""Intervals of the table of W."""
 NEAR = 2.5
 """[1] Distance of two triangles, over the mesh's mean edge, within which 1/r is integrated in closed form."""
 LEAST_SHARE = 0.05
@@ -82,7 +82,7 @@ class TruePatch(NamedTuple):
     """The half-space that corrects a body; with an empty table nothing is corrected.
 
     table    [1/m] (V,V) float32, see `mean_inverse_distance`
-    profile  [1]   W at steps of `STEP`
+    profile  [1]   of W, see `dent_profile`
     normal   [1]   (1 - nu²)/pi;  tangential [1] (1 - nu/2)/(1 - nu);  held [1] share of c_R that sticking takes
     sticks   [1]   whether the patch sticks to the finger
     least    [m²]  (N,) least mean square radius of a load on each vertex of the touched mesh
@@ -136,14 +136,16 @@ def uncorrected(fine: Mesh) -> TruePatch:
 
 
 def dent_profile() -> np.ndarray:
-    """W at r/R = 0, STEP ... FARTHEST: depth of the half-space under the patch, over (1 - nu²) f/(pi E R).
-
-    Integrals of J3(x) J0(x rho)/x³ after H. Weber and P. Schafheitlin (Watson, Bessel Functions, 1944, 13.4)."""
-    return dent_depth(np.arange(0.0, FARTHEST + 0.5 * STEP, STEP))
+    """W sqrt(1 + rho²), rho = r/R, at q = 1/(1 + rho²) = 0, 1/`KNOTS` ... 1: finite and smooth from the middle of the
+    patch to infinity."""
+    q = np.arange(1, KNOTS + 1) / KNOTS
+    return np.append(1.0, dent_depth(np.sqrt(1.0 / q - 1.0)) / np.sqrt(q))
 
 
 def dent_depth(rho: np.ndarray) -> np.ndarray:
-    """W at these r/R."""
+    """W at these r/R: depth of the half-space under the patch, over (1 - nu²) f/(pi E R).
+
+    Integrals of J3(x) J0(x rho)/x³ after H. Weber and P. Schafheitlin (Watson, Bessel Functions, 1944, 13.4)."""
     out = np.maximum(rho, 1.0)
     inside = 3.2 * scipy.special.hyp2f1(0.5, -2.5, 1.0, np.minimum(rho, 1.0) ** 2)
     return np.where(rho < 1.0, inside, scipy.special.hyp2f1(0.5, 0.5, 4.0, out**-2) / out)
@@ -351,7 +353,7 @@ def draw_together(model, patch, pull, normal, total, order, touched, measure, ra
         return False
     away, x = 0.0, np.zeros(3)
     for k in range(touched):
-        v = int(order[k])
+        v = order[k]
         away += measure[v, 0] * apart[v]
         measure[v, 1] = 0.0
     at = min(max((away / radius - WITHIN) / (BEYOND - WITHIN), 0.0), 1.0)
@@ -374,26 +376,26 @@ def draw_together(model, patch, pull, normal, total, order, touched, measure, ra
     if not whole > 0.0:
         return False
     for k in range(touched):
-        measure[int(order[k]), 1] /= whole
+        measure[order[k], 1] /= whole
     wide = patch_radius(model.vertices, model.moments, order, touched, measure) ** 2
     drawn = patch_radius(model.vertices, model.moments, order, touched, measure[:, 1:]) ** 2
     by = (wide - radius * radius) / max(wide - drawn, 0.25 * radius * radius)
     by = near * min(max(by, 0.0), MOST_NARROWED)
     for k in range(touched):
-        v = int(order[k])
+        v = order[k]
         measure[v, 1] = measure[v, 0] - by * (measure[v, 0] - measure[v, 1])
     return True
 
 
 @kernel
-def _gathered(compliance, table, order, touched, measure, column, block):
+def gathered(compliance, table, order, touched, measure, column, block):
     """Fill block [m/N] (3,3) with g.C g of the shares in a column of `measure`; returns g.T g [1/m]."""
     block[:] = 0.0
     hats, corrects = 0.0, len(table) > 0
     for k in range(touched):
-        v = int(order[k])
+        v = order[k]
         for m in range(touched):
-            b = int(order[m])
+            b = order[m]
             both = measure[v, column] * measure[b, column]
             for i in range(3):
                 for j in range(3):
@@ -413,22 +415,22 @@ def _along(block, normal):
 
 
 @kernel
-def patch_compliance(compliance, true, order, touched, measure, narrowed, normal, radius, side):
+def patch_compliance(compliance, true, order, touched, measure, narrowed, normal, radius, block, hats, side):
     """Of a patch, for a modulus of 1 Pa [m/N]: g.C g along the normal, and what is added to it; fills `side` [1] (3),
     the force along the surface that holds the patch there, for each newton of normal force.
+
+    block, hats  g.C g [m/N] (3,3) and g.T g [1/m], see `gathered`; `block` is changed
 
     order (>= touched) coarse vertices of the patch, measure (V,3) whose first column holds their shares
     narrowed  whether its second holds those of the load drawn together, see `draw_together`
     """
-    block = np.zeros((3, 3))
     side[:] = 0.0
-    hats = _gathered(compliance, true.table, order, touched, measure, 0, block)
     own = _along(block, normal)
     if len(true.table) == 0:
         return own, 0.0
     apart = 0.0
     if narrowed:
-        hats = _gathered(compliance, true.table, order, touched, measure, 1, block)
+        hats = gathered(compliance, true.table, order, touched, measure, 1, block)
         apart = _along(block, normal) - own
     more = true.normal * (MEAN / radius - hats)
     if true.sticks:
@@ -437,11 +439,10 @@ def patch_compliance(compliance, true, order, touched, measure, narrowed, normal
     return own, max(more + apart, LEAST_SHARE * own - own)
 
 
-@kernel
-def dent_at(profile, rho):
-    """W at rho = r/R."""
-    at = rho / STEP
-    k = int(at)
-    if k + 1 >= len(profile):
-        return (1.0 + 0.0625 / (rho * rho)) / rho
-    return profile[k] + (at - k) * (profile[k + 1] - profile[k])
+@kernel(error_model="numpy")
+def dent_at(profile, square):
+    """W at rho = r/R, of which this is the square."""
+    q = 1.0 / (1.0 + square)
+    at = q * KNOTS
+    k = min(int(at), KNOTS - 1)
+    return np.sqrt(q) * (profile[k] + (at - k) * (profile[k + 1] - profile[k]))

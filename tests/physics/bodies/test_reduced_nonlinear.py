@@ -234,7 +234,7 @@ def test_unknown_scraps_of_load_stay_finite():
 @given(st.lists(st.floats(-1.5, 1.0), min_size=1, max_size=8))
 def test_the_response_rises_whatever_the_dents(values):
     knots, slopes = np.zeros(len(values) + 1), np.zeros(len(values) + 1)
-    rise(np.array([values]), np.zeros(1), 1, np.array([[1.0]]), knots, slopes)
+    rise(np.array([values]), np.zeros(1, int), 1, np.array([[1.0]]), knots, slopes)
     x = np.linspace(-0.1, 1.5 * knots[-1], 400)
     s = np.array([risen(at, knots, slopes) for at in x])
     assert (np.diff(s[:, 0]) > 0).all()
@@ -247,7 +247,7 @@ def test_the_response_rises_whatever_the_dents(values):
 def test_smooth_dents_are_followed_between_their_levels():
     levels = SPACING * np.arange(1, 8)
     knots, slopes = np.zeros(8), np.zeros(8)
-    rise((-0.5 * levels**2)[None], np.zeros(1), 1, np.array([[1.0]]), knots, slopes)
+    rise((-0.5 * levels**2)[None], np.zeros(1, int), 1, np.array([[1.0]]), knots, slopes)
     s = np.linspace(0, 0.7, 100)
     depths = np.array([risen(x, knots, slopes)[0] for x in s * (1 - 0.5 * s**2)])
     assert depths == approx(s, abs=1e-3)
@@ -257,7 +257,7 @@ def test_past_a_limit_load_the_force_stays_until_the_curve_is_above_it_again():
     levels = SPACING * np.arange(1, 7)
     curve = np.array([0.1, 0.19, 0.25, 0.22, 0.21, 0.3])
     knots, slopes = np.zeros(7), np.zeros(7)
-    rise((curve / levels - 1.0)[None], np.zeros(1), 1, np.array([[1.0]]), knots, slopes)
+    rise((curve / levels - 1.0)[None], np.zeros(1, int), 1, np.array([[1.0]]), knots, slopes)
     plateau = SOFTEST * SPACING
     assert knots == approx([0, 0.1, 0.19, 0.25, 0.25 + plateau, 0.25 + 2 * plateau, 0.3])
 

@@ -1,0 +1,100 @@
+"""Stress below a patch that presses and rubs: an elastic half-space under the load of a spreading kernel.
+
+A force (Q_x, Q_y, P) at a point of the surface, P into the half-space along z, makes at (x, y, z) with rho² = x² + y² +
+z² and s = rho + z (J. Boussinesq 1885, V. Cerruti 1882; K. L. Johnson, Contact Mechanics, 1985, eqs. 3.19 and 3.76)
+
+    2 pi sigma_ij = -3 (Q.r) r_i r_j/rho⁵ + (1 - 2 nu) B_ij,    B_iz = 0
+
+    P:    B_xx = z/rho³ - 1/(rho s) + x² (2 rho + z)/(rho³ s²),       B_xy = x y (2 rho + z)/(rho³ s²)
+    Q_x:  B_xx = x/rho³ - 3 x/(rho s²) + x³ b,    B_yy = x/rho³ - x/(rho s²) + x y² b,    B_xy = -y/(rho s²) + x² y b
+          b = 1/(rho³ s²) + 2/(rho² s³)
+
+and the others by turning x into y. A patch's load is spread by a kernel of fixed shape (`physics.contact.spread`), so
+that the stress at points fixed to it is a constant matrix times its force: that is what `under_patch` integrates, once.
+Neither the modulus nor what presses enters: the stress is that of the tissue and, by its own Poisson's ratio, of the
+finger's skin alike, as long as either is a half-space at the scale of the patch.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from palpate.physics.contact.spread import kernel_values
+
+SHALLOWEST = 0.01
+"""[1] Least depth over the patch's radius: above, the stress is the load's own."""
+PAIRS = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))
+"""Components in Voigt's order: xx, yy, zz, yz, xz, xy."""
+
+
+def point_stress(points: np.ndarray, poisson: float) -> np.ndarray:
+    """Stress [1/m²] (...,3,3,3) at points [m] (...,3), z > 0, for each newton at the origin along x, y and z (last)."""
+    x, y, z = np.moveaxis(np.asarray(points, float), -1, 0)
+    rho = np.sqrt(x * x + y * y + z * z)
+    s = rho + z
+    r = np.stack([x, y, z], axis=-1)
+    out = -3.0 * np.einsum("...i,...j,...k->...ijk", r, r, r) / (rho**5)[..., None, None, None]
+    bend, pull = 1.0 / (rho**3 * s**2) + 2.0 / (rho**2 * s**3), (2.0 * rho + z) / (rho**3 * s**2)
+    near, far = 1.0 / (rho * s**2), 1.0 / rho**3
+    more = 1.0 - 2.0 * poisson
+    for a, b, u, v in ((0, 1, x, y), (1, 0, y, x)):
+        out[..., a, a, a] += more * (u * far - 3.0 * u * near + u**3 * bend)
+        out[..., b, b, a] += more * (u * far - u * near + u * v * v * bend)
+        out[..., a, a, 2] += more * (z * far - 1.0 / (rho * s) + u * u * pull)
+        for i, j in ((a, b), (b, a)):
+            out[..., i, j, a] += more * (-v * near + u * u * v * bend)
+    for i, j in ((0, 1), (1, 0)):
+        out[..., i, j, 2] += more * x * y * pull
+    return out / (2.0 * math.pi)
+
+
+def under_patch(points: np.ndarray, radius: float, kernel: str, poisson: float) -> np.ndarray:
+    """Stress [1/m²] (p,3,3,3) at points [m] (p,3) for each newton along x, y and z that a patch is loaded with.
+
+    points  x, y from the patch's middle, and the depth z;  radius [m] of the kernel;  kernel: see `spread.KERNELS`
+
+    By Gauss's rule over the radius and the trapezoidal one round it, finer for shallow points.
+
+    ValueError: a depth below `SHALLOWEST` radii.
+    """
+    points = np.asarray(points, float)
+    least = points[:, 2].min() / radius
+    if not least >= SHALLOWEST:
+        raise ValueError(f"depth {points[:, 2].min()} m: expected at least {SHALLOWEST * radius} m")
+    node, weight = np.polynomial.legendre.leggauss(16 + math.ceil(1.6 / least))
+    q = 0.5 * (node + 1.0)
+    share = weight * q * kernel_values(kernel, q)
+    round_ = 16 + math.ceil(12.0 / least)
+    turn = 2.0 * math.pi * np.arange(round_) / round_
+    source = radius * np.stack([np.outer(q, np.cos(turn)), np.outer(q, np.sin(turn))], axis=-1).reshape(-1, 2)
+    share = np.repeat(share / (share.sum() * round_), round_)
+    # the load is round: what is at (x, y) is what is at (r, 0), turned
+    away = np.hypot(points[:, 0], points[:, 1])
+    places, which = np.unique(np.round(np.stack([away, points[:, 2]], axis=1), 12), axis=0, return_inverse=True)
+    there = np.empty((len(places), 3, 3, 3))
+    for k, (r, z) in enumerate(places):
+        apart = np.column_stack([r - source[:, 0], -source[:, 1], np.full(len(source), z)])
+        there[k] = np.tensordot(share, point_stress(apart, poisson), axes=1)
+    angle = np.arctan2(points[:, 1], points[:, 0])
+    turned = np.zeros((len(points), 3, 3))
+    turned[:, 0, 0] = turned[:, 1, 1] = np.cos(angle)
+    turned[:, 1, 0], turned[:, 0, 1] = np.sin(angle), -np.sin(angle)
+    turned[:, 2, 2] = 1.0
+    found = there[which.ravel()]
+    return np.einsum("pia,pjb,pkc,pabc->pijk", turned, turned, turned, found, optimize=True)
+
+
+def von_mises(stress: np.ndarray) -> np.ndarray:
+    """Equivalent stress [Pa] (k,) of stresses (k,6) in the order of `PAIRS`."""
+    xx, yy, zz, yz, xz, xy = stress.T
+    apart = (xx - yy) ** 2 + (yy - zz) ** 2 + (zz - xx) ** 2
+    return np.sqrt(0.5 * apart + 3.0 * (yz * yz + xz * xz + xy * xy))
+
+
+def strain_energy_density(stress: np.ndarray, young: float, poisson: float) -> np.ndarray:
+    """((1 + nu) sigma:sigma - nu tr(sigma)²)/2E [J/m³] (k,) of stresses [Pa] (k,6) in the order of `PAIRS`."""
+    xx, yy, zz, yz, xz, xy = stress.T
+    square = xx * xx + yy * yy + zz * zz + 2.0 * (yz * yz + xz * xz + xy * xy)
+    return ((1.0 + poisson) * square - poisson * (xx + yy + zz) ** 2) / (2.0 * young)
