@@ -5,6 +5,7 @@ from __future__ import annotations
 EXTRAS = {
     "devices": {"pyusb": "usb", "hidapi": "hid", "pyserial": "serial", "websockets": "websockets"},
     "page": {"websockets": "websockets"},
+    "fmu": {"pythonfmu3": "pythonfmu3"},
     "gym": {"gymnasium": "gymnasium"},
     "view": {"matplotlib": "matplotlib", "pyvista": "pyvista"},
     "scan": {"scikit-image": "skimage", "pydicom": "pydicom", "nibabel": "nibabel", "matplotlib": "matplotlib"},

@@ -7,25 +7,39 @@ from typing import Annotated
 
 import typer
 
-from palpate.launch.terminal.options import File, Json, Trust
+from palpate.launch.terminal.options import Json, Sets, Trust
 from palpate.launch.terminal.output import console, tell
 
 
 def export(
-    file: File,
-    to: Annotated[str, typer.Option(help="foxglove, rerun, parquet, csv or vtk.")],
+    file: Annotated[Path, typer.Argument(help="Recording (.mcap); for fmu a graph.", metavar="FILE")],
+    to: Annotated[str, typer.Option(help="foxglove, rerun, parquet, csv or vtk; fmu.")],
     out: Annotated[
-        Path | None, typer.Option(help="File (foxglove, rerun) or folder; by default next to the recording.")
+        Path | None,
+        typer.Option("-o", "--out", help="File (foxglove, rerun, fmu) or folder; by default next to the recording."),
     ] = None,
     stream: Annotated[list[str] | None, typer.Option(help="Only this stream; may be repeated.")] = None,
     every: Annotated[
         int | None,
         typer.Option(help="Only every n-th message; by default all numbers, and 30 surfaces per second.", min=1),
     ] = None,
+    sets: Sets = None,
     trust: Trust = None,
     as_json: Json = False,
 ) -> None:
-    """Write a recording as MCAP with a scene (Foxglove, PlotJuggler), for Rerun, as Parquet, CSV, or VTK (ParaView)."""
+    """Write a recording as MCAP with a scene (Foxglove, PlotJuggler), for Rerun, as Parquet, CSV, or VTK (ParaView).
+
+    With --to fmu, write a graph as a unit for co-simulation (FMI 3.0); --set is for it alone.
+    """
+    if to == "fmu":
+        from palpate.launch.fmu import export_fmu
+
+        unit = export_fmu(str(file), out, sets or ())
+        if as_json:
+            tell({"ok": True, "files": [str(unit)]})
+        else:
+            console().print(f"{unit}: {unit.stat().st_size / 1e6:.2f} MB")
+        return
     from palpate.records.export import export as write
     from palpate.records.reader import Recording
 
