@@ -13,7 +13,7 @@ import numpy as np
 from palpate.physics.bodies.condensed_body import CondensedBody
 from palpate.physics.bodies.condensed_step import LEAST_FORCE, NARROWED, RADIUS, WIDE
 from palpate.physics.bodies.indentation_table import SPACING, risen, stiffening
-from palpate.physics.bodies.true_patch import patch_compliance
+from palpate.physics.bodies.true_patch import gathered, patch_compliance
 from palpate.physics.contact.terminal import Terminal
 from palpate.physics.sensitivity.series import pressed, recovered
 
@@ -81,7 +81,8 @@ class CondensedTangent:
         held = body.held.copy()
         compliance, *_ = body.step(load.nodes, load.forces, load.foot, load.normal, dt)
         fields, numbers, touched = body._fields, body._numbers, body._touched
-        order = fields[3, :touched, 0].astype(np.int64)
+        marked = body._marks[2]
+        order = marked[:touched]
         share = fields[2, order, 0]
         # history of the load
         keep, take = tau / (dt + tau), dt / (dt + tau)
@@ -98,10 +99,11 @@ class CondensedTangent:
         rows = (3 * order[:, None] + np.arange(3)).ravel()
         sides = -np.multiply.outer(share, normal).ravel()
         w = linear = (sides @ model.compliance[rows]).reshape(-1, 3)
-        side = np.zeros(3)
+        block, side = np.zeros((3, 3)), np.zeros(3)
+        hats = gathered(model.compliance, model.true.table, marked, touched, fields[2], 0, block)
         own, more = patch_compliance(
-            model.compliance, model.true, fields[3, :, 0], touched, fields[2], numbers[NARROWED] > 0.0, load.normal,
-            numbers[RADIUS], side,
+            model.compliance, model.true, marked, touched, fields[2], numbers[NARROWED] > 0.0, load.normal,
+            numbers[RADIUS], block, hats, side,
         )  # fmt: skip
         if own > 0.0:
             w = linear + more / own * np.multiply.outer(linear @ normal, normal)

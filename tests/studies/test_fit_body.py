@@ -90,7 +90,7 @@ def pressed(moduli, right):
     for force in right.force:
         count = spreader.spread(foot, up, (0.0, 0.0, -force))
         nodes, forces = spreader.nodes[:count].copy(), spreader.forces[:count].copy()
-        surface = body.step(Load(nodes=nodes, forces=forces, foot=foot, normal=up), dt=1e-3)
+        surface = body.step([Load(nodes=nodes, forces=forces, foot=foot, normal=up)], dt=1e-3)
         depth.append(surface.previous_indentation)
         at, deep = body.mesh().vertices[:, :2], np.zeros(len(body.mesh().vertices))
         deep[surface.nodes] = -surface.displacement[:, 2]

@@ -13,7 +13,7 @@ from palpate.launch.run.execute import execute
 from palpate.messages import Contact, ForceBand, Friction, Pins, Slip, Surface
 from palpate.physics.display.pins import pin_grid
 from palpate.records.reader import Recording
-from palpate.views.pictures import draw, force, pad, pins, slip, softness
+from palpate.views.pictures import PictureError, draw, force, pad, pins, slip, softness
 from palpate.views.pictures.touch import TouchStreams
 
 
@@ -33,7 +33,10 @@ def drawn(file, folder):
 
 @pytest.fixture
 def without_3d(monkeypatch):
-    monkeypatch.setattr("palpate.views.pictures.deformation.Views", lambda touch: None)
+    def refuse(touch):
+        raise PictureError("not looked at here")
+
+    monkeypatch.setattr("palpate.views.pictures.deformation.Views", refuse)
 
 
 @pytest.fixture(scope="module")

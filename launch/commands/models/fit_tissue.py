@@ -13,7 +13,6 @@ from palpate.launch.terminal.output import console, drawn, say, table, tell
 
 if TYPE_CHECKING:
     from palpate.models.fit.tissue.fit import Fit
-    from palpate.models.fit.tissue.measured import Press
 RIGS = ("ball", "punch", "fingertip", "cylinder")
 
 
@@ -57,9 +56,9 @@ def fit_tissue(
     from palpate.launch.terminal.progress import steps
     from palpate.models.fit.sessions import SessionError
     from palpate.models.fit.tissue.fit import fit_tissue as fitted_to
-    from palpate.models.fit.tissue.measured import read_presses
     from palpate.models.fit.tissue.report import data, markdown, scene
     from palpate.models.fit.tissue.rigs import Rig
+    from palpate.studies.presses import Presses
 
     for option, found, known in (
         ("--rig", rig, RIGS), ("--plates", plates, ("frictionless", "bonded")), ("--touch", touch, ("fit", "detected")),
@@ -74,15 +73,7 @@ def fit_tissue(
     if tall is not None and not tall > 0:
         raise SessionError(f"--height: found {height!r}, expected a length above 0")
     made = Rig(rig, size or 8e-3, tall, plates, poisson)
-    named, units = _pairs("--columns", columns.split(",")), _pairs("--unit", unit or [])
-    for key in set(named) - {"time", "force", "indentation"}:
-        raise SessionError(f"--columns: found {key!r}, expected time, force, indentation")
-
-    def read(file: Path) -> list[Press]:
-        if file.suffix == ".mcap":
-            return [_recorded(file, rig == "fingertip")]
-        return read_presses(file, named, units, convert)
-
+    read = Presses(columns.split(","), unit or [], rig == "fingertip")
     presses = [p for file in files for p in read(file)]
     others = [p for file in holdout or [] for p in read(file)]
     with steps(f"fit-tissue: {law}", 1, silent=as_json, timed=False) as done:
@@ -118,37 +109,7 @@ def fit_tissue(
     say(f"written {out}/report.md, report.json, scene.yaml; next: palpate run kidney --scene {out}/scene.yaml")
 
 
-def _recorded(file: Path, bone: bool) -> Press:
-    """The press of a recording. SessionError: none, or more streams than one."""
-    from palpate.messages import Contact, Pose
-    from palpate.models.fit.sessions import SessionError
-    from palpate.models.fit.tissue.recorded import recorded_press
-    from palpate.records.reader import Recording
-
-    recording = Recording(file)
-    contacts, poses = ([s for s, c in recording.streams.items() if c.type is kind] for kind in (Contact, Pose))
-    if len(contacts) != 1 or len(poses) > 1:
-        found = f"{len(contacts)} streams of Contact and {len(poses)} of Pose"
-        raise SessionError(f"{file}: found {found}, expected one press: one stream of each")
-    felt = [m for m in recording.messages(contacts[0]) if isinstance(m, Contact)]
-    moved = [m for name in poses for m in recording.messages(name) if isinstance(m, Pose)]
-    return recorded_press(file.name, moved, felt, bone)
-
-
 def _draw(fit: Fit, out: Path) -> list[Path]:
     from palpate.views.pictures.models.fit_tissue import draw_fit
 
     return draw_fit(fit, out)
-
-
-def _pairs(option: str, texts: list[str]) -> dict[str, str]:
-    """`key=value` texts. SessionError: one that is none."""
-    from palpate.models.fit.sessions import SessionError
-
-    found = {}
-    for text in filter(None, (t.strip() for t in texts)):
-        key, sign, value = text.partition("=")
-        if not (sign and key.strip() and value.strip()):
-            raise SessionError(f"{option}: found {text!r}, expected name=value")
-        found[key.strip()] = value.strip()
-    return found

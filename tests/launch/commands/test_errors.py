@@ -18,8 +18,8 @@ FOLDERS = (
     "registry", "physics", "models", "messages", "drivers", "nodes", "engine", "launch", "records", "views", "studies",
 )  # fmt: skip
 INSIDE = {
-    "Broken", "EndedError", "HangError", "Inverted", "MissingInput", "NotPositive", "RefusedError", "UnheldError",
-    "UntrustedError", "ZmtpError", "_Fault",
+    "Broken", "ClosedError", "DisturbedError", "EndedError", "HangError", "Inverted", "MissingInput", "NotPositive",
+    "RefusedError", "UnheldError", "UntrustedError", "ZmtpError", "_Fault",
 }  # fmt: skip
 """Caught by their callers, always; no user meets them."""
 APART = {"MessageError"}
