@@ -22,6 +22,7 @@ def elsewhere(monkeypatch, tmp_path):
     return tmp_path / "levels"
 
 
+@pytest.mark.long
 def test_levels_are_fitted_stored_beside_the_basis_and_taken_by_the_node(elsewhere):
     ran = CliRunner().invoke(app, ["reduce", "--levels", "--json"])
     assert ran.exit_code == 0, ran.output

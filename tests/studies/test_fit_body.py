@@ -62,6 +62,7 @@ hand:
 """
 
 
+@pytest.mark.long
 def test_a_bundle_fitted_on_the_slab_has_the_indentation_of_two_full_solvers_and_another_shape(tmp_path):
     """By the stored reference of the slab's middle, in which neither the bundle nor what it is fitted to has a part."""
     (tmp_path / "slab.yaml").write_text(SLAB)

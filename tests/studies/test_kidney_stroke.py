@@ -71,6 +71,7 @@ def test_the_stored_reference_is_met_from_below_by_finer_meshes():
     assert fine == pytest.approx(right.indentation[:1], rel=0.05)
 
 
+@pytest.mark.long
 def test_a_parabola_through_three_places_tells_what_lies_between():
     """On one coarse mesh, whose own error changes along the path as well."""
     at = truth.path_of(TOUCHES["stroke"])
