@@ -18,6 +18,7 @@ SHOWN = re.findall(r"^```console\n\$ palpate (.*)\n((?:.|\n)*?)^```", PAGE, re.M
 def test_the_page_shows_what_is_printed(command, printed, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "1000")
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))  # no run of another test
     result = CliRunner().invoke(app, shlex.split(command))
     said = result.output + (str(result.exception) if isinstance(result.exception, PalpateError) else "")
     assert result.exit_code != 0
