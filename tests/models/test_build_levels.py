@@ -42,6 +42,7 @@ def test_levels_of_a_basis_that_is_not_stored_say_how_to_build_it(elsewhere):
     assert not elsewhere.exists()
 
 
+@pytest.mark.long
 def test_levels_that_are_there_are_kept_unless_forced(elsewhere):
     first, again = (json.loads(CliRunner().invoke(app, ["reduce", "--levels", "--json"]).stdout) for _ in range(2))
     assert first["path"] == again["path"] and again["built"] is False
