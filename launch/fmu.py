@@ -13,13 +13,12 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from palpate.engine.imports import recorded_class
 from palpate.engine.plan import Plan
 from palpate.launch.load.extras import install
 from palpate.launch.load.launchfile import find
-from palpate.launch.stepping import Stepper, planned
+from palpate.launch.stepping import Stepper, Tick, planned
 from palpate.messages import fields
-from palpate.nodes.base import Node, settings
+from palpate.nodes.base import settings
 from palpate.nodes.device.steered import Steered
 from palpate.physics.errors import ArgumentError
 
@@ -51,13 +50,14 @@ def export_fmu(graph: str, out: Path | None, sets: Sequence[str]) -> Path:
         raise ArgumentError(f"an FMU needs the package pythonfmu3: {install('fmu')}") from None
     whole = planned(find(graph).but(overrides=sets))
     Stepper(whole)  # which refuses what cannot be stepped
-    name = re.sub(r"\W", "_", Path(graph).stem).title().replace("_", "")
+    name = "Graph" + re.sub(r"\W", "_", Path(graph).stem).title().replace("_", "")
     out = out or Path(f"{Path(graph).stem}.fmu")
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(temporary)
         (folder / PLAN).write_text(json.dumps(whole.to_spec()), encoding="utf-8")
-        (folder / "graph_unit.py").write_text(SCRIPT.format(name=name), encoding="utf-8")
-        built = FmuBuilder.build_FMU(folder / "graph_unit.py", dest=folder / "built", project_files=[folder / PLAN])
+        script = folder / f"{name.lower()}.py"  # a name of its own: a process may run units of several graphs
+        script.write_text(SCRIPT.format(name=name), encoding="utf-8")
+        built = FmuBuilder.build_FMU(script, dest=folder / "built", project_files=[folder / PLAN])
         out.write_bytes(built.read_bytes())
     return out
 
@@ -76,11 +76,11 @@ class GraphUnit:
     def __init__(self, **given: Any) -> None:
         super().__init__(**given)
         spec = json.loads((Path(self.resources) / PLAN).read_text(encoding="utf-8"))
-        self._stepper = Stepper(Plan.from_spec(spec, lambda name: recorded_class(name, Node)))
+        self._stepper = Stepper(Plan.from_spec(spec))  # a unit is a program: it may name classes of anybody
         self._changes: dict[str, dict[str, Any]] = {}
         self._speeds: dict[str, list[float]] = {}
-        self._number = -1
-        self.declare("time", "s", "independent", lambda: max(self._number, 0) / self._stepper.rate)
+        self._tick: Tick | None = None
+        self.declare("time", "s", "independent", lambda: self._tick.time if self._tick else 0.0)
         for name in self._stepper.plan.order:
             self._declare_node(name)
 
@@ -119,7 +119,7 @@ class GraphUnit:
 
     def _output(self, stream: str, field: str, axis: int | None) -> Callable[[], float]:
         def get() -> float:
-            message = self._stepper.last_message(stream)
+            message = self._tick[stream] if self._tick else None
             if message is None:
                 return 0.0
             value: Any = getattr(message, field)
@@ -131,25 +131,23 @@ class GraphUnit:
         """Start the nodes and run the tick at time 0."""
         self._stepper.start()
         self._stepper.restart(self._changes)
-        self._go_on_to(0)
+        self._tick = self._stepper.tick()
 
     def do_step(self, current_time: float, step_size: float) -> bool:
         """Go on by a step: whole ticks of the graph. ArgumentError: another step."""
+        assert self._tick is not None  # FMI initializes before it steps
         end = (current_time + step_size) * self._stepper.rate
-        if abs(end - round(end)) > 1e-6 * max(1.0, end) or round(end) <= self._number:
+        count = round(end) - self._tick.number
+        if abs(end - round(end)) > 1e-6 * max(1.0, end) or count < 1:
             raise ArgumentError(f"step to {current_time + step_size} s: expected ticks of 1/{self._stepper.rate:g} s")
         for name, speed in self._speeds.items():
             node = self._stepper.node(name)
             assert isinstance(node, Steered)
             node.steer(speed)
-        self._go_on_to(round(end))
+        for _ in range(count):
+            self._tick = self._stepper.tick()
         return True
 
     def terminate(self) -> None:
         """Stop the nodes."""
         self._stepper.stop()
-
-    def _go_on_to(self, number: int) -> None:
-        while self._number < number:
-            self._stepper.tick()
-            self._number += 1

@@ -121,10 +121,6 @@ class Stepper:
         """Streams of a node, and their types."""
         return [(output.stream, output.kind) for output in slot_of(self._worker, name).outputs]
 
-    def last_message(self, stream: str) -> Message | None:
-        """The last message of a stream; None: there was none."""
-        return self._worker.outputs[stream].last
-
     def start(self) -> None:
         """Start all nodes. NodeError: one of them failed; `stop` gives back what the others opened."""
         self._worker.start()

@@ -23,6 +23,7 @@
       ScanError         images of a scan
       SessionError      measured indentations
       FitError          data that cannot determine a model
+      GymError          gymnasium, which is not there
 
 Each is declared where it is first raised; those that several rooms raise stand below. `MessageError` stands apart, as
 `palpate.messages` imports nothing of ours.

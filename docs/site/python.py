@@ -14,8 +14,6 @@ from prose import prose
 import palpate
 import palpate.physics
 
-ROOMS = ("bodies", "contact", "device", "display", "fingertip", "friction", "geometry", "materials")
-
 
 def public() -> str:
     """The names of `palpate.__all__`, with the methods of the classes."""
@@ -33,7 +31,8 @@ def public() -> str:
 
 def library() -> Iterator[tuple[str, str]]:
     """A page for each folder of `palpate.physics`: every formula with its equation, units and source."""
-    for room in ROOMS:
+    rooms = [info.name for info in pkgutil.iter_modules(palpate.physics.__path__) if info.ispkg]
+    for room in sorted(rooms):
         package = importlib.import_module(f"palpate.physics.{room}")
         lines = [f"# palpate.physics.{room}", "", prose(package.__doc__ or ""), ""]
         for info in sorted(pkgutil.walk_packages(package.__path__, package.__name__ + "."), key=lambda one: one.name):

@@ -11,6 +11,7 @@ A row is on the disk before the next trial begins. What a power cut has left of 
 from __future__ import annotations
 
 import fcntl
+import itertools
 import json
 import os
 from collections.abc import Iterable, Mapping
@@ -87,8 +88,7 @@ class Table:
 
     def begun(self, trial: int) -> int:
         """How often a trial was begun before."""
-        last = [self.recording(trial, 1, repeat).exists() for repeat in range(1000)]
-        return last.index(False)
+        return next(repeat for repeat in itertools.count() if not self.recording(trial, 1, repeat).exists())
 
     def describe(self, about: dict[str, dict[str, Any]]) -> None:
         """Write what the columns are; `about` is added to what is known of them."""

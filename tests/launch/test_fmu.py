@@ -68,6 +68,26 @@ def test_a_step_that_is_no_whole_number_of_ticks_is_refused(tmp_path):
         simulated(exported(tmp_path), until=0.01, step=0.0015)
 
 
+def test_a_graph_of_ones_own_with_a_class_of_ones_own_whatever_its_name(tmp_path, monkeypatch):
+    """What runs the unit has not imported the class, and the name of the file begins with no letter."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    (tmp_path / "soft_organ.py").write_text(
+        "from palpate.nodes.deformation import MassSpring\n\n\nclass Soft(MassSpring):\n    stiffness = 1e3\n"
+    )
+    (tmp_path / "3-soft.yaml").write_text("extends: kidney\nnodes: {tissue: {use: soft_organ.Soft}}\n")
+    result = CliRunner().invoke(app, ["export", "3-soft.yaml", "--to", "fmu"])
+    assert result.exit_code == 0, result.output
+    sys.modules.pop("soft_organ")
+    assert simulated("3-soft.fmu")["contact.force"].max() > 0.1
+
+
+def test_what_is_not_for_it_is_refused(tmp_path):
+    assert CliRunner().invoke(app, ["export", "a.mcap", "--to", "csv", "--set", "rate=500"]).exit_code == 2
+    result = CliRunner().invoke(app, ["export", "kidney", "--to", "fmu", "-o", str(tmp_path / "no" / "k.fmu")])
+    assert result.exit_code != 0 and "k.fmu" in result.output + str(result.exception)
+
+
 def test_a_graph_with_a_device_is_refused(tmp_path):
     result = CliRunner().invoke(app, ["export", "falcon", "--to", "fmu", "-o", str(tmp_path / "f.fmu")])
     assert result.exit_code != 0 and "'device' drives a device" in result.output + str(result.exception)

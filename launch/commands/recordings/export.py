@@ -40,6 +40,8 @@ def export(
         else:
             console().print(f"{unit}: {unit.stat().st_size / 1e6:.2f} MB")
         return
+    if sets:
+        raise typer.BadParameter("--set is for --to fmu: a recording is as it is; `palpate replay` computes it anew")
     from palpate.records.export import export as write
     from palpate.records.reader import Recording
 

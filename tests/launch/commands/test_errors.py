@@ -16,6 +16,7 @@ from palpate.physics.errors import PalpateError
 
 FOLDERS = (
     "registry", "physics", "models", "messages", "drivers", "nodes", "engine", "launch", "records", "views", "studies",
+    "gym",
 )  # fmt: skip
 INSIDE = {
     "Broken", "ClosedError", "DisturbedError", "EndedError", "HangError", "Inverted", "MissingInput", "NotPositive",
