@@ -63,9 +63,7 @@ RULE = "/etc/udev/rules.d/70-palpate.rules"
 
 def udev_rules() -> str:
     """The text of a rules file that permits the user at the machine, and the group plugdev, to use all of them."""
-    lines = [
-        "# Devices that palpate drives. After a change: udevadm control --reload, then plug the device in again.",
-    ]
+    lines = ["# Devices that palpate drives. After a change: udevadm control --reload, then plug the device in again."]
     for kind in KNOWN:
         if not kind.ids:
             continue

@@ -119,11 +119,7 @@ class Chain:
         nodes = self.plan.graph.nodes
         law = nodes[self.contact].settings.get("finger_law", Series.finger_law)
         body = SPRING if nodes[self.tissue].cls is MassSpring else CONDENSED
-        return {
-            self.tissue: body,
-            self.contact: tuple(filter(None, FINGER[law])),
-            self.collision: ("thickness",),
-        }
+        return {self.tissue: body, self.contact: tuple(filter(None, FINGER[law])), self.collision: ("thickness",)}
 
     def check(self, parameters: Sequence[Where]) -> None:
         """ArgumentError: a parameter that this chain has no derivative for; says which it has."""

@@ -56,8 +56,7 @@ class _Line(msgspec.Struct, rename={"inputs": "in", "offered": "with"}):
     offered: Any = None
     when: Any = None
     every: Annotated[
-        Annotated[int, msgspec.Meta(ge=1, le=MOST)] | None,
-        msgspec.Meta(description=f"a whole number from 1 to {MOST}"),
+        Annotated[int, msgspec.Meta(ge=1, le=MOST)] | None, msgspec.Meta(description=f"a whole number from 1 to {MOST}")
     ] = None
     restart: Annotated[bool | None, msgspec.Meta(description="true or false")] = None
 

@@ -48,14 +48,7 @@ def find_streams(given: str, kinds: Kinds) -> list[str]:
     return [s for s, kind in own.items() if not message or kind.__name__ == message]
 
 
-def wires(
-    name: str,
-    cls: type[Node],
-    line: YamlSource,
-    kinds: Kinds,
-    unclear: set[str],
-    faults: Faults,
-) -> list[Wire]:
+def wires(name: str, cls: type[Node], line: YamlSource, kinds: Kinds, unclear: set[str], faults: Faults) -> list[Wire]:
     """The connected inputs of a node in port order; what is wrong becomes faults.
 
     kinds    streams with their types, by node

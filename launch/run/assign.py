@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import os
 
-from palpate.engine.force_path import force_path
 from palpate.engine.graph import places
 from palpate.engine.job import Job, node_job, observer_job
-from palpate.engine.plan import Plan
+from palpate.engine.plan import Plan, force_path
 from palpate.launch.load.placement import Placement, ProcessGroup
 from palpate.nodes.base import inputs
 

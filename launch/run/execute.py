@@ -15,9 +15,8 @@ import msgspec
 from rich.console import Console
 
 from palpate.engine.faults import Faults
-from palpate.engine.force_path import force_path
 from palpate.engine.graph import Graph
-from palpate.engine.plan import Plan
+from palpate.engine.plan import Plan, force_path
 from palpate.engine.provenance import about
 from palpate.launch.load.launchfile import SOURCES, LaunchFile
 from palpate.launch.load.placement import APART, AUTO, Placement, auto
@@ -26,10 +25,9 @@ from palpate.launch.load.recording import set_recording
 from palpate.launch.run.assign import jobs, spared
 from palpate.launch.run.forkserver import ForkServer
 from palpate.launch.run.launcher import Launcher
-from palpate.launch.run.result import Result
+from palpate.launch.run.result import Result, Verdict, verdict
 from palpate.launch.run.screen import Screen
 from palpate.launch.run.sources import record_sources
-from palpate.launch.run.verdict import Verdict, verdict
 from palpate.launch.run.wire import keys
 from palpate.launch.run.wire.keys import Key
 from palpate.launch.run.work.fused import run_fused
