@@ -71,6 +71,5 @@ def udev_rules() -> str:
         for vendor, product in kind.ids:
             only = "" if product == "*" else f', ATTRS{{idProduct}}=="{product}"'
             grant = 'MODE="0660", GROUP="plugdev", TAG+="uaccess"'
-            subsystem = {"usb": "usb", "hidraw": "hidraw", "tty": "tty"}[kind.through]
-            lines.append(f'SUBSYSTEM=="{subsystem}", ATTRS{{idVendor}}=="{vendor}"{only}, {grant}')
+            lines.append(f'SUBSYSTEM=="{kind.through}", ATTRS{{idVendor}}=="{vendor}"{only}, {grant}')
     return "\n".join(lines) + "\n"
