@@ -83,7 +83,9 @@ class _Filling:
                 sent = self.player.step(tick, payloads, now)
                 if self.player.missing is not None:
                     if self.stored.complete:
-                        self._lost(*self.player.missing)
+                        node, stream, lost = self.player.missing  # what it used did not reach the logger
+                        told = Difference(stream, lost, "message", "1", f"used by {node!r}", "not in the file")
+                        self.report.nodes[node].first = told
                     break  # else the file was cut off before all of this tick was in it
                 agreed = self._check(tick, payloads, sent)
                 if self.report.first is not None:
@@ -99,10 +101,6 @@ class _Filling:
         finally:
             self.player.stop()
         yield from pending
-
-    def _lost(self, node: str, stream: str, tick: int) -> None:
-        """A message that a node used on the real clock did not reach the logger."""
-        self.report.nodes[node].first = Difference(stream, tick, "message", "1", f"used by {node!r}", "not in the file")
 
     def _ticks(self) -> Iterator[tuple[int, dict[str, bytes]]]:
         """The ticks of the run, with what is stored of each."""

@@ -176,7 +176,9 @@ class Launcher:
             for answer in self.forkserver.answers():
                 self._answer(answer)
             if self.forkserver.process.poll() is not None:
-                self._lost_forkserver()
+                self.result.deaths.append(Death("all", "process", "the fork server ended", "\n".join(self._tail)))
+                for member in self.members.values():
+                    member.state = "gone"
         if len(self._interrupts) > self._heeded:
             self._interrupt()
         self._check_time()
@@ -259,8 +261,10 @@ class Launcher:
         member.state = "linked"
         if self.phase == "linking" and self._barrier.all("linked"):
             self._go()
-        elif self.phase == "running":
-            self._back(member)
+        elif self.phase == "running":  # it was started again, and joins the run
+            self._control.tell(member.job.group, reports.Go(self.origin))
+            member.state = "running"
+            self._tell_gone({node.name for node in member.job.nodes}, back=True)
 
     def _go(self) -> None:
         self.phase = "running"
@@ -272,12 +276,6 @@ class Launcher:
         for member in self.members.values():
             member.state = "running"
             member.heard()
-
-    def _back(self, member: WorkerHandle) -> None:
-        """A worker that was started again joins the run."""
-        self._control.tell(member.job.group, reports.Go(self.origin))
-        member.state = "running"
-        self._tell_gone({node.name for node in member.job.nodes}, back=True)
 
     # -- trouble -------------------------------------------------------------------------------------------------
 
@@ -340,11 +338,6 @@ class Launcher:
 
     def _leads(self) -> list[WorkerHandle]:
         return [member for member in self.members.values() if member.job.leads]
-
-    def _lost_forkserver(self) -> None:
-        self.result.deaths.append(Death("all", "process", "the fork server ended", "\n".join(self._tail)))
-        for member in self.members.values():
-            member.state = "gone"
 
     def _interrupt(self) -> None:
         """The first Ctrl-C stops the run in order, a second one at once."""

@@ -16,6 +16,7 @@ from palpate.engine.clock import real_time
 from palpate.engine.slot import NodeError
 from palpate.launch.run import reports
 from palpate.launch.run.descendants import die_with_parent
+from palpate.launch.run.result import Death
 from palpate.launch.run.wire.bus import Bus, split
 from palpate.launch.run.wire.keys import Key
 from palpate.launch.run.work.fused import death
@@ -52,13 +53,13 @@ def serve(start: reports.Start, alone: bool = False) -> int:
         clean_exit = begun is not None
         return 0
     except (NodeError, RunError) as error:
-        bus.report(reports.NodeFault("", "process", str(error)) if isinstance(error, RunError) else _fault(error))
+        told = death(error) if isinstance(error, NodeError) else Death("", "process", str(error))
+        bus.report(reports.NodeFault(told.node, told.where, told.text, told.trace))
         _stop_rest(worker)
         return 1
     except Exception as error:
-        trace = (
-            "" if isinstance(error, OSError) else traceback.format_exc()
-        )  # what the system refuses is told in a line
+        # What the system refuses is told in a line.
+        trace = "" if isinstance(error, OSError) else traceback.format_exc()
         bus.report(reports.NodeFault("", "process", f"{type(error).__name__}: {error}", trace))
         return 1
     finally:
@@ -87,11 +88,6 @@ def _link(bus: Bus) -> tuple[int, set[str]]:
                 bus.report(reports.Linked())
             case reports.Go(origin):
                 return origin, senders
-
-
-def _fault(error: NodeError) -> reports.NodeFault:
-    cause = death(error)
-    return reports.NodeFault(cause.node, cause.where, cause.text, cause.trace)
 
 
 def _stop_rest(worker: Worker | None) -> None:
