@@ -141,12 +141,9 @@ class EmulatedService:
         if first:
             device["config"] = {"handedness": "right"}
         pressed = {name: bool(self.hand.buttons >> i & 1) for i, name in enumerate("abc")}
-        return json.dumps(
-            {
-                "inverse3": [{"device_id": name, **device} for name in self.ids],
-                "wireless_verse_grip": [{"device_id": "61576", "state": {"buttons": pressed}}],
-            }
-        )
+        devices = [{"device_id": name, **device} for name in self.ids]
+        grips = [{"device_id": "61576", "state": {"buttons": pressed}}]
+        return json.dumps({"inverse3": devices, "wireless_verse_grip": grips})
 
     def _serve(self, link: Any) -> None:
         try:

@@ -243,11 +243,8 @@ def in_si(hint: Any, value: Any, unit: str) -> Any:
     for option in options:
         origin, inner = typing.get_origin(option), typing.get_args(option)
         if isinstance(value, list) and origin in (tuple, list) and inner:
-            kinds = (
-                inner
-                if origin is tuple and Ellipsis not in inner and len(inner) == len(value)
-                else inner[:1] * len(value)
-            )
+            each = origin is tuple and Ellipsis not in inner and len(inner) == len(value)
+            kinds = inner if each else inner[:1] * len(value)
             return [in_si(kind, item, unit) for kind, item in zip(kinds, value, strict=True)]
         if isinstance(value, dict) and isinstance(option, type) and issubclass(option, msgspec.Struct):
             return {key: _field_in_si(option, key, item) for key, item in value.items()}
