@@ -246,8 +246,7 @@ def plan_of(recording: Stored) -> Plan:
     return planned
 
 
-MOST = 65_536
-"""Messages kept at most for a reader that asks for none: far more than a logger can bring out of order."""
+MOST = 65_536  # messages kept at most for a reader that asks for none: far more than a logger can bring out of order
 
 
 class History:
@@ -255,8 +254,7 @@ class History:
 
     def __init__(self) -> None:
         self.last: Message | None = None
-        self.readers: dict[object, int] = {}
-        """Of each reader the last tick that it has used."""
+        self.readers: dict[object, int] = {}  # of each reader the last tick that it has used
         self._messages: dict[int, Message] = {}
         self._ticks: deque[int] = deque()
 

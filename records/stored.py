@@ -76,8 +76,7 @@ class Stored:
         self.times: dict[str, dict[str, float]] = {}
         self.restarted: dict[str, list[int]] = {}
         self.damage: Broken | None = None
-        self.channels: dict[int, str] = {}
-        """Number in the file -> stream."""
+        self.channels: dict[int, str] = {}  # number in the file -> stream
         try:
             with open(self.path, "rb") as file:
                 begin = file.read(8)

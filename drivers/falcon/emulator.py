@@ -24,8 +24,7 @@ from palpate.physics.device.falcon_statics import force_kernel
 MODEM_BYTES = b"\x01\x60"
 CLOCK = 3.0e6  # [Hz] of the chip's baud generator
 OFFSET = (137, -411, 262)  # [counts] of the encoders before homing
-IMAGE = random.Random(48).randbytes(9973)
-"""Stands for a firmware: only an emulator takes it."""
+IMAGE = random.Random(48).randbytes(9973)  # stands for a firmware: only an emulator takes it
 
 
 def baud(divisor: int) -> float:

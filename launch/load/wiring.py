@@ -17,8 +17,7 @@ from palpate.launch.load.values.source import YamlSource
 from palpate.messages import Message
 from palpate.nodes.base import Node, Port, inputs
 
-Kinds = dict[str, dict[str, type[Message]]]
-"""Of each node its streams and their message types."""
+Kinds = dict[str, dict[str, type[Message]]]  # of each node its streams and their message types
 
 
 @dataclass

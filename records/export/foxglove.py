@@ -21,8 +21,7 @@ from palpate.records.export.shape import FULL, LENGTH, Pace, Tell, colours, disp
 from palpate.records.reader import Recording
 from palpate.records.stored import RecordingError
 
-_CHUNK = 4 << 20
-"""[B] Several surfaces, which are much alike, are compressed together."""
+_CHUNK = 4 << 20  # [B] several surfaces, which are much alike, are compressed together
 _Told = tuple[str, dict[str, Any], dict[str, Any]]
 
 

@@ -11,8 +11,7 @@ from palpate.launch.terminal.options import Graph, Json, SceneOption, Sets, chos
 from palpate.launch.terminal.output import console, tell
 from palpate.launch.terminal.progress import steps
 
-PER_TICK = 1e-3
-"""[s] that a body and its reference take for a tick of the touch."""
+PER_TICK = 1e-3  # [s] that a body and its reference take for a tick of the touch
 
 
 def fit_body(
