@@ -8,41 +8,26 @@ from typing import Annotated
 
 import typer
 
-from palpate.launch.terminal.options import (
-    Fused,
-    Graph,
-    Json,
-    OrganOption,
-    PlaceOption,
-    RepairOption,
-    SceneOption,
-    Sets,
-    UnitOption,
-    chosen,
-    one_of,
-    reconnecting,
-    recorded_to,
-    seconds,
-    thin_factors,
-    with_own_organ,
-)
+from palpate.launch.terminal import options
 from palpate.launch.terminal.output import console
 from palpate.physics.errors import TROUBLE
 
 
 def run(
-    graph: Graph = "kidney",
-    sets: Sets = None,
-    scene: SceneOption = None,
-    organ: OrganOption = None,
-    unit: UnitOption = None,
-    repair: RepairOption = False,
-    place: PlaceOption = None,
-    fused: Fused = False,
+    graph: options.Graph = "kidney",
+    sets: options.Sets = None,
+    scene: options.SceneOption = None,
+    organ: options.OrganOption = None,
+    unit: options.UnitOption = None,
+    repair: options.RepairOption = False,
+    place: options.PlaceOption = None,
+    fused: options.Fused = False,
     clock: Annotated[str | None, typer.Option(help="simulated or real.")] = None,
     duration: Annotated[
         float | None,
-        typer.Option(help="Duration on the graph's clock: seconds, or with a unit.", parser=seconds, metavar="TIME"),
+        typer.Option(
+            help="Duration on the graph's clock: seconds, or with a unit.", parser=options.seconds, metavar="TIME"
+        ),
     ] = None,
     pace: Annotated[
         float | None, typer.Option(help="Pace of simulated time, as a multiple of real time.", min=1e-3, max=1e6)
@@ -67,7 +52,7 @@ def run(
     reconnect: Annotated[bool, typer.Option("--reconnect", help="Wait for a device that is unplugged.")] = False,
     strict: Annotated[bool, typer.Option("--strict", help="Exit code 1 if the real clock was not kept.")] = False,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No live view.")] = False,
-    as_json: Json = False,
+    as_json: options.Json = False,
 ) -> None:
     """Run a graph: live view, recording, summary, pictures.
 
@@ -80,13 +65,13 @@ def run(
         forkserver = None if fused and clock != "real" else ForkServer()  # it imports while the graph is read
         if forkserver is not None:
             ending.callback(forkserver.close)
-        launch = chosen(graph, sets, scene, place, fused)
-        launch, organ_notes = with_own_organ(launch, organ, unit, repair, silent=as_json)
-        one_of("clock", clock, "simulated", "real")
+        launch = options.chosen(graph, sets, scene, place, fused)
+        launch, organ_notes = options.with_own_organ(launch, organ, unit, repair, silent=as_json)
+        options.one_of("clock", clock, "simulated", "real")
         launch = launch.but(clock=clock, duration=duration, pace=pace)
-        launch = reconnecting(launch) if reconnect else launch
+        launch = options.reconnecting(launch) if reconnect else launch
         name = (organ or launch.path or launch.graph).stem
-        launch, folder = recorded_to(launch, name, record, out, no_record, record_only)
+        launch, folder = options.recorded_to(launch, name, record, out, no_record, record_only)
         loaded = page = None
         if see:
             from palpate.launch.terminal.browser import RunPage
@@ -104,7 +89,7 @@ def run(
             outcome = execute(
                 launch, loaded, console=None if quiet or as_json else console(), forkserver=forkserver,
                 patience=timeout, network=Network(address, unencrypted, key), leave_out=leave_out or (),
-                thin=thin_factors(thin or []), step_times=lambda planned: step_times(planned, None)[0],
+                thin=options.thin_factors(thin or []), step_times=lambda planned: step_times(planned, None)[0],
                 watch=page.live.on_update if page else lambda _: None, fit_cores=True,
             )  # fmt: skip
         if forkserver is not None:

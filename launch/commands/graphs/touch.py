@@ -8,30 +8,19 @@ from typing import Annotated
 
 import typer
 
+from palpate.launch.terminal import options
 from palpate.launch.terminal.browser import show
-from palpate.launch.terminal.options import (
-    Graph,
-    NoOpen,
-    OrganOption,
-    Port,
-    RepairOption,
-    SceneOption,
-    Sets,
-    UnitOption,
-    chosen,
-    with_own_organ,
-)
 
 
 def touch(
-    graph: Graph = "kidney",
-    sets: Sets = None,
-    scene: SceneOption = None,
-    organ: OrganOption = None,
-    unit: UnitOption = None,
-    repair: RepairOption = False,
-    port: Port = 0,
-    no_open: NoOpen = False,
+    graph: options.Graph = "kidney",
+    sets: options.Sets = None,
+    scene: options.SceneOption = None,
+    organ: options.OrganOption = None,
+    unit: options.UnitOption = None,
+    repair: options.RepairOption = False,
+    port: options.Port = 0,
+    no_open: options.NoOpen = False,
     no_record: Annotated[
         bool, typer.Option("--no-record", help="Keep no recordings unless the page requests it.")
     ] = False,
@@ -47,7 +36,9 @@ def touch(
     from palpate.views.page.session import Session
 
     folder = out or Path("runs") / f"touch-{datetime.datetime.now():%Y%m%d-%H%M%S}"
-    launch, _ = with_own_organ(chosen(graph, None if organ is None else sets, scene), organ, unit, repair)
+    launch, _ = options.with_own_organ(
+        options.chosen(graph, None if organ is None else sets, scene), organ, unit, repair
+    )
     session = Session(launch, folder, list(sets or []))
     session.keep = not no_record
     show(session, "touch", port, no_open)
