@@ -56,12 +56,9 @@ class Part:
             return [None] * len(self.slot.inputs)
         read = places(spec.cls, recorded.edges[self.name])
         before = {(port.name, edge.stream if edge else ""): place for place, (port, edge) in enumerate(read)}
-        return [
-            before.get((port.port.name, port.stream))
-            if port.dead or _every(recorded, port.producer) == port.every
-            else None
-            for port in self.slot.inputs
-        ]
+        same = [port.dead or _every(recorded, port.producer) == port.every for port in self.slot.inputs]
+        known = [before.get((port.port.name, port.stream)) for port in self.slot.inputs]
+        return [place if kept else None for place, kept in zip(known, same, strict=True)]
 
     def forget_new_inputs(self, count: int) -> None:
         """Leave out inputs beyond the first `count`, which the class has gained since the recording was made: nothing

@@ -88,10 +88,8 @@ def _module(use: str, name: str, sends: Iterable[type[Message]]) -> ModuleType:
         return importlib.import_module(full)
     except ModuleNotFoundError as error:
         if error.name is not None and (full == error.name or full.startswith(error.name + ".")):
-            cure = (
-                choices("Modules of palpate", name.partition(".")[0], _node_modules())
-                + f" Looked in {here} and the Python path, too."
-            )
+            known = choices("Modules of palpate", name.partition(".")[0], _node_modules())
+            cure = f"{known} Looked in {here} and the Python path, too."
             text = f"use: {use!r}: module {name!r} not found"
             raise ClassError(text, f"{cure} {_fitting(use, sends)}".strip()) from None
         raise _missing(use, error) from None
@@ -99,10 +97,8 @@ def _module(use: str, name: str, sends: Iterable[type[Message]]) -> ModuleType:
         raise _missing(use, error) from None
     except (Exception, SystemExit) as error:
         last = traceback.extract_tb(error.__traceback__)[-1]
-        where = (
-            f"{error.filename}:{error.lineno}" if isinstance(error, SyntaxError) else f"{last.filename}:{last.lineno}"
-        )
-        text = f"use: importing {name!r} failed: {type(error).__name__}: {error} ({where})"
+        at = (error.filename, error.lineno) if isinstance(error, SyntaxError) else (last.filename, last.lineno)
+        text = f"use: importing {name!r} failed: {type(error).__name__}: {error} ({at[0]}:{at[1]})"
         raise ClassError(text) from None
 
 

@@ -67,9 +67,7 @@ def skipped_nodes(graph: Graph, running: set[str]) -> dict[str, str]:
             reasons[name] = spec.off
             continue
         readers = [n for n, other in graph.nodes.items() if any(e.producer == name for e in other.edges)]
-        reasons[name] = f"output unused: {', '.join(spec.streams)}"
-        if readers:
-            reasons[name] += (
-                f"; read only by {', '.join(readers)}, which {'does' if len(readers) == 1 else 'do'} not run"
-            )
+        rest = "does not run" if len(readers) == 1 else "do not run"
+        only = f"; read only by {', '.join(readers)}, which {rest}" if readers else ""
+        reasons[name] = f"output unused: {', '.join(spec.streams)}{only}"
     return reasons

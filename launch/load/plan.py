@@ -39,12 +39,8 @@ def _order(graph: Graph, running: set[str]) -> Iterator[str]:
     left = [name for name in graph.nodes if name in running and not graph.nodes[name].observer]
     done: set[str] = set()
     while left:
-        ready = (
-            n
-            for n in left
-            if all(e.loop or e.producer not in running or e.producer in done for e in graph.nodes[n].edges)
-        )
-        name = next(ready)
+        waiting = running - done
+        name = next(n for n in left if all(e.loop or e.producer not in waiting for e in graph.nodes[n].edges))
         left.remove(name)
         done.add(name)
         yield name

@@ -75,7 +75,7 @@ def _judge(outcome: RunOutcome) -> None:
 
 
 def _data(outcome: RunOutcome, drawn: list[Path]) -> dict[str, Any]:
-    result = outcome.result
+    result, verdict = outcome.result, outcome.verdict
     return {
         "ok": outcome.ok,
         "ticks": result.ticks,
@@ -84,9 +84,7 @@ def _data(outcome: RunOutcome, drawn: list[Path]) -> dict[str, Any]:
         "origin": result.origin,
         "wall": result.wall,
         "interrupted": result.interrupted,
-        "verdict": None
-        if outcome.verdict is None
-        else {**dataclasses.asdict(outcome.verdict), "kept": outcome.verdict.kept},
+        "verdict": verdict and {**dataclasses.asdict(verdict), "kept": verdict.kept},
         "recording": str(outcome.recording) if outcome.recording else None,
         "nodes": result.health,
         "skipped": outcome.plan.skipped,

@@ -70,9 +70,8 @@ def _save(surface: Any, path: Path) -> None:
 def _series(folder: Path, name: str, times: list[tuple[float, str]]) -> list[Path]:
     """The two files by which ParaView knows the times."""
     lines = [f'    <DataSet timestep="{time!r}" part="0" file="{file}"/>' for time, file in times]
-    head = (
-        '<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1" byte_order="LittleEndian">\n  <Collection>\n'
-    )
+    kind = 'type="Collection" version="0.1" byte_order="LittleEndian"'
+    head = f'<?xml version="1.0"?>\n<VTKFile {kind}>\n  <Collection>\n'
     pvd = folder / f"{name}.pvd"
     pvd.write_text(head + "\n".join(lines) + "\n  </Collection>\n</VTKFile>\n")
     series = folder / f"{name}.vtp.series"

@@ -23,9 +23,8 @@ def info(file: File, as_json: Json = False) -> None:
 def _print(data: dict[str, Any]) -> None:
     from rich.text import Text
 
-    size = f"{data['size'] / 1e6:.2f} MB" + (
-        f", {data['size'] / data['duration'] / 1e3:.0f} kB/s" if data["duration"] else ""
-    )
+    speed = f", {data['size'] / data['duration'] / 1e3:.0f} kB/s" if data["duration"] else ""
+    size = f"{data['size'] / 1e6:.2f} MB{speed}"
     head = Text.assemble((data["file"], "bold"), f"  {data['duration']:.3f} s, {size}, {data['clock']} clock")
     console().print(head)
     machine, versions = data["machine"] or {}, data["versions"] or {}
