@@ -21,7 +21,7 @@ from palpate.drivers.errors import DeviceError
 from palpate.drivers.guard import DeviceSample
 from palpate.drivers.limits import LIMITS
 from palpate.drivers.transport.burst import burst
-from palpate.drivers.transport.serial import Line
+from palpate.drivers.transport.serial import SerialLine
 from palpate.physics.device.pantograph import Pantograph, cranks, handle, jacobian
 
 NAME = "Haply 2diy"
@@ -57,7 +57,7 @@ def torques(version: int, values: tuple[float, float]) -> bytes:
     return bytes((2, NUMBER)) + struct.pack("<2f", *(values[i] for i in order))
 
 
-class Haply2Diy(PortDriver[Line]):
+class Haply2Diy(PortDriver[SerialLine]):
     """The device on its line. Its command is a force [N] (2) in its plane; its position is (x, y, 0).
 
     connect  opens the line
@@ -68,7 +68,7 @@ class Haply2Diy(PortDriver[Line]):
     limits = LIMITS["haply2diy"]
     size = 2
 
-    def __init__(self, connect: Callable[[], Line], version: int = 3) -> None:
+    def __init__(self, connect: Callable[[], SerialLine], version: int = 3) -> None:
         super().__init__(connect)
         self.version = version
         self.mechanism = BUILDS[version][0]

@@ -21,7 +21,7 @@ from palpate.drivers.errors import DeviceError, package
 from palpate.drivers.guard import DeviceSample
 from palpate.drivers.limits import LIMITS
 from palpate.drivers.transport.burst import MOST, burst
-from palpate.drivers.transport.websocket import Messages
+from palpate.drivers.transport.websocket import WebSocket
 
 NAME = "Haply Inverse service"
 ADDRESS = "ws://localhost:10001"
@@ -73,7 +73,7 @@ def buttons(message: dict[str, Any]) -> int:
     return 0
 
 
-class Inverse3(PortDriver[Messages]):
+class Inverse3(PortDriver[WebSocket]):
     """A device of the service.
 
     connect  opens the connection
@@ -84,7 +84,7 @@ class Inverse3(PortDriver[Messages]):
     limits = LIMITS["inverse3"]
     size = 3
 
-    def __init__(self, connect: Callable[[], Messages], device: str = "") -> None:
+    def __init__(self, connect: Callable[[], WebSocket], device: str = "") -> None:
         super().__init__(connect)
         self.device = device
 

@@ -23,7 +23,7 @@ from palpate.drivers.errors import DeviceError
 from palpate.drivers.framing import FrameReader
 from palpate.drivers.guard import DeviceSample
 from palpate.drivers.limits import Limits
-from palpate.drivers.transport.serial import Line
+from palpate.drivers.transport.serial import SerialLine
 
 NAME = "Dot Pad"
 BAUD = 115200
@@ -78,7 +78,7 @@ def cells(dots: list[bool], rows: int, columns: int) -> list[bytes]:
     return [line.tobytes() for line in np.packbits(bits, axis=-1, bitorder="little")]
 
 
-class DotPad(PortDriver[Line]):
+class DotPad(PortDriver[SerialLine]):
     """The display on its line. A command is one number for each dot, row by row: above 0 it is up.
 
     connect        opens the line
@@ -88,7 +88,7 @@ class DotPad(PortDriver[Line]):
     name = NAME
     limits = Limits(float("inf"), float("inf"), float("inf"))
 
-    def __init__(self, connect: Callable[[], Line], rows: int = 40, columns: int = 60) -> None:
+    def __init__(self, connect: Callable[[], SerialLine], rows: int = 40, columns: int = 60) -> None:
         super().__init__(connect)
         self.rows, self.columns, self.size = rows, columns, rows * columns
 

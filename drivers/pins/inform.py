@@ -15,7 +15,7 @@ from palpate.drivers.emulate import EmulatedDevice
 from palpate.drivers.errors import DeviceError
 from palpate.drivers.guard import DeviceSample
 from palpate.drivers.limits import Limits
-from palpate.drivers.transport.serial import Line
+from palpate.drivers.transport.serial import SerialLine
 
 NAME = "inFORM"
 BAUD = 115200
@@ -63,9 +63,9 @@ class InForm:
     limits = Limits(TRAVEL, float("inf"), float("inf"))
     size = SIDE * SIDE
 
-    def __init__(self, connect: Callable[[], Sequence[Line]]) -> None:
+    def __init__(self, connect: Callable[[], Sequence[SerialLine]]) -> None:
         self.connect = connect
-        self.lines: Sequence[Line] = ()
+        self.lines: Sequence[SerialLine] = ()
 
     def open(self) -> None:
         self.shown: dict[int, bytes] = {}

@@ -18,7 +18,7 @@ from palpate.drivers.errors import DeviceError
 from palpate.drivers.framing import FrameReader
 from palpate.drivers.guard import DeviceSample
 from palpate.drivers.limits import Limits
-from palpate.drivers.transport.serial import Line
+from palpate.drivers.transport.serial import SerialLine
 
 NAME = "Bota force sensor"
 BAUD = 460800
@@ -59,7 +59,7 @@ class BotaFrameReader(FrameReader[Reading]):
         return Reading(status, tuple(wrench), stamp, warmth), FRAME
 
 
-class Bota(PortDriver[Line]):
+class Bota(PortDriver[SerialLine]):
     """The sensor behind a line.
 
     connect  opens the line
@@ -70,7 +70,7 @@ class Bota(PortDriver[Line]):
     limits = Limits(0.0, 0.0, float("inf"))
     size = 0
 
-    def __init__(self, connect: Callable[[], Line], sinc: int = 57) -> None:
+    def __init__(self, connect: Callable[[], SerialLine], sinc: int = 57) -> None:
         super().__init__(connect)
         self.sinc = sinc
 

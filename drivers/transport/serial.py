@@ -4,24 +4,11 @@ from __future__ import annotations
 
 import errno
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from palpate.drivers.errors import DeviceError, package
 
 LARGEST = 4096  # [bytes] taken at once
-
-
-class Line(Protocol):
-    """What a driver needs of a serial line."""
-
-    def write(self, data: bytes) -> None:
-        """Send bytes. DeviceError: the line is gone."""
-
-    def read(self, timeout: float) -> bytes:
-        """What has come, or comes first within `timeout` [s]; empty when nothing does. DeviceError: it is gone."""
-
-    def close(self) -> None:
-        """Give the line back."""
 
 
 class SerialLine:
@@ -57,12 +44,14 @@ class SerialLine:
         return DeviceError(f"the {self.name} is gone. Plug it in again.", lost=True)
 
     def write(self, data: bytes) -> None:
+        """Send bytes. DeviceError: the line is gone."""
         try:
             self.line.write(data)
         except (self.serial.SerialException, OSError, TypeError):  # TypeError: closed while it was written to
             raise self._gone() from None
 
     def read(self, timeout: float) -> bytes:
+        """What has come, or comes first within `timeout` [s]; empty when nothing does. DeviceError: it is gone."""
         try:
             self.line.timeout = max(timeout, 0.0)
             first = self.line.read(1)
@@ -74,6 +63,7 @@ class SerialLine:
             raise self._gone() from None
 
     def close(self) -> None:
+        """Give the line back."""
         self.line.close()
 
 

@@ -2,22 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Protocol
-
 from palpate.drivers.errors import DeviceError, package
-
-
-class Messages(Protocol):
-    """What a driver needs of a connection."""
-
-    def write(self, text: str) -> None:
-        """Send a message. DeviceError: the other end is gone."""
-
-    def read(self, timeout: float) -> str:
-        """One message; empty when none came within `timeout` [s]. DeviceError: the other end is gone."""
-
-    def close(self) -> None:
-        """End the connection."""
 
 
 class WebSocket:
@@ -41,12 +26,14 @@ class WebSocket:
         return DeviceError(f"the {self.name} at {self.address} is gone. Start it again.", lost=True)
 
     def write(self, text: str) -> None:
+        """Send a message. DeviceError: the other end is gone."""
         try:
             self.link.send(text)
         except (self.errors.ConnectionClosed, OSError):
             raise self._gone() from None
 
     def read(self, timeout: float) -> str:
+        """One message; empty when none came within `timeout` [s]. DeviceError: the other end is gone."""
         try:
             message = self.link.recv(timeout=timeout)
         except TimeoutError:
@@ -56,4 +43,5 @@ class WebSocket:
         return message if isinstance(message, str) else message.decode(errors="replace")
 
     def close(self) -> None:
+        """End the connection."""
         self.context.__exit__(None, None, None)
