@@ -7,6 +7,9 @@ import numpy as np
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.kernel import kernel
 
+Pressed = tuple[np.ndarray, np.ndarray, tuple[float, float, float], tuple[float, float, float]]
+"""Nodes (k) and forces [N] (k,3) of a load, foot [m] (3) and outward normal [1] (3)."""
+
 
 def barycentric(mesh: Mesh, triangle: np.ndarray, foot: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Corners (k,3) of these triangles and weights (k,3) of points on them; weights in [0, 1] that sum to 1."""
@@ -35,6 +38,29 @@ def share_of(k, pull, normal, total):
     if not total > 0.0:
         return 1.0 / len(pull)
     return -(pull[k, 0] * normal[0] + pull[k, 1] * normal[1] + pull[k, 2] * normal[2]) / total
+
+
+@kernel
+def load_radius(vertices, patch, pull, normal, total, least):
+    """R [m] of a load (k,3) on vertices `patch` of the touched mesh: twice the rms distance of its normal force from
+    its centre, no less than the hat of one vertex has; and by how much it is narrower than the mesh can tell, which is
+    1.4 times that: 0 where it is not, up to 13."""
+    x0 = x1 = x2 = floor = 0.0
+    for k in range(len(patch)):
+        p, share = patch[k], abs(share_of(k, pull, normal, total))
+        x0 += share * vertices[p, 0]
+        x1 += share * vertices[p, 1]
+        x2 += share * vertices[p, 2]
+        floor += share * least[p]
+    square = weight = 0.0
+    for k in range(len(patch)):
+        p, share = patch[k], abs(share_of(k, pull, normal, total))
+        d0, d1, d2 = vertices[p, 0] - x0, vertices[p, 1] - x1, vertices[p, 2] - x2
+        square += share * (d0 * d0 + d1 * d1 + d2 * d2)
+        weight += share
+    square /= max(weight, 1e-300)
+    narrower = np.sqrt(2.0 * floor / max(square, 1e-2 * floor)) - 1.0
+    return 2.0 * np.sqrt(max(square, floor)), max(narrower, 0.0)
 
 
 def reaches(vertices: np.ndarray, within: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

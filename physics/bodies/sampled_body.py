@@ -24,15 +24,8 @@ from typing import Any
 import numpy as np
 
 from palpate.physics.archive import ArchiveError, read_arrays
-from palpate.physics.bodies.patch import barycentric, carried, reaches
-from palpate.physics.bodies.sampled.contacts import (
-    Pressed,
-    SampledContacts,
-    coupling_of,
-    laws_of,
-    step_all,
-    together,
-)
+from palpate.physics.bodies.patch import Pressed, barycentric, carried, reaches
+from palpate.physics.bodies.sampled.contacts import SampledContacts, coupling_of, laws_of, step_all, together
 from palpate.physics.bodies.sampled.energy import Points, forces, scratch
 from palpate.physics.bodies.sampled.step import ENERGY, GAMMA, LENGTH, LINEAR, SampledModel, field, step
 from palpate.physics.contact.spread import Spreader

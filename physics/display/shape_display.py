@@ -43,10 +43,7 @@ class Fingerpad(NamedTuple):
     radius: float
 
 
-FINGERPADS = {
-    "canonical": Fingerpad(6.0e6, 500.0, 8.0e-3),
-    "calibrated": Fingerpad(5.672e6, 466.6, 9.84e-3),
-}
+FINGERPADS = {"canonical": Fingerpad(6.0e6, 500.0, 8.0e-3), "calibrated": Fingerpad(5.672e6, 466.6, 9.84e-3)}
 """Parameter sets by name. `canonical`: round figures for tests and comparison, an assumption. `calibrated`: fitted to
 a finger of 9.84 mm radius on a steel plate (1.24 mm at 0.11 N, 2.08 mm at 0.50 N). The set of Pawluk & Howe (1996),
 who proposed the law, is not publicly available."""

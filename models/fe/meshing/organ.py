@@ -37,10 +37,7 @@ class Capsule:
 
 
 def fill(
-    surface: Mesh,
-    shells: tuple[float, ...] = SHELLS,
-    nodule: Nodule = Nodule(),
-    capsule: Capsule = Capsule(),
+    surface: Mesh, shells: tuple[float, ...] = SHELLS, nodule: Nodule = Nodule(), capsule: Capsule = Capsule()
 ) -> TetMesh:
     """Quadratic tetrahedra inside a closed surface whose every triangle is seen from one point inside, or in the slab
     of thickness `SLAB` under a level one (all z equal, normals towards +z).

@@ -30,10 +30,7 @@ INSIDE = np.array([0.5, 0.3, 0.2])
 
 
 def press(
-    organ: Reducible,
-    patches: np.ndarray,
-    depths: np.ndarray,
-    report: Callable[[float], None] | None = None,
+    organ: Reducible, patches: np.ndarray, depths: np.ndarray, report: Callable[[float], None] | None = None
 ) -> list[PressCurve]:
     """Force curves of the organ of modulus 1 Pa at places (P,) whose surface sticks to the finger.
 

@@ -154,11 +154,7 @@ def sample(
 
 
 def nonnegative(
-    columns: np.ndarray,
-    goal: np.ndarray,
-    tolerance: float,
-    most: int,
-    report: Callable[[float], None] | None = None,
+    columns: np.ndarray, goal: np.ndarray, tolerance: float, most: int, report: Callable[[float], None] | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
     """Columns and coefficients x > 0, as few as bring |sum_k x_k column_k - goal| to `tolerance` |goal|.
 

@@ -70,12 +70,7 @@ def aside(normal: np.ndarray, along: np.ndarray, turn: float) -> np.ndarray:
 
 
 def scatter(
-    surface: Mesh,
-    count: int,
-    region: np.ndarray,
-    radius: float,
-    levels: np.ndarray,
-    seed: int,
+    surface: Mesh, count: int, region: np.ndarray, radius: float, levels: np.ndarray, seed: int
 ) -> list[LoadPath]:
     """Normal touches spread evenly over a part of the surface (Halton's sequence, scrambled by `seed`).
 

@@ -52,13 +52,7 @@ class Cholesky:
     single               factor in single precision: half the memory and time, to precondition with
     """
 
-    def __init__(
-        self,
-        points: np.ndarray,
-        indptr: np.ndarray,
-        indices: np.ndarray,
-        single: bool = False,
-    ) -> None:
+    def __init__(self, points: np.ndarray, indptr: np.ndarray, indices: np.ndarray, single: bool = False) -> None:
         self.tree = tree = dissect(points, indptr, indices)
         self._pivots = np.diff(tree.first)
         self._rows = self._pivots + np.diff(tree.start)

@@ -218,10 +218,7 @@ DAMAGED = (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile)
 
 
 def record(
-    pressing: Pressing,
-    end: float,
-    run: PressRun | None = None,
-    report: Callable[[float], None] | None = None,
+    pressing: Pressing, end: float, run: PressRun | None = None, report: Callable[[float], None] | None = None
 ) -> Record:
     """Press until the plate has risen by `end` [m]. With a run, each step is kept in its folder, and a run that was
     broken off goes on from its last step.

@@ -33,8 +33,6 @@ from palpate.physics.bodies.sampled.step import (
 )
 from palpate.physics.kernel import kernel
 
-Pressed = tuple[np.ndarray, np.ndarray, tuple, tuple]
-"""Nodes (k) and forces [N] (k,3) of a load, foot [m] (3) and normal [1] (3)."""
 Patch = tuple[np.ndarray, np.ndarray, float]
 """Nodes (k), forces [N] (k,3), and 1 where these are a load, 0 where they only mark the patch."""
 

@@ -17,6 +17,7 @@ from palpate.physics.bodies import true_patch as tp
 from palpate.physics.bodies.condensed_basis import Basis
 from palpate.physics.bodies.condensed_body import CondensedBody
 from palpate.physics.bodies.indentation_table import hat_moments
+from palpate.physics.bodies.patch import load_radius
 from palpate.physics.contact.spread import Spreader
 from palpate.physics.geometry.mesh import Mesh, plane
 
@@ -159,7 +160,7 @@ def test_a_load_narrower_than_the_mesh_is_off_by_no_more_than_is_told(spacings):
     for x, y in rng.uniform(-0.02, 0.02, (60, 2)):
         count = spreader.spread((x, y, 0.0), UP, (0.0, 0.0, -1.0))
         load = spreader.nodes[:count], spreader.forces[:count]
-        acts, narrower = tp.load_radius(mesh.vertices, *load, UP, 1.0, tp.LEAST_MOMENT * mesh.areas)
+        acts, narrower = load_radius(mesh.vertices, *load, UP, 1.0, tp.LEAST_MOMENT * mesh.areas)
         assert abs(radius / acts - 1.0) <= hr.narrow_error(narrower)
 
 
