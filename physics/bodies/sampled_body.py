@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from palpate.physics.archive import ArchiveError, read_arrays
+from palpate.physics.archive import ArchiveError, read_arrays, replacing
 from palpate.physics.bodies.patch import Pressed, barycentric, carried, reaches
 from palpate.physics.bodies.sampled.contacts import SampledContacts, coupling_of, laws_of, step_all, together
 from palpate.physics.bodies.sampled.energy import Points, forces, scratch
@@ -69,20 +69,13 @@ class SampledBasis:
         for name, value in halves.items():
             scale = max(float(np.abs(value).max(initial=0.0)), 1e-300) / 3e4
             arrays |= {name: (value / scale).astype(np.float16), f"{name}_scale": np.float64(scale)}
-        path.parent.mkdir(parents=True, exist_ok=True)
-        part = path.with_name(path.name + ".part.npz")
         arrays |= {name: value for name, value in self.points._asdict().items() if name != "modes"}
         arrays["laws"] = np.array([name_at(place) for place in self.points.laws])
-        np.savez_compressed(
-            part,
-            vertices=self.vertices,
-            triangles=self.triangles,
-            kept=kept,
-            bend=np.array(self.bend),
-            about=np.array(about),
-            **arrays,
-        )
-        part.replace(path)
+        with replacing(path) as part:
+            np.savez_compressed(
+                part, vertices=self.vertices, triangles=self.triangles, kept=kept, bend=np.array(self.bend),
+                about=np.array(about), **arrays,
+            )  # fmt: skip
 
     @classmethod
     def load(cls, path: Path) -> SampledBasis:

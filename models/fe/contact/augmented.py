@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from palpate.models.fe.contact.area import contact_area
+from palpate.models.fe.contact.protocol import Linkage
 from palpate.models.fe.element import faces as face_rule
 from palpate.models.fe.element.mesh import point_text
 
@@ -27,7 +28,7 @@ class Traces(NamedTuple):
     slip: np.ndarray
 
 
-class Augmented:
+class Augmented(Linkage):
     """State of a contact at the integration points of the faces that may touch.
 
     traction    [Pa] (F,6)    normal traction of the last evaluation, > 0 where they touch
@@ -49,7 +50,7 @@ class Augmented:
             )
         self.faces = checked_faces(faces)
         self.friction, self.bound, self.penalty = float(friction), float(bound), float(penalty)
-        self.value, _ = face_rule.shape(face_rule.POINTS)
+        self.value = face_rule.VALUES
 
     @property
     def traces(self) -> Traces:

@@ -20,12 +20,11 @@ class ElasticFoundation(Linkage):
         if not stiffness > 0:
             raise ValueError(f"bed: found {stiffness} Pa/m, expected a positive number")
         self.faces, self.stiffness = faces, stiffness
-        self._value, _ = face_rule.shape(face_rule.POINTS)
 
     def bind(self, points: np.ndarray, pattern: Pattern, stiffness: np.ndarray) -> None:
         """Make the springs for a mesh."""
         area = face_rule.areas(points, self.faces)
-        self._block = self.stiffness * np.einsum("fq,qa,qb->fab", area, self._value, self._value)
+        self._block = self.stiffness * np.einsum("fq,qa,qb->fab", area, face_rule.VALUES, face_rule.VALUES)
         self.couple(pattern)
 
     def couple(self, pattern: Pattern) -> None:

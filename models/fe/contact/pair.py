@@ -14,7 +14,6 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from palpate.models.fe.contact.augmented import STIFF, Augmented, checked_faces, stiffness_per_area
-from palpate.models.fe.contact.switching import Switching
 from palpate.models.fe.element import faces as face_rule
 from palpate.models.fe.sparse.pattern import Pattern
 
@@ -263,13 +262,6 @@ class Pair(Augmented):
             self.points + displacement, self._start, faces, (self.penalty, self.friction), self._reach,
             (self.multiplier, self.sliding), self.traces, (self._hit, self._feet), self.force, tangent, force, data,
         )  # fmt: skip
-
-    def switching(self) -> Switching | None:
-        """None: the faces that meet change with the step."""
-        return None
-
-    def foresee(self, traction: np.ndarray) -> None:
-        """Never called, as the active set does not change within a step."""
 
     def skew(self, change: np.ndarray, force: np.ndarray) -> None:
         """Add to `force` (N,3) what the part of the tangent that `add` leaves out gives for a change (N,3) of the

@@ -64,11 +64,11 @@ class ContactPair(Protocol):
 
 
 class Linkage:
-    """A part of the body that is neither element nor contact, for `fe.Solver` among its contacts: it is always there,
-    so has no active set, no penetration, and no state unless it says so."""
+    """A part of the body that is no element, for `fe.Solver` among its contacts. Unless it says so it is always there:
+    it couples no more nodes than the elements do, has no active set, no penetration and no state."""
 
     def couples(self) -> np.ndarray:
-        """No nodes beyond those of the elements."""
+        """None beyond those of the elements."""
         return np.zeros((0, 6), dtype=np.int64)
 
     def touches(self) -> bool:
@@ -82,11 +82,11 @@ class Linkage:
         """Nothing to forget."""
 
     def switching(self) -> Switching | None:
-        """None: it never parts."""
+        """None: the active set is kept within a step."""
         return None
 
     def foresee(self, traction: np.ndarray) -> None:
-        """Never called, as there is no active set."""
+        """Never called without `switching`."""
 
     def skew(self, change: np.ndarray, force: np.ndarray) -> None:
         """Nothing is left out of the tangent."""

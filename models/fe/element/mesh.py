@@ -74,8 +74,7 @@ class TetMesh:
     @cached_property
     def corner_volumes(self) -> np.ndarray:
         """Volume of the straight tetrahedron on the corners of each element [m³] (E,)."""
-        a, b, c, d = (self.points[self.elements[:, i]] for i in range(4))
-        return np.einsum("ij,ij->i", np.cross(b - a, c - a), d - a) / 6.0
+        return six_volumes(self.points, self.elements) / 6.0
 
     @cached_property
     def faces(self) -> np.ndarray:
@@ -118,6 +117,17 @@ def point_text(at: np.ndarray) -> str:
     return f"({at[0]:.4g}, {at[1]:.4g}, {at[2]:.4g}) m"
 
 
+def six_volumes(points: np.ndarray, tets: np.ndarray) -> np.ndarray:
+    """Six times the volume of tetrahedra (E,4...) on points [m] (N,3), below zero where one is inside out [m³] (E,)."""
+    a, b, c, d = (points[tets[:, i]] for i in range(4))
+    return np.einsum("ij,ij->i", np.cross(b - a, c - a), d - a)
+
+
+def turned_out(points: np.ndarray, tets: np.ndarray) -> np.ndarray:
+    """Tetrahedra (E,4), two corners swapped of each that is inside out."""
+    return np.where(six_volumes(points, tets)[:, None] < 0, tets[:, [0, 2, 1, 3]], tets)
+
+
 def quadratic(points: np.ndarray, corners: np.ndarray, region: np.ndarray | None = None) -> TetMesh:
     """Quadratic mesh from linear tetrahedra (E,4): a node is put in the middle of each edge."""
     elements, edges = edge_nodes(len(points), corners)
@@ -149,10 +159,7 @@ def bricks(points: np.ndarray, cells: np.ndarray) -> np.ndarray:
     top = np.broadcast_to(apex[:, None, None], (len(cells), 3, 1))
     tets = np.concatenate([np.concatenate([top, far[:, :, k]], axis=2) for k in ([0, 1, 2], [0, 2, 3])], axis=1)
     tets = tets.reshape(-1, 4)
-    a, b, c, d = (points[tets[:, i]] for i in range(4))
-    inside_out = np.einsum("ij,ij->i", np.cross(b - a, c - a), d - a) < 0
-    tets[inside_out] = tets[inside_out][:, [0, 2, 1, 3]]
-    return tets
+    return turned_out(points, tets)
 
 
 def grid(x: np.ndarray, y: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

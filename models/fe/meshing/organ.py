@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.models.fe.element.mesh import MeshError, TetMesh, quadratic
+from palpate.models.fe.element.mesh import MeshError, TetMesh, quadratic, turned_out
 from palpate.models.fe.meshing.star import seen_from
 from palpate.models.fe.meshing.tetwild import solid
 from palpate.physics.geometry.mesh import Mesh
@@ -94,10 +94,7 @@ def _layered(
     tets = [_prisms(triangles + (k + 1) * n, triangles + k * n) for k in range(len(layers) - 1)]
     if hub is not None:
         tets.append(np.column_stack([np.full(len(triangles), len(points) - 1), triangles + (len(layers) - 1) * n]))
-    corners = np.concatenate(tets)
-    a, b, c, d = (points[corners[:, i]] for i in range(4))
-    turned = np.einsum("ij,ij->i", np.cross(b - a, c - a), d - a) < 0
-    corners[turned] = corners[turned][:, [0, 2, 1, 3]]
+    corners = turned_out(points, np.concatenate(tets))
     region = inside(nodule, points[corners]).astype(np.int64)
     if capsule.thickness > 0.0:
         region[: len(tets[0])] = 2

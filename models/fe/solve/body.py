@@ -12,11 +12,11 @@ import numpy as np
 
 from palpate.models.fe.contact.bed import ElasticFoundation
 from palpate.models.fe.element import faces as face_rule
-from palpate.models.fe.element.compiled import LAW, compiled
 from palpate.models.fe.element.elements import gradients, integrate
 from palpate.models.fe.element.mesh import MeshError, TetMesh
 from palpate.models.fe.sparse.pattern import Pattern, pattern
 from palpate.models.fe.sparse.tangent import Tangent
+from palpate.physics.materials.compiled import LAW, compiled
 from palpate.physics.materials.hyperelastic import Material
 
 COLUMNS = 16
@@ -160,10 +160,8 @@ class ElasticBody:
 
 def hats(mesh: TetMesh, faces: np.ndarray, corners: np.ndarray) -> np.ndarray:
     """Nodal loads (N,V) of a unit force spread over the faces (F,6) round each corner (V,), highest there."""
-    x, y = face_rule.POINTS.T
-    hat = np.stack([1.0 - x - y, x, y], axis=1)
-    value, _ = face_rule.shape(face_rule.POINTS)
-    share = np.einsum("fq,qc,qa->fca", face_rule.areas(mesh.points, faces), hat, value)
+    areas = face_rule.areas(mesh.points, faces)
+    share = np.einsum("fq,qc,qa->fca", areas, face_rule.HATS, face_rule.VALUES)
     column = np.full(len(mesh.points), -1)
     column[corners] = np.arange(len(corners))
     loads = np.zeros((len(mesh.points), len(corners)))

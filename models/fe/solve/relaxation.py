@@ -19,10 +19,10 @@ import numba
 import numpy as np
 
 from palpate.models.fe.contact.protocol import Linkage
-from palpate.models.fe.element.compiled import LAW, compiled
 from palpate.models.fe.element.elements import gradients
 from palpate.models.fe.element.mesh import TetMesh
 from palpate.models.fe.sparse.pattern import Pattern
+from palpate.physics.materials.compiled import LAW, compiled
 from palpate.physics.materials.hyperelastic import Material
 from palpate.physics.materials.prony import Prony
 
