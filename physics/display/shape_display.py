@@ -203,11 +203,6 @@ def _refuse(name: str, value: np.ndarray, good: np.ndarray, expected: str) -> No
         raise ValueError(f"{name}: found {float(value[place])}{where}, expected {expected}")
 
 
-def pad_modulus(x, pad: Fingerpad = FINGERPADS["canonical"]):
-    """Modulus of the fingerpad [Pa], E_f*(x) = (2b/m)(e^(m x) - 1); x [m] (...) its largest deformation, >= 0."""
-    return 2.0 * pad.b / pad.m * np.expm1(pad.m * np.asarray(x, float))
-
-
 def pressure(r, contact: PadContact):
     """Contact pressure [Pa]; r [m] (...) broadcasts with the state. Its integral over the contact is the force."""
     return hertz.pressure(r, contact.radius, contact.modulus, contact.curvature)

@@ -47,6 +47,14 @@ class Parameter:
     high: float
     log: bool = True
 
+    def searched(self, value: float) -> float:
+        """A value in the search's own numbers."""
+        return math.log(value) if self.log else value
+
+    def value(self, searched: float) -> float:
+        """The same the other way round."""
+        return math.exp(searched) if self.log else float(searched)
+
 
 @dataclass(frozen=True)
 class Rig:
