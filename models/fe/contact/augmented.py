@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from palpate.models.fe.contact.area import contact_area
-from palpate.models.fe.contact.protocol import Linkage
+from palpate.models.fe.contact.protocol import ContactPair
 from palpate.models.fe.element import faces as face_rule
 from palpate.models.fe.element.mesh import point_text
 
@@ -28,7 +28,7 @@ class Traces(NamedTuple):
     slip: np.ndarray
 
 
-class Augmented(Linkage):
+class Augmented(ContactPair):
     """State of a contact at the integration points of the faces that may touch.
 
     traction    [Pa] (F,6)    normal traction of the last evaluation, > 0 where they touch

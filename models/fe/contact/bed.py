@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from palpate.models.fe.contact.protocol import Linkage
+from palpate.models.fe.contact.protocol import ContactPair
 from palpate.models.fe.element import faces as face_rule
 from palpate.models.fe.sparse.pattern import Pattern
 
 
-class ElasticFoundation(Linkage):
+class ElasticFoundation(ContactPair):
     """Springs between faces and their undeformed position, for `fe.Solver` among its contacts.
 
     faces      (F,6) boundary faces that lie on the bed

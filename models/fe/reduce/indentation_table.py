@@ -30,7 +30,7 @@ INSIDE = np.array([0.5, 0.3, 0.2])
 
 
 def press(
-    organ: Reducible, patches: np.ndarray, depths: np.ndarray, report: Callable[[float], None] | None = None
+    organ: Reducible, patches: np.ndarray, depths: np.ndarray, report: Callable[[float], None] = lambda share: None
 ) -> list[PressCurve]:
     """Force curves of the organ of modulus 1 Pa at places (P,) whose surface sticks to the finger.
 
@@ -44,8 +44,7 @@ def press(
     def count(levels: int) -> None:
         nonlocal done
         done += levels
-        if report is not None:
-            report(done / depths.size)
+        report(done / depths.size)
 
     return model.run(
         [
@@ -103,7 +102,7 @@ def dent_table(
     organ: Reducible,
     places: int = PLACES,
     radius: float = RADIUS,
-    report: Callable[[float], None] | None = None,
+    report: Callable[[float], None] = lambda share: None,
     levels: int = LEVELS,
 ) -> np.ndarray:
     """Dents (V,L) [1] at every vertex of the organ's surface and every indentation s/R = SPACING, 2 SPACING ..., see
@@ -134,7 +133,7 @@ def unseen(organ: Reducible, table: np.ndarray) -> np.ndarray:
 
 def _pressed(
     organ: Reducible, feet: np.ndarray, normals: np.ndarray, radius: float, deep: np.ndarray,
-    report: Callable[[float], None] | None = None,
+    report: Callable[[float], None] = lambda share: None,
 ) -> tuple[list[PressCurve], np.ndarray, np.ndarray]:  # fmt: skip
     """Curves of patches at these places (P,3), pressed to indentations s/R (L,); shares (P,V) of the vertices in each
     load, and its radius [m] (P,)."""

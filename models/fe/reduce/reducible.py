@@ -54,7 +54,7 @@ class Reducible:
             hasher.update(np.ascontiguousarray(part).tobytes())
         return hasher.digest()
 
-    def compliance(self, report: Callable[[float], None] | None = None) -> np.ndarray:
+    def compliance(self, report: Callable[[float], None] = lambda share: None) -> np.ndarray:
         """Displacement under each vertex of the surface (mean under its hat) for a unit force on each [m/N] (3V,3V)."""
         return self.elastic.compliance(self.fixed, self.hats, report)
 

@@ -72,7 +72,7 @@ def finger_touches(body: Reducible, count: int, seed: int, pulled: bool = False)
 
 
 def finger_pressed(
-    body: Reducible, report: Callable[[float], None] | None = None, folder: Path | None = None
+    body: Reducible, report: Callable[[float], None] = lambda share: None, folder: Path | None = None
 ) -> tuple[list[PressSolution], list[PressSolution]]:
     """Full solutions of the fingertip's touches and of their mirror images; and of those that are held out."""
     touches = finger_touches(body, TOUCHES, SEED) + finger_touches(body, PULLED, PULLED_SEED, pulled=True)
@@ -89,7 +89,7 @@ def organ_touches(body: Reducible, count: int, seed: int = SEED) -> list[LoadPat
 
 
 def organ_pressed(
-    body: Reducible, report: Callable[[float], None] | None = None
+    body: Reducible, report: Callable[[float], None] = lambda share: None
 ) -> tuple[list[PressSolution], list[PressSolution]]:
     """Full solutions of an organ's touches; and of those that are held out."""
     presses = press_from_rest(body, organ_touches(body, ORGAN_TOUCHES + ORGAN_HELD, SEED), report)
@@ -104,7 +104,7 @@ def build(
     pressed: list[PressSolution],
     held: list[PressSolution],
     count: int,
-    report: Callable[[float], None] | None = None,
+    report: Callable[[float], None] = lambda share: None,
     tolerance: float = SAMPLING,
 ) -> SampledBasis:
     """The sampled basis of a body in `count` modes of its full solutions, its points sampled to a tolerance; `report`

@@ -98,15 +98,17 @@ def scatter(
 
 
 def press(
-    body: Reducible, touches: list[LoadPath], report: Callable[[float], None] | None = None, folder: Path | None = None
+    body: Reducible,
+    touches: list[LoadPath],
+    report: Callable[[float], None] = lambda share: None,
+    folder: Path | None = None,
 ) -> list[PressSolution]:
     """The full model's answers; `report` hears the share done. A folder keeps each as soon as it is found: what it
     holds is not computed again."""
     presses = []
     for k, own in enumerate(touches):
         presses.append(pressed(body, own) if folder is None else _kept(body, own, folder))
-        if report is not None:
-            report((k + 1) / len(touches))
+        report((k + 1) / len(touches))
     return presses
 
 
@@ -148,7 +150,7 @@ def pressed(body: Reducible, own: LoadPath) -> PressSolution:
 
 
 def press_from_rest(
-    body: Reducible, touches: list[LoadPath], report: Callable[[float], None] | None = None
+    body: Reducible, touches: list[LoadPath], report: Callable[[float], None] = lambda share: None
 ) -> list[PressSolution]:
     """`press` for a body that stays near its stiffness at rest: one factor, u <- u + K0^-1 (f - r(u)), earlier iterates
     mixed in (Anderson, as in `fe.curves`). A touch ends where the iteration does not settle."""
@@ -173,8 +175,7 @@ def press_from_rest(
             slope, last = (u - start) / (level - last), level
             kept.append(u)
         presses.append(PressSolution(own, np.array(kept).reshape(-1, *body.mesh.points.shape)))
-        if report is not None:
-            report((k + 1) / len(touches))
+        report((k + 1) / len(touches))
     return presses
 
 

@@ -120,7 +120,7 @@ class ElasticBody:
         return tangent
 
     def compliance(
-        self, fixed: np.ndarray, hats: np.ndarray, report: Callable[[float], None] | None = None
+        self, fixed: np.ndarray, hats: np.ndarray, report: Callable[[float], None] = lambda share: None
     ) -> np.ndarray:
         """Mean displacement under each hat for a unit force on each [m/N] (3V,3V), these components (N,3) bool held.
 
@@ -139,8 +139,7 @@ class ElasticBody:
             u = solver.solve(rhs.reshape(3 * len(hats), -1)).reshape(len(hats), 3, 3 * size)
             u[fixed] = 0.0
             compliance[:, :, start : start + size] = (hats.T @ u.reshape(len(hats), -1)).reshape(count, 3, size, 3)
-            if report is not None:
-                report((start + size) / count)
+            report((start + size) / count)
         full = compliance.reshape(3 * count, 3 * count)
         return 0.5 * (full + full.T)
 

@@ -18,7 +18,7 @@ from typing import Any
 import numba
 import numpy as np
 
-from palpate.models.fe.contact.protocol import Linkage
+from palpate.models.fe.contact.protocol import ContactPair
 from palpate.models.fe.element.elements import gradients
 from palpate.models.fe.element.mesh import TetMesh
 from palpate.models.fe.sparse.pattern import Pattern
@@ -81,7 +81,7 @@ def _add(law, gradient, weight, elements, displacement, p, small, share, history
                             data[where[e, a, b], i, k] += w * total
 
 
-class Relaxation(Linkage):
+class Relaxation(ContactPair):
     """Relaxing regions, for `fe.Solver` among its contacts; the load of `advance` is then the time [s].
 
         relaxing = Relaxation(mesh, materials, {0: Prony([0.5], [2.0])})

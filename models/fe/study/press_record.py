@@ -210,7 +210,7 @@ DAMAGED = (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile)
 
 
 def record(
-    pressing: Pressing, end: float, run: PressRun | None = None, report: Callable[[float], None] | None = None
+    pressing: Pressing, end: float, run: PressRun | None = None, report: Callable[[float], None] = lambda share: None
 ) -> Record:
     """Press until the plate has risen by `end` [m]. With a run, each step is kept in its folder, and a run that was
     broken off goes on from its last step.
@@ -221,15 +221,13 @@ def record(
     rows: list[list[float]] = [[0.0] * (3 + len(LEVELS))]
     if run is not None:
         rows = run.begin(pressing)
-    if report is not None:
-        report(pressing.solver.load)
+    report(pressing.solver.load)
 
     def keep(load: float) -> None:
         rows.append([load, pressing.force, pressing.area, *pressing.volumes(LEVELS)])
         if run is not None:
             run.keep(pressing, rows)
-        if report is not None:
-            report(load)
+        report(load)
 
     if pressing.solver.load < end:
         pressing.solver.advance(end, keep)

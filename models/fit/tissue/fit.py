@@ -64,7 +64,7 @@ def fit_tissue(
     touch: bool = True,
     relative: bool | None = None,
     deepest: float = math.inf,
-    report: Callable[[float], None] | None = None,
+    report: Callable[[float], None] = lambda share: None,
 ) -> Fit:
     """Fit a law to presses of one rig.
 
@@ -164,7 +164,7 @@ def _kept(press: Press, relaxation: str, deepest: float) -> tuple[Press, list[st
 
 def _law(
     rig: Rig, name: str, relaxation: str, presses: list[Press], touch: bool, relative: bool, reach: float,
-    report: Callable[[float], None] | None,
+    report: Callable[[float], None],
 ) -> tuple[Law, list[str]]:  # fmt: skip
     """The law in closed form, or tabulated about what the closed form finds."""
     rubber = name in SHAPES and name != "linear"

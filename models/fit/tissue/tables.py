@@ -41,7 +41,7 @@ def curve(rig: Rig, law: str, shape: Values, depths: np.ndarray, count: int) -> 
 
 def tabulated(
     rig: Rig, law: str, deepest: float, middle: float | None = None, count: int = 8,
-    report: Callable[[float], None] | None = None,
+    report: Callable[[float], None] = lambda share: None,
 ) -> Law:  # fmt: skip
     """A law of `SHAPES` with at most one shape parameter, about `middle` of it, down to `deepest` [m].
 
@@ -67,8 +67,7 @@ def tabulated(
     for node in nodes:
         shape = {own.name: own.value(node)} if shapes else {}
         forces.append(curve(rig, law, shape, depths, count))
-        if report is not None:
-            report(1.0 / len(nodes))
+        report(1.0 / len(nodes))
     reached = int(np.isfinite(forces).all(axis=0).sum())
     if reached < 4:
         raise SessionError(f"rig {rig.kind}, law {law}: no equilibrium beyond {1e3 * depths[reached - 1]:.3g} mm")
