@@ -248,7 +248,7 @@ def estimate(problem: Problem, profiles: bool = True) -> Estimate:
     for i, p in enumerate(problem.parameters):
         value, reach = float(x[i]), quantile * float(errors[i])
         ends = [min(max(value + s * reach, low[i]), high[i]) for s in (-1, 1)]
-        intervals[p.name] = Interval(*map(p.value, (value, *ends)))
+        intervals[p.name] = Interval(p.value(value), p.value(ends[0]), p.value(ends[1]))
         if profiles:
             level = least * (1.0 + quantile**2 / (effective - size))
             profile, points = _profile(problem, x, i, reach / 2.0, least, level)
