@@ -75,7 +75,6 @@ class Augmented(ContactPair):
         return self.faces
 
     def touches(self) -> bool:
-        """Whether a point carried pressure at the last evaluation."""
         return bool((self.traction > 0.0).any())
 
     @property
@@ -98,16 +97,13 @@ class Augmented(ContactPair):
         self._saved = self.multiplier.copy(), self.sliding.copy()
 
     def back(self) -> None:
-        """Forget a load step that failed."""
         self.multiplier, self.sliding = (x.copy() for x in self._saved)
 
     def deep(self) -> bool:
-        """Whether the penetration is above its bound."""
         touching = self.traction > 0.0
         return bool(touching.any()) and float(-self.gap[touching].min()) > self.bound
 
     def settle(self) -> None:
-        """Take the tractions as multipliers."""
         self.multiplier = self.traction.copy()
         self.sliding = self.shear.copy()
 
@@ -118,11 +114,9 @@ class Augmented(ContactPair):
         return rate[..., None] * self.shear
 
     def state(self) -> dict[str, Any]:
-        """What `restore` needs."""
         return {"multiplier": self.multiplier, "sliding": self.sliding}
 
     def restore(self, state: dict[str, Any]) -> None:
-        """Go on from a saved state."""
         self.multiplier, self.sliding = np.array(state["multiplier"]), np.array(state["sliding"])
 
     def contact_area(self, displacement: np.ndarray) -> float:

@@ -22,13 +22,11 @@ class ElasticFoundation(ContactPair):
         self.faces, self.stiffness = faces, stiffness
 
     def bind(self, points: np.ndarray, pattern: Pattern, stiffness: np.ndarray) -> None:
-        """Make the springs for a mesh."""
         area = face_rule.areas(points, self.faces)
         self._block = self.stiffness * np.einsum("fq,qa,qb->fab", area, face_rule.VALUES, face_rule.VALUES)
         self.couple(pattern)
 
     def couple(self, pattern: Pattern) -> None:
-        """Take up a new pattern."""
         self._where = pattern.where(self.faces)
 
     def nodes(self) -> np.ndarray:
@@ -36,7 +34,6 @@ class ElasticFoundation(ContactPair):
         return self.faces
 
     def add(self, displacement: np.ndarray, load: float, tangent: bool, force: np.ndarray, data: np.ndarray) -> None:
-        """Add the springs to the residual (N,3) and, if asked, to the tangent's blocks."""
         np.add.at(force, self.faces, np.einsum("fab,fbi->fai", self._block, displacement[self.faces]))
         if tangent:
             np.add.at(data, self._where, self._block[..., None, None] * np.eye(3))

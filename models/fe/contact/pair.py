@@ -209,7 +209,6 @@ class Pair(Augmented):
         self._cliques = np.zeros((0, 12), dtype=np.int64)
 
     def bind(self, points: np.ndarray, pattern: Pattern, stiffness: np.ndarray) -> None:
-        """Make the state for a mesh whose nodes have this stiffness [N/m] (N,)."""
         self.clear(points)
         area = face_rule.areas(points, self.master)
         edge, wide = (np.sqrt(2.0 * x.sum() / len(x)) for x in (self.area, area))
@@ -222,7 +221,6 @@ class Pair(Augmented):
         self.couple(pattern)
 
     def couple(self, pattern: Pattern) -> None:
-        """Take up a new pattern."""
         self._where = pattern.where(self._cliques)
 
     def couples(self) -> np.ndarray:
@@ -255,7 +253,6 @@ class Pair(Augmented):
         self._candidates, self._cliques = candidates, cliques
 
     def add(self, displacement: np.ndarray, load: float, tangent: bool, force: np.ndarray, data: np.ndarray) -> None:
-        """Add the contact to the residual (N,3) and, if asked, to the tangent's blocks."""
         self.traction[:], self.shear[:], self.gap[:], self.slip[:] = 0.0, 0.0, np.inf, False
         faces = _Faces(self.faces, self.master, self._candidates, self._cliques, self._where, self.value, self.area)
         _touch(

@@ -210,7 +210,6 @@ class Rigid(Augmented):
         self._turn = np.eye(3)
 
     def bind(self, points: np.ndarray, pattern: Pattern, stiffness: np.ndarray) -> None:
-        """Make the state for a mesh whose nodes have this stiffness [N/m] (N,)."""
         self.clear(points)
         self.couple(pattern)
         if not self.penalty > 0.0:
@@ -222,7 +221,6 @@ class Rigid(Augmented):
         self._bend = np.full(self.area.shape, np.nan)
 
     def couple(self, pattern: Pattern) -> None:
-        """Take up a new pattern."""
         self._where = pattern.where(self.faces)
 
     def leapt(self, start: np.ndarray, load: float, end: np.ndarray, target: float) -> str:
@@ -252,7 +250,6 @@ class Rigid(Augmented):
         return positions
 
     def begin(self, displacement: np.ndarray, load: float) -> None:
-        """Start of a load step from a converged state."""
         self.remember()
         self._bend = np.full(self.area.shape, np.nan) if self.friction > 0.0 else self.multiplier.copy()
         origin, turn = self.placed(load)
@@ -276,7 +273,6 @@ class Rigid(Augmented):
         return origin, turn
 
     def add(self, displacement: np.ndarray, load: float, tangent: bool, force: np.ndarray, data: np.ndarray) -> None:
-        """Add the contact to the residual (N,3) and, if asked, to the tangent's blocks."""
         total = np.zeros((2, 3))
         place = self.placed(load)
         self._turn = place[1]

@@ -1,4 +1,4 @@
-"""Meshes of quadratic tetrahedra: nodes, elements, boundary faces, checks."""
+"""Meshes of quadratic tetrahedra: nodes, elements, boundary faces, checks; and the surfaces that they fill."""
 
 from __future__ import annotations
 
@@ -9,6 +9,8 @@ import numpy as np
 
 from palpate.models.fe.element.jacobian import inverted
 from palpate.physics.errors import MeshError
+from palpate.physics.geometry.crossing import crossing
+from palpate.physics.geometry.mesh import Mesh
 
 EDGES = np.array([[0, 1], [1, 2], [2, 0], [0, 3], [1, 3], [2, 3]])
 FACES = np.array([[0, 2, 1, 6, 5, 4], [0, 1, 3, 4, 8, 7], [1, 2, 3, 5, 9, 8], [0, 3, 2, 7, 9, 6]])
@@ -178,15 +180,20 @@ def box(size: tuple[float, float, float], cells: tuple[int, int, int]) -> TetMes
     return quadratic(points, bricks(points, hexahedra))
 
 
-def check_closed(points: np.ndarray, triangles: np.ndarray) -> None:
-    """MeshError: triangles (T,3) of points [m] (N,3) with an edge that does not have two of them; says where."""
-    edges, count = np.unique(
-        np.sort(triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1), axis=0, return_counts=True
-    )
+def check_surface(surface: Mesh) -> None:
+    """MeshError: a surface that is not closed, or whose triangles cross one another; says where."""
+    edges, count = surface.edges
     open_ = edges[count != 2]
     if len(open_):
-        at = 1e3 * points[open_[0]].mean(axis=0)
+        at = 1e3 * surface.vertices[open_[0]].mean(axis=0)
         raise MeshError(
             f"surface: {len(open_)} edges without two triangles, the first at ({at[0]:.4g}, {at[1]:.4g}, {at[2]:.4g}) "
             "mm: not closed. Close its holes or join its double vertices"
+        )
+    intersection = crossing(surface.vertices, surface.triangles)
+    if intersection is not None:
+        first, other, place = intersection
+        raise MeshError(
+            f"surface: triangles {first} and {other} cross at {point_text(place)}: it intersects itself, so that its "
+            "interior is not defined. Join the parts into one surface (a union), or mesh it again"
         )

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import linprog
 
-from palpate.models.fe.element.mesh import MeshError, TetMesh, quadratic, turned_out
-from palpate.models.fe.element.surface import check_surface
+from palpate.models.fe.element.mesh import MeshError, TetMesh, check_surface, quadratic, turned_out
 from palpate.models.fe.meshing.tetwild import solid
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.materials.hyperelastic import Material
@@ -79,7 +78,7 @@ def seen_from(surface: Mesh) -> np.ndarray | None:
     MeshError: a surface that is open, or whose normals point inwards.
     """
     vertices, triangles = surface.vertices, surface.triangles.astype(np.int64)
-    check_surface(vertices, triangles)
+    check_surface(surface)
     volume = np.einsum("ij,ij->", surface.face_vectors, vertices[triangles[:, 0]]) / 6.0
     if not volume > 0.0:
         raise MeshError(

@@ -102,11 +102,9 @@ class Relaxation(ContactPair):
             self._parts.append((materials[region], prony, mesh.elements[own], slope, det / 24.0, stress, history))
 
     def bind(self, points: np.ndarray, pattern: Pattern, stiffness: np.ndarray) -> None:
-        """Find the places in the tangent."""
         self.couple(pattern)
 
     def couple(self, pattern: Pattern) -> None:
-        """Take up a new pattern."""
         self._where = [pattern.where(elements) for _, _, elements, *_ in self._parts]
 
     def nodes(self) -> np.ndarray:
@@ -148,7 +146,6 @@ class Relaxation(ContactPair):
         return {"time": np.array(self._time), **arrays}
 
     def restore(self, state: dict[str, Any]) -> None:
-        """Go on from a saved state."""
         self._time = float(state["time"])
         for k, part in enumerate(self._parts):
             part[5][:], part[6][:] = state[f"s{k}"], state[f"h{k}"]
