@@ -13,6 +13,7 @@ from palpate.messages import Load
 from palpate.nodes.base.surface import surface_mesh
 from palpate.nodes.deformation import ReducedFE
 from palpate.physics.bodies import half_space_range as hr
+from palpate.physics.bodies import hat_distances
 from palpate.physics.bodies import true_patch as tp
 from palpate.physics.bodies.condensed_basis import Basis
 from palpate.physics.bodies.condensed_body import CondensedBody
@@ -103,7 +104,7 @@ def layer_basis(thick=12e-3, poisson=0.45):
     rest = (layer(k * thick, poisson, True) - 1.0) * hats * (k[1] - k[0])
     table = np.arange(0.0, 0.15, 2.5e-4)
     smooth = np.interp(away, table, j0(np.outer(table, k)) @ rest)
-    half = tp.mean_inverse_distance(coarse)
+    half = hat_distances.mean_inverse_distance(coarse)
     size = len(half)
     compliance = np.zeros((size, 3, size, 3))
     compliance[:, 2, :, 2] = (1.0 - poisson**2) / math.pi * (half + smooth)
