@@ -67,8 +67,7 @@ class FidelityBases:
     @cached_property
     def _logs(self) -> np.ndarray:
         """ln kappa, which is asked for in every step."""
-        logs: np.ndarray = np.log(self.kappa)
-        return logs
+        return np.log(self.kappa)
 
     def cut(self, basis: SampledBasis) -> list[SampledBasis]:
         """The basis of each level, and the whole one."""

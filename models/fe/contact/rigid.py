@@ -246,8 +246,7 @@ class Rigid(Augmented):
 
     def _touching_points(self, displacement: np.ndarray) -> np.ndarray:
         """Where the points of the faces are [m] (F,6,3)."""
-        positions: np.ndarray = np.einsum("qa,fai->fqi", self.value, (self.points + displacement)[self.faces])
-        return positions
+        return np.einsum("qa,fai->fqi", self.value, (self.points + displacement)[self.faces])
 
     def begin(self, displacement: np.ndarray, load: float) -> None:
         self.remember()

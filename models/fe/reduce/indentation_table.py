@@ -189,5 +189,4 @@ def spread_out(points: np.ndarray, shares: np.ndarray, values: np.ndarray) -> np
     system[many:, :many] = system[:many, many:].T
     given = np.concatenate([values, np.zeros((4, values.shape[1]))])
     coefficients = np.linalg.lstsq(system, given, rcond=1e-12)[0]  # points in a plane leave one slope open
-    out: np.ndarray = kernel @ coefficients[:many] / size + line @ coefficients[many:]
-    return out
+    return kernel @ coefficients[:many] / size + line @ coefficients[many:]

@@ -71,8 +71,7 @@ def aside(normal: np.ndarray, along: np.ndarray, turn: float) -> np.ndarray:
     """Unit vector (3) square to the normal, `turn` revolutions round it from where it is square to `along`, too."""
     across = np.cross(normal, along)
     across /= np.linalg.norm(across)
-    direction: np.ndarray = np.cos(2.0 * np.pi * turn) * across + np.sin(2.0 * np.pi * turn) * np.cross(normal, across)
-    return direction
+    return np.cos(2.0 * np.pi * turn) * across + np.sin(2.0 * np.pi * turn) * np.cross(normal, across)
 
 
 def scatter(
@@ -121,8 +120,8 @@ def _kept(body: Reducible, own: LoadPath, folder: Path) -> PressSolution:
     with suppress(OSError, ValueError, EOFError):  # none yet, or one that was damaged
         return PressSolution(own, np.load(path))
     answer = pressed(body, own)
-    with replacing(path) as part:
-        np.save(part, answer.solutions)
+    with replacing(path) as file:
+        np.save(file, answer.solutions)
     return answer
 
 

@@ -106,13 +106,11 @@ class Tangent:
 
     def stiffness(self, data: np.ndarray) -> np.ndarray:
         """Mean stiffness of each node [N/m] (N,) from the blocks (B,3,3)."""
-        mean: np.ndarray = np.trace(data[self.diagonal], axis1=1, axis2=2) / 3.0
-        return mean
+        return np.trace(data[self.diagonal], axis1=1, axis2=2) / 3.0
 
     def product(self, data: np.ndarray, change: np.ndarray) -> np.ndarray:
         """Forces [N] (N,3) of the blocks (B,3,3) for a change (N,3) of displacement."""
-        forces: np.ndarray = (self.pattern.matrix(data) @ change.ravel()).reshape(-1, 3)
-        return forces
+        return (self.pattern.matrix(data) @ change.ravel()).reshape(-1, 3)
 
     def direction(self, data: np.ndarray, rhs: np.ndarray, skew: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
         """Change of displacement [m] (N,3) for forces [N] (N,3), to `ENOUGH` of them; `skew` is the product of a change

@@ -177,8 +177,7 @@ class Problem:
             if i in self.drifting:
                 block[:, len(x) - len(self.drifting) + self.drifting.index(i)] = self.percent[i]
             blocks.append(block * w[:, None])
-        out: np.ndarray = np.nan_to_num(np.concatenate(blocks), posinf=0.0, neginf=0.0)
-        return out
+        return np.nan_to_num(np.concatenate(blocks), posinf=0.0, neginf=0.0)
 
     def _differences(self, x: np.ndarray) -> np.ndarray:
         low, high = self.bounds()

@@ -186,8 +186,7 @@ def _thinned(press: Press) -> Press:
     count = len(press.depth) // many
 
     def mean(values: np.ndarray) -> np.ndarray:
-        out: np.ndarray = values[: count * many].reshape(count, many).mean(axis=1)
-        return out
+        return values[: count * many].reshape(count, many).mean(axis=1)
 
     time = None if press.time is None else mean(press.time)
     return replace(press, time=time, depth=mean(press.depth), force=mean(press.force))

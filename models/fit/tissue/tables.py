@@ -81,8 +81,7 @@ def tabulated(
         else:
             row = across(own.searched(values[own.name]))
         along = PchipInterpolator(knots, np.r_[row[0], row])
-        out: np.ndarray = values["young"] / REFERENCE * np.exp(along(np.clip(s, 0.0, knots[-1]))) * s**power
-        return out
+        return values["young"] / REFERENCE * np.exp(along(np.clip(s, 0.0, knots[-1]))) * s**power
 
     fixed = {"radius": (rig.radius, "m"), "height": (rig.height or 0.0, "m"), "poisson": (0.5, "1")}
     remark = (

@@ -87,8 +87,7 @@ def laws_of(compliance: np.ndarray, depths: np.ndarray) -> list[tuple[float, flo
 
 def coupling_of(compliance: np.ndarray) -> np.ndarray:
     """[1] (c,c) O, see `physics.contact.joint`."""
-    coupling: np.ndarray = compliance / np.diagonal(compliance)[:, None]
-    return coupling
+    return compliance / np.diagonal(compliance)[:, None]
 
 
 def together(patches: Sequence[Patch]) -> tuple[np.ndarray, np.ndarray]:
