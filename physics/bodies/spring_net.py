@@ -51,14 +51,6 @@ class Tables(NamedTuple):
     edges: Neighbours
 
 
-class Listed(NamedTuple):
-    """The compact list, as in `mass_spring.nodal_step`."""
-
-    where: np.ndarray
-    active: np.ndarray
-    state: np.ndarray
-
-
 class NetWorkspace(NamedTuple):
     """Memory of a step.
 
@@ -226,7 +218,8 @@ def _solve(tables, listed, room, count):
 def net_step(nodes, forces, normal, dt, law, rings, tables, listed, room, out, count):
     """One step of the net; returns how many nodes are in its list.
 
-    rings  of neighbours that are added round loaded and moving nodes
+    rings   of neighbours that are added round loaded and moving nodes
+    listed  the compact list: slot of each node, node of each slot, state; as in `mass_spring.nodal_step`
 
     State of a slot: x [m] (3), unused, x before the step (3), load [N] (3). Other arguments as in
     `mass_spring.nodal_step`.
@@ -314,7 +307,7 @@ class NetBody:
         size, count = len(mesh.vertices), len(net.edges.spans)
         tables = Tables(net.vertices, net.normals, net.nodal, net.edges)
         room = NetWorkspace(np.zeros((count, 5)), np.zeros((size, 17)), np.zeros(size), np.zeros(1))
-        self._fixed = law, rings, tables, Listed(net.slots[0], net.slots[1], net.state), room, net.displacement
+        self._fixed = law, rings, tables, (*net.slots, net.state), room, net.displacement
 
     def step(self, nodes: np.ndarray, forces: np.ndarray, normal: tuple[float, float, float], dt: float):
         """Displaced nodes (k) and their displacement [m] (k,3) after a step dt > 0 [s] under nodal forces [N]."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -16,16 +16,6 @@ STIFF = 10.0
 points slide."""
 SMOOTH = 10.0
 """By how much more without friction: fewer rounds, and no sliding points that would want more iterations."""
-
-
-class Traces(NamedTuple):
-    """What an evaluation writes at each point, see `Augmented`."""
-
-    traction: np.ndarray
-    shear: np.ndarray
-    gap: np.ndarray
-    normal: np.ndarray
-    slip: np.ndarray
 
 
 class Augmented(ContactPair):
@@ -53,9 +43,9 @@ class Augmented(ContactPair):
         self.value = face_rule.VALUES
 
     @property
-    def traces(self) -> Traces:
+    def traces(self) -> tuple[np.ndarray, ...]:
         """What an evaluation writes."""
-        return Traces(self.traction, self.shear, self.gap, self.normal, self.slip)
+        return self.traction, self.shear, self.gap, self.normal, self.slip
 
     def clear(self, points: np.ndarray) -> None:
         """A fresh state on a mesh with these points [m] (N,3)."""

@@ -7,8 +7,6 @@ or the softer side. T. A. Laursen, Computational Contact and Impact Mechanics, S
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numba
 import numpy as np
 from scipy.spatial import cKDTree
@@ -82,22 +80,11 @@ def _project(point, points, face, value, slope, normal):
     return np.sqrt(np.dot(r, r)), np.dot(r, n)
 
 
-class _Faces(NamedTuple):
-    """Where two surfaces may meet: their faces (F,6), (G,6), which of them (C,1 + n), the nodes that these couple (C,k)
-    and their blocks of the tangent (C,k,k); shape functions (6,6) and areas [m²] (F,6) of the slave's points."""
-
-    slave: np.ndarray
-    master: np.ndarray
-    candidates: np.ndarray
-    cliques: np.ndarray
-    where: np.ndarray
-    value: np.ndarray
-    area: np.ndarray
-
-
 @numba.njit(cache=True)
 def _touch(points, start, faces, law, reach, given, traces, met, total, tangent, force, data):
-    """`law`: penalty and coefficient of friction; `met`: face (F,6) and its shape functions (F,6,6) at each foot."""
+    """`faces`: the slave's (F,6) and the master's (G,6), which of them may meet (C,1 + n), the nodes that these couple
+    (C,k) and their blocks of the tangent (C,k,k), shape functions (6,6) and areas [m²] (F,6) of the slave's points;
+    `law`: penalty and coefficient of friction; `met`: face (F,6) and its shape functions (F,6,6) at each foot."""
     slave, master, candidates, cliques, where, value, area = faces
     penalty, friction = law
     multiplier, sliding = given
@@ -254,7 +241,7 @@ class Pair(Augmented):
 
     def add(self, displacement: np.ndarray, load: float, tangent: bool, force: np.ndarray, data: np.ndarray) -> None:
         self.traction[:], self.shear[:], self.gap[:], self.slip[:] = 0.0, 0.0, np.inf, False
-        faces = _Faces(self.faces, self.master, self._candidates, self._cliques, self._where, self.value, self.area)
+        faces = (self.faces, self.master, self._candidates, self._cliques, self._where, self.value, self.area)
         _touch(
             self.points + displacement, self._start, faces, (self.penalty, self.friction), self._reach,
             (self.multiplier, self.sliding), self.traces, (self._hit, self._feet), self.force, tangent, force, data,
