@@ -180,7 +180,7 @@ def hats(mesh):
     points = np.einsum("qc,tci->tqi", hat_distances.RULE[:, :3], corner)
     counts = np.zeros((*points.shape[:2], len(mesh.vertices)))
     for c in range(3):
-        each = area[:, None] * hat_distances.RULE[:, 3] * tp.RULE[:, c]
+        each = area[:, None] * hat_distances.RULE[:, 3] * hat_distances.RULE[:, c]
         np.put_along_axis(counts, np.repeat(mesh.triangles[:, None, c : c + 1], 7, 1), each[..., None], 2)
     counts = counts.reshape(-1, len(mesh.vertices))
     return points.reshape(-1, 3), counts / counts.sum(axis=0)
