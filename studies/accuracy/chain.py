@@ -21,7 +21,7 @@ from palpate.nodes.contact import Series
 from palpate.nodes.friction import LuGre  # type: ignore[attr-defined]
 from palpate.nodes.spread import Kernel
 from palpate.physics.entry_point import NO_NODES, NO_VECTORS
-from palpate.studies.accuracy.errors import UnsupportedError
+from palpate.studies.accuracy import UnsupportedError
 from palpate.studies.accuracy.kidney import along
 from palpate.studies.accuracy.outcome import LOOKS, NEAR, Fidelity, MethodOutcome
 from palpate.studies.accuracy.touches import BenchCase
@@ -49,7 +49,8 @@ def run(touch: BenchCase, body: type[Node], fidelity: Fidelity, contact: dict[st
 
     UnsupportedError: the body has no basis, or does not take its settings. ArithmeticError: its force is not finite.
     """
-    approach, slip, place, times = _path(touch, fidelity.rate)
+    times = np.arange(round(touch.duration * fidelity.rate) + 1) / fidelity.rate
+    approach, _, place, slip = touch.at(times)
     begun = time.perf_counter()
     chain = _Chain(body, fidelity, contact, touch)
     offline = time.perf_counter() - begun
@@ -86,12 +87,6 @@ def run(touch: BenchCase, body: type[Node], fidelity: Fidelity, contact: dict[st
             near = np.hypot(flat[:, 0] - place[k], flat[:, 1]) < NEAR
             shapes.append((float(times[k]), flat[near], moved[near]))
     return MethodOutcome(times, values, shapes, np.concatenate(seconds), held_bytes(chain.nodes), offline)
-
-
-def _path(touch: BenchCase, rate: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    times = np.arange(round(touch.duration * rate) + 1) / rate
-    approach, _, place, slip = touch.at(times)
-    return approach, slip, place, times
 
 
 def _proximities(touch: BenchCase, approach: np.ndarray, place: np.ndarray, slip: np.ndarray) -> Iterator[Proximity]:

@@ -21,9 +21,8 @@ import numpy as np
 from scipy.interpolate import RegularGridInterpolator
 
 from palpate.physics.errors import ArgumentError
-from palpate.studies.accuracy import continuum, kidney
+from palpate.studies.accuracy import MissingError, continuum, kidney
 from palpate.studies.accuracy.continuum import LEVELS, LIGHT, RADIUS, Block, ContinuumCurve, Inclusion
-from palpate.studies.accuracy.errors import MissingError
 from palpate.studies.accuracy.kidney import Kidney
 from palpate.studies.peers import calculix, felupe, mujoco
 

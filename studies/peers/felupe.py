@@ -16,6 +16,7 @@ from scipy.spatial import KDTree
 
 from palpate.models.fe.meshing.organ import SLAB
 from palpate.physics.materials.hyperelastic import moduli
+from palpate.studies.accuracy import MissingError
 from palpate.studies.accuracy.continuum import (
     BED,
     LEVELS,
@@ -29,7 +30,6 @@ from palpate.studies.accuracy.continuum import (
     patch_pressure,
     stuck,
 )
-from palpate.studies.accuracy.errors import MissingError
 
 INSTALL = 'pip install "palpate[bench]"'
 

@@ -20,6 +20,7 @@ import numpy as np
 
 from palpate.models.fe.element.mesh import edge_nodes
 from palpate.models.fe.meshing.organ import SLAB
+from palpate.studies.accuracy import MissingError
 from palpate.studies.accuracy.continuum import (
     BED,
     LEVELS,
@@ -31,7 +32,6 @@ from palpate.studies.accuracy.continuum import (
     curve,
     tetrahedra,
 )
-from palpate.studies.accuracy.errors import MissingError
 
 INSTALL = 'pip install "palpate[bench]"'
 MATERIALS = {"Saint Venant-Kirchhoff": 0, "neo-Hookean": 1}

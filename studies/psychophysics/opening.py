@@ -79,7 +79,7 @@ def opened(
     stimuli = Stimuli(experiment, source, path, sets)
     folder = out or Path("runs", path.stem)
     who, number = _chosen(stimuli, folder, participant, session, resume, sure)
-    begin(folder, experiment.task, path.read_bytes(), who, _about(experiment, who))
+    begin(folder, experiment.task, path.read_bytes(), who, _known(experiment).get(who) or {})
     table = Table(folder, experiment.task, who, number)
     try:
         units = {"Units": stimuli.unit}
@@ -124,10 +124,6 @@ def _known(experiment: Experiment) -> dict[str, dict[str, Any] | None]:
     """The participants that the experiment names, with what it says of each."""
     given = experiment.participants
     return {f"{n:02d}": None for n in range(1, given + 1)} if isinstance(given, int) else given or {}
-
-
-def _about(experiment: Experiment, who: str) -> dict[str, Any]:
-    return _known(experiment).get(who) or {}
 
 
 def _next_participant(stimuli: Stimuli, folder: Path) -> str:

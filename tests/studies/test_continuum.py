@@ -5,9 +5,8 @@ import pytest
 
 from palpate.models.fe.element.mesh import grid
 from palpate.physics.errors import ArgumentError
-from palpate.studies.accuracy import continuum, places
+from palpate.studies.accuracy import MissingError, continuum, places
 from palpate.studies.accuracy.continuum import RADIUS, Block, Inclusion, press
-from palpate.studies.accuracy.errors import MissingError
 from palpate.studies.accuracy.halfspace import DEPTHS
 from palpate.studies.accuracy.halfspace import press as press_ball
 from palpate.studies.accuracy.touches import TOUCHES
