@@ -64,7 +64,7 @@ def test_no_legend_lies_on_a_curve(tmp_path, monkeypatch):
         (legend,) = figure.legends
         box = legend.get_window_extent()
         assert not any(box.overlaps(axes.get_window_extent()) or axes.get_legend() for axes in figure.axes)
-        assert 0.0 <= box.x0 and box.x1 <= figure.bbox.x1
+        assert box.x0 >= 0.0 and box.x1 <= figure.bbox.x1
 
 
 @pytest.mark.parametrize("wrong", [("--drag", "0"), ("--mass", "nan"), ("--lost", "2"), ("--filter", "0")])
