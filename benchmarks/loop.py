@@ -10,7 +10,6 @@ run on the real clock a process only sleeps to each tick: what it misses too is 
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
 import json
 import os
@@ -28,7 +27,7 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 from rich.text import Text
-from tables import show
+from tables import parser, show
 
 from palpate.launch.load.launchfile import LaunchFile, find
 from palpate.launch.load.placement import APART, AUTO
@@ -146,10 +145,9 @@ def _row(real: dict) -> dict[str, object]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--seconds", type=float, default=6.0, help="simulated time of each run")
-    parser.add_argument("--json", action="store_true")
-    given = parser.parse_args()
+    options = parser(__doc__)
+    options.add_argument("--seconds", type=float, default=6.0, help="simulated time of each run")
+    given = options.parse_args()
     figures = {
         "machine": platform.platform(),
         "load": os.getloadavg()[0],

@@ -132,13 +132,7 @@ def _on_corners(quadratic: np.ndarray, edges: np.ndarray) -> np.ndarray:
 
 
 def _model(
-    mujoco: Any,
-    cut: Tetrahedra,
-    points: np.ndarray,
-    corners: np.ndarray,
-    edges: np.ndarray,
-    young: float,
-    elastic: int,
+    mujoco: Any, cut: Tetrahedra, points: np.ndarray, corners: np.ndarray, edges: np.ndarray, young: float, elastic: int
 ) -> tuple[Any, np.ndarray]:
     """The model, and which of its joints (N,3) moves a node in a direction; -1: none does."""
     spec = mujoco.MjSpec()

@@ -86,11 +86,7 @@ class QuestBlock(Block):
     trials: _Count = 40
 
 
-PROCEDURES: dict[str, type[Block]] = {
-    "constant": ConstantBlock,
-    "staircase": StaircaseBlock,
-    "quest+": QuestBlock,
-}
+PROCEDURES: dict[str, type[Block]] = {"constant": ConstantBlock, "staircase": StaircaseBlock, "quest+": QuestBlock}
 
 
 class Experiment(msgspec.Struct, kw_only=True):
