@@ -11,9 +11,8 @@ from palpate.launch.load.values.source import YamlSource, read
 from palpate.physics.errors import ArgumentError
 from palpate.studies.psychophysics import observer as simulated
 from palpate.studies.psychophysics.file import LABEL, Experiment, find, load
-from palpate.studies.psychophysics.markers import markers
 from palpate.studies.psychophysics.schedule import Trial
-from palpate.studies.psychophysics.session import Mark, resumed, run
+from palpate.studies.psychophysics.session import Mark, markers, resumed, run
 from palpate.studies.psychophysics.stimuli import Stimuli
 from palpate.studies.psychophysics.store import Table, begin, parse, sessions, table_path
 

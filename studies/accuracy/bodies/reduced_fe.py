@@ -31,15 +31,10 @@ def methods(patient: bool) -> list[Method]:
     ]
 
 
-def _reduced(model: str) -> Callable[[BenchCase], dict[str, Any]]:
-    def own(touch: BenchCase) -> dict[str, Any]:
-        outcome: dict[str, Any] = {"model": model, "young": YOUNG, "poisson": POISSON, "bed": BED,
-                                 "retardation": touch.retardation, "sticks": touch.sticks}  # fmt: skip
-        if touch.nodule:
-            outcome |= {"nodule_centre": (0.0, 0.0, -6e-3), "nodule_radius": 4e-3, "nodule_ratio": 10.0}
-        return outcome
-
-    return own
+def _slab(touch: BenchCase) -> dict[str, Any]:
+    material = {"young": YOUNG, "poisson": POISSON, "bed": BED, "retardation": touch.retardation}
+    nodule = {"nodule_centre": (0.0, 0.0, -6e-3), "nodule_radius": 4e-3, "nodule_ratio": 10.0}
+    return material | {"sticks": touch.sticks} | (nodule if touch.nodule else {})
 
 
 def _reducing(
@@ -48,7 +43,7 @@ def _reducing(
     """With its basis built where none is stored, and with what a stored one says of its error."""
 
     def compute(touch: BenchCase, fidelity: Fidelity, repeats: int) -> MethodOutcome:
-        own = _reduced(model)(touch) | fixed | fidelity.settings.get("body", {})
+        own = _slab(touch) | {"model": model} | fixed | fidelity.settings.get("body", {})
         node = ReducedFE(**chain.surface_of(touch), **own)
         offline = ready(node, patient)
         outcome = of_body(ReducedFE, lambda touch: own)(touch, fidelity, repeats)
