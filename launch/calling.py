@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import datetime
-import gc
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -48,7 +47,6 @@ def run_and_open(
     if launch.place is None and launch.clock != "real" and not _hardware(launch):
         launch = launch.but(place=FUSED)  # the answer is the same, and no process has to start
     outcome = execute(launch)
-    gc.unfreeze()  # a loop in this process has set aside what the caller made before it
     if not outcome.result.ok:
         kept = f" What was recorded before is in {outcome.recording}."
         raise RunError("; ".join(map(str, outcome.result.deaths)) + kept)

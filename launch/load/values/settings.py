@@ -9,6 +9,7 @@ import types
 import typing
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from functools import cache
 from typing import Annotated, Any
 
 import msgspec
@@ -261,9 +262,14 @@ def _in_si(hint: Any, value: Any, unit: str) -> Any:
 
 def _field_in_si(struct: type[msgspec.Struct], key: str, value: Any) -> Any:
     """A field of a setting that is a struct; it has a unit of its own, or takes plain values only."""
-    hint = typing.get_type_hints(struct, include_extras=True).get(key)
+    hint = _hints(struct).get(key)
     unit = next((m for m in getattr(hint, "__metadata__", ()) if isinstance(m, str)), None)
     return value if unit is None else _in_si(hint, value, unit)
+
+
+@cache
+def _hints(struct: type[msgspec.Struct]) -> dict[str, Any]:
+    return typing.get_type_hints(struct, include_extras=True)
 
 
 def _whole(value: float, options: list[Any]) -> float | int:

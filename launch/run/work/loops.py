@@ -19,10 +19,12 @@ def run(worker: Worker, origin: int, senders: set[str] = frozenset()) -> None:  
     NodeError: a node failed.
     """
     worker.begin(origin)
-    gc.collect()
-    gc.freeze()
+    freezes = gc.get_freeze_count() == 0  # else who called has set aside what was there before
     if worker.job.clock == "real":
+        gc.collect()
         gc.disable()
+    if freezes:
+        gc.freeze()
     try:
         if worker.slots and worker.job.clock == "real":
             _run_to_stop(worker, origin)
@@ -34,6 +36,8 @@ def run(worker: Worker, origin: int, senders: set[str] = frozenset()) -> None:  
         pass
     finally:
         gc.enable()
+        if freezes:
+            gc.unfreeze()
         worker.finish()
 
 
