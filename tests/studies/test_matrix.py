@@ -13,11 +13,10 @@ from palpate.studies.accuracy import UnsupportedError, chain, methods
 from palpate.studies.accuracy.bodies.reduced_fe import ready
 from palpate.studies.accuracy.cells import Cell, compute, matrix, one
 from palpate.studies.accuracy.fidelities import of_body
-from palpate.studies.accuracy.limits import mostly, told_apart
 from palpate.studies.accuracy.methods import of_user
-from palpate.studies.accuracy.order import studies
 from palpate.studies.accuracy.outcome import Fidelity, Method
 from palpate.studies.accuracy.output.pareto import advice, best, front, point, summaries
+from palpate.studies.accuracy.refinement import mostly, studies, told_apart
 from palpate.studies.accuracy.score import CHARGED, CHARGED_STEP
 from palpate.studies.accuracy.touches import TOUCHES
 from palpate.studies.accuracy.truth import HERTZ

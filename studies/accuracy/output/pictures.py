@@ -11,9 +11,9 @@ import numpy as np
 
 from palpate.studies.accuracy.cells import Cell
 from palpate.studies.accuracy.methods import standard
-from palpate.studies.accuracy.order import OrderStudy
 from palpate.studies.accuracy.output.labels import place
 from palpate.studies.accuracy.output.pareto import ParetoPoint, best, front, point
+from palpate.studies.accuracy.refinement import OrderStudy
 from palpate.studies.accuracy.score import CHARGED, CHARGED_STEP
 from palpate.studies.accuracy.touches import TOUCHES
 

@@ -11,10 +11,9 @@ from typing import Any
 
 from palpate.engine.provenance import machine
 from palpate.studies.accuracy.cells import Cell
-from palpate.studies.accuracy.limits import mostly
-from palpate.studies.accuracy.order import studies
 from palpate.studies.accuracy.output import page
 from palpate.studies.accuracy.output.pareto import summaries
+from palpate.studies.accuracy.refinement import mostly, studies
 from palpate.studies.accuracy.truth import QUANTITIES
 from palpate.studies.peers import calculix
 
