@@ -38,7 +38,7 @@ def test_the_load_is_that_of_the_pressure():
 
     mesh = quadratic(points, bricks(points, cells))
     top = mesh.faces[(mesh.points[mesh.faces[:, :3], 2] > -1e-9).all(axis=1)]
-    unit = continuum._load(mesh.points, top, block.place)[:, 2]
+    unit = continuum.on_triangles(mesh.points, top, block.pressure)[:, 2]
     x, y, _ = mesh.points.T
     assert unit.sum() == pytest.approx(-1.0)
     assert unit @ x == pytest.approx(-0.01, rel=1e-6)
