@@ -25,8 +25,6 @@ from pathlib import Path
 from control import Control
 from rich.console import Console
 from rich.progress import track
-from rich.table import Table
-from rich.text import Text
 from tables import parser, show
 
 from palpate.launch.load.launchfile import LaunchFile, find
@@ -160,14 +158,12 @@ def main() -> None:
         print(json.dumps(figures))
         return
     out = Console()
-    table = Table(title="kidney loop, simulated time as fast as possible", box=None)
-    for title in ("", "best [Hz]", "median [Hz]", "tick p50 [us]", "p99 [us]", "p99.9 [us]"):
-        table.add_column(Text(title), justify="right")
+    rows = []
     for name in PLACES:
         row = figures["rates"][name]
-        times = (f"{row[key] * 1e6:.0f}" for key in ("p50", "p99", "p999"))
-        table.add_row(name, f"{row['best']:.0f}", f"{row['median']:.0f}", *times)
-    out.print(table)
+        times = {f"{key} [us]": 1e6 * row[key] for key in ("p50", "p99", "p999")}
+        rows.append({"": name, "best [Hz]": row["best"], "median [Hz]": row["median"], **times})
+    show("kidney loop, simulated time as fast as possible, and the time of a tick", rows)
     steps = figures["rates"]["steps"]
     out.print("step p50 \\[us]:", ", ".join(f"{name} {value * 1e6:.1f}" for name, value in steps.items()))
     show("real clock, and beside it the sleeper", [_row(real) for real in figures["real"]], digits=3)
