@@ -8,11 +8,11 @@ its four messages. CPU time of the thread, in ms, so that busy neighbours do not
 
 from __future__ import annotations
 
-import argparse
 import json
 import time
 
 import numpy as np
+from tables import parser, show
 
 from palpate.messages import Pose
 from palpate.nodes.fingertip import BundleContact
@@ -72,25 +72,15 @@ def pose(height: float, way: float) -> Pose:
 
 def main() -> None:
     """Measure every pitch and print one table."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--json", action="store_true", help="print JSON for programs")
-    parser.add_argument("--fast", action="store_true", help="leave out the finest pitch")
-    given = parser.parse_args()
+    options = parser(__doc__)
+    options.add_argument("--fast", action="store_true", help="leave out the finest pitch")
+    given = options.parse_args()
     measure(PITCHES[0], 100)  # compiles
     rows = [measure(p, 1200) for p in (PITCHES[:-1] if given.fast else PITCHES)]
     if given.json:
         print(json.dumps(rows))
         return
-    from rich.console import Console
-    from rich.table import Table
-
-    table = Table(title="Beam bundle: time of a step")
-    for name in rows[0]:
-        *words, unit = name.split("_")
-        table.add_column(" ".join(words) + (f" [{unit}]" if unit in ("mm", "ms", "s") else f" {unit}"), justify="right")
-    for row in rows:
-        table.add_row(*(f"{v:.3g}" for v in row.values()))
-    Console(width=130).print(table)
+    show("Beam bundle: time of a step", rows, digits=3)
     print("Goal: node p99 within 1 ms at 1.2 mm. One finger, one angle; residual relative to the largest limit.")
 
 

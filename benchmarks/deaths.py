@@ -10,7 +10,6 @@ while it sent a signal, so that the moment is not known to 1 ms, the fault is ma
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
 import itertools
 import json
@@ -21,10 +20,8 @@ import tempfile
 import time
 from pathlib import Path
 
-from rich.console import Console
 from rich.progress import track
-from rich.table import Table
-from rich.text import Text
+from tables import parser, show
 
 from palpate.engine.provenance import about
 from palpate.launch.load.launchfile import find
@@ -117,10 +114,9 @@ def faulty(use: str, kind: str, note: Path) -> str:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--json", action="store_true")
-    parser.add_argument("--fault", action="append", choices=FAULTS, help="Only this one; may be given several times.")
-    given = parser.parse_args()
+    options = parser(__doc__)
+    options.add_argument("--fault", action="append", choices=FAULTS, help="Only this one; may be given several times.")
+    given = options.parse_args()
     kinds = given.fault or FAULTS
     rows = {}
     with tempfile.TemporaryDirectory() as folder:
@@ -130,14 +126,12 @@ def main() -> None:
     if given.json:
         print(json.dumps(rows))
         return
-    table = Table(title="until the device works without torque [ms]", box=None)
-    for title in ("node", *kinds, "kill reported"):
-        table.add_column(Text(title), justify="right")
+    shown = []
     for node, row in rows.items():
-        gone = ("stays" if (time := row[kind]["no torque"]) is None else f"{time * 1e3:.1f}" for kind in kinds)
-        report = f"{row['kill']['report'] * 1e3:.1f}" if "kill" in row else ""
-        table.add_row(node, *gone, report)
-    Console().print(table)
+        gone = {kind: "stays" if (time := row[kind]["no torque"]) is None else 1e3 * time for kind in kinds}
+        report = {"kill reported": 1e3 * row["kill"]["report"]} if "kill" in row else {}
+        shown.append({"node": node, **gone, **report})
+    show("until the device works without torque [ms]", shown, digits=3)
     print(f"load of the machine at the end: {os.getloadavg()[0]:.1f}")
 
 

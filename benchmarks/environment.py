@@ -9,13 +9,12 @@ action from the action space.
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Callable
 from time import process_time
 
 import gymnasium
 import numpy as np
-from tables import tell
+from tables import parser, tell
 
 import palpate.gym  # noqa: F401  registers the environments
 from palpate.gym.scripted import Approach, Policy, Search, score
@@ -81,11 +80,10 @@ def scores(episodes: int) -> list[dict[str, object]]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--turns", type=int, default=5)
-    parser.add_argument("--episodes", type=int, default=20)
-    parser.add_argument("--json", action="store_true")
-    given = parser.parse_args()
+    options = parser(__doc__)
+    options.add_argument("--turns", type=int, default=5)
+    options.add_argument("--episodes", type=int, default=20)
+    given = options.parse_args()
     tell({"Steps a second": speed(given.turns), "Scores": scores(given.episodes)}, given.json, digits=3)
 
 

@@ -8,10 +8,9 @@ from palpate.models.fe import Rigid, Settings, Solver, linear, plane, quadratic,
 from palpate.models.fe.contact.pressure import HATS, nodal_pressure
 from palpate.models.fe.element import faces as face_rule
 from palpate.models.fe.element.mesh import bricks, grid
+from palpate.studies.accuracy.halfspace import point_force
 
 YOUNG, RADIUS = 1e4, 0.01
-
-
 SIZE = 30.0
 """[1] Of the meshed part, in radii of contact."""
 
@@ -44,7 +43,7 @@ def indented(poisson: float, faces: int, ratio: float, ball: bool = False) -> di
         p[:, 2] -= (RADIUS - np.sqrt(RADIUS**2 - away**2)) * (1 + p[:, 2] / z[-1])
     theory = 4.0 / 3.0 * YOUNG / (1 - poisson**2) * np.sqrt(RADIUS) * depth**1.5
     held = np.zeros_like(p)
-    held[far] = boussinesq(p[far], theory, poisson)
+    held[far] = theory * point_force(p[far], YOUNG, poisson)
     top = top[np.linalg.norm(p[top[:, :3]].mean(axis=1), axis=1) < 2.2 * a]
     if ball:
         touch = Rigid(top, plane, (0, 0, -1.0), lambda load: np.array([0, 0, -load * depth]), bound=depth / 1000)
@@ -69,18 +68,3 @@ def indented(poisson: float, faces: int, ratio: float, ball: bool = False) -> di
         "pressure at the points, L2": points_off,
         "pressure field, L2": field_off,
     }
-
-
-def boussinesq(points: np.ndarray, force: float, poisson: float) -> np.ndarray:
-    """Displacement [m] (n,3) of the half-space z < 0 by a force [N] at the origin, into it.
-
-    K. L. Johnson, Contact Mechanics, Cambridge 1985, eq. 3.18, with z turned upwards.
-    """
-    shear = YOUNG / (2 * (1 + poisson))
-    r, down = np.linalg.norm(points, axis=1), -points[:, 2]
-    out = down / r**3 - (1 - 2 * poisson) / (r * (r + down))
-    sink = down**2 / r**3 + 2 * (1 - poisson) / r
-    displacement: np.ndarray = (
-        force / (4 * np.pi * shear) * np.stack([out * points[:, 0], out * points[:, 1], -sink], axis=1)
-    )
-    return displacement

@@ -7,15 +7,12 @@ The fingers press the kidney 12 mm apart and slide; a time is the median over 60
 
 from __future__ import annotations
 
-import argparse
-import json
 import statistics
 import time
 
 import msgspec
-from rich.console import Console
 from rich.progress import track
-from rich.table import Table
+from tables import parser, tell
 
 from palpate.messages import Pose, Surface
 from palpate.nodes.collision import Nurbs
@@ -67,9 +64,7 @@ def measure(kind: type, count: int, shape: bool = False) -> dict[str, float]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--json", action="store_true")
-    given = parser.parse_args()
+    given = parser(__doc__).parse_args()
     cases = [(kind, count, shape) for kind in BODIES for shape in (False, True) for count in (1, 2, 3, 5)]
     for kind in BODIES:
         measure(kind, 2)  # compile
@@ -77,15 +72,7 @@ def main() -> None:
         {"model": kind.__name__, "fingers": count, "shape": shape, **measure(kind, count, shape)}
         for kind, count, shape in track(cases, transient=True)
     ]
-    if given.json:
-        print(json.dumps(rows))
-        return
-    table = Table(title="µs of a step, kidney of 10 000 vertices", box=None)
-    for name in rows[0]:
-        table.add_column(name, justify="right")
-    for row in rows:
-        table.add_row(*(f"{value:.1f}" if isinstance(value, float) else str(value) for value in row.values()))
-    Console().print(table)
+    tell({"µs of a step, kidney of 10 000 vertices": rows}, given.json)
 
 
 if __name__ == "__main__":

@@ -9,7 +9,6 @@ with the versions that it names; a thread's model that was not public is rebuilt
 
 from __future__ import annotations
 
-import argparse
 import importlib.util
 import sys
 from collections.abc import Callable
@@ -22,7 +21,7 @@ import graveyard_here as here
 import graveyard_mujoco
 from rich.console import Console
 from rich.progress import track
-from tables import tell
+from tables import parser, tell
 
 TITLE = "Reported failures, there and here"
 
@@ -93,9 +92,7 @@ LEFT_OUT = "not rebuilt: MuJoCo #1847 (its mesh is not public), ppf-contact-solv
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
-    parser.add_argument("--json", action="store_true")
-    given = parser.parse_args()
+    given = parser(__doc__).parse_args()
     told, rows = Console(file=sys.stderr), []
     memory: dict[Any, str] = {}
     for package, case, reported, there, ours in track(cases(), "cases", console=told):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from fe_problems import block
 
 from palpate.models.fe import Settings, Solver, box, neo_hooke
 from palpate.studies.peers import felupe as peer
@@ -22,14 +23,12 @@ def mixed() -> str:
 
 
 def _mixed(poisson: float, cells: int) -> float:
-    mesh = box((1.0, 1.0, 1.0), (cells, cells, cells))
-    z = mesh.points[:, 2]
-    top = z > 1 - 1e-9
-    down = np.outer(top, (0.0, 0.0, -TRAVEL))
-    held = np.repeat((top | (z < 1e-9))[:, None], 3, axis=1)
-    body = Solver(mesh, {0: neo_hooke(YOUNG, poisson)}, held, lambda load: load * down, settings=Settings(step=0.5))
+    squeezed = block(cells)
+    down = np.outer(squeezed.driven, (0.0, 0.0, -TRAVEL))
+    tissue = {0: neo_hooke(YOUNG, poisson)}
+    body = Solver(squeezed.mesh, tissue, squeezed.fixed, lambda load: load * down, settings=Settings(step=0.5))
     body.advance(1.0)
-    return float(body.reaction[top, 2].sum())
+    return float(body.reaction[squeezed.driven, 2].sum())
 
 
 def _linear(poisson: float) -> float:

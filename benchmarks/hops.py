@@ -9,9 +9,7 @@ ZeroMQ's headers (Debian: libzmq3-dev); without them its row is left out.
 
 from __future__ import annotations
 
-import argparse
 import itertools
-import json
 import multiprocessing
 import os
 import shutil
@@ -23,8 +21,7 @@ import time
 from pathlib import Path
 
 import zmq
-from rich.console import Console
-from rich.table import Table
+from tables import parser, tell
 
 sys.path.insert(0, str(Path(__file__).parent))
 
@@ -103,16 +100,11 @@ def ours(turns: int, core: int) -> float:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--turns", type=int, default=5000)
-    parser.add_argument("--json", action="store_true")
-    given = parser.parse_args()
+    options = parser(__doc__)
+    options.add_argument("--turns", type=int, default=5000)
+    given = options.parse_args()
     core = max(os.sched_getaffinity(0))
-    measures = {
-        "C": in_c,
-        "pyzmq": plain,
-        "palpate": ours,
-    }
+    measures = {"C": in_c, "pyzmq": plain, "palpate": ours}
     hops: dict[str, list[float]] = {name: [] for name in measures}
     for _ in range(3):  # interleaved, so that a busy neighbour troubles all of them
         for name, measure in measures.items():
@@ -121,24 +113,9 @@ def main() -> None:
                 hops[name].append(value)
     best = {name: min(values) for name, values in hops.items() if values}
     base = best.get("C", best["pyzmq"])
-    if given.json:
-        print(
-            json.dumps(
-                {
-                    "load": os.getloadavg()[0],
-                    "hop_us": best,
-                    "ratio": {name: value / base for name, value in best.items()},
-                }
-            )
-        )
-        return
-    table = Table(title="one hop between two processes on one core", box=None)
-    for title in ("", "us a hop", "ratio"):
-        table.add_column(title, justify="right")
-    for name, value in best.items():
-        table.add_row(name, f"{value:.1f}", f"{value / base:.2f}")
-    Console().print(table)
-    print(f"load of the machine at the end: {os.getloadavg()[0]:.1f}")
+    rows = [{"": name, "us a hop": value, "ratio": value / base} for name, value in best.items()]
+    title = f"one hop between two processes on one core, load of the machine {os.getloadavg()[0]:.1f}"
+    tell({title: rows}, given.json, digits=3)
 
 
 if __name__ == "__main__":

@@ -10,7 +10,6 @@ run on the real clock a process only sleeps to each tick: what it misses too is 
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
 import json
 import os
@@ -26,9 +25,7 @@ from pathlib import Path
 from control import Control
 from rich.console import Console
 from rich.progress import track
-from rich.table import Table
-from rich.text import Text
-from tables import show
+from tables import parser, show
 
 from palpate.launch.load.launchfile import LaunchFile, find
 from palpate.launch.load.placement import APART, AUTO
@@ -146,10 +143,9 @@ def _row(real: dict) -> dict[str, object]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--seconds", type=float, default=6.0, help="simulated time of each run")
-    parser.add_argument("--json", action="store_true")
-    given = parser.parse_args()
+    options = parser(__doc__)
+    options.add_argument("--seconds", type=float, default=6.0, help="simulated time of each run")
+    given = options.parse_args()
     figures = {
         "machine": platform.platform(),
         "load": os.getloadavg()[0],
@@ -162,14 +158,12 @@ def main() -> None:
         print(json.dumps(figures))
         return
     out = Console()
-    table = Table(title="kidney loop, simulated time as fast as possible", box=None)
-    for title in ("", "best [Hz]", "median [Hz]", "tick p50 [us]", "p99 [us]", "p99.9 [us]"):
-        table.add_column(Text(title), justify="right")
+    rows = []
     for name in PLACES:
         row = figures["rates"][name]
-        times = (f"{row[key] * 1e6:.0f}" for key in ("p50", "p99", "p999"))
-        table.add_row(name, f"{row['best']:.0f}", f"{row['median']:.0f}", *times)
-    out.print(table)
+        times = {f"{key} [us]": 1e6 * row[key] for key in ("p50", "p99", "p999")}
+        rows.append({"": name, "best [Hz]": row["best"], "median [Hz]": row["median"], **times})
+    show("kidney loop, simulated time as fast as possible, and the time of a tick", rows)
     steps = figures["rates"]["steps"]
     out.print("step p50 \\[us]:", ", ".join(f"{name} {value * 1e6:.1f}" for name, value in steps.items()))
     show("real clock, and beside it the sleeper", [_row(real) for real in figures["real"]], digits=3)

@@ -8,15 +8,11 @@ A time is the median over 2000 steps of a press that slides; the finest mesh tak
 
 from __future__ import annotations
 
-import argparse
-import json
 import statistics
 import time
 
-from rich.console import Console
 from rich.progress import track
-from rich.table import Table
-from rich.text import Text
+from tables import parser, tell
 
 from palpate.messages import Contact
 from palpate.nodes.base.surface import surface_mesh
@@ -59,32 +55,16 @@ def measure(count: int) -> dict[str, float]:
     return {
         "vertices": len(mesh.vertices),
         "loaded": nodes / STEPS,
-        "start": start,
-        **{name: statistics.median(values) * 1e6 for name, values in times.items()},
+        "start [s]": start,
+        **{f"{name} [us]": statistics.median(values) * 1e6 for name, values in times.items()},
     }
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--json", action="store_true")
-    given = parser.parse_args()
+    given = parser(__doc__).parse_args()
     measure(1000)  # compile
     rows = [measure(count) for count in track((10**3, 10**4, 10**5, 10**6), "meshes", transient=True)]
-    if given.json:
-        print(json.dumps(rows))
-        return
-    table = Table(title="one step with about 200 loaded vertices", box=None)
-    for title in ("vertices", "loaded", "spread [us]", "body [us]", "start [s]"):
-        table.add_column(Text(title), justify="right")
-    for row in rows:
-        table.add_row(
-            f"{row['vertices']}",
-            f"{row['loaded']:.0f}",
-            f"{row['spread']:.1f}",
-            f"{row['body']:.1f}",
-            f"{row['start']:.2f}",
-        )
-    Console().print(table)
+    tell({"one step with about 200 loaded vertices": rows}, given.json, digits=3)
 
 
 if __name__ == "__main__":

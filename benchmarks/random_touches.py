@@ -17,7 +17,7 @@ import numpy as np
 from palpate.nodes.deformation import ReducedFE
 from palpate.physics.bodies.condensed_body import CondensedBody
 from palpate.physics.contact.spread import Spreader
-from palpate.studies.accuracy.bases import ready
+from palpate.studies.accuracy.bodies.reduced_fe import ready
 from palpate.studies.accuracy.continuum import POISSON, SIDE, YOUNG, Block, press
 
 UP = (0.0, 0.0, 1.0)

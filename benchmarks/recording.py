@@ -9,7 +9,6 @@ surface: without a recording nobody computes it. So a third rate is that of a ru
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
 import json
 import os
@@ -17,11 +16,9 @@ import statistics
 import subprocess
 import sys
 import tempfile
-from collections.abc import Sequence
 from pathlib import Path
 
-from rich.console import Console
-from rich.table import Table
+from tables import parser, show
 
 from palpate.launch.load.launchfile import ALL, SOURCES, find
 from palpate.launch.load.plan import plan
@@ -83,17 +80,16 @@ def replayed(path: Path, *options: str) -> dict[str, float]:
     return figures
 
 
-def main(given: Sequence[str] | None = None) -> None:
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--minutes", type=float, default=0.5, help="length of the long recording")
-    parser.add_argument("--seconds", type=float, default=4.0, help="of simulated time, each run of the overhead")
-    parser.add_argument("--json", action="store_true")
-    options = parser.parse_args(given)
+def main() -> None:
+    options = parser(__doc__)
+    options.add_argument("--minutes", type=float, default=0.5, help="length of the long recording")
+    options.add_argument("--seconds", type=float, default=4.0, help="of simulated time, each run of the overhead")
+    given = options.parse_args()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        figures: dict[str, object] = {"overhead": overhead(options.seconds, folder)}
+        figures: dict[str, object] = {"overhead": overhead(given.seconds, folder)}
         short, long, sources = folder / "short.mcap", folder / "long.mcap", folder / "sources.mcap"
-        seconds = options.minutes * 60
+        seconds = given.minutes * 60
         for path, length, only in ((short, 2.0, ALL), (long, seconds, ALL), (sources, seconds, SOURCES)):
             rate(length, path, "fused", only)
         for name, path in (("recording", long), ("recording of sources", sources)):
@@ -101,27 +97,27 @@ def main(given: Sequence[str] | None = None) -> None:
         figures["replay short"] = replayed(short)
         figures["replay long"] = replayed(long)
         figures["check long"] = {**(check := replayed(long, "--check")), "speed": seconds / check["cpu_s"]}
-    if options.json:
+    if given.json:
         print(json.dumps(figures))
         return
     _print(figures)
 
 
 def _print(figures: dict) -> None:
-    out = Console()
-    table = Table(title="ticks a second of the kidney graph", box=None)
-    for title in ("", "without", "with recording", "ratio", "by processor time"):
-        table.add_column(title, justify="right")
-    for name, row in figures["overhead"].items():
-        table.add_row(name, f"{row['without_Hz']:.0f}", f"{row['with_Hz']:.0f}", f"{row['ratio']:.2f}",
-                      f"{row['processor_ratio']:.2f}")  # fmt: skip
-    out.print(table)
+    names = {
+        "without_Hz": "without",
+        "with_Hz": "with recording",
+        "ratio": "ratio",
+        "processor_ratio": "by processor time",
+    }
+    rows = [{"": name} | {names[key]: row[key] for key in names} for name, row in figures["overhead"].items()]
+    show("ticks a second of the kidney graph", rows)
     for name in ("recording", "recording of sources"):
         size = figures[name]
-        out.print(f"{name}, {size['seconds']:.0f} s: {size['kB_per_s']:.0f} kB a second of simulated time")
+        print(f"{name}, {size['seconds']:.0f} s: {size['kB_per_s']:.0f} kB a second of simulated time")
     for name in ("replay short", "replay long", "check long"):
         row = figures[name]
-        out.print(f"{name}: {row['speed']:.1f} x real time, peak memory {row['memory_MB']:.0f} MB")
+        print(f"{name}: {row['speed']:.1f} x real time, peak memory {row['memory_MB']:.0f} MB")
 
 
 if __name__ == "__main__":

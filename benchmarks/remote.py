@@ -14,12 +14,11 @@ one that does not know of the delay (`controller.delay=0`); one that knows it. O
 
 from __future__ import annotations
 
-import argparse
 from pathlib import Path
 
 import numpy as np
 from rich.progress import track
-from tables import tell
+from tables import parser, tell
 
 from palpate.launch.calling import described
 from palpate.launch.stepping import Stepper
@@ -102,10 +101,9 @@ def draw(rows: list[dict[str, object]], file: Path) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--picture", type=Path, help="draw the picture into this file")
-    parser.add_argument("--json", action="store_true")
-    given = parser.parse_args()
+    options = parser(__doc__)
+    options.add_argument("--picture", type=Path, help="draw the picture into this file")
+    given = options.parse_args()
     free, *_ = press(0.0, 0.0, 0.0, "delay known")
     steady = [(float(delay), 0.0, 0.0, name) for delay in DELAYS for name in CONTROLLERS]
     bad = [(*map(float, case), name) for case in CASES for name in CONTROLLERS]

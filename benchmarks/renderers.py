@@ -9,7 +9,6 @@ process of its own. Ticks that came late are counted by the run.
 
 from __future__ import annotations
 
-import argparse
 import multiprocessing
 import os
 import tempfile
@@ -17,7 +16,7 @@ import time
 from multiprocessing.connection import Connection
 from pathlib import Path
 
-from tables import tell
+from tables import parser, tell
 from websockets.sync.client import connect
 
 from palpate.launch.load.launchfile import find
@@ -83,10 +82,9 @@ def span(session: Session, run: set[int], address: str, client: bool) -> dict[st
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--turns", type=int, default=4)
-    parser.add_argument("--json", action="store_true")
-    given = parser.parse_args()
+    options = parser(__doc__)
+    options.add_argument("--turns", type=int, default=4)
+    given = options.parse_args()
     rows: list[dict[str, object]] = []
     with tempfile.TemporaryDirectory() as folder:
         session = Session(find("kidney"), Path(folder), [])

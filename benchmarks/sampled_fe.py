@@ -10,7 +10,6 @@ Some minutes on one core, nearly all of it for the full model.
 
 from __future__ import annotations
 
-import argparse
 import os
 import time
 from collections.abc import Callable
@@ -19,7 +18,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
-from tables import tell
+from tables import parser, tell
 
 from palpate.messages import Load
 from palpate.models.fe.meshing.fingertip import FingertipDimensions
@@ -133,12 +132,11 @@ def timed(node: ReducedFE, full_seconds: float, way: Callable[[float], tuple[flo
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--touches", type=int, default=6)
-    parser.add_argument("--modes", type=int, default=80)
-    parser.add_argument("--seed", type=int, default=77)
-    parser.add_argument("--json", action="store_true")
-    given = parser.parse_args()
+    options = parser(__doc__)
+    options.add_argument("--touches", type=int, default=6)
+    options.add_argument("--modes", type=int, default=80)
+    options.add_argument("--seed", type=int, default=77)
+    given = options.parse_args()
     node = ReducedFE(surface="fingertip", model="sampled", modes=given.modes, young=160.0, radius=5e-3, reach=12e-3)
     basis = node.basis()
     assert isinstance(basis, SampledBasis)

@@ -8,13 +8,12 @@ are compared byte for byte; asleep is the share of its steps for which a node sl
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
 import tempfile
 from pathlib import Path
 
 from rich.progress import track
-from tables import tell
+from tables import parser, tell
 
 from palpate.engine.slot import Slot
 from palpate.launch.load.launchfile import find
@@ -63,10 +62,9 @@ def compared(name: str, turns: int) -> dict[str, object]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--turns", type=int, default=3)
-    parser.add_argument("--json", action="store_true")
-    given = parser.parse_args()
+    options = parser(__doc__)
+    options.add_argument("--turns", type=int, default=3)
+    given = options.parse_args()
     tell({"What sleep saves": [compared(name, given.turns) for name in GRAPHS]}, given.json, digits=3)
 
 

@@ -11,7 +11,6 @@ at-once  runs side by side on the simulated clock: each must have the bytes of t
 
 from __future__ import annotations
 
-import argparse
 import hashlib
 import os
 import subprocess
@@ -24,7 +23,7 @@ from pathlib import Path
 
 from rich.console import Console
 from rich.progress import Progress
-from tables import tell
+from tables import parser, tell
 
 from palpate.launch.load.launchfile import find
 from palpate.launch.run.descendants import descendants
@@ -138,13 +137,12 @@ def at_once(count: int, tick) -> dict[str, object]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
-    parser.add_argument("--fused", type=float, default=60.0, help="minutes")
-    parser.add_argument("--real", type=float, default=20.0, help="minutes")
-    parser.add_argument("--starts", type=int, default=300)
-    parser.add_argument("--at-once", type=int, default=8)
-    parser.add_argument("--json", action="store_true")
-    given = parser.parse_args()
+    options = parser(__doc__)
+    options.add_argument("--fused", type=float, default=60.0, help="minutes")
+    options.add_argument("--real", type=float, default=20.0, help="minutes")
+    options.add_argument("--starts", type=int, default=300)
+    options.add_argument("--at-once", type=int, default=8)
+    given = options.parse_args()
     rows = []
     with Progress(console=Console(stderr=True)) as progress:
         for work, size in ((fused, given.fused), (real, given.real), (starts, given.starts), (at_once, given.at_once)):

@@ -1,13 +1,21 @@
-"""One way to print a table."""
+"""One way to take options and to print a table."""
 
 from __future__ import annotations
 
+import argparse
 import json
 import sys
 
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
+
+
+def parser(doc: str | None) -> argparse.ArgumentParser:
+    """The options of a script of this docstring: `--json`, and what is added."""
+    made = argparse.ArgumentParser(description=(doc or "").partition("\n")[0])
+    made.add_argument("--json", action="store_true", help="print JSON for programs")
+    return made
 
 
 def show(title: str, rows: list[dict[str, object]], digits: int = 4) -> None:

@@ -32,8 +32,8 @@ class Search:
     def __init__(self, period: float) -> None:
         self.period = period
         ends = np.linspace(-FIELD, FIELD, LINES)
-        signs = np.where(np.arange(LINES) % 2 == 0, 1.0, -1.0)
-        self.corners = [np.array([s * x, y]) for y, sign in zip(ends, signs, strict=True) for s, x in _ends(sign)]
+        sides = np.where(np.arange(LINES) % 2 == 0, FIELD, -FIELD)
+        self.corners = [np.array([x, y]) for y, side in zip(ends, sides, strict=True) for x in (-side, side)]
         self.middle: np.ndarray | None = None
         self.goal: np.ndarray | None = None
         self.found: np.ndarray | None = None
@@ -77,10 +77,6 @@ class Approach:
     def __call__(self, observation: Observation) -> np.ndarray:
         lacks = float(observation["wanted"][0] - np.linalg.norm(observation["force"]))
         return np.array([0.0, 0.0, np.clip(-GAIN * lacks, -SPEED, SPEED)], np.float32)
-
-
-def _ends(sign: float) -> tuple[tuple[float, float], tuple[float, float]]:
-    return (-sign, FIELD), (sign, FIELD)
 
 
 def _action(*numbers: float) -> np.ndarray:

@@ -14,10 +14,7 @@ RESOLUTION = 0.13  # of a duration: a bin of its histogram
 
 
 def prove(
-    recording: Recording,
-    items: Sequence[EffectCost],
-    overrides: Sequence[str] = (),
-    show: Show = lambda effect: None,
+    recording: Recording, items: Sequence[EffectCost], overrides: Sequence[str] = (), show: Show = lambda effect: None
 ) -> None:
     """Record for each item how the force and the time of a tick change with the effect toggled.
 

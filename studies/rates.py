@@ -85,7 +85,7 @@ def rates(
         picked, promised = together(recordings, strictest(found), error)
         while True:
             at = {
-                speed: ran(touched(motion.but(overrides=promised.texts), Path(folder) / "slow.mcap"), picked)
+                speed: tried(touched(motion.but(overrides=promised.texts), Path(folder) / "slow.mcap"), picked)
                 for speed, motion in motions.items()
             }
             show("a run at these rates")
@@ -182,7 +182,7 @@ def together(recordings: Sequence[Recording], rates: Sequence[Rate], error: floa
     picked = list(rates)
     while True:
         overrides = [rate.override() for rate in picked]
-        one = max((_trial(recording, picked, overrides) for recording in recordings), key=lambda one: one.error)
+        one = max((tried(recording, picked, overrides) for recording in recordings), key=lambda one: one.error)
         finer = None if one.error <= error else oftener(picked)
         if finer is None:
             return picked, one
@@ -200,12 +200,9 @@ def oftener(rates: Sequence[Rate]) -> list[Rate] | None:
     return [replace(rate, every=every) if k == worst else rate for k, rate in enumerate(rates)]
 
 
-def ran(recording: Recording, rates: Sequence[Rate]) -> Trial:
-    """Of a run at these rates, what it is off by from its own motion with each effect at each tick."""
-    return _trial(recording, rates, [])
-
-
-def _trial(recording: Recording, rates: Sequence[Rate], texts: list[str]) -> Trial:
+def tried(recording: Recording, rates: Sequence[Rate], texts: Sequence[str] = ()) -> Trial:
+    """What a touch is off by, from itself with each effect at each tick, with these overrides of the run; without any,
+    as it was run at these rates."""
     base, variant = compare(recording, [texts], reference=[rate.override(1) for rate in rates])
     return Trial({f"{rate.node}.every": rate.every for rate in rates}).measured(base, variant)
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 import tempfile
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 from palpate.engine.graph import Graph
 from palpate.launch.load.launchfile import LaunchFile
@@ -112,18 +111,13 @@ def reference(recording: Recording, wanted: list[Trial]) -> Trial:
     """The first candidate whose body starts: what is missing is told then, not at its first step."""
     for one in wanted:
         try:
-            spec = _body(recording, one)
+            graph = changed(recording, one.texts).graph
+            spec = graph.nodes[body_of(graph)]
             spec.cls(**spec.settings).start()
         except PalpateError:
             continue
         return one
     raise ArgumentError(f"{recording.path}: none of the models fits this graph")
-
-
-def _body(recording: Recording, one: Trial) -> Any:
-    """The body's part of the graph with these settings."""
-    graph = changed(recording, one.texts).graph
-    return graph.nodes[body_of(graph)]
 
 
 def measured(recording: Recording, one: Trial, base: Trial, goal: Goal, estimated_error: float) -> Trial:

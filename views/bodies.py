@@ -63,7 +63,7 @@ class Bodies:
             if stream in newest
         ]
         if len(shapes) < 2:
-            return next((moved_on(surface, first) for first, surface in shapes), None)
+            return next((msgspec.structs.replace(s, nodes=s.nodes + first) for first, s in shapes), None)
         every = [surface for _, surface in shapes]
         told = [name for name in ("pressure", "slipped") if all(len(getattr(s, name)) == len(s.nodes) for s in every)]
         more = {name: np.concatenate([getattr(s, name) for s in every]) for name in told}
@@ -81,8 +81,3 @@ class Bodies:
             patch += (load.nodes + self._first[self.loads[stream]]).tolist()
             sizes += np.round(np.linalg.norm(load.forces, axis=1), 6).tolist()
         return {"patch": patch, "loads": sizes} if newest else {}
-
-
-def moved_on(surface: Surface, first: int) -> Surface:
-    """A surface whose vertices begin at another place."""
-    return msgspec.structs.replace(surface, nodes=surface.nodes + first) if first else surface

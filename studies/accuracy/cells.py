@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from palpate.studies.accuracy.errors import UnsupportedError
+from palpate.studies.accuracy import UnsupportedError
 from palpate.studies.accuracy.outcome import Fidelity, Method
 from palpate.studies.accuracy.places import SHIPPED, cache
 from palpate.studies.accuracy.score import CHARGED_STEP, charged, score
@@ -24,8 +24,8 @@ from palpate.studies.accuracy.truth import truth
 POINTS = 200
 """Instants of a touch at which the force of a cell is kept, so that fidelities can be held against each other."""
 
-SHOWING = ("labels.py", "limits.py", "order.py", "page.py", "pareto.py", "pictures.py", "table.py")
-"""Modules that only show results."""
+SHOWING = "refinement.py"
+"""The module that only shows results, beside those in `output`."""
 
 
 @dataclass
@@ -39,7 +39,7 @@ class Cell:
     trace           [N] (POINTS,) force over the touch, over its peak in truth
     discretisation  [1] rms of the force from that of the finest setting on the same axis, over the peak of the truth
     finest          [1] rms of the force of that finest setting from the truth
-    falling         axes on which the finest setting has not come to an end, see `bench.limits`
+    falling         axes on which the finest setting has not come to an end, see `refinement`
     kept            whether it is of an earlier run
     """
 
@@ -155,7 +155,7 @@ def _sources() -> str:
         spec = find_spec(package)
         for folder in (spec.submodule_search_locations or ()) if spec else ():
             for file in sorted(Path(folder).rglob("*.py")):
-                if file.name not in SHOWING or package != "palpate.studies.accuracy":
+                if package != "palpate.studies.accuracy" or not (file.name == SHOWING or file.parent.name == "output"):
                     digest.update(f"{package}/{file.relative_to(folder)}".encode() + file.read_bytes())
     for file in sorted(SHIPPED.glob("*.npz")):
         digest.update(file.name.encode() + file.read_bytes())

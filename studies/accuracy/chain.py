@@ -9,11 +9,12 @@ from __future__ import annotations
 import gc
 import time
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, TypeVar
 
+import msgspec
 import numpy as np
 
-from palpate.messages import Contact, Friction, Load, Proximity, Surface
+from palpate.messages import Contact, Friction, Load, Message, Proximity, Surface
 from palpate.nodes.base import Node, SettingError
 from palpate.nodes.base.contacts import press
 from palpate.nodes.base.surface import OnSurface, complete
@@ -21,12 +22,13 @@ from palpate.nodes.contact import Series
 from palpate.nodes.friction import LuGre  # type: ignore[attr-defined]
 from palpate.nodes.spread import Kernel
 from palpate.physics.entry_point import NO_NODES, NO_VECTORS
-from palpate.studies.accuracy.errors import UnsupportedError
+from palpate.studies.accuracy import UnsupportedError
 from palpate.studies.accuracy.kidney import along
 from palpate.studies.accuracy.outcome import LOOKS, NEAR, Fidelity, MethodOutcome
 from palpate.studies.accuracy.touches import BenchCase
 from palpate.studies.accuracy.truth import SLIDING, worked
 
+Sent = TypeVar("Sent", bound=Message)
 VERTICES = 10000
 """Of the surface, unless a setting says otherwise."""
 BALL: dict[str, Any] = {"finger_law": "power", "finger_power_stiffness": 1e12, "finger_power_exponent": 1.0,
@@ -49,7 +51,8 @@ def run(touch: BenchCase, body: type[Node], fidelity: Fidelity, contact: dict[st
 
     UnsupportedError: the body has no basis, or does not take its settings. ArithmeticError: its force is not finite.
     """
-    approach, slip, place, times = _path(touch, fidelity.rate)
+    times = np.arange(round(touch.duration * fidelity.rate) + 1) / fidelity.rate
+    approach, _, place, slip = touch.at(times)
     begun = time.perf_counter()
     chain = _Chain(body, fidelity, contact, touch)
     offline = time.perf_counter() - begun
@@ -86,12 +89,6 @@ def run(touch: BenchCase, body: type[Node], fidelity: Fidelity, contact: dict[st
             near = np.hypot(flat[:, 0] - place[k], flat[:, 1]) < NEAR
             shapes.append((float(times[k]), flat[near], moved[near]))
     return MethodOutcome(times, values, shapes, np.concatenate(seconds), held_bytes(chain.nodes), offline)
-
-
-def _path(touch: BenchCase, rate: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    times = np.arange(round(touch.duration * rate) + 1) / rate
-    approach, _, place, slip = touch.at(times)
-    return approach, slip, place, times
 
 
 def _proximities(touch: BenchCase, approach: np.ndarray, place: np.ndarray, slip: np.ndarray) -> Iterator[Proximity]:
@@ -163,23 +160,16 @@ class _Chain:
                 surface = press(body, load, dt=dt)
                 spent[k] = time.perf_counter_ns() - begun
                 if keep:
-                    heard.append((touched, rubbed, _copied(load), _kept(surface)))
+                    kept = _copied(load, "nodes", "forces"), _copied(surface, "nodes", "displacement")
+                    heard.append((touched, rubbed, *kept))
         finally:
             gc.enable()
         return heard, 1e-9 * spent
 
 
-def _copied(load: Load) -> Load:
-    """Apart from the buffers of the node that sent it."""
-    return Load(nodes=np.array(load.nodes), forces=np.array(load.forces), foot=load.foot, normal=load.normal)
-
-
-def _kept(surface: Surface) -> Surface:
-    return Surface(
-        nodes=np.array(surface.nodes), displacement=np.array(surface.displacement), stiffness=surface.stiffness,
-        exponent=surface.exponent, damping=surface.damping,
-        rest_indentation=surface.rest_indentation, previous_indentation=surface.previous_indentation,
-    )  # fmt: skip
+def _copied(message: Sent, *arrays: str) -> Sent:
+    """With arrays of its own, apart from the buffers of the node that sent it."""
+    return msgspec.structs.replace(message, **{name: np.array(getattr(message, name)) for name in arrays})
 
 
 def held_bytes(roots: list[Any]) -> int:

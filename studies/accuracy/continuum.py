@@ -39,8 +39,12 @@ LIGHT = np.array([0.02, 0.05, 0.08, 0.12, 0.16, 0.2, 0.25])
 """[N] The same where the patch is free to slide: under heavier loads such a surface yields sideways."""
 GROWTH = 1.45
 """Of the cells from the patch to the borders."""
+CUTS = 6
+"""Parts into which a triangle's sides are cut to integrate the pressure."""
 SHARES = 8
 """Moduli between that of the tissue and that of a nodule that cells cut by its surface may have."""
+Pressure = Callable[[np.ndarray], np.ndarray]
+"""At points [m] (...,3)."""
 STEPS = Settings(tolerance=1e-7, step=1.0, largest=1.0, least=1e-3)
 
 
@@ -82,6 +86,12 @@ class Block:
         y = graded(0.0, 0.0, self.radius, SIDE / 2, size)
         z = graded(-SLAB, -below, 0.0, 0.0, size)
         return x, y, z
+
+    def pressure(self, points: np.ndarray) -> np.ndarray:
+        """Of the patch, at points [m] (...,3) of the surface; its scale does not matter."""
+        q = np.minimum(((points[..., 0] - self.place) ** 2 + points[..., 1] ** 2) / self.radius**2, 1.0)
+        pressure: np.ndarray = (1.0 - q) ** 2
+        return pressure
 
     def hardness(self) -> np.ndarray:
         """Modulus of each cell over that of the tissue, x fastest: its mean by volume, in `SHARES` steps."""
@@ -160,7 +170,8 @@ def tetrahedra(block: Block) -> Tetrahedra:
     if block.sticks:
         fixed[stuck(p, block.place, block.radius), :2] = True
     x, y = (halved(a) for a in axes[:2])
-    return Tetrahedra(mesh, ratios, _load(p, top, block.place, block.radius), fixed, under, _top_grid(p, axes), x, y)
+    unit = on_triangles(p, top, block.pressure)
+    return Tetrahedra(mesh, ratios, unit, fixed, under, top_grid(p, axes), x, y)
 
 
 def press(
@@ -207,33 +218,28 @@ def stuck(points: np.ndarray, place: float, radius: float = RADIUS) -> np.ndarra
     return loaded
 
 
-def patch_pressure(x: np.ndarray, y: np.ndarray, place: float, radius: float = RADIUS) -> np.ndarray:
-    """Pressure of a unit force [1/m²] on the patch at (x, y) [m]."""
-    q = np.minimum(((x - place) ** 2 + y**2) / radius**2, 1.0)
-    pressure: np.ndarray = 3.0 / (np.pi * radius**2) * (1.0 - q) ** 2
-    return pressure
+def on_triangles(points: np.ndarray, faces: np.ndarray, pressure: Pressure) -> np.ndarray:
+    """Nodal forces (N,3) along -z that sum to one, of a pressure on faces of six nodes (F,6), which may be curved."""
+    step, rule = 1.0 / CUTS, face_rule.POINTS
+    upright = [np.array((i, j)) + rule for i in range(CUTS) for j in range(CUTS - i)]
+    turned = [np.array((i + 1, j + 1)) - rule for i in range(CUTS - 1) for j in range(CUTS - 1 - i)]
+    at = step * np.concatenate(upright + turned)
+    weight = np.tile(face_rule.WEIGHTS, CUTS**2) * step**2
+    value, gradient = face_rule.shape(at)
+    tangents = np.einsum("fai,qak->fqik", points[faces], gradient)
+    area = np.linalg.norm(np.cross(tangents[..., 0], tangents[..., 1]), axis=-1) * weight
+    there = pressure(np.einsum("qa,fai->fqi", value, points[faces]))
+    return downwards(points, faces, np.einsum("fq,qa->fa", area * there, value))
 
 
-def _load(points: np.ndarray, faces: np.ndarray, place: float, radius: float = RADIUS) -> np.ndarray:
-    """Consistent nodal forces (N,3) downwards that share a unit force as the half patch that is meshed does."""
-    cuts = 6
-    corner = [(i, j) for j in range(cuts) for i in range(cuts - j)]
-    upright = [np.array([(i, j), (i + 1, j), (i, j + 1)]) / cuts for i, j in corner]
-    turned = [np.array([(i + 1, j), (i + 1, j + 1), (i, j + 1)]) / cuts for i, j in corner if i + j < cuts - 1]
-    small = np.array(upright + turned)
-    x, y = face_rule.POINTS.T
-    at = np.einsum("qc,tci->tqi", np.stack([1 - x - y, x, y], axis=1), small).reshape(-1, 2)
-    value, _ = face_rule.shape(at)
-    own = np.einsum("qa,fai->fqi", value, points[faces])
-    weight = face_rule.areas(points, faces)  # of the rule's points on a flat face: the same on every part, over cuts²
-    weight = np.tile(weight, (1, len(small))) / cuts**2
-    nodal = np.einsum("fq,qa->fa", weight * patch_pressure(own[..., 0], own[..., 1], place, radius), value)
+def downwards(points: np.ndarray, faces: np.ndarray, nodal: np.ndarray) -> np.ndarray:
+    """Nodal forces (N,3) along -z that sum to one, of those on the nodes of faces."""
     pull = np.zeros(points.shape)
     np.add.at(pull[:, 2], faces, -nodal)
     return pull / -pull.sum()
 
 
-def _top_grid(points: np.ndarray, axes: tuple[np.ndarray, np.ndarray, np.ndarray]) -> np.ndarray:
+def top_grid(points: np.ndarray, axes: tuple[np.ndarray, ...]) -> np.ndarray:
     """Nodes of the top (2nx-1,2ny-1) in the order of its lines."""
     top = np.flatnonzero(points[:, 2] > -1e-9)
     order = top[np.lexsort((points[top, 1].round(9), points[top, 0].round(9)))]

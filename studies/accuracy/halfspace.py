@@ -53,7 +53,7 @@ def press(faces: int) -> HalfSpaceResult:
     top = mesh.faces[(p[mesh.faces][:, :, 2] > -near).all(axis=1)]
     top = top[np.linalg.norm(p[top[:, :3]].mean(axis=1), axis=1) < 2.2 * a]
     unit = np.zeros_like(p)
-    unit[far] = _point_force(p[far])
+    unit[far] = point_force(p[far], YOUNG, POISSON)
     theory = 4.0 / 3.0 * YOUNG / (1.0 - POISSON**2) * math.sqrt(RADIUS)
     ball = Rigid(top, sphere, (RADIUS,), lambda d: np.array([0.0, 0.0, RADIUS - d]), bound=float(DEPTHS[0]) / 1000)
     body = Solver(
@@ -70,11 +70,11 @@ def press(faces: int) -> HalfSpaceResult:
     return HalfSpaceResult(np.array(force), np.array(area), p.size, np.array(seconds))
 
 
-def _point_force(points: np.ndarray) -> np.ndarray:
-    """Displacement [m] (n,3) of the half-space z < 0 by a unit force [N] at the origin, into it."""
-    shear = YOUNG / (2 * (1 + POISSON))
+def point_force(points: np.ndarray, young: float, poisson: float) -> np.ndarray:
+    """Displacement [m] (n,3) of the half-space z < 0 of a modulus [Pa] by a unit force [N] at the origin, into it."""
+    shear = young / (2 * (1 + poisson))
     r, down = np.linalg.norm(points, axis=1), -points[:, 2]
-    out = down / r**3 - (1 - 2 * POISSON) / (r * (r + down))
-    sink = down**2 / r**3 + 2 * (1 - POISSON) / r
+    out = down / r**3 - (1 - 2 * poisson) / (r * (r + down))
+    sink = down**2 / r**3 + 2 * (1 - poisson) / r
     displacement: np.ndarray = np.stack([out * points[:, 0], out * points[:, 1], -sink], axis=1) / (4 * np.pi * shear)
     return displacement

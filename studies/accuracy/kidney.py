@@ -15,7 +15,6 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from scipy.sparse import coo_matrix, csr_matrix
 
 from palpate.models.fe.contact.bed import ElasticFoundation
 from palpate.models.fe.element import faces as face_rule
@@ -25,7 +24,18 @@ from palpate.models.fe.solve.solver import Solver
 from palpate.models.fe.sparse.pattern import Pattern
 from palpate.physics.geometry.kidney import LENGTH, THICKNESS, WIDTH, shape
 from palpate.physics.materials.neo_hooke import neo_hooke
-from palpate.studies.accuracy.continuum import BED, POISSON, RADIUS, STEPS, YOUNG, ContinuumCurve, curve, graded
+from palpate.studies.accuracy.continuum import (
+    BED,
+    CUTS,
+    POISSON,
+    RADIUS,
+    STEPS,
+    YOUNG,
+    ContinuumCurve,
+    curve,
+    graded,
+    on_triangles,
+)
 from palpate.studies.peers import felupe
 
 LEVELS = np.array([0.1, 0.3, 0.6, 1.0])
@@ -34,8 +44,6 @@ DOWN = -0.5
 """[1] As of `fe.meshing.organ`."""
 FAR = 0.5
 """[1] Share of the cube's half side up to which the path is told."""
-CUTS = 6
-"""Parts into which a triangle's sides are cut, or points a direction on a brick, to integrate the pressure."""
 
 
 @dataclass(frozen=True)
@@ -146,7 +154,7 @@ def press(block: Kidney, levels: np.ndarray = LEVELS) -> ContinuumCurve:
         placed[bent] = straight
     mesh = TetMesh(placed, elements)
     p, on_top = mesh.points, cube[:, 2] > 1.0 - 1e-9
-    unit = _on_triangles(p, mesh.faces[on_top[mesh.faces].all(axis=1)])
+    unit = on_triangles(p, mesh.faces[on_top[mesh.faces].all(axis=1)], _pressure)
     fixed = np.zeros(p.shape, dtype=bool)
     fixed[on_top & (np.linalg.norm(p, axis=1) < RADIUS * (1.0 - 1e-9)), :2] = True
     share = frame.down(face_rule.normals(p, mesh.faces))
@@ -187,26 +195,6 @@ def _pressure(points: np.ndarray) -> np.ndarray:
     return pressure
 
 
-def _on_triangles(points: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """Nodal forces (N,3) along -z that sum to one, of the pressure on curved faces of six nodes (F,6)."""
-    step, rule = 1.0 / CUTS, face_rule.POINTS
-    upright = [np.array((i, j)) + rule for i in range(CUTS) for j in range(CUTS - i)]
-    turned = [np.array((i + 1, j + 1)) - rule for i in range(CUTS - 1) for j in range(CUTS - 1 - i)]
-    at = step * np.concatenate(upright + turned)
-    weight = np.tile(face_rule.WEIGHTS, CUTS**2) * step**2
-    value, gradient = face_rule.shape(at)
-    tangents = np.einsum("fai,qak->fqik", points[faces], gradient)
-    area = np.linalg.norm(np.cross(tangents[..., 0], tangents[..., 1]), axis=-1) * weight
-    pressure = _pressure(np.einsum("qa,fai->fqi", value, points[faces]))
-    return _downwards(points, faces, np.einsum("fq,qa->fa", area * pressure, value))
-
-
-def _downwards(points: np.ndarray, faces: np.ndarray, nodal: np.ndarray) -> np.ndarray:
-    pull = np.zeros(points.shape)
-    np.add.at(pull[:, 2], faces, -nodal)
-    return pull / -pull.sum()
-
-
 def press_felupe(block: Kidney, levels: np.ndarray = LEVELS) -> ContinuumCurve:
     """Press the kidney with FElupe. The curve has no shape.
 
@@ -217,9 +205,9 @@ def press_felupe(block: Kidney, levels: np.ndarray = LEVELS) -> ContinuumCurve:
     mesh = felupe.bricks(fem, tuple(axes))
     cube = np.array(mesh.points)
     mesh.points[:] = p = frame.points(cube)
-    sides = _sides(cube, axes)
-    unit = _on_bricks(p, sides[-1])
-    springs = BED * YOUNG * _bed(p, np.concatenate(sides), frame)
+    sides = felupe.sides(cube, axes)
+    unit = felupe.on_bricks(p, sides[-1], _pressure, 2 * CUTS)
+    springs = BED * YOUNG * felupe.springs(p, np.concatenate(sides), frame.down)
     field = felupe.displaced(fem, mesh)
     solid, outer = felupe.neo_hooke(fem, field, YOUNG, POISSON), felupe.Outer(field, unit, springs)
     under = (cube[:, 2] > 1.0 - 1e-9) & (np.linalg.norm(p, axis=1) < RADIUS * (1.0 - 1e-9))
@@ -232,50 +220,3 @@ def press_felupe(block: Kidney, levels: np.ndarray = LEVELS) -> ContinuumCurve:
         seconds.append(time.perf_counter() - begun)
         depth.append(float(np.sum(unit * field[0].values)))
     return _shapeless(levels, depth, p.size, seconds)
-
-
-def _sides(cube: np.ndarray, axes: list[np.ndarray]) -> list[np.ndarray]:
-    """Faces of nine nodes (F,9), of the cube's six sides; the last is its top. Normals look out."""
-    found = []
-    for axis in range(3):
-        for end in (-1.0, 1.0):
-            one, two = [k for k in range(3) if k != axis]
-            own = np.flatnonzero(np.abs(cube[:, axis] - end) < 1e-9)
-            order = own[np.lexsort((cube[own, two].round(9), cube[own, one].round(9)))]
-            table = order.reshape(2 * len(axes[one]) - 1, 2 * len(axes[two]) - 1)
-            if (end > 0) == (axis == 1):  # x cross z looks along -y
-                table = table[:, ::-1]
-            i, j = (2 * np.arange((n - 1) // 2) for n in table.shape)
-            patch = table[i[:, None, None, None] + np.arange(3)[:, None], j[:, None, None] + np.arange(3)]
-            found.append(patch.reshape(-1, 9))
-    return found
-
-
-def _on_face(points: np.ndarray, faces: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Of curved faces of nine nodes, at `count` points a direction: shape functions (q,9), points [m] (F,q,3), and
-    outward normals (F,q,3) as long as the point's area [m²]."""
-    at, weight = np.polynomial.legendre.leggauss(count)
-    line = np.stack([0.5 * at * (at - 1), 1 - at**2, 0.5 * at * (at + 1)], axis=1)
-    slope = np.stack([at - 0.5, -2 * at, at + 0.5], axis=1)
-    value, one, two = (np.einsum("qi,rj->qrij", a, b).reshape(-1, 9)
-                       for a, b in ((line, line), (slope, line), (line, slope)))  # fmt: skip
-    corner = points[faces]
-    normal = np.cross(np.einsum("qa,fai->fqi", one, corner), np.einsum("qa,fai->fqi", two, corner))
-    return value, np.einsum("qa,fai->fqi", value, corner), normal * np.outer(weight, weight).ravel()[:, None]
-
-
-def _on_bricks(points: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """Nodal forces (N,3) along -z that sum to one, of the pressure on curved faces of nine nodes (F,9)."""
-    value, own, normal = _on_face(points, faces, 2 * CUTS)
-    return _downwards(points, faces, np.einsum("fq,qa->fa", np.linalg.norm(normal, axis=-1) * _pressure(own), value))
-
-
-def _bed(points: np.ndarray, faces: np.ndarray, frame: _Frame) -> csr_matrix:
-    """Springs of unit stiffness per area (3N,3N) where the normal looks down."""
-    value, _, normal = _on_face(points, faces, 4)
-    area = np.linalg.norm(normal, axis=-1) * frame.down(normal)
-    blocks = np.einsum("fq,qa,qb->fab", area, value, value)
-    row, column = np.broadcast_arrays(faces[:, :, None], faces[:, None, :])
-    rows, columns = ((3 * one[..., None] + np.arange(3)).ravel() for one in (row, column))
-    size = (points.size, points.size)
-    return csr_matrix(coo_matrix((np.repeat(blocks.ravel(), 3), (rows, columns)), shape=size))

@@ -12,8 +12,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from palpate.studies.accuracy import halfspace, places, truth
-from palpate.studies.accuracy.errors import UnsupportedError
+from palpate.studies.accuracy import UnsupportedError, halfspace, places, truth
 from palpate.studies.accuracy.outcome import LOOKS, NEAR, Fidelity, Method, MethodOutcome
 from palpate.studies.accuracy.places import ON_KIDNEY, PLACES, cells_text, on_path
 from palpate.studies.accuracy.touches import BenchCase

@@ -22,6 +22,10 @@ from palpate.studies.accuracy.outcome import Fidelity, Method, MethodOutcome
 from palpate.studies.accuracy.touches import BenchCase
 from palpate.studies.accuracy.truth import HERTZ
 
+BALL: dict[str, Any] = {"finger_law": "power", "finger_power_stiffness": HERTZ, "finger_power_exponent": 1.5,
+                        "finger_damping": 0.0}  # fmt: skip
+"""Hertz's law of a ball on a half-space."""
+
 
 class _Hard(Rigid):
     """A plate that nobody looks at."""
@@ -29,22 +33,14 @@ class _Hard(Rigid):
     wanted = chain.LAW
 
 
-def _law(finger: Callable[[BenchCase], dict[str, Any]]) -> Callable[[BenchCase, Fidelity, int], MethodOutcome]:
-    """contact.Series with one law against a rigid body: the law alone."""
+def _law(contact: dict[str, Any]) -> Callable[[BenchCase, Fidelity, int], MethodOutcome]:
+    """contact.Series with these settings against a rigid body: the law alone."""
 
     def compute(touch: BenchCase, fidelity: Fidelity, repeats: int) -> MethodOutcome:
         hard = replace(fidelity, settings={"body": {"plate_stiffness": 1e12}})
-        return chain.run(touch, _Hard, hard, finger(touch), repeats)
+        return chain.run(touch, _Hard, hard, contact, repeats)
 
     return compute
-
-
-def _hertz(touch: BenchCase) -> dict[str, Any]:
-    return {"finger_law": "power", "finger_power_stiffness": HERTZ, "finger_power_exponent": 1.5, "finger_damping": 0.0}
-
-
-def _finger(law: str) -> Callable[[BenchCase], dict[str, Any]]:
-    return lambda touch: {"finger_law": law}
 
 
 def _only_ball(touch: BenchCase) -> str:
@@ -73,8 +69,8 @@ def standard(patient: bool = False) -> list[Method]:
         else:
             others.append(of_user(name, body))
     return [
-        Method("hertz", "Hertz's law", _law(_hertz), tuple(steps()), _only_ball),
-        *(Method(name, title, _law(_finger(law)), tuple(steps()), _only_fingertip)
+        Method("hertz", "Hertz's law", _law(BALL), tuple(steps()), _only_ball),
+        *(Method(name, title, _law({"finger_law": law}), tuple(steps()), _only_fingertip)
           for name, law, title in laws),
         *own, *others, *laboratory.methods(),
     ]  # fmt: skip

@@ -21,9 +21,8 @@ import numpy as np
 from scipy.interpolate import RegularGridInterpolator
 
 from palpate.physics.errors import ArgumentError
-from palpate.studies.accuracy import continuum, kidney
+from palpate.studies.accuracy import MissingError, continuum, kidney
 from palpate.studies.accuracy.continuum import LEVELS, LIGHT, RADIUS, Block, ContinuumCurve, Inclusion
-from palpate.studies.accuracy.errors import MissingError
 from palpate.studies.accuracy.kidney import Kidney
 from palpate.studies.peers import calculix, felupe, mujoco
 
@@ -177,10 +176,9 @@ def combined(
     apart = np.ptp([c.indentation for c in fine.values()], axis=0)
     left = np.max([rest[s] * np.abs(own[-1].indentation - own[0].indentation) for s, own in curves.items()], axis=0)
     work = np.mean([c.work for c in fine.values()], axis=0)
+    numbers = (base.force, depth, work, apart + left, base.x, base.y)
     if not len(base.x):
-        return ReferenceSite(
-            base.force, depth, work, apart + left, base.x, base.y, base.shape, np.zeros_like(depth), {}
-        )
+        return ReferenceSite(*numbers, base.shape, np.zeros_like(depth), {})
     shapes = {s: [_carried(c, base) for c in own] for s, own in curves.items()}
     shape = np.mean([own[-1] for own in shapes.values()], axis=0)
     x, y = np.meshgrid(base.x, base.y, indexing="ij")
@@ -192,7 +190,7 @@ def combined(
     last = [own[-1] for own in shapes.values()]
     own_left = np.max([rest[s] * rms(own[-1] - own[0]) for s, own in shapes.items()], axis=0)
     shape_band = rms(last[0] - last[-1]) + own_left
-    return ReferenceSite(base.force, depth, work, apart + left, base.x, base.y, shape, shape_band, {})
+    return ReferenceSite(*numbers, shape, shape_band, {})
 
 
 def _carried(curve: ContinuumCurve, base: ContinuumCurve) -> np.ndarray:

@@ -13,13 +13,13 @@ CHARGED_STEP = 10.0
 """[s] Its step."""
 
 
-class Score(dict[str, dict[str, float]]):
-    """By quantity: rms and worst error, and the rms that the reference may be off by, over the peak of the truth."""
+Score = dict[str, dict[str, float]]
+"""By quantity: rms and worst error, and the rms that the reference may be off by, over the peak of the truth."""
 
 
 def score(outcome: MethodOutcome, truth: Truth) -> Score:
     """Of everything that both tell."""
-    errors = Score()
+    errors: Score = {}
     for name in QUANTITIES:
         if name in outcome.values and name in truth.values:
             right = truth.value(name, outcome.times)
@@ -27,24 +27,24 @@ def score(outcome: MethodOutcome, truth: Truth) -> Score:
     looks = [(shape - truth.depth(at, t), truth.shape_band(t), t) for t, at, shape in outcome.shapes if len(at)]
     if looks and "indentation" in truth.values:
         peak = float(np.abs(truth.values["indentation"]).max())
-        apart = np.array([np.sqrt(np.mean(d * d)) for d, *_ in looks])
+        apart = np.array([_rms(d) for d, *_ in looks])
         errors["shape"] = {
-            "rms": float(np.sqrt(np.mean(apart**2))) / peak,
+            "rms": _rms(apart) / peak,
             "worst": max(float(np.abs(d).max()) for d, *_ in looks) / peak,
-            "band": float(np.sqrt(np.mean([b * b for _, b, _ in looks]))) / peak,
+            "band": _rms(np.array([b for _, b, _ in looks])) / peak,
         }
     return errors
 
 
 def _over(apart: np.ndarray, band: np.ndarray, right: np.ndarray) -> dict[str, float]:
     peak = float(np.abs(right).max())
-    return {
-        "rms": float(np.sqrt(np.mean(apart**2))) / peak,
-        "worst": float(np.abs(apart).max()) / peak,
-        "band": float(np.sqrt(np.mean(band**2))) / peak,
-    }
+    return {"rms": _rms(apart) / peak, "worst": float(np.abs(apart).max()) / peak, "band": _rms(band) / peak}
+
+
+def _rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(values**2)))
 
 
 def charged() -> Score:
     """Of a method that gave no answer."""
-    return Score({name: {"rms": CHARGED, "worst": CHARGED, "band": 0.0} for name in QUANTITIES})
+    return {name: {"rms": CHARGED, "worst": CHARGED, "band": 0.0} for name in QUANTITIES}

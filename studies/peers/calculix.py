@@ -22,6 +22,7 @@ import numpy as np
 
 from palpate.models.fe.element.mesh import TetMesh
 from palpate.physics.materials.hyperelastic import moduli
+from palpate.studies.accuracy import MissingError
 from palpate.studies.accuracy.continuum import (
     BED,
     LEVELS,
@@ -33,7 +34,6 @@ from palpate.studies.accuracy.continuum import (
     curve,
     tetrahedra,
 )
-from palpate.studies.accuracy.errors import MissingError
 
 INSTALL = "apt-get install calculix-ccx"
 MM = 1e3

@@ -6,32 +6,33 @@ A. Dutzler, FElupe: finite element analysis for continuum mechanics of solid bod
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-from scipy.sparse import coo_matrix, csr_matrix, kron
-from scipy.spatial import KDTree
+from scipy.sparse import coo_matrix, csr_matrix
 
-from palpate.models.fe.meshing.organ import SLAB
 from palpate.physics.materials.hyperelastic import moduli
+from palpate.studies.accuracy import MissingError
 from palpate.studies.accuracy.continuum import (
     BED,
     LEVELS,
     POISSON,
-    SIDE,
     YOUNG,
     Block,
     ContinuumCurve,
+    Pressure,
     curve,
+    downwards,
     halved,
-    patch_pressure,
     stuck,
+    top_grid,
 )
-from palpate.studies.accuracy.errors import MissingError
 
 INSTALL = 'pip install "palpate[bench]"'
+POINTS = 8
+"""On a brick's face, a direction, at which the pressure on a block is taken."""
 
 
 def version() -> str | None:
@@ -69,14 +70,14 @@ def press(
         for ratio in np.unique(hardness)
     ]  # fmt: skip
     p, near = mesh.points, 1e-9
-    unit = _load(p, axes, block.place)
-    springs = BED * young * _bed(p, axes)
-    outer = Outer(field, unit, springs)
+    *_, under, top = sides(p, axes)
+    unit = on_bricks(p, top, block.pressure, POINTS)
+    outer = Outer(field, unit, BED * young * springs(p, under))
     half = {"middle": fem.Boundary(field[0], mask=p[:, 1] < near, skip=(1, 0, 1))}
     if block.sticks:
-        half["stuck"] = fem.Boundary(field[0], mask=stuck(p, block.place), skip=(0, 0, 1))
+        half["stuck"] = fem.Boundary(field[0], mask=stuck(p, block.place, block.radius), skip=(0, 0, 1))
     x, y = (halved(a) for a in axes[:2])
-    at = _top(p, x, y)
+    at = top_grid(p, axes)
     depth, shape, seconds = [], [], []
     for k, level in enumerate(levels):
         outer.force = 0.5 * float(level)
@@ -154,55 +155,54 @@ def bricks(fem: Any, axes: tuple[np.ndarray, ...]) -> Any:
     return grid
 
 
-def _quadratic_rule(axis: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Of quadratic cells on a line: points [m] (c,q), weights [m] (c,q), shape functions (q,3)."""
-    at, weight = np.polynomial.legendre.leggauss(8)
-    size = np.diff(axis)[:, None]
-    value = np.stack([0.5 * at * (at - 1), 1 - at**2, 0.5 * at * (at + 1)], axis=1)
-    return axis[:-1, None] + size * (at + 1) / 2, size / 2 * weight, value
+def sides(points: np.ndarray, axes: Sequence[np.ndarray]) -> list[np.ndarray]:
+    """Faces of nine nodes (F,9), of the six sides of bricks on a grid; the last is its top. Normals look out."""
+    found = []
+    for axis in range(3):
+        for end in (0, -1):
+            one, two = [k for k in range(3) if k != axis]
+            own = np.flatnonzero(np.abs(points[:, axis] - axes[axis][end]) < 1e-9)
+            order = own[np.lexsort((points[own, two].round(9), points[own, one].round(9)))]
+            table = order.reshape(2 * len(axes[one]) - 1, 2 * len(axes[two]) - 1)
+            if (end == -1) == (axis == 1):  # x cross z looks along -y
+                table = table[:, ::-1]
+            i, j = (2 * np.arange((n - 1) // 2) for n in table.shape)
+            patch = table[i[:, None, None, None] + np.arange(3)[:, None], j[:, None, None] + np.arange(3)]
+            found.append(patch.reshape(-1, 9))
+    return found
 
 
-def _lines(axis: np.ndarray) -> np.ndarray:
-    """Nodes (c,3) of each quadratic cell on a line."""
-    places: np.ndarray = 2 * np.arange(len(axis) - 1)[:, None] + np.arange(3)
-    return places
+def _on_face(points: np.ndarray, faces: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Of curved faces of nine nodes, at `count` points a direction: shape functions (q,9), points [m] (F,q,3), and
+    outward normals (F,q,3) as long as the point's area [m²]."""
+    at, weight = np.polynomial.legendre.leggauss(count)
+    line = np.stack([0.5 * at * (at - 1), 1 - at**2, 0.5 * at * (at + 1)], axis=1)
+    slope = np.stack([at - 0.5, -2 * at, at + 0.5], axis=1)
+    value, one, two = (np.einsum("qi,rj->qrij", a, b).reshape(-1, 9)
+                       for a, b in ((line, line), (slope, line), (line, slope)))  # fmt: skip
+    corner = points[faces]
+    normal = np.cross(np.einsum("qa,fai->fqi", one, corner), np.einsum("qa,fai->fqi", two, corner))
+    return value, np.einsum("qa,fai->fqi", value, corner), normal * np.outer(weight, weight).ravel()[:, None]
 
 
-def _load(points: np.ndarray, axes: tuple[np.ndarray, ...], place: float) -> np.ndarray:
-    """Consistent nodal forces (N,3) downwards that share a unit force, by tensor products of quadratics on the top."""
-    (x, wx, nx), (y, wy, ny) = (_quadratic_rule(a) for a in axes[:2])
-    pressure = patch_pressure(x[:, None, :, None], y[None, :, None, :], place)
-    nodal = np.einsum("cdqr,cq,dr,qi,rj->cidj", pressure, wx, wy, nx, ny, optimize=True)
-    on_top = np.zeros((2 * len(axes[0]) - 1, 2 * len(axes[1]) - 1))
-    rows, columns = _lines(axes[0]), _lines(axes[1])
-    np.add.at(on_top, (rows[:, :, None, None], columns[None, None]), nodal)
-    forces = np.zeros(points.shape)
-    forces[_top(points, halved(axes[0]), halved(axes[1])), 2] = -on_top / on_top.sum()
-    return forces
+def on_bricks(points: np.ndarray, faces: np.ndarray, pressure: Pressure, count: int) -> np.ndarray:
+    """Nodal forces (N,3) along -z that sum to one, of a pressure on curved faces of nine nodes (F,9), at `count` points
+    a direction."""
+    value, own, normal = _on_face(points, faces, count)
+    return downwards(points, faces, np.einsum("fq,qa->fa", np.linalg.norm(normal, axis=-1) * pressure(own), value))
 
 
-def _bed(points: np.ndarray, axes: tuple[np.ndarray, ...]) -> csr_matrix:
-    """Springs of unit stiffness per area under the block (3N,3N)."""
-    mass = []
-    for axis in axes[:2]:
-        _, weight, value = _quadratic_rule(axis)
-        blocks = np.einsum("cq,qi,qj->cij", weight, value, value)
-        row, column = np.broadcast_arrays(_lines(axis)[:, :, None], _lines(axis)[:, None, :])
-        mass.append(coo_matrix((blocks.ravel(), (row.ravel(), column.ravel()))))
-    plane = coo_matrix(kron(*mass))
-    x, y = (halved(a) for a in axes[:2])
-    own = _top(points, x, y, -SLAB).ravel()
-    rows, columns = ([3 * own[i] + k for k in range(3)] for i in (plane.row, plane.col))
+def springs(
+    points: np.ndarray, faces: np.ndarray, lies: Callable[[np.ndarray], np.ndarray] = lambda normals: np.array(1.0)
+) -> csr_matrix:
+    """Springs of unit stiffness per area (3N,3N) where faces of nine nodes (F,9) lie on the bed, by their normals."""
+    value, _, normal = _on_face(points, faces, 4)
+    area = np.linalg.norm(normal, axis=-1) * lies(normal)
+    blocks = np.einsum("fq,qa,qb->fab", area, value, value)
+    row, column = np.broadcast_arrays(faces[:, :, None], faces[:, None, :])
+    rows, columns = ((3 * one[..., None] + np.arange(3)).ravel() for one in (row, column))
     size = (points.size, points.size)
-    return csr_matrix((np.tile(plane.data, 3), (np.concatenate(rows), np.concatenate(columns))), shape=size)
-
-
-def _top(points: np.ndarray, x: np.ndarray, y: np.ndarray, height: float = 0.0) -> np.ndarray:
-    """Nodes (len(x),len(y)) at these lines."""
-    at = np.stack([*np.meshgrid(x, y, indexing="ij"), np.full((len(x), len(y)), height)], axis=-1)
-    away, nearest = KDTree(points).query(at.reshape(-1, 3))
-    assert away.max() < 1e-7 * SIDE
-    return np.asarray(nearest).reshape(len(x), len(y))
+    return csr_matrix(coo_matrix((np.repeat(blocks.ravel(), 3), (rows, columns)), shape=size))
 
 
 def _solve(matrix: Any, rhs: Any) -> np.ndarray:

@@ -20,6 +20,7 @@ import numpy as np
 
 from palpate.models.fe.element.mesh import edge_nodes
 from palpate.models.fe.meshing.organ import SLAB
+from palpate.studies.accuracy import MissingError
 from palpate.studies.accuracy.continuum import (
     BED,
     LEVELS,
@@ -31,7 +32,6 @@ from palpate.studies.accuracy.continuum import (
     curve,
     tetrahedra,
 )
-from palpate.studies.accuracy.errors import MissingError
 
 INSTALL = 'pip install "palpate[bench]"'
 MATERIALS = {"Saint Venant-Kirchhoff": 0, "neo-Hookean": 1}
@@ -132,13 +132,7 @@ def _on_corners(quadratic: np.ndarray, edges: np.ndarray) -> np.ndarray:
 
 
 def _model(
-    mujoco: Any,
-    cut: Tetrahedra,
-    points: np.ndarray,
-    corners: np.ndarray,
-    edges: np.ndarray,
-    young: float,
-    elastic: int,
+    mujoco: Any, cut: Tetrahedra, points: np.ndarray, corners: np.ndarray, edges: np.ndarray, young: float, elastic: int
 ) -> tuple[Any, np.ndarray]:
     """The model, and which of its joints (N,3) moves a node in a direction; -1: none does."""
     spec = mujoco.MjSpec()

@@ -102,14 +102,8 @@ def save(outcomes: Sequence[Outcome], folder: Path) -> list[Path]:
         lines = ["task\tparticipant_id\tblock\ttrials\tnumber\tunit\testimate\tlow\thigh"]
         for one in outcomes:
             for name, found in one.numbers.items() if one.task == task else ():
-                head = (
-                    one.task,
-                    one.participant,
-                    one.block,
-                    str(one.trials),
-                    name,
-                    one.units(name).strip(" []") or "1",
-                )
+                unit = one.units(name).strip(" []") or "1"
+                head = one.task, one.participant, one.block, str(one.trials), name, unit
                 shown = (found.value, found.low, found.high) if found.known else ()
                 lines.append("\t".join([*head, *(f"{x:.6g}" for x in shown)] + [NONE] * (3 - len(shown))))
         place = folder / "derivatives" / "palpate"
@@ -142,15 +136,12 @@ def outcome(
     sign = 1 if reference is not None or experiment.harder == "lower" else -1
     signal = np.isfinite(levels)
     x = np.where(signal, sign * levels if reference is None else np.abs(levels - reference), -np.inf)
-    if experiment.response == "2afc":
-        fitted, of = fit(experiment.function, x, hits, 0.5, positive=reference is not None), "correct"
+    of, guess = ("correct", 0.5) if experiment.response == "2afc" else ("yes", 0.0 if signal.all() else None)
+    fitted = fit(experiment.function, x, hits, guess, positive=reference is not None)
+    if reference is None:
+        numbers = {"threshold": fitted.threshold.times(sign)}
     else:
-        free = None if not signal.all() else 0.0
-        fitted, of = fit(experiment.function, x, hits, free, positive=reference is not None), "yes"
-    numbers = {"threshold": fitted.threshold.times(sign)}
-    if reference is not None:
-        numbers |= {"jnd": fitted.threshold, "weber fraction": fitted.threshold.times(1.0 / abs(reference))}
-        del numbers["threshold"]
+        numbers = {"jnd": fitted.threshold, "weber fraction": fitted.threshold.times(1.0 / abs(reference))}
     return _fitted(told, fitted, numbers, of, levels, x, hits, sign, reference)
 
 

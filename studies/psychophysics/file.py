@@ -18,9 +18,10 @@ from typing import Annotated, Any, Literal
 import msgspec
 
 from palpate.engine.faults import Faults, choices
-from palpate.launch.load.files import GRAPHS, find_file
+from palpate.launch.load.files import GRAPHS
 from palpate.launch.load.values.lines import fill, quantity
-from palpate.launch.load.values.source import YamlSource, read
+from palpate.launch.load.values.source import YamlSource
+from palpate.studies.files import Text, Whole, filled, found
 
 EXPERIMENTS = GRAPHS / "experiments"
 ANSWERS: dict[str, dict[str, str]] = {
@@ -31,9 +32,7 @@ ANSWERS: dict[str, dict[str, str]] = {
 """What may be answered, with the key of each."""
 LABEL = re.compile(r"[A-Za-z0-9]+")
 """A label of BIDS."""
-_Text = Annotated[str, msgspec.Meta(description="a text")]
 _Values = Annotated[dict[str, Any], msgspec.Meta(description="a mapping such as {tissue.damping: 4}")]
-_Whole = Annotated[int, msgspec.Meta(ge=0, description="a whole number from 0")]
 _Count = Annotated[int, msgspec.Meta(ge=1, le=100_000, description="a whole number from 1")]
 _Share = Annotated[float, msgspec.Meta(ge=0, le=0.9, description="a number from 0 to 0.9")]
 _Grid = Annotated[
@@ -46,10 +45,10 @@ class Block(msgspec.Struct, kw_only=True):
     """What all blocks have. `set` holds in this block only; `catch` is the share of trials without signal; what is
     `practice` is not analysed."""
 
-    procedure: _Text
-    instructions: _Text = ""
+    procedure: Text
+    instructions: Text = ""
     set: _Values = {}
-    pause_every: _Whole = 0
+    pause_every: Whole = 0
     pause: Annotated[float, quantity("s", 0, 3600)] = 0.0
     feedback: bool = False
     practice: bool = False
@@ -69,9 +68,9 @@ class StaircaseBlock(Block):
     start: _Quantity | list[float | str]
     steps: Annotated[list[float | str] | float | str, msgspec.Meta(description="a number, or a list of numbers")]
     scale: Literal["linear", "ratio"] = "linear"
-    rule: _Text = "2-down-1-up"
-    reversals: _Whole = 0
-    trials: _Whole = 0
+    rule: Text = "2-down-1-up"
+    reversals: Whole = 0
+    trials: Whole = 0
     least: _Quantity | None = None
     most: _Quantity | None = None
 
@@ -87,37 +86,33 @@ class QuestBlock(Block):
     trials: _Count = 40
 
 
-PROCEDURES: dict[str, type[Block]] = {
-    "constant": ConstantBlock,
-    "staircase": StaircaseBlock,
-    "quest+": QuestBlock,
-}
+PROCEDURES: dict[str, type[Block]] = {"constant": ConstantBlock, "staircase": StaircaseBlock, "quest+": QuestBlock}
 
 
 class Experiment(msgspec.Struct, kw_only=True):
     """What a file says; `task` and `blocks` are made of it by `load`."""
 
-    graph: _Text
-    vary: _Text
+    graph: Text
+    vary: Text
     response: Literal["2afc", "yes-no", "magnitude"]
-    question: _Text
+    question: Text
     duration: Annotated[float, quantity("s", 0.05, 3600)]
     blocks: Annotated[dict[str, Any], msgspec.Meta(description="a mapping of names to blocks")]
-    task: _Text = ""
-    scene: _Text | dict[str, Any] | None = None
+    task: Text = ""
+    scene: Text | dict[str, Any] | None = None
     set: _Values = {}
     reference: _Quantity | dict[str, Any] | None = None
     asks: Literal["greater", "less"] = "greater"
     harder: Literal["lower", "higher"] = "lower"
     function: Literal["logistic", "normal", "weibull"] = "normal"
     answers: Annotated[dict[str, _Quantity], msgspec.Meta(description="a mapping of answers to keys")] = {}
-    end_key: _Text | None = None
+    end_key: Text | None = None
     gap: Annotated[float, quantity("s", 0, 60)] = 0.5
-    instructions: _Text = ""
-    closing: _Text = "Thank you."
+    instructions: Text = ""
+    closing: Text = "Thank you."
     participants: _Count | dict[str, dict[str, Any] | None] | None = None
     order: Literal["given", "random"] = "given"
-    seed: _Whole = 0
+    seed: Whole = 0
     show: list[Literal["deformation", "force"]] = msgspec.field(default_factory=lambda: ["deformation", "force"])
     record: Literal["sources", "all"] = "sources"
     lsl: bool = False
@@ -136,19 +131,13 @@ class Experiment(msgspec.Struct, kw_only=True):
 
 def find(name: str) -> Path:
     """The file of an experiment that ships, or of a path. GraphError: there is none."""
-    shipped = EXPERIMENTS / f"{name}.yaml"
-    return shipped if "/" not in name and shipped.is_file() else find_file(name, EXPERIMENTS, what="experiment")
+    return found(name, EXPERIMENTS, "experiment")
 
 
 def load(path: Path) -> tuple[Experiment, YamlSource]:
     """The experiment of a file, and where each thing stands. GraphError: all that is wrong with it."""
-    source, faults = read(path), Faults()
-    if not isinstance(source.data, dict):
-        faults.add("expected a mapping with graph, vary, response, question, duration and blocks", "", source.place())
-        faults.done()
-    given = fill(Experiment, source, faults)
-    faults.done()
-    assert given is not None
+    given, source = filled(Experiment, path, "graph, vary, response, question, duration and blocks")
+    faults = Faults()
     given.task = given.task or re.sub(r"[^A-Za-z0-9]", "", path.stem)
     if not LABEL.fullmatch(given.task):
         faults.add(f"task: found {given.task!r}, expected letters and digits", "", source.place("task"))

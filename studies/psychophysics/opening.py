@@ -11,9 +11,8 @@ from palpate.launch.load.values.source import YamlSource, read
 from palpate.physics.errors import ArgumentError
 from palpate.studies.psychophysics import observer as simulated
 from palpate.studies.psychophysics.file import LABEL, Experiment, find, load
-from palpate.studies.psychophysics.markers import markers
 from palpate.studies.psychophysics.schedule import Trial
-from palpate.studies.psychophysics.session import Mark, resumed, run
+from palpate.studies.psychophysics.session import Mark, markers, resumed, run
 from palpate.studies.psychophysics.stimuli import Stimuli
 from palpate.studies.psychophysics.store import Table, begin, parse, sessions, table_path
 
@@ -79,7 +78,7 @@ def opened(
     stimuli = Stimuli(experiment, source, path, sets)
     folder = out or Path("runs", path.stem)
     who, number = _chosen(stimuli, folder, participant, session, resume, sure)
-    begin(folder, experiment.task, path.read_bytes(), who, _about(experiment, who))
+    begin(folder, experiment.task, path.read_bytes(), who, _known(experiment).get(who) or {})
     table = Table(folder, experiment.task, who, number)
     try:
         units = {"Units": stimuli.unit}
@@ -124,10 +123,6 @@ def _known(experiment: Experiment) -> dict[str, dict[str, Any] | None]:
     """The participants that the experiment names, with what it says of each."""
     given = experiment.participants
     return {f"{n:02d}": None for n in range(1, given + 1)} if isinstance(given, int) else given or {}
-
-
-def _about(experiment: Experiment, who: str) -> dict[str, Any]:
-    return _known(experiment).get(who) or {}
 
 
 def _next_participant(stimuli: Stimuli, folder: Path) -> str:

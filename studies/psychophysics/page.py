@@ -26,11 +26,10 @@ from palpate.studies.psychophysics.session import Answer, DisturbedError, Presen
 from palpate.studies.psychophysics.stimuli import Stimuli
 from palpate.views.page import PageError
 from palpate.views.page.feed import mesh_frame
-from palpate.views.page.live import Live
+from palpate.views.page.live import ENDING, Live
 from palpate.views.page.pointers import Count, Pointers, Sample
 from palpate.views.page.steered import steered, touched
 
-ENDING = 15.0  # [s] for a run to end in order
 LOOK = 0.2  # [s] between looks at whether the page was closed
 MOMENT = 1.0  # [s] that a title without a text is shown
 
@@ -78,7 +77,7 @@ class ExperimentPage(Live):
         self._modules = sorted({spec.cls.__module__ for spec in graph.nodes.values()})
         self._servers: list[ForkServer] = []
         self._done: queue.SimpleQueue[Order] = queue.SimpleQueue()
-        self._closed, self._halt, self._ended = threading.Event(), threading.Event(), threading.Event()
+        self._closed, self._ended = threading.Event(), threading.Event()
         self._pages: set[object] = set()
         self._left = False
         self._begun: Callable[[float], object] = lambda moment: None
@@ -94,7 +93,7 @@ class ExperimentPage(Live):
     def close(self) -> None:
         """End the interval that runs; its trial is presented again another time."""
         self._closed.set()
-        self._halt.set()
+        self.stopping.set()
         self._trials.join(ENDING)
         for server in self._servers:
             server.close()
@@ -120,7 +119,7 @@ class ExperimentPage(Live):
         panel = self.panel or {}
         if order.shown is not None and order.shown == panel.get("shown"):
             if panel.get("interval"):
-                self._halt.set()
+                self.stopping.set()
             else:
                 _check_answer(panel, order.answer)
                 self._done.put(order)
@@ -131,7 +130,7 @@ class ExperimentPage(Live):
         self._pointers.leave(page)
         if not self._pages and (self.panel or {}).get("interval"):
             self._left = True
-            self._halt.set()
+            self.stopping.set()
 
     def say(self, status: str) -> None:
         """Which trial goes on; not that its run does."""
@@ -147,10 +146,7 @@ class ExperimentPage(Live):
         if launcher.phase == "running":
             self._begun(launcher.origin * 1e-9)
             self._begun = lambda moment: None
-        if self._halt.is_set():
-            launcher.stop()
-        else:
-            super().on_update(launcher)
+        super().on_update(launcher)
 
     # -- as a presenter, in a thread of its own ------------------------------------------------------------------
 
@@ -168,7 +164,7 @@ class ExperimentPage(Live):
         several = self.experiment.intervals > 1
         self._tell(trial, f"interval {interval} of {self.experiment.intervals}" if several else "")
         self._cover(title=f"{'First' if interval == 1 else 'Second'} interval" if several else "", text="")
-        self._halt.clear()
+        self.stopping.clear()
         self._left, until, self._begun = False, time.monotonic() + self.experiment.gap, begun
         launch = self._steered(launch)
         graph = launch.load()

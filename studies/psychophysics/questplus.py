@@ -51,17 +51,8 @@ class QuestPlus:
         mean = self._chances @ self.posterior
         return self._inner @ self.posterior - xlogy(mean, mean).sum(axis=0)
 
-    def next(self) -> float:
-        """The level to present."""
-        return float(self.levels[np.argmax(self.information())])
-
     def update(self, level: float, hit: bool) -> None:
         """Take an answer to one of the levels."""
         at = int(np.argmin(np.abs(self.levels - level)))
         self.posterior = self.posterior * self._chances[0 if hit else 1, at]
         self.posterior /= self.posterior.sum()
-
-    def mean(self) -> tuple[float, float, float]:
-        """Posterior means of a, b and λ."""
-        a, b, lapse = (self.grid @ self.posterior).tolist()
-        return a, b, lapse

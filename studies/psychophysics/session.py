@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import datetime
+import socket
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Protocol
 
+from palpate.launch.load.extras import install
 from palpate.launch.load.launchfile import SOURCES, LaunchFile
 from palpate.physics.errors import ArgumentError, PalpateError
 from palpate.studies.psychophysics.schedule import Schedule, Trial, schedule
@@ -46,6 +49,24 @@ class Presenter(Protocol):
 
 Mark = Callable[[str, float | None], object]
 """Takes an event, and when it was [s, time.monotonic]; None: now."""
+
+
+def markers(task: str, participant: str) -> Mark:
+    """Sends events to the Lab Streaming Layer, in the stream `palpate.TASK`.
+
+    ArgumentError: pylsl is missing.
+    """
+    try:
+        import pylsl
+    except (ImportError, RuntimeError) as error:  # it looks for its library when it is imported
+        raise ArgumentError(f"lsl: pylsl cannot be used ({error}): {install('lsl')}, or leave out `lsl`") from None
+    name = f"palpate.{task}"
+    info = pylsl.StreamInfo(name, "Markers", 1, pylsl.IRREGULAR_RATE, pylsl.cf_string,
+                            f"{name} sub-{participant} on {socket.gethostname()}")  # fmt: skip
+    info.desc().append_child_value("participant", participant)
+    outlet = pylsl.StreamOutlet(info)
+    ahead = pylsl.local_clock() - time.monotonic()
+    return lambda text, moment: outlet.push_sample([text], 0.0 if moment is None else moment + ahead)
 
 
 def resumed(

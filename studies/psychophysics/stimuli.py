@@ -16,6 +16,7 @@ from palpate.launch.load.launchfile import find as find_launch
 from palpate.launch.load.values.source import YamlSource
 from palpate.launch.load.values.units import UnitError, convert
 from palpate.nodes.base import settings
+from palpate.studies.files import graph_of
 from palpate.studies.psychophysics.file import ConstantBlock, Experiment, QuestBlock, StaircaseBlock
 from palpate.studies.sweeps.axes import GRIDS, rounded
 from palpate.studies.sweeps.checks import path as full_path
@@ -34,14 +35,10 @@ class Stimuli:
 
     def __init__(self, experiment: Experiment, source: YamlSource, file: Path, sets: Sequence[str] = ()) -> None:
         self.experiment, self._source, self.faults = experiment, source, Faults()
-        beside = file.parent / experiment.graph
-        given_scene = experiment.scene
-        scene = (
-            find_file(given_scene, SCENES, file.parent, source.place("scene"), "scene")
-            if isinstance(given_scene, str)
-            else given_scene
-        )
-        self.launch: LaunchFile = find_launch(str(beside) if beside.is_file() else experiment.graph).but(
+        scene: Any = experiment.scene
+        if isinstance(scene, str):
+            scene = find_file(scene, SCENES, file.parent, source.place("scene"), "scene")
+        self.launch: LaunchFile = find_launch(graph_of(file, experiment.graph)).but(
             scene=scene, overrides=[*overrides(experiment.set, "set"), *sets]
         )
         base = self.launch.load()

@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from palpate.physics.errors import ArgumentError
+from palpate.studies.files import replace
 
 NONE = "n/a"
 COLUMNS: dict[str, dict[str, Any]] = {
@@ -152,7 +153,7 @@ def begin(folder: Path, task: str, text: bytes, participant: str, about: Mapping
                 f"{folder}: its data are of another version of this experiment ({copy}). Take another folder (--out), "
                 "or another `task:`."
             )
-        _replace(copy, text.decode())
+        replace(copy, text)
         (folder / "README").write_text(README, encoding="utf-8")
         description = folder / "dataset_description.json"
         if not description.exists():
@@ -174,7 +175,7 @@ def _participant(folder: Path, participant: str, about: Mapping[str, Any]) -> No
     own = {"participant_id": f"sub-{participant}"} | {key: str(value) for key, value in about.items()}
     known.setdefault(own["participant_id"], own)
     text = ["\t".join(heads), *("\t".join(row.get(head, NONE) for head in heads) for row in known.values())]
-    _replace(file, "\n".join(text) + "\n")
+    replace(file, ("\n".join(text) + "\n").encode())
     write_json(file.with_suffix(".json"), {head: {"Description": "As the experiment says."} for head in heads[1:]})
 
 
@@ -184,14 +185,4 @@ def tables(folder: Path, task: str | None = None) -> Iterable[Path]:
 
 
 def write_json(file: Path, data: Mapping[str, Any]) -> None:
-    _replace(file, json.dumps(data, indent=2, ensure_ascii=False) + "\n")
-
-
-def _replace(file: Path, text: str) -> None:
-    """Write a file as a whole, or not at all."""
-    part = file.with_name(file.name + ".part")
-    with open(part, "w", encoding="utf-8") as out:
-        out.write(text)
-        out.flush()
-        os.fsync(out.fileno())
-    os.replace(part, file)
+    replace(file, (json.dumps(data, indent=2, ensure_ascii=False) + "\n").encode())

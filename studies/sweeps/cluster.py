@@ -146,7 +146,10 @@ def compute(
                     seconds += 0.2 * (max(one.seconds, 1e-3) - seconds)
                     add(point, one, machine)
     except (OSError, CancelledError) as error:
-        raise _lost(client) from error
+        address = client.scheduler.addr if client.scheduler else "the scheduler"
+        raise RunError(
+            f"{address}: the scheduler is lost. What was computed before is stored; run the study again to go on"
+        ) from error
     finally:
         with contextlib.suppress(Exception):  # nothing to cancel where the scheduler is gone
             client.cancel(list(flight), force=True)
@@ -175,10 +178,3 @@ def _result(
         raise RunError(
             f"a worker cannot compute: {type(error).__name__}: {error}; is palpate installed there?"
         ) from error
-
-
-def _lost(client: distributed.Client) -> RunError:
-    address = client.scheduler.addr if client.scheduler else "the scheduler"
-    return RunError(
-        f"{address}: the scheduler is lost. What was computed before is stored; run the study again to go on"
-    )

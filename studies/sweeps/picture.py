@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 
 LEGEND = 8
 """Lines that have names; more of them have a scale of colours where they have a number."""
+DASHES: tuple[Any, ...] = ("-", "--", ":", "-.")
+"""Of the lines of one colour, which differ in what else was varied."""
 SHARES = {
     "sobol": (("S1", "alone"), ("ST", "with interactions")),
     "morris": (("mu_star", "mean size"), ("sigma", "spread")),
@@ -77,12 +79,25 @@ def _numeric(values: list[Any]) -> bool:
     return all(isinstance(value, int | float) and not isinstance(value, bool) for value in values)
 
 
+def _varied(study: Results, rows: list[dict[str, Any]]) -> tuple[str, list[str]]:
+    """What colour or abscissa stand for, the first path with numbers; and the others that are crossed with it."""
+    space = study.space
+    path = next((p for p in space.paths if _numeric([row[p] for row in rows])), space.paths[0])
+    return path, [p for axis in space.crossed if path not in axis.paths for p in axis.paths]
+
+
+def _named(study: Results, row: dict[str, Any], paths: list[str]) -> str:
+    return ", ".join(study.shown(path, row[path]) for path in paths)
+
+
 def _curves(study: Results, one: Kept, axes: Axes) -> None:
     from matplotlib import colormaps
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
+    from matplotlib.lines import Line2D
 
     from palpate.studies.sweeps.store import Store
+    from palpate.views.pictures.style import INK
 
     rows = [row for row in study.rows() if not row["error"]]
     if not rows:
@@ -90,19 +105,30 @@ def _curves(study: Results, one: Kept, axes: Axes) -> None:
     store, slots = Store(study.home(), write=False), [row["slot"] for row in rows]
     times = store.curves(f"{one.text} time", slots)
     values, label = _scaled(one, store.curves(one.text, slots))
-    path = next((p for p in study.space.paths if _numeric([row[p] for row in rows])), study.space.paths[0])
+    path, others = _varied(study, rows)
     shades: Any = [row[path] for row in rows]
     known = list(dict.fromkeys(shades))
     scale = Normalize(min(shades), max(shades)) if _numeric(shades) else Normalize(0, max(1, len(known) - 1))
-    colours = colormaps["viridis"]
+    most = 0.9 if len(known) <= LEGEND else 1.0  # a line of the brightest yellow is hardly seen
+    places = known if _numeric(shades) else range(len(known))
+    colours = {shade: colormaps["viridis"](most * scale(place)) for shade, place in zip(known, places, strict=True)}
+    names = [_named(study, row, others) for row in rows]
+    kinds = list(dict.fromkeys(names))
+    dashes = dict(zip(kinds, DASHES, strict=False)) if len(kinds) <= len(DASHES) else {}
     for k, shade in enumerate(shades):
-        colour = colours(0.9 * scale(shade if _numeric(shades) else known.index(shade)))
-        named = len(known) <= LEGEND and shades.index(shade) == k
-        axes.plot(times[k], values[k], color=colour, linewidth=1.2, label=study.shown(path, shade) if named else None)
+        axes.plot(times[k], values[k], color=colours[shade], linewidth=1.2, linestyle=dashes.get(names[k], "-"))
     if len(known) <= LEGEND:
-        axes.legend(title=study.labelled(path), loc="center left", bbox_to_anchor=(1.0, 0.5))
+        lines = [Line2D([], [], color=colours[shade], label=study.shown(path, shade)) for shade in known]
+        axes.legend(handles=lines, title=study.labelled(path), loc="center left", bbox_to_anchor=(1.0, 0.5))
     elif _numeric(shades):
-        axes.figure.colorbar(ScalarMappable(scale, colours), ax=axes, label=study.labelled(path))
+        axes.figure.colorbar(ScalarMappable(scale, "viridis"), ax=axes, label=study.labelled(path))
+    if len(kinds) > 1:
+        title = ", ".join(map(study.labelled, others))
+        if dashes:
+            lines = [Line2D([], [], color=INK, linestyle=dashes[kind], label=kind) for kind in kinds]
+            axes.figure.legend(handles=lines, title=title, loc="outside lower center", ncols=len(kinds))
+        else:
+            axes.set_title(f"lines of one colour: {len(kinds)} values of {title}", fontsize=11)
     axes.set_xlabel("time [s]")
     axes.set_ylabel(label)
 
@@ -111,14 +137,11 @@ def _numbers(study: Results, one: Kept, axes: Axes) -> None:
     rows = [row for row in study.rows() if not row["error"]]
     if not rows:
         raise PictureError(f"{one.text!r}: no point has a number; study.table() says why")
-    space = study.space
-    across = next((p for p in space.paths if _numeric([row[p] for row in rows])), space.paths[0])
-    drawn = any(across in axis.paths for axis in space.sampled)
-    together = {path for axis in space.axes if across in axis.paths for path in axis.paths}
-    others = [p for p in space.paths if p not in together and not any(p in axis.paths for axis in space.sampled)]
+    across, others = _varied(study, rows)
+    drawn = any(across in axis.paths for axis in study.space.sampled)
     groups: dict[str, list[dict[str, Any]]] = {}
     for row in rows:
-        groups.setdefault(", ".join(study.shown(path, row[path]) for path in others), []).append(row)
+        groups.setdefault(_named(study, row, others), []).append(row)
     for name, group in groups.items():
         values, label = _scaled(one, [row[one.text] for row in group])
         where = [row[across] if _numeric([row[across]]) else study.shown(across, row[across]) for row in group]

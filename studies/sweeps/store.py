@@ -18,7 +18,6 @@ import errno
 import fcntl
 import json
 import math
-import os
 import time
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -28,6 +27,7 @@ import numpy as np
 
 from palpate.launch.load.extras import install
 from palpate.physics.errors import RunError
+from palpate.studies.files import replace
 from palpate.studies.sweeps.point import Computed, Point
 
 try:
@@ -92,7 +92,7 @@ class Store:
         self.about["bases"][base] = dict(about)
         self.about |= {"base": base, "study": dict(study)}
         with self._told():
-            _replace(self._about, json.dumps(self.about, indent=1, default=str).encode())
+            replace(self._about, json.dumps(self.about, indent=1, default=str).encode())
 
     def add(self, base: str, point: Point, done: Computed, worker: str) -> None:
         """Keep a point. RunError: the disk is full, or lost."""
@@ -123,7 +123,7 @@ class Store:
         sink = pyarrow.BufferOutputStream()
         pyarrow.parquet.write_table(pyarrow.table(columns), sink)
         with self._told():
-            _replace(self._table, sink.getvalue())
+            replace(self._table, sink.getvalue())
         self._written, self._changed = time.monotonic(), False
         self._took = self._written - since
 
@@ -175,17 +175,3 @@ def _column(values: list[Any]) -> Any:
         return pyarrow.array(values, pyarrow.int64() if whole else pyarrow.float64())
     texts = [value if value is None or isinstance(value, str) else json.dumps(value) for value in values]
     return pyarrow.array(texts, pyarrow.string())
-
-
-def _replace(file: Path, content: Any) -> None:
-    """Write a file so that it is the old or the new one at any time."""
-    part = file.with_name(f".{file.name}.part")
-    try:
-        with open(part, "wb") as out:
-            out.write(content)
-            out.flush()
-            os.fsync(out.fileno())
-        part.replace(file)
-    except OSError:
-        part.unlink(missing_ok=True)
-        raise

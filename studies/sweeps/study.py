@@ -7,6 +7,7 @@ study.table()
 
 from __future__ import annotations
 
+import contextlib
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -14,6 +15,7 @@ from functools import cache, cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from palpate.engine.faults import GraphError
 from palpate.launch.load.files import SCENES, find_file
 from palpate.launch.load.launchfile import find
 from palpate.launch.load.values.followers import followers, unit_of
@@ -189,17 +191,21 @@ class Study(Results):
 
     @cached_property
     def units(self) -> dict[str, str]:  # type: ignore[override]
-        found: dict[str, str] = {}
+        found, first = dict[str, str](), self.space.point(0)[0]
         for one in self.space.axes:
             for k, name in enumerate(one.paths):
                 values = one.law.ppf([0.4, 0.6]).tolist() if one.law is not None else [row[k] for row in one.values]
                 ends = values[0], values[-1]
                 if ends[0] == ends[1] or not all(isinstance(v, int | float) and not isinstance(v, bool) for v in ends):
                     continue
-                before, after = (self.launch.but(overrides=overrides({name: value})).load() for value in ends)
-                follower = next(iter(followers(before, after)), None)
-                if follower is not None:
-                    found[name] = unit_of(before, *follower)
+                if name == "rate":
+                    found[name] = "Hz"
+                    continue
+                with contextlib.suppress(GraphError):  # values that only go together: then it is shown without a unit
+                    sets = [overrides(first | {name: value}) for value in ends]
+                    before, after = (self.launch.but(overrides=each).load() for each in sets)
+                    if follower := next(iter(followers(before, after)), None):
+                        found[name] = unit_of(before, *follower)
         return found
 
     # -- results -------------------------------------------------------------------------------------------------

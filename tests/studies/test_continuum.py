@@ -5,9 +5,8 @@ import pytest
 
 from palpate.models.fe.element.mesh import grid
 from palpate.physics.errors import ArgumentError
-from palpate.studies.accuracy import continuum, places
+from palpate.studies.accuracy import MissingError, continuum, places
 from palpate.studies.accuracy.continuum import RADIUS, Block, Inclusion, press
-from palpate.studies.accuracy.errors import MissingError
 from palpate.studies.accuracy.halfspace import DEPTHS
 from palpate.studies.accuracy.halfspace import press as press_ball
 from palpate.studies.accuracy.touches import TOUCHES
@@ -39,7 +38,7 @@ def test_the_load_is_that_of_the_pressure():
 
     mesh = quadratic(points, bricks(points, cells))
     top = mesh.faces[(mesh.points[mesh.faces[:, :3], 2] > -1e-9).all(axis=1)]
-    unit = continuum._load(mesh.points, top, block.place)[:, 2]
+    unit = continuum.on_triangles(mesh.points, top, block.pressure)[:, 2]
     x, y, _ = mesh.points.T
     assert unit.sum() == pytest.approx(-1.0)
     assert unit @ x == pytest.approx(-0.01, rel=1e-6)

@@ -9,15 +9,14 @@ import pytest
 from palpate.nodes.contact import Series
 from palpate.nodes.deformation import MassSpring, ReducedFE
 from palpate.physics.errors import PalpateError
-from palpate.studies.accuracy import bases, chain, methods
+from palpate.studies.accuracy import UnsupportedError, chain, methods
+from palpate.studies.accuracy.bodies.reduced_fe import ready
 from palpate.studies.accuracy.cells import Cell, compute, matrix, one
-from palpate.studies.accuracy.errors import UnsupportedError
 from palpate.studies.accuracy.fidelities import of_body
-from palpate.studies.accuracy.limits import mostly, told_apart
 from palpate.studies.accuracy.methods import of_user
-from palpate.studies.accuracy.order import studies
 from palpate.studies.accuracy.outcome import Fidelity, Method
 from palpate.studies.accuracy.output.pareto import advice, best, front, point, summaries
+from palpate.studies.accuracy.refinement import mostly, studies, told_apart
 from palpate.studies.accuracy.score import CHARGED, CHARGED_STEP
 from palpate.studies.accuracy.touches import TOUCHES
 from palpate.studies.accuracy.truth import HERTZ
@@ -161,12 +160,12 @@ def test_a_node_that_is_no_body_is_told():
 def test_a_basis_that_is_not_stored_is_built_once_and_charged(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     node = ReducedFE(model="linear", surface="plane", position=(0.0, 0.0, 0.0), coarse=50)
-    seconds = bases.ready(node)
+    seconds = ready(node)
     assert seconds > 0.0
-    assert bases.ready(node) == seconds
+    assert ready(node) == seconds
     node.start()
     with pytest.raises(UnsupportedError, match="palpate reduce"):
-        bases.ready(ReducedFE(surface="plane", position=(0.0, 0.0, 0.0), coarse=50))
+        ready(ReducedFE(surface="plane", position=(0.0, 0.0, 0.0), coarse=50))
 
 
 def test_what_condensing_smears_falls_with_the_square_of_the_distance_of_its_vertices():

@@ -6,10 +6,9 @@ from scipy.sparse import coo_matrix, diags
 from scipy.sparse.linalg import spsolve
 
 from palpate.physics.materials.hyperelastic import moduli
-from palpate.studies.accuracy import laboratory, methods
+from palpate.studies.accuracy import MissingError, laboratory, methods
 from palpate.studies.accuracy.cells import Cell, one
 from palpate.studies.accuracy.continuum import BED, POISSON, YOUNG, Block, Inclusion, press, tetrahedra
-from palpate.studies.accuracy.errors import MissingError
 from palpate.studies.accuracy.output import page
 from palpate.studies.accuracy.score import CHARGED
 from palpate.studies.accuracy.touches import TOUCHES

@@ -1,5 +1,6 @@
 """Table, pictures and page."""
 
+import csv
 import json
 
 import numpy as np
@@ -7,13 +8,13 @@ import pytest
 from typer.testing import CliRunner
 
 from palpate.launch.__main__ import app
-from palpate.physics.errors import ArgumentError
 from palpate.studies.accuracy import methods
 from palpate.studies.accuracy.cells import one
 from palpate.studies.accuracy.outcome import Fidelity
-from palpate.studies.accuracy.output import page, table
-from palpate.studies.accuracy.output.pareto import front, point, summaries
+from palpate.studies.accuracy.output import page, report
+from palpate.studies.accuracy.output.pareto import front
 from palpate.studies.accuracy.touches import TOUCHES
+from palpate.studies.accuracy.truth import QUANTITIES
 
 STANDARD = {m.name: m for m in methods.standard()}
 
@@ -32,18 +33,15 @@ def cells():
 
 
 def test_the_table_holds_what_the_pictures_show(cells, tmp_path):
-    table.write(cells, {"processor": "some", "commit": "abc"}, tmp_path / "a.csv")
-    again, about = table.read(tmp_path / "a.csv")
-    assert about == {"processor": "some", "commit": "abc"}
-    assert [point(c) for c in again] == [point(c) for c in cells]
-    assert [c.at_reference() for c in again] == [c.at_reference() for c in cells]
-    assert summaries(again) == summaries(cells)
-
-
-def test_a_file_that_is_no_table_is_told(tmp_path):
-    (tmp_path / "a.csv").write_text("1,2,3\n")
-    with pytest.raises(ArgumentError, match="not a table"):
-        table.read(tmp_path / "a.csv")
+    report.table(cells, {"processor": "some", "commit": "abc"}, tmp_path / "a.csv")
+    about, *lines = (tmp_path / "a.csv").read_text(encoding="utf-8").splitlines()
+    assert json.loads(about.removeprefix("#")) == {"processor": "some", "commit": "abc"}
+    rows = list(csv.DictReader(lines))
+    for row, cell in zip(rows, cells, strict=True):
+        assert (row["touch"], row["method"], row["status"]) == (cell.touch, cell.method, cell.status)
+        assert (float(row["p99"]), row["why"], row["falling"]) == (cell.p99, cell.why, cell.falling)
+        told = {q: {m: float(row[f"{q} {m}"]) for m in ("rms", "worst", "band")} for q in cell.errors}
+        assert told == cell.errors and all(row[f"{q} rms"] == "" for q in set(QUANTITIES) - set(cell.errors))
 
 
 def test_the_front_holds_what_nothing_beats():

@@ -301,8 +301,18 @@ def test_pictures_of_numbers_and_curves(ball, client, tmp_path):
     assert len(axes.lines) == 6 and axes.get_ylabel() == "ball.force [N]"
     legend = axes.get_legend()
     assert legend is not None and legend.get_title().get_text() == "ball.young [Pa]"
+    (dashed,) = axes.figure.legends  # the other path is told by the dashes: no two lines look alike
+    assert dashed.get_title().get_text() == "ball.depth" and [t.get_text() for t in dashed.texts] == ["1 mm", "2 mm"]
+    assert len({(line.get_color(), line.get_linestyle()) for line in axes.lines}) == 6
     with pytest.raises(PalpateError, match=r"Did you mean 'ball\.force'"):
         study.plot("ball.forze")
+
+
+def test_what_varies_has_its_unit():
+    rates = palpate.Study("kidney", {"rate": [500, 1000]}, duration=0.1)
+    assert rates.labelled("rate") == "rate [Hz]"
+    other = {"tissue.use": ["deformation.ReducedFE"], "tissue.young": [1e4, 2e4]}  # which the graph's own body lacks
+    assert palpate.Study("kidney", other, duration=0.1).labelled("tissue.young") == "tissue.young [Pa]"
 
 
 def test_long_values_stand_by_their_number_in_legends(ball, client, tmp_path):

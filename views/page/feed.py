@@ -7,7 +7,7 @@ bursts. The run's outlets for observers drop what a listener does not take: it c
 from __future__ import annotations
 
 import struct
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import msgspec
@@ -35,7 +35,8 @@ from palpate.messages import (
     unpack,
 )
 from palpate.physics.geometry.mesh import Mesh
-from palpate.views.page.steered import Touched
+from palpate.views.bodies import Bodies
+from palpate.views.page.steered import Shown, Touched
 
 KEPT = 400
 """Messages of a finger's small streams that wait for the next frame; older ones are dropped."""
@@ -50,13 +51,10 @@ class StreamReader:
     def __init__(self, run: Running, touched: Touched) -> None:
         self.touched = touched
         self.owners = owners(touched.fingers)
-        self.kinds: dict[str, type[Message]] = {HEALTH: Health}
-        self.kinds |= {stream: kind for finger in touched.fingers for kind, stream in finger.items()}
+        self.kinds = {HEALTH: Health} | kinds_of(touched.fingers, touched.near, touched.bodies)
         self.last: list[Last] = [{} for _ in touched.fingers]
         self.late: dict[str, int] = {}
         self.context = zmq.Context()
-        self.kinds |= dict.fromkeys(touched.bodies.streams, Surface) | dict.fromkeys(touched.bodies.loads, Load)
-        self.kinds |= {stream: Proximity for near in touched.near for stream in near}
         self.shapes: dict[str, Surface] = {}
         self.loads: dict[str, Load] = {}
         self.near: list[dict[str, Proximity]] = [{} for _ in touched.fingers]
@@ -120,6 +118,13 @@ class StreamReader:
         bodies = self.touched.bodies
         head |= told(self.last, self.touched.thickness, curves) | bodies.pressed(self.loads)
         return frame(head, bodies.surface(self.shapes))
+
+
+def kinds_of(fingers: Iterable[Shown], near: Iterable[Iterable[str]], shown: Bodies) -> dict[str, type[Message]]:
+    """The message type of each stream that is drawn."""
+    kinds = {stream: kind for finger in fingers for kind, stream in finger.items()}
+    kinds |= {stream: Proximity for organs in near for stream in organs}
+    return kinds | dict.fromkeys(shown.streams, Surface) | dict.fromkeys(shown.loads, Load)
 
 
 def nearest(organs: Mapping[str, Proximity]) -> Proximity:

@@ -15,6 +15,7 @@ from palpate.views.page.feed import StreamReader, mesh_frame
 from palpate.views.page.source import FrameSource
 from palpate.views.page.steered import Touched, watched
 
+ENDING = 15.0  # [s] for a run to end in order
 BEHIND = 10
 """By which what makes the frames stands behind the nodes of a run for a processor."""
 
@@ -22,7 +23,8 @@ BEHIND = 10
 class Live(FrameSource):
     """The newest frame of a run; a thread of its own makes the frames.
 
-    touched  what is shown of it
+    touched   what is shown of it
+    stopping  set where the run is to end
     """
 
     status: str = "starting"
@@ -30,12 +32,14 @@ class Live(FrameSource):
     def __init__(self, touched: Touched) -> None:
         super().__init__()
         self.touched = touched
-        self._over = threading.Event()
+        self.stopping, self._over = threading.Event(), threading.Event()
         self._thread: threading.Thread | None = None
 
     def on_update(self, launcher: Launcher) -> None:
         """Called by the launcher again and again: follow its run from its beginning."""
-        if self._thread is None and launcher.phase == "running":
+        if self.stopping.is_set():
+            launcher.stop()
+        elif self._thread is None and launcher.phase == "running":
             self.begun()
             run = Running(launcher.run_id, [group for group, job in launcher.jobs.items() if job.nodes])
             self._over.clear()

@@ -19,7 +19,7 @@ from palpate.records.reader import Recording
 from palpate.records.stored import RecordingError
 from palpate.views.fingers import fingers, links_of
 from palpate.views.page import PageError
-from palpate.views.page.feed import Curve, Last, frame, nearest, owners, surface_frame, told
+from palpate.views.page.feed import Curve, Last, frame, kinds_of, nearest, owners, surface_frame, told
 from palpate.views.page.source import FrameSource
 from palpate.views.page.steered import THICKNESS, shapes, streams_of, thickness_of
 
@@ -46,10 +46,8 @@ class RecordingSource:
         shown = [streams_of(finger) for finger in found]
         self._owners, names = owners(shown), shown[0]
         self._near = [finger.near for finger in found]
-        self._kinds = {stream: kind for finger in shown for kind, stream in finger.items()}
-        self._kinds |= {stream: Proximity for near in self._near for stream in near}
         for kind, what in ((Contact, "touch"), (Surface, "body")):
-            if kind not in self._kinds.values():
+            if not any(kind in finger for finger in shown):
                 streams = ", ".join(sorted(self.recording.streams)) or "none"
                 raise RecordingError(f"{path}: no {what} in it to show: no stream of {kind.__name__} among {streams}")
         planned = plan_of(self.recording)
@@ -65,8 +63,8 @@ class RecordingSource:
         self._open = lru_cache(maxsize=BACK + 2)(self._decoded)
         self._begins: list[float] = []
         self._places: list[int] = []
-        self._kinds |= dict.fromkeys(self.bodies.streams, Surface) | dict.fromkeys(self.bodies.loads, Load)
-        self._kinds = {stream: kind for stream, kind in self._kinds.items() if stream in self.recording.streams}
+        kinds = kinds_of(shown, self._near, self.bodies)
+        self._kinds = {stream: kind for stream, kind in kinds.items() if stream in self.recording.streams}
         self.curves = self._listen([finger[Contact] for finger in shown])
 
     def close(self) -> None:

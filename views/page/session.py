@@ -13,18 +13,15 @@ from palpate.launch.load.classes import takers
 from palpate.launch.load.launchfile import LaunchFile
 from palpate.launch.load.plan import plan
 from palpate.launch.run.execute import execute
-from palpate.launch.run.launcher import Launcher
 from palpate.messages import ForceBand, Friction, Load
 from palpate.nodes.base.effect import effects
 from palpate.nodes.deformation import bodies
 from palpate.physics.errors import PalpateError
 from palpate.views.page import PageError
 from palpate.views.page.feed import mesh_frame
-from palpate.views.page.live import Live
+from palpate.views.page.live import ENDING, Live
 from palpate.views.page.pointers import Count, Pointers, Sample
 from palpate.views.page.steered import steered, touched
-
-ENDING = 15.0  # [s] for a run to end in order
 
 
 class Order(msgspec.Struct, forbid_unknown_fields=True):
@@ -67,7 +64,6 @@ class Session(Live):
         self._wish = self.touched.use
         self._switched: dict[str, bool] = {}
         self._ended = threading.Event()
-        self._change = threading.Event()
         self._pointers = Pointers(self.sockets, self.touched.begins)
         self._runs = threading.Thread(target=self._live, name="runs", daemon=True)
 
@@ -78,7 +74,7 @@ class Session(Live):
     def close(self) -> None:
         """End the run, its recording being closed in order."""
         self._ended.set()
-        self._change.set()
+        self.stopping.set()
         self._runs.join(ENDING)
         self._pointers.close()
         self.place.cleanup()
@@ -107,7 +103,7 @@ class Session(Live):
         if effect is not None:
             self.effects[effect[0]] = self._switched[effect[0]] = effect[1]
         self._wish = body or self.touched.use
-        self._change.set()
+        self.stopping.set()
 
     def _effects(self, graph: Graph) -> dict[str, bool]:
         shown = self.touched.fingers[0]
@@ -119,12 +115,12 @@ class Session(Live):
 
     def _live(self) -> None:
         while not self._ended.is_set():
-            self._change.clear()
+            self.stopping.clear()
             try:
                 self._one_run()
             except (PalpateError, OSError) as error:
                 self.say(f"stopped: {error}")
-                self._change.wait()
+                self.stopping.wait()
 
     def _one_run(self) -> None:
         self.say("starting")
@@ -145,15 +141,9 @@ class Session(Live):
             self.kept.append(self.record)
         else:
             self.record.unlink(missing_ok=True)
-        if not self._change.is_set():
+        if not self.stopping.is_set():
             self.say(f"stopped: the run has ended. {'; '.join(map(str, outcome.result.deaths))}"[:600])
-            self._change.wait()
-
-    def on_update(self, launcher: Launcher) -> None:
-        if self._change.is_set():
-            launcher.stop()
-        else:
-            super().on_update(launcher)
+            self.stopping.wait()
 
     def begun(self) -> None:
         about = {"recording": str(self.record), "bodies": self.bodies, "effects": self.effects}

@@ -46,7 +46,6 @@ def draw(recording: Path, folder: Path, console: Console | None = None) -> list[
 
 def _draw(recording: Recording, folder: Path, console: Console | None, step: Callable[[str], None]) -> list[Path]:
     from palpate.views.pictures import (
-        PictureError,
         compression,
         deformation,
         device,

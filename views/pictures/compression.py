@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from palpate.views.pictures.style import ENERGY, FINGER, TISSUE, figure
+from palpate.views.pictures.style import ENERGY, FINGER, TISSUE, figure, over_time
 from palpate.views.pictures.touch import TouchStreams, touches
 
 if TYPE_CHECKING:
@@ -35,6 +35,5 @@ def draw(touch: TouchStreams) -> Figure | None:
     lower.axhline(0.0, color="#77777f", linewidth=0.8)
     lower.plot(time, s1 - s2, color=ENERGY)
     lower.set_ylabel("s1 − s2 [mm]")
-    lower.set_xlabel("time [s]")
-    lower.set_xlim(time[0], max(time[-1], time[0] + 1e-3))
+    over_time(lower, time)
     return out

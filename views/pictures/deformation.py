@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from palpate.views.pictures.style import DEFORMATION, figure
+from palpate.views.pictures.style import deformation_colours, figure
 from palpate.views.pictures.touch import TouchStreams
 from palpate.views.surface.colour import COLOURS, painted, round_up
 from palpate.views.surface.moments import Instant, bodies_of, instants
@@ -39,16 +39,12 @@ class Views:
     def draw(self) -> Figure:
         """The figure. PictureError: this machine cannot draw it."""
         from matplotlib.cm import ScalarMappable
-        from matplotlib.colors import LinearSegmentedColormap, Normalize
+        from matplotlib.colors import Normalize
 
         pixels = self._rendering.pixels()
         columns = self.columns
         rows = -(-len(self.instants) // columns)
-        out = figure(
-            4.2 * columns + 1.0,
-            2.6 * rows + 3.3,
-            TITLE,
-        )
+        out = figure(4.2 * columns + 1.0, 2.6 * rows + 3.3, TITLE)
         grid = out.subplots(rows + 1, columns, squeeze=False, height_ratios=[1.0] * rows + [1.22])
         for axes in grid.ravel():
             axes.set_axis_off()
@@ -59,8 +55,7 @@ class Views:
         for axes, i, picture in zip(grid[rows], self.near, pixels["close"], strict=True):
             axes.imshow(picture)
             axes.set_title(f"the same at {self.instants[i].time:.2f} s, near", fontsize=11, loc="center")
-        colours = LinearSegmentedColormap.from_list("deformation", DEFORMATION)
-        scale = ScalarMappable(Normalize(0.0, self.deepest * 1e3), colours)
+        scale = ScalarMappable(Normalize(0.0, self.deepest * 1e3), deformation_colours())
         bar = out.colorbar(scale, ax=grid, shrink=0.6, aspect=32, pad=0.015)
         bar.set_label("displacement of the surface [mm]")
         bar.outline.set_visible(False)

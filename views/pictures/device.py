@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from palpate.messages import Force
-from palpate.views.pictures.style import ENERGY, FINGER, INK, NORMAL, REGION_A, SPEED, figure, mean
+from palpate.views.pictures.style import ENERGY, FINGER, INK, NORMAL, REGION_A, SPEED, figure, mean, over_time
 from palpate.views.pictures.touch import Columns, TouchStreams
 
 if TYPE_CHECKING:
@@ -42,11 +42,10 @@ def draw(touch: TouchStreams) -> Figure | None:
     lower.axhline(0.0, color="#77777f", linewidth=0.8)
     lower.plot(time, force["energy"] * 1e3, color=ENERGY)
     lower.set_ylabel("energy [mJ]")
-    lower.set_xlabel("time [s]")
     lower.set_title(
         f"since the last change of state, by the passivity observer; least {force['energy'].min() * 1e3:.2f} mJ"
     )
-    lower.set_xlim(time[0], max(time[-1], time[0] + 1e-3))
+    over_time(lower, time)
     return out
 
 

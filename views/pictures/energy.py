@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from palpate.messages import Ledger
-from palpate.views.pictures.style import ENERGY, FAINT, FINGER, FRICTION, INK, NORMAL, SPEED, TISSUE, figure
+from palpate.views.pictures.style import ENERGY, FAINT, FINGER, FRICTION, INK, NORMAL, SPEED, TISSUE, figure, over_time
 from palpate.views.pictures.touch import TouchStreams
 
 if TYPE_CHECKING:
@@ -59,6 +59,5 @@ def draw(touch: TouchStreams) -> Figure | None:
     lower.set_ylabel("energy [mJ]")
     lower.set_yscale("symlog", linthresh=0.1)
     lower.set_ylim(bottom=0.0)
-    lower.set_xlabel("time [s]")
-    lower.set_xlim(time[0], max(time[-1], time[0] + 1e-3))
+    over_time(lower, time)
     return out

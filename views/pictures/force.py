@@ -45,7 +45,8 @@ def draw(touch: TouchStreams) -> Figure | None:
     for axes, (whose, way, label) in zip(every, ways, strict=False):
         for other in slices:
             if other is not chosen:
-                _line(axes, way[other], contact["force"][other], contact["time"][other], FAINT, "other touches")
+                smooth = smoothed(contact["force"][other], contact["time"][other])
+                axes.plot(way[other] * 1e3, smooth, color=FAINT, linewidth=1.0, label="other touches")
         _loop(axes, way[chosen], contact["force"][chosen], contact["time"][chosen])
         axes.set_xlabel(label)
         axes.set_title(f"{whose}: {work(way[chosen], contact['force'][chosen]) * 1e3:.1f} mJ of hysteresis")
@@ -94,11 +95,7 @@ def _band(axes: Axes, both: tuple[Columns, Columns], depth: str) -> None:
 
 def _slid(foot: np.ndarray) -> float:
     """Way of the foot point along the surface [m]."""
-    return float(np.linalg.norm(np.diff(foot, axis=0), axis=1).sum()) if len(foot) > 1 else 0.0
-
-
-def _line(axes: Axes, way: np.ndarray, force: np.ndarray, time: np.ndarray, colour: str, label: str) -> None:
-    axes.plot(way * 1e3, smoothed(force, time), color=colour, linewidth=1.0, label=label)
+    return float(np.linalg.norm(np.diff(foot, axis=0), axis=1).sum())
 
 
 def _loop(axes: Axes, way: np.ndarray, force: np.ndarray, time: np.ndarray) -> None:

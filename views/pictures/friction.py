@@ -18,6 +18,7 @@ from palpate.views.pictures.style import (
     SPEED,
     figure,
     mean,
+    over_time,
     shade,
     trace,
 )
@@ -78,18 +79,18 @@ def _time(upper: Axes, lower: Axes, data: tuple, a: slice | None, b: slice | Non
         for region, colour, letter in ((a, REGION_A, "A"), (b, REGION_B, "B")):
             if region is not None:
                 shade(axes, time[region.start], time[region.stop - 1], colour, letter)
-        axes.set_xlim(time[0], max(time[-1], time[0] + 1e-3))
+        over_time(axes, time)
     trace(upper, time, normal, time, NORMAL, "normal force")
     trace(upper, time, friction, time, FRICTION, "friction force")
     upper.set_ylabel("force [N]")
     upper.set_ylim(0.0, float(normal.max()) * 1.2)
     upper.legend(loc="upper left", ncols=2)
+    upper.set_xlabel("")
     upper.tick_params(labelbottom=False)
     touching = np.where(normal > 0.0, speed, np.nan) * 1e3
     lower.plot(time, speed * 1e3, color=FAINT, linewidth=0.8, label="in free space")
     lower.plot(time, touching, color=SPEED, linewidth=1.2, label="sliding")
     lower.set_ylabel("speed along\nthe surface [mm/s]")
-    lower.set_xlabel("time [s]")
     lower.set_ylim(bottom=0.0)
     lower.legend(loc="upper left", ncols=2)
 

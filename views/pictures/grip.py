@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from palpate.messages.grip import Grip
-from palpate.views.pictures.style import FINGER, FRICTION, INK, NORMAL, SPEED, TISSUE, figure
+from palpate.views.pictures.style import FINGER, FRICTION, INK, NORMAL, SPEED, TISSUE, figure, over_time
 from palpate.views.pictures.touch import TouchStreams
 
 if TYPE_CHECKING:
@@ -45,6 +45,5 @@ def draw(touch: TouchStreams) -> Figure | None:
     lower.set_ylabel("margin to slip [N]")
     lower.set_ylim(top=max(1.3 * float(grip["margin"].max()), 1e-3))
     lower.legend(loc="upper left", ncols=len(COLOURS))
-    lower.set_xlabel("time [s]")
-    lower.set_xlim(time[0], max(time[-1], time[0] + 1e-3))
+    over_time(lower, time)
     return out

@@ -31,11 +31,7 @@ def draw(touch: TouchStreams) -> Figure | None:
     slips, surfaces = touch.at(Slip, ticks), touch.at(Surface, ticks)
     if not set(ticks) <= set(slips) or not len(slips[ticks[0]].points):
         return None
-    out = figure(
-        2.7 * len(rows) + 1.2,
-        6.6,
-        "The pad of the fingertip, seen from below through the plate",
-    )
+    out = figure(2.7 * len(rows) + 1.2, 6.6, "The pad of the fingertip, seen from below through the plate")
     grid = out.subplots(2, len(rows), squeeze=False, sharex=True, sharey=True)
     pressures = [_pressure(slips[tick], surfaces.get(tick)) * 1e-3 for tick in ticks]
     most = max(float(p.max()) for p in pressures) or 1.0

@@ -8,7 +8,7 @@ import numpy as np
 
 from palpate.messages import Pins, Surface
 from palpate.nodes.display import tangent_frame
-from palpate.views.pictures.style import FAINT, FINGER, NORMAL, REGION_B, TISSUE, figure
+from palpate.views.pictures.style import FAINT, FINGER, NORMAL, REGION_B, TISSUE, figure, over_time
 from palpate.views.pictures.touch import Columns, TouchStreams, together
 
 if TYPE_CHECKING:
@@ -130,6 +130,7 @@ def _over_time(
     lower.plot(time, heights.max(axis=(1, 2)), color=TISSUE, label="highest pin")
     lower.plot(time, heights.mean(axis=(1, 2)), color=FINGER, label="mean of the pins")
     lower.plot(time, pins["actuator"] * 1e3, color=NORMAL, linestyle=(0, (4, 2)), label="actuator")
-    lower.set(xlabel="time [s]", ylabel="height, travel [mm]", xlim=(time[0], max(time[-1], time[0] + 1e-3)))
-    lower.set_ylim(0.0, 1.3 * max(float(pins["actuator"].max()) * 1e3, float(heights.max()), 1e-3))
+    over_time(lower, time)
+    most = max(float(pins["actuator"].max()) * 1e3, float(heights.max()), 1e-3)
+    lower.set(ylabel="height, travel [mm]", ylim=(0.0, 1.3 * most))
     lower.legend(loc="upper left", ncols=3)

@@ -105,6 +105,18 @@ def noise(values: np.ndarray) -> float:
     return float(np.median(np.abs(bends))) / (0.6745 * np.sqrt(6.0))
 
 
+def over_time(axes: Axes, time: np.ndarray) -> None:
+    """The axis of times [s] (n) from the first to the last."""
+    axes.set(xlabel="time [s]", xlim=(time[0], max(time[-1], time[0] + 1e-3)))
+
+
+def deformation_colours() -> Any:
+    """`DEFORMATION` as a colour map."""
+    from matplotlib.colors import LinearSegmentedColormap
+
+    return LinearSegmentedColormap.from_list("deformation", DEFORMATION)
+
+
 def trace(axes: Axes, x: np.ndarray, values: np.ndarray, time: np.ndarray, colour: str, label: str) -> None:
     """A line of the running mean, with the samples as they are behind it."""
     axes.plot(x, values, color=colour, alpha=0.25, linewidth=0.6)

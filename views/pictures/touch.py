@@ -18,7 +18,6 @@ from palpate.messages import (
     Message,
     MessageError,
     Pins,
-    Pose,
     Proximity,
     Slip,
     unpack,
@@ -73,7 +72,6 @@ class TouchStreams:
     contact = _columns(Contact)
     friction = _columns(Friction)
     proximity = _columns(Proximity)
-    pose = _columns(Pose)
     force = _columns(Force)
     ledger = _columns(Ledger)
     slip = _columns(Slip)

@@ -32,17 +32,17 @@ class FilmFrame:
 
     def __init__(self, of: Colour, most: float, pixels: np.ndarray, instant: Instant) -> None:
         from matplotlib.cm import ScalarMappable
-        from matplotlib.colors import LinearSegmentedColormap, Normalize
+        from matplotlib.colors import Normalize
 
-        from palpate.views.pictures.style import DEFORMATION, INK, figure
+        from palpate.views.pictures.style import INK, deformation_colours, figure
 
         self.figure: Figure = figure(7.68, 4.32, "")
         axes = self.figure.subplots()
         axes.set_axis_off()
         self._image = axes.imshow(pixels)
         self._title = axes.set_title("", fontsize=12, color=INK)
-        colours = LinearSegmentedColormap.from_list("deformation", DEFORMATION)
-        bar = self.figure.colorbar(ScalarMappable(Normalize(0.0, most * of.scale), colours), ax=axes, shrink=0.7)
+        scale = ScalarMappable(Normalize(0.0, most * of.scale), deformation_colours())
+        bar = self.figure.colorbar(scale, ax=axes, shrink=0.7)
         bar.set_label(of.label)
         bar.outline.set_visible(False)  # type: ignore[operator]
         self.show(pixels, instant)

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from palpate.views.pictures.style import DEFORMATION
+from palpate.views.pictures.style import deformation_colours
 
 SIZE = (900, 520)
 CLOSE_SIZE = (900, 640)
@@ -77,26 +77,14 @@ def _lights(pyvista: Any, plotter: Any) -> None:
 
 
 def _draw(
-    pyvista: Any,
-    plotter: Any,
-    vertices: np.ndarray,
-    faces: np.ndarray,
-    displacement: np.ndarray,
-    values: np.ndarray,
-    tips: np.ndarray,
-    normals: np.ndarray,
-    arrows: np.ndarray,
-    most: float,
-    edges: bool,
-) -> None:
-    from matplotlib.colors import LinearSegmentedColormap
-
-    colours = LinearSegmentedColormap.from_list("deformation", DEFORMATION)
+    pyvista: Any, plotter: Any, vertices: np.ndarray, faces: np.ndarray, displacement: np.ndarray, values: np.ndarray,
+    tips: np.ndarray, normals: np.ndarray, arrows: np.ndarray, most: float, edges: bool,
+) -> None:  # fmt: skip
     mesh = pyvista.PolyData(vertices + displacement, faces)
     mesh["value"] = values
     plotter.set_background("white")
     plotter.add_mesh(
-        mesh, scalars="value", cmap=colours, clim=(0.0, most), show_scalar_bar=False, smooth_shading=True,
+        mesh, scalars="value", cmap=deformation_colours(), clim=(0.0, most), show_scalar_bar=False, smooth_shading=True,
         split_sharp_edges=False, ambient=0.28, diffuse=0.85, specular=0.12, specular_power=20,
         show_edges=edges, edge_color="#7a5a54", line_width=0.4, edge_opacity=0.35,
     )  # fmt: skip

@@ -14,9 +14,8 @@ from palpate.studies.accuracy.touches import BenchCase
 
 def methods(patient: bool) -> list[Method]:
     """The body."""
-    return [
-        Method("BeamBundle", "BeamBundle", of_body(BeamBundle, _slab), (*steps(), *meshes(), *reaches()), only_slab)
-    ]
+    finer = (*steps(), *meshes(), *reaches())
+    return [Method("BeamBundle", "BeamBundle", of_body(BeamBundle, _slab), finer, only_slab)]
 
 
 def _slab(touch: BenchCase) -> dict[str, Any]:

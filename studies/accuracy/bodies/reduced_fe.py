@@ -1,13 +1,16 @@
-"""Reduced finite elements: linear, condensed, sampled."""
+"""Reduced finite elements: linear, condensed, sampled. A basis that does not ship is charged as offline time."""
 
 from __future__ import annotations
 
+import json
+import time
 from collections.abc import Callable
 from typing import Any
 
+from palpate.models.build.basis import Silent, built
 from palpate.nodes.deformation import ReducedFE
-from palpate.nodes.deformation.basis_store import shipped
-from palpate.studies.accuracy import bases, chain
+from palpate.nodes.deformation.basis_store import SHIPPED, about, cache, find, key, shipped
+from palpate.studies.accuracy import UnsupportedError, chain
 from palpate.studies.accuracy.continuum import BED, POISSON, YOUNG
 from palpate.studies.accuracy.fidelities import meshes, of_body, only_slab, reaches, steps
 from palpate.studies.accuracy.outcome import Fidelity, Method, MethodOutcome
@@ -28,15 +31,10 @@ def methods(patient: bool) -> list[Method]:
     ]
 
 
-def _reduced(model: str) -> Callable[[BenchCase], dict[str, Any]]:
-    def own(touch: BenchCase) -> dict[str, Any]:
-        outcome: dict[str, Any] = {"model": model, "young": YOUNG, "poisson": POISSON, "bed": BED,
-                                 "retardation": touch.retardation, "sticks": touch.sticks}  # fmt: skip
-        if touch.nodule:
-            outcome |= {"nodule_centre": (0.0, 0.0, -6e-3), "nodule_radius": 4e-3, "nodule_ratio": 10.0}
-        return outcome
-
-    return own
+def _slab(touch: BenchCase) -> dict[str, Any]:
+    material = {"young": YOUNG, "poisson": POISSON, "bed": BED, "retardation": touch.retardation}
+    nodule = {"nodule_centre": (0.0, 0.0, -6e-3), "nodule_radius": 4e-3, "nodule_ratio": 10.0}
+    return material | {"sticks": touch.sticks} | (nodule if touch.nodule else {})
 
 
 def _reducing(
@@ -45,14 +43,37 @@ def _reducing(
     """With its basis built where none is stored, and with what a stored one says of its error."""
 
     def compute(touch: BenchCase, fidelity: Fidelity, repeats: int) -> MethodOutcome:
-        own = _reduced(model)(touch) | fixed | fidelity.settings.get("body", {})
+        own = _slab(touch) | {"model": model} | fixed | fidelity.settings.get("body", {})
         node = ReducedFE(**chain.surface_of(touch), **own)
-        offline = bases.ready(node, patient)
+        offline = ready(node, patient)
         outcome = of_body(ReducedFE, lambda touch: own)(touch, fidelity, repeats)
         outcome.offline += offline
-        errors = [about["error"] for about in shipped().values() if about["key"] == node.key()]
+        errors = [told["error"] for told in shipped().values() if told["key"] == node.key()]
         if model != "linear" and errors and errors[0]:
             outcome.estimated_error = float(errors[0]["mean"])
         return outcome
 
     return compute
+
+
+def ready(node: ReducedFE, patient: bool = False) -> float:
+    """Have the basis of these settings stored; the seconds that building it took, 0 for one that ships.
+
+    patient  build a table at a hundred places too, which takes some minutes, and modes of a body other than the slab
+
+    UnsupportedError: such a basis is not stored, and nobody is patient.
+    """
+    for folder in (SHIPPED, cache()):
+        path = find(folder, node.key())
+        if path is not None and node.stored(folder) is not None:
+            return float((about(path) or {}).get("seconds", 0.0))
+    long = {"nonlinear": "dents", "sampled": "modes" if node.surface != "plane" else ""}.get(node.model)
+    if long and not patient:
+        raise UnsupportedError(f"no basis with {long} is stored for these settings. Build it once: {node.command()}")
+    begun = time.perf_counter()
+    basis, _ = built(node, Silent(), check=False)
+    seconds = time.perf_counter() - begun
+    inputs = node.inputs()
+    told = {"key": key(inputs), "inputs": inputs, "command": node.command(), "error": {}, "seconds": seconds}
+    basis.save(cache() / node.filename(), json.dumps(told))
+    return seconds

@@ -8,10 +8,9 @@ from typing import Any
 
 from palpate.studies.accuracy.cells import Cell
 from palpate.studies.accuracy.laboratory import OUTSIDE, missing
-from palpate.studies.accuracy.limits import AXES, mostly, still_falling
-from palpate.studies.accuracy.order import studies
 from palpate.studies.accuracy.output.pareto import advice, best, duration, front, percent, point, summaries, unable
 from palpate.studies.accuracy.places import on_path, stored
+from palpate.studies.accuracy.refinement import AXES, mostly, still_falling, studies
 from palpate.studies.accuracy.touches import TOUCHES
 from palpate.studies.accuracy.truth import QUANTITIES
 

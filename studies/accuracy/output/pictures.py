@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,9 +11,9 @@ import numpy as np
 
 from palpate.studies.accuracy.cells import Cell
 from palpate.studies.accuracy.methods import standard
-from palpate.studies.accuracy.order import OrderStudy
 from palpate.studies.accuracy.output.labels import place
 from palpate.studies.accuracy.output.pareto import ParetoPoint, best, front, point
+from palpate.studies.accuracy.refinement import OrderStudy
 from palpate.studies.accuracy.score import CHARGED, CHARGED_STEP
 from palpate.studies.accuracy.touches import TOUCHES
 
@@ -56,8 +57,8 @@ def touch_picture(cells: Sequence[Cell], path: Path) -> None:
     if bands and max(bands) > axes.get_ylim()[0]:
         axes.axhspan(axes.get_ylim()[0], max(bands), color=FAINT, alpha=0.35, linewidth=0, label="at the reference")
     if refused:
-        told = "; ".join(dict.fromkeys(c.title.replace(" ", HARD) for c in refused))
-        axes.plot(CHARGED_STEP, CHARGED, "x", color=INK, label=f"cannot do it, drawn at 100 %:\n{_wrapped(told)}")
+        told = textwrap.fill("; ".join(dict.fromkeys(c.title.replace(" ", HARD) for c in refused)), 34)
+        axes.plot(CHARGED_STEP, CHARGED, "x", color=INK, label=f"cannot do it, drawn at 100 %:\n{told}")
     axes.legend(fontsize=8, loc="upper left", bbox_to_anchor=(1.01, 1.0), frameon=False)
     lowest = [
         min((k for k, c in enumerate(own) if c.method == m), key=lambda k: points[k][1])
@@ -99,11 +100,9 @@ def overview(told: Sequence[ParetoPoint], cells: Sequence[Cell], path: Path) -> 
 
 def convergence(studies: Sequence[OrderStudy], path: Path) -> None:
     """How fast each method comes to its own limit: a line a touch, and the orders that were observed."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(11, 6.4), layout="constrained", facecolor="white")
-    FigureCanvasAgg(figure)
     methods = list(dict.fromkeys(s.method for s in studies))
     kinds = (
         ("step", "length of the step [s]"),
@@ -174,12 +173,6 @@ def _finish(axes: Axes, label: str, points: Sequence[tuple[float, float]]) -> No
 
 def _front(axes: Axes, points: Sequence[tuple[float, float]], label: str) -> None:
     axes.step(*np.array(points).T, where="post", color=INK, linewidth=1.2, linestyle=":", label=label, zorder=1)
-
-
-def _wrapped(text: str) -> str:
-    import textwrap
-
-    return "\n".join(textwrap.wrap(text, 34))
 
 
 def _save(figure: Any, path: Path) -> None:

@@ -2,15 +2,23 @@
 
 from __future__ import annotations
 
+import csv
+import json
+from collections.abc import Sequence
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
 from palpate.engine.provenance import machine
 from palpate.studies.accuracy.cells import Cell
-from palpate.studies.accuracy.order import studies
-from palpate.studies.accuracy.output import page, table
+from palpate.studies.accuracy.output import page
 from palpate.studies.accuracy.output.pareto import summaries
+from palpate.studies.accuracy.refinement import mostly, studies
+from palpate.studies.accuracy.truth import QUANTITIES
 from palpate.studies.peers import calculix
+
+PLAIN = [field.name for field in fields(Cell) if field.name not in ("errors", "trace", "kept")]
+MEASURES = ("rms", "worst", "band")
 
 
 def about() -> dict[str, Any]:
@@ -21,10 +29,24 @@ def about() -> dict[str, Any]:
 
 def written(cells: list[Cell], told: dict[str, Any], folder: Path) -> dict[str, Path]:
     """The files by what they are."""
-    table.write(cells, told, folder / "accuracy.csv")
+    table(cells, told, folder / "accuracy.csv")
     drawn = _drawn(cells, folder)
     page.write(cells, told, drawn, folder / "accuracy.md")
     return {"page": folder / "accuracy.md", "table": folder / "accuracy.csv", **drawn}
+
+
+def table(cells: Sequence[Cell], told: dict[str, Any], path: Path) -> None:
+    """A line of provenance as JSON behind a `#`, then a row a cell: [s], [byte], errors over the peak of the truth."""
+    names = [*PLAIN, "mostly", *(f"{q} {m}" for q in QUANTITIES for m in MEASURES)]
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with path.open("w", newline="", encoding="utf-8") as file:
+        file.write(f"# {json.dumps(told, ensure_ascii=False, default=str)}\n")
+        rows = csv.DictWriter(file, names)
+        rows.writeheader()
+        for cell in cells:
+            row: dict[str, Any] = {n: "" if getattr(cell, n) is None else getattr(cell, n) for n in PLAIN}
+            errors = {f"{q} {m}": own[m] for q, own in cell.errors.items() for m in MEASURES}
+            rows.writerow({**row, "mostly": mostly(cell), **errors})
 
 
 def _drawn(cells: list[Cell], folder: Path) -> dict[str, Path]:

@@ -53,6 +53,20 @@ def test_the_answer_comes_first_and_columns_that_say_nothing_do_not(tmp_path):
     assert "quantised" not in table[: table.index("without dry friction")]
 
 
+def test_no_legend_lies_on_a_curve(tmp_path, monkeypatch):
+    pictures, drawn = pytest.importorskip("palpate.studies.stability.pictures"), []
+    blank = pictures.figure
+    monkeypatch.setattr(pictures, "figure", lambda *size: drawn.append(blank(*size)) or drawn[-1])
+    same = {"rate": 1000.0, "delay": 0, "stable": 400.0, "bare": 380.0, "controlled": 4000.0}
+    pictures.draw_walls([{**same, "damping": 0.1 * k, "passive": 300.0} for k in range(3)], tmp_path / "walls.png")
+    pictures.draw_bodies([{**same, "body": "deformation.MassSpring"}], tmp_path / "bodies.png")
+    for figure in drawn:
+        (legend,) = figure.legends
+        box = legend.get_window_extent()
+        assert not any(box.overlaps(axes.get_window_extent()) or axes.get_legend() for axes in figure.axes)
+        assert box.x0 >= 0.0 and box.x1 <= figure.bbox.x1
+
+
 @pytest.mark.parametrize("wrong", [("--drag", "0"), ("--mass", "nan"), ("--lost", "2"), ("--filter", "0")])
 def test_a_device_that_is_none_is_refused_by_name(tmp_path, wrong):
     result = call("-o", str(tmp_path), *wrong)

@@ -18,7 +18,7 @@ from palpate.physics.bodies.condensed_basis import Basis
 from palpate.physics.bodies.condensed_body import CondensedBody
 from palpate.physics.contact.spread import Spreader
 from palpate.physics.geometry.mesh import Mesh, plane
-from palpate.studies.accuracy.bases import ready
+from palpate.studies.accuracy.bodies.reduced_fe import ready
 from palpate.studies.accuracy.places import stored
 
 YOUNG, POISSON, RADIUS = 19e3, 0.45, 8e-3

@@ -18,7 +18,7 @@ def pylsl(tmp_path_factory):
 
 
 def test_events_come_with_their_times(pylsl):
-    from palpate.studies.psychophysics.markers import markers
+    from palpate.studies.psychophysics.session import markers
 
     task = f"t{uuid.uuid4().hex[:8]}"
     mark = markers(task, "01")

@@ -16,7 +16,7 @@ from palpate.models.fe.study.paper_claims import HIGH, LOW
 from palpate.models.fe.study.press_record import PressRun
 from palpate.models.fe.study.section import finger, flow, section
 from palpate.physics.contact.tactile import growth
-from palpate.views.pictures.style import DEFORMATION, FAINT, FRICTION, INK, LOOK, NORMAL, figure
+from palpate.views.pictures.style import FAINT, FRICTION, INK, LOOK, NORMAL, deformation_colours, figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -40,7 +40,6 @@ def draw(runs: dict[str, PressRun], folder: Path) -> list[Path]:
     ModuleNotFoundError: no matplotlib. ArgumentError: a run that cannot be read.
     """
     from matplotlib import rc_context
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
 
     pictures = {"force.png": force, "strain.png": strains}
     if all(run.record().force[-1] >= HIGH for run in runs.values()):
@@ -48,9 +47,7 @@ def draw(runs: dict[str, PressRun], folder: Path) -> list[Path]:
     made = []
     for name, picture in pictures.items():
         with rc_context(LOOK):
-            shown = picture(runs)
-            FigureCanvasAgg(shown)
-            shown.savefig(folder / name, bbox_inches="tight")
+            picture(runs).savefig(folder / name, bbox_inches="tight")
         made.append(folder / name)
     return made
 
@@ -162,10 +159,8 @@ def _volumes(run: PressRun) -> tuple[np.ndarray, np.ndarray]:
     last = min(len(forces), int(np.searchsorted(forces, HIGH)) + 1)
     mesh, sides = run.mesh()
     solid = finger(mesh)
-    rows = []
-    for row in range(last):
-        rows.append(sides * volumes_above(solid, run.displacement(row), LEVELS))
-    return forces[:last], np.array(rows)
+    volumes = [sides * volumes_above(solid, run.displacement(row), LEVELS) for row in range(last)]
+    return forces[:last], np.array(volumes)
 
 
 def _spaced(at: np.ndarray, way: np.ndarray, apart: float) -> tuple[np.ndarray, np.ndarray]:
@@ -177,19 +172,13 @@ def _spaced(at: np.ndarray, way: np.ndarray, apart: float) -> tuple[np.ndarray, 
     return at[kept], way[kept]
 
 
-def _colours() -> Any:
-    from matplotlib.colors import LinearSegmentedColormap
-
-    return LinearSegmentedColormap.from_list("deformation", DEFORMATION)
-
-
 def _filled(axis: Axes, triangles: np.ndarray, values: np.ndarray, top: float) -> Any:
     from matplotlib.tri import Triangulation
 
     flat = 1e3 * triangles.reshape(-1, 2)
     return axis.tripcolor(
         Triangulation(flat[:, 0], flat[:, 1], np.arange(len(flat)).reshape(-1, 3)), values.ravel(),
-        shading="gouraud", cmap=_colours(), vmin=0.0, vmax=top, rasterized=True,
+        shading="gouraud", cmap=deformation_colours(), vmin=0.0, vmax=top, rasterized=True,
     )  # fmt: skip
 
 

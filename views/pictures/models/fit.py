@@ -8,7 +8,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from matplotlib import colormaps
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from palpate.models.fit.curve_fit import Fit, fit_curve
@@ -103,14 +102,8 @@ def _models(result: Chosen, name: str, path: Path) -> Path:
             fit = fit_curve(model, *data, constant=True)
             chosen = model.name == best.model.name
             text = f"{model.name}: {fit.rmse * 1e3:.1f} mN" + (" (chosen)" if chosen else "")
-            axes.plot(
-                fine * 1e3,
-                fit(fine),
-                STYLES[model.name],
-                lw=5.0 if chosen else 1.2,
-                alpha=0.4 if chosen else 1.0,
-                label=text,
-            )
+            look = {"lw": 5.0, "alpha": 0.4} if chosen else {"lw": 1.2}
+            axes.plot(fine * 1e3, fit(fine), STYLES[model.name], label=text, **look)
     left.set(xlabel="depth [mm]", ylabel="force [N]", title=f"Subject {name}: five regressions of the force, RMSE")
     right.set(xlabel="depth [mm]", ylabel="standard deviation [N]", ylim=(0, None),
               title=f"Subject {name}: five regressions of the scatter, RMSE")  # fmt: skip
@@ -185,6 +178,5 @@ def _plain(text: str) -> str:
 
 
 def _save(figure: Figure, path: Path) -> Path:
-    FigureCanvasAgg(figure)
     figure.savefig(path, dpi=130)
     return path

@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from palpate.models.fit.tissue.fit import Fit
@@ -59,5 +58,5 @@ def _profiles(fit: Fit, path: Path) -> Path:
 
 
 def _saved(figure: Figure, path: Path) -> Path:
-    FigureCanvasAgg(figure).print_png(str(path))
+    figure.savefig(path)
     return path

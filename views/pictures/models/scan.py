@@ -26,13 +26,10 @@ def draw(
     pitch: float = 1.2e-3,
 ) -> None:
     """Three images with the outlines found in them, the section along the finger, and the beams at a depth [m]."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
+    from matplotlib.figure import Figure
 
     x, y, z = (tip.origin[k] + tip.spacing[k] * np.arange(tip.skin.shape[k]) for k in range(3))
-    figure = plt.figure(figsize=(13, 7), layout="constrained")
+    figure = Figure(figsize=(13, 7), layout="constrained")
     grid = figure.add_gridspec(2, 3)
     seen = [k for k, curve in enumerate(outlines.skin) if curve is not None]
     for column, place in enumerate((0.25, 0.5, 0.8)):
@@ -52,16 +49,11 @@ def draw(
         edges = [p * 1e3 for p in parts if np.isfinite(p)]
         axes.vlines(at, edges[0], edges[-1], colors="0.75", linewidths=0.8, zorder=0)
         axes.plot([at] * len(edges), edges, ".", color="0.4", markersize=3, zorder=0)
-    axes.set(
-        title="along the finger, with beams",
-        xlabel="tip  ←  y [mm]  →  hand",
-        ylabel="pulp  ←  z [mm]  →  nail",
-        aspect="equal",
-    )
+    axes.set(title="along the finger, with beams", xlabel="tip  ←  y [mm]  →  hand", ylabel="pulp  ←  z [mm]  →  nail",
+             aspect="equal")  # fmt: skip
     axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=8)
     _beams(figure.add_subplot(grid[1, 2]), tip, depth, pitch)
     figure.savefig(path, dpi=110)
-    plt.close(figure)
 
 
 def _image(axes: Axes, stack: Stack, outlines: Outlines, number: int) -> None:

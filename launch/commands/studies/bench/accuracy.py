@@ -42,9 +42,9 @@ def accuracy(
     from palpate.launch.load.classes import find_class
     from palpate.studies.accuracy import methods as known
     from palpate.studies.accuracy.cells import compute, matrix
-    from palpate.studies.accuracy.limits import mostly, told_apart
     from palpate.studies.accuracy.output.report import about as versions
     from palpate.studies.accuracy.output.report import written
+    from palpate.studies.accuracy.refinement import mostly, told_apart
     from palpate.studies.accuracy.touches import chosen
 
     about, wanted = versions(), chosen(touches)

@@ -1,4 +1,7 @@
-"""How fast a method comes to its limit when it is refined: the order that is observed, beside that of theory.
+"""What refining a method tells: which part of its error is of discretisation, and how fast it comes to its limit.
+
+With refinement a curve of errors flattens at the error of its model. The order of convergence that is observed stands
+beside that of theory.
 
 In time, by three settings whose steps are halved, without any truth: |f(T) - f(T/2)| falls as T^p. The steps of contact
 and bodies are implicit Euler, so p = 1. On meshes, by the error against the reference: it falls as h^p. Quadratic
@@ -18,6 +21,12 @@ import numpy as np
 
 from palpate.studies.accuracy.cells import Cell
 
+AXES = {"step": "shorter steps", "mesh": "finer meshes", "basis": "more vertices in its basis"}
+"""Axes on which a setting can be called finer than another."""
+FLAT = 0.2
+"""[1] Change of the force by the last refinement, over what is left, below which an axis has come to its end."""
+SMALL = 0.5
+"""[1] Share of the error below which the distance from the finest setting is not what it mostly is."""
 THEORY = {"step": "1", "mesh": "2 to 4", "basis": "2"}
 LINEAR = "2"
 """On meshes of linear elements."""
@@ -25,6 +34,54 @@ MESHED = ("full-FE", "FElupe", "CalculiX", "MuJoCo")
 """Methods that are refined by cells of their own."""
 LEAST = 1e-7
 """[1] Change below which there is nothing to converge."""
+
+
+def refined(cells: Sequence[Cell]) -> dict[tuple[str, str, str], list[Cell]]:
+    """The results on each axis of refinement, by touch, method and axis, the finest last."""
+    groups: dict[tuple[str, str, str], list[Cell]] = {}
+    for cell in cells:
+        if cell.status == "ok" and cell.axis in AXES:
+            groups.setdefault((cell.touch, cell.method, cell.axis), []).append(cell)
+    return groups
+
+
+def told_apart(cells: Sequence[Cell]) -> None:
+    """Hold each setting against the finest on its axis, and that against the truth. Bodies of one family (the name up
+    to its dash) share their axes: what a condensed body's basis is short of, it is short of with dents, too."""
+    falling: dict[tuple[str, str], list[str]] = {}
+    for (touch, method, axis), own in refined(cells).items():
+        if len(own) < 2:
+            continue
+        for cell in own:
+            apart = np.array(cell.trace) - np.array(own[-1].trace)
+            cell.discretisation = float(np.sqrt(np.mean(apart**2)))
+            cell.finest = own[-1].errors["force"]["rms"]
+        if still_falling(own):
+            falling.setdefault((touch, family(method)), []).append(axis)
+    for cell in cells:
+        cell.falling = " ".join(dict.fromkeys(falling.get((cell.touch, family(cell.method)), [])))
+
+
+def family(method: str) -> str:
+    """What its bodies have in common."""
+    return method.partition("-")[0]
+
+
+def still_falling(own: Sequence[Cell]) -> bool:
+    """Whether the last refinement of an axis still changed the force by a share of what is left."""
+    return (own[-2].discretisation or 0.0) >= FLAT * (own[-1].errors["force"]["rms"])
+
+
+def mostly(cell: Cell) -> str:
+    """What the error mostly is: "model", "discretisation", with the axes on which it still falls, or
+    "reference" where it cannot be told."""
+    if cell.status != "ok" or cell.discretisation is None:
+        return ""
+    if cell.at_reference():
+        return "reference"
+    if cell.discretisation >= SMALL * cell.errors["force"]["rms"]:
+        return "discretisation"
+    return f"discretisation ({', '.join(cell.falling.split())})" if cell.falling else "model"
 
 
 @dataclass(frozen=True)
@@ -56,12 +113,8 @@ class OrderStudy:
 
 def studies(cells: Sequence[Cell]) -> list[OrderStudy]:
     """Of every method that was refined in its step, and of the full models on their meshes."""
-    groups: dict[tuple[str, str, str], list[Cell]] = {}
-    for cell in cells:
-        if cell.status == "ok" and cell.axis in THEORY:
-            groups.setdefault((cell.touch, cell.method, cell.axis), []).append(cell)
     result = []
-    for (touch, method, axis), own in groups.items():
+    for (touch, method, axis), own in refined(cells).items():
         if axis == "step":
             sizes, differences = in_time(own)
         elif axis == "basis" or method in MESHED:

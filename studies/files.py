@@ -1,0 +1,55 @@
+"""Files of studies and experiments: YAML that describes one, and results that are whole at any time."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Annotated, Any
+
+import msgspec
+
+from palpate.engine.faults import Faults
+from palpate.launch.load.files import find_file
+from palpate.launch.load.values.lines import Line, fill
+from palpate.launch.load.values.source import YamlSource, read
+
+Text = Annotated[str, msgspec.Meta(description="a text")]
+Whole = Annotated[int, msgspec.Meta(ge=0, description="a whole number from 0")]
+
+
+def found(name: str, shipped: Path, what: str) -> Path:
+    """The file of this name that ships in a folder, or that of a path. GraphError: there is none."""
+    file = shipped / f"{name}.yaml"
+    return file if "/" not in name and file.is_file() else find_file(name, shipped, what=what)
+
+
+def filled(kind: type[Line], path: Path, keys: str) -> tuple[Line, YamlSource]:
+    """What a file says, and where each thing stands; `keys` it has at least. GraphError: all that is wrong with it."""
+    source, faults = read(path), Faults()
+    if not isinstance(source.data, dict):
+        faults.add(f"expected a mapping with {keys}", "", source.place())
+        faults.done()
+    given = fill(kind, source, faults)
+    faults.done()
+    assert given is not None
+    return given, source
+
+
+def graph_of(path: Path, name: str) -> str:
+    """The graph that a file names: one beside it, or one that ships."""
+    beside = path.parent / name
+    return str(beside) if beside.is_file() else name
+
+
+def replace(file: Path, content: Any) -> None:
+    """Write a file so that it is the old or the new one at any time."""
+    part = file.with_name(f".{file.name}.part")
+    try:
+        with open(part, "wb") as out:
+            out.write(content)
+            out.flush()
+            os.fsync(out.fileno())
+        part.replace(file)
+    except OSError:
+        part.unlink(missing_ok=True)
+        raise
