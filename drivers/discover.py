@@ -38,6 +38,15 @@ class Found:
     missing: str
     serial: str
 
+    @property
+    def next_step(self) -> str:
+        """What stands in the way; empty: nothing."""
+        if self.missing:
+            return 'pip install "palpate[devices]"'
+        if not self.file:
+            return "no device file: its kernel driver is not bound"
+        return "" if self.permitted else "not permitted: palpate devices --install-udev"
+
 
 def devices() -> Iterator[Found]:
     """All known devices on USB."""
@@ -49,7 +58,6 @@ def devices() -> Iterator[Found]:
 
 def _found(kind: Known, folder: Path) -> Found:
     bus, number = _word(folder / "busnum"), _word(folder / "devnum")
-    serial = _word(folder / "serial")
     file: Path | None
     if kind.through == "usb":
         file, port = DEV / "bus" / "usb" / bus.zfill(3) / number.zfill(3), f"{bus}:{number}"
@@ -68,7 +76,7 @@ def _found(kind: Known, folder: Path) -> Found:
         permitted=file is not None and os.access(file, os.R_OK | os.W_OK),
         bound=_bound(folder),
         missing=kind.needs if kind.needs and not _installed(kind.needs) else "",
-        serial=serial,
+        serial=_word(folder / "serial"),
     )
 
 

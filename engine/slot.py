@@ -88,21 +88,9 @@ class Input:
     """
 
     __slots__ = (
-        "arrived",
-        "dead",
-        "every",
-        "feed",
-        "kind",
-        "loop",
-        "message",
-        "output",
-        "port",
-        "producer",
-        "queue",
-        "rank",
-        "stream",
-        "waits",
-    )
+        "arrived", "dead", "every", "feed", "kind", "loop", "message", "output", "port", "producer", "queue", "rank",
+        "stream", "waits",
+    )  # fmt: skip
 
     def __init__(self, job: InputJob | None, port: Port, output: Output | None) -> None:
         self.port, self.kind, self.output = port, port.type, output

@@ -44,7 +44,8 @@ def run_and_open(
     if launch.duration is None:
         raise ArgumentError(f"{graph}: the graph has no duration, so the run would never end; pass duration=2.0 [s]")
     carry = _carrying(launch, sensitivity) if sensitivity else None
-    if launch.place is None and launch.clock != "real" and not _hardware(launch):
+    may_fuse = launch.place is None and launch.clock != "real"
+    if may_fuse and not any(spec.cls.hardware for spec in launch.load().nodes.values()):
         launch = launch.but(place=FUSED)  # the answer is the same, and no process has to start
     outcome = execute(launch)
     if not outcome.result.ok:
@@ -84,11 +85,6 @@ def described(
         scene=None if scene is None else find_file(scene, SCENES, what="scene"),
         duration=None if duration is None else _seconds(duration),
     )
-
-
-def _hardware(launch: LaunchFile) -> bool:
-    """Whether a node of the graph talks to a device, which takes the real clock."""
-    return any(spec.cls.hardware for spec in launch.load().nodes.values())
 
 
 def _fresh(name: str) -> Path:

@@ -62,22 +62,9 @@ class Haptic(Node):
 
     def start(self) -> None:
         observe = self.passivity or self.wants("energy")
-        self.gains = np.array(
-            [
-                self.stiffness,
-                self.damping,
-                self.contact_damping,
-                self.hysteresis,
-                self.mass,
-                self.drag,
-                self.limit,
-                self.slew,
-                self.resolution,
-                observe,
-                self.passivity,
-            ],
-            dtype=float,
-        )
+        given = self.stiffness, self.damping, self.contact_damping, self.hysteresis, self.mass, self.drag
+        bounds = self.limit, self.slew, self.resolution
+        self.gains = np.array([*given, *bounds, observe, self.passivity], dtype=float)
         self._whole = self._lost = False
         self._contact, self._device = Lost(), Lost()
         self._pace = Pace()
@@ -157,17 +144,10 @@ class Haptic(Node):
         if self._tripped:
             share *= self._closed(dt)
         self.state[MODE, WITHHELD] = 1.0 - share
-        a = contact.lateral_force
+        a, approach = contact.lateral_force, contact.compression + contact.indentation
+        rubbing = p[0] - a[0], p[1] - a[1], p[2] - a[2]
+        pressing = contact.force, contact.normal, rubbing, approach
         fx, fy, fz, touching, energy = self._haptic(
-            self.gains,
-            self.state,
-            self.past,
-            contact.force,
-            contact.normal,
-            (p[0] - a[0], p[1] - a[1], p[2] - a[2]),
-            contact.compression + contact.indentation,
-            pose.position,
-            pose.velocity,
-            dt,
+            self.gains, self.state, self.past, *pressing, pose.position, pose.velocity, dt
         )
         return Force(force=(fx, fy, fz), state="contact" if touching else "free", energy=energy)

@@ -42,7 +42,7 @@ class EmulatedFalcon:
     image   the firmware that it takes; any other is loaded, too, and does not run
     loaded  whether it has its firmware already
     homing  [s] in homing mode until the hand has moved it past its marks
-    waits   whether the hand goes its way when `go` says so; otherwise as soon as the device is homed
+    waits   whether the hand goes its way when `hand.go` says so; otherwise as soon as the device is homed
     now     clock [ns]; sleep: wait [s]
     """
 
@@ -58,9 +58,9 @@ class EmulatedFalcon:
         now: Callable[[], int] = time.monotonic_ns,
         sleep: Callable[[float], None] = time.sleep,
     ) -> None:
-        self.hand = EmulatedOperator(script or Script())
+        self.hand = EmulatedOperator(script or Script(), waits)
         self.days = Days(faults or EmulatedFaults())
-        self.image, self.homing, self.waits = image, homing, waits
+        self.image, self.homing = image, homing
         self.now, self.sleep = now, sleep
         self.running = loaded
         self.homed_at: int | None = None
@@ -78,14 +78,10 @@ class EmulatedFalcon:
             raise DeviceError(f"no {NAME} on USB: the emulated one is unplugged")
         return EmulatedChip(self)
 
-    def go(self) -> None:
-        """The hand begins its way."""
-        self.waits = False
-
     def answer(self, frame: bytes) -> bytes:
         """One frame to the running firmware, and its answer."""
         now = self.now()
-        if not self.waits:
+        if not self.hand.waits:
             self.days.begin(now)
         words, state = frames.numbers(frame[1:13]), frame[13] - frames.BASE
         self.seen.append((now, words))
@@ -95,7 +91,7 @@ class EmulatedFalcon:
         elif self.homed_at is None:
             self.homed_at = now + round(self.homing * 1e9)
         homed = self.homed_at is not None and now >= self.homed_at
-        if homed and not self.waits and not self.hand.begun:
+        if homed:
             self.hand.begin(now)
         place = self.hand.move(self._force, now)
         self.torques = frames.torques(words)

@@ -24,15 +24,11 @@ class EmulatedRawHid:
     def __init__(
         self, script: Script | None = None, faults: EmulatedFaults | None = None, *, waits: bool = False
     ) -> None:
-        self.hand, self.days, self.waits = EmulatedOperator(script or Script()), Days(faults or EmulatedFaults()), waits
+        self.hand, self.days = EmulatedOperator(script or Script(), waits), Days(faults or EmulatedFaults())
         self.said: deque[tuple[int, bytes]] = deque()
         self.force = (0.0, 0.0, 0.0)
         self.until = 0
         self.sequence = 0
-
-    def go(self) -> None:
-        """The hand begins its way."""
-        self.waits = False
 
     def connect(self) -> EmulatedRawHid:
         """Open the device. DeviceError: it is unplugged."""
@@ -50,10 +46,9 @@ class EmulatedRawHid:
         if not isinstance(message, raw.RawCommand):
             return
         now = time.monotonic_ns()
-        if not self.waits:
+        if not self.hand.waits:
             self.days.begin(now)
-        if not self.waits and not self.hand.begun:
-            self.hand.begin(now)
+        self.hand.begin(now)
         place = self.hand.move(self._force_at(now), now)
         if message.flags & raw.ENABLE:
             x, y, z = (UNIT * v for v in message.values[:3])

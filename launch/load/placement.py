@@ -17,8 +17,7 @@ from typing import Annotated
 import msgspec
 
 from palpate.engine.faults import Faults, choices
-from palpate.engine.force_path import force_path
-from palpate.engine.plan import Plan
+from palpate.engine.plan import Plan, force_path
 from palpate.launch.load.files import PLACES, find_file
 from palpate.launch.load.values.lines import fill
 from palpate.launch.load.values.source import YamlSource, read

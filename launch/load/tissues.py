@@ -24,19 +24,8 @@ if TYPE_CHECKING:
 
 TISSUES = Path(next(iter(palpate.graphs.__path__))).resolve() / "tissues"
 NEEDED = (
-    "tissue",
-    "species",
-    "state",
-    "test",
-    "strain",
-    "rate",
-    "law",
-    "parameters",
-    "shear",
-    "grade",
-    "read",
-    "source",
-)
+    "tissue", "species", "state", "test", "strain", "rate", "law", "parameters", "shear", "grade", "read", "source",
+)  # fmt: skip
 MORE = ("n", "spread", "doi", "remark", "relaxation", "scene")
 GRADES = {"P": "published", "S": "transcribed", "R": "computed from data", "assumed": "assumed"}
 PLAIN = ("alpha", "b")

@@ -67,11 +67,7 @@ class OnSurface(Placed):
 
 @lru_cache(maxsize=4)
 def surface_mesh(
-    surface: str,
-    vertices: int,
-    position: Vector3 = LEVEL,
-    rotation: Vector3 = LEVEL,
-    file_unit: str = "m",
+    surface: str, vertices: int, position: Vector3 = LEVEL, rotation: Vector3 = LEVEL, file_unit: str = "m"
 ) -> Mesh:
     """The triangle mesh of a surface, turned and moved to its place in the world.
 

@@ -94,13 +94,9 @@ class Series(Node):
 
         InputError: a law out of its range.
         """
-        k, n, c, free, previous = law = (
-            body.stiffness,
-            body.exponent,
-            body.damping,
-            body.rest_indentation,
-            body.previous_indentation,
-        )
+        k, n, c, free = body.stiffness, body.exponent, body.damping, body.rest_indentation
+        previous = body.previous_indentation
+        law = k, n, c, free, previous
         step, relaxation = body.step, body.relaxation
         if not _in_range(body):
             try:

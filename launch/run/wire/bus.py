@@ -255,7 +255,10 @@ class Bus:
             self._watch.add(number, lambda: None)
         while (
             any(count > 0 for count in missing.values())
-            or any(self._readers(stream) < len(groups) for stream, groups in self._external.items())
+            or any(
+                self._outlet.linked(stream) + self._far_readers[stream.encode() + b"\0"] < len(groups)
+                for stream, groups in self._external.items()
+            )
             or (any(inlet.awaits_writer for inlet in self._inlets.values()) and not (self.real and now() > until))
         ):
             for note in self._subscriptions(self._observers):
@@ -268,9 +271,6 @@ class Bus:
             poll()
         for number in wakes:
             self._watch.remove(number)
-
-    def _readers(self, stream: str) -> int:
-        return self._outlet.linked(stream) + self._far_readers[stream.encode() + b"\0"]
 
     def _subscriptions(self, socket: zmq.Socket) -> Iterable[bytes]:
         """Who has come or gone at a publisher."""

@@ -51,12 +51,8 @@ def split_command(body: bytes) -> tuple[bytes, bytes]:
 
 def ready(properties: Mapping[bytes, bytes]) -> bytes:
     """The READY command with these properties."""
-    return command(
-        b"READY",
-        b"".join(
-            bytes((len(name),)) + name + len(value).to_bytes(4, "big") + value for name, value in properties.items()
-        ),
-    )
+    named = (bytes((len(name),)) + name + len(value).to_bytes(4, "big") + value for name, value in properties.items())
+    return command(b"READY", b"".join(named))
 
 
 def properties(data: bytes) -> dict[bytes, bytes]:
