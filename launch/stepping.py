@@ -97,8 +97,7 @@ class Stepper:
 
     def __init__(self, given: LaunchFile | Plan) -> None:
         launch = given if isinstance(given, LaunchFile) else None
-        self.plan = planned(given) if isinstance(given, LaunchFile) else given
-        """What runs of the graph."""
+        self.plan = planned(given) if isinstance(given, LaunchFile) else given  # what runs of the graph
         graph = self.plan.graph
         devices = [name for name in self.plan.order if graph.nodes[name].cls.hardware]
         if devices or (launch and launch.clock == "real"):

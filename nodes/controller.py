@@ -14,14 +14,10 @@ from palpate.physics.device.controller import BRAKE, ENERGY, FORCE, LIMIT, MODE,
 from palpate.physics.entry_point import entry_point
 
 ZERO = (0.0, 0.0, 0.0)
-GENTLE = 500.0
-"""[N/s] by which the force of the added damping rises at most after an outage, until contact ends."""
-SETTLE = 1.0
-"""[s] in which the force comes back after an outage while it pushes the hand out, instead of `ramp`."""
-LENT = 0.5e-3
-"""[J] of debt that the display may make after an outage before the force stops rising."""
-YIELD = 25e-3
-"""[s] in which the force falls to zero again while the display gives out more than that."""
+GENTLE = 500.0  # [N/s] by which the force of the added damping rises at most after an outage, until contact ends
+SETTLE = 1.0  # [s] in which the force comes back after an outage while it pushes the hand out, instead of `ramp`
+LENT = 0.5e-3  # [J] of debt that the display may make after an outage before the force stops rising
+YIELD = 25e-3  # [s] in which the force falls to zero again while the display gives out more than that
 
 
 class Haptic(Node):

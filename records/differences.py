@@ -12,8 +12,7 @@ import numpy as np
 from palpate.messages import Message, MessageError, fields, pack, unpack
 from palpate.messages.base import HEADER
 
-ELSEWHERE = 1e-6
-"""Relative tolerance for a recording that was computed with other versions or instructions."""
+ELSEWHERE = 1e-6  # relative tolerance for a recording that was computed with other versions or instructions
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ import numpy as np
 from palpate.engine.provenance import made_by, rounding
 from palpate.engine.schedule import nanoseconds
 from palpate.engine.slot import NodeError
-from palpate.messages import MessageError, fields, unpack
+from palpate.messages import fields
 from palpate.nodes.logger.mcap import PROFILE
 from palpate.records.differences import ELSEWHERE, Difference, NodeReport, Report, compare_one
 from palpate.records.format.head import head_of, is_head
@@ -150,12 +150,7 @@ class _Filling:
                 continue
             skipped = self._uncomputed.get(output.stream)
             if skipped:
-                try:
-                    stored = unpack(whole[output.stream], output.kind)
-                except MessageError as error:
-                    raise RecordingError(
-                        f"{self.stored.path}: stream {output.stream!r}, tick {tick}: {error}"
-                    ) from None
+                stored = self.stored.decoded(output.stream, tick, whole[output.stream], output.kind)
                 message = msgspec.structs.replace(message, **{name: getattr(stored, name) for name in skipped})
             compare_one(own, output.stream, whole[output.stream], message, self.tolerance, self._scales)
 

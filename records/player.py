@@ -19,7 +19,7 @@ from palpate.engine.job import node_job
 from palpate.engine.plan import Plan, force_path
 from palpate.engine.schedule import needed
 from palpate.engine.slot import Input, NodeError, Slot
-from palpate.messages import Message, MessageError, pack, unpack
+from palpate.messages import Message, pack
 from palpate.nodes.base import Node, SettingError
 from palpate.records.format.head import Head, head_of
 from palpate.records.stored import RecordingError, Stored
@@ -141,11 +141,7 @@ class Player:
         for stream, kind in self.kinds.items():
             payload = payloads.get(stream)
             if payload is not None:
-                try:
-                    message = unpack(payload, kind)
-                except MessageError as error:
-                    raise RecordingError(f"{self.recording.path}: stream {stream!r}, tick {tick}: {error}") from None
-                self.history[stream].add(message)
+                self.history[stream].add(self.recording.decoded(stream, tick, payload, kind))
 
     def step(self, tick: int, payloads: dict[str, bytes], now: int | None = None) -> dict[str, bytes]:
         """Run all nodes that step at this tick; what they send, in its wire form. NodeError: one raised.
@@ -246,8 +242,7 @@ def plan_of(recording: Stored) -> Plan:
     return planned
 
 
-MOST = 65_536
-"""Messages kept at most for a reader that asks for none: far more than a logger can bring out of order."""
+MOST = 65_536  # messages kept at most for a reader that asks for none: far more than a logger can bring out of order
 
 
 class History:
@@ -255,8 +250,7 @@ class History:
 
     def __init__(self) -> None:
         self.last: Message | None = None
-        self.readers: dict[object, int] = {}
-        """Of each reader the last tick that it has used."""
+        self.readers: dict[object, int] = {}  # of each reader the last tick that it has used
         self._messages: dict[int, Message] = {}
         self._ticks: deque[int] = deque()
 

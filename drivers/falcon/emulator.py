@@ -24,8 +24,7 @@ from palpate.physics.device.falcon_statics import force_kernel
 MODEM_BYTES = b"\x01\x60"
 CLOCK = 3.0e6  # [Hz] of the chip's baud generator
 OFFSET = (137, -411, 262)  # [counts] of the encoders before homing
-IMAGE = random.Random(48).randbytes(9973)
-"""Stands for a firmware: only an emulator takes it."""
+IMAGE = random.Random(48).randbytes(9973)  # stands for a firmware: only an emulator takes it
 
 
 def baud(divisor: int) -> float:
@@ -125,12 +124,8 @@ class EmulatedChip:
         self.free = 0  # [ns] when the line back is free again
         self.timer = device.now()
 
-    def _plugged(self) -> None:
-        if self.device.days.unplugged(self.device.now()):
-            raise DeviceError(f"the {NAME} is gone. Plug it in again.", lost=True)
-
     def control(self, request: int, value: int) -> None:
-        self._plugged()
+        self.device.days.check(NAME, self.device.now())
         if request == ftdi.RESET and value == ftdi.PURGE_RX:
             self.line.clear()
         elif request == ftdi.RESET and value == ftdi.PURGE_TX:
@@ -149,7 +144,7 @@ class EmulatedChip:
             self.dtr = value == ftdi.DTR_HIGH
 
     def write(self, data: bytes) -> None:
-        self._plugged()
+        self.device.days.check(NAME, self.device.now())
         device = self.device
         taken = round(10.0 / baud(self.divisor) * 1e9 * len(data))
         if self.divisor == firmware.SLOW and self.dtr:
@@ -195,8 +190,10 @@ class EmulatedChip:
         due = self.timer + period
         if len(self.line) >= ftdi.PACKET - 2:
             due = min(due, self.line[ftdi.PACKET - 3][0])
-        self._wait(min(due, deadline))
-        self._plugged()
+        left = min(due, deadline) - device.now()
+        if left > 0:
+            device.sleep(left * 1e-9)
+        self.device.days.check(NAME, self.device.now())
         if due > deadline:
             return b""
         self.timer = due
@@ -204,11 +201,6 @@ class EmulatedChip:
         while self.line and len(packet) < ftdi.PACKET - 2 and self.line[0][0] <= due:
             packet.append(self.line.popleft()[1])
         return MODEM_BYTES + bytes(packet)
-
-    def _wait(self, until: int) -> None:
-        left = until - self.device.now()
-        if left > 0:
-            self.device.sleep(left * 1e-9)
 
     def close(self) -> None:
         self.line.clear()

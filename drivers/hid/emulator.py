@@ -36,12 +36,8 @@ class EmulatedRawHid:
             raise DeviceError(f"no {raw.NAME} on USB: the emulated one is unplugged")
         return self
 
-    def _plugged(self) -> None:
-        if self.days.unplugged(time.monotonic_ns()):
-            raise DeviceError(f"the {raw.NAME} is gone. Plug it in again.", lost=True)
-
     def write(self, report: bytes) -> None:
-        self._plugged()
+        self.days.check(raw.NAME, time.monotonic_ns())
         message = raw.unpack(report)
         if not isinstance(message, raw.RawCommand):
             return
@@ -76,7 +72,7 @@ class EmulatedRawHid:
         return lambda place: force
 
     def read(self, size: int, timeout: float) -> bytes:
-        self._plugged()
+        self.days.check(raw.NAME, time.monotonic_ns())
         end = time.monotonic_ns() + round(timeout * 1e9)
         due = self.said[0][0] if self.said else end + 1
         left = min(due, end) - time.monotonic_ns()
@@ -118,8 +114,7 @@ class EmulatedReports:
             time.sleep(max(0.0, min(self.due, end) - time.monotonic()))
         now = time.monotonic()
         self.days.begin(time.monotonic_ns())
-        if self.days.unplugged(time.monotonic_ns()):
-            raise DeviceError("the device is gone. Plug it in again.", lost=True)
+        self.days.check("device", time.monotonic_ns())
         if now >= self.due and not self.days.silent(time.monotonic_ns()):
             self.due = now + self.PERIOD
             self.said += [spoilt for data in self.moved(now - self.begun) if (spoilt := self.days.spoil(data))]

@@ -15,6 +15,8 @@ from functools import reduce
 from operator import xor
 from typing import NamedTuple
 
+import numpy as np
+
 from palpate.drivers.connected import PortDriver
 from palpate.drivers.emulate import EmulatedDevice
 from palpate.drivers.errors import DeviceError
@@ -71,15 +73,9 @@ class PacketReader(FrameReader[Packet]):
 
 def cells(dots: list[bool], rows: int, columns: int) -> list[bytes]:
     """The bytes of each line of cells, of dots row by row."""
-    lines = []
-    for top in range(0, rows, CELL_HEIGHT):
-        line = bytearray(columns // CELL_WIDTH)
-        for y in range(CELL_HEIGHT):
-            for x in range(columns):
-                if dots[(top + y) * columns + x]:
-                    line[x // CELL_WIDTH] |= 1 << y + CELL_HEIGHT * (x % CELL_WIDTH)
-        lines.append(bytes(line))
-    return lines
+    blocks = np.array(dots).reshape(rows // CELL_HEIGHT, CELL_HEIGHT, columns // CELL_WIDTH, CELL_WIDTH)
+    bits = blocks.transpose(0, 2, 3, 1).reshape(rows // CELL_HEIGHT, columns // CELL_WIDTH, -1)
+    return [line.tobytes() for line in np.packbits(bits, axis=-1, bitorder="little")]
 
 
 class DotPad(PortDriver[Line]):

@@ -47,8 +47,7 @@ class Scale(NamedTuple):
     torque: float
 
 
-LEAST, MOST = 1e-9, 1e12
-"""[1] Counts per unit beyond which no sensor is: real ones have 1e3 to 1e9."""
+LEAST, MOST = 1e-9, 1e12  # [1] counts per unit beyond which no sensor is: real ones have 1e3 to 1e9
 
 
 def scale(text: bytes) -> Scale:
@@ -83,8 +82,7 @@ class NetFT(PortDriver[Udp]):
     def __init__(self, host: str, rdt: int = PORT, web: int = 80) -> None:
         super().__init__(lambda: Udp(host, rdt, NAME))
         self.host, self.web = host, web
-        self.lost = 0
-        """[1] samples whose number was left out."""
+        self.lost = 0  # [1] samples whose number was left out
 
     def open(self) -> None:
         if not self.host:

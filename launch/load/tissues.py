@@ -28,10 +28,8 @@ NEEDED = (
 )  # fmt: skip
 MORE = ("n", "spread", "doi", "remark", "relaxation", "scene")
 GRADES = {"P": "published", "S": "transcribed", "R": "computed from data", "assumed": "assumed"}
-PLAIN = ("alpha", "b")
-"""Parameters without a unit."""
-RATIO = 0.499
-"""Poisson's ratio where the record has no bulk modulus."""
+PLAIN = ("alpha", "b")  # parameters without a unit
+RATIO = 0.499  # Poisson's ratio where the record has no bulk modulus
 
 
 def material(record: Mapping[str, Any]) -> Material:

@@ -17,8 +17,7 @@ from palpate.launch.load.values.source import YamlSource
 from palpate.messages import Message
 from palpate.nodes.base import Node, Port, inputs
 
-Kinds = dict[str, dict[str, type[Message]]]
-"""Of each node its streams and their message types."""
+Kinds = dict[str, dict[str, type[Message]]]  # of each node its streams and their message types
 
 
 @dataclass
@@ -211,20 +210,14 @@ def close_loops(connections: Iterable[Wire], order: list[str], faults: Faults) -
 
 def _way(after: dict[str, list[str]], start: str, end: str) -> list[str] | None:
     """A shortest way along direct edges, from start to end, both included."""
-    came: dict[str, str | None] = {start: None}
-    queue = [start]
-    for node in queue:
-        if node == end:
-            way = []
-            step: str | None = node
-            while step is not None:
-                way.append(step)
-                step = came[step]
-            return way[::-1]
-        for follower in after[node]:
-            if follower not in came:
-                came[follower] = node
-                queue.append(follower)
+    ways, seen = [[start]], {start}
+    for way in ways:
+        if way[-1] == end:
+            return way
+        for follower in after[way[-1]]:
+            if follower not in seen:
+                seen.add(follower)
+                ways.append([*way, follower])
     return None
 
 

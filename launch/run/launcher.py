@@ -76,8 +76,7 @@ class Launcher:
         self.show, self.printed, self.died = show, printed, died
         self.run_id = f"{os.getpid()}-{uuid.uuid4().hex[:8]}"
         self.result = Result()
-        self.origin = 0
-        """[ns] of the machine's monotonic clock at tick 0, once the run has begun."""
+        self.origin = 0  # [ns] of the machine's monotonic clock at tick 0, once the run has begun
         self.phase = "starting"
         self._real = any(job.clock == "real" for job in jobs)
         self._interrupts: list[int] = []
@@ -86,8 +85,7 @@ class Launcher:
         self._ended = 0.0
         self._tail: list[str] = []
         self._beat = 0.0
-        self._abreast = False
-        """Whether all reports that have come were taken."""
+        self._abreast = False  # whether all reports that have come were taken
         try:
             self._control = ControlChannel(self.run_id, self.jobs, address, key)
         except OSError:

@@ -15,8 +15,7 @@ from palpate.launch.run.result import Death, Result
 
 FULL_SCALE = 3.0  # [N] of the force bars, until a force goes beyond
 
-KERNELS = 150
-"""About as many as the kidney graph compiles."""
+KERNELS = 150  # about as many as the kidney graph compiles
 COMPILING = "compiling the kernels for this processor: once, 15 s to a minute; later runs start at once"
 
 

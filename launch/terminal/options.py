@@ -12,8 +12,7 @@ import typer
 if TYPE_CHECKING:
     from palpate.launch.load.launchfile import LaunchFile
 
-INTERRUPTED = 130
-"""Exit code of a run that Ctrl-C ended."""
+INTERRUPTED = 130  # exit code of a run that Ctrl-C ended
 
 
 def _names(incomplete: str) -> list[str]:

@@ -24,14 +24,10 @@ from palpate.physics.contact.series import (
 from palpate.physics.contact.terminal import LEAST_FREE, Terminal, check_law, free_recovery, law_at
 from palpate.physics.entry_point import entry_point
 
-FAR = 2e-3
-"""[m] From touching, beyond which an idle contact sleeps; at 1 kHz a finger of 2 m/s wakes it a step before."""
-STILL = 1e-9
-"""[m] Indentation below which an unloaded body counts as at rest."""
-LATE = 1.5
-"""[1] Steps of the contact after which a law is an old one."""
-RETURN = 0.1
-"""[s] in which the contact comes back to the whole approach when its body is back."""
+FAR = 2e-3  # [m] from touching, beyond which an idle contact sleeps; at 1 kHz a finger of 2 m/s wakes it a step before
+STILL = 1e-9  # [m] indentation below which an unloaded body counts as at rest
+LATE = 1.5  # [1] steps of the contact after which a law is an old one
+RETURN = 0.1  # [s] in which the contact comes back to the whole approach when its body is back
 Positive = msgspec.Meta(gt=0)
 Law = tuple[float, float, float, float, float]
 Heard = Surface | SeenSurface

@@ -29,8 +29,7 @@ BUILT_FROM = (
     "nodule_ratio", "capsule_thickness", "capsule_ratio",
 )  # fmt: skip
 """Settings that the basis depends on, or whether it needs dents."""
-LEAST = 1e-9
-"""[m/N] Compliance below which the body counts as rigid."""
+LEAST = 1e-9  # [m/N] compliance below which the body counts as rigid
 
 
 class ReducedFE(OnSurface):

@@ -37,14 +37,11 @@ class Follower(HeldGrip):
                 f"setting 'begin' [m]: found {self.begin}, {tuple(here.tolist())} from the device's origin, out of its "
                 f"reach. Points near {HOME} from its origin work; 'origin' places the device in the world."
             )
-        self.constants = np.array(
-            [self.mass, self.damping, self.hand_stiffness, self.hand_damping, self.resolution, FALCON.limit]
-        )
         self.state, self.memory = np.zeros((3, 3)), np.zeros((4, 3))
         self.state[POSITION] = here
         self.goal = here
         self._end, self._points = np.zeros(1), np.array([here, here])
-        self._fixed = (self.geometry, self.constants, self.state, self.memory, self._end, self._points)
+        self._fixed = (self.geometry, self.constants(self.resolution), self.state, self.memory, self._end, self._points)
         self._shapes = np.array([LINEAR])
         self._move = entry_point(grip_kernel, *self._fixed, self._shapes, 0.0, 0.0, 0.0, 0.0)
 

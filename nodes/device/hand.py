@@ -10,7 +10,7 @@ import numpy as np
 
 from palpate.messages import Vector3
 from palpate.nodes.base import Node
-from palpate.physics.device.falcon import HOME
+from palpate.physics.device.falcon import FALCON, HOME
 from palpate.physics.device.grip import LINEAR, MINIMUM_JERK
 
 
@@ -63,6 +63,11 @@ class HeldGrip(Node):
     damping: Annotated[float, "N s/m", msgspec.Meta(ge=0)] = 0.2
     hand_stiffness: Annotated[float, "N/m", msgspec.Meta(ge=0)] = 500.0
     hand_damping: Annotated[float, "N s/m", msgspec.Meta(ge=0)] = 10.0
+
+    def constants(self, resolution: float) -> np.ndarray:
+        """What `grip_kernel` takes of these settings; resolution [rad] of the encoders."""
+        own = self.mass, self.damping, self.hand_stiffness, self.hand_damping
+        return np.array([*own, resolution, FALCON.limit])
 
 
 class SimulatedOperator(HeldGrip):

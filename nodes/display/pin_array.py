@@ -22,8 +22,7 @@ from palpate.physics.display.shape_display import (
     pad_displacement,
 )
 
-NEIGHBOURS = 9
-"""Surface vertices round each pin from which its height is taken: a vertex and its ring on a square mesh."""
+NEIGHBOURS = 9  # surface vertices round each pin from which its height is taken: a vertex and its ring on a square mesh
 
 
 class PinArray(OnSurface):

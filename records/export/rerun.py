@@ -13,8 +13,7 @@ from palpate.records.export.shape import LENGTH, Pace, Tell, colours, displaced,
 from palpate.records.reader import Recording
 from palpate.records.stored import RecordingError
 
-Shape = tuple[np.ndarray, np.ndarray]
-"""Vertices and triangles of a body at rest."""
+Shape = tuple[np.ndarray, np.ndarray]  # vertices and triangles of a body at rest
 
 
 def write_rerun(

@@ -25,14 +25,11 @@ from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
 
 MAGIC = b"\x89MCAP0\r\n"
-LIBRARY = "palpate, sealed"
-"""Says in the header of a file that its metadata are sealed."""
+LIBRARY = "palpate, sealed"  # says in the header of a file that its metadata are sealed
 SEAL = "crc32"
 CHUNK_SIZE = 1 << 20  # [B]
-IN_FLIGHT = 2
-"""Chunks that wait for the disk at most; then the caller waits, so that memory stays bounded."""
-LEVEL = 1
-"""Of zstd. Random bits of doubles are most of a recording: level 3 takes 1.6 times as long for 0.4 % less."""
+IN_FLIGHT = 2  # chunks that wait for the disk at most; then the caller waits, so that memory stays bounded
+LEVEL = 1  # of zstd: most of a recording is random bits of doubles; level 3 takes 1.6 times as long for 0.4 % less
 
 _MESSAGE = struct.Struct("<BQHIQQ")  # opcode, length; channel, sequence number, two times
 _HEAD = np.dtype(

@@ -11,8 +11,7 @@ from palpate.launch.load.extras import install
 from palpate.launch.terminal.options import Json
 from palpate.launch.terminal.output import console, table, tell
 
-Side = Literal["auto", "up", "down", "left", "right"]
-"""Where the nail is in the images."""
+Side = Literal["auto", "up", "down", "left", "right"]  # where the nail is in the images
 
 
 def fingertip(

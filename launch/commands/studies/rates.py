@@ -16,8 +16,7 @@ if TYPE_CHECKING:
     from palpate.studies.rates import Rate, Slowed
     from palpate.studies.search import Trial
 
-PER_TICK = 3e-3
-"""[s] that an effect takes for a tick of the touch: it is computed again at all rates side by side."""
+PER_TICK = 3e-3  # [s] that an effect takes for a tick of the touch: it is computed again at all rates side by side
 
 
 def rates(

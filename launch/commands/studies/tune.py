@@ -16,8 +16,7 @@ if TYPE_CHECKING:
     from palpate.studies.search import Trial
     from palpate.studies.tune import Goal, Tuned
 
-PER_TICK = 1e-3
-"""[s] that a body takes for a tick of the touch, the reference beside it and the start included."""
+PER_TICK = 1e-3  # [s] that a body takes for a tick of the touch, the reference beside it and the start included
 
 
 def tune(

@@ -23,8 +23,7 @@ from palpate.launch.load.wiring import unknown
 from palpate.nodes.base import Node, Setting, SettingError, settings
 from palpate.nodes.base import convert as check
 
-FIXED = ("effects", "wanted")
-"""What a scene says of the graph as a whole."""
+FIXED = ("effects", "wanted")  # what a scene says of the graph as a whole
 
 
 @dataclass(frozen=True)

@@ -42,19 +42,15 @@ class Inlet:
         self, stream: str, group: str, watch: SocketPoller, ready: Callable[[Inlet], None], apart: set[Inlet]
     ) -> None:
         self.stream = stream
-        self.linked = False
-        """Whether the writer is there and has been sent the subscription."""
-        self.foreign = 0
-        """Frames, and writers, that were refused."""
+        self.linked = False  # whether the writer is there and has been sent the subscription
+        self.foreign = 0  # frames, and writers, that were refused
         self._topic = stream.encode() + b"\0"
         self._group, self._watch, self._ready, self._apart = group, watch, ready, apart
         self._path = ""
         self._socket: socket.socket | None = None
         self._tried = -RETRY
-        self._many = False
-        """Whether what comes next belongs to a message of several frames."""
-        self._between = False
-        """Whether what comes next is the beginning of a frame."""
+        self._many = False  # whether what comes next belongs to a message of several frames
+        self._between = False  # whether what comes next is the beginning of a frame
 
     def connect(self, path: str) -> None:
         """Read from the outlet that listens there, whenever it does."""

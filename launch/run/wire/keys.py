@@ -20,8 +20,7 @@ from zmq.auth.thread import ThreadAuthenticator
 
 from palpate.physics.errors import RunError
 
-NAME = "rig"
-"""Name of the key that is taken where none is named."""
+NAME = "rig"  # name of the key that is taken where none is named
 
 
 @dataclass(frozen=True)

@@ -13,8 +13,7 @@ from palpate.launch.terminal.options import Json
 from palpate.launch.terminal.output import console, table, tell
 from palpate.launch.terminal.progress import steps
 
-PER_SECOND = 1e-3
-"""[s] that a loop takes for each Hz of its rate: some 200 simulated walls."""
+PER_SECOND = 1e-3  # [s] that a loop takes for each Hz of its rate: some 200 simulated walls
 
 
 def stability(

@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 
 from palpate.launch.__main__ import app
 from palpate.launch.commands.models import fe
-from palpate.launch.terminal.tree import group
+from palpate.launch.terminal.group import group
 from palpate.launch.testing import FakeBus
 from palpate.messages import Contact
 from palpate.models.build import basis as builder
