@@ -10,19 +10,9 @@ from typing import Any, cast, get_args
 import numpy as np
 from rich.table import Table
 
+from palpate.models.fit import report
 from palpate.models.fit.crossvalidation import Protocol, choose
 from palpate.models.fit.curve_fit import FitError, fit_curve
-from palpate.models.fit.report import (
-    Chosen,
-    Fitted,
-    choice_data,
-    choice_notes,
-    fit_data,
-    law_tables,
-    law_yaml,
-    model_tables,
-    model_yaml,
-)
 from palpate.models.fit.sessions import SessionError, Subject, check_stiffness, read_sessions
 from palpate.models.fit.synthetic_sessions import DEPTHS, synthetic_sessions
 from palpate.physics.contact.force_models import LAWS, MODELS
@@ -36,8 +26,8 @@ class Told:
     tables: list[Table]
     notes: list[str]
     file: Path
-    chosen: list[Chosen]
-    fitted: list[Fitted]
+    chosen: list[report.Chosen]
+    fitted: list[report.Fitted]
 
 
 def fit_sessions(
@@ -67,16 +57,16 @@ def fit_sessions(
     wanted = _select(all_subjects, subjects, sessions)
     if not any_stiffness:
         check_stiffness(wanted)
-    chosen: list[Chosen] = []
-    fitted: list[Fitted] = []
+    chosen: list[report.Chosen] = []
+    fitted: list[report.Fitted] = []
     if law is None:
         chosen = [_choose(s, folds, mean, deviation, cast(Protocol, protocol)) for s in wanted]
-        data, text = choice_data(chosen), model_yaml(chosen, sessions)
-        tables, notes = list(model_tables(chosen)), choice_notes(chosen)
+        data, text = report.choice_data(chosen), report.model_yaml(chosen, sessions)
+        tables, notes = list(report.model_tables(chosen)), report.choice_notes(chosen)
     else:
         fitted = [_fit_law(s, law) for s in wanted]
-        data, text = fit_data(fitted), law_yaml(fitted, sessions)
-        tables, notes = list(law_tables(fitted)), [f.note for f in fitted if f.note]
+        data, text = report.fit_data(fitted), report.law_yaml(fitted, sessions)
+        tables, notes = list(report.law_tables(fitted)), [f.note for f in fitted if f.note]
     notes += [f"Ignored columns: {', '.join(ignored)}."] if ignored else []
     target = out or sessions.with_suffix(".model.yaml" if law is None else ".law.yaml")
     _write(target, text)
@@ -120,7 +110,7 @@ def _select(subjects: list[Subject], names: list[str], path: Path) -> list[Subje
     return [known[name] for name in names] or subjects
 
 
-def _choose(subject: Subject, folds: int, mean: str | None, deviation: str | None, protocol: Protocol) -> Chosen:
+def _choose(subject: Subject, folds: int, mean: str | None, deviation: str | None, protocol: Protocol) -> report.Chosen:
     depths, forces = subject.grid()
     needed = folds + 2 if protocol == "published" else folds
     if len(subject.sessions) < needed:
@@ -137,12 +127,12 @@ def _choose(subject: Subject, folds: int, mean: str | None, deviation: str | Non
             f"{where}, column 'depth': subject {subject.name!r} has {pressed} depths above 0, expected at least 6"
         )
     try:
-        return Chosen(subject, depths, forces, choose(depths, forces, folds, mean, deviation, protocol))
+        return report.Chosen(subject, depths, forces, choose(depths, forces, folds, mean, deviation, protocol))
     except FitError as error:
         raise SessionError(f"{where}, column 'force': subject {subject.name!r}: {error}") from None
 
 
-def _fit_law(subject: Subject, law: str) -> Fitted:
+def _fit_law(subject: Subject, law: str) -> report.Fitted:
     """Fit a law; without two speeds in the data, Hunt-Crossley's keeps its static part only, and a note says so."""
     model, columns, note = LAWS[law], [subject.depth], ""
     if model.columns == 2 and (subject.rate is None or np.ptp(subject.rate) == 0):
@@ -155,6 +145,6 @@ def _fit_law(subject: Subject, law: str) -> Fitted:
         columns.append(subject.rate)
     labels = subject.session if len(subject.sessions) > 1 else None
     try:
-        return Fitted(subject, fit_curve(model, np.stack(columns, axis=1), subject.force, labels), note)
+        return report.Fitted(subject, fit_curve(model, np.stack(columns, axis=1), subject.force, labels), note)
     except FitError as error:
         raise SessionError(f"{subject.file}, from row {subject.rows[0]}: subject {subject.name!r}: {error}") from None

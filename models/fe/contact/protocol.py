@@ -1,4 +1,4 @@
-"""What the solver needs of a contact or support: `fe.Rigid`, `fe.Pair`, `fe.bed.ElasticFoundation`, or an own class."""
+"""What the solver needs of a contact or support: `fe.Rigid`, `fe.Pair`, one of `fe.contact.bed`, or an own class."""
 
 from __future__ import annotations
 
